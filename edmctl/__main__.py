@@ -1,0 +1,21 @@
+"""Entry point: `edmctl` and `python -m edmctl`."""
+
+from __future__ import annotations
+
+import sys
+
+
+def main() -> None:
+    """Run the command line. `--version` is answered before anything heavy loads."""
+    if sys.argv[1:] == ["--version"]:
+        from edmctl import __version__
+
+        sys.stdout.write(f"edmctl {__version__}\n")
+        return
+    from edmctl.cli.app import run
+
+    run()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,120 @@
+"""Errors a user can act on.
+
+    EdmError
+    ├── UsageError            exit 2    the command line asks for something that is not there
+    ├── ProfileError          exit 3    profile or setup invalid (carries every diagnostic)
+    ├── LinkLost              exit 4    no port, no answer, or the line went dead
+    ├── ProtocolMismatch      exit 5    the controller speaks another version
+    ├── MachineFault          exit 6    the controller latched a fault; the safe state is reached
+    ├── ObjectiveNotReached   exit 7    depth, time or wear limit
+    ├── PreconditionError     exit 8    not calibrated, interlock open, no reference
+    ├── RunFileError          exit 9    run file or disk
+    └── Interrupted           exit 130 / 143   Ctrl-C or SIGTERM; the safe state is reached
+
+Each carries a stable `code`, a `message` that says what happened with its numbers, and a `hint` that says
+what to do. Anything else that escapes is a bug (exit 1).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+
+@dataclass(frozen=True, slots=True)
+class Location:
+    """A place in a text file. Lines and columns count from 1, columns in characters."""
+
+    file: str
+    line: int
+    column: int
+    length: int = 1
+    source_line: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnostic:
+    """One thing wrong (or doubtful) in a profile or setup."""
+
+    code: str
+    message: str
+    hint: str
+    where: Location | None = None
+    is_warning: bool = False
+
+
+class EdmError(Exception):
+    """Base of all expected errors."""
+
+    exit_code: ClassVar[int] = 1
+    default_code: ClassVar[str] = "E1000"
+
+    def __init__(self, message: str, *, hint: str = "", code: str = "", where: Location | None = None) -> None:
+        super().__init__(message)
+        self.code = code or self.default_code
+        self.message = message
+        self.hint = hint
+        self.where = where
+
+
+class UsageError(EdmError):
+    exit_code = 2
+    default_code = "E2000"
+
+
+class ProfileError(EdmError):
+    """Every problem of a profile at once; `message` and `where` are those of the first."""
+
+    exit_code = 3
+    default_code = "E3000"
+
+    def __init__(self, diagnostics: tuple[Diagnostic, ...]) -> None:
+        first = next(d for d in diagnostics if not d.is_warning)
+        super().__init__(first.message, hint=first.hint, code=first.code, where=first.where)
+        self.diagnostics = diagnostics
+
+
+class LinkLost(EdmError):
+    exit_code = 4
+    default_code = "E4000"
+
+
+class ProtocolMismatch(EdmError):
+    exit_code = 5
+    default_code = "E5000"
+
+
+class MachineFault(EdmError):
+    """The controller latched a fault: pulses are off and the tool is retracted."""
+
+    exit_code = 6
+    default_code = "E6000"
+
+    def __init__(self, message: str, *, hint: str = "", code: str = "", fault: int = 0) -> None:
+        super().__init__(message, hint=hint, code=code)
+        self.fault = fault
+
+
+class ObjectiveNotReached(EdmError):
+    exit_code = 7
+    default_code = "E7000"
+
+
+class PreconditionError(EdmError):
+    exit_code = 8
+    default_code = "E8000"
+
+
+class RunFileError(EdmError):
+    exit_code = 9
+    default_code = "E9000"
+
+
+class Interrupted(EdmError):
+    """A signal ended the run in order; the exit code is 128 + the signal's number."""
+
+    default_code = "E1300"
+
+    def __init__(self, message: str, *, signal_number: int) -> None:
+        super().__init__(message)
+        self.signal_number = signal_number

@@ -1,0 +1,1 @@
+"""EDM Link: frames, messages, sessions, and the transports that carry them."""

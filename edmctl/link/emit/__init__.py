@@ -1,0 +1,1 @@
+"""Makes Python source and tables from the protocol's data files; needed by developers only."""

@@ -1,0 +1,96 @@
+"""Frames on the wire: 00 | COBS(type, seq, session, flags, payload, CRC-32) | 00.
+
+Consistent-overhead byte stuffing (Cheshire and Baker 1999) keeps zero out of a frame, so a zero always ends
+one, whatever was lost before it, and a run of zeros can mean "abort" in any state of the decoder.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+from zlib import crc32
+
+from cobs import cobs
+
+MAX_PAYLOAD = 246
+ABORT = bytes(32)
+"""What the host sends to abort."""
+_ABORT_RUN = bytes(8)
+_HEADER_SIZE = 4
+_CRC_SIZE = 4
+_MIN_ENCODED = _HEADER_SIZE + _CRC_SIZE + 1
+# Up to 254 decoded bytes, COBS adds exactly one.
+_MAX_ENCODED = _HEADER_SIZE + MAX_PAYLOAD + _CRC_SIZE + 1
+
+
+class Frame(NamedTuple):
+    """One checked frame. `flags` is the status where the frame is a reply."""
+
+    type_id: int
+    seq: int
+    session: int
+    flags: int
+    payload: bytes
+
+
+def encode_frame(type_id: int, seq: int, session: int, flags: int, payload: bytes) -> bytes:
+    """Return a frame with both delimiters; ValueError where a header byte or the payload is too large."""
+    if len(payload) > MAX_PAYLOAD:
+        raise ValueError(f"payload of {len(payload)} bytes, {MAX_PAYLOAD} fit into a frame")
+    body = bytes((type_id, seq, session, flags)) + payload
+    return b"\0" + cobs.encode(body + crc32(body).to_bytes(4, "little")) + b"\0"  # type: ignore[no-any-return]
+
+
+class FrameDecoder:
+    """Finds frames in a stream of bytes that may be damaged anywhere.
+
+    `bad` counts the frames dropped: too short, too long, not COBS, or failing the check.
+    `abort_seen` becomes true with eight zeros in a row; whoever acts on it sets it back.
+    """
+
+    def __init__(self) -> None:
+        self.bad = 0
+        self.abort_seen = False
+        self._partial = b""
+        self._zeros = 0
+
+    def feed(self, data: bytes) -> list[Frame]:
+        """Take the next bytes and return the frames that they complete."""
+        if not data:
+            return []
+        self._watch_for_abort(data)
+        parts = data.split(b"\0")
+        if self._partial:
+            parts[0] = self._partial + parts[0]
+        # One byte over the limit is enough to know that the frame is too long.
+        self._partial = parts.pop()[: _MAX_ENCODED + 1]
+        frames = []
+        for part in parts:
+            if part:
+                frame = _decode(part)
+                if frame is None:
+                    self.bad += 1
+                else:
+                    frames.append(frame)
+        return frames
+
+    def _watch_for_abort(self, data: bytes) -> None:
+        rest = data.lstrip(b"\0")
+        zeros = self._zeros + len(data) - len(rest)
+        # One run is one abort, however many reads it takes to arrive.
+        if self._zeros < len(_ABORT_RUN) <= zeros or _ABORT_RUN in rest:
+            self.abort_seen = True
+        self._zeros = len(rest) - len(rest.rstrip(b"\0")) if rest else zeros
+
+
+def _decode(part: bytes) -> Frame | None:
+    if not _MIN_ENCODED <= len(part) <= _MAX_ENCODED:
+        return None
+    try:
+        body: bytes = cobs.decode(part)
+    except cobs.DecodeError:
+        return None
+    if len(body) < _HEADER_SIZE + _CRC_SIZE:
+        return None
+    if crc32(body[:-_CRC_SIZE]) != int.from_bytes(body[-_CRC_SIZE:], "little"):
+        return None
+    return Frame(body[0], body[1], body[2], body[3], body[_HEADER_SIZE:-_CRC_SIZE])
