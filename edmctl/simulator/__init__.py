@@ -1,0 +1,14 @@
+"""The virtual machine: a controller with firmware semantics over a plant that is richer than any model of it."""
+
+from edmctl.simulator.bench import HoleTruth, MemoryTransport, VirtualBench, open_bench
+from edmctl.simulator.config import BenchConfig, DischargeConstants, SensorConstants
+
+__all__ = [
+    "BenchConfig",
+    "DischargeConstants",
+    "HoleTruth",
+    "MemoryTransport",
+    "SensorConstants",
+    "VirtualBench",
+    "open_bench",
+]

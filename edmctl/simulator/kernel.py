@@ -1,0 +1,875 @@
+"""The machine at 1 kHz with its every pulse: one source, compiled by numba, readable as plain Python.
+
+`run` advances the virtual machine tick by tick. A tick is 1 ms: the controller moves its command, the actuator
+answers, the pulses of that millisecond strike, the sensors are read, the controller judges. The controller's half
+sees only what a real one sees (sensor, contact, each pulse's delay, plateau and current); the plant's half knows
+nothing of the controller but the voltage on the actuator and the settings of the generator.
+
+Everything compiled stands in this one file because numba's cache is keyed on the file of the function called.
+State lives in flat arrays; the names below are their indices. Units: µm, V, s, µs, µJ, µm³, nanoseconds for times.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, TypeVar, cast
+
+import numba
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+    Ints = NDArray[np.int64]
+    Bytes = NDArray[np.uint8]
+
+_F = TypeVar("_F", bound="Callable[..., Any]")
+
+
+def _compiled(function: _F) -> _F:
+    """Compile at the first call, cache on disk, free the GIL; strict arithmetic so that plain Python agrees."""
+    compiled: Any = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+    return cast("_F", compiled)
+
+
+TICK_S = 0.001
+TICK_NS = 1_000_000
+DAC_V = 0.0025  # least step of the actuator voltage, about 7 nm of tool travel
+
+# ------------------------------------------------------------------------------------- plant: parameters (par)
+(
+    TOOL_AREA,
+    HOLE_AREA,
+    ANNULUS_AREA,
+    TOOL_DIAMETER,
+    THETA,
+    KAPPA,
+    DISCHARGE_V,
+    ARC_PLATEAU_V,
+    SHORT_PLATEAU_V,
+    GAP_REFERENCE,
+    TAU_REFERENCE,
+    GAP_EXPONENT,
+    FORMATIVE,
+    ROUGHNESS,
+    DEBRIS_GAP_FACTOR,
+    FLUSH_TIME,
+    FLUSH_DEPTH_RATIO,
+    ARC_BASE,
+    ARC_DEBRIS,
+    BRIDGE_BASE,
+    BRIDGE_DEBRIS,
+    BRIDGE_GAP,
+    BRIDGE_CLEAR,
+    SIDE_BASE,
+    SIDE_DEBRIS,
+    ENVELOPE_UM,
+    ENVELOPE_CENTRE,
+    ENVELOPE_STEEPNESS,
+    ACTUATOR_ZERO,
+    AMPLIFIER_DECAY,
+    MODE_A11,
+    MODE_A12,
+    MODE_A21,
+    MODE_A22,
+    CONTACT_COMPLIANCE,
+    SENSOR_GAIN,
+    SENSOR_BEND,
+    SENSOR_DRIFT,
+    SENSOR_NOISE,
+    SENSOR_WALK,
+    CONTACT_SD,
+    # -------------------------------------------------------------------- generator and controller: parameters
+    OPEN_V,
+    ON_TIME,
+    DISCHARGE_SET,
+    PEAK_CURRENT,
+    OHMS,
+    PIEZO_MAX,
+    SLEW_LIMIT,
+    UM_PER_V,
+    RETRACT_SLEW,
+    FORWARD,
+    BACK,
+    SHORT_BACK,
+    FILTER_ALPHA,
+    DISPLACEMENT_ALPHA,
+    HYSTERESIS,
+    KP,
+    KI,
+    SHORT_BELOW,
+    ARC_BELOW,
+    ARC_DELAY,
+    OPEN_LOST,
+    PAR_SIZE,
+) = range(63)
+
+# --------------------------------------------------------------------------------------------- float state (st)
+(
+    AMPLIFIER_V,  # after the amplifier's lag
+    MODE_V,  # velocity of the output-side mode, µm/s
+    FREE_Z,  # where the tool would be without contact
+    TRUE_Z,
+    SURFACE,  # gap at z = 0 with a new tool over the untouched surface here
+    DEPTH,  # of the hole under the tool
+    WEAR,
+    DEBRIS,  # µm³ in the frontal gap
+    BRIDGE_UNTIL,  # gap at which the bridge breaks; 0 = none
+    CARBON,
+    ASPERITY,
+    WALK,
+    COMMAND_V,
+    TARGET_V,
+    RAMP_V_S,
+    RATE_V_S,
+    INTEGRAL,
+    APPLIED_V,
+    SENSOR_Z,
+    SLOW_Z,  # low-passed sensor
+    GAP_V,  # low-passed mean gap voltage
+    TICK_GAP_V,  # mean gap voltage of the last millisecond
+    GAP_REF,
+    Z_LIMIT,
+    START_Z,
+    LAST_SPARK_Z,
+    START_V,
+    JUMP_V,
+    CLEARANCE_V,
+    FAST_V_S,
+    SLOW_V_S,
+    FAST_TO,
+    Z_MAX,
+    BACK_V,
+    TOUCH_V,
+    TOUCH_SUM,
+    CHARGE,
+    DELAY_SUM,
+    ENERGY_SUM,
+    ST_SIZE,
+) = range(40)
+
+# --------------------------------------------------------------------------------------------- int state (ist)
+(
+    TICK,
+    MODE,
+    PULSES_ON,
+    NEXT_PULSE,
+    PULSE_PERIOD,
+    PULSE_NO,
+    RANDOM_AT,
+    NOISE_AT,
+    LAW,
+    SERVO_TICKS,
+    SERVO_LATENCY,
+    SERVO_COUNT,
+    DIRECTION,
+    CONTACT,
+    SHORTED,
+    ARC_RUN,
+    ARC_RUN_MAX,
+    SHORT_TICKS,
+    SHORT_TICKS_MAX,
+    OPEN_TICKS,
+    OPEN_TICKS_MAX,
+    LIMIT_TICKS,
+    PHASE,
+    PHASE_TICKS,
+    DWELL_TICKS,
+    TIME_TICKS,
+    TOUCHES_LEFT,
+    TOUCH_COUNT,
+    TOUCH_NO,
+    TLM_TICKS,
+    TLM_N,
+    TLM_STATE,
+    SAMPLE_OPEN,  # counts of the running telemetry sample, in the order of PulseClass
+    SAMPLE_NORMAL,
+    SAMPLE_ARC,
+    SAMPLE_SHORT,
+    PULSE_LOG,
+    BLOCK_SIZE,
+    BLOCK_COUNT,
+    BLOCK_OPEN,
+    BLOCK_NORMAL,
+    BLOCK_ARC,
+    BLOCK_SHORT,
+    LOG_N,  # pulse or block records pending
+    LOG_PULSE_NO,
+    LOG_T0,
+    JUMP_RESUMES,
+    SLEWED,
+    IST_SIZE,
+) = range(49)
+
+# --------------------------------------------------------------------------------------------------------- modes
+(
+    HOLD,
+    RAMP,
+    APPROACH,
+    SERVO,
+    JUMP_UP,
+    JUMP_DWELL,
+    JUMP_DOWN,
+    JUMP_RETURN,
+    TOUCH_FAST,
+    TOUCH_SLOW,
+    TOUCH_HUNT,
+    TOUCH_BACK,
+) = range(12)
+
+# ------------------------------------------------------------------------- what happened (returned by `run`)
+(
+    NOTHING,
+    RAMP_DONE,
+    SPARK_FOUND,
+    CUT_DONE,
+    TIME_UP,
+    JUMP_RESUMED,
+    JUMP_DONE,
+    TOUCHED,
+    TOUCHES_DONE,
+    FAULT_TRAVEL,
+    FAULT_NO_CONTACT,
+    FAULT_STUCK_CONTACT,
+    FAULT_SHORT,
+    FAULT_ARC,
+    FAULT_NO_SPARK,
+    FAULT_COLLISION,
+) = range(16)
+
+OPEN, NORMAL, ARC, SHORT = range(4)
+LOG_OFF, LOG_BLOCKS, LOG_FULL = range(3)
+RELAY, PI_LAW = range(2)
+
+SETTLE_TICKS = 100  # generator on before the approach judges the gap voltage
+SHORT_HURRY_TICKS = 500  # a short this long retracts four times as fast
+LIMIT_TICKS_MAX = 500
+BLEND_TICKS = 8  # of a jump's ramp, at each end
+BACK_OFF_TICKS = 200  # for the contact to open after a back-off
+
+
+# ============================================================================================= plant: actuator
+@_compiled
+def actuator_tick(par: Floats, st: Floats, plays: Floats, creep: Floats) -> None:
+    """One millisecond of the actuator: amplifier lag, play bank, envelope, creep bank, output-side mode.
+
+    `plays` has rows threshold [V], weight [µm/V], state [V]; `creep` rows decay per tick, weight, state [µm].
+    The free displacement follows the sum of the plays, bent by a tanh envelope, plus its creep. Rows hold a
+    multiple of four; four running sums keep the processor's adders busy.
+    """
+    u = st[APPLIED_V] + par[AMPLIFIER_DECAY] * (st[AMPLIFIER_V] - st[APPLIED_V])
+    st[AMPLIFIER_V] = u
+    threshold, state = plays[0], plays[2]
+    for i in range(threshold.shape[0]):
+        # Plain comparisons compile to vector code; min() and max() must mind NaN and do not.
+        low, high = u - threshold[i], u + threshold[i]
+        z = low if state[i] < low else state[i]
+        state[i] = high if z > high else z
+    y = weighted_sum(plays)
+    # tanh by exp: a third of the latency.
+    y += par[ENVELOPE_UM] * (
+        1.0 - 2.0 / (math.exp((y - par[ENVELOPE_CENTRE]) * par[ENVELOPE_STEEPNESS]) + 1.0)
+    )
+    decay, slow = creep[0], creep[2]
+    for j in range(decay.shape[0]):
+        slow[j] = y + decay[j] * (slow[j] - y)
+    static = y + weighted_sum(creep) - par[ACTUATOR_ZERO]
+    deviation = st[FREE_Z] - static
+    velocity = st[MODE_V]
+    st[FREE_Z] = static + par[MODE_A11] * deviation + par[MODE_A12] * velocity
+    st[MODE_V] = par[MODE_A21] * deviation + par[MODE_A22] * velocity
+
+
+@_compiled
+def weighted_sum(bank: Floats) -> float:
+    """Sum of weight × state over a bank, in four interleaved parts."""
+    weight, state = bank[1], bank[2]
+    a, b, c, d = 0.0, 0.0, 0.0, 0.0
+    for i in range(0, weight.shape[0], 4):
+        a += weight[i] * state[i]
+        b += weight[i + 1] * state[i + 1]
+        c += weight[i + 2] * state[i + 2]
+        d += weight[i + 3] * state[i + 3]
+    return (a + b) + (c + d)
+
+
+@_compiled
+def contact_tick(par: Floats, st: Floats, ist: Ints) -> None:
+    """Where the tool really is: the work stops it, all but its own compliance."""
+    reach = st[SURFACE] + st[DEPTH] + st[WEAR]
+    excess = st[FREE_Z] - reach
+    st[TRUE_Z] = st[FREE_Z] if excess <= 0.0 else reach + par[CONTACT_COMPLIANCE] * excess
+    ist[CONTACT] = 1 if excess >= -st[ASPERITY] else 0
+
+
+# ============================================================================================ plant: discharge
+@_compiled
+def power(base: float, exponent: float) -> float:
+    """`base ** exponent`; small whole exponents, the usual ones, by multiplication."""
+    whole = int(exponent)
+    if whole != exponent or whole > 8:
+        return float(base**exponent)
+    result = 1.0
+    for _ in range(whole):
+        result *= base
+    return result
+
+
+@_compiled
+def quantile(table: Floats, uniform: float) -> float:
+    """Value of a distribution, tabulated at equal steps of probability, at `uniform` in [0, 1)."""
+    place = uniform * (table.shape[0] - 1)
+    index = int(place)
+    return float(table[index] + (place - index) * (table[index + 1] - table[index]))
+
+
+@_compiled
+def pulses_of_tick(
+    par: Floats, st: Floats, ist: Ints, random: Floats, tables: Floats, blocks: Bytes, pulses: Bytes
+) -> tuple[float, int, int]:
+    """Strike every pulse of this tick; returns (sum of their mean gap voltages [V], pulses, shorts).
+
+    `random` has three rows, a column a pulse: a uniform number that decides bridge, arc and side discharge in
+    turn, a uniform number whose halves give roughness and crater scatter, a unit exponential for the delay.
+    `tables` holds the quantiles of a half-normal and of a unit-mean lognormal distribution.
+    """
+    open_v, on_time = par[OPEN_V], par[ON_TIME]
+    per_period = 1e3 / ist[PULSE_PERIOD]
+    per_tool, per_hole = 1.0 / par[TOOL_AREA], 1.0 / par[HOLE_AREA]
+    per_ohm = 1.0 / par[OHMS]
+    reach = st[SURFACE] - st[TRUE_Z]
+    depth, wear, debris = st[DEPTH], st[WEAR], st[DEBRIS]
+    bridge_until, carbon = st[BRIDGE_UNTIL], st[CARBON]
+    clearing = math.exp(-ist[PULSE_PERIOD] * 1e-9 / flush_time(par, st))
+    per_gap = 40.0 / (par[GAP_REFERENCE] * open_v)
+    per_debris = 1.0 / par[BRIDGE_DEBRIS]
+    side_slope = par[SIDE_DEBRIS] * min(1.0, depth * 0.01)
+    arc_run = ist[ARC_RUN]
+    tick_end = (ist[TICK] + 1) * TICK_NS
+    next_pulse = ist[NEXT_PULSE]
+    at = ist[RANDOM_AT]
+    voltage_sum, charge, count, shorts = 0.0, 0.0, 0, 0
+
+    while next_pulse < tick_end:
+        gap = reach + depth + wear
+        fraction = min(0.6, debris * per_tool / max(gap, 0.3))
+        chance = random[0, at]
+        halves = random[1, at] * 67108864.0  # 2^26: whole part and rest are independent
+        whole = math.floor(halves)
+        local = max(0.02, gap * (1.0 - par[DEBRIS_GAP_FACTOR] * fraction)) - par[ROUGHNESS] * quantile(
+            tables[0], whole * (1.0 / 67108864.0)
+        )
+        if bridge_until > 0.0:
+            if gap > bridge_until or chance < par[BRIDGE_CLEAR]:
+                bridge_until = 0.0
+        else:
+            relative = fraction * per_debris
+            bridge_p = par[BRIDGE_BASE] * relative * relative * relative
+            if chance < bridge_p:
+                bridge_p *= math.exp(-gap / par[BRIDGE_GAP])
+                if chance < bridge_p:
+                    bridge_until = 1.3 * max(gap, 0.01)
+            chance = (chance - bridge_p) / (1.0 - bridge_p)
+
+        delay, plateau, discharge, energy = on_time, open_v, 0.0, 0.0
+        if gap <= 0.0 or bridge_until > 0.0 or local <= 0.0:
+            delay, plateau, discharge = 0.0, par[SHORT_PLATEAU_V], on_time
+            charge += (open_v - plateau) * per_ohm * discharge
+        else:
+            tau = par[TAU_REFERENCE] * power(local * per_gap, par[GAP_EXPONENT])
+            ignition = par[FORMATIVE] + tau * random[2, at]
+            if ignition < on_time:
+                arc_p = par[ARC_BASE] + par[ARC_DEBRIS] * fraction * fraction
+                if carbon > 50.0:
+                    arc_p = 0.9
+                efficiency, tool_share = 1.0, par[THETA]
+                if chance < arc_p:
+                    chance /= arc_p
+                    delay, plateau = 0.0, par[ARC_PLATEAU_V]
+                    efficiency, tool_share = 0.3, 3.0 * tool_share
+                else:
+                    chance = (chance - arc_p) / (1.0 - arc_p)
+                    delay, plateau = ignition, par[DISCHARGE_V]
+                    carbon = max(0.0, carbon - 0.01)
+                discharge = on_time - delay
+                if par[DISCHARGE_SET] > 0.0:
+                    discharge = min(discharge, par[DISCHARGE_SET])
+                pulse_charge = (open_v - plateau) * per_ohm * discharge
+                charge += pulse_charge
+                energy = plateau * pulse_charge
+                removal = par[KAPPA] * energy * efficiency * quantile(tables[1], halves - whole)
+                worn = removal * tool_share
+                debris += removal + worn
+                if chance >= par[SIDE_BASE] + side_slope * fraction:
+                    depth += removal * per_hole
+                    wear += worn * per_tool
+        debris *= clearing
+        voltage_sum += (delay * open_v + discharge * plateau) * per_period
+        count += 1
+        at += 1
+        pulse_class = judge_pulse(par, delay, plateau, discharge)
+        ist[SAMPLE_OPEN + pulse_class] += 1
+        if pulse_class == ARC:
+            arc_run += 1
+            if arc_run > 20:
+                carbon += 1.0
+        else:
+            arc_run = 0
+            if pulse_class == SHORT:
+                shorts += 1
+        if ist[PULSE_LOG] != LOG_OFF:
+            log_pulse(st, ist, next_pulse, pulse_class, delay, discharge, plateau, energy, blocks, pulses)
+        ist[PULSE_NO] += 1
+        next_pulse += ist[PULSE_PERIOD]
+
+    st[DEPTH], st[WEAR], st[DEBRIS] = depth, wear, debris
+    st[BRIDGE_UNTIL], st[CARBON] = bridge_until, carbon
+    st[CHARGE] += charge
+    ist[ARC_RUN] = arc_run
+    ist[RANDOM_AT] = at
+    ist[NEXT_PULSE] = next_pulse
+    return voltage_sum, count, shorts
+
+
+@_compiled
+def flush_time(par: Floats, st: Floats) -> float:
+    """Time constant [s] with which debris leaves the gap: slower for a wider and for a deeper hole."""
+    width = par[TOOL_DIAMETER] / 270.0
+    ratio = st[DEPTH] / (par[FLUSH_DEPTH_RATIO] * par[TOOL_DIAMETER])
+    return float(par[FLUSH_TIME] * width * width * (1.0 + ratio * ratio))
+
+
+@_compiled
+def quiet_gap_tick(par: Floats, st: Floats) -> None:
+    """A gap without sparks clears itself."""
+    st[DEBRIS] *= math.exp(-TICK_S / flush_time(par, st))
+    st[BRIDGE_UNTIL] = 0.0
+
+
+@_compiled
+def pump(par: Floats, st: Floats) -> None:
+    """A jump draws clean oil into the gap: the greater its stroke against the annulus, the cleaner."""
+    height = max(0.0, st[SURFACE] + st[DEPTH] + st[WEAR] - st[TRUE_Z])
+    refill = par[ANNULUS_AREA] * st[DEPTH] + 3.0 * par[TOOL_AREA]
+    st[DEBRIS] *= math.exp(-par[TOOL_AREA] * height / refill)
+    st[BRIDGE_UNTIL] = 0.0
+    st[CARBON] = 0.0
+
+
+# ================================================================================================ plant: sensors
+@_compiled
+def sensor_tick(par: Floats, st: Floats, ist: Ints, noise: Floats) -> None:
+    """Inductive sensor: gain error, bend, drift, random walk, noise; and the controller's low-passed copy."""
+    at = ist[NOISE_AT]
+    if ist[TICK] % 1000 == 0:
+        st[WALK] += par[SENSOR_WALK] * noise[at]
+        at += 1
+    z = st[TRUE_Z]
+    bend = 0.004 * z - 0.8
+    st[SENSOR_Z] = (
+        par[SENSOR_GAIN] * z
+        + par[SENSOR_BEND] * bend * (1.0 - bend * bend)
+        + par[SENSOR_DRIFT] * ist[TICK] * TICK_S
+        + st[WALK]
+        + par[SENSOR_NOISE] * noise[at]
+    )
+    ist[NOISE_AT] = at + 1
+    st[SLOW_Z] += par[DISPLACEMENT_ALPHA] * (st[SENSOR_Z] - st[SLOW_Z])
+
+
+# ==================================================================================== controller: pulse judgement
+@_compiled
+def judge_pulse(par: Floats, delay: float, plateau: float, discharge: float) -> int:
+    """Class of a pulse from what the controller measures: current flag, ignition delay, plateau voltage."""
+    if discharge == 0.0:
+        return OPEN
+    if plateau < par[SHORT_BELOW]:
+        return SHORT
+    if plateau < par[ARC_BELOW] and delay < par[ARC_DELAY]:
+        return ARC
+    return NORMAL
+
+
+@_compiled
+def put16(buffer: Bytes, at: int, value: int) -> None:
+    buffer[at] = value & 255
+    buffer[at + 1] = (value >> 8) & 255
+
+
+@_compiled
+def put32(buffer: Bytes, at: int, value: int) -> None:
+    put16(buffer, at, value & 65535)
+    put16(buffer, at + 2, (value >> 16) & 65535)
+
+
+@_compiled
+def log_pulse(
+    st: Floats,
+    ist: Ints,
+    time_ns: int,
+    pulse_class: int,
+    delay: float,
+    discharge: float,
+    plateau: float,
+    energy: float,
+    blocks: Bytes,
+    pulses: Bytes,
+) -> None:
+    """Add one pulse to the log asked for: a 6-byte record each, or sums over blocks (layouts of the wire)."""
+    if ist[LOG_N] == 0 and ist[BLOCK_COUNT] == 0:
+        ist[LOG_PULSE_NO] = ist[PULSE_NO]
+        ist[LOG_T0] = time_ns
+    if ist[PULSE_LOG] == LOG_FULL:
+        at = ist[LOG_N] * 6
+        pulses[at] = pulse_class
+        put16(pulses, at + 1, min(65535, int(delay * 10.0 + 0.5)))
+        put16(pulses, at + 3, min(65535, int(discharge * 10.0 + 0.5)))
+        pulses[at + 5] = min(255, int(plateau * 2.0 + 0.5))
+        ist[LOG_N] += 1
+        return
+    ist[BLOCK_OPEN + pulse_class] += 1
+    st[DELAY_SUM] += delay
+    st[ENERGY_SUM] += energy
+    ist[BLOCK_COUNT] += 1
+    if ist[BLOCK_COUNT] == ist[BLOCK_SIZE]:
+        close_block(st, ist, blocks)
+
+
+@_compiled
+def close_block(st: Floats, ist: Ints, blocks: Bytes) -> None:
+    """Write the block record begun, if any."""
+    if ist[BLOCK_COUNT] == 0:
+        return
+    at = ist[LOG_N] * 12
+    for i in range(4):
+        blocks[at + i] = ist[BLOCK_OPEN + i]
+        ist[BLOCK_OPEN + i] = 0
+    put32(blocks, at + 4, int(st[DELAY_SUM] * 10.0 + 0.5))
+    put32(blocks, at + 8, int(st[ENERGY_SUM] * 10.0 + 0.5))
+    st[DELAY_SUM] = 0.0
+    st[ENERGY_SUM] = 0.0
+    ist[BLOCK_COUNT] = 0
+    ist[LOG_N] += 1
+
+
+# ======================================================================================== controller: the command
+@_compiled
+def command_tick(par: Floats, st: Floats, ist: Ints) -> None:
+    """Move the actuator's command by one millisecond, within slew and range, onto the converter's grid."""
+    mode = ist[MODE]
+    v = st[COMMAND_V]
+    before = v
+    if mode in (RAMP, TOUCH_BACK):
+        step = st[RAMP_V_S] * TICK_S
+        v = min(st[TARGET_V], v + step) if st[TARGET_V] > v else max(st[TARGET_V], v - step)
+    elif mode == APPROACH:
+        if ist[PHASE] >= SETTLE_TICKS:
+            v += st[SLOW_V_S] * TICK_S
+    elif mode == SERVO:
+        v += st[RATE_V_S] * TICK_S
+    elif mode in (JUMP_UP, JUMP_DOWN):
+        share = s_curve(ist[PHASE] + 1, ist[PHASE_TICKS])
+        back = st[JUMP_V] if mode == JUMP_UP else st[CLEARANCE_V] - st[JUMP_V]
+        v = (st[START_V] if mode == JUMP_UP else st[START_V] - st[JUMP_V]) - back * share
+    elif mode in (JUMP_RETURN, TOUCH_FAST):
+        v += st[FAST_V_S] * TICK_S
+    elif mode == TOUCH_SLOW:
+        v += st[SLOW_V_S] * TICK_S
+    elif mode == TOUCH_HUNT:
+        v += (-1.0 if ist[CONTACT] == 1 else 1.0) * st[SLOW_V_S] * TICK_S
+    most = par[SLEW_LIMIT] * TICK_S
+    ist[SLEWED] = 1 if abs(v - before) > most else 0
+    v = min(before + most, max(before - most, v))
+    ist[LIMIT_TICKS] = ist[LIMIT_TICKS] + 1 if v > par[PIEZO_MAX] else 0
+    v = min(par[PIEZO_MAX], max(0.0, v))
+    st[COMMAND_V] = v
+    st[APPLIED_V] = math.floor(v / DAC_V + 0.5) * DAC_V
+
+
+@_compiled
+def s_curve(tick: int, ticks: int) -> float:
+    """Share of a ramp after `tick` of `ticks`: constant speed with soft ends, so that the tool does not ring."""
+    blend = min(BLEND_TICKS, 0.5 * ticks)
+    peak = 1.0 / (ticks - blend)
+    if tick < blend:
+        return float(0.5 * peak * tick * tick / blend)
+    if tick <= ticks - blend:
+        return float(peak * (tick - 0.5 * blend))
+    rest = ticks - tick
+    return float(1.0 - 0.5 * peak * rest * rest / blend)
+
+
+# ============================================================================================= controller: servo
+@_compiled
+def servo_tick(par: Floats, st: Floats, ist: Ints, history: Floats) -> None:
+    """Gap servo: filtered mean gap voltage -> comparator -> + or - ramp from the present level (or PI velocity).
+
+    Muralidhara et al. 2009, Fig. 6. Decisions fall every SERVO_TICKS and act on the value SERVO_LATENCY
+    decisions old. `history` is a ring of normalised voltages.
+    """
+    count = ist[SERVO_COUNT]
+    if (ist[PHASE] % ist[SERVO_TICKS]) != 0:
+        return
+    duty_v = open_circuit_mean(par, ist)
+    size = history.shape[0]
+    history[count % size] = st[GAP_V] / duty_v
+    ist[SERVO_COUNT] = count + 1
+    s = history[max(0, count - ist[SERVO_LATENCY]) % size]
+    error = s - st[GAP_REF] / duty_v
+    if ist[SHORTED] == 1:
+        hurry = 4.0 if ist[SHORT_TICKS] > SHORT_HURRY_TICKS else 1.0
+        st[RATE_V_S] = -hurry * par[SHORT_BACK] / par[UM_PER_V]
+        ist[DIRECTION] = -1
+        return
+    if ist[LAW] == RELAY:
+        if error > 0.5 * par[HYSTERESIS]:
+            ist[DIRECTION] = 1
+        elif error < -0.5 * par[HYSTERESIS]:
+            ist[DIRECTION] = -1
+        st[RATE_V_S] = (par[FORWARD] if ist[DIRECTION] > 0 else -par[BACK]) / par[UM_PER_V]
+        return
+    dt = ist[SERVO_TICKS] * TICK_S
+    st[INTEGRAL] = min(par[FORWARD], max(-par[BACK], st[INTEGRAL] + par[KI] * error * dt))
+    speed = min(par[FORWARD], max(-par[BACK], par[KP] * error + st[INTEGRAL]))
+    ist[DIRECTION] = 1 if speed >= 0.0 else -1
+    st[RATE_V_S] = speed / par[UM_PER_V]
+
+
+@_compiled
+def open_circuit_mean(par: Floats, ist: Ints) -> float:
+    """Mean gap voltage of an all-open gap: duty × open voltage [V]."""
+    return float(par[OPEN_V] * par[ON_TIME] / (ist[PULSE_PERIOD] * 1e-3))
+
+
+@_compiled
+def measure_gap(par: Floats, st: Floats, ist: Ints, voltage_sum: float, count: int, shorts: int) -> int:
+    """Feed the low-pass with this tick's mean gap voltage and keep the counters of the discharge faults."""
+    if count == 0:
+        return NOTHING
+    mean_v = voltage_sum / count
+    st[TICK_GAP_V] = mean_v
+    st[GAP_V] += par[FILTER_ALPHA] * (mean_v - st[GAP_V])
+    if shorts == count:
+        ist[SHORTED] = 1
+        ist[SHORT_TICKS] += 1
+    else:
+        ist[SHORTED] = 0
+        ist[SHORT_TICKS] = 0
+    if mean_v > 0.999 * open_circuit_mean(par, ist):
+        ist[OPEN_TICKS] += 1
+    else:
+        ist[OPEN_TICKS] = 0
+        st[LAST_SPARK_Z] = st[SLOW_Z]
+    if ist[SHORT_TICKS] > ist[SHORT_TICKS_MAX]:
+        return FAULT_SHORT
+    if ist[ARC_RUN] >= ist[ARC_RUN_MAX]:
+        return FAULT_ARC
+    return NOTHING
+
+
+# ========================================================================================== controller: sequences
+@_compiled
+def sequence_tick(par: Floats, st: Floats, ist: Ints, history: Floats, noise: Floats) -> int:
+    """Where the running motion stands after this tick: go on, change phase, or report what happened."""
+    mode = ist[MODE]
+    ist[PHASE] += 1
+    if mode == HOLD:
+        return NOTHING
+    if mode == RAMP:
+        if ist[CONTACT] == 1 and st[TARGET_V] > st[COMMAND_V]:
+            return FAULT_COLLISION
+        return end_motion(ist, RAMP_DONE) if st[COMMAND_V] == st[TARGET_V] else NOTHING
+    if ist[LIMIT_TICKS] > LIMIT_TICKS_MAX:
+        return FAULT_TRAVEL
+    if mode == APPROACH:
+        return approach_tick(st, ist)
+    if mode == SERVO:
+        return cut_tick(par, st, ist, history)
+    if mode <= JUMP_RETURN:
+        return jump_tick(par, st, ist)
+    return touch_tick(par, st, ist, noise)
+
+
+@_compiled
+def end_motion(ist: Ints, happened: int) -> int:
+    """Pulses off, hold, report."""
+    ist[PULSES_ON] = 0
+    enter(ist, HOLD)
+    return happened
+
+
+@_compiled
+def enter(ist: Ints, mode: int) -> None:
+    ist[MODE] = mode
+    ist[PHASE] = 0
+    ist[LIMIT_TICKS] = 0
+
+
+@_compiled
+def approach_tick(st: Floats, ist: Ints) -> int:
+    if ist[PHASE] <= SETTLE_TICKS:
+        return NOTHING
+    if st[GAP_V] <= st[GAP_REF]:
+        return end_motion(ist, SPARK_FOUND)
+    if st[SLOW_Z] - st[START_Z] > st[Z_MAX]:
+        return FAULT_NO_SPARK
+    return NOTHING
+
+
+@_compiled
+def cut_tick(par: Floats, st: Floats, ist: Ints, history: Floats) -> int:
+    servo_tick(par, st, ist, history)
+    ist[TIME_TICKS] -= 1
+    if st[SLOW_Z] >= st[Z_LIMIT]:
+        return end_motion(ist, CUT_DONE)
+    if ist[TIME_TICKS] <= 0:
+        return end_motion(ist, TIME_UP)
+    lost = ist[OPEN_TICKS] > 100 and st[SLOW_Z] - st[LAST_SPARK_Z] > par[OPEN_LOST]
+    if lost or ist[OPEN_TICKS] > ist[OPEN_TICKS_MAX]:
+        return FAULT_NO_SPARK
+    return NOTHING
+
+
+@_compiled
+def jump_tick(par: Floats, st: Floats, ist: Ints) -> int:
+    mode = ist[MODE]
+    if mode == JUMP_UP and ist[PHASE] >= ist[PHASE_TICKS]:
+        pump(par, st)
+        enter(ist, JUMP_DWELL)
+    elif mode == JUMP_DWELL and ist[PHASE] >= ist[DWELL_TICKS]:
+        enter(ist, JUMP_DOWN)
+    elif mode == JUMP_DOWN and ist[PHASE] >= ist[PHASE_TICKS]:
+        if ist[JUMP_RESUMES] == 0:
+            return end_motion(ist, JUMP_DONE)
+        enter(ist, JUMP_RETURN)
+        ist[PULSES_ON] = 1
+        ist[NEXT_PULSE] = (ist[TICK] + 1) * TICK_NS
+        st[TICK_GAP_V] = par[OPEN_V]
+        return JUMP_RESUMED
+    elif mode == JUMP_RETURN and jump_is_back(st):
+        enter(ist, SERVO)
+        ist[OPEN_TICKS] = 0
+        return JUMP_DONE
+    return NOTHING
+
+
+@_compiled
+def jump_is_back(st: Floats) -> bool:
+    """A millisecond as busy as the reference asks for, or well past where the jump began."""
+    busy = st[TICK_GAP_V] <= st[GAP_REF]
+    return bool(busy or st[COMMAND_V] >= st[START_V] + st[CLEARANCE_V])
+
+
+@_compiled
+def touch_tick(par: Floats, st: Floats, ist: Ints, noise: Floats) -> int:
+    mode = ist[MODE]
+    if st[SLOW_Z] > st[Z_MAX]:
+        return FAULT_NO_CONTACT
+    if mode == TOUCH_FAST:
+        if ist[CONTACT] == 1:
+            back_off(st, ist)
+        elif st[SENSOR_Z] >= st[FAST_TO]:
+            enter(ist, TOUCH_SLOW)
+    elif mode == TOUCH_SLOW:
+        if ist[CONTACT] == 1:
+            st[TOUCH_V] = st[APPLIED_V]
+            st[TOUCH_SUM] = 0.0
+            ist[TOUCH_COUNT] = 0
+            enter(ist, TOUCH_HUNT)
+    elif mode == TOUCH_HUNT:
+        st[TOUCH_SUM] += st[SENSOR_Z]
+        ist[TOUCH_COUNT] += 1
+        if ist[PHASE] >= ist[DWELL_TICKS]:
+            ist[TOUCH_NO] += 1
+            ist[TOUCHES_LEFT] -= 1
+            back_off(st, ist)
+            return TOUCHED
+    elif st[COMMAND_V] == st[TARGET_V] and ist[PHASE] >= BACK_OFF_TICKS:
+        if ist[CONTACT] == 1:
+            return FAULT_STUCK_CONTACT
+        if ist[TOUCHES_LEFT] <= 0:
+            return end_motion(ist, TOUCHES_DONE)
+        st[ASPERITY] = par[CONTACT_SD] * noise[ist[NOISE_AT]]
+        ist[NOISE_AT] += 1
+        enter(ist, TOUCH_SLOW)
+    return NOTHING
+
+
+@_compiled
+def back_off(st: Floats, ist: Ints) -> None:
+    st[TARGET_V] = max(0.0, st[COMMAND_V] - st[BACK_V])
+    st[RAMP_V_S] = st[FAST_V_S]
+    enter(ist, TOUCH_BACK)
+
+
+# =========================================================================================== controller: telemetry
+@_compiled
+def sample_tick(st: Floats, ist: Ints, tlm: Bytes) -> None:
+    """Write a telemetry sample (16 bytes, layout of the wire) at the end of its period."""
+    if ist[TLM_TICKS] == 0 or (ist[TICK] + 1) % ist[TLM_TICKS] != 0:
+        return
+    at = ist[TLM_N] * 16
+    put32(tlm, at, math.floor(st[SENSOR_Z] * 1000.0 + 0.5))
+    put16(tlm, at + 4, int(st[APPLIED_V] / DAC_V + 0.5))
+    put16(tlm, at + 6, min(65535, int(st[GAP_V] * 200.0 + 0.5)))
+    mean_a = st[CHARGE] / (ist[TLM_TICKS] * 1000.0)
+    put16(tlm, at + 8, min(65535, int(mean_a * 1000.0 + 0.5)))
+    tlm[at + 10] = min(255, ist[SAMPLE_NORMAL])
+    tlm[at + 11] = min(255, ist[SAMPLE_ARC])
+    tlm[at + 12] = min(255, ist[SAMPLE_SHORT])
+    tlm[at + 13] = min(255, ist[SAMPLE_OPEN])
+    tlm[at + 14] = ist[TLM_STATE]
+    flags = ist[PULSES_ON] + 2 * ist[CONTACT] + 8 * ist[SHORTED] + 32 * ist[SLEWED]
+    if ist[DIRECTION] > 0:
+        flags += 4
+    if ist[LIMIT_TICKS] > 0:
+        flags += 16
+    tlm[at + 15] = flags
+    ist[TLM_N] += 1
+    st[CHARGE] = 0.0
+    for i in range(4):
+        ist[SAMPLE_OPEN + i] = 0
+
+
+@_compiled
+def run(
+    ticks: int,
+    par: Floats,
+    st: Floats,
+    ist: Ints,
+    plays: Floats,
+    creep: Floats,
+    history: Floats,
+    random: Floats,
+    tables: Floats,
+    noise: Floats,
+    tlm: Bytes,
+    blocks: Bytes,
+    pulses: Bytes,
+) -> int:
+    """Advance by up to `ticks` ms; stops early when something happened and says what (NOTHING .. FAULT_COLLISION).
+
+    The caller provides `random` columns for every pulse and `noise` for every tick (two each, and touches).
+    """
+    for _ in range(ticks):
+        command_tick(par, st, ist)
+        actuator_tick(par, st, plays, creep)
+        contact_tick(par, st, ist)
+        happened = NOTHING
+        if ist[PULSES_ON] == 1:
+            voltage_sum, count, shorts = pulses_of_tick(par, st, ist, random, tables, blocks, pulses)
+            happened = measure_gap(par, st, ist, voltage_sum, count, shorts)
+        else:
+            quiet_gap_tick(par, st)
+        sensor_tick(par, st, ist, noise)
+        sequence = sequence_tick(par, st, ist, history, noise)
+        if happened == NOTHING:
+            happened = sequence
+        sample_tick(st, ist, tlm)
+        ist[TICK] += 1
+        if happened != NOTHING:
+            return happened
+    return NOTHING

@@ -1,0 +1,277 @@
+"""The machine's body: actuator, gap, work, stages, sensors. Its truth stays here; the controller reads sensors.
+
+The actuator is deliberately richer than any estimator of this project: forty play operators on thresholds of no
+one's grid, a tanh envelope on their sum, twelve creep time constants, an amplifier's lag and an output-side mode
+(class of Kuhnen's modified Prandtl-Ishlinskii operator with linear creep). It is scaled to the 445 µm at 150 V
+of Muralidhara et al. 2009, §2.1.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from statistics import NormalDist
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmctl.simulator import kernel as k
+
+if TYPE_CHECKING:
+    from edmctl.simulator.config import BenchConfig
+
+Floats = NDArray[np.float64]
+
+PLAYS = 40
+PLAY_SPAN_V = 62.0
+REVERSIBLE_SHARE = 0.48
+PLAY_DENSITY_V = 26.0  # e-folding of the weights over the threshold
+GAIN_UM_PER_V = 2.70  # sum of the weights: 445 µm peak to peak from 0 to 150 V in 100 s
+CREEP_TERMS = 12
+CREEP_FIRST_S = 0.0063
+CREEP_RATIO = 3.17
+CREEP_PER_DECADE = 0.030
+ENVELOPE_UM, ENVELOPE_CENTRE_UM, ENVELOPE_WIDTH_UM = 22.0, 190.0, 120.0
+AMPLIFIER_LAG_S = 0.002
+MODE_HZ, MODE_DAMPING = 320.0, 0.04  # loaded output-side resonance [assumed]
+CONTACT_COMPLIANCE = (
+    0.1  # travel of the tool end into the work per µm of free travel beyond contact [assumed]
+)
+EDGE_X_UM = -2000.0  # the work begins here; the parking place lies beyond
+PARK_X_UM = -5000.0
+CLEAR_UM = 1e6
+
+BLOCK = 32768
+QUANTILES = 1025  # points of the tabulated distributions
+
+
+@dataclass(slots=True)
+class Hole:
+    """A hole in the work: where its axis is, how deep it is."""
+
+    x_um: float
+    y_um: float
+    depth_um: float
+
+
+class RandomBlocks:
+    """Random numbers in blocks, one stream a quantity, so that results do not depend on where blocks end."""
+
+    def __init__(self, seed: np.random.SeedSequence, scatter: float) -> None:
+        streams = [np.random.Generator(np.random.SFC64(s)) for s in seed.spawn(4)]
+        self._decide, self._shape, self._delay, self._noise = streams
+        self.pulse = np.empty((3, BLOCK))
+        self.noise = np.empty(BLOCK)
+        self.tables = _quantile_tables(scatter)
+        self._fill_pulse(0)
+        self._fill_noise(0)
+
+    def _fill_pulse(self, start: int) -> None:
+        self._decide.random(out=self.pulse[0, start:])
+        self._shape.random(out=self.pulse[1, start:])
+        self._delay.standard_exponential(out=self.pulse[2, start:])
+
+    def _fill_noise(self, start: int) -> None:
+        self._noise.standard_normal(out=self.noise[start:])
+
+    def provide(self, ist: NDArray[np.int64], pulses: int, noises: int) -> None:
+        """Make sure that so many numbers lie ahead of the kernel's read positions."""
+        at = int(ist[k.RANDOM_AT])
+        if at + pulses > BLOCK:
+            rest = BLOCK - at
+            self.pulse[:, :rest] = self.pulse[:, at:].copy()
+            self._fill_pulse(rest)
+            ist[k.RANDOM_AT] = 0
+        at = int(ist[k.NOISE_AT])
+        if at + noises > BLOCK:
+            rest = BLOCK - at
+            self.noise[:rest] = self.noise[at:].copy()
+            self._fill_noise(rest)
+            ist[k.NOISE_AT] = 0
+
+
+def _quantile_tables(scatter: float) -> Floats:
+    """Quantiles of |N(0, 1)| and of a lognormal of mean one, at equal steps; the ends are those of half a step."""
+    normal = NormalDist()
+    steps = np.clip(np.arange(QUANTILES) / (QUANTILES - 1), 0.25 / QUANTILES, 1.0 - 0.25 / QUANTILES)
+    half = [normal.inv_cdf(0.5 + 0.5 * p) for p in steps]
+    log_volume = np.array([scatter * normal.inv_cdf(p) for p in steps])
+    volume = np.exp(log_volume)
+    return np.stack([np.array(half), volume / np.trapezoid(volume, dx=1.0 / (QUANTILES - 1))])
+
+
+class Plant:
+    """State and parameters of the body; the kernel advances them. Same config and seed, same machine."""
+
+    def __init__(self, config: BenchConfig, seed: int) -> None:
+        build_seed, run_seed, stage_seed = np.random.SeedSequence(seed).spawn(3)
+        build = np.random.default_rng(build_seed)
+        self.config = config
+        self.par = np.zeros(k.PAR_SIZE)
+        self.st = np.zeros(k.ST_SIZE)
+        self.ist = np.zeros(k.IST_SIZE, dtype=np.int64)
+        self.random = RandomBlocks(run_seed, config.discharge.scatter)
+        self._stage_noise = np.random.default_rng(stage_seed)
+        self._tilt_mrad = config.sensors.tilt_sd_mrad * build.standard_normal(2)
+        self._offset_um = config.offset_um + build.normal(0.0, 1.0)
+        self._set_discharge()
+        self._set_sensors(build)
+        self.plays, self.creep = _actuator(build)
+        self._rest_actuator()
+        self.holes: list[Hole] = []
+        self._here: Hole | None = None
+        self.position_um = np.array([PARK_X_UM, 0.0])
+        self.theta_deg = 0.0
+        self.commanded_um = self.position_um.copy()
+        self.commanded_deg = 0.0
+        self.dielectric_level_ok = True
+        self.dielectric_flow_lpm = config.dielectric_flow_lpm
+        self.estop = False
+        self.arrive()
+
+    @property
+    def tool_wear_um(self) -> float:
+        """Length lost by the tool so far, µm."""
+        return float(self.st[k.WEAR])
+
+    def true_holes(self) -> tuple[Hole, ...]:
+        """Every hole with its present depth."""
+        self._store_depth()
+        return tuple(self.holes)
+
+    def command_stage(self, axis: int, target: float) -> float:
+        """Note an axis' target (µm; degrees for axis 2) and return how far it has to go."""
+        if axis == 2:
+            travel = abs(target - self.commanded_deg)
+            self.commanded_deg = target
+        else:
+            travel = abs(target - float(self.commanded_um[axis]))
+            self.commanded_um[axis] = target
+        return travel
+
+    def stage_lands(self, axis: int, target: float) -> None:
+        """Put an axis (0 x, 1 y in µm; 2 theta in degrees) where the stage really stops."""
+        self.leave()
+        s = self.config.sensors
+        if axis == 2:
+            self.theta_deg = target + s.rotary_sd_deg * self._stage_noise.standard_normal()
+        else:
+            self.position_um[axis] = target + s.stage_sd_um * self._stage_noise.standard_normal()
+        self.arrive()
+
+    def leave(self) -> None:
+        """Remember the hole under the tool before the stage moves."""
+        self._store_depth()
+        self._here = None
+
+    def arrive(self) -> None:
+        """Set what lies under the tool: a hole that it fits into, the face of the work, or nothing."""
+        x, y = (float(v) for v in self.position_um)
+        clearance = self.config.discharge.side_gap_um
+        self._here = next((h for h in self.holes if math.hypot(h.x_um - x, h.y_um - y) <= clearance), None)
+        self.st[k.DEPTH] = self._here.depth_um if self._here else 0.0
+        self.st[k.DEBRIS] = 0.0
+        self.st[k.BRIDGE_UNTIL] = 0.0
+        on_work = x >= EDGE_X_UM
+        tilt = (self._tilt_mrad[0] * x + self._tilt_mrad[1] * y) * 1e-3
+        self.st[k.SURFACE] = self._offset_um + tilt if on_work else CLEAR_UM
+
+    def set_generator(
+        self, on_time_us: float, off_time_us: float, open_v: float, peak_a: float, set_us: float
+    ) -> None:
+        """Wire the pulse generator: its series resistance gives the peak current in a normal discharge."""
+        self.par[k.OPEN_V], self.par[k.ON_TIME], self.par[k.DISCHARGE_SET] = open_v, on_time_us, set_us
+        self.par[k.PEAK_CURRENT] = peak_a
+        self.par[k.OHMS] = max(open_v - self.par[k.DISCHARGE_V], 0.1) / peak_a
+        self.ist[k.PULSE_PERIOD] = round((on_time_us + off_time_us) * 1000.0)
+
+    def _store_depth(self) -> None:
+        depth = float(self.st[k.DEPTH])
+        if self._here is not None:
+            self._here.depth_um = depth
+        elif depth > 0.0:
+            self._here = Hole(float(self.position_um[0]), float(self.position_um[1]), depth)
+            self.holes.append(self._here)
+
+    def _set_discharge(self) -> None:
+        c, d = self.config, self.config.discharge
+        radius, outer = c.tool_diameter_um / 2.0, c.tool_diameter_um / 2.0 + d.side_gap_um
+        values = {
+            k.TOOL_AREA: math.pi * radius**2,
+            k.HOLE_AREA: math.pi * outer**2,
+            k.ANNULUS_AREA: math.pi * (outer**2 - radius**2),
+            k.TOOL_DIAMETER: c.tool_diameter_um,
+            k.THETA: c.theta,
+            k.KAPPA: d.kappa_um3_per_uj,
+            k.DISCHARGE_V: d.discharge_v,
+            k.ARC_PLATEAU_V: d.arc_v,
+            k.SHORT_PLATEAU_V: d.short_v,
+            k.GAP_REFERENCE: d.gap_reference_um,
+            k.TAU_REFERENCE: d.tau_reference_us,
+            k.GAP_EXPONENT: d.gap_exponent,
+            k.FORMATIVE: d.formative_us,
+            k.ROUGHNESS: d.roughness_um,
+            k.DEBRIS_GAP_FACTOR: d.debris_gap_factor,
+            k.FLUSH_TIME: d.flush_time_s,
+            k.FLUSH_DEPTH_RATIO: d.flush_depth_ratio,
+            k.ARC_BASE: d.arc_base,
+            k.ARC_DEBRIS: d.arc_debris,
+            k.BRIDGE_BASE: d.bridge_base,
+            k.BRIDGE_DEBRIS: d.bridge_debris,
+            k.BRIDGE_GAP: d.bridge_gap_um,
+            k.BRIDGE_CLEAR: d.bridge_clear,
+            k.SIDE_BASE: d.side_base,
+            k.SIDE_DEBRIS: d.side_debris,
+        }
+        for index, value in values.items():
+            self.par[index] = value
+
+    def _set_sensors(self, build: np.random.Generator) -> None:
+        s, p = self.config.sensors, self.par
+        p[k.SENSOR_GAIN] = 1.0 + build.normal(0.0, s.gain_sd)
+        p[k.SENSOR_BEND] = s.nonlinearity_um
+        p[k.SENSOR_DRIFT] = build.normal(0.0, s.drift_sd_um_s)
+        p[k.SENSOR_NOISE] = s.noise_um
+        p[k.SENSOR_WALK] = s.walk_um
+        p[k.CONTACT_SD] = s.contact_sd_um
+        p[k.CONTACT_COMPLIANCE] = CONTACT_COMPLIANCE
+        p[k.AMPLIFIER_DECAY] = math.exp(-k.TICK_S / AMPLIFIER_LAG_S)
+        p[k.ENVELOPE_UM], p[k.ENVELOPE_CENTRE] = ENVELOPE_UM, ENVELOPE_CENTRE_UM
+        p[k.ENVELOPE_STEEPNESS] = 2.0 / ENVELOPE_WIDTH_UM
+        omega, zeta = 2.0 * math.pi * MODE_HZ, MODE_DAMPING
+        damped = omega * math.sqrt(1.0 - zeta**2)
+        decay = math.exp(-zeta * omega * k.TICK_S)
+        cos, sin = math.cos(damped * k.TICK_S), math.sin(damped * k.TICK_S)
+        p[k.MODE_A11] = decay * (cos + zeta * omega / damped * sin)
+        p[k.MODE_A12] = decay * sin / damped
+        p[k.MODE_A21] = -decay * omega**2 / damped * sin
+        p[k.MODE_A22] = decay * (cos - zeta * omega / damped * sin)
+
+    def _rest_actuator(self) -> None:
+        """Leave the actuator as after yesterday's work: cycled over the full range, at 0 V, creep gone."""
+        thresholds, states = self.plays[0], self.plays[2]
+        for u in (150.0, 0.0, 150.0, 0.0):
+            np.clip(states, u - thresholds, u + thresholds, out=states)
+        y = float(self.plays[1] @ states)
+        y += ENVELOPE_UM * math.tanh((y - ENVELOPE_CENTRE_UM) / ENVELOPE_WIDTH_UM)
+        self.creep[2] = y
+        self.par[k.ACTUATOR_ZERO] = y * (1.0 + float(self.creep[1].sum()))
+
+
+def _actuator(build: np.random.Generator) -> tuple[Floats, Floats]:
+    """Draw this unit's play bank (threshold, weight, state) and creep bank (decay, weight, state)."""
+    thresholds = PLAY_SPAN_V * ((np.arange(PLAYS) + 0.37) / PLAYS) ** 1.35
+    thresholds *= 1.0 + 0.03 * build.standard_normal(PLAYS)
+    weights = np.exp(-thresholds / PLAY_DENSITY_V) * (1.0 + 0.1 * build.standard_normal(PLAYS))
+    weights *= (1.0 - REVERSIBLE_SHARE) / weights.sum()
+    thresholds[0] = 0.013
+    weights[0] += REVERSIBLE_SHARE
+    weights *= GAIN_UM_PER_V * (1.0 + 0.01 * build.standard_normal())
+    taus = CREEP_FIRST_S * CREEP_RATIO ** np.arange(CREEP_TERMS)
+    creep_weights = (
+        CREEP_PER_DECADE * math.log10(CREEP_RATIO) * (1.0 + 0.1 * build.standard_normal(CREEP_TERMS))
+    )
+    plays = np.stack([thresholds, weights, np.zeros(PLAYS)])
+    creep = np.stack([np.exp(-k.TICK_S / taus), creep_weights, np.zeros(CREEP_TERMS)])
+    return plays, creep

@@ -1,0 +1,116 @@
+"""The gap process: Laue line, voltage law, energy, and what each pulse leaves behind."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from edmctl.simulator import BenchConfig
+from edmctl.simulator import kernel as k
+from edmctl.simulator.parameters import Parameters
+from edmctl.simulator.plant import BLOCK, Plant
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+ON_TIME_US, OFF_TIME_US = 130.435, 304.348
+# Normalised mean gap voltage against the gap, clean oil, 40 V, 30 %.
+VOLTAGE_LAW = {
+    1.0: 0.556,
+    1.5: 0.571,
+    2.0: 0.616,
+    2.5: 0.703,
+    3.0: 0.803,
+    3.5: 0.877,
+    4.0: 0.924,
+    5.0: 0.967,
+    6.0: 0.984,
+    8.0: 0.995,
+}
+
+
+def fixed_gap(gap_um: float, pulses: int, seed: int = 3) -> tuple[float, NDArray[np.void]]:
+    """Strike pulses at a gap held fixed in clean oil; returns (mean gap voltage, pulse records)."""
+    plant = Plant(BenchConfig(), seed)
+    Parameters(plant)
+    plant.set_generator(ON_TIME_US, OFF_TIME_US, 40.0, 0.12, 0.0)
+    st, ist = plant.st, plant.ist
+    ist[k.PULSE_LOG] = k.LOG_FULL
+    records = np.zeros(6 * 64, dtype=np.uint8)
+    taken, voltage_sum, count = [], 0.0, 0
+    while count < pulses:
+        st[k.DEBRIS] = st[k.DEPTH] = st[k.WEAR] = 0.0
+        st[k.TRUE_Z] = st[k.SURFACE] - gap_um
+        ist[k.LOG_N] = 0
+        plant.random.provide(ist, 64, 1)
+        sum_v, n, _ = k.pulses_of_tick(
+            plant.par, st, ist, plant.random.pulse, plant.random.tables, records, records
+        )
+        voltage_sum, count = voltage_sum + sum_v, count + n
+        taken.append(records[: 6 * n].copy())
+        ist[k.TICK] += 1
+    dtype = np.dtype([("cls", "u1"), ("delay", "<u2"), ("discharge", "<u2"), ("plateau", "u1")])
+    return voltage_sum / count, np.concatenate(taken).view(dtype)
+
+
+def test_ignition_delays_follow_a_laue_line() -> None:
+    _, pulses = fixed_gap(3.0, 60_000)
+    on_time = 10.0 * ON_TIME_US
+    ignited = np.sort(pulses["delay"][pulses["cls"] == k.NORMAL].astype(float)) * 0.1
+    survivors = 1.0 - (np.arange(ignited.size) + 0.5) / len(pulses)
+    inside = (ignited > 5.0) & (ignited < 0.09 * on_time)
+    x, y = ignited[inside], np.log(survivors[inside])
+    slope, offset = np.polyfit(x, y, 1)
+    residual = y - (slope * x + offset)
+    assert 1.0 - residual.var() / y.var() > 0.98
+    assert slope < 0.0
+
+
+@pytest.mark.parametrize("gap_um", VOLTAGE_LAW)
+def test_mean_voltage_follows_the_gap(gap_um: float) -> None:
+    mean_v, _ = fixed_gap(gap_um, 40_000)
+    assert mean_v / (0.3 * 40.0) == pytest.approx(VOLTAGE_LAW[gap_um], abs=0.01)
+
+
+def test_a_closed_gap_is_a_short_and_an_open_one_stays_open() -> None:
+    shorted_v, shorts = fixed_gap(-0.5, 2_000)
+    open_v, opens = fixed_gap(30.0, 2_000)
+    assert np.all(shorts["cls"] == k.SHORT)
+    assert shorted_v == pytest.approx(0.3, abs=0.01)
+    assert np.all(opens["cls"] == k.OPEN)
+    assert open_v == pytest.approx(12.0, abs=0.001)
+
+
+def test_pulse_energy_is_a_few_hundred_microjoules() -> None:
+    _, pulses = fixed_gap(1.5, 5_000)
+    normal = pulses[pulses["cls"] == k.NORMAL]
+    energy_uj = 22.0 * 18.0 / 150.0 * normal["discharge"] * 0.1
+    assert energy_uj.max() < 344.5
+    assert 200.0 < energy_uj.mean() < 344.0
+
+
+def test_random_tables_have_the_moments_of_their_distributions() -> None:
+    plant = Plant(BenchConfig(), 5)
+    u = (np.arange(200_000) + 0.5) / 200_000
+    half, volume = (np.array([k.quantile(table, x) for x in u[::20]]) for table in plant.random.tables)
+    assert half.mean() == pytest.approx(math.sqrt(2.0 / math.pi), abs=0.003)
+    assert (half**2).mean() == pytest.approx(1.0, abs=0.01)
+    assert volume.mean() == pytest.approx(1.0, abs=0.003)
+    assert np.log(volume).std() == pytest.approx(0.3, abs=0.005)
+
+
+def test_random_numbers_do_not_depend_on_where_blocks_end() -> None:
+    def draw(step: int) -> NDArray[np.float64]:
+        plant = Plant(BenchConfig(), 9)
+        out = []
+        for _ in range(0, 3 * BLOCK, step):
+            plant.random.provide(plant.ist, step, step)
+            at = int(plant.ist[k.RANDOM_AT])
+            out.append(plant.random.pulse[:, at : at + step].copy())
+            plant.ist[k.RANDOM_AT] += step
+        return np.concatenate(out, axis=1)
+
+    assert np.array_equal(draw(512), draw(4096))
