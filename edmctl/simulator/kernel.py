@@ -42,27 +42,26 @@ DAC_V = 0.0025  # least step of the actuator voltage, about 7 nm of tool travel
 # ------------------------------------------------------------------------------------- plant: parameters (par)
 (
     TOOL_AREA,
-    HOLE_AREA,
+    PER_TOOL_AREA,
+    PER_HOLE_AREA,
     ANNULUS_AREA,
-    TOOL_DIAMETER,
     THETA,
     KAPPA,
     DISCHARGE_V,
     ARC_PLATEAU_V,
     SHORT_PLATEAU_V,
-    GAP_REFERENCE,
     TAU_REFERENCE,
     GAP_EXPONENT,
     FORMATIVE,
     ROUGHNESS,
     DEBRIS_GAP_FACTOR,
-    FLUSH_TIME,
-    FLUSH_DEPTH_RATIO,
+    FLUSH_TIME,  # of this tool's gap while shallow
+    PER_FLUSH_DEPTH,  # one over the depth at which clearance takes twice as long
     ARC_BASE,
     ARC_DEBRIS,
     BRIDGE_BASE,
-    BRIDGE_DEBRIS,
-    BRIDGE_GAP,
+    PER_BRIDGE_DEBRIS,
+    PER_BRIDGE_GAP,
     BRIDGE_CLEAR,
     SIDE_BASE,
     SIDE_DEBRIS,
@@ -87,7 +86,8 @@ DAC_V = 0.0025  # least step of the actuator voltage, about 7 nm of tool travel
     ON_TIME,
     DISCHARGE_SET,
     PEAK_CURRENT,
-    OHMS,
+    SIEMENS,  # of the generator's series resistor
+    PER_OPEN_GAP,  # one over the reference gap at this open voltage
     PIEZO_MAX,
     SLEW_LIMIT,
     UM_PER_V,
@@ -110,6 +110,7 @@ DAC_V = 0.0025  # least step of the actuator voltage, about 7 nm of tool travel
 # --------------------------------------------------------------------------------------------- float state (st)
 (
     AMPLIFIER_V,  # after the amplifier's lag
+    PLAY_SUM,  # weighted sum of the play bank, µm
     MODE_V,  # velocity of the output-side mode, µm/s
     FREE_Z,  # where the tool would be without contact
     TRUE_Z,
@@ -117,6 +118,8 @@ DAC_V = 0.0025  # least step of the actuator voltage, about 7 nm of tool travel
     DEPTH,  # of the hole under the tool
     WEAR,
     DEBRIS,  # µm³ in the frontal gap
+    CLEARING,  # share of the debris that stays over a pulse period, and over a tick
+    TICK_CLEARING,
     BRIDGE_UNTIL,  # gap at which the bridge breaks; 0 = none
     CARBON,
     ASPERITY,
@@ -149,7 +152,7 @@ DAC_V = 0.0025  # least step of the actuator voltage, about 7 nm of tool travel
     DELAY_SUM,
     ENERGY_SUM,
     ST_SIZE,
-) = range(40)
+) = range(43)
 
 # --------------------------------------------------------------------------------------------- int state (ist)
 (
@@ -257,43 +260,37 @@ def actuator_tick(par: Floats, st: Floats, plays: Floats, creep: Floats) -> None
     """One millisecond of the actuator: amplifier lag, play bank, envelope, creep bank, output-side mode.
 
     `plays` has rows threshold [V], weight [µm/V], state [V]; `creep` rows decay per tick, weight, state [µm].
-    The free displacement follows the sum of the plays, bent by a tanh envelope, plus its creep. Rows hold a
-    multiple of four; four running sums keep the processor's adders busy.
+    The free displacement follows the sum of the plays, bent by a tanh envelope, plus its creep.
     """
     u = st[APPLIED_V] + par[AMPLIFIER_DECAY] * (st[AMPLIFIER_V] - st[APPLIED_V])
     st[AMPLIFIER_V] = u
-    threshold, state = plays[0], plays[2]
+    # Thresholds ascend, so the plays that a move drags along are always the first ones.
+    threshold, weight, state = plays[0], plays[1], plays[2]
+    y = st[PLAY_SUM]
     for i in range(threshold.shape[0]):
-        # Plain comparisons compile to vector code; min() and max() must mind NaN and do not.
-        low, high = u - threshold[i], u + threshold[i]
-        z = low if state[i] < low else state[i]
-        state[i] = high if z > high else z
-    y = weighted_sum(plays)
+        z = state[i]
+        if z < u - threshold[i]:
+            state[i] = u - threshold[i]
+        elif z > u + threshold[i]:
+            state[i] = u + threshold[i]
+        else:
+            break
+        y += weight[i] * (state[i] - z)
+    st[PLAY_SUM] = y
     # tanh by exp: a third of the latency.
     y += par[ENVELOPE_UM] * (
         1.0 - 2.0 / (math.exp((y - par[ENVELOPE_CENTRE]) * par[ENVELOPE_STEEPNESS]) + 1.0)
     )
-    decay, slow = creep[0], creep[2]
+    decay, share, slow = creep[0], creep[1], creep[2]
+    crept = 0.0
     for j in range(decay.shape[0]):
         slow[j] = y + decay[j] * (slow[j] - y)
-    static = y + weighted_sum(creep) - par[ACTUATOR_ZERO]
+        crept += share[j] * slow[j]
+    static = y + crept - par[ACTUATOR_ZERO]
     deviation = st[FREE_Z] - static
     velocity = st[MODE_V]
     st[FREE_Z] = static + par[MODE_A11] * deviation + par[MODE_A12] * velocity
     st[MODE_V] = par[MODE_A21] * deviation + par[MODE_A22] * velocity
-
-
-@_compiled
-def weighted_sum(bank: Floats) -> float:
-    """Sum of weight × state over a bank, in four interleaved parts."""
-    weight, state = bank[1], bank[2]
-    a, b, c, d = 0.0, 0.0, 0.0, 0.0
-    for i in range(0, weight.shape[0], 4):
-        a += weight[i] * state[i]
-        b += weight[i + 1] * state[i + 1]
-        c += weight[i + 2] * state[i + 2]
-        d += weight[i + 3] * state[i + 3]
-    return (a + b) + (c + d)
 
 
 @_compiled
@@ -338,18 +335,15 @@ def pulses_of_tick(
     """
     open_v, on_time = par[OPEN_V], par[ON_TIME]
     per_period = 1e3 / ist[PULSE_PERIOD]
-    per_tool, per_hole = 1.0 / par[TOOL_AREA], 1.0 / par[HOLE_AREA]
-    per_ohm = 1.0 / par[OHMS]
+    per_tool, per_hole, per_ohm = par[PER_TOOL_AREA], par[PER_HOLE_AREA], par[SIEMENS]
     reach = st[SURFACE] - st[TRUE_Z]
     depth, wear, debris = st[DEPTH], st[WEAR], st[DEBRIS]
     bridge_until, carbon = st[BRIDGE_UNTIL], st[CARBON]
-    clearing = math.exp(-ist[PULSE_PERIOD] * 1e-9 / flush_time(par, st))
-    per_gap = 40.0 / (par[GAP_REFERENCE] * open_v)
-    per_debris = 1.0 / par[BRIDGE_DEBRIS]
+    clearing, per_gap, per_debris = st[CLEARING], par[PER_OPEN_GAP], par[PER_BRIDGE_DEBRIS]
     side_slope = par[SIDE_DEBRIS] * min(1.0, depth * 0.01)
     arc_run = ist[ARC_RUN]
     tick_end = (ist[TICK] + 1) * TICK_NS
-    next_pulse = ist[NEXT_PULSE]
+    next_pulse, period, log = ist[NEXT_PULSE], ist[PULSE_PERIOD], ist[PULSE_LOG]
     at = ist[RANDOM_AT]
     voltage_sum, charge, count, shorts = 0.0, 0.0, 0, 0
 
@@ -369,7 +363,7 @@ def pulses_of_tick(
             relative = fraction * per_debris
             bridge_p = par[BRIDGE_BASE] * relative * relative * relative
             if chance < bridge_p:
-                bridge_p *= math.exp(-gap / par[BRIDGE_GAP])
+                bridge_p *= math.exp(-gap * par[PER_BRIDGE_GAP])
                 if chance < bridge_p:
                     bridge_until = 1.3 * max(gap, 0.01)
             chance = (chance - bridge_p) / (1.0 - bridge_p)
@@ -420,33 +414,43 @@ def pulses_of_tick(
             arc_run = 0
             if pulse_class == SHORT:
                 shorts += 1
-        if ist[PULSE_LOG] != LOG_OFF:
-            log_pulse(st, ist, next_pulse, pulse_class, delay, discharge, plateau, energy, blocks, pulses)
-        ist[PULSE_NO] += 1
-        next_pulse += ist[PULSE_PERIOD]
+        if log != LOG_OFF:
+            log_pulse(
+                st,
+                ist,
+                next_pulse,
+                ist[PULSE_NO] + count - 1,
+                pulse_class,
+                delay,
+                discharge,
+                plateau,
+                energy,
+                blocks,
+                pulses,
+            )
+        next_pulse += period
 
     st[DEPTH], st[WEAR], st[DEBRIS] = depth, wear, debris
     st[BRIDGE_UNTIL], st[CARBON] = bridge_until, carbon
     st[CHARGE] += charge
     ist[ARC_RUN] = arc_run
     ist[RANDOM_AT] = at
+    ist[PULSE_NO] += count
     ist[NEXT_PULSE] = next_pulse
     return voltage_sum, count, shorts
 
 
 @_compiled
-def flush_time(par: Floats, st: Floats) -> float:
-    """Time constant [s] with which debris leaves the gap: slower for a wider and for a deeper hole."""
-    width = par[TOOL_DIAMETER] / 270.0
-    ratio = st[DEPTH] / (par[FLUSH_DEPTH_RATIO] * par[TOOL_DIAMETER])
-    return float(par[FLUSH_TIME] * width * width * (1.0 + ratio * ratio))
+def clearing_tick(par: Floats, st: Floats, ist: Ints) -> None:
+    """How fast debris leaves the gap: slower the wider and the deeper the hole.
 
-
-@_compiled
-def quiet_gap_tick(par: Floats, st: Floats) -> None:
-    """A gap without sparks clears itself."""
-    st[DEBRIS] *= math.exp(-TICK_S / flush_time(par, st))
-    st[BRIDGE_UNTIL] = 0.0
+    Depth changes by nanometres a tick, so the two exponentials are renewed every 16 ticks only.
+    """
+    if ist[TICK] % 16 == 0:
+        ratio = st[DEPTH] * par[PER_FLUSH_DEPTH]
+        rate = 1.0 / (par[FLUSH_TIME] * (1.0 + ratio * ratio))
+        st[CLEARING] = math.exp(-ist[PULSE_PERIOD] * 1e-9 * rate)
+        st[TICK_CLEARING] = math.exp(-TICK_S * rate)
 
 
 @_compiled
@@ -510,6 +514,7 @@ def log_pulse(
     st: Floats,
     ist: Ints,
     time_ns: int,
+    number: int,
     pulse_class: int,
     delay: float,
     discharge: float,
@@ -520,7 +525,7 @@ def log_pulse(
 ) -> None:
     """Add one pulse to the log asked for: a 6-byte record each, or sums over blocks (layouts of the wire)."""
     if ist[LOG_N] == 0 and ist[BLOCK_COUNT] == 0:
-        ist[LOG_PULSE_NO] = ist[PULSE_NO]
+        ist[LOG_PULSE_NO] = number
         ist[LOG_T0] = time_ns
     if ist[PULSE_LOG] == LOG_FULL:
         at = ist[LOG_N] * 6
@@ -858,12 +863,15 @@ def run(
         command_tick(par, st, ist)
         actuator_tick(par, st, plays, creep)
         contact_tick(par, st, ist)
+        clearing_tick(par, st, ist)
         happened = NOTHING
         if ist[PULSES_ON] == 1:
             voltage_sum, count, shorts = pulses_of_tick(par, st, ist, random, tables, blocks, pulses)
             happened = measure_gap(par, st, ist, voltage_sum, count, shorts)
         else:
-            quiet_gap_tick(par, st)
+            # A gap without sparks clears itself.
+            st[DEBRIS] *= st[TICK_CLEARING]
+            st[BRIDGE_UNTIL] = 0.0
         sensor_tick(par, st, ist, noise)
         sequence = sequence_tick(par, st, ist, history, noise)
         if happened == NOTHING:

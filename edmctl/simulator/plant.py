@@ -42,6 +42,9 @@ EDGE_X_UM = -2000.0  # the work begins here; the parking place lies beyond
 PARK_X_UM = -5000.0
 CLEAR_UM = 1e6
 
+REFERENCE_V = 40.0  # open voltage at which gap_reference_um holds; the gap grows in proportion
+FLUSH_DIAMETER_UM = 270.0  # tool diameter at which flush_time_s holds; it grows with the square
+
 BLOCK = 32768
 QUANTILES = 1025  # points of the tabulated distributions
 
@@ -183,7 +186,8 @@ class Plant:
         """Wire the pulse generator: its series resistance gives the peak current in a normal discharge."""
         self.par[k.OPEN_V], self.par[k.ON_TIME], self.par[k.DISCHARGE_SET] = open_v, on_time_us, set_us
         self.par[k.PEAK_CURRENT] = peak_a
-        self.par[k.OHMS] = max(open_v - self.par[k.DISCHARGE_V], 0.1) / peak_a
+        self.par[k.SIEMENS] = peak_a / max(open_v - self.par[k.DISCHARGE_V], 0.1)
+        self.par[k.PER_OPEN_GAP] = REFERENCE_V / (self.config.discharge.gap_reference_um * open_v)
         self.ist[k.PULSE_PERIOD] = round((on_time_us + off_time_us) * 1000.0)
 
     def _store_depth(self) -> None:
@@ -199,27 +203,26 @@ class Plant:
         radius, outer = c.tool_diameter_um / 2.0, c.tool_diameter_um / 2.0 + d.side_gap_um
         values = {
             k.TOOL_AREA: math.pi * radius**2,
-            k.HOLE_AREA: math.pi * outer**2,
+            k.PER_TOOL_AREA: 1.0 / (math.pi * radius**2),
+            k.PER_HOLE_AREA: 1.0 / (math.pi * outer**2),
             k.ANNULUS_AREA: math.pi * (outer**2 - radius**2),
-            k.TOOL_DIAMETER: c.tool_diameter_um,
             k.THETA: c.theta,
             k.KAPPA: d.kappa_um3_per_uj,
             k.DISCHARGE_V: d.discharge_v,
             k.ARC_PLATEAU_V: d.arc_v,
             k.SHORT_PLATEAU_V: d.short_v,
-            k.GAP_REFERENCE: d.gap_reference_um,
             k.TAU_REFERENCE: d.tau_reference_us,
             k.GAP_EXPONENT: d.gap_exponent,
             k.FORMATIVE: d.formative_us,
             k.ROUGHNESS: d.roughness_um,
             k.DEBRIS_GAP_FACTOR: d.debris_gap_factor,
-            k.FLUSH_TIME: d.flush_time_s,
-            k.FLUSH_DEPTH_RATIO: d.flush_depth_ratio,
+            k.FLUSH_TIME: d.flush_time_s * (c.tool_diameter_um / FLUSH_DIAMETER_UM) ** 2,
+            k.PER_FLUSH_DEPTH: 1.0 / (d.flush_depth_ratio * c.tool_diameter_um),
             k.ARC_BASE: d.arc_base,
             k.ARC_DEBRIS: d.arc_debris,
             k.BRIDGE_BASE: d.bridge_base,
-            k.BRIDGE_DEBRIS: d.bridge_debris,
-            k.BRIDGE_GAP: d.bridge_gap_um,
+            k.PER_BRIDGE_DEBRIS: 1.0 / d.bridge_debris,
+            k.PER_BRIDGE_GAP: 1.0 / d.bridge_gap_um,
             k.BRIDGE_CLEAR: d.bridge_clear,
             k.SIDE_BASE: d.side_base,
             k.SIDE_DEBRIS: d.side_debris,
@@ -254,6 +257,7 @@ class Plant:
         for u in (150.0, 0.0, 150.0, 0.0):
             np.clip(states, u - thresholds, u + thresholds, out=states)
         y = float(self.plays[1] @ states)
+        self.st[k.PLAY_SUM] = y
         y += ENVELOPE_UM * math.tanh((y - ENVELOPE_CENTRE_UM) / ENVELOPE_WIDTH_UM)
         self.creep[2] = y
         self.par[k.ACTUATOR_ZERO] = y * (1.0 + float(self.creep[1].sum()))
@@ -265,6 +269,7 @@ def _actuator(build: np.random.Generator) -> tuple[Floats, Floats]:
     thresholds *= 1.0 + 0.03 * build.standard_normal(PLAYS)
     weights = np.exp(-thresholds / PLAY_DENSITY_V) * (1.0 + 0.1 * build.standard_normal(PLAYS))
     weights *= (1.0 - REVERSIBLE_SHARE) / weights.sum()
+    thresholds.sort()
     thresholds[0] = 0.013
     weights[0] += REVERSIBLE_SHARE
     weights *= GAIN_UM_PER_V * (1.0 + 0.01 * build.standard_normal())
