@@ -1,0 +1,47 @@
+"""Stable codes of everything that can be wrong with a profile or setup.
+
+E30xx are about the file; E31nn and W31nn (a warning) are cross-field rule nn.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class Code(StrEnum):
+    """One code per kind of problem. Codes are never reused."""
+
+    SYNTAX = "E3001"
+    MISSING_KEY = "E3002"
+    UNKNOWN_KEY = "E3003"
+    WRONG_TYPE = "E3004"
+    OUT_OF_RANGE = "E3005"
+    NOT_A_CHOICE = "E3006"
+    EXTENDS = "E3007"
+    SCHEMA_VERSION = "E3008"
+    OVERRIDE = "E3009"
+    UNREADABLE = "E3010"
+
+    REFERENCE_WINDOW = "E3101"
+    STROKE = "E3102"
+    SLOPE_BELOW_FEED = "E3103"
+    SLOPE_NEAR_FEED = "W3103"
+    LIMIT_CYCLE = "E3104"
+    LIMIT_CYCLE_LARGE = "W3104"
+    RAMP_ORDER = "E3105"
+    OFFSET = "E3106"
+    JUMP = "E3107"
+    JUMP_TOO_LOW = "W3107"
+    PULSE_ENERGY = "W3108"
+    PULSE_TIMES = "E3109"
+    THROUGH_STROKE = "E3110"
+    TOLERANCE = "E3111"
+    FILTER = "E3113"
+    FEED_REMEASURE = "E3114"
+    DISCHARGE_TIME = "E3115"
+    REFERENCE_ONCE = "E3116"
+    TOOL_WEAR = "E3117"
+    APPROACH_TRAVEL = "E3118"
+    BLIND_DEPTH = "E3119"
+    TIME_LIMIT = "W3120"
+    ACTUATOR_VOLTAGE = "E3121"

@@ -1,0 +1,166 @@
+"""Schema errors and rule findings as diagnostics: code, place, remedy."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from edmctl.errors import Diagnostic
+from edmctl.profile.codes import Code
+from edmctl.profile.fields import field_at, keys_at, nearest, permitted, table_with_key
+from edmctl.profile.merge import dotted, toml_repr
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from pydantic import BaseModel, ValidationError
+    from pydantic_core import ErrorDetails
+
+    from edmctl.errors import Location
+    from edmctl.profile.findings import Finding
+    from edmctl.profile.locate import KeyPath
+    from edmctl.profile.sources import Sources, TomlTable
+
+_CODES = {
+    "missing": Code.MISSING_KEY,
+    "union_tag_not_found": Code.MISSING_KEY,
+    "extra_forbidden": Code.UNKNOWN_KEY,
+    "literal_error": Code.NOT_A_CHOICE,
+    "union_tag_invalid": Code.NOT_A_CHOICE,
+    "greater_than": Code.OUT_OF_RANGE,
+    "greater_than_equal": Code.OUT_OF_RANGE,
+    "less_than": Code.OUT_OF_RANGE,
+    "less_than_equal": Code.OUT_OF_RANGE,
+    "finite_number": Code.OUT_OF_RANGE,
+    "string_too_short": Code.OUT_OF_RANGE,
+    "string_too_long": Code.OUT_OF_RANGE,
+}
+_TELLING = (Code.OUT_OF_RANGE, Code.NOT_A_CHOICE)
+"""Of several complaints about one value (a choice or a number), the most telling comes first."""
+
+
+def schema_diagnostics(
+    error: ValidationError, model: type[BaseModel], data: TomlTable, sources: Sources
+) -> list[Diagnostic]:
+    """One diagnostic per wrong key or value, in the order of the file."""
+    by_path: dict[KeyPath, Code] = {}
+    for detail in error.errors(include_url=False, include_context=False):
+        path, code = _path(detail, data), _code(detail)
+        if path == ("meta", "schema") and code != Code.MISSING_KEY:
+            code = Code.SCHEMA_VERSION
+        held = by_path.get(path)
+        if held is None or _rank(code) < _rank(held):
+            by_path[path] = code
+        if detail["type"].startswith("union_tag"):
+            by_path |= _unknown_keys(path[:-1], model, data)
+    found = [_diagnostic(code, path, model, data, sources) for path, code in by_path.items()]
+    return sorted(found, key=_place)
+
+
+def _place(diagnostic: Diagnostic) -> tuple[str, int, int]:
+    where = diagnostic.where
+    return (where.file, where.line, where.column) if where else ("", 0, 0)
+
+
+def rule_diagnostics(findings: Sequence[Finding], sources: Sources) -> list[Diagnostic]:
+    """One diagnostic per finding, in the order of the rules."""
+    return [
+        Diagnostic(
+            code=finding.code,
+            message=finding.message,
+            hint=finding.hint,
+            where=sources.value(finding.path),
+            is_warning=finding.is_warning,
+        )
+        for finding in findings
+    ]
+
+
+def _unknown_keys(table: KeyPath, model: type[BaseModel], data: TomlTable) -> dict[KeyPath, Code]:
+    """Unknown keys of a table whose kind is not known, which pydantic leaves unread."""
+    written, known = _value(data, table), keys_at(model, table)
+    keys = written if isinstance(written, dict) else {}
+    return {(*table, key): Code.UNKNOWN_KEY for key in keys if key not in known}
+
+
+def _rank(code: Code) -> int:
+    return _TELLING.index(code) if code in _TELLING else len(_TELLING)
+
+
+def _code(detail: ErrorDetails) -> Code:
+    return _CODES.get(detail["type"], Code.WRONG_TYPE)
+
+
+def _path(detail: ErrorDetails, data: TomlTable) -> KeyPath:
+    """Key path of an error, without the names pydantic puts between for the branches of a union."""
+    path: KeyPath = ()
+    here: object = data
+    parts = detail["loc"]
+    for i, part in enumerate(parts):
+        if not isinstance(here, dict):
+            break
+        if part in here:
+            path, here = (*path, part), here[part]
+        elif i == len(parts) - 1 and detail["type"] == "missing":
+            path = (*path, part)
+    if detail["type"].startswith("union_tag"):
+        path = (*path, "kind")
+    return path
+
+
+def _diagnostic(
+    code: Code, path: KeyPath, model: type[BaseModel], data: TomlTable, sources: Sources
+) -> Diagnostic:
+    name = dotted(path)
+    if code == Code.MISSING_KEY:
+        message, hint = f"{name} is missing", _hint_missing(path, model)
+    elif code == Code.UNKNOWN_KEY:
+        message, hint = f"unknown key {name}", _hint_unknown(path, model)
+    else:
+        message = f"{name} = {toml_repr(_value(data, path))} {_COMPLAINTS[code]}"
+        info = field_at(model, path)
+        hint = f"write {permitted(info)}" if info else ""
+    return Diagnostic(code, message, hint, _where(code, path, sources))
+
+
+def _where(code: Code, path: KeyPath, sources: Sources) -> Location:
+    if code == Code.MISSING_KEY:
+        return sources.key(path[:-1])
+    return sources.key(path) if code == Code.UNKNOWN_KEY else sources.value(path)
+
+
+_COMPLAINTS = {
+    Code.WRONG_TYPE: "has the wrong type",
+    Code.OUT_OF_RANGE: "is out of range",
+    Code.NOT_A_CHOICE: "is not one of the choices",
+    Code.SCHEMA_VERSION: "is not a profile format that this version reads",
+}
+
+
+def _hint_missing(path: KeyPath, model: type[BaseModel]) -> str:
+    info = field_at(model, path)
+    what = permitted(info) if info else "a value"
+    if keys_at(model, path):
+        return f"add the table [{dotted(path)}]"
+    return f"add {path[-1]} to [{dotted(path[:-1])}]: {what}"
+
+
+def _hint_unknown(path: KeyPath, model: type[BaseModel]) -> str:
+    table, key = path[:-1], str(path[-1])
+    known = keys_at(model, table)
+    if key in known:
+        return f"it does not go with this kind of {dotted(table)}: remove it, or change kind"
+    close = nearest(key, known)
+    if close:
+        return f"did you mean {close}?"
+    home = table_with_key(model, key)
+    if home:
+        return f"{key} belongs to [{home}]"
+    where = f"[{dotted(table)}]" if table else "the file"
+    return f"remove it; {where} may hold {', '.join(known)}"
+
+
+def _value(data: TomlTable, path: KeyPath) -> object:
+    here: object = data
+    for part in path:
+        here = here[str(part)] if isinstance(here, dict) else None
+    return here

@@ -1,0 +1,90 @@
+"""What a model permits at a key: its type, its limits, its neighbours, in words."""
+
+from __future__ import annotations
+
+import difflib
+import types
+from typing import TYPE_CHECKING, Annotated, Literal, Union, get_args, get_origin
+
+from pydantic import BaseModel
+
+if TYPE_CHECKING:
+    from pydantic.fields import FieldInfo
+
+    from edmctl.profile.locate import KeyPath
+
+
+def field_at(model: type[BaseModel], path: KeyPath) -> FieldInfo | None:
+    """The field of a key path, or None where the model has none."""
+    tables = [model]
+    found: list[FieldInfo] = []
+    for part in path:
+        found = [field for table in tables if (field := _fields(table).get(str(part)))]
+        tables = [table for field in found for table in _tables(field.annotation)]
+    return found[0] if found else None
+
+
+def keys_at(model: type[BaseModel], path: KeyPath) -> list[str]:
+    """Keys that the table at a path may hold; empty when there is no such table."""
+    tables = [model]
+    if path:
+        found = field_at(model, path)
+        tables = _tables(found.annotation) if found else []
+    return list(dict.fromkeys(key for table in tables for key in _fields(table)))
+
+
+def nearest(key: str, candidates: list[str]) -> str | None:
+    """The candidate that is spelt most like the key, if any is."""
+    close = difflib.get_close_matches(key, candidates, n=1, cutoff=0.6)
+    return close[0] if close else None
+
+
+def table_with_key(model: type[BaseModel], key: str) -> str | None:
+    """The top-level table that has this key, for a key written into the wrong one."""
+    return next((table for table in keys_at(model, ()) if key in keys_at(model, (table,))), None)
+
+
+def permitted(found: FieldInfo) -> str:
+    """What may be written: `a number from 20 to 1000 (diameter, µm)`."""
+    words = " or ".join(_described(found.annotation, found.metadata))
+    return f"{words} ({found.description})" if found.description else words
+
+
+def _fields(model: type[BaseModel]) -> dict[str, FieldInfo]:
+    return {info.alias or name: info for name, info in model.model_fields.items()}
+
+
+def _tables(annotation: object) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [table for argument in get_args(annotation) for table in _tables(argument)]
+
+
+def _described(annotation: object, metadata: list[object]) -> list[str]:
+    origin = get_origin(annotation)
+    if origin is Annotated:
+        inner, *constraints = get_args(annotation)
+        return _described(inner, [m for c in constraints for m in getattr(c, "metadata", [c])])
+    if origin is Literal:
+        return [" or ".join(f'"{v}"' if isinstance(v, str) else str(v) for v in get_args(annotation))]
+    if origin in (Union, types.UnionType):
+        parts = [a for a in get_args(annotation) if a is not type(None)]
+        return [words for part in parts for words in _described(part, metadata)]
+    if annotation is bool:
+        return ["true or false"]
+    if annotation is str:
+        return ["text in quotes"]
+    if annotation is int or annotation is float:
+        return [("a whole number" if annotation is int else "a number") + _limits(metadata)]
+    return ["a table"]
+
+
+def _limits(metadata: list[object]) -> str:
+    bounds = {
+        name: value
+        for item in metadata
+        for name in ("gt", "ge", "lt", "le")
+        if (value := getattr(item, name, None)) is not None
+    }
+    words = {"gt": "above", "ge": "from", "lt": "below", "le": "to"}
+    return "".join(f" {words[name]} {bounds[name]:g}" for name in words if name in bounds)

@@ -1,0 +1,48 @@
+"""What a cross-field rule reports."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from edmctl.profile.codes import Code
+    from edmctl.profile.forecast import Forecast
+    from edmctl.profile.locate import KeyPath
+    from edmctl.profile.model import Profile
+    from edmctl.profile.setup import Setup
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """Everything a rule may look at."""
+
+    profile: Profile
+    setup: Setup
+    forecast: Forecast
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One violated rule, blamed on the value at `path`."""
+
+    code: Code
+    path: KeyPath
+    message: str
+    hint: str
+
+    @property
+    def is_warning(self) -> bool:
+        """Codes of warnings begin with W."""
+        return self.code.startswith("W")
+
+
+def rounded_up(value: float) -> str:
+    """A least value as a hint gives it: a tenth that is not below it."""
+    return f"{math.ceil(10.0 * value - 1e-9) / 10.0:.6g}"
+
+
+def rounded_down(value: float) -> str:
+    """A largest value as a hint gives it: a tenth that is not above it."""
+    return f"{math.floor(10.0 * value + 1e-9) / 10.0:.6g}"

@@ -1,0 +1,118 @@
+"""Reading a profile: file, the files it extends, overrides, checks."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from edmctl.errors import Diagnostic, ProfileError
+from edmctl.profile.diagnose import rule_diagnostics, schema_diagnostics
+from edmctl.profile.model import Profile
+from edmctl.profile.overrides import apply_overrides
+from edmctl.profile.read import parse, read_chain, read_source
+from edmctl.profile.rules import complete, in_share_only, reference_stated_once, violations
+from edmctl.profile.setup import Setup
+from edmctl.profile.shipped import find_profile
+from edmctl.profile.sim import ProfileFile, SimSettings
+from edmctl.profile.sources import Sources
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from edmctl.profile.findings import Finding
+    from edmctl.profile.sources import TomlTable
+
+_M = TypeVar("_M", bound=BaseModel)
+
+
+@dataclass(frozen=True, slots=True)
+class LoadedProfile:
+    """A checked profile, and where it came from.
+
+    `text` is the file verbatim. `sha256` is of the recipe in effect (after `extends`, `--set` and defaults),
+    `sim_sha256` of the `[sim]` table in effect: equal hashes mean equal jobs, however they were written.
+    """
+
+    profile: Profile
+    sim: SimSettings
+    path: Path
+    text: str
+    sha256: str
+    sim_sha256: str
+    overrides: tuple[str, ...]
+    warnings: tuple[Diagnostic, ...]
+
+
+def load_profile(
+    name_or_path: str, overrides: Sequence[str] = (), setup: Setup | None = None
+) -> LoadedProfile:
+    """Load and check a profile by path or shipped name.
+
+    `overrides` are `key=value` texts; `setup` is the machine it is checked for, by default the stock one.
+    Raises ProfileError with every diagnostic, UsageError when there is no such profile.
+    """
+    machine = setup if setup is not None else Setup()
+    path = find_profile(name_or_path)
+    chain = read_chain(path)
+    overridden = apply_overrides(chain.table, overrides)
+    sources = Sources((*reversed(overridden.sources), *chain.sources), chain.sources[0])
+    written = _validated(ProfileFile, overridden.table, sources)
+    _refuse_errors(reference_stated_once(written), sources)
+    profile = complete(_recipe(written), machine)
+    warnings = _refuse_errors(violations(profile, machine), sources)
+    profile = in_share_only(profile)
+    return LoadedProfile(
+        profile=profile,
+        sim=written.sim,
+        path=path,
+        text=chain.sources[0].text,
+        sha256=_sha256(profile),
+        sim_sha256=_sha256(written.sim),
+        overrides=(*chain.changes, *overridden.changes),
+        warnings=warnings,
+    )
+
+
+def load_setup(path: Path | None = None) -> Setup:
+    """Load the machine's settings; without a path, those of the stock machine.
+
+    Raises ProfileError with every diagnostic.
+    """
+    if path is None:
+        return Setup()
+    source = read_source(path)
+    return _validated(Setup, parse(source), Sources((source,), source))
+
+
+def _validated(model: type[_M], table: TomlTable, sources: Sources) -> _M:
+    try:
+        return model.model_validate(table)
+    except ValidationError as error:
+        raise ProfileError(tuple(schema_diagnostics(error, model, table, sources))) from None
+
+
+def _refuse_errors(findings: list[Finding], sources: Sources) -> tuple[Diagnostic, ...]:
+    """Diagnostics of findings that only warn; raises ProfileError with all of them if one refuses."""
+    if not findings:
+        return ()
+    diagnostics = tuple(rule_diagnostics(findings, sources))
+    if all(d.is_warning for d in diagnostics):
+        return diagnostics
+    raise ProfileError(diagnostics)
+
+
+def _recipe(written: ProfileFile) -> Profile:
+    return Profile.model_construct(
+        _fields_set=written.model_fields_set - {"sim"},
+        **{name: getattr(written, name) for name in Profile.model_fields},
+    )
+
+
+def _sha256(model: BaseModel) -> str:
+    canonical = json.dumps(model.model_dump(by_alias=True), sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(canonical.encode()).hexdigest()

@@ -1,0 +1,208 @@
+"""Cross-field rules of stroke, servo ramps and jumps."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from edmctl.process.jump import minimum_height_um
+from edmctl.process.servo import HALF_AMPLITUDE_DESIGN_UM, HALF_AMPLITUDE_LIMIT_UM
+from edmctl.profile.codes import Code
+from edmctl.profile.findings import Finding, Job, rounded_down, rounded_up
+from edmctl.profile.forecast import STROKE_RESERVE_UM
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+SLOPE_PER_FEED_MIN, SLOPE_PER_FEED_GOOD = 1.2, 3.0
+OFFSET_MIN_UM = 45.0
+"""Actuator model error near 0 V (35 µm) and error left by a jump (10 µm), Muralidhara et al. 2009, §2.2."""
+JUMP_HEIGHT_FACTOR = 1.5
+JUMP_SHARE_MAX = 0.3
+
+
+def actuator_voltage(job: Job) -> Iterator[Finding]:
+    """Rule 21: the voltage limit is within the actuator's."""
+    volts, stroke_v = job.profile.limits.stroke_v_max, job.setup.actuator.stroke_v
+    if volts > stroke_v:
+        yield Finding(
+            Code.ACTUATOR_VOLTAGE,
+            ("limits", "stroke_v_max"),
+            f"stroke_v_max {volts:g} V is above the actuator's {stroke_v:g} V",
+            f"use at most {stroke_v:g} V",
+        )
+
+
+def stroke(job: Job) -> Iterator[Finding]:
+    """Rule 2: the target is within the stroke."""
+    profile, f = job.profile, job.forecast
+    if f.stroke_um <= f.stroke_available_um:
+        return
+    ratio, offset_um = profile.wear.expected_ratio, profile.approach.offset_um
+    reach_um = f.stroke_available_um - offset_um - STROKE_RESERVE_UM
+    wanted_v = f.stroke_um / job.setup.actuator.gain_um_per_v
+    needs = (
+        f"offset {offset_um:g} + feed {f.feed_um:.0f} + reserve {STROKE_RESERVE_UM:g} = {f.stroke_um:.0f} µm "
+        f"of stroke, but {profile.limits.stroke_v_max:g} V give {f.stroke_available_um:.0f} µm"
+    )
+    raising = (
+        f", or raise limits.stroke_v_max to {math.ceil(wanted_v)} V"
+        if wanted_v <= job.setup.actuator.stroke_v
+        else f"; even {job.setup.actuator.stroke_v:g} V are not enough"
+    )
+    if profile.target.kind == "depth":
+        yield Finding(
+            Code.STROKE,
+            ("target", "depth_um"),
+            f"depth {profile.target.depth_um:g} µm is out of reach: at wear ratio {ratio:g} it needs {needs}",
+            f"at most {math.floor(max(reach_um, 0.0) / (1.0 + ratio))} µm deep{raising}",
+        )
+    else:
+        yield Finding(
+            Code.STROKE,
+            ("target", "feed_um"),
+            f"feed {profile.target.feed_um:g} µm is out of reach: it needs {needs}",
+            f"at most {rounded_down(max(reach_um, 0.0))} µm{raising}",
+        )
+
+
+def through_stroke(job: Job) -> Iterator[Finding]:
+    """Rule 10: a through hole has stroke for the sheet, the wear and the worn tip."""
+    profile, available_um = job.profile, job.forecast.stroke_available_um
+    if profile.work.kind != "through":
+        return
+    thickness_um, ratio = profile.work.thickness_um, profile.wear.expected_ratio
+    tip_um = profile.tool.diameter_um / 2.0
+    thickest_um = max(available_um - tip_um, 0.0) / (1.0 + ratio)
+    needed_um = thickness_um * (1.0 + ratio) + tip_um
+    if needed_um > available_um:
+        yield Finding(
+            Code.THROUGH_STROKE,
+            ("work", "thickness_um"),
+            f"a hole through {thickness_um:g} µm needs {thickness_um:g} x {1 + ratio:g} + {tip_um:g} "
+            f"= {needed_um:.0f} µm of stroke; {profile.limits.stroke_v_max:g} V give {available_um:.0f} µm",
+            f"at most {math.floor(thickest_um)} µm thick, or drill a blind hole",
+        )
+
+
+def slope_against_feed(job: Job) -> Iterator[Finding]:
+    """Rule 3: the servo ramp outruns the erosion."""
+    slope, feed = job.profile.servo.forward_um_s, job.forecast.feed_rate_um_s
+    if slope >= SLOPE_PER_FEED_GOOD * feed:
+        return
+    refused = slope < SLOPE_PER_FEED_MIN * feed
+    consequence = "the servo cannot follow the erosion" if refused else "the job loses time"
+    yield Finding(
+        Code.SLOPE_BELOW_FEED if refused else Code.SLOPE_NEAR_FEED,
+        ("servo", "forward_um_s"),
+        f"forward ramp {slope:g} µm/s is {slope / feed:.1f} times the forecast feed {feed:.2f} µm/s: "
+        f"{consequence}",
+        f"use at least {rounded_up(SLOPE_PER_FEED_GOOD * feed)} µm/s",
+    )
+
+
+def servo_swing(job: Job) -> Iterator[Finding]:
+    """Rule 4: the relay's limit cycle stays well inside the gap."""
+    servo, f, controller = job.profile.servo, job.forecast, job.setup.controller
+    if servo.mode != "relay" or f.limit_cycle_um <= HALF_AMPLITUDE_DESIGN_UM:
+        return
+    refused = f.limit_cycle_um > HALF_AMPLITUDE_LIMIT_UM
+    limit_um = HALF_AMPLITUDE_LIMIT_UM if refused else HALF_AMPLITUDE_DESIGN_UM
+    yield Finding(
+        Code.LIMIT_CYCLE if refused else Code.LIMIT_CYCLE_LARGE,
+        ("servo", "forward_um_s"),
+        f"the servo would swing ±{f.limit_cycle_um:.2f} µm (period {f.limit_cycle_period_s:.2g} s): ramp "
+        f"{servo.forward_um_s:g} µm/s x loop delay {1e3 * f.loop_delay_s:.0f} ms, with a loop of "
+        f"{1e-3 * controller.servo_period_us:g} ms; above {limit_um:g} µm the tool shorts",
+        f"use at most {rounded_down(HALF_AMPLITUDE_DESIGN_UM / f.loop_delay_s)} µm/s, a faster loop, "
+        'or servo.mode = "pi"',
+    )
+
+
+def ramp_order(job: Job) -> Iterator[Finding]:
+    """Rule 5: retraction is not slower than the advance asks for."""
+    servo = job.profile.servo
+    if servo.back_um_s < 0.5 * servo.forward_um_s:
+        yield Finding(
+            Code.RAMP_ORDER,
+            ("servo", "back_um_s"),
+            f"back ramp {servo.back_um_s:g} µm/s is below half the forward ramp {servo.forward_um_s:g} µm/s",
+            f"use at least {0.5 * servo.forward_um_s:g} µm/s",
+        )
+    if servo.short_back_um_s < servo.back_um_s:
+        yield Finding(
+            Code.RAMP_ORDER,
+            ("servo", "short_back_um_s"),
+            f"retraction from a short, {servo.short_back_um_s:g} µm/s, is slower than the back ramp "
+            f"{servo.back_um_s:g} µm/s",
+            f"use at least {servo.back_um_s:g} µm/s; 50 µm/s is usual",
+        )
+
+
+def offset(job: Job) -> Iterator[Finding]:
+    """Rule 6: home is clear of the work whatever the actuator's error there."""
+    offset_um = job.profile.approach.offset_um
+    if offset_um < OFFSET_MIN_UM:
+        yield Finding(
+            Code.OFFSET,
+            ("approach", "offset_um"),
+            f"offset {offset_um:g} µm is below {OFFSET_MIN_UM:g} µm: near 0 V the actuator's place is known "
+            "to 35 µm only, and a jump leaves up to 10 µm",
+            f"set the tool at least {OFFSET_MIN_UM:g} µm above the work; 50 µm is usual",
+        )
+
+
+def approach_travel(job: Job) -> Iterator[Finding]:
+    """Rule 18: the approach may travel as far as the surface."""
+    approach = job.profile.approach
+    if approach.max_travel_um <= approach.offset_um:
+        yield Finding(
+            Code.APPROACH_TRAVEL,
+            ("approach", "max_travel_um"),
+            f"the approach gives up after {approach.max_travel_um:g} µm, but the work is "
+            f"{approach.offset_um:g} µm away",
+            f"use {approach.offset_um + 30.0:g} µm or more",
+        )
+
+
+def jump(job: Job) -> Iterator[Finding]:
+    """Rule 7: jumps flush, fit above home, and leave time to machine."""
+    profile, f, j = job.profile, job.forecast, job.profile.jump
+    if j.mode == "off":
+        return
+    least_um = JUMP_HEIGHT_FACTOR * minimum_height_um(
+        f.depth_um, profile.tool.diameter_um, profile.work.side_gap_um
+    )
+    deepest_um = profile.approach.offset_um + f.feed_um
+    if j.height_um > deepest_um:
+        yield Finding(
+            Code.JUMP,
+            ("jump", "height_um"),
+            f"jump height {j.height_um:g} µm is more than the tool's way down, {deepest_um:.0f} µm at the "
+            "end: it cannot retract below 0 V",
+            f"use at most {rounded_down(deepest_um)} µm; {rounded_up(least_um)} µm flush",
+        )
+    elif j.height_um < least_um:
+        yield Finding(
+            Code.JUMP_TOO_LOW,
+            ("jump", "height_um"),
+            f"jump height {j.height_um:g} µm hardly flushes: at {f.depth_um:.0f} µm depth and a side gap of "
+            f"{profile.work.side_gap_um:g} µm it takes {least_um:.0f} µm",
+            f"use {rounded_up(least_um)} µm or more",
+        )
+    if f.jump_share > JUMP_SHARE_MAX:
+        yield Finding(
+            Code.JUMP,
+            ("jump", "period_s"),
+            f"jumping takes {100 * f.jump_share:.0f} % of the time (2 x {j.height_um:g} µm / "
+            f"{j.speed_um_s:g} µm/s + {j.dwell_ms:g} ms, every {j.period_s:g} s); "
+            f"at most {100 * JUMP_SHARE_MAX:.0f} %",
+            f"use a period of at least {rounded_up(f.jump_share * j.period_s / JUMP_SHARE_MAX)} s, or a faster jump",
+        )
+    if j.period_s < j.period_min_s:
+        yield Finding(
+            Code.JUMP,
+            ("jump", "period_s"),
+            f"jump period {j.period_s:g} s is below its own minimum period_min_s {j.period_min_s:g} s",
+            f"use at least {j.period_min_s:g} s, or lower period_min_s",
+        )

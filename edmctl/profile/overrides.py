@@ -1,0 +1,89 @@
+"""`--set key=value`: one value of the profile from the command line."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from edmctl.errors import Diagnostic, Location, ProfileError
+from edmctl.profile.codes import Code
+from edmctl.profile.merge import changes, put
+from edmctl.profile.sources import SET_OPTION, Source
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from edmctl.profile.sources import TomlTable
+
+_BARE_WORD = re.compile(r"[A-Za-z][\w.+/ -]*")
+_HINT = "write --set servo.reference=0.82, with the value as in a file: 0.8 and not .8, text in quotes"
+
+
+@dataclass(frozen=True, slots=True)
+class Overridden:
+    """A table after the overrides, and each override as a text of its own, in the order given."""
+
+    table: TomlTable
+    sources: tuple[Source, ...]
+    changes: tuple[str, ...]
+
+
+def apply_overrides(table: TomlTable, overrides: Sequence[str]) -> Overridden:
+    """Lay `key=value` texts over a table; a whole table as value replaces the table.
+
+    Values are TOML; a bare word stands for itself in quotes. Raises ProfileError with every malformed text.
+    """
+    sources: list[Source] = []
+    lines: list[str] = []
+    wrong: list[Diagnostic] = []
+    for text in overrides:
+        given = _parse(text)
+        if given is None:
+            wrong.append(
+                _diagnostic(text, f"cannot read --set {text}: it is not key=value with a TOML value")
+            )
+            continue
+        path, value = given
+        try:
+            after = put(table, path, value)
+        except KeyError as error:
+            wrong.append(_diagnostic(text, f"--set {text}: {error.args[0]} is a value, not a table"))
+            continue
+        lines += changes(table, after, SET_OPTION)
+        table = after
+        sources.append(Source(SET_OPTION, text))
+    if wrong:
+        raise ProfileError(tuple(wrong))
+    return Overridden(table, tuple(sources), tuple(lines))
+
+
+def _parse(text: str) -> tuple[tuple[str, ...], object] | None:
+    """Key path and value, or None when the text is not `key=value`."""
+    key, _, value = text.partition("=")
+    path = _key_path(key)
+    value = value.strip()
+    if not path or not value or "\n" in text:
+        return None
+    try:
+        return path, tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return (path, value) if _BARE_WORD.fullmatch(value) else None
+
+
+def _key_path(key: str) -> tuple[str, ...]:
+    """The parts of a dotted key; none when it is not one."""
+    try:
+        below: object = tomllib.loads(f"{key} = 0")
+    except tomllib.TOMLDecodeError:
+        return ()
+    path: tuple[str, ...] = ()
+    while isinstance(below, dict) and len(below) == 1:
+        ((part, below),) = below.items()
+        path = (*path, part)
+    return path
+
+
+def _diagnostic(text: str, message: str) -> Diagnostic:
+    return Diagnostic(Code.OVERRIDE, message, _HINT, Location(SET_OPTION, 1, 1, max(1, len(text)), text))

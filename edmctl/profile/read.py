@@ -1,0 +1,101 @@
+"""Reading TOML files: the text verbatim, syntax errors with their place, `extends`."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from edmctl.errors import Diagnostic, Location, ProfileError
+from edmctl.profile.codes import Code
+from edmctl.profile.merge import changes, extend
+from edmctl.profile.sources import Source, TomlTable
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+_SYNTAX_PLACE = re.compile(
+    r"(?P<what>.*) \(at (?:line (?P<line>\d+), column (?P<column>\d+)|end of document)\)", re.DOTALL
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Chain:
+    """A file and those it extends: texts from child to root, the merged table, what was overridden."""
+
+    sources: tuple[Source, ...]
+    table: TomlTable
+    changes: tuple[str, ...]
+
+
+def read_source(path: Path) -> Source:
+    """Read a text file. Raises ProfileError when it cannot be read as UTF-8."""
+    try:
+        return Source(str(path), path.read_bytes().decode("utf-8"))
+    except OSError as error:
+        message, hint = f"cannot read {path}: {error.strerror}", "check the path and its permissions"
+    except UnicodeDecodeError as error:
+        message, hint = f"{path} is not UTF-8 text (byte {error.start})", "save it as UTF-8"
+    raise _refusal(Code.UNREADABLE, message, hint)
+
+
+def parse(source: Source) -> TomlTable:
+    """Parse a TOML text. Raises ProfileError with the place of the syntax error."""
+    try:
+        return tomllib.loads(source.text)
+    except tomllib.TOMLDecodeError as error:
+        where, what = _syntax_place(source, str(error))
+    hint = "texts stand in quotes, a table begins with [name], a key is given once"
+    raise _refusal(Code.SYNTAX, f"not TOML: {what}", hint, where)
+
+
+def read_chain(path: Path) -> Chain:
+    """Read a profile and, through `extends`, its parents. Raises ProfileError, also for a circle."""
+    return _read_chain(path, ())
+
+
+def _read_chain(path: Path, children: tuple[Path, ...]) -> Chain:
+    source = read_source(path)
+    own = parse(source)
+    if "extends" not in own:
+        return Chain((source,), own, ())
+    seen = (*children, path.resolve())
+    below = _read_chain(_parent(source, own.pop("extends"), path, seen), seen)
+    merged = extend(below.table, own)
+    changed = (*below.changes, *changes(below.table, merged, path.name))
+    return Chain((source, *below.sources), merged, changed)
+
+
+def _parent(source: Source, name: object, path: Path, seen: tuple[Path, ...]) -> Path:
+    where = source.value(("extends",))
+    if not isinstance(name, str):
+        hint = 'write extends = "other.toml"'
+        raise _refusal(Code.EXTENDS, "extends does not name a file", hint, where)
+    parent = path.parent / name
+    if not parent.is_file():
+        hint = "the name is relative to this file"
+        raise _refusal(Code.EXTENDS, f"extends names {name}, and there is no file {parent}", hint, where)
+    if parent.resolve() in seen:
+        circle = " -> ".join(p.name for p in (*seen, parent.resolve()))
+        raise _refusal(
+            Code.EXTENDS, f"profiles extend each other in a circle: {circle}", "break it here", where
+        )
+    return parent
+
+
+def _refusal(code: Code, message: str, hint: str, where: Location | None = None) -> ProfileError:
+    return ProfileError((Diagnostic(code, message, hint, where),))
+
+
+def _syntax_place(source: Source, message: str) -> tuple[Location, str]:
+    """Location in a syntax error's message; at the end of the document it is the last line's end."""
+    match = _SYNTAX_PLACE.match(message)
+    lines = source.text.split("\n")
+    if match and match["line"]:
+        line, column = int(match["line"]), int(match["column"])
+    else:
+        line, column = len(lines), len(lines[-1]) + 1
+    what = match["what"] if match else message
+    source_line = lines[line - 1].rstrip("\r") if line <= len(lines) else ""
+    return Location(source.name, line, column, 1, source_line), what

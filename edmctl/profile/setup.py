@@ -1,0 +1,69 @@
+"""The machine's own settings: what stays when the recipe changes."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from edmctl.profile.model import Table
+
+
+class Actuator(Table):
+    """Amplified piezo actuator; defaults: Cedrat APA400M, 445 µm at 150 V (Muralidhara et al. 2009, §2.1)."""
+
+    gain_um_per_v: float = Field(2.967, ge=0.1, le=20.0, description="displacement per voltage, µm/V")
+    stroke_v: float = Field(150.0, ge=10.0, le=200.0, description="voltage of the full stroke, V")
+    slew_v_s: float = Field(1000.0, ge=1.0, le=20_000.0, description="fastest ramp, V/s")
+    conditioning_cycles: int = Field(2, ge=0, le=20, description="full strokes before the first touch")
+    conditioning_slew_v_s: float = Field(60.0, ge=1.0, le=20_000.0, description="their ramp, V/s")
+
+
+class Sensor(Table):
+    """Displacement sensor; the uncertainties are standard uncertainties."""
+
+    gain_u_rel: float = Field(0.003, ge=0.0, le=0.2, description="of its calibration, relative")
+    linearity_u_um: float = Field(0.1, ge=0.0, le=20.0, description="of its characteristic, µm")
+    noise_um: float = Field(0.15, ge=0.0, le=20.0, description="RMS of one sample, µm")
+    drift_um_per_s: float = Field(0.0017, ge=0.0, le=1.0, description="of its drift rate, µm/s")
+
+
+class Surface(Table):
+    """The work surface."""
+
+    tilt_u_mrad: float = Field(0.3, ge=0.0, le=50.0, description="standard uncertainty of its slope, mrad")
+
+
+class Stage(Table):
+    """XY stage, and where the reference pad is."""
+
+    reference_x_um: float = Field(0.0, ge=-1e6, le=1e6)
+    reference_y_um: float = Field(0.0, ge=-1e6, le=1e6)
+    speed_um_s: float = Field(1000.0, gt=0.0, le=1e6, description="travel, µm/s")
+    repeatability_um: float = Field(1.0, ge=0.0, le=100.0, description="coming back to a place, µm")
+
+
+class Controller(Table):
+    """The real-time controller."""
+
+    servo_period_us: int = Field(1000, ge=500, le=200_000, description="period of the servo decision, µs")
+    latency: int = Field(1, ge=0, le=50, description="decisions from reading to command")
+    actuator_lag_s: float = Field(0.002, ge=0.0, le=1.0, description="of amplifier and actuator, s")
+    watchdog_s: float = Field(
+        0.25, ge=0.1, le=1.0, description="silence of the host that stops the machine, s"
+    )
+    telemetry_hz: float = Field(1000.0, ge=10.0, le=2000.0, description="samples sent to the host, Hz")
+
+    @property
+    def servo_period_s(self) -> float:
+        """Period of the servo decision, s."""
+        return 1e-6 * self.servo_period_us
+
+
+class Setup(Table):
+    """All settings of one machine. `port` is where it is found when neither option nor environment say so."""
+
+    port: str | None = Field(None, min_length=1)
+    actuator: Actuator = Actuator()
+    sensor: Sensor = Sensor()
+    surface: Surface = Surface()
+    stage: Stage = Stage()
+    controller: Controller = Controller()

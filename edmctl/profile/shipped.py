@@ -1,0 +1,42 @@
+"""Profiles that come with the program."""
+
+from __future__ import annotations
+
+import difflib
+from pathlib import Path
+
+from edmctl.errors import UsageError
+
+
+def shipped_folder() -> Path:
+    """Folder of the shipped profiles: inside an installed package, beside it in a source tree."""
+    package = Path(__file__).resolve().parent.parent
+    installed = package / "profiles"
+    return installed if installed.is_dir() else package.parent / "profiles"
+
+
+def shipped_names() -> list[str]:
+    """Names of the shipped profiles, sorted."""
+    return sorted(path.stem for path in shipped_folder().glob("*.toml"))
+
+
+def find_profile(name_or_path: str) -> Path:
+    """Path of a profile: a file as given, else a shipped one (`cu270`, `cu270.toml`, `profiles/cu270.toml`).
+
+    Raises UsageError when there is neither.
+    """
+    given = Path(name_or_path)
+    if given.is_file():
+        return given
+    if given.parent in (Path(), Path("profiles")) and given.suffix in ("", ".toml"):
+        shipped = shipped_folder() / f"{given.stem}.toml"
+        if given.stem and shipped.is_file():
+            return shipped
+    names = shipped_names()
+    close = difflib.get_close_matches(given.stem, names, n=1)
+    meant = f"did you mean {close[0]}? " if close else ""
+    raise UsageError(
+        f"no profile {name_or_path!r}: no such file, and no shipped profile of that name",
+        hint=f"{meant}Shipped profiles: {', '.join(names)}",
+        code="E2001",
+    )

@@ -1,0 +1,77 @@
+"""Cross-field rules of target, measurement and limits."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from edmctl.profile.codes import Code
+from edmctl.profile.findings import Finding, Job, rounded_up
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+
+def tolerance(job: Job) -> Iterator[Finding]:
+    """Rule 11: the tolerance can be told from the scatter of the touches."""
+    target, measure = job.profile.target, job.profile.measure
+    if target.kind != "depth":
+        return
+    least_um = 2.0 * measure.max_sd_um / math.sqrt(measure.touches)
+    if target.tolerance_um < least_um:
+        yield Finding(
+            Code.TOLERANCE,
+            ("target", "tolerance_um"),
+            f"tolerance {target.tolerance_um:g} µm is below what {measure.touches} touches of up to "
+            f"{measure.max_sd_um:g} µm scatter can tell, {least_um:.2f} µm",
+            f"use at least {rounded_up(least_um)} µm, or more touches",
+        )
+
+
+def feed_without_remeasuring(job: Job) -> Iterator[Finding]:
+    """Rule 14: a feed target is one cut; only a depth target has something to measure in between."""
+    profile = job.profile
+    if profile.target.kind == "feed" and isinstance(profile.wear.remeasure, int):
+        yield Finding(
+            Code.FEED_REMEASURE,
+            ("wear", "remeasure"),
+            f"a feed target of {profile.target.feed_um:g} µm is one cut: it cannot be measured "
+            f"{profile.wear.remeasure} times on the way",
+            'use remeasure = "auto" or "never", or a depth target',
+        )
+
+
+def tool_wear(job: Job) -> Iterator[Finding]:
+    """Rule 17: the tool is long enough for its wear."""
+    tool, wear_um = job.profile.tool, job.forecast.wear_um
+    if wear_um > tool.max_wear_um:
+        yield Finding(
+            Code.TOOL_WEAR,
+            ("tool", "max_wear_um"),
+            f"the job wears {wear_um:.0f} µm off the tool, more than max_wear_um {tool.max_wear_um:g} µm",
+            f"permit {rounded_up(wear_um)} µm or more, or use a tool that wears less",
+        )
+
+
+def blind_depth(job: Job) -> Iterator[Finding]:
+    """Rule 19: a blind hole ends inside the sheet."""
+    work, depth_um = job.profile.work, job.forecast.depth_um
+    if work.kind == "blind" and depth_um >= work.thickness_um:
+        yield Finding(
+            Code.BLIND_DEPTH,
+            ("work", "thickness_um"),
+            f"a blind hole of {depth_um:.0f} µm does not end inside a sheet of {work.thickness_um:g} µm",
+            'use a thicker sheet, a smaller target, or kind = "through"',
+        )
+
+
+def time_limit(job: Job) -> Iterator[Finding]:
+    """Rule 20: the job can end within its time limit."""
+    limit_s, time_s = job.profile.limits.max_time_s, job.forecast.time_s
+    if limit_s < time_s:
+        yield Finding(
+            Code.TIME_LIMIT,
+            ("limits", "max_time_s"),
+            f"the job takes about {time_s:.0f} s, more than max_time_s {limit_s:g} s",
+            f"permit {3.0 * time_s:.0f} s, three times the forecast",
+        )

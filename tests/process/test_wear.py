@@ -1,0 +1,124 @@
+"""Z1, Z2, Z3 and the honesty of their intervals."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from edmctl.process.pulses import PulseShares, pulse_shares
+from edmctl.process.wear import (
+    DepthAndWear,
+    Reading,
+    measure,
+    reading_of,
+    student_97_5,
+    tilt_uncertainty_um,
+)
+
+GAIN_U, TILT_U_UM, DRIFT_U, Z1_Z3_S, Z2_Z3_S = 0.003, 0.15, 0.0017, 900.0, 40.0
+heights = st.floats(-500.0, 500.0)
+
+
+def measured(z1: Reading, z2: Reading, z3: Reading) -> DepthAndWear:
+    return measure(
+        z1,
+        z2,
+        z3,
+        gain_u_rel=GAIN_U,
+        tilt_u_um=TILT_U_UM,
+        drift_u_um_per_s=DRIFT_U,
+        z1_to_z3_s=Z1_Z3_S,
+        z2_to_z3_s=Z2_Z3_S,
+    )
+
+
+@given(heights, heights, heights)
+def test_feed_is_depth_plus_wear(z1: float, z2: float, z3: float) -> None:
+    result = measured(Reading(z1, 0.1, 3), Reading(z2, 0.1, 3), Reading(z3, 0.1, 3))
+    assert result.feed_um == pytest.approx(result.depth_um + result.wear_um, abs=1e-12, rel=1e-12)
+
+
+def test_the_papers_touches_give_the_papers_depth_and_wear() -> None:
+    result = measured(Reading(50.0, 0.2, 3), Reading(300.0, 0.2, 3), Reading(120.0, 0.2, 3))
+    assert (result.depth_um, result.wear_um, result.feed_um) == (180.0, 70.0, 250.0)
+    assert result.wear_ratio == pytest.approx(0.389, abs=1e-3)
+
+
+def test_tilt_enters_the_depth_and_not_the_wear() -> None:
+    z = Reading(50.0, 0.1, 3), Reading(300.0, 0.1, 3), Reading(120.0, 0.1, 3)
+    flat, tilted = (
+        measure(*z, gain_u_rel=0.0, tilt_u_um=t, drift_u_um_per_s=0.0, z1_to_z3_s=900.0, z2_to_z3_s=40.0)
+        for t in (0.0, 1.0)
+    )
+    assert tilted.wear_u95_um == flat.wear_u95_um
+    assert tilted.depth_u95_um > 1.96 > flat.depth_u95_um
+
+
+def test_drift_widens_the_wear_of_a_long_job() -> None:
+    z = Reading(50.0, 0.1, 3), Reading(300.0, 0.1, 3), Reading(120.0, 0.1, 3)
+    result = measure(
+        *z, gain_u_rel=0.0, tilt_u_um=0.0, drift_u_um_per_s=1e-3, z1_to_z3_s=900.0, z2_to_z3_s=30.0
+    )
+    assert result.wear_u95_um == pytest.approx(1.96 * 0.9, rel=0.1)
+    assert result.depth_u95_um < 0.6
+
+
+def test_more_touches_narrow_the_interval() -> None:
+    def depth_u95(touches: int) -> float:
+        r = Reading(0.0, 0.5, touches)
+        return measure(
+            r, r, r, gain_u_rel=0.0, tilt_u_um=0.0, drift_u_um_per_s=0.0, z1_to_z3_s=0.0, z2_to_z3_s=0.0
+        ).depth_u95_um
+
+    assert depth_u95(12) < 0.5 * depth_u95(3)
+    assert depth_u95(3) > 1.96 * 0.5 * (2 / 3) ** 0.5
+
+
+@pytest.mark.parametrize(("touch_sd_um", "touches"), [(0.05, 3), (0.2, 3), (0.5, 3), (1.0, 3), (0.2, 1)])
+def test_the_intervals_cover_the_truth(touch_sd_um: float, touches: int) -> None:
+    rng = random.Random(7)
+    runs = 2000
+    covered = {"depth": 0, "wear": 0, "feed": 0}
+    for _ in range(runs):
+        gain, tilt, drift = rng.gauss(1, GAIN_U), rng.gauss(0, TILT_U_UM), rng.gauss(0, DRIFT_U)
+
+        def touch(z_um: float, t_s: float, gain: float = gain, drift: float = drift) -> Reading:
+            return reading_of(
+                tuple(gain * (z_um + rng.gauss(0, touch_sd_um)) + drift * t_s for _ in range(touches))
+            )
+
+        z1 = touch(50.0, 0.0)
+        z2 = touch(300.0 + tilt, Z1_Z3_S - Z2_Z3_S)
+        z3 = touch(120.0, Z1_Z3_S)
+        result = measured(z1, z2, z3)
+        covered["depth"] += abs(result.depth_um - 180.0) <= result.depth_u95_um
+        covered["wear"] += abs(result.wear_um - 70.0) <= result.wear_u95_um
+        covered["feed"] += abs(result.feed_um - 250.0) <= result.feed_u95_um
+    assert min(covered.values()) >= (0.90 if touches > 1 else 0.85) * runs
+
+
+@pytest.mark.parametrize(
+    ("dof", "t"), [(2, 4.303), (3, 3.182), (4, 2.776), (8, 2.306), (30, 2.042), (1e6, 1.960)]
+)
+def test_students_quantile(dof: float, t: float) -> None:
+    assert student_97_5(dof) == pytest.approx(t, rel=0.01)
+
+
+def test_a_reading_is_mean_and_sample_deviation() -> None:
+    assert reading_of((1.0, 2.0, 3.0)) == Reading(2.0, 1.0, 3)
+    assert reading_of((5.0,)) == Reading(5.0, 0.0, 1)
+    with pytest.raises(ValueError, match="at least one touch"):
+        reading_of(())
+
+
+def test_tilt_grows_with_the_distance_and_never_vanishes() -> None:
+    assert tilt_uncertainty_um(0.3, 500.0) == pytest.approx(0.15)
+    assert tilt_uncertainty_um(1.0, 0.0, 1.0) == pytest.approx(1.414e-3, rel=1e-3)
+
+
+def test_pulse_shares_sum_to_one_or_are_nothing() -> None:
+    assert pulse_shares(1, 2, 1, 0) == PulseShares(0.25, 0.5, 0.25, 0.0)
+    assert pulse_shares(0, 0, 0, 0) == PulseShares(0.0, 0.0, 0.0, 0.0)

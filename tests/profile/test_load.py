@@ -1,0 +1,264 @@
+"""Finding, extending and overriding profiles."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from edmctl.errors import ProfileError, UsageError
+from edmctl.profile import load_profile, load_setup
+from edmctl.profile.codes import Code
+from edmctl.profile.fields import field_at
+from edmctl.profile.merge import extend
+from edmctl.profile.schema import profile_schema
+from edmctl.profile.sim import ProfileFile
+from edmctl.simulator.config import DischargeConstants
+from tests.profile.documents import NAMES, copy_shipped, loaded, problems, shipped_text
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_shipped_profiles_load_without_a_warning(name: str) -> None:
+    assert problems(name) == ()
+
+
+@pytest.mark.parametrize("name", ["cu270", "cu270.toml", "profiles/cu270.toml"])
+def test_a_shipped_profile_is_found_by_name_from_anywhere(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert load_profile(name).profile.tool.diameter_um == 270.0
+
+
+def test_a_file_prevails_over_a_shipped_profile_of_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    mine = shipped_text("cu270").replace("diameter_um = 270.0", "diameter_um = 271.0")
+    Path("cu270.toml").write_text(mine, encoding="utf-8")
+    assert load_profile("cu270.toml").profile.tool.diameter_um == 271.0
+
+
+def test_an_unknown_name_is_a_usage_error_that_names_the_shipped_ones() -> None:
+    with pytest.raises(UsageError) as caught:
+        load_profile("cu27")
+    assert caught.value.exit_code == 2
+    assert "did you mean cu270?" in caught.value.hint
+    assert "w252" in caught.value.hint
+
+
+def test_the_text_is_kept_verbatim(tmp_path: Path) -> None:
+    text = shipped_text("cu270").replace("\n", "\r\n")
+    path = tmp_path / "crlf.toml"
+    path.write_bytes(text.encode())
+    assert load_profile(str(path)).text == text
+
+
+def test_extends_inherits_and_lists_what_it_overrides() -> None:
+    w = load_profile("w252")
+    assert w.profile.pulse == load_profile("cu270").profile.pulse
+    assert w.profile.wear.first_fraction == 0.85
+    assert 'tool.material = "W" (was "Cu", w252.toml)' in w.overrides
+    assert "target.depth_um = 240.0 (was 180.0, w252.toml)" in w.overrides
+    assert w.sim.theta == 0.0358
+
+
+def test_an_override_lists_old_and_new_value_and_keeps_the_rest() -> None:
+    p = loaded("servo.reference=0.82", "log.pulses=blocks")
+    assert p.profile.servo.reference == 0.82
+    assert p.profile.log.pulses == "blocks"
+    assert p.overrides == (
+        "servo.reference = 0.82 (was 0.8, --set)",
+        'log.pulses = "blocks" (was "full", --set)',
+    )
+
+
+def test_the_latest_override_of_a_key_holds() -> None:
+    assert loaded("servo.reference=0.82", "servo.reference=0.85").profile.servo.reference == 0.85
+
+
+def test_a_table_as_override_replaces_the_table() -> None:
+    target = loaded('target={kind="feed",feed_um=250}').profile.target
+    assert target.kind == "feed"
+    assert target.feed_um == 250.0
+
+
+def test_an_inherited_target_of_another_kind_is_replaced_whole(tmp_path: Path) -> None:
+    copy_shipped(tmp_path)
+    child = tmp_path / "child.toml"
+    child.write_text('extends = "cu270.toml"\n[target]\nkind = "feed"\nfeed_um = 200\n', encoding="utf-8")
+    target = load_profile(str(child)).profile.target
+    assert target.kind == "feed"
+
+
+def test_the_hash_is_of_the_recipe_in_effect_and_the_simulators_apart() -> None:
+    plain, same = loaded(), loaded("servo.reference=0.8")
+    assert plain.sha256 == same.sha256
+    assert loaded("servo.reference=0.81").sha256 != plain.sha256
+    bench = loaded("sim.theta=0.4")
+    assert bench.sha256 == plain.sha256
+    assert bench.sim_sha256 != plain.sim_sha256
+
+
+def test_a_reference_in_volts_becomes_a_share() -> None:
+    text = shipped_text("cu270")
+    servo = loaded("servo={reference_v=9.6}").profile.servo
+    assert servo.reference == pytest.approx(0.80)
+    assert servo.reference_v is None
+    assert "reference = 0.80" in text
+
+
+def test_a_time_limit_not_given_is_three_forecasts() -> None:
+    p = loaded("limits={stroke_v_max=120}")
+    assert 3 * 870 < p.profile.limits.max_time_s < 3 * 1300
+
+
+@pytest.mark.parametrize(
+    ("override", "code", "column"),
+    [
+        ("servo.reference=2", Code.OUT_OF_RANGE, 17),
+        ("servo.refrence=0.8", Code.UNKNOWN_KEY, 7),
+        ("servo.mode = fuzzy", Code.NOT_A_CHOICE, 14),
+        ("target.depth_um=300", Code.STROKE, 17),
+        ("servo", Code.OVERRIDE, 1),
+        ("meta.name.x=1", Code.OVERRIDE, 1),
+        ("a=1\nb=2", Code.OVERRIDE, 1),
+        ("servo.reference=.8", Code.OVERRIDE, 1),
+        ("=1", Code.OVERRIDE, 1),
+    ],
+)
+def test_a_wrong_override_is_located_on_the_command_line(override: str, code: Code, column: int) -> None:
+    first = problems("cu270", "log.pulses=off", override)[0]
+    assert first.code == code
+    assert first.where is not None
+    assert (first.where.file, first.where.line, first.where.column) == ("--set", 1, column)
+    assert first.where.source_line == override
+
+
+def test_all_wrong_keys_are_reported_at_once(tmp_path: Path) -> None:
+    text = shipped_text("cu270").replace("duty = 0.30", "duty = 0.99").replace('kind = "blind"', "kind = 3")
+    text = text.replace("touches = 3", "touchs = 3")
+    path = tmp_path / "p.toml"
+    path.write_text(text, encoding="utf-8")
+    found = problems(path)
+    assert [d.code for d in found] == [Code.NOT_A_CHOICE, Code.OUT_OF_RANGE, Code.UNKNOWN_KEY]
+    assert found[1].hint == "write a number from 0.05 to 0.6 (on-time over period)"
+    assert found[2].hint == "did you mean touches?"
+
+
+def test_all_violated_rules_are_reported_at_once() -> None:
+    codes = {
+        d.code
+        for d in problems("cu270", "servo.reference=0.5", "target.depth_um=250", "approach.offset_um=40")
+    }
+    assert codes == {Code.REFERENCE_WINDOW, Code.STROKE, Code.OFFSET}
+
+
+def test_a_key_in_the_wrong_table_is_sent_home() -> None:
+    assert problems("cu270", "tool.duty=0.3")[0].hint == "duty belongs to [pulse]"
+
+
+def test_a_key_of_the_other_kind_of_target_is_told_so() -> None:
+    first = problems("cu270", 'target={kind="feed",feed_um=250,depth_um=1}')[0]
+    assert first.code == Code.UNKNOWN_KEY
+    assert "this kind of target" in first.hint
+
+
+def test_a_syntax_error_has_its_line_and_column(tmp_path: Path) -> None:
+    path = tmp_path / "p.toml"
+    path.write_text('[meta]\nname = "x"\nduty = = 3\n', encoding="utf-8")
+    (found,) = problems(path)
+    assert found.code == Code.SYNTAX
+    assert found.where is not None
+    assert (found.where.file, found.where.line, found.where.column) == (str(path), 3, 8)
+    assert found.where.source_line == "duty = = 3"
+
+
+def test_a_text_that_ends_too_soon_is_located_at_its_end(tmp_path: Path) -> None:
+    path = tmp_path / "p.toml"
+    path.write_text("[meta]\nname = [1,", encoding="utf-8")
+    (found,) = problems(path)
+    assert found.where is not None
+    assert (found.where.line, found.where.column) == (2, 11)
+
+
+def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "p.toml"
+    path.write_bytes(b"name = \xff")
+    assert problems(path)[0].code == Code.UNREADABLE
+
+
+def test_profiles_that_extend_in_a_circle_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.toml").write_text('extends = "b.toml"\n', encoding="utf-8")
+    (tmp_path / "b.toml").write_text('# b\nextends = "a.toml"\n', encoding="utf-8")
+    (found,) = problems(tmp_path / "a.toml")
+    assert found.code == Code.EXTENDS
+    assert "a.toml -> b.toml -> a.toml" in found.message
+    assert found.where is not None
+    assert (Path(found.where.file).name, found.where.line, found.where.column) == ("b.toml", 2, 11)
+
+
+@pytest.mark.parametrize("value", ['"gone.toml"', "3"])
+def test_a_parent_that_is_not_there_is_located(tmp_path: Path, value: str) -> None:
+    path = tmp_path / "p.toml"
+    path.write_text(f"extends = {value}\n", encoding="utf-8")
+    (found,) = problems(path)
+    assert found.code == Code.EXTENDS
+    assert found.where is not None
+    assert found.where.column == 11
+
+
+def test_setup_has_defaults_and_its_errors_have_places(tmp_path: Path) -> None:
+    assert load_setup().actuator.gain_um_per_v == 2.967
+    path = tmp_path / "setup.toml"
+    path.write_text("[controller]\nservo_period_us = 2000\n", encoding="utf-8")
+    assert load_setup(path).controller.servo_period_s == pytest.approx(2e-3)
+    path.write_text("[controller]\nservo_period_us = 1\n", encoding="utf-8")
+    with pytest.raises(ProfileError) as caught:
+        load_setup(path)
+    assert caught.value.where is not None
+    assert (caught.value.where.line, caught.value.where.column) == (2, 19)
+
+
+def test_the_simulators_constants_keep_their_names_and_values() -> None:
+    bench, sim = DischargeConstants(), load_profile("cu270").sim
+    assert {name: getattr(sim, name) for name in bench.__slots__} == {
+        name: getattr(bench, name) for name in bench.__slots__
+    }
+
+
+def test_the_schema_describes_every_table_and_extends() -> None:
+    schema = profile_schema()
+    assert {"meta", "servo", "target", "sim", "extends"} <= schema["properties"].keys()
+    assert schema["$defs"]["Pulse"]["properties"]["duty"]["maximum"] == 0.60
+    assert "schema" in schema["$defs"]["Meta"]["properties"]
+
+
+def test_every_number_of_a_profile_has_limits_and_a_description() -> None:
+    for table, info in ProfileFile.model_fields.items():
+        for key in getattr(info.annotation, "model_fields", {}):
+            found = field_at(ProfileFile, (table, key))
+            if found is not None and found.annotation is float:
+                assert found.metadata, f"{table}.{key}"
+                assert found.description, f"{table}.{key}"
+
+
+def test_loading_a_profile_needs_no_numpy() -> None:
+    program = "import sys, edmctl.profile as p; p.load_profile('cu270'); assert 'numpy' not in sys.modules"
+    subprocess.run([sys.executable, "-c", program], check=True)
+
+
+tables = st.recursive(
+    st.integers(), lambda inner: st.dictionaries(st.sampled_from("abc"), inner, max_size=3), max_leaves=8
+).filter(lambda t: isinstance(t, dict))
+
+
+@given(tables, tables)
+def test_extending_keeps_all_keys_of_both(base: dict[str, object], child: dict[str, object]) -> None:
+    merged = extend(base, child)
+    assert merged.keys() == base.keys() | child.keys()
+    assert extend(merged, child) == merged
