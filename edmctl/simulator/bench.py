@@ -14,6 +14,8 @@ from edmctl.simulator.plant import Plant
 if TYPE_CHECKING:
     from edmctl.simulator.config import BenchConfig
 
+ANSWERS_PER_TICK = 8
+
 
 @dataclass(frozen=True, slots=True)
 class HoleTruth:
@@ -27,41 +29,36 @@ class HoleTruth:
 class MemoryTransport:
     """A line without wire: real frame bytes, virtual time.
 
-    `read` lets virtual time pass, at most `timeout_s`, and returns with the bytes that the controller sent
-    meanwhile. What was written before is executed at the first millisecond of the next read.
+    The controller answers at once; only `read` lets virtual time pass, at most `timeout_s`. So that a host which
+    asks again and again cannot stop the clock, a millisecond passes after every eight answers without one.
     """
 
     def __init__(self, controller: VirtualController) -> None:
         self.name = "sim:"
         self.simulated = True
         self._controller = controller
-        self._inbox = bytearray()
         self._open = True
+        self._answers = 0
 
     def write(self, data: bytes) -> None:
-        """Queue bytes for the controller."""
+        """Hand bytes to the controller."""
         self._check()
-        self._inbox += data
+        self._controller.receive(data)
 
     def read(self, timeout_s: float) -> bytes:
         """Let up to `timeout_s` of virtual time pass; bytes of the controller, or b"" when none came."""
         self._check()
-        ticks = max(1, math.floor(timeout_s / TICK_S + 0.5))
-        if self._inbox:
-            data = bytes(self._inbox)
-            self._inbox.clear()
-            self._controller.receive(data)
-            self._controller.advance(1)
-            if self._controller.has_output:
-                return self._controller.take_output()
-            ticks -= 1
-        if ticks and not self._controller.has_output:
-            self._controller.advance(ticks)
-        return self._controller.take_output()
+        out = self._controller.port.take_output()
+        if out and self._answers < ANSWERS_PER_TICK:
+            self._answers += 1
+            return out
+        self._answers = 0
+        self._controller.advance(1 if out else max(1, math.floor(timeout_s / TICK_S + 0.5)))
+        return out + self._controller.port.take_output()
 
     def now_s(self) -> float:
         """Virtual time: the controller's."""
-        return self._controller.now_s
+        return self._controller.tick * TICK_S
 
     def close(self) -> None:
         """Cut the line; a controller left armed will notice that the host is silent."""

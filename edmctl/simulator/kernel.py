@@ -30,9 +30,13 @@ _F = TypeVar("_F", bound="Callable[..., Any]")
 
 
 def _compiled(function: _F) -> _F:
-    """Compile at the first call, cache on disk, free the GIL; strict arithmetic so that plain Python agrees."""
-    compiled: Any = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
-    return cast("_F", compiled)
+    """Compile where `run` needs it; strict arithmetic, so that plain Python agrees."""
+    return cast("_F", numba.njit(nogil=True, error_model="numpy")(function))
+
+
+def _cached(function: _F) -> _F:
+    """Compile at the first call and keep the code on disk; frees the GIL while it runs."""
+    return cast("_F", numba.njit(cache=True, nogil=True, error_model="numpy")(function))
 
 
 TICK_S = 0.001
@@ -839,7 +843,7 @@ def sample_tick(st: Floats, ist: Ints, tlm: Bytes) -> None:
         ist[SAMPLE_OPEN + i] = 0
 
 
-@_compiled
+@_cached
 def run(
     ticks: int,
     par: Floats,
@@ -858,7 +862,10 @@ def run(
     """Advance by up to `ticks` ms; stops early when something happened and says what (NOTHING .. FAULT_COLLISION).
 
     The caller provides `random` columns for every pulse and `noise` for every tick (two each, and touches).
+    Zero ticks close the pulse block begun, for whoever wants to send everything now.
     """
+    if ticks == 0:
+        close_block(st, ist, blocks)
     for _ in range(ticks):
         command_tick(par, st, ist)
         actuator_tick(par, st, plays, creep)

@@ -78,6 +78,10 @@ class Parameters:
             par[index] = v[name]
         par[k.FILTER_ALPHA] = 1.0 - math.exp(-2.0 * math.pi * v["filter_hz"] * k.TICK_S)
         par[k.DISPLACEMENT_ALPHA] = 1.0 - math.exp(-k.TICK_S / DISPLACEMENT_FILTER_S)
+        self.watchdog_ticks = round(v["watchdog_s"] / k.TICK_S)
+        self.dielectric_required = bool(v["dielectric_required"])
+        self.flow_min_lpm = v["flow_min_lpm"]
+        self.temperature_max_c = v["temperature_max_c"]
         ist[k.LAW] = int(v["servo_law"])
         ist[k.SERVO_TICKS] = max(1, round(v["servo_period_us"] / 1000.0))
         ist[k.SERVO_LATENCY] = int(v["servo_latency"])

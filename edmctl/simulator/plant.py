@@ -80,13 +80,13 @@ class RandomBlocks:
 
     def provide(self, ist: NDArray[np.int64], pulses: int, noises: int) -> None:
         """Make sure that so many numbers lie ahead of the kernel's read positions."""
-        at = int(ist[k.RANDOM_AT])
+        at = ist.item(k.RANDOM_AT)
         if at + pulses > BLOCK:
             rest = BLOCK - at
             self.pulse[:, :rest] = self.pulse[:, at:].copy()
             self._fill_pulse(rest)
             ist[k.RANDOM_AT] = 0
-        at = int(ist[k.NOISE_AT])
+        at = ist.item(k.NOISE_AT)
         if at + noises > BLOCK:
             rest = BLOCK - at
             self.noise[:rest] = self.noise[at:].copy()
@@ -130,8 +130,16 @@ class Plant:
         self.commanded_deg = 0.0
         self.dielectric_level_ok = True
         self.dielectric_flow_lpm = config.dielectric_flow_lpm
+        self.dielectric_temperature_c = config.dielectric_temperature_c
         self.estop = False
+        self.set_generator(130.435, 304.348, 40.0, 0.12, 0.0)
         self.arrive()
+
+    @property
+    def open_circuit_mean_v(self) -> float:
+        """Mean gap voltage of an all-open gap: duty × open voltage, V."""
+        period_us = self.ist.item(k.PULSE_PERIOD) * 1e-3
+        return float(self.par[k.OPEN_V] * self.par[k.ON_TIME]) / period_us
 
     @property
     def tool_wear_um(self) -> float:

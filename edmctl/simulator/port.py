@@ -80,14 +80,10 @@ class DevicePort:
         if last_event in numbers:
             del self._unacknowledged[: numbers.index(last_event) + 1]
 
-    @property
-    def has_unacknowledged(self) -> bool:
-        """Whether events wait for HEARTBEAT.last_event."""
-        return bool(self._unacknowledged)
-
-    def repeat_events(self) -> None:
-        """Send again what is not acknowledged."""
+    def repeat_events(self) -> bool:
+        """Send again what is not acknowledged; returns whether there was anything."""
         self._out.extend(frame for _, frame in self._unacknowledged)
+        return bool(self._unacknowledged)
 
     def _handle(self, frame: Frame) -> bool:
         if frame.type_id == Hello.ID and frame.session != 0:

@@ -24,13 +24,15 @@ PULSES_PER_TICK = 52  # at the highest frequency of a profile, 50 kHz
 class Telemetry:
     """Owns the kernel's three output buffers and sends what is in them."""
 
-    def __init__(self, plant: Plant, send: Callable[[Message], None]) -> None:
-        self._plant, self._send = plant, send
+    def __init__(self, plant: Plant, send: Callable[[Message], None], run: Callable[[int], int]) -> None:
+        self._plant, self._send, self._run = plant, send, run
         self.samples = np.zeros(SAMPLE_BYTES * 2 * SLICE_TICKS, dtype=np.uint8)
         records = SLICE_TICKS * PULSES_PER_TICK + PULSES_PER_FRAME
         self.blocks = np.zeros(BLOCK_BYTES * records, dtype=np.uint8)
         self.pulses = np.zeros(PULSE_BYTES * records, dtype=np.uint8)
         self._batch = 1
+        self._full = False
+        self._per_frame = BLOCKS_PER_FRAME
         self._tlm_counter = 0
         self._pulse_counter = 0
 
@@ -44,6 +46,8 @@ class Telemetry:
         ist[k.PULSE_LOG] = request.pulse_log
         ist[k.LOG_N] = ist[k.BLOCK_COUNT] = 0
         self._batch = request.batch
+        self._full = request.pulse_log == PulseLog.FULL
+        self._per_frame = PULSES_PER_FRAME if self._full else BLOCKS_PER_FRAME
 
     def stop(self) -> None:
         """Send what is pending, then stop."""
@@ -54,67 +58,55 @@ class Telemetry:
     def send_full_frames(self) -> None:
         """Send every frame that is full."""
         ist = self._plant.ist
-        if ist[k.TLM_N] >= self._batch:
-            self._send_samples(int(ist[k.TLM_N]) // self._batch * self._batch)
-        if ist[k.LOG_N]:
-            self._send_pulses(everything=False)
+        samples = ist.item(k.TLM_N)
+        if samples >= self._batch:
+            self._send_samples(samples, samples // self._batch * self._batch)
+        records = ist.item(k.LOG_N)
+        if records >= self._per_frame:
+            self._send_pulses(records, records // self._per_frame * self._per_frame)
 
     def flush(self) -> None:
         """Send everything pending, the begun pulse block included."""
         ist = self._plant.ist
-        if ist[k.TLM_N]:
-            self._send_samples(int(ist[k.TLM_N]))
-        k.close_block(self._plant.st, ist, self.blocks)
-        if ist[k.LOG_N]:
-            self._send_pulses(everything=True)
+        if samples := ist.item(k.TLM_N):
+            self._send_samples(samples, samples)
+        if ist.item(k.BLOCK_COUNT):
+            self._run(0)
+        if records := ist.item(k.LOG_N):
+            self._send_pulses(records, records)
 
-    def _send_samples(self, count: int) -> None:
+    def _send_samples(self, pending: int, count: int) -> None:
         ist = self._plant.ist
-        period = int(ist[k.TLM_TICKS])
-        pending = int(ist[k.TLM_N])
-        last_tick = int(ist[k.TICK]) // period * period
+        period, batch = ist.item(k.TLM_TICKS), self._batch
+        last_tick = ist.item(k.TICK) // period * period
         first_us = (last_tick - (pending - 1) * period) * 1000
-        data = self.samples[: pending * SAMPLE_BYTES].tobytes()
-        for start in range(0, count, self._batch):
-            n = min(self._batch, count - start)
+        data = self.samples[: count * SAMPLE_BYTES].tobytes()
+        for start in range(0, count, batch):
+            n = min(batch, count - start)
             t0_us = (first_us + start * period * 1000) & 0xFFFFFFFF
             records = data[start * SAMPLE_BYTES : (start + n) * SAMPLE_BYTES]
-            self._send(Tlm(self._tlm_counter & 0xFFFF, t0_us, period * 1000, n, 0, records))
-            self._tlm_counter += 1
+            self._send(Tlm(self._tlm_counter, t0_us, period * 1000, n, 0, records))
+            self._tlm_counter = (self._tlm_counter + 1) & 0xFFFF
         self._keep(self.samples, SAMPLE_BYTES, count, pending)
         ist[k.TLM_N] = pending - count
 
-    def _send_pulses(self, *, everything: bool) -> None:
+    def _send_pulses(self, pending: int, count: int) -> None:
         ist = self._plant.ist
-        full = ist[k.PULSE_LOG] == PulseLog.FULL
-        buffer, size, per_frame = (
-            (self.pulses, PULSE_BYTES, PULSES_PER_FRAME)
-            if full
-            else (self.blocks, BLOCK_BYTES, BLOCKS_PER_FRAME)
-        )
-        pending = int(ist[k.LOG_N])
-        count = pending if everything else pending // per_frame * per_frame
-        if count == 0:
-            return
+        buffer, size = (self.pulses, PULSE_BYTES) if self._full else (self.blocks, BLOCK_BYTES)
         data = buffer[: count * size].tobytes()
-        period_ns, block = int(ist[k.PULSE_PERIOD]), int(ist[k.BLOCK_SIZE])
-        step = 1 if full else block
-        for start in range(0, count, per_frame):
-            n = min(per_frame, count - start)
+        period_ns, block = ist.item(k.PULSE_PERIOD), ist.item(k.BLOCK_SIZE)
+        step = 1 if self._full else block
+        number, t0_ns = ist.item(k.LOG_PULSE_NO), ist.item(k.LOG_T0)
+        for start in range(0, count, self._per_frame):
+            n = min(self._per_frame, count - start)
             records = data[start * size : (start + n) * size]
-            number = (int(ist[k.LOG_PULSE_NO]) + start * step) & 0xFFFFFFFF
-            t0_us = ((int(ist[k.LOG_T0]) + start * step * period_ns) // 1000) & 0xFFFFFFFF
-            counter = self._pulse_counter & 0xFFFF
-            self._pulse_counter += 1
-            self._send(
-                Pulses(counter, number, t0_us, period_ns, n, records)
-                if full
-                else PulseBlocks(counter, number, t0_us, period_ns, block, n, records)
-            )
+            header = (self._pulse_counter, number & 0xFFFFFFFF, t0_ns // 1000 & 0xFFFFFFFF, period_ns)
+            self._pulse_counter = (self._pulse_counter + 1) & 0xFFFF
+            self._send(Pulses(*header, n, records) if self._full else PulseBlocks(*header, block, n, records))
+            number += n * step
+            t0_ns += n * step * period_ns
         self._keep(buffer, size, count, pending)
-        ist[k.LOG_N] = pending - count
-        ist[k.LOG_PULSE_NO] += count * step
-        ist[k.LOG_T0] += count * step * period_ns
+        ist[k.LOG_N], ist[k.LOG_PULSE_NO], ist[k.LOG_T0] = pending - count, number, t0_ns
 
     @staticmethod
     def _keep(buffer: k.Bytes, size: int, sent: int, pending: int) -> None:

@@ -109,9 +109,9 @@ def test_a_silent_host_loses_its_sparks_after_the_watchdog(rig: RigMaker) -> Non
     r.to_pad()
     r.start_sparking()
     r.session.pump(1.0)
-    controller, tick = r.bench.controller, int(r.bench.plant.ist[k.TICK])
-    heard = controller._heard_tick
-    controller.advance(heard + 249 - tick)
+    controller = r.bench.controller
+    controller.host_heard()
+    controller.advance(249)
     assert r.bench.plant.ist[k.PULSES_ON] == 1
     controller.advance(1)
     assert r.bench.plant.ist[k.PULSES_ON] == 0
