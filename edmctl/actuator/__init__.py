@@ -1,0 +1,1 @@
+"""The piezo actuator: hysteresis and creep between applied voltage and tool displacement."""

@@ -1,0 +1,105 @@
+"""Dealing with the disk: names that are never overwritten, and closing a file that cannot be written any more."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import re
+from typing import TYPE_CHECKING
+
+from edmctl.errors import RunFileError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import h5py
+
+HDF5_ERRORS = (OSError, RuntimeError, ValueError)
+"""What h5py raises when the disk refuses, depending on the call that met it."""
+
+
+def partial_path(path: Path) -> Path:
+    """Return the name that the file at `path` has until it is finished."""
+    return path.with_name(path.name + ".partial")
+
+
+def make_folder(folder: Path) -> None:
+    """Make `folder` and its parents; raises NotADirectoryError when a file is in the way."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except FileExistsError as error:
+        raise NotADirectoryError(errno.ENOTDIR, f"{folder} is not a folder") from error
+
+
+def write_new(path: Path, content: bytes) -> None:
+    """Write a file that must not exist yet; leave none behind when the disk is full."""
+    try:
+        with path.open("xb") as file:
+            file.write(content)
+    except FileExistsError:
+        raise
+    except OSError:
+        path.unlink(missing_ok=True)
+        raise
+
+
+def close_without_writing(file: h5py.File) -> None:
+    """Close `file` and leave it on disk as it is.
+
+    HDF5 would try to write its caches again, fail again, and crash the interpreter. With its descriptor
+    pointed to the null device the attempt succeeds, and the file keeps what the last flush put there.
+    """
+    with contextlib.suppress(*HDF5_ERRORS):
+        null = os.open(os.devnull, os.O_RDWR)
+        os.dup2(null, file.id.get_vfd_handle())
+        os.close(null)
+    with contextlib.suppress(*HDF5_ERRORS):
+        file.close()
+
+
+def rename_without_replacing(source: Path, target: Path) -> None:
+    """Give `source` the name `target`; raises RunFileError E9004 when that cannot be or is taken."""
+    try:
+        try:
+            os.link(source, target)
+            source.unlink()
+        except FileExistsError:
+            raise
+        except OSError:
+            # No hard links here (FAT, some network shares): take the name first, then replace our own empty
+            # file.
+            os.close(os.open(target, os.O_CREAT | os.O_EXCL))
+            source.replace(target)
+    except OSError as error:
+        raise RunFileError(
+            f"cannot name the run file {target}: {reason(error)}",
+            code="E9004",
+            hint=f"the run is complete in {source}; rename it",
+        ) from error
+
+
+def already_there(existing: Path) -> RunFileError:
+    """Return the error for a run that exists."""
+    return RunFileError(
+        f"run file {existing} exists already and is not overwritten",
+        code="E9001",
+        hint="choose another name with --run-id, or another folder with --out",
+    )
+
+
+def cannot_create(path: Path, why: str) -> RunFileError:
+    """Return the error for a file that cannot be made."""
+    return RunFileError(
+        f"cannot create the run file {path}: {why}",
+        code="E9002",
+        hint="check that the folder given with --out exists, can be written and has space",
+    )
+
+
+def reason(error: Exception) -> str:
+    """Return the operating system's own words out of what h5py raised."""
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
+    found = re.search(r"error message = '([^']*)'", str(error))
+    return found.group(1) if found else str(error).splitlines()[0]

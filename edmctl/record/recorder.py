@@ -1,0 +1,74 @@
+"""Where procedures put what they see: a run file, or nowhere."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from .rows import EventLevel, PulseBlockRows, PulseTrain, ServoBlock, SiteRow, SlowRow, TouchRow
+
+
+class Recorder(Protocol):
+    """Takes rows in order of time. Any call may raise RunFileError once, when the disk fails; later rows are
+    then ignored, so that the caller can still bring the machine to its safe point.
+    """
+
+    def append_servo(self, block: ServoBlock) -> None: ...
+
+    def append_slow(self, row: SlowRow) -> None: ...
+
+    def append_pulse_blocks(self, blocks: PulseBlockRows) -> None: ...
+
+    def append_pulses(self, train: PulseTrain) -> None: ...
+
+    def event(
+        self,
+        time_s: float,
+        code: int,
+        level: EventLevel,
+        message: str,
+        args: Mapping[str, float | int | str | bool] | None = None,
+    ) -> None: ...
+
+    def touch(self, row: TouchRow) -> None: ...
+
+    def site_result(self, row: SiteRow) -> None: ...
+
+    def summary(self, json_text: str) -> None: ...
+
+
+class NullRecorder:
+    """Forgets everything: for runs without a file."""
+
+    def append_servo(self, block: ServoBlock) -> None:
+        """Forget."""
+
+    def append_slow(self, row: SlowRow) -> None:
+        """Forget."""
+
+    def append_pulse_blocks(self, blocks: PulseBlockRows) -> None:
+        """Forget."""
+
+    def append_pulses(self, train: PulseTrain) -> None:
+        """Forget."""
+
+    def event(
+        self,
+        time_s: float,
+        code: int,
+        level: EventLevel,
+        message: str,
+        args: Mapping[str, float | int | str | bool] | None = None,
+    ) -> None:
+        """Forget."""
+
+    def touch(self, row: TouchRow) -> None:
+        """Forget."""
+
+    def site_result(self, row: SiteRow) -> None:
+        """Forget."""
+
+    def summary(self, json_text: str) -> None:
+        """Forget."""

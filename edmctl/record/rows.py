@@ -1,0 +1,187 @@
+"""What the rest of the program hands to a run file, in physical units.
+
+Array fields have shape (n,) and one length per block. A block is kept by reference until it is written,
+so its arrays must not be changed afterwards.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    FloatArray = NDArray[np.floating]
+    IntArray = NDArray[np.integer]
+
+
+class EventLevel(IntEnum):
+    """Weight of an event. From WARNING on, an event is on disk before the call returns."""
+
+    DEBUG = 0
+    INFO = 1
+    WARNING = 2
+    ERROR = 3
+
+
+@dataclass(frozen=True, slots=True)
+class ServoBlock:
+    """Consecutive servo samples."""
+
+    time_s: FloatArray
+    actuator_v: FloatArray
+    displacement_um: FloatArray
+    """Inductive sensor, + towards the work."""
+    model_um: FloatArray
+    """Displacement estimated from the actuator voltage alone; NaN without an estimator."""
+    gap_v: FloatArray
+    """Mean gap voltage."""
+    gap_ratio: FloatArray
+    """Mean gap voltage over duty factor × open voltage."""
+    current_a: FloatArray
+    direction: IntArray
+    """−1 retracting, 0 holding, 1 advancing."""
+    state: IntArray
+    """State of the controller."""
+
+
+@dataclass(frozen=True, slots=True)
+class SlowRow:
+    """One row of the supervisor's view. Unknown values are NaN."""
+
+    time_s: float
+    feed_um_s: float
+    gap_ratio: float
+    gap_ratio_ref: float
+    ratio_open: float
+    ratio_normal: float
+    ratio_arc: float
+    ratio_short: float
+    depth_um: float
+    """Estimated depth."""
+    wear_um: float
+    """Estimated tool wear."""
+    power_w: float
+    """Mean discharge power."""
+    dielectric_c: float = math.nan
+    flow_lpm: float = math.nan
+    link_errors: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class PulseBlockRows:
+    """Sums over blocks of consecutive pulses; `time_s` is the first pulse of each."""
+
+    time_s: FloatArray
+    n_open: IntArray
+    n_normal: IntArray
+    n_arc: IntArray
+    n_short: IntArray
+    delay_us: FloatArray
+    """Sum of the ignition delays."""
+    energy_uj: FloatArray
+    """Sum of the discharge energies."""
+
+
+@dataclass(frozen=True, slots=True)
+class PulseTrain:
+    """Consecutive pulses of one period, the first of them number `first_pulse` at `start_s`."""
+
+    first_pulse: int
+    start_s: float
+    period_s: float
+    pulse_class: IntArray
+    delay_us: FloatArray
+    discharge_us: FloatArray
+    plateau_v: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class TouchRow:
+    """One accepted or rejected set of touches, reduced to one reading."""
+
+    time_s: float
+    kind: str
+    """Z1, Z2, Z3 or Zr."""
+    site: str
+    actuator_v: float
+    displacement_um: float
+    model_um: float
+    touches: int
+    sd_um: float
+    """Standard deviation of the single touches."""
+    drift_um: float
+    speed_um_s: float
+    accepted: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class SiteRow:
+    """Result at one site. Unknown values are NaN."""
+
+    site: str
+    x_um: float
+    y_um: float
+    z1_um: float
+    z2_um: float
+    z3_um: float
+    depth_um: float
+    depth_u95_um: float
+    wear_um: float
+    wear_u95_um: float
+    feed_um: float
+    depth_model_um: float
+    wear_model_um: float
+    machining_time_s: float
+    cuts: int
+    pulses: int
+    ratio_open: float
+    ratio_normal: float
+    ratio_arc: float
+    ratio_short: float
+    energy_j: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class Leaf:
+    """One value of a profile by its dotted key, with the unit that its key names."""
+
+    key: str
+    value: float | int | str | bool
+    units: str
+
+
+@dataclass(frozen=True, slots=True)
+class RunMeta:
+    """Everything about a run that is known before it starts."""
+
+    run_id: str
+    title: str
+    start_time: str
+    """ISO 8601 with offset."""
+    command: Sequence[str]
+    host: str
+    simulated: bool
+    seed: int | None
+    profile_text: str
+    profile_sha256: str
+    edmctl_version: str
+    profile_path: str = ""
+    profile_leaves: Sequence[Leaf] = ()
+    profile_overrides: Sequence[str] = ()
+    setup_text: str = ""
+    protocol_version: str = ""
+    firmware_version: str = ""
+    controller_serial: str = ""
+    user: str = ""
+    work_material: str = ""
+    work_thickness_um: float = math.nan
+    tool_id: str = ""
+    tool_material: str = ""
+    tool_diameter_um: float = math.nan

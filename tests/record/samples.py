@@ -1,0 +1,71 @@
+"""Rows and provenance of a made-up run."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from edmctl.record.leaves import profile_leaves
+from edmctl.record.rows import PulseBlockRows, PulseTrain, RunMeta, ServoBlock, SiteRow, SlowRow, TouchRow
+
+if TYPE_CHECKING:
+    from edmctl.record.recorder import Recorder
+
+PROFILE = {"servo": {"reference": 0.8, "forward_um_s": 5.0}, "meta": {"name": "cu270"}, "jump": {"on": True}}
+
+
+def a_meta() -> RunMeta:
+    return RunMeta(
+        run_id="run-1",
+        title="cu270",
+        start_time="2025-01-01T12:00:00+01:00",
+        command=("edmctl", "machine"),
+        host="bench",
+        simulated=True,
+        seed=7,
+        profile_text="# a comment\n[servo]\nreference = 0.80\n",
+        profile_sha256="ab" * 32,
+        edmctl_version="0.1.0",
+        profile_leaves=profile_leaves(PROFILE),
+        profile_overrides=("servo.reference = 0.82 (was 0.80, --set)",),
+        work_thickness_um=1000.0,
+        tool_diameter_um=270.0,
+    )
+
+
+def servo_block(first: int, rows: int) -> ServoBlock:
+    """Samples whose every column follows from their number."""
+    k = np.arange(first, first + rows)
+    return ServoBlock(0.01 * k, k + 0.1, k + 0.2, k + 0.3, k + 0.4, k + 0.5, k + 0.6, k % 3 - 1, k % 10)
+
+
+def slow_row(k: int) -> SlowRow:
+    """One row of the supervisor's view."""
+    return SlowRow(0.1 * k, 1.0, 0.8, 0.8, 0.2, 0.7, 0.1, 0.0, 0.1 * k, 0.05 * k, 0.1)
+
+
+def train(first_pulse: int, pulses: int, start_s: float, period_s: float = 4e-4) -> PulseTrain:
+    k = np.arange(first_pulse, first_pulse + pulses)
+    return PulseTrain(first_pulse, start_s, period_s, k % 4, 0.1 * k, 0.2 * k, np.full(pulses, 22.5))
+
+
+def fill(writer: Recorder, rows: int = 10_000, block: int = 10) -> None:
+    """Everything that a run may hold."""
+    for first in range(0, rows, block):
+        writer.append_servo(servo_block(first, block))
+    for k in range(30):
+        writer.append_slow(slow_row(k))
+    counts = np.array([5, 6])
+    writer.append_pulse_blocks(
+        PulseBlockRows(np.array([0.0, 0.01]), counts, counts, counts, counts, counts * 1.0, counts * 2.0)
+    )
+    writer.append_pulses(train(0, 300, 0.0))
+    writer.touch(TouchRow(1.0, "Z1", "A1", 20.0, 50.0, 49.0, 3, 0.3, 0.0, 1.0))
+    writer.site_result(
+        SiteRow(
+            "A1", 0.0, 1500.0, 50.0, 300.0, 120.0, 180.0, 0.9, 70.0, 1.1, 250.0, 178.0, 69.0, 870.0, 3,
+            2_000_000, 0.2, 0.7, 0.1, 0.0,
+        )
+    )  # fmt: skip
+    writer.summary('{"ok": true}')

@@ -1,0 +1,221 @@
+"""Nothing that was flushed is lost: kill, full disk, taken names, second writers."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import h5py
+import numpy as np
+import pytest
+
+from edmctl.errors import RunFileError
+from edmctl.record.reader import open_run
+from edmctl.record.writer import RunWriter
+
+if TYPE_CHECKING:
+    from edmctl.record.rows import RunMeta
+
+ROOT = Path(__file__).parents[2]
+
+COMMON = """
+from pathlib import Path
+from edmctl.record.rows import SlowRow
+from edmctl.record.writer import RunWriter
+from tests.record.samples import a_meta, servo_block
+"""
+
+CREATED = """
+writer = RunWriter.create(Path({path!r}), a_meta())
+"""
+
+FULL_FROM_THE_START = """
+import resource, signal
+from edmctl.errors import RunFileError
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, resource.RLIM_INFINITY))
+try:
+    RunWriter.create(Path({path!r}), a_meta())
+except RunFileError as error:
+    assert "File too large" in error.message, error.message
+    print(error.code, error.exit_code)
+"""
+
+KILLED = (
+    CREATED
+    + """
+for k in range(1_000_000):
+    writer.append_servo(servo_block(100 * k, 100))
+    if k % 20 == 19:
+        writer.flush()
+        print(100 * (k + 1), flush=True)
+"""
+)
+
+FULL_DISK = (
+    CREATED
+    + """
+import resource, signal
+from edmctl.errors import RunFileError
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+writer.append_servo(servo_block(0, 1000))
+writer.flush()
+resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, resource.RLIM_INFINITY))
+failures = []
+for k in range(10, 4000):
+    try:
+        writer.append_servo(servo_block(100 * k, 100))
+        writer.append_slow(SlowRow(k, 1.0, 0.8, 0.8, 0.2, 0.7, 0.1, 0.0, 1.0, 1.0, 0.1))
+        if k % 7 == 0:
+            writer.flush()
+    except RunFileError as error:
+        failures.append(error)
+assert len(failures) == 1, failures
+error = failures[0]
+assert error.exit_code == 9 and error.code == "E9003", error.code
+assert "File too large" in error.message and {path!r} in error.message, error.message
+assert "free some space" in error.hint, error.hint
+try:
+    writer.finish("done", 0)
+except RunFileError:
+    print("refused")
+print(writer.abandon("disk full", 9))
+"""
+)
+
+
+def start(script: str, path: Path, **values: object) -> subprocess.Popen[str]:
+    text = (COMMON + script).format(path=str(path), **values)
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    return subprocess.Popen(
+        [sys.executable, "-c", text],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment,
+    )
+
+
+@pytest.mark.parametrize("flushes", [1, 4, 15])
+def test_a_killed_writer_leaves_every_flushed_row(tmp_path: Path, flushes: int) -> None:
+    with start(KILLED, tmp_path / "run.h5") as writer:
+        assert writer.stdout is not None
+        flushed = [int(writer.stdout.readline()) for _ in range(flushes)][-1]
+        writer.send_signal(signal.SIGKILL)
+    with pytest.raises(OSError, match="already open for write"):
+        h5py.File(tmp_path / "run.h5.partial", "r")
+    with open_run(tmp_path / "run.h5.partial") as run:
+        servo = run.columns("/entry/servo")
+        assert not run.is_finished
+    k = np.arange(len(servo["time"]))
+    assert len(k) >= flushed
+    np.testing.assert_array_equal(servo["time"][:flushed], 0.01 * k[:flushed])
+    np.testing.assert_array_equal(servo["current"][:flushed], (k[:flushed] + 0.6).astype(np.float32))
+
+
+@pytest.mark.parametrize("limit", [400_000, 600_000, 1_000_000])
+def test_a_full_disk_fails_once_and_keeps_what_was_flushed(tmp_path: Path, limit: int) -> None:
+    with start(FULL_DISK, tmp_path / "run.h5", limit=limit) as writer:
+        out, err = writer.communicate(timeout=60)
+    assert err == ""
+    assert writer.returncode == 0
+    assert out.splitlines() == ["refused", str(tmp_path / "run.h5.partial")]
+    with open_run(tmp_path / "run.h5.partial") as run:
+        servo = run.columns("/entry/servo")
+    rows = len(servo["time"])
+    assert rows >= 1000
+    np.testing.assert_array_equal(servo["time"][:1000], 0.01 * np.arange(1000))
+    np.testing.assert_array_equal(servo["state"][:1000], np.arange(1000) % 10)
+
+
+def test_an_existing_run_is_refused(run_path: Path, meta: RunMeta) -> None:
+    before = run_path.read_bytes()
+    with pytest.raises(RunFileError, match="exists already") as refusal:
+        RunWriter.create(run_path, meta)
+    assert refusal.value.code == "E9001"
+    assert "--run-id" in refusal.value.hint
+    assert run_path.read_bytes() == before
+
+
+def test_a_second_writer_is_refused_while_the_first_goes_on(tmp_path: Path, meta: RunMeta) -> None:
+    first = RunWriter.create(tmp_path / "run.h5", meta)
+    with pytest.raises(RunFileError, match="exists already"):
+        RunWriter.create(tmp_path / "run.h5", meta)
+    assert first.finish("done", 0) == tmp_path / "run.h5"
+
+
+@pytest.mark.parametrize("hard_links", [True, False])
+def test_a_name_taken_meanwhile_is_not_overwritten(
+    tmp_path: Path, meta: RunMeta, monkeypatch: pytest.MonkeyPatch, hard_links: bool
+) -> None:
+    if not hard_links:
+        monkeypatch.setattr(os, "link", _refuse_link)
+    writer = RunWriter.create(tmp_path / "run.h5", meta)
+    (tmp_path / "run.h5").write_text("somebody else's")
+    with pytest.raises(RunFileError) as refusal:
+        writer.finish("done", 0)
+    assert refusal.value.code == "E9004"
+    assert "run.h5.partial" in refusal.value.hint
+    assert (tmp_path / "run.h5").read_text() == "somebody else's"
+    with open_run(tmp_path / "run.h5.partial") as run:
+        assert run.text("/entry/status") == "done"
+
+
+def _refuse_link(source: Path, target: Path) -> None:
+    raise PermissionError(1, "Operation not permitted")
+
+
+def test_a_file_system_without_hard_links_will_do(
+    tmp_path: Path, meta: RunMeta, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "link", _refuse_link)
+    path = RunWriter.create(tmp_path / "run.h5", meta).finish("done", 0)
+    with open_run(path) as run:
+        assert run.is_finished
+    assert [p.name for p in tmp_path.iterdir()] == ["run.h5"]
+
+
+def test_an_abandoned_run_is_finished_with_its_status(tmp_path: Path, meta: RunMeta) -> None:
+    path = RunWriter.create(tmp_path / "run.h5", meta).abandon("interrupted", 130)
+    assert path == tmp_path / "run.h5"
+    with open_run(path) as run:
+        assert run.text("/entry/status") == "interrupted"
+        assert run.number("/entry/exit_code") == 130
+
+
+def test_finishing_twice_changes_nothing(tmp_path: Path, meta: RunMeta) -> None:
+    writer = RunWriter.create(tmp_path / "run.h5", meta)
+    path = writer.finish("done", 0)
+    assert writer.abandon("interrupted", 130) == path
+    with open_run(path) as run:
+        assert run.text("/entry/status") == "done"
+
+
+def test_folders_are_made(tmp_path: Path, meta: RunMeta) -> None:
+    assert RunWriter.create(tmp_path / "a" / "b" / "run.h5", meta).finish("done", 0).exists()
+
+
+def test_an_impossible_folder_is_refused(tmp_path: Path, meta: RunMeta) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(RunFileError, match="is not a folder") as refusal:
+        RunWriter.create(tmp_path / "file" / "run.h5", meta)
+    assert refusal.value.code == "E9002"
+    assert "--out" in refusal.value.hint
+
+
+def test_a_name_that_the_disk_cannot_hold_is_refused(tmp_path: Path, meta: RunMeta) -> None:
+    with pytest.raises(RunFileError, match="name too long") as refusal:
+        RunWriter.create(tmp_path / ("x" * 300 + ".h5"), meta)
+    assert refusal.value.code == "E9002"
+
+
+@pytest.mark.parametrize("limit", [0, 3000, 20_000])
+def test_a_disk_full_from_the_start_leaves_nothing(tmp_path: Path, limit: int) -> None:
+    with start(FULL_FROM_THE_START, tmp_path / "run.h5", limit=limit) as writer:
+        out, err = writer.communicate(timeout=60)
+    assert (out, err, writer.returncode) == ("E9002 9\n", "", 0)
+    assert list(tmp_path.iterdir()) == []

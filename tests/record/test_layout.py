@@ -1,0 +1,134 @@
+"""What every run file holds."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import TYPE_CHECKING
+
+import h5py
+import pytest
+
+from edmctl.record import layout, rows
+from edmctl.record.leaves import profile_leaves, unit_of
+from edmctl.record.reader import open_run
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def test_every_described_path_exists_and_nothing_else_does(run_path: Path) -> None:
+    described = {group.path for group in layout.GROUPS} | {scalar.path for scalar in layout.SCALARS}
+    for table in layout.TABLES:
+        described.add(table.path)
+        if not table.is_compound:
+            described |= {f"{table.path}/{column.name}" for column in table.columns}
+    plotted = (layout.DEFAULT_AXIS, layout.DEFAULT_SIGNAL, *layout.DEFAULT_AUXILIARY)
+    described |= {f"{layout.DEFAULT_PLOT}/{name}" for name in plotted}
+    found: set[str] = set()
+
+    def visit(path: bytes) -> None:
+        found.add("/" + path.decode())
+
+    with h5py.File(run_path) as file:
+        file.id.links.visit(visit)
+    assert found == described
+
+
+def test_every_dataset_has_a_unit_and_a_name(run_path: Path) -> None:
+    bare: list[str] = []
+
+    def visit(path: str, item: h5py.Dataset | h5py.Group) -> None:
+        if isinstance(item, h5py.Dataset) and not {"units", "long_name"} <= set(item.attrs):
+            bare.append(path)
+
+    with h5py.File(run_path) as file:
+        file.visititems(visit)
+        assert file["/entry/servo/z_sensor"].attrs["units"] == "um"
+        assert len(file["/entry/touches"].attrs["units"]) == len(file["/entry/touches"].dtype.names)
+    assert bare == []
+
+
+@pytest.mark.parametrize(
+    ("table", "row"),
+    [
+        (layout.SERVO, rows.ServoBlock),
+        (layout.SLOW, rows.SlowRow),
+        (layout.PULSE_BLOCKS, rows.PulseBlockRows),
+        (layout.TOUCHES, rows.TouchRow),
+        (layout.RESULTS, rows.SiteRow),
+    ],
+)
+def test_every_value_of_a_row_is_stored_once(
+    table: layout.Table, row: type[rows.ServoBlock | rows.SlowRow]
+) -> None:
+    stored = [column.field for column in table.columns]
+    assert sorted(stored) == sorted(field.name for field in fields(row))
+
+
+def test_the_default_plot_is_found_from_the_root(run_path: Path) -> None:
+    with h5py.File(run_path) as file:
+        entry = file[file.attrs["default"]]
+        plot = entry[entry.attrs["default"]]
+        assert plot.attrs["NX_class"] == "NXdata"
+        assert plot[plot.attrs["signal"]] == file["/entry/servo/z_sensor"]
+        assert plot[plot.attrs["axes"][0]] == file["/entry/servo/time"]
+        names = list(plot.attrs["auxiliary_signals"])
+        assert names == ["v_gap_avg", "z_model"]
+        assert all(plot[name] == file[f"/entry/servo/{name}"] for name in names)
+
+
+@pytest.mark.parametrize("path", ["/entry/servo", "/entry/slow", "/entry/pulses/blocks"])
+def test_time_is_the_dimension_scale_of_every_signal(run_path: Path, path: str) -> None:
+    with h5py.File(run_path) as file:
+        group = file[path]
+        assert group["time"].is_scale
+        assert group["time"].attrs["start"] == "2025-01-01T12:00:00+01:00"
+        for name, dataset in group.items():
+            if name != "time":
+                assert dataset.dims[0][0] == group["time"], name
+
+
+def test_the_profile_is_kept_verbatim_and_by_value(run_path: Path) -> None:
+    with open_run(run_path) as run:
+        assert run.text("/entry/profile/toml") == "# a comment\n[servo]\nreference = 0.80\n"
+        assert run.text("/entry/profile/sha256") == "ab" * 32
+        assert run.text("/entry/profile/overrides") == "servo.reference = 0.82 (was 0.80, --set)"
+        values = run.profile_values()
+    assert values["servo.forward_um_s"] == 5.0
+    assert values["servo.forward_um_s_units"] == "um/s"
+    assert values["meta.name"] == "cu270"
+    assert values["jump.on"] is True
+    assert "servo.reference_units" not in values
+
+
+def test_provenance_is_complete(run_path: Path) -> None:
+    with open_run(run_path) as run:
+        assert run.text("/entry/command") == '["edmctl", "machine"]'
+        assert run.number("/entry/seed") == 7
+        assert run.number("/entry/simulated") == 1
+        assert run.text("/entry/software/version") == "0.1.0"
+        assert run.text("/entry/software/h5py") == h5py.version.version
+        assert run.number("/entry/tool/diameter") == 270.0
+        assert run.text("/entry/machine/host") == "bench"
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("forward_um_s", "um/s"),
+        ("gain_um_per_v", "um/V"),
+        ("depth_um", "um"),
+        ("period_s", "s"),
+        ("off_time_us", "us"),
+        ("kp_um_s", "um/s"),
+        ("hysteresis", "1"),
+        ("flow_min_lpm", "L/min"),
+    ],
+)
+def test_a_unit_is_read_from_the_name(name: str, unit: str) -> None:
+    assert unit_of(name) == unit
+
+
+def test_lists_become_json_and_empty_values_are_left_out() -> None:
+    leaves = profile_leaves({"sites": [{"x_um": 1.0}], "nothing": None})
+    assert [(leaf.key, leaf.value) for leaf in leaves] == [("sites", '[{"x_um": 1.0}]')]
