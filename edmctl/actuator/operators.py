@@ -146,7 +146,7 @@ def advance_bank(
 @cache
 def compiled_bank() -> BankKernel:
     """Return `advance_bank` compiled by numba: no fastmath, so the same bits; cached on disk."""
-    import numba
+    from edmctl.actuator.compiling import cached
 
-    kernel: BankKernel = numba.njit(cache=True, nogil=True)(advance_bank)
+    kernel: BankKernel = cached(advance_bank)
     return kernel

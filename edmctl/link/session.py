@@ -53,10 +53,17 @@ MessageT = TypeVar("MessageT")
 
 
 class Session:
-    """Commands to and reports from one controller. `random_source` chooses the session byte and the nonce."""
+    """Commands to and reports from one controller.
 
-    def __init__(self, transport: Transport, random_source: Random | None = None) -> None:
+    `random_source` chooses the session byte and the nonce. `heartbeat_s` is how often the controller hears
+    from a host that has nothing to say: a line that loses frames wants several within the watchdog's time.
+    """
+
+    def __init__(
+        self, transport: Transport, random_source: Random | None = None, heartbeat_s: float = HEARTBEAT_S
+    ) -> None:
         self.transport = transport
+        self._heartbeat_s = heartbeat_s
         self._random = random_source or SystemRandom()
         self._reports = Reports()
         self._begin(0)
@@ -190,9 +197,9 @@ class Session:
     def _beat(self, now_s: float) -> None:
         self._send(Heartbeat.ID, Heartbeat(int(now_s * 1e6), self._reports.last_event).pack())
         # A host that was away itself cannot blame the controller for the silence.
-        was_away = now_s - self._next_beat_s > HEARTBEAT_S
+        was_away = now_s - self._next_beat_s > self._heartbeat_s
         self._unanswered_since_s = now_s if was_away else min(self._unanswered_since_s, now_s)
-        self._next_beat_s = now_s + HEARTBEAT_S
+        self._next_beat_s = now_s + self._heartbeat_s
         self.statistics.heartbeats_sent += 1
 
     def _step(self, now_s: float, until_s: float) -> None:

@@ -12,31 +12,17 @@ State lives in flat arrays; the names below are their indices. Units: µm, V, s,
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TYPE_CHECKING
 
-import numba
+from edmctl.actuator.compiling import cached, compiled
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     import numpy as np
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
     Ints = NDArray[np.int64]
     Bytes = NDArray[np.uint8]
-
-_F = TypeVar("_F", bound="Callable[..., Any]")
-
-
-def _compiled(function: _F) -> _F:
-    """Compile where `run` needs it; strict arithmetic, so that plain Python agrees."""
-    return cast("_F", numba.njit(nogil=True, error_model="numpy")(function))
-
-
-def _cached(function: _F) -> _F:
-    """Compile at the first call and keep the code on disk; frees the GIL while it runs."""
-    return cast("_F", numba.njit(cache=True, nogil=True, error_model="numpy")(function))
 
 
 TICK_S = 0.001
@@ -259,7 +245,7 @@ BACK_OFF_TICKS = 200  # for the contact to open after a back-off
 
 
 # ============================================================================================= plant: actuator
-@_compiled
+@compiled
 def actuator_tick(par: Floats, st: Floats, plays: Floats, creep: Floats) -> None:
     """One millisecond of the actuator: amplifier lag, play bank, envelope, creep bank, output-side mode.
 
@@ -297,7 +283,7 @@ def actuator_tick(par: Floats, st: Floats, plays: Floats, creep: Floats) -> None
     st[MODE_V] = par[MODE_A21] * deviation + par[MODE_A22] * velocity
 
 
-@_compiled
+@compiled
 def contact_tick(par: Floats, st: Floats, ist: Ints) -> None:
     """Where the tool really is: the work stops it, all but its own compliance."""
     reach = st[SURFACE] + st[DEPTH] + st[WEAR]
@@ -307,7 +293,7 @@ def contact_tick(par: Floats, st: Floats, ist: Ints) -> None:
 
 
 # ============================================================================================ plant: discharge
-@_compiled
+@compiled
 def power(base: float, exponent: float) -> float:
     """`base ** exponent`; small whole exponents, the usual ones, by multiplication."""
     whole = int(exponent)
@@ -319,7 +305,7 @@ def power(base: float, exponent: float) -> float:
     return result
 
 
-@_compiled
+@compiled
 def quantile(table: Floats, uniform: float) -> float:
     """Value of a distribution, tabulated at equal steps of probability, at `uniform` in [0, 1)."""
     place = uniform * (table.shape[0] - 1)
@@ -327,7 +313,7 @@ def quantile(table: Floats, uniform: float) -> float:
     return float(table[index] + (place - index) * (table[index + 1] - table[index]))
 
 
-@_compiled
+@compiled
 def pulses_of_tick(
     par: Floats, st: Floats, ist: Ints, random: Floats, tables: Floats, blocks: Bytes, pulses: Bytes
 ) -> tuple[float, int, int]:
@@ -444,7 +430,7 @@ def pulses_of_tick(
     return voltage_sum, count, shorts
 
 
-@_compiled
+@compiled
 def clearing_tick(par: Floats, st: Floats, ist: Ints) -> None:
     """How fast debris leaves the gap: slower the wider and the deeper the hole.
 
@@ -457,7 +443,7 @@ def clearing_tick(par: Floats, st: Floats, ist: Ints) -> None:
         st[TICK_CLEARING] = math.exp(-TICK_S * rate)
 
 
-@_compiled
+@compiled
 def pump(par: Floats, st: Floats) -> None:
     """A jump draws clean oil into the gap: the greater its stroke against the annulus, the cleaner."""
     height = max(0.0, st[SURFACE] + st[DEPTH] + st[WEAR] - st[TRUE_Z])
@@ -468,7 +454,7 @@ def pump(par: Floats, st: Floats) -> None:
 
 
 # ================================================================================================ plant: sensors
-@_compiled
+@compiled
 def sensor_tick(par: Floats, st: Floats, ist: Ints, noise: Floats) -> None:
     """Inductive sensor: gain error, bend, drift, random walk, noise; and the controller's low-passed copy."""
     at = ist[NOISE_AT]
@@ -489,7 +475,7 @@ def sensor_tick(par: Floats, st: Floats, ist: Ints, noise: Floats) -> None:
 
 
 # ==================================================================================== controller: pulse judgement
-@_compiled
+@compiled
 def judge_pulse(par: Floats, delay: float, plateau: float, discharge: float) -> int:
     """Class of a pulse from what the controller measures: current flag, ignition delay, plateau voltage."""
     if discharge == 0.0:
@@ -501,19 +487,19 @@ def judge_pulse(par: Floats, delay: float, plateau: float, discharge: float) -> 
     return NORMAL
 
 
-@_compiled
+@compiled
 def put16(buffer: Bytes, at: int, value: int) -> None:
     buffer[at] = value & 255
     buffer[at + 1] = (value >> 8) & 255
 
 
-@_compiled
+@compiled
 def put32(buffer: Bytes, at: int, value: int) -> None:
     put16(buffer, at, value & 65535)
     put16(buffer, at + 2, (value >> 16) & 65535)
 
 
-@_compiled
+@compiled
 def log_pulse(
     st: Floats,
     ist: Ints,
@@ -547,7 +533,7 @@ def log_pulse(
         close_block(st, ist, blocks)
 
 
-@_compiled
+@compiled
 def close_block(st: Floats, ist: Ints, blocks: Bytes) -> None:
     """Write the block record begun, if any."""
     if ist[BLOCK_COUNT] == 0:
@@ -565,7 +551,7 @@ def close_block(st: Floats, ist: Ints, blocks: Bytes) -> None:
 
 
 # ======================================================================================== controller: the command
-@_compiled
+@compiled
 def command_tick(par: Floats, st: Floats, ist: Ints) -> None:
     """Move the actuator's command by one millisecond, within slew and range, onto the converter's grid."""
     mode = ist[MODE]
@@ -598,7 +584,7 @@ def command_tick(par: Floats, st: Floats, ist: Ints) -> None:
     st[APPLIED_V] = math.floor(v / DAC_V + 0.5) * DAC_V
 
 
-@_compiled
+@compiled
 def s_curve(tick: int, ticks: int) -> float:
     """Share of a ramp after `tick` of `ticks`: constant speed with soft ends, so that the tool does not ring."""
     blend = min(BLEND_TICKS, 0.5 * ticks)
@@ -612,7 +598,7 @@ def s_curve(tick: int, ticks: int) -> float:
 
 
 # ============================================================================================= controller: servo
-@_compiled
+@compiled
 def servo_tick(par: Floats, st: Floats, ist: Ints, history: Floats) -> None:
     """Gap servo: filtered mean gap voltage -> comparator -> + or - ramp from the present level (or PI velocity).
 
@@ -647,13 +633,13 @@ def servo_tick(par: Floats, st: Floats, ist: Ints, history: Floats) -> None:
     st[RATE_V_S] = speed / par[UM_PER_V]
 
 
-@_compiled
+@compiled
 def open_circuit_mean(par: Floats, ist: Ints) -> float:
     """Mean gap voltage of an all-open gap: duty × open voltage [V]."""
     return float(par[OPEN_V] * par[ON_TIME] / (ist[PULSE_PERIOD] * 1e-3))
 
 
-@_compiled
+@compiled
 def measure_gap(par: Floats, st: Floats, ist: Ints, voltage_sum: float, count: int, shorts: int) -> int:
     """Feed the low-pass with this tick's mean gap voltage and keep the counters of the discharge faults."""
     if count == 0:
@@ -680,7 +666,7 @@ def measure_gap(par: Floats, st: Floats, ist: Ints, voltage_sum: float, count: i
 
 
 # ========================================================================================== controller: sequences
-@_compiled
+@compiled
 def sequence_tick(par: Floats, st: Floats, ist: Ints, history: Floats, noise: Floats) -> int:
     """Where the running motion stands after this tick: go on, change phase, or report what happened."""
     mode = ist[MODE]
@@ -702,7 +688,7 @@ def sequence_tick(par: Floats, st: Floats, ist: Ints, history: Floats, noise: Fl
     return touch_tick(par, st, ist, noise)
 
 
-@_compiled
+@compiled
 def end_motion(ist: Ints, happened: int) -> int:
     """Pulses off, hold, report."""
     ist[PULSES_ON] = 0
@@ -710,14 +696,14 @@ def end_motion(ist: Ints, happened: int) -> int:
     return happened
 
 
-@_compiled
+@compiled
 def enter(ist: Ints, mode: int) -> None:
     ist[MODE] = mode
     ist[PHASE] = 0
     ist[LIMIT_TICKS] = 0
 
 
-@_compiled
+@compiled
 def approach_tick(st: Floats, ist: Ints) -> int:
     if ist[PHASE] <= SETTLE_TICKS:
         return NOTHING
@@ -728,7 +714,7 @@ def approach_tick(st: Floats, ist: Ints) -> int:
     return NOTHING
 
 
-@_compiled
+@compiled
 def cut_tick(par: Floats, st: Floats, ist: Ints, history: Floats) -> int:
     servo_tick(par, st, ist, history)
     ist[TIME_TICKS] -= 1
@@ -742,7 +728,7 @@ def cut_tick(par: Floats, st: Floats, ist: Ints, history: Floats) -> int:
     return NOTHING
 
 
-@_compiled
+@compiled
 def jump_tick(par: Floats, st: Floats, ist: Ints) -> int:
     mode = ist[MODE]
     if mode == JUMP_UP and ist[PHASE] >= ist[PHASE_TICKS]:
@@ -765,14 +751,14 @@ def jump_tick(par: Floats, st: Floats, ist: Ints) -> int:
     return NOTHING
 
 
-@_compiled
+@compiled
 def jump_is_back(st: Floats) -> bool:
     """A millisecond as busy as the reference asks for, or well past where the jump began."""
     busy = st[TICK_GAP_V] <= st[GAP_REF]
     return bool(busy or st[COMMAND_V] >= st[START_V] + st[CLEARANCE_V])
 
 
-@_compiled
+@compiled
 def touch_tick(par: Floats, st: Floats, ist: Ints, noise: Floats) -> int:
     mode = ist[MODE]
     if st[SLOW_Z] > st[Z_MAX]:
@@ -807,7 +793,7 @@ def touch_tick(par: Floats, st: Floats, ist: Ints, noise: Floats) -> int:
     return NOTHING
 
 
-@_compiled
+@compiled
 def back_off(st: Floats, ist: Ints) -> None:
     st[TARGET_V] = max(0.0, st[COMMAND_V] - st[BACK_V])
     st[RAMP_V_S] = st[FAST_V_S]
@@ -815,7 +801,7 @@ def back_off(st: Floats, ist: Ints) -> None:
 
 
 # =========================================================================================== controller: telemetry
-@_compiled
+@compiled
 def sample_tick(st: Floats, ist: Ints, tlm: Bytes) -> None:
     """Write a telemetry sample (16 bytes, layout of the wire) at the end of its period."""
     if ist[TLM_TICKS] == 0 or (ist[TICK] + 1) % ist[TLM_TICKS] != 0:
@@ -843,7 +829,7 @@ def sample_tick(st: Floats, ist: Ints, tlm: Bytes) -> None:
         ist[SAMPLE_OPEN + i] = 0
 
 
-@_cached
+@cached
 def run(
     ticks: int,
     par: Floats,
