@@ -50,9 +50,10 @@ class VirtualController:
     def __init__(self, plant: Plant) -> None:
         self.plant = plant
         self.st, self.ist, self.par = plant.st, plant.ist, plant.par
-        self.port = DevicePort(Commands(self).execute)
+        self.commands = Commands(self)
+        self.port = DevicePort(self.commands.execute)
         self.parameters = Parameters(plant)
-        self.telemetry = Telemetry(plant, self.port.send, self._run)
+        self.telemetry = Telemetry(plant, self.port.send, self.step)
         self._history = np.zeros(HISTORY)
         self.fault = 0
         self.disarming = False
@@ -86,14 +87,15 @@ class VirtualController:
         now = self.tick
         end = now + ticks
         while now < end:
-            happened = self._run(min(end, self._next_deadline(now)) - now)
+            happened = self.step(min(end, self._next_deadline(now)) - now)
             self.telemetry.send_full_frames()
             if happened:
                 self._conclude(happened)
             now = self.tick
             self._watch(now)
 
-    def _run(self, ticks: int) -> int:
+    def step(self, ticks: int) -> int:
+        """Run the kernel for at most `ticks` ms; returns what happened, in the kernel's words."""
         plant = self.plant
         pulses = ticks * k.TICK_NS // self.ist.item(k.PULSE_PERIOD) + 2
         plant.random.provide(self.ist, pulses, 2 * ticks + 2)

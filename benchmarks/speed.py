@@ -1,0 +1,110 @@
+"""Print the project's speed as ratios measured in one run.
+
+    python benchmarks/speed.py [--repeat 5]
+
+Every figure is the best of several repeats, because other work on the machine only ever adds time. Run it with
+the interpreter that has edmctl installed; the first repeat fills the compiled caches and does not count.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+KERNEL_SECONDS = 200
+BLOCK_TICKS = 200
+
+
+def best_s(command: list[str], repeat: int) -> float:
+    """Shortest wall time of a command; one call before does not count."""
+    times = []
+    for _ in range(repeat + 1):
+        start = time.perf_counter()
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        times.append(time.perf_counter() - start)
+    return min(times[1:])
+
+
+def kernel_speed(repeat: int) -> float:
+    """Virtual seconds per second of plant and servo alone, sparking, random numbers included."""
+    from edmctl.link import messages as m
+    from edmctl.simulator import BenchConfig, open_bench
+
+    bench = open_bench(BenchConfig(offset_um=5.0), 1)
+    controller = bench.controller
+    crc = m.param_crc({})
+    commands = controller.commands
+    for message in (
+        m.CommitProfile(crc),
+        m.Arm(crc),
+        m.PulseEnable(1),
+        m.StageMove(m.Axis.X, 0, 50_000_000),
+    ):
+        commands.execute(message)
+        controller.advance(240)
+        controller.host_heard()
+    commands.execute(m.Approach(1.0, 100.0, 10.8))
+    while controller.state is m.State.APPROACH:
+        controller.host_heard()
+        controller.advance(100)
+    commands.execute(m.ServoStart(9.6, 500.0, 1e5))
+    best = 0.0
+    for _ in range(repeat):
+        start = time.perf_counter()
+        for _ in range(KERNEL_SECONDS * 1000 // BLOCK_TICKS):
+            controller.step(BLOCK_TICKS)
+        best = max(best, KERNEL_SECONDS / (time.perf_counter() - start))
+        controller.host_heard()
+    assert controller.state is m.State.MACHINING
+    return best
+
+
+def job_speed(repeat: int) -> tuple[float, float]:
+    """Wall seconds of the whole main job, and virtual seconds of machining per wall second."""
+    best, machining_s = float("inf"), 0.0
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "edmctl", "machine", "--profile", "cu270", "--json"]
+        command += ["--seed", "1", "--out", folder]
+        for attempt in range(repeat + 1):
+            start = time.perf_counter()
+            done = subprocess.run(
+                [*command, "--run-id", f"run{attempt}"],
+                check=True,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                cwd=Path(folder),
+            )
+            wall_s = time.perf_counter() - start
+            if attempt:
+                best = min(best, wall_s)
+            machining_s = json.loads(done.stdout)["result"]["machining_time_s"]
+    return best, machining_s / best
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--repeat", type=int, default=5)
+    repeat = parser.parse_args().repeat
+    python = sys.executable
+    bare = best_s([python, "-c", "pass"], 2 * repeat)
+    version = best_s([python, "-m", "edmctl", "--version"], 2 * repeat)
+    typer = best_s([python, "-c", "import typer"], 2 * repeat)
+    help_s = best_s([python, "-m", "edmctl", "--help"], 2 * repeat)
+    wall_s, ratio = job_speed(repeat)
+    print(f"edmctl --version : python -c pass          {version / bare:7.2f}   (bar 1.5)")
+    print(f"edmctl --help : python -c 'import typer'   {help_s / typer:7.2f}   (bar 2.5)")
+    print(f"main job, wall seconds                     {wall_s:7.2f}   (bar 3)")
+    print(f"main job, machining time : wall time       {ratio:7.0f}   (bar 300)")
+    print(f"plant + servo kernel : real time           {kernel_speed(repeat):7.0f}   (bar 3000)")
+
+
+if __name__ == "__main__":
+    main()

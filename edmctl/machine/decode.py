@@ -1,0 +1,115 @@
+"""Wire records as columns in physical units, several frames at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from itertools import pairwise
+
+import numpy as np
+
+from edmctl.link.messages import RECORD_SCALES, PulseBlocks, Pulses, Tlm, record_dtype
+from edmctl.machine.port import Floats, PulseBatch, PulseBlockBatch, TelemetryBlock
+
+ToSeconds = Callable[[int], float]
+"""Controller time in µs, modulo 2^32, as seconds of the run."""
+
+_SAME_TRAIN_US = 100.0
+"""Frames of pulses further apart than this, beyond their own length, have a pause between them."""
+
+_TLM_DTYPE = record_dtype("Tlm")
+_BLOCK_DTYPE = record_dtype("PulseBlocks")
+_PULSE_DTYPE = record_dtype("Pulses")
+_TLM_SCALE = RECORD_SCALES["Tlm"]
+_BLOCK_SCALE = RECORD_SCALES["PulseBlocks"]
+_PULSE_SCALE = RECORD_SCALES["Pulses"]
+
+
+def lost_frames(previous: int | None, counters: Sequence[int]) -> int:
+    """Frames missing before and between frames with these u16 counters."""
+    seen = list(counters) if previous is None else [previous, *counters]
+    if (seen[-1] - seen[0]) & 0xFFFF == len(seen) - 1:
+        return 0
+    return sum((after - before - 1) & 0xFFFF for before, after in pairwise(seen))
+
+
+def _times(starts_s: Sequence[float], counts: Sequence[int], step_s: float) -> Floats:
+    """Times of records that are `step_s` apart within each frame."""
+    if len(starts_s) == 1:
+        return starts_s[0] + _steps(counts[0], step_s)
+    return np.concatenate([start + _steps(n, step_s) for start, n in zip(starts_s, counts, strict=True)])
+
+
+@lru_cache(maxsize=64)
+def _steps(n: int, step_s: float) -> Floats:
+    """Multiples of `step_s`, shared between frames of one size and therefore read-only."""
+    steps = step_s * np.arange(n, dtype=np.float64)
+    steps.flags.writeable = False
+    return steps
+
+
+def telemetry_block(frames: Sequence[Tlm], to_seconds: ToSeconds, missing_frames: int) -> TelemetryBlock:
+    """Samples of consecutive frames with one sample period, shape (n,) per column."""
+    data = frames[0].records if len(frames) == 1 else b"".join(frame.records for frame in frames)
+    rows = np.frombuffer(data, dtype=_TLM_DTYPE)
+    starts = [to_seconds(frame.t0_us) for frame in frames]
+    return TelemetryBlock(
+        time_s=_times(starts, [frame.n for frame in frames], 1e-6 * frames[0].period_us),
+        displacement_um=rows["displacement_um"] * _TLM_SCALE["displacement_um"],
+        actuator_v=rows["actuator_v"] * _TLM_SCALE["actuator_v"],
+        gap_v=rows["gap_v"] * _TLM_SCALE["gap_v"],
+        current_a=rows["current_a"] * _TLM_SCALE["current_a"],
+        n_open=rows["n_open"],
+        n_normal=rows["n_normal"],
+        n_arc=rows["n_arc"],
+        n_short=rows["n_short"],
+        state=rows["state"],
+        flags=rows["flags"],
+        missing_frames=missing_frames,
+    )
+
+
+def pulse_block_batch(frames: Sequence[PulseBlocks], to_seconds: ToSeconds) -> PulseBlockBatch:
+    """Pulse blocks of consecutive frames with one block size, shape (n,) per column."""
+    rows = np.frombuffer(b"".join(frame.records for frame in frames), dtype=_BLOCK_DTYPE)
+    starts = [to_seconds(frame.t0_us) for frame in frames]
+    step_s = 1e-9 * frames[0].period_ns * frames[0].block_pulses
+    return PulseBlockBatch(
+        time_s=_times(starts, [frame.n for frame in frames], step_s),
+        n_open=rows["n_open"],
+        n_normal=rows["n_normal"],
+        n_arc=rows["n_arc"],
+        n_short=rows["n_short"],
+        delay_us=rows["delay_us"] * _BLOCK_SCALE["delay_us"],
+        energy_uj=rows["energy_uj"] * _BLOCK_SCALE["energy_uj"],
+    )
+
+
+def pulse_batches(frames: Sequence[Pulses], to_seconds: ToSeconds) -> list[PulseBatch]:
+    """One batch for each run of frames whose pulses follow each other without a pause."""
+    runs: list[list[Pulses]] = []
+    for frame in frames:
+        if runs and _follows(runs[-1][-1], frame):
+            runs[-1].append(frame)
+        else:
+            runs.append([frame])
+    return [_pulse_batch(run, to_seconds) for run in runs]
+
+
+def _follows(before: Pulses, after: Pulses) -> bool:
+    elapsed_us = (after.t0_us - before.t0_us) & 0xFFFF_FFFF
+    expected_us = 1e-3 * before.period_ns * before.n
+    return after.pulse_no == before.pulse_no + before.n and abs(elapsed_us - expected_us) < _SAME_TRAIN_US
+
+
+def _pulse_batch(frames: Sequence[Pulses], to_seconds: ToSeconds) -> PulseBatch:
+    rows = np.frombuffer(b"".join(frame.records for frame in frames), dtype=_PULSE_DTYPE)
+    return PulseBatch(
+        first_pulse=frames[0].pulse_no,
+        start_s=to_seconds(frames[0].t0_us),
+        period_s=1e-9 * frames[0].period_ns,
+        pulse_class=rows["pulse_class"],
+        delay_us=rows["delay_us"] * _PULSE_SCALE["delay_us"],
+        discharge_us=rows["discharge_us"] * _PULSE_SCALE["discharge_us"],
+        plateau_v=rows["plateau_v"] * _PULSE_SCALE["plateau_v"],
+    )

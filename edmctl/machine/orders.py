@@ -1,0 +1,105 @@
+"""What a machine can be told, in µm, V, A and s."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from edmctl.machine.states import PulseLog, PulseMode, ServoLaw
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerSettings:
+    """Every parameter of the controller, by the parameter's own name and unit (docs/protocol.md)."""
+
+    piezo_max_v: float
+    slew_limit_v_s: float
+    gain_um_per_v: float
+    safe_z_um: float
+    retract_v_s: float
+    servo_law: ServoLaw
+    forward_um_s: float
+    back_um_s: float
+    short_back_um_s: float
+    filter_hz: float
+    hysteresis: float
+    kp_um_s: float
+    ki_um_s2: float
+    servo_period_us: int
+    servo_latency: int
+    short_v: float
+    arc_v: float
+    arc_delay_us: float
+    block_pulses: int
+    short_stuck_s: float
+    arc_run: int
+    open_lost_um: float
+    open_lost_s: float
+    watchdog_s: float
+    dielectric_required: bool
+    flow_min_lpm: float
+    temperature_max_c: float
+
+
+@dataclass(frozen=True, slots=True)
+class PulseSettings:
+    """What the generator makes: times in µs, voltage in V, current in A."""
+
+    on_time_us: float
+    off_time_us: float
+    open_voltage_v: float
+    peak_current_a: float
+    mode: PulseMode
+    discharge_us: float
+
+
+@dataclass(frozen=True, slots=True)
+class TelemetrySettings:
+    """How often the controller samples for the host, samples per frame, and which pulses it sends."""
+
+    period_us: int
+    batch: int
+    pulse_log: PulseLog
+
+
+@dataclass(frozen=True, slots=True)
+class TouchRequest:
+    """A contact measurement: fast to `fast_to_um`, then slow until contact, again after each back-off.
+
+    No contact up to `z_max_um` is a fault.
+    """
+
+    fast_um_s: float
+    fast_to_um: float
+    speed_um_s: float
+    z_max_um: float
+    back_off_um: float
+    dwell_s: float
+    touches: int
+
+
+@dataclass(frozen=True, slots=True)
+class CutRequest:
+    """Servo until the filtered displacement reaches `z_limit_um` or `max_time_s` passes."""
+
+    gap_reference_v: float
+    z_limit_um: float
+    max_time_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class JumpRequest:
+    """Retract by `height_um`, dwell, come back to `clearance_um` above the start point."""
+
+    height_um: float
+    speed_um_s: float
+    dwell_s: float
+    clearance_um: float
+
+
+def settings_by_name(settings: ControllerSettings) -> Mapping[str, float]:
+    """Parameter name -> value."""
+    return {name: float(getattr(settings, name)) for name in ControllerSettings.__slots__}

@@ -1,0 +1,152 @@
+"""The port: the one interface between procedures and a machine.
+
+Everything a procedure needs of the machine is imported from here.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from edmctl.machine.orders import (
+    ControllerSettings,
+    CutRequest,
+    JumpRequest,
+    PulseSettings,
+    TelemetrySettings,
+    TouchRequest,
+)
+from edmctl.machine.reports import (
+    Bytes,
+    Floats,
+    MachineEvent,
+    MachineIdentity,
+    MachineStatus,
+    PulseBatch,
+    PulseBlockBatch,
+    TelemetryBlock,
+    Touch,
+)
+from edmctl.machine.states import (
+    Axis,
+    EventCode,
+    Interlock,
+    MachineState,
+    PulseClass,
+    PulseLog,
+    PulseMode,
+    ServoLaw,
+    TelemetryFlag,
+)
+
+__all__ = [
+    "Axis",
+    "Bytes",
+    "ControllerSettings",
+    "CutRequest",
+    "EventCode",
+    "Floats",
+    "Interlock",
+    "JumpRequest",
+    "Machine",
+    "MachineEvent",
+    "MachineIdentity",
+    "MachineListener",
+    "MachineState",
+    "MachineStatus",
+    "PulseBatch",
+    "PulseBlockBatch",
+    "PulseClass",
+    "PulseLog",
+    "PulseMode",
+    "PulseSettings",
+    "ServoLaw",
+    "TelemetryBlock",
+    "TelemetryFlag",
+    "TelemetrySettings",
+    "Touch",
+    "TouchRequest",
+]
+
+
+class MachineListener(Protocol):
+    """Who hears the machine. Called within the machine's waits, in order; what it raises ends the wait."""
+
+    def telemetry(self, block: TelemetryBlock) -> None:
+        """Take consecutive samples."""
+
+    def pulse_blocks(self, batch: PulseBlockBatch) -> None:
+        """Take consecutive pulse blocks."""
+
+    def pulses(self, batch: PulseBatch) -> None:
+        """Take consecutive pulses."""
+
+    def event(self, event: MachineEvent) -> None:
+        """Take an event."""
+
+    def log(self, level: int, text: str) -> None:
+        """Take a line of the controller's own log."""
+
+
+class Machine(Protocol):
+    """A piezo-fed micro-EDM machine.
+
+    Every call returns when the motion has ended (`start_cut` excepted) and raises `MachineFault` when the
+    controller latched a fault, `LinkLost` when it no longer answers, `PreconditionError` when it refuses, and
+    `Interrupted` when a stop was asked for.
+    """
+
+    @property
+    def identity(self) -> MachineIdentity:
+        """Who answered."""
+
+    @property
+    def time_s(self) -> float:
+        """Controller time of the newest message, in s since the first sample."""
+
+    def configure(self, settings: ControllerSettings, pulses: PulseSettings) -> None:
+        """Upload and commit every parameter and set the generator. The machine must be idle."""
+
+    def start_telemetry(self, settings: TelemetrySettings, listener: MachineListener) -> None:
+        """Begin to send samples to `listener`."""
+
+    def stop_telemetry(self) -> None:
+        """Send no more samples; what is pending reaches the listener."""
+
+    def arm(self) -> None:
+        """Start the watchdog; from here on the machine may move."""
+
+    def status(self) -> MachineStatus:
+        """Ask what the controller sees now."""
+
+    def rest(self, duration_s: float) -> None:
+        """Let time pass."""
+
+    def ramp(self, actuator_v: float, slew_v_s: float) -> None:
+        """Ramp the actuator."""
+
+    def move_stage(self, axis: Axis, target: float, speed: float) -> None:
+        """Move a stage to `target` µm (rotary: degrees) at `speed` per s. Refused unless retracted."""
+
+    def approach(self, speed_um_s: float, max_travel_um: float, gap_reference_v: float) -> MachineEvent:
+        """Advance with pulses until the mean gap voltage falls to the reference; the tool is then held."""
+
+    def touch(self, request: TouchRequest) -> tuple[Touch, ...]:
+        """Find the surface by contact, without pulses; the tool ends a back-off above it."""
+
+    def start_cut(self, request: CutRequest) -> None:
+        """Start the gap servo."""
+
+    def watch_cut(self, duration_s: float) -> MachineEvent | None:
+        """Let at most `duration_s` of a cut pass; the event that ended the cut, None while it goes on."""
+
+    def stop_cut(self) -> MachineEvent:
+        """End a cut: pulses off, tool held."""
+
+    def jump(self, request: JumpRequest) -> None:
+        """Lift the tool to flush the gap, and return."""
+
+    def disarm(self) -> None:
+        """Pulses off, retract to 0 V, idle."""
+
+    def safe_stop(self) -> None:
+        """Pulses off, retract to 0 V, idle, whatever the state. Raises no `EdmError`: one is on its way."""

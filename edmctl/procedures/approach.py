@@ -1,0 +1,64 @@
+"""From above to the spark gap."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.results import Phase
+from edmctl.procedures.settings import gap_reference_v
+
+if TYPE_CHECKING:
+    from edmctl.procedures.run import Run
+
+ABOVE_BOTTOM_UM = 15.0
+"""A later cut is approached fast to this far above the last bottom, then at the approach speed."""
+BEYOND_BOTTOM_UM = 15.0
+"""No spark this far beyond the last bottom is a fault."""
+_STEEPEST = 1.35
+"""Steepest local slope of the actuator over its mean gain, with a margin; so a step never overshoots."""
+_NEAR_UM = 3.0
+_STEPS = 20
+_SETTLE_S = 0.2
+
+
+def approach_surface(run: Run) -> None:
+    """Feed from 0 V to the first sparks at the surface (Muralidhara et al. 2009, §3.2)."""
+    _approach(run, run.profile.approach.max_travel_um)
+
+
+def approach_bottom(run: Run, bottom_um: float) -> None:
+    """Feed from 0 V to the first sparks at a bottom of known height."""
+    run.begin(Phase.APPROACHING)
+    lower_to(run, bottom_um - ABOVE_BOTTOM_UM)
+    _approach(run, bottom_um - run.watch.displacement_um + BEYOND_BOTTOM_UM)
+
+
+def lower_to(run: Run, target_um: float) -> None:
+    """Ramp towards a displacement in steps that cannot overshoot, by the sensor, until just above it."""
+    actuator = run.setup.actuator
+    for _ in range(_STEPS):
+        run.machine.rest(_SETTLE_S)
+        left_um = target_um - run.watch.displacement_um
+        if left_um <= _NEAR_UM:
+            return
+        step_v = left_um / (_STEEPEST * actuator.gain_um_per_v)
+        goal_v = min(run.watch.actuator_v + step_v, run.profile.limits.stroke_v_max)
+        run.machine.ramp(goal_v, actuator.conditioning_slew_v_s)
+
+
+def raise_by(run: Run, distance_um: float) -> None:
+    """Ramp up by about `distance_um`; on the way back the actuator moves less per volt than on average."""
+    actuator = run.setup.actuator
+    goal_v = max(0.0, run.watch.actuator_v - distance_um / actuator.gain_um_per_v)
+    run.machine.ramp(goal_v, actuator.conditioning_slew_v_s)
+
+
+def _approach(run: Run, max_travel_um: float) -> None:
+    run.begin(Phase.APPROACHING)
+    event = run.machine.approach(run.profile.approach.speed_um_s, max_travel_um, gap_reference_v(run.profile))
+    run.decide(
+        RunEvent.APPROACHED,
+        f"Spark gap found at {event.displacement_um:.1f} µm, {event.actuator_v:.1f} V.",
+        {"displacement_um": event.displacement_um, "actuator_v": event.actuator_v},
+    )

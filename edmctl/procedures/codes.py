@@ -1,0 +1,27 @@
+"""Codes of the events that procedures write into the run file. Those below 100 are the controller's own."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+
+class RunEvent(IntEnum):
+    """A decision or a result of a procedure."""
+
+    ARMED = 100
+    CONDITIONED = 101
+    STAGE_MOVED = 102
+    APPROACHED = 103
+    READING = 110
+    READING_REJECTED = 111
+    CUT_PLANNED = 120
+    CUT_ENDED = 121
+    JUMPED = 122
+    CUT_DECIDED = 123
+    SITE_MEASURED = 130
+    TARGET_REACHED = 131
+    TARGET_MISSED = 132
+    ARCING = 140
+    SHORTING = 141
+    CONTROLLER_LOG = 150
+    ENDED_EARLY = 160

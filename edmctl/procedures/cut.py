@@ -1,0 +1,142 @@
+"""One cut: the servo runs in the controller, the host watches, jumps on time, and says when it is over."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+from edmctl.machine.port import CutRequest, EventCode, JumpRequest, MachineEvent
+from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.settings import gap_reference_v
+from edmctl.procedures.supervisor import Supervisor
+from edmctl.process.pulses import pulse_shares
+from edmctl.record.rows import EventLevel
+
+if TYPE_CHECKING:
+    from edmctl.procedures.planning import CutPlan
+    from edmctl.procedures.results import PulseRatios
+    from edmctl.procedures.run import Run
+
+WATCH_SLICE_S = 0.1
+STATUS_PERIOD_S = 5.0
+"""The dielectric is asked for this often; the controller itself guards it."""
+JUMP_CLEARANCE_UM = 5.0
+"""A jump comes back fast to this far above the last spark point."""
+JUMP_RESERVE_UM = 5.0
+"""A jump leaves this much displacement, because the actuator cannot go below 0 V."""
+LEAST_JUMP_UM = 10.0
+
+
+class CutEnd(StrEnum):
+    """How a cut ended."""
+
+    REACHED = "limit reached"
+    TIME_UP = "time limit"
+    GIVEN_UP = "given up"
+
+
+@dataclass(frozen=True, slots=True)
+class CutResult:
+    """What a cut did. `counts` are its pulses by class: open, normal, arc, short."""
+
+    end: CutEnd
+    reason: str
+    time_s: float
+    end_displacement_um: float
+    counts: tuple[int, int, int, int]
+    gap_ratio_mean: float
+
+    @property
+    def pulses(self) -> int:
+        """All pulses of the cut."""
+        return sum(self.counts)
+
+    @property
+    def ratios(self) -> PulseRatios:
+        """Share of each class."""
+        return pulse_shares(*self.counts)
+
+
+def run_cut(run: Run, plan: CutPlan, max_time_s: float) -> CutResult:
+    """Machine to the plan's limit, at most `max_time_s`; the tool is then held with the pulses off."""
+    run.decide(
+        RunEvent.CUT_PLANNED,
+        f"Cut {plan.number}: feed {plan.feed_um:.1f} µm to {plan.z_limit_um:.1f} µm, expecting a gap of "
+        f"{plan.gap_um:.2f} µm and {plan.wear_ratio:.3f} µm wear per µm depth.",
+        {"cut": plan.number, "feed_um": plan.feed_um, "z_limit_um": plan.z_limit_um, "gap_um": plan.gap_um},
+    )
+    supervisor = Supervisor(run, plan)
+    run.watch.follow(supervisor.take)
+    try:
+        start_s = run.machine.time_s
+        run.machine.start_cut(CutRequest(gap_reference_v(run.profile), plan.z_limit_um, max_time_s))
+        ended = _watch(run, supervisor)
+    finally:
+        run.watch.follow(None)
+    result = _result(plan, supervisor, ended, ended.time_s - start_s)
+    _report(run, plan, result)
+    return result
+
+
+def _watch(run: Run, supervisor: Supervisor) -> MachineEvent:
+    jump = run.profile.jump
+    next_jump_s = run.machine.time_s + jump.period_s
+    next_status_s = run.machine.time_s
+    while True:
+        ended = run.machine.watch_cut(WATCH_SLICE_S)
+        if ended is not None:
+            return ended
+        if run.machine.time_s >= next_status_s:
+            supervisor.note_status(run.machine.status())
+            next_status_s += STATUS_PERIOD_S
+        if supervisor.verdict is not None:
+            return run.machine.stop_cut()
+        if jump.mode == "fixed" and run.machine.time_s >= next_jump_s:
+            _jump(run, supervisor)
+            next_jump_s = run.machine.time_s + jump.period_s
+
+
+def _jump(run: Run, supervisor: Supervisor) -> None:
+    jump = run.profile.jump
+    height_um = min(jump.height_um, supervisor.displacement_um - JUMP_RESERVE_UM)
+    if not height_um >= LEAST_JUMP_UM:
+        return
+    run.machine.jump(JumpRequest(height_um, jump.speed_um_s, jump.dwell_s, JUMP_CLEARANCE_UM))
+    run.recorder.event(
+        run.machine.time_s, RunEvent.JUMPED, EventLevel.DEBUG, "jump", {"height_um": height_um}
+    )
+
+
+def _result(plan: CutPlan, supervisor: Supervisor, ended: MachineEvent, time_s: float) -> CutResult:
+    """At CUT_DONE the controller's low-passed sensor stood at the limit: that is the displacement."""
+    end = {EventCode.CUT_DONE: CutEnd.REACHED, EventCode.TIME_UP: CutEnd.TIME_UP}.get(
+        ended.code, CutEnd.GIVEN_UP
+    )
+    reached = end is CutEnd.REACHED
+    counts = supervisor.counts
+    return CutResult(
+        end=end,
+        reason=end.value if supervisor.verdict is None else supervisor.verdict.value,
+        time_s=time_s,
+        end_displacement_um=plan.z_limit_um if reached else ended.displacement_um,
+        counts=(counts[0], counts[1], counts[2], counts[3]),
+        gap_ratio_mean=supervisor.gap_ratio_mean,
+    )
+
+
+def _report(run: Run, plan: CutPlan, result: CutResult) -> None:
+    ratios = result.ratios
+    run.decide(
+        RunEvent.CUT_ENDED,
+        f"Cut {plan.number} ended after {result.time_s:.1f} s at {result.end_displacement_um:.1f} µm "
+        f"({result.reason}); {100 * ratios.normal:.0f} % normal, {100 * ratios.arc:.1f} % arcs, "
+        f"{100 * ratios.short:.1f} % shorts.",
+        {
+            "cut": plan.number,
+            "time_s": result.time_s,
+            "z_um": result.end_displacement_um,
+            "pulses": result.pulses,
+        },
+        level=EventLevel.INFO if result.end is CutEnd.REACHED else EventLevel.WARNING,
+    )

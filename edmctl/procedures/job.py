@@ -1,0 +1,48 @@
+"""What is to be done, and on which machine: a recipe, a setup, the places of the holes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from edmctl.profile.model import Profile
+    from edmctl.profile.setup import Setup
+
+PARKING_DX_UM = -5000.0
+"""From the reference pad to the parking place, off the edge of the work."""
+
+
+@dataclass(frozen=True, slots=True)
+class Site:
+    """Where a hole goes, in stage coordinates."""
+
+    name: str
+    x_um: float
+    y_um: float
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """A recipe, the setup of the machine, and the holes to make."""
+
+    profile: Profile
+    setup: Setup
+    sites: tuple[Site, ...]
+
+    @property
+    def pad(self) -> Site:
+        """Where the surface is touched before and after a cut."""
+        return Site("the reference pad", self.setup.stage.reference_x_um, self.setup.stage.reference_y_um)
+
+    @property
+    def parking(self) -> Site:
+        """Beside the work, where the actuator may use its whole stroke."""
+        return Site("the parking place", self.pad.x_um + PARKING_DX_UM, self.pad.y_um)
+
+
+def single_hole(profile: Profile, setup: Setup) -> Job:
+    """One hole, `measure.site_dx_um` beside the reference pad."""
+    stage = setup.stage
+    site = Site(profile.meta.name, stage.reference_x_um + profile.measure.site_dx_um, stage.reference_y_um)
+    return Job(profile, setup, (site,))

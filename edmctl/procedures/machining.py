@@ -1,0 +1,94 @@
+"""The main job: condition, measure, machine every site, and leave the machine retracted and idle."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+from edmctl.errors import EdmError, RunFileError
+from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.conditioning import condition
+from edmctl.procedures.results import JobResult, Ledger, ObjectiveMissed, Observer, Phase
+from edmctl.procedures.run import Run
+from edmctl.procedures.settings import (
+    controller_settings,
+    pulse_settings,
+    recorded_every,
+    telemetry_settings,
+)
+from edmctl.procedures.site import machine_site, record_open_site
+from edmctl.procedures.stop import safe_state_on_error
+from edmctl.procedures.watch import Watch
+from edmctl.record.rows import EventLevel
+
+if TYPE_CHECKING:
+    from edmctl.machine.port import Machine
+    from edmctl.procedures.deciding import Decision
+    from edmctl.procedures.job import Job
+    from edmctl.record.recorder import Recorder
+
+
+def run_job(
+    machine: Machine, job: Job, *, recorder: Recorder, observer: Observer, ledger: Ledger | None = None
+) -> JobResult:
+    """Run a whole job on an idle machine.
+
+    The recorder takes every sample, decision and result; the observer is told progress and decisions; the
+    ledger holds what has been reached, also after an error.
+
+    Raises
+    ------
+    ObjectiveMissed
+        The job ended in order but short of its target; carries the result.
+    MachineFault, LinkLost, PreconditionError, RunFileError, Interrupted
+        The safe state was reached first, or by the controller alone where the link is lost.
+    """
+    ledger = ledger or Ledger()
+    watch = Watch(recorder, job.profile.pulse.duty_voltage_v, recorded_every(job.profile, job.setup))
+    run = Run(machine, job, watch, recorder, observer, ledger)
+    try:
+        with safe_state_on_error(machine):
+            _prepare(run)
+            missed = _machine_sites(run)
+            run.begin(Phase.RETRACTING)
+            machine.disarm()
+            machine.stop_telemetry()
+    except EdmError as error:
+        _record_end(run, error)
+        raise
+    finally:
+        ledger.time_s = machine.time_s
+    if missed is not None:
+        raise ObjectiveMissed(missed.missed, hint=missed.hint, result=ledger.result(), code="E7010")
+    return ledger.result()
+
+
+def _record_end(run: Run, error: EdmError) -> None:
+    """Write down what was reached and why it ended; a disk that fails now must not hide that reason."""
+    with suppress(RunFileError):
+        record_open_site(run)
+        args = {"code": error.code, "hint": error.hint}
+        run.recorder.event(run.machine.time_s, RunEvent.ENDED_EARLY, EventLevel.ERROR, error.message, args)
+
+
+def _prepare(run: Run) -> None:
+    settings = controller_settings(run.profile, run.setup)
+    run.machine.configure(settings, pulse_settings(run.profile))
+    run.machine.start_telemetry(telemetry_settings(run.profile, run.setup), run.watch)
+    run.machine.arm()
+    run.decide(RunEvent.ARMED, f"Armed: {run.machine.identity.serial}.", {})
+    condition(run)
+
+
+def _machine_sites(run: Run) -> Decision | None:
+    """Machine every site; stops at the first that misses its objective and returns that decision."""
+    limit_s = run.profile.limits.max_time_s
+
+    def time_left_s() -> float:
+        return limit_s - run.machine.time_s
+
+    for site in run.job.sites:
+        decision = machine_site(run, site, time_left_s)
+        if decision.missed:
+            return decision
+    return None

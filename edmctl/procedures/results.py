@@ -1,0 +1,123 @@
+"""What a job reports: results per site, results of the whole job, and its progress on the way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Protocol
+
+from edmctl.errors import ObjectiveNotReached
+from edmctl.process.pulses import PulseShares
+
+PulseRatios = PulseShares
+"""Share of the pulses in each class: open, normal, arc, short."""
+
+
+class Phase(StrEnum):
+    """What the job is doing."""
+
+    CONDITIONING = "conditioning"
+    MOVING = "moving"
+    MEASURING = "measuring"
+    APPROACHING = "approaching"
+    MACHINING = "machining"
+    JUMPING = "jumping"
+    RETRACTING = "retracting"
+
+
+@dataclass(frozen=True, slots=True)
+class SiteResult:
+    """One hole, measured by touches: `feed = depth + wear`, u95 are half-widths of 95 % intervals.
+
+    The `*_model_um` values come from the actuator voltage through the identified model alone, and never enter
+    the others.
+    """
+
+    name: str
+    x_um: float
+    y_um: float
+    depth_um: float
+    depth_u95_um: float
+    wear_um: float
+    wear_u95_um: float
+    feed_um: float
+    z1_um: float
+    z2_um: float
+    z3_um: float
+    depth_model_um: float
+    wear_model_um: float
+    machining_time_s: float
+    cuts: int
+    pulses: int
+    ratios: PulseRatios
+    gap_ratio_mean: float
+    working_gap_um: float
+
+
+@dataclass(frozen=True, slots=True)
+class JobResult:
+    """All sites, and the times of the job on the machine's clock."""
+
+    sites: tuple[SiteResult, ...]
+    time_s: float
+    machining_time_s: float
+    measuring_time_s: float
+    tool_wear_total_um: float
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """The state of a job, ten times a second while it machines. Unknown values are NaN."""
+
+    phase: Phase
+    time_s: float
+    gap_v: float
+    reference_v: float
+    ratios: PulseRatios
+    depth_um: float
+    depth_target_um: float
+    displacement_um: float
+    time_left_s: float
+
+
+class Observer(Protocol):
+    """Who watches a job for a person."""
+
+    def progress(self, p: Progress) -> None:
+        """Take the newest state; called often, may drop."""
+
+    def note(self, text: str) -> None:
+        """Take one line about a decision or a result."""
+
+
+class ObjectiveMissed(ObjectiveNotReached):
+    """A job that ended in order, but short of (or beyond) its objective; `result` is what was reached."""
+
+    def __init__(self, message: str, *, result: JobResult, hint: str = "", code: str = "") -> None:
+        super().__init__(message, hint=hint, code=code)
+        self.result = result
+
+
+@dataclass(slots=True)
+class Ledger:
+    """What a job has reached so far; still there when the job ends with an error.
+
+    `depth_um` is the best present knowledge of the hole under way: estimated while cutting, then measured.
+    `open_site` names that hole until its result is in the run file.
+    """
+
+    sites: dict[str, SiteResult] = field(default_factory=dict)
+    depth_um: float = 0.0
+    open_site: str = ""
+    time_s: float = 0.0
+    machining_time_s: float = 0.0
+
+    def result(self) -> JobResult:
+        """The measured sites and the times up to now."""
+        return JobResult(
+            sites=tuple(self.sites.values()),
+            time_s=self.time_s,
+            machining_time_s=self.machining_time_s,
+            measuring_time_s=self.time_s - self.machining_time_s,
+            tool_wear_total_um=sum(site.wear_um for site in self.sites.values()),
+        )

@@ -1,0 +1,71 @@
+"""What every procedure of a run works with."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from edmctl.procedures.results import Ledger, Observer, Phase, Progress, PulseRatios
+from edmctl.procedures.settings import gap_reference_v
+from edmctl.record.rows import EventLevel
+
+if TYPE_CHECKING:
+    from edmctl.machine.port import Machine
+    from edmctl.procedures.codes import RunEvent
+    from edmctl.procedures.job import Job
+    from edmctl.procedures.watch import Watch
+    from edmctl.profile.model import Profile
+    from edmctl.profile.setup import Setup
+    from edmctl.record.recorder import Recorder
+
+Args = Mapping[str, float | int | str | bool]
+
+NO_PULSES = PulseRatios(0.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """The machine, the job, and everybody who is told about it."""
+
+    machine: Machine
+    job: Job
+    watch: Watch
+    recorder: Recorder
+    observer: Observer
+    ledger: Ledger
+
+    @property
+    def profile(self) -> Profile:
+        """The recipe."""
+        return self.job.profile
+
+    @property
+    def setup(self) -> Setup:
+        """The machine's own settings."""
+        return self.job.setup
+
+    def decide(
+        self, code: RunEvent, message: str, args: Args, *, level: EventLevel = EventLevel.INFO
+    ) -> None:
+        """Write a decision or result to the run file and tell the observer."""
+        self.recorder.event(self.machine.time_s, code, level, message, args)
+        self.observer.note(message)
+
+    def begin(self, phase: Phase) -> None:
+        """Tell the observer what comes now, with what is known while nothing is machined."""
+        target = self.profile.target
+        self.observer.progress(
+            Progress(
+                phase=phase,
+                time_s=self.machine.time_s,
+                gap_v=0.0,
+                reference_v=gap_reference_v(self.profile),
+                ratios=NO_PULSES,
+                depth_um=self.ledger.depth_um,
+                depth_target_um=target.depth_um if target.kind == "depth" else math.nan,
+                displacement_um=self.watch.displacement_um,
+                time_left_s=math.nan,
+            )
+        )

@@ -1,0 +1,117 @@
+"""Everything the controller is told before a job, derived in one place from the recipe and the setup."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from edmctl.machine.port import (
+    ControllerSettings,
+    PulseLog,
+    PulseMode,
+    PulseSettings,
+    ServoLaw,
+    TelemetrySettings,
+)
+
+if TYPE_CHECKING:
+    from edmctl.profile.model import Profile
+    from edmctl.profile.setup import Setup
+
+SHORT_SHARE_OF_OPEN_VOLTAGE = 0.15
+"""A plateau below this share of the open voltage is a short: under any discharge, over a dead short."""
+ARC_SHARE_OF_DISCHARGE_VOLTAGE = 0.886
+"""Arcs burn at about 0.77 of the plateau of a normal discharge; the threshold lies midway."""
+ARC_DELAY_US = 3.0
+"""A discharge that ignites sooner found the last plasma channel still conducting."""
+RETRACT_UM_S = 1000.0
+"""Retraction to 0 V when disarmed and on any fault."""
+SAFE_CLEARANCE_UM = 20.0
+"""The stages may move while the tool is at least this far above the untouched surface."""
+SHORT_STUCK_S = 3.0
+ARC_RUN = 60
+"""Consecutive arcs that are a burn: healthy gaps show runs of 4, badly flushed ones up to 11."""
+OPEN_LOST_S = 10.0
+
+_LARGEST_COUNT = 250
+"""Pulses per telemetry sample that a count of one byte still holds."""
+_FRAME_S = 0.1
+"""Telemetry frames come this often where the rate allows."""
+_LARGEST_BATCH = 14
+_SLOWEST_HZ = 20.0
+
+
+def controller_settings(profile: Profile, setup: Setup) -> ControllerSettings:
+    """The controller's parameters for this recipe on this machine."""
+    servo, actuator, pulse = profile.servo, setup.actuator, profile.pulse
+    return ControllerSettings(
+        piezo_max_v=profile.limits.stroke_v_max,
+        slew_limit_v_s=actuator.slew_v_s,
+        gain_um_per_v=actuator.gain_um_per_v,
+        safe_z_um=profile.approach.offset_um - SAFE_CLEARANCE_UM,
+        retract_v_s=min(actuator.slew_v_s, RETRACT_UM_S / actuator.gain_um_per_v),
+        servo_law=ServoLaw.PI if servo.mode == "pi" else ServoLaw.RELAY,
+        forward_um_s=servo.forward_um_s,
+        back_um_s=servo.back_um_s,
+        short_back_um_s=servo.short_back_um_s,
+        filter_hz=servo.filter_hz,
+        hysteresis=servo.hysteresis,
+        kp_um_s=servo.kp,
+        ki_um_s2=servo.ki,
+        servo_period_us=setup.controller.servo_period_us,
+        servo_latency=setup.controller.latency,
+        short_v=SHORT_SHARE_OF_OPEN_VOLTAGE * pulse.open_voltage_v,
+        arc_v=ARC_SHARE_OF_DISCHARGE_VOLTAGE * pulse.discharge_voltage_v,
+        arc_delay_us=ARC_DELAY_US,
+        block_pulses=block_pulses(profile),
+        short_stuck_s=SHORT_STUCK_S,
+        arc_run=ARC_RUN,
+        open_lost_um=profile.limits.open_lost_um,
+        open_lost_s=OPEN_LOST_S,
+        watchdog_s=setup.controller.watchdog_s,
+        dielectric_required=profile.flush.required,
+        flow_min_lpm=profile.flush.min_flow_lpm,
+        temperature_max_c=profile.flush.max_temp_c,
+    )
+
+
+def block_pulses(profile: Profile) -> int:
+    """Pulses per recorded block: about 10 ms of them."""
+    return min(_LARGEST_COUNT, max(1, round(0.01 * profile.pulse.frequency_hz)))
+
+
+def pulse_settings(profile: Profile) -> PulseSettings:
+    """What the generator is to make."""
+    pulse = profile.pulse
+    return PulseSettings(
+        on_time_us=pulse.on_time_us,
+        off_time_us=pulse.off_time_us,
+        open_voltage_v=pulse.open_voltage_v,
+        peak_current_a=pulse.current_a,
+        mode=PulseMode.ISOPULSE if pulse.mode == "isopulse" else PulseMode.ISOFREQUENCY,
+        discharge_us=pulse.discharge_us or 0.0,
+    )
+
+
+def telemetry_settings(profile: Profile, setup: Setup) -> TelemetrySettings:
+    """Sampling for the host: the rate that is logged, or faster where the pulse counts would overflow."""
+    slowest_hz = max(_SLOWEST_HZ, profile.pulse.frequency_hz / _LARGEST_COUNT)
+    rate_hz = min(max(profile.log.servo_hz, slowest_hz), setup.controller.telemetry_hz)
+    tick_us = setup.controller.servo_period_us
+    period_us = tick_us * max(1, round(1e6 / rate_hz / tick_us))
+    return TelemetrySettings(
+        period_us=period_us,
+        batch=max(1, min(_LARGEST_BATCH, math.floor(_FRAME_S * 1e6 / period_us + 1e-9))),
+        pulse_log={"off": PulseLog.OFF, "blocks": PulseLog.BLOCKS, "full": PulseLog.FULL}[profile.log.pulses],
+    )
+
+
+def recorded_every(profile: Profile, setup: Setup) -> int:
+    """Of so many telemetry samples one is recorded, where the telemetry has to be faster than the log."""
+    rate_hz = 1e6 / telemetry_settings(profile, setup).period_us
+    return max(1, round(rate_hz / profile.log.servo_hz))
+
+
+def gap_reference_v(profile: Profile) -> float:
+    """Mean gap voltage that the servo holds, V."""
+    return profile.servo.reference * profile.pulse.duty_voltage_v

@@ -1,0 +1,203 @@
+"""Judges a running cut ten times a second: pulse ratios, feed, estimated depth and wear, time left, limits.
+
+The controller keeps the gap; the supervisor only watches, tells, and says when a cut should end.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+from edmctl.machine.port import MachineState, MachineStatus, TelemetryBlock
+from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.results import Phase, Progress, PulseRatios
+from edmctl.procedures.settings import gap_reference_v
+from edmctl.process.pulses import pulse_shares
+from edmctl.profile.forecast import forecast
+from edmctl.record.rows import EventLevel, SlowRow
+
+if TYPE_CHECKING:
+    from edmctl.procedures.planning import CutPlan
+    from edmctl.procedures.run import Run
+
+RATIO_WINDOW_S = 2.0
+FEED_WINDOW_S = 10.0
+STALL_S = 60.0
+"""A cut that moves less than `STALL_SHARE` of the forecast feed for so long is stalled."""
+STALL_SHARE = 0.05
+UNSTABLE_S = 30.0
+"""A cut over its arc or short limit for so long is ended; a warning comes first."""
+
+# Looked up in every slice; an enum member costs a metaclass call each time in Python 3.11.
+_MACHINING = int(MachineState.MACHINING)
+_PHASE = {True: Phase.MACHINING, False: Phase.JUMPING}
+_ARCING, _SHORTING = RunEvent.ARCING, RunEvent.SHORTING
+
+_Counts = tuple[int, int, int, int]
+
+
+class Verdict(StrEnum):
+    """Why a cut should not go on."""
+
+    STALLED = "the tool has stopped advancing"
+    UNSTABLE = "arcs or shorts have stayed over their limit"
+
+
+class Supervisor:
+    """Follows the telemetry of one cut and keeps its sums.
+
+    `counts` are the pulses of the cut by class (open, normal, arc, short); `verdict` is set when it should end.
+    """
+
+    def __init__(self, run: Run, plan: CutPlan) -> None:
+        self._run = run
+        self._plan = plan
+        profile = run.profile
+        self._duty_v = profile.pulse.duty_voltage_v
+        self._reference_v = gap_reference_v(profile)
+        self._plateau_v = profile.pulse.discharge_voltage_v
+        self._target_um = profile.target.depth_um if profile.target.kind == "depth" else math.nan
+        self._least_feed_um_s = STALL_SHARE * forecast(profile, run.setup).feed_rate_um_s
+        self._window: deque[tuple[float, _Counts]] = deque()
+        self._window_counts: list[int] = [0, 0, 0, 0]
+        self._track: deque[tuple[float, float]] = deque()
+        self._stall: tuple[float, float] | None = None
+        self._over_limit_since_s: dict[RunEvent, float] = {}
+        self._gap_ratio_sum = 0.0
+        self._gap_samples = 0
+        self._status: MachineStatus | None = None
+        self.counts: list[int] = [0, 0, 0, 0]
+        self.displacement_um = math.nan
+        self.verdict: Verdict | None = None
+
+    @property
+    def gap_ratio_mean(self) -> float:
+        """Mean of the normalised gap voltage while sparking; NaN before any sample."""
+        return self._gap_ratio_sum / self._gap_samples if self._gap_samples else math.nan
+
+    def note_status(self, status: MachineStatus) -> None:
+        """Take the state of the dielectric, for the rows from now on."""
+        self._status = status
+
+    def take(self, block: TelemetryBlock) -> None:
+        """Judge the samples of one slice."""
+        now_s = float(block.time_s[-1])
+        gap_v = sum(block.gap_v.tolist()) / len(block.time_s)
+        machining = bool(block.state[0] == block.state[-1] == _MACHINING)
+        self._count(block, now_s)
+        if machining:
+            self._follow_tool(block, gap_v, now_s)
+        ratios = pulse_shares(*self._window_counts)
+        limits = self._run.profile.limits
+        self._look_at_ratio(_ARCING, "arcs", ratios.arc, limits.arc_ratio, now_s)
+        self._look_at_ratio(_SHORTING, "shorts", ratios.short, limits.short_ratio, now_s)
+        feed_um_s = self._feed_um_s(now_s)
+        depth_um = self._plan.depth_at(self.displacement_um)
+        self._record(block, gap_v, ratios, feed_um_s, depth_um)
+        self._run.observer.progress(
+            Progress(
+                phase=_PHASE[machining],
+                time_s=now_s,
+                gap_v=gap_v,
+                reference_v=self._reference_v,
+                ratios=ratios,
+                depth_um=depth_um,
+                depth_target_um=self._target_um,
+                displacement_um=self.displacement_um,
+                time_left_s=self._time_left_s(feed_um_s, depth_um),
+            )
+        )
+
+    def _record(
+        self, block: TelemetryBlock, gap_v: float, ratios: PulseRatios, feed_um_s: float, depth_um: float
+    ) -> None:
+        status = self._status
+        self._run.recorder.append_slow(
+            SlowRow(
+                time_s=float(block.time_s[-1]),
+                feed_um_s=feed_um_s,
+                gap_ratio=gap_v / self._duty_v,
+                gap_ratio_ref=self._reference_v / self._duty_v,
+                ratio_open=ratios.open,
+                ratio_normal=ratios.normal,
+                ratio_arc=ratios.arc,
+                ratio_short=ratios.short,
+                depth_um=depth_um,
+                wear_um=self._plan.wear_at(self.displacement_um),
+                power_w=self._plateau_v * sum(block.current_a.tolist()) / len(block.time_s),
+                dielectric_c=math.nan if status is None else status.temperature_c,
+                flow_lpm=math.nan if status is None else status.flow_lpm,
+                link_errors=self._run.watch.missing_frames,
+            )
+        )
+
+    def _follow_tool(self, block: TelemetryBlock, gap_v: float, now_s: float) -> None:
+        n = len(block.time_s)
+        self._gap_ratio_sum += gap_v / self._duty_v * n
+        self._gap_samples += n
+        self.displacement_um = sum(block.displacement_um.tolist()) / n
+        self._track.append((now_s, self.displacement_um))
+        self._look_for_stall(now_s)
+
+    def _count(self, block: TelemetryBlock, now_s: float) -> None:
+        fresh = (
+            sum(block.n_open.tolist()),
+            sum(block.n_normal.tolist()),
+            sum(block.n_arc.tolist()),
+            sum(block.n_short.tolist()),
+        )
+        self._window.append((now_s, fresh))
+        for i, number in enumerate(fresh):
+            self.counts[i] += number
+            self._window_counts[i] += number
+        while self._window[0][0] <= now_s - RATIO_WINDOW_S:
+            for i, number in enumerate(self._window.popleft()[1]):
+                self._window_counts[i] -= number
+
+    def _feed_um_s(self, now_s: float) -> float:
+        track = self._track
+        while len(track) > 2 and track[0][0] <= now_s - FEED_WINDOW_S:
+            track.popleft()
+        if len(track) < 2:
+            return math.nan
+        (first_s, first_um), (last_s, last_um) = track[0], track[-1]
+        return (last_um - first_um) / (last_s - first_s)
+
+    def _time_left_s(self, feed_um_s: float, depth_um: float) -> float:
+        """Machining time to the target at the present feed; NaN while the feed is not known."""
+        if not feed_um_s > self._least_feed_um_s:
+            return math.nan
+        left_um = self._plan.z_limit_um - self.displacement_um
+        if not math.isnan(self._target_um):
+            left_um = (self._target_um - depth_um) * (1.0 + self._plan.wear_ratio)
+        return max(0.0, left_um) / feed_um_s
+
+    def _look_for_stall(self, now_s: float) -> None:
+        if self._stall is None:
+            self._stall = (now_s, self.displacement_um)
+        since_s, since_um = self._stall
+        if self.displacement_um - since_um > self._least_feed_um_s * STALL_S:
+            self._stall = (now_s, self.displacement_um)
+        elif now_s - since_s > STALL_S:
+            self.verdict = Verdict.STALLED
+
+    def _look_at_ratio(self, code: RunEvent, name: str, ratio: float, limit: float, now_s: float) -> None:
+        if ratio <= limit:
+            self._over_limit_since_s.pop(code, None)
+            return
+        if now_s - self._window[0][0] < 0.9 * RATIO_WINDOW_S:
+            return
+        since_s = self._over_limit_since_s.get(code)
+        if since_s is None:
+            self._over_limit_since_s[code] = now_s
+            self._run.decide(
+                code,
+                f"{100 * ratio:.0f} % {name} in the last {RATIO_WINDOW_S:.0f} s; "
+                f"the limit is {100 * limit:.0f} %.",
+                {"ratio": ratio, "limit": limit},
+                level=EventLevel.WARNING,
+            )
+        elif now_s - since_s > UNSTABLE_S:
+            self.verdict = Verdict.UNSTABLE

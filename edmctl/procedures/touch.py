@@ -1,0 +1,131 @@
+"""A Z reading: several contacts at one place, reduced to their mean.
+
+The tool hunts at contact, so that creep cannot push it into the work, and the sensor is averaged meanwhile
+(Muralidhara et al. 2009, §4).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from edmctl.errors import ObjectiveNotReached, PreconditionError
+from edmctl.machine.port import Touch, TouchRequest
+from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.results import Phase
+from edmctl.process.wear import Reading, reading_of
+from edmctl.record.rows import EventLevel, TouchRow
+
+if TYPE_CHECKING:
+    from edmctl.procedures.run import Run
+
+FAST_LEG_MARGIN_UM = 5.0
+"""The fast leg ends this far above the predicted contact."""
+BEYOND_PREDICTION_UM = 15.0
+"""No contact this far beyond the predicted one is a fault."""
+ATTEMPTS = 2
+_TELEMETRY_LAG_S = 0.2
+"""After this, the samples around the last event have come."""
+
+
+@dataclass(frozen=True, slots=True)
+class SurfaceReading:
+    """Where the tool met a surface: by the sensor (`reading`), and by the model (`model_um`)."""
+
+    kind: str
+    reading: Reading
+    model_um: float
+    actuator_v: float
+    time_s: float
+
+    @property
+    def z_um(self) -> float:
+        """Mean sensor displacement at contact."""
+        return self.reading.mean_um
+
+
+def take_reading(
+    run: Run, kind: str, place: str, predicted_um: float, uncertainty_um: float = 0.0
+) -> SurfaceReading:
+    """Touch off `measure.touches` times and average; once more when they scatter too much.
+
+    `predicted_um` is where contact is expected, known within `uncertainty_um`. The tool stands at least 20 µm
+    above it, and ends a back-off above it. Raises PreconditionError when the sensor reads contact before.
+    """
+    run.begin(Phase.MEASURING)
+    run.machine.rest(run.profile.measure.settle_s)
+    if run.watch.in_contact:
+        raise PreconditionError(
+            f"The contact sensor reads closed at {run.watch.displacement_um:.1f} µm, clear of the surface.",
+            hint="Look for a chip between tool and work, or a shorted continuity wire.",
+            code="E8021",
+        )
+    request = _request(run, predicted_um, uncertainty_um)
+    for _ in range(ATTEMPTS):
+        touches = run.machine.touch(request)
+        run.machine.rest(_TELEMETRY_LAG_S)
+        found = _reduced(run, kind, touches)
+        accepted = found.reading.sd_um <= run.profile.measure.max_sd_um
+        _report(run, place, touches, found, accepted=accepted)
+        if accepted:
+            return found
+    raise ObjectiveNotReached(
+        f"{kind}: the touches scatter by {found.reading.sd_um:.2f} µm, measure.max_sd_um is "
+        f"{run.profile.measure.max_sd_um:.2f} µm.",
+        hint="Clean tool and work, lower measure.speed_um_s, or allow more with measure.max_sd_um.",
+        code="E7020",
+    )
+
+
+def _request(run: Run, predicted_um: float, uncertainty_um: float) -> TouchRequest:
+    measure = run.profile.measure
+    return TouchRequest(
+        fast_um_s=measure.fast_um_s,
+        fast_to_um=predicted_um - FAST_LEG_MARGIN_UM - uncertainty_um,
+        speed_um_s=measure.speed_um_s,
+        z_max_um=predicted_um + BEYOND_PREDICTION_UM + uncertainty_um,
+        back_off_um=measure.back_off_um,
+        dwell_s=measure.dwell_s,
+        touches=measure.touches,
+    )
+
+
+def _reduced(run: Run, kind: str, touches: tuple[Touch, ...]) -> SurfaceReading:
+    """Mean of the touches; the model is read at first contact, where the voltage peaks."""
+    models_um = [run.watch.model_at(touch.time_s) for touch in touches]
+    return SurfaceReading(
+        kind=kind,
+        reading=reading_of(tuple(touch.displacement_um for touch in touches)),
+        model_um=sum(models_um) / len(models_um),
+        actuator_v=sum(touch.actuator_v for touch in touches) / len(touches),
+        time_s=touches[-1].time_s,
+    )
+
+
+def _report(
+    run: Run, place: str, touches: tuple[Touch, ...], found: SurfaceReading, *, accepted: bool
+) -> None:
+    reading = found.reading
+    run.recorder.touch(
+        TouchRow(
+            time_s=found.time_s,
+            kind=found.kind,
+            site=place,
+            actuator_v=found.actuator_v,
+            displacement_um=reading.mean_um,
+            model_um=found.model_um,
+            touches=reading.touches,
+            sd_um=reading.sd_um,
+            drift_um=touches[-1].displacement_um - touches[0].displacement_um,
+            speed_um_s=run.profile.measure.speed_um_s,
+            accepted=accepted,
+        )
+    )
+    verdict = "" if accepted else ", which is too much"
+    run.decide(
+        RunEvent.READING if accepted else RunEvent.READING_REJECTED,
+        f"{found.kind} = {reading.mean_um:.2f} µm (model {found.model_um:.1f} µm), {reading.touches} touches "
+        f"within {reading.sd_um:.2f} µm rms{verdict}.",
+        {"kind": found.kind, "z_um": reading.mean_um, "model_um": found.model_um, "sd_um": reading.sd_um},
+        level=EventLevel.INFO if accepted else EventLevel.WARNING,
+    )

@@ -1,0 +1,181 @@
+"""Hears the machine for a whole run: estimates, records, and keeps what procedures look back at."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmctl.machine.port import (
+    MachineEvent,
+    MachineState,
+    PulseBatch,
+    PulseBlockBatch,
+    TelemetryBlock,
+    TelemetryFlag,
+)
+from edmctl.procedures.codes import RunEvent
+from edmctl.record.rows import EventLevel, PulseBlockRows, PulseTrain, ServoBlock
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from edmctl.actuator.estimator import DisplacementEstimator
+    from edmctl.record.recorder import Recorder
+
+Floats = NDArray[np.float64]
+
+_HISTORY_BLOCKS = 100
+"""Blocks kept to look up what the model said a moment ago: at least 10 s of them."""
+
+_DIRECTION = np.zeros((256, 256), dtype=np.int8)
+"""Direction of the tool by (state, flags): -1 back, 0 hold, 1 forward."""
+_DIRECTION[MachineState.APPROACH] = 1
+_DIRECTION[MachineState.MACHINING] = np.where(np.arange(256) & TelemetryFlag.ADVANCING, 1, -1)
+
+
+class Watch:
+    """A `MachineListener`: each sample goes to the estimator, the recorder, and a follower if any.
+
+    Parameters
+    ----------
+    recorder : takes the rows
+    duty_voltage_v : mean gap voltage of an all-open gap; gap ratios refer to it
+    record_every : of so many telemetry samples one is recorded
+    """
+
+    def __init__(self, recorder: Recorder, duty_voltage_v: float, record_every: int = 1) -> None:
+        self._recorder = recorder
+        self._duty_voltage_v = duty_voltage_v
+        self._every = record_every
+        self._estimator: DisplacementEstimator | None = None
+        self._recent: deque[tuple[TelemetryBlock, Floats]] = deque(maxlen=_HISTORY_BLOCKS)
+        self._follower: Callable[[TelemetryBlock], None] | None = None
+        self.missing_frames = 0
+
+    def estimate_with(self, estimator: DisplacementEstimator) -> None:
+        """From now on estimate the displacement; the estimator has already seen what came so far."""
+        self._estimator = estimator
+
+    def follow(self, follower: Callable[[TelemetryBlock], None] | None) -> None:
+        """Also hand every block to `follower`; None ends that."""
+        self._follower = follower
+
+    @property
+    def latest(self) -> TelemetryBlock | None:
+        """The newest samples, None before the first."""
+        return self._recent[-1][0] if self._recent else None
+
+    @property
+    def displacement_um(self) -> float:
+        """Mean sensor displacement over the newest block; NaN before the first."""
+        block = self.latest
+        return math.nan if block is None else float(block.displacement_um.mean())
+
+    @property
+    def actuator_v(self) -> float:
+        """Newest actuator voltage; NaN before the first block."""
+        block = self.latest
+        return math.nan if block is None else float(block.actuator_v[-1])
+
+    @property
+    def in_contact(self) -> bool:
+        """Whether the contact sensor read closed at the newest sample."""
+        block = self.latest
+        return block is not None and bool(block.flags[-1] & TelemetryFlag.CONTACT)
+
+    def model_at(self, time_s: float) -> float:
+        """Estimated displacement at a moment of the last seconds, interpolated; NaN without an estimator."""
+        times = np.concatenate([block.time_s for block, _ in self._recent])
+        models = np.concatenate([model for _, model in self._recent])
+        return float(np.interp(time_s, times, models))
+
+    def telemetry(self, block: TelemetryBlock) -> None:
+        """Estimate, record, hand on."""
+        if self._estimator is None:
+            model_um = np.full(len(block.time_s), math.nan)
+        else:
+            model_um = self._estimator.advance(block.time_s, block.actuator_v)
+        self._recent.append((block, model_um))
+        self.missing_frames += block.missing_frames
+        self._recorder.append_servo(self._row_block(block, model_um))
+        if self._follower is not None:
+            self._follower(block)
+
+    def _row_block(self, block: TelemetryBlock, model_um: Floats) -> ServoBlock:
+        direction = _DIRECTION[block.state, block.flags]
+        rows = ServoBlock(
+            time_s=block.time_s,
+            actuator_v=block.actuator_v,
+            displacement_um=block.displacement_um,
+            model_um=model_um,
+            gap_v=block.gap_v,
+            gap_ratio=block.gap_v / self._duty_voltage_v,
+            current_a=block.current_a,
+            direction=direction,
+            state=block.state,
+        )
+        return rows if self._every == 1 else _thinned(rows, self._every)
+
+    def pulse_blocks(self, batch: PulseBlockBatch) -> None:
+        """Record."""
+        self._recorder.append_pulse_blocks(
+            PulseBlockRows(
+                time_s=batch.time_s,
+                n_open=batch.n_open,
+                n_normal=batch.n_normal,
+                n_arc=batch.n_arc,
+                n_short=batch.n_short,
+                delay_us=batch.delay_us,
+                energy_uj=batch.energy_uj,
+            )
+        )
+
+    def pulses(self, batch: PulseBatch) -> None:
+        """Record."""
+        self._recorder.append_pulses(
+            PulseTrain(
+                first_pulse=batch.first_pulse,
+                start_s=batch.start_s,
+                period_s=batch.period_s,
+                pulse_class=batch.pulse_class,
+                delay_us=batch.delay_us,
+                discharge_us=batch.discharge_us,
+                plateau_v=batch.plateau_v,
+            )
+        )
+
+    def event(self, event: MachineEvent) -> None:
+        """Record."""
+        args = {
+            "argument": event.argument,
+            "displacement_um": event.displacement_um,
+            "actuator_v": event.actuator_v,
+        }
+        self._recorder.event(event.time_s, event.code, EventLevel.DEBUG, event.code.name, args)
+
+    def log(self, level: int, text: str) -> None:
+        """Record a line of the controller's own log."""
+        block = self.latest
+        time_s = 0.0 if block is None else float(block.time_s[-1])
+        weight = EventLevel(min(max(level, EventLevel.DEBUG), EventLevel.ERROR))
+        self._recorder.event(time_s, RunEvent.CONTROLLER_LOG, weight, text)
+
+
+def _thinned(rows: ServoBlock, every: int) -> ServoBlock:
+    """Each `every`-th sample, the last of the block among them."""
+    pick = slice((len(rows.time_s) - 1) % every, None, every)
+    return ServoBlock(
+        time_s=rows.time_s[pick],
+        actuator_v=rows.actuator_v[pick],
+        displacement_um=rows.displacement_um[pick],
+        model_um=rows.model_um[pick],
+        gap_v=rows.gap_v[pick],
+        gap_ratio=rows.gap_ratio[pick],
+        current_a=rows.current_a[pick],
+        direction=rows.direction[pick],
+        state=rows.state[pick],
+    )

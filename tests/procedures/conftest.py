@@ -1,0 +1,150 @@
+"""A bench, a machine on it and a quick recipe: 12 µm deep at a high current, about 150 s of machine time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from random import Random
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl.link.session import Session
+from edmctl.machine.controller import LinkMachine
+from edmctl.machine.stop import StopRequest
+from edmctl.procedures.job import Job, single_hole
+from edmctl.procedures.machining import run_job
+from edmctl.procedures.results import JobResult, Ledger, Phase, Progress
+from edmctl.procedures.run import Run
+from edmctl.procedures.watch import Watch
+from edmctl.profile.load import load_profile
+from edmctl.profile.setup import Setup
+from edmctl.record.recorder import NullRecorder
+from edmctl.simulator import BenchConfig, VirtualBench, open_bench
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from edmctl.record.recorder import Recorder
+    from edmctl.record.rows import EventLevel, ServoBlock, SiteRow, SlowRow, TouchRow
+
+CU270 = str(Path(__file__).parents[2] / "profiles" / "cu270.toml")
+QUICK = (
+    'target={kind="depth",depth_um=12.0,tolerance_um=2.0}',
+    'jump.mode="off"',
+    "approach.speed_um_s=4.0",
+    "measure.settle_s=0.2",
+    "measure.touches=2",
+    "pulse.current_a=0.5",
+    'log.pulses="blocks"',
+)
+
+
+@dataclass(slots=True)
+class Seen(NullRecorder):
+    """A recorder that keeps what it is given."""
+
+    servo: list[ServoBlock] = field(default_factory=list)
+    slow: list[SlowRow] = field(default_factory=list)
+    events: list[tuple[float, int, EventLevel, str, Mapping[str, float | int | str | bool]]] = field(
+        default_factory=list
+    )
+    touches: list[TouchRow] = field(default_factory=list)
+    sites: list[SiteRow] = field(default_factory=list)
+
+    def append_servo(self, block: ServoBlock) -> None:
+        self.servo.append(block)
+
+    def append_slow(self, row: SlowRow) -> None:
+        self.slow.append(row)
+
+    def event(
+        self,
+        time_s: float,
+        code: int,
+        level: EventLevel,
+        message: str,
+        args: Mapping[str, float | int | str | bool] | None = None,
+    ) -> None:
+        self.events.append((time_s, code, level, message, args or {}))
+
+    def touch(self, row: TouchRow) -> None:
+        self.touches.append(row)
+
+    def site_result(self, row: SiteRow) -> None:
+        self.sites.append(row)
+
+
+@dataclass(slots=True)
+class Told:
+    """An observer that keeps what it is told, and may do something when a phase is first seen."""
+
+    notes: list[str] = field(default_factory=list)
+    states: list[Progress] = field(default_factory=list)
+    when: dict[Phase, Callable[[], None]] = field(default_factory=dict)
+
+    def progress(self, p: Progress) -> None:
+        self.states.append(p)
+        if p.phase in self.when:
+            self.when.pop(p.phase)()
+
+    def note(self, text: str) -> None:
+        self.notes.append(text)
+
+
+class Shop:
+    """One virtual bench with everything a job needs."""
+
+    def __init__(self, overrides: Sequence[str] = (), seed: int = 1) -> None:
+        loaded = load_profile(CU270, (*QUICK, *overrides))
+        self.profile = loaded.profile
+        config = BenchConfig(
+            tool_diameter_um=self.profile.tool.diameter_um,
+            theta=loaded.sim.theta,
+            offset_um=self.profile.approach.offset_um,
+        )
+        self.bench: VirtualBench = open_bench(config, seed)
+        self.session = Session(self.bench.transport, Random(1))
+        self.session.open()
+        self.stop = StopRequest()
+        self.machine = LinkMachine(self.session, self.stop)
+        self.job: Job = single_hole(self.profile, Setup())
+        self.seen = Seen()
+        self.told = Told()
+        self.ledger = Ledger()
+
+    def run_job(self, recorder: Recorder | None = None) -> JobResult:
+        """Run the whole job."""
+        return run_job(
+            self.machine,
+            self.job,
+            recorder=recorder or self.seen,
+            observer=self.told,
+            ledger=self.ledger,
+        )
+
+    def run(self) -> Run:
+        """What single procedures take, on a machine that nobody has configured."""
+        watch = Watch(self.seen, self.profile.pulse.duty_voltage_v)
+        return Run(self.machine, self.job, watch, self.seen, self.told, self.ledger)
+
+
+@pytest.fixture
+def shop() -> Callable[..., Shop]:
+    """Return a maker of shops: `shop(overrides=(), seed=1)`."""
+    return Shop
+
+
+@dataclass(frozen=True, slots=True)
+class Done:
+    """A finished quick job."""
+
+    shop: Shop
+    result: JobResult
+
+
+@pytest.fixture(scope="session")
+def done() -> Done:
+    """Return a quick job that has run to its end; tests only look at it."""
+    shop = Shop()
+    return Done(shop, shop.run_job())

@@ -1,0 +1,272 @@
+"""The main job on the virtual bench: what it reaches, and how it ends when something comes between."""
+
+from __future__ import annotations
+
+import signal
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from edmctl.errors import Interrupted, MachineFault, RunFileError
+from edmctl.machine.port import EventCode, MachineState
+from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.results import ObjectiveMissed, Phase
+from edmctl.procedures.settings import controller_settings
+from edmctl.record.rows import EventLevel
+from edmctl.simulator import kernel
+
+from .conftest import Seen
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from edmctl.record.rows import ServoBlock
+
+    from .conftest import Done, Shop
+
+    OpenShop = Callable[..., Shop]
+
+
+def assert_safe(shop: Shop) -> None:
+    """Pulses off, actuator at 0 V, controller idle."""
+    status = shop.machine.status()
+    assert status.state is MachineState.IDLE
+    assert status.actuator_v == 0.0
+
+
+def test_the_depth_is_within_tolerance_of_the_target(done: Done) -> None:
+    (site,) = done.result.sites
+    truth_um = done.shop.bench.truth()[0].depth_um
+    assert site.depth_um == pytest.approx(12.0, abs=2.0)
+    assert truth_um == pytest.approx(12.0, abs=2.0)
+    assert abs(truth_um - site.depth_um) <= site.depth_u95_um
+
+
+def test_feed_is_depth_plus_wear(done: Done) -> None:
+    (site,) = done.result.sites
+    assert site.feed_um == pytest.approx(site.depth_um + site.wear_um, abs=1e-9)
+    assert site.feed_um == pytest.approx(site.z2_um - site.z1_um, abs=1e-9)
+    assert site.wear_um == pytest.approx(done.shop.bench.tool_wear_um, abs=1.0)
+
+
+def test_model_values_stand_beside_the_sensor_values(done: Done) -> None:
+    (site,) = done.result.sites
+    assert site.depth_model_um == pytest.approx(site.depth_um, abs=2.0)
+    assert site.depth_model_um != site.depth_um
+    assert all(np.isfinite(touch.model_um) for touch in done.shop.seen.touches)
+
+
+def test_the_job_ends_retracted_and_idle(done: Done) -> None:
+    assert_safe(done.shop)
+
+
+def test_times_add_up(done: Done) -> None:
+    result = done.result
+    assert result.machining_time_s == pytest.approx(sum(site.machining_time_s for site in result.sites))
+    assert result.time_s == pytest.approx(result.machining_time_s + result.measuring_time_s)
+    assert result.time_s == pytest.approx(done.shop.bench.transport.now_s(), abs=1.0)
+
+
+def test_pulses_are_counted_by_class(done: Done) -> None:
+    (site,) = done.result.sites
+    ratios = site.ratios
+    assert site.pulses == pytest.approx(2300 * site.machining_time_s, rel=0.02)
+    assert ratios.open + ratios.normal + ratios.arc + ratios.short == pytest.approx(1.0)
+    assert ratios.normal > 0.4
+
+
+def test_the_stages_only_move_with_the_tool_up(done: Done) -> None:
+    safe_um = controller_settings(done.shop.profile, done.shop.job.setup).safe_z_um
+    moves = [args for _, code, _, _, args in done.shop.seen.events if code == EventCode.STAGE_DONE]
+    assert len(moves) >= 4
+    assert max(float(args["displacement_um"]) for args in moves) < safe_um
+    assert max(float(args["actuator_v"]) for args in moves) == 0.0
+
+
+def test_every_sample_reaches_the_recorder_once_and_in_order(done: Done) -> None:
+    times = np.concatenate([block.time_s for block in done.shop.seen.servo])
+    assert np.diff(times) == pytest.approx(0.01, abs=1e-6)
+    machining = np.concatenate([block.state for block in done.shop.seen.servo]) == MachineState.MACHINING
+    direction = np.concatenate([block.direction for block in done.shop.seen.servo])
+    assert set(np.unique(direction[machining])) == {-1, 1}
+    assert set(np.unique(direction[~machining])) <= {0, 1}
+
+
+def test_the_supervisor_writes_ten_rows_a_second(done: Done) -> None:
+    (site,) = done.result.sites
+    assert len(done.shop.seen.slow) == pytest.approx(10 * site.machining_time_s, rel=0.1)
+    last = done.shop.seen.slow[-1]
+    assert last.depth_um == pytest.approx(site.depth_um, abs=1.0)
+    assert last.wear_um == pytest.approx(site.wear_um, abs=1.0)
+    assert last.dielectric_c == pytest.approx(22.0)
+    assert last.flow_lpm == pytest.approx(1.2)
+
+
+def test_readings_and_decisions_are_recorded(done: Done) -> None:
+    seen = done.shop.seen
+    (site,) = done.result.sites
+    assert [touch.kind for touch in seen.touches] == ["Z1"] + ["Z2", "Z3"] * site.cuts
+    codes = [code for _, code, _, _, _ in seen.events]
+    for code in (RunEvent.CONDITIONED, RunEvent.CUT_PLANNED, RunEvent.CUT_ENDED, RunEvent.TARGET_REACHED):
+        assert code in codes
+    assert seen.sites[-1].depth_um == site.depth_um
+    assert any("from the target" in note for note in done.shop.told.notes)
+
+
+def test_progress_says_what_is_left(done: Done) -> None:
+    machining = [p for p in done.shop.told.states if p.phase is Phase.MACHINING]
+    assert machining[-1].depth_um == pytest.approx(12.0, abs=2.5)
+    assert machining[0].depth_target_um == 12.0
+    left = [p.time_left_s for p in machining if np.isfinite(p.time_left_s)]
+    assert left[0] > left[len(left) // 2] > 0.0
+
+
+def test_the_same_seed_gives_the_same_result(done: Done, shop: OpenShop) -> None:
+    again = shop()
+    assert again.run_job() == done.result
+
+
+def test_another_seed_is_another_machine(done: Done, shop: OpenShop) -> None:
+    other = shop(seed=2)
+    assert other.run_job().sites[0].z1_um != done.result.sites[0].z1_um
+
+
+def test_a_feed_target_is_one_cut_to_that_feed(shop: OpenShop) -> None:
+    s = shop(('target={kind="feed",feed_um=15.0}',))
+    (site,) = s.run_job().sites
+    assert site.cuts == 1
+    assert site.feed_um == pytest.approx(15.0, abs=1.5)
+
+
+def test_a_wrong_guess_of_the_gap_is_corrected_after_the_first_cut(shop: OpenShop) -> None:
+    s = shop(("measure.expected_gap_um=8.0",))
+    (site,) = s.run_job().sites
+    gaps = [args["gap_um"] for _, code, _, _, args in s.seen.events if code == RunEvent.CUT_PLANNED]
+    assert gaps[0] == 8.0
+    assert 2.0 < float(gaps[1]) < 6.0
+    assert 2.0 < site.working_gap_um < 6.0
+
+
+def test_jumps_happen_on_time_and_are_recorded(shop: OpenShop) -> None:
+    s = shop(('jump.mode="fixed"', "jump.period_s=3.0", "jump.height_um=40.0"))
+    result = s.run_job()
+    jumps = [args for _, code, _, _, args in s.seen.events if code == RunEvent.JUMPED]
+    assert len(jumps) == pytest.approx(result.machining_time_s / 3.0, abs=2.5)
+    assert {args["height_um"] for args in jumps} == {40.0}
+
+
+def test_an_interrupted_job_ends_retracted_and_keeps_what_it_reached(shop: OpenShop) -> None:
+    s = shop()
+    s.told.when[Phase.MACHINING] = lambda: s.stop.request(signal.SIGTERM)
+    with pytest.raises(Interrupted) as caught:
+        s.run_job()
+    assert caught.value.signal_number == signal.SIGTERM
+    assert_safe(s)
+    assert s.ledger.time_s > 20.0
+    assert s.ledger.result().sites == ()
+
+
+def test_an_interrupt_in_the_second_cut_keeps_what_the_first_one_reached(shop: OpenShop) -> None:
+    s = shop(("wear.first_fraction=0.5",))
+
+    def at_the_next_approach() -> None:
+        s.told.when[Phase.APPROACHING] = lambda: s.stop.request(signal.SIGINT)
+
+    s.told.when[Phase.JUMPING] = at_the_next_approach
+    s.told.when[Phase.MACHINING] = at_the_next_approach
+    with pytest.raises(Interrupted):
+        s.run_job()
+    (site,) = s.ledger.result().sites
+    assert site.depth_um == pytest.approx(5.5, abs=1.5)
+    assert [row.depth_um for row in s.seen.sites] == [site.depth_um]
+    assert_safe(s)
+
+
+def test_an_interrupt_while_the_stages_move_ends_idle_too(shop: OpenShop) -> None:
+    s = shop()
+    s.told.when[Phase.MOVING] = lambda: s.stop.request(signal.SIGINT)
+    with pytest.raises(Interrupted):
+        s.run_job()
+    assert_safe(s)
+
+
+def test_a_keyboard_interrupt_ends_retracted(shop: OpenShop) -> None:
+    def interrupt() -> None:
+        raise KeyboardInterrupt
+
+    s = shop()
+    s.told.when[Phase.MACHINING] = interrupt
+    with pytest.raises(KeyboardInterrupt):
+        s.run_job()
+    assert_safe(s)
+
+
+def test_a_fault_while_machining_is_a_machine_fault(shop: OpenShop) -> None:
+    s = shop()
+
+    def press() -> None:
+        s.bench.plant.estop = True
+
+    s.told.when[Phase.MACHINING] = press
+    with pytest.raises(MachineFault) as caught:
+        s.run_job()
+    assert caught.value.fault == 4001
+    _, code, level, message, args = s.seen.events[-1]
+    assert (code, level) == (RunEvent.ENDED_EARLY, EventLevel.ERROR)
+    assert (message, args["code"]) == (caught.value.message, "E64001")
+    status = s.machine.status()
+    assert status.state is MachineState.ESTOP
+    assert status.actuator_v == 0.0
+
+
+def test_a_full_disk_in_the_middle_of_a_cut_ends_retracted(shop: OpenShop) -> None:
+    class FullDisk(Seen):
+        def append_servo(self, block: ServoBlock) -> None:
+            if block.state[-1] == MachineState.MACHINING:
+                raise RunFileError("no space left", code="E9003")
+
+    s = shop()
+    with pytest.raises(RunFileError):
+        s.run_job(FullDisk())
+    assert_safe(s)
+
+
+def test_the_time_limit_ends_in_order_with_what_was_reached(shop: OpenShop) -> None:
+    s = shop(("limits.max_time_s=65.0",))
+    with pytest.raises(ObjectiveMissed) as caught:
+        s.run_job()
+    (site,) = caught.value.result.sites
+    assert caught.value.exit_code == 7
+    assert 0.5 < site.depth_um < 10.0
+    assert site.depth_um == pytest.approx(s.bench.truth()[0].depth_um, abs=1.0)
+    assert "limits.max_time_s" in caught.value.hint
+    assert s.seen.sites
+    assert_safe(s)
+
+
+def test_a_cut_that_stalls_is_given_up_in_order_and_measured(shop: OpenShop) -> None:
+    s = shop()
+
+    def erode_nothing() -> None:
+        s.bench.plant.par[kernel.KAPPA] = 0.0
+
+    s.told.when[Phase.MACHINING] = erode_nothing
+    with pytest.raises(ObjectiveMissed, match="stopped advancing") as caught:
+        s.run_job()
+    (site,) = caught.value.result.sites
+    assert site.machining_time_s == pytest.approx(60.0, abs=3.0)
+    assert site.depth_um == pytest.approx(0.0, abs=1.0)
+    assert_safe(s)
+
+
+def test_a_depth_beyond_tolerance_misses_the_target_and_says_what_to_correct(shop: OpenShop) -> None:
+    s = shop(("wear.expected_ratio=1.0", "wear.max_cuts=1"))
+    with pytest.raises(ObjectiveMissed) as caught:
+        s.run_job()
+    (site,) = caught.value.result.sites
+    assert site.cuts == 1
+    assert site.depth_um > 14.0
+    assert "from the target" in caught.value.message
+    assert "wear.expected_ratio" in caught.value.hint
+    assert_safe(s)

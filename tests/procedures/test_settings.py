@@ -1,0 +1,87 @@
+"""What the controller is told, derived from recipe and setup."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl.link.messages import PARAMS
+from edmctl.machine.orders import settings_by_name
+from edmctl.machine.port import PulseLog, PulseMode, ServoLaw
+from edmctl.procedures.settings import (
+    controller_settings,
+    gap_reference_v,
+    pulse_settings,
+    recorded_every,
+    telemetry_settings,
+)
+from edmctl.profile.load import load_profile
+from edmctl.profile.setup import Setup
+
+from .conftest import CU270
+
+if TYPE_CHECKING:
+    from edmctl.profile.model import Profile
+
+
+def profile(*overrides: str) -> Profile:
+    return load_profile(CU270, overrides).profile
+
+
+def test_thresholds_follow_the_voltages() -> None:
+    settings = controller_settings(profile(), Setup())
+    assert settings.short_v == pytest.approx(6.0)
+    assert settings.arc_v == pytest.approx(19.5, abs=0.01)
+    raised = controller_settings(profile("pulse.open_voltage_v=60.0", "servo.reference=0.85"), Setup())
+    assert raised.short_v == pytest.approx(9.0)
+
+
+def test_every_setting_of_every_shipped_recipe_fits_the_wire() -> None:
+    for name in ("cu270", "cu150", "w252"):
+        settings = controller_settings(load_profile(CU270.replace("cu270", name)).profile, Setup())
+        for key, value in settings_by_name(settings).items():
+            PARAMS[key].to_wire(value)
+
+
+def test_the_servo_is_the_recipes() -> None:
+    settings = controller_settings(profile('servo.mode="pi"', "servo.kp=12.0"), Setup())
+    assert settings.servo_law is ServoLaw.PI
+    assert settings.kp_um_s == 12.0
+    assert gap_reference_v(profile("servo.reference=0.82")) == pytest.approx(0.82 * 12.0)
+
+
+def test_the_generator_gets_times_of_frequency_and_duty() -> None:
+    pulses = pulse_settings(profile())
+    assert pulses.on_time_us == pytest.approx(130.43, abs=0.01)
+    assert pulses.on_time_us + pulses.off_time_us == pytest.approx(1e6 / 2300)
+    assert pulses.mode is PulseMode.ISOFREQUENCY
+
+
+@pytest.mark.parametrize(
+    ("hz", "period_us", "batch", "every"),
+    [(100.0, 10_000, 10, 1), (1000.0, 1000, 14, 1), (5.0, 50_000, 2, 4), (20.0, 50_000, 2, 1)],
+)
+def test_telemetry_runs_at_the_logged_rate_or_faster(
+    hz: float, period_us: int, batch: int, every: int
+) -> None:
+    recipe = profile(f"log.servo_hz={hz}")
+    telemetry = telemetry_settings(recipe, Setup())
+    assert (telemetry.period_us, telemetry.batch) == (period_us, batch)
+    assert recorded_every(recipe, Setup()) == every
+
+
+def test_no_sample_holds_more_pulses_than_its_counts_can() -> None:
+    recipe = profile().model_copy(
+        update={"pulse": profile().pulse.model_copy(update={"frequency_hz": 50_000.0})}
+    )
+    telemetry = telemetry_settings(recipe, Setup())
+    assert 50_000 * telemetry.period_us * 1e-6 <= 250
+    assert controller_settings(recipe, Setup()).block_pulses == 250
+
+
+@pytest.mark.parametrize(
+    ("name", "log"), [("off", PulseLog.OFF), ("blocks", PulseLog.BLOCKS), ("full", PulseLog.FULL)]
+)
+def test_the_recipe_says_which_pulses_are_logged(name: str, log: PulseLog) -> None:
+    assert telemetry_settings(profile(f'log.pulses="{name}"'), Setup()).pulse_log is log

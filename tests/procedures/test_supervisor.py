@@ -1,0 +1,124 @@
+"""The judgement of a cut over made-up samples."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from edmctl.machine.port import MachineState, TelemetryBlock
+from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.planning import first_plan
+from edmctl.procedures.supervisor import Supervisor, Verdict
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from .conftest import Shop
+
+    OpenShop = Callable[..., Shop]
+
+
+def a_slice(
+    index: int, z_um: float, *, arc: int = 0, short: int = 0, state: MachineState = MachineState.MACHINING
+) -> TelemetryBlock:
+    """Ten samples at 100 Hz; each has 23 pulses, of which `arc` and `short` are not normal."""
+    n = 10
+
+    def counts(number: int) -> np.ndarray[tuple[int], np.dtype[np.uint8]]:
+        return np.full(n, number, np.uint8)
+
+    return TelemetryBlock(
+        time_s=0.1 * index + 0.01 * np.arange(n, dtype=np.float64),
+        displacement_um=np.full(n, z_um),
+        actuator_v=np.full(n, 30.0),
+        gap_v=np.full(n, 9.6),
+        current_a=np.full(n, 0.02),
+        n_open=counts(0),
+        n_normal=counts(23 - arc - short),
+        n_arc=counts(arc),
+        n_short=counts(short),
+        state=counts(state),
+        flags=counts(1),
+        missing_frames=0,
+    )
+
+
+@pytest.fixture
+def watched(shop: OpenShop) -> tuple[Shop, Supervisor]:
+    """Return a supervisor of a first cut from a surface at 50 µm."""
+    s = shop()
+    return s, Supervisor(s.run(), first_plan(s.profile, 50.0))
+
+
+def test_feed_and_time_left_follow_the_tool(watched: tuple[Shop, Supervisor]) -> None:
+    s, supervisor = watched
+    for i in range(200):
+        supervisor.take(a_slice(i, 46.6 + 0.03 * i))
+    assert s.seen.slow[-1].feed_um_s == pytest.approx(0.3)
+    depth_um = 0.03 * 199 / 1.389
+    assert s.seen.slow[-1].depth_um == pytest.approx(depth_um, rel=1e-6)
+    assert s.seen.slow[-1].wear_um == pytest.approx(0.389 * depth_um, rel=1e-6)
+    assert s.told.states[-1].time_left_s == pytest.approx((12.0 - depth_um) * 1.389 / 0.3, rel=1e-6)
+
+
+def test_ratios_cover_the_last_two_seconds(watched: tuple[Shop, Supervisor]) -> None:
+    s, supervisor = watched
+    for i in range(30):
+        supervisor.take(a_slice(i, 50.0, short=23))
+    for i in range(30, 50):
+        supervisor.take(a_slice(i, 50.0))
+    assert s.seen.slow[29].ratio_short == 1.0
+    assert s.seen.slow[-1].ratio_short == 0.0
+    assert supervisor.counts == [0, 20 * 230, 0, 30 * 230]
+
+
+def test_a_tool_that_does_not_advance_is_stalled_after_a_minute(watched: tuple[Shop, Supervisor]) -> None:
+    _, supervisor = watched
+    for i in range(600):
+        supervisor.take(a_slice(i, 60.0))
+    assert supervisor.verdict is None
+    for i in range(600, 620):
+        supervisor.take(a_slice(i, 60.0))
+    assert supervisor.verdict is Verdict.STALLED
+
+
+def test_a_slow_advance_is_no_stall(watched: tuple[Shop, Supervisor]) -> None:
+    _, supervisor = watched
+    for i in range(1500):
+        supervisor.take(a_slice(i, 60.0 + 0.02 * i))
+    assert supervisor.verdict is None
+
+
+def test_arcs_over_the_limit_are_told_once_and_end_the_cut_when_they_stay(
+    watched: tuple[Shop, Supervisor],
+) -> None:
+    s, supervisor = watched
+    for i in range(300):
+        supervisor.take(a_slice(i, 50.0 + 0.05 * i, arc=5))
+    assert supervisor.verdict is None
+    warnings = [code for _, code, _, _, _ in s.seen.events if code == RunEvent.ARCING]
+    assert len(warnings) == 1
+    assert "limit is 15 %" in s.told.notes[-1]
+    for i in range(300, 340):
+        supervisor.take(a_slice(i, 50.0 + 0.05 * i, arc=5))
+    assert supervisor.verdict is Verdict.UNSTABLE
+
+
+def test_a_burst_of_arcs_only_warns(watched: tuple[Shop, Supervisor]) -> None:
+    s, supervisor = watched
+    for i in range(600):
+        supervisor.take(a_slice(i, 50.0 + 0.05 * i, arc=5 if i < 100 else 0))
+    assert supervisor.verdict is None
+    assert len(s.told.notes) == 1
+
+
+def test_jumps_do_not_count_as_feed_or_gap(watched: tuple[Shop, Supervisor]) -> None:
+    s, supervisor = watched
+    for i in range(100):
+        jumping = 40 <= i < 43
+        state = MachineState.JUMP if jumping else MachineState.MACHINING
+        supervisor.take(a_slice(i, 20.0 if jumping else 60.0 + 0.03 * i, state=state))
+    assert s.seen.slow[41].feed_um_s == pytest.approx(0.3)
+    assert supervisor.gap_ratio_mean == pytest.approx(0.8)

@@ -1,0 +1,116 @@
+"""Readings, stage moves and approaches, one at a time on the virtual bench."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from edmctl.errors import ObjectiveNotReached, PreconditionError
+from edmctl.machine.port import EventCode, TelemetryFlag
+from edmctl.procedures.approach import ABOVE_BOTTOM_UM, lower_to, raise_by
+from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.conditioning import condition
+from edmctl.procedures.settings import controller_settings, pulse_settings, telemetry_settings
+from edmctl.procedures.stages import move_to
+from edmctl.procedures.touch import take_reading
+from edmctl.simulator import kernel
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from edmctl.procedures.run import Run
+
+    from .conftest import Shop
+
+    OpenShop = Callable[..., Shop]
+
+
+def armed(shop: Shop) -> Run:
+    """Configure and arm the shop's machine for single procedures."""
+    run = shop.run()
+    settings = controller_settings(shop.profile, shop.job.setup)
+    shop.machine.configure(settings, pulse_settings(shop.profile))
+    shop.machine.start_telemetry(telemetry_settings(shop.profile, shop.job.setup), run.watch)
+    shop.machine.arm()
+    return run
+
+
+def test_a_reading_is_the_mean_of_its_touches_beside_the_model(shop: OpenShop) -> None:
+    s = shop(("measure.touches=3",))
+    run = armed(s)
+    condition(run)
+    move_to(run, run.job.pad)
+    found = take_reading(run, "Z1", "hole", 50.0, 10.0)
+    touched = [args for _, code, _, _, args in s.seen.events if code == EventCode.TOUCH]
+    assert found.z_um == pytest.approx(np.mean([args["displacement_um"] for args in touched]))
+    assert found.reading.touches == 3
+    assert found.model_um == pytest.approx(found.z_um, abs=4.0)
+    assert s.seen.touches[-1].accepted
+
+
+def test_touches_that_scatter_are_rejected_after_one_repeat(shop: OpenShop) -> None:
+    s = shop(("measure.touches=3",))
+    strict = s.profile.measure.model_copy(update={"max_sd_um": 1e-4})
+    s.job = type(s.job)(s.profile.model_copy(update={"measure": strict}), s.job.setup, s.job.sites)
+    run = armed(s)
+    move_to(run, run.job.pad)
+    with pytest.raises(ObjectiveNotReached, match="scatter") as caught:
+        take_reading(run, "Z1", "hole", 50.0, 10.0)
+    assert "measure.max_sd_um" in caught.value.hint
+    assert [row.accepted for row in s.seen.touches] == [False, False]
+
+
+def test_a_closed_contact_before_the_feed_is_refused(shop: OpenShop) -> None:
+    s = shop()
+    run = armed(s)
+    move_to(run, run.job.pad)
+    s.bench.plant.st[kernel.ASPERITY] = 1e3  # a chip between tool and work
+    s.machine.rest(0.2)
+    with pytest.raises(PreconditionError, match="contact sensor"):
+        take_reading(run, "Z1", "hole", 50.0)
+    latest = run.watch.latest
+    assert latest is not None
+    assert latest.flags[-1] & TelemetryFlag.CONTACT
+
+
+def test_a_move_retracts_first_and_arrives_from_below(shop: OpenShop) -> None:
+    s = shop()
+    run = armed(s)
+    s.machine.ramp(40.0, 200.0)
+    move_to(run, run.job.pad)
+    move_to(run, run.job.parking)
+    stages = [time_s for time_s, code, _, _, _ in s.seen.events if code == EventCode.STAGE_DONE]
+    assert len(stages) == 3  # one to the pad; two back, because that is against the direction
+    volts = np.concatenate([block.actuator_v for block in s.seen.servo])
+    times = np.concatenate([block.time_s for block in s.seen.servo])
+    assert volts[times > stages[0] - 0.05].max() == 0.0
+    assert s.machine.status().x_um == pytest.approx(-5000.0, abs=3.0)
+
+
+def test_lowering_stops_short_of_its_goal_and_never_beyond(shop: OpenShop) -> None:
+    s = shop()
+    run = armed(s)
+    lower_to(run, 200.0)
+    heights_um = np.concatenate([block.displacement_um for block in s.seen.servo])
+    assert heights_um.max() < 201.0
+    assert run.watch.displacement_um == pytest.approx(200.0, abs=ABOVE_BOTTOM_UM / 3)
+    raise_by(run, 60.0)
+    s.machine.rest(0.2)
+    assert run.watch.displacement_um < 180.0
+
+
+def test_conditioning_identifies_the_model_and_starts_it_where_the_actuator_is(shop: OpenShop) -> None:
+    s = shop()
+    run = armed(s)
+    condition(run)
+    (said,) = [args for _, code, _, _, args in s.seen.events if code == RunEvent.CONDITIONED]
+    assert 0.0 < float(said["rms_um"]) < 3.0
+    s.machine.ramp(60.0, 60.0)
+    s.machine.rest(0.5)
+    model_um = np.concatenate([block.model_um for block in s.seen.servo])
+    sensor_um = np.concatenate([block.displacement_um for block in s.seen.servo])
+    assert np.isnan(model_um[:100]).all()
+    assert np.abs(model_um - sensor_um)[-30:].max() < 5.0
+    assert sensor_um.max() > 300.0  # the whole stroke, beside the work
