@@ -44,11 +44,13 @@ class FrameDecoder:
     """Finds frames in a stream of bytes that may be damaged anywhere.
 
     `bad` counts the frames dropped: too short, too long, not COBS, or failing the check.
-    `abort_seen` becomes true with eight zeros in a row; whoever acts on it sets it back.
+    `abort_seen` becomes true with eight zeros in a row; whoever acts on it sets it back. Only a controller
+    listens for that: `watch_for_abort`.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, watch_for_abort: bool = True) -> None:
         self.bad = 0
+        self._watches = watch_for_abort
         self.abort_seen = False
         self._partial = b""
         self._zeros = 0
@@ -57,7 +59,8 @@ class FrameDecoder:
         """Take the next bytes and return the frames that they complete."""
         if not data:
             return []
-        self._watch_for_abort(data)
+        if self._watches:
+            self._watch_for_abort(data)
         parts = data.split(b"\0")
         if self._partial:
             parts[0] = self._partial + parts[0]

@@ -76,7 +76,7 @@ class Session:
         self._is_open = False
         self._lost: LinkLost | None = None
         self._seq = 0
-        self._decoder = FrameDecoder()
+        self._decoder = FrameDecoder(watch_for_abort=False)
         self._inbox: deque[Frame] = deque()
         self._waiting: dict[tuple[int, int], Frame | None] = {}
         self._next_beat_s = inf

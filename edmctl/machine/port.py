@@ -25,6 +25,7 @@ from edmctl.machine.reports import (
     PulseBlockBatch,
     TelemetryBlock,
     Touch,
+    joined,
 )
 from edmctl.machine.states import (
     Axis,
@@ -65,6 +66,7 @@ __all__ = [
     "TelemetrySettings",
     "Touch",
     "TouchRequest",
+    "joined",
 ]
 
 

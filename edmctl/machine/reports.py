@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from edmctl.machine.states import EventCode, Interlock, MachineState
 
 Floats: TypeAlias = NDArray[np.float64]
@@ -50,6 +52,26 @@ class TelemetryBlock:
     state: Bytes
     flags: Bytes
     missing_frames: int
+
+
+def joined(blocks: Sequence[TelemetryBlock]) -> TelemetryBlock:
+    """One block of consecutive ones."""
+    if len(blocks) == 1:
+        return blocks[0]
+    return TelemetryBlock(
+        time_s=np.concatenate([b.time_s for b in blocks]),
+        displacement_um=np.concatenate([b.displacement_um for b in blocks]),
+        actuator_v=np.concatenate([b.actuator_v for b in blocks]),
+        gap_v=np.concatenate([b.gap_v for b in blocks]),
+        current_a=np.concatenate([b.current_a for b in blocks]),
+        n_open=np.concatenate([b.n_open for b in blocks]),
+        n_normal=np.concatenate([b.n_normal for b in blocks]),
+        n_arc=np.concatenate([b.n_arc for b in blocks]),
+        n_short=np.concatenate([b.n_short for b in blocks]),
+        state=np.concatenate([b.state for b in blocks]),
+        flags=np.concatenate([b.flags for b in blocks]),
+        missing_frames=sum(b.missing_frames for b in blocks),
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,9 +9,6 @@ if TYPE_CHECKING:
     from edmctl.profile.model import Profile
     from edmctl.profile.setup import Setup
 
-PARKING_DX_UM = -5000.0
-"""From the reference pad to the parking place, off the edge of the work."""
-
 
 @dataclass(frozen=True, slots=True)
 class Site:
@@ -38,7 +35,7 @@ class Job:
     @property
     def parking(self) -> Site:
         """Beside the work, where the actuator may use its whole stroke."""
-        return Site("the parking place", self.pad.x_um + PARKING_DX_UM, self.pad.y_um)
+        return Site("the parking place", self.setup.stage.park_x_um, self.setup.stage.park_y_um)
 
 
 def single_hole(profile: Profile, setup: Setup) -> Job:

@@ -53,6 +53,7 @@ def run_job(
             run.begin(Phase.RETRACTING)
             machine.disarm()
             machine.stop_telemetry()
+            watch.settle()
     except EdmError as error:
         _record_end(run, error)
         raise
@@ -66,6 +67,7 @@ def run_job(
 def _record_end(run: Run, error: EdmError) -> None:
     """Write down what was reached and why it ended; a disk that fails now must not hide that reason."""
     with suppress(RunFileError):
+        run.watch.settle()
         record_open_site(run)
         args = {"code": error.code, "hint": error.hint}
         run.recorder.event(run.machine.time_s, RunEvent.ENDED_EARLY, EventLevel.ERROR, error.message, args)

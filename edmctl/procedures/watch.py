@@ -16,6 +16,7 @@ from edmctl.machine.port import (
     PulseBlockBatch,
     TelemetryBlock,
     TelemetryFlag,
+    joined,
 )
 from edmctl.procedures.codes import RunEvent
 from edmctl.record.rows import EventLevel, PulseBlockRows, PulseTrain, ServoBlock
@@ -28,8 +29,10 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-_HISTORY_BLOCKS = 100
-"""Blocks kept to look up what the model said a moment ago: at least 10 s of them."""
+_GATHERED_BLOCKS = 5
+"""Blocks estimated and recorded together: half a second of them in a running cut."""
+_HISTORY_GROUPS = 20
+"""Groups of blocks kept to look up what the model said a moment ago: at least 10 s of them."""
 
 _DIRECTION = np.zeros((256, 256), dtype=np.int8)
 """Direction of the tool by (state, flags): -1 back, 0 hold, 1 forward."""
@@ -52,12 +55,15 @@ class Watch:
         self._duty_voltage_v = duty_voltage_v
         self._every = record_every
         self._estimator: DisplacementEstimator | None = None
-        self._recent: deque[tuple[TelemetryBlock, Floats]] = deque(maxlen=_HISTORY_BLOCKS)
+        self._fresh: list[TelemetryBlock] = []
+        self._latest: TelemetryBlock | None = None
+        self._recent: deque[tuple[Floats, Floats]] = deque(maxlen=_HISTORY_GROUPS)
         self._follower: Callable[[TelemetryBlock], None] | None = None
         self.missing_frames = 0
 
     def estimate_with(self, estimator: DisplacementEstimator) -> None:
         """From now on estimate the displacement; the estimator has already seen what came so far."""
+        self.settle()
         self._estimator = estimator
 
     def follow(self, follower: Callable[[TelemetryBlock], None] | None) -> None:
@@ -67,7 +73,7 @@ class Watch:
     @property
     def latest(self) -> TelemetryBlock | None:
         """The newest samples, None before the first."""
-        return self._recent[-1][0] if self._recent else None
+        return self._latest
 
     @property
     def displacement_um(self) -> float:
@@ -89,21 +95,33 @@ class Watch:
 
     def model_at(self, time_s: float) -> float:
         """Estimated displacement at a moment of the last seconds, interpolated; NaN without an estimator."""
-        times = np.concatenate([block.time_s for block, _ in self._recent])
+        self.settle()
+        times = np.concatenate([group_s for group_s, _ in self._recent])
         models = np.concatenate([model for _, model in self._recent])
         return float(np.interp(time_s, times, models))
 
     def telemetry(self, block: TelemetryBlock) -> None:
-        """Estimate, record, hand on."""
+        """Keep the block for the estimator and the recorder, and hand it on."""
+        self._latest = block
+        self._fresh.append(block)
+        self.missing_frames += block.missing_frames
+        if len(self._fresh) >= _GATHERED_BLOCKS:
+            self.settle()
+        if self._follower is not None:
+            self._follower(block)
+
+    def settle(self) -> None:
+        """Estimate and record what has come since the last time."""
+        if not self._fresh:
+            return
+        block = joined(self._fresh)
+        self._fresh.clear()
         if self._estimator is None:
             model_um = np.full(len(block.time_s), math.nan)
         else:
             model_um = self._estimator.advance(block.time_s, block.actuator_v)
-        self._recent.append((block, model_um))
-        self.missing_frames += block.missing_frames
+        self._recent.append((block.time_s, model_um))
         self._recorder.append_servo(self._row_block(block, model_um))
-        if self._follower is not None:
-            self._follower(block)
 
     def _row_block(self, block: TelemetryBlock, model_um: Floats) -> ServoBlock:
         direction = _DIRECTION[block.state, block.flags]

@@ -33,10 +33,12 @@ class Surface(Table):
 
 
 class Stage(Table):
-    """XY stage, and where the reference pad is."""
+    """XY stage, where the reference pad is, and a parking place beside the work with room for the full stroke."""
 
     reference_x_um: float = Field(0.0, ge=-1e6, le=1e6)
     reference_y_um: float = Field(0.0, ge=-1e6, le=1e6)
+    park_x_um: float = Field(-5000.0, ge=-1e6, le=1e6)
+    park_y_um: float = Field(0.0, ge=-1e6, le=1e6)
     speed_um_s: float = Field(1000.0, gt=0.0, le=1e6, description="travel, µm/s")
     repeatability_um: float = Field(1.0, ge=0.0, le=100.0, description="coming back to a place, µm")
 
