@@ -29,8 +29,8 @@ class HoleTruth:
 class MemoryTransport:
     """A line without wire: real frame bytes, virtual time.
 
-    The controller answers at once; only `read` lets virtual time pass, at most `timeout_s`. So that a host which
-    asks again and again cannot stop the clock, a millisecond passes after every eight answers without one.
+    The controller answers commands at once; only `read` lets virtual time pass, at most `timeout_s`. So that a
+    host which asks again and again cannot stop the clock, a millisecond passes after every eight answers.
     """
 
     def __init__(self, controller: VirtualController) -> None:
@@ -48,13 +48,14 @@ class MemoryTransport:
     def read(self, timeout_s: float) -> bytes:
         """Let up to `timeout_s` of virtual time pass; bytes of the controller, or b"" when none came."""
         self._check()
-        out = self._controller.port.take_output()
-        if out and self._answers < ANSWERS_PER_TICK:
+        port = self._controller.port
+        if port.urgent and self._answers < ANSWERS_PER_TICK:
             self._answers += 1
-            return out
+            return port.take_output()
+        ticks = 1 if port.urgent else max(1, math.floor(timeout_s / TICK_S + 0.5))
         self._answers = 0
-        self._controller.advance(1 if out else max(1, math.floor(timeout_s / TICK_S + 0.5)))
-        return out + self._controller.port.take_output()
+        self._controller.advance(ticks)
+        return port.take_output()
 
     def now_s(self) -> float:
         """Virtual time: the controller's."""

@@ -186,7 +186,7 @@ class Commands:
         st[k.SLOW_V_S] = self._volts(request.speed_um_s)
         st[k.START_Z] = st[k.SLOW_Z]
         st[k.Z_MAX] = request.max_travel_um
-        st[k.GAP_V] = self._c.plant.open_circuit_mean_v
+        st[k.GAP_V] = self._c.par[k.DUTY_V]
         self._c.pulses_on()
         self._c.begin(k.APPROACH)
         self._c.set_state(State.APPROACH)
@@ -295,4 +295,4 @@ class Commands:
         return OK
 
     def _volts(self, length_um: float) -> float:
-        return length_um / self._c.par.item(k.UM_PER_V)
+        return length_um * self._c.par.item(k.V_PER_UM)

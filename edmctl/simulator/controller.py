@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from edmctl.simulator.plant import Plant
 
 EVENT_REPEAT_TICKS = 100
-HISTORY = 64  # servo decisions remembered, for latency
 NEVER = 1 << 62
 
 _UNARMED = (State.BOOT, State.IDLE, State.FAULT, State.ESTOP)
@@ -54,7 +53,7 @@ class VirtualController:
         self.port = DevicePort(self.commands.execute)
         self.parameters = Parameters(plant)
         self.telemetry = Telemetry(plant, self.port.send, self.step)
-        self._history = np.zeros(HISTORY)
+        self._history = np.zeros(k.HISTORY)
         self.fault = 0
         self.disarming = False
         self.pulses_allowed = False

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 TICK_S = 0.001
 TICK_NS = 1_000_000
 DAC_V = 0.0025  # least step of the actuator voltage, about 7 nm of tool travel
+STEPS_PER_V = 400.0
 
 # ------------------------------------------------------------------------------------- plant: parameters (par)
 (
@@ -77,10 +78,12 @@ DAC_V = 0.0025  # least step of the actuator voltage, about 7 nm of tool travel
     DISCHARGE_SET,
     PEAK_CURRENT,
     SIEMENS,  # of the generator's series resistor
+    DUTY_V,  # mean gap voltage of an all-open gap: duty × open voltage
+    PER_DUTY_V,
     PER_OPEN_GAP,  # one over the reference gap at this open voltage
     PIEZO_MAX,
     SLEW_LIMIT,
-    UM_PER_V,
+    V_PER_UM,
     RETRACT_SLEW,
     FORWARD,
     BACK,
@@ -95,7 +98,7 @@ DAC_V = 0.0025  # least step of the actuator voltage, about 7 nm of tool travel
     ARC_DELAY,
     OPEN_LOST,
     PAR_SIZE,
-) = range(63)
+) = range(65)
 
 # --------------------------------------------------------------------------------------------- float state (st)
 (
@@ -176,6 +179,7 @@ DAC_V = 0.0025  # least step of the actuator voltage, about 7 nm of tool travel
     TOUCH_COUNT,
     TOUCH_NO,
     TLM_TICKS,
+    TLM_NEXT,  # tick at whose end the next sample is due; -1 = none
     TLM_N,
     TLM_STATE,
     SAMPLE_OPEN,  # counts of the running telemetry sample, in the order of PulseClass
@@ -195,7 +199,7 @@ DAC_V = 0.0025  # least step of the actuator voltage, about 7 nm of tool travel
     JUMP_RESUMES,
     SLEWED,
     IST_SIZE,
-) = range(49)
+) = range(50)
 
 # --------------------------------------------------------------------------------------------------------- modes
 (
@@ -237,6 +241,10 @@ OPEN, NORMAL, ARC, SHORT = range(4)
 LOG_OFF, LOG_BLOCKS, LOG_FULL = range(3)
 RELAY, PI_LAW = range(2)
 
+HISTORY = 64  # servo decisions remembered, for latency; a power of two
+TABLE = 1024  # values in each table of a distribution
+SHAPES = float(TABLE * TABLE)
+
 SETTLE_TICKS = 100  # generator on before the approach judges the gap voltage
 SHORT_HURRY_TICKS = 500  # a short this long retracts four times as fast
 LIMIT_TICKS_MAX = 500
@@ -272,11 +280,13 @@ def actuator_tick(par: Floats, st: Floats, plays: Floats, creep: Floats) -> None
         1.0 - 2.0 / (math.exp((y - par[ENVELOPE_CENTRE]) * par[ENVELOPE_STEEPNESS]) + 1.0)
     )
     decay, share, slow = creep[0], creep[1], creep[2]
-    crept = 0.0
     for j in range(decay.shape[0]):
         slow[j] = y + decay[j] * (slow[j] - y)
-        crept += share[j] * slow[j]
-    static = y + crept - par[ACTUATOR_ZERO]
+    even, odd = 0.0, 0.0  # two sums at once: additions wait for each other
+    for j in range(0, decay.shape[0], 2):
+        even += share[j] * slow[j]
+        odd += share[j + 1] * slow[j + 1]
+    static = y + (even + odd) - par[ACTUATOR_ZERO]
     deviation = st[FREE_Z] - static
     velocity = st[MODE_V]
     st[FREE_Z] = static + par[MODE_A11] * deviation + par[MODE_A12] * velocity
@@ -306,22 +316,14 @@ def power(base: float, exponent: float) -> float:
 
 
 @compiled
-def quantile(table: Floats, uniform: float) -> float:
-    """Value of a distribution, tabulated at equal steps of probability, at `uniform` in [0, 1)."""
-    place = uniform * (table.shape[0] - 1)
-    index = int(place)
-    return float(table[index] + (place - index) * (table[index + 1] - table[index]))
-
-
-@compiled
 def pulses_of_tick(
     par: Floats, st: Floats, ist: Ints, random: Floats, tables: Floats, blocks: Bytes, pulses: Bytes
 ) -> tuple[float, int, int]:
     """Strike every pulse of this tick; returns (sum of their mean gap voltages [V], pulses, shorts).
 
     `random` has three rows, a column a pulse: a uniform number that decides bridge, arc and side discharge in
-    turn, a uniform number whose halves give roughness and crater scatter, a unit exponential for the delay.
-    `tables` holds the quantiles of a half-normal and of a unit-mean lognormal distribution.
+    turn, a uniform number that picks roughness and crater scatter from their tables, a unit exponential for the
+    delay. `tables`, shape (2, TABLE), holds equally likely values of a half-normal and a unit-mean lognormal.
     """
     open_v, on_time = par[OPEN_V], par[ON_TIME]
     per_period = 1e3 / ist[PULSE_PERIOD]
@@ -341,10 +343,10 @@ def pulses_of_tick(
         gap = reach + depth + wear
         fraction = min(0.6, debris * per_tool / max(gap, 0.3))
         chance = random[0, at]
-        halves = random[1, at] * 67108864.0  # 2^26: whole part and rest are independent
-        whole = math.floor(halves)
-        local = max(0.02, gap * (1.0 - par[DEBRIS_GAP_FACTOR] * fraction)) - par[ROUGHNESS] * quantile(
-            tables[0], whole * (1.0 / 67108864.0)
+        shape = int(random[1, at] * SHAPES)  # two table places in one number
+        local = (
+            max(0.02, gap * (1.0 - par[DEBRIS_GAP_FACTOR] * fraction))
+            - par[ROUGHNESS] * tables[0, shape % TABLE]
         )
         if bridge_until > 0.0:
             if gap > bridge_until or chance < par[BRIDGE_CLEAR]:
@@ -384,7 +386,7 @@ def pulses_of_tick(
                 pulse_charge = (open_v - plateau) * per_ohm * discharge
                 charge += pulse_charge
                 energy = plateau * pulse_charge
-                removal = par[KAPPA] * energy * efficiency * quantile(tables[1], halves - whole)
+                removal = par[KAPPA] * energy * efficiency * tables[1, shape // TABLE]
                 worn = removal * tool_share
                 debris += removal + worn
                 if chance >= par[SIDE_BASE] + side_slope * fraction:
@@ -434,9 +436,9 @@ def pulses_of_tick(
 def clearing_tick(par: Floats, st: Floats, ist: Ints) -> None:
     """How fast debris leaves the gap: slower the wider and the deeper the hole.
 
-    Depth changes by nanometres a tick, so the two exponentials are renewed every 16 ticks only.
+    Depth changes by nanometres a tick, so the two exponentials are renewed every 64 ticks only.
     """
-    if ist[TICK] % 16 == 0:
+    if ist[TICK] & 63 == 0:
         ratio = st[DEPTH] * par[PER_FLUSH_DEPTH]
         rate = 1.0 / (par[FLUSH_TIME] * (1.0 + ratio * ratio))
         st[CLEARING] = math.exp(-ist[PULSE_PERIOD] * 1e-9 * rate)
@@ -458,7 +460,7 @@ def pump(par: Floats, st: Floats) -> None:
 def sensor_tick(par: Floats, st: Floats, ist: Ints, noise: Floats) -> None:
     """Inductive sensor: gain error, bend, drift, random walk, noise; and the controller's low-passed copy."""
     at = ist[NOISE_AT]
-    if ist[TICK] % 1000 == 0:
+    if ist[TICK] & 1023 == 0:
         st[WALK] += par[SENSOR_WALK] * noise[at]
         at += 1
     z = st[TRUE_Z]
@@ -581,7 +583,7 @@ def command_tick(par: Floats, st: Floats, ist: Ints) -> None:
     ist[LIMIT_TICKS] = ist[LIMIT_TICKS] + 1 if v > par[PIEZO_MAX] else 0
     v = min(par[PIEZO_MAX], max(0.0, v))
     st[COMMAND_V] = v
-    st[APPLIED_V] = math.floor(v / DAC_V + 0.5) * DAC_V
+    st[APPLIED_V] = math.floor(v * STEPS_PER_V + 0.5) * DAC_V
 
 
 @compiled
@@ -606,17 +608,16 @@ def servo_tick(par: Floats, st: Floats, ist: Ints, history: Floats) -> None:
     decisions old. `history` is a ring of normalised voltages.
     """
     count = ist[SERVO_COUNT]
-    if (ist[PHASE] % ist[SERVO_TICKS]) != 0:
+    if ist[SERVO_TICKS] > 1 and ist[PHASE] % ist[SERVO_TICKS] != 0:
         return
-    duty_v = open_circuit_mean(par, ist)
-    size = history.shape[0]
-    history[count % size] = st[GAP_V] / duty_v
+    per_duty_v = par[PER_DUTY_V]
+    history[count & (HISTORY - 1)] = st[GAP_V] * per_duty_v
     ist[SERVO_COUNT] = count + 1
-    s = history[max(0, count - ist[SERVO_LATENCY]) % size]
-    error = s - st[GAP_REF] / duty_v
+    s = history[max(0, count - ist[SERVO_LATENCY]) & (HISTORY - 1)]
+    error = s - st[GAP_REF] * per_duty_v
     if ist[SHORTED] == 1:
         hurry = 4.0 if ist[SHORT_TICKS] > SHORT_HURRY_TICKS else 1.0
-        st[RATE_V_S] = -hurry * par[SHORT_BACK] / par[UM_PER_V]
+        st[RATE_V_S] = -hurry * par[SHORT_BACK] * par[V_PER_UM]
         ist[DIRECTION] = -1
         return
     if ist[LAW] == RELAY:
@@ -624,19 +625,13 @@ def servo_tick(par: Floats, st: Floats, ist: Ints, history: Floats) -> None:
             ist[DIRECTION] = 1
         elif error < -0.5 * par[HYSTERESIS]:
             ist[DIRECTION] = -1
-        st[RATE_V_S] = (par[FORWARD] if ist[DIRECTION] > 0 else -par[BACK]) / par[UM_PER_V]
+        st[RATE_V_S] = (par[FORWARD] if ist[DIRECTION] > 0 else -par[BACK]) * par[V_PER_UM]
         return
     dt = ist[SERVO_TICKS] * TICK_S
     st[INTEGRAL] = min(par[FORWARD], max(-par[BACK], st[INTEGRAL] + par[KI] * error * dt))
     speed = min(par[FORWARD], max(-par[BACK], par[KP] * error + st[INTEGRAL]))
     ist[DIRECTION] = 1 if speed >= 0.0 else -1
-    st[RATE_V_S] = speed / par[UM_PER_V]
-
-
-@compiled
-def open_circuit_mean(par: Floats, ist: Ints) -> float:
-    """Mean gap voltage of an all-open gap: duty × open voltage [V]."""
-    return float(par[OPEN_V] * par[ON_TIME] / (ist[PULSE_PERIOD] * 1e-3))
+    st[RATE_V_S] = speed * par[V_PER_UM]
 
 
 @compiled
@@ -653,7 +648,7 @@ def measure_gap(par: Floats, st: Floats, ist: Ints, voltage_sum: float, count: i
     else:
         ist[SHORTED] = 0
         ist[SHORT_TICKS] = 0
-    if mean_v > 0.999 * open_circuit_mean(par, ist):
+    if mean_v > 0.999 * par[DUTY_V]:
         ist[OPEN_TICKS] += 1
     else:
         ist[OPEN_TICKS] = 0
@@ -804,11 +799,12 @@ def back_off(st: Floats, ist: Ints) -> None:
 @compiled
 def sample_tick(st: Floats, ist: Ints, tlm: Bytes) -> None:
     """Write a telemetry sample (16 bytes, layout of the wire) at the end of its period."""
-    if ist[TLM_TICKS] == 0 or (ist[TICK] + 1) % ist[TLM_TICKS] != 0:
+    if ist[TICK] + 1 != ist[TLM_NEXT]:
         return
+    ist[TLM_NEXT] += ist[TLM_TICKS]
     at = ist[TLM_N] * 16
     put32(tlm, at, math.floor(st[SENSOR_Z] * 1000.0 + 0.5))
-    put16(tlm, at + 4, int(st[APPLIED_V] / DAC_V + 0.5))
+    put16(tlm, at + 4, int(st[APPLIED_V] * STEPS_PER_V + 0.5))
     put16(tlm, at + 6, min(65535, int(st[GAP_V] * 200.0 + 0.5)))
     mean_a = st[CHARGE] / (ist[TLM_TICKS] * 1000.0)
     put16(tlm, at + 8, min(65535, int(mean_a * 1000.0 + 0.5)))

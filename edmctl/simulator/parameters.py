@@ -16,7 +16,6 @@ DISPLACEMENT_FILTER_S = 0.05  # low-pass of the sensor for depth limits
 _FLOATS = {
     "piezo_max_v": k.PIEZO_MAX,
     "slew_limit_v_s": k.SLEW_LIMIT,
-    "gain_um_per_v": k.UM_PER_V,
     "retract_v_s": k.RETRACT_SLEW,
     "forward_um_s": k.FORWARD,
     "back_um_s": k.BACK,
@@ -76,6 +75,7 @@ class Parameters:
         par, ist, v = self._plant.par, self._plant.ist, self._values
         for name, index in _FLOATS.items():
             par[index] = v[name]
+        par[k.V_PER_UM] = 1.0 / v["gain_um_per_v"]
         par[k.FILTER_ALPHA] = 1.0 - math.exp(-2.0 * math.pi * v["filter_hz"] * k.TICK_S)
         par[k.DISPLACEMENT_ALPHA] = 1.0 - math.exp(-k.TICK_S / DISPLACEMENT_FILTER_S)
         self.watchdog_ticks = round(v["watchdog_s"] / k.TICK_S)

@@ -46,7 +46,6 @@ REFERENCE_V = 40.0  # open voltage at which gap_reference_um holds; the gap grow
 FLUSH_DIAMETER_UM = 270.0  # tool diameter at which flush_time_s holds; it grows with the square
 
 BLOCK = 32768
-QUANTILES = 1025  # points of the tabulated distributions
 
 
 @dataclass(slots=True)
@@ -66,7 +65,7 @@ class RandomBlocks:
         self._decide, self._shape, self._delay, self._noise = streams
         self.pulse = np.empty((3, BLOCK))
         self.noise = np.empty(BLOCK)
-        self.tables = _quantile_tables(scatter)
+        self.tables = _tables(scatter)
         self._fill_pulse(0)
         self._fill_noise(0)
 
@@ -94,14 +93,13 @@ class RandomBlocks:
             ist[k.NOISE_AT] = 0
 
 
-def _quantile_tables(scatter: float) -> Floats:
-    """Quantiles of |N(0, 1)| and of a lognormal of mean one, at equal steps; the ends are those of half a step."""
+def _tables(scatter: float) -> Floats:
+    """Equally likely values of |N(0, 1)| and of a lognormal of mean one: the middles of TABLE equal steps."""
     normal = NormalDist()
-    steps = np.clip(np.arange(QUANTILES) / (QUANTILES - 1), 0.25 / QUANTILES, 1.0 - 0.25 / QUANTILES)
-    half = [normal.inv_cdf(0.5 + 0.5 * p) for p in steps]
-    log_volume = np.array([scatter * normal.inv_cdf(p) for p in steps])
-    volume = np.exp(log_volume)
-    return np.stack([np.array(half), volume / np.trapezoid(volume, dx=1.0 / (QUANTILES - 1))])
+    steps = (np.arange(k.TABLE) + 0.5) / k.TABLE
+    half = np.array([normal.inv_cdf(0.5 + 0.5 * p) for p in steps])
+    volume = np.exp([scatter * normal.inv_cdf(p) for p in steps])
+    return np.stack([half, volume / volume.mean()])
 
 
 class Plant:
@@ -114,6 +112,7 @@ class Plant:
         self.par = np.zeros(k.PAR_SIZE)
         self.st = np.zeros(k.ST_SIZE)
         self.ist = np.zeros(k.IST_SIZE, dtype=np.int64)
+        self.ist[k.TLM_NEXT] = -1
         self.random = RandomBlocks(run_seed, config.discharge.scatter)
         self._stage_noise = np.random.default_rng(stage_seed)
         self._tilt_mrad = config.sensors.tilt_sd_mrad * build.standard_normal(2)
@@ -134,12 +133,6 @@ class Plant:
         self.estop = False
         self.set_generator(130.435, 304.348, 40.0, 0.12, 0.0)
         self.arrive()
-
-    @property
-    def open_circuit_mean_v(self) -> float:
-        """Mean gap voltage of an all-open gap: duty × open voltage, V."""
-        period_us = self.ist.item(k.PULSE_PERIOD) * 1e-3
-        return float(self.par[k.OPEN_V] * self.par[k.ON_TIME]) / period_us
 
     @property
     def tool_wear_um(self) -> float:
@@ -196,6 +189,8 @@ class Plant:
         self.par[k.PEAK_CURRENT] = peak_a
         self.par[k.SIEMENS] = peak_a / max(open_v - self.par[k.DISCHARGE_V], 0.1)
         self.par[k.PER_OPEN_GAP] = REFERENCE_V / (self.config.discharge.gap_reference_um * open_v)
+        self.par[k.DUTY_V] = open_v * on_time_us / (on_time_us + off_time_us)
+        self.par[k.PER_DUTY_V] = 1.0 / self.par[k.DUTY_V]
         self.ist[k.PULSE_PERIOD] = round((on_time_us + off_time_us) * 1000.0)
 
     def _store_depth(self) -> None:

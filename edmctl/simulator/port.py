@@ -6,7 +6,7 @@ from collections import OrderedDict
 from typing import TYPE_CHECKING
 
 from edmctl.link.frame import Frame, FrameDecoder, encode_frame
-from edmctl.link.messages import REQUESTS, Hello, Status
+from edmctl.link.messages import REQUESTS, Heartbeat, Hello, Status
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -23,6 +23,7 @@ class DevicePort:
     """Turns bytes into commands and messages into bytes.
 
     `execute` gets each valid command of the session once; a repeated frame gets the reply it got before.
+    `urgent` tells that somebody waits for what is to be sent; answers to heartbeats may wait for company.
     """
 
     def __init__(self, execute: Callable[[Message], Outcome]) -> None:
@@ -31,6 +32,7 @@ class DevicePort:
         self._session = 0
         self._replies: OrderedDict[tuple[int, int], bytes] = OrderedDict()
         self._out: list[bytes] = []
+        self.urgent = False
         self._unacknowledged: list[tuple[int, bytes]] = []
         self._event_no = 0
         self.rx_drop = 0
@@ -52,12 +54,8 @@ class DevicePort:
         """Hand over everything to be sent."""
         out = b"".join(self._out)
         self._out.clear()
+        self.urgent = False
         return out
-
-    @property
-    def has_output(self) -> bool:
-        """Whether bytes are waiting to be sent."""
-        return bool(self._out)
 
     def send(self, message: Message) -> None:
         """Send an unsolicited message once."""
@@ -103,6 +101,7 @@ class DevicePort:
             if len(self._replies) > REPLIES_KEPT:
                 self._replies.popitem(last=False)
         self._out.append(reply)
+        self.urgent = self.urgent or frame.type_id != Heartbeat.ID
         return True
 
     def _run(self, frame: Frame) -> Outcome:

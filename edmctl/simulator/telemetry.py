@@ -39,7 +39,9 @@ class Telemetry:
     def start(self, request: TlmStart) -> None:
         """Begin a telemetry stream; the period counts from controller time zero."""
         ist = self._plant.ist
-        ist[k.TLM_TICKS] = request.period_us // 1000
+        ticks = request.period_us // 1000
+        ist[k.TLM_TICKS] = ticks
+        ist[k.TLM_NEXT] = (ist.item(k.TICK) // ticks + 1) * ticks
         ist[k.TLM_N] = 0
         ist[k.SAMPLE_OPEN : k.SAMPLE_SHORT + 1] = 0
         self._plant.st[k.CHARGE] = 0.0
@@ -52,7 +54,7 @@ class Telemetry:
     def stop(self) -> None:
         """Send what is pending, then stop."""
         self.flush()
-        self._plant.ist[k.TLM_TICKS] = 0
+        self._plant.ist[k.TLM_NEXT] = -1
         self._plant.ist[k.PULSE_LOG] = PulseLog.OFF
 
     def send_full_frames(self) -> None:
