@@ -49,7 +49,9 @@ class EdmError(Exception):
     exit_code: ClassVar[int] = 1
     default_code: ClassVar[str] = "E1000"
 
-    def __init__(self, message: str, *, hint: str = "", code: str = "", where: Location | None = None) -> None:
+    def __init__(
+        self, message: str, *, hint: str = "", code: str = "", where: Location | None = None
+    ) -> None:
         super().__init__(message)
         self.code = code or self.default_code
         self.message = message

@@ -1,0 +1,86 @@
+"""Many simulated runs over the cores of this computer."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING
+
+from edmctl.cli.exitcodes import error_exit_code
+from edmctl.cli.job import Order, carry_out, check
+from edmctl.cli.runfile import name_run
+from edmctl.cli.signals import ignore_signals
+from edmctl.cli.spread import Run, run_of
+from edmctl.console.progress import QuietReporter
+from edmctl.errors import Interrupted, RunFileError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from edmctl.console.progress import Reporter
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """One run: what to do, with which seed, and where its run file goes if it gets one."""
+
+    order: Order
+    seed: int
+    out: Path | None
+    run_id: str
+
+
+def perform_all(tasks: Sequence[Task], reporter: Reporter) -> list[Run]:
+    """Perform `tasks`, side by side where there are cores, and return the runs in the order of the tasks."""
+    workers = min(len(tasks), _cores())
+    if workers == 1:
+        return _one_by_one(tasks, reporter)
+    # A forked child would inherit the threads of numba and BLAS half-way through whatever they do.
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, mp_context=context, initializer=ignore_signals) as pool:
+        futures = [pool.submit(perform, task) for task in tasks]
+        try:
+            reporter.runs(0, len(tasks))
+            for done, future in enumerate(as_completed(futures), start=1):
+                future.result()
+                reporter.runs(done, len(tasks))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for child in multiprocessing.active_children():
+                child.kill()
+            raise
+        return [future.result() for future in futures]
+
+
+def perform(task: Task, reporter: Reporter | None = None) -> Run:
+    """Perform one task.
+
+    A run that fails is a result too. A stop (Interrupted) or a disk that refuses (RunFileError) is raised.
+    """
+    plan = check(task.order)
+    name = name_run(task.out, task.run_id, plan.loaded, datetime.now(UTC)) if task.out else None
+    report = carry_out(plan, task.seed, reporter or QuietReporter(), name)
+    if isinstance(report.error, Interrupted | RunFileError):
+        raise report.error
+    exit_code = error_exit_code(report.error) if report.error else 0
+    return run_of(task.seed, exit_code, report)
+
+
+def _one_by_one(tasks: Sequence[Task], reporter: Reporter) -> list[Run]:
+    if len(tasks) == 1:
+        return [perform(tasks[0], reporter)]
+    runs = []
+    for done, task in enumerate(tasks):
+        reporter.runs(done, len(tasks))
+        runs.append(perform(task))
+    return runs
+
+
+def _cores() -> int:
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

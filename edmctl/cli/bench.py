@@ -1,0 +1,76 @@
+"""The composition root: from a port selector to a machine that answers.
+
+It stands here because `machine/` may not know the simulator, and the simulator shares nothing with the host
+but the wire.
+"""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
+
+from edmctl.cli.signals import stopping_signals
+from edmctl.errors import LinkLost
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from edmctl.machine.controller import LinkMachine
+    from edmctl.profile.load import LoadedProfile
+    from edmctl.simulator import BenchConfig, VirtualBench
+
+SIMULATOR = "sim:"
+MEMORY_HEARTBEAT_S = 0.1
+"""A line in memory loses nothing, so twice within the watchdog's 250 ms is enough."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bench:
+    """A connected machine, and the virtual bench behind it."""
+
+    machine: LinkMachine
+    virtual: VirtualBench
+
+
+def check_port(selector: str | None) -> None:
+    """Refuse, with LinkLost E4002, any selector but the simulator's."""
+    if selector not in (None, "", SIMULATOR, "sim"):
+        raise LinkLost(
+            f"port {selector!r}: this version has no serial ports, only the built-in virtual machine",
+            hint="leave --port and EDMCTL_PORT away, or say --port sim:",
+            code="E4002",
+        )
+
+
+@contextmanager
+def connected(loaded: LoadedProfile, seed: int) -> Iterator[Bench]:
+    """Open the virtual machine and say hello. From here on a signal stops it in order."""
+    from edmctl.link.session import Session
+    from edmctl.machine.controller import LinkMachine
+    from edmctl.machine.stop import StopRequest
+    from edmctl.simulator import open_bench
+
+    virtual = open_bench(bench_config(loaded), seed)
+    try:
+        session = Session(virtual.transport, heartbeat_s=MEMORY_HEARTBEAT_S)
+        stop = StopRequest()
+        with stopping_signals(stop, session.abort):
+            session.open()
+            yield Bench(LinkMachine(session, stop), virtual)
+    finally:
+        virtual.transport.close()
+
+
+def bench_config(loaded: LoadedProfile) -> BenchConfig:
+    """Put the profile's tool and work on a bench that erodes by its `[sim]` table."""
+    from edmctl.simulator.config import BenchConfig, DischargeConstants
+
+    constants = {field.name: getattr(loaded.sim, field.name) for field in fields(DischargeConstants)}
+    return BenchConfig(
+        tool_diameter_um=loaded.profile.tool.diameter_um,
+        theta=loaded.sim.theta,
+        thickness_um=loaded.profile.work.thickness_um,
+        offset_um=loaded.profile.approach.offset_um,
+        discharge=DischargeConstants(**constants),
+    )

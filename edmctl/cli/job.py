@@ -1,0 +1,166 @@
+"""One job from an order to a result: what `machine` does once and `simulate` many times."""
+
+from __future__ import annotations
+
+import dataclasses
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from edmctl.cli.bench import check_port, connected
+from edmctl.cli.exitcodes import MEANING, ExitCode, error_exit_code
+from edmctl.cli.runfile import run_meta
+from edmctl.console.jsonout import render_json
+from edmctl.errors import EdmError, RunFileError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from edmctl.cli.bench import Bench
+    from edmctl.cli.runfile import RunName
+    from edmctl.procedures.results import JobResult, Ledger, Observer
+    from edmctl.profile.forecast import Forecast
+    from edmctl.profile.load import LoadedProfile
+    from edmctl.profile.setup import Setup
+    from edmctl.record.recorder import Recorder
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """What the command line asks for, in plain values that travel to worker processes."""
+
+    profile: str | None
+    overrides: tuple[str, ...]
+    setup: Path | None
+    port: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A checked order."""
+
+    loaded: LoadedProfile
+    setup: Setup
+    setup_text: str
+    forecast: Forecast
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """A hole as the plant knows it."""
+
+    depth_um: float
+    wear_um: float
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What a job reached, whether it ended well or with `error`; `truths` has one entry per site."""
+
+    job: JobResult
+    truths: tuple[Truth, ...]
+    error: EdmError | None
+
+    def as_mapping(self) -> dict[str, object]:
+        """Return the `result` of the JSON object."""
+        mapping = dataclasses.asdict(self.job)
+        mapping["sites"] = [
+            {**site, "truth": dataclasses.asdict(truth)}
+            for site, truth in zip(mapping["sites"], self.truths, strict=True)
+        ]
+        return mapping
+
+
+def check(order: Order) -> Plan:
+    """Load and check everything the order names. Raises ProfileError, UsageError, LinkLost."""
+    if order.profile is None:
+        raise UsageError(
+            "no profile was named",
+            hint="say --profile NAME|FILE or set EDMCTL_PROFILE; `--profile cu270` takes a shipped one",
+            code="E2002",
+        )
+    from edmctl.profile.forecast import forecast
+    from edmctl.profile.load import load_profile, load_setup
+
+    setup = load_setup(order.setup)
+    check_port(order.port or setup.port)
+    loaded = load_profile(order.profile, order.overrides, setup=setup)
+    return Plan(
+        loaded=loaded,
+        setup=setup,
+        setup_text=order.setup.read_text(encoding="utf-8") if order.setup else "",
+        forecast=forecast(loaded.profile, setup),
+    )
+
+
+def carry_out(plan: Plan, seed: int, observer: Observer, name: RunName | None) -> Report:
+    """Run the job on a fresh virtual bench, into the run file `name` where there is one.
+
+    Expected errors come back in the report, with what was reached until then.
+    """
+    from edmctl.procedures.job import single_hole
+    from edmctl.procedures.machining import run_job
+    from edmctl.procedures.results import Ledger
+
+    ledger = Ledger()
+    error: EdmError | None = None
+    with connected(plan.loaded, seed) as bench:
+        try:
+            with _recorder(plan, seed, bench, name, ledger) as recorder:
+                observer.note(f"simulated run on the virtual machine, seed {seed}{_into(name)}")
+                run_job(
+                    bench.machine,
+                    single_hole(plan.loaded.profile, plan.setup),
+                    recorder=recorder,
+                    observer=observer,
+                    ledger=ledger,
+                )
+        except EdmError as expected:
+            error = expected
+        return Report(ledger.result(), _truths(bench, ledger), error)
+
+
+@contextmanager
+def _recorder(
+    plan: Plan, seed: int, bench: Bench, name: RunName | None, ledger: Ledger
+) -> Iterator[Recorder]:
+    """Record into the file `name`, which gets its summary, status and end however the job ends."""
+    if name is None:
+        from edmctl.record.recorder import NullRecorder
+
+        yield NullRecorder()
+        return
+    from edmctl.record.writer import RunWriter
+
+    def summarize() -> None:
+        writer.summary(render_json(Report(ledger.result(), _truths(bench, ledger), None).as_mapping()))
+
+    writer = RunWriter.create(name.path, run_meta(name, plan, seed, bench.machine.identity))
+    try:
+        yield writer
+    except BaseException as error:
+        with suppress(RunFileError):
+            summarize()
+        writer.abandon(*_ending(error))
+        raise
+    summarize()
+    writer.finish("done", 0)
+
+
+def _ending(error: BaseException) -> tuple[str, int]:
+    """Status and exit code of a run file whose job ended with `error`."""
+    if not isinstance(error, EdmError):
+        return "internal error", int(ExitCode.INTERNAL)
+    code = error_exit_code(error)
+    return MEANING[ExitCode(code)].partition(" (")[0], code
+
+
+def _into(name: RunName | None) -> str:
+    return f", into {name.path}" if name else ""
+
+
+def _truths(bench: Bench, ledger: Ledger) -> tuple[Truth, ...]:
+    """The wear is the tool's whole wear: the virtual tool is new at the first site, and there is one site."""
+    holes = bench.virtual.truth()[: len(ledger.sites)]
+    return tuple(Truth(hole.depth_um, bench.virtual.tool_wear_um) for hole in holes)

@@ -1,0 +1,97 @@
+"""`edmctl machine`: the main job."""
+
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from edmctl.cli.options import (
+    DebugOption,
+    DryRunOption,
+    EventsOption,
+    JsonOption,
+    PortOption,
+    ProfileOption,
+    QuietOption,
+    RunIdOption,
+    SeedOption,
+    SetOption,
+    SetupOption,
+)
+from edmctl.cli.outcome import Outcome, Output, run_command, stream_style, watching
+from edmctl.cli.runfile import RunName, name_run
+from edmctl.cli.seeds import seed_to_use
+
+if TYPE_CHECKING:
+    from edmctl.cli.job import Plan, Report
+
+OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder of the run file.")]
+
+
+def machine(
+    profile: ProfileOption = None,
+    overrides: SetOption = None,
+    setup: SetupOption = None,
+    port: PortOption = None,
+    seed: SeedOption = None,
+    out: OutOption = Path("runs"),
+    run_id: RunIdOption = None,
+    dry_run: DryRunOption = False,
+    as_json: JsonOption = False,
+    events: EventsOption = False,
+    quiet: QuietOption = False,
+    debug: DebugOption = False,
+) -> int:
+    """Machine a hole to its target depth or feed.
+
+    Depth and tool wear are measured by touching the surface before, the bottom, and the surface after.
+    """
+    output = Output("machine", as_json, events, quiet, debug)
+
+    def body(outcome: Outcome) -> None:
+        from edmctl.cli.job import Order, check
+
+        plan = check(Order(profile, tuple(overrides or ()), setup, port))
+        outcome.simulated = True
+        outcome.warn(plan.loaded.warnings)
+        if dry_run:
+            _forecast(outcome, plan)
+            return
+        name = name_run(out, run_id, plan.loaded, datetime.now(UTC))
+        _run(outcome, plan, name, seed_to_use(seed))
+
+    return run_command(output, body)
+
+
+def _forecast(outcome: Outcome, plan: "Plan") -> None:
+    from edmctl.console.forecast_table import render_forecast
+
+    outcome.result = {"forecast": plan.forecast}
+    outcome.text = render_forecast(plan.loaded.profile.meta.name, plan.forecast, stream_style(sys.stdout))
+
+
+def _run(outcome: Outcome, plan: "Plan", name: RunName, seed: int) -> None:
+    from edmctl.cli.job import carry_out
+    from edmctl.console.result_table import render_job
+
+    outcome.seed = seed
+    with watching(outcome.output) as reporter:
+        report = carry_out(plan, seed, reporter, name)
+        outcome.run_file = _written(name, report)
+        if report.error and outcome.run_file:
+            reporter.note(f"what was recorded until then is in {outcome.run_file}")
+    outcome.result = report.as_mapping()
+    if report.job.sites:
+        outcome.text = render_job(report.job, report.truths, stream_style(sys.stdout))
+        outcome.text += f"\nSimulated, seed {seed}. Run file {outcome.run_file}"
+    if report.error:
+        raise report.error
+
+
+def _written(name: RunName, report: "Report") -> Path | None:
+    """The run's own file as it is called now; a file that was there before is not the run's."""
+    if report.error and report.error.code == "E9001":
+        return None
+    return next((path for path in (name.path, name.partial) if path.exists()), None)

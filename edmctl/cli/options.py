@@ -1,0 +1,52 @@
+"""The options that several commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, TypeAlias
+
+import typer
+
+ProfileOption: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        "--profile",
+        "-p",
+        metavar="NAME|FILE",
+        envvar="EDMCTL_PROFILE",
+        help="The job: a TOML file, or the name of a shipped profile.",
+    ),
+]
+SetOption: TypeAlias = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Override one profile value, e.g. servo.reference=0.82. Repeatable.",
+    ),
+]
+SetupOption: TypeAlias = Annotated[
+    Path | None,
+    typer.Option("--setup", metavar="FILE", help="Settings of the machine itself (TOML); defaults without."),
+]
+PortOption: TypeAlias = Annotated[
+    str | None,
+    typer.Option("--port", metavar="SELECTOR", envvar="EDMCTL_PORT", help="Which machine; sim: without."),
+]
+SeedOption: TypeAlias = Annotated[
+    int | None,
+    typer.Option("--seed", metavar="N", help="Seed of the simulator; random without."),
+]
+RunIdOption: TypeAlias = Annotated[
+    str | None,
+    typer.Option("--run-id", metavar="ID", help="Name of the run file; made from profile and time without."),
+]
+DryRunOption: TypeAlias = Annotated[
+    bool, typer.Option("--dry-run", help="Check and forecast the job; touch nothing.")
+]
+JsonOption: TypeAlias = Annotated[
+    bool, typer.Option("--json", help="Write one JSON object to stdout, also on failure.")
+]
+EventsOption: TypeAlias = Annotated[bool, typer.Option("--events", help="Progress as JSON lines on stderr.")]
+QuietOption: TypeAlias = Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")]
+DebugOption: TypeAlias = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]

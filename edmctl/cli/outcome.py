@@ -1,0 +1,193 @@
+"""One command from start to exit code: whatever happens ends as a result, a message or both."""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, TextIO
+
+from edmctl.cli.exitcodes import ExitCode, error_exit_code
+from edmctl.cli.signals import SignalArrived, signal_name
+from edmctl.console.diagnostics import render_diagnostics, summary_line
+from edmctl.console.jsonout import SCHEMA, render_json, render_json_line
+from edmctl.console.reporters import reporter_for
+from edmctl.console.style import Style, style_of
+from edmctl.errors import Diagnostic, EdmError, Interrupted, MachineFault, ProfileError, RunFileError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from pathlib import Path
+
+    from edmctl.console.progress import Reporter
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """How one invocation speaks."""
+
+    command: str
+    json: bool = False
+    events: bool = False
+    quiet: bool = False
+    debug: bool = False
+
+
+@dataclass(slots=True)
+class Outcome:
+    """What a command has reached so far; a failure reports as much of it as there is.
+
+    `result` is the `result` of the JSON object, `text` the same for people.
+    """
+
+    output: Output
+    simulated: bool | None = None
+    seed: int | None = None
+    run_file: Path | None = None
+    warnings: list[Diagnostic] = field(default_factory=list)
+    result: object = None
+    text: str = ""
+
+    def warn(self, warnings: Iterable[Diagnostic]) -> None:
+        """Say warnings at once, and keep them for the JSON object."""
+        new = list(warnings)
+        if new:
+            self.warnings += new
+            say(self.output, new)
+
+
+def run_command(output: Output, body: Callable[[Outcome], None]) -> int:
+    """Run `body`, write what it leaves to stdout and stderr, and return the exit code."""
+    outcome = Outcome(output)
+    try:
+        body(outcome)
+    except EdmError as expected:
+        return finish(outcome, expected)
+    except SignalArrived as arrived:
+        return finish(outcome, interrupted(arrived.signal_number))
+    except Exception as bug:
+        return finish(outcome, internal_error(bug))
+    return finish(outcome, None)
+
+
+def finish(outcome: Outcome, error: EdmError | None) -> int:
+    """Write the result to stdout, the error (last, where people look) to stderr; return the exit code."""
+    exit_code = error_exit_code(error) if error else int(ExitCode.DONE)
+    text = outcome.text + "\n" if outcome.text else ""
+    if outcome.output.json:
+        text = render_json(_document(exit_code, outcome, error))
+    try:
+        write(sys.stdout, text)
+    except OSError as refused:
+        error = RunFileError(f"cannot write the result: {refused.strerror}", code="E9010")
+        exit_code = error_exit_code(error)
+    if error:
+        complain(outcome.output, error)
+    return exit_code
+
+
+def interrupted(signal_number: int) -> Interrupted:
+    """Return the error of a signal that came while no machine was connected."""
+    return Interrupted(f"stopped by {signal_name(signal_number)}", signal_number=signal_number)
+
+
+def internal_error(bug: Exception) -> EdmError:
+    """Return the error that stands for a bug; its cause keeps the traceback."""
+    error = EdmError(
+        f"internal error: {type(bug).__name__}: {bug}",
+        hint="This is a bug of edmctl. --debug shows the traceback.",
+    )
+    error.__cause__ = bug
+    return error
+
+
+def complain(output: Output, error: EdmError) -> None:
+    """Write an error to stderr: every diagnostic of a profile, one message for all else."""
+    if output.debug:
+        write(sys.stderr, "".join(traceback.format_exception(error)))
+    say(output, _diagnostics_of(error))
+
+
+def say(output: Output, diagnostics: Sequence[Diagnostic]) -> None:
+    """Write errors and warnings to stderr, with their number when there are several."""
+    if output.events:
+        for d in diagnostics:
+            event = "warning" if d.is_warning else "error"
+            write(sys.stderr, render_json_line({"event": event, **_problem(d)}))
+        return
+    text = render_diagnostics(diagnostics, stream_style(sys.stderr)) + "\n"
+    if len(diagnostics) > 1:
+        warnings = sum(d.is_warning for d in diagnostics)
+        text += "\n" + summary_line(len(diagnostics) - warnings, warnings) + "\n"
+    write(sys.stderr, text)
+
+
+@contextmanager
+def watching(output: Output) -> Iterator[Reporter]:
+    """Give a reporter for stderr, and leave the terminal clean behind it."""
+    style = stream_style(sys.stderr)
+    reporter = reporter_for(sys.stderr, style, events=output.events, quiet=output.quiet)
+    try:
+        yield reporter
+    finally:
+        reporter.close()
+
+
+def stream_style(stream: TextIO) -> Style:
+    """Return how to write to `stream` in this environment."""
+    return style_of(stream, os.environ)
+
+
+def write(stream: TextIO, text: str) -> None:
+    """Write and flush. Nobody reading any more is no failure of the job: the rest goes nowhere."""
+    try:
+        stream.write(text)
+        stream.flush()
+    except BrokenPipeError:
+        with suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+def _document(exit_code: int, outcome: Outcome, error: EdmError | None) -> dict[str, object]:
+    found = _diagnostics_of(error) if error else ()
+    return {
+        "schema": SCHEMA,
+        "command": outcome.output.command,
+        "ok": error is None,
+        "exit_code": exit_code,
+        "simulated": outcome.simulated,
+        "seed": outcome.seed,
+        "run_file": str(outcome.run_file) if outcome.run_file else None,
+        "warnings": [_problem(warning) for warning in (*outcome.warnings, *found) if warning.is_warning],
+        "result": outcome.result,
+        "error": _error_mapping(error) if error else None,
+    }
+
+
+def _diagnostics_of(error: EdmError) -> Sequence[Diagnostic]:
+    if isinstance(error, ProfileError):
+        return error.diagnostics
+    return [Diagnostic(error.code, error.message, error.hint, error.where)]
+
+
+def _error_mapping(error: EdmError) -> dict[str, object]:
+    mapping = _problem(Diagnostic(error.code, error.message, error.hint, error.where))
+    if isinstance(error, ProfileError):
+        mapping["all"] = [_problem(d) for d in error.diagnostics if not d.is_warning]
+    if isinstance(error, MachineFault):
+        mapping["fault"] = error.fault
+    return mapping
+
+
+def _problem(diagnostic: Diagnostic) -> dict[str, object]:
+    where = diagnostic.where
+    return {
+        "code": diagnostic.code,
+        "message": diagnostic.message,
+        "hint": diagnostic.hint,
+        "file": where.file if where else None,
+        "line": where.line if where else None,
+        "column": where.column if where else None,
+    }

@@ -1,0 +1,121 @@
+"""`edmctl profile`: check, show and describe profiles."""
+
+import json
+import sys
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from edmctl.cli.options import DebugOption, JsonOption, SetOption
+from edmctl.cli.outcome import Outcome, Output, run_command, stream_style
+from edmctl.console.toml_view import render_toml
+from edmctl.errors import Diagnostic, EdmError, ProfileError
+
+if TYPE_CHECKING:
+    from edmctl.profile.load import LoadedProfile
+
+app = typer.Typer(
+    help="Check, show and describe profiles.",
+    rich_markup_mode=None,
+    add_completion=False,
+)
+
+FilesArgument = Annotated[list[str], typer.Argument(metavar="NAME|FILE...", help="Files, or shipped names.")]
+FileArgument = Annotated[str, typer.Argument(metavar="NAME|FILE", help="A file, or a shipped name.")]
+
+
+@app.command()
+def check(
+    profiles: FilesArgument,
+    overrides: SetOption = None,
+    as_json: JsonOption = False,
+    debug: DebugOption = False,
+) -> int:
+    """Check profiles; report every problem."""
+
+    def body(outcome: Outcome) -> None:
+        verdicts: list[dict[str, object]] = []
+        outcome.result = {"profiles": verdicts}
+        problems: list[Diagnostic] = []
+        for name in profiles:
+            found = _problems_of(name, overrides or [])
+            errors = sum(not d.is_warning for d in found)
+            warnings = len(found) - errors
+            verdicts.append({"profile": name, "ok": not errors, "errors": errors, "warnings": warnings})
+            problems += found
+            if not errors:
+                outcome.text += f"{name}: ok\n"
+        outcome.text = outcome.text.rstrip("\n")
+        if any(not d.is_warning for d in problems):
+            raise ProfileError(tuple(problems))
+        outcome.warn(problems)
+
+    return run_command(Output("profile check", json=as_json, debug=debug), body)
+
+
+@app.command()
+def show(
+    profile: FileArgument,
+    overrides: SetOption = None,
+    as_json: JsonOption = False,
+    debug: DebugOption = False,
+) -> int:
+    """Show every value of a profile."""
+
+    def body(outcome: Outcome) -> None:
+        from edmctl.profile.load import load_profile
+
+        loaded = load_profile(profile, overrides or [])
+        outcome.warn(loaded.warnings)
+        outcome.result = _values(loaded)
+        outcome.text = _as_toml(loaded)
+
+    return run_command(Output("profile show", json=as_json, debug=debug), body)
+
+
+@app.command()
+def schema(as_json: JsonOption = False, debug: DebugOption = False) -> int:
+    """Write the JSON schema of profiles.
+
+    With --json it is the `result` of the usual object.
+    """
+
+    def body(outcome: Outcome) -> None:
+        from edmctl.profile.model import Profile
+
+        outcome.result = Profile.model_json_schema()
+        outcome.text = json.dumps(outcome.result, indent=2, ensure_ascii=False)
+
+    return run_command(Output("profile schema", json=as_json, debug=debug), body)
+
+
+def _problems_of(name: str, overrides: list[str]) -> list[Diagnostic]:
+    from edmctl.profile.load import load_profile
+
+    try:
+        return list(load_profile(name, overrides).warnings)
+    except ProfileError as error:
+        return list(error.diagnostics)
+    except EdmError as error:
+        return [Diagnostic(error.code, error.message, error.hint, error.where)]
+
+
+def _values(loaded: "LoadedProfile") -> dict[str, dict[str, bool | int | float | str]]:
+    tables = loaded.profile.model_dump(mode="json", by_alias=True, exclude_none=True)
+    return {**tables, "sim": loaded.sim.model_dump(mode="json", exclude_none=True)}
+
+
+def _as_toml(loaded: "LoadedProfile") -> str:
+    tables = _values(loaded)
+    tables["servo"].pop("reference_v", None)  # stated once: loading turned it into `reference`
+    origin = [f"# {loaded.path}", *(f"# {override}" for override in loaded.overrides)]
+    return "\n".join(origin) + "\n\n" + render_toml(tables, _descriptions(loaded), stream_style(sys.stdout))
+
+
+def _descriptions(loaded: "LoadedProfile") -> dict[str, str]:
+    tables = {**dict(loaded.profile), "sim": loaded.sim}
+    return {
+        f"{name}.{info.alias or field}": info.description or ""
+        for name, table in tables.items()
+        for field, info in type(table).model_fields.items()
+    }

@@ -1,0 +1,121 @@
+"""The name of a run file, and what it says about the run before its first row."""
+
+from __future__ import annotations
+
+import getpass
+import re
+import socket
+import sys
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from edmctl.errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+    from datetime import datetime
+    from pathlib import Path
+
+    from edmctl.cli.job import Plan
+    from edmctl.machine.port import MachineIdentity
+    from edmctl.profile.load import LoadedProfile
+    from edmctl.record.rows import Leaf, RunMeta
+
+# Longest first, because `feed_um_s` ends in `_s` too.
+_UNIT_OF_SUFFIX = {
+    "_um3_per_uj": "um3/uJ",
+    "_um_s": "um/s",
+    "_lpm": "L/min",
+    "_um": "um",
+    "_us": "us",
+    "_ms": "ms",
+    "_hz": "Hz",
+    "_v": "V",
+    "_a": "A",
+    "_c": "degC",
+    "_s": "s",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class RunName:
+    """What a run is called, and when it started (UTC)."""
+
+    run_id: str
+    path: Path
+    start: datetime
+
+    @property
+    def partial(self) -> Path:
+        """The file's name until it is finished."""
+        return self.path.with_name(self.path.name + ".partial")
+
+
+def name_run(folder: Path, run_id: str | None, loaded: LoadedProfile, start: datetime) -> RunName:
+    """Name a run by `run_id`, or else by the profile's file name and the time: `cu270-20260131T101500.250Z`.
+
+    Raises UsageError (E2004) when the id is no plain file name.
+    """
+    if run_id is None:
+        stem = re.sub(r"[^A-Za-z0-9_+-]", "-", loaded.path.stem).lstrip("_+-") or "run"
+        run_id = f"{stem[:80]}-{start:%Y%m%dT%H%M%S}.{start.microsecond // 1000:03d}Z"
+    elif not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._+-]{0,119}", run_id):
+        raise UsageError(
+            f"run id {run_id!r} is no plain file name",
+            hint="take up to 120 letters, digits and . _ + - and begin with a letter or digit",
+            code="E2004",
+        )
+    return RunName(run_id, folder / f"{run_id}.h5", start)
+
+
+def run_meta(name: RunName, plan: Plan, seed: int, identity: MachineIdentity) -> RunMeta:
+    """Describe a run for its file."""
+    from edmctl import __version__
+    from edmctl.record.rows import RunMeta
+
+    loaded, profile = plan.loaded, plan.loaded.profile
+    return RunMeta(
+        run_id=name.run_id,
+        title=profile.meta.description or profile.meta.name,
+        start_time=name.start.isoformat(timespec="milliseconds"),
+        command=["edmctl", *sys.argv[1:]],
+        host=socket.gethostname(),
+        simulated=identity.simulated,
+        seed=seed,
+        profile_text=loaded.text,
+        profile_sha256=loaded.sha256,
+        edmctl_version=__version__,
+        profile_path=str(loaded.path),
+        profile_leaves=tuple(_leaves(profile.model_dump(mode="json", by_alias=True, exclude_none=True))),
+        profile_overrides=loaded.overrides,
+        setup_text=plan.setup_text,
+        protocol_version=identity.protocol,
+        firmware_version=identity.firmware,
+        controller_serial=identity.serial,
+        user=_user(),
+        work_material=profile.work.material,
+        work_thickness_um=profile.work.thickness_um,
+        tool_material=profile.tool.material,
+        tool_diameter_um=profile.tool.diameter_um,
+    )
+
+
+def unit_of(key: str) -> str:
+    """Return the unit that a key's suffix names, `1` for a pure number."""
+    return next((unit for suffix, unit in _UNIT_OF_SUFFIX.items() if key.endswith(suffix)), "1")
+
+
+def _leaves(tables: Mapping[str, Mapping[str, float | int | str | bool]]) -> Iterator[Leaf]:
+    from edmctl.record.rows import Leaf
+
+    for table, values in tables.items():
+        for key, value in values.items():
+            yield Leaf(f"{table}.{key}", value, unit_of(key))
+
+
+def _user() -> str:
+    """The login name; containers may have none."""
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):
+        return ""

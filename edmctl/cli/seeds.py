@@ -1,0 +1,24 @@
+"""Seeds of the simulator."""
+
+from __future__ import annotations
+
+import secrets
+
+from edmctl.errors import UsageError
+
+# Nine digits at most: short enough to read out and type again.
+_NEW_SEEDS = 1_000_000_000
+# The run file keeps the seed in 64 bits with a sign.
+_LARGEST = 2**63 - 1
+
+
+def seed_to_use(asked: int | None) -> int:
+    """Return the seed that was asked for, else a new one, to be printed and recorded.
+
+    Raises UsageError (E2005) for a seed that the run file cannot hold.
+    """
+    if asked is None:
+        return secrets.randbelow(_NEW_SEEDS)
+    if not 0 <= asked <= _LARGEST:
+        raise UsageError(f"--seed {asked}: a seed lies between 0 and {_LARGEST}", code="E2005")
+    return asked

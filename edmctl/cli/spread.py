@@ -1,0 +1,131 @@
+"""Many simulated runs of one set of values, summed up."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from edmctl.cli.job import Report
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """One simulated run; what was not reached is NaN."""
+
+    seed: int
+    ok: bool
+    exit_code: int
+    error: str | None
+    depth_um: float = math.nan
+    depth_u95_um: float = math.nan
+    wear_um: float = math.nan
+    wear_u95_um: float = math.nan
+    feed_um: float = math.nan
+    true_depth_um: float = math.nan
+    true_wear_um: float = math.nan
+    machining_time_s: float = math.nan
+    time_s: float = math.nan
+    cuts: int = 0
+
+    @property
+    def depth_error_um(self) -> float:
+        """Measured less true depth."""
+        return self.depth_um - self.true_depth_um
+
+    @property
+    def wear_error_um(self) -> float:
+        """Measured less true wear."""
+        return self.wear_um - self.true_wear_um
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """Mean, standard deviation (0 for one value) and range."""
+
+    mean: float
+    sd: float
+    minimum: float
+    maximum: float
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """Runs that differ in their seed only."""
+
+    label: str
+    overrides: tuple[str, ...]
+    runs: tuple[Run, ...]
+    failed: int
+    spreads: Mapping[str, Spread]
+    coverage: Mapping[str, float]
+
+
+_QUANTITIES = (
+    "true_depth_um",
+    "true_wear_um",
+    "depth_um",
+    "wear_um",
+    "depth_error_um",
+    "wear_error_um",
+    "machining_time_s",
+    "time_s",
+)
+
+
+def run_of(seed: int, exit_code: int, report: Report) -> Run:
+    """Reduce a report to one row; the only site is the first."""
+    message = report.error.message if report.error else None
+    if not report.job.sites or not report.truths:
+        return Run(seed, report.error is None, exit_code, message, time_s=report.job.time_s)
+    site, truth = report.job.sites[0], report.truths[0]
+    return Run(
+        seed=seed,
+        ok=report.error is None,
+        exit_code=exit_code,
+        error=message,
+        depth_um=site.depth_um,
+        depth_u95_um=site.depth_u95_um,
+        wear_um=site.wear_um,
+        wear_u95_um=site.wear_u95_um,
+        feed_um=site.feed_um,
+        true_depth_um=truth.depth_um,
+        true_wear_um=truth.wear_um,
+        machining_time_s=site.machining_time_s,
+        time_s=report.job.time_s,
+        cuts=site.cuts,
+    )
+
+
+def summarize(label: str, overrides: tuple[str, ...], runs: Sequence[Run]) -> Case:
+    """Sum up the runs of one set of values; runs without a measured hole count as failed only."""
+    measured = [run for run in runs if math.isfinite(run.depth_um)]
+    spreads = (
+        {key: _spread([getattr(run, key) for run in measured]) for key in _QUANTITIES} if measured else {}
+    )
+    return Case(
+        label=label,
+        overrides=overrides,
+        runs=tuple(runs),
+        failed=sum(not run.ok for run in runs),
+        spreads=spreads,
+        coverage=_coverage(measured),
+    )
+
+
+def _spread(values: Sequence[float]) -> Spread:
+    sd = statistics.stdev(values) if len(values) > 1 else 0.0
+    return Spread(statistics.fmean(values), sd, min(values), max(values))
+
+
+def _coverage(runs: Sequence[Run]) -> dict[str, float]:
+    """Share of runs whose 95 % interval held the truth."""
+    if not runs:
+        return {}
+    depth = sum(abs(run.depth_error_um) <= run.depth_u95_um for run in runs)
+    wear = sum(abs(run.wear_error_um) <= run.wear_u95_um for run in runs)
+    return {"depth": depth / len(runs), "wear": wear / len(runs)}

@@ -1,0 +1,1 @@
+"""What people and scripts see: diagnostics, tables, progress and the JSON object."""

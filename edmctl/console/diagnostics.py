@@ -1,0 +1,72 @@
+"""Errors and warnings with the source line and a caret under the offending text."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from edmctl.console.style import PLAIN, Ink, Style
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from edmctl.errors import Diagnostic, Location
+
+
+def render_diagnostics(diagnostics: Sequence[Diagnostic], style: Style = PLAIN) -> str:
+    """Render every diagnostic, in the order given, separated by an empty line."""
+    return "\n\n".join(
+        render_problem(d.code, d.message, hint=d.hint, where=d.where, is_warning=d.is_warning, style=style)
+        for d in diagnostics
+    )
+
+
+def render_problem(
+    code: str,
+    message: str,
+    *,
+    hint: str = "",
+    where: Location | None = None,
+    is_warning: bool = False,
+    style: Style = PLAIN,
+) -> str:
+    """Render one problem as it stands on stderr, without a final newline."""
+    kind, ink = ("warning", Ink.WARNING) if is_warning else ("error", Ink.ERROR)
+    lines = [style.paint(f"{kind}[{code}]", ink) + style.paint(f": {message}", Ink.STRONG)]
+    gutter = len(str(where.line)) if where else 1
+    if where:
+        lines += _source_lines(where, gutter, style, ink)
+    if hint:
+        lines.append(f"{' ' * gutter} {style.paint('= help:', Ink.NOTE)} {hint}")
+    return "\n".join(lines)
+
+
+def summary_line(errors: int, warnings: int) -> str:
+    """Return `2 errors, 1 warning`."""
+    parts = [
+        f"{number} {noun}{'' if number == 1 else 's'}"
+        for number, noun in ((errors, "error"), (warnings, "warning"))
+        if number
+    ]
+    return ", ".join(parts)
+
+
+def _source_lines(where: Location, gutter: int, style: Style, ink: Ink) -> list[str]:
+    pad = " " * gutter
+    arrow, bar = style.paint("-->", Ink.GUTTER), style.paint("|", Ink.GUTTER)
+    lines = [f"{pad}{arrow} {where.file}:{where.line}:{where.column}"]
+    if where.source_line:
+        number = style.paint(f"{where.line:>{gutter}}", Ink.GUTTER)
+        lines.append(f"{number} {bar} {where.source_line}")
+        lines.append(f"{pad} {bar} {_indent(where)}{style.paint('^' * _caret_length(where), ink)}")
+    return lines
+
+
+def _indent(where: Location) -> str:
+    """Repeat the tabs of the source line, so that the caret stands right at any tab width."""
+    before = where.source_line[: where.column - 1].ljust(where.column - 1)
+    return "".join("\t" if character == "\t" else " " for character in before)
+
+
+def _caret_length(where: Location) -> int:
+    rest = len(where.source_line) - (where.column - 1)
+    return max(1, min(where.length, rest))

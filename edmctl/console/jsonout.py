@@ -1,0 +1,62 @@
+"""The one JSON object that `--json` writes.
+
+Keys stand in a fixed order and numbers are rounded by the unit in their key, so that the same result is the
+same bytes on every machine.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Mapping, Sequence
+from enum import Enum
+from typing import TypeAlias
+
+JsonValue: TypeAlias = "bool | int | float | str | list[JsonValue] | dict[str, JsonValue] | None"
+
+SCHEMA = "edmctl-result/1"
+
+# One nanometre and one millisecond lie well below what the machine can tell apart.
+_DECIMALS_BY_UNIT = {"_um": 3, "_s": 3, "_um_s": 4, "_v": 4}
+_SIGNIFICANT = 6
+
+
+def to_json_value(value: object, key: str = "") -> JsonValue:
+    """Turn dataclasses, mappings, sequences and scalars into plain JSON values.
+
+    Lengths (`_um`) and times (`_s`) keep three decimals, other floats six significant digits; what is not
+    finite becomes null. Raises TypeError for anything else.
+    """
+    if value is None or isinstance(value, bool | str):
+        return str(value) if isinstance(value, Enum) else value
+    if isinstance(value, int):
+        return int(value)
+    if isinstance(value, float):
+        return _rounded(float(value), key)
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: to_json_value(getattr(value, f.name), f.name) for f in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {str(k): to_json_value(v, str(k)) for k, v in value.items()}
+    if isinstance(value, Sequence):
+        return [to_json_value(item, key) for item in value]
+    raise TypeError(f"{type(value).__name__} has no JSON form")
+
+
+def render_json(document: Mapping[str, object]) -> str:
+    """Return `document` as indented JSON text with a final newline."""
+    return json.dumps(to_json_value(document), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def render_json_line(document: Mapping[str, object]) -> str:
+    """Return `document` as one line of JSON with a final newline."""
+    return json.dumps(to_json_value(document), ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _rounded(value: float, key: str) -> float | None:
+    if not math.isfinite(value):
+        return None
+    for suffix in ("_um_s", "_um", "_s", "_v"):
+        if key.endswith(suffix):
+            return round(value, _DECIMALS_BY_UNIT[suffix]) + 0.0
+    return float(f"{value:.{_SIGNIFICANT}g}") + 0.0

@@ -1,0 +1,183 @@
+"""Progress for streams that cannot redraw: plain lines, JSON lines, or nothing.
+
+A reader that goes away (`edmctl machine … 2>&1 | head`) must not stop a job, so a broken pipe only silences.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import TYPE_CHECKING, Protocol, TextIO
+
+from edmctl.console.jsonout import render_json_line
+from edmctl.console.result_table import render_ratios
+from edmctl.console.text import duration
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from edmctl.console.views import ProgressView, RatiosView
+
+PASSING_PHASE = "jumping"
+"""Comes and goes every few seconds of machining, so it is no news of its own."""
+LINE_EVERY_S = 30.0
+EVENT_EVERY_S = 1.0
+
+
+class Reporter(Protocol):
+    """Watches a job. It is an `Observer` of the procedures and a little more."""
+
+    def progress(self, p: ProgressView) -> None:
+        """Take the newest state; called at 10 Hz or so of machine time."""
+
+    def note(self, text: str) -> None:
+        """Say something once."""
+
+    def runs(self, done: int, total: int) -> None:
+        """Count finished runs of many."""
+
+    def close(self) -> None:
+        """Leave the terminal clean."""
+
+
+class QuietReporter:
+    """Says nothing."""
+
+    def progress(self, p: ProgressView) -> None:
+        """Ignore it."""
+
+    def note(self, text: str) -> None:
+        """Ignore it."""
+
+    def runs(self, done: int, total: int) -> None:
+        """Ignore it."""
+
+    def close(self) -> None:
+        """Nothing to clean."""
+
+
+class Pace:
+    """Lets a report through at each change of phase, and otherwise once per `every_s` of wall time."""
+
+    def __init__(self, every_s: float, clock: Callable[[], float]) -> None:
+        self._every_s = every_s
+        self._clock = clock
+        self._phase = ""
+        self._due_s = 0.0
+
+    def is_due(self, phase: str) -> bool:
+        """Say whether to report now; a yes starts the next interval."""
+        now_s = self._clock()
+        if phase in (self._phase, PASSING_PHASE) and now_s < self._due_s:
+            return False
+        self._phase, self._due_s = phase, now_s + self._every_s
+        return True
+
+
+class LineReporter:
+    """Plain lines, never a carriage return."""
+
+    def __init__(self, stream: TextIO, clock: Callable[[], float] = time.monotonic) -> None:
+        self._out = _PatientStream(stream)
+        self._pace = Pace(LINE_EVERY_S, clock)
+
+    def progress(self, p: ProgressView) -> None:
+        """Write a line when one is due."""
+        if self._pace.is_due(p.phase):
+            self._out.write(progress_line(p) + "\n")
+
+    def note(self, text: str) -> None:
+        """Write `text` on a line of its own."""
+        self._out.write(text + "\n")
+
+    def runs(self, done: int, total: int) -> None:
+        """Write a line when one is due."""
+        if self._pace.is_due("runs"):
+            self._out.write(f"{done} of {total} runs done\n")
+
+    def close(self) -> None:
+        """Nothing to clean."""
+
+
+class EventReporter:
+    """JSON lines: each has the key `event`: `progress`, `runs` or `note`."""
+
+    def __init__(self, stream: TextIO, clock: Callable[[], float] = time.monotonic) -> None:
+        self._out = _PatientStream(stream)
+        self._pace = Pace(EVENT_EVERY_S, clock)
+
+    def progress(self, p: ProgressView) -> None:
+        """Write a `progress` object when one is due."""
+        if self._pace.is_due(p.phase):
+            self._emit("progress", progress_mapping(p))
+
+    def note(self, text: str) -> None:
+        """Write a `note` object."""
+        self._emit("note", {"text": text})
+
+    def runs(self, done: int, total: int) -> None:
+        """Write a `runs` object when one is due."""
+        if self._pace.is_due("runs"):
+            self._emit("runs", {"done": done, "total": total})
+
+    def close(self) -> None:
+        """Nothing to clean."""
+
+    def _emit(self, event: str, fields: Mapping[str, object]) -> None:
+        self._out.write(render_json_line({"event": event, **fields}))
+
+
+def progress_line(p: ProgressView) -> str:
+    """Return the state in one line of plain text; gap, pulses and depth only while there are pulses."""
+    parts = [f"{duration(p.time_s)}: {p.phase}"]
+    if has_pulses(p.ratios):
+        parts.append(f"gap {p.gap_v:.1f} V (reference {p.reference_v:.1f} V)")
+        parts.append(render_ratios(p.ratios, decimals=0))
+        parts.append(f"depth {depth_words(p)}")
+    if p.time_left_s > 0:
+        parts.append(f"{duration(p.time_left_s)} left")
+    return "; ".join(parts)
+
+
+def depth_words(p: ProgressView) -> str:
+    """Return the depth, and the target where it is a depth: a feed target has none."""
+    of_target = f" of {p.depth_target_um:.1f}" if math.isfinite(p.depth_target_um) else ""
+    return f"{p.depth_um:.1f}{of_target} µm"
+
+
+def has_pulses(ratios: RatiosView) -> bool:
+    """Say whether any pulse was counted: without one all shares are zero or unknown."""
+    return ratios.open + ratios.normal + ratios.arc + ratios.short > 0.0
+
+
+def progress_mapping(p: ProgressView) -> dict[str, object]:
+    """Return the state with the keys of the JSON result."""
+    shares = {"open": p.ratios.open, "normal": p.ratios.normal, "arc": p.ratios.arc, "short": p.ratios.short}
+    return {
+        "phase": p.phase,
+        "time_s": p.time_s,
+        "gap_v": p.gap_v,
+        "reference_v": p.reference_v,
+        "ratios": shares,
+        "depth_um": p.depth_um,
+        "depth_target_um": p.depth_target_um,
+        "displacement_um": p.displacement_um,
+        "time_left_s": p.time_left_s,
+    }
+
+
+class _PatientStream:
+    """A text stream that falls silent when nobody reads it any more."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._alive = True
+
+    def write(self, text: str) -> None:
+        if not self._alive:
+            return
+        try:
+            self._stream.write(text)
+            self._stream.flush()
+        except (OSError, ValueError):
+            self._alive = False

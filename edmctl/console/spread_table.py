@@ -1,0 +1,87 @@
+"""Tables of simulated runs: how far they spread, and how far to trust what is measured."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+from edmctl.console.style import PLAIN, Style
+from edmctl.console.tables import render_columns
+from edmctl.console.text import percent, plural
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+
+class SpreadView(Protocol):
+    """Mean, standard deviation and range of one quantity."""
+
+    @property
+    def mean(self) -> float: ...
+    @property
+    def sd(self) -> float: ...
+    @property
+    def minimum(self) -> float: ...
+    @property
+    def maximum(self) -> float: ...
+
+
+class CaseView(Protocol):
+    """Many runs of one set of values; keys of `spreads` carry their unit."""
+
+    @property
+    def label(self) -> str: ...
+    @property
+    def runs(self) -> Sequence[object]: ...
+    @property
+    def failed(self) -> int: ...
+    @property
+    def spreads(self) -> Mapping[str, SpreadView]: ...
+    @property
+    def coverage(self) -> Mapping[str, float]: ...
+
+
+_NAMES = {
+    "depth_um": "depth, µm",
+    "wear_um": "tool wear, µm",
+    "machining_time_s": "machining time, s",
+    "time_s": "whole job, s",
+    "true_depth_um": "true depth, µm",
+    "true_wear_um": "true wear, µm",
+    "depth_error_um": "depth error, µm",
+    "wear_error_um": "wear error, µm",
+}
+
+
+def render_cases(cases: Sequence[CaseView], style: Style = PLAIN) -> str:
+    """Render one case in full; of several, one line each."""
+    return _render_case(cases[0], style) if len(cases) == 1 else _render_overview(cases, style)
+
+
+def _render_case(case: CaseView, style: Style) -> str:
+    header = [f"{case.label}, {plural(len(case.runs), 'run')}", "mean", "sd", "min", "max"]
+    rows = [
+        [_NAMES[key], *(f"{value:.2f}" for value in (s.mean, s.sd, s.minimum, s.maximum))]
+        for key, s in case.spreads.items()
+    ]
+    lines = [render_columns(header, rows, style)]
+    if case.coverage:
+        shares = " and ".join(f"{percent(share, 0)} of the {name}s" for name, share in case.coverage.items())
+        lines.append(f"The 95 % intervals held {shares}.")
+    if case.failed:
+        lines.append(f"{case.failed} of {plural(len(case.runs), 'run')} failed.")
+    return "\n".join(lines)
+
+
+def _render_overview(cases: Sequence[CaseView], style: Style) -> str:
+    keys = ("true_depth_um", "true_wear_um", "depth_error_um", "machining_time_s")
+    header = ["mean ± sd", *(_NAMES[key] for key in keys), "failed"]
+    rows = [
+        [case.label, *(_mean_sd(case, key) for key in keys), f"{case.failed} of {len(case.runs)}"]
+        for case in cases
+    ]
+    return render_columns(header, rows, style)
+
+
+def _mean_sd(case: CaseView, key: str) -> str:
+    spread = case.spreads.get(key)
+    return f"{spread.mean:.2f} ± {spread.sd:.2f}" if spread else "–"

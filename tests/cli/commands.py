@@ -1,0 +1,79 @@
+"""Ways to run a command line: in this process, where it is quick, or in one of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from edmctl.cli.app import main
+
+if TYPE_CHECKING:
+    import pytest
+
+ROOT = Path(__file__).parents[2]
+CU270 = str(ROOT / "profiles" / "cu270.toml")
+
+# As shallow as the jump height of the profile permits.
+SHALLOW = ("--profile", CU270, "--set", "target.depth_um=8", "--set", 'log.pulses="off"')
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """What a command left behind."""
+
+    exit_code: int
+    out: str
+    err: str
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The one JSON object on stdout."""
+        parsed: dict[str, Any] = json.loads(self.out)
+        return parsed
+
+
+class Here:
+    """Runs command lines in this process."""
+
+    def __init__(self, capsys: pytest.CaptureFixture[str]) -> None:
+        self._capsys = capsys
+
+    def __call__(self, *arguments: str) -> Said:
+        exit_code = main(arguments)
+        captured = self._capsys.readouterr()
+        assert "Traceback" not in captured.err
+        return Said(exit_code, captured.out, captured.err)
+
+
+def environment(**changes: str) -> dict[str, str]:
+    """The environment of a user at a plain terminal."""
+    kept = {k: v for k, v in os.environ.items() if not k.startswith("EDMCTL_")}
+    for name in ("NO_COLOR", "FORCE_COLOR"):
+        kept.pop(name, None)
+    return {**kept, "PYTHONPATH": str(ROOT), **changes}
+
+
+def command(*arguments: str) -> list[str]:
+    """The command line of `edmctl` in a process of its own."""
+    return [sys.executable, "-m", "edmctl", *arguments]
+
+
+def in_process_of_its_own(*arguments: str, cwd: Path, **changes: str) -> Said:
+    """Run a command in its own process with pipes for its streams."""
+    done = subprocess.run(
+        command(*arguments),
+        cwd=cwd,
+        env=environment(**changes),
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        encoding="utf-8",
+        timeout=120,
+        check=False,
+    )
+    assert "Traceback" not in done.stderr
+    return Said(done.returncode, done.stdout, done.stderr)

@@ -1,0 +1,132 @@
+"""What the documentation tells people to type is typed here, as it stands."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl.cli.exitcodes import MEANING
+from tests.cli.commands import ROOT, environment
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+PAGES = ["README.md", "docs/tutorial.md", "docs/how-to.md", "docs/profile.md"]
+ALL_PAGES = sorted(str(p.relative_to(ROOT)) for p in [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
+
+
+def commands_of(page: str) -> list[tuple[str, int]]:
+    """Each `$ ` line of a console block with its exit code, 0 unless a comment says `exits N`."""
+    text = (ROOT / page).read_text(encoding="utf-8")
+    found = []
+    for block in re.findall(r"^```console\n(.*?)^```$", text, flags=re.DOTALL | re.MULTILINE):
+        for line in block.splitlines():
+            assert line.startswith("$ "), f"{page}: {line!r} is no command line"
+            exits = re.search(r"# exits (\d+)$", line)
+            found.append((line[2:], int(exits[1]) if exits else 0))
+    return found
+
+
+def newcomer(home: Path) -> tuple[Path, dict[str, str]]:
+    """An empty folder, and an environment where `edmctl` and `python3` are those of the tests."""
+    folder, tools = home / "work", home / "bin"
+    folder.mkdir()
+    tools.mkdir()
+    for name, call in (("edmctl", f"{sys.executable} -m edmctl"), ("python3", sys.executable)):
+        tool = tools / name
+        tool.write_text(f'#!/bin/sh\nexec {call} "$@"\n', encoding="utf-8")
+        tool.chmod(0o755)
+    return folder, environment(PATH=f"{tools}{os.pathsep}{os.environ['PATH']}")
+
+
+def failures_of(page: str, home: Path) -> list[str]:
+    """Type the commands of a page one after the other; what did not end as the page says."""
+    folder, env = newcomer(home)
+    failures = []
+    for line, exit_code in commands_of(page):
+        done = subprocess.run(
+            ["bash", "-c", line],
+            cwd=folder,
+            env=env,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            encoding="utf-8",
+            timeout=120,
+            check=False,
+        )
+        if done.returncode != exit_code or "Traceback" in done.stderr:
+            failures.append(f"$ {line}\nexit code {done.returncode}\n{done.stdout}\n{done.stderr}")
+    return failures
+
+
+@pytest.fixture(scope="module")
+def typed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[str]]:
+    """The failures of each page. The pages are typed side by side: most of the time is waiting for processes."""
+    homes = [tmp_path_factory.mktemp("newcomer") for _ in PAGES]
+    with ThreadPoolExecutor(len(PAGES)) as pool:
+        return dict(zip(PAGES, pool.map(failures_of, PAGES, homes), strict=True))
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_command_of_a_page_works(page: str, typed: dict[str, list[str]]) -> None:
+    assert typed[page] == []
+
+
+def test_no_page_with_commands_is_left_out() -> None:
+    assert [page for page in ALL_PAGES if commands_of(page)] == sorted(PAGES)
+
+
+def test_the_extending_profile_of_the_page_is_sound(tmp_path: Path) -> None:
+    folder, env = newcomer(tmp_path)
+    text = (ROOT / "docs/profile.md").read_text(encoding="utf-8")
+    (toml,) = re.findall(r"^```toml\n(.*?)^```$", text, flags=re.DOTALL | re.MULTILINE)
+    shutil.copy(ROOT / "profiles/cu270.toml", folder)
+    (folder / "shallow.toml").write_text(toml, encoding="utf-8")
+    subprocess.run(["edmctl", "profile", "check", "shallow.toml"], cwd=folder, env=env, check=True)
+
+
+def test_links_lead_somewhere() -> None:
+    for page in ALL_PAGES:
+        text = (ROOT / page).read_text(encoding="utf-8")
+        for link in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", text):
+            if not link.startswith("https://"):
+                assert ((ROOT / page).parent / link).exists(), f"{page} links to {link}"
+
+
+def test_the_page_of_exit_codes_says_what_the_program_says() -> None:
+    page = (ROOT / "docs/exit-codes.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (\d+) \| (.+) \|$", page, flags=re.MULTILINE)
+    assert rows == [(str(int(code)), meaning) for code, meaning in MEANING.items()]
+
+
+def test_the_tables_of_the_profile_page_are_those_of_the_models() -> None:
+    check = [sys.executable, str(ROOT / "docs/generate_profile.py"), "--check"]
+    done = subprocess.run(check, env=environment(), capture_output=True, encoding="utf-8", check=False)
+    assert done.returncode == 0, done.stdout
+
+
+def test_the_readme_holds_the_commands_that_the_ci_takes_from_it() -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    marked = dict(re.findall(r"^<!-- command: (\w+) -->\n```sh\n(.+)\n```$", readme, flags=re.MULTILINE))
+    assert set(marked) == {"run", "test"}
+    for command in marked.values():
+        words = shlex.split(command)
+        assert words[:4] == ["python3", "-m", "venv", ".venv"]
+    assert marked["run"].endswith(".venv/bin/edmctl machine --profile profiles/cu270.toml")
+    assert marked["test"].endswith(".venv/bin/python -m pytest")
+
+
+def test_pictures_load_nothing_from_elsewhere() -> None:
+    pictures = list((ROOT / "docs/images").glob("*.svg"))
+    assert pictures
+    for picture in pictures:
+        addresses = re.findall(r"https?://[^\s\"')]+", picture.read_text(encoding="utf-8"))
+        assert set(addresses) <= {"http://www.w3.org/2000/svg", "https://www.textualize.io"}

@@ -1,0 +1,202 @@
+"""`edmctl machine`: the result, the run file, and what stands on which stream."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import h5py
+import pytest
+
+from edmctl.console.jsonout import render_json
+from tests.cli.commands import CU270, SHALLOW, Said, in_process_of_its_own
+
+if TYPE_CHECKING:
+    from tests.cli.commands import Here
+
+SITE_KEYS = [
+    "depth_um",
+    "depth_u95_um",
+    "wear_um",
+    "wear_u95_um",
+    "feed_um",
+    "z1_um",
+    "z2_um",
+    "z3_um",
+    "depth_model_um",
+    "wear_model_um",
+    "machining_time_s",
+    "cuts",
+    "pulses",
+]
+
+
+@pytest.fixture(scope="module")
+def piped(tmp_path_factory: pytest.TempPathFactory) -> tuple[Said, Path]:
+    """One run with seed 7 in a process of its own, as a person with pipes sees it, and its run file."""
+    folder = tmp_path_factory.mktemp("piped")
+    arguments = ("machine", *SHALLOW, "--seed", "7", "--run-id", "r")
+    said = in_process_of_its_own(*arguments, cwd=folder, TERM="xterm-256color")
+    assert said.exit_code == 0
+    return said, folder / "runs" / "r.h5"
+
+
+def test_the_table_is_on_stdout_and_the_rest_on_stderr(piped: tuple[Said, Path]) -> None:
+    said, _ = piped
+    assert "measured   from voltage" in said.out
+    assert "Simulated, seed 7. Run file runs/r.h5" in said.out
+    assert said.err.startswith("simulated run on the virtual machine, seed 7, into runs/r.h5\n")
+    assert "machining; gap" in said.err
+
+
+def test_pipes_get_neither_carriage_returns_nor_escape_codes(piped: tuple[Said, Path]) -> None:
+    said, _ = piped
+    for stream in (said.out, said.err):
+        assert "\r" not in stream
+        assert "\x1b" not in stream
+
+
+def test_the_run_file_says_what_it_is(piped: tuple[Said, Path]) -> None:
+    with h5py.File(piped[1]) as file:
+        entry = file["/entry"]
+        assert entry["status"].asstr()[()] == "done"
+        assert entry["exit_code"][()] == 0
+        assert entry["simulated"][()] == 1
+        assert entry["seed"][()] == 7
+        assert entry["profile/toml"].asstr()[()] == Path(CU270).read_text(encoding="utf-8")
+        assert "target.depth_um = 8" in entry["profile/overrides"].asstr()[()]
+        assert entry["profile/values"].attrs["pulse.frequency_hz_units"] == "Hz"
+
+
+def test_json_has_the_documented_keys_and_the_same_seed_gives_the_same_bytes(
+    here: Here, piped: tuple[Said, Path]
+) -> None:
+    document = here("machine", *SHALLOW, "--seed", "7", "--run-id", "one", "--json", "--quiet").document
+    assert list(document) == [
+        "schema",
+        "command",
+        "ok",
+        "exit_code",
+        "simulated",
+        "seed",
+        "run_file",
+        "warnings",
+        "result",
+        "error",
+    ]
+    assert document["schema"] == "edmctl-result/1"
+    assert (document["ok"], document["exit_code"], document["simulated"]) == (True, 0, True)
+    assert (document["seed"], document["run_file"], document["error"]) == (7, "runs/one.h5", None)
+    (site,) = document["result"]["sites"]
+    assert set(SITE_KEYS) <= set(site)
+    assert set(site["ratios"]) == {"open", "normal", "arc", "short"}
+    assert set(site["truth"]) == {"depth_um", "wear_um"}
+    assert abs(site["depth_um"] - 8.0) <= 2.0
+    assert abs(site["truth"]["depth_um"] - 8.0) <= 3.0
+    assert {"time_s", "tool_wear_total_um"} <= set(document["result"])
+    with h5py.File(piped[1]) as file:
+        assert file["/entry/summary"][()].tobytes().decode() == render_json(document["result"])
+
+
+def test_events_are_json_lines_and_a_seed_nobody_chose_is_reported(here: Here) -> None:
+    said = here("machine", *SHALLOW, "--events", "--json")
+    events = [json.loads(line) for line in said.err.splitlines()]
+    assert {event["event"] for event in events} == {"note", "progress"}
+    assert any(event.get("phase") == "machining" for event in events)
+    seed = said.document["seed"]
+    assert isinstance(seed, int)
+    assert 0 <= seed < 10**9
+    with h5py.File(said.document["run_file"]) as file:
+        assert file["/entry/seed"][()] == seed
+
+
+def test_dry_run_forecasts_and_touches_nothing(here: Here) -> None:
+    said = here("machine", "--profile", "cu270", "--dry-run")
+    assert said.exit_code == 0
+    for line in ("depth", "stroke", "feed", "whole job", "servo swing"):
+        assert f"\n{line} " in said.out
+    forecast = here("machine", "--profile", "cu270", "--dry-run", "--json").document["result"]["forecast"]
+    assert forecast["depth_um"] == 180.0
+    assert forecast["stroke_um"] < forecast["stroke_available_um"]
+    assert list(Path().iterdir()) == []
+
+
+def test_a_run_is_never_overwritten(here: Here) -> None:
+    Path("runs").mkdir()
+    Path("runs/r.h5").write_bytes(b"precious")
+    said = here("machine", *SHALLOW, "--run-id", "r", "--json")
+    assert said.exit_code == 9
+    assert said.document["error"]["code"] == "E9001"
+    assert "--run-id" in said.document["error"]["hint"]
+    assert said.document["run_file"] is None
+    assert Path("runs/r.h5").read_bytes() == b"precious"
+
+
+def test_an_unwritable_folder_is_refused_before_anything_moves(here: Here) -> None:
+    Path("file").write_text("no folder", encoding="utf-8")
+    said = here("machine", *SHALLOW, "--out", "file/runs", "--json")
+    assert said.exit_code == 9
+    assert said.document["error"]["code"] == "E9002"
+    assert "machining" not in said.err
+
+
+@pytest.mark.parametrize("how", ["option", "environment", "setup"])
+def test_only_the_virtual_machine_can_be_reached(
+    here: Here, how: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arguments = ["--port", "/dev/ttyACM0"]
+    if how == "environment":
+        monkeypatch.setenv("EDMCTL_PORT", "/dev/ttyACM0")
+        arguments = []
+    elif how == "setup":
+        Path("setup.toml").write_text('port = "/dev/ttyACM0"\n', encoding="utf-8")
+        arguments = ["--setup", "setup.toml"]
+    said = here("machine", *SHALLOW, *arguments, "--json")
+    assert said.exit_code == 4
+    assert "port '/dev/ttyACM0'" in said.document["error"]["message"]
+    assert not Path("runs").exists()
+
+
+def test_an_option_names_the_port_before_the_environment(here: Here, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("EDMCTL_PORT", "/dev/ttyACM0")
+    assert here("machine", *SHALLOW, "--port", "sim:", "--dry-run").exit_code == 0
+
+
+def test_a_missed_objective_reports_what_was_reached(here: Here) -> None:
+    said = here(
+        "machine", *SHALLOW, "--set", "limits.max_time_s=100", "--seed", "2", "--run-id", "r", "--json"
+    )
+    assert said.exit_code == 7
+    assert said.document["ok"] is False
+    assert said.document["result"]["time_s"] > 0.0
+    assert said.document["run_file"] == "runs/r.h5"
+    with h5py.File("runs/r.h5") as file:
+        assert file["/entry/exit_code"][()] == 7
+
+
+def test_an_open_interlock_is_a_precondition(here: Here) -> None:
+    said = here("machine", *SHALLOW, "--set", "flush.min_flow_lpm=2.0", "--run-id", "r", "--json")
+    assert said.exit_code == 8
+    assert said.document["error"]["code"].startswith("E8")
+    assert said.document["result"]["sites"] == []
+    with h5py.File("runs/r.h5") as file:
+        assert file["/entry/exit_code"][()] == 8
+
+
+def test_a_bug_is_one_line_and_debug_shows_where(
+    here: Here, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from edmctl.cli import job
+    from edmctl.cli.app import main
+
+    def broken(order: object) -> None:
+        raise ZeroDivisionError("made for this test")
+
+    monkeypatch.setattr(job, "check", broken)
+    said = here("machine", *SHALLOW, "--json")
+    assert said.exit_code == 1
+    assert said.document["error"]["message"] == "internal error: ZeroDivisionError: made for this test"
+    assert len(said.err.splitlines()) == 2
+    assert main(["machine", *SHALLOW, "--debug"]) == 1
+    assert "Traceback" in capsys.readouterr().err

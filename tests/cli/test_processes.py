@@ -1,0 +1,198 @@
+"""What only a process of its own can show: signals, pipes, terminals, a full disk."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import resource
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import IO
+
+import h5py
+import pytest
+
+from tests.cli.commands import CU270, SHALLOW, command, environment, in_process_of_its_own
+
+
+def start(*arguments: str, cwd: Path) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        command(*arguments),
+        cwd=cwd,
+        env=environment(),
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        encoding="utf-8",
+    )
+
+
+def read_until(stream: IO[str], part: str) -> str:
+    """Read lines until one holds `part`."""
+    lines = ""
+    for line in stream:
+        lines += line
+        if part in line:
+            return lines
+    raise AssertionError(f"{part!r} never came; there was:\n{lines}")
+
+
+@pytest.mark.parametrize(("number", "exit_code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_stops_in_order(number: signal.Signals, exit_code: int, tmp_path: Path) -> None:
+    process = start("machine", "--profile", CU270, "--seed", "1", "--run-id", "r", "--json", cwd=tmp_path)
+    assert process.stderr is not None
+    read_until(process.stderr, "machining; gap")
+    process.send_signal(number)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == exit_code
+    assert "Traceback" not in err
+    assert f"{number.name}: pulses off, retracting" in err
+    document = json.loads(out)
+    assert (document["ok"], document["exit_code"]) == (False, exit_code)
+    assert document["run_file"] == "runs/r.h5"
+    assert document["result"]["time_s"] > 0.0
+    with h5py.File(tmp_path / "runs/r.h5") as file:
+        assert file["/entry/exit_code"][()] == exit_code
+        assert file["/entry/end_time"].asstr()[()]
+        assert file["/entry/servo/v_cmd"][-1] == 0.0
+
+
+@pytest.mark.parametrize(("runs", "sign"), [("1", "machining; gap"), ("4", "0 of 4 runs done")])
+def test_a_signal_stops_a_simulation(runs: str, sign: str, tmp_path: Path) -> None:
+    process = start("simulate", "--profile", CU270, "--seed", "1", "--runs", runs, "--json", cwd=tmp_path)
+    assert process.stderr is not None
+    read_until(process.stderr, sign)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in err
+    assert json.loads(out)["exit_code"] == 130
+
+
+def test_a_second_signal_aborts() -> None:
+    code = (
+        "import os, signal\n"
+        "from edmctl.cli.signals import stopping_signals\n"
+        "from edmctl.machine.stop import StopRequest\n"
+        "with stopping_signals(StopRequest(), lambda: os.write(1, b'abort')):\n"
+        "    os.kill(os.getpid(), signal.SIGTERM)\n"
+        "    os.write(1, b'going on ')\n"
+        "    os.kill(os.getpid(), signal.SIGINT)\n"
+        "    os.write(1, b'not reached')\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment(), capture_output=True, encoding="utf-8", check=False
+    )
+    assert (done.returncode, done.stdout) == (130, "going on abort")
+    assert "SIGINT again: aborted." in done.stderr
+
+
+def test_signals_that_were_ignored_stay_ignored() -> None:
+    code = (
+        "import os, signal\n"
+        "signal.signal(signal.SIGHUP, signal.SIG_IGN)\n"
+        "from edmctl.cli.signals import raising_signals\n"
+        "with raising_signals():\n"
+        "    os.kill(os.getpid(), signal.SIGHUP)\n"
+    )
+    assert subprocess.run([sys.executable, "-c", code], env=environment(), check=False).returncode == 0
+
+
+def test_a_full_disk_ends_the_job_safely(tmp_path: Path) -> None:
+    limit = 3_000_000
+    done = subprocess.run(
+        command(
+            "machine",
+            "--profile",
+            CU270,
+            "--seed",
+            "1",
+            "--run-id",
+            "r",
+            "--json",
+            "--set",
+            'log.pulses="full"',
+        ),
+        cwd=tmp_path,
+        env=environment(),
+        capture_output=True,
+        encoding="utf-8",
+        timeout=120,
+        check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
+    )
+    assert done.returncode == 9
+    assert "Traceback" not in done.stderr
+    document = json.loads(done.stdout)
+    assert document["error"]["code"] == "E9003"
+    assert document["run_file"] == "runs/r.h5.partial"
+    assert document["result"]["time_s"] > 0.0
+    with h5py.File(tmp_path / "runs/r.h5.partial", "r", swmr=True) as file:
+        assert len(file["/entry/servo/time"]) > 100
+
+
+def test_a_reader_that_goes_away_does_not_stop_the_job(tmp_path: Path) -> None:
+    process = start("machine", *SHALLOW, "--seed", "1", "--run-id", "r", cwd=tmp_path)
+    assert process.stdout is not None
+    assert process.stderr is not None
+    process.stdout.close()
+    process.stderr.close()
+    assert process.wait(timeout=60) == 0
+    with h5py.File(tmp_path / "runs/r.h5") as file:
+        assert file["/entry/status"].asstr()[()] == "done"
+
+
+def test_a_result_that_cannot_be_written_is_an_error(tmp_path: Path) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            command("profile", "show", "cu270"),
+            cwd=tmp_path,
+            env=environment(),
+            stdout=full,
+            stderr=subprocess.PIPE,
+            encoding="utf-8",
+            check=False,
+        )
+    assert done.returncode == 9
+    assert done.stderr.startswith("error[E9010]: cannot write the result: No space left on device")
+    assert "Traceback" not in done.stderr
+
+
+def on_a_terminal(*arguments: str, cwd: Path, **changes: str) -> str:
+    """What a terminal gets to see of stderr."""
+    ours, theirs = pty.openpty()
+    with (cwd / "out").open("w") as out:
+        process = subprocess.Popen(
+            command(*arguments), cwd=cwd, env=environment(**changes), stdout=out, stderr=theirs
+        )
+    os.close(theirs)
+    seen = b""
+    while True:
+        try:
+            block = os.read(ours, 65536)
+        except OSError:
+            break
+        seen += block
+    os.close(ours)
+    assert process.wait(timeout=60) == 0
+    return seen.decode()
+
+
+def test_a_terminal_gets_a_picture(tmp_path: Path) -> None:
+    seen = on_a_terminal(
+        "machine", *SHALLOW, "--seed", "1", cwd=tmp_path, TERM="xterm-256color", COLUMNS="100"
+    )
+    assert "━" in seen
+    assert "\x1b[2K" in seen
+    assert "reference 9.6 V" in seen
+
+
+def test_ascii_locales_do_not_break_the_output(tmp_path: Path) -> None:
+    said = in_process_of_its_own(
+        "machine", "--profile", "cu270", "--dry-run", cwd=tmp_path, PYTHONIOENCODING="ascii"
+    )
+    assert said.exit_code == 0
+    assert "180.00 ?m" in said.out

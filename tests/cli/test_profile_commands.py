@@ -1,0 +1,56 @@
+"""`profile check`, `show` and `schema`."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tests.cli.commands import CU270
+
+if TYPE_CHECKING:
+    from tests.cli.commands import Here
+
+
+def test_sound_profiles_are_ok(here: Here) -> None:
+    said = here("profile", "check", "cu270", "cu150", "w252")
+    assert said.exit_code == 0
+    assert said.out == "cu270: ok\ncu150: ok\nw252: ok\n"
+
+
+def test_one_bad_file_does_not_hide_the_others(here: Here) -> None:
+    Path("bad.toml").write_text("[meta]\n", encoding="utf-8")
+    said = here("profile", "check", "bad.toml", "nowhere", "cu270", "--json")
+    assert said.exit_code == 3
+    verdicts = said.document["result"]["profiles"]
+    assert [(v["profile"], v["ok"]) for v in verdicts] == [
+        ("bad.toml", False),
+        ("nowhere", False),
+        ("cu270", True),
+    ]
+    assert "no profile 'nowhere'" in said.err
+
+
+def test_show_is_a_profile_that_loads_again(here: Here) -> None:
+    shown = here("profile", "show", "w252", "--set", "servo.reference=0.75")
+    assert shown.exit_code == 0
+    assert "servo.reference" in shown.out
+    assert tomllib.loads(shown.out)["servo"]["reference"] == 0.75
+    Path("again.toml").write_text(shown.out, encoding="utf-8")
+    again = here("profile", "show", "again.toml", "--json")
+    first = here("profile", "show", "w252", "--set", "servo.reference=0.75", "--json")
+    assert again.document["result"] == first.document["result"]
+
+
+def test_show_json_holds_defaults(here: Here) -> None:
+    result = here("profile", "show", CU270, "--json").document["result"]
+    assert result["meta"]["schema"] == 1
+    assert result["pulse"]["discharge_voltage_v"] == 22.0
+    assert "theta" in result["sim"]
+
+
+def test_schema_describes_every_table(here: Here) -> None:
+    schema = json.loads(here("profile", "schema").out)
+    assert {"meta", "tool", "pulse", "servo", "target"} <= set(schema["properties"])
+    assert here("profile", "schema", "--json").document["result"] == schema

@@ -1,0 +1,109 @@
+"""`edmctl simulate`: many seeds through the whole stack."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl.cli.spread import Run, summarize
+from edmctl.cli.sweep import parse_sweep
+from edmctl.errors import UsageError
+from tests.cli.commands import SHALLOW, in_process_of_its_own
+
+if TYPE_CHECKING:
+    from tests.cli.commands import Here
+
+
+def run(seed: int, depth_um: float, true_um: float, *, ok: bool = True) -> Run:
+    return Run(
+        seed=seed,
+        ok=ok,
+        exit_code=0 if ok else 7,
+        error=None if ok else "missed",
+        depth_um=depth_um,
+        depth_u95_um=1.0,
+        wear_um=70.0,
+        wear_u95_um=2.0,
+        true_depth_um=true_um,
+        true_wear_um=70.5,
+        machining_time_s=900.0 + seed,
+        time_s=1000.0 + seed,
+    )
+
+
+def test_a_case_sums_up_its_runs() -> None:
+    case = summarize("cu270", (), [run(1, 180.0, 179.5), run(2, 181.0, 179.5), run(3, 179.0, 179.5)])
+    depth, error = case.spreads["depth_um"], case.spreads["depth_error_um"]
+    assert (depth.mean, depth.sd, depth.minimum, depth.maximum) == (180.0, 1.0, 179.0, 181.0)
+    assert error.mean == pytest.approx(0.5)
+    assert case.coverage == {"depth": pytest.approx(2 / 3), "wear": 1.0}
+    assert case.failed == 0
+
+
+def test_runs_without_a_hole_only_count_as_failed() -> None:
+    case = summarize("cu270", (), [run(1, 180.0, 180.0), Run(2, ok=False, exit_code=6, error="fault")])
+    assert case.failed == 1
+    assert case.spreads["depth_um"].mean == 180.0
+    assert summarize("cu270", (), [Run(2, ok=False, exit_code=6, error="fault")]).spreads == {}
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("servo.reference=0.7:0.9:3", ("0.7", "0.8", "0.9")),
+        ("measure.touches=1:5:3", ("1", "3", "5")),
+        ("jump.period_s=10:5:2", ("10", "5")),
+        ("jump.period_s=10:5:3", ("10.0", "7.5", "5.0")),
+        ("servo.hysteresis=1e-3:3e-3:2", ("0.001", "0.003")),
+    ],
+)
+def test_a_sweep_has_equal_steps_and_both_ends(text: str, values: tuple[str, ...]) -> None:
+    assert parse_sweep(text).values == values
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["servo.reference", "a=1:2", "a=1:2:1", "a=x:2:3", "a=1:2:3.5", "a=nan:2:3", "a=1:inf:3", "a=1:2:9999"],
+)
+def test_a_bad_sweep_is_refused(text: str) -> None:
+    with pytest.raises(UsageError, match="--sweep"):
+        parse_sweep(text)
+
+
+def test_many_seeds_are_the_same_whether_side_by_side_or_alone(here: Here, tmp_path: Path) -> None:
+    many = in_process_of_its_own(
+        "simulate", *SHALLOW, "--runs", "2", "--seed", "4", "--out", "runs", "--json", cwd=tmp_path
+    )
+    assert many.exit_code == 0
+    (case,) = many.document["result"]["cases"]
+    assert [r["seed"] for r in case["runs"]] == [4, 5]
+    assert set(case["spreads"]["true_depth_um"]) == {"mean", "sd", "minimum", "maximum"}
+    assert set(case["coverage"]) == {"depth", "wear"}
+    assert {p.name for p in (tmp_path / "runs").iterdir()} == {"cu270-seed4.h5", "cu270-seed5.h5"}
+
+    alone = here("simulate", *SHALLOW, "--runs", "1", "--seed", "5", "--json").document
+    assert alone["result"]["cases"][0]["runs"][0] == case["runs"][1]
+    assert not Path("runs").exists()
+
+
+def test_a_run_file_that_exists_ends_the_simulation(here: Here) -> None:
+    Path("runs").mkdir()
+    Path("runs/cu270-seed4.h5").write_bytes(b"precious")
+    said = here("simulate", *SHALLOW, "--runs", "1", "--seed", "4", "--out", "runs", "--json")
+    assert said.exit_code == 9
+    assert said.document["error"]["code"] == "E9001"
+
+
+def test_failing_runs_are_counted_and_told(here: Here) -> None:
+    said = here("simulate", *SHALLOW, "--set", "limits.max_time_s=100", "--runs", "1", "--seed", "2")
+    assert said.exit_code == 7
+    assert "1 of 1 run failed" in said.err
+    assert "1 of 1 run failed." in said.out
+
+
+def test_every_value_of_a_sweep_is_checked_before_the_first_run(here: Here) -> None:
+    said = here("simulate", *SHALLOW, "--sweep", "servo.reference=0.5:0.9:3", "--json")
+    assert said.exit_code == 3
+    assert "servo.reference=0.5" in said.err

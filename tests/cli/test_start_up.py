@@ -1,0 +1,58 @@
+"""Start-up stays light: what loads is asserted on modules, not on milliseconds."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl import __version__
+from tests.cli.commands import environment, in_process_of_its_own
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+HEAVY = {"numpy", "scipy", "numba", "h5py", "pydantic", "rich", "matplotlib"}
+
+
+def modules_after(arguments: list[str], cwd: Path) -> set[str]:
+    code = (
+        "import sys\n"
+        f"sys.argv = ['edmctl', *{arguments!r}]\n"
+        "from edmctl.__main__ import main\n"
+        "try:\n    main()\nexcept SystemExit:\n    pass\n"
+        "sys.stderr.write('MODULES ' + ' '.join(sys.modules))\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=cwd,
+        env=environment(),
+        capture_output=True,
+        encoding="utf-8",
+        check=True,
+    )
+    return set(done.stderr.rpartition("MODULES ")[2].split())
+
+
+def test_version_loads_no_typer(tmp_path: Path) -> None:
+    assert not modules_after(["--version"], tmp_path) & {"typer", "click", "typer._click", *HEAVY}
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["--help"], ["machine", "--help"], ["simulate", "--help"], ["profile", "check", "--help"], ["nonsense"]],
+)
+def test_help_and_usage_errors_load_nothing_heavy(arguments: list[str], tmp_path: Path) -> None:
+    assert not modules_after(arguments, tmp_path) & HEAVY
+
+
+def test_checking_a_profile_needs_neither_plant_nor_run_file(tmp_path: Path) -> None:
+    loaded = modules_after(["machine", "--profile", "cu270", "--dry-run"], tmp_path)
+    assert not loaded & {"numba", "h5py", "rich"}
+
+
+def test_version_is_said(tmp_path: Path) -> None:
+    said = in_process_of_its_own("--version", cwd=tmp_path)
+    assert (said.exit_code, said.out) == (0, f"edmctl {__version__}\n")

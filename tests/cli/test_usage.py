@@ -1,0 +1,78 @@
+"""Command lines that cannot be meant."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl import __version__
+from edmctl.cli.exitcodes import MEANING, ExitCode
+from edmctl.errors import EdmError
+
+if TYPE_CHECKING:
+    from tests.cli.commands import Here
+
+MISTAKES = [
+    (["machine", "--porfile", "cu270"], "E2000", "no such option: --porfile"),
+    (["machin"], "E2000", "no such command 'machin'"),
+    (["machine", "--seed", "many", "--profile", "cu270"], "E2000", "'many' is not a valid int"),
+    (["machine"], "E2002", "no profile was named"),
+    (["machine", "--profile", "cu207"], "E2001", "no profile 'cu207'"),
+    (["machine", "--profile", "cu270", "--seed", "-1"], "E2005", "a seed lies between 0 and"),
+    (["machine", "--profile", "cu270", "--run-id", "../x"], "E2004", "'../x' is no plain file name"),
+    (["simulate", "--profile", "cu270", "--runs", "0"], "E2000", "0 is not in the range x>=1"),
+    (["simulate", "--profile", "cu270", "--sweep", "servo.reference"], "E2003", "KEY=START:STOP:COUNT"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "code", "message"), MISTAKES)
+def test_a_mistake_is_named_on_stderr(arguments: list[str], code: str, message: str, here: Here) -> None:
+    said = here(*arguments)
+    assert said.exit_code == ExitCode.USAGE
+    assert said.out == ""
+    assert said.err.startswith(f"error[{code}]: ")
+    assert message in said.err
+
+
+@pytest.mark.parametrize(("arguments", "code", "message"), MISTAKES)
+def test_a_mistake_is_one_json_object_with_json(
+    arguments: list[str], code: str, message: str, here: Here
+) -> None:
+    document = here(*arguments, "--json").document
+    assert (document["ok"], document["exit_code"]) == (False, 2)
+    assert document["error"]["code"] == code
+    assert message in document["error"]["message"]
+    assert document["result"] is None
+
+
+def test_the_nearest_profile_is_suggested(here: Here) -> None:
+    assert "did you mean cu270?" in here("machine", "--profile", "cu207").err
+
+
+def test_without_a_command_there_is_help(here: Here) -> None:
+    said = here()
+    assert said.exit_code == ExitCode.USAGE
+    assert said.out == ""
+    assert "Commands:" in said.err
+
+
+def test_help_lists_commands_and_every_exit_code(here: Here) -> None:
+    said = here("--help")
+    assert said.exit_code == 0
+    for command in ("machine", "simulate", "profile"):
+        assert f"\n  {command} " in said.out
+    for code, meaning in MEANING.items():
+        assert f"{code:d}  {meaning}" in said.out
+
+
+def test_version_also_works_before_a_command(here: Here) -> None:
+    assert here("--version", "machine").out == f"edmctl {__version__}\n"
+
+
+def test_every_error_class_has_an_exit_code_with_a_meaning() -> None:
+    classes = [EdmError]
+    for error in classes:
+        classes += error.__subclasses__()
+    assert {error.exit_code for error in classes} <= set(MEANING)
+    assert set(MEANING) == set(ExitCode)
