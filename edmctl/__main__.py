@@ -12,8 +12,10 @@ def main() -> None:
 
         sys.stdout.write(f"edmctl {__version__}\n")
         return
-    from edmctl.cli.app import run
-
+    try:
+        from edmctl.cli.app import run
+    except KeyboardInterrupt:
+        sys.exit(130)
     run()
 
 

@@ -56,6 +56,9 @@ if TYPE_CHECKING:
 
 _CUT_ENDS = (EventCode.CUT_DONE, EventCode.TIME_UP, EventCode.STOPPED)
 
+SLOWEST = 4.0
+"""Feeds are commanded in V/s by a mean gain; after a turning point the tool may be this much slower."""
+
 
 class LinkMachine:
     """A `Machine` whose controller answers on an open session.
@@ -176,7 +179,7 @@ class LinkMachine:
     def approach(self, speed_um_s: float, max_travel_um: float, gap_reference_v: float) -> MachineEvent:
         """Advance with pulses until the mean gap voltage falls to the reference; the tool is then held."""
         self._waits.begin(Approach(speed_um_s, max_travel_um, gap_reference_v))
-        return self._waits.event((EventCode.APPROACH_DONE,), max_travel_um / speed_um_s)
+        return self._waits.event((EventCode.APPROACH_DONE,), SLOWEST * max_travel_um / speed_um_s)
 
     def touch(self, request: TouchRequest) -> tuple[Touch, ...]:
         """Find the surface by contact, without pulses; the tool ends a back-off above it."""
@@ -262,4 +265,4 @@ def _touch_time_s(request: TouchRequest) -> float:
     """Longest time to the next contact: the fast leg, the slow leg, the hunting."""
     fast_s = max(request.fast_to_um, 0.0) / request.fast_um_s
     slow_s = (request.z_max_um - request.fast_to_um) / request.speed_um_s
-    return fast_s + slow_s + request.back_off_um / request.speed_um_s + request.dwell_s
+    return SLOWEST * (fast_s + slow_s + request.back_off_um / request.speed_um_s) + request.dwell_s

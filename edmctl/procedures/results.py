@@ -119,5 +119,5 @@ class Ledger:
             time_s=self.time_s,
             machining_time_s=self.machining_time_s,
             measuring_time_s=self.time_s - self.machining_time_s,
-            tool_wear_total_um=sum(site.wear_um for site in self.sites.values()),
+            tool_wear_total_um=sum((site.wear_um for site in self.sites.values()), 0.0),
         )

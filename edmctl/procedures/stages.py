@@ -21,6 +21,8 @@ play of the drive always lies on the same side."""
 _CREEP_WAIT_S = 60.0
 """Longest wait for the actuator to creep back below the height at which the stages may move."""
 _CREEP_LOOK_S = 1.0
+_READING_MARGIN_UM = 1.0
+"""The controller judges by a reading of its own, so the height must be clear by more than noise."""
 
 
 def retract(run: Run) -> None:
@@ -30,7 +32,7 @@ def retract(run: Run) -> None:
     run.machine.ramp(0.0, settings.retract_v_s)
     run.machine.rest(0.2)
     end_s = run.machine.time_s + _CREEP_WAIT_S
-    while run.watch.displacement_um > settings.safe_z_um:
+    while run.watch.displacement_um > settings.safe_z_um - _READING_MARGIN_UM:
         if run.machine.time_s > end_s:
             raise PreconditionError(
                 f"The tool stands at {run.watch.displacement_um:.1f} µm at 0 V; the stages may move below "

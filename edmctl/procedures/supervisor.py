@@ -59,10 +59,11 @@ class Supervisor:
         self._reference_v = gap_reference_v(profile)
         self._plateau_v = profile.pulse.discharge_voltage_v
         self._target_um = profile.target.depth_um if profile.target.kind == "depth" else math.nan
-        self._least_feed_um_s = STALL_SHARE * forecast(profile, run.setup).feed_rate_um_s
+        self._forecast_feed_um_s = forecast(profile, run.setup).feed_rate_um_s
         self._window: deque[tuple[float, _Counts]] = deque()
         self._window_counts: list[int] = [0, 0, 0, 0]
         self._track: deque[tuple[float, float]] = deque()
+        self._begin: tuple[float, float] | None = None
         self._stall: tuple[float, float] | None = None
         self._over_limit_since_s: dict[RunEvent, float] = {}
         self._gap_ratio_sum = 0.0
@@ -106,7 +107,7 @@ class Supervisor:
                 depth_um=depth_um,
                 depth_target_um=self._target_um,
                 displacement_um=self.displacement_um,
-                time_left_s=self._time_left_s(feed_um_s, depth_um),
+                time_left_s=self._time_left_s(now_s, depth_um),
             )
         )
 
@@ -139,6 +140,7 @@ class Supervisor:
         self._gap_samples += n
         self.displacement_um = sum(block.displacement_um.tolist()) / n
         self._track.append((now_s, self.displacement_um))
+        self._begin = self._begin or self._track[0]
         self._look_for_stall(now_s)
 
     def _count(self, block: TelemetryBlock, now_s: float) -> None:
@@ -165,9 +167,12 @@ class Supervisor:
         (first_s, first_um), (last_s, last_um) = track[0], track[-1]
         return (last_um - first_um) / (last_s - first_s)
 
-    def _time_left_s(self, feed_um_s: float, depth_um: float) -> float:
-        """Machining time to the target at the present feed; NaN while the feed is not known."""
-        if not feed_um_s > self._least_feed_um_s:
+    def _time_left_s(self, now_s: float, depth_um: float) -> float:
+        """Machining time to the target at the mean feed of this cut, at the forecast feed while it is young."""
+        feed_um_s = self._forecast_feed_um_s
+        if self._begin is not None and now_s - self._begin[0] > FEED_WINDOW_S:
+            feed_um_s = (self.displacement_um - self._begin[1]) / (now_s - self._begin[0])
+        if not feed_um_s > STALL_SHARE * self._forecast_feed_um_s:
             return math.nan
         left_um = self._plan.z_limit_um - self.displacement_um
         if not math.isnan(self._target_um):
@@ -178,7 +183,7 @@ class Supervisor:
         if self._stall is None:
             self._stall = (now_s, self.displacement_um)
         since_s, since_um = self._stall
-        if self.displacement_um - since_um > self._least_feed_um_s * STALL_S:
+        if self.displacement_um - since_um > STALL_SHARE * self._forecast_feed_um_s * STALL_S:
             self._stall = (now_s, self.displacement_um)
         elif now_s - since_s > STALL_S:
             self.verdict = Verdict.STALLED

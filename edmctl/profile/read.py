@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from edmctl.errors import Diagnostic, Location, ProfileError
 from edmctl.profile.codes import Code
 from edmctl.profile.merge import changes, extend
+from edmctl.profile.shipped import find_shipped, shipped_names
 from edmctl.profile.sources import Source, TomlTable
 
 if TYPE_CHECKING:
@@ -72,10 +73,11 @@ def _parent(source: Source, name: object, path: Path, seen: tuple[Path, ...]) ->
     if not isinstance(name, str):
         hint = 'write extends = "other.toml"'
         raise _refusal(Code.EXTENDS, "extends does not name a file", hint, where)
-    parent = path.parent / name
-    if not parent.is_file():
-        hint = "the name is relative to this file"
-        raise _refusal(Code.EXTENDS, f"extends names {name}, and there is no file {parent}", hint, where)
+    beside = path.parent / name
+    parent = beside if beside.is_file() else find_shipped(name)
+    if parent is None:
+        hint = f"the name is relative to this file, or one of {', '.join(shipped_names())}"
+        raise _refusal(Code.EXTENDS, f"extends names {name}, and there is no file {beside}", hint, where)
     if parent.resolve() in seen:
         circle = " -> ".join(p.name for p in (*seen, parent.resolve()))
         raise _refusal(

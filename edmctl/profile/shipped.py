@@ -20,6 +20,15 @@ def shipped_names() -> list[str]:
     return sorted(path.stem for path in shipped_folder().glob("*.toml"))
 
 
+def find_shipped(name_or_path: str) -> Path | None:
+    """Path of the shipped profile of that name (`cu270`, `cu270.toml`, `profiles/cu270.toml`), if there is one."""
+    given = Path(name_or_path)
+    if not given.stem or given.parent not in (Path(), Path("profiles")) or given.suffix not in ("", ".toml"):
+        return None
+    shipped = shipped_folder() / f"{given.stem}.toml"
+    return shipped if shipped.is_file() else None
+
+
 def find_profile(name_or_path: str) -> Path:
     """Path of a profile: a file as given, else a shipped one (`cu270`, `cu270.toml`, `profiles/cu270.toml`).
 
@@ -28,10 +37,8 @@ def find_profile(name_or_path: str) -> Path:
     given = Path(name_or_path)
     if given.is_file():
         return given
-    if given.parent in (Path(), Path("profiles")) and given.suffix in ("", ".toml"):
-        shipped = shipped_folder() / f"{given.stem}.toml"
-        if given.stem and shipped.is_file():
-            return shipped
+    if shipped := find_shipped(name_or_path):
+        return shipped
     names = shipped_names()
     close = difflib.get_close_matches(given.stem, names, n=1)
     meant = f"did you mean {close[0]}? " if close else ""
