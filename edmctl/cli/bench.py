@@ -18,11 +18,12 @@ if TYPE_CHECKING:
 
     from edmctl.machine.controller import LinkMachine
     from edmctl.profile.load import LoadedProfile
+    from edmctl.profile.setup import Setup
     from edmctl.simulator import BenchConfig, VirtualBench
 
 SIMULATOR = "sim:"
-MEMORY_HEARTBEAT_S = 0.1
-"""A line in memory loses nothing, so twice within the watchdog's 250 ms is enough."""
+MEMORY_HEARTBEAT_SHARE = 0.8
+"""Of the watchdog's time: a line in memory loses nothing, and virtual time knows no delay."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +45,7 @@ def check_port(selector: str | None) -> None:
 
 
 @contextmanager
-def connected(loaded: LoadedProfile, seed: int) -> Iterator[Bench]:
+def connected(loaded: LoadedProfile, setup: Setup, seed: int) -> Iterator[Bench]:
     """Open the virtual machine and say hello. From here on a signal stops it in order."""
     from edmctl.link.session import Session
     from edmctl.machine.controller import LinkMachine
@@ -53,7 +54,7 @@ def connected(loaded: LoadedProfile, seed: int) -> Iterator[Bench]:
 
     virtual = open_bench(bench_config(loaded), seed)
     try:
-        session = Session(virtual.transport, heartbeat_s=MEMORY_HEARTBEAT_S)
+        session = Session(virtual.transport, heartbeat_s=MEMORY_HEARTBEAT_SHARE * setup.controller.watchdog_s)
         stop = StopRequest()
         with stopping_signals(stop, session.abort):
             session.open()

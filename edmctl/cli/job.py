@@ -105,7 +105,7 @@ def carry_out(plan: Plan, seed: int, observer: Observer, name: RunName | None) -
 
     ledger = Ledger()
     error: EdmError | None = None
-    with connected(plan.loaded, seed) as bench:
+    with connected(plan.loaded, plan.setup, seed) as bench:
         try:
             with _recorder(plan, seed, bench, name, ledger) as recorder:
                 observer.note(f"simulated run on the virtual machine, seed {seed}{_into(name)}")
