@@ -17,7 +17,7 @@ import time
 from pathlib import Path
 
 KERNEL_SECONDS = 200
-BLOCK_TICKS = 200
+BLOCK_TICKS = 1000
 
 
 def best_s(command: list[str], repeat: int) -> float:

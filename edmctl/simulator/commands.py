@@ -125,7 +125,7 @@ class Commands:
         self._c.pulses_allowed = False
         self._c.disarming = True
         self._c.set_state(State.MOVING)
-        self._c.start_ramp(0.0, self._c.par.item(k.RETRACT_SLEW))
+        self._c.start_ramp(0.0, self._c.parameters.retract_v_s)
         return OK
 
     def _clear_fault(self, request: m.ClearFault) -> Outcome:
@@ -278,14 +278,10 @@ class Commands:
         return OK
 
     def _tlm_start(self, request: m.TlmStart) -> Outcome:
-        period_ns = request.period_us * 1000
-        pulses = period_ns / self._c.ist.item(k.PULSE_PERIOD)
-        if (
-            request.period_us < 1000
-            or request.period_us % 1000
-            or not 1 <= request.batch <= 14
-            or pulses > 255
-        ):
+        if request.period_us * TLM_MAX_HZ < 1_000_000:
+            return Status.RATE_TOO_HIGH, b""
+        pulses = request.period_us * 1000 / self._c.ist.item(k.PULSE_PERIOD)
+        if request.period_us % 1000 or not 1 <= request.batch <= 14 or pulses > 255:
             return Status.OUT_OF_RANGE, b""
         self._c.telemetry.start(request)
         return OK

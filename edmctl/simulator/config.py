@@ -58,7 +58,6 @@ class BenchConfig:
 
     tool_diameter_um: float = 270.0
     theta: float = 0.337  # volumetric wear of the tool relative to the work
-    thickness_um: float = 700.0
     offset_um: float = 50.0  # gap at 0 V
     discharge: DischargeConstants = field(default_factory=DischargeConstants)
     sensors: SensorConstants = field(default_factory=SensorConstants)

@@ -209,7 +209,7 @@ class VirtualController:
 
     def raise_fault(self, code: FaultCode, detail: int = 0) -> None:
         """Pulses off, retract, latch, report. The first fault stays the latched one."""
-        self.start_ramp(0.0, self.par.item(k.RETRACT_SLEW))
+        self.start_ramp(0.0, self.parameters.retract_v_s)
         if self.fault:
             return
         self.telemetry.flush()

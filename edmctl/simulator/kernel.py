@@ -30,6 +30,13 @@ TICK_NS = 1_000_000
 DAC_V = 0.0025  # least step of the actuator voltage, about 7 nm of tool travel
 STEPS_PER_V = 400.0
 
+DENSEST = 0.6  # debris fraction of a gap packed full: about the densest random packing of spheres
+DEBRIS_GAP_UM = 0.3  # debris does not get thinner than this [assumed]
+LEAST_GAP_UM = 0.02
+FREE_GAP_UM = 5.0  # opening beyond this draws clean oil in; the servo's own dither stays below [assumed]
+CARBON_RUN, CARBON_ARCING, CARBON_HEALING = 20, 50.0, 0.01  # arc damage, see carbon below [assumed]
+BEND_PER_UM, BEND_AT = 0.004, 0.8  # where over the stroke the sensor's bend lies
+
 # ------------------------------------------------------------------------------------- plant: parameters (par)
 (
     TOOL_AREA,
@@ -76,7 +83,6 @@ STEPS_PER_V = 400.0
     OPEN_V,
     ON_TIME,
     DISCHARGE_SET,
-    PEAK_CURRENT,
     SIEMENS,  # of the generator's series resistor
     DUTY_V,  # mean gap voltage of an all-open gap: duty × open voltage
     PER_DUTY_V,
@@ -84,7 +90,6 @@ STEPS_PER_V = 400.0
     PIEZO_MAX,
     SLEW_LIMIT,
     V_PER_UM,
-    RETRACT_SLEW,
     FORWARD,
     BACK,
     SHORT_BACK,
@@ -98,7 +103,7 @@ STEPS_PER_V = 400.0
     ARC_DELAY,
     OPEN_LOST,
     PAR_SIZE,
-) = range(65)
+) = range(63)
 
 # --------------------------------------------------------------------------------------------- float state (st)
 (
@@ -115,6 +120,7 @@ STEPS_PER_V = 400.0
     TICK_CLEARING,
     BRIDGE_UNTIL,  # gap at which the bridge breaks; 0 = none
     CARBON,
+    OPENING,  # of the gap beyond FREE_GAP_UM
     ASPERITY,
     WALK,
     COMMAND_V,
@@ -145,7 +151,7 @@ STEPS_PER_V = 400.0
     DELAY_SUM,
     ENERGY_SUM,
     ST_SIZE,
-) = range(43)
+) = range(44)
 
 # --------------------------------------------------------------------------------------------- int state (ist)
 (
@@ -164,8 +170,10 @@ STEPS_PER_V = 400.0
     DIRECTION,
     CONTACT,
     SHORTED,
-    ARC_RUN,
+    ARC_RUN,  # as judged by the controller
+    TRUE_ARC_RUN,  # as the plant knows it: what builds up carbon
     ARC_RUN_MAX,
+    SILENT_TICKS,  # since the last pulse
     SHORT_TICKS,
     SHORT_TICKS_MAX,
     OPEN_TICKS,
@@ -199,7 +207,7 @@ STEPS_PER_V = 400.0
     JUMP_RESUMES,
     SLEWED,
     IST_SIZE,
-) = range(50)
+) = range(52)
 
 # --------------------------------------------------------------------------------------------------------- modes
 (
@@ -333,7 +341,7 @@ def pulses_of_tick(
     bridge_until, carbon = st[BRIDGE_UNTIL], st[CARBON]
     clearing, per_gap, per_debris = st[CLEARING], par[PER_OPEN_GAP], par[PER_BRIDGE_DEBRIS]
     side_slope = par[SIDE_DEBRIS] * min(1.0, depth * 0.01)
-    arc_run = ist[ARC_RUN]
+    arc_run, true_run = ist[ARC_RUN], ist[TRUE_ARC_RUN]
     tick_end = (ist[TICK] + 1) * TICK_NS
     next_pulse, period, log = ist[NEXT_PULSE], ist[PULSE_PERIOD], ist[PULSE_LOG]
     at = ist[RANDOM_AT]
@@ -341,24 +349,31 @@ def pulses_of_tick(
 
     while next_pulse < tick_end:
         gap = reach + depth + wear
-        fraction = min(0.6, debris * per_tool / max(gap, 0.3))
+        fraction = min(DENSEST, debris * per_tool / max(gap, DEBRIS_GAP_UM))
         chance = random[0, at]
         shape = int(random[1, at] * SHAPES)  # two table places in one number
         local = (
             max(0.02, gap * (1.0 - par[DEBRIS_GAP_FACTOR] * fraction))
             - par[ROUGHNESS] * tables[0, shape % TABLE]
         )
+        # After each decision `chance` is stretched to a fresh uniform number for the next one.
         if bridge_until > 0.0:
-            if gap > bridge_until or chance < par[BRIDGE_CLEAR]:
+            if gap > bridge_until:
                 bridge_until = 0.0
-        else:
+            elif chance < par[BRIDGE_CLEAR]:
+                bridge_until = 0.0
+                chance /= par[BRIDGE_CLEAR]
+        if bridge_until == 0.0:
             relative = fraction * per_debris
-            bridge_p = par[BRIDGE_BASE] * relative * relative * relative
-            if chance < bridge_p:
-                bridge_p *= math.exp(-gap * par[PER_BRIDGE_GAP])
-                if chance < bridge_p:
-                    bridge_until = 1.3 * max(gap, 0.01)
-            chance = (chance - bridge_p) / (1.0 - bridge_p)
+            bound = par[BRIDGE_BASE] * relative * relative * relative
+            if chance >= bound:
+                chance = (chance - bound) / (1.0 - bound)
+            else:
+                limit = bound * math.exp(-gap * par[PER_BRIDGE_GAP])
+                if chance < limit:
+                    bridge_until = 1.3 * max(gap, LEAST_GAP_UM)
+                else:
+                    chance = (chance - limit) / (bound - limit)
 
         delay, plateau, discharge, energy = on_time, open_v, 0.0, 0.0
         if gap <= 0.0 or bridge_until > 0.0 or local <= 0.0:
@@ -369,17 +384,20 @@ def pulses_of_tick(
             ignition = par[FORMATIVE] + tau * random[2, at]
             if ignition < on_time:
                 arc_p = par[ARC_BASE] + par[ARC_DEBRIS] * fraction * fraction
-                if carbon > 50.0:
+                if carbon > CARBON_ARCING:
                     arc_p = 0.9
                 efficiency, tool_share = 1.0, par[THETA]
                 if chance < arc_p:
                     chance /= arc_p
                     delay, plateau = 0.0, par[ARC_PLATEAU_V]
+                    true_run += 1
+                    carbon += 1.0 if true_run > CARBON_RUN else 0.0
                     efficiency, tool_share = 0.3, 3.0 * tool_share
                 else:
                     chance = (chance - arc_p) / (1.0 - arc_p)
                     delay, plateau = ignition, par[DISCHARGE_V]
-                    carbon = max(0.0, carbon - 0.01)
+                    true_run = 0
+                    carbon = max(0.0, carbon - CARBON_HEALING)
                 discharge = on_time - delay
                 if par[DISCHARGE_SET] > 0.0:
                     discharge = min(discharge, par[DISCHARGE_SET])
@@ -398,14 +416,9 @@ def pulses_of_tick(
         at += 1
         pulse_class = judge_pulse(par, delay, plateau, discharge)
         ist[SAMPLE_OPEN + pulse_class] += 1
-        if pulse_class == ARC:
-            arc_run += 1
-            if arc_run > 20:
-                carbon += 1.0
-        else:
-            arc_run = 0
-            if pulse_class == SHORT:
-                shorts += 1
+        arc_run = arc_run + 1 if pulse_class == ARC else 0
+        if pulse_class == SHORT:
+            shorts += 1
         if log != LOG_OFF:
             log_pulse(
                 st,
@@ -425,7 +438,7 @@ def pulses_of_tick(
     st[DEPTH], st[WEAR], st[DEBRIS] = depth, wear, debris
     st[BRIDGE_UNTIL], st[CARBON] = bridge_until, carbon
     st[CHARGE] += charge
-    ist[ARC_RUN] = arc_run
+    ist[ARC_RUN], ist[TRUE_ARC_RUN] = arc_run, true_run
     ist[RANDOM_AT] = at
     ist[PULSE_NO] += count
     ist[NEXT_PULSE] = next_pulse
@@ -446,13 +459,15 @@ def clearing_tick(par: Floats, st: Floats, ist: Ints) -> None:
 
 
 @compiled
-def pump(par: Floats, st: Floats) -> None:
-    """A jump draws clean oil into the gap: the greater its stroke against the annulus, the cleaner."""
-    height = max(0.0, st[SURFACE] + st[DEPTH] + st[WEAR] - st[TRUE_Z])
-    refill = par[ANNULUS_AREA] * st[DEPTH] + 3.0 * par[TOOL_AREA]
-    st[DEBRIS] *= math.exp(-par[TOOL_AREA] * height / refill)
-    st[BRIDGE_UNTIL] = 0.0
-    st[CARBON] = 0.0
+def pump_tick(par: Floats, st: Floats) -> None:
+    """An opening gap draws clean oil in: the greater the stroke against the annulus, the cleaner."""
+    opening = max(0.0, st[SURFACE] + st[DEPTH] + st[WEAR] - st[TRUE_Z] - FREE_GAP_UM)
+    drawn = opening - st[OPENING]
+    st[OPENING] = opening
+    if drawn > 0.0:
+        refill = par[ANNULUS_AREA] * st[DEPTH] + 3.0 * par[TOOL_AREA]
+        st[DEBRIS] *= math.exp(-par[TOOL_AREA] * drawn / refill)
+        st[CARBON] = 0.0
 
 
 # ================================================================================================ plant: sensors
@@ -464,7 +479,7 @@ def sensor_tick(par: Floats, st: Floats, ist: Ints, noise: Floats) -> None:
         st[WALK] += par[SENSOR_WALK] * noise[at]
         at += 1
     z = st[TRUE_Z]
-    bend = 0.004 * z - 0.8
+    bend = BEND_PER_UM * z - BEND_AT
     st[SENSOR_Z] = (
         par[SENSOR_GAIN] * z
         + par[SENSOR_BEND] * bend * (1.0 - bend * bend)
@@ -636,20 +651,27 @@ def servo_tick(par: Floats, st: Floats, ist: Ints, history: Floats) -> None:
 
 @compiled
 def measure_gap(par: Floats, st: Floats, ist: Ints, voltage_sum: float, count: int, shorts: int) -> int:
-    """Feed the low-pass with this tick's mean gap voltage and keep the counters of the discharge faults."""
+    """Feed the low-pass with this tick's mean gap voltage and keep the counters of the discharge faults.
+
+    Between slow pulses ticks pass without one; the next pulse then speaks for all of them.
+    """
     if count == 0:
+        ist[SILENT_TICKS] += 1
         return NOTHING
+    elapsed = ist[SILENT_TICKS] + 1
+    ist[SILENT_TICKS] = 0
     mean_v = voltage_sum / count
     st[TICK_GAP_V] = mean_v
-    st[GAP_V] += par[FILTER_ALPHA] * (mean_v - st[GAP_V])
+    keep = 1.0 - par[FILTER_ALPHA]
+    st[GAP_V] = mean_v + (st[GAP_V] - mean_v) * (keep if elapsed == 1 else keep**elapsed)
     if shorts == count:
         ist[SHORTED] = 1
-        ist[SHORT_TICKS] += 1
+        ist[SHORT_TICKS] += elapsed
     else:
         ist[SHORTED] = 0
         ist[SHORT_TICKS] = 0
     if mean_v > 0.999 * par[DUTY_V]:
-        ist[OPEN_TICKS] += 1
+        ist[OPEN_TICKS] += elapsed
     else:
         ist[OPEN_TICKS] = 0
         st[LAST_SPARK_Z] = st[SLOW_Z]
@@ -727,7 +749,6 @@ def cut_tick(par: Floats, st: Floats, ist: Ints, history: Floats) -> int:
 def jump_tick(par: Floats, st: Floats, ist: Ints) -> int:
     mode = ist[MODE]
     if mode == JUMP_UP and ist[PHASE] >= ist[PHASE_TICKS]:
-        pump(par, st)
         enter(ist, JUMP_DWELL)
     elif mode == JUMP_DWELL and ist[PHASE] >= ist[DWELL_TICKS]:
         enter(ist, JUMP_DOWN)
@@ -852,6 +873,7 @@ def run(
         command_tick(par, st, ist)
         actuator_tick(par, st, plays, creep)
         contact_tick(par, st, ist)
+        pump_tick(par, st)
         clearing_tick(par, st, ist)
         happened = NOTHING
         if ist[PULSES_ON] == 1:

@@ -11,12 +11,12 @@ from edmctl.simulator import kernel as k
 if TYPE_CHECKING:
     from edmctl.simulator.plant import Plant
 
+TICK_US = 1000  # this controller decides on whole milliseconds
 DISPLACEMENT_FILTER_S = 0.05  # low-pass of the sensor for depth limits
 
 _FLOATS = {
     "piezo_max_v": k.PIEZO_MAX,
     "slew_limit_v_s": k.SLEW_LIMIT,
-    "retract_v_s": k.RETRACT_SLEW,
     "forward_um_s": k.FORWARD,
     "back_um_s": k.BACK,
     "short_back_um_s": k.SHORT_BACK,
@@ -45,13 +45,15 @@ class Parameters:
         return self._values[name]
 
     def stage(self, param_id: int, wire_value: int) -> bool:
-        """Stage a value; False for an unknown parameter or a value out of range."""
+        """Stage a value; False for an unknown parameter or a value out of range or off its grid."""
         param = _BY_ID.get(param_id)
         if param is None:
             return False
         value = wire_value * param.scale
         tolerance = 0.5 * param.scale
         if not param.minimum - tolerance <= value <= param.maximum + tolerance:
+            return False
+        if param.name == "servo_period_us" and wire_value % TICK_US:
             return False
         self._staged[param.name] = value
         return True
@@ -78,6 +80,7 @@ class Parameters:
         par[k.V_PER_UM] = 1.0 / v["gain_um_per_v"]
         par[k.FILTER_ALPHA] = 1.0 - math.exp(-2.0 * math.pi * v["filter_hz"] * k.TICK_S)
         par[k.DISPLACEMENT_ALPHA] = 1.0 - math.exp(-k.TICK_S / DISPLACEMENT_FILTER_S)
+        self.retract_v_s = v["retract_v_s"]
         self.watchdog_ticks = round(v["watchdog_s"] / k.TICK_S)
         self.dielectric_required = bool(v["dielectric_required"])
         self.flow_min_lpm = v["flow_min_lpm"]

@@ -176,7 +176,7 @@ class Plant:
         self._here = next((h for h in self.holes if math.hypot(h.x_um - x, h.y_um - y) <= clearance), None)
         self.st[k.DEPTH] = self._here.depth_um if self._here else 0.0
         self.st[k.DEBRIS] = 0.0
-        self.st[k.BRIDGE_UNTIL] = 0.0
+        self.st[k.BRIDGE_UNTIL] = self.st[k.CARBON] = 0.0
         on_work = x >= EDGE_X_UM
         tilt = (self._tilt_mrad[0] * x + self._tilt_mrad[1] * y) * 1e-3
         self.st[k.SURFACE] = self._offset_um + tilt if on_work else CLEAR_UM
@@ -186,7 +186,6 @@ class Plant:
     ) -> None:
         """Wire the pulse generator: its series resistance gives the peak current in a normal discharge."""
         self.par[k.OPEN_V], self.par[k.ON_TIME], self.par[k.DISCHARGE_SET] = open_v, on_time_us, set_us
-        self.par[k.PEAK_CURRENT] = peak_a
         self.par[k.SIEMENS] = peak_a / max(open_v - self.par[k.DISCHARGE_V], 0.1)
         self.par[k.PER_OPEN_GAP] = REFERENCE_V / (self.config.discharge.gap_reference_um * open_v)
         self.par[k.DUTY_V] = open_v * on_time_us / (on_time_us + off_time_us)

@@ -176,6 +176,20 @@ def test_wrong_parameters_do_not_arm(rig: RigMaker) -> None:
         r.session.request(m.PiezoSet(10.0, 10.0))
 
 
+def test_what_this_controller_cannot_do_it_refuses(rig: RigMaker) -> None:
+    r = rig()
+    with pytest.raises(CommandRefused) as grid:
+        r.session.request(m.SetParam(m.PARAMS["servo_period_us"].id, 1500))
+    assert grid.value.status == m.Status.OUT_OF_RANGE
+    with pytest.raises(CommandRefused) as rate:
+        r.session.request(m.TlmStart(500, 10, m.PulseLog.OFF))
+    assert rate.value.status == m.Status.RATE_TOO_HIGH
+    r.session.request(m.PulseConfig(5.0, 15.0, 40.0, 0.12, m.PulseMode.ISOFREQUENCY, 0.0))
+    with pytest.raises(CommandRefused) as counts:
+        r.session.request(m.TlmStart(10_000, 10, m.PulseLog.OFF))
+    assert counts.value.status == m.Status.OUT_OF_RANGE
+
+
 def test_a_cut_ends_at_its_depth_limit_with_the_hole_in_the_work(rig: RigMaker) -> None:
     r = rig()
     r.arm()

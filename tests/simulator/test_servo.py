@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,8 @@ from edmctl.simulator import kernel as k
 
 if TYPE_CHECKING:
     from tests.simulator.conftest import Rig
+
+DUTY_V = 12.0
 
 RigMaker = Callable[..., "Rig"]
 
@@ -47,6 +50,12 @@ def test_limit_cycle_has_the_period_and_size_of_theory(rig: RigMaker) -> None:
     period_s = direction.size * 1e-3 / rises
     loop_delay_s = 1.5 * 0.050 + 1.0 / (2.0 * np.pi * 20.0) + 0.002
     assert period_s == pytest.approx(4.0 * loop_delay_s, rel=0.25)
+    # Half-amplitude S × L with the slope that the tool itself shows; a triangle's rms is that over √3.
+    z = r.column("displacement_um")
+    smooth = np.convolve(z, np.ones(25) / 25.0, "valid")
+    slope_um_s = np.median(np.abs(smooth[25:] - smooth[:-25])) / 0.025
+    drift = np.polyval(np.polyfit(np.arange(smooth.size), smooth, 5), np.arange(smooth.size))
+    assert (smooth - drift).std() == pytest.approx(slope_um_s * loop_delay_s / np.sqrt(3.0), rel=0.35)
 
 
 def test_a_slow_steep_relay_shorts_more_than_five_percent(rig: RigMaker) -> None:
@@ -74,6 +83,21 @@ def test_default_servo_shorts_less_than_one_percent(rig: RigMaker) -> None:
     counts = {name: r.column(f"n_{name}").sum() for name in ("open", "normal", "arc", "short")}
     assert counts["short"] / sum(counts.values()) < 0.01
     assert 0.2 < counts["open"] / sum(counts.values()) < 0.4
+
+
+def test_slow_pulses_leave_the_filter_and_the_timers_in_seconds(rig: RigMaker) -> None:
+    """At 200 Hz four of five milliseconds have no pulse; a 5 Hz low-pass still has a time constant of 32 ms."""
+    r = rig()
+    r.arm({"filter_hz": 5.0, "open_lost_s": 2.0})
+    r.session.request(m.PulseConfig(1500.0, 3500.0, 40.0, 0.12, m.PulseMode.ISOFREQUENCY, 0.0))
+    r.session.request(m.TlmStart(1000, 14, m.PulseLog.OFF))
+    r.session.request(m.ServoStart(0.8 * DUTY_V, 500.0, 100.0))  # over the parking place: every pulse is open
+    r.session.pump(0.4)
+    gap_v = r.column("gap_v")
+    sparking = gap_v[gap_v > 0.0]
+    rise = (DUTY_V - sparking) / (DUTY_V - sparking[0])
+    assert np.argmax(rise < math.exp(-1.0)) == pytest.approx(32, abs=6)
+    assert r.wait_fault(4.0).t_us * 1e-6 == pytest.approx(2.0, abs=0.2)
 
 
 def test_pi_law_holds_the_reference_too(rig: RigMaker) -> None:
