@@ -27,8 +27,13 @@ class Line:
     low: float
     high: float
 
+    @property
+    def met(self) -> bool:
+        """Whether the figure lies within its bar."""
+        return self.low <= self.value <= self.high
+
     def __str__(self) -> str:
-        verdict = "ok" if self.low <= self.value <= self.high else "MISSED"
+        verdict = "ok" if self.met else "MISSED"
         return f"{self.what:<58} {self.value:9.3f}   [{self.low:g} … {self.high:g}]   {verdict}"
 
 
@@ -88,7 +93,7 @@ def depth_lines(profile: str, runs: int, seed: int) -> list[Line]:
 
 
 def main() -> None:
-    """Run everything and print the table."""
+    """Run everything, print the table, and exit with 1 when a bar was missed."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -96,10 +101,15 @@ def main() -> None:
     parser.add_argument("--depth-runs", type=int, default=40)
     parser.add_argument("--seed", type=int, default=1)
     args = parser.parse_args()
-    for line in paper_lines(args.runs, args.seed):
-        print(line, flush=True)
-    for line in depth_lines("cu270", args.depth_runs, args.seed):
-        print(line, flush=True)
+    met = True
+    for lines in (
+        paper_lines(args.runs, args.seed),
+        depth_lines("cu270", args.depth_runs, args.seed),
+    ):
+        for line in lines:
+            print(line, flush=True)
+            met = met and line.met
+    sys.exit(0 if met else 1)
 
 
 if __name__ == "__main__":
