@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 FIRMWARE = (1, 0, 0)
 SERIAL = "EDM-VIRTUAL"
 SERVO_HZ = TLM_MAX_HZ = 1000
-STAGE_SETTLE_TICKS = 50
+# What the virtual generator can do.
+PERIOD_US_MIN, PERIOD_US_MAX = 20.0, 1e6
+OPEN_V_MAX, CURRENT_A_MAX = 300.0, 10.0
 OK: Outcome = (Status.OK, b"")
 
 
@@ -97,9 +99,9 @@ class Commands:
             fault=self._c.fault,
             interlocks=self._c.open_interlocks(),
             displacement_um=self._c.st.item(k.SENSOR_Z),
-            x_um=float(plant.commanded_um[0]),
-            y_um=float(plant.commanded_um[1]),
-            theta_deg=plant.commanded_deg,
+            x_um=plant.reported[m.Axis.X],
+            y_um=plant.reported[m.Axis.Y],
+            theta_deg=plant.reported[m.Axis.THETA],
             actuator_v=self._c.st.item(k.APPLIED_V),
             gap_v=self._c.st.item(k.GAP_V),
             temperature_c=plant.dielectric_temperature_c,
@@ -121,7 +123,7 @@ class Commands:
     def _disarm(self, _: m.Disarm) -> Outcome:
         if not self._c.armed:
             return Status.BAD_STATE, b""
-        self._c.stage = None
+        self._c.stop_stage()
         self._c.pulses_allowed = False
         self._c.disarming = True
         self._c.set_state(State.MOVING)
@@ -171,16 +173,15 @@ class Commands:
             return Status.OUT_OF_RANGE, b""
         if self._c.st[k.SLOW_Z] > self._c.parameters["safe_z_um"]:
             return Status.INTERLOCK, b""
-        target, speed = request.target * 1e-3, request.speed * 1e-3
-        travel_s = self._c.plant.command_stage(request.axis, target) / speed
-        arrival = self._c.tick + math.ceil(travel_s / k.TICK_S) + STAGE_SETTLE_TICKS
-        self._c.stage = (request.axis, target, arrival)
+        self._c.start_stage(request.axis, request.target * 1e-3, request.speed * 1e-3)
         self._c.set_state(State.MOVING)
         return OK
 
     def _approach(self, request: m.Approach) -> Outcome:
         if self._c.state is not State.ARMED or not self._c.pulses_allowed:
             return Status.BAD_STATE, b""
+        if request.speed_um_s <= 0.0:
+            return Status.OUT_OF_RANGE, b""
         st = self._c.st
         st[k.GAP_REF] = request.gap_ref_v
         st[k.SLOW_V_S] = self._volts(request.speed_um_s)
@@ -254,10 +255,14 @@ class Commands:
         return OK
 
     def _pulse_config(self, request: m.PulseConfig) -> Outcome:
-        if self._c.ist[k.PULSES_ON]:
+        if self._c.state not in (State.IDLE, State.ARMED):
             return Status.BAD_STATE, b""
         period_us = request.on_time_us + request.off_time_us
-        if not (request.on_time_us > 0.0 and period_us >= 20.0 and request.peak_current_a > 0.0):
+        times_fit = request.on_time_us > 0.0 and PERIOD_US_MIN <= period_us <= PERIOD_US_MAX
+        supply_fits = (
+            0.0 < request.open_voltage_v <= OPEN_V_MAX and 0.0 < request.peak_current_a <= CURRENT_A_MAX
+        )
+        if not (times_fit and supply_fits):
             return Status.OUT_OF_RANGE, b""
         isopulse = request.mode == m.PulseMode.ISOPULSE
         self._c.plant.set_generator(

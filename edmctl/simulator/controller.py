@@ -6,6 +6,8 @@ whatever goes wrong, pulses go off first, then the tool retracts, then everythin
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
     from edmctl.simulator.plant import Plant
 
 EVENT_REPEAT_TICKS = 100
+STAGE_SETTLE_TICKS = 50
 NEVER = 1 << 62
 
 _UNARMED = (State.BOOT, State.IDLE, State.FAULT, State.ESTOP)
@@ -43,6 +46,22 @@ _FAULTS = {
 }
 
 
+@dataclass(frozen=True, slots=True)
+class StageMove:
+    """An axis on its way: from where to where (µm, degrees), since when, and how long it travels."""
+
+    axis: int
+    start: float
+    target: float
+    start_tick: int
+    travel_ticks: int
+
+    @property
+    def arrival_tick(self) -> int:
+        """When the stage has come to rest."""
+        return self.start_tick + self.travel_ticks + STAGE_SETTLE_TICKS
+
+
 class VirtualController:
     """One controller over one plant. Feed it bytes, let time pass, take bytes."""
 
@@ -57,7 +76,7 @@ class VirtualController:
         self.fault = 0
         self.disarming = False
         self.pulses_allowed = False
-        self.stage: tuple[int, float, int] | None = None  # axis, target, arrival tick
+        self.stage: StageMove | None = None
         self._heard_tick = 0
         self._repeat_tick = NEVER
         self.set_state(State.IDLE)
@@ -119,15 +138,13 @@ class VirtualController:
         if self.armed:
             deadline = min(deadline, self._heard_tick + self.parameters.watchdog_ticks)
         if self.stage:
-            deadline = min(deadline, self.stage[2])
+            deadline = min(deadline, self.stage.arrival_tick)
         return max(deadline, now + 1)
 
     def _watch(self, now: int) -> None:
         """Everything that is due by the clock: stage arrival, watchdog, interlocks, repetition of events."""
-        if self.stage and now >= self.stage[2]:
-            axis, target, _ = self.stage
-            self.stage = None
-            self.plant.stage_lands(axis, target)
+        if self.stage and now >= self.stage.arrival_tick:
+            self.stop_stage()
             self.set_state(State.ARMED)
             self.emit(EventCode.STAGE_DONE)
         if self.armed:
@@ -214,7 +231,7 @@ class VirtualController:
             return
         self.telemetry.flush()
         self.fault = int(code)
-        self.stage = None
+        self.stop_stage()
         self.disarming = False
         self.pulses_allowed = False
         self.set_state(State.ESTOP if code is FaultCode.ESTOP else State.FAULT)
@@ -234,6 +251,20 @@ class VirtualController:
         self.ist[k.PULSES_ON] = 0
         self.st[k.TARGET_V], self.st[k.RAMP_V_S] = target_v, slew_v_s
         self.begin(k.RAMP)
+
+    def start_stage(self, axis: int, target: float, speed: float) -> None:
+        """Let an axis travel (µm and µm/s, degrees and degrees/s) and come to rest."""
+        start = self.plant.reported[axis]
+        travel_ticks = math.ceil(abs(target - start) / speed / k.TICK_S)
+        self.stage = StageMove(axis, start, target, self.tick, travel_ticks)
+
+    def stop_stage(self) -> None:
+        """End a stage move where the stage is now."""
+        if self.stage is None:
+            return
+        move, self.stage = self.stage, None
+        share = min(1.0, (self.tick - move.start_tick) / max(1, move.travel_ticks))
+        self.plant.stage_lands(move.axis, move.start + share * (move.target - move.start))
 
     def stop_motion(self) -> None:
         """Pulses off, hold the tool where it is."""

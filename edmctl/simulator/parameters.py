@@ -49,9 +49,8 @@ class Parameters:
         param = _BY_ID.get(param_id)
         if param is None:
             return False
-        value = wire_value * param.scale
-        tolerance = 0.5 * param.scale
-        if not param.minimum - tolerance <= value <= param.maximum + tolerance:
+        value = param.from_wire(wire_value)
+        if not param.minimum <= value <= param.maximum:
             return False
         if param.name == "servo_period_us" and wire_value % TICK_US:
             return False
@@ -61,7 +60,7 @@ class Parameters:
     def wire_value(self, param_id: int) -> int | None:
         """Current value as SET_PARAM would carry it; None for an unknown parameter."""
         param = _BY_ID.get(param_id)
-        return None if param is None else round(self._values[param.name] / param.scale)
+        return None if param is None else param.to_wire(self._values[param.name])
 
     def commit(self, crc: int) -> bool:
         """Make the staged values current if their check agrees."""

@@ -125,8 +125,7 @@ class Plant:
         self._here: Hole | None = None
         self.position_um = np.array([PARK_X_UM, 0.0])
         self.theta_deg = 0.0
-        self.commanded_um = self.position_um.copy()
-        self.commanded_deg = 0.0
+        self.reported = [PARK_X_UM, 0.0, 0.0]  # x, y in µm and theta in degrees, as the stages tell
         self.dielectric_level_ok = True
         self.dielectric_flow_lpm = config.dielectric_flow_lpm
         self.dielectric_temperature_c = config.dielectric_temperature_c
@@ -144,19 +143,10 @@ class Plant:
         self._store_depth()
         return tuple(self.holes)
 
-    def command_stage(self, axis: int, target: float) -> float:
-        """Note an axis' target (µm; degrees for axis 2) and return how far it has to go."""
-        if axis == 2:
-            travel = abs(target - self.commanded_deg)
-            self.commanded_deg = target
-        else:
-            travel = abs(target - float(self.commanded_um[axis]))
-            self.commanded_um[axis] = target
-        return travel
-
     def stage_lands(self, axis: int, target: float) -> None:
-        """Put an axis (0 x, 1 y in µm; 2 theta in degrees) where the stage really stops."""
+        """Put an axis (0 x, 1 y in µm; 2 theta in degrees) where the stage really stops; it reports `target`."""
         self.leave()
+        self.reported[axis] = target
         s = self.config.sensors
         if axis == 2:
             self.theta_deg = target + s.rotary_sd_deg * self._stage_noise.standard_normal()

@@ -15,6 +15,7 @@ from edmctl.simulator import BenchConfig
 from edmctl.simulator import kernel as k
 
 if TYPE_CHECKING:
+    from edmctl.link.wire import Param
     from tests.simulator.conftest import Rig
 
 RigMaker = Callable[..., "Rig"]
@@ -188,6 +189,67 @@ def test_what_this_controller_cannot_do_it_refuses(rig: RigMaker) -> None:
     with pytest.raises(CommandRefused) as counts:
         r.session.request(m.TlmStart(10_000, 10, m.PulseLog.OFF))
     assert counts.value.status == m.Status.OUT_OF_RANGE
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        m.Approach(0.0, 100.0, 0.0),
+        m.PulseConfig(130.0, 300.0, 0.0, 0.12, m.PulseMode.ISOFREQUENCY, 0.0),
+        m.PulseConfig(4e6, 200.0, 40.0, 0.12, m.PulseMode.ISOFREQUENCY, 0.0),
+        m.PulseConfig(130.0, 300.0, 40.0, 40.0, m.PulseMode.ISOFREQUENCY, 0.0),
+        m.TouchOff(20.0, 40.0, 0.0, 90.0, 5.0, 0.3, 3),
+        m.Jump(10.0, 0.0, 0.1, 1.0),
+        m.StageMove(m.Axis.X, 0, 0),
+        m.PiezoSet(120.1, 10.0),
+    ],
+)
+def test_nonsense_is_out_of_range(rig: RigMaker, message: m.Approach) -> None:
+    r = rig()
+    r.arm()
+    with pytest.raises(CommandRefused) as refused:
+        r.session.request(message)
+    assert refused.value.status == m.Status.OUT_OF_RANGE
+
+
+def test_the_generator_is_not_rewired_in_a_cut(rig: RigMaker) -> None:
+    r = rig()
+    r.arm()
+    r.to_pad()
+    r.start_sparking()
+    r.session.pump(1.0)
+    r.session.request(m.Jump(20.0, 500.0, 0.5, 2.0))
+    assert r.bench.plant.ist[k.PULSES_ON] == 0
+    with pytest.raises(CommandRefused) as refused:
+        r.session.request(m.PulseConfig(130.0, 300.0, 100.0, 3.0, m.PulseMode.ISOFREQUENCY, 0.0))
+    assert refused.value.status == m.Status.BAD_STATE
+
+
+@pytest.mark.parametrize("param", m.PARAMS.values(), ids=m.PARAMS)
+def test_every_parameter_takes_its_extremes_and_nothing_beyond(rig: RigMaker, param: Param) -> None:
+    r = rig()
+    # This controller decides once a millisecond at most; a board may be faster.
+    least = 1000 if param.name == "servo_period_us" else param.minimum
+    for value in (least, param.maximum):
+        r.session.request(m.SetParam(param.id, param.to_wire(value)))
+        r.session.request(m.CommitProfile(m.param_crc({param.name: value})))
+        assert r.session.request(m.GetParam(param.id)).value == param.to_wire(value)
+        r.session.request(m.SetParam(param.id, param.to_wire(param.default)))
+    for beyond in (param.to_wire(param.minimum) - 1, param.to_wire(param.maximum) + 1):
+        with pytest.raises(CommandRefused):
+            r.session.request(m.SetParam(param.id, beyond))
+
+
+def test_a_disarmed_stage_stops_where_it_is_and_says_so(rig: RigMaker) -> None:
+    r = rig()
+    r.arm()
+    r.session.request(m.StageMove(m.Axis.X, 0, 1_000_000))
+    r.session.pump(2.0)
+    r.session.request(m.Disarm())
+    r.session.pump(0.5)
+    x_um = r.session.request(m.GetStatus()).x_um
+    assert x_um == pytest.approx(-3000.0, abs=20.0)
+    assert r.bench.plant.position_um[0] == pytest.approx(x_um, abs=3.0)
 
 
 def test_a_cut_ends_at_its_depth_limit_with_the_hole_in_the_work(rig: RigMaker) -> None:
