@@ -47,8 +47,8 @@ def simulate(profile: str, runs: int, seed: int, *overrides: str) -> list[dict[s
     answer = json.loads(done.stdout)
     if not answer["ok"]:
         raise SystemExit(f"{' '.join(command)}: {answer['error']}")
-    found: list[dict[str, float]] = answer["result"]["cases"][0]["runs"]
-    return found
+    found = answer["result"]["cases"][0]["runs"]
+    return [{**run, **{f"true_{key}": value for key, value in run["truth"].items()}} for run in found]
 
 
 def mean(runs: list[dict[str, float]], key: str) -> float:

@@ -14,9 +14,11 @@ def main() -> None:
         return
     try:
         from edmctl.cli.app import run
+
+        run()
     except KeyboardInterrupt:
+        # Before run() handles signals, and after: nothing moves then, and nobody wants a traceback.
         sys.exit(130)
-    run()
 
 
 if __name__ == "__main__":

@@ -85,7 +85,7 @@ def _usage_error(mistake: Exception, command: str) -> UsageError:
     context = getattr(mistake, "ctx", None)
     path = context.command_path if context else f"edmctl {command}".rstrip()
     message = mistake.format_message().rstrip(".")  # type: ignore[attr-defined]
-    return UsageError(message[:1].lower() + message[1:], hint=f"`{path} --help` lists what there is")
+    return UsageError(f"{message}.", hint=f"`{path} --help` lists what there is.")
 
 
 def _command_of(arguments: Sequence[str]) -> str:

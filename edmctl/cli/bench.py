@@ -34,14 +34,22 @@ class Bench:
     virtual: VirtualBench
 
 
-def check_port(selector: str | None) -> None:
-    """Refuse, with LinkLost E4002, any selector but the simulator's."""
-    if selector not in (None, "", SIMULATOR, "sim"):
-        raise LinkLost(
-            f"port {selector!r}: this version has no serial ports, only the built-in virtual machine",
-            hint="leave --port and EDMCTL_PORT away, or say --port sim:",
-            code="E4002",
-        )
+def check_port(selector: str | None) -> str:
+    """Return the selector to use. Refuses, with LinkLost E4002, any but the fresh virtual bench."""
+    if selector in (None, "", SIMULATOR, "sim"):
+        return SIMULATOR
+    if is_virtual(selector):
+        message = f"Port {selector!r}: this version does not offer a virtual bench that is kept between runs."
+        hint = "Say --port sim: for a fresh one."
+    else:
+        message = f"Port {selector!r}: this version has no serial ports, only the built-in virtual machine."
+        hint = "Leave --port and EDMCTL_PORT away, or say --port sim:."
+    raise LinkLost(message, hint=hint, code="E4002")
+
+
+def is_virtual(selector: str) -> bool:
+    """Whether a selector names a virtual machine."""
+    return selector.startswith(SIMULATOR)
 
 
 @contextmanager
@@ -71,7 +79,6 @@ def bench_config(loaded: LoadedProfile) -> BenchConfig:
     return BenchConfig(
         tool_diameter_um=loaded.profile.tool.diameter_um,
         theta=loaded.sim.theta,
-        thickness_um=loaded.profile.work.thickness_um,
         offset_um=loaded.profile.approach.offset_um,
         discharge=DischargeConstants(**constants),
     )

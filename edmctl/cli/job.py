@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from edmctl.cli.bench import check_port, connected
+from edmctl.cli.bench import check_port, connected, is_virtual
 from edmctl.cli.exitcodes import MEANING, ExitCode, error_exit_code
 from edmctl.cli.runfile import run_meta
 from edmctl.console.jsonout import render_json
 from edmctl.errors import EdmError, RunFileError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
     from edmctl.cli.bench import Bench
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from edmctl.profile.load import LoadedProfile
     from edmctl.profile.setup import Setup
     from edmctl.record.recorder import Recorder
+    from edmctl.simulator.bench import HoleTruth
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,8 +40,9 @@ class Order:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A checked order."""
+    """A checked order. `simulated` is what the port's name says; once connected, the machine says so itself."""
 
+    simulated: bool
     loaded: LoadedProfile
     setup: Setup
     setup_text: str
@@ -48,16 +51,17 @@ class Plan:
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """A hole as the plant knows it."""
+    """A hole as the plant knows it; NaN where there is none."""
 
-    depth_um: float
-    wear_um: float
+    depth_um: float = math.nan
+    wear_um: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
     """What a job reached, whether it ended well or with `error`; `truths` has one entry per site."""
 
+    simulated: bool
     job: JobResult
     truths: tuple[Truth, ...]
     error: EdmError | None
@@ -76,17 +80,18 @@ def check(order: Order) -> Plan:
     """Load and check everything the order names. Raises ProfileError, UsageError, LinkLost."""
     if order.profile is None:
         raise UsageError(
-            "no profile was named",
-            hint="say --profile NAME|FILE or set EDMCTL_PROFILE; `--profile cu270` takes a shipped one",
+            "No profile was named.",
+            hint="Say --profile NAME|FILE or set EDMCTL_PROFILE; `--profile cu270` takes a shipped one.",
             code="E2002",
         )
     from edmctl.profile.forecast import forecast
     from edmctl.profile.load import load_profile, load_setup
 
     setup = load_setup(order.setup)
-    check_port(order.port or setup.port)
+    port = check_port(order.port or setup.port)
     loaded = load_profile(order.profile, order.overrides, setup=setup)
     return Plan(
+        simulated=is_virtual(port),
         loaded=loaded,
         setup=setup,
         setup_text=order.setup.read_text(encoding="utf-8") if order.setup else "",
@@ -118,7 +123,7 @@ def carry_out(plan: Plan, seed: int, observer: Observer, name: RunName | None) -
                 )
         except EdmError as expected:
             error = expected
-        return Report(ledger.result(), _truths(bench, ledger), error)
+        return _report(bench, ledger, error)
 
 
 @contextmanager
@@ -134,7 +139,7 @@ def _recorder(
     from edmctl.record.writer import RunWriter
 
     def summarize() -> None:
-        writer.summary(render_json(Report(ledger.result(), _truths(bench, ledger), None).as_mapping()))
+        writer.summary(render_json(_report(bench, ledger, None).as_mapping()))
 
     writer = RunWriter.create(name.path, run_meta(name, plan, seed, bench.machine.identity))
     try:
@@ -160,7 +165,22 @@ def _into(name: RunName | None) -> str:
     return f", into {name.path}" if name else ""
 
 
-def _truths(bench: Bench, ledger: Ledger) -> tuple[Truth, ...]:
-    """The wear is the tool's whole wear: the virtual tool is new at the first site, and there is one site."""
-    holes = bench.virtual.truth()[: len(ledger.sites)]
-    return tuple(Truth(hole.depth_um, bench.virtual.tool_wear_um) for hole in holes)
+def _report(bench: Bench, ledger: Ledger, error: EdmError | None) -> Report:
+    virtual, job = bench.virtual, ledger.result()
+    truths = truths_of([(site.x_um, site.y_um) for site in job.sites], virtual.truth(), virtual.tool_wear_um)
+    return Report(bench.machine.identity.simulated, job, truths, error)
+
+
+def truths_of(
+    places: Sequence[tuple[float, float]], holes: Sequence[HoleTruth], tool_wear_um: float
+) -> tuple[Truth, ...]:
+    """The true hole of each place in µm: the nearest one.
+
+    The wear is the tool's whole wear: the virtual tool is new at the first site, and there is one site.
+    """
+    if not holes:
+        return tuple(Truth() for _ in places)
+    nearest = (
+        min(holes, key=lambda hole: math.hypot(hole.x_um - x_um, hole.y_um - y_um)) for x_um, y_um in places
+    )
+    return tuple(Truth(hole.depth_um, tool_wear_um) for hole in nearest)

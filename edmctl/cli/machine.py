@@ -54,7 +54,7 @@ def machine(
         from edmctl.cli.job import Order, check
 
         plan = check(Order(profile, tuple(overrides or ()), setup, port))
-        outcome.simulated = True
+        outcome.simulated = plan.simulated
         outcome.warn(plan.loaded.warnings)
         if dry_run:
             _forecast(outcome, plan)
@@ -79,13 +79,15 @@ def _run(outcome: Outcome, plan: "Plan", name: RunName, seed: int) -> None:
     outcome.seed = seed
     with watching(outcome.output) as reporter:
         report = carry_out(plan, seed, reporter, name)
+        outcome.simulated = report.simulated
         outcome.run_file = _written(name, report)
         if report.error and outcome.run_file:
             reporter.note(f"what was recorded until then is in {outcome.run_file}")
     outcome.result = report.as_mapping()
     if report.job.sites:
         outcome.text = render_job(report.job, report.truths, stream_style(sys.stdout))
-        outcome.text += f"\nSimulated, seed {seed}. Run file {outcome.run_file}"
+        made_by = f"Simulated, seed {seed}. " if report.simulated else ""
+        outcome.text += f"\n{made_by}Run file {outcome.run_file}"
     if report.error:
         raise report.error
 

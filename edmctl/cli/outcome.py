@@ -81,7 +81,7 @@ def finish(outcome: Outcome, error: EdmError | None) -> int:
     try:
         write(sys.stdout, text)
     except OSError as refused:
-        error = RunFileError(f"cannot write the result: {refused.strerror}", code="E9010")
+        error = RunFileError(f"Cannot write the result: {refused.strerror}.", code="E9010")
         exit_code = error_exit_code(error)
     if error:
         complain(outcome.output, error)
@@ -90,13 +90,13 @@ def finish(outcome: Outcome, error: EdmError | None) -> int:
 
 def interrupted(signal_number: int) -> Interrupted:
     """Return the error of a signal that came while no machine was connected."""
-    return Interrupted(f"stopped by {signal_name(signal_number)}", signal_number=signal_number)
+    return Interrupted(f"Stopped by {signal_name(signal_number)}.", signal_number=signal_number)
 
 
 def internal_error(bug: Exception) -> EdmError:
     """Return the error that stands for a bug; its cause keeps the traceback."""
     error = EdmError(
-        f"internal error: {type(bug).__name__}: {bug}",
+        f"Internal error: {type(bug).__name__}: {bug}",
         hint="This is a bug of edmctl. --debug shows the traceback.",
     )
     error.__cause__ = bug

@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from edmctl.cli.options import DebugOption, JsonOption, SetOption
+from edmctl.cli.options import DebugOption, JsonOption, SetOption, SetupOption
 from edmctl.cli.outcome import Outcome, Output, run_command, stream_style
 from edmctl.console.toml_view import render_toml
 from edmctl.errors import Diagnostic, EdmError, ProfileError
 
 if TYPE_CHECKING:
     from edmctl.profile.load import LoadedProfile
+    from edmctl.profile.setup import Setup
 
 app = typer.Typer(
     help="Check, show and describe profiles.",
@@ -28,17 +29,21 @@ FileArgument = Annotated[str, typer.Argument(metavar="NAME|FILE", help="A file, 
 def check(
     profiles: FilesArgument,
     overrides: SetOption = None,
+    setup: SetupOption = None,
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> int:
-    """Check profiles; report every problem."""
+    """Check profiles, for the machine of a setup file; report every problem."""
 
     def body(outcome: Outcome) -> None:
+        from edmctl.profile.load import load_setup
+
         verdicts: list[dict[str, object]] = []
         outcome.result = {"profiles": verdicts}
         problems: list[Diagnostic] = []
+        machine = load_setup(setup)
         for name in profiles:
-            found = _problems_of(name, overrides or [])
+            found = _problems_of(name, overrides or [], machine)
             errors = sum(not d.is_warning for d in found)
             warnings = len(found) - errors
             verdicts.append({"profile": name, "ok": not errors, "errors": errors, "warnings": warnings})
@@ -81,19 +86,19 @@ def schema(as_json: JsonOption = False, debug: DebugOption = False) -> int:
     """
 
     def body(outcome: Outcome) -> None:
-        from edmctl.profile.model import Profile
+        from edmctl.profile.schema import profile_schema
 
-        outcome.result = Profile.model_json_schema()
+        outcome.result = profile_schema()
         outcome.text = json.dumps(outcome.result, indent=2, ensure_ascii=False)
 
     return run_command(Output("profile schema", json=as_json, debug=debug), body)
 
 
-def _problems_of(name: str, overrides: list[str]) -> list[Diagnostic]:
+def _problems_of(name: str, overrides: list[str], setup: "Setup") -> list[Diagnostic]:
     from edmctl.profile.load import load_profile
 
     try:
-        return list(load_profile(name, overrides).warnings)
+        return list(load_profile(name, overrides, setup).warnings)
     except ProfileError as error:
         return list(error.diagnostics)
     except EdmError as error:

@@ -9,32 +9,18 @@ import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from edmctl.console.toml_view import render_toml, toml_scalar
 from edmctl.errors import UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
     from datetime import datetime
     from pathlib import Path
 
     from edmctl.cli.job import Plan
     from edmctl.machine.port import MachineIdentity
     from edmctl.profile.load import LoadedProfile
-    from edmctl.record.rows import Leaf, RunMeta
-
-# Longest first, because `feed_um_s` ends in `_s` too.
-_UNIT_OF_SUFFIX = {
-    "_um3_per_uj": "um3/uJ",
-    "_um_s": "um/s",
-    "_lpm": "L/min",
-    "_um": "um",
-    "_us": "us",
-    "_ms": "ms",
-    "_hz": "Hz",
-    "_v": "V",
-    "_a": "A",
-    "_c": "degC",
-    "_s": "s",
-}
+    from edmctl.profile.setup import Setup
+    from edmctl.record.rows import RunMeta, SourceText
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,8 +47,8 @@ def name_run(folder: Path, run_id: str | None, loaded: LoadedProfile, start: dat
         run_id = f"{stem[:80]}-{start:%Y%m%dT%H%M%S}.{start.microsecond // 1000:03d}Z"
     elif not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._+-]{0,119}", run_id):
         raise UsageError(
-            f"run id {run_id!r} is no plain file name",
-            hint="take up to 120 letters, digits and . _ + - and begin with a letter or digit",
+            f"Run id {run_id!r} is no plain file name.",
+            hint="Take up to 120 letters, digits and . _ + - and begin with a letter or digit.",
             code="E2004",
         )
     return RunName(run_id, folder / f"{run_id}.h5", start)
@@ -71,9 +57,11 @@ def name_run(folder: Path, run_id: str | None, loaded: LoadedProfile, start: dat
 def run_meta(name: RunName, plan: Plan, seed: int, identity: MachineIdentity) -> RunMeta:
     """Describe a run for its file."""
     from edmctl import __version__
+    from edmctl.record.leaves import profile_leaves
     from edmctl.record.rows import RunMeta
 
     loaded, profile = plan.loaded, plan.loaded.profile
+    values = profile.model_dump(mode="json", by_alias=True, exclude_none=True)
     return RunMeta(
         run_id=name.run_id,
         title=profile.meta.description or profile.meta.name,
@@ -84,11 +72,14 @@ def run_meta(name: RunName, plan: Plan, seed: int, identity: MachineIdentity) ->
         seed=seed,
         profile_text=loaded.text,
         profile_sha256=loaded.sha256,
+        sim_sha256=loaded.sim_sha256,
         edmctl_version=__version__,
         profile_path=str(loaded.path),
-        profile_leaves=tuple(_leaves(profile.model_dump(mode="json", by_alias=True, exclude_none=True))),
+        profile_parents=_parents(loaded),
+        profile_leaves=profile_leaves({**values, "sim": loaded.sim.model_dump(mode="json")}),
         profile_overrides=loaded.overrides,
         setup_text=plan.setup_text,
+        setup_toml=_setup_toml(plan.setup),
         protocol_version=identity.protocol,
         firmware_version=identity.firmware,
         controller_serial=identity.serial,
@@ -100,17 +91,21 @@ def run_meta(name: RunName, plan: Plan, seed: int, identity: MachineIdentity) ->
     )
 
 
-def unit_of(key: str) -> str:
-    """Return the unit that a key's suffix names, `1` for a pure number."""
-    return next((unit for suffix, unit in _UNIT_OF_SUFFIX.items() if key.endswith(suffix)), "1")
+def _parents(loaded: LoadedProfile) -> tuple[SourceText, ...]:
+    """The files that the profile extends, read again: a loaded profile keeps its own text only."""
+    from edmctl.profile.read import read_chain
+    from edmctl.record.rows import SourceText
+
+    return tuple(SourceText(source.name, source.text) for source in read_chain(loaded.path).sources[1:])
 
 
-def _leaves(tables: Mapping[str, Mapping[str, float | int | str | bool]]) -> Iterator[Leaf]:
-    from edmctl.record.rows import Leaf
-
-    for table, values in tables.items():
-        for key, value in values.items():
-            yield Leaf(f"{table}.{key}", value, unit_of(key))
+def _setup_toml(setup: Setup) -> str:
+    """Every value of a setup as TOML: those outside any table first, as TOML wants it."""
+    values = setup.model_dump(mode="json", exclude_none=True)
+    tables = {name: value for name, value in values.items() if isinstance(value, dict)}
+    plain = {name: value for name, value in values.items() if name not in tables}
+    head = "".join(f"{name} = {toml_scalar(value)}\n" for name, value in plain.items())
+    return f"{head}{render_toml(tables, {})}\n"
 
 
 def _user() -> str:

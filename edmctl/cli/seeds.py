@@ -20,5 +20,9 @@ def seed_to_use(asked: int | None) -> int:
     if asked is None:
         return secrets.randbelow(_NEW_SEEDS)
     if not 0 <= asked <= _LARGEST:
-        raise UsageError(f"--seed {asked}: a seed lies between 0 and {_LARGEST}", code="E2005")
+        raise UsageError(
+            f"Seed {asked} does not lie between 0 and {_LARGEST}.",
+            hint="Leave --seed away for a random one.",
+            code="E2005",
+        )
     return asked

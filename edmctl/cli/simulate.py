@@ -9,6 +9,7 @@ import typer
 
 from edmctl.cli.options import (
     DebugOption,
+    DryRunOption,
     EventsOption,
     JsonOption,
     ProfileOption,
@@ -23,7 +24,7 @@ from edmctl.console.text import plural
 from edmctl.errors import ObjectiveNotReached
 
 if TYPE_CHECKING:
-    from edmctl.cli.job import Order
+    from edmctl.cli.job import Order, Plan
     from edmctl.cli.spread import Run
 
 RunsOption = Annotated[
@@ -38,6 +39,15 @@ OutOption = Annotated[
 ]
 
 
+@dataclasses.dataclass(frozen=True, slots=True)
+class _Case:
+    """One set of values that was asked for, checked."""
+
+    label: str
+    order: "Order"
+    plan: "Plan"
+
+
 def simulate(
     profile: ProfileOption = None,
     overrides: SetOption = None,
@@ -46,6 +56,7 @@ def simulate(
     sweep: SweepOption = None,
     seed: SeedOption = None,
     out: OutOption = None,
+    dry_run: DryRunOption = False,
     as_json: JsonOption = False,
     events: EventsOption = False,
     quiet: QuietOption = False,
@@ -61,8 +72,12 @@ def simulate(
 
         order = Order(profile, tuple(overrides or ()), setup, port=None)
         outcome.simulated = True
+        cases = _checked(outcome, _orders(order, sweep))
+        if dry_run:
+            _forecast(outcome, cases)
+            return
         outcome.seed = seed_to_use(seed)
-        _simulate(outcome, _orders(order, sweep), outcome.seed, runs, out)
+        _simulate(outcome, cases, outcome.seed, runs, out)
 
     return run_command(Output("simulate", as_json, events, quiet, debug), body)
 
@@ -76,27 +91,47 @@ def _orders(order: "Order", sweep: str | None) -> list["Order"]:
     return [dataclasses.replace(order, overrides=(*order.overrides, step)) for step in steps]
 
 
-def _simulate(outcome: Outcome, orders: list["Order"], seed: int, runs: int, out: Path | None) -> None:
-    from edmctl.cli.batch import Task, perform_all
+def _checked(outcome: Outcome, orders: list["Order"]) -> list["_Case"]:
+    """Check every order before anything runs; raises ProfileError, UsageError, LinkLost."""
     from edmctl.cli.job import check
-    from edmctl.cli.spread import summarize
-    from edmctl.console.spread_table import render_cases
 
     plans = [check(order) for order in orders]
     outcome.warn(dict.fromkeys(warning for plan in plans for warning in plan.loaded.warnings))
-    stem = plans[0].loaded.path.stem
-    labels = [_label(stem, order, len(orders)) for order in orders]
+    labels = [
+        _label(plan.loaded.path.stem, order, len(orders)) for order, plan in zip(orders, plans, strict=True)
+    ]
+    return [_Case(*parts) for parts in zip(labels, orders, plans, strict=True)]
+
+
+def _forecast(outcome: Outcome, cases: list["_Case"]) -> None:
+    from edmctl.console.forecast_table import render_forecast
+
+    outcome.result = {
+        "cases": [
+            {"label": case.label, "overrides": case.order.overrides, "forecast": case.plan.forecast}
+            for case in cases
+        ]
+    }
+    style = stream_style(sys.stdout)
+    outcome.text = "\n\n".join(render_forecast(case.label, case.plan.forecast, style) for case in cases)
+
+
+def _simulate(outcome: Outcome, asked: list["_Case"], seed: int, runs: int, out: Path | None) -> None:
+    from edmctl.cli.batch import Task, perform_all
+    from edmctl.cli.spread import summarize
+    from edmctl.console.spread_table import render_cases
+
     tasks = [
-        Task(order, seed + index, out, f"{label.replace('=', '-')}-seed{seed + index}")
-        for order, label in zip(orders, labels, strict=True)
+        Task(case.order, seed + index, out, f"{case.label.replace('=', '-')}-seed{seed + index}")
+        for case in asked
         for index in range(runs)
     ]
     with watching(outcome.output) as reporter:
         reporter.note(f"simulating {len(tasks)} runs, seeds {seed} to {seed + runs - 1}")
         done = perform_all(tasks, reporter)
     cases = [
-        summarize(label, order.overrides, done[index * runs : (index + 1) * runs])
-        for index, (label, order) in enumerate(zip(labels, orders, strict=True))
+        summarize(case.label, case.order.overrides, done[index * runs : (index + 1) * runs])
+        for index, case in enumerate(asked)
     ]
     outcome.result = {"runs": runs, "cases": cases}
     outcome.text = render_cases(cases, stream_style(sys.stdout))
@@ -114,6 +149,6 @@ def _refuse_failures(runs: list["Run"]) -> None:
         first = failed[0]
         raise ObjectiveNotReached(
             f"{len(failed)} of {plural(len(runs), 'run')} failed; the first, with seed {first.seed}: {first.error}",
-            hint=f"repeat it with `edmctl machine --seed {first.seed}` and the same profile",
+            hint=f"Repeat it with `edmctl machine --seed {first.seed}` and the same profile.",
             code="E7900",
         )

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import statistics
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
+
+from edmctl.cli.job import Truth
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -26,8 +28,7 @@ class Run:
     wear_um: float = math.nan
     wear_u95_um: float = math.nan
     feed_um: float = math.nan
-    true_depth_um: float = math.nan
-    true_wear_um: float = math.nan
+    truth: Truth = field(default_factory=Truth)
     machining_time_s: float = math.nan
     time_s: float = math.nan
     cuts: int = 0
@@ -35,12 +36,12 @@ class Run:
     @property
     def depth_error_um(self) -> float:
         """Measured less true depth."""
-        return self.depth_um - self.true_depth_um
+        return self.depth_um - self.truth.depth_um
 
     @property
     def wear_error_um(self) -> float:
         """Measured less true wear."""
-        return self.wear_um - self.true_wear_um
+        return self.wear_um - self.truth.wear_um
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,19 +56,18 @@ class Spread:
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """Runs that differ in their seed only."""
+    """Runs that differ in their seed only. `truth` has the spreads of what the plant knows."""
 
     label: str
     overrides: tuple[str, ...]
     runs: tuple[Run, ...]
     failed: int
     spreads: Mapping[str, Spread]
+    truth: Mapping[str, Spread]
     coverage: Mapping[str, float]
 
 
 _QUANTITIES = (
-    "true_depth_um",
-    "true_wear_um",
     "depth_um",
     "wear_um",
     "depth_error_um",
@@ -75,6 +75,7 @@ _QUANTITIES = (
     "machining_time_s",
     "time_s",
 )
+_TRUE_QUANTITIES = ("depth_um", "wear_um")
 
 
 def run_of(seed: int, exit_code: int, report: Report) -> Run:
@@ -93,8 +94,7 @@ def run_of(seed: int, exit_code: int, report: Report) -> Run:
         wear_um=site.wear_um,
         wear_u95_um=site.wear_u95_um,
         feed_um=site.feed_um,
-        true_depth_um=truth.depth_um,
-        true_wear_um=truth.wear_um,
+        truth=truth,
         machining_time_s=site.machining_time_s,
         time_s=report.job.time_s,
         cuts=site.cuts,
@@ -104,17 +104,19 @@ def run_of(seed: int, exit_code: int, report: Report) -> Run:
 def summarize(label: str, overrides: tuple[str, ...], runs: Sequence[Run]) -> Case:
     """Sum up the runs of one set of values; runs without a measured hole count as failed only."""
     measured = [run for run in runs if math.isfinite(run.depth_um)]
-    spreads = (
-        {key: _spread([getattr(run, key) for run in measured]) for key in _QUANTITIES} if measured else {}
-    )
     return Case(
         label=label,
         overrides=overrides,
         runs=tuple(runs),
         failed=sum(not run.ok for run in runs),
-        spreads=spreads,
+        spreads=_spreads(measured, _QUANTITIES),
+        truth=_spreads([run.truth for run in measured], _TRUE_QUANTITIES),
         coverage=_coverage(measured),
     )
+
+
+def _spreads(rows: Sequence[Run] | Sequence[Truth], keys: Sequence[str]) -> dict[str, Spread]:
+    return {key: _spread([getattr(row, key) for row in rows]) for key in keys} if rows else {}
 
 
 def _spread(values: Sequence[float]) -> Spread:

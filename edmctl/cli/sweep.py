@@ -48,5 +48,5 @@ def parse_sweep(text: str) -> Sweep:
 
 def _refused(text: str, reason: str) -> UsageError:
     return UsageError(
-        f"--sweep {text!r}: {reason}", hint="for example --sweep servo.reference=0.70:0.90:5", code="E2003"
+        f"--sweep {text!r}: {reason}.", hint="An example: --sweep servo.reference=0.70:0.90:5", code="E2003"
     )

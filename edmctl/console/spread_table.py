@@ -26,7 +26,7 @@ class SpreadView(Protocol):
 
 
 class CaseView(Protocol):
-    """Many runs of one set of values; keys of `spreads` carry their unit."""
+    """Many runs of one set of values; keys carry their unit. `truth` is what the plant knows."""
 
     @property
     def label(self) -> str: ...
@@ -37,16 +37,17 @@ class CaseView(Protocol):
     @property
     def spreads(self) -> Mapping[str, SpreadView]: ...
     @property
+    def truth(self) -> Mapping[str, SpreadView]: ...
+    @property
     def coverage(self) -> Mapping[str, float]: ...
 
 
+_TRUE_NAMES = {"depth_um": "true depth, µm", "wear_um": "true wear, µm"}
 _NAMES = {
     "depth_um": "depth, µm",
     "wear_um": "tool wear, µm",
     "machining_time_s": "machining time, s",
     "time_s": "whole job, s",
-    "true_depth_um": "true depth, µm",
-    "true_wear_um": "true wear, µm",
     "depth_error_um": "depth error, µm",
     "wear_error_um": "wear error, µm",
 }
@@ -60,8 +61,9 @@ def render_cases(cases: Sequence[CaseView], style: Style = PLAIN) -> str:
 def _render_case(case: CaseView, style: Style) -> str:
     header = [f"{case.label}, {plural(len(case.runs), 'run')}", "mean", "sd", "min", "max"]
     rows = [
-        [_NAMES[key], *(f"{value:.2f}" for value in (s.mean, s.sd, s.minimum, s.maximum))]
-        for key, s in case.spreads.items()
+        [names[key], *(f"{value:.2f}" for value in (s.mean, s.sd, s.minimum, s.maximum))]
+        for names, spreads in ((_TRUE_NAMES, case.truth), (_NAMES, case.spreads))
+        for key, s in spreads.items()
     ]
     lines = [render_columns(header, rows, style)]
     if case.coverage:
@@ -73,15 +75,20 @@ def _render_case(case: CaseView, style: Style) -> str:
 
 
 def _render_overview(cases: Sequence[CaseView], style: Style) -> str:
-    keys = ("true_depth_um", "true_wear_um", "depth_error_um", "machining_time_s")
-    header = ["mean ± sd", *(_NAMES[key] for key in keys), "failed"]
+    keys = ("depth_error_um", "machining_time_s")
+    header = ["mean ± sd", *_TRUE_NAMES.values(), *(_NAMES[key] for key in keys), "failed"]
     rows = [
-        [case.label, *(_mean_sd(case, key) for key in keys), f"{case.failed} of {len(case.runs)}"]
+        [
+            case.label,
+            *(_mean_sd(case.truth, key) for key in _TRUE_NAMES),
+            *(_mean_sd(case.spreads, key) for key in keys),
+            f"{case.failed} of {len(case.runs)}",
+        ]
         for case in cases
     ]
     return render_columns(header, rows, style)
 
 
-def _mean_sd(case: CaseView, key: str) -> str:
-    spread = case.spreads.get(key)
+def _mean_sd(spreads: Mapping[str, SpreadView], key: str) -> str:
+    spread = spreads.get(key)
     return f"{spread.mean:.2f} ± {spread.sd:.2f}" if spread else "–"

@@ -50,9 +50,7 @@ FAULTS: dict[int, FaultRow] = {
             "The controller heard nothing from the host for {watchdog_s} s, switched the pulses off and "
             "retracted."
         ),
-        hint=(
-            "Look for a sleeping computer, a killed process or a loose cable; then `edmctl reset --ack 1001`."
-        ),
+        hint="Look for a sleeping computer, a killed process or a loose cable.",
     ),
     1002: FaultRow(
         code=1002,
@@ -60,7 +58,7 @@ FAULTS: dict[int, FaultRow] = {
         who="controller",
         detect="eight or more zero bytes in a row",
         message="The host aborted: pulses off, tool retracted.",
-        hint="Nothing is wrong with the machine; `edmctl reset --ack 1002` clears it.",
+        hint="Nothing is wrong with the machine; start the job again.",
     ),
     2001: FaultRow(
         code=2001,
@@ -79,10 +77,7 @@ FAULTS: dict[int, FaultRow] = {
         who="controller",
         detect="touch: displacement beyond z_max_um without contact",
         message="No contact where the surface was expected.",
-        hint=(
-            "Check the tool (lost or broken?), the continuity wire and the site; then `edmctl reset --ack "
-            "2005`."
-        ),
+        hint="Check the tool (lost or broken?), the continuity wire and the site.",
     ),
     2006: FaultRow(
         code=2006,
@@ -90,10 +85,7 @@ FAULTS: dict[int, FaultRow] = {
         who="controller",
         detect="touch: contact reads closed before the feed, or stays closed after the back-off",
         message="The contact sensor reads closed although the tool is retracted.",
-        hint=(
-            "Look for a chip between tool and work, or a shorted continuity wire; then `edmctl reset --ack "
-            "2006`."
-        ),
+        hint="Look for a chip between tool and work, or a shorted continuity wire.",
     ),
     2007: FaultRow(
         code=2007,
@@ -101,10 +93,7 @@ FAULTS: dict[int, FaultRow] = {
         who="controller",
         detect="contact while PIEZO_SET moves the tool towards the work",
         message="The tool ran into the work during a plain ramp; it was retracted.",
-        hint=(
-            "Drive the stage to its parking place before full-stroke ramps, and check setup.stage; then "
-            "`edmctl reset --ack 2007`."
-        ),
+        hint="Drive the stage to its parking place before full-stroke ramps, and check setup.stage.",
     ),
     3001: FaultRow(
         code=3001,
@@ -112,9 +101,7 @@ FAULTS: dict[int, FaultRow] = {
         who="controller",
         detect="continuous short for short_stuck_s although the tool retracts",
         message="A short did not clear while the tool retracted.",
-        hint=(
-            "Look for a debris bridge, a bent tool or a wiring short; flush, then `edmctl reset --ack 3001`."
-        ),
+        hint="Look for a debris bridge, a bent tool or a wiring short, and flush the gap.",
     ),
     3002: FaultRow(
         code=3002,
@@ -122,10 +109,7 @@ FAULTS: dict[int, FaultRow] = {
         who="controller",
         detect="arc_run consecutive arcs",
         message="The discharges turned into an arc that stays in one place.",
-        hint=(
-            "Flush better (shorter jump.period_s, greater jump.height_um) or lower pulse.duty; then `edmctl "
-            "reset --ack 3002`."
-        ),
+        hint="Flush better (shorter jump.period_s, greater jump.height_um) or lower pulse.duty.",
     ),
     3005: FaultRow(
         code=3005,
@@ -135,10 +119,7 @@ FAULTS: dict[int, FaultRow] = {
             "approach: max_travel_um without a spark; machining: open_lost_um or open_lost_s of open pulses"
         ),
         message="No sparks where they were expected.",
-        hint=(
-            "Check the tool (lost or broken?), the generator and the offset to the work; then `edmctl reset "
-            "--ack 3005`."
-        ),
+        hint="Check the tool (lost or broken?), the generator and the offset to the work.",
     ),
     4001: FaultRow(
         code=4001,
@@ -146,7 +127,7 @@ FAULTS: dict[int, FaultRow] = {
         who="controller",
         detect="emergency-stop input",
         message="Emergency stop.",
-        hint="Release the button, then `edmctl reset --ack 4001`.",
+        hint="Release the button.",
     ),
     4003: FaultRow(
         code=4003,
@@ -154,6 +135,6 @@ FAULTS: dict[int, FaultRow] = {
         who="controller",
         detect="level, flow_min_lpm or temperature_max_c violated while armed",
         message="The dielectric is low, does not flow, or is too hot: fire hazard.",
-        hint="Restore level, flow and temperature before anything else; then `edmctl reset --ack 4003`.",
+        hint="Restore level, flow and temperature before anything else.",
     ),
 }

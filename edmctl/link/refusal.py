@@ -16,11 +16,11 @@ _RANGE = struct.Struct("<Bqq")
 _BITS = struct.Struct("<H")
 _HINTS = {
     Status.BUSY: "Wait until the present motion ends, or stop it first.",
-    Status.BAD_STATE: "Look at the state with `edmctl status`; a latched fault must be cleared first.",
+    Status.BAD_STATE: "Start the run again; a fault that the controller has latched must be cleared first.",
     Status.UNKNOWN_TYPE: "The controller's firmware lacks this command; update it.",
     Status.BAD_LENGTH: "Host and firmware disagree about this command; update the older of them.",
     Status.OUT_OF_RANGE: "Correct the value in the profile or the setup file.",
-    Status.NOT_CALIBRATED: "Run `edmctl calibrate` first.",
+    Status.NOT_CALIBRATED: "The controller holds no calibration, and this version cannot make one.",
     Status.INTERLOCK: "Release the emergency stop, close the door, check level, flow and temperature.",
     Status.PROFILE_MISMATCH: "The controller holds other parameters than this run; start the run again.",
     Status.RATE_TOO_HIGH: "Ask for slower telemetry, or use a faster line.",

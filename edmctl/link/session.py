@@ -260,7 +260,7 @@ class Session:
             return
         self._reports.take(frame)
         raise self._lose(
-            f"controller restarted (reset cause {boot.reset_cause}, boot {boot.boot_count}).",
+            f"The controller restarted (reset cause {boot.reset_cause}, boot {boot.boot_count}).",
             "Check the controller's supply; home and measure again before machining.",
         )
 

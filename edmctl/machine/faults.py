@@ -20,7 +20,7 @@ def fault_error(code: int, settings: Mapping[str, float], where: str = "") -> Ma
     row = FAULTS.get(code)
     if row is None:
         message = f"The controller latched fault {code}, which this version does not know."
-        hint = f"Update edmctl, or look the number up in the firmware; then `edmctl reset --ack {code}`."
+        hint = "Update edmctl, or look the number up in the firmware."
     else:
         message, hint = row.message.format_map(settings), row.hint
     return MachineFault(f"{message}{where}", hint=hint, code=f"E6{code}", fault=code)

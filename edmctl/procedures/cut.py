@@ -38,7 +38,7 @@ class CutEnd(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class CutResult:
-    """What a cut did. `counts` are its pulses by class: open, normal, arc, short."""
+    """What a cut did. `counts` are its pulses by class: open, normal, arc, short; `energy_j` as in SiteResult."""
 
     end: CutEnd
     reason: str
@@ -46,6 +46,7 @@ class CutResult:
     end_displacement_um: float
     counts: tuple[int, int, int, int]
     gap_ratio_mean: float
+    energy_j: float
 
     @property
     def pulses(self) -> int:
@@ -122,6 +123,7 @@ def _result(plan: CutPlan, supervisor: Supervisor, ended: MachineEvent, time_s: 
         end_displacement_um=plan.z_limit_um if reached else ended.displacement_um,
         counts=(counts[0], counts[1], counts[2], counts[3]),
         gap_ratio_mean=supervisor.gap_ratio_mean,
+        energy_j=supervisor.energy_j,
     )
 
 

@@ -1,9 +1,12 @@
-"""Depth and tool wear of a site from its three readings."""
+"""What a site's three readings say: depth, tool wear, volumes."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from edmctl.process.erosion import hole_area_um2, mrr_mm3_min, tool_area_um2
 from edmctl.process.wear import DepthAndWear, measure, tilt_uncertainty_um
 
 if TYPE_CHECKING:
@@ -29,4 +32,29 @@ def depth_and_wear(
         z2_to_z3_s=z3.time_s - z2.time_s,
         pad_u_um=tilt_uncertainty_um(tilt_u_mrad, 0.0, repeatability_um),
         linearity_u_um=sensor.linearity_u_um,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Erosion:
+    """Volumes of a hole as ratios and a rate; NaN where there is no depth or no time to refer to."""
+
+    wear_ratio_lin: float
+    wear_ratio_vol: float
+    mrr_mm3_min: float
+
+
+def erosion_of(profile: Profile, found: DepthAndWear, machining_time_s: float) -> Erosion:
+    """Relative wear, linear and volumetric, and material removal rate of a measured hole.
+
+    Volumes are lengths times the tool's face and the hole's section, a side gap wider all round.
+    """
+    tool_um2 = tool_area_um2(profile.tool.diameter_um)
+    hole_um2 = hole_area_um2(profile.tool.diameter_um, profile.work.side_gap_um)
+    ratio = found.wear_um / found.depth_um if found.depth_um > 0.0 else math.nan
+    removed_um3 = found.depth_um * hole_um2
+    return Erosion(
+        wear_ratio_lin=ratio,
+        wear_ratio_vol=ratio * tool_um2 / hole_um2,
+        mrr_mm3_min=mrr_mm3_min(removed_um3 / machining_time_s) if machining_time_s > 0.0 else math.nan,
     )

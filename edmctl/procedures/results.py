@@ -29,6 +29,9 @@ class Phase(StrEnum):
 class SiteResult:
     """One hole, measured by touches: `feed = depth + wear`, u95 are half-widths of 95 % intervals.
 
+    `wear_ratio_lin` is wear per depth, `wear_ratio_vol` tool volume per hole volume, both NaN without a depth;
+    `energy_j` is mean gap current × plateau voltage of a normal discharge × time, over all cuts.
+
     The `*_model_um` values come from the actuator voltage through the identified model alone, and never enter
     the others.
     """
@@ -52,6 +55,10 @@ class SiteResult:
     ratios: PulseRatios
     gap_ratio_mean: float
     working_gap_um: float
+    energy_j: float
+    wear_ratio_lin: float
+    wear_ratio_vol: float
+    mrr_mm3_min: float
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,26 +19,36 @@ if TYPE_CHECKING:
     from edmctl.profile.setup import Setup
 
 SHORT_SHARE_OF_OPEN_VOLTAGE = 0.15
-"""A plateau below this share of the open voltage is a short: under any discharge, over a dead short."""
+"""A plateau below this share of the open voltage is a short: 6 V of 40 V lie between a dead short (about 1 V) and
+an arc (17 V), which holds at every open voltage that a recipe may have."""
 ARC_SHARE_OF_DISCHARGE_VOLTAGE = 0.886
-"""Arcs burn at about 0.77 of the plateau of a normal discharge; the threshold lies midway."""
+"""An arc burns at 17 V where a normal discharge stands at 22 V (0.77 of it); the threshold lies midway, 19.5 V."""
 ARC_DELAY_US = 3.0
-"""A discharge that ignites sooner found the last plasma channel still conducting."""
+"""A discharge that ignites sooner found the last plasma channel still conducting: without one a gap of some µm
+breaks down after tens of µs on average (mean gap voltage 0.8 of open, Muralidhara et al. 2009, Fig. 6)."""
 RETRACT_UM_S = 1000.0
-"""Retraction to 0 V when disarmed and on any fault."""
+"""Retraction to 0 V when disarmed and on any fault: the whole stroke of 356 µm in 0.4 s, still a third of the
+actuator's slew limit of 1000 V/s. Our choice."""
 SAFE_CLEARANCE_UM = 20.0
-"""The stages may move while the tool is at least this far above the untouched surface."""
-SHORT_STUCK_S = 3.0
-ARC_RUN = 60
-"""Consecutive arcs that are a burn: healthy gaps show runs of 4, badly flushed ones up to 11."""
-OPEN_LOST_S = 10.0
+"""The stages may move while the tool is at least this far above the untouched surface: several times what tilt
+(0.3 mrad over 5 mm) and creep can take of it. Our choice."""
+SHORT_STUCK_S = 1.5
+"""A short that lasts so long is stuck. Healthy ones clear within 70 ms; after 0.5 s the controller retracts four
+times as fast, so this leaves 1 s at 200 µm/s: far more way than a debris bridge is high (decision 0012)."""
+ARC_RUN = 20
+"""Consecutive arcs that are a burn: healthy gaps show runs of 4, badly flushed ones up to 11 (decision 0012)."""
+OPEN_LOST_S = 3.0
+"""So long without any discharge, the work or the tool is not where it should be: a healthy gap is open for 14 ms
+at most, and at 5 µm/s the tool advances 15 µm meanwhile (decision 0012)."""
 
 _LARGEST_COUNT = 250
-"""Pulses per telemetry sample that a count of one byte still holds."""
+"""Pulses per telemetry sample that a count of one byte still holds, with a margin of 2 %."""
 _FRAME_S = 0.1
-"""Telemetry frames come this often where the rate allows."""
+"""Telemetry frames come this often where the rate allows: the supervisor's 10 Hz."""
 _LARGEST_BATCH = 14
+"""Samples of 16 bytes that fit the 240 bytes of one frame."""
 _SLOWEST_HZ = 20.0
+"""Two samples per frame: the slowest that the supervisor can judge by."""
 
 
 def controller_settings(profile: Profile, setup: Setup) -> ControllerSettings:

@@ -9,7 +9,7 @@ from edmctl.procedures.approach import approach_bottom, approach_surface, raise_
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.cut import CutResult, run_cut
 from edmctl.procedures.deciding import Decision, decide
-from edmctl.procedures.measuring import depth_and_wear
+from edmctl.procedures.measuring import Erosion, depth_and_wear, erosion_of
 from edmctl.procedures.planning import CutPlan, first_plan, learned_gap_um
 from edmctl.procedures.results import SiteResult
 from edmctl.procedures.stages import move_to
@@ -76,7 +76,8 @@ def _measure_and_decide(
     found = depth_and_wear(run.profile, run.setup, z1, z2, z3)
     gap_um = learned_gap_um(z2.z_um, end_um)
     run.ledger.depth_um = found.depth_um
-    run.ledger.sites[site.name] = _site_result(site, found, (z1, z2, z3), cuts, gap_um)
+    erosion = erosion_of(run.profile, found, sum(cut.time_s for cut in cuts))
+    run.ledger.sites[site.name] = _site_result(site, found, (z1, z2, z3), cuts, gap_um, erosion)
     decision = decide(run.profile, plan, cuts[-1], found, z2.z_um, gap_um)
     _report(run, found, gap_um, decision)
     return decision
@@ -115,6 +116,7 @@ def _site_result(
     readings: tuple[SurfaceReading, SurfaceReading, SurfaceReading],
     cuts: Sequence[CutResult],
     gap_um: float,
+    erosion: Erosion,
 ) -> SiteResult:
     z1, z2, z3 = readings
     counts = [sum(column) for column in zip(*(cut.counts for cut in cuts), strict=True)]
@@ -138,6 +140,10 @@ def _site_result(
         ratios=pulse_shares(*counts),
         gap_ratio_mean=_gap_ratio_mean(cuts),
         working_gap_um=gap_um,
+        energy_j=sum(cut.energy_j for cut in cuts),
+        wear_ratio_lin=erosion.wear_ratio_lin,
+        wear_ratio_vol=erosion.wear_ratio_vol,
+        mrr_mm3_min=erosion.mrr_mm3_min,
     )
 
 
@@ -169,4 +175,10 @@ def _row(result: SiteResult) -> SiteRow:
         ratio_normal=result.ratios.normal,
         ratio_arc=result.ratios.arc,
         ratio_short=result.ratios.short,
+        energy_j=result.energy_j,
+        wear_ratio_lin=result.wear_ratio_lin,
+        wear_ratio_vol=result.wear_ratio_vol,
+        mrr_mm3_min=result.mrr_mm3_min,
+        depth_model_error_um=result.depth_model_um - result.depth_um,
+        wear_model_error_um=result.wear_model_um - result.wear_um,
     )

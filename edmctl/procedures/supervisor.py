@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from edmctl.machine.port import MachineState, MachineStatus, TelemetryBlock
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.results import Phase, Progress, PulseRatios
-from edmctl.procedures.settings import gap_reference_v
+from edmctl.procedures.settings import gap_reference_v, telemetry_settings
 from edmctl.process.pulses import pulse_shares
 from edmctl.profile.forecast import forecast
 from edmctl.record.rows import EventLevel, SlowRow
@@ -23,12 +23,16 @@ if TYPE_CHECKING:
     from edmctl.procedures.run import Run
 
 RATIO_WINDOW_S = 2.0
+"""Arcs and shorts are judged over this: a limit that is exceeded so long is told at once (decision 0012)."""
 FEED_WINDOW_S = 10.0
+"""Mean feed is taken over this: one jump period, 3 µm at 0.3 µm/s, twenty times the sensor's noise."""
 STALL_S = 60.0
-"""A cut that moves less than `STALL_SHARE` of the forecast feed for so long is stalled."""
+"""A cut that moves less than `STALL_SHARE` of the forecast feed for so long is stalled. Our choice: six jumps."""
 STALL_SHARE = 0.05
+"""Of the forecast feed; bad flushing alone leaves more than half of it."""
 UNSTABLE_S = 30.0
-"""A cut over its arc or short limit for so long is ended; a warning comes first."""
+"""A cut over its arc or short limit for so long is ended. Badly flushed holes that come out well are over it for up
+to 9 s, until the next jump, so it has to outlast some jump periods (decision 0012)."""
 
 # Looked up in every slice; an enum member costs a metaclass call each time in Python 3.11.
 _MACHINING = int(MachineState.MACHINING)
@@ -48,7 +52,8 @@ class Verdict(StrEnum):
 class Supervisor:
     """Follows the telemetry of one cut and keeps its sums.
 
-    `counts` are the pulses of the cut by class (open, normal, arc, short); `verdict` is set when it should end.
+    `counts` are the pulses of the cut by class (open, normal, arc, short); `energy_j` is their energy, from the
+    mean gap current at the plateau voltage of a normal discharge; `verdict` is set when the cut should end.
     """
 
     def __init__(self, run: Run, plan: CutPlan) -> None:
@@ -58,6 +63,8 @@ class Supervisor:
         self._duty_v = profile.pulse.duty_voltage_v
         self._reference_v = gap_reference_v(profile)
         self._plateau_v = profile.pulse.discharge_voltage_v
+        self._sample_s = 1e-6 * telemetry_settings(profile, run.setup).period_us
+        self._jump_period_s = profile.jump.period_s if profile.jump.mode == "fixed" else math.nan
         self._target_um = profile.target.depth_um if profile.target.kind == "depth" else math.nan
         self._forecast_feed_um_s = forecast(profile, run.setup).feed_rate_um_s
         self._window: deque[tuple[float, _Counts]] = deque()
@@ -70,6 +77,7 @@ class Supervisor:
         self._gap_samples = 0
         self._status: MachineStatus | None = None
         self.counts: list[int] = [0, 0, 0, 0]
+        self.energy_j = 0.0
         self.displacement_um = math.nan
         self.verdict: Verdict | None = None
 
@@ -115,6 +123,8 @@ class Supervisor:
         self, block: TelemetryBlock, gap_v: float, ratios: PulseRatios, feed_um_s: float, depth_um: float
     ) -> None:
         status = self._status
+        power_w = self._plateau_v * sum(block.current_a.tolist()) / len(block.time_s)
+        self.energy_j += power_w * len(block.time_s) * self._sample_s
         self._run.recorder.append_slow(
             SlowRow(
                 time_s=float(block.time_s[-1]),
@@ -127,7 +137,8 @@ class Supervisor:
                 ratio_short=ratios.short,
                 depth_um=depth_um,
                 wear_um=self._plan.wear_at(self.displacement_um),
-                power_w=self._plateau_v * sum(block.current_a.tolist()) / len(block.time_s),
+                jump_period_s=self._jump_period_s,
+                power_w=power_w,
                 dielectric_c=math.nan if status is None else status.temperature_c,
                 flow_lpm=math.nan if status is None else status.flow_lpm,
                 link_errors=self._run.watch.missing_frames,

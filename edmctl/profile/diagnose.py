@@ -10,7 +10,7 @@ from edmctl.profile.fields import field_at, keys_at, nearest, permitted, table_w
 from edmctl.profile.merge import dotted, toml_repr
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from pydantic import BaseModel, ValidationError
     from pydantic_core import ErrorDetails
@@ -31,6 +31,7 @@ _CODES = {
     "less_than": Code.OUT_OF_RANGE,
     "less_than_equal": Code.OUT_OF_RANGE,
     "finite_number": Code.OUT_OF_RANGE,
+    "multiple_of": Code.NOT_A_MULTIPLE,
     "string_too_short": Code.OUT_OF_RANGE,
     "string_too_long": Code.OUT_OF_RANGE,
 }
@@ -38,10 +39,8 @@ _TELLING = (Code.OUT_OF_RANGE, Code.NOT_A_CHOICE)
 """Of several complaints about one value (a choice or a number), the most telling comes first."""
 
 
-def schema_diagnostics(
-    error: ValidationError, model: type[BaseModel], data: TomlTable, sources: Sources
-) -> list[Diagnostic]:
-    """One diagnostic per wrong key or value, in the order of the file."""
+def schema_problems(error: ValidationError, model: type[BaseModel], data: TomlTable) -> dict[KeyPath, Code]:
+    """What is wrong, one code per wrong key or value."""
     by_path: dict[KeyPath, Code] = {}
     for detail in error.errors(include_url=False, include_context=False):
         path, code = _path(detail, data), _code(detail)
@@ -52,7 +51,14 @@ def schema_diagnostics(
             by_path[path] = code
         if detail["type"].startswith("union_tag"):
             by_path |= _unknown_keys(path[:-1], model, data)
-    found = [_diagnostic(code, path, model, data, sources) for path, code in by_path.items()]
+    return by_path
+
+
+def schema_diagnostics(
+    problems: Mapping[KeyPath, Code], model: type[BaseModel], data: TomlTable, sources: Sources
+) -> list[Diagnostic]:
+    """One diagnostic per wrong key or value, in the order of the file."""
+    found = [_diagnostic(code, path, model, data, sources) for path, code in problems.items()]
     return sorted(found, key=_place)
 
 
@@ -132,6 +138,7 @@ _COMPLAINTS = {
     Code.WRONG_TYPE: "has the wrong type",
     Code.OUT_OF_RANGE: "is out of range",
     Code.NOT_A_CHOICE: "is not one of the choices",
+    Code.NOT_A_MULTIPLE: "lies between two permitted steps",
     Code.SCHEMA_VERSION: "is not a profile format that this version reads",
 }
 

@@ -87,4 +87,6 @@ def _limits(metadata: list[object]) -> str:
         if (value := getattr(item, name, None)) is not None
     }
     words = {"gt": "above", "ge": "from", "lt": "below", "le": "to"}
-    return "".join(f" {words[name]} {bounds[name]:g}" for name in words if name in bounds)
+    text = "".join(f" {words[name]} {bounds[name]:g}" for name in words if name in bounds)
+    steps = (step for item in metadata if (step := getattr(item, "multiple_of", None)) is not None)
+    return text + "".join(f", a multiple of {step:g}" for step in steps)

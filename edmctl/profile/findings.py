@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
+
+from edmctl.profile.forecast import forecast
 
 if TYPE_CHECKING:
     from edmctl.profile.codes import Code
@@ -14,13 +17,17 @@ if TYPE_CHECKING:
     from edmctl.profile.setup import Setup
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Job:
-    """Everything a rule may look at."""
+    """Everything a rule may look at. The forecast needs nearly every value, so only rules that ask make one."""
 
     profile: Profile
     setup: Setup
-    forecast: Forecast
+
+    @cached_property
+    def forecast(self) -> Forecast:
+        """Expected course of the job."""
+        return forecast(self.profile, self.setup)
 
 
 @dataclass(frozen=True, slots=True)

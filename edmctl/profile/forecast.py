@@ -13,7 +13,7 @@ from edmctl.process.erosion import (
     removal_rate_um3_s,
 )
 from edmctl.process.jump import time_share
-from edmctl.process.servo import limit_cycle, loop_delay_s
+from edmctl.process.servo import LimitCycle, limit_cycle, loop_delay_s
 from edmctl.process.voltage import discharge_share, isopulse_discharge_share
 
 if TYPE_CHECKING:
@@ -61,8 +61,7 @@ def forecast(profile: Profile, setup: Setup) -> Forecast:
     Machining time follows the mean-voltage law of the pulse process (see `edmctl.process.voltage`) and counts
     jumps; measuring time counts conditioning, approaches, touches and stage moves.
     """
-    servo = profile.servo
-    depth_um, wear_um = _depth_and_wear_um(profile)
+    depth_um, wear_um = depth_and_wear_um(profile)
     feed_um = depth_um + wear_um
     energy_uj = pulse_energy_uj(
         profile.pulse.discharge_voltage_v, profile.pulse.current_a, profile.pulse.burning_time_us
@@ -75,14 +74,8 @@ def forecast(profile: Profile, setup: Setup) -> Forecast:
         side_share=SIDE_DISCHARGE_SHARE,
         wear_ratio=profile.wear.expected_ratio,
     )
-    delay_s = loop_delay_s(
-        servo_period_s=setup.controller.servo_period_s,
-        latency_ticks=setup.controller.latency,
-        filter_hz=servo.filter_hz,
-        actuator_lag_s=setup.controller.actuator_lag_s,
-    )
-    cycle = limit_cycle(servo.forward_um_s, delay_s)
-    jump_share = _jump_share(profile)
+    delay_s, cycle = servo_loop(profile, setup)
+    jump_share = time_share_of_jumps(profile)
     machining_s = feed_um / rate_um_s / max(1.0 - jump_share, 0.1)
     cuts = _expected_cuts(profile)
     measuring_s = _measuring_time_s(profile, setup, depth_um, cuts)
@@ -95,8 +88,8 @@ def forecast(profile: Profile, setup: Setup) -> Forecast:
         feed_um=feed_um,
         depth_um=depth_um,
         wear_um=wear_um,
-        stroke_um=profile.approach.offset_um + feed_um + STROKE_RESERVE_UM,
-        stroke_available_um=setup.actuator.gain_um_per_v * profile.limits.stroke_v_max,
+        stroke_um=stroke_um(profile),
+        stroke_available_um=stroke_available_um(profile, setup),
         loop_delay_s=delay_s,
         limit_cycle_um=cycle.half_amplitude_um,
         limit_cycle_period_s=cycle.period_s,
@@ -107,11 +100,33 @@ def forecast(profile: Profile, setup: Setup) -> Forecast:
     )
 
 
-def _depth_and_wear_um(profile: Profile) -> tuple[float, float]:
+def depth_and_wear_um(profile: Profile) -> tuple[float, float]:
+    """Depth and tool wear at the target, µm, at the expected ratio of wear."""
     ratio = profile.wear.expected_ratio
     target = profile.target
     depth_um = target.depth_um if target.kind == "depth" else target.feed_um / (1.0 + ratio)
     return depth_um, ratio * depth_um
+
+
+def stroke_um(profile: Profile) -> float:
+    """Stroke that the job needs, µm: offset, feed and a reserve."""
+    return profile.approach.offset_um + sum(depth_and_wear_um(profile)) + STROKE_RESERVE_UM
+
+
+def stroke_available_um(profile: Profile, setup: Setup) -> float:
+    """Stroke up to the voltage limit of the job, µm."""
+    return setup.actuator.gain_um_per_v * profile.limits.stroke_v_max
+
+
+def servo_loop(profile: Profile, setup: Setup) -> tuple[float, LimitCycle]:
+    """Delay of the servo loop, s, and the swing that follows from it."""
+    delay_s = loop_delay_s(
+        servo_period_s=setup.controller.servo_period_s,
+        latency_ticks=setup.controller.latency,
+        filter_hz=profile.servo.filter_hz,
+        actuator_lag_s=setup.controller.actuator_lag_s,
+    )
+    return delay_s, limit_cycle(profile.servo.forward_um_s, delay_s)
 
 
 def _burning_share(pulse: Pulse, level_s: float) -> float:
@@ -130,7 +145,8 @@ def _removal_um3_s(profile: Profile) -> float:
     return removal_rate_um3_s(power_uj_s, profile.work.removal_um3_per_uj)
 
 
-def _jump_share(profile: Profile) -> float:
+def time_share_of_jumps(profile: Profile) -> float:
+    """Share of the machining time that jumps take."""
     jump = profile.jump
     if jump.mode == "off":
         return 0.0

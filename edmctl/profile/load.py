@@ -10,15 +10,18 @@ from typing import TYPE_CHECKING, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from edmctl.errors import Diagnostic, ProfileError
-from edmctl.profile.diagnose import rule_diagnostics, schema_diagnostics
+from edmctl.profile.diagnose import rule_diagnostics, schema_diagnostics, schema_problems
+from edmctl.profile.draft import draft
+from edmctl.profile.findings import Job
 from edmctl.profile.model import Profile
 from edmctl.profile.overrides import apply_overrides
 from edmctl.profile.read import parse, read_chain, read_source
-from edmctl.profile.rules import complete, in_share_only, reference_stated_once, violations
+from edmctl.profile.rules import in_share_only, violations, with_time_limit
 from edmctl.profile.setup import Setup
 from edmctl.profile.shipped import find_profile
 from edmctl.profile.sim import ProfileFile, SimSettings
 from edmctl.profile.sources import Sources
+from edmctl.profile.target_rules import time_limit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -61,11 +64,10 @@ def load_profile(
     chain = read_chain(path)
     overridden = apply_overrides(chain.table, overrides)
     sources = Sources((*reversed(overridden.sources), *chain.sources), chain.sources[0])
-    written = _validated(ProfileFile, overridden.table, sources)
-    _refuse_errors(reference_stated_once(written), sources)
-    profile = complete(_recipe(written), machine)
-    warnings = _refuse_errors(violations(profile, machine), sources)
-    profile = in_share_only(profile)
+    written = _validated(ProfileFile, overridden.table, sources, machine)
+    warnings = _refuse_errors(violations(_recipe(written), machine), sources)
+    profile = with_time_limit(in_share_only(_recipe(written)), machine)
+    warnings += _refuse_errors(list(time_limit(Job(profile, machine))), sources)
     return LoadedProfile(
         profile=profile,
         sim=written.sim,
@@ -89,11 +91,16 @@ def load_setup(path: Path | None = None) -> Setup:
     return _validated(Setup, parse(source), Sources((source,), source))
 
 
-def _validated(model: type[_M], table: TomlTable, sources: Sources) -> _M:
+def _validated(model: type[_M], table: TomlTable, sources: Sources, machine: Setup | None = None) -> _M:
+    """The model of a table. A profile, checked for `machine`, is told the violated rules with the wrong values."""
     try:
         return model.model_validate(table)
     except ValidationError as error:
-        raise ProfileError(tuple(schema_diagnostics(error, model, table, sources))) from None
+        problems = schema_problems(error, model, table)
+    wrong = schema_diagnostics(problems, model, table, sources)
+    if machine is not None:
+        wrong += rule_diagnostics(violations(draft(table, problems), machine), sources)
+    raise ProfileError(tuple(wrong))
 
 
 def _refuse_errors(findings: list[Finding], sources: Sources) -> tuple[Diagnostic, ...]:

@@ -18,24 +18,30 @@ class Meta(Table):
 
     schema_version: int = Field(1, ge=1, le=1, alias="schema", description="version of this format")
     name: str = Field(min_length=1, max_length=80, description="short name of the recipe")
-    description: str = ""
+    description: str = Field("", description="title of the run file")
 
 
 class Tool(Table):
     """The electrode."""
 
-    material: str = Field(min_length=1, max_length=40, description="Cu, W, WC, brass ...")
+    material: str = Field(
+        min_length=1, max_length=40, description="Cu, W, WC, brass ...; recorded, not acted on"
+    )
     diameter_um: float = Field(ge=20.0, le=1000.0, description="diameter, µm")
-    free_length_um: float = Field(10_000.0, ge=500.0, le=20_000.0, description="length out of the holder, µm")
+    free_length_um: float = Field(
+        10_000.0, ge=500.0, le=20_000.0, description="length out of the holder, µm; recorded, not acted on"
+    )
     max_wear_um: float = Field(2000.0, gt=0.0, le=20_000.0, description="length it may lose in all, µm")
 
 
 class Work(Table):
     """The workpiece, and how it erodes."""
 
-    material: str = Field(min_length=1, max_length=40)
+    material: str = Field(min_length=1, max_length=40, description="recorded, not acted on")
     thickness_um: float = Field(gt=0.0, le=20_000.0, description="sheet thickness, µm")
-    kind: Literal["blind", "through"] = "blind"
+    kind: Literal["blind", "through"] = Field(
+        "blind", description="checked against target and stroke, otherwise recorded, not acted on"
+    )
     removal_um3_per_uj: float = Field(
         0.0424, gt=0.0, le=10.0, description="volume removed per discharge energy, for forecasts, µm³/µJ"
     )
@@ -54,7 +60,9 @@ class Pulse(Table):
     open_voltage_v: float = Field(ge=20.0, le=120.0, description="voltage of the open gap, V")
     current_a: float = Field(ge=0.01, le=3.0, description="peak current, A")
     discharge_voltage_v: float = Field(22.0, ge=10.0, le=60.0, description="plateau of a normal discharge, V")
-    polarity: Literal["tool-negative", "tool-positive"] = "tool-negative"
+    polarity: Literal["tool-negative", "tool-positive"] = Field(
+        "tool-negative", description="recorded, not acted on"
+    )
 
     @property
     def period_s(self) -> float:
@@ -146,7 +154,6 @@ class Jump(Table):
 
     mode: Literal["off", "fixed"] = "fixed"
     period_s: float = Field(10.0, ge=0.2, le=600.0, description="from jump to jump, s")
-    period_min_s: float = Field(1.5, ge=0.2, le=600.0, description="shortest permitted period, s")
     height_um: float = Field(60.0, ge=5.0, le=400.0, description="retraction, µm")
     speed_um_s: float = Field(2000.0, ge=50.0, le=5000.0, description="up and down, µm/s")
     dwell_ms: float = Field(20.0, ge=0.0, le=5000.0, description="pause at the top, ms")
@@ -197,8 +204,9 @@ class Log(Table):
     """What the run file holds."""
 
     servo_hz: float = Field(100.0, ge=1.0, le=1000.0, description="samples of voltage and displacement, Hz")
-    pulses: Literal["blocks", "full", "off"] = "blocks"
-    waveforms: Literal["on-fault", "off"] = "on-fault"
+    pulses: Literal["blocks", "full", "off"] = Field(
+        "blocks", description="counts per block of pulses, every pulse, or neither"
+    )
 
 
 class Profile(Table):

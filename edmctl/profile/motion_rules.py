@@ -9,10 +9,19 @@ from edmctl.process.jump import minimum_height_um
 from edmctl.process.servo import HALF_AMPLITUDE_DESIGN_UM, HALF_AMPLITUDE_LIMIT_UM
 from edmctl.profile.codes import Code
 from edmctl.profile.findings import Finding, Job, rounded_down, rounded_up
-from edmctl.profile.forecast import STROKE_RESERVE_UM
+from edmctl.profile.forecast import (
+    STROKE_RESERVE_UM,
+    depth_and_wear_um,
+    servo_loop,
+    stroke_available_um,
+    stroke_um,
+    time_share_of_jumps,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+    from edmctl.profile.model import Profile
 
 SLOPE_PER_FEED_MIN, SLOPE_PER_FEED_GOOD = 1.2, 3.0
 OFFSET_MIN_UM = 45.0
@@ -35,15 +44,16 @@ def actuator_voltage(job: Job) -> Iterator[Finding]:
 
 def stroke(job: Job) -> Iterator[Finding]:
     """Rule 2: the target is within the stroke."""
-    profile, f = job.profile, job.forecast
-    if f.stroke_um <= f.stroke_available_um:
+    profile = job.profile
+    needed_um, available_um = stroke_um(profile), stroke_available_um(profile, job.setup)
+    if needed_um <= available_um:
         return
     ratio, offset_um = profile.wear.expected_ratio, profile.approach.offset_um
-    reach_um = f.stroke_available_um - offset_um - STROKE_RESERVE_UM
-    wanted_v = f.stroke_um / job.setup.actuator.gain_um_per_v
+    reach_um = available_um - offset_um - STROKE_RESERVE_UM
+    wanted_v = needed_um / job.setup.actuator.gain_um_per_v
     needs = (
-        f"offset {offset_um:g} + feed {f.feed_um:.0f} + reserve {STROKE_RESERVE_UM:g} = {f.stroke_um:.0f} µm "
-        f"of stroke, but {profile.limits.stroke_v_max:g} V give {f.stroke_available_um:.0f} µm"
+        f"offset {offset_um:g} + feed {sum(depth_and_wear_um(profile)):.0f} + reserve {STROKE_RESERVE_UM:g} "
+        f"= {needed_um:.0f} µm of stroke, but {profile.limits.stroke_v_max:g} V give {available_um:.0f} µm"
     )
     raising = (
         f", or raise limits.stroke_v_max to {math.ceil(wanted_v)} V"
@@ -68,7 +78,7 @@ def stroke(job: Job) -> Iterator[Finding]:
 
 def through_stroke(job: Job) -> Iterator[Finding]:
     """Rule 10: a through hole has stroke for the sheet, the wear and the worn tip."""
-    profile, available_um = job.profile, job.forecast.stroke_available_um
+    profile, available_um = job.profile, stroke_available_um(job.profile, job.setup)
     if profile.work.kind != "through":
         return
     thickness_um, ratio = profile.work.thickness_um, profile.wear.expected_ratio
@@ -103,18 +113,19 @@ def slope_against_feed(job: Job) -> Iterator[Finding]:
 
 def servo_swing(job: Job) -> Iterator[Finding]:
     """Rule 4: the relay's limit cycle stays well inside the gap."""
-    servo, f, controller = job.profile.servo, job.forecast, job.setup.controller
-    if servo.mode != "relay" or f.limit_cycle_um <= HALF_AMPLITUDE_DESIGN_UM:
+    servo, controller = job.profile.servo, job.setup.controller
+    delay_s, swing = servo_loop(job.profile, job.setup)
+    if servo.mode != "relay" or swing.half_amplitude_um <= HALF_AMPLITUDE_DESIGN_UM:
         return
-    refused = f.limit_cycle_um > HALF_AMPLITUDE_LIMIT_UM
+    refused = swing.half_amplitude_um > HALF_AMPLITUDE_LIMIT_UM
     limit_um = HALF_AMPLITUDE_LIMIT_UM if refused else HALF_AMPLITUDE_DESIGN_UM
     yield Finding(
         Code.LIMIT_CYCLE if refused else Code.LIMIT_CYCLE_LARGE,
         ("servo", "forward_um_s"),
-        f"the servo would swing ±{f.limit_cycle_um:.2f} µm (period {f.limit_cycle_period_s:.2g} s): ramp "
-        f"{servo.forward_um_s:g} µm/s x loop delay {1e3 * f.loop_delay_s:.0f} ms, with a loop of "
+        f"the servo would swing ±{swing.half_amplitude_um:.2f} µm (period {swing.period_s:.2g} s): ramp "
+        f"{servo.forward_um_s:g} µm/s x loop delay {1e3 * delay_s:.0f} ms, with a loop of "
         f"{1e-3 * controller.servo_period_us:g} ms; above {limit_um:g} µm the tool shorts",
-        f"use at most {rounded_down(HALF_AMPLITUDE_DESIGN_UM / f.loop_delay_s)} µm/s, a faster loop, "
+        f"use at most {rounded_down(HALF_AMPLITUDE_DESIGN_UM / delay_s)} µm/s, a faster loop, "
         'or servo.mode = "pi"',
     )
 
@@ -167,13 +178,28 @@ def approach_travel(job: Job) -> Iterator[Finding]:
 
 def jump(job: Job) -> Iterator[Finding]:
     """Rule 7: jumps flush, fit above home, and leave time to machine."""
-    profile, f, j = job.profile, job.forecast, job.profile.jump
+    j = job.profile.jump
     if j.mode == "off":
         return
+    yield from _jump_height(job.profile)
+    share = time_share_of_jumps(job.profile)
+    if share > JUMP_SHARE_MAX:
+        yield Finding(
+            Code.JUMP,
+            ("jump", "period_s"),
+            f"jumping takes {100 * share:.0f} % of the time (2 x {j.height_um:g} µm / "
+            f"{j.speed_um_s:g} µm/s + {j.dwell_ms:g} ms, every {j.period_s:g} s); "
+            f"at most {100 * JUMP_SHARE_MAX:.0f} %",
+            f"use a period of at least {rounded_up(share * j.period_s / JUMP_SHARE_MAX)} s, or a faster jump",
+        )
+
+
+def _jump_height(profile: Profile) -> Iterator[Finding]:
+    j, (depth_um, wear_um) = profile.jump, depth_and_wear_um(profile)
     least_um = JUMP_HEIGHT_FACTOR * minimum_height_um(
-        f.depth_um, profile.tool.diameter_um, profile.work.side_gap_um
+        depth_um, profile.tool.diameter_um, profile.work.side_gap_um
     )
-    deepest_um = profile.approach.offset_um + f.feed_um
+    deepest_um = profile.approach.offset_um + depth_um + wear_um
     if j.height_um > deepest_um:
         yield Finding(
             Code.JUMP,
@@ -186,23 +212,7 @@ def jump(job: Job) -> Iterator[Finding]:
         yield Finding(
             Code.JUMP_TOO_LOW,
             ("jump", "height_um"),
-            f"jump height {j.height_um:g} µm hardly flushes: at {f.depth_um:.0f} µm depth and a side gap of "
+            f"jump height {j.height_um:g} µm hardly flushes: at {depth_um:.0f} µm depth and a side gap of "
             f"{profile.work.side_gap_um:g} µm it takes {least_um:.0f} µm",
             f"use {rounded_up(least_um)} µm or more",
-        )
-    if f.jump_share > JUMP_SHARE_MAX:
-        yield Finding(
-            Code.JUMP,
-            ("jump", "period_s"),
-            f"jumping takes {100 * f.jump_share:.0f} % of the time (2 x {j.height_um:g} µm / "
-            f"{j.speed_um_s:g} µm/s + {j.dwell_ms:g} ms, every {j.period_s:g} s); "
-            f"at most {100 * JUMP_SHARE_MAX:.0f} %",
-            f"use a period of at least {rounded_up(f.jump_share * j.period_s / JUMP_SHARE_MAX)} s, or a faster jump",
-        )
-    if j.period_s < j.period_min_s:
-        yield Finding(
-            Code.JUMP,
-            ("jump", "period_s"),
-            f"jump period {j.period_s:g} s is below its own minimum period_min_s {j.period_min_s:g} s",
-            f"use at least {j.period_min_s:g} s, or lower period_min_s",
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from edmctl.profile.codes import Code
+from edmctl.profile.draft import lacks_value, without
 from edmctl.profile.findings import Finding, Job
 from edmctl.profile.forecast import forecast
 from edmctl.profile.motion_rules import (
@@ -28,16 +29,17 @@ from edmctl.profile.pulse_rules import (
 from edmctl.profile.target_rules import (
     blind_depth,
     feed_without_remeasuring,
-    time_limit,
     tolerance,
     tool_wear,
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
     from edmctl.profile.model import Profile
     from edmctl.profile.setup import Setup
 
-RULES = (
+RULES: tuple[Callable[[Job], Iterable[Finding]], ...] = (
     reference_window,
     stroke,
     slope_against_feed,
@@ -62,45 +64,69 @@ RULES = (
 TIME_LIMIT_FORECASTS = 3.0
 
 
-def complete(profile: Profile, setup: Setup) -> Profile:
-    """Fill in what follows from other values: the reference given in volts, the time limit not given."""
-    servo, limits = profile.servo, profile.limits
-    if servo.reference_v is not None:
-        servo = servo.model_copy(update={"reference": servo.reference_v / profile.pulse.duty_voltage_v})
-        profile = profile.model_copy(update={"servo": servo})
-    if "max_time_s" not in limits.model_fields_set:
-        time_s = TIME_LIMIT_FORECASTS * forecast(profile, setup).time_s
-        limits = limits.model_copy(update={"max_time_s": time_s})
-        profile = profile.model_copy(update={"limits": limits})
-    return profile
+def with_time_limit(profile: Profile, setup: Setup) -> Profile:
+    """Fill in the time limit where none is given, from the forecast."""
+    limits = profile.limits
+    if "max_time_s" in limits.model_fields_set:
+        return profile
+    time_s = TIME_LIMIT_FORECASTS * forecast(profile, setup).time_s
+    return profile.model_copy(update={"limits": limits.model_copy(update={"max_time_s": time_s})})
 
 
 def in_share_only(profile: Profile) -> Profile:
-    """Drop the reference in volts once its share is known, so that the profile states it once."""
+    """Turn a reference in volts into the share that it is, so that the profile states it once."""
     if profile.servo.reference_v is None:
         return profile
-    return profile.model_copy(update={"servo": profile.servo.model_copy(update={"reference_v": None})})
-
-
-def reference_stated_once(profile: Profile) -> list[Finding]:
-    """Rule 16: the servo reference is given as a share or in volts, not twice and not never."""
-    given = profile.servo.model_fields_set & {"reference", "reference_v"}
-    if len(given) == 1:
-        return []
-    if given:
-        message = (
-            f"the servo reference is given twice: reference {profile.servo.reference:g} and "
-            f"reference_v {profile.servo.reference_v:g} V"
-        )
-        return [Finding(Code.REFERENCE_ONCE, ("servo", "reference_v"), message, "remove one of the two")]
-    hint = "add reference = 0.80 to [servo]"
-    return [Finding(Code.REFERENCE_ONCE, ("servo",), "servo.reference is missing", hint)]
+    servo = profile.servo.model_copy(update={"reference": _share(profile), "reference_v": None})
+    return profile.model_copy(update={"servo": servo})
 
 
 def violations(profile: Profile, setup: Setup) -> list[Finding]:
-    """Every violated rule of a completed profile, warnings included; time only of a job that can run."""
-    job = Job(profile, setup, forecast(profile, setup))
-    findings = [finding for rule in RULES for finding in rule(job)]
-    if all(finding.is_warning for finding in findings):
-        findings += time_limit(job)
-    return findings
+    """Every violated rule, warnings included, in order.
+
+    Rules that need a value which a draft lacks (see `edmctl.profile.draft`) are left out.
+    """
+    once = _held(reference_stated_once, Job(profile, setup))
+    job = Job(without(profile, ("servo", "reference")) if once else _with_share(profile), setup)
+    return [*once, *(finding for rule in RULES for finding in _held(rule, job))]
+
+
+def reference_stated_once(job: Job) -> Iterable[Finding]:
+    """Rule 16: the servo reference is given as a share or in volts, not twice and not never."""
+    servo = job.profile.servo
+    share, volts = servo.reference, servo.reference_v
+    given = servo.model_fields_set & {"reference", "reference_v"}
+    if len(given) == 2:
+        message = f"the servo reference is given twice: reference {share:g} and reference_v {volts:g} V"
+        yield Finding(Code.REFERENCE_ONCE, ("servo", "reference_v"), message, "remove one of the two")
+    elif not given:
+        hint = "add reference = 0.80 to [servo]"
+        yield Finding(Code.REFERENCE_ONCE, ("servo",), "servo.reference is missing", hint)
+
+
+def _held(rule: Callable[[Job], Iterable[Finding]], job: Job) -> list[Finding]:
+    """Findings of a rule; none where it asks for a value that could not be read."""
+    try:
+        return list(rule(job))
+    except AttributeError as error:
+        if lacks_value(error):
+            return []
+        raise
+
+
+def _with_share(profile: Profile) -> Profile:
+    """The profile with its reference as a share; without one where that cannot be told."""
+    try:
+        if profile.servo.reference_v is None:
+            return profile
+        servo = profile.servo.model_copy(update={"reference": _share(profile)})
+    except AttributeError as error:
+        if lacks_value(error):
+            return without(profile, ("servo", "reference"))
+        raise
+    return profile.model_copy(update={"servo": servo})
+
+
+def _share(profile: Profile) -> float:
+    assert profile.servo.reference_v is not None
+    return profile.servo.reference_v / profile.pulse.duty_voltage_v

@@ -22,7 +22,9 @@ class Sensor(Table):
 
     gain_u_rel: float = Field(0.003, ge=0.0, le=0.2, description="of its calibration, relative")
     linearity_u_um: float = Field(0.1, ge=0.0, le=20.0, description="of its characteristic, µm")
-    noise_um: float = Field(0.15, ge=0.0, le=20.0, description="RMS of one sample, µm")
+    noise_um: float = Field(
+        0.15, ge=0.0, le=20.0, description="RMS of one sample, µm; recorded, not acted on"
+    )
     drift_um_per_s: float = Field(0.0017, ge=0.0, le=1.0, description="of its drift rate, µm/s")
 
 
@@ -46,13 +48,21 @@ class Stage(Table):
 class Controller(Table):
     """The real-time controller."""
 
-    servo_period_us: int = Field(1000, ge=500, le=200_000, description="period of the servo decision, µs")
+    servo_period_us: int = Field(
+        1000,
+        ge=1000,
+        le=200_000,
+        multiple_of=1000,
+        description="period of the servo decision, µs; the controller ticks every 1000 µs",
+    )
     latency: int = Field(1, ge=0, le=50, description="decisions from reading to command")
     actuator_lag_s: float = Field(0.002, ge=0.0, le=1.0, description="of amplifier and actuator, s")
     watchdog_s: float = Field(
         0.25, ge=0.1, le=1.0, description="silence of the host that stops the machine, s"
     )
-    telemetry_hz: float = Field(1000.0, ge=10.0, le=2000.0, description="samples sent to the host, Hz")
+    telemetry_hz: float = Field(
+        1000.0, ge=10.0, le=1000.0, description="samples sent to the host, Hz; at most one per tick of 1 ms"
+    )
 
     @property
     def servo_period_s(self) -> float:

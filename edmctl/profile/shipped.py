@@ -41,9 +41,9 @@ def find_profile(name_or_path: str) -> Path:
         return shipped
     names = shipped_names()
     close = difflib.get_close_matches(given.stem, names, n=1)
-    meant = f"did you mean {close[0]}? " if close else ""
+    meant = f"Did you mean {close[0]}? " if close else ""
     raise UsageError(
-        f"no profile {name_or_path!r}: no such file, and no shipped profile of that name",
-        hint=f"{meant}Shipped profiles: {', '.join(names)}",
+        f"There is no profile {name_or_path!r}: no such file, and no shipped profile of that name.",
+        hint=f"{meant}Shipped profiles: {', '.join(names)}.",
         code="E2001",
     )

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.profile.codes import Code
 from edmctl.profile.findings import Finding, Job, rounded_up
+from edmctl.profile.forecast import depth_and_wear_um
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -43,7 +44,7 @@ def feed_without_remeasuring(job: Job) -> Iterator[Finding]:
 
 def tool_wear(job: Job) -> Iterator[Finding]:
     """Rule 17: the tool is long enough for its wear."""
-    tool, wear_um = job.profile.tool, job.forecast.wear_um
+    tool, (_, wear_um) = job.profile.tool, depth_and_wear_um(job.profile)
     if wear_um > tool.max_wear_um:
         yield Finding(
             Code.TOOL_WEAR,
@@ -55,7 +56,7 @@ def tool_wear(job: Job) -> Iterator[Finding]:
 
 def blind_depth(job: Job) -> Iterator[Finding]:
     """Rule 19: a blind hole ends inside the sheet."""
-    work, depth_um = job.profile.work, job.forecast.depth_um
+    work, (depth_um, _) = job.profile.work, depth_and_wear_um(job.profile)
     if work.kind == "blind" and depth_um >= work.thickness_um:
         yield Finding(
             Code.BLIND_DEPTH,

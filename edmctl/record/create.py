@@ -5,6 +5,7 @@ SWMR forbids new objects once it is on, so everything that a run may write exist
 
 from __future__ import annotations
 
+import hashlib
 import json
 import platform
 from typing import TYPE_CHECKING
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 RUNNING = "running"
 NO_EXIT_CODE = -1
 NO_SEED = -1
+NO_WEAR_YET = 0.0
 LIBRARY_VERSIONS = ("v110", "v110")
 """The oldest format that can be written in SWMR mode, and read by every HDF5 since 1.10."""
 
@@ -82,6 +84,10 @@ def _scalar_values(meta: RunMeta) -> dict[str, object]:
         "/entry/simulated": int(meta.simulated),
         "/entry/seed": NO_SEED if meta.seed is None else meta.seed,
         "/entry/summary": None,
+        "/entry/tool/length_wear_total": NO_WEAR_YET,
+        "/entry/profile/sha256": hashlib.sha256(meta.profile_text.encode()).hexdigest(),
+        "/entry/profile/parents": [parent.text for parent in meta.profile_parents],
+        "/entry/profile/parent_paths": [parent.path for parent in meta.profile_parents],
         "/entry/profile/overrides": "\n".join(meta.profile_overrides),
         "/entry/software/program": "edmctl",
         "/entry/software/python": platform.python_version(),
@@ -94,9 +100,14 @@ def _create_scalar(file: h5py.File, scalar: Scalar, value: object) -> None:
     if scalar.dtype == "json":
         dataset = _create_growing(file, scalar.path, np.dtype("u1"), 1024)
     else:
-        kind = _TEXT if scalar.dtype == "text" else np.dtype(scalar.dtype)
-        dataset = h5py.h5d.create(file.id, scalar.path.encode(), h5py.h5t.py_create(kind, logical=True), _ONE)
-        dataset.write(h5py.h5s.ALL, h5py.h5s.ALL, np.array(value, kind))
+        kind = _TEXT if scalar.dtype in ("text", "texts") else np.dtype(scalar.dtype)
+        values = np.array(value, kind)
+        space = h5py.h5s.create_simple(values.shape) if values.shape else _ONE
+        dataset = h5py.h5d.create(
+            file.id, scalar.path.encode(), h5py.h5t.py_create(kind, logical=True), space
+        )
+        if values.size:
+            dataset.write(h5py.h5s.ALL, h5py.h5s.ALL, values)
     _describe(dataset, scalar.units, scalar.long_name)
 
 

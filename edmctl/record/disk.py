@@ -73,27 +73,27 @@ def rename_without_replacing(source: Path, target: Path) -> None:
             source.replace(target)
     except OSError as error:
         raise RunFileError(
-            f"cannot name the run file {target}: {reason(error)}",
+            f"Cannot name the run file {target}: {reason(error)}.",
             code="E9004",
-            hint=f"the run is complete in {source}; rename it",
+            hint=f"The run is complete in {source}; rename it.",
         ) from error
 
 
 def already_there(existing: Path) -> RunFileError:
     """Return the error for a run that exists."""
     return RunFileError(
-        f"run file {existing} exists already and is not overwritten",
+        f"Run file {existing} exists already and is not overwritten.",
         code="E9001",
-        hint="choose another name with --run-id, or another folder with --out",
+        hint="Choose another name with --run-id, or another folder with --out.",
     )
 
 
 def cannot_create(path: Path, why: str) -> RunFileError:
     """Return the error for a file that cannot be made."""
     return RunFileError(
-        f"cannot create the run file {path}: {why}",
+        f"Cannot create the run file {path}: {why}.",
         code="E9002",
-        hint="check that the folder given with --out exists, can be written and has space",
+        hint="Check that the folder given with --out exists, can be written and has space.",
     )
 
 

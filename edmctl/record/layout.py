@@ -55,7 +55,8 @@ class Scalar:
     path: str
     source: str
     dtype: str
-    """A numpy type, `text` (UTF-8 of any length), or `json` (UTF-8 bytes as u1, resizable)."""
+    """A numpy type, `text` (UTF-8 of any length), `texts` (a list of them), or `json` (UTF-8 bytes as u1,
+    resizable)."""
     units: str
     long_name: str
 
@@ -73,7 +74,11 @@ GROUPS = (
     Group("/entry/sample", "NXsample", "the work"),
     Group("/entry/tool", "NXcollection", "the tool electrode"),
     Group("/entry/profile", "NXcollection", "the recipe, verbatim and after overrides"),
-    Group("/entry/profile/values", "NXcollection", "each value as attribute `key`, its unit as `key_units`"),
+    Group(
+        "/entry/profile/values",
+        "NXcollection",
+        "each value in effect, also of `[sim]`: attribute `key`, unit `key_units`",
+    ),
     Group("/entry/machine", "NXinstrument", "machine and controller"),
     Group("/entry/software", "NXprocess", "what wrote the file"),
     Group("/entry/pulses", "NXcollection", "discharge pulses"),
@@ -94,14 +99,19 @@ SCALARS = (
     Scalar("/entry/user/name", "user", "text", TEXT, "user"),
     Scalar("/entry/sample/material", "work_material", "text", TEXT, "work material"),
     Scalar("/entry/sample/thickness", "work_thickness_um", "f8", "um", "work thickness"),
-    Scalar("/entry/tool/id", "tool_id", "text", TEXT, "tool identifier"),
     Scalar("/entry/tool/material", "tool_material", "text", TEXT, "tool material"),
     Scalar("/entry/tool/diameter", "tool_diameter_um", "f8", "um", "tool diameter"),
+    Scalar("/entry/tool/length_wear_total", "", "f8", "um", "length lost in this run, all sites"),
     Scalar("/entry/profile/toml", "profile_text", "text", TEXT, "profile, verbatim"),
     Scalar("/entry/profile/path", "profile_path", "text", TEXT, "where the profile was found"),
-    Scalar("/entry/profile/sha256", "profile_sha256", "text", TEXT, "SHA-256 of the profile text"),
+    Scalar("/entry/profile/sha256", "", "text", TEXT, "SHA-256 of the text in `toml`"),
+    Scalar("/entry/profile/parents", "", "texts", TEXT, "files it extends, verbatim, nearest first"),
+    Scalar("/entry/profile/parent_paths", "", "texts", TEXT, "where those were found"),
+    Scalar("/entry/profile/recipe_sha256", "profile_sha256", "text", TEXT, "SHA-256 of the recipe in effect"),
+    Scalar("/entry/profile/sim_sha256", "sim_sha256", "text", TEXT, "SHA-256 of `[sim]` in effect"),
     Scalar("/entry/profile/overrides", "profile_overrides", "text", TEXT, "overrides, one a line"),
-    Scalar("/entry/machine/toml", "setup_text", "text", TEXT, "setup, verbatim"),
+    Scalar("/entry/machine/toml", "setup_toml", "text", TEXT, "setup in effect, every value"),
+    Scalar("/entry/machine/setup_file", "setup_text", "text", TEXT, "the --setup file; empty without"),
     Scalar("/entry/machine/host", "host", "text", TEXT, "host name"),
     Scalar("/entry/machine/serial", "controller_serial", "text", TEXT, "serial number of the controller"),
     Scalar("/entry/machine/firmware", "firmware_version", "text", TEXT, "firmware version"),
@@ -149,10 +159,11 @@ SLOW = Table(
         Column("r_short", "ratio_short", "f4", PURE, "share of shorts"),
         Column("est_depth", "depth_um", "f4", "um", "estimated depth"),
         Column("est_wear", "wear_um", "f4", "um", "estimated tool wear"),
+        Column("jump_period", "jump_period_s", "f4", "s", "jump period; NaN without jumps"),
         Column("p_avg", "power_w", "f4", "W", "mean discharge power"),
         Column("temp_dielectric", "dielectric_c", "f4", "degC", "temperature of the dielectric"),
         Column("flow", "flow_lpm", "f4", "L/min", "flow of the dielectric"),
-        Column("link_errors", "link_errors", "u4", PURE, "damaged frames so far"),
+        Column("link_errors", "link_errors", "u4", PURE, "telemetry frames missing so far"),
     ),
 )
 
@@ -220,7 +231,7 @@ TOUCHES = Table(
     "readings of surface and bottom",
     (
         _TIME,
-        Column("kind", "kind", "S4", TEXT, "Z1, Z2, Z3 or Zr"),
+        Column("kind", "kind", "S4", TEXT, "Z1, Z2 or Z3"),
         Column("site", "site", "S32", TEXT, "site"),
         Column("v_cmd", "actuator_v", "f8", "V", "actuator voltage"),
         Column("z_sensor", "displacement_um", "f8", "um", "displacement, sensor"),
@@ -259,7 +270,18 @@ RESULTS = Table(
         Column("r_normal", "ratio_normal", "f8", PURE, "share of normal discharges"),
         Column("r_arc", "ratio_arc", "f8", PURE, "share of arcs"),
         Column("r_short", "ratio_short", "f8", PURE, "share of shorts"),
-        Column("energy", "energy_j", "f8", "J", "energy of all discharges"),
+        Column(
+            "energy",
+            "energy_j",
+            "f8",
+            "J",
+            "mean gap current × plateau of a normal discharge × time of all cuts",
+        ),
+        Column("wear_ratio_lin", "wear_ratio_lin", "f8", PURE, "wear over depth"),
+        Column("wear_ratio_vol", "wear_ratio_vol", "f8", PURE, "tool volume lost over hole volume"),
+        Column("mrr", "mrr_mm3_min", "f8", "mm3/min", "hole volume over machining time"),
+        Column("err_depth", "depth_model_error_um", "f8", "um", "depth_model − depth"),
+        Column("err_wear", "wear_model_error_um", "f8", "um", "wear_model − wear"),
     ),
 )
 

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 UNIT_SUFFIXES = {
+    "um3_per_uj": "um3/uJ",
     "um_per_v": "um/V",
     "um_s2": "um/s2",
     "um_s": "um/s",
@@ -33,6 +34,7 @@ UNIT_SUFFIXES = {
     "deg": "deg",
     "mrad": "mrad",
     "lpm": "L/min",
+    "c": "degC",
     "degc": "degC",
     "ohm": "ohm",
     "pf": "pF",

@@ -64,6 +64,11 @@ class RunFile:
         value: bytes = self._file[path][()]
         return value.decode()
 
+    def texts(self, path: str) -> list[str]:
+        """Return a list of texts, for instance `/entry/profile/parents`."""
+        values: list[bytes] = list(self._file[path][:])
+        return [value.decode() for value in values]
+
     def number(self, path: str) -> float:
         """Return a number, for instance `/entry/exit_code`."""
         return float(self._file[path][()])
@@ -101,20 +106,20 @@ def open_run(path: Path) -> RunFile:
     try:
         file = _open(path)
     except FileNotFoundError as error:
-        raise RunFileError(f"there is no run file {path}", code="E9005", hint=_nearest(path)) from error
+        raise RunFileError(f"There is no run file {path}.", code="E9005", hint=_nearest(path)) from error
     except OSError as error:
         raise RunFileError(
-            f"{path} cannot be read as HDF5: {str(error).splitlines()[0]}",
+            f"{path} cannot be read as HDF5: {str(error).splitlines()[0]}.",
             code="E9005",
-            hint="give a file that a run has written (.h5 or .h5.partial)",
+            hint="Give a file that a run has written (.h5 or .h5.partial).",
         ) from error
     if file.attrs.get("schema") != layout.SCHEMA:
         found = file.attrs.get("schema", "none")
         file.close()
         raise RunFileError(
-            f"{path} is not a run file of schema {layout.SCHEMA} (found: {found})",
+            f"{path} is not a run file of schema {layout.SCHEMA} (found: {found}).",
             code="E9005",
-            hint="give a file that this version of edmctl has written",
+            hint="Give a file that this version of edmctl has written.",
         )
     return RunFile(file)
 
@@ -132,5 +137,5 @@ def _open(path: Path) -> h5py.File:
 def _nearest(path: Path) -> str:
     partial = path.with_name(path.name + ".partial")
     if partial.exists():
-        return f"the run was not finished; its rows are in {partial}"
-    return "check the path"
+        return f"The run was not finished; its rows are in {partial}."
+    return "Check the path."

@@ -69,9 +69,11 @@ class SlowRow:
     """Estimated tool wear."""
     power_w: float
     """Mean discharge power."""
+    jump_period_s: float = math.nan
     dielectric_c: float = math.nan
     flow_lpm: float = math.nan
     link_errors: int = 0
+    """Telemetry frames missing so far."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +110,7 @@ class TouchRow:
 
     time_s: float
     kind: str
-    """Z1, Z2, Z3 or Zr."""
+    """Z1, Z2 or Z3."""
     site: str
     actuator_v: float
     displacement_um: float
@@ -146,6 +148,16 @@ class SiteRow:
     ratio_arc: float
     ratio_short: float
     energy_j: float = math.nan
+    """Mean gap current × plateau voltage of a normal discharge × time, over all cuts."""
+    wear_ratio_lin: float = math.nan
+    """Wear per depth."""
+    wear_ratio_vol: float = math.nan
+    """Tool volume lost per hole volume."""
+    mrr_mm3_min: float = math.nan
+    """Material removal rate: hole volume per machining time."""
+    depth_model_error_um: float = math.nan
+    """Depth by the model minus depth by the sensor."""
+    wear_model_error_um: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,6 +167,14 @@ class Leaf:
     key: str
     value: float | int | str | bool
     units: str
+
+
+@dataclass(frozen=True, slots=True)
+class SourceText:
+    """A file that went into a run: where it was found, and its text."""
+
+    path: str
+    text: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,17 +191,24 @@ class RunMeta:
     seed: int | None
     profile_text: str
     profile_sha256: str
+    """Of the recipe in effect, after `extends`, overrides and defaults."""
     edmctl_version: str
+    sim_sha256: str = ""
+    """Of the `[sim]` table in effect."""
     profile_path: str = ""
+    profile_parents: Sequence[SourceText] = ()
+    """The files that the profile extends, nearest first."""
     profile_leaves: Sequence[Leaf] = ()
     profile_overrides: Sequence[str] = ()
     setup_text: str = ""
+    """The setup file verbatim; empty for the stock machine."""
+    setup_toml: str = ""
+    """Every value of the setup in effect."""
     protocol_version: str = ""
     firmware_version: str = ""
     controller_serial: str = ""
     user: str = ""
     work_material: str = ""
     work_thickness_um: float = math.nan
-    tool_id: str = ""
     tool_material: str = ""
     tool_diameter_um: float = math.nan

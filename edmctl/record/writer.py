@@ -87,6 +87,7 @@ class RunWriter:
             self._results,
         )
         self._train = Segments()
+        self._wear_um = 0.0
 
     @classmethod
     def create(
@@ -174,9 +175,11 @@ class RunWriter:
             self.flush()
 
     def site_result(self, row: SiteRow) -> None:
-        """Append the result at a site; it is on disk when the call returns."""
+        """Append the result at a site and add its wear to the tool's; both are on disk when the call returns."""
         if self._accepts:
             self._results.add(row)
+            self._wear_um += row.wear_um
+            self._guarded(self._put_wear)
             self.flush()
 
     def summary(self, json_text: str) -> None:
@@ -225,10 +228,10 @@ class RunWriter:
             self._accepts = False
             close_without_writing(self._file)
             self._failure = RunFileError(
-                f"cannot write {self._partial}: {reason(error)}",
+                f"Cannot write {self._partial}: {reason(error)}.",
                 code="E9003",
-                hint=f"free some space or choose another folder with --out; "
-                f"what was recorded before is in {self._partial}",
+                hint=f"Free some space or choose another folder with --out; "
+                f"what was recorded before is in {self._partial}.",
             )
             raise self._failure from error
 
@@ -237,6 +240,9 @@ class RunWriter:
             store.write(everything=True)
         self._file.flush()
         self._flush_due_s = self._monotonic_s() + FLUSH_INTERVAL_S
+
+    def _put_wear(self) -> None:
+        self._file["/entry/tool/length_wear_total"][()] = self._wear_um
 
     def _put_summary(self, utf8: bytes) -> None:
         dataset = self._file["/entry/summary"]

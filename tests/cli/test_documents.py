@@ -119,7 +119,8 @@ def test_the_readme_holds_the_commands_that_the_ci_takes_from_it() -> None:
     assert set(marked) == {"run", "test"}
     for command in marked.values():
         words = shlex.split(command)
-        assert words[:4] == ["python3", "-m", "venv", ".venv"]
+        assert words[:3] == ["python3", "-m", "venv"]
+        assert ".venv" in words[: words.index("&&")]
     assert marked["run"].endswith(".venv/bin/edmctl machine --profile profiles/cu270.toml")
     assert marked["test"].endswith(".venv/bin/python -m pytest")
 

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import h5py
 import pytest
 
+from edmctl.cli.job import truths_of
 from edmctl.console.jsonout import render_json
+from edmctl.simulator.bench import HoleTruth, VirtualBench
 from tests.cli.commands import CU270, SHALLOW, Said, in_process_of_its_own
 
 if TYPE_CHECKING:
+    from edmctl.simulator.config import BenchConfig
     from tests.cli.commands import Here
 
 SITE_KEYS = [
@@ -154,8 +158,39 @@ def test_only_the_virtual_machine_can_be_reached(
         arguments = ["--setup", "setup.toml"]
     said = here("machine", *SHALLOW, *arguments, "--json")
     assert said.exit_code == 4
-    assert "port '/dev/ttyACM0'" in said.document["error"]["message"]
+    assert "Port '/dev/ttyACM0'" in said.document["error"]["message"]
     assert not Path("runs").exists()
+
+
+def test_a_bench_kept_between_runs_is_refused_as_such(here: Here) -> None:
+    error = here("machine", *SHALLOW, "--port", "sim:bench.h5", "--json").document["error"]
+    assert error["code"] == "E4002"
+    assert "kept between runs" in error["message"]
+    assert "serial" not in error["message"]
+    assert "sim:" in error["hint"]
+
+
+def test_the_machine_says_itself_whether_it_is_simulated(here: Here, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = here("machine", *SHALLOW, "--dry-run", "--json").document
+    assert before["simulated"] is True
+
+    def pretending(config: BenchConfig, seed: int) -> VirtualBench:
+        bench = VirtualBench(config, seed)
+        bench.transport.simulated = False
+        return bench
+
+    monkeypatch.setattr("edmctl.simulator.open_bench", pretending)
+    said = here("machine", *SHALLOW, "--set", "flush.min_flow_lpm=2.0", "--json")
+    assert said.exit_code == 8
+    assert said.document["simulated"] is False
+
+
+def test_the_true_hole_of_a_site_is_the_nearest() -> None:
+    holes = (HoleTruth(999.0, 1.0, 20.0), HoleTruth(0.5, -1.0, 10.0))
+    truths = truths_of([(0.0, 0.0), (1000.0, 0.0)], holes, 5.0)
+    assert [truth.depth_um for truth in truths] == [10.0, 20.0]
+    (unknown,) = truths_of([(0.0, 0.0)], (), 5.0)
+    assert math.isnan(unknown.depth_um)
 
 
 def test_an_option_names_the_port_before_the_environment(here: Here, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -196,7 +231,7 @@ def test_a_bug_is_one_line_and_debug_shows_where(
     monkeypatch.setattr(job, "check", broken)
     said = here("machine", *SHALLOW, "--json")
     assert said.exit_code == 1
-    assert said.document["error"]["message"] == "internal error: ZeroDivisionError: made for this test"
+    assert said.document["error"]["message"] == "Internal error: ZeroDivisionError: made for this test"
     assert len(said.err.splitlines()) == 2
     assert main(["machine", *SHALLOW, "--debug"]) == 1
     assert "Traceback" in capsys.readouterr().err

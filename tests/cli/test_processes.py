@@ -157,7 +157,7 @@ def test_a_result_that_cannot_be_written_is_an_error(tmp_path: Path) -> None:
             check=False,
         )
     assert done.returncode == 9
-    assert done.stderr.startswith("error[E9010]: cannot write the result: No space left on device")
+    assert done.stderr.startswith("error[E9010]: Cannot write the result: No space left on device.")
     assert "Traceback" not in done.stderr
 
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 import tomllib
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from tests.cli.commands import CU270
+import pytest
+
+from tests.cli.commands import CU270, ROOT
 
 if TYPE_CHECKING:
     from tests.cli.commands import Here
@@ -52,5 +54,38 @@ def test_show_json_holds_defaults(here: Here) -> None:
 
 def test_schema_describes_every_table(here: Here) -> None:
     schema = json.loads(here("profile", "schema").out)
-    assert {"meta", "tool", "pulse", "servo", "target"} <= set(schema["properties"])
+    assert {"meta", "tool", "pulse", "servo", "target", "sim", "extends"} <= set(schema["properties"])
     assert here("profile", "schema", "--json").document["result"] == schema
+
+
+def keys_of(schema: dict[str, Any], table: str) -> set[str]:
+    """Keys that the schema knows in a table, whatever its kind."""
+    description = schema["properties"][table]
+    kinds = [kind["$ref"].rpartition("/")[2] for kind in description.get("oneOf", [description])]
+    return {key for kind in kinds for key in schema["$defs"][kind]["properties"]}
+
+
+@pytest.mark.parametrize("name", ["cu270", "cu150", "w252"])
+def test_shipped_profiles_fit_the_schema_as_they_are_written(here: Here, name: str) -> None:
+    schema = json.loads(here("profile", "schema").out)
+    written = tomllib.loads((ROOT / "profiles" / f"{name}.toml").read_text(encoding="utf-8"))
+    assert set(written) <= set(schema["properties"])
+    for table, values in written.items():
+        if table != "extends":
+            assert set(values) <= keys_of(schema, table)
+    assert "required" not in schema
+    if "extends" not in written:
+        assert set(schema["then"]["required"]) <= set(written)
+        for table, asked in schema["then"]["properties"].items():
+            assert any(set(keys["required"]) <= set(written.get(table, {})) for keys in asked["anyOf"])
+
+
+def test_a_setup_is_checked_with_the_profiles(here: Here) -> None:
+    Path("weak.toml").write_text("[actuator]\nstroke_v = 100.0\n", encoding="utf-8")
+    said = here("profile", "check", "cu270", "--setup", "weak.toml", "--json")
+    assert said.exit_code == 3
+    assert said.document["error"]["code"] == "E3121"
+    Path("wrong.toml").write_text("[actuator]\nstroke_kv = 100.0\n", encoding="utf-8")
+    said = here("profile", "check", "cu270", "--setup", "wrong.toml", "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (3, "E3003")
+    assert said.document["error"]["file"] == "wrong.toml"

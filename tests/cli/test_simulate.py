@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from edmctl.cli.job import Truth
 from edmctl.cli.spread import Run, summarize
 from edmctl.cli.sweep import parse_sweep
 from edmctl.errors import UsageError
@@ -26,8 +27,7 @@ def run(seed: int, depth_um: float, true_um: float, *, ok: bool = True) -> Run:
         depth_u95_um=1.0,
         wear_um=70.0,
         wear_u95_um=2.0,
-        true_depth_um=true_um,
-        true_wear_um=70.5,
+        truth=Truth(true_um, 70.5),
         machining_time_s=900.0 + seed,
         time_s=1000.0 + seed,
     )
@@ -46,7 +46,8 @@ def test_runs_without_a_hole_only_count_as_failed() -> None:
     case = summarize("cu270", (), [run(1, 180.0, 180.0), Run(2, ok=False, exit_code=6, error="fault")])
     assert case.failed == 1
     assert case.spreads["depth_um"].mean == 180.0
-    assert summarize("cu270", (), [Run(2, ok=False, exit_code=6, error="fault")]).spreads == {}
+    none = summarize("cu270", (), [Run(2, ok=False, exit_code=6, error="fault")])
+    assert (none.spreads, none.truth) == ({}, {})
 
 
 @pytest.mark.parametrize(
@@ -79,7 +80,12 @@ def test_many_seeds_are_the_same_whether_side_by_side_or_alone(here: Here, tmp_p
     assert many.exit_code == 0
     (case,) = many.document["result"]["cases"]
     assert [r["seed"] for r in case["runs"]] == [4, 5]
-    assert set(case["spreads"]["true_depth_um"]) == {"mean", "sd", "minimum", "maximum"}
+    assert set(case["spreads"]["depth_um"]) == {"mean", "sd", "minimum", "maximum"}
+    assert set(case["truth"]) == {"depth_um", "wear_um"}
+    assert set(case["truth"]["depth_um"]) == {"mean", "sd", "minimum", "maximum"}
+    for row in case["runs"]:
+        assert row["truth"]["depth_um"] == pytest.approx(row["depth_um"], abs=3.0)
+    assert not [key for holder in (case["spreads"], *case["runs"]) for key in holder if "true" in key]
     assert set(case["coverage"]) == {"depth", "wear"}
     assert {p.name for p in (tmp_path / "runs").iterdir()} == {"cu270-seed4.h5", "cu270-seed5.h5"}
 
@@ -101,6 +107,19 @@ def test_failing_runs_are_counted_and_told(here: Here) -> None:
     assert said.exit_code == 7
     assert "1 of 1 run failed" in said.err
     assert "1 of 1 run failed." in said.out
+
+
+def test_dry_run_forecasts_every_value_and_runs_nothing(here: Here) -> None:
+    arguments = ("simulate", "--profile", "cu270", "--dry-run", "--sweep", "target.depth_um=100:120:2")
+    said = here(*arguments)
+    assert said.exit_code == 0
+    assert said.out.count("whole job") == 2
+    result = here(*arguments, "--out", "runs", "--json").document["result"]
+    assert [(c["label"], c["forecast"]["depth_um"]) for c in result["cases"]] == [
+        ("target.depth_um=100", 100.0),
+        ("target.depth_um=120", 120.0),
+    ]
+    assert list(Path().iterdir()) == []
 
 
 def test_every_value_of_a_sweep_is_checked_before_the_first_run(here: Here) -> None:

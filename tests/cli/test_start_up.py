@@ -56,3 +56,37 @@ def test_checking_a_profile_needs_neither_plant_nor_run_file(tmp_path: Path) -> 
 def test_version_is_said(tmp_path: Path) -> None:
     said = in_process_of_its_own("--version", cwd=tmp_path)
     assert (said.exit_code, said.out) == (0, f"edmctl {__version__}\n")
+
+
+INTERRUPTED_IMPORT = """
+class Interrupting:
+    def find_spec(self, name, path=None, target=None):
+        if name == "edmctl.cli.app":
+            raise KeyboardInterrupt
+sys.meta_path.insert(0, Interrupting())
+"""
+INTERRUPTED_RUN = """
+import edmctl.cli.app
+def interrupted():
+    raise KeyboardInterrupt
+edmctl.cli.app.raising_signals = interrupted
+"""
+
+
+@pytest.mark.parametrize("interruption", [INTERRUPTED_IMPORT, INTERRUPTED_RUN], ids=["import", "run"])
+def test_ctrl_c_before_signals_are_handled_is_no_traceback(interruption: str, tmp_path: Path) -> None:
+    code = (
+        f"import sys\n{interruption}\n"
+        "from edmctl.__main__ import main\n"
+        "sys.argv = ['edmctl', 'profile', 'show', 'cu270']\n"
+        "main()\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env=environment(),
+        capture_output=True,
+        encoding="utf-8",
+        check=False,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")

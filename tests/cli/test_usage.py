@@ -14,12 +14,12 @@ if TYPE_CHECKING:
     from tests.cli.commands import Here
 
 MISTAKES = [
-    (["machine", "--porfile", "cu270"], "E2000", "no such option: --porfile"),
-    (["machin"], "E2000", "no such command 'machin'"),
+    (["machine", "--porfile", "cu270"], "E2000", "No such option: --porfile"),
+    (["machin"], "E2000", "No such command 'machin'"),
     (["machine", "--seed", "many", "--profile", "cu270"], "E2000", "'many' is not a valid int"),
-    (["machine"], "E2002", "no profile was named"),
-    (["machine", "--profile", "cu207"], "E2001", "no profile 'cu207'"),
-    (["machine", "--profile", "cu270", "--seed", "-1"], "E2005", "a seed lies between 0 and"),
+    (["machine"], "E2002", "No profile was named."),
+    (["machine", "--profile", "cu207"], "E2001", "There is no profile 'cu207'"),
+    (["machine", "--profile", "cu270", "--seed", "-1"], "E2005", "Seed -1 does not lie between 0 and"),
     (["machine", "--profile", "cu270", "--run-id", "../x"], "E2004", "'../x' is no plain file name"),
     (["simulate", "--profile", "cu270", "--runs", "0"], "E2000", "0 is not in the range x>=1"),
     (["simulate", "--profile", "cu270", "--sweep", "servo.reference"], "E2003", "KEY=START:STOP:COUNT"),
@@ -42,12 +42,15 @@ def test_a_mistake_is_one_json_object_with_json(
     document = here(*arguments, "--json").document
     assert (document["ok"], document["exit_code"]) == (False, 2)
     assert document["error"]["code"] == code
+    for text in (document["error"]["message"], document["error"]["hint"]):
+        assert text[0].isupper() or text[0] in "`-'", f"{text!r} is no sentence"
+        assert text.endswith((".", "?")) or "--sweep" in text, f"{text!r} is no sentence"
     assert message in document["error"]["message"]
     assert document["result"] is None
 
 
 def test_the_nearest_profile_is_suggested(here: Here) -> None:
-    assert "did you mean cu270?" in here("machine", "--profile", "cu207").err
+    assert "Did you mean cu270?" in here("machine", "--profile", "cu207").err
 
 
 def test_without_a_command_there_is_help(here: Here) -> None:

@@ -384,14 +384,14 @@ def test_a_restart_of_the_controller_is_a_lost_link(line: ScriptedLine, session:
     causes: list[int] = []
     session.subscribe(Boot, lambda boot: causes.append(boot.reset_cause))
     line.send(Boot(3, 12), session=0)
-    with pytest.raises(LinkLost, match=r"controller restarted \(reset cause 3, boot 12\)"):
+    with pytest.raises(LinkLost, match=r"The controller restarted \(reset cause 3, boot 12\)"):
         session.pump(1.0)
     assert causes == [3]
 
 
 def test_a_restart_while_a_reply_is_awaited_is_told_as_such(line: ScriptedLine, session: Session) -> None:
     line.answers[PiezoSet.ID] = lambda _: line.frame(Boot(1, 2), session=0)
-    with pytest.raises(LinkLost, match="controller restarted"):
+    with pytest.raises(LinkLost, match="The controller restarted"):
         session.request(PiezoSet(1.0, 1.0))
 
 

@@ -3,14 +3,24 @@
 from __future__ import annotations
 
 import signal
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.errors import Interrupted
+from edmctl.errors import Interrupted, MachineFault
 from edmctl.link.faults import FAULTS
 from edmctl.link.messages import PARAMS
 from edmctl.machine.faults import fault_error
+from edmctl.machine.port import MachineState
 from edmctl.machine.stop import StopRequest
+
+from .conftest import PULSES, SETTINGS, TELEMETRY
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from .conftest import Rig
 
 DEFAULTS = {name: param.default for name, param in PARAMS.items()}
 
@@ -40,3 +50,22 @@ def test_the_silent_host_is_told_for_how_long() -> None:
 
 def test_an_unknown_fault_is_still_named() -> None:
     assert "9999" in fault_error(9999, DEFAULTS).message
+
+
+def test_a_motion_that_never_ends_is_a_fault_that_names_what_was_waited_for(rig: Callable[[], Rig]) -> None:
+    r = rig()
+    r.machine.configure(replace(SETTINGS, slew_limit_v_s=1.0), PULSES)
+    r.machine.start_telemetry(TELEMETRY, r.heard)
+    r.machine.arm()
+    start_s = r.machine.time_s
+    # 0.3 s by the request, 30 s by the controller's own slew limit.
+    with pytest.raises(MachineFault, match=r"did not report MOVE_DONE within 5\.3 s") as caught:
+        r.machine.ramp(30.0, 100.0)
+    assert caught.value.code == "E6001"
+    assert caught.value.exit_code == 6
+    assert caught.value.hint
+    assert r.machine.time_s - start_s == pytest.approx(5.3, abs=0.3)
+    r.machine.safe_stop()
+    r.session.pump(1.0)  # as slow on the way back
+    status = r.machine.status()
+    assert (status.state, status.actuator_v) == (MachineState.IDLE, 0.0)

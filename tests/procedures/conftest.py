@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from edmctl.record.recorder import Recorder
-    from edmctl.record.rows import EventLevel, ServoBlock, SiteRow, SlowRow, TouchRow
+    from edmctl.record.rows import EventLevel, PulseBlockRows, ServoBlock, SiteRow, SlowRow, TouchRow
 
 CU270 = str(Path(__file__).parents[2] / "profiles" / "cu270.toml")
 QUICK = (
@@ -45,6 +45,7 @@ class Seen(NullRecorder):
     """A recorder that keeps what it is given."""
 
     servo: list[ServoBlock] = field(default_factory=list)
+    pulses: list[PulseBlockRows] = field(default_factory=list)
     slow: list[SlowRow] = field(default_factory=list)
     events: list[tuple[float, int, EventLevel, str, Mapping[str, float | int | str | bool]]] = field(
         default_factory=list
@@ -54,6 +55,9 @@ class Seen(NullRecorder):
 
     def append_servo(self, block: ServoBlock) -> None:
         self.servo.append(block)
+
+    def append_pulse_blocks(self, blocks: PulseBlockRows) -> None:
+        self.pulses.append(blocks)
 
     def append_slow(self, row: SlowRow) -> None:
         self.slow.append(row)

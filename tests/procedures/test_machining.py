@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import signal
 from typing import TYPE_CHECKING
 
@@ -101,6 +102,8 @@ def test_the_supervisor_writes_ten_rows_a_second(done: Done) -> None:
     assert last.wear_um == pytest.approx(site.wear_um, abs=1.0)
     assert last.dielectric_c == pytest.approx(22.0)
     assert last.flow_lpm == pytest.approx(1.2)
+    assert math.isnan(last.jump_period_s)
+    assert last.link_errors == 0
 
 
 def test_readings_and_decisions_are_recorded(done: Done) -> None:
@@ -112,6 +115,26 @@ def test_readings_and_decisions_are_recorded(done: Done) -> None:
         assert code in codes
     assert seen.sites[-1].depth_um == site.depth_um
     assert any("from the target" in note for note in done.shop.told.notes)
+
+
+def test_the_energy_of_a_hole_is_that_of_its_pulses(done: Done) -> None:
+    """Within 10 %: 1.3 % of these pulses are shorts, which draw twice the current without burning."""
+    (site,) = done.result.sites
+    pulses_j = 1e-6 * sum(float(blocks.energy_uj.sum()) for blocks in done.shop.seen.pulses)
+    assert site.energy_j == pytest.approx(pulses_j, rel=0.1)
+    assert done.shop.seen.sites[-1].energy_j == site.energy_j
+
+
+def test_a_result_has_wear_ratios_and_removal_rate_from_the_volumes(done: Done) -> None:
+    (site,) = done.result.sites
+    row = done.shop.seen.sites[-1]
+    tool_um2, hole_um2 = math.pi / 4.0 * 270.0**2, math.pi / 4.0 * (270.0 + 2.0 * 8.0) ** 2
+    assert row.wear_ratio_lin == pytest.approx(site.wear_um / site.depth_um)
+    assert row.wear_ratio_vol == pytest.approx(site.wear_um * tool_um2 / (site.depth_um * hole_um2))
+    minutes = site.machining_time_s / 60.0
+    assert row.mrr_mm3_min == pytest.approx(1e-9 * site.depth_um * hole_um2 / minutes)
+    assert row.depth_model_error_um == pytest.approx(site.depth_model_um - site.depth_um)
+    assert row.wear_model_error_um == pytest.approx(site.wear_model_um - site.wear_um)
 
 
 def test_progress_says_what_is_left(done: Done) -> None:
@@ -154,6 +177,7 @@ def test_jumps_happen_on_time_and_are_recorded(shop: OpenShop) -> None:
     jumps = [args for _, code, _, _, args in s.seen.events if code == RunEvent.JUMPED]
     assert len(jumps) == pytest.approx(result.machining_time_s / 3.0, abs=2.5)
     assert {args["height_um"] for args in jumps} == {40.0}
+    assert {row.jump_period_s for row in s.seen.slow} == {3.0}
 
 
 def test_an_interrupted_job_ends_retracted_and_keeps_what_it_reached(shop: OpenShop) -> None:

@@ -43,6 +43,7 @@ CUT = CutResult(
     end_displacement_um=256.6,
     counts=(30, 67, 2, 1),
     gap_ratio_mean=0.8,
+    energy_j=200.0,
 )
 
 

@@ -37,6 +37,13 @@ def test_thresholds_follow_the_voltages() -> None:
     assert raised.short_v == pytest.approx(9.0)
 
 
+def test_protection_is_as_tight_as_the_runs_of_the_decision_allow() -> None:
+    settings = controller_settings(profile(), Setup())
+    assert (settings.short_stuck_s, settings.arc_run, settings.open_lost_s) == (1.5, 20, 3.0)
+    # A stuck short has been retracted by far more than the 100 µm that any bridge is high.
+    assert 4.0 * settings.short_back_um_s * (settings.short_stuck_s - 0.5) >= 200.0
+
+
 def test_every_setting_of_every_shipped_recipe_fits_the_wire() -> None:
     for name in ("cu270", "cu150", "w252"):
         settings = controller_settings(load_profile(CU270.replace("cu270", name)).profile, Setup())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -112,6 +113,24 @@ def test_a_burst_of_arcs_only_warns(watched: tuple[Shop, Supervisor]) -> None:
         supervisor.take(a_slice(i, 50.0 + 0.05 * i, arc=5 if i < 100 else 0))
     assert supervisor.verdict is None
     assert len(s.told.notes) == 1
+
+
+def test_frames_missing_on_the_line_are_counted(watched: tuple[Shop, Supervisor]) -> None:
+    s, _ = watched
+    run = s.run()
+    supervisor = Supervisor(run, first_plan(s.profile, 50.0))
+    for i, missing in enumerate((0, 2, 0, 3)):
+        block = replace(a_slice(i, 50.0), missing_frames=missing)
+        run.watch.telemetry(block)
+        supervisor.take(block)
+    assert [row.link_errors for row in s.seen.slow] == [0, 2, 2, 5]
+
+
+def test_energy_is_plateau_voltage_times_mean_current_times_time(watched: tuple[Shop, Supervisor]) -> None:
+    _, supervisor = watched
+    for i in range(50):
+        supervisor.take(a_slice(i, 50.0))
+    assert supervisor.energy_j == pytest.approx(22.0 * 0.02 * 5.0)
 
 
 def test_jumps_do_not_count_as_feed_or_gap(watched: tuple[Shop, Supervisor]) -> None:

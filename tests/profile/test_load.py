@@ -47,7 +47,7 @@ def test_an_unknown_name_is_a_usage_error_that_names_the_shipped_ones() -> None:
     with pytest.raises(UsageError) as caught:
         load_profile("cu27")
     assert caught.value.exit_code == 2
-    assert "did you mean cu270?" in caught.value.hint
+    assert "Did you mean cu270?" in caught.value.hint
     assert "w252" in caught.value.hint
 
 
@@ -158,6 +158,61 @@ def test_all_violated_rules_are_reported_at_once() -> None:
     assert codes == {Code.REFERENCE_WINDOW, Code.STROKE, Code.OFFSET}
 
 
+@pytest.mark.parametrize(
+    ("overrides", "codes"),
+    [
+        (("servo.refrence=1", "target.depth_um=320"), [Code.UNKNOWN_KEY, Code.STROKE]),
+        (("pulse.duty=0.99", "target.depth_um=320"), [Code.OUT_OF_RANGE, Code.STROKE]),
+        (("pulse.duty=0.99", "approach.offset_um=44"), [Code.OUT_OF_RANGE, Code.OFFSET]),
+        (("pulse=3", "approach.offset_um=44"), [Code.WRONG_TYPE, Code.OFFSET]),
+        (("target.kind=deep", "approach.offset_um=44"), [Code.NOT_A_CHOICE, Code.OFFSET]),
+        (("tool.colour=red", "servo.reference_v=9.6"), [Code.UNKNOWN_KEY, Code.REFERENCE_ONCE]),
+        (("servo.reference_v=9.6", "approach.offset_um=44"), [Code.OFFSET, Code.REFERENCE_ONCE]),
+    ],
+)
+def test_wrong_keys_and_violated_rules_are_reported_together(
+    overrides: tuple[str, ...], codes: list[Code]
+) -> None:
+    assert sorted(d.code for d in problems("cu270", *overrides)) == sorted(codes)
+
+
+@pytest.mark.parametrize(
+    "override",
+    [
+        "target.depth_um=-1",
+        "servo.reference=2",
+        "servo={refrence=0.5}",
+        "servo={reference_v=500}",
+        "tool.diameter_um=1",
+        'target={kind="feed",feed=9999}',
+        "limits={stroke_v_maxi=20}",
+    ],
+)
+def test_a_rule_says_nothing_of_a_value_that_could_not_be_read(override: str) -> None:
+    assert {d.code[:3] for d in problems("cu270", override)} == {"E30"}
+
+
+@pytest.mark.parametrize("override", ["jump.period_min_s=1.5", "log.waveforms=off"])
+def test_keys_without_an_effect_are_unknown(override: str) -> None:
+    assert [d.code for d in problems("cu270", override)] == [Code.UNKNOWN_KEY]
+
+
+@pytest.mark.parametrize(
+    ("table", "key"),
+    [
+        ("tool", "material"),
+        ("tool", "free_length_um"),
+        ("work", "material"),
+        ("work", "kind"),
+        ("pulse", "polarity"),
+    ],
+)
+def test_keys_that_are_only_recorded_say_so(table: str, key: str) -> None:
+    found = field_at(ProfileFile, (table, key))
+    assert found is not None
+    assert "recorded, not acted on" in (found.description or "")
+
+
 def test_a_key_in_the_wrong_table_is_sent_home() -> None:
     assert problems("cu270", "tool.duty=0.3")[0].hint == "duty belongs to [pulse]"
 
@@ -222,6 +277,26 @@ def test_setup_has_defaults_and_its_errors_have_places(tmp_path: Path) -> None:
         load_setup(path)
     assert caught.value.where is not None
     assert (caught.value.where.line, caught.value.where.column) == (2, 19)
+
+
+@pytest.mark.parametrize(
+    ("line", "code", "hint"),
+    [
+        ("servo_period_us = 1500", Code.NOT_A_MULTIPLE, "a multiple of 1000"),
+        ("servo_period_us = 1500", Code.NOT_A_MULTIPLE, "the controller ticks every 1000 µs"),
+        ("servo_period_us = 0", Code.OUT_OF_RANGE, "from 1000"),
+        ("telemetry_hz = 1001.0", Code.OUT_OF_RANGE, "to 1000"),
+    ],
+)
+def test_the_setup_cannot_ask_for_more_than_the_controllers_tick(
+    tmp_path: Path, line: str, code: Code, hint: str
+) -> None:
+    path = tmp_path / "setup.toml"
+    path.write_text(f"[controller]\n{line}\n", encoding="utf-8")
+    with pytest.raises(ProfileError) as caught:
+        load_setup(path)
+    assert caught.value.code == code
+    assert hint in caught.value.hint
 
 
 def test_the_simulators_constants_keep_their_names_and_values() -> None:

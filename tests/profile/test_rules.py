@@ -142,7 +142,6 @@ CASES = [
         "jump.period_s",
         ("34 %", "60 µm", "20 ms", "6 s", "30 %"),
     ),
-    Case(Code.JUMP, ("jump.period_s=1.5",), ("jump.period_s=1.4",), "jump.period_s", ("1.4 s", "1.5 s")),
     Case(
         Code.PULSE_ENERGY,
         ("pulse.current_a=0.69", "servo.forward_um_s=10"),

@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.record.leaves import profile_leaves
-from edmctl.record.rows import PulseBlockRows, PulseTrain, RunMeta, ServoBlock, SiteRow, SlowRow, TouchRow
+from edmctl.record.rows import (
+    PulseBlockRows,
+    PulseTrain,
+    RunMeta,
+    ServoBlock,
+    SiteRow,
+    SlowRow,
+    SourceText,
+    TouchRow,
+)
 
 if TYPE_CHECKING:
     from edmctl.record.recorder import Recorder
@@ -26,6 +35,9 @@ def a_meta() -> RunMeta:
         seed=7,
         profile_text="# a comment\n[servo]\nreference = 0.80\n",
         profile_sha256="ab" * 32,
+        sim_sha256="cd" * 32,
+        profile_parents=(SourceText("/p/base.toml", "# parent\n[servo]\nreference = 0.75\n"),),
+        setup_toml="[sensor]\nnoise_um = 0.15\n",
         edmctl_version="0.1.0",
         profile_leaves=profile_leaves(PROFILE),
         profile_overrides=("servo.reference = 0.82 (was 0.80, --set)",),
@@ -50,6 +62,14 @@ def train(first_pulse: int, pulses: int, start_s: float, period_s: float = 4e-4)
     return PulseTrain(first_pulse, start_s, period_s, k % 4, 0.1 * k, 0.2 * k, np.full(pulses, 22.5))
 
 
+def a_site_row() -> SiteRow:
+    """The result at one site."""
+    return SiteRow(
+        "A1", 0.0, 1500.0, 50.0, 300.0, 120.0, 180.0, 0.9, 70.0, 1.1, 250.0, 178.0, 69.0, 870.0, 3,
+        2_000_000, 0.2, 0.7, 0.1, 0.0, 610.0, 0.39, 0.34, 0.7, -2.0, -1.0,
+    )  # fmt: skip
+
+
 def fill(writer: Recorder, rows: int = 10_000, block: int = 10) -> None:
     """Everything that a run may hold."""
     for first in range(0, rows, block):
@@ -62,10 +82,5 @@ def fill(writer: Recorder, rows: int = 10_000, block: int = 10) -> None:
     )
     writer.append_pulses(train(0, 300, 0.0))
     writer.touch(TouchRow(1.0, "Z1", "A1", 20.0, 50.0, 49.0, 3, 0.3, 0.0, 1.0))
-    writer.site_result(
-        SiteRow(
-            "A1", 0.0, 1500.0, 50.0, 300.0, 120.0, 180.0, 0.9, 70.0, 1.1, 250.0, 178.0, 69.0, 870.0, 3,
-            2_000_000, 0.2, 0.7, 0.1, 0.0,
-        )
-    )  # fmt: skip
+    writer.site_result(a_site_row())
     writer.summary('{"ok": true}')

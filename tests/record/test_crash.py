@@ -78,7 +78,7 @@ assert len(failures) == 1, failures
 error = failures[0]
 assert error.exit_code == 9 and error.code == "E9003", error.code
 assert "File too large" in error.message and {path!r} in error.message, error.message
-assert "free some space" in error.hint, error.hint
+assert "Free some space" in error.hint, error.hint
 try:
     writer.finish("done", 0)
 except RunFileError:

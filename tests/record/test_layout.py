@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+import hashlib
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING
 
 import h5py
@@ -11,9 +12,12 @@ import pytest
 from edmctl.record import layout, rows
 from edmctl.record.leaves import profile_leaves, unit_of
 from edmctl.record.reader import open_run
+from edmctl.record.writer import RunWriter
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from edmctl.record.rows import RunMeta
 
 
 def test_every_described_path_exists_and_nothing_else_does(run_path: Path) -> None:
@@ -91,7 +95,10 @@ def test_time_is_the_dimension_scale_of_every_signal(run_path: Path, path: str) 
 def test_the_profile_is_kept_verbatim_and_by_value(run_path: Path) -> None:
     with open_run(run_path) as run:
         assert run.text("/entry/profile/toml") == "# a comment\n[servo]\nreference = 0.80\n"
-        assert run.text("/entry/profile/sha256") == "ab" * 32
+        text = run.text("/entry/profile/toml")
+        assert run.text("/entry/profile/sha256") == hashlib.sha256(text.encode()).hexdigest()
+        assert run.text("/entry/profile/recipe_sha256") == "ab" * 32
+        assert run.text("/entry/profile/sim_sha256") == "cd" * 32
         assert run.text("/entry/profile/overrides") == "servo.reference = 0.82 (was 0.80, --set)"
         values = run.profile_values()
     assert values["servo.forward_um_s"] == 5.0
@@ -99,6 +106,18 @@ def test_the_profile_is_kept_verbatim_and_by_value(run_path: Path) -> None:
     assert values["meta.name"] == "cu270"
     assert values["jump.on"] is True
     assert "servo.reference_units" not in values
+
+
+def test_every_file_that_the_profile_extends_is_kept_verbatim(run_path: Path) -> None:
+    with open_run(run_path) as run:
+        assert run.texts("/entry/profile/parents") == ["# parent\n[servo]\nreference = 0.75\n"]
+        assert run.texts("/entry/profile/parent_paths") == ["/p/base.toml"]
+
+
+def test_a_profile_that_extends_nothing_has_no_parents(tmp_path: Path, meta: RunMeta) -> None:
+    writer = RunWriter.create(tmp_path / "run.h5", replace(meta, profile_parents=()))
+    with open_run(writer.finish("done", 0)) as run:
+        assert run.texts("/entry/profile/parents") == []
 
 
 def test_provenance_is_complete(run_path: Path) -> None:
@@ -110,6 +129,7 @@ def test_provenance_is_complete(run_path: Path) -> None:
         assert run.text("/entry/software/h5py") == h5py.version.version
         assert run.number("/entry/tool/diameter") == 270.0
         assert run.text("/entry/machine/host") == "bench"
+        assert run.text("/entry/machine/toml") == "[sensor]\nnoise_um = 0.15\n"
 
 
 @pytest.mark.parametrize(
@@ -123,6 +143,8 @@ def test_provenance_is_complete(run_path: Path) -> None:
         ("kp_um_s", "um/s"),
         ("hysteresis", "1"),
         ("flow_min_lpm", "L/min"),
+        ("max_temp_c", "degC"),
+        ("kappa_um3_per_uj", "um3/uJ"),
     ],
 )
 def test_a_unit_is_read_from_the_name(name: str, unit: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import h5py
@@ -13,7 +14,7 @@ from edmctl.record.reader import open_run
 from edmctl.record.recorder import NullRecorder, Recorder
 from edmctl.record.rows import EventLevel, RunMeta, TouchRow
 from edmctl.record.writer import FLUSH_INTERVAL_S, RunWriter
-from tests.record.samples import fill, servo_block, slow_row, train
+from tests.record.samples import a_site_row, fill, servo_block, slow_row, train
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -195,7 +196,7 @@ def test_the_same_input_makes_the_same_datasets(write_run: Callable[[str], Path]
             if isinstance(one[path], h5py.Dataset) and one[path].dtype != object:
                 assert str(one[path][()].tolist()) == str(other[path][()].tolist()), path
                 compared += 1
-    assert compared == 48
+    assert compared == 50
 
 
 def test_a_recorder_without_a_file_takes_the_same_calls(tmp_path: Path, meta: RunMeta) -> None:
@@ -203,3 +204,25 @@ def test_a_recorder_without_a_file_takes_the_same_calls(tmp_path: Path, meta: Ru
     for recorder in recorders:
         fill(recorder)
     assert [p.name for p in tmp_path.iterdir()] == ["run.h5.partial"]
+
+
+def test_the_wear_of_all_sites_adds_up_in_the_tool(tmp_path: Path, meta: RunMeta) -> None:
+    writer = RunWriter.create(tmp_path / "run.h5", meta)
+    with open_run(writer.path) as run:
+        assert run.number("/entry/tool/length_wear_total") == 0.0
+    for wear_um in (70.0, 12.5):
+        writer.site_result(replace(a_site_row(), wear_um=wear_um))
+    with open_run(writer.finish("done", 0)) as run:
+        assert run.number("/entry/tool/length_wear_total") == 82.5
+
+
+def test_a_site_keeps_its_energy_ratios_and_model_errors(run_path: Path) -> None:
+    with open_run(run_path) as run:
+        (row,) = run.table("/entry/results")
+    assert (row["energy"], row["wear_ratio_lin"], row["wear_ratio_vol"], row["mrr"]) == (
+        610.0,
+        0.39,
+        0.34,
+        0.7,
+    )
+    assert (row["err_depth"], row["err_wear"]) == (-2.0, -1.0)

@@ -1,0 +1,36 @@
+"""What hints tell people to type exists in this version."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+import typer
+
+from edmctl.cli.app import app
+from edmctl.link.faults import FAULTS, FaultRow
+from edmctl.link.frame import Frame
+from edmctl.link.messages import Arm, Status
+from edmctl.link.refusal import refusal
+
+
+def commands() -> set[str]:
+    tree = typer.main.get_command(app)
+    return set(tree.commands)  # type: ignore[attr-defined]
+
+
+def unknown_commands(text: str) -> set[str]:
+    return set(re.findall(r"\bedmctl ([a-z-]+)", text)) - commands()
+
+
+@pytest.mark.parametrize("row", FAULTS.values(), ids=lambda row: row.name)
+def test_a_fault_names_a_remedy_and_no_command_that_does_not_exist(row: FaultRow) -> None:
+    assert row.hint.endswith(".")
+    assert unknown_commands(row.hint) == set()
+
+
+@pytest.mark.parametrize("status", [status for status in Status if status is not Status.OK])
+def test_a_refusal_names_a_remedy_and_no_command_that_does_not_exist(status: Status) -> None:
+    error = refusal(Arm.ID, Frame(Arm.ID | 0x40, 0, 1, status, b""))
+    assert error.hint.endswith(".")
+    assert unknown_commands(error.hint) == set()
