@@ -2,23 +2,35 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
 
 
 def main() -> None:
     """Run the command line. `--version` is answered before anything heavy loads."""
-    if sys.argv[1:] == ["--version"]:
-        from edmctl import __version__
-
-        sys.stdout.write(f"edmctl {__version__}\n")
-        return
     try:
+        if sys.argv[1:] == ["--version"] and _says_version():
+            return
         from edmctl.cli.app import run
 
         run()
     except KeyboardInterrupt:
-        # Before run() handles signals, and after: nothing moves then, and nobody wants a traceback.
-        sys.exit(130)
+        # Before run() handles signals: nothing moves then, and nobody wants a traceback.
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        os.kill(os.getpid(), signal.SIGINT)
+
+
+def _says_version() -> bool:
+    """Write the version; False where stdout takes none, which `run` knows how to report."""
+    from edmctl import __version__
+
+    try:
+        sys.stdout.write(f"edmctl {__version__}\n")
+        sys.stdout.flush()
+    except (AttributeError, OSError):
+        return False
+    return True
 
 
 if __name__ == "__main__":

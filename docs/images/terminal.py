@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import re
 import tempfile
@@ -16,7 +17,7 @@ from edmctl.console.result_table import render_job
 if TYPE_CHECKING:
     from edmctl.procedures.results import Progress
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).resolve().parent
 README = HERE.parents[1] / "README.md"
 SEED = 2
 RUN_ID = "cu270-20260131T101500.250Z"
@@ -47,8 +48,8 @@ def main() -> None:
     """Run the main job once; write machine.svg and the block in the README."""
     plan = check(Order(profile="cu270", overrides=(), setup=None, port=None))
     snapshot = Snapshot()
-    with tempfile.TemporaryDirectory() as folder:
-        name = RunName(RUN_ID, Path(folder) / f"{RUN_ID}.h5", datetime.now(UTC))
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        name = RunName(RUN_ID, Path("runs") / f"{RUN_ID}.h5", datetime.now(UTC))
         report = carry_out(plan, SEED, snapshot, name)
     table = render_job(report.job, report.truths)
     result = f"{table}\nSimulated, seed {SEED}. Run file runs/{RUN_ID}.h5"

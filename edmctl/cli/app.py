@@ -5,18 +5,20 @@ from __future__ import annotations
 import os
 import sys
 from io import TextIOWrapper
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
 from edmctl.cli import machine, profile, simulate
 from edmctl.cli.exitcodes import ExitCode, exit_code_table
-from edmctl.cli.outcome import Outcome, Output, finish
-from edmctl.cli.signals import SignalArrived, raising_signals
+from edmctl.cli.outcome import Outcome, Output, finish, interrupted, mutter, unwritable
+from edmctl.cli.signals import SignalArrived, leave, raising_signals
 from edmctl.errors import UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from typing import NoReturn
 
 app = typer.Typer(
     name="edmctl",
@@ -46,39 +48,57 @@ def edmctl(
         sys.stdout.write(f"edmctl {__version__}\n")
         raise typer.Exit
     if context.invoked_subcommand is None:
-        sys.stderr.write(context.get_help() + "\n")
+        mutter(context.get_help() + "\n")
         raise typer.Exit(ExitCode.USAGE)
 
 
-def run() -> None:
+def run() -> NoReturn:
     """Run the command line of this process and exit."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, TextIOWrapper):
-            stream.reconfigure(errors="replace")
-    exit_code = main(sys.argv[1:])
+    _prepare_streams(sys.argv[1:])
     try:
-        sys.stdout.flush()
-    except BrokenPipeError:
-        # What is still buffered for a reader that has gone must not fail at interpreter exit.
-        os._exit(exit_code)
-    sys.exit(exit_code)
+        with raising_signals():
+            leave(_run(sys.argv[1:]))
+    except SignalArrived as arrived:
+        leave(128 + arrived.signal_number)
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run one command line and return its exit code."""
+    """Run one command line and return its exit code; for callers that go on afterwards."""
+    with raising_signals():
+        return _run(arguments)
+
+
+def _run(arguments: Sequence[str]) -> int:
     output = Output(
         command=_command_of(arguments), json="--json" in arguments, events="--events" in arguments
     )
     try:
-        with raising_signals():
-            code = typer.main.get_command(app).main(
-                args=list(arguments), prog_name="edmctl", standalone_mode=False
-            )
+        code = typer.main.get_command(app).main(
+            args=list(arguments), prog_name="edmctl", standalone_mode=False
+        )
+        sys.stdout.flush()
     except _ClickError as mistake:
         return finish(Outcome(output), _usage_error(mistake, output.command))
     except SignalArrived as arrived:
-        return 128 + arrived.signal_number
+        return finish(Outcome(output), interrupted(arrived.signal_number))
+    except BrokenPipeError:
+        return int(ExitCode.DONE)
+    except OSError as refused:
+        return finish(Outcome(output), unwritable(refused))
+    except SystemExit as left:
+        return left.code if isinstance(left.code, int) else 0
     return int(code or 0)
+
+
+def _prepare_streams(arguments: Sequence[str]) -> None:
+    """Streams that were closed go nowhere, and no locale gets in the way: JSON is UTF-8 everywhere."""
+    if sys.stdout is None:
+        sys.stdout = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115
+    if sys.stderr is None:
+        sys.stderr = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115
+    for stream, is_json in ((sys.stdout, "--json" in arguments), (sys.stderr, "--events" in arguments)):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(encoding="utf-8" if is_json else None, errors="replace")
 
 
 def _usage_error(mistake: Exception, command: str) -> UsageError:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import threading
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
-from edmctl.cli.exitcodes import error_exit_code
+from edmctl.cli.exitcodes import ExitCode, error_exit_code
 from edmctl.cli.job import Order, carry_out, check
-from edmctl.cli.runfile import name_run
+from edmctl.cli.runfile import name_run, run_path
 from edmctl.cli.signals import ignore_signals
 from edmctl.cli.spread import Run, run_of
 from edmctl.console.progress import QuietReporter
@@ -34,6 +35,23 @@ class Task:
     run_id: str
 
 
+def check_names(tasks: Sequence[Task]) -> None:
+    """Raise RunFileError (E9001) when a run file of `tasks` exists already, before hours of runs find out."""
+    from edmctl.record.disk import partial_path
+
+    for task in tasks:
+        if task.out is None:
+            continue
+        path = run_path(task.out, task.run_id)
+        for existing in (path, partial_path(path)):
+            if os.path.lexists(existing):
+                raise RunFileError(
+                    f"Run file {existing} exists already and is not overwritten.",
+                    hint="Choose another folder with --out, or another --seed. Nothing was run.",
+                    code="E9001",
+                )
+
+
 def perform_all(tasks: Sequence[Task], reporter: Reporter) -> list[Run]:
     """Perform `tasks`, side by side where there are cores, and return the runs in the order of the tasks."""
     workers = min(len(tasks), _cores())
@@ -41,7 +59,7 @@ def perform_all(tasks: Sequence[Task], reporter: Reporter) -> list[Run]:
         return _one_by_one(tasks, reporter)
     # A forked child would inherit the threads of numba and BLAS half-way through whatever they do.
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context, initializer=ignore_signals) as pool:
+    with ProcessPoolExecutor(workers, mp_context=context, initializer=_serve_parent) as pool:
         futures = [pool.submit(perform, task) for task in tasks]
         try:
             reporter.runs(0, len(tasks))
@@ -68,6 +86,19 @@ def perform(task: Task, reporter: Reporter | None = None) -> Run:
         raise report.error
     exit_code = error_exit_code(report.error) if report.error else 0
     return run_of(task.seed, exit_code, report)
+
+
+def _serve_parent() -> None:
+    """Prepare a worker process: the parent answers for all signals, and no worker outlives it."""
+    ignore_signals()
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(int(ExitCode.INTERNAL))
 
 
 def _one_by_one(tasks: Sequence[Task], reporter: Reporter) -> list[Run]:

@@ -14,7 +14,7 @@ from edmctl.cli.signals import stopping_signals
 from edmctl.errors import LinkLost
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from edmctl.machine.controller import LinkMachine
     from edmctl.profile.load import LoadedProfile
@@ -53,17 +53,17 @@ def is_virtual(selector: str) -> bool:
 
 
 @contextmanager
-def connected(loaded: LoadedProfile, setup: Setup, seed: int) -> Iterator[Bench]:
-    """Open the virtual machine and say hello. From here on a signal stops it in order."""
+def connected(loaded: LoadedProfile, setup: Setup, seed: int, say: Callable[[str], None]) -> Iterator[Bench]:
+    """Open the virtual machine and say hello. From here on a signal stops it in order, with a word to `say`."""
+    from edmctl.cli.stop import AnnouncedStop
     from edmctl.link.session import Session
     from edmctl.machine.controller import LinkMachine
-    from edmctl.machine.stop import StopRequest
     from edmctl.simulator import open_bench
 
     virtual = open_bench(bench_config(loaded), seed)
     try:
         session = Session(virtual.transport, heartbeat_s=MEMORY_HEARTBEAT_SHARE * setup.controller.watchdog_s)
-        stop = StopRequest()
+        stop = AnnouncedStop(say)
         with stopping_signals(stop, session.abort):
             session.open()
             yield Bench(LinkMachine(session, stop), virtual)

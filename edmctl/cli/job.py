@@ -57,14 +57,25 @@ class Truth:
     wear_um: float = math.nan
 
 
+@dataclass(slots=True)
+class Written:
+    """What the run file is called once it is closed."""
+
+    path: Path | None = None
+
+
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What a job reached, whether it ended well or with `error`; `truths` has one entry per site."""
+    """What a job reached, whether it ended well or with `error`; `truths` has one entry per site.
+
+    `run_file` is the run's own file as it is called now, if it has one.
+    """
 
     simulated: bool
     job: JobResult
     truths: tuple[Truth, ...]
     error: EdmError | None
+    run_file: Path | None
 
     def as_mapping(self) -> dict[str, object]:
         """Return the `result` of the JSON object."""
@@ -110,9 +121,10 @@ def carry_out(plan: Plan, seed: int, observer: Observer, name: RunName | None) -
 
     ledger = Ledger()
     error: EdmError | None = None
-    with connected(plan.loaded, plan.setup, seed) as bench:
+    written = Written()
+    with connected(plan.loaded, plan.setup, seed, observer.note) as bench:
         try:
-            with _recorder(plan, seed, bench, name, ledger) as recorder:
+            with _recorder(plan, seed, bench, name, ledger, written) as recorder:
                 observer.note(f"simulated run on the virtual machine, seed {seed}{_into(name)}")
                 run_job(
                     bench.machine,
@@ -123,14 +135,17 @@ def carry_out(plan: Plan, seed: int, observer: Observer, name: RunName | None) -
                 )
         except EdmError as expected:
             error = expected
-        return _report(bench, ledger, error)
+        return _report(bench, ledger, error, written.path)
 
 
 @contextmanager
 def _recorder(
-    plan: Plan, seed: int, bench: Bench, name: RunName | None, ledger: Ledger
+    plan: Plan, seed: int, bench: Bench, name: RunName | None, ledger: Ledger, written: Written
 ) -> Iterator[Recorder]:
-    """Record into the file `name`, which gets its summary, status and end however the job ends."""
+    """Record into the file `name`, which gets its summary, status and end however the job ends.
+
+    `written` is told what the file is called then.
+    """
     if name is None:
         from edmctl.record.recorder import NullRecorder
 
@@ -139,7 +154,7 @@ def _recorder(
     from edmctl.record.writer import RunWriter
 
     def summarize() -> None:
-        writer.summary(render_json(_report(bench, ledger, None).as_mapping()))
+        writer.summary(render_json(_report(bench, ledger).as_mapping()))
 
     writer = RunWriter.create(name.path, run_meta(name, plan, seed, bench.machine.identity))
     try:
@@ -147,10 +162,15 @@ def _recorder(
     except BaseException as error:
         with suppress(RunFileError):
             summarize()
-        writer.abandon(*_ending(error))
+        written.path = writer.abandon(*_ending(error))
         raise
-    summarize()
-    writer.finish("done", 0)
+    try:
+        summarize()
+        written.path = writer.finish("done", 0)
+    except RunFileError:
+        # The final name may be another run's now.
+        written.path = name.partial if name.partial.exists() else None
+        raise
 
 
 def _ending(error: BaseException) -> tuple[str, int]:
@@ -165,10 +185,12 @@ def _into(name: RunName | None) -> str:
     return f", into {name.path}" if name else ""
 
 
-def _report(bench: Bench, ledger: Ledger, error: EdmError | None) -> Report:
+def _report(
+    bench: Bench, ledger: Ledger, error: EdmError | None = None, run_file: Path | None = None
+) -> Report:
     virtual, job = bench.virtual, ledger.result()
     truths = truths_of([(site.x_um, site.y_um) for site in job.sites], virtual.truth(), virtual.tool_wear_um)
-    return Report(bench.machine.identity.simulated, job, truths, error)
+    return Report(bench.machine.identity.simulated, job, truths, error, run_file)
 
 
 def truths_of(

@@ -23,9 +23,10 @@ from edmctl.cli.options import (
 from edmctl.cli.outcome import Outcome, Output, run_command, stream_style, watching
 from edmctl.cli.runfile import RunName, name_run
 from edmctl.cli.seeds import seed_to_use
+from edmctl.cli.signals import ignore_signals
 
 if TYPE_CHECKING:
-    from edmctl.cli.job import Plan, Report
+    from edmctl.cli.job import Plan
 
 OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder of the run file.")]
 
@@ -56,11 +57,12 @@ def machine(
         plan = check(Order(profile, tuple(overrides or ()), setup, port))
         outcome.simulated = plan.simulated
         outcome.warn(plan.loaded.warnings)
+        name = name_run(out, run_id, plan.loaded, datetime.now(UTC))
+        used_seed = seed_to_use(seed)
         if dry_run:
             _forecast(outcome, plan)
-            return
-        name = name_run(out, run_id, plan.loaded, datetime.now(UTC))
-        _run(outcome, plan, name, seed_to_use(seed))
+        else:
+            _run(outcome, plan, name, used_seed)
 
     return run_command(output, body)
 
@@ -80,7 +82,8 @@ def _run(outcome: Outcome, plan: "Plan", name: RunName, seed: int) -> None:
     with watching(outcome.output) as reporter:
         report = carry_out(plan, seed, reporter, name)
         outcome.simulated = report.simulated
-        outcome.run_file = _written(name, report)
+        ignore_signals()
+        outcome.run_file = report.run_file
         if report.error and outcome.run_file:
             reporter.note(f"what was recorded until then is in {outcome.run_file}")
     outcome.result = report.as_mapping()
@@ -90,10 +93,3 @@ def _run(outcome: Outcome, plan: "Plan", name: RunName, seed: int) -> None:
         outcome.text += f"\n{made_by}Run file {outcome.run_file}"
     if report.error:
         raise report.error
-
-
-def _written(name: RunName, report: "Report") -> Path | None:
-    """The run's own file as it is called now; a file that was there before is not the run's."""
-    if report.error and report.error.code == "E9001":
-        return None
-    return next((path for path in (name.path, name.partial) if path.exists()), None)

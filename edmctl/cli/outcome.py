@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TextIO
 
 from edmctl.cli.exitcodes import ExitCode, error_exit_code
-from edmctl.cli.signals import SignalArrived, signal_name
+from edmctl.cli.signals import SignalArrived, ignore_signals, signal_name
 from edmctl.console.diagnostics import render_diagnostics, summary_line
 from edmctl.console.jsonout import SCHEMA, render_json, render_json_line
 from edmctl.console.reporters import reporter_for
@@ -74,6 +74,8 @@ def run_command(output: Output, body: Callable[[Outcome], None]) -> int:
 
 def finish(outcome: Outcome, error: EdmError | None) -> int:
     """Write the result to stdout, the error (last, where people look) to stderr; return the exit code."""
+    # What is settled stays so: a signal from now on could only cut the result off.
+    ignore_signals()
     exit_code = error_exit_code(error) if error else int(ExitCode.DONE)
     text = outcome.text + "\n" if outcome.text else ""
     if outcome.output.json:
@@ -81,7 +83,7 @@ def finish(outcome: Outcome, error: EdmError | None) -> int:
     try:
         write(sys.stdout, text)
     except OSError as refused:
-        error = RunFileError(f"Cannot write the result: {refused.strerror}.", code="E9010")
+        error = unwritable(refused)
         exit_code = error_exit_code(error)
     if error:
         complain(outcome.output, error)
@@ -91,6 +93,11 @@ def finish(outcome: Outcome, error: EdmError | None) -> int:
 def interrupted(signal_number: int) -> Interrupted:
     """Return the error of a signal that came while no machine was connected."""
     return Interrupted(f"Stopped by {signal_name(signal_number)}.", signal_number=signal_number)
+
+
+def unwritable(refused: OSError) -> RunFileError:
+    """Return the error of a stdout that takes no result."""
+    return RunFileError(f"Cannot write the result: {refused.strerror}.", code="E9010")
 
 
 def internal_error(bug: Exception) -> EdmError:
@@ -106,7 +113,7 @@ def internal_error(bug: Exception) -> EdmError:
 def complain(output: Output, error: EdmError) -> None:
     """Write an error to stderr: every diagnostic of a profile, one message for all else."""
     if output.debug:
-        write(sys.stderr, "".join(traceback.format_exception(error)))
+        mutter("".join(traceback.format_exception(error)))
     say(output, _diagnostics_of(error))
 
 
@@ -115,13 +122,13 @@ def say(output: Output, diagnostics: Sequence[Diagnostic]) -> None:
     if output.events:
         for d in diagnostics:
             event = "warning" if d.is_warning else "error"
-            write(sys.stderr, render_json_line({"event": event, **_problem(d)}))
+            mutter(render_json_line({"event": event, **_problem(d)}))
         return
     text = render_diagnostics(diagnostics, stream_style(sys.stderr)) + "\n"
     if len(diagnostics) > 1:
         warnings = sum(d.is_warning for d in diagnostics)
         text += "\n" + summary_line(len(diagnostics) - warnings, warnings) + "\n"
-    write(sys.stderr, text)
+    mutter(text)
 
 
 @contextmanager
@@ -148,6 +155,12 @@ def write(stream: TextIO, text: str) -> None:
     except BrokenPipeError:
         with suppress(OSError, ValueError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+def mutter(text: str) -> None:
+    """Write to stderr. That it takes nothing changes nothing about the job."""
+    with suppress(OSError, ValueError):
+        write(sys.stderr, text)
 
 
 def _document(exit_code: int, outcome: Outcome, error: EdmError | None) -> dict[str, object]:

@@ -43,15 +43,24 @@ def name_run(folder: Path, run_id: str | None, loaded: LoadedProfile, start: dat
     Raises UsageError (E2004) when the id is no plain file name.
     """
     if run_id is None:
-        stem = re.sub(r"[^A-Za-z0-9_+-]", "-", loaded.path.stem).lstrip("_+-") or "run"
-        run_id = f"{stem[:80]}-{start:%Y%m%dT%H%M%S}.{start.microsecond // 1000:03d}Z"
-    elif not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._+-]{0,119}", run_id):
+        run_id = f"{plain_name(loaded.path.stem)}-{start:%Y%m%dT%H%M%S}.{start.microsecond // 1000:03d}Z"
+    return RunName(run_id, run_path(folder, run_id), start)
+
+
+def plain_name(text: str) -> str:
+    """Return what a file name can hold of `text`."""
+    return re.sub(r"[^A-Za-z0-9._+-]", "-", text).lstrip("._+-")[:80] or "run"
+
+
+def run_path(folder: Path, run_id: str) -> Path:
+    """Return the path of a run file. Raises UsageError (E2004) when the id is no plain file name."""
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._+-]{0,119}", run_id):
         raise UsageError(
             f"Run id {run_id!r} is no plain file name.",
             hint="Take up to 120 letters, digits and . _ + - and begin with a letter or digit.",
             code="E2004",
         )
-    return RunName(run_id, folder / f"{run_id}.h5", start)
+    return folder / f"{run_id}.h5"
 
 
 def run_meta(name: RunName, plan: Plan, seed: int, identity: MachineIdentity) -> RunMeta:

@@ -12,16 +12,18 @@ _NEW_SEEDS = 1_000_000_000
 _LARGEST = 2**63 - 1
 
 
-def seed_to_use(asked: int | None) -> int:
-    """Return the seed that was asked for, else a new one, to be printed and recorded.
+def seed_to_use(asked: int | None, runs: int = 1) -> int:
+    """Return the first seed that was asked for, else a new one, to be printed and recorded.
 
-    Raises UsageError (E2005) for a seed that the run file cannot hold.
+    Raises UsageError (E2005) when the run file cannot hold it, or the last of the seeds of `runs` runs.
     """
     if asked is None:
         return secrets.randbelow(_NEW_SEEDS)
-    if not 0 <= asked <= _LARGEST:
+    largest = _LARGEST - (runs - 1)
+    if not 0 <= asked <= largest:
+        of_runs = f" (of the first of {runs} runs)" if runs > 1 else ""
         raise UsageError(
-            f"Seed {asked} does not lie between 0 and {_LARGEST}.",
+            f"Seed {asked} does not lie between 0 and {largest}{of_runs}.",
             hint="Leave --seed away for a random one.",
             code="E2005",
         )

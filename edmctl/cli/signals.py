@@ -1,19 +1,24 @@
-"""Ctrl-C, SIGTERM and SIGHUP: the first ends the job in order, the second at once."""
+"""Ctrl-C, SIGTERM and SIGHUP: the first ends the job in order, the second at once.
+
+Either way the process dies of the signal in the end, so that a shell stops its loop or script as well.
+"""
 
 from __future__ import annotations
 
 import os
 import signal
 import sys
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from types import FrameType
+    from typing import NoReturn
 
     from edmctl.machine.stop import StopRequest
 
+_SHOW_CURSOR = "\r\n\x1b[?25h"
 _STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 
 
@@ -48,26 +53,47 @@ def raising_signals() -> Iterator[None]:
 def stopping_signals(stop: StopRequest, abort: Callable[[], None]) -> Iterator[None]:
     """While a machine may move: the first signal asks `stop`, the second calls `abort` and ends the process.
 
-    The run file needs no closing then: what was flushed can be read.
+    The first says nothing here: a terminal may be half-way through a picture. The run file needs no closing
+    after the second: what was flushed can be read.
     """
 
     def handle(number: int, frame: FrameType | None) -> None:
         if stop.signal_number is None:
             stop.request(number)
-            _say(f"{signal_name(number)}: pulses off, retracting, closing the file. Once more aborts.\n")
             return
         abort()
         _say(f"{signal_name(number)} again: aborted.\n")
-        os._exit(128 + number)
+        die_of(number)
 
     with _handling(handle):
         yield
 
 
 def ignore_signals() -> None:
-    """For worker processes: a terminal sends Ctrl-C to all of them, and their parent answers for all."""
+    """For worker processes, whose parent answers for all of them, and for a process whose result is settled."""
     for number in _STOPPING:
         signal.signal(number, signal.SIG_IGN)
+
+
+def leave(exit_code: int) -> NoReturn:
+    """End this process at once, by the signal that `exit_code` stands for if it does.
+
+    The teardown of libraries is left out: a signal in the middle of it would end a finished run with a traceback.
+    """
+    ignore_signals()
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):
+            stream.flush()
+    if exit_code - 128 in _STOPPING:
+        die_of(exit_code - 128)
+    os._exit(exit_code)
+
+
+def die_of(number: int) -> NoReturn:
+    """End this process by a signal: only then does a shell that sees it stop its loop too."""
+    signal.signal(number, signal.SIG_DFL)
+    os.kill(os.getpid(), number)
+    os._exit(128 + number)
 
 
 @contextmanager
@@ -88,6 +114,9 @@ def _is_heeded(number: int) -> bool:
 def _say(text: str) -> None:
     """Write to stderr below Python's buffers, which the interrupted code may be holding."""
     try:
-        os.write(sys.stderr.fileno(), text.encode())
+        number = sys.stderr.fileno()
+        # The picture that is interrupted had hidden the cursor.
+        before = _SHOW_CURSOR if os.isatty(number) else ""
+        os.write(number, (before + text).encode())
     except (OSError, ValueError):
         return

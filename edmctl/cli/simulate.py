@@ -19,16 +19,21 @@ from edmctl.cli.options import (
     SetupOption,
 )
 from edmctl.cli.outcome import Outcome, Output, run_command, stream_style, watching
+from edmctl.cli.runfile import plain_name
 from edmctl.cli.seeds import seed_to_use
 from edmctl.console.text import plural
-from edmctl.errors import ObjectiveNotReached
+from edmctl.errors import ObjectiveNotReached, UsageError
 
 if TYPE_CHECKING:
+    from edmctl.cli.batch import Task
     from edmctl.cli.job import Order, Plan
     from edmctl.cli.spread import Run
 
+MOST_RUNS = 100_000
+
 RunsOption = Annotated[
-    int, typer.Option("--runs", "-n", metavar="N", min=1, help="Runs, with seeds one apart.")
+    int,
+    typer.Option("--runs", "-n", metavar="N", min=1, max=MOST_RUNS, help="Runs, with seeds one apart."),
 ]
 SweepOption = Annotated[
     str | None,
@@ -46,6 +51,31 @@ class _Case:
     label: str
     order: "Order"
     plan: "Plan"
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class _Batch:
+    """All runs: `runs` of each case, with the same seeds."""
+
+    cases: list[_Case]
+    seed: int
+    runs: int
+    out: Path | None
+
+    def tasks(self) -> list["Task"]:
+        """Return one task per run, case after case."""
+        from edmctl.cli.batch import Task
+
+        return [
+            Task(case.order, seed, self.out, f"{plain_name(case.label)}-seed{seed}")
+            for case in self.cases
+            for seed in range(self.seed, self.seed + self.runs)
+        ]
+
+    def __str__(self) -> str:
+        seeds = f"seed {self.seed}" if self.runs == 1 else f"seeds {self.seed} to {self.seed + self.runs - 1}"
+        values = f"{len(self.cases)} values with " if len(self.cases) > 1 else ""
+        return f"{values}{plural(self.runs, 'run')}{' each' if values else ''}, {seeds}"
 
 
 def simulate(
@@ -68,26 +98,38 @@ def simulate(
     """
 
     def body(outcome: Outcome) -> None:
+        from edmctl.cli.batch import check_names
         from edmctl.cli.job import Order
 
         order = Order(profile, tuple(overrides or ()), setup, port=None)
         outcome.simulated = True
-        cases = _checked(outcome, _orders(order, sweep))
+        first_seed = seed_to_use(seed, runs)
+        cases = _checked(outcome, _orders(order, sweep, runs))
+        batch = _Batch(cases, first_seed, runs, out)
+        if out:
+            check_names(batch.tasks())
         if dry_run:
             _forecast(outcome, cases)
             return
-        outcome.seed = seed_to_use(seed)
-        _simulate(outcome, cases, outcome.seed, runs, out)
+        outcome.seed = first_seed
+        _simulate(outcome, batch)
 
     return run_command(Output("simulate", as_json, events, quiet, debug), body)
 
 
-def _orders(order: "Order", sweep: str | None) -> list["Order"]:
+def _orders(order: "Order", sweep: str | None, runs: int) -> list["Order"]:
     from edmctl.cli.sweep import parse_sweep
 
     if sweep is None:
         return [order]
     steps = parse_sweep(sweep).overrides()
+    if len(steps) * runs > MOST_RUNS:
+        raise UsageError(
+            f"{len(steps)} values with {plural(runs, 'run')} each are {len(steps) * runs} runs; "
+            f"at most {MOST_RUNS} go at a time.",
+            hint=f"Take --runs {MOST_RUNS // len(steps)} or fewer, or fewer values.",
+            code="E2003",
+        )
     return [dataclasses.replace(order, overrides=(*order.overrides, step)) for step in steps]
 
 
@@ -116,24 +158,19 @@ def _forecast(outcome: Outcome, cases: list["_Case"]) -> None:
     outcome.text = "\n\n".join(render_forecast(case.label, case.plan.forecast, style) for case in cases)
 
 
-def _simulate(outcome: Outcome, asked: list["_Case"], seed: int, runs: int, out: Path | None) -> None:
-    from edmctl.cli.batch import Task, perform_all
+def _simulate(outcome: Outcome, batch: "_Batch") -> None:
+    from edmctl.cli.batch import perform_all
     from edmctl.cli.spread import summarize
     from edmctl.console.spread_table import render_cases
 
-    tasks = [
-        Task(case.order, seed + index, out, f"{case.label.replace('=', '-')}-seed{seed + index}")
-        for case in asked
-        for index in range(runs)
-    ]
     with watching(outcome.output) as reporter:
-        reporter.note(f"simulating {len(tasks)} runs, seeds {seed} to {seed + runs - 1}")
-        done = perform_all(tasks, reporter)
+        reporter.note(f"simulating {batch}")
+        done = perform_all(batch.tasks(), reporter)
     cases = [
-        summarize(case.label, case.order.overrides, done[index * runs : (index + 1) * runs])
-        for index, case in enumerate(asked)
+        summarize(case.label, case.order.overrides, done[index * batch.runs : (index + 1) * batch.runs])
+        for index, case in enumerate(batch.cases)
     ]
-    outcome.result = {"runs": runs, "cases": cases}
+    outcome.result = {"runs": batch.runs, "cases": cases}
     outcome.text = render_cases(cases, stream_style(sys.stdout))
     _refuse_failures(done)
 

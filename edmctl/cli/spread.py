@@ -46,7 +46,7 @@ class Run:
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """Mean, standard deviation (0 for one value) and range."""
+    """Mean, standard deviation (NaN for one value) and range."""
 
     mean: float
     sd: float
@@ -120,7 +120,7 @@ def _spreads(rows: Sequence[Run] | Sequence[Truth], keys: Sequence[str]) -> dict
 
 
 def _spread(values: Sequence[float]) -> Spread:
-    sd = statistics.stdev(values) if len(values) > 1 else 0.0
+    sd = statistics.stdev(values) if len(values) > 1 else math.nan
     return Spread(statistics.fmean(values), sd, min(values), max(values))
 
 

@@ -36,14 +36,17 @@ def parse_sweep(text: str) -> Sweep:
         start, stop, count = float(match["start"]), float(match["stop"]), int(match["count"])
     except ValueError:
         raise _refused(text, "START and STOP must be numbers and COUNT a whole number") from None
-    if not (math.isfinite(start) and math.isfinite(stop)):
+    if not (math.isfinite(start) and math.isfinite(stop) and math.isfinite(stop - start)):
         raise _refused(text, "START and STOP must be finite")
     if not 2 <= count <= _MOST:
         raise _refused(text, f"COUNT must be 2 to {_MOST}")
     step = (stop - start) / (count - 1)
     whole = all(re.fullmatch(r"[+-]?\d+", match[name]) for name in ("start", "stop")) and step.is_integer()
     values = (start + index * step for index in range(count))
-    return Sweep(match["key"], tuple(str(int(v)) if whole else repr(float(f"{v:.12g}")) for v in values))
+    written = tuple(str(int(v)) if whole else repr(float(f"{v:.12g}")) for v in values)
+    if len(set(written)) < count:
+        raise _refused(text, "its values must differ")
+    return Sweep(match["key"], written)
 
 
 def _refused(text: str, reason: str) -> UsageError:

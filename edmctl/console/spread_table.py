@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Protocol
 
 from edmctl.console.style import PLAIN, Style
 from edmctl.console.tables import render_columns
-from edmctl.console.text import percent, plural
+from edmctl.console.text import decimal, percent, plural
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -61,7 +62,7 @@ def render_cases(cases: Sequence[CaseView], style: Style = PLAIN) -> str:
 def _render_case(case: CaseView, style: Style) -> str:
     header = [f"{case.label}, {plural(len(case.runs), 'run')}", "mean", "sd", "min", "max"]
     rows = [
-        [names[key], *(f"{value:.2f}" for value in (s.mean, s.sd, s.minimum, s.maximum))]
+        [names[key], *(decimal(value) for value in (s.mean, s.sd, s.minimum, s.maximum))]
         for names, spreads in ((_TRUE_NAMES, case.truth), (_NAMES, case.spreads))
         for key, s in spreads.items()
     ]
@@ -91,4 +92,8 @@ def _render_overview(cases: Sequence[CaseView], style: Style) -> str:
 
 def _mean_sd(spreads: Mapping[str, SpreadView], key: str) -> str:
     spread = spreads.get(key)
-    return f"{spread.mean:.2f} ± {spread.sd:.2f}" if spread else "–"
+    if spread is None:
+        return "–"
+    return (
+        f"{decimal(spread.mean)} ± {decimal(spread.sd)}" if math.isfinite(spread.sd) else decimal(spread.mean)
+    )

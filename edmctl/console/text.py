@@ -19,13 +19,21 @@ def duration(seconds: float) -> str:
     return f"{hours} h {minutes:02d} min"
 
 
+def decimal(value: float) -> str:
+    """Return a number with two decimals, `–` where it is unknown."""
+    if not math.isfinite(value):
+        return "–"
+    # Adding zero takes the sign off a rounded zero.
+    return f"{round(value, 2) + 0.0:.2f}".replace("-", "−")
+
+
 def length(value_um: float, u95_um: float | None = None) -> str:
     """Return a length in µm with two decimals, with its 95 % half-width where it has one."""
     if not math.isfinite(value_um):
         return "–"
     if u95_um is None or not math.isfinite(u95_um):
-        return f"{value_um:.2f} µm"
-    return f"{value_um:.2f} ± {u95_um:.2f} µm"
+        return f"{decimal(value_um)} µm"
+    return f"{decimal(value_um)} ± {decimal(u95_um)} µm"
 
 
 def count(value: int) -> str:

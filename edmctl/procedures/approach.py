@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.results import Phase
-from edmctl.procedures.settings import gap_reference_v
+from edmctl.procedures.settings import first_sparks_v
 
 if TYPE_CHECKING:
     from edmctl.procedures.run import Run
@@ -56,7 +56,7 @@ def raise_by(run: Run, distance_um: float) -> None:
 
 def _approach(run: Run, max_travel_um: float) -> None:
     run.begin(Phase.APPROACHING)
-    event = run.machine.approach(run.profile.approach.speed_um_s, max_travel_um, gap_reference_v(run.profile))
+    event = run.machine.approach(run.profile.approach.speed_um_s, max_travel_um, first_sparks_v(run.profile))
     run.decide(
         RunEvent.APPROACHED,
         f"Spark gap found at {event.displacement_um:.1f} µm, {event.actuator_v:.1f} V.",

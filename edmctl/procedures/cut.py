@@ -31,7 +31,7 @@ LEAST_JUMP_UM = 10.0
 class CutEnd(StrEnum):
     """How a cut ended."""
 
-    REACHED = "limit reached"
+    REACHED = "feed reached"
     TIME_UP = "time limit"
     GIVEN_UP = "given up"
 
@@ -67,10 +67,10 @@ def run_cut(run: Run, plan: CutPlan, max_time_s: float) -> CutResult:
         f"{plan.gap_um:.2f} µm and {plan.wear_ratio:.3f} µm wear per µm depth.",
         {"cut": plan.number, "feed_um": plan.feed_um, "z_limit_um": plan.z_limit_um, "gap_um": plan.gap_um},
     )
-    supervisor = Supervisor(run, plan)
+    start_s = run.machine.time_s
+    supervisor = Supervisor(run, plan, start_s)
     run.watch.follow(supervisor.take)
     try:
-        start_s = run.machine.time_s
         run.machine.start_cut(CutRequest(gap_reference_v(run.profile), plan.z_limit_um, max_time_s))
         ended = _watch(run, supervisor)
     finally:

@@ -53,6 +53,28 @@ def decide(
     return Decision(following_plan(last, step.feed_um, bottom_um, gap_um, found), message)
 
 
+def out_of_time(profile: Profile, plan: CutPlan, time_s: float) -> Decision:
+    """The end before a cut for which no time is left after `time_s` of the whole job."""
+    feed_um = plan.depth_before_um + plan.wear_before_um
+    missed = (
+        f"No time is left for cut {plan.number}: {time_s:.0f} s have passed, limits.max_time_s is "
+        f"{profile.limits.max_time_s:.0f} s; the job ends at {_reached(profile, plan.depth_before_um, feed_um)}."
+    )
+    return Decision(None, missed, missed, _more_time(profile))
+
+
+def _reached(profile: Profile, depth_um: float, feed_um: float) -> str:
+    """What was reached of what was wanted."""
+    target = profile.target
+    if target.kind == "feed":
+        return f"a feed of {feed_um:.2f} of {target.feed_um:g} µm"
+    return f"a depth of {depth_um:.2f} of {target.depth_um:g} µm"
+
+
+def _more_time(profile: Profile) -> str:
+    return f"Raise limits.max_time_s (now {profile.limits.max_time_s:.0f} s)."
+
+
 def _final(target_um: float, tolerance_um: float, last: CutPlan, found: DepthAndWear) -> Decision:
     off_um = found.depth_um - target_um
     message = f"Depth {found.depth_um:.2f} µm, {off_um:+.2f} µm from the target, after {last.number} cuts."
@@ -68,9 +90,9 @@ def _final(target_um: float, tolerance_um: float, last: CutPlan, found: DepthAnd
 
 
 def _unfinished(profile: Profile, cut: CutResult, found: DepthAndWear) -> Decision:
-    missed = f"The cut ended early ({cut.reason}) at a depth of {found.depth_um:.2f} µm."
+    missed = f"The cut ended early ({cut.reason}) at {_reached(profile, found.depth_um, found.feed_um)}."
     if cut.end is CutEnd.TIME_UP:
-        hint = f"Raise limits.max_time_s (now {profile.limits.max_time_s:.0f} s)."
+        hint = _more_time(profile)
     else:
         hint = "Flush better (shorter jump.period_s, greater jump.height_um), or raise servo.reference."
     return Decision(None, missed, missed, hint)

@@ -9,7 +9,7 @@ from edmctl.errors import EdmError, RunFileError
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.conditioning import condition
 from edmctl.procedures.results import JobResult, Ledger, ObjectiveMissed, Observer, Phase
-from edmctl.procedures.run import Run
+from edmctl.procedures.run import Args, Run
 from edmctl.procedures.settings import (
     controller_settings,
     pulse_settings,
@@ -66,9 +66,17 @@ def run_job(
 
 def _record_end(run: Run, error: EdmError) -> None:
     """Write down what was reached and why it ended; a disk that fails now must not hide that reason."""
+    reached = run.ledger.reached
+    if reached is not None:
+        run.observer.note(str(reached))
     with suppress(RunFileError):
         run.watch.settle()
         record_open_site(run)
+        if reached is not None:
+            depth: Args = {"site": reached.site, "depth_um": reached.depth_estimated_um}
+            run.recorder.event(
+                run.machine.time_s, RunEvent.LEFT_UNMEASURED, EventLevel.WARNING, str(reached), depth
+            )
         args = {"code": error.code, "hint": error.hint}
         run.recorder.event(run.machine.time_s, RunEvent.ENDED_EARLY, EventLevel.ERROR, error.message, args)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol
@@ -62,14 +63,32 @@ class SiteResult:
 
 
 @dataclass(frozen=True, slots=True)
+class Reached:
+    """How deep a hole is that was left in the middle of a cut: estimated, not measured. No target is NaN."""
+
+    site: str
+    depth_estimated_um: float
+    depth_target_um: float
+
+    def __str__(self) -> str:
+        target = "" if math.isnan(self.depth_target_um) else f" of {self.depth_target_um:.0f} µm"
+        return f"Stopped at about {self.depth_estimated_um:.0f} µm{target}, not measured."
+
+
+@dataclass(frozen=True, slots=True)
 class JobResult:
-    """All sites, and the times of the job on the machine's clock."""
+    """All measured sites, and the times of the job on the machine's clock.
+
+    `reached` is the hole that was left unmeasured, None in a job that ended in order; `tool_wear_total_um` is
+    NaN when nothing was measured.
+    """
 
     sites: tuple[SiteResult, ...]
     time_s: float
     machining_time_s: float
     measuring_time_s: float
     tool_wear_total_um: float
+    reached: Reached | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,21 +129,33 @@ class Ledger:
     """What a job has reached so far; still there when the job ends with an error.
 
     `depth_um` is the best present knowledge of the hole under way: estimated while cutting, then measured.
-    `open_site` names that hole until its result is in the run file.
+    `open_site` names that hole until its result is in the run file, `unmeasured_site` from the begin of a cut
+    until it is measured.
     """
 
     sites: dict[str, SiteResult] = field(default_factory=dict)
     depth_um: float = 0.0
+    depth_target_um: float = math.nan
     open_site: str = ""
+    unmeasured_site: str = ""
     time_s: float = 0.0
     machining_time_s: float = 0.0
 
+    @property
+    def reached(self) -> Reached | None:
+        """The hole whose last cut is not measured."""
+        if not self.unmeasured_site:
+            return None
+        return Reached(self.unmeasured_site, self.depth_um, self.depth_target_um)
+
     def result(self) -> JobResult:
         """The measured sites and the times up to now."""
+        wears_um = [site.wear_um for site in self.sites.values()]
         return JobResult(
             sites=tuple(self.sites.values()),
             time_s=self.time_s,
             machining_time_s=self.machining_time_s,
             measuring_time_s=self.time_s - self.machining_time_s,
-            tool_wear_total_um=sum((site.wear_um for site in self.sites.values()), 0.0),
+            tool_wear_total_um=sum(wears_um) if wears_um else math.nan,
+            reached=self.reached,
         )

@@ -46,6 +46,12 @@ class Run:
         """The machine's own settings."""
         return self.job.setup
 
+    @property
+    def depth_target_um(self) -> float:
+        """Depth that is wanted; NaN when a feed is."""
+        target = self.profile.target
+        return target.depth_um if target.kind == "depth" else math.nan
+
     def decide(
         self, code: RunEvent, message: str, args: Args, *, level: EventLevel = EventLevel.INFO
     ) -> None:
@@ -55,7 +61,6 @@ class Run:
 
     def begin(self, phase: Phase) -> None:
         """Tell the observer what comes now, with what is known while nothing is machined."""
-        target = self.profile.target
         self.observer.progress(
             Progress(
                 phase=phase,
@@ -64,7 +69,7 @@ class Run:
                 reference_v=gap_reference_v(self.profile),
                 ratios=NO_PULSES,
                 depth_um=self.ledger.depth_um,
-                depth_target_um=target.depth_um if target.kind == "depth" else math.nan,
+                depth_target_um=self.depth_target_um,
                 displacement_um=self.watch.displacement_um,
                 time_left_s=math.nan,
             )

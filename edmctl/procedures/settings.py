@@ -122,6 +122,16 @@ def recorded_every(profile: Profile, setup: Setup) -> int:
     return max(1, round(rate_hz / profile.log.servo_hz))
 
 
+def first_sparks_v(profile: Profile) -> float:
+    """Mean gap voltage at which an approach ends, V: halfway between an open gap and the servo's reference.
+
+    An approach that waits for the reference itself cuts as long as sparks keep the gap wider than that, which
+    they do without end where erosion is as fast as the approach. The first sparks lower the mean at once; an
+    open gap has none, so nothing else does.
+    """
+    return 0.5 * (1.0 + profile.servo.reference) * profile.pulse.duty_voltage_v
+
+
 def gap_reference_v(profile: Profile) -> float:
     """Mean gap voltage that the servo holds, V."""
     return profile.servo.reference * profile.pulse.duty_voltage_v

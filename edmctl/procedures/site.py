@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from edmctl.procedures.approach import approach_bottom, approach_surface, raise_by
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.cut import CutResult, run_cut
-from edmctl.procedures.deciding import Decision, decide
+from edmctl.procedures.deciding import Decision, decide, out_of_time
 from edmctl.procedures.measuring import Erosion, depth_and_wear, erosion_of
 from edmctl.procedures.planning import CutPlan, first_plan, learned_gap_um
 from edmctl.procedures.results import SiteResult
@@ -38,20 +38,13 @@ def machine_site(run: Run, site: Site, time_left_s: Callable[[], float]) -> Deci
     The ledger holds the hole's result after every measured cut, so that it is there whatever comes next.
     """
     run.ledger.depth_um, run.ledger.open_site = 0.0, site.name
+    run.ledger.depth_target_um = run.depth_target_um
     move_to(run, run.job.pad)
     z1 = take_reading(run, "Z1", site.name, run.profile.approach.offset_um, OFFSET_UNCERTAINTY_UM)
     plan: CutPlan | None = first_plan(run.profile, z1.z_um)
-    move_to(run, site)
-    approach_surface(run)
     cuts: list[CutResult] = []
     while plan is not None:
-        if cuts:
-            move_to(run, site)
-            approach_bottom(run, plan.bottom_um)
-        cuts.append(run_cut(run, plan, max(0.0, time_left_s())))
-        run.ledger.machining_time_s += cuts[-1].time_s
-        run.ledger.depth_um = plan.depth_at(cuts[-1].end_displacement_um)
-        decision = _measure_and_decide(run, site, plan, cuts, z1)
+        decision = _cut_and_measure(run, site, plan, cuts, z1, time_left_s)
         plan = decision.plan
     record_open_site(run)
     return decision
@@ -63,6 +56,46 @@ def record_open_site(run: Run) -> None:
     if result is not None:
         run.recorder.site_result(_row(result))
     run.ledger.open_site = ""
+
+
+def _cut_and_measure(
+    run: Run,
+    site: Site,
+    plan: CutPlan,
+    cuts: list[CutResult],
+    z1: SurfaceReading,
+    time_left_s: Callable[[], float],
+) -> Decision:
+    """One planned cut, unless the time is up: looked at before the approach, which sparks, and after it."""
+    if time_left_s() <= 0.0:
+        return _no_time(run, plan)
+    move_to(run, site)
+    if cuts:
+        approach_bottom(run, plan.bottom_um)
+    else:
+        approach_surface(run)
+    left_s = time_left_s()
+    if left_s <= 0.0:
+        return _no_time(run, plan)
+    machined_before_s = run.ledger.machining_time_s
+    run.ledger.unmeasured_site = site.name
+    cuts.append(run_cut(run, plan, left_s))
+    run.ledger.machining_time_s = machined_before_s + cuts[-1].time_s
+    run.ledger.depth_um = plan.depth_at(cuts[-1].end_displacement_um)
+    decision = _measure_and_decide(run, site, plan, cuts, z1)
+    run.ledger.unmeasured_site = ""
+    return decision
+
+
+def _no_time(run: Run, plan: CutPlan) -> Decision:
+    decision = out_of_time(run.profile, plan, run.machine.time_s)
+    run.decide(
+        RunEvent.TARGET_MISSED,
+        decision.message,
+        {"cut": plan.number, "depth_um": plan.depth_before_um},
+        level=EventLevel.WARNING,
+    )
+    return decision
 
 
 def _measure_and_decide(

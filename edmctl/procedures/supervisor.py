@@ -50,15 +50,17 @@ class Verdict(StrEnum):
 
 
 class Supervisor:
-    """Follows the telemetry of one cut and keeps its sums.
+    """Follows the telemetry of one cut that begins at `start_s`; keeps its sums, and the job's ledger current.
 
     `counts` are the pulses of the cut by class (open, normal, arc, short); `energy_j` is their energy, from the
     mean gap current at the plateau voltage of a normal discharge; `verdict` is set when the cut should end.
     """
 
-    def __init__(self, run: Run, plan: CutPlan) -> None:
+    def __init__(self, run: Run, plan: CutPlan, start_s: float) -> None:
         self._run = run
         self._plan = plan
+        self._start_s = start_s
+        self._machined_before_s = run.ledger.machining_time_s
         profile = run.profile
         self._duty_v = profile.pulse.duty_voltage_v
         self._reference_v = gap_reference_v(profile)
@@ -104,6 +106,9 @@ class Supervisor:
         self._look_at_ratio(_SHORTING, "shorts", ratios.short, limits.short_ratio, now_s)
         feed_um_s = self._feed_um_s(now_s)
         depth_um = self._plan.depth_at(self.displacement_um)
+        ledger = self._run.ledger
+        ledger.depth_um = depth_um
+        ledger.machining_time_s = self._machined_before_s + max(0.0, now_s - self._start_s)
         self._record(block, gap_v, ratios, feed_um_s, depth_um)
         self._run.observer.progress(
             Progress(

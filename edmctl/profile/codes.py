@@ -46,3 +46,4 @@ class Code(StrEnum):
     BLIND_DEPTH = "E3119"
     TIME_LIMIT = "W3120"
     ACTUATOR_VOLTAGE = "E3121"
+    PAD_DISTANCE = "E3122"

@@ -34,6 +34,7 @@ _CODES = {
     "multiple_of": Code.NOT_A_MULTIPLE,
     "string_too_short": Code.OUT_OF_RANGE,
     "string_too_long": Code.OUT_OF_RANGE,
+    "string_pattern_mismatch": Code.OUT_OF_RANGE,
 }
 _TELLING = (Code.OUT_OF_RANGE, Code.NOT_A_CHOICE)
 """Of several complaints about one value (a choice or a number), the most telling comes first."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from edmctl.errors import Diagnostic, ProfileError
+from edmctl.profile.codes import Code
 from edmctl.profile.diagnose import rule_diagnostics, schema_diagnostics, schema_problems
 from edmctl.profile.draft import draft
 from edmctl.profile.findings import Job
@@ -88,7 +89,18 @@ def load_setup(path: Path | None = None) -> Setup:
     if path is None:
         return Setup()
     source = read_source(path)
-    return _validated(Setup, parse(source), Sources((source,), source))
+    sources = Sources((source,), source)
+    setup = _validated(Setup, parse(source), sources)
+    actuator = setup.actuator
+    if actuator.slew_v_s < actuator.conditioning_slew_v_s:
+        message = (
+            f"the conditioning ramp, {actuator.conditioning_slew_v_s:g} V/s, is faster than the actuator's "
+            f"fastest, {actuator.slew_v_s:g} V/s"
+        )
+        hint = f"set actuator.conditioning_slew_v_s to at most {actuator.slew_v_s:g} V/s"
+        where = sources.value(("actuator", "slew_v_s"))
+        raise ProfileError((Diagnostic(Code.OUT_OF_RANGE, message, hint, where),))
+    return setup
 
 
 def _validated(model: type[_M], table: TomlTable, sources: Sources, machine: Setup | None = None) -> _M:

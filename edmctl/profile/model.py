@@ -6,6 +6,9 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+ONE_LINE = r"^[^\x00-\x1f\x7f]*$"
+"""No control characters: HDF5 texts end at a NUL, and a terminal obeys the others."""
+
 
 class Table(BaseModel):
     """A table of a profile or setup file: closed, immutable, no silent conversions."""
@@ -17,15 +20,18 @@ class Meta(Table):
     """What the recipe is called."""
 
     schema_version: int = Field(1, ge=1, le=1, alias="schema", description="version of this format")
-    name: str = Field(min_length=1, max_length=80, description="short name of the recipe")
-    description: str = Field("", description="title of the run file")
+    name: str = Field(min_length=1, max_length=80, pattern=ONE_LINE, description="short name of the recipe")
+    description: str = Field("", pattern=ONE_LINE, description="title of the run file")
 
 
 class Tool(Table):
     """The electrode."""
 
     material: str = Field(
-        min_length=1, max_length=40, description="Cu, W, WC, brass ...; recorded, not acted on"
+        min_length=1,
+        max_length=40,
+        pattern=ONE_LINE,
+        description="Cu, W, WC, brass ...; recorded, not acted on",
     )
     diameter_um: float = Field(ge=20.0, le=1000.0, description="diameter, µm")
     free_length_um: float = Field(
@@ -37,7 +43,7 @@ class Tool(Table):
 class Work(Table):
     """The workpiece, and how it erodes."""
 
-    material: str = Field(min_length=1, max_length=40, description="recorded, not acted on")
+    material: str = Field(min_length=1, max_length=40, pattern=ONE_LINE, description="recorded, not acted on")
     thickness_um: float = Field(gt=0.0, le=20_000.0, description="sheet thickness, µm")
     kind: Literal["blind", "through"] = Field(
         "blind", description="checked against target and stroke, otherwise recorded, not acted on"

@@ -28,6 +28,8 @@ OFFSET_MIN_UM = 45.0
 """Actuator model error near 0 V (35 µm) and error left by a jump (10 µm), Muralidhara et al. 2009, §2.2."""
 JUMP_HEIGHT_FACTOR = 1.5
 JUMP_SHARE_MAX = 0.3
+PAD_MARGIN_UM = 50.0
+"""Surface left between hole and reference pad, for the burr and the stages."""
 
 
 def actuator_voltage(job: Job) -> Iterator[Finding]:
@@ -173,6 +175,25 @@ def approach_travel(job: Job) -> Iterator[Finding]:
             f"the approach gives up after {approach.max_travel_um:g} µm, but the work is "
             f"{approach.offset_um:g} µm away",
             f"use {approach.offset_um + 30.0:g} µm or more",
+        )
+
+
+def pad_distance(job: Job) -> Iterator[Finding]:
+    """Rule 22: the reference pad, as wide as the tool, keeps clear of the hole."""
+    profile = job.profile
+    apart_um, radius_um, gap_um = (
+        profile.measure.site_dx_um,
+        profile.tool.diameter_um / 2,
+        profile.work.side_gap_um,
+    )
+    least_um = radius_um + radius_um + gap_um + PAD_MARGIN_UM
+    if apart_um < least_um:
+        yield Finding(
+            Code.PAD_DISTANCE,
+            ("measure", "site_dx_um"),
+            f"the reference pad is {apart_um:g} µm beside the hole and overlaps it or its rim: tool radius "
+            f"{radius_um:g} + hole radius {radius_um + gap_um:g} + margin {PAD_MARGIN_UM:g} = {least_um:g} µm",
+            f"use at least {rounded_up(least_um)} µm",
         )
 
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from edmctl.profile.sources import TomlTable
 
+_DEEPEST = 32
 _BARE_WORD = re.compile(r"[A-Za-z][\w.+/ -]*")
 _HINT = "write --set servo.reference=0.82, with the value as in a file: 0.8 and not .8, text in quotes"
 
@@ -68,7 +69,7 @@ def _parse(text: str) -> tuple[tuple[str, ...], object] | None:
         return None
     try:
         return path, tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
         return (path, value) if _BARE_WORD.fullmatch(value) else None
 
 
@@ -76,13 +77,13 @@ def _key_path(key: str) -> tuple[str, ...]:
     """The parts of a dotted key; none when it is not one."""
     try:
         below: object = tomllib.loads(f"{key} = 0")
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
         return ()
     path: tuple[str, ...] = ()
     while isinstance(below, dict) and len(below) == 1:
         ((part, below),) = below.items()
         path = (*path, part)
-    return path
+    return path if len(path) <= _DEEPEST else ()
 
 
 def _diagnostic(text: str, message: str) -> Diagnostic:

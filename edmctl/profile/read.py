@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING
 from edmctl.errors import Diagnostic, Location, ProfileError
 from edmctl.profile.codes import Code
 from edmctl.profile.merge import changes, extend
-from edmctl.profile.shipped import find_shipped, shipped_names
+from edmctl.profile.shipped import find_shipped, is_file, shipped_names
 from edmctl.profile.sources import Source, TomlTable
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+MOST_PARENTS = 20
 _SYNTAX_PLACE = re.compile(
     r"(?P<what>.*) \(at (?:line (?P<line>\d+), column (?P<column>\d+)|end of document)\)", re.DOTALL
 )
@@ -47,6 +48,8 @@ def parse(source: Source) -> TomlTable:
         return tomllib.loads(source.text)
     except tomllib.TOMLDecodeError as error:
         where, what = _syntax_place(source, str(error))
+    except (ValueError, RecursionError):
+        where, what = source.start(), "a number is too long or values stand too deep in each other"
     hint = "texts stand in quotes, a table begins with [name], a key is given once"
     raise _refusal(Code.SYNTAX, f"not TOML: {what}", hint, where)
 
@@ -62,6 +65,9 @@ def _read_chain(path: Path, children: tuple[Path, ...]) -> Chain:
     if "extends" not in own:
         return Chain((source,), own, ())
     seen = (*children, path.resolve())
+    if len(seen) > MOST_PARENTS:
+        message = f"more than {MOST_PARENTS} profiles extend one another"
+        raise _refusal(Code.EXTENDS, message, "put them together", source.value(("extends",)))
     below = _read_chain(_parent(source, own.pop("extends"), path, seen), seen)
     merged = extend(below.table, own)
     changed = (*below.changes, *changes(below.table, merged, path.name))
@@ -74,7 +80,7 @@ def _parent(source: Source, name: object, path: Path, seen: tuple[Path, ...]) ->
         hint = 'write extends = "other.toml"'
         raise _refusal(Code.EXTENDS, "extends does not name a file", hint, where)
     beside = path.parent / name
-    parent = beside if beside.is_file() else find_shipped(name)
+    parent = beside if is_file(beside) else find_shipped(name)
     if parent is None:
         hint = f"the name is relative to this file, or one of {', '.join(shipped_names())}"
         raise _refusal(Code.EXTENDS, f"extends names {name}, and there is no file {beside}", hint, where)

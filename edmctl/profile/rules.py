@@ -13,6 +13,7 @@ from edmctl.profile.motion_rules import (
     approach_travel,
     jump,
     offset,
+    pad_distance,
     ramp_order,
     servo_swing,
     slope_against_feed,
@@ -58,6 +59,7 @@ RULES: tuple[Callable[[Job], Iterable[Finding]], ...] = (
     approach_travel,
     blind_depth,
     actuator_voltage,
+    pad_distance,
 )
 """Every rule, in order of its number. Rule 12 (one touch speed for Z1, Z2 and Z3) has no key to break it."""
 

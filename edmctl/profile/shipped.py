@@ -26,7 +26,15 @@ def find_shipped(name_or_path: str) -> Path | None:
     if not given.stem or given.parent not in (Path(), Path("profiles")) or given.suffix not in ("", ".toml"):
         return None
     shipped = shipped_folder() / f"{given.stem}.toml"
-    return shipped if shipped.is_file() else None
+    return shipped if is_file(shipped) else None
+
+
+def is_file(path: Path) -> bool:
+    """Whether there is such a file; a name that no file can have, or a closed folder, has none."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
 
 
 def find_profile(name_or_path: str) -> Path:
@@ -35,7 +43,7 @@ def find_profile(name_or_path: str) -> Path:
     Raises UsageError when there is neither.
     """
     given = Path(name_or_path)
-    if given.is_file():
+    if is_file(given):
         return given
     if shipped := find_shipped(name_or_path):
         return shipped

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 HDF5_ERRORS = (OSError, RuntimeError, ValueError)
 """What h5py raises when the disk refuses, depending on the call that met it."""
 
+_NO_HARD_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EMLINK)
+
 
 def partial_path(path: Path) -> Path:
     """Return the name that the file at `path` has until it is finished."""
@@ -64,19 +66,28 @@ def rename_without_replacing(source: Path, target: Path) -> None:
         try:
             os.link(source, target)
             source.unlink()
-        except FileExistsError:
-            raise
-        except OSError:
-            # No hard links here (FAT, some network shares): take the name first, then replace our own empty
-            # file.
-            os.close(os.open(target, os.O_CREAT | os.O_EXCL))
-            source.replace(target)
+        except OSError as error:
+            if error.errno not in _NO_HARD_LINKS:
+                raise
+            _take_name_then_replace(source, target)
     except OSError as error:
+        if source.exists():
+            hint = f"The run is complete in {source}; rename it."
+        else:
+            hint = f"{source} was moved or deleted while the run was going on; look for it where it was moved to."
         raise RunFileError(
-            f"Cannot name the run file {target}: {reason(error)}.",
-            code="E9004",
-            hint=f"The run is complete in {source}; rename it.",
+            f"Cannot name the run file {target}: {reason(error)}.", code="E9004", hint=hint
         ) from error
+
+
+def _take_name_then_replace(source: Path, target: Path) -> None:
+    """Where there are no hard links (FAT, some network shares): replace an empty file of our own."""
+    os.close(os.open(target, os.O_CREAT | os.O_EXCL))
+    try:
+        source.replace(target)
+    except OSError:
+        target.unlink(missing_ok=True)
+        raise
 
 
 def already_there(existing: Path) -> RunFileError:

@@ -31,6 +31,11 @@ class Store(Protocol):
     limit: int
     """Rows from which on it is worth writing."""
 
+    @property
+    def growth_bytes(self) -> int:
+        """How much the file may grow when everything that waits is written."""
+        ...
+
     def write(self, *, everything: bool) -> None:
         """Write the whole chunks that wait, or everything. Raises what HDF5 raises."""
         ...
@@ -44,6 +49,7 @@ class BlockStore:
         self._datasets = [group[column.name] for column in table.columns]
         self._dtypes = [np.dtype(column.dtype) for column in table.columns]
         self._fields = attrgetter(*(column.field for column in table.columns))
+        self._table = table
         self._chunk_rows = table.chunk_rows
         self._blocks: list[tuple[NDArray[np.generic], ...]] = []
         self._written = 0
@@ -59,6 +65,10 @@ class BlockStore:
     def rows(self) -> int:
         """Rows handed over so far."""
         return self._written + self.waiting
+
+    @property
+    def growth_bytes(self) -> int:
+        return _growth_bytes(self._table, self._written, self.waiting)
 
     def write(self, *, everything: bool) -> None:
         torn = 0 if everything else self.rows % self._chunk_rows
@@ -86,6 +96,7 @@ class RowStore:
         self._datasets = [group[column.name] for column in table.columns]
         self._dtypes = [np.dtype(column.dtype) for column in table.columns]
         self._fields = attrgetter(*(column.field for column in table.columns))
+        self._table = table
         self._chunk_rows = table.chunk_rows
         self._rows: list[tuple[object, ...]] = []
         self._written = 0
@@ -95,6 +106,10 @@ class RowStore:
     def add(self, row: object) -> None:
         self._rows.append(self._fields(row))
         self.waiting += 1
+
+    @property
+    def growth_bytes(self) -> int:
+        return _growth_bytes(self._table, self._written, self.waiting)
 
     def write(self, *, everything: bool) -> None:
         torn = 0 if everything else (self._written + self.waiting) % self._chunk_rows
@@ -113,6 +128,7 @@ class CompoundStore:
     """Rows of a compound table; texts are cut to their field without breaking a character."""
 
     def __init__(self, file: h5py.File, table: Table) -> None:
+        self._table = table
         self._dataset = file[table.path]
         self._dtype = compound_dtype(table)
         self._fields = attrgetter(*(column.field for column in table.columns))
@@ -127,6 +143,10 @@ class CompoundStore:
         self._rows.append(tuple(fit_utf8(v, width) if isinstance(v, str) else v for v, width in values))
         self.waiting += 1
 
+    @property
+    def growth_bytes(self) -> int:
+        return _growth_bytes(self._table, self._written, self.waiting)
+
     def write(self, *, everything: bool) -> None:
         """Write what waits; the few rows of such a table are not worth holding back."""
         if not self._rows:
@@ -135,6 +155,13 @@ class CompoundStore:
         self._rows = []
         self._written += self.waiting
         self.waiting = 0
+
+
+def _growth_bytes(table: Table, written: int, waiting: int) -> int:
+    """Size of the chunks that `waiting` rows begin: space is taken by whole chunks."""
+    rows = table.chunk_rows
+    chunks = -(-(written + waiting) // rows) - -(-written // rows)
+    return chunks * rows * compound_dtype(table).itemsize
 
 
 def fit_utf8(text: str, width: int) -> bytes:

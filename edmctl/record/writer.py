@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import time
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -34,6 +35,7 @@ from .disk import (
 )
 from .rows import EventLevel
 from .segments import Segments
+from .space import give_back, reserve
 from .stores import BlockStore, CompoundStore, RowStore, Store
 
 if TYPE_CHECKING:
@@ -100,7 +102,7 @@ class RunWriter:
         partial = partial_path(path)
         try:
             make_folder(path.parent)
-            if path.exists():
+            if os.path.lexists(path):
                 raise already_there(path)
             write_new(partial, empty_run_file(meta))
         except FileExistsError as error:
@@ -185,7 +187,8 @@ class RunWriter:
     def summary(self, json_text: str) -> None:
         """Write (or replace) the result as a JSON object."""
         if self._accepts:
-            self._guarded(lambda: self._put_summary(json_text.encode()))
+            utf8 = json_text.encode()
+            self._guarded(lambda: self._put_summary(utf8), more_bytes=2 * len(utf8))
 
     def flush(self) -> None:
         """Bring everything handed over so far to the operating system."""
@@ -221,8 +224,10 @@ class RunWriter:
         elif store.waiting >= store.limit:
             self._guarded(lambda: store.write(everything=False))
 
-    def _guarded(self, action: Callable[[], None]) -> None:
+    def _guarded(self, action: Callable[[], None], more_bytes: int = 0) -> None:
+        """Do what writes to the file, in space taken before; the rows that wait and `more_bytes` fit into it."""
         try:
+            reserve(self._file, more_bytes + sum(store.growth_bytes for store in self._stores))
             action()
         except HDF5_ERRORS as error:
             self._accepts = False
@@ -257,6 +262,7 @@ class RunWriter:
         entry["status"][()] = status.encode()
         self._file.flush()
         self._file.close()
+        give_back(self._partial)
 
 
 def _compact_json(args: Mapping[str, float | int | str | bool]) -> str:

@@ -19,6 +19,8 @@ from tests.cli.commands import ROOT, environment
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from tests.cli.commands import Here
+
 PAGES = ["README.md", "docs/tutorial.md", "docs/how-to.md", "docs/profile.md"]
 ALL_PAGES = sorted(str(p.relative_to(ROOT)) for p in [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 
@@ -131,3 +133,12 @@ def test_pictures_load_nothing_from_elsewhere() -> None:
     for picture in pictures:
         addresses = re.findall(r"https?://[^\s\"')]+", picture.read_text(encoding="utf-8"))
         assert set(addresses) <= {"http://www.w3.org/2000/svg", "https://www.textualize.io"}
+
+
+def test_the_sample_result_of_the_readme_is_what_its_seed_gives(here: Here) -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    (sample,) = re.findall(r"<!-- result -->\n```text\n(.*?)\n```", readme, flags=re.DOTALL)
+    (seed,) = re.findall(r"Simulated, seed (\d+)\.", sample)
+    (run_id,) = re.findall(r"runs/(.+)\.h5", sample)
+    said = here("machine", "--profile", "cu270", "--seed", seed, "--run-id", run_id, "--quiet")
+    assert said.out == sample + "\n"

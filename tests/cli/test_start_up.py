@@ -22,8 +22,14 @@ def modules_after(arguments: list[str], cwd: Path) -> set[str]:
         "import sys\n"
         f"sys.argv = ['edmctl', *{arguments!r}]\n"
         "from edmctl.__main__ import main\n"
-        "try:\n    main()\nexcept SystemExit:\n    pass\n"
-        "sys.stderr.write('MODULES ' + ' '.join(sys.modules))\n"
+        "def report(code=0):\n"
+        "    sys.stderr.write('MODULES ' + ' '.join(sys.modules))\n"
+        "    sys.stderr.flush()\n"
+        "    leave(0)\n"
+        "import os\n"
+        "leave, os._exit = os._exit, report\n"
+        "main()\n"
+        "report()\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", code],
@@ -89,4 +95,4 @@ def test_ctrl_c_before_signals_are_handled_is_no_traceback(interruption: str, tm
         encoding="utf-8",
         check=False,
     )
-    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
+    assert (done.returncode, done.stdout, done.stderr) == (-2, "", "")

@@ -21,7 +21,7 @@ MISTAKES = [
     (["machine", "--profile", "cu207"], "E2001", "There is no profile 'cu207'"),
     (["machine", "--profile", "cu270", "--seed", "-1"], "E2005", "Seed -1 does not lie between 0 and"),
     (["machine", "--profile", "cu270", "--run-id", "../x"], "E2004", "'../x' is no plain file name"),
-    (["simulate", "--profile", "cu270", "--runs", "0"], "E2000", "0 is not in the range x>=1"),
+    (["simulate", "--profile", "cu270", "--runs", "0"], "E2000", "0 is not in the range 1<=x<=100000"),
     (["simulate", "--profile", "cu270", "--sweep", "servo.reference"], "E2003", "KEY=START:STOP:COUNT"),
 ]
 

@@ -66,6 +66,7 @@ def test_times_add_up(done: Done) -> None:
     result = done.result
     assert result.machining_time_s == pytest.approx(sum(site.machining_time_s for site in result.sites))
     assert result.time_s == pytest.approx(result.machining_time_s + result.measuring_time_s)
+    assert result.reached is None
     assert result.time_s == pytest.approx(done.shop.bench.transport.now_s(), abs=1.0)
 
 
@@ -115,6 +116,7 @@ def test_readings_and_decisions_are_recorded(done: Done) -> None:
         assert code in codes
     assert seen.sites[-1].depth_um == site.depth_um
     assert any("from the target" in note for note in done.shop.told.notes)
+    assert any("(feed reached)" in note for note in done.shop.told.notes)
 
 
 def test_the_energy_of_a_hole_is_that_of_its_pulses(done: Done) -> None:
@@ -189,6 +191,62 @@ def test_an_interrupted_job_ends_retracted_and_keeps_what_it_reached(shop: OpenS
     assert_safe(s)
     assert s.ledger.time_s > 20.0
     assert s.ledger.result().sites == ()
+
+
+def test_a_job_stopped_in_the_middle_of_a_cut_says_how_far_it_came(shop: OpenShop) -> None:
+    s = shop()
+
+    def stop_at_six_um() -> None:
+        if s.told.states[-1].depth_um < 6.0:
+            s.told.when[Phase.MACHINING] = stop_at_six_um
+        else:
+            s.stop.request(signal.SIGTERM)
+
+    s.told.when[Phase.MACHINING] = stop_at_six_um
+    with pytest.raises(Interrupted):
+        s.run_job()
+    result = s.ledger.result()
+    machining_s = 0.1 * len(s.seen.slow)
+    assert result.machining_time_s == pytest.approx(machining_s, abs=0.5)
+    assert result.machining_time_s > 2.0
+    assert result.measuring_time_s == pytest.approx(result.time_s - machining_s, abs=0.5)
+    assert math.isnan(result.tool_wear_total_um)
+    assert result.reached is not None
+    assert result.reached.site == s.job.sites[0].name
+    assert result.reached.depth_estimated_um == pytest.approx(s.bench.truth()[0].depth_um, abs=1.0)
+    assert result.reached.depth_target_um == 12.0
+    assert s.told.notes[-1] == "Stopped at about 6 µm of 12 µm, not measured."
+    assert (s.seen.events[-2][1], s.seen.events[-2][3]) == (RunEvent.LEFT_UNMEASURED, s.told.notes[-1])
+
+
+def test_a_job_stopped_before_its_first_cut_has_reached_nothing(shop: OpenShop) -> None:
+    s = shop()
+    s.told.when[Phase.APPROACHING] = lambda: s.stop.request(signal.SIGTERM)
+    with pytest.raises(Interrupted):
+        s.run_job()
+    assert s.ledger.result().reached is None
+
+
+def test_no_cut_begins_when_no_time_is_left_for_it(shop: OpenShop) -> None:
+    s = shop(("limits.max_time_s=40.0",))
+    with pytest.raises(ObjectiveMissed, match="No time is left for cut 1") as caught:
+        s.run_job()
+    assert "limits.max_time_s is 40 s" in caught.value.message
+    assert "a depth of 0.00 of 12 µm" in caught.value.message
+    assert not any(p.phase is Phase.MACHINING for p in s.told.states)
+    assert s.bench.truth() == () or s.bench.truth()[0].depth_um < 1.0
+    assert_safe(s)
+
+
+def test_no_second_cut_begins_when_the_time_is_up_after_the_first(shop: OpenShop) -> None:
+    s = shop(("wear.first_fraction=0.5", "limits.max_time_s=95.0"))
+    with pytest.raises(ObjectiveMissed, match="No time is left for cut 2") as caught:
+        s.run_job()
+    (site,) = caught.value.result.sites
+    assert site.cuts == 1
+    assert f"a depth of {site.depth_um:.2f} of 12 µm" in caught.value.message
+    assert [row.depth_um for row in s.seen.sites] == [site.depth_um]
+    assert caught.value.result.reached is None
 
 
 def test_an_interrupt_in_the_second_cut_keeps_what_the_first_one_reached(shop: OpenShop) -> None:

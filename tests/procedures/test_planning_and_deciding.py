@@ -38,7 +38,7 @@ PLAN = CutPlan(
 )
 CUT = CutResult(
     end=CutEnd.REACHED,
-    reason="limit reached",
+    reason="feed reached",
     time_s=700.0,
     end_displacement_um=256.6,
     counts=(30, 67, 2, 1),
@@ -119,7 +119,7 @@ def test_a_worn_out_tool_ends_the_job() -> None:
 def test_a_cut_that_ended_early_says_what_to_change(end: CutEnd, remedy: str) -> None:
     decision = decide(profile(), PLAN, replace(CUT, end=end), FOUND, 260.0, 3.5)
     assert decision.plan is None
-    assert decision.missed
+    assert "a depth of 150.00 of 180 µm" in decision.missed
     assert remedy in decision.hint
 
 

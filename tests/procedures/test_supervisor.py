@@ -50,7 +50,7 @@ def a_slice(
 def watched(shop: OpenShop) -> tuple[Shop, Supervisor]:
     """Return a supervisor of a first cut from a surface at 50 µm."""
     s = shop()
-    return s, Supervisor(s.run(), first_plan(s.profile, 50.0))
+    return s, Supervisor(s.run(), first_plan(s.profile, 50.0), 0.0)
 
 
 def test_feed_and_time_left_follow_the_tool(watched: tuple[Shop, Supervisor]) -> None:
@@ -118,7 +118,7 @@ def test_a_burst_of_arcs_only_warns(watched: tuple[Shop, Supervisor]) -> None:
 def test_frames_missing_on_the_line_are_counted(watched: tuple[Shop, Supervisor]) -> None:
     s, _ = watched
     run = s.run()
-    supervisor = Supervisor(run, first_plan(s.profile, 50.0))
+    supervisor = Supervisor(run, first_plan(s.profile, 50.0), 0.0)
     for i, missing in enumerate((0, 2, 0, 3)):
         block = replace(a_slice(i, 50.0), missing_frames=missing)
         run.watch.telemetry(block)

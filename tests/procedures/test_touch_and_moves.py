@@ -9,7 +9,7 @@ import pytest
 
 from edmctl.errors import ObjectiveNotReached, PreconditionError
 from edmctl.machine.port import EventCode, TelemetryFlag
-from edmctl.procedures.approach import ABOVE_BOTTOM_UM, lower_to, raise_by
+from edmctl.procedures.approach import ABOVE_BOTTOM_UM, approach_surface, lower_to, raise_by
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.conditioning import condition
 from edmctl.procedures.settings import controller_settings, pulse_settings, telemetry_settings
@@ -114,3 +114,12 @@ def test_conditioning_identifies_the_model_and_starts_it_where_the_actuator_is(s
     assert np.isnan(model_um[:100]).all()
     assert np.abs(model_um - sensor_um)[-30:].max() < 5.0
     assert sensor_um.max() > 300.0  # the whole stroke, beside the work
+
+
+def test_an_approach_slower_than_erosion_ends_at_the_first_sparks(shop: OpenShop) -> None:
+    """Waiting for the servo's reference it would cut for long: 11 µm here."""
+    s = shop(("approach.speed_um_s=0.5",))
+    run = armed(s)
+    move_to(run, s.job.sites[0])
+    approach_surface(run)
+    assert s.bench.truth()[0].depth_um < 2.0

@@ -31,6 +31,13 @@ class Case:
 
 CASES = [
     Case(
+        Code.PAD_DISTANCE,
+        ("measure.site_dx_um=328",),
+        ("measure.site_dx_um=327",),
+        "measure.site_dx_um",
+        ("327 µm", "135", "143", "50", "328 µm"),
+    ),
+    Case(
         Code.REFERENCE_WINDOW,
         ("servo.reference=0.60",),
         ("servo.reference=0.59",),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import subprocess
@@ -87,6 +88,26 @@ print(writer.abandon("disk full", 9))
 """
 )
 
+FULL_AT_THE_END = """
+import os, resource, signal
+from edmctl.errors import RunFileError
+from tests.record.samples import fill
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+whole = RunWriter.create(Path({path!r} + ".whole"), a_meta())
+fill(whole)
+limit = whole.finish("done", 0).stat().st_size + {more_bytes}
+writer = RunWriter.create(Path({path!r}), a_meta())
+writer.append_servo(servo_block(0, 1000))
+writer.flush()
+resource.setrlimit(resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
+try:
+    fill(writer)
+    writer.finish("done", 0)
+except RunFileError as error:
+    print(error.code)
+print(writer.abandon("disk full", 9))
+"""
+
 
 def start(script: str, path: Path, **values: object) -> subprocess.Popen[str]:
     text = (COMMON + script).format(path=str(path), **values)
@@ -130,6 +151,58 @@ def test_a_full_disk_fails_once_and_keeps_what_was_flushed(tmp_path: Path, limit
     assert rows >= 1000
     np.testing.assert_array_equal(servo["time"][:1000], 0.01 * np.arange(1000))
     np.testing.assert_array_equal(servo["state"][:1000], np.arange(1000) % 10)
+
+
+@pytest.mark.parametrize("more_bytes", [-2000, -600, -1, 600, 60_000])
+def test_a_disk_full_just_before_the_end_is_an_error_and_no_crash(tmp_path: Path, more_bytes: int) -> None:
+    with start(FULL_AT_THE_END, tmp_path / "run.h5", more_bytes=more_bytes) as writer:
+        out, err = writer.communicate(timeout=60)
+    assert (err, writer.returncode) == ("", 0)
+    assert out.splitlines() == ["E9003", str(tmp_path / "run.h5.partial")]
+    with open_run(tmp_path / "run.h5.partial") as run:
+        times = run.columns("/entry/servo")["time"]
+    np.testing.assert_array_equal(times[:1000], 0.01 * np.arange(1000))
+
+
+def test_a_finished_file_keeps_no_reserved_space(run_path: Path) -> None:
+    content = run_path.read_bytes()
+    end_address = int.from_bytes(content[28:36], "little")  # superblock version 3
+    assert content[8] == 3
+    assert len(content) == end_address
+
+
+def test_a_file_system_that_cannot_reserve_will_do(
+    tmp_path: Path, meta: RunMeta, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(descriptor: int, offset: int, length: int) -> None:
+        raise OSError(errno.EOPNOTSUPP, "Operation not supported")
+
+    monkeypatch.setattr(os, "posix_fallocate", refuse)
+    with open_run(RunWriter.create(tmp_path / "run.h5", meta).finish("done", 0)) as run:
+        assert run.is_finished
+
+
+def test_a_link_to_nowhere_under_the_name_is_refused_at_the_start(tmp_path: Path, meta: RunMeta) -> None:
+    (tmp_path / "run.h5").symlink_to(tmp_path / "nowhere.h5")
+    with pytest.raises(RunFileError, match="exists already") as refusal:
+        RunWriter.create(tmp_path / "run.h5", meta)
+    assert refusal.value.code == "E9001"
+    assert [p.name for p in tmp_path.iterdir()] == ["run.h5"]
+
+
+@pytest.mark.parametrize("hard_links", [True, False])
+def test_a_partial_file_deleted_meanwhile_leaves_no_empty_run(
+    tmp_path: Path, meta: RunMeta, monkeypatch: pytest.MonkeyPatch, hard_links: bool
+) -> None:
+    if not hard_links:
+        monkeypatch.setattr(os, "link", _refuse_link)
+    writer = RunWriter.create(tmp_path / "run.h5", meta)
+    (tmp_path / "run.h5.partial").unlink()
+    with pytest.raises(RunFileError, match="No such file") as refusal:
+        writer.finish("done", 0)
+    assert refusal.value.code == "E9004"
+    assert "was moved or deleted" in refusal.value.hint
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_an_existing_run_is_refused(run_path: Path, meta: RunMeta) -> None:

@@ -1,0 +1,46 @@
+"""Space on the disk, taken before HDF5 needs it.
+
+HDF5 does not survive a disk that fills up in the middle of its writing: a failed write leaves its caches in a
+state that crashes the interpreter at the next flush or close. So the file is made longer before each write by
+more than that write can add, and what is left over is cut off at the end.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import struct
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import h5py
+
+RESERVE_BYTES = 128 * 1024
+"""What HDF5 may add beside the rows, mostly chunk indexes: up to 8 kB in each of the ten to fifteen columns of a
+table that grow together. Also enough for the last values and for closing."""
+
+_UNKNOWN_HERE = (errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL)
+_END_ADDRESS_OFFSET = 28
+"""Of the end-of-file address in a superblock of version 3 (HDF5 file format specification, II.A)."""
+
+
+def reserve(file: h5py.File, growth_bytes: int) -> None:
+    """Take space for `growth_bytes` more in `file` and the reserve; raises OSError when the disk is full."""
+    if not hasattr(os, "posix_fallocate"):  # macOS
+        return
+    try:
+        os.posix_fallocate(file.id.get_vfd_handle(), 0, file.id.get_filesize() + growth_bytes + RESERVE_BYTES)
+    except OSError as error:
+        # A file system that cannot reserve leaves it to the write itself to find the disk full.
+        if error.errno not in _UNKNOWN_HERE:
+            raise
+
+
+def give_back(path: Path) -> None:
+    """Cut what was reserved and not used off the closed file at `path`, if it is still there."""
+    with suppress(FileNotFoundError), path.open("r+b") as file:
+        (end,) = struct.unpack_from("<Q", file.read(_END_ADDRESS_OFFSET + 8), _END_ADDRESS_OFFSET)
+        file.truncate(end)

@@ -1,0 +1,59 @@
+"""Closed and full streams, and settled limits of simulations."""
+
+from __future__ import annotations
+
+import subprocess
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl.cli.seeds import seed_to_use
+from edmctl.cli.spread import Spread, _spread
+from edmctl.cli.sweep import parse_sweep
+from edmctl.errors import UsageError
+from tests.cli.commands import command, environment
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+@pytest.mark.parametrize(
+    ("line", "exit_code"),
+    [
+        ("--version > /dev/full", 9),
+        ("--help > /dev/full", 9),
+        ("--help >&-", 0),
+        ("profile check cu >&- 2>&-", 2),
+        ("machine --porfile 2> /dev/full", 2),
+    ],
+)
+def test_streams_that_take_nothing_are_no_crash(line: str, exit_code: int, tmp_path: Path) -> None:
+
+    shell = f'"$0" -m edmctl {line}'
+    done = subprocess.run(
+        ["bash", "-c", shell, command()[0]],
+        cwd=tmp_path,
+        env=environment(),
+        capture_output=True,
+        encoding="utf-8",
+        check=False,
+    )
+
+    assert "Traceback" not in done.stderr
+    assert done.returncode in (exit_code, 3 if exit_code == 2 else exit_code)
+
+
+def test_the_last_seed_fits_the_run_file_too() -> None:
+    assert seed_to_use(2**63 - 1) == 2**63 - 1
+    with pytest.raises(UsageError, match="of the first of 2 runs"):
+        seed_to_use(2**63 - 1, 2)
+
+
+def test_equal_values_are_no_sweep() -> None:
+    with pytest.raises(UsageError, match="must differ"):
+        parse_sweep("servo.reference=0.8:0.8:2")
+
+
+def test_one_run_has_no_standard_deviation() -> None:
+    spread: Spread = _spread([1.0])
+    assert spread.sd != spread.sd
