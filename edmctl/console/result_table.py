@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import isnan
 from typing import TYPE_CHECKING
 
 from edmctl.console.style import PLAIN, Style
@@ -23,7 +24,10 @@ def render_job(job: JobView, truths: Sequence[TruthView] = (), style: Style = PL
     """
     padded = (*truths, *[None] * (len(job.sites) - len(truths)))
     blocks = [_site_block(site, truth, style) for site, truth in zip(job.sites, padded, strict=True)]
-    total = f"Whole job {duration(job.time_s)}; the tool is {length(job.tool_wear_total_um)} shorter."
+    worn = "the tool's wear was not measured"
+    if not isnan(job.tool_wear_total_um):
+        worn = f"the tool is {length(job.tool_wear_total_um)} shorter"
+    total = f"Whole job {duration(job.time_s)}; {worn}."
     return "\n\n".join([*blocks, total])
 
 
