@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
 import sys
 
 
@@ -17,6 +15,9 @@ def main() -> None:
         run()
     except KeyboardInterrupt:
         # Before run() handles signals: nothing moves then, and nobody wants a traceback.
+        import os
+        import signal
+
         signal.signal(signal.SIGINT, signal.SIG_DFL)
         os.kill(os.getpid(), signal.SIGINT)
 

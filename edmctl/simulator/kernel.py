@@ -356,24 +356,25 @@ def pulses_of_tick(
             max(0.02, gap * (1.0 - par[DEBRIS_GAP_FACTOR] * fraction))
             - par[ROUGHNESS] * tables[0, shape % TABLE]
         )
-        # After each decision `chance` is stretched to a fresh uniform number for the next one.
+        # Each decision cuts the interval that `chance` is uniform in, and leaves the piece it fell into.
+        low, width = 0.0, 1.0
         if bridge_until > 0.0:
             if gap > bridge_until:
                 bridge_until = 0.0
             elif chance < par[BRIDGE_CLEAR]:
                 bridge_until = 0.0
-                chance /= par[BRIDGE_CLEAR]
+                width = par[BRIDGE_CLEAR]
         if bridge_until == 0.0:
             relative = fraction * per_debris
-            bound = par[BRIDGE_BASE] * relative * relative * relative
+            bound = par[BRIDGE_BASE] * relative * relative * relative * width
             if chance >= bound:
-                chance = (chance - bound) / (1.0 - bound)
+                low, width = bound, width - bound
             else:
                 limit = bound * math.exp(-gap * par[PER_BRIDGE_GAP])
                 if chance < limit:
                     bridge_until = 1.3 * max(gap, LEAST_GAP_UM)
                 else:
-                    chance = (chance - limit) / (bound - limit)
+                    low, width = limit, bound - limit
 
         delay, plateau, discharge, energy = on_time, open_v, 0.0, 0.0
         if gap <= 0.0 or bridge_until > 0.0 or local <= 0.0:
@@ -387,14 +388,16 @@ def pulses_of_tick(
                 if carbon > CARBON_ARCING:
                     arc_p = 0.9
                 efficiency, tool_share = 1.0, par[THETA]
-                if chance < arc_p:
-                    chance /= arc_p
+                arcing = arc_p * width
+                if chance - low < arcing:
+                    width = arcing
                     delay, plateau = 0.0, par[ARC_PLATEAU_V]
                     true_run += 1
                     carbon += 1.0 if true_run > CARBON_RUN else 0.0
                     efficiency, tool_share = 0.3, 3.0 * tool_share
                 else:
-                    chance = (chance - arc_p) / (1.0 - arc_p)
+                    low += arcing
+                    width -= arcing
                     delay, plateau = ignition, par[DISCHARGE_V]
                     true_run = 0
                     carbon = max(0.0, carbon - CARBON_HEALING)
@@ -407,7 +410,7 @@ def pulses_of_tick(
                 removal = par[KAPPA] * energy * efficiency * tables[1, shape // TABLE]
                 worn = removal * tool_share
                 debris += removal + worn
-                if chance >= par[SIDE_BASE] + side_slope * fraction:
+                if chance - low >= (par[SIDE_BASE] + side_slope * fraction) * width:
                     depth += removal * per_hole
                     wear += worn * per_tool
         debris *= clearing
@@ -461,7 +464,10 @@ def clearing_tick(par: Floats, st: Floats, ist: Ints) -> None:
 @compiled
 def pump_tick(par: Floats, st: Floats) -> None:
     """An opening gap draws clean oil in: the greater the stroke against the annulus, the cleaner."""
-    opening = max(0.0, st[SURFACE] + st[DEPTH] + st[WEAR] - st[TRUE_Z] - FREE_GAP_UM)
+    opening = st[SURFACE] + st[DEPTH] + st[WEAR] - st[TRUE_Z] - FREE_GAP_UM
+    if opening <= 0.0:
+        st[OPENING] = 0.0
+        return
     drawn = opening - st[OPENING]
     st[OPENING] = opening
     if drawn > 0.0:
