@@ -449,16 +449,12 @@ def pulses_of_tick(
 
 
 @compiled
-def clearing_tick(par: Floats, st: Floats, ist: Ints) -> None:
-    """How fast debris leaves the gap: slower the wider and the deeper the hole.
-
-    Depth changes by nanometres a tick, so the two exponentials are renewed every 64 ticks only.
-    """
-    if ist[TICK] & 63 == 0:
-        ratio = st[DEPTH] * par[PER_FLUSH_DEPTH]
-        rate = 1.0 / (par[FLUSH_TIME] * (1.0 + ratio * ratio))
-        st[CLEARING] = math.exp(-ist[PULSE_PERIOD] * 1e-9 * rate)
-        st[TICK_CLEARING] = math.exp(-TICK_S * rate)
+def renew_clearing(par: Floats, st: Floats, ist: Ints) -> None:
+    """How fast debris leaves the gap: slower the wider and the deeper the hole."""
+    ratio = st[DEPTH] * par[PER_FLUSH_DEPTH]
+    rate = 1.0 / (par[FLUSH_TIME] * (1.0 + ratio * ratio))
+    st[CLEARING] = math.exp(-ist[PULSE_PERIOD] * 1e-9 * rate)
+    st[TICK_CLEARING] = math.exp(-TICK_S * rate)
 
 
 @compiled
@@ -824,10 +820,8 @@ def back_off(st: Floats, ist: Ints) -> None:
 
 # =========================================================================================== controller: telemetry
 @compiled
-def sample_tick(st: Floats, ist: Ints, tlm: Bytes) -> None:
-    """Write a telemetry sample (16 bytes, layout of the wire) at the end of its period."""
-    if ist[TICK] + 1 != ist[TLM_NEXT]:
-        return
+def write_sample(st: Floats, ist: Ints, tlm: Bytes) -> None:
+    """Write a telemetry sample (16 bytes, layout of the wire)."""
     ist[TLM_NEXT] += ist[TLM_TICKS]
     at = ist[TLM_N] * 16
     put32(tlm, at, math.floor(st[SENSOR_Z] * 1000.0 + 0.5))
@@ -880,7 +874,8 @@ def run(
         actuator_tick(par, st, plays, creep)
         contact_tick(par, st, ist)
         pump_tick(par, st)
-        clearing_tick(par, st, ist)
+        if ist[TICK] & 63 == 0:  # depth changes by nanometres a tick
+            renew_clearing(par, st, ist)
         happened = NOTHING
         if ist[PULSES_ON] == 1:
             voltage_sum, count, shorts = pulses_of_tick(par, st, ist, random, tables, blocks, pulses)
@@ -893,7 +888,8 @@ def run(
         sequence = sequence_tick(par, st, ist, history, noise)
         if happened == NOTHING:
             happened = sequence
-        sample_tick(st, ist, tlm)
+        if ist[TICK] + 1 == ist[TLM_NEXT]:
+            write_sample(st, ist, tlm)
         ist[TICK] += 1
         if happened != NOTHING:
             return happened

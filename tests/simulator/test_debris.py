@@ -49,7 +49,7 @@ def strike(
     records = np.zeros(6 * 64, dtype=np.uint8)
     taken = []
     count, depth, wear, voltage = 0, 0.0, 0.0, 0.0
-    k.clearing_tick(par, st, ist)
+    k.renew_clearing(par, st, ist)
     while count < pulses:
         st[k.DEPTH] = st[k.WEAR] = 0.0
         st[k.CARBON] *= keep_carbon
@@ -138,7 +138,7 @@ def test_debris_leaves_with_the_flush_time_of_tool_and_depth() -> None:
         plant = Plant(BenchConfig(tool_diameter_um=diameter_um), 1)
         st = plant.st
         st[k.DEPTH] = depth_um
-        k.clearing_tick(plant.par, st, plant.ist)
+        k.renew_clearing(plant.par, st, plant.ist)
         flush_s = -k.TICK_S / math.log(st[k.TICK_CLEARING])
         expected_s = 0.5 * (diameter_um / 270.0) ** 2 * (1.0 + (depth_um / (0.7 * diameter_um)) ** 2)
         assert flush_s == pytest.approx(expected_s, rel=1e-9)
