@@ -673,10 +673,12 @@ def measure_gap(par: Floats, st: Floats, ist: Ints, voltage_sum: float, count: i
         ist[SHORTED] = 0
         ist[SHORT_TICKS] = 0
     if mean_v > 0.999 * par[DUTY_V]:
-        ist[OPEN_TICKS] += elapsed
+        # Open pulses on the way back from a retraction are no loss: only those at the last spark count.
+        if st[SLOW_Z] >= st[LAST_SPARK_Z] - 1.0:
+            ist[OPEN_TICKS] += elapsed
     else:
         ist[OPEN_TICKS] = 0
-        st[LAST_SPARK_Z] = st[SLOW_Z]
+        st[LAST_SPARK_Z] = st[SENSOR_Z]  # the slow reading lags behind a tool that comes back from a jump
     if ist[SHORT_TICKS] > ist[SHORT_TICKS_MAX]:
         return FAULT_SHORT
     if ist[ARC_RUN] >= ist[ARC_RUN_MAX]:
