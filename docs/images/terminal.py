@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import os
 import re
 import tempfile
 from datetime import UTC, datetime
@@ -11,8 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.cli.job import Order, carry_out, check
+from edmctl.cli.machine import closing_text
 from edmctl.cli.runfile import RunName
-from edmctl.console.result_table import render_job
+from edmctl.console.style import PLAIN
 
 if TYPE_CHECKING:
     from edmctl.procedures.results import Progress
@@ -49,10 +51,10 @@ def main() -> None:
     plan = check(Order(profile="cu270", overrides=(), setup=None, port=None))
     snapshot = Snapshot()
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        os.environ["EDMCTL_HOME"] = folder  # no calibration of this machine's own
         name = RunName(RUN_ID, Path("runs") / f"{RUN_ID}.h5", datetime.now(UTC))
         report = carry_out(plan, SEED, snapshot, name)
-    table = render_job(report.job, report.truths)
-    result = f"{table}\nSimulated, seed {SEED}. Run file runs/{RUN_ID}.h5"
+    result = closing_text(report, SEED, PLAIN)
     (HERE / "machine.svg").write_text(_picture(snapshot), encoding="utf-8")
     block = f"<!-- result -->\n```text\n{result}\n```\n<!-- end -->"
     readme = README.read_text(encoding="utf-8")

@@ -1,146 +1,195 @@
-"""Displacement from actuator voltage alone.
-
-A Prandtl-Ishlinskii model (weighted plays) with logarithmic creep, identified from one record and continued
-from where that record ended, because what the actuator remembers is half of what it does: started without
-memory, a model is wrong by half the loop's width until the first full swing.
-"""
+"""Displacement from the voltage, sample by sample or block by block, while the machine runs."""
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
-
-from .nnls import nnls
-from .operators import BankKernel, BankShape, BankState, compiled_bank
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from edmctl.actuator.model import ActuatorModel
+    from edmctl.actuator.state import ActuatorState
+
     Array = NDArray[np.float64]
 
-PLAYS = 10
-THRESHOLD_EXPONENT = 1.4
-"""Thresholds lie denser near zero, where the weights of soft PZT are largest."""
-CREEPING_PLAYS = (2,)
-"""Creep follows the hysteresis' output; this play's threshold, 5 % of the span, is the weighted mean threshold
-of soft PZT. One creeping play, because a short record cannot say how creep is shared among several."""
-TIME_CONSTANTS_S = tuple(0.04 * 5.0**j for j in range(7))
-"""0.04 s to 625 s in steps of 5: within 0.6 % of a decade's creep of the logarithm of time."""
-MINIMUM_SAMPLES = 100
 
-
-class DisplacementEstimator(Protocol):
-    """Says where the tool is from what was applied to the actuator."""
-
-    def advance(self, time_s: Array, actuator_v: Array) -> Array:
-        """Return the displacement in µm, shape (n,), at consecutive samples; remembers across calls."""
-        ...
-
-
-@dataclass(slots=True)
-class PlayEstimator:
-    """Prandtl-Ishlinskii model with creep and the state it has reached.
-
-    Feed it every turning point of the voltage: samples that skip one leave the plays where the samples
-    went, not where the actuator did. It does not know temperature, load or driver error.
-
-    weights_um_per_v : ndarray, shape (shape.features,), all ≥ 0
-    """
-
-    shape: BankShape
-    weights_um_per_v: Array
-    offset_um: float
-    state: BankState
-    kernel: BankKernel
-
-    def advance(self, time_s: Array, actuator_v: Array) -> Array:
-        """Return the displacement in µm, shape (n,), at consecutive samples.
-
-        time_s, actuator_v : ndarray, shape (n,); time runs on from the record the model was identified from.
-        """
-        if not len(time_s):
-            return np.empty(0)
-        _, displacement_um = _run(
-            self.kernel, self.shape, self.state, self.weights_um_per_v, time_s, actuator_v
-        )
-        displacement_um += self.offset_um
-        return displacement_um
+AT_ONCE = np.array([[1.0], [0.0], [0.0]])
+"""A move that takes no time leaves creep where it is (`operators.following`)."""
 
 
 @dataclass(frozen=True, slots=True)
-class IdentificationResult:
-    """An identified model and how well it fits its own record (not how well it will predict)."""
+class Solution:
+    """A voltage that was looked for; `saturated` where none in the range gives the displacement."""
 
-    model: PlayEstimator
-    rms_um: float
-    max_um: float
+    u_v: float
+    saturated: bool
 
 
-def identify_play_model(time_s: Array, actuator_v: Array, displacement_um: Array) -> IdentificationResult:
-    """Fit a Prandtl-Ishlinskii model with creep by non-negative least squares.
+class Estimator:
+    """Follows one actuator from a known state: Z = gain · y(voltage) + offset.
 
-    time_s, actuator_v, displacement_um : ndarray, shape (n,). A record of full swings 0 … V_max that starts
-    after a rest. The rise to the first maximum is not fitted: before it the plays depend on a history that
-    nobody recorded; from it on every play up to V_max/2 is where the record put it.
+    Feed it every turning point of the voltage really applied: samples that skip one leave the plays where the
+    samples went, not where the actuator did. `gain` and `offset_um` are the two slow parameters that only
+    trusted events may change (see `correction`).
 
-    The model's state is the one at the end of the record. Raises ValueError when fewer than 100 samples
-    follow the first maximum, or the voltage does not change.
+    `tick` is plain Python, a few µs and no start-up; `advance` takes blocks through compiled code. Both give
+    the same bits and may be mixed.
     """
-    shape = _shape_for(actuator_v)
-    first = int(np.argmax(actuator_v >= actuator_v.max() - 0.01 * np.ptp(actuator_v)))
-    if len(actuator_v) - first < MINIMUM_SAMPLES:
-        raise ValueError(
-            f"{len(actuator_v) - first} samples after the first maximum, at least {MINIMUM_SAMPLES} needed"
+
+    def __init__(self, model: ActuatorModel, state: ActuatorState) -> None:
+        self.model = model
+        self.gain, self.offset_um = 1.0, 0.0
+        self._state = state
+        self._passed: deque[tuple[float, float]] = deque()
+        """Samples (s, µm without delay) that reach one delay into the past."""
+        self._thresholds_v: list[float] = model.thresholds_v.tolist()
+        self._bank: list[tuple[list[float], list[float]]] = list(
+            zip(model.knots_v.tolist(), model.slopes_um_per_v.tolist(), strict=True)
         )
-    state = BankState.at_rest(shape, float(actuator_v[0]), float(time_s[0]))
-    kernel = compiled_bank()
-    features, _ = _run(kernel, shape, state, np.zeros(shape.features), time_s, actuator_v)
-    weights, offset_um = _fit(features[first:], displacement_um[first:])
-    residual_um = features[first:] @ weights + offset_um - displacement_um[first:]
-    return IdentificationResult(
-        PlayEstimator(shape, weights, offset_um, state, kernel),
-        float(np.sqrt(np.mean(residual_um**2))),
-        float(np.abs(residual_um).max()),
+        self._creeps: list[tuple[int, float, list[float]]] = [
+            (i, self._thresholds_v[i], weights)
+            for i, weights in zip(model.creep_plays.tolist(), model.creep_um_per_v.tolist(), strict=True)
+        ]
+        self._plays_v: list[float] | None = None
+        self._lags_v: list[list[float]] = []
+        self._parts_um: list[float] = []
+        self._follow: list[tuple[float, float, float]] = []
+        self._follow_dt_s = math.nan
+
+    @property
+    def state(self) -> ActuatorState:
+        """The state reached, a live view until the next tick."""
+        if self._plays_v is not None:
+            self._state.plays_v[:] = self._plays_v
+            self._state.lags_v[:] = self._lags_v
+            self._plays_v = None
+        return self._state
+
+    def correct(self, gain: float, offset_um: float) -> None:
+        """Set the two slow parameters. Raises ValueError unless the gain is positive."""
+        if not gain > 0.0:
+            raise ValueError(f"a gain is positive: {gain}")
+        self.gain, self.offset_um = gain, offset_um
+
+    def tick(self, u_v: float, dt_s: float) -> float:
+        """Displacement in µm when the voltage is `u_v`, `dt_s` after the last sample."""
+        if self._plays_v is None:
+            self._plays_v = self._state.plays_v.tolist()
+            self._lags_v = self._state.lags_v.tolist()
+            self._parts_um = [
+                _bent(*piece, z_v) for piece, z_v in zip(self._bank, self._plays_v, strict=True)
+            ]
+        if dt_s != self._follow_dt_s:
+            self._follow = [_following(dt_s / tau_s) for tau_s in self.model.time_constants_s.tolist()]
+            self._follow_dt_s = dt_s
+        self._state.t_s += dt_s
+        self._state.u_v = u_v
+        creep_um = self._creep(u_v)
+        y_um = self._bent_plays(u_v) + creep_um + self.model.zero_um
+        if self.model.delay_s > 0.0:
+            y_um = self._delayed(y_um)
+        return self.gain * y_um + self.offset_um
+
+    def advance(self, t_s: Array, u_v: Array) -> Array:
+        """Displacement in µm, shape (n,), at consecutive samples; time runs on from the last one."""
+        if not len(t_s):
+            return np.empty(0)
+        y_um = self.model.advance(self.state, t_s, u_v)
+        if self.model.delay_s > 0.0:
+            y_um = self._delayed_block(t_s, y_um)
+        corrected_um: Array = self.gain * y_um + self.offset_um
+        return corrected_um
+
+    def voltage_for(self, y_um: float) -> Solution:
+        """Voltage that brings the tool to `y_um` at once from here; the state stays. Delay is left out."""
+        return voltage_for(self.model, self.state, (y_um - self.offset_um) / self.gain)
+
+    def _creep(self, u_v: float) -> float:
+        """Let the creep follow the move to `u_v`; the plays have not moved yet."""
+        assert self._plays_v is not None
+        y_um, follow = 0.0, self._follow
+        for (i, threshold_v, weights), lags_v in zip(self._creeps, self._lags_v, strict=True):
+            before = self._plays_v[i]
+            after = min(max(before, u_v - threshold_v), u_v + threshold_v)
+            for j, (stays, start, end) in enumerate(follow):
+                lags_v[j] = lag = stays * lags_v[j] + start * before + end * after
+                y_um += weights[j] * lag
+        return y_um
+
+    def _bent_plays(self, u_v: float) -> float:
+        """Move the plays to `u_v`; most steps move few, the others keep their part of the sum."""
+        plays_v, parts_um, bank = self._plays_v, self._parts_um, self._bank
+        assert plays_v is not None
+        for i, threshold_v in enumerate(self._thresholds_v):
+            z_v = plays_v[i]
+            if z_v < u_v - threshold_v:
+                plays_v[i] = z_v = u_v - threshold_v
+            elif z_v > u_v + threshold_v:
+                plays_v[i] = z_v = u_v + threshold_v
+            else:
+                continue
+            parts_um[i] = _bent(*bank[i], z_v)
+        return sum(parts_um)
+
+    def _delayed(self, y_um: float) -> float:
+        passed, wanted_s = self._passed, self._state.t_s - self.model.delay_s
+        passed.append((self._state.t_s, y_um))
+        while len(passed) > 2 and passed[1][0] <= wanted_s:
+            passed.popleft()
+        (first_s, first_um), (second_s, second_um) = passed[0], passed[min(1, len(passed) - 1)]
+        if wanted_s <= first_s:
+            return first_um
+        return first_um + (wanted_s - first_s) / (second_s - first_s) * (second_um - first_um)
+
+    def _delayed_block(self, t_s: Array, y_um: Array) -> Array:
+        times_s = np.concatenate([[t for t, _ in self._passed], t_s])
+        values_um = np.concatenate([[y for _, y in self._passed], y_um])
+        wanted_s = t_s - self.model.delay_s
+        kept = max(0, int(np.searchsorted(times_s, wanted_s[-1], side="right")) - 1)
+        self._passed = deque(zip(times_s[kept:].tolist(), values_um[kept:].tolist(), strict=True))
+        delayed_um: Array = np.interp(wanted_s, times_s, values_um)
+        return delayed_um
+
+
+def voltage_for(model: ActuatorModel, state: ActuatorState, y_um: float) -> Solution:
+    """Voltage in the model's range that gives `y_um` at once from `state`, which stays; the nearer end if none."""
+    from edmctl.actuator.operators import solve_voltage
+
+    u_v = float(
+        solve_voltage(
+            y_um - model.zero_um,
+            model.low_v,
+            model.high_v,
+            model.thresholds_v,
+            model.knots_v,
+            model.slopes_um_per_v,
+            model.creep_plays,
+            model.creep_um_per_v,
+            state.plays_v,
+            state.lags_v,
+            AT_ONCE[:, np.zeros(len(model.time_constants_s), dtype=np.int64)],
+        )
     )
+    return Solution(u_v, saturated=u_v in (model.low_v, model.high_v))
 
 
-def _shape_for(actuator_v: Array) -> BankShape:
-    span_v = float(np.ptp(actuator_v))
-    if span_v <= 0.0:
-        raise ValueError("the actuator voltage of the record does not change")
-    thresholds_v = span_v / 2 * (np.arange(PLAYS) / PLAYS) ** THRESHOLD_EXPONENT
-    return BankShape(thresholds_v, np.array(CREEPING_PLAYS), np.array(TIME_CONSTANTS_S))
+def _bent(knots_v: list[float], slopes: list[float], z_v: float) -> float:
+    """`operators.bent` in plain Python."""
+    y_um, last = 0.0, len(slopes) - 1
+    for m in range(last):
+        if z_v <= knots_v[m + 1]:
+            return y_um + slopes[m] * (z_v - knots_v[m])
+        y_um += slopes[m] * (knots_v[m + 1] - knots_v[m])
+    return y_um + slopes[last] * (z_v - knots_v[last])
 
 
-def _run(
-    kernel: BankKernel, shape: BankShape, state: BankState, weights: Array, time_s: Array, actuator_v: Array
-) -> tuple[Array, Array]:
-    """Advance `state`; return features (n, f) and their weighted sum (n,)."""
-    features = np.empty((len(time_s), shape.features))
-    output = np.empty(len(time_s))
-    kernel(
-        time_s,
-        actuator_v,
-        state.time_s,
-        shape.thresholds_v,
-        shape.creeping,
-        shape.time_constants_s,
-        state.plays_v,
-        state.creep_v,
-        weights,
-        features,
-        output,
-    )
-    state.time_s = float(time_s[-1])
-    return features, output
-
-
-def _fit(features: Array, displacement_um: Array) -> tuple[Array, float]:
-    """Return non-negative weights and a free offset; the offset is fitted by removing every column's mean."""
-    mean = features.mean(axis=0)
-    scale = np.abs(features).max(axis=0)
-    centred = (features - mean) / scale
-    weights = nnls(centred, displacement_um - displacement_um.mean()) / scale
-    return weights, float(displacement_um.mean() - mean @ weights)
+def _following(share: float) -> tuple[float, float, float]:
+    """`operators.following` for one lag and a move that takes `share` of its time constant."""
+    stays = math.exp(-share)
+    mean = -math.expm1(-share) / share if share > 0.0 else 1.0
+    return stays, mean - stays, 1.0 - mean

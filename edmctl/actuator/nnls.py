@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.actuator.triangles import triangle_of
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -18,39 +20,37 @@ if TYPE_CHECKING:
 
 ROUNDING = 1e-13
 """A slope this small against the largest possible one is zero."""
-ROWS_AT_ONCE = 128
-"""Small enough that BLAS stays on one thread: on busy cores its threads wait 40 ms for each other."""
 
 
-def nnls(matrix: Array, target: Array) -> Array:
+def nnls(matrix: Array, target: Array, start: Array | None = None) -> Array:
     """Return x ≥ 0, shape (p,), that minimises |matrix · x − target|.
 
     matrix : ndarray, shape (n, p); target : ndarray, shape (n,).
+    start : ndarray, shape (p,), ≥ 0: where to begin. Near the solution it saves most steps.
     Raises RuntimeError when the active set does not settle within 10 p changes.
     """
-    matrix, target = _reduce(matrix, target)
+    triangle = triangle_of(np.column_stack([matrix, target]))
+    matrix, target = triangle[:, :-1], triangle[:, -1]
     columns = matrix.shape[1]
     tolerance = ROUNDING * float(np.linalg.norm(matrix, axis=0).max()) * float(np.linalg.norm(target))
-    x = np.zeros(columns)
-    free = np.zeros(columns, dtype=bool)
+    x = np.zeros(columns) if start is None else start.copy()
+    free = x > 0.0
+    if free.any():
+        x = _minimise(matrix, target, x, free)
+    useless = np.zeros(columns, dtype=bool)
     for _ in range(10 * columns + 1):
-        slope = np.where(free, -np.inf, matrix.T @ (target - matrix @ x))
+        slope = np.where(free | useless, -np.inf, matrix.T @ (target - matrix @ x))
         entering = int(np.argmax(slope))
         if slope[entering] <= tolerance:
             return x
         free[entering] = True
         x = _minimise(matrix, target, x, free)
+        # Rounding may turn a column back at once: it waits until another one has moved x.
+        if free[entering]:
+            useless[:] = False
+        else:
+            useless[entering] = True
     raise RuntimeError(f"non-negative least squares did not settle in {10 * columns} steps")
-
-
-def _reduce(matrix: Array, target: Array) -> tuple[Array, Array]:
-    """Return at most p + 1 rows with the same sums of squares, by QR of the rows taken in turn."""
-    rows = np.column_stack([matrix, target])
-    triangle = rows[:0]
-    for first in range(0, len(rows), ROWS_AT_ONCE):
-        stacked = np.vstack([triangle, rows[first : first + ROWS_AT_ONCE]])
-        triangle = np.asarray(np.linalg.qr(stacked, mode="r"), dtype=np.float64)
-    return triangle[:, :-1], triangle[:, -1]
 
 
 def _minimise(matrix: Array, target: Array, x: Array, free: NDArray[np.bool_]) -> Array:

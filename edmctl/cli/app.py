@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
-from edmctl.cli import machine, profile, simulate
+from edmctl.cli import calibrate, machine, profile, simulate
 from edmctl.cli.exitcodes import ExitCode, exit_code_table
 from edmctl.cli.outcome import Outcome, Output, finish, interrupted, mutter, unwritable
 from edmctl.cli.signals import SignalArrived, leave, raising_signals
@@ -27,10 +27,13 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+app.command("calibrate")(calibrate.calibrate)
 app.command("machine")(machine.machine)
-app.command("simulate")(simulate.simulate)
+app.add_typer(simulate.app, name="simulate")
 app.add_typer(profile.app, name="profile")
 
+
+_GROUPS = ("profile", "simulate")
 
 # Some versions of typer carry click inside; this finds its base of all usage errors in either place.
 _ClickError = cast("type[Exception]", typer.BadParameter.__mro__[2])
@@ -109,10 +112,10 @@ def _usage_error(mistake: Exception, command: str) -> UsageError:
 
 
 def _command_of(arguments: Sequence[str]) -> str:
-    """The words before the first option: `profile check`."""
+    """The words before the first option: `profile check`, `simulate actuator`."""
     words: list[str] = []
     for argument in arguments[:2]:
-        if argument.startswith("-") or (words and words[0] != "profile"):
+        if argument.startswith("-") or (words and words[0] not in _GROUPS):
             break
         words.append(argument)
     return " ".join(words)

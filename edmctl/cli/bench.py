@@ -53,14 +53,19 @@ def is_virtual(selector: str) -> bool:
 
 
 @contextmanager
-def connected(loaded: LoadedProfile, setup: Setup, seed: int, say: Callable[[str], None]) -> Iterator[Bench]:
-    """Open the virtual machine and say hello. From here on a signal stops it in order, with a word to `say`."""
+def connected(
+    loaded: LoadedProfile | None, setup: Setup, seed: int, say: Callable[[str], None]
+) -> Iterator[Bench]:
+    """Open the virtual machine and say hello. From here on a signal stops it in order, with a word to `say`.
+
+    loaded : what stands on the bench; None where neither tool nor work matters.
+    """
     from edmctl.cli.stop import AnnouncedStop
     from edmctl.link.session import Session
     from edmctl.machine.controller import LinkMachine
     from edmctl.simulator import open_bench
 
-    virtual = open_bench(bench_config(loaded), seed)
+    virtual = open_bench(bench_config(loaded, setup), seed)
     try:
         session = Session(virtual.transport, heartbeat_s=MEMORY_HEARTBEAT_SHARE * setup.controller.watchdog_s)
         stop = AnnouncedStop(say)
@@ -71,14 +76,17 @@ def connected(loaded: LoadedProfile, setup: Setup, seed: int, say: Callable[[str
         virtual.transport.close()
 
 
-def bench_config(loaded: LoadedProfile) -> BenchConfig:
-    """Put the profile's tool and work on a bench that erodes by its `[sim]` table."""
-    from edmctl.simulator.config import BenchConfig, DischargeConstants
+def bench_config(loaded: LoadedProfile | None, setup: Setup) -> BenchConfig:
+    """Put the profile's tool and work on a bench that erodes by its `[sim]` table, with or without a sensor."""
+    from edmctl.simulator.config import BenchConfig, DischargeConstants, SensorConstants
 
+    if loaded is None:
+        return BenchConfig(sensors=SensorConstants(fitted=setup.sensor.fitted))
     constants = {field.name: getattr(loaded.sim, field.name) for field in fields(DischargeConstants)}
     return BenchConfig(
         tool_diameter_um=loaded.profile.tool.diameter_um,
         theta=loaded.sim.theta,
         offset_um=loaded.profile.approach.offset_um,
         discharge=DischargeConstants(**constants),
+        sensors=SensorConstants(fitted=setup.sensor.fitted),
     )

@@ -29,7 +29,7 @@ MEANING = {
     ExitCode.DONE: "done",
     ExitCode.INTERNAL: "internal error",
     ExitCode.USAGE: "usage",
-    ExitCode.PROFILE: "profile or setup invalid",
+    ExitCode.PROFILE: "profile, setup or measured data invalid",
     ExitCode.LINK: "no port, or link lost",
     ExitCode.PROTOCOL: "protocol or firmware mismatch",
     ExitCode.FAULT: "machine fault (safe state reached)",

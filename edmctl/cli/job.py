@@ -9,17 +9,20 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.cli.bench import check_port, connected, is_virtual
+from edmctl.cli.calibrated import choose, look_at_named, refuse_unasked
 from edmctl.cli.exitcodes import MEANING, ExitCode, error_exit_code
 from edmctl.cli.runfile import run_meta
 from edmctl.console.jsonout import render_json
 from edmctl.errors import EdmError, RunFileError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
     from edmctl.cli.bench import Bench
+    from edmctl.cli.calibrated import Choice, ModelUsed
     from edmctl.cli.runfile import RunName
+    from edmctl.errors import Diagnostic
     from edmctl.procedures.results import JobResult, Ledger, Observer
     from edmctl.profile.forecast import Forecast
     from edmctl.profile.load import LoadedProfile
@@ -36,6 +39,8 @@ class Order:
     overrides: tuple[str, ...]
     setup: Path | None
     port: str | None
+    calibration: Path | None = None
+    allow_model: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +52,7 @@ class Plan:
     setup: Setup
     setup_text: str
     forecast: Forecast
+    calibration: Path | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +74,7 @@ class Written:
 class Report:
     """What a job reached, whether it ended well or with `error`; `truths` has one entry per site.
 
+    `model` says where its estimated displacements come from, None where the job ended before that was known.
     `run_file` is the run's own file as it is called now, if it has one.
     """
 
@@ -76,10 +83,12 @@ class Report:
     truths: tuple[Truth, ...]
     error: EdmError | None
     run_file: Path | None
+    model: ModelUsed | None
 
     def as_mapping(self) -> dict[str, object]:
         """Return the `result` of the JSON object."""
         mapping = dataclasses.asdict(self.job)
+        mapping["calibration"] = dataclasses.asdict(self.model) if self.model else None
         mapping["sites"] = [
             {**site, "truth": dataclasses.asdict(truth)}
             for site, truth in zip(mapping["sites"], self.truths, strict=True)
@@ -88,7 +97,10 @@ class Report:
 
 
 def check(order: Order) -> Plan:
-    """Load and check everything the order names. Raises ProfileError, UsageError, LinkLost."""
+    """Load and check everything the order names.
+
+    Raises ProfileError, RecordError, UsageError, LinkLost, PreconditionError.
+    """
     if order.profile is None:
         raise UsageError(
             "No profile was named.",
@@ -101,19 +113,29 @@ def check(order: Order) -> Plan:
     setup = load_setup(order.setup)
     port = check_port(order.port or setup.port)
     loaded = load_profile(order.profile, order.overrides, setup=setup)
+    refuse_unasked(setup, allow_model=order.allow_model)
+    look_at_named(order.calibration, setup)
     return Plan(
         simulated=is_virtual(port),
         loaded=loaded,
         setup=setup,
         setup_text=order.setup.read_text(encoding="utf-8") if order.setup else "",
         forecast=forecast(loaded.profile, setup),
+        calibration=order.calibration,
     )
 
 
-def carry_out(plan: Plan, seed: int, observer: Observer, name: RunName | None) -> Report:
+def carry_out(
+    plan: Plan,
+    seed: int,
+    observer: Observer,
+    name: RunName | None,
+    warn: Callable[[Sequence[Diagnostic]], None] | None = None,
+) -> Report:
     """Run the job on a fresh virtual bench, into the run file `name` where there is one.
 
-    Expected errors come back in the report, with what was reached until then.
+    `warn` is told what is doubtful about the calibration before anything moves. Expected errors come back in the
+    report, with what was reached until then.
     """
     from edmctl.procedures.job import single_hole
     from edmctl.procedures.machining import run_job
@@ -122,25 +144,36 @@ def carry_out(plan: Plan, seed: int, observer: Observer, name: RunName | None) -
     ledger = Ledger()
     error: EdmError | None = None
     written = Written()
+    choice: Choice | None = None
     with connected(plan.loaded, plan.setup, seed, observer.note) as bench:
         try:
-            with _recorder(plan, seed, bench, name, ledger, written) as recorder:
+            serial = bench.machine.identity.serial
+            choice = choose(plan.calibration, plan.setup, plan.loaded.profile, serial)
+            if warn is not None:
+                warn(choice.warnings)
+            with _recorder(plan, seed, bench, name, ledger, written, choice) as recorder:
                 observer.note(f"simulated run on the virtual machine, seed {seed}{_into(name)}")
                 run_job(
                     bench.machine,
-                    single_hole(plan.loaded.profile, plan.setup),
+                    single_hole(plan.loaded.profile, plan.setup, choice.actuator),
                     recorder=recorder,
                     observer=observer,
                     ledger=ledger,
                 )
         except EdmError as expected:
             error = expected
-        return _report(bench, ledger, error, written.path)
+        return _report(bench, ledger, choice, error, written.path)
 
 
 @contextmanager
 def _recorder(
-    plan: Plan, seed: int, bench: Bench, name: RunName | None, ledger: Ledger, written: Written
+    plan: Plan,
+    seed: int,
+    bench: Bench,
+    name: RunName | None,
+    ledger: Ledger,
+    written: Written,
+    choice: Choice,
 ) -> Iterator[Recorder]:
     """Record into the file `name`, which gets its summary, status and end however the job ends.
 
@@ -154,9 +187,9 @@ def _recorder(
     from edmctl.record.writer import RunWriter
 
     def summarize() -> None:
-        writer.summary(render_json(_report(bench, ledger).as_mapping()))
+        writer.summary(render_json(_report(bench, ledger, choice).as_mapping()))
 
-    writer = RunWriter.create(name.path, run_meta(name, plan, seed, bench.machine.identity))
+    writer = RunWriter.create(name.path, run_meta(name, plan, seed, bench.machine.identity, choice))
     try:
         yield writer
     except BaseException as error:
@@ -186,11 +219,16 @@ def _into(name: RunName | None) -> str:
 
 
 def _report(
-    bench: Bench, ledger: Ledger, error: EdmError | None = None, run_file: Path | None = None
+    bench: Bench,
+    ledger: Ledger,
+    choice: Choice | None,
+    error: EdmError | None = None,
+    run_file: Path | None = None,
 ) -> Report:
     virtual, job = bench.virtual, ledger.result()
     truths = truths_of([(site.x_um, site.y_um) for site in job.sites], virtual.truth(), virtual.tool_wear_um)
-    return Report(bench.machine.identity.simulated, job, truths, error, run_file)
+    used = choice.used if choice else None
+    return Report(bench.machine.identity.simulated, job, truths, error, run_file, used)
 
 
 def truths_of(

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from edmctl.cli.options import (
+    AllowModelOption,
+    CalibrationOption,
     DebugOption,
     DryRunOption,
     EventsOption,
@@ -26,7 +28,8 @@ from edmctl.cli.seeds import seed_to_use
 from edmctl.cli.signals import ignore_signals
 
 if TYPE_CHECKING:
-    from edmctl.cli.job import Plan
+    from edmctl.cli.job import Plan, Report
+    from edmctl.console.style import Style
 
 OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder of the run file.")]
 
@@ -37,6 +40,8 @@ def machine(
     setup: SetupOption = None,
     port: PortOption = None,
     seed: SeedOption = None,
+    calibration: CalibrationOption = None,
+    allow_model: AllowModelOption = False,
     out: OutOption = Path("runs"),
     run_id: RunIdOption = None,
     dry_run: DryRunOption = False,
@@ -54,7 +59,7 @@ def machine(
     def body(outcome: Outcome) -> None:
         from edmctl.cli.job import Order, check
 
-        plan = check(Order(profile, tuple(overrides or ()), setup, port))
+        plan = check(Order(profile, tuple(overrides or ()), setup, port, calibration, allow_model))
         outcome.simulated = plan.simulated
         outcome.warn(plan.loaded.warnings)
         name = name_run(out, run_id, plan.loaded, datetime.now(UTC))
@@ -76,11 +81,10 @@ def _forecast(outcome: Outcome, plan: "Plan") -> None:
 
 def _run(outcome: Outcome, plan: "Plan", name: RunName, seed: int) -> None:
     from edmctl.cli.job import carry_out
-    from edmctl.console.result_table import render_job
 
     outcome.seed = seed
     with watching(outcome.output) as reporter:
-        report = carry_out(plan, seed, reporter, name)
+        report = carry_out(plan, seed, reporter, name, outcome.warn)
         outcome.simulated = report.simulated
         ignore_signals()
         outcome.run_file = report.run_file
@@ -88,8 +92,19 @@ def _run(outcome: Outcome, plan: "Plan", name: RunName, seed: int) -> None:
             reporter.note(f"what was recorded until then is in {outcome.run_file}")
     outcome.result = report.as_mapping()
     if report.job.sites:
-        outcome.text = render_job(report.job, report.truths, stream_style(sys.stdout))
-        made_by = f"Simulated, seed {seed}. " if report.simulated else ""
-        outcome.text += f"\n{made_by}Run file {outcome.run_file}"
+        outcome.text = closing_text(report, seed, stream_style(sys.stdout))
     if report.error:
         raise report.error
+
+
+def closing_text(report: "Report", seed: int, style: "Style") -> str:
+    """Return the table at the end of a job, and what it was made with."""
+    from edmctl.console.result_table import render_job
+
+    lines = [render_job(report.job, report.truths, style)]
+    if report.model:
+        lines.append(f"Actuator model: {report.model.text}.")
+        if report.model.alone:
+            lines.append("No sensor is fitted: what stands under 'measured' is estimated by that model.")
+    made_by = f"Simulated, seed {seed}. " if report.simulated else ""
+    return "\n".join([*lines, f"{made_by}Run file {report.run_file}"])

@@ -37,6 +37,18 @@ SeedOption: TypeAlias = Annotated[
     int | None,
     typer.Option("--seed", metavar="N", help="Seed of the simulator; random without."),
 ]
+CalibrationOption: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        "--calibration",
+        metavar="FILE",
+        help="Calibration of the actuator; EDMCTL_CALIBRATION, the setup's, or the machine's own without.",
+    ),
+]
+AllowModelOption: TypeAlias = Annotated[
+    bool,
+    typer.Option("--allow-model", help="Without a displacement sensor, go by the calibrated actuator alone."),
+]
 RunIdOption: TypeAlias = Annotated[
     str | None,
     typer.Option("--run-id", metavar="ID", help="Name of the run file; made from profile and time without."),

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from datetime import datetime
     from pathlib import Path
 
+    from edmctl.cli.calibrated import Choice
     from edmctl.cli.job import Plan
     from edmctl.machine.port import MachineIdentity
     from edmctl.profile.load import LoadedProfile
@@ -63,7 +64,7 @@ def run_path(folder: Path, run_id: str) -> Path:
     return folder / f"{run_id}.h5"
 
 
-def run_meta(name: RunName, plan: Plan, seed: int, identity: MachineIdentity) -> RunMeta:
+def run_meta(name: RunName, plan: Plan, seed: int, identity: MachineIdentity, choice: Choice) -> RunMeta:
     """Describe a run for its file."""
     from edmctl import __version__
     from edmctl.record.leaves import profile_leaves
@@ -92,6 +93,8 @@ def run_meta(name: RunName, plan: Plan, seed: int, identity: MachineIdentity) ->
         protocol_version=identity.protocol,
         firmware_version=identity.firmware,
         controller_serial=identity.serial,
+        calibration=choice.used.text,
+        calibration_text=choice.text,
         user=_user(),
         work_material=profile.work.material,
         work_thickness_um=profile.work.thickness_um,

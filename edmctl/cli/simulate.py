@@ -1,4 +1,4 @@
-"""`edmctl simulate`: the same job on many virtual machines."""
+"""`edmctl simulate`: the same job on many virtual machines; its subcommands simulate other things."""
 
 import dataclasses
 import sys
@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from edmctl.cli.options import (
+    AllowModelOption,
+    CalibrationOption,
     DebugOption,
     DryRunOption,
     EventsOption,
@@ -21,6 +23,7 @@ from edmctl.cli.options import (
 from edmctl.cli.outcome import Outcome, Output, run_command, stream_style, watching
 from edmctl.cli.runfile import plain_name
 from edmctl.cli.seeds import seed_to_use
+from edmctl.cli.simulate_actuator import actuator
 from edmctl.console.text import plural
 from edmctl.errors import ObjectiveNotReached, UsageError
 
@@ -30,6 +33,9 @@ if TYPE_CHECKING:
     from edmctl.cli.spread import Run
 
 MOST_RUNS = 100_000
+
+app = typer.Typer(rich_markup_mode=None, add_completion=False, subcommand_metavar="[COMMAND ...]")
+app.command("actuator")(actuator)
 
 RunsOption = Annotated[
     int,
@@ -78,13 +84,17 @@ class _Batch:
         return f"{values}{plural(self.runs, 'run')}{' each' if values else ''}, {seeds}"
 
 
+@app.callback(invoke_without_command=True)
 def simulate(
+    context: typer.Context,
     profile: ProfileOption = None,
     overrides: SetOption = None,
     setup: SetupOption = None,
     runs: RunsOption = 10,
     sweep: SweepOption = None,
     seed: SeedOption = None,
+    calibration: CalibrationOption = None,
+    allow_model: AllowModelOption = False,
     out: OutOption = None,
     dry_run: DryRunOption = False,
     as_json: JsonOption = False,
@@ -94,14 +104,18 @@ def simulate(
 ) -> int:
     """Run a job on many virtual machines.
 
-    Reports how depth, wear, time and the errors of measuring spread over the seeds.
+    Reports how depth, wear, time and the errors of measuring spread over the seeds. `simulate actuator` drives
+    the actuator of one machine alone.
     """
+    if context.invoked_subcommand is not None:
+        _refuse_options_before(context)
+        return 0
 
     def body(outcome: Outcome) -> None:
         from edmctl.cli.batch import check_names
         from edmctl.cli.job import Order
 
-        order = Order(profile, tuple(overrides or ()), setup, port=None)
+        order = Order(profile, tuple(overrides or ()), setup, None, calibration, allow_model)
         outcome.simulated = True
         first_seed = seed_to_use(seed, runs)
         cases = _checked(outcome, _orders(order, sweep, runs))
@@ -115,6 +129,17 @@ def simulate(
         _simulate(outcome, batch)
 
     return run_command(Output("simulate", as_json, events, quiet, debug), body)
+
+
+def _refuse_options_before(context: typer.Context) -> None:
+    """The options of a job say nothing to a subcommand; left there they would be lost without a word."""
+    given = [
+        parameter.opts[0]
+        for parameter in context.command.params
+        if (source := context.get_parameter_source(parameter.name or "")) and source.name == "COMMANDLINE"
+    ]
+    if given:
+        context.fail(f"{given[0]} stands before {context.invoked_subcommand!r}; options go after it")
 
 
 def _orders(order: "Order", sweep: str | None, runs: int) -> list["Order"]:

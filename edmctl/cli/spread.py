@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """One simulated run; what was not reached is NaN."""
+    """One simulated run; what was not reached is NaN. `calibration` says in words what its actuator model was."""
 
     seed: int
     ok: bool
@@ -32,6 +32,7 @@ class Run:
     machining_time_s: float = math.nan
     time_s: float = math.nan
     cuts: int = 0
+    calibration: str = ""
 
     @property
     def depth_error_um(self) -> float:
@@ -81,8 +82,11 @@ _TRUE_QUANTITIES = ("depth_um", "wear_um")
 def run_of(seed: int, exit_code: int, report: Report) -> Run:
     """Reduce a report to one row; the only site is the first."""
     message = report.error.message if report.error else None
+    model = report.model.text if report.model else ""
     if not report.job.sites or not report.truths:
-        return Run(seed, report.error is None, exit_code, message, time_s=report.job.time_s)
+        return Run(
+            seed, report.error is None, exit_code, message, time_s=report.job.time_s, calibration=model
+        )
     site, truth = report.job.sites[0], report.truths[0]
     return Run(
         seed=seed,
@@ -98,6 +102,7 @@ def run_of(seed: int, exit_code: int, report: Report) -> Run:
         machining_time_s=site.machining_time_s,
         time_s=report.job.time_s,
         cuts=site.cuts,
+        calibration=model,
     )
 
 

@@ -17,8 +17,8 @@ JsonValue: TypeAlias = "bool | int | float | str | list[JsonValue] | dict[str, J
 
 SCHEMA = "edmctl-result/1"
 
-# One nanometre and one millisecond lie well below what the machine can tell apart.
-_DECIMALS_BY_UNIT = {"_um": 3, "_s": 3, "_um_s": 4, "_v": 4}
+# One nanometre and one millisecond lie well below what the machine can tell apart; delays are of that order.
+_DECIMALS_BY_UNIT = {"delay_s": 6, "_um_s": 4, "_um": 3, "_s": 3, "_v": 4}
 _SIGNIFICANT = 6
 
 
@@ -56,7 +56,7 @@ def render_json_line(document: Mapping[str, object]) -> str:
 def _rounded(value: float, key: str) -> float | None:
     if not math.isfinite(value):
         return None
-    for suffix in ("_um_s", "_um", "_s", "_v"):
+    for suffix, decimals in _DECIMALS_BY_UNIT.items():
         if key.endswith(suffix):
-            return round(value, _DECIMALS_BY_UNIT[suffix]) + 0.0
+            return round(value, decimals) + 0.0
     return float(f"{value:.{_SIGNIFICANT}g}") + 0.0

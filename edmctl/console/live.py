@@ -70,7 +70,8 @@ class LiveReporter:
 def draw_progress(p: ProgressView) -> Group:
     """Draw depth, gap voltage, pulse classes and time as rich renderables."""
     rows = Table.grid(padding=(0, 2))
-    rows.add_row("depth", _depth_bar(p), depth_words(p))
+    if math.isfinite(p.depth_um):
+        rows.add_row("depth", _depth_bar(p), depth_words(p))
     if has_pulses(p.ratios):
         rows.add_row("pulses", _class_bar(p.ratios), _class_words(p.ratios))
         rows.add_row("gap", _gap_bar(p), f"{p.gap_v:.1f} V, reference {p.reference_v:.1f} V")

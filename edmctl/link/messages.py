@@ -1,4 +1,4 @@
-"""Messages of EDM Link 1.0.
+"""Messages of EDM Link 1.1.
 
 Made from edmlink1.toml by `python -m edmctl.link.generate`; edit that file, not this one.
 Fields carry physical values; the comment beside each says type and size of one count on the wire.
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     import numpy as np
 
 PROTO_MAJOR = 1
-PROTO_MINOR = 0
-SCHEMA_HASH = 0x3B4761FE
+PROTO_MINOR = 1
+SCHEMA_HASH = 0x013CF4A4
 
 _HELLO = Struct("<BBII")
 _HELLO_REPLY = Struct("<BBIIBBBI12sHHHBIBHB")
@@ -931,7 +931,8 @@ class ServoStopReply:
 @dataclass(frozen=True, slots=True)
 class Jump:
     """Pulses off, retract by height, dwell, return to clearance above the start point, then the servo goes
-    on. MACHINING (or ARMED, without a servo). Ends with JUMP_DONE.
+    on. MACHINING (or ARMED, without a servo). Ends with JUMP_DONE. Lengths and speed are volts by
+    gain_um_per_v: a host with an actuator model sends the volts of the jump it wants times that gain.
     """
 
     ID: ClassVar[int] = 0x1B
@@ -1625,6 +1626,16 @@ PARAMS: dict[str, Param] = {
         1,
         20000,
         "ramp to 0 V on disarm and on any fault",
+    ),
+    "sensor_fitted": Param(
+        6,
+        "sensor_fitted",
+        "",
+        1,
+        1,
+        0,
+        1,
+        "0: no displacement sensor; every displacement is gain_um_per_v x volts applied",
     ),
     "servo_law": Param(10, "servo_law", "", 1, 0, 0, 1, "ServoLaw"),
     "forward_um_s": Param(11, "forward_um_s", "um/s", 0.001, 5, 0.05, 500, "+ slope"),

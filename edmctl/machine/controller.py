@@ -41,6 +41,7 @@ from edmctl.machine.port import (
     MachineListener,
     MachineState,
     MachineStatus,
+    MotionSettings,
     PulseSettings,
     TelemetrySettings,
     Touch,
@@ -72,8 +73,7 @@ class LinkMachine:
     def __init__(self, session: Session, stop: StopRequest | None = None) -> None:
         self._session = session
         self._inbox = Inbox(session, self._run_seconds)
-        defaults = {name: param.default for name, param in PARAMS.items()}
-        self._waits = Waits(session, self._inbox, stop or StopRequest(), defaults)
+        self._waits = Waits(session, self._inbox, stop or StopRequest(), _defaults())
         self._origin_s: float | None = None
         self._position: dict[Axis, float] = {}
         self._actuator_v = 0.0
@@ -101,16 +101,19 @@ class LinkMachine:
             self._origin_s = seconds
         return seconds - self._origin_s
 
-    def configure(self, settings: ControllerSettings, pulses: PulseSettings) -> None:
+    def configure(
+        self, settings: ControllerSettings | MotionSettings, pulses: PulseSettings | None = None
+    ) -> None:
         """Upload and commit every parameter and set the generator; refused while a fault is latched."""
         status = self.status()
         if status.state in (MachineState.FAULT, MachineState.ESTOP):
             raise _latched(status.fault, self._waits.settings)
-        self._waits.settings = settings_by_name(settings)
+        self._waits.settings = {**_defaults(), **settings_by_name(settings)}
         for name, value in self._waits.settings.items():
-            param = PARAMS[name]
-            self._session.request(SetParam(param.id, param.to_wire(value)))
+            self._session.request(SetParam(PARAMS[name].id, _on_the_wire(name, value)))
         self._session.request(CommitProfile(param_crc(self._waits.settings)))
+        if pulses is None:
+            return
         self._session.request(
             PulseConfig(
                 on_time_us=pulses.on_time_us,
@@ -133,10 +136,10 @@ class LinkMachine:
         self._session.request(TlmStop())
         self._waits.hand_over(everything=True)
 
-    def arm(self) -> None:
-        """Start the watchdog and permit pulses; from here on the machine may move."""
+    def arm(self, *, pulses: bool = True) -> None:
+        """Start the watchdog and permit or forbid pulses; from here on the machine may move."""
         self._session.request(Arm(param_crc(self._waits.settings)))
-        self._session.request(PulseEnable(on=1))
+        self._session.request(PulseEnable(on=int(pulses)))
         status = self.status()
         self._actuator_v = status.actuator_v
         self._position = {Axis.X: status.x_um, Axis.Y: status.y_um, Axis.THETA: status.theta_deg}
@@ -252,6 +255,21 @@ class LinkMachine:
 
     def _retract_time_s(self) -> float:
         return self._waits.settings["piezo_max_v"] / self._waits.settings["retract_v_s"]
+
+
+def _defaults() -> Mapping[str, float]:
+    return {name: param.default for name, param in PARAMS.items()}
+
+
+def _on_the_wire(name: str, value: float) -> int:
+    try:
+        return PARAMS[name].to_wire(value)
+    except ValueError as error:
+        raise PreconditionError(
+            f"The controller cannot be set so: {error}.",
+            hint="Change the value in the setup or in the profile.",
+            code="E8011",
+        ) from error
 
 
 def _latched(fault: int, settings: Mapping[str, float]) -> PreconditionError:

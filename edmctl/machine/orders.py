@@ -20,6 +20,7 @@ class ControllerSettings:
     gain_um_per_v: float
     safe_z_um: float
     retract_v_s: float
+    sensor_fitted: bool
     servo_law: ServoLaw
     forward_um_s: float
     back_um_s: float
@@ -42,6 +43,20 @@ class ControllerSettings:
     dielectric_required: bool
     flow_min_lpm: float
     temperature_max_c: float
+
+
+@dataclass(frozen=True, slots=True)
+class MotionSettings:
+    """The parameters that matter where the tool only moves: no gap, no sparks."""
+
+    piezo_max_v: float
+    slew_limit_v_s: float
+    gain_um_per_v: float
+    safe_z_um: float
+    retract_v_s: float
+    sensor_fitted: bool
+    watchdog_s: float
+    dielectric_required: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +115,6 @@ class JumpRequest:
     clearance_um: float
 
 
-def settings_by_name(settings: ControllerSettings) -> Mapping[str, float]:
+def settings_by_name(settings: ControllerSettings | MotionSettings) -> Mapping[str, float]:
     """Parameter name -> value."""
-    return {name: float(getattr(settings, name)) for name in ControllerSettings.__slots__}
+    return {name: float(getattr(settings, name)) for name in type(settings).__slots__}

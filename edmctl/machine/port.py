@@ -11,6 +11,7 @@ from edmctl.machine.orders import (
     ControllerSettings,
     CutRequest,
     JumpRequest,
+    MotionSettings,
     PulseSettings,
     TelemetrySettings,
     TouchRequest,
@@ -54,6 +55,7 @@ __all__ = [
     "MachineListener",
     "MachineState",
     "MachineStatus",
+    "MotionSettings",
     "PulseBatch",
     "PulseBlockBatch",
     "PulseClass",
@@ -105,8 +107,14 @@ class Machine(Protocol):
     def time_s(self) -> float:
         """Controller time of the newest message, in s since the first sample."""
 
-    def configure(self, settings: ControllerSettings, pulses: PulseSettings) -> None:
-        """Upload and commit every parameter and set the generator. The machine must be idle."""
+    def configure(
+        self, settings: ControllerSettings | MotionSettings, pulses: PulseSettings | None = None
+    ) -> None:
+        """Upload and commit every parameter and set the generator. The machine must be idle.
+
+        Parameters that `settings` does not have get the controller's defaults; without `pulses` the generator is
+        left alone.
+        """
 
     def start_telemetry(self, settings: TelemetrySettings, listener: MachineListener) -> None:
         """Begin to send samples to `listener`."""
@@ -114,8 +122,8 @@ class Machine(Protocol):
     def stop_telemetry(self) -> None:
         """Send no more samples; what is pending reaches the listener."""
 
-    def arm(self) -> None:
-        """Start the watchdog; from here on the machine may move."""
+    def arm(self, *, pulses: bool = True) -> None:
+        """Start the watchdog; from here on the machine may move, and make pulses unless that is forbidden."""
 
     def status(self) -> MachineStatus:
         """Ask what the controller sees now."""

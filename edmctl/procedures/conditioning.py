@@ -1,7 +1,10 @@
-"""Bring the actuator's memory into a known state beside the work, and identify the model from that record.
+"""Bring the actuator's memory into a known state beside the work, and start the estimator there.
 
 Hysteresis remembers the turning points of the voltage; full swings wipe out whatever came before. Without
 them a model is wrong by tens of µm near 0 V (Muralidhara et al. 2009, §2.2, near the trough of Fig. 3a).
+
+The swings are also the home of the estimator: they are compared with the sensor over the whole stroke, which
+sets today's gain and zero of a calibration. Without a calibration a plain model is identified from them.
 """
 
 from __future__ import annotations
@@ -10,15 +13,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.actuator.estimator import identify_play_model
+from edmctl.actuator.record import Record
+from edmctl.errors import PreconditionError
+from edmctl.machine.port import joined
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.results import Phase
 from edmctl.procedures.stages import move_to
+from edmctl.procedures.tracker import home
 
 if TYPE_CHECKING:
     from edmctl.machine.port import TelemetryBlock
     from edmctl.procedures.run import Run
 
+LEAST_GAIN_UM_PER_V = 0.05
+"""Half the least mean gain that a setup may have."""
 REST_S = 1.0
 """Rest before the first swing: the record starts from a standing actuator."""
 
@@ -38,8 +46,13 @@ def condition(run: Run) -> None:
         run.machine.disarm()
     finally:
         run.watch.follow(None)
-    if run.setup.actuator.conditioning_cycles:
-        _identify(run, record)
+    if run.setup.sensor.fitted:
+        _start_estimator(run, joined(record))
+    else:
+        cycles = run.setup.actuator.conditioning_cycles
+        top_v = run.profile.limits.stroke_v_max
+        message = f"Conditioned with {cycles} swings to {top_v:.0f} V; there is no sensor to compare with."
+        run.decide(RunEvent.CONDITIONED, message, {"cycles": cycles})
     run.machine.arm()
 
 
@@ -50,18 +63,44 @@ def _swing(run: Run) -> None:
         run.machine.ramp(0.0, actuator.conditioning_slew_v_s)
 
 
-def _identify(run: Run, record: list[TelemetryBlock]) -> None:
-    found = identify_play_model(
-        np.concatenate([block.time_s for block in record]),
-        np.concatenate([block.actuator_v for block in record]),
-        np.concatenate([block.displacement_um for block in record]),
-    )
-    run.watch.estimate_with(found.model)
-    top_v = run.profile.limits.stroke_v_max
-    cycles = run.setup.actuator.conditioning_cycles
+def _start_estimator(run: Run, block: TelemetryBlock) -> None:
+    """From a conditioned actuator at rest through the swings on the voltage really applied, then home."""
+    record = Record(block.time_s, block.actuator_v, block.displacement_um)
+    calibration, cycles = run.job.calibration, run.setup.actuator.conditioning_cycles
+    if cycles:
+        _refuse_dead_sensor(record)
+    if calibration is not None:
+        tracker, errors = home(calibration.model, record, calibration.held_out_rms_um)
+    elif cycles:
+        from edmctl.actuator.identification import identify_quick
+
+        model, quick = identify_quick(record)
+        tracker, errors = home(model, record, quick.rms_um)
+    else:
+        return
+    run.watch.estimate_with(tracker)
     run.decide(
         RunEvent.CONDITIONED,
-        f"Conditioned with {cycles} swings to {top_v:.0f} V; the actuator model fits "
-        f"within {found.rms_um:.2f} µm rms, {found.max_um:.1f} µm at most.",
-        {"cycles": cycles, "rms_um": found.rms_um, "max_um": found.max_um},
+        f"Conditioned with {cycles} swings to {run.profile.limits.stroke_v_max:.0f} V; the actuator model fits "
+        f"within {errors.rms_um:.2f} µm rms, {errors.max_um:.1f} µm at most.",
+        {
+            "cycles": cycles,
+            "rms_um": errors.rms_um,
+            "max_um": errors.max_um,
+            "gain": tracker.estimator.gain,
+            "offset_um": tracker.estimator.offset_um,
+        },
+    )
+
+
+def _refuse_dead_sensor(record: Record) -> None:
+    """Raise PreconditionError E8033 where the sensor does not rise with the voltage: nothing may rely on it."""
+    slope_um_per_v = float(np.cov(record.u_v, record.y_um)[0, 1]) / max(float(record.u_v.var()), 1e-12)
+    if slope_um_per_v > LEAST_GAIN_UM_PER_V:
+        return
+    raise PreconditionError(
+        f"The displacement sensor shows {slope_um_per_v:+.2f} µm per volt while the actuator swings over "
+        f"{np.ptp(record.u_v):.0f} V.",
+        hint="Check the sensor, its cable and its sign; without one say sensor.fitted = false in the setup.",
+        code="E8033",
     )

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-from edmctl.machine.port import CutRequest, EventCode, JumpRequest, MachineEvent
+from edmctl.machine.port import CutRequest, EventCode, MachineEvent
 from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.jumping import jump_request
 from edmctl.procedures.settings import gap_reference_v
 from edmctl.procedures.supervisor import Supervisor
 from edmctl.process.pulses import pulse_shares
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
 WATCH_SLICE_S = 0.1
 STATUS_PERIOD_S = 5.0
 """The dielectric is asked for this often; the controller itself guards it."""
-JUMP_CLEARANCE_UM = 5.0
-"""A jump comes back fast to this far above the last spark point."""
 JUMP_RESERVE_UM = 5.0
 """A jump leaves this much displacement, because the actuator cannot go below 0 V."""
 LEAST_JUMP_UM = 10.0
@@ -103,7 +102,7 @@ def _jump(run: Run, supervisor: Supervisor) -> None:
     height_um = min(jump.height_um, supervisor.displacement_um - JUMP_RESERVE_UM)
     if not height_um >= LEAST_JUMP_UM:
         return
-    run.machine.jump(JumpRequest(height_um, jump.speed_um_s, jump.dwell_s, JUMP_CLEARANCE_UM))
+    run.machine.jump(jump_request(run, height_um))
     run.recorder.event(
         run.machine.time_s, RunEvent.JUMPED, EventLevel.DEBUG, "jump", {"height_um": height_um}
     )

@@ -5,11 +5,12 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from edmctl.errors import EdmError, RunFileError
+from edmctl.errors import EdmError, PreconditionError, RunFileError
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.conditioning import condition
 from edmctl.procedures.results import JobResult, Ledger, ObjectiveMissed, Observer, Phase
 from edmctl.procedures.run import Args, Run
+from edmctl.procedures.sensorless import SensorlessMachine
 from edmctl.procedures.settings import (
     controller_settings,
     pulse_settings,
@@ -44,7 +45,13 @@ def run_job(
         The safe state was reached first, or by the controller alone where the link is lost.
     """
     ledger = ledger or Ledger()
-    watch = Watch(recorder, job.profile.pulse.duty_voltage_v, recorded_every(job.profile, job.setup))
+    watch = Watch(
+        recorder,
+        job.profile.pulse.duty_voltage_v,
+        recorded_every(job.profile, job.setup),
+        sensor=job.setup.sensor.fitted,
+    )
+    machine = _with_displacements(machine, job, watch)
     run = Run(machine, job, watch, recorder, observer, ledger)
     try:
         with safe_state_on_error(machine):
@@ -62,6 +69,21 @@ def run_job(
     if missed is not None:
         raise ObjectiveMissed(missed.missed, hint=missed.hint, result=ledger.result(), code="E7010")
     return ledger.result()
+
+
+def _with_displacements(machine: Machine, job: Job, watch: Watch) -> Machine:
+    """Return the machine itself where it has a sensor, otherwise the one that its calibrated actuator makes."""
+    if job.setup.sensor.fitted:
+        return machine
+    if job.calibration is None:
+        raise PreconditionError(
+            f"No displacement sensor is fitted and no calibration of {machine.identity.serial} was found.",
+            hint="Borrow a sensor, run `edmctl calibrate` once with it, and say --calibration FILE.",
+            code="E8031",
+        )
+    estimated = SensorlessMachine(machine, job.calibration, job.setup.actuator.gain_um_per_v)
+    watch.estimate_with(estimated.tracker)
+    return estimated
 
 
 def _record_end(run: Run, error: EdmError) -> None:

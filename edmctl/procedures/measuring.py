@@ -6,32 +6,61 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from edmctl.actuator.correction import GAIN_SD_BETWEEN_DAYS
 from edmctl.process.erosion import hole_area_um2, mrr_mm3_min, tool_area_um2
 from edmctl.process.wear import DepthAndWear, measure, tilt_uncertainty_um
 
 if TYPE_CHECKING:
+    from edmctl.procedures.job import Job
     from edmctl.procedures.touch import SurfaceReading
     from edmctl.profile.model import Profile
-    from edmctl.profile.setup import Setup
 
 
-def depth_and_wear(
-    profile: Profile, setup: Setup, z1: SurfaceReading, z2: SurfaceReading, z3: SurfaceReading
-) -> DepthAndWear:
-    """Depth Z2 - Z3, wear Z3 - Z1 and feed Z2 - Z1 by the sensor, with the setup's uncertainties."""
-    sensor, tilt_u_mrad = setup.sensor, setup.surface.tilt_u_mrad
+ZERO_DRIFT_UM_PER_S = 1.0 / 600.0
+"""Of an actuator without a sensor: thermal drift of 1 µm in ten minutes."""
+
+
+@dataclass(frozen=True, slots=True)
+class DisplacementUncertainty:
+    """Standard uncertainties of a displacement: of its scale, of any one length besides, of its drift."""
+
+    gain_u_rel: float
+    linearity_u_um: float
+    drift_u_um_per_s: float
+
+
+def displacement_uncertainty(job: Job) -> DisplacementUncertainty:
+    """What is known of the displacements that a job goes by: the sensor's, or those of a calibrated actuator.
+
+    A calibration inherits scale and linearity of the sensor that it was made with. Its gain may have moved by
+    2.5 % since then, its zero walks by 1 µm in ten minutes, and a length is the difference of two estimates.
+    """
+    sensor = job.setup.sensor
+    if sensor.fitted or job.calibration is None:
+        return DisplacementUncertainty(sensor.gain_u_rel, sensor.linearity_u_um, sensor.drift_um_per_s)
+    return DisplacementUncertainty(
+        gain_u_rel=math.hypot(sensor.gain_u_rel, GAIN_SD_BETWEEN_DAYS),
+        linearity_u_um=math.hypot(sensor.linearity_u_um, math.sqrt(2.0) * job.calibration.held_out_rms_um),
+        drift_u_um_per_s=max(sensor.drift_um_per_s, ZERO_DRIFT_UM_PER_S),
+    )
+
+
+def depth_and_wear(job: Job, z1: SurfaceReading, z2: SurfaceReading, z3: SurfaceReading) -> DepthAndWear:
+    """Depth Z2 - Z3, wear Z3 - Z1 and feed Z2 - Z1, with the uncertainties of what measured them."""
+    profile, setup = job.profile, job.setup
+    known, tilt_u_mrad = displacement_uncertainty(job), setup.surface.tilt_u_mrad
     repeatability_um = setup.stage.repeatability_um
     return measure(
         z1.reading,
         z2.reading,
         z3.reading,
-        gain_u_rel=sensor.gain_u_rel,
+        gain_u_rel=known.gain_u_rel,
         tilt_u_um=tilt_uncertainty_um(tilt_u_mrad, profile.measure.site_dx_um, repeatability_um),
-        drift_u_um_per_s=sensor.drift_um_per_s,
+        drift_u_um_per_s=known.drift_u_um_per_s,
         z1_to_z3_s=z3.time_s - z1.time_s,
         z2_to_z3_s=z3.time_s - z2.time_s,
         pad_u_um=tilt_uncertainty_um(tilt_u_mrad, 0.0, repeatability_um),
-        linearity_u_um=sensor.linearity_u_um,
+        linearity_u_um=known.linearity_u_um,
     )
 
 

@@ -18,6 +18,7 @@ class Phase(StrEnum):
     """What the job is doing."""
 
     CONDITIONING = "conditioning"
+    CALIBRATING = "calibrating"
     MOVING = "moving"
     MEASURING = "measuring"
     APPROACHING = "approaching"
@@ -33,8 +34,9 @@ class SiteResult:
     `wear_ratio_lin` is wear per depth, `wear_ratio_vol` tool volume per hole volume, both NaN without a depth;
     `energy_j` is mean gap current × plateau voltage of a normal discharge × time, over all cuts.
 
-    The `*_model_um` values come from the actuator voltage through the identified model alone, and never enter
-    the others.
+    The `*_model_um` values come from the actuator voltage through the actuator model alone, and never enter the
+    others. `feed_model_error_*` is its estimate less the sensor while machining, in µm and in % of the feed; NaN
+    without a sensor, when every value of the hole is the model's.
     """
 
     name: str
@@ -50,6 +52,10 @@ class SiteResult:
     z3_um: float
     depth_model_um: float
     wear_model_um: float
+    feed_model_error_max_um: float
+    feed_model_error_rms_um: float
+    feed_model_error_max_pct: float
+    feed_model_error_rms_pct: float
     machining_time_s: float
     cuts: int
     pulses: int

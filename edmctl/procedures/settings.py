@@ -60,6 +60,7 @@ def controller_settings(profile: Profile, setup: Setup) -> ControllerSettings:
         gain_um_per_v=actuator.gain_um_per_v,
         safe_z_um=profile.approach.offset_um - SAFE_CLEARANCE_UM,
         retract_v_s=min(actuator.slew_v_s, RETRACT_UM_S / actuator.gain_um_per_v),
+        sensor_fitted=setup.sensor.fitted,
         servo_law=ServoLaw.PI if servo.mode == "pi" else ServoLaw.RELAY,
         forward_um_s=servo.forward_um_s,
         back_um_s=servo.back_um_s,

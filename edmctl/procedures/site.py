@@ -9,6 +9,7 @@ from edmctl.procedures.approach import approach_bottom, approach_surface, raise_
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.cut import CutResult, run_cut
 from edmctl.procedures.deciding import Decision, decide, out_of_time
+from edmctl.procedures.feed_error import FeedError
 from edmctl.procedures.measuring import Erosion, depth_and_wear, erosion_of
 from edmctl.procedures.planning import CutPlan, first_plan, learned_gap_um
 from edmctl.procedures.results import SiteResult
@@ -39,6 +40,10 @@ def machine_site(run: Run, site: Site, time_left_s: Callable[[], float]) -> Deci
     """
     run.ledger.depth_um, run.ledger.open_site = 0.0, site.name
     run.ledger.depth_target_um = run.depth_target_um
+    run.watch.feed_error = FeedError()
+    tracker = run.watch.tracker()
+    if tracker is not None:
+        tracker.learn_noted()
     move_to(run, run.job.pad)
     z1 = take_reading(run, "Z1", site.name, run.profile.approach.offset_um, OFFSET_UNCERTAINTY_UM)
     plan: CutPlan | None = first_plan(run.profile, z1.z_um)
@@ -106,11 +111,12 @@ def _measure_and_decide(
     z2 = take_reading(run, "Z2", site.name, end_um + plan.gap_um)
     move_to(run, run.job.pad)
     z3 = take_reading(run, "Z3", site.name, *_predicted_surface(plan, z1, z2))
-    found = depth_and_wear(run.profile, run.setup, z1, z2, z3)
+    found = depth_and_wear(run.job, z1, z2, z3)
     gap_um = learned_gap_um(z2.z_um, end_um)
     run.ledger.depth_um = found.depth_um
     erosion = erosion_of(run.profile, found, sum(cut.time_s for cut in cuts))
-    run.ledger.sites[site.name] = _site_result(site, found, (z1, z2, z3), cuts, gap_um, erosion)
+    readings, error = (z1, z2, z3), run.watch.feed_error
+    run.ledger.sites[site.name] = _site_result(site, found, readings, cuts, gap_um, erosion, error)
     decision = decide(run.profile, plan, cuts[-1], found, z2.z_um, gap_um)
     _report(run, found, gap_um, decision)
     return decision
@@ -150,6 +156,7 @@ def _site_result(
     cuts: Sequence[CutResult],
     gap_um: float,
     erosion: Erosion,
+    error: FeedError,
 ) -> SiteResult:
     z1, z2, z3 = readings
     counts = [sum(column) for column in zip(*(cut.counts for cut in cuts), strict=True)]
@@ -167,6 +174,10 @@ def _site_result(
         z3_um=z3.z_um,
         depth_model_um=z2.model_um - z3.model_um,
         wear_model_um=z3.model_um - z1.model_um,
+        feed_model_error_max_um=error.max_um,
+        feed_model_error_rms_um=error.rms_um,
+        feed_model_error_max_pct=_percent(error.max_um, found.feed_um),
+        feed_model_error_rms_pct=_percent(error.rms_um, found.feed_um),
         machining_time_s=sum(cut.time_s for cut in cuts),
         cuts=len(cuts),
         pulses=sum(counts),
@@ -178,6 +189,10 @@ def _site_result(
         wear_ratio_vol=erosion.wear_ratio_vol,
         mrr_mm3_min=erosion.mrr_mm3_min,
     )
+
+
+def _percent(part: float, whole: float) -> float:
+    return 100.0 * part / whole if whole > 0.0 else math.nan
 
 
 def _gap_ratio_mean(cuts: Sequence[CutResult]) -> float:
@@ -201,6 +216,10 @@ def _row(result: SiteResult) -> SiteRow:
         feed_um=result.feed_um,
         depth_model_um=result.depth_model_um,
         wear_model_um=result.wear_model_um,
+        feed_model_error_max_um=result.feed_model_error_max_um,
+        feed_model_error_rms_um=result.feed_model_error_rms_um,
+        feed_model_error_max_pct=result.feed_model_error_max_pct,
+        feed_model_error_rms_pct=result.feed_model_error_rms_pct,
         machining_time_s=result.machining_time_s,
         cuts=result.cuts,
         pulses=result.pulses,

@@ -6,6 +6,7 @@ The tool hunts at contact, so that creep cannot push it into the work, and the s
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -30,7 +31,10 @@ _TELEMETRY_LAG_S = 0.2
 
 @dataclass(frozen=True, slots=True)
 class SurfaceReading:
-    """Where the tool met a surface: by the sensor (`reading`), and by the model (`model_um`)."""
+    """Where the tool met a surface: by the sensor (`reading`), and by the model (`model_um`).
+
+    Without a sensor both are the model's.
+    """
 
     kind: str
     reading: Reading
@@ -40,7 +44,7 @@ class SurfaceReading:
 
     @property
     def z_um(self) -> float:
-        """Mean sensor displacement at contact."""
+        """Mean displacement at contact."""
         return self.reading.mean_um
 
 
@@ -68,6 +72,9 @@ def take_reading(
         accepted = found.reading.sd_um <= run.profile.measure.max_sd_um
         _report(run, place, touches, found, accepted=accepted)
         if accepted:
+            tracker = run.watch.tracker()
+            if tracker is not None:
+                tracker.note(found.time_s, found.model_um, found.z_um)
             return found
     raise ObjectiveNotReached(
         f"{kind}: the touches scatter by {found.reading.sd_um:.2f} µm, measure.max_sd_um is "
@@ -112,7 +119,7 @@ def _report(
             kind=found.kind,
             site=place,
             actuator_v=found.actuator_v,
-            displacement_um=reading.mean_um,
+            displacement_um=reading.mean_um if run.setup.sensor.fitted else math.nan,
             model_um=found.model_um,
             touches=reading.touches,
             sd_um=reading.sd_um,

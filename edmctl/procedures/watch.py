@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmctl.machine.port import (
+    EventCode,
     MachineEvent,
     MachineState,
     PulseBatch,
@@ -19,20 +19,21 @@ from edmctl.machine.port import (
     joined,
 )
 from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.feed_error import FeedError
+from edmctl.procedures.trace import Trace
 from edmctl.record.rows import EventLevel, PulseBlockRows, PulseTrain, ServoBlock
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.actuator.estimator import DisplacementEstimator
+    from edmctl.actuator.estimator import Estimator
+    from edmctl.procedures.tracker import Tracker
     from edmctl.record.recorder import Recorder
 
 Floats = NDArray[np.float64]
 
 _GATHERED_BLOCKS = 5
 """Blocks estimated and recorded together: half a second of them in a running cut."""
-_HISTORY_GROUPS = 20
-"""Groups of blocks kept to look up what the model said a moment ago: at least 10 s of them."""
 
 _DIRECTION = np.zeros((256, 256), dtype=np.int8)
 """Direction of the tool by (state, flags): -1 back, 0 hold, 1 forward."""
@@ -48,23 +49,39 @@ class Watch:
     recorder : takes the rows
     duty_voltage_v : mean gap voltage of an all-open gap; gap ratios refer to it
     record_every : of so many telemetry samples one is recorded
+    sensor : whether the displacements come from a sensor, and are not estimates already
     """
 
-    def __init__(self, recorder: Recorder, duty_voltage_v: float, record_every: int = 1) -> None:
+    def __init__(
+        self, recorder: Recorder, duty_voltage_v: float, record_every: int = 1, *, sensor: bool = True
+    ) -> None:
         self._recorder = recorder
         self._duty_voltage_v = duty_voltage_v
         self._every = record_every
-        self._estimator: DisplacementEstimator | None = None
+        self._sensor = sensor
+        self._tracker: Tracker | None = None
         self._fresh: list[TelemetryBlock] = []
         self._latest: TelemetryBlock | None = None
-        self._recent: deque[tuple[Floats, Floats]] = deque(maxlen=_HISTORY_GROUPS)
+        self._trace = Trace()
+        self._touched: dict[float, float] = {}
         self._follower: Callable[[TelemetryBlock], None] | None = None
         self.missing_frames = 0
+        self.feed_error = FeedError()
 
-    def estimate_with(self, estimator: DisplacementEstimator) -> None:
-        """From now on estimate the displacement; the estimator has already seen what came so far."""
+    def estimate_with(self, tracker: Tracker) -> None:
+        """From now on estimate the displacement; the tracker has already seen what came so far."""
         self.settle()
-        self._estimator = estimator
+        self._tracker = tracker
+
+    def tracker(self) -> Tracker | None:
+        """The tracker in the state of the newest sample; None without one."""
+        self.settle()
+        return self._tracker
+
+    def estimator(self) -> Estimator | None:
+        """The estimator in the state of the newest sample; None without one."""
+        tracker = self.tracker()
+        return None if tracker is None else tracker.estimator
 
     def follow(self, follower: Callable[[TelemetryBlock], None] | None) -> None:
         """Also hand every block to `follower`; None ends that."""
@@ -94,11 +111,9 @@ class Watch:
         return block is not None and bool(block.flags[-1] & TelemetryFlag.CONTACT)
 
     def model_at(self, time_s: float) -> float:
-        """Estimated displacement at a moment of the last seconds, interpolated; NaN without an estimator."""
+        """Estimated displacement at a touch, or at a moment of the last seconds; NaN without an estimator."""
         self.settle()
-        times = np.concatenate([group_s for group_s, _ in self._recent])
-        models = np.concatenate([model for _, model in self._recent])
-        return float(np.interp(time_s, times, models))
+        return self._touched[time_s] if time_s in self._touched else self._trace.at(time_s)
 
     def telemetry(self, block: TelemetryBlock) -> None:
         """Keep the block for the estimator and the recorder, and hand it on."""
@@ -116,11 +131,14 @@ class Watch:
             return
         block = joined(self._fresh)
         self._fresh.clear()
-        if self._estimator is None:
+        if not self._sensor:
+            model_um = block.displacement_um
+        elif self._tracker is None:
             model_um = np.full(len(block.time_s), math.nan)
         else:
-            model_um = self._estimator.advance(block.time_s, block.actuator_v)
-        self._recent.append((block.time_s, model_um))
+            model_um = self._tracker.estimator.advance(block.time_s, block.actuator_v)
+            self.feed_error.take(block, model_um)
+        self._trace.append(block.time_s, model_um)
         self._recorder.append_servo(self._row_block(block, model_um))
 
     def _row_block(self, block: TelemetryBlock, model_um: Floats) -> ServoBlock:
@@ -128,7 +146,7 @@ class Watch:
         rows = ServoBlock(
             time_s=block.time_s,
             actuator_v=block.actuator_v,
-            displacement_um=block.displacement_um,
+            displacement_um=block.displacement_um if self._sensor else np.full_like(model_um, math.nan),
             model_um=model_um,
             gap_v=block.gap_v,
             gap_ratio=block.gap_v / self._duty_voltage_v,
@@ -167,7 +185,10 @@ class Watch:
         )
 
     def event(self, event: MachineEvent) -> None:
-        """Record."""
+        """Record; what the model said at a touch is kept, because its reading is asked for much later."""
+        if event.code is EventCode.TOUCH:
+            self.settle()
+            self._touched[event.time_s] = self._trace.at(event.time_s)
         args = {
             "argument": event.argument,
             "displacement_um": event.displacement_um,

@@ -100,7 +100,15 @@ def load_setup(path: Path | None = None) -> Setup:
         hint = f"set actuator.conditioning_slew_v_s to at most {actuator.slew_v_s:g} V/s"
         where = sources.value(("actuator", "slew_v_s"))
         raise ProfileError((Diagnostic(Code.OUT_OF_RANGE, message, hint, where),))
-    return setup
+    return setup if actuator.calibration is None else _with_calibration_beside(path, setup)
+
+
+def _with_calibration_beside(path: Path, setup: Setup) -> Setup:
+    """Resolve the calibration file that a setup names against the setup's folder."""
+    calibration = str(path.parent / (setup.actuator.calibration or ""))
+    return setup.model_copy(
+        update={"actuator": setup.actuator.model_copy(update={"calibration": calibration})}
+    )
 
 
 def _validated(model: type[_M], table: TomlTable, sources: Sources, machine: Setup | None = None) -> _M:

@@ -15,11 +15,15 @@ class Actuator(Table):
     slew_v_s: float = Field(1000.0, ge=1.0, le=20_000.0, description="fastest ramp, V/s")
     conditioning_cycles: int = Field(2, ge=0, le=20, description="full strokes before the first touch")
     conditioning_slew_v_s: float = Field(60.0, ge=1.0, le=20_000.0, description="their ramp, V/s")
+    calibration: str | None = Field(
+        None, min_length=1, description="calibration file, relative to the setup file"
+    )
 
 
 class Sensor(Table):
     """Displacement sensor; the uncertainties are standard uncertainties."""
 
+    fitted: bool = Field(True, description="false: the machine runs on the calibrated actuator alone")
     gain_u_rel: float = Field(0.003, ge=0.0, le=0.2, description="of its calibration, relative")
     linearity_u_um: float = Field(0.1, ge=0.0, le=20.0, description="of its characteristic, µm")
     noise_um: float = Field(

@@ -116,6 +116,10 @@ SCALARS = (
     Scalar("/entry/machine/serial", "controller_serial", "text", TEXT, "serial number of the controller"),
     Scalar("/entry/machine/firmware", "firmware_version", "text", TEXT, "firmware version"),
     Scalar("/entry/machine/protocol", "protocol_version", "text", TEXT, "protocol version"),
+    Scalar("/entry/machine/calibration", "calibration", "text", TEXT, "actuator model of the run, in words"),
+    Scalar(
+        "/entry/machine/calibration_toml", "calibration_text", "text", TEXT, "calibration file; empty without"
+    ),
     Scalar("/entry/software/program", "", "text", TEXT, "program"),
     Scalar("/entry/software/version", "edmctl_version", "text", TEXT, "version of edmctl"),
     Scalar("/entry/software/python", "", "text", TEXT, "version of Python"),
@@ -133,7 +137,7 @@ SERVO = Table(
     (
         _TIME,
         Column("v_cmd", "actuator_v", "f4", "V", "actuator voltage"),
-        Column("z_sensor", "displacement_um", "f4", "um", "tool displacement, sensor"),
+        Column("z_sensor", "displacement_um", "f4", "um", "tool displacement, sensor; NaN without one"),
         Column("z_model", "model_um", "f4", "um", "tool displacement, estimated from the voltage"),
         Column("v_gap_avg", "gap_v", "f4", "V", "mean gap voltage"),
         Column("s", "gap_ratio", "f4", PURE, "mean gap voltage over duty factor × open voltage"),
@@ -234,7 +238,7 @@ TOUCHES = Table(
         Column("kind", "kind", "S4", TEXT, "Z1, Z2 or Z3"),
         Column("site", "site", "S32", TEXT, "site"),
         Column("v_cmd", "actuator_v", "f8", "V", "actuator voltage"),
-        Column("z_sensor", "displacement_um", "f8", "um", "displacement, sensor"),
+        Column("z_sensor", "displacement_um", "f8", "um", "displacement, sensor; NaN without one"),
         Column("z_model", "model_um", "f8", "um", "displacement, estimated"),
         Column("n", "touches", "u2", PURE, "touches"),
         Column("sd", "sd_um", "f8", "um", "standard deviation of one touch"),
@@ -282,6 +286,16 @@ RESULTS = Table(
         Column("mrr", "mrr_mm3_min", "f8", "mm3/min", "hole volume over machining time"),
         Column("err_depth", "depth_model_error_um", "f8", "um", "depth_model − depth"),
         Column("err_wear", "wear_model_error_um", "f8", "um", "wear_model − wear"),
+        Column(
+            "err_feed_max",
+            "feed_model_error_max_um",
+            "f8",
+            "um",
+            "z_model − z_sensor while machining, means over 0.1 s: largest",
+        ),
+        Column("err_feed_rms", "feed_model_error_rms_um", "f8", "um", "the same, rms"),
+        Column("err_feed_max_pct", "feed_model_error_max_pct", "f8", "%", "err_feed_max over feed"),
+        Column("err_feed_rms_pct", "feed_model_error_rms_pct", "f8", "%", "err_feed_rms over feed"),
     ),
 )
 

@@ -158,6 +158,12 @@ class SiteRow:
     depth_model_error_um: float = math.nan
     """Depth by the model minus depth by the sensor."""
     wear_model_error_um: float = math.nan
+    feed_model_error_max_um: float = math.nan
+    """Displacement by the model minus that by the sensor while machining, averaged over 0.1 s: the largest."""
+    feed_model_error_rms_um: float = math.nan
+    feed_model_error_max_pct: float = math.nan
+    """Of the feed."""
+    feed_model_error_rms_pct: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,6 +213,10 @@ class RunMeta:
     protocol_version: str = ""
     firmware_version: str = ""
     controller_serial: str = ""
+    calibration: str = ""
+    """The actuator model of the run, in words."""
+    calibration_text: str = ""
+    """The calibration file verbatim; empty without."""
     user: str = ""
     work_material: str = ""
     work_thickness_um: float = math.nan

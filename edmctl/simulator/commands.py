@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from edmctl.simulator.port import Outcome
 
 FIRMWARE = (1, 0, 0)
-SERIAL = "EDM-VIRTUAL"
 SERVO_HZ = TLM_MAX_HZ = 1000
 # What the virtual generator can do.
 PERIOD_US_MIN, PERIOD_US_MAX = 20.0, 1e6
@@ -68,7 +67,7 @@ class Commands:
             fw_minor=FIRMWARE[1],
             fw_patch=FIRMWARE[2],
             git=0,
-            serial=SERIAL,
+            serial=self._c.plant.serial,
             board=0,
             servo_hz=SERVO_HZ,
             tlm_max_hz=TLM_MAX_HZ,

@@ -41,6 +41,7 @@ class DischargeConstants:
 class SensorConstants:
     """Inductive displacement sensor, contact and stages. Standard deviations are of the unit-to-unit draw."""
 
+    fitted: bool = True  # without a sensor its input reads noise about zero
     noise_um: float = 0.15  # rms of one 1 kHz sample
     gain_sd: float = 0.003  # calibration error
     nonlinearity_um: float = 0.1

@@ -102,8 +102,9 @@ BEND_PER_UM, BEND_AT = 0.004, 0.8  # where over the stroke the sensor's bend lie
     ARC_BELOW,
     ARC_DELAY,
     OPEN_LOST,
+    SENSOR_MISSING,  # 1: displacements are the mean gain times the voltage applied
     PAR_SIZE,
-) = range(63)
+) = range(64)
 
 # --------------------------------------------------------------------------------------------- float state (st)
 (
@@ -475,7 +476,10 @@ def pump_tick(par: Floats, st: Floats) -> None:
 # ================================================================================================ plant: sensors
 @compiled
 def sensor_tick(par: Floats, st: Floats, ist: Ints, noise: Floats) -> None:
-    """Inductive sensor: gain error, bend, drift, random walk, noise; and the controller's low-passed copy."""
+    """Inductive sensor: gain error, bend, drift, random walk, noise; and the controller's low-passed copy.
+
+    A controller without a sensor takes its mean gain times the voltage applied instead.
+    """
     at = ist[NOISE_AT]
     if ist[TICK] & 1023 == 0:
         st[WALK] += par[SENSOR_WALK] * noise[at]
@@ -490,6 +494,8 @@ def sensor_tick(par: Floats, st: Floats, ist: Ints, noise: Floats) -> None:
         + par[SENSOR_NOISE] * noise[at]
     )
     ist[NOISE_AT] = at + 1
+    if par[SENSOR_MISSING] == 1.0:
+        st[SENSOR_Z] = st[APPLIED_V] / par[V_PER_UM]
     st[SLOW_Z] += par[DISPLACEMENT_ALPHA] * (st[SENSOR_Z] - st[SLOW_Z])
 
 
@@ -896,3 +902,35 @@ def run(
         if happened != NOTHING:
             return happened
     return NOTHING
+
+
+@cached
+def drive(
+    command_v: Floats,
+    par: Floats,
+    st: Floats,
+    ist: Ints,
+    plays: Floats,
+    creep: Floats,
+    noise: Floats,
+    applied_v: Floats,
+    free_um: Floats,
+    sensor_um: Floats,
+) -> None:
+    """Advance the actuator alone, one tick per command; voltage, displacement and reading go to the outputs (n,).
+
+    Nothing stands in the tool's way. Commands pass the slew limit, the range and the converter as in
+    `command_tick`. The caller provides `noise` for every tick, two each.
+    """
+    most = par[SLEW_LIMIT] * TICK_S
+    for i in range(command_v.shape[0]):
+        before = st[COMMAND_V]
+        v = min(before + most, max(before - most, command_v[i]))
+        v = min(par[PIEZO_MAX], max(0.0, v))
+        st[COMMAND_V] = v
+        st[APPLIED_V] = math.floor(v * STEPS_PER_V + 0.5) * DAC_V
+        actuator_tick(par, st, plays, creep)
+        st[TRUE_Z] = st[FREE_Z]
+        sensor_tick(par, st, ist, noise)
+        ist[TICK] += 1
+        applied_v[i], free_um[i], sensor_um[i] = st[APPLIED_V], st[FREE_Z], st[SENSOR_Z]

@@ -77,6 +77,7 @@ class Parameters:
         for name, index in _FLOATS.items():
             par[index] = v[name]
         par[k.V_PER_UM] = 1.0 / v["gain_um_per_v"]
+        par[k.SENSOR_MISSING] = 1.0 - v["sensor_fitted"]
         par[k.FILTER_ALPHA] = 1.0 - math.exp(-2.0 * math.pi * v["filter_hz"] * k.TICK_S)
         par[k.DISPLACEMENT_ALPHA] = 1.0 - math.exp(-k.TICK_S / DISPLACEMENT_FILTER_S)
         self.retract_v_s = v["retract_v_s"]

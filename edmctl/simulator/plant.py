@@ -9,6 +9,7 @@ of Muralidhara et al. 2009, §2.1.
 from __future__ import annotations
 
 import math
+import zlib
 from dataclasses import dataclass
 from statistics import NormalDist
 from typing import TYPE_CHECKING
@@ -46,6 +47,7 @@ REFERENCE_V = 40.0  # open voltage at which gap_reference_um holds; the gap grow
 FLUSH_DIAMETER_UM = 270.0  # tool diameter at which flush_time_s holds; it grows with the square
 
 BLOCK = 32768
+SERIAL_LENGTH = 12  # bytes in the reply to HELLO
 
 
 @dataclass(slots=True)
@@ -109,6 +111,7 @@ class Plant:
         build_seed, run_seed, stage_seed = np.random.SeedSequence(seed).spawn(3)
         build = np.random.default_rng(build_seed)
         self.config = config
+        self.serial = serial_number(seed)
         self.par = np.zeros(k.PAR_SIZE)
         self.st = np.zeros(k.ST_SIZE)
         self.ist = np.zeros(k.IST_SIZE, dtype=np.int64)
@@ -228,7 +231,9 @@ class Plant:
         p[k.SENSOR_BEND] = s.nonlinearity_um
         p[k.SENSOR_DRIFT] = build.normal(0.0, s.drift_sd_um_s)
         p[k.SENSOR_NOISE] = s.noise_um
-        p[k.SENSOR_WALK] = s.walk_um
+        if not s.fitted:
+            p[k.SENSOR_GAIN] = p[k.SENSOR_BEND] = p[k.SENSOR_DRIFT] = 0.0
+        p[k.SENSOR_WALK] = s.walk_um if s.fitted else 0.0
         p[k.CONTACT_SD] = s.contact_sd_um
         p[k.CONTACT_COMPLIANCE] = CONTACT_COMPLIANCE
         p[k.AMPLIFIER_DECAY] = math.exp(-k.TICK_S / AMPLIFIER_LAG_S)
@@ -253,6 +258,12 @@ class Plant:
         y += ENVELOPE_UM * math.tanh((y - ENVELOPE_CENTRE_UM) / ENVELOPE_WIDTH_UM)
         self.creep[2] = y
         self.par[k.ACTUATOR_ZERO] = y * (1.0 + float(self.creep[1].sum()))
+
+
+def serial_number(seed: int) -> str:
+    """Serial of the machine that a seed makes, at most 12 ASCII characters: every seed is another actuator."""
+    serial = f"SIM-{seed}"
+    return serial if len(serial) <= SERIAL_LENGTH else f"SIM-x{zlib.crc32(serial.encode()) & 0xFFFFFFF:07x}"
 
 
 def _actuator(build: np.random.Generator) -> tuple[Floats, Floats]:

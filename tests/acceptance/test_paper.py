@@ -58,7 +58,7 @@ def machine(
 ) -> Hole:
     """Make one hole on a fresh bench; `sensor_gain_sd` replaces the spread of the plant's sensor gain."""
     loaded = load_profile(profile, (*overrides, 'log.pulses="off"'), setup=setup)
-    config = bench_config(loaded)
+    config = bench_config(loaded, setup)
     if sensor_gain_sd is not None:
         config = replace(config, sensors=replace(config.sensors, gain_sd=sensor_gain_sd))
     bench = open_bench(config, seed)

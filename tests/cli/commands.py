@@ -51,11 +51,11 @@ class Here:
 
 
 def environment(**changes: str) -> dict[str, str]:
-    """The environment of a user at a plain terminal."""
+    """The environment of a user at a plain terminal, who has calibrated nothing."""
     kept = {k: v for k, v in os.environ.items() if not k.startswith("EDMCTL_")}
     for name in ("NO_COLOR", "FORCE_COLOR"):
         kept.pop(name, None)
-    return {**kept, "PYTHONPATH": str(ROOT), **changes}
+    return {**kept, "PYTHONPATH": str(ROOT), "EDMCTL_HOME": "home", **changes}
 
 
 def command(*arguments: str) -> list[str]:

@@ -48,7 +48,15 @@ def test_version_loads_no_typer(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "arguments",
-    [["--help"], ["machine", "--help"], ["simulate", "--help"], ["profile", "check", "--help"], ["nonsense"]],
+    [
+        ["--help"],
+        ["machine", "--help"],
+        ["calibrate", "--help"],
+        ["simulate", "--help"],
+        ["simulate", "actuator", "--help"],
+        ["profile", "check", "--help"],
+        ["nonsense"],
+    ],
 )
 def test_help_and_usage_errors_load_nothing_heavy(arguments: list[str], tmp_path: Path) -> None:
     assert not modules_after(arguments, tmp_path) & HEAVY

@@ -44,6 +44,10 @@ def test_numbers_are_rounded_by_their_unit() -> None:
     }
 
 
+def test_a_delay_keeps_microseconds() -> None:
+    assert to_json_value({"delay_s": 0.00123456, "time_s": 1.23456}) == {"delay_s": 0.001235, "time_s": 1.235}
+
+
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_what_is_not_finite_is_null(value: float) -> None:
     assert to_json_value({"depth_um": value}) == {"depth_um": None}

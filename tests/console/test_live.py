@@ -28,6 +28,12 @@ def test_phase_depth_gap_ratios_and_time_are_shown() -> None:
     assert "50 % open 40 % normal 2 % arc 8 % short" in picture
 
 
+def test_a_procedure_without_a_depth_shows_none() -> None:
+    picture = drawn(State(depth_um=math.nan, ratios=Ratios(0.0, 0.0, 0.0, 0.0)))
+    assert "depth" not in picture
+    assert "8 min 00 s left" in picture
+
+
 def test_the_mark_is_left_of_the_middle_when_the_gap_is_too_close() -> None:
     def mark(gap_v: float) -> int:
         line = next(row for row in drawn(State(gap_v=gap_v)).splitlines() if "reference" in row)

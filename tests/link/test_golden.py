@@ -20,7 +20,7 @@ TYPES: dict[str, type[Message]] = {
     kind.NAME: kind for table in (REQUESTS, REPLIES, UNSOLICITED) for kind in table.values()
 }
 NAMES = sorted(TYPES)
-DEFAULT_PARAM_CRC = 0x4C7D9349
+DEFAULT_PARAM_CRC = 0x786AA152
 
 
 class Golden(TypedDict):

@@ -36,6 +36,7 @@ SETTINGS = ControllerSettings(
     gain_um_per_v=2.967,
     safe_z_um=30.0,
     retract_v_s=337.0,
+    sensor_fitted=True,
     servo_law=ServoLaw.RELAY,
     forward_um_s=5.0,
     back_um_s=5.0,

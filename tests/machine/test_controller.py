@@ -261,4 +261,4 @@ def test_the_identity_says_that_the_machine_is_virtual(rig: MakeRig) -> None:
     identity = rig().machine.identity
     assert identity.simulated
     assert identity.transport == "sim:"
-    assert identity.protocol == "1.0"
+    assert identity.protocol == "1.1"

@@ -3,24 +3,31 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING
 
 import pytest
 
+from edmctl.actuator.identification import identify
+from edmctl.actuator.record import Record
+from edmctl.actuator.waveforms import calibration_legs, sampled
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest
-from edmctl.procedures.job import Job, single_hole
+from edmctl.procedures.job import CalibratedActuator, Job, single_hole
 from edmctl.procedures.machining import run_job
 from edmctl.procedures.results import JobResult, Ledger, Phase, Progress
 from edmctl.procedures.run import Run
+from edmctl.procedures.settings import controller_settings, pulse_settings, telemetry_settings
 from edmctl.procedures.watch import Watch
 from edmctl.profile.load import load_profile
-from edmctl.profile.setup import Setup
+from edmctl.profile.setup import Sensor, Setup
 from edmctl.record.recorder import NullRecorder
 from edmctl.simulator import BenchConfig, VirtualBench, open_bench
+from edmctl.simulator.actuator import VirtualActuator
+from edmctl.simulator.config import SensorConstants
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -99,20 +106,28 @@ class Told:
 class Shop:
     """One virtual bench with everything a job needs."""
 
-    def __init__(self, overrides: Sequence[str] = (), seed: int = 1) -> None:
+    def __init__(
+        self,
+        overrides: Sequence[str] = (),
+        seed: int = 1,
+        calibration: CalibratedActuator | None = None,
+        *,
+        sensor: bool = True,
+    ) -> None:
         loaded = load_profile(CU270, (*QUICK, *overrides))
         self.profile = loaded.profile
         config = BenchConfig(
             tool_diameter_um=self.profile.tool.diameter_um,
             theta=loaded.sim.theta,
             offset_um=self.profile.approach.offset_um,
+            sensors=SensorConstants(fitted=sensor),
         )
         self.bench: VirtualBench = open_bench(config, seed)
         self.session = Session(self.bench.transport, Random(1))
         self.session.open()
         self.stop = StopRequest()
         self.machine = LinkMachine(self.session, self.stop)
-        self.job: Job = single_hole(self.profile, Setup())
+        self.job: Job = single_hole(self.profile, Setup(sensor=Sensor(fitted=sensor)), calibration)
         self.seen = Seen()
         self.told = Told()
         self.ledger = Ledger()
@@ -135,8 +150,29 @@ class Shop:
 
 @pytest.fixture
 def shop() -> Callable[..., Shop]:
-    """Return a maker of shops: `shop(overrides=(), seed=1)`."""
+    """Return a maker of shops: `shop(overrides=(), seed=1, calibration=None, sensor=True)`."""
     return Shop
+
+
+def armed(shop: Shop) -> Run:
+    """Configure and arm the shop's machine for single procedures."""
+    run = shop.run()
+    settings = controller_settings(shop.profile, shop.job.setup)
+    shop.machine.configure(settings, pulse_settings(shop.profile))
+    shop.machine.start_telemetry(telemetry_settings(shop.profile, shop.job.setup), run.watch)
+    shop.machine.arm()
+    return run
+
+
+@lru_cache
+def calibrated(seed: int = 1) -> CalibratedActuator:
+    """The actuator of a seed, identified from its calibration record at 50 Hz."""
+    waveform = sampled(calibration_legs(150.0), 1000.0)
+    driven = VirtualActuator(seed).drive(waveform.u_v)
+    thin = slice(None, None, 20)
+    record = Record(waveform.t_s[thin], driven.applied_v[thin], driven.sensor_um[thin])
+    found = identify([record], delay_s=0.0, folds=2, resamples=1)
+    return CalibratedActuator(found.model, found.held_out.rms_um, found.held_out.max_um)
 
 
 @dataclass(frozen=True, slots=True)

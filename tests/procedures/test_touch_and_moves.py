@@ -12,29 +12,18 @@ from edmctl.machine.port import EventCode, TelemetryFlag
 from edmctl.procedures.approach import ABOVE_BOTTOM_UM, approach_surface, lower_to, raise_by
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.conditioning import condition
-from edmctl.procedures.settings import controller_settings, pulse_settings, telemetry_settings
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch import take_reading
 from edmctl.simulator import kernel
 
+from .conftest import armed
+
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-    from edmctl.procedures.run import Run
 
     from .conftest import Shop
 
     OpenShop = Callable[..., Shop]
-
-
-def armed(shop: Shop) -> Run:
-    """Configure and arm the shop's machine for single procedures."""
-    run = shop.run()
-    settings = controller_settings(shop.profile, shop.job.setup)
-    shop.machine.configure(settings, pulse_settings(shop.profile))
-    shop.machine.start_telemetry(telemetry_settings(shop.profile, shop.job.setup), run.watch)
-    shop.machine.arm()
-    return run
 
 
 def test_a_reading_is_the_mean_of_its_touches_beside_the_model(shop: OpenShop) -> None:

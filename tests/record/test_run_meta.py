@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from edmctl.cli.calibrated import Choice, ModelUsed
 from edmctl.cli.job import Order, check
 from edmctl.cli.runfile import name_run, run_meta
 from edmctl.machine.port import MachineIdentity
@@ -22,7 +23,8 @@ def meta_of(profile: str, *overrides: str, setup: Path | None = None) -> RunMeta
     plan = check(Order(profile, overrides, setup, None))
     name = name_run(Path("runs"), "r", plan.loaded, datetime(2026, 1, 1, tzinfo=UTC))
     identity = MachineIdentity("sim:", "VIRTUAL", "1.0.0", "1.0", simulated=True)
-    return run_meta(name, plan, 1, identity)
+    choice = Choice(None, ModelUsed(False, None, None, None, "quick, from"))
+    return run_meta(name, plan, 1, identity, choice)
 
 
 def test_every_file_of_a_chain_of_profiles_is_kept(tmp_path: Path) -> None:

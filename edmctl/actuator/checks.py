@@ -1,0 +1,260 @@
+"""Whether a measured record can be one: mistakes of recording, units and sign, each named with its remedy.
+
+What is certainly wrong raises; what may be right is a warning. Bounds stand far from anything that a tool feed
+or a positioning stage measures: a check that refuses a good record does more harm than one that misses a bad one.
+How well the record covers the voltages to be used is judged with the identified model.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from edmctl.errors import RecordError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from edmctl.actuator.record import Record
+
+    Array = NDArray[np.float64]
+    Flags = NDArray[np.bool_]
+
+LEAST_SAMPLES = 200
+"""Four for each of the model's 45 weights and delay."""
+LEAST_CORRELATION = 0.5
+"""Loop, creep and a phase lag of 40° together leave 0.7."""
+LEAST_UM_PER_V, MOST_UM_PER_V = 0.01, 100.0
+"""Stacks and amplified actuators have 0.05 to 5 µm/V, with a 10 V command before the amplifier up to 50 µm/V."""
+LEAST_RANGE_UM, MOST_RANGE_UM = 0.5, 5000.0
+"""A few hundred µm told in mm come to less; the longest amplified actuators move 2 mm."""
+LONGEST_LAG_S = 0.02
+"""A delay that identification searches for."""
+MOST_SPAN_V = 2500.0
+"""Actuators of the highest voltage swing over 2000 V."""
+LONGEST_STEP_S, DOUBTFUL_STEP_S = 100.0, 1.0
+SHORT_S = 5.0
+"""A shorter record says next to nothing about creep."""
+GAP_STEPS = 20.0
+"""A gap lasts this many sample periods."""
+CLIPPED_SHARE = 0.03
+"""Share of the voltage's span that passes while the displacement stands at its limit."""
+LEAST_CLIPPED = 5
+"""Samples that a displacement stands at its limit, one after the other."""
+SD_PER_BEND = 0.605
+"""Standard deviation of normal noise over the median of its second differences: 1.4826 / √6."""
+SPIKE_SHARE = 0.1
+"""Height of a spike over the displacement's range."""
+
+
+def check_record(record: Record) -> tuple[str, ...]:
+    """Return what is doubtful about a record, in sentences with their remedy.
+
+    Samples are counted from 1. Raises RecordError for what cannot be used: E3611 too short, E3612 not finite, E3613
+    time does not ascend, E3614 the voltage never changes, E3615 the displacement never changes or does not follow
+    the voltage, E3616 the sensor is at its limit, E3617 reversed sign, E3618 units.
+    """
+    _check_numbers(record)
+    _check_time(record)
+    _check_voltage(record)
+    y_um = _without_spikes(record.y_um)
+    _check_sign(record, y_um)
+    _check_gain(record, y_um)
+    _check_limits(record, y_um)
+    return (*_doubts_of_time(record), *_spikes(record))
+
+
+def _refusal(record: Record, code: str, what: str, hint: str) -> RecordError:
+    return RecordError(f"{record.name}: {what}.", hint=hint, code=code)
+
+
+def _check_numbers(record: Record) -> None:
+    count = len(record.t_s)
+    if count < LEAST_SAMPLES:
+        hint = f"Record {LEAST_SAMPLES} samples or more: full swings and a hold, at 100 Hz or faster."
+        raise _refusal(record, "E3611", f"{count} samples are too few", hint)
+    for name, values in (("t_s", record.t_s), ("u_V", record.u_v), ("y_um", record.y_um)):
+        wrong = np.flatnonzero(~np.isfinite(values))
+        if len(wrong):
+            what = (
+                f"{len(wrong)} of {count} values of {name} are not finite, the first at sample {wrong[0] + 1}"
+            )
+            hint = "Leave out the samples where the instrument gave no number, or repair the recording."
+            raise _refusal(record, "E3612", what, hint)
+
+
+def _check_time(record: Record) -> None:
+    steps_s = np.diff(record.t_s)
+    wrong = np.flatnonzero(steps_s <= 0.0)
+    if len(wrong):
+        k = int(wrong[0])
+        does = "stands still" if steps_s[k] == 0.0 else "goes back"
+        told = f"{record.t_s[k + 1]:.9g} s after {record.t_s[k]:.9g} s"
+        what = f"time {does} at sample {k + 2}, {told} (such steps in all: {len(wrong)})"
+        if steps_s[k] == 0.0:
+            hint = "Write t_s with more digits, or leave out the repeated samples."
+        else:
+            hint = "Sort the samples by time; give records made one after the other as files of their own."
+        raise _refusal(record, "E3613", what, hint)
+    period_s = float(np.median(steps_s))
+    if period_s > LONGEST_STEP_S:
+        what = f"its sample period is {period_s:g} s"
+        raise _refusal(record, "E3618", what, "If t_s is in µs, multiply it by 1e-6; in ms, by 0.001.")
+
+
+def _check_voltage(record: Record) -> None:
+    span_v = float(np.ptp(record.u_v))
+    if span_v <= 1e-9 * float(np.abs(record.u_v).max()):
+        what = f"the voltage is always {record.u_v[0]:g} V"
+        raise _refusal(record, "E3614", what, "Drive the actuator over its range; check which column is u_V.")
+    if span_v > MOST_SPAN_V:
+        what = f"the voltage spans {span_v:g} V"
+        raise _refusal(record, "E3618", what, "u_V looks like mV: multiply it by 0.001.")
+    if float(np.ptp(record.y_um)) <= 1e-9 * float(np.abs(record.y_um).max()):
+        what = f"the displacement is always {record.y_um[0]:g} µm, while the voltage spans {span_v:g} V"
+        raise _refusal(record, "E3615", what, "Check the sensor and its cable, and which column is y_um.")
+
+
+def _check_sign(record: Record, y_um: Array) -> None:
+    correlation = _correlation(record.u_v, y_um)
+    if correlation < -LEAST_CORRELATION:
+        what = f"the displacement falls while the voltage rises (correlation {correlation:.2f})"
+        hint = "Negate y_um: it grows when the tool moves towards the work."
+        raise _refusal(record, "E3617", what, hint)
+    if correlation >= LEAST_CORRELATION or _follows_late(record, y_um):
+        return
+    if _is_noise(record.u_v):
+        what = f"the voltage is noise about {record.u_v.mean():.4g} V"
+        raise _refusal(record, "E3614", what, "Drive the actuator over its range; check which column is u_V.")
+    what = f"the displacement does not follow the voltage (correlation {correlation:.2f})"
+    hint = (
+        "Check that u_V and y_um are of one measurement and on one clock, and that the sensor sees the tool."
+    )
+    raise _refusal(record, "E3615", what, hint)
+
+
+def _correlation(u_v: Array, y_um: Array) -> float:
+    return float(np.corrcoef(u_v, y_um)[0, 1])
+
+
+def _follows_late(record: Record, y_um: Array) -> bool:
+    """Whether the displacement follows after a delay that can be searched for: fast swings need it."""
+    most = min(len(y_um) // 2, int(LONGEST_LAG_S / float(np.median(np.diff(record.t_s)))))
+    lags = np.unique(np.linspace(1, most, 40).astype(int)) if most >= 1 else ()
+    return any(_correlation(record.u_v[:-lag], y_um[lag:]) >= LEAST_CORRELATION for lag in lags)
+
+
+def _check_gain(record: Record, y_um: Array) -> None:
+    slope = float(np.std(y_um) / np.std(record.u_v))
+    range_um, span_v = float(np.ptp(y_um)), float(np.ptp(record.u_v))
+    is_small = slope < LEAST_UM_PER_V or (range_um < LEAST_RANGE_UM and slope < 10.0 * LEAST_UM_PER_V)
+    is_large = slope > MOST_UM_PER_V or range_um > MOST_RANGE_UM
+    if not (is_small or is_large):
+        return
+    if is_large and range_um <= MOST_RANGE_UM and span_v <= 1.0:
+        hint = "u_V looks like kV: multiply it by 1000."
+    elif is_large:
+        hint = "y_um looks like nm: multiply it by 0.001."
+    elif 1000.0 * slope < LEAST_UM_PER_V:
+        hint = "y_um looks like m: multiply it by 1e6."
+    else:
+        hint = "y_um looks like mm: multiply it by 1000."
+    what = f"{range_um:.3g} µm over {span_v:.3g} V, {slope:.3g} µm/V, is no displacement of an actuator"
+    raise _refusal(record, "E3618", what, hint)
+
+
+def _check_limits(record: Record, y_um: Array) -> None:
+    """Refuse a displacement that stands at its end while the voltage goes on."""
+    range_um = float(np.ptp(y_um))
+    noise_um = 6.0 * _noise_sd(y_um)
+    for sign, end in ((1.0, "upper"), (-1.0, "lower")):
+        y, u = sign * y_um, sign * record.u_v
+        for tolerance_um in (1e-9 * range_um, 0.002 * range_um + noise_um):
+            share, first = _longest_push(u, y >= y.max() - tolerance_um)
+            if share <= max(CLIPPED_SHARE, 10.0 * tolerance_um / range_um):
+                continue
+            what = (
+                f"the displacement stands at its {end} end, {sign * float(y.max()):g} µm, from sample {first + 1}, "
+                f"while the voltage goes on by {100.0 * share:.0f} % of its span"
+            )
+            hint = "The sensor or the amplifier is at its limit: move the sensor or drive less, and record again."
+            raise _refusal(record, "E3616", what, hint)
+
+
+def _longest_push(u_v: Array, at_end: Flags) -> tuple[float, int]:
+    """Largest rise of the voltage within a run of flagged samples, over its span, and where that run begins.
+
+    Only runs that last until the voltage has come back count: where the displacement turns before the voltage,
+    time is off, and nothing is clipped.
+    """
+    edges = np.flatnonzero(np.diff(at_end.astype(np.int8), prepend=0, append=0))
+    largest, where = 0.0, 0
+    for start, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        if end - start < LEAST_CLIPPED:
+            continue
+        top_v = float(u_v[start:end].max())
+        rise_v = top_v - float(u_v[start])
+        if rise_v > largest and (end == len(u_v) or u_v[end] < top_v - 0.5 * rise_v):
+            largest, where = rise_v, start
+    return largest / float(np.ptp(u_v)), where
+
+
+def _noise_sd(values: Array) -> float:
+    """Noise of one sample, from second differences; what moves adds to it."""
+    bends = np.diff(values, 2)
+    return SD_PER_BEND * float(np.median(np.abs(bends - np.median(bends))))
+
+
+def _is_noise(values: Array) -> bool:
+    """Whether values spread no wider than noise does that has no memory."""
+    return float(np.std(values)) < 1.5 * _noise_sd(values)
+
+
+def _without_spikes(y_um: Array) -> Array:
+    """Median of each sample and its neighbours: single samples that stand out are gone, steps are not."""
+    before, here, after = y_um[:-2], y_um[1:-1], y_um[2:]
+    middle = np.maximum(np.minimum(before, here), np.minimum(np.maximum(before, here), after))
+    return np.concatenate((middle[:1], middle, middle[-1:]))
+
+
+def _doubts_of_time(record: Record) -> list[str]:
+    steps_s, length_s = np.diff(record.t_s), float(record.t_s[-1] - record.t_s[0])
+    period_s = float(np.median(steps_s))
+    doubts = []
+    if period_s >= DOUBTFUL_STEP_S:
+        doubts.append(
+            f"{record.name}: its sample period is {period_s:g} s. If t_s is in ms, multiply it by 0.001; if it "
+            "counts samples, by their period."
+        )
+    elif length_s < SHORT_S:
+        doubts.append(
+            f"{record.name}: it lasts {length_s:.2g} s, which says next to nothing about creep; "
+            "a voltage held for a minute does."
+        )
+    gaps = np.flatnonzero(steps_s > GAP_STEPS * period_s)
+    if len(gaps):
+        widest = int(gaps[steps_s[gaps].argmax()])
+        doubts.append(
+            f"{record.name}: time has gaps, {len(gaps)} in all, the longest of {steps_s[widest]:.3g} s after sample "
+            f"{widest + 1}. The voltage is taken as straight across; if it was not, give the parts as files of "
+            "their own."
+        )
+    return doubts
+
+
+def _spikes(record: Record) -> list[str]:
+    """Warn of single samples far from both their neighbours while the voltage hardly moved."""
+    y_um, u_v = record.y_um, record.u_v
+    least_um = max(SPIKE_SHARE * float(np.ptp(_without_spikes(y_um))), 10.0 * _noise_sd(y_um))
+    before_um, after_um = y_um[1:-1] - y_um[:-2], y_um[1:-1] - y_um[2:]
+    is_far = (before_um * after_um > 0.0) & (np.minimum(np.abs(before_um), np.abs(after_um)) > least_um)
+    moved_v = np.abs(np.diff(u_v))
+    is_quiet = np.maximum(moved_v[:-1], moved_v[1:]) < 0.5 * SPIKE_SHARE * float(np.ptp(u_v))
+    spikes = np.flatnonzero(is_far & is_quiet) + 1
+    if not len(spikes):
+        return []
+    return [
+        f"{record.name}: {len(spikes)} displacements stand out from their neighbours by {least_um:.3g} µm or more, "
+        f"the first at sample {spikes[0] + 1}. Look for a loose cable, and leave these samples out."
+    ]

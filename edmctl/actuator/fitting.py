@@ -1,0 +1,121 @@
+"""The one convex problem behind an identification: non-negative weights, free zeros, a floor under the slope.
+
+min |X·b + zero − y|² + λ N |b|² + μ N |D·b|² with b ≥ 0, columns scaled to RMS 1. D takes second differences of
+the slopes from play to play, per volt of threshold: neighbouring plays of a material are alike, and slopes that
+vary smoothly carry over to swings that the records do not hold. The zeros of the records are eliminated exactly
+by the order of the columns in the triangles. The play of threshold 0, which is the immediate answer to the
+voltage, keeps at least a small slope, so that every model that comes out can be inverted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from edmctl.actuator.nnls import nnls
+from edmctl.actuator.triangles import triangle_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from edmctl.actuator.design import Design, Reduction
+
+    Array = NDArray[np.float64]
+
+RIDGE = 1e-10
+"""Only settles what the records leave open: held-out errors do not change from here to 1e-6."""
+FLOOR_SHARE = 0.01
+"""Least slope of the play of threshold 0, of the mean slope; it is half of it in measured actuators."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """Weights, shape (features,), zero of each record (NaN: not fitted), sum of squared residuals, µm²."""
+
+    weights: Array
+    zeros_um: Array
+    residual_um2: float
+
+
+def fit(
+    design: Design,
+    reduction: Reduction,
+    *,
+    delay: int = 0,
+    smoothness: float = 0.0,
+    times: Sequence[int] | None = None,
+    start: Array | None = None,
+) -> Fit:
+    """Fit the blocks, each counted `times` (default once), to the displacement of delay number `delay`.
+
+    smoothness : μ
+    start : weights to begin the search from; a near solution saves most of the work.
+    """
+    free, features = reduction.records, design.features
+    counts = [1] * len(reduction.blocks) if times is None else times
+    columns = [*range(free + features), free + features + delay]
+    chosen = [
+        block.triangle[:, columns] * count**0.5
+        for block, count in zip(reduction.blocks, counts, strict=True)
+        if count
+    ]
+    triangle = triangle_of(np.vstack(chosen))
+    samples = sum(block.samples * count for block, count in zip(reduction.blocks, counts, strict=True))
+    matrix, target = triangle[free:, free:-1], triangle[free:, -1]
+    weights = _weights(design, matrix, target, samples, smoothness, start)
+    residual = matrix @ weights - target
+    zeros_um = _zeros(triangle[:free, :free], triangle[:free, -1] - triangle[:free, free:-1] @ weights)
+    return Fit(weights, zeros_um, float(residual @ residual))
+
+
+def _weights(
+    design: Design, matrix: Array, target: Array, samples: int, smoothness: float, start: Array | None
+) -> Array:
+    scale = np.linalg.norm(matrix, axis=0) / np.sqrt(samples)
+    moved = scale > 1e-9 * scale.max()
+    scale[~moved] = scale.max()
+    floor = np.zeros(design.features)
+    floor[design.first_play] = FLOOR_SHARE * mean_slope(design, matrix, target)
+    ridge = np.diag(np.full(design.features, np.sqrt(RIDGE * samples)))
+    bends = curvature(design) * float(scale[design.first_play].sum()) * np.sqrt(smoothness * samples)
+    stacked = np.vstack([matrix / scale, ridge, bends / scale])
+    wanted = np.zeros(len(stacked))
+    wanted[: len(target)] = target - matrix @ floor
+    first = None if start is None else np.maximum(start - floor, 0.0) * scale
+    weights: Array = nnls(stacked, wanted, first) / scale + floor
+    return weights
+
+
+def _zeros(triangle: Array, right: Array) -> Array:
+    """Zero of each record, NaN where none of its samples were fitted."""
+    zeros_um = np.full(len(right), np.nan)
+    known = np.abs(np.diag(triangle)) > 0.0
+    zeros_um[known] = np.linalg.solve(triangle[np.ix_(known, known)], right[known])
+    return zeros_um
+
+
+def mean_slope(design: Design, matrix: Array, target: Array) -> float:
+    """Slope of the straight line through the data, µm/V; the play of threshold 0 is the voltage itself."""
+    voltage = matrix[:, design.first_play].sum(axis=1)
+    return max(0.0, float(voltage @ target) / max(float(voltage @ voltage), 1e-300))
+
+
+def curvature(design: Design) -> Array:
+    """Second differences of slopes per volt of threshold, times the mean width, shape (k, features).
+
+    The play of threshold 0 is left out: it is the reversible answer, not one of a family.
+    """
+    plays, pieces = len(design.thresholds_v), design.knots_v.shape[1] - 1
+    if plays < 4:
+        return np.empty((0, design.features))
+    width_v = np.gradient(design.thresholds_v)
+    rows = np.zeros((plays - 3, pieces, design.features))
+    for k in range(len(rows)):
+        for piece in range(pieces):
+            for play, share in ((k + 1, 1.0), (k + 2, -2.0), (k + 3, 1.0)):
+                rows[k, piece, play * pieces + piece] = share * width_v[1:].mean() / width_v[play]
+    return rows.reshape(-1, design.features)

@@ -1,0 +1,151 @@
+"""From measured records to an actuator model, with held-out errors and bands of uncertainty.
+
+Thresholds, knots and time constants are chosen from what the records cover; then everything is one convex
+problem (`fitting`) on triangles of the data (`design`). Errors are told on blocks of the record that the model
+did not see, because errors on the training data flatter every model.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from edmctl.actuator.choosing import HINGES, PLAYS, TAU_RATIO, choose_design, thresholds
+from edmctl.actuator.crossvalidation import figures, smoothest
+from edmctl.actuator.delay import best_delay
+from edmctl.actuator.design import Design, reduce_records
+from edmctl.actuator.fitting import fit
+from edmctl.actuator.record import Record
+from edmctl.actuator.triangles import one_thread
+from edmctl.actuator.uncertainty import Bands, bands_of
+from edmctl.actuator.verdict import notes_on, problems_of
+from edmctl.actuator.waveshape import settled_from
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from edmctl.actuator.model import ActuatorModel
+    from edmctl.actuator.validation import ErrorFigures
+
+    Array = NDArray[np.float64]
+
+QUICK_CREEPING = 2
+"""Its threshold, 5 % of the span, is the weighted mean threshold of soft PZT."""
+QUICK_TAUS_S = 0.04 * np.power(TAU_RATIO, np.arange(7.0))
+FOLDS, RESAMPLES = 8, 40
+LEAST_SAMPLES = 200
+
+
+@dataclass(frozen=True, slots=True)
+class Identification:
+    """A model, how well it does on blocks it did not see, and what stands against using it.
+
+    train : errors on the records themselves
+    held_out : errors of blocked cross-validation
+    problems : why it should not be used, each with what to do; empty = accepted
+    notes : what else a reader should know
+    """
+
+    model: ActuatorModel
+    train: ErrorFigures
+    held_out: ErrorFigures
+    bands: Bands
+    problems: tuple[str, ...]
+    notes: tuple[str, ...]
+    samples: int
+
+    @property
+    def accepted(self) -> bool:
+        """Whether nothing stands against using the model."""
+        return not self.problems
+
+
+def identify(
+    records: Sequence[Record],
+    *,
+    hinges: int = HINGES,
+    plays: int = PLAYS,
+    creep: bool = True,
+    delay_s: float | None = None,
+    folds: int = FOLDS,
+    resamples: int = RESAMPLES,
+) -> Identification:
+    """Identify an actuator from one or several records of (t_s, u_v, y_um, previous_v, name).
+
+    hinges : pieces per play; 1 gives the Prandtl-Ishlinskii operator, the class of the paper's Maxwell model
+    creep : whether the model creeps
+    delay_s : fixed delay; None searches 0 … 20 ms
+    folds, resamples : of the blocked cross-validation and of the block bootstrap
+
+    Every record gets its own zero; the model takes that of the last. Raises ValueError when no sample is left
+    to fit, the voltage never changes, or the displacement does not rise with it.
+    """
+    records = [Record(*record) for record in records]
+    _refuse(records)
+    design = choose_design(records, hinges=hinges, plays=plays, creep=creep)
+    skip = [settled_from(record) for record in records]
+    with one_thread():
+        found_s = best_delay(design, records, skip) if delay_s is None else delay_s
+        reduction = reduce_records(design, records, np.array([found_s]), skip)
+        smoothness, best, held_out = smoothest(design, reduction, records, found_s, folds)
+        bands = bands_of(design, reduction, best, found_s, smoothness, resamples)
+    model = design.model(best.weights, float(best.zeros_um[-1]), found_s)
+    return Identification(
+        model=model,
+        train=figures(records, reduction, [(model, best, range(len(reduction.blocks)))]),
+        held_out=held_out,
+        bands=bands,
+        problems=problems_of(design, model, records, held_out),
+        notes=notes_on(records, delay_s),
+        samples=sum(block.samples for block in reduction.blocks),
+    )
+
+
+def identify_quick(record: Record) -> tuple[ActuatorModel, ErrorFigures]:
+    """Identify a plain model from a few full swings, in milliseconds; with its errors on the record itself.
+
+    A Prandtl-Ishlinskii operator (one piece per play) with creep like the logarithm of time behind one play: a
+    short record cannot say more. The rise to the first maximum is not fitted, because before it the plays
+    depend on a history that nobody recorded. Raises ValueError like `identify`.
+    """
+    _refuse([record])
+    low_v, high_v = float(record.u_v.min()), float(record.u_v.max())
+    thresholds_v = thresholds(high_v - low_v, PLAYS)
+    design = Design(
+        thresholds_v=thresholds_v,
+        knots_v=np.stack([low_v + thresholds_v, high_v - thresholds_v], axis=1),
+        creep_plays=np.array([QUICK_CREEPING], dtype=np.int64),
+        time_constants_s=QUICK_TAUS_S,
+        column_of=np.zeros(len(QUICK_TAUS_S), dtype=np.int64),
+        low_v=low_v,
+        high_v=high_v,
+    )
+    first = int(np.argmax(record.u_v >= high_v - 0.01 * (high_v - low_v)))
+    if len(record.t_s) - first < LEAST_SAMPLES // 2:
+        raise ValueError(
+            f"{record.name}: {len(record.t_s) - first} samples after the first maximum are too few"
+        )
+    reduction = reduce_records(design, [record], np.zeros(1), [first])
+    best = fit(design, reduction)
+    model = design.model(best.weights, float(best.zeros_um[0]), 0.0)
+    return model, figures([record], reduction, [(model, best, range(len(reduction.blocks)))])
+
+
+def _refuse(records: Sequence[Record]) -> None:
+    if not records:
+        raise ValueError("no record to identify from")
+    for record in records:
+        if len(record.t_s) < LEAST_SAMPLES:
+            raise ValueError(f"{record.name}: {len(record.t_s)} samples, at least {LEAST_SAMPLES} are needed")
+        if not np.ptp(record.u_v) > 0.0:
+            raise ValueError(f"{record.name}: the voltage does not change")
+        if not np.isfinite([record.t_s, record.u_v, record.y_um]).all():
+            raise ValueError(f"{record.name}: holds numbers that are not finite")
+        if not (np.diff(record.t_s) > 0.0).all():
+            raise ValueError(f"{record.name}: time does not ascend")
+        if not float(np.cov(record.u_v, record.y_um)[0, 1]) > 0.0:
+            raise ValueError(f"{record.name}: the displacement does not rise with the voltage")

@@ -1,0 +1,65 @@
+"""The exact inverse: which voltage brings the tool where it is wanted (feed-forward).
+
+The displacement rises strictly with the voltage from any state, so there is one answer, found by a bracketed
+root search to the last bit. For one hinge per play and no creep it is the Maxwell form of `maxwell`. The
+model's pure delay is left out: nothing can act before it is asked.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from edmctl.actuator.estimator import Solution
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from edmctl.actuator.model import ActuatorModel
+    from edmctl.actuator.state import ActuatorState
+
+    Array = NDArray[np.float64]
+
+
+class Inverse:
+    """Turns wanted displacements into voltages, following the actuator's state.
+
+    Voltages keep to the model's range; beyond it the nearer end is given and said to be saturated.
+    """
+
+    def __init__(self, model: ActuatorModel, state: ActuatorState) -> None:
+        self.model = model
+        self.state = state
+
+    def tick(self, y_um: float, dt_s: float) -> Solution:
+        """Voltage that gives `y_um` at `dt_s` after the last one; the state goes there."""
+        u_v, saturated = self.solve(np.array([self.state.t_s + dt_s]), np.array([y_um]))
+        return Solution(float(u_v[0]), bool(saturated[0]))
+
+    def solve(self, t_s: Array, y_um: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Voltages, shape (n,), that give y_um, shape (n,), and where they are saturated."""
+        from edmctl.actuator.operators import solve_bank
+
+        model, state = self.model, self.state
+        u_v = np.empty(len(t_s))
+        if len(t_s):
+            solve_bank(
+                np.ascontiguousarray(t_s, dtype=np.float64),
+                np.ascontiguousarray(y_um, dtype=np.float64) - model.zero_um,
+                state.t_s,
+                model.low_v,
+                model.high_v,
+                model.thresholds_v,
+                model.knots_v,
+                model.slopes_um_per_v,
+                model.creep_plays,
+                model.time_constants_s,
+                model.creep_um_per_v,
+                state.plays_v,
+                state.lags_v,
+                np.empty((3, len(model.time_constants_s))),
+                u_v,
+            )
+            state.u_v, state.t_s = float(u_v[-1]), float(t_s[-1])
+        return u_v, (u_v == model.low_v) | (u_v == model.high_v)

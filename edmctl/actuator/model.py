@@ -1,0 +1,207 @@
+"""The actuator model: bent plays, creep behind some of them, a delay.
+
+y(t) = zero + Σ_i Σ_m S_im h_m(z_i) + Σ_gj C_gj L_gj, all at t − delay, with plays z_i, hinges h_m and lags L_gj as
+in `operators`. All S and C are ≥ 0 and the first play (threshold 0) has a positive slope everywhere, so the
+displacement rises strictly with the voltage from any state: the model can be inverted exactly. With one hinge
+per play it is the Prandtl-Ishlinskii operator, and so the paper's Maxwell slip model (`maxwell`).
+
+It does not know temperature, load (0.2 N/µm at the tool), ageing, driver error or the output resonance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from edmctl.actuator.estimator import Estimator
+from edmctl.actuator.inverse import Inverse
+from edmctl.actuator.state import ActuatorState
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+CREEP_FROM_S, CREEP_TO_S = 0.1, 10.0
+"""Creep rates are customarily told between these times after a step."""
+
+
+SLOW_CYCLE_S, CYCLE_SAMPLES = 100.0, 400
+
+
+@dataclass(frozen=True, eq=False)
+class ActuatorModel:
+    """Parameters of one actuator; immutable.
+
+    thresholds_v : ndarray, shape (n,)
+        Thresholds of the plays, ascending from 0.
+    knots_v : ndarray, shape (n, m + 1)
+        Where each play's pieces begin and end, ascending; the outer pieces go on beyond.
+    slopes_um_per_v : ndarray, shape (n, m)
+    creep_plays : ndarray of int, shape (g,)
+        Plays that creep.
+    time_constants_s : ndarray, shape (j,)
+    creep_um_per_v : ndarray, shape (g, j)
+    zero_um, delay_s : float
+    low_v, high_v : float
+        The range of voltage that the model was identified over.
+
+    Raises ValueError when the arrays do not fit each other or the model could not be inverted.
+    """
+
+    thresholds_v: Array
+    knots_v: Array
+    slopes_um_per_v: Array
+    creep_plays: NDArray[np.int64]
+    time_constants_s: Array
+    creep_um_per_v: Array
+    zero_um: float
+    delay_s: float
+    low_v: float
+    high_v: float
+
+    def __post_init__(self) -> None:
+        for problem in _problems(self):
+            raise ValueError(problem)
+
+    def predict(self, t_s: Array, u_v: Array, state: ActuatorState | None = None) -> Array:
+        """Displacement in µm, shape (n,), for a voltage that was applied from `state` on.
+
+        t_s, u_v : ndarray, shape (n,); time strictly ascending, every turning point of the voltage a sample.
+        state : left as it is. Default: conditioned, come to the first voltage as its first move tells.
+        """
+        start = self.starting_state(t_s, u_v) if state is None else state
+        return self.estimator(start).advance(t_s, u_v)
+
+    def estimator(self, state: ActuatorState | None = None) -> Estimator:
+        """Return an estimator that starts from a copy of `state` (default: conditioned, at the low end)."""
+        return Estimator(self, ActuatorState.conditioned(self) if state is None else state.copy())
+
+    def inverse(self, state: ActuatorState | None = None) -> Inverse:
+        """Return the exact inverse, starting from a copy of `state` (default: conditioned, at the low end)."""
+        return Inverse(self, ActuatorState.conditioned(self) if state is None else state.copy())
+
+    def starting_state(self, t_s: Array, u_v: Array, previous_v: float | None = None) -> ActuatorState:
+        """State at the first sample of a voltage, shape (n,) each.
+
+        previous_v : what the actuator was held at before. None: it had been cycling over the model's range and
+        comes from the end that the voltage's first move leads away from.
+        """
+        first_v = float(u_v[0])
+        if previous_v is not None:
+            state = ActuatorState.after_jump(self, previous_v, first_v)
+        else:
+            state = ActuatorState.conditioned(self, first_v, falling=_falls(u_v, self.high_v - self.low_v))
+        state.t_s = float(t_s[0])
+        return state
+
+    def advance(self, state: ActuatorState, t_s: Array, u_v: Array) -> Array:
+        """Advance `state` in place; return the displacement without delay, µm, shape (n,)."""
+        from edmctl.actuator.operators import advance_bank
+
+        output = np.empty(len(t_s))
+        if len(t_s):
+            advance_bank(
+                np.ascontiguousarray(t_s, dtype=np.float64),
+                np.ascontiguousarray(u_v, dtype=np.float64),
+                state.t_s,
+                self.thresholds_v,
+                self.knots_v,
+                self.slopes_um_per_v,
+                self.creep_plays,
+                self.time_constants_s,
+                self.creep_um_per_v,
+                state.plays_v,
+                state.lags_v,
+                np.empty((3, len(self.time_constants_s))),
+                output,
+            )
+            state.u_v, state.t_s = float(u_v[-1]), float(t_s[-1])
+        return output + self.zero_um
+
+    def with_zero(self, zero_um: float) -> ActuatorModel:
+        """Return the same model with another zero."""
+        return replace(self, zero_um=zero_um)
+
+    @cached_property
+    def stroke_um(self) -> float:
+        """Displacement from trough to crest of a slow full cycle (10 mHz), conditioned, µm."""
+        return float(np.ptp(self._slow_cycle_um()))
+
+    @cached_property
+    def least_slope_um_per_v(self) -> float:
+        """Least slope of the displacement over the voltage anywhere, µm/V: what a turning point leaves."""
+        return float(self.slopes_um_per_v[0].min())
+
+    @cached_property
+    def gain_um_per_v(self) -> float:
+        """Mean slope over the range, µm/V."""
+        return self.stroke_um / (self.high_v - self.low_v)
+
+    @cached_property
+    def loop_width(self) -> float:
+        """Distance of the branches of a slow full cycle at the middle of the range, over the stroke."""
+        rising_um, falling_um = self._slow_cycle_um()[[CYCLE_SAMPLES // 4, 3 * CYCLE_SAMPLES // 4]]
+        return float(falling_um - rising_um) / self.stroke_um
+
+    @cached_property
+    def gamma_per_decade(self) -> float:
+        """Creep after a step over the range, per decade of time, relative to the displacement at 0.1 s."""
+        if not self.creep_um_per_v.any():
+            return 0.0
+        times_s = np.array([CREEP_FROM_S, CREEP_TO_S])
+        state = ActuatorState.conditioned(self)
+        start_um = self.advance(state.copy(), np.array([0.0]), np.array([self.low_v]))[0]
+        self.advance(state, np.array([0.0]), np.array([self.high_v]))
+        first_um, last_um = self.advance(state, times_s, np.full(2, self.high_v))
+        decades = float(np.log10(CREEP_TO_S / CREEP_FROM_S))
+        return float((last_um - first_um) / (first_um - start_um)) / decades
+
+    def _slow_cycle_um(self) -> Array:
+        """Second of two straight full cycles at 10 mHz from rest at the low end, shape (CYCLE_SAMPLES,)."""
+        t_s: Array = np.arange(2.0 * CYCLE_SAMPLES) * (SLOW_CYCLE_S / CYCLE_SAMPLES)
+        swing = 1.0 - np.abs(1.0 - 2.0 * (t_s / SLOW_CYCLE_S % 1.0))
+        u_v: Array = self.low_v + (self.high_v - self.low_v) * swing
+        return self.advance(ActuatorState.conditioned(self), t_s, u_v)[CYCLE_SAMPLES:]
+
+
+def _falls(u_v: Array, span_v: float) -> bool:
+    """Whether the first move of more than 2 % of the span leads downwards."""
+    moved = np.abs(u_v - u_v[0]) > 0.02 * span_v
+    return bool(moved.any() and u_v[int(moved.argmax())] < u_v[0])
+
+
+def _problems(model: ActuatorModel) -> list[str]:
+    """What is wrong with a model, in words; empty where it is sound."""
+    thresholds, knots, slopes = model.thresholds_v, model.knots_v, model.slopes_um_per_v
+    n, m = len(thresholds), slopes.shape[1] if slopes.ndim == 2 else 0
+    shapes = (
+        slopes.shape == (n, m)
+        and m >= 1
+        and knots.shape == (n, m + 1)
+        and model.creep_um_per_v.shape == (len(model.creep_plays), len(model.time_constants_s))
+    )
+    if n == 0 or not shapes:
+        return ["the arrays of the model do not fit each other"]
+    floats = (thresholds, knots, slopes, model.time_constants_s, model.creep_um_per_v)
+    scalars = (model.zero_um, model.delay_s, model.low_v, model.high_v)
+    if not all(np.isfinite(a).all() for a in (*floats, scalars)):
+        return ["the model holds numbers that are not finite"]
+    checks = (
+        (thresholds[0] == 0.0 and bool((np.diff(thresholds) > 0).all()), "thresholds ascend from 0"),
+        (bool((np.diff(knots, axis=1) > 0).all()), "the knots of a play ascend"),
+        (bool((slopes >= 0).all()), "slopes are not negative"),
+        (bool((slopes[0] > 0).all()), "the play of threshold 0 has positive slopes"),
+        (bool((model.time_constants_s > 0).all()), "time constants are positive"),
+        (bool((model.creep_um_per_v >= 0).all()), "creep is not negative"),
+        (
+            bool(((model.creep_plays >= 0) & (model.creep_plays < n)).all()),
+            "creep follows plays of the model",
+        ),
+        (model.delay_s >= 0.0, "the delay is not negative"),
+        (model.low_v < model.high_v, "low_v lies below high_v"),
+    )
+    return [f"a model needs: {rule}" for holds, rule in checks if not holds]

@@ -1,0 +1,76 @@
+"""How sure an identified model is, by resampling contiguous blocks of its records.
+
+Single weights are not identifiable (many sets of them draw the same loops), so bands are told for what they
+add up to: the displacement, the gain, the width of the loop and the creep.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from edmctl.actuator.fitting import Fit, fit
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from edmctl.actuator.design import Design, Reduction
+
+    Array = NDArray[np.float64]
+
+BOOTSTRAP_SEED = 20090804
+"""Fixed, so that the same record gives the same file."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bands:
+    """Standard uncertainties (one sd) of what a model says, with the values they belong to.
+
+    displacement_sd_um, displacement_sd_max_um : mean and largest over the records
+    loop_width : opening of the full loop at the middle of the range, relative to the stroke
+    gamma_per_decade : creep per decade of time, relative to the step
+    """
+
+    displacement_sd_um: float
+    displacement_sd_max_um: float
+    gain_um_per_v: float
+    gain_sd_um_per_v: float
+    loop_width: float
+    loop_width_sd: float
+    gamma_per_decade: float
+    gamma_sd_per_decade: float
+
+
+def bands_of(
+    design: Design, reduction: Reduction, best: Fit, delay_s: float, smoothness: float, resamples: int
+) -> Bands:
+    """Block bootstrap: refit `resamples` times to as many blocks, drawn with replacement."""
+    rng = np.random.default_rng(BOOTSTRAP_SEED)
+    count = len(reduction.blocks)
+    drawn_um: list[Array] = []
+    drawn: list[tuple[float, float, float]] = []
+    for _ in range(resamples):
+        times = np.bincount(rng.integers(count, size=count), minlength=count).tolist()
+        found = fit(design, reduction, times=times, smoothness=smoothness, start=best.weights)
+        drawn_um.append(reduction.sketch @ found.weights + float(np.nanmean(found.zeros_um)))
+        drawn.append(_shape(design, found.weights, delay_s))
+    spread_um = np.std(drawn_um, axis=0) if drawn_um else np.zeros(1)
+    gain_sd, width_sd, gamma_sd = np.std(drawn, axis=0) if drawn else np.zeros(3)
+    gain, width, gamma = _shape(design, best.weights, delay_s)
+    return Bands(
+        displacement_sd_um=float(spread_um.mean()),
+        displacement_sd_max_um=float(spread_um.max()),
+        gain_um_per_v=gain,
+        gain_sd_um_per_v=float(gain_sd),
+        loop_width=width,
+        loop_width_sd=float(width_sd),
+        gamma_per_decade=gamma,
+        gamma_sd_per_decade=float(gamma_sd),
+    )
+
+
+def _shape(design: Design, weights: Array, delay_s: float) -> tuple[float, float, float]:
+    model = design.model(weights, 0.0, delay_s)
+    return model.gain_um_per_v, model.loop_width, model.gamma_per_decade

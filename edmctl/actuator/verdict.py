@@ -1,0 +1,104 @@
+"""What stands against using an identified model, in words, and what else a reader should know."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from edmctl.actuator.choosing import OWN_TAU_SHARE
+from edmctl.actuator.fitting import FLOOR_SHARE
+from edmctl.actuator.waveshape import has_several_rates, length_s, longest_hold_s, settled_from
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from edmctl.actuator.design import Design
+    from edmctl.actuator.model import ActuatorModel
+    from edmctl.actuator.record import Record
+    from edmctl.actuator.validation import ErrorFigures
+
+    Array = NDArray[np.float64]
+
+ACCEPTED_RMS_PCT, ACCEPTED_MAX_PCT = 0.5, 2.0
+COVERED_BINS = 10
+LEAST_HOLD_SHARE = 0.5
+"""Of the slowest lag with a weight of its own."""
+
+
+def problems_of(
+    design: Design, model: ActuatorModel, records: Sequence[Record], held_out: ErrorFigures
+) -> tuple[str, ...]:
+    problems: list[str] = []
+    if held_out.rms_pct > ACCEPTED_RMS_PCT:
+        problems.append(
+            f"Held-out RMS error {held_out.rms_pct:.2f} % of the range, at most {ACCEPTED_RMS_PCT} % is accepted: "
+            "look for a loose sensor, a wrong --previous-voltage, or a load on the tool, and measure again."
+        )
+    if held_out.max_pct > ACCEPTED_MAX_PCT:
+        problems.append(
+            f"Held-out error up to {held_out.max_pct:.1f} % of the range, at most {ACCEPTED_MAX_PCT} % is "
+            f"accepted; the worst is at {_worst_place(model, records)}: look for a knock or a jump there, cut it "
+            "off or measure again."
+        )
+    if model.least_slope_um_per_v <= 1.001 * FLOOR_SHARE * _line_slope(records):
+        problems.append(
+            "Not monotone: somewhere in the range the data show no immediate answer to the voltage; "
+            "look for a sensor or an amplifier at its limit."
+        )
+    problems += _uncovered(design, records)
+    return tuple(problems)
+
+
+def _line_slope(records: Sequence[Record]) -> float:
+    return min(float(np.polynomial.polynomial.polyfit(r.u_v, r.y_um, 1)[1]) for r in records)
+
+
+def _uncovered(design: Design, records: Sequence[Record]) -> list[str]:
+    """What of the model's class the records say nothing about."""
+    found: list[str] = []
+    bins = np.linspace(design.low_v, design.high_v, COVERED_BINS + 1)
+    for direction, rising in (("rising", True), ("falling", False)):
+        seen = np.zeros(COVERED_BINS, dtype=bool)
+        for record in records:
+            moves = np.diff(record.u_v) > 0.0 if rising else np.diff(record.u_v) < 0.0
+            places = np.digitize(record.u_v[1:][moves], bins) - 1
+            seen[np.clip(places, 0, COVERED_BINS - 1)] = True
+        if not seen.all():
+            gap = int(np.argmin(seen))
+            found.append(
+                f"Not covered: no {direction} voltage between {bins[gap]:.1f} V and {bins[gap + 1]:.1f} V; "
+                "record full cycles."
+            )
+    return found
+
+
+def notes_on(records: Sequence[Record], delay_s: float | None) -> tuple[str, ...]:
+    notes: list[str] = []
+    if delay_s is None and not has_several_rates(records):
+        notes.append(
+            "The records swing at one rate, where delay and hysteresis look alike: the delay that was found holds "
+            "there only. Measure at two rates, or say --delay."
+        )
+    held_s = max(longest_hold_s(record) for record in records)
+    if held_s < OWN_TAU_SHARE * LEAST_HOLD_SHARE * length_s(records):
+        notes.append(
+            f"The voltage is never held longer than {held_s:.2g} s: slower creep is continued from faster. "
+            "Hold a step for a minute to measure it."
+        )
+    return tuple(notes)
+
+
+def _worst_place(model: ActuatorModel, records: Sequence[Record]) -> str:
+    """Where a model is farthest from its records: the time, and the record's name."""
+    worst_um, place = 0.0, ""
+    for record in records:
+        start = model.starting_state(record.t_s, record.u_v, record.previous_v)
+        errors_um = model.predict(record.t_s, record.u_v, start) - record.y_um
+        errors_um = np.abs(errors_um - np.median(errors_um))[settled_from(record) :]
+        if errors_um.max() >= worst_um:
+            worst_um = float(errors_um.max())
+            place = f"{record.t_s[settled_from(record) + int(errors_um.argmax())]:.4g} s of {record.name}"
+    return place

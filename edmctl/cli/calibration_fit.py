@@ -1,0 +1,188 @@
+"""From records to a calibration: the model, what simpler ones would do, and errors on data that none of them saw."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
+
+from edmctl.actuator.baselines import fit_line, fit_maxwell
+from edmctl.actuator.identification import identify
+from edmctl.actuator.validation import ErrorFigures, validate
+from edmctl.errors import Diagnostic, RecordError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from edmctl.actuator.baselines import Baseline
+    from edmctl.actuator.identification import Identification
+    from edmctl.actuator.model import ActuatorModel
+    from edmctl.actuator.record import Record
+    from edmctl.actuator.validation import Refit
+
+HELD_OUT, VALIDATION = "held-out blocks", "validation files"
+REMEDY = "`edmctl machine` uses such a calibration, and warns each time."
+BEYOND_SHARE = 0.01
+"""Of the span of a calibration; a record that goes this far beyond is worth a word."""
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """Largest and RMS error in µm and in % of the range of displacement that was measured."""
+
+    max_um: float
+    rms_um: float
+    max_pct: float
+    rms_pct: float
+    range_um: float
+
+    @classmethod
+    def of(cls, errors: ErrorFigures) -> Figures:
+        """Figures of one record."""
+        return cls(errors.max_um, errors.rms_um, errors.max_pct, errors.rms_pct, errors.range_um)
+
+    @classmethod
+    def pooled(cls, figures: Sequence[Figures], samples: Sequence[int]) -> Figures:
+        """Of several records: worst maximum, RMS over all samples, widest range."""
+
+        def rms(values: Sequence[float]) -> float:
+            squares = (n * value**2 for n, value in zip(samples, values, strict=True))
+            return math.sqrt(sum(squares) / sum(samples))
+
+        return cls(
+            max_um=max(f.max_um for f in figures),
+            rms_um=rms([f.rms_um for f in figures]),
+            max_pct=max(f.max_pct for f in figures),
+            rms_pct=rms([f.rms_pct for f in figures]),
+            range_um=max(f.range_um for f in figures),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class FileFigures:
+    """Errors on one validation file, with the gain and zero that were set for it."""
+
+    name: str
+    max_um: float
+    rms_um: float
+    max_pct: float
+    rms_pct: float
+    range_um: float
+    gain: float
+    zero_um: float
+
+
+@dataclass(frozen=True, slots=True)
+class Findings:
+    """An identified actuator. `baselines` and `held_out_baselines` have the keys line and maxwell."""
+
+    identification: Identification
+    held_out_baselines: Mapping[str, ErrorFigures]
+    validated: Figures | None
+    validated_baselines: Mapping[str, Figures]
+    files: tuple[FileFigures, ...]
+    refit: tuple[Refit, ...]
+    warnings: tuple[Diagnostic, ...]
+
+    @property
+    def train(self) -> ErrorFigures:
+        """Errors on the records themselves."""
+        return self.identification.train
+
+    @property
+    def held_out(self) -> ErrorFigures:
+        """Errors on blocks of the records that the model did not see."""
+        return self.identification.held_out
+
+    def as_mapping(self) -> dict[str, object]:
+        """Return the `result` of the JSON object, but for the files."""
+        found = self.identification
+        held_out = {name: Figures.of(errors) for name, errors in self.held_out_baselines.items()}
+        return {
+            "train": Figures.of(self.train),
+            "validate": self.validated,
+            "validate_files": self.files,
+            "refit": self.refit,
+            "held_out": Figures.of(self.held_out),
+            "baselines": self.validated_baselines or held_out,
+            "baselines_on": VALIDATION if self.validated else HELD_OUT,
+            "gamma_per_decade": found.model.gamma_per_decade,
+            "stroke_um": found.model.stroke_um,
+            "delay_s": found.model.delay_s,
+            "low_v": found.model.low_v,
+            "high_v": found.model.high_v,
+            "samples": found.samples,
+            "bands": asdict(found.bands),
+            "accepted": found.accepted,
+            "problems": found.problems,
+            "notes": found.notes,
+        }
+
+
+def find(
+    records: Sequence[Record], validation: Sequence[Record], refit: tuple[Refit, ...], delay_s: float | None
+) -> Findings:
+    """Identify the actuator, and judge the model beside a straight line and the paper's Maxwell model.
+
+    Raises RecordError E3619 when the records allow no fit.
+    """
+    try:
+        found = identify(records, delay_s=delay_s)
+        baselines = {"line": fit_line(records), "maxwell": fit_maxwell(records)}
+    except ValueError as error:
+        raise RecordError(
+            f"No model can be fitted: {error}.",
+            hint="Record full swings and holds of a minute over the whole range, at 100 Hz or faster.",
+            code="E3619",
+        ) from error
+    files = tuple(_judged(found.model, record, refit) for record in validation)
+    return Findings(
+        identification=found,
+        held_out_baselines={name: baseline.held_out for name, baseline in baselines.items()},
+        validated=_on_all(found.model, validation, refit) if validation else None,
+        validated_baselines=_on_validation(baselines, validation, refit),
+        files=files,
+        refit=refit,
+        warnings=(*_problems(found), *_beyond(found.model, validation)),
+    )
+
+
+def _judged(model: ActuatorModel, record: Record, refit: tuple[Refit, ...]) -> FileFigures:
+    judged = validate(model, record, refit)
+    return FileFigures(
+        name=record.name, gain=judged.gain, zero_um=judged.zero_um, **asdict(Figures.of(judged.errors))
+    )
+
+
+def _on_all(model: ActuatorModel, records: Sequence[Record], refit: tuple[Refit, ...]) -> Figures:
+    figures = [Figures.of(validate(model, record, refit).errors) for record in records]
+    return Figures.pooled(figures, [len(record.t_s) for record in records])
+
+
+def _on_validation(
+    baselines: Mapping[str, Baseline], records: Sequence[Record], refit: tuple[Refit, ...]
+) -> dict[str, Figures]:
+    if not records:
+        return {}
+    return {name: _on_all(baseline.model, records, refit) for name, baseline in baselines.items()}
+
+
+def _problems(found: Identification) -> list[Diagnostic]:
+    return [Diagnostic("W3650", f"Not accepted: {what}", REMEDY, is_warning=True) for what in found.problems]
+
+
+def _beyond(model: ActuatorModel, records: Sequence[Record]) -> list[Diagnostic]:
+    """Validation files that leave the range of the calibration."""
+    margin_v = BEYOND_SHARE * (model.high_v - model.low_v)
+    doubts = []
+    for record in records:
+        low_v, high_v = float(record.u_v.min()), float(record.u_v.max())
+        if low_v >= model.low_v - margin_v and high_v <= model.high_v + margin_v:
+            continue
+        message = (
+            f"{record.name} goes from {low_v:.1f} V to {high_v:.1f} V, the records that were fitted from "
+            f"{model.low_v:.1f} V to {model.high_v:.1f} V: beyond, the model guesses."
+        )
+        hint = "Fit records over the whole range that will be used."
+        doubts.append(Diagnostic("W3651", message, hint, is_warning=True))
+    return doubts

@@ -1,0 +1,90 @@
+"""The estimator of a run and its slow correction: where a run may learn from the sensor, and where it may not.
+
+Trusted events are the conditioning swings (`home`) and the touches of a hole that is finished. Within a hole the
+estimator never looks at the sensor, so that the hole's depth and wear by the model stay the model's own.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from edmctl.actuator.correction import SlowCorrection
+from edmctl.actuator.state import ActuatorState
+from edmctl.actuator.validation import ErrorFigures
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from edmctl.actuator.estimator import Estimator
+    from edmctl.actuator.model import ActuatorModel
+    from edmctl.actuator.record import Record
+
+HOME_READINGS = 32
+"""The swings are compared in so many pieces."""
+PIECES_ALIKE = 4
+"""So many neighbouring pieces share one error of the model, which bends slowly along a swing."""
+LEAST_SD_UM = 0.05
+"""A model is never trusted further than the sensor itself repeats."""
+
+
+class Tracker:
+    """An estimator with gain and zero learned at trusted events.
+
+    sd_um : how well the model follows the sensor, rms
+    """
+
+    def __init__(self, estimator: Estimator, correction: SlowCorrection, sd_um: float) -> None:
+        self.estimator = estimator
+        self.correction = correction
+        self.sd_um = max(sd_um, LEAST_SD_UM)
+        self._noted: list[tuple[float, float, float]] = []
+
+    def note(self, time_s: float, estimated_um: float, measured_um: float) -> None:
+        """Keep a reading of the hole under way for when it is finished."""
+        self._noted.append((time_s, estimated_um, measured_um))
+
+    def learn_noted(self) -> None:
+        """Correct by the readings of the hole before, now that its result stands."""
+        self.learn(self._noted)
+        self._noted.clear()
+
+    def learn(self, readings: Iterable[tuple[float, float, float]], alike: int = 1) -> None:
+        """Correct by (s, estimated µm, measured µm), in order of time and estimated as the tracker is now.
+
+        `alike` neighbouring readings share one error and count as one.
+        """
+        sd_um = self.sd_um * alike**0.5
+        gain, offset_um = self.estimator.gain, self.estimator.offset_um
+        for time_s, estimated_um, measured_um in readings:
+            y_um = (estimated_um - offset_um) / gain
+            self.correction.observe(time_s, y_um, measured_um, sd_um)
+        self.estimator.correct(self.correction.gain, self.correction.offset_um)
+
+
+def at_rest(model: ActuatorModel, time_s: float, u_v: float = 0.0) -> Estimator:
+    """Start from a conditioned actuator that has long been at rest at `u_v`."""
+    state = ActuatorState.conditioned(model, u_v)
+    state.t_s = time_s
+    return model.estimator(state)
+
+
+def home(model: ActuatorModel, record: Record, sd_um: float) -> tuple[Tracker, ErrorFigures]:
+    """Follow the conditioning swings from rest, and learn gain and zero from them; errors on them after that.
+
+    What comes before the first maximum is left out: it depends on a history that nobody recorded.
+    """
+    start_s = float(record.t_s[0])
+    estimator = at_rest(model, start_s, float(record.u_v[0]))
+    y_um = estimator.advance(record.t_s, record.u_v)
+    first = int(np.argmax(record.u_v >= record.u_v.max() - 0.01 * np.ptp(record.u_v)))
+    tracker = Tracker(estimator, SlowCorrection(start_s), sd_um)
+    pieces = np.array_split(np.arange(first, len(y_um)), min(HOME_READINGS, len(y_um) - first))
+    readings = [
+        (float(record.t_s[part[-1]]), float(y_um[part].mean()), float(record.y_um[part].mean()))
+        for part in pieces
+    ]
+    tracker.learn(readings, alike=PIECES_ALIKE)
+    left_um = (estimator.gain * y_um + estimator.offset_um - record.y_um)[first:]
+    return tracker, ErrorFigures.of(left_um, record.y_um)

@@ -1,0 +1,195 @@
+"""Measured records out of CSV and HDF5 files, and columns of numbers into them."""
+
+from __future__ import annotations
+
+import io
+from typing import TYPE_CHECKING
+
+import h5py
+import numpy as np
+
+from edmctl.actuator.record import Record
+from edmctl.errors import RecordError, RunFileError
+from edmctl.record import disk, layout
+from edmctl.record.delimited import read_delimited
+from edmctl.record.naming import DISPLACEMENT, STACK, TIME, TOOL, VOLTAGE, WANTED, advice, find_columns
+from edmctl.record.reader import open_run
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+HDF5_SUFFIXES = (".h5", ".hdf5", ".hdf", ".nxs")
+RUN_COLUMNS = {TIME: "time", VOLTAGE: "v_cmd", DISPLACEMENT: "z_sensor"}
+"""Where a run file holds the columns of a record."""
+UNITS = {"s": "s", "V": "V", "um": "um", "A": "A", "Hz": "Hz"}
+"""Units by the end of a column's name."""
+
+
+def read_record(path: Path, previous_v: float | None = None) -> Record:
+    """Read a measured record: columns t_s, u_V and y_um of a CSV or HDF5 file, or the servo's of a run file.
+
+    previous_v : what the actuator was held at before the first sample, V; None: conditioned.
+
+    Other columns are ignored. Raises RecordError: E3601 the file cannot be read, E3602 it is no table, E3603 its
+    columns have other names, E3604 a row is no row of numbers (with its line), E3605 it has no rows, E3606 it is
+    HDF5 without one clear set of columns. What the numbers say is judged by `actuator.checks`.
+    """
+    columns = _read(path, tuple(WANTED))
+    return Record(columns[TIME], columns[VOLTAGE], columns[DISPLACEMENT], previous_v, path.name)
+
+
+def read_voltage(path: Path) -> tuple[Array, Array]:
+    """Read a voltage to apply: columns t_s and u_V of a CSV or HDF5 file, shape (n,).
+
+    Raises RecordError as `read_record`.
+    """
+    columns = _read(path, (TIME, VOLTAGE))
+    return columns[TIME], columns[VOLTAGE]
+
+
+def read_lever(path: Path) -> tuple[Array, Array]:
+    """Read displacements of stacks and tool: columns x_um and z_um of a CSV or HDF5 file, shape (n,).
+
+    Raises RecordError as `read_record`.
+    """
+    columns = _read(path, (STACK, TOOL))
+    return columns[STACK], columns[TOOL]
+
+
+def write_columns(path: Path, columns: Mapping[str, NDArray[np.generic]]) -> None:
+    """Write columns of one length, shape (n,), to a new file: HDF5 datasets at the root, or CSV.
+
+    The name's suffix says which: .h5 and its kin, else CSV. Numbers are written so that they are read back
+    exactly. Raises RunFileError: E9011 the file exists, E9012 it cannot be written.
+    """
+    if len({values.shape for values in columns.values()}) != 1:
+        raise ValueError("columns differ in length")
+    as_hdf5 = path.suffix.lower() in HDF5_SUFFIXES
+    try:
+        disk.write_new(path, _hdf5(columns) if as_hdf5 else _csv(columns))
+    except FileExistsError:
+        raise RunFileError(
+            f"{path} exists already and is not overwritten.", hint="Choose another name.", code="E9011"
+        ) from None
+    except OSError as error:
+        raise RunFileError(
+            f"Cannot write {path}: {disk.reason(error)}.",
+            hint="Check that its folder exists, can be written and has space.",
+            code="E9012",
+        ) from error
+
+
+def _read(path: Path, needed: Sequence[str]) -> dict[str, Array]:
+    content = _content(path)
+    if content.startswith(HDF5_SIGNATURE):
+        return _read_hdf5(path, needed)
+    if content and path.suffix.lower() in HDF5_SUFFIXES:
+        hint = "Give an HDF5 file, or a CSV file under the name .csv."
+        raise RecordError(f"{path} is not HDF5.", hint=hint, code="E3606")
+    return read_delimited(path, content, needed)
+
+
+def _content(path: Path) -> bytes:
+    """The file's bytes; of HDF5 only its signature."""
+    try:
+        with path.open("rb") as file:
+            start = file.read(len(HDF5_SIGNATURE))
+            return start if start == HDF5_SIGNATURE else start + file.read()
+    except (OSError, ValueError) as error:
+        why = "there is no such file" if isinstance(error, FileNotFoundError) else disk.reason(error)
+        raise RecordError(
+            f"Cannot read the record {path}: {why}.", hint="Check the path and its permissions.", code="E3601"
+        ) from error
+
+
+def _read_hdf5(path: Path, needed: Sequence[str]) -> dict[str, Array]:
+    try:
+        with open_run(path) as run:
+            servo = run.columns(layout.SERVO.path)
+            return _arrays(path, {wanted: servo[RUN_COLUMNS[wanted]] for wanted in needed})
+    except (RunFileError, KeyError):
+        return _read_foreign(path, needed)
+
+
+def _read_foreign(path: Path, needed: Sequence[str]) -> dict[str, Array]:
+    """Read what another program wrote, or `write_columns`."""
+    try:
+        with h5py.File(path, "r") as file:
+            group = _only_group(path, file, needed)
+            names = list(group)
+            found = find_columns(names, needed)
+            return _arrays(path, {wanted: group[names[k]] for wanted, k in found.items()})
+    except (*disk.HDF5_ERRORS, KeyError) as error:
+        raise RecordError(
+            f"{path} cannot be read as HDF5: {disk.reason(error)}.",
+            hint="It may be cut off or damaged: copy or record it again.",
+            code="E3606",
+        ) from error
+
+
+def _only_group(path: Path, file: h5py.File, needed: Sequence[str]) -> h5py.Group:
+    """The group that holds the columns; the root is one."""
+    groups = [file]
+    file.visititems(lambda _, item: groups.append(item) if isinstance(item, h5py.Group) else None)
+    whole = [group for group in groups if len(find_columns(list(group), needed)) == len(needed)]
+    if len(whole) == 1:
+        return whole[0]
+    if whole:
+        named = ", ".join(group.name for group in whole)
+        message, hint = f"{path} holds several records: {named}.", "Write each into a file of its own."
+    else:
+        nearest = max(groups, key=lambda group: (len(find_columns(list(group), needed)), _datasets(group)))
+        names = [name for name in nearest if isinstance(nearest[name], h5py.Dataset)]
+        held = ", ".join(names[:20]) or "nothing"
+        missing = " and no ".join(name for name in needed if name not in find_columns(names))
+        message = f"{path} has no dataset {missing}; {nearest.name} holds {held}."
+        hint = advice(names, needed)
+    raise RecordError(message, hint=hint, code="E3606")
+
+
+def _datasets(group: h5py.Group) -> int:
+    return sum(isinstance(item, h5py.Dataset) for item in group.values())
+
+
+def _arrays(path: Path, found: Mapping[str, h5py.Dataset | NDArray[np.generic]]) -> dict[str, Array]:
+    for name, data in found.items():
+        if not hasattr(data, "dtype") or data.dtype.kind not in "fiu":
+            message, hint = f"{path}: {name} is no dataset of numbers.", "Write it as floats."
+        elif len(data.shape or ()) != 1:
+            message, hint = f"{path}: {name} has the shape {data.shape}.", "Write it as one column."
+        else:
+            continue
+        raise RecordError(message, hint=hint, code="E3606")
+    lengths = {name: data.shape[0] for name, data in found.items()}
+    if len(set(lengths.values())) > 1:
+        told = ", ".join(f"{name} {length}" for name, length in lengths.items())
+        raise RecordError(
+            f"{path}: its columns differ in length: {told}.",
+            hint="Every sample has a time, a voltage and a displacement.",
+            code="E3606",
+        )
+    if max(lengths.values()) < 2:
+        message = f"{path} holds {max(lengths.values())} samples."
+        raise RecordError(message, hint="Give a record with a row per sample.", code="E3605")
+    return {name: np.asarray(data[:], dtype=np.float64) for name, data in found.items()}
+
+
+def _csv(columns: Mapping[str, NDArray[np.generic]]) -> bytes:
+    rows = zip(*(values.tolist() for values in columns.values()), strict=True)
+    lines = [",".join(columns), *(",".join(map(repr, row)) for row in rows)]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _hdf5(columns: Mapping[str, NDArray[np.generic]]) -> bytes:
+    memory = io.BytesIO()
+    with h5py.File(memory, "w") as file:
+        for name, values in columns.items():
+            dataset = file.create_dataset(name, data=values)
+            dataset.attrs["units"] = UNITS.get(name.rpartition("_")[2], layout.PURE)
+    return memory.getvalue()

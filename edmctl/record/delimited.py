@@ -1,0 +1,249 @@
+"""The columns of a measured record out of a text: CSV as loggers, spreadsheets and numpy write it.
+
+Commas, semicolons or tabs between the cells; with the latter two also decimal commas. Lines that begin with #
+are comments; the header may be one, as `numpy.savetxt` writes it. The table is read at once, by numpy; only
+when that fails is it gone through line by line, to say where.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import warnings
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from edmctl.errors import Location, RecordError
+from edmctl.record.naming import WANTED, advice, find_columns, repeated
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+SEPARATORS = (",", ";", "\t")
+COMMENT = "#"
+EXAMPLE = "t_s,u_V,y_um"
+
+
+@dataclass(frozen=True, slots=True)
+class _Table:
+    """A text, its header, and what follows it."""
+
+    path: Path
+    names: list[str]
+    separator: str
+    header_line: int
+    body: str
+    body_line: int
+    """Number of the body's first line; the header stands before it."""
+
+    def place(self, number: int, line: str, cell: int | None = None) -> Location:
+        """Location of a line, or of one of its cells."""
+        cells = line.split(self.separator)
+        if cell is None or cell >= len(cells):
+            return Location(str(self.path), number, 1, max(1, len(line)), line)
+        start = sum(len(text) + 1 for text in cells[:cell])
+        return Location(str(self.path), number, start + 1, max(1, len(cells[cell])), line)
+
+
+def read_delimited(path: Path, content: bytes, needed: Sequence[str] = tuple(WANTED)) -> dict[str, Array]:
+    """Return the columns t_s, u_V and y_um (or those `needed`), shape (n,), of the file `path` with that `content`.
+
+    Raises RecordError with the line: E3602 no table, E3603 columns, E3604 a cell or row, E3605 no rows.
+    """
+    table = _table(path, _text(path, content))
+    columns = _columns(table, needed)
+    decimal_commas = table.separator != "," and "," in table.body
+    # Such a comma is a decimal one, or stands in a column that nobody reads.
+    body = table.body.replace(",", ".") if decimal_commas else table.body
+    try:
+        values = _load(body, table.separator, list(columns.values()))
+    except ValueError as error:
+        raise (
+            _first_fault(table, columns, decimal_commas=decimal_commas) or _unexplained(table, error)
+        ) from None
+    if body.count(table.separator) != len(values) * (len(table.names) - 1):
+        # Cells too many or too few somewhere; or a separator in a comment or between quotes.
+        fault = _first_fault(table, columns, decimal_commas=decimal_commas)
+        if fault is not None:
+            raise fault
+    if len(values) < 2:
+        raise RecordError(
+            f"{path} holds {_count(len(values), 'row')} of numbers.",
+            hint="Give a record with a row per sample under its header.",
+            code="E3605",
+        )
+    return {name: np.ascontiguousarray(values[:, k]) for k, name in enumerate(columns)}
+
+
+def _load(body: str, separator: str, columns: list[int]) -> Array:
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "loadtxt: input contained no data", UserWarning)
+        return np.loadtxt(
+            io.StringIO(body), delimiter=separator, usecols=columns, comments=COMMENT, quotechar='"', ndmin=2
+        )
+
+
+def _text(path: Path, content: bytes) -> str:
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        hint = "Save it as CSV in UTF-8 or ASCII."
+        raise RecordError(f"{path} is text in UTF-16.", hint=hint, code="E3602")
+    if b"\0" in content[:4096]:
+        raise RecordError(
+            f"{path} is neither text nor HDF5.",
+            hint=f"A spreadsheet is exported as CSV, with the header {EXAMPLE}.",
+            code="E3602",
+        )
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = content.decode("latin-1")
+    return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
+
+
+def _table(path: Path, text: str) -> _Table:
+    """Find the header: the first line that is no comment, or the last comment above the first numbers."""
+    start, number, comment = 0, 1, (0, "")
+    while True:
+        if start >= len(text):
+            what = "holds comments only" if comment[1] else "is empty"
+            hint = f"Give a record with the header {EXAMPLE} and a row per sample."
+            raise RecordError(f"{path} {what}.", hint=hint, code="E3602")
+        end = text.find("\n", start)
+        end = len(text) if end < 0 else end
+        line = text[start:end]
+        if line.lstrip().startswith(COMMENT):
+            comment = (number, line.strip().lstrip(COMMENT).strip())
+        elif line.strip():
+            break
+        start, number = end + 1, number + 1
+    separator = _separator(line)
+    if not _is_numeric(line, separator):
+        return _Table(path, _cells(line, separator), separator, number, text[end + 1 :], number + 1)
+    names = _cells(comment[1], _separator(comment[1]))
+    if find_columns(names):
+        return _Table(path, names, separator, comment[0], text[start:], number)
+    raise RecordError(
+        f"{path} has no header: its first line holds numbers.",
+        hint=f"Put a line with the names of the columns above them: {EXAMPLE} (seconds, volts, micrometres).",
+        code="E3602",
+        where=Location(str(path), number, 1, max(1, len(line)), line),
+    )
+
+
+def _separator(line: str) -> str:
+    """The separator that occurs most often; of equals the comma."""
+    return max(SEPARATORS, key=line.count)
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    try:
+        cells = next(csv.reader([line], delimiter=separator), [])
+    except csv.Error:
+        cells = line.split(separator)
+    return [cell.strip() for cell in cells]
+
+
+def _is_numeric(line: str, separator: str) -> bool:
+    words = [word for cell in _cells(line, separator) for word in cell.split()]
+    return all(_number(word, decimal_commas=True) is not None for word in words)
+
+
+def _number(cell: str, *, decimal_commas: bool) -> float | None:
+    try:
+        return None if "_" in cell else float(cell.replace(",", ".") if decimal_commas else cell)
+    except ValueError:
+        return None
+
+
+def _columns(table: _Table, needed: Sequence[str]) -> dict[str, int]:
+    """Where the needed columns stand. Raises RecordError E3603 with what others may be."""
+    header = ", ".join(table.names)
+    line = table.separator.join(table.names)
+    where = Location(str(table.path), table.header_line, 1, max(1, len(line)), line)
+    columns = find_columns(table.names, needed)
+    twice = repeated(table.names)
+    if twice is not None:
+        message, hint = (
+            f"{table.path} has the column {twice} twice.",
+            "Keep one, and give the other another name.",
+        )
+        raise RecordError(message, hint=hint, code="E3603", where=where)
+    if len(columns) == len(needed):
+        return columns
+    missing = [name for name in needed if name not in columns]
+    if len(table.names) == 1 and find_columns(table.names[0].split()):
+        hint = f"Its columns are separated by spaces; separate them by commas: {EXAMPLE}."
+    else:
+        hint = advice(table.names, needed)
+    raise RecordError(
+        f"{table.path} has no column {' and no '.join(missing)}; its header reads {header}.",
+        hint=hint,
+        code="E3603",
+        where=where,
+    )
+
+
+def _first_fault(table: _Table, columns: dict[str, int], *, decimal_commas: bool) -> RecordError | None:
+    """The first row that is no row of numbers; None where all are."""
+    lines = table.body.split("\n")
+    while lines and not lines[-1].strip():
+        lines.pop()
+    for k, line in enumerate(lines):
+        content = line.partition(COMMENT)[0]
+        if not content.strip():
+            continue
+        number, cells = table.body_line + k, _cells(content, table.separator)
+        if len(cells) < len(table.names) or any(cells[len(table.names) :]):
+            return _ragged(table, number, line, len(cells), is_last=k == len(lines) - 1)
+        for name, index in columns.items():
+            if _number(cells[index], decimal_commas=decimal_commas) is None:
+                return _no_number(table, number, line, name, cells, index)
+    return None
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def _ragged(table: _Table, number: int, line: str, cells: int, *, is_last: bool) -> RecordError:
+    if is_last and cells < len(table.names):
+        hint = "The file ends within a row: delete its last line."
+    elif table.separator == "," and cells > len(table.names):
+        hint = "Write numbers with a decimal point, or separate the columns by semicolons."
+    else:
+        hint = "Complete or delete the row."
+    return RecordError(
+        f"{table.path}, line {number}: {_count(cells, 'cell')} under a header of {len(table.names)}.",
+        hint=hint,
+        code="E3604",
+        where=table.place(number, line),
+    )
+
+
+def _no_number(table: _Table, number: int, line: str, name: str, cells: list[str], index: int) -> RecordError:
+    found = f"{cells[index]!r} is no number" if cells[index] else "the cell is empty"
+    if number == table.body_line and all(_number(cell, decimal_commas=True) is None for cell in cells):
+        hint = "Only one line of names stands above the numbers: delete this one, or begin it with #."
+    else:
+        hint = "Correct or delete the row; numbers are written like -12.5 or 1.25e-3."
+    return RecordError(
+        f"{table.path}, line {number}, column {name}: {found}.",
+        hint=hint,
+        code="E3604",
+        where=table.place(number, line, index),
+    )
+
+
+def _unexplained(table: _Table, error: ValueError) -> RecordError:
+    return RecordError(
+        f"{table.path} cannot be read as a table of numbers: {error}.",
+        hint="Write numbers like -12.5 or 1.25e-3, without quotes, separated by commas.",
+        code="E3604",
+    )

@@ -1,0 +1,1 @@
+"""Figures, in the sizes and the types of a journal."""

@@ -1,0 +1,83 @@
+"""The piezo actuator of a virtual machine on its own: voltage in, displacement and sensor reading out.
+
+It is the actuator of `plant`, without gap or work, behind the controller's slew limit and converter. One seed
+is one unit: the same plays, creep and sensor error as on the virtual bench of that seed.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from edmctl.link.messages import PARAMS
+from edmctl.simulator import kernel as k
+from edmctl.simulator.config import BenchConfig
+from edmctl.simulator.plant import BLOCK, Plant
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+RATE_HZ = 1.0 / k.TICK_S
+LOW_V, HIGH_V = PARAMS["piezo_max_v"].minimum, PARAMS["piezo_max_v"].maximum
+SLEW_V_S = PARAMS["slew_limit_v_s"].default
+
+_TICKS_AT_ONCE = BLOCK // 2
+
+
+class Drive(NamedTuple):
+    """What happened at consecutive ticks of 1 ms; ndarrays of shape (n,).
+
+    t_s : time since the actuator was set up.
+    applied_v : voltage after slew limit, range and converter.
+    truth_um : where the tool was; only the simulator knows.
+    sensor_um : what the displacement sensor read.
+    """
+
+    t_s: Array
+    applied_v: Array
+    truth_um: Array
+    sensor_um: Array
+
+
+class VirtualActuator:
+    """One unit, at rest at 0 V after full swings long ago."""
+
+    def __init__(self, seed: int) -> None:
+        self._plant = Plant(BenchConfig(), seed)
+        self._plant.par[k.SLEW_LIMIT] = SLEW_V_S
+        self._plant.par[k.PIEZO_MAX] = HIGH_V
+
+    @property
+    def serial(self) -> str:
+        """Serial number of the virtual machine with this actuator."""
+        return self._plant.serial
+
+    def drive(self, command_v: Array) -> Drive:
+        """Apply a voltage sampled every millisecond; calls continue one another.
+
+        command_v : ndarray, shape (n,), finite. What lies outside the range is clamped, what is steeper than
+            the slew limit is slowed down, as by the controller.
+        """
+        plant = self._plant
+        command_v = np.ascontiguousarray(command_v, dtype=np.float64)
+        t_s = (plant.ist[k.TICK] + np.arange(command_v.size)) / RATE_HZ
+        applied_v, truth_um, sensor_um = (np.empty(command_v.size) for _ in range(3))
+        for start in range(0, command_v.size, _TICKS_AT_ONCE):
+            part = slice(start, start + _TICKS_AT_ONCE)
+            plant.random.provide(plant.ist, 0, 2 * command_v[part].size)
+            k.drive(
+                command_v[part],
+                plant.par,
+                plant.st,
+                plant.ist,
+                plant.plays,
+                plant.creep,
+                plant.random.noise,
+                applied_v[part],
+                truth_um[part],
+                sensor_um[part],
+            )
+        return Drive(t_s, applied_v, truth_um, sensor_um)

@@ -1,0 +1,244 @@
+"""What is said about records that are no records, and that nothing is said about good ones."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from edmctl.actuator.checks import check_record
+from edmctl.actuator.record import Record
+from edmctl.errors import RecordError
+from edmctl.record.columns import read_record
+
+Array = NDArray[np.float64]
+
+MEASURED = Path(__file__).parents[3] / "shared/data/picma_p885"
+
+
+def loops(u_v: Array, um_per_v: float = 3.0) -> Array:
+    """Displacement of four plays, a loop of a sixth of the range."""
+    y_um = np.zeros(len(u_v))
+    for threshold_v in float(np.ptp(u_v)) * np.array([0.0, 0.03, 0.1, 0.25]):
+        play_v = float(u_v[0])
+        for k, volts in enumerate(u_v.tolist()):
+            play_v = max(volts - threshold_v, min(volts + threshold_v, play_v))
+            y_um[k] += 0.25 * um_per_v * play_v
+    return y_um
+
+
+def swings(
+    low_v: float = 0.0,
+    high_v: float = 150.0,
+    *,
+    rate_hz: float = 200.0,
+    frequency_hz: float = 1.0,
+    n: int = 2000,
+) -> Record:
+    t_s = np.arange(n) / rate_hz
+    u_v = low_v + (high_v - low_v) * 0.5 * (1.0 - np.cos(2.0 * np.pi * frequency_hz * t_s))
+    noise_um = np.random.default_rng(1).normal(0.0, 0.15, n)
+    return Record(t_s, u_v, loops(u_v) + noise_um, name="record.csv")
+
+
+GOOD = swings()
+"""1 Hz over 0 to 150 V at 200 Hz, 10 s, noise 0.15 µm."""
+
+
+def refused(record: Record) -> RecordError:
+    with pytest.raises(RecordError) as refusal:
+        check_record(record)
+    assert refusal.value.exit_code == 3
+    assert refusal.value.message.startswith("record.csv: ")
+    return refusal.value
+
+
+def changed(values: Array, at: int, value: float) -> Array:
+    other = values.copy()
+    other[at] = value
+    return other
+
+
+def late(record: Record, samples: int) -> Record:
+    """The displacement `samples` later; negative: earlier."""
+    return record._replace(y_um=np.roll(record.y_um, samples))
+
+
+@pytest.mark.parametrize(
+    "record",
+    [
+        GOOD,
+        swings(-150.0, 150.0, rate_hz=5000.0, n=40_000),
+        swings(high_v=10.0)._replace(y_um=GOOD.y_um),
+        swings(frequency_hz=0.01, n=20_000),
+        swings(rate_hz=20_000.0, frequency_hz=100.0, n=101_000),
+        GOOD._replace(u_v=np.round(GOOD.u_v), y_um=np.round(GOOD.y_um / 2.0) * 2.0),
+        GOOD._replace(y_um=GOOD.y_um + 10.0 * GOOD.t_s),
+        GOOD._replace(y_um=GOOD.y_um + np.random.default_rng(2).normal(0.0, 4.0, len(GOOD.t_s))),
+        GOOD._replace(t_s=GOOD.t_s - 5.0),
+    ],
+    ids=["1 Hz", "bipolar", "command", "slow", "fast", "coarse", "drift", "noisy", "from minus 5 s"],
+)
+def test_a_good_record_passes_in_silence(record: Record) -> None:
+    assert check_record(record) == ()
+
+
+@pytest.mark.parametrize("lag_samples", [-20, 20, 40, 60])
+def test_a_delay_of_a_fast_swing_is_no_mistake(lag_samples: int) -> None:
+    fast = swings(rate_hz=20_000.0, frequency_hz=100.0, n=101_000)
+    assert check_record(late(fast, lag_samples)) == ()
+
+
+def test_jumps_with_overshoot_are_no_spikes() -> None:
+    u_v = np.where(np.arange(2000) % 400 < 200, 150.0, 30.0)
+    y_um = loops(u_v)
+    y_um[::200] += 0.08 * np.ptp(y_um) * np.sign(np.diff(u_v, prepend=30.0))[::200]
+    assert check_record(Record(np.arange(2000) / 200.0, u_v, y_um)) == ()
+
+
+def test_a_rare_jump_out_of_a_small_servo_swing_is_no_limit() -> None:
+    u_v = 75.0 + np.sin(0.05 * np.arange(20_000))
+    u_v[9000:9060] += np.bartlett(60) * 60.0
+    assert check_record(Record(np.arange(20_000) / 200.0, u_v, loops(u_v))) == ()
+
+
+@pytest.mark.parametrize("name", ["full_range_1hz.csv", "mixed_amplitude_1hz.csv"])
+def test_measured_records_pass_in_silence(name: str) -> None:
+    if not (MEASURED / name).exists():
+        pytest.skip("the measured record is not here")
+    assert check_record(read_record(MEASURED / name)) == ()
+
+
+@pytest.mark.parametrize("name", ["full_range_1hz.csv", "mixed_amplitude_1hz.csv"])
+@pytest.mark.parametrize(
+    ("factor", "looks_like"), [(1e-3, "mm: multiply it by 1000"), (1e3, "nm: multiply it by 0.001")]
+)
+def test_measured_records_in_other_units_are_recognised(name: str, factor: float, looks_like: str) -> None:
+    if not (MEASURED / name).exists():
+        pytest.skip("the measured record is not here")
+    record = read_record(MEASURED / name)
+    with pytest.raises(RecordError, match="no displacement of an actuator") as refusal:
+        check_record(record._replace(y_um=factor * record.y_um))
+    assert looks_like in refusal.value.hint
+
+
+def test_a_record_of_a_few_samples_is_too_short() -> None:
+    error = refused(Record(GOOD.t_s[:199], GOOD.u_v[:199], GOOD.y_um[:199], name="record.csv"))
+    assert error.code == "E3611"
+    assert "199 samples" in error.message
+
+
+@pytest.mark.parametrize(("column", "name"), [("t_s", "t_s"), ("u_v", "u_V"), ("y_um", "y_um")])
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_numbers_that_are_none_are_counted(column: str, name: str, value: float) -> None:
+    values = changed(changed(getattr(GOOD, column), 17, value), 90, value)
+    error = refused(Record(**{**GOOD._asdict(), column: values}))
+    assert error.code == "E3612"
+    assert f"2 of 2000 values of {name} are not finite, the first at sample 18" in error.message
+
+
+@pytest.mark.parametrize(
+    ("t_s", "message", "remedy"),
+    [
+        (changed(GOOD.t_s, 9, GOOD.t_s[8]), "stands still at sample 10", "more digits"),
+        (np.r_[GOOD.t_s[:900], GOOD.t_s[:1100]], "goes back at sample 901", "files of their own"),
+    ],
+)
+def test_time_that_does_not_ascend_is_found(t_s: Array, message: str, remedy: str) -> None:
+    error = refused(GOOD._replace(t_s=t_s))
+    assert error.code == "E3613"
+    assert message in error.message
+    assert remedy in error.hint
+
+
+@pytest.mark.parametrize(("noise_v", "message"), [(0.0, "always 75 V"), (0.01, "noise about 75 V")])
+def test_a_constant_voltage_is_named(noise_v: float, message: str) -> None:
+    error = refused(GOOD._replace(u_v=np.random.default_rng(6).normal(75.0, noise_v, 2000)))
+    assert error.code == "E3614"
+    assert message in error.message
+
+
+def test_a_constant_displacement_is_named() -> None:
+    error = refused(GOOD._replace(y_um=np.full(2000, 12.5)))
+    assert error.code == "E3615"
+    assert "always 12.5 µm" in error.message
+
+
+@pytest.mark.parametrize(
+    "y_um",
+    [
+        np.random.default_rng(3).normal(0.0, 1.0, 2000),
+        GOOD.t_s * 40.0,
+        late(GOOD, 50).y_um,
+    ],
+    ids=["noise", "time", "another clock"],
+)
+def test_a_displacement_that_follows_something_else_is_named(y_um: Array) -> None:
+    error = refused(GOOD._replace(y_um=y_um))
+    assert error.code == "E3615"
+    assert "does not follow" in error.message
+
+
+@pytest.mark.parametrize("spike_um", [0.0, 1e6])
+def test_a_reversed_sign_is_named(spike_um: float) -> None:
+    error = refused(GOOD._replace(y_um=changed(-GOOD.y_um, 1000, spike_um)))
+    assert error.code == "E3617"
+    assert "Negate y_um" in error.hint
+
+
+@pytest.mark.parametrize(
+    ("changes", "remedy"),
+    [
+        ({"y_um": 1e-3 * GOOD.y_um}, "y_um looks like mm: multiply it by 1000."),
+        ({"y_um": 1e-3 * GOOD.y_um, "u_v": GOOD.u_v / 15.0}, "y_um looks like mm: multiply it by 1000."),
+        ({"y_um": 1e-6 * GOOD.y_um}, "y_um looks like m: multiply it by 1e6."),
+        ({"y_um": 1e3 * GOOD.y_um}, "y_um looks like nm: multiply it by 0.001."),
+        ({"u_v": 1e3 * GOOD.u_v}, "u_V looks like mV: multiply it by 0.001."),
+        ({"u_v": 1e-3 * GOOD.u_v}, "u_V looks like kV: multiply it by 1000."),
+        ({"t_s": 1e6 * GOOD.t_s}, "If t_s is in µs, multiply it by 1e-6; in ms, by 0.001."),
+    ],
+)
+def test_other_units_are_recognised(changes: dict[str, Array], remedy: str) -> None:
+    error = refused(Record(**{**GOOD._asdict(), **changes}))
+    assert error.code == "E3618"
+    assert error.hint == remedy
+
+
+@pytest.mark.parametrize("noise_um", [0.0, 0.15])
+@pytest.mark.parametrize("share", [0.1, 0.3])
+@pytest.mark.parametrize("end", ["upper", "lower"])
+def test_a_clipped_sensor_is_named(end: str, share: float, noise_um: float) -> None:
+    y_um = loops(GOOD.u_v)[200:]
+    cut_um = share * float(np.ptp(y_um))
+    clipped_um = (
+        np.minimum(y_um, y_um.max() - cut_um) if end == "upper" else np.maximum(y_um, y_um.min() + cut_um)
+    )
+    clipped_um += np.random.default_rng(4).normal(0.0, noise_um, len(y_um))
+    error = refused(GOOD._replace(t_s=GOOD.t_s[200:], u_v=GOOD.u_v[200:], y_um=clipped_um))
+    assert error.code == "E3616"
+    assert f"{end} end" in error.message
+
+
+def test_milliseconds_are_asked_about() -> None:
+    (doubt,) = check_record(GOOD._replace(t_s=1e3 * GOOD.t_s))
+    assert "sample period is 5 s" in doubt
+    assert "multiply it by 0.001" in doubt
+
+
+def test_a_gap_in_time_is_told() -> None:
+    (doubt,) = check_record(GOOD._replace(t_s=GOOD.t_s + np.where(np.arange(2000) > 899, 3.0, 0.0)))
+    assert "the longest of 3 s after sample 900" in doubt
+
+
+def test_a_short_record_says_little_about_creep() -> None:
+    (doubt,) = check_record(swings(rate_hz=20_000.0, frequency_hz=100.0, n=4000))
+    assert "0.2 s" in doubt
+    assert "creep" in doubt
+
+
+@pytest.mark.parametrize("height_um", [80.0, -1e6])
+def test_spikes_are_counted(height_um: float) -> None:
+    y_um = changed(changed(GOOD.y_um, 400, GOOD.y_um[400] + height_um), 1200, GOOD.y_um[1200] + height_um)
+    (doubt,) = check_record(GOOD._replace(y_um=y_um))
+    assert "2 displacements stand out" in doubt
+    assert "the first at sample 401" in doubt

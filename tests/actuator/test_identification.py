@@ -1,0 +1,198 @@
+import numpy as np
+import pytest
+
+from edmctl.actuator import ActuatorModel, ActuatorState, Record, identify, validate
+from edmctl.actuator import waveforms as waves
+from edmctl.actuator.choosing import choose_design
+from edmctl.actuator.identification import identify_quick
+from edmctl.actuator.validation import judge
+from edmctl.simulator.actuator import VirtualActuator
+from tests.actuator.models import Array, clock, make_model
+
+STROKE_SHARE_MAX, STROKE_SHARE_RMS = 0.010, 0.003
+
+
+def calibration_record(seed: int) -> Record:
+    """The calibration record of a virtual actuator, through its sensor, at 200 Hz."""
+    wave = waves.sampled(waves.calibration_legs(150.0), 1000.0)
+    driven = VirtualActuator(seed).drive(wave.u_v)
+    every = slice(None, None, 5)
+    return Record(wave.t_s[every], driven.applied_v[every], driven.sensor_um[every], name="calibration")
+
+
+def class_model(record: Record) -> ActuatorModel:
+    """A model of the very class that an identification of the record searches in."""
+    design = choose_design([record])
+    rng = np.random.default_rng(5)
+    weights = rng.uniform(0.0, 0.1, design.features)
+    weights[design.first_play] += 1.0
+    return design.model(weights, 12.0, 0.0)
+
+
+def test_noise_free_data_of_the_class_are_reproduced() -> None:
+    wave = waves.sampled(waves.calibration_legs(150.0), 50.0)
+    blank = Record(wave.t_s, wave.u_v, wave.u_v)
+    truth = class_model(blank)
+    y_um = truth.predict(wave.t_s, wave.u_v, truth.starting_state(wave.t_s, wave.u_v))
+    found = identify([blank._replace(y_um=y_um)], resamples=2, delay_s=0.0)
+    assert found.train.max_um <= 1e-6 * found.train.range_um
+    assert found.accepted
+
+
+def test_an_actuator_outside_the_class_is_followed() -> None:
+    found = identify([calibration_record(11)])
+    assert found.accepted, found.problems
+    assert found.held_out.rms_pct <= 0.3
+    stroke_um = found.model.stroke_um
+    for name, wave in {
+        "10 mHz": waves.sine(0.0, 120.0, 0.01, 1, 1000.0),
+        "1 Hz": waves.sine(0.0, 120.0, 1.0, 10, 1000.0),
+        "step": waves.square(0.0, 120.0, 1.0 / 120.0, 1, 1000.0),
+        "jumps": waves.jump_train(0.0, 120.0, 1000.0),
+        "servo": waves.servo_dither(0.0, 120.0, 1000.0),
+    }.items():
+        driven = VirtualActuator(11).drive(wave.u_v)
+        errors = judge(found.model.predict(wave.t_s, driven.applied_v), driven.truth_um).errors
+        assert errors.max_um <= STROKE_SHARE_MAX * stroke_um, name
+        assert errors.rms_um <= STROKE_SHARE_RMS * stroke_um, name
+
+
+def test_held_out_errors_are_honest() -> None:
+    found = identify([calibration_record(12)])
+    wave = waves.sampled(waves.calibration_legs(150.0), 1000.0)
+    actuator = VirtualActuator(12)
+    actuator.drive(wave.u_v)
+    again = actuator.drive(wave.u_v)
+    estimator = found.model.estimator()
+    estimator.advance(wave.t_s, wave.u_v)
+    predicted_um = estimator.advance(wave.t_s + wave.t_s[-1] + 0.001, again.applied_v)
+    fresh = judge(predicted_um[::5], again.sensor_um[::5]).errors
+    assert found.train.rms_um <= 1.1 * found.held_out.rms_um
+    assert fresh.rms_um <= 2.0 * found.held_out.rms_um
+
+
+def test_bands_hold_the_figures_of_the_class() -> None:
+    record = calibration_record(13)
+    truth = identify([record], resamples=2).model
+    start = truth.starting_state(record.t_s, record.u_v)
+    inside = 0
+    for seed in range(6):
+        noise_um = 0.15 * np.random.default_rng(seed).standard_normal(len(record.t_s))
+        y_um = truth.predict(record.t_s, record.u_v, start) + noise_um
+        bands = identify([record._replace(y_um=y_um)], resamples=20, delay_s=truth.delay_s).bands
+        inside += abs(bands.gain_um_per_v - truth.gain_um_per_v) <= 4.0 * bands.gain_sd_um_per_v
+        inside += abs(bands.gamma_per_decade - truth.gamma_per_decade) <= 4.0 * bands.gamma_sd_per_decade
+    assert inside >= 11
+
+
+def test_a_delay_is_found_where_two_rates_tell_it() -> None:
+    slow, fast = (waves.triangle(0.0, 100.0, hz, 6, 500.0) for hz in (0.5, 5.0))
+    truth = make_model(delay_s=0.008, creep=0.01)
+    records = [
+        Record(w.t_s, w.u_v, truth.predict(w.t_s, w.u_v, ActuatorState.after_jump(truth, 0.0, 0.0)), 0.0)
+        for w in (slow, fast)
+    ]
+    found = identify(records, resamples=2)
+    assert found.model.delay_s == pytest.approx(0.008, abs=0.002)
+    assert not any("one rate" in note for note in found.notes)
+
+
+def test_one_rate_is_said_not_to_tell_delay() -> None:
+    wave = waves.triangle(0.0, 100.0, 1.0, 8, 200.0)
+    truth = make_model()
+    found = identify([Record(wave.t_s, wave.u_v, truth.predict(wave.t_s, wave.u_v))], resamples=2)
+    assert any("one rate" in note for note in found.notes)
+
+
+def test_wrong_memory_costs_several_times_the_error() -> None:
+    truth = make_model(creep=0.01)
+    fan = np.concatenate([np.linspace(a, b, 100) for a, b in ((10, 150), (150, 30), (30, 120), (120, 10))])
+    t_s = clock(len(fan))
+    y_um = truth.predict(t_s, fan, ActuatorState.after_jump(truth, 90.0, 10.0))
+    right, wrong = (
+        validate(truth, Record(t_s, fan, y_um, previous_v)).errors.rms_um for previous_v in (90.0, 10.0)
+    )
+    assert wrong > 4.0 * max(right, 0.05)
+
+
+def test_each_record_has_its_own_zero() -> None:
+    wave = waves.sampled(waves.calibration_legs(150.0), 50.0)
+    truth = class_model(Record(wave.t_s, wave.u_v, wave.u_v))
+    y_um = truth.predict(wave.t_s, wave.u_v)
+    records = [Record(wave.t_s, wave.u_v, y_um + shift_um) for shift_um in (0.0, 80.0)]
+    found = identify(records, resamples=2, delay_s=0.0)
+    assert found.train.max_pct <= 1e-4
+    assert found.model.zero_um - truth.zero_um == pytest.approx(80.0, abs=0.5)
+
+
+def test_refitting_gain_and_zero_forgives_another_day() -> None:
+    truth = make_model()
+    wave = waves.triangle(0.0, 140.0, 0.5, 4, 100.0)
+    y_um = 1.025 * truth.predict(wave.t_s, wave.u_v) + 60.0
+    record = Record(wave.t_s, wave.u_v, y_um)
+    assert validate(truth, record, ("gain", "zero")).errors.max_um < 1e-6
+    assert validate(truth, record, ("gain", "zero")).gain == pytest.approx(1.025)
+    assert validate(truth, record).errors.max_pct > 0.5
+
+
+def test_creep_that_nobody_held_is_said_to_be_continued() -> None:
+    wave = waves.sine(0.0, 120.0, 0.5, 10, 100.0)
+    found = identify([Record(wave.t_s, wave.u_v, make_model().predict(wave.t_s, wave.u_v))], resamples=2)
+    assert any("Hold a step" in note for note in found.notes)
+
+
+def test_a_gap_in_the_range_is_not_covered() -> None:
+    low, high = waves.triangle(0.0, 50.0, 0.5, 8, 100.0), waves.triangle(100.0, 150.0, 0.5, 8, 100.0)
+    truth = make_model()
+    records = [Record(w.t_s, w.u_v, truth.predict(w.t_s, w.u_v)) for w in (low, high)]
+    assert any("Not covered" in problem for problem in identify(records, resamples=2).problems)
+
+
+def test_noise_that_hides_the_loop_is_not_accepted() -> None:
+    record = calibration_record(14)
+    noise_um = 6.0 * np.random.default_rng(1).standard_normal(len(record.t_s))
+    found = identify([record._replace(y_um=record.y_um + noise_um)], resamples=2)
+    assert any("RMS error" in problem for problem in found.problems)
+    assert not found.accepted
+
+
+def test_a_knock_is_pointed_at() -> None:
+    record = calibration_record(15)
+    y_um = record.y_um.copy()
+    y_um[20_000:20_020] += 40.0
+    (problem,) = identify([record._replace(y_um=y_um)], resamples=2).problems
+    assert f"{record.t_s[20_010]:.0f}" in problem
+    assert "of calibration" in problem
+
+
+def test_a_stuck_range_is_not_monotone() -> None:
+    record = calibration_record(15)
+    stuck_um = np.minimum(record.y_um, 200.0)
+    found = identify([record._replace(y_um=stuck_um)], resamples=2)
+    assert any("Not monotone" in problem for problem in found.problems)
+    assert found.model.least_slope_um_per_v > 0.0
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"u_v": np.full(1000, 3.0)}, "voltage does not change"),
+        ({"y_um": -np.linspace(0.0, 100.0, 1000)}, "does not rise"),
+        ({"t_s": np.zeros(1000)}, "time does not ascend"),
+        ({"y_um": np.full(1000, np.nan)}, "not finite"),
+    ],
+)
+def test_impossible_data_are_refused(change: dict[str, Array], message: str) -> None:
+    ramp = np.linspace(0.0, 100.0, 1000)
+    with pytest.raises(ValueError, match=message):
+        identify([Record(change.get("t_s", ramp), change.get("u_v", ramp), change.get("y_um", ramp))])
+
+
+def test_a_few_swings_give_a_plain_model() -> None:
+    wave = waves.triangle(0.0, 150.0, 0.2, 2, 100.0)
+    driven = VirtualActuator(16).drive(np.repeat(wave.u_v, 10))
+    record = Record(wave.t_s, driven.applied_v[9::10], driven.sensor_um[9::10])
+    model, errors = identify_quick(record)
+    assert errors.rms_pct < 2.0
+    assert model.slopes_um_per_v.shape[1] == 1
+    assert model.gamma_per_decade > 0.005

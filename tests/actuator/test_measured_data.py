@@ -1,0 +1,35 @@
+"""Measured records of a real stack actuator, kept outside the project.
+
+EDMCTL_MEASURED names a folder with `mixed_amplitude_1hz.csv` and `full_range_1hz.csv` (PICMA P-885, 200 Hz).
+"""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from edmctl.actuator import ActuatorModel, Record, identify, validate
+
+FOLDER = Path(os.environ.get("EDMCTL_MEASURED", "absent"))
+pytestmark = pytest.mark.skipif(not FOLDER.is_dir(), reason="EDMCTL_MEASURED names no folder")
+
+
+def read(name: str, first_s: float = 0.0, last_s: float = np.inf) -> Record:
+    t_s, u_v, y_um = np.loadtxt(FOLDER / name, delimiter=",", skiprows=1, usecols=(0, 1, 2)).T
+    inside = (t_s >= first_s) & (t_s < last_s)
+    return Record(t_s[inside], u_v[inside], y_um[inside], name=name)
+
+
+@pytest.fixture(scope="module")
+def model() -> ActuatorModel:
+    return identify([read("mixed_amplitude_1hz.csv", 2.0, 33.0)]).model
+
+
+@pytest.mark.parametrize(
+    ("name", "first_s"), [("mixed_amplitude_1hz.csv", 33.0), ("full_range_1hz.csv", 0.0)]
+)
+def test_held_out_records_are_predicted(model: ActuatorModel, name: str, first_s: float) -> None:
+    errors = validate(model, read(name, first_s)).errors
+    assert errors.rms_pct <= 0.5
+    assert errors.max_pct <= 3.0

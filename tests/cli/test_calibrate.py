@@ -1,0 +1,482 @@
+"""`edmctl calibrate`."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import numpy as np
+import pytest
+
+from edmctl.actuator.identification import identify
+from edmctl.actuator.record import Record
+from edmctl.actuator.validation import validate
+from edmctl.actuator.waveforms import calibration_legs, jump_train, sampled, triangle
+from edmctl.cli import calibrated, calibration_run
+from edmctl.cli.app import main
+from edmctl.cli.signals import SignalArrived
+from edmctl.errors import Interrupted
+from edmctl.profile.calibration import load_calibration
+from edmctl.profile.load import load_profile
+from edmctl.profile.setup import Setup
+from edmctl.record.columns import read_record, write_columns
+from edmctl.simulator.actuator import RATE_HZ, VirtualActuator
+from tests.cli.commands import CU270
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from edmctl.actuator.waveforms import Waveform
+    from tests.cli.commands import Here, Said
+
+SEED = 3
+FIGURES = {"max_um", "rms_um", "max_pct", "rms_pct", "range_um"}
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """What a whole run on the virtual machine left behind."""
+
+    document: Mapping[str, Any]
+    err: str
+    home: Path
+
+    @property
+    def result(self) -> Mapping[str, Any]:
+        found: Mapping[str, Any] = self.document["result"]
+        return found
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """One calibration of the virtual machine, into a home of its own; tests only look at it."""
+    home = tmp_path_factory.mktemp("home")
+    out, err = io.StringIO(), io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
+        patch.setenv("EDMCTL_HOME", str(home))
+        patch.delenv("EDMCTL_CALIBRATION", raising=False)
+        patch.delenv("EDMCTL_PORT", raising=False)
+        assert main(["calibrate", "--seed", str(SEED), "--json"]) == 0
+    return Run(json.loads(out.getvalue()), err.getvalue(), home)
+
+
+@pytest.fixture
+def home(here: Here) -> Path:
+    """The folder of what edmctl keeps, empty."""
+    return Path(os.environ["EDMCTL_HOME"])
+
+
+def measured(waveform: Waveform, every: int = 20) -> Record:
+    """What a sensor sees of the virtual actuator, by `every` so manyth sample of a millisecond."""
+    driven = VirtualActuator(SEED).drive(waveform.u_v)
+    return Record(driven.t_s[::every], driven.applied_v[::every], driven.sensor_um[::every])
+
+
+@dataclass(frozen=True, slots=True)
+class Files:
+    """Measured data of one actuator: what to fit, and two records to validate on."""
+
+    fit: Path
+    jumps: Path
+    swings: Path
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Files:
+    """Measured files, 50 samples a second."""
+    folder = tmp_path_factory.mktemp("measured")
+    found = Files(folder / "fit.csv", folder / "jumps.h5", folder / "swings.csv")
+    for path, waveform in (
+        (found.fit, sampled(calibration_legs(150.0), RATE_HZ)),
+        (found.jumps, jump_train(0.0, 120.0, RATE_HZ)),
+        (found.swings, triangle(0.0, 150.0, 0.2, 4, RATE_HZ)),
+    ):
+        record = measured(waveform)
+        write_columns(path, {"t_s": record.t_s, "u_V": record.u_v, "y_um": record.y_um})
+    return found
+
+
+@pytest.fixture
+def files(written: Files, monkeypatch: pytest.MonkeyPatch) -> Files:
+    """The measured files, and fits that spare most of the work of telling how sure they are."""
+    monkeypatch.setattr("edmctl.cli.calibration_fit.identify", partial(identify, folds=2, resamples=0))
+    return written
+
+
+def fitted(here: Here, files: Files, *arguments: str) -> Said:
+    """Fit the file, as one JSON object."""
+    return here("calibrate", "--from", str(files.fit), *arguments, "--json")
+
+
+# ------------------------------------------------------------------------------------------------ on a machine
+def test_the_virtual_machine_is_known_within_1_percent_on_blocks_that_the_model_did_not_see(run: Run) -> None:
+    assert run.result["accepted"]
+    assert run.result["held_out"]["max_pct"] <= 1.0
+    assert run.result["held_out"]["rms_pct"] <= 0.3
+    assert run.result["stroke_um"] == pytest.approx(450.0, abs=20.0)
+    assert 0.01 < run.result["gamma_per_decade"] < 0.06
+
+
+def test_simpler_models_are_judged_on_the_same_blocks(run: Run) -> None:
+    line, maxwell = (run.result["baselines"][name]["rms_um"] for name in ("line", "maxwell"))
+    assert line > 2.0 * maxwell > 10.0 * run.result["held_out"]["rms_um"]
+    assert run.result["baselines_on"] == "held-out blocks"
+
+
+def test_the_result_has_the_keys_that_scripts_depend_on(run: Run) -> None:
+    result = run.result
+    for figures in (result["train"], result["held_out"], *result["baselines"].values()):
+        assert set(figures) == FIGURES
+    assert (result["validate"], result["validate_files"], result["lever"]) == (None, [], None)
+    assert (result["refit"], result["problems"]) == (["zero"], [])
+    assert result["bands"]["gamma_sd_per_decade"] > 0.0
+    assert run.document["warnings"] == []
+
+
+def test_a_simulated_calibration_says_so(run: Run) -> None:
+    assert (run.document["simulated"], run.document["seed"]) == (True, SEED)
+    assert "simulated run on the virtual machine, seed 3" in run.err
+    assert load_calibration(Path(run.result["calibration_file"])).made.simulated
+
+
+def test_progress_is_told_in_plain_lines(run: Run) -> None:
+    assert "calibrating; 4 min 5" in run.err
+    assert "\r" not in run.err
+
+
+def test_the_file_is_the_one_that_the_machine_uses(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("EDMCTL_HOME", str(run.home))
+    choice = calibrated.choose(None, Setup(), load_profile(CU270, ()).profile, f"SIM-{SEED}")
+    assert choice.used.path == run.result["calibration_file"]
+    assert choice.used.path == str(run.home / "calibration" / "SIM-3.toml")
+    assert (choice.used.accepted, choice.warnings) == (True, ())
+    assert choice.actuator is not None
+    assert choice.actuator.model.stroke_um == pytest.approx(run.result["stroke_um"], abs=1e-3)
+
+
+def test_nothing_but_the_calibration_is_left(run: Run) -> None:
+    assert [path.name for path in run.home.rglob("*") if path.is_file()] == ["SIM-3.toml"]
+
+
+def test_the_same_seed_gives_the_same_result(run: Run, here: Here, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("EDMCTL_HOME", str(run.home))
+    again = here("calibrate", "--seed", str(SEED), "--port", "sim:", "--quiet", "--json")
+    assert again.document["result"] == run.result
+    assert again.err == ""
+
+
+def test_the_machines_own_file_is_replaced(here: Here, quick: None, home: Path) -> None:
+    own = home / "calibration" / "SIM-3.toml"
+    assert f"Saved in {own}: " in here("calibrate", "--seed", "3").out
+    own.write_text("an older one", encoding="utf-8")
+    replaced = f"Simulated, seed 3. Replaced {own}: `edmctl machine --seed 3` uses it on SIM-3 from now on."
+    assert here("calibrate", "--seed", "3").out.splitlines()[-1] == replaced
+    assert load_calibration(own).serial == "SIM-3"
+
+
+def test_where_setup_or_environment_name_another_calibration_it_is_said(
+    here: Here, monkeypatch: pytest.MonkeyPatch, quick: None
+) -> None:
+    monkeypatch.setenv("EDMCTL_CALIBRATION", "other.toml")
+    assert "`edmctl machine` uses other.toml" in here("calibrate", "--seed", "1", "--quiet").out
+
+
+def test_a_machines_model_is_validated_on_files_too(here: Here, files: Files, quick: None) -> None:
+    result = here(
+        "calibrate", "--seed", "3", "--validate", str(files.jumps), "--previous-voltage", "150", "--json"
+    ).document["result"]
+    assert result["validate"]["max_pct"] <= 1.0
+    assert result["calibration_file"].endswith("SIM-3.toml")
+
+
+def test_without_a_sensor_a_machine_is_not_calibrated(here: Here) -> None:
+    Path("setup.toml").write_text("[sensor]\nfitted = false\n", encoding="utf-8")
+    error = refusal(here, "--setup", "setup.toml")
+    assert (error["code"], error["exit_code"]) == ("E8034", 8)
+
+
+# ----------------------------------------------------------------------------- when it comes to no calibration
+@pytest.fixture
+def quick(files: Files, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Spare the five minutes: the machine measures what stands in a file."""
+    from edmctl.procedures import calibrating
+
+    done = calibrating.Measured(read_record(files.fit), 0)
+    monkeypatch.setattr(calibrating, "measure_actuator", lambda *_: done)
+
+
+def test_what_was_measured_is_kept_when_no_model_can_be_fitted(
+    here: Here, quick: None, home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fail_to_fit(monkeypatch, ValueError("no answer to the voltage"))
+    said = here("calibrate", "--seed", "1", "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (3, "E3619")
+    (warning,) = said.document["warnings"]
+    assert warning["code"] == "W3660"
+    (kept,) = [path for path in home.rglob("*") if path.is_file()]
+    assert str(kept) in warning["message"]
+    monkeypatch.undo()
+    assert here("calibrate", "--from", str(kept), "--dry-run").exit_code == 0
+
+
+def test_what_was_measured_is_kept_when_ctrl_c_stops_the_fit(
+    here: Here, quick: None, home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fail_to_fit(monkeypatch, SignalArrived(2))
+    said = here("calibrate", "--seed", "1", "--json")
+    assert said.exit_code == 130
+    assert [path.suffix for path in home.rglob("*") if path.is_file()] == [".h5"]
+
+
+def test_a_record_that_fits_nowhere_is_said_to_be_lost(
+    here: Here, quick: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fail_to_fit(monkeypatch, ValueError("no answer to the voltage"))
+    monkeypatch.setattr("edmctl.record.disk.write_new", no_space)
+    (warning,) = here("calibrate", "--seed", "1", "--json").document["warnings"]
+    assert warning["message"].startswith("What was measured is lost")
+
+
+def test_a_stop_while_measuring_leaves_nothing(
+    here: Here, home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from edmctl.machine.waits import Waits
+
+    def stopped(*_: object) -> NoReturn:
+        raise Interrupted("Stopped by SIGTERM.", signal_number=15)
+
+    monkeypatch.setattr(Waits, "rest", stopped)
+    said = here("calibrate", "--seed", "1", "--json")
+    assert said.exit_code == 143
+    assert (said.document["result"], said.document["warnings"]) == (None, [])
+    assert not list(home.iterdir())
+
+
+def fail_to_fit(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
+    def failing(*_: object, **__: object) -> NoReturn:
+        raise error
+
+    monkeypatch.setattr("edmctl.cli.calibration_fit.identify", failing)
+
+
+def no_space(*_: object) -> NoReturn:
+    raise OSError(28, "No space left on device")
+
+
+def test_lost_telemetry_is_doubtful(
+    here: Here, files: Files, quick: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from edmctl.procedures import calibrating
+
+    done = calibrating.Measured(read_record(files.fit), 2)
+    monkeypatch.setattr(calibrating, "measure_actuator", lambda *_: done)
+    (warning,) = here("calibrate", "--seed", "1", "--json").document["warnings"]
+    assert (warning["code"], warning["message"][:8]) == ("W3611", "2 frames")
+
+
+# ------------------------------------------------------------------------------------------------ measured data
+def test_files_are_fitted_and_validated_without_saving_anything(here: Here, files: Files, home: Path) -> None:
+    said = fitted(here, files, "--validate", str(files.jumps))
+    result = said.document["result"]
+    assert result["validate"]["max_pct"] <= 1.0
+    assert result["validate"]["rms_pct"] <= 0.3
+    assert result["calibration_file"] is None
+    assert said.document["simulated"] is None
+    assert "nothing is saved: --output FILE" in said.err
+    assert not list(home.iterdir())
+
+
+def test_validation_is_that_of_the_python_interface(here: Here, files: Files) -> None:
+    found = identify([read_record(files.fit)], folds=2, resamples=0)
+    judged = validate(found.model, read_record(files.swings), ("gain", "zero"))
+    result = fitted(here, files, "--validate", str(files.swings), "--refit", "zero,gain").document["result"]
+    assert result["refit"] == ["gain", "zero"]
+    assert result["validate"]["max_um"] == pytest.approx(judged.errors.max_um, abs=1e-3)
+    assert result["validate"]["rms_pct"] == pytest.approx(judged.errors.rms_pct, rel=1e-4)
+    (file,) = result["validate_files"]
+    assert file["gain"] == pytest.approx(judged.gain, rel=1e-5)
+    assert file["zero_um"] == pytest.approx(judged.zero_um, abs=1e-3)
+
+
+def test_several_validation_files_count_by_their_samples_and_worst_error(here: Here, files: Files) -> None:
+    result = fitted(here, files, "--validate", str(files.jumps), "--validate", str(files.swings)).document[
+        "result"
+    ]
+    each, whole = result["validate_files"], result["validate"]
+    assert [file["name"] for file in each] == ["jumps.h5", "swings.csv"]
+    assert whole["max_um"] == max(file["max_um"] for file in each)
+    counts = [len(read_record(path).t_s) for path in (files.jumps, files.swings)]
+    rms_um = np.sqrt(np.average([file["rms_um"] ** 2 for file in each], weights=counts))
+    assert whole["rms_um"] == pytest.approx(rms_um, abs=1e-3)
+    assert result["baselines_on"] == "validation files"
+    assert result["baselines"]["line"]["rms_um"] > result["baselines"]["maxwell"]["rms_um"] > whole["rms_um"]
+
+
+def test_an_output_is_a_calibration_of_these_files(here: Here, files: Files) -> None:
+    said = here("calibrate", "--from", str(files.fit), "--previous-voltage", "0", "--output", "a.toml")
+    assert "Saved in a.toml: `edmctl machine --calibration a.toml` uses it." in said.out
+    made = load_calibration(Path("a.toml")).made
+    assert (made.serial, made.simulated) == (None, False)
+    (source,) = made.records
+    assert (source.name, source.previous_v) == ("fit.csv", 0.0)
+    assert source.samples == len(read_record(files.fit).t_s)
+
+
+def test_wrong_memory_costs_accuracy_and_each_file_has_its_own(here: Here, files: Files) -> None:
+    def rms_um(*previous: str) -> float:
+        options = [word for volts in previous for word in ("--previous-voltage", volts)]
+        said = fitted(here, files, "--validate", str(files.jumps), *options)
+        return float(said.document["result"]["validate"]["rms_um"])
+
+    assert rms_um("150", "0") > 4.0 * rms_um("150", "150")
+
+
+def test_a_fixed_delay_is_kept(here: Here, files: Files) -> None:
+    assert fitted(here, files, "--delay", "0.0125").document["result"]["delay_s"] == 0.0125
+
+
+def test_what_is_not_accepted_is_a_warning_and_no_failure(here: Here, files: Files) -> None:
+    record = read_record(files.fit)
+    y_um = record.y_um + 10.0 * np.sin(record.t_s)
+    write_columns(Path("loose.csv"), {"t_s": record.t_s, "u_V": record.u_v, "y_um": y_um})
+    said = here("calibrate", "--from", "loose.csv", "--json")
+    assert said.exit_code == 0
+    assert not said.document["result"]["accepted"]
+    problems = said.document["result"]["problems"]
+    warnings = [w for w in said.document["warnings"] if w["code"] == "W3650"]
+    assert [w["message"] for w in warnings] == [f"Not accepted: {problem}" for problem in problems]
+    assert warnings[0]["hint"]
+
+
+def test_validation_beyond_the_fitted_range_is_doubtful(here: Here, files: Files) -> None:
+    (warning,) = here(
+        "calibrate", "--from", str(files.jumps), "--validate", str(files.swings), "--json"
+    ).document["warnings"][-1:]
+    assert warning["code"] == "W3651"
+    assert "swings.csv goes from 0.0 V to 150.0 V" in warning["message"]
+
+
+# ------------------------------------------------------------------------------------------------ lever factor
+@pytest.fixture
+def lever() -> str:
+    """A file with the displacements of stacks and tool, in the present folder."""
+    rng = np.random.default_rng(1)
+    x_um = 12.0 * np.sin(np.linspace(0.0, 6.0, 500))
+    write_columns(Path("lever.csv"), {"x_um": x_um, "z_um": 18.0 * x_um + 3.0 + rng.normal(0.0, 0.3, 500)})
+    return "lever.csv"
+
+
+def test_a_lever_factor_alone_moves_nothing(here: Here, lever: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(calibration_run, "connected", None)
+    monkeypatch.setenv("EDMCTL_PORT", "sim:")
+    result = here("calibrate", "--lever", lever, "--json").document["result"]["lever"]
+    assert result["factor"] == pytest.approx(18.0, abs=result["u95"])
+    assert 0.0 < result["u95"] < 0.01
+    assert (result["offset_um"], result["samples"]) == (pytest.approx(3.0, abs=0.1), 500)
+    assert here("calibrate", "--lever", lever).out.startswith("lever factor   17.998 ± 0.003")
+
+
+def test_a_lever_factor_beside_a_fit(here: Here, files: Files, lever: str) -> None:
+    result = fitted(here, files, "--lever", lever).document["result"]
+    assert result["lever"]["factor"] == pytest.approx(18.0, abs=0.02)
+    assert result["accepted"] is not None
+
+
+def test_a_lever_in_other_units_is_named(here: Here) -> None:
+    Path("lever.csv").write_text("x_mm,z_um\n" + "1,2\n" * 20, encoding="utf-8")
+    error = refusal(here, "--lever", "lever.csv")
+    assert (error["code"], error["hint"]) == ("E3603", "Multiply x_mm by 1000 and rename it to x_um.")
+
+
+# ----------------------------------------------------------------------------------------------------- dry run
+def test_a_dry_run_tells_the_legs_and_touches_nothing(
+    here: Here, home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(calibration_run, "connected", None)
+    said = here("calibrate", "--dry-run")
+    assert said.out.splitlines()[1].split() == ["0.0", "150.0", "2.000"]
+    assert "legs between 0 V and 150.0 V in 4 min 58 s" in said.out
+    plan = here("calibrate", "--dry-run", "--json").document["result"]["plan"]
+    assert plan["duration_s"] == pytest.approx(297.6, abs=0.1)
+    assert plan["legs"][0] == {"u_v": 150.0, "duration_s": 2.0}
+    assert not list(home.iterdir())
+
+
+def test_a_dry_run_with_files_only_reads_them(
+    here: Here, files: Files, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fail_to_fit(monkeypatch, AssertionError())
+    result = fitted(here, files, "--dry-run", "--output", "a.toml").document["result"]
+    assert result["plan"] is None
+    assert (result["from"][0]["name"], result["from"][0]["high_v"]) == ("fit.csv", 150.0)
+    assert not Path("a.toml").exists()
+
+
+# ---------------------------------------------------------------------------------------------------- mistakes
+MISTAKES = [
+    (["--refit", "junk"], "E2020", "'junk' is neither 'zero' nor 'gain,zero'"),
+    (["--refit", "gain"], "E2020", "'gain' is neither"),
+    (["--previous-voltage", "1", "--previous-voltage", "2"], "E2021", "given 2 times, and no file"),
+    (["--from", "a.csv", "--previous-voltage", "nan"], "E2021", "no finite number"),
+    (
+        ["--from", "a.csv", "--validate", "b.csv", *["--previous-voltage", "1"] * 3],
+        "E2021",
+        "given 3 times, and 2 files are named",
+    ),
+    (["--delay", "-1"], "E2022", "--delay -1 s does not lie between"),
+    (["--delay", "nan"], "E2022", "--delay nan s"),
+    (["--from", "none.csv"], "E3601", "none.csv: there is no such file"),
+    (["--validate", "none.csv"], "E3601", "none.csv: there is no such file"),
+    (["--lever", "none.csv"], "E3601", "none.csv: there is no such file"),
+    (["--setup", "none.toml"], "E3010", "none.toml"),
+    (["--port", "/dev/ttyACM0"], "E4002", "no serial ports"),
+    (["--seed", "-1"], "E2005", "Seed -1"),
+    (["--output", "."], "E9011", ". exists already"),
+    (["--output", "file/a.toml"], "E9012", "is no folder that can be written"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "code", "message"), MISTAKES)
+def test_a_mistake_is_named_before_anything_moves(
+    arguments: list[str], code: str, message: str, here: Here, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(calibration_run, "connected", None)
+    Path("file").touch()
+    error = refusal(here, *arguments)
+    assert error["code"] == code
+    assert message in error["message"]
+    assert error["hint"]
+
+
+def test_an_output_that_exists_stays_as_it_is(here: Here, files: Files) -> None:
+    Path("a.toml").write_text("precious", encoding="utf-8")
+    error = refusal(here, "--from", str(files.fit), "--output", "a.toml")
+    assert (error["code"], error["exit_code"]) == ("E9011", 9)
+    assert Path("a.toml").read_text(encoding="utf-8") == "precious"
+
+
+def test_a_home_that_cannot_be_written_is_noticed_before_anything_moves(
+    here: Here, home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from edmctl.procedures import calibrating
+
+    home.rmdir()
+    home.write_text("no folder", encoding="utf-8")
+    monkeypatch.setattr(calibrating, "measure_actuator", None)
+    assert refusal(here)["code"] == "E9012"
+
+
+def refusal(here: Here, *arguments: str) -> Mapping[str, Any]:
+    """The error of a command line that leaves no result, with its exit code."""
+    seed = () if "--seed" in arguments else ("--seed", "1")
+    said = here("calibrate", *arguments, *seed, "--json")
+    assert said.exit_code != 0
+    assert said.document["result"] is None
+    error: dict[str, Any] = {**said.document["error"], "exit_code": said.exit_code}
+    return error

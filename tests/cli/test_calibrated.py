@@ -1,0 +1,188 @@
+"""Which calibration `machine` and `simulate` go by, what they say of it, and a machine without a sensor."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import h5py
+import pytest
+
+from edmctl.actuator.identification import identify
+from edmctl.actuator.record import Record
+from edmctl.actuator.waveforms import calibration_legs, sampled
+from edmctl.profile.calibration import calibration_of, load_calibration, save_calibration
+from edmctl.profile.calibration_place import default_path
+from edmctl.profile.calibration_tables import Made
+from edmctl.simulator.actuator import VirtualActuator
+from tests.cli.commands import SHALLOW
+
+if TYPE_CHECKING:
+    from tests.cli.commands import Here, Said
+
+
+def calibrate(path: Path, seed: int, high_v: float = 150.0) -> Path:
+    """Write the calibration of a virtual machine, identified at 50 Hz."""
+    waveform = sampled(calibration_legs(high_v), 1000.0)
+    driven = VirtualActuator(seed).drive(waveform.u_v)
+    thin = slice(None, None, 20)
+    record = Record(waveform.t_s[thin], driven.applied_v[thin], driven.sensor_um[thin])
+    found = identify([record], delay_s=0.0, folds=2, resamples=1)
+    made = Made(utc="2026-01-01T00:00:00Z", edmctl="0.1.0", serial=f"SIM-{seed}", simulated=True)
+    save_calibration(path, calibration_of(found, made))
+    return path
+
+
+@pytest.fixture(scope="module")
+def first(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a calibration file of SIM-1."""
+    return calibrate(tmp_path_factory.mktemp("calibrations") / "one.toml", 1)
+
+
+@pytest.fixture
+def no_sensor(tmp_path: Path) -> str:
+    """Return a setup without a displacement sensor."""
+    path = tmp_path / "no-sensor.toml"
+    path.write_text("[sensor]\nfitted = false\n")
+    return str(path)
+
+
+def machined(here: Here, *more: str) -> Said:
+    return here("machine", *SHALLOW, "--seed", "1", "--json", *more)
+
+
+def warned(said: Said) -> list[str]:
+    return [warning["code"] for warning in said.document["warnings"]]
+
+
+def test_without_a_calibration_the_quick_model_is_named(here: Here) -> None:
+    said = machined(here)
+    assert said.document["result"]["calibration"] == {
+        "alone": False,
+        "path": None,
+        "sha256": None,
+        "accepted": None,
+        "text": "quick, from the conditioning swings",
+    }
+    with h5py.File(said.document["run_file"]) as file:
+        assert file["/entry/machine/calibration"].asstr()[()].startswith("quick, from")
+        assert file["/entry/machine/calibration_toml"].asstr()[()] == ""
+
+
+def test_the_machine_s_own_calibration_is_found_and_named_everywhere(
+    here: Here, first: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("EDMCTL_HOME", str(tmp_path))
+    own = default_path("SIM-1", {"EDMCTL_HOME": str(tmp_path)})
+    own.parent.mkdir()
+    own.write_bytes(first.read_bytes())
+    said = machined(here)
+    used = said.document["result"]["calibration"]
+    assert used["path"] == str(own)
+    assert used["sha256"] == load_calibration(first).sha256[:12]
+    assert used["accepted"] is True
+    assert warned(said) == []
+    with h5py.File(said.document["run_file"]) as file:
+        assert file["/entry/machine/calibration"].asstr()[()] == used["text"]
+        assert file["/entry/machine/calibration_toml"].asstr()[()] == first.read_text()
+        summary = json.loads(bytes(file["/entry/summary"][()]))
+        (row,) = file["/entry/results"][()]
+    assert summary["calibration"] == used
+    (site,) = said.document["result"]["sites"]
+    assert row["err_feed_max"] == pytest.approx(site["feed_model_error_max_um"], abs=1e-3)
+    assert site["feed_model_error_max_um"] < 1.5
+    table = here("machine", *SHALLOW, "--seed", "1").out
+    assert f"Actuator model: calibration {own} (sha256 {used['sha256']}, accepted)." in table
+
+
+def test_an_option_goes_before_the_environment_and_that_before_the_setup(
+    here: Here, first: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    setup = tmp_path / "setup.toml"
+    setup.write_text('[actuator]\ncalibration = "none.toml"\n')
+    assert machined(here, "--setup", str(setup)).document["error"]["code"] == "E3640"
+    monkeypatch.setenv("EDMCTL_CALIBRATION", str(first))
+    said = machined(here, "--setup", str(setup))
+    assert said.document["result"]["calibration"]["path"] == str(first)
+    assert machined(here, "--calibration", "none.toml").document["error"]["code"] == "E3640"
+
+
+def test_a_calibration_that_cannot_be_read_is_told_before_anything_moves(here: Here, tmp_path: Path) -> None:
+    broken = tmp_path / "broken.toml"
+    broken.write_text("schema = 1\n")
+    said = machined(here, "--calibration", str(broken))
+    assert said.exit_code == 3
+    assert said.document["error"]["code"] == "E3642"
+    assert not Path("runs").exists()
+
+
+def test_another_machine_s_calibration_is_used_with_a_warning(here: Here, first: Path) -> None:
+    said = here("machine", *SHALLOW, "--seed", "2", "--json", "--calibration", str(first))
+    assert said.exit_code == 0
+    assert warned(said) == ["W8101"]
+    assert "of SIM-1, not of SIM-2" in said.document["result"]["calibration"]["text"]
+
+
+def test_a_calibration_that_was_not_accepted_is_used_with_a_warning(
+    here: Here, first: Path, tmp_path: Path
+) -> None:
+    calibration = load_calibration(first)
+    bad = calibration.quality.model_copy(update={"accepted": False, "problems": ["A knock: measure again."]})
+    doubtful = tmp_path / "doubtful.toml"
+    save_calibration(doubtful, calibration.model_copy(update={"quality": bad}))
+    said = machined(here, "--calibration", str(doubtful))
+    assert warned(said) == ["W8102"]
+    assert "A knock" in said.document["warnings"][0]["message"]
+    assert said.document["result"]["calibration"]["accepted"] is False
+
+
+def test_a_calibration_of_a_part_of_the_stroke_is_used_with_a_warning(here: Here, tmp_path: Path) -> None:
+    narrow = calibrate(tmp_path / "narrow.toml", 1, 60.0)
+    said = machined(here, "--calibration", str(narrow))
+    assert said.exit_code == 0
+    assert warned(said) == ["W8104"]
+    assert "covers 60.0 V; limits.stroke_v_max is 120.0 V" in said.document["warnings"][0]["message"]
+
+
+def test_no_sensor_is_refused_until_the_model_is_allowed(here: Here, no_sensor: str) -> None:
+    for more in ((), ("--dry-run",)):
+        said = machined(here, "--setup", no_sensor, *more)
+        assert (said.exit_code, said.document["error"]["code"]) == (8, "E8030")
+        assert "--allow-model" in said.document["error"]["hint"]
+
+
+def test_no_sensor_and_no_calibration_is_refused(here: Here, no_sensor: str) -> None:
+    said = machined(here, "--setup", no_sensor, "--allow-model")
+    assert (said.exit_code, said.document["error"]["code"]) == (8, "E8031")
+    assert list(Path().glob("runs/*")) == []
+
+
+def test_no_sensor_and_too_small_a_calibration_is_refused_with_both_numbers(
+    here: Here, no_sensor: str, tmp_path: Path
+) -> None:
+    narrow = calibrate(tmp_path / "narrow.toml", 1, 60.0)
+    said = machined(here, "--setup", no_sensor, "--allow-model", "--calibration", str(narrow))
+    assert (said.exit_code, said.document["error"]["code"]) == (8, "E8032")
+    assert "60.0 V" in said.document["error"]["message"]
+    assert "120.0 V" in said.document["error"]["message"]
+
+
+def test_a_job_on_the_model_alone_says_what_that_costs(here: Here, first: Path, no_sensor: str) -> None:
+    more = ("--setup", no_sensor, "--allow-model", "--calibration", str(first))
+    said = machined(here, *more)
+    assert said.exit_code == 0
+    assert warned(said) == ["W8105"]
+    message = said.document["warnings"][0]["message"]
+    for cost in ("µm rms", "2.5 % of gain", "5 µm per newton"):
+        assert cost in message
+    (site,) = said.document["result"]["sites"]
+    assert abs(site["depth_um"] - site["truth"]["depth_um"]) <= site["depth_u95_um"]
+    assert site["feed_model_error_max_um"] is None
+    assert said.document["result"]["calibration"]["alone"] is True
+
+
+def test_simulate_names_the_model_of_every_run(here: Here, first: Path) -> None:
+    said = here("simulate", *SHALLOW, "--runs", "1", "--seed", "1", "--json", "--calibration", str(first))
+    (run,) = said.document["result"]["cases"][0]["runs"]
+    assert run["calibration"].startswith(f"calibration {first} (sha256 ")

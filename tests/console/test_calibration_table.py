@@ -1,0 +1,149 @@
+"""The table of `calibrate`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+from edmctl.console.calibration_table import render_calibration, render_lever, render_plan
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    max_um: float = 2.26
+    rms_um: float = 0.438
+    max_pct: float = 0.5
+    rms_pct: float = 0.097
+    range_um: float = 451.3
+    name: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Bands:
+    displacement_sd_um: float = 0.1
+    displacement_sd_max_um: float = 0.4
+    gain_um_per_v: float = 2.975
+    gain_sd_um_per_v: float = 0.001
+    loop_width: float = 0.125
+    loop_width_sd: float = 0.001
+    gamma_per_decade: float = 0.028
+    gamma_sd_per_decade: float = 0.0005
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    stroke_um: float = 446.25
+    delay_s: float = 0.0006
+    low_v: float = 0.0
+    high_v: float = 150.0
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    model: Model = field(default_factory=Model)
+    bands: Bands = field(default_factory=Bands)
+    problems: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+BASELINES = {"line": Figures(44.07, 16.39, 9.77, 3.63), "maxwell": Figures(26.29, 4.92, 5.83, 1.09)}
+
+
+@dataclass(frozen=True, slots=True)
+class Findings:
+    identification: Found = field(default_factory=Found)
+    train: Figures = field(default_factory=Figures)
+    held_out: Figures = field(default_factory=Figures)
+    held_out_baselines: dict[str, Figures] = field(default_factory=lambda: BASELINES)
+    validated: Figures | None = None
+    validated_baselines: dict[str, Figures] = field(default_factory=dict)
+    files: tuple[Figures, ...] = ()
+    refit: tuple[str, ...] = ("zero",)
+
+
+@dataclass(frozen=True, slots=True)
+class Lever:
+    factor: float = 18.02
+    u95: float = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Leg:
+    u_v: float
+    duration_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    legs: tuple[Leg, ...] = (Leg(150.0, 2.0), Leg(0.0, 0.5))
+    high_v: float = 150.0
+    duration_s: float = 62.0
+    samples: int = 12400
+
+
+def words(line: str) -> list[str]:
+    return line.split()
+
+
+def test_models_stand_under_each_other_on_data_that_they_did_not_see() -> None:
+    lines = render_calibration(Findings()).splitlines()
+    assert words(lines[0]) == ["held-out", "blocks", "max", "µm", "RMS", "µm", "max", "%", "RMS", "%"]
+    assert words(lines[1]) == ["straight", "line", "44.07", "16.39", "9.77", "3.63"]
+    assert words(lines[2]) == ["Maxwell,", "no", "creep", "26.29", "4.92", "5.83", "1.09"]
+    assert words(lines[3]) == ["edmctl", "2.26", "0.44", "0.50", "0.10"]
+    assert len({len(line) for line in lines[:5]}) == 1
+
+
+def test_uncertainties_are_95_percent_intervals() -> None:
+    text = render_calibration(Findings())
+    assert "gain           2.9750 ± 0.0020 µm/V" in text
+    assert "stroke         446.25 ± 0.29 µm from 0.0 V to 150.0 V" in text
+    assert "creep          2.80 ± 0.10 % per decade of time" in text
+    assert "delay          0.60 ms" in text
+
+
+def test_validation_has_its_own_block_and_says_what_was_fitted_again() -> None:
+    file = Figures(name="b.csv")
+    text = render_calibration(
+        Findings(validated=Figures(), validated_baselines=BASELINES, files=(file,), refit=("gain", "zero"))
+    )
+    block = text.split("\n\n")[1].splitlines()
+    assert block[0].startswith("b.csv ")
+    assert block[-1] == "Gain and zero are fitted to each file first."
+    assert len(block) == 5
+
+
+def test_each_of_several_validation_files_has_a_row() -> None:
+    files = (Figures(name="b.csv"), Figures(name="c.csv", max_um=3.0))
+    text = render_calibration(
+        Findings(validated=Figures(max_um=3.0), validated_baselines=BASELINES, files=files)
+    )
+    block = text.split("\n\n")[1].splitlines()
+    assert block[0].startswith("2 files ")
+    assert [line.split()[1] for line in block[4:6]] == ["b.csv", "c.csv"]
+
+
+def test_small_ranges_are_told_to_the_nanometre() -> None:
+    small = Findings(held_out=replace(Figures(), max_um=0.1234, range_um=20.0))
+    assert "0.123" in render_calibration(small)
+
+
+def test_what_is_not_accepted_is_said_with_the_reason() -> None:
+    assert "\nAccepted." in render_calibration(Findings())
+    text = render_calibration(Findings(identification=Found(problems=("Too bad: redo.",), notes=("Short.",))))
+    assert text.splitlines()[-2:] == ["Not accepted: Too bad: redo.", "Note: Short."]
+    assert "Accepted." not in text
+
+
+def test_the_lever_factor_is_told_with_its_interval() -> None:
+    assert render_lever(Lever()) == "lever factor   18.020 ± 0.050"
+    assert "lever factor   18.020 ± 0.050" in render_calibration(Findings(), Lever())
+
+
+def test_a_plan_lists_when_each_leg_begins() -> None:
+    lines = render_plan(Plan()).splitlines()
+    assert [words(line) for line in lines[:3]] == [
+        ["at", "s", "to", "V", "in", "s"],
+        ["0.0", "150.0", "2.000"],
+        ["2.0", "0.0", "0.500"],
+    ]
+    assert lines[3].startswith("2 legs between 0 V and 150.0 V in 1 min 02 s, 12 400 samples, without pulses")

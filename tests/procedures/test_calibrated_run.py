@@ -1,0 +1,144 @@
+"""A job with a calibration: what the estimator learns from the sensor, when, and how well it then does alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from edmctl.machine.port import EventCode, MachineState
+from edmctl.procedures.approach import lower_to, raise_by
+from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.conditioning import condition
+from edmctl.procedures.job import Site
+from edmctl.procedures.jumping import CLEARANCE_UM, jump_request
+from edmctl.procedures.site import machine_site
+
+from .conftest import Done, Shop, armed, calibrated
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    OpenShop = Callable[..., Shop]
+
+
+@pytest.fixture(scope="module")
+def run() -> Done:
+    """Return a finished quick job on a calibrated actuator; tests only look at it."""
+    shop = Shop(calibration=calibrated())
+    return Done(shop, shop.run_job())
+
+
+def column(shop: Shop, name: str) -> NDArray[np.float64]:
+    return np.concatenate([getattr(block, name) for block in shop.seen.servo])
+
+
+def test_the_model_alone_measures_the_hole_as_the_sensor_does(run: Done) -> None:
+    (site,) = run.result.sites
+    assert site.depth_model_um == pytest.approx(site.depth_um, abs=site.depth_u95_um)
+    assert site.depth_model_um != site.depth_um
+
+
+def test_the_feed_error_of_the_result_is_that_of_the_recorded_samples(run: Done) -> None:
+    (site,) = run.result.sites
+    error_um = column(run.shop, "model_um") - column(run.shop, "displacement_um")
+    machining = column(run.shop, "state") == MachineState.MACHINING
+    with_noise_um = np.hypot(site.feed_model_error_rms_um, 0.15)  # of single samples
+    assert with_noise_um == pytest.approx(np.sqrt(np.mean(error_um[machining] ** 2)), rel=0.02)
+    assert site.feed_model_error_rms_um < site.feed_model_error_max_um < 1.5
+    assert site.feed_model_error_max_pct == pytest.approx(100 * site.feed_model_error_max_um / site.feed_um)
+    assert run.shop.seen.sites[-1].feed_model_error_max_um == site.feed_model_error_max_um
+
+
+def test_gain_and_zero_are_learned_from_the_swings_and_kept_through_the_hole(run: Done) -> None:
+    """The estimate of every touch is that of one model with one gain: the sensor corrects nothing in between."""
+    (homed,) = [args for _, code, _, _, args in run.shop.seen.events if code == RunEvent.CONDITIONED]
+    calibration = calibrated()
+    times_s, volts = column(run.shop, "time_s"), column(run.shop, "actuator_v")
+    again = calibration.model.estimator()
+    again.state.t_s = float(times_s[0])
+    again.correct(float(homed["gain"]), float(homed["offset_um"]))
+    alone_um = again.advance(times_s, volts)
+    estimated_um = column(run.shop, "model_um")
+    seen = np.isfinite(estimated_um)
+    assert seen.mean() > 0.9
+    assert estimated_um[seen] == pytest.approx(alone_um[seen], abs=0.05)
+
+
+def test_a_moved_gain_and_zero_of_the_day_are_found_at_home(shop: OpenShop) -> None:
+    """The calibration is of another day: 3 % more gain, another zero."""
+    truth = calibrated()
+    other = replace(
+        truth.model,
+        slopes_um_per_v=1.03 * truth.model.slopes_um_per_v,
+        creep_um_per_v=1.03 * truth.model.creep_um_per_v,
+        zero_um=truth.model.zero_um + 40.0,
+    )
+    s = shop(calibration=replace(truth, model=other))
+    (site,) = s.run_job().sites
+    (homed,) = [args for _, code, _, _, args in s.seen.events if code == RunEvent.CONDITIONED]
+    assert float(homed["gain"]) == pytest.approx(1 / 1.03, abs=2e-3)
+    assert site.depth_model_um == pytest.approx(site.depth_um, abs=site.depth_u95_um)
+    assert site.feed_model_error_max_um < 1.5
+
+
+def test_touches_correct_the_estimator_only_between_holes(shop: OpenShop) -> None:
+    s = shop(('target={kind="feed",feed_um=6.0}',), calibration=calibrated())
+    run = armed(s)
+    condition(run)
+    tracker = run.watch.tracker()
+    assert tracker is not None
+
+    def slow() -> tuple[float, float]:
+        return tracker.estimator.gain, tracker.estimator.offset_um
+
+    homed = slow()
+    (first,) = s.job.sites
+    machine_site(run, first, lambda: 1e4)
+    assert slow() == homed
+    z3 = s.seen.touches[-1]
+    machine_site(run, Site("second", first.x_um + 400.0, first.y_um), lambda: 1e4)
+    assert slow() != homed
+    gain, offset_um = slow()
+    corrected_um = gain * (z3.model_um - homed[1]) / homed[0] + offset_um
+    assert abs(corrected_um - z3.displacement_um) < 0.6 * abs(z3.model_um - z3.displacement_um)
+
+
+@pytest.mark.parametrize("target_um", [200.0, 300.0])
+def test_lowering_by_the_model_takes_two_steps_and_stays_short(shop: OpenShop, target_um: float) -> None:
+    s = shop(calibration=calibrated())
+    run = armed(s)
+    condition(run)
+    before = len(s.seen.events)
+    lower_to(run, target_um)
+    ramps = [code for _, code, _, _, _ in s.seen.events[before:] if code == EventCode.MOVE_DONE]
+    assert len(ramps) <= 2
+    assert target_um - 3.0 <= run.watch.displacement_um < target_um
+    raise_by(run, 60.0)
+    s.machine.rest(0.2)
+    assert run.watch.displacement_um == pytest.approx(target_um - 60.0, abs=4.0)
+
+
+def test_a_jump_is_as_high_as_the_profile_says(shop: OpenShop) -> None:
+    s = shop(('jump.mode="fixed"', "jump.period_s=3.0", "jump.height_um=40.0"), calibration=calibrated())
+    s.run_job()
+    volts, heights_um = column(s, "actuator_v"), column(s, "displacement_um")
+    jumping = np.flatnonzero(column(s, "state") == MachineState.JUMP)
+    found = []
+    for jump in np.split(jumping, np.flatnonzero(np.diff(jumping) > 1) + 1):
+        top = jump[volts[jump] <= volts[jump].min() + 0.003]
+        found.append(heights_um[jump[0] - 5 : jump[0]].mean() - heights_um[top].mean())
+    assert len(found) >= 3
+    assert np.mean(found) == pytest.approx(40.0, rel=0.025)
+    assert np.abs(np.array(found) / 40.0 - 1.0).max() < 0.05
+
+
+def test_without_a_model_a_jump_is_told_by_the_mean_gain(shop: OpenShop) -> None:
+    run = shop(('jump.mode="fixed"', "jump.period_s=3.0", "jump.height_um=40.0")).run()
+    request = jump_request(run, 40.0)
+    assert (request.height_um, request.clearance_um) == (40.0, CLEARANCE_UM)
+    assert request.speed_um_s == run.profile.jump.speed_um_s

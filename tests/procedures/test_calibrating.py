@@ -1,0 +1,195 @@
+"""Driving the record of a calibration."""
+
+from __future__ import annotations
+
+import signal
+from random import Random
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from edmctl.actuator.waveforms import Leg
+from edmctl.errors import Interrupted, LinkLost, MachineFault, PreconditionError, RecordError
+from edmctl.link.session import Session
+from edmctl.machine.controller import LinkMachine
+from edmctl.machine.port import Axis, CutRequest, MachineState
+from edmctl.machine.stop import StopRequest
+from edmctl.procedures import calibrating
+from edmctl.procedures.calibrating import CalibrationPlan, measure_actuator, plan_calibration
+from edmctl.procedures.results import Phase
+from edmctl.profile.setup import Actuator, Sensor, Setup, Stage
+from edmctl.simulator import BenchConfig, open_bench
+from edmctl.simulator import kernel as k
+from edmctl.simulator.config import SensorConstants
+from tests.procedures.conftest import Told
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from edmctl.procedures.calibrating import Measured
+    from edmctl.procedures.results import Progress
+
+SHORT = CalibrationPlan(
+    (Leg(150.0, 2.0), Leg(0.0, 2.0), Leg(60.0, 0.06), Leg(60.0, 3.0), Leg(0.0, 0.5)), 5000
+)
+
+
+class Rig:
+    """A bench, a machine on it, and a setup."""
+
+    def __init__(self, config: BenchConfig | None = None, setup: Setup | None = None) -> None:
+        self.bench = open_bench(config or BenchConfig(), 1)
+        self.session = Session(self.bench.transport, Random(1))
+        self.session.open()
+        self.stop = StopRequest()
+        self.machine = LinkMachine(self.session, self.stop)
+        self.setup = setup or Setup()
+        self.told = Told()
+
+    def measure(self, plan: CalibrationPlan = SHORT) -> Measured:
+        return measure_actuator(self.machine, self.setup, plan, self.told)
+
+    def when_calibrating(self, act: Callable[[], None]) -> None:
+        self.told.when[Phase.CALIBRATING] = act
+
+    @property
+    def applied_v(self) -> float:
+        return self.bench.controller.st.item(k.APPLIED_V)
+
+
+def test_the_plan_spans_the_stroke_in_296_s_at_200_hz() -> None:
+    plan = plan_calibration(Setup())
+    assert (plan.legs[0].u_v, plan.high_v) == (150.0, 150.0)
+    assert plan.duration_s == pytest.approx(297.6, abs=0.1)
+    assert plan.samples == pytest.approx(200 * 297.6, abs=20)
+
+
+def test_the_plan_goes_by_the_setup() -> None:
+    setup = Setup(actuator=Actuator(stroke_v=100.0, slew_v_s=200.0))
+    plan = plan_calibration(setup)
+    assert plan.high_v == 100.0
+    starts_v = [0.0, *(leg.u_v for leg in plan.legs)]
+    steepest = max(abs(leg.u_v - v) / leg.duration_s for v, leg in zip(starts_v, plan.legs, strict=False))
+    assert steepest == pytest.approx(200.0)
+
+
+def test_without_a_sensor_there_is_nothing_to_calibrate_with() -> None:
+    with pytest.raises(PreconditionError) as refusal:
+        plan_calibration(Setup(sensor=Sensor(fitted=False)))
+    assert (refusal.value.code, refusal.value.exit_code) == ("E8034", 8)
+    assert "--from" in refusal.value.hint
+
+
+def test_every_turning_point_and_hold_is_in_the_record() -> None:
+    rig = Rig()
+    measured = rig.measure()
+    t_s, u_v, y_um = measured.record.t_s, measured.record.u_v, measured.record.y_um
+    assert measured.lost_frames == 0
+    assert t_s[0] == 0.0
+    assert np.diff(t_s) == pytest.approx(np.full(len(t_s) - 1, 0.005))
+    assert u_v.max() == 150.0
+    assert (u_v == u_v[(np.abs(u_v - 60.0)).argmin()]).sum() >= 3.0 / 0.005
+    assert (u_v[0], u_v[-1]) == (0.0, 0.0)
+    assert np.ptp(y_um) == pytest.approx(445.0, rel=0.1)
+    assert measured.record.name == "SIM-1"
+
+
+def test_it_ends_retracted_and_idle() -> None:
+    rig = Rig()
+    rig.measure()
+    assert rig.machine.status().state is MachineState.IDLE
+    assert rig.applied_v == 0.0
+
+
+def test_no_pulse_is_possible_meanwhile() -> None:
+    rig = Rig()
+    seen: list[tuple[bool, int]] = []
+
+    class Watching(Told):
+        def progress(self, p: Progress) -> None:
+            seen.append((rig.bench.controller.pulses_allowed, rig.bench.controller.ist.item(k.PULSES_ON)))
+
+    rig.told = Watching()
+    rig.measure()
+    assert set(seen) == {(False, 0)}
+
+
+def test_a_machine_armed_without_pulses_refuses_to_cut() -> None:
+    rig = Rig()
+    rig.machine.configure(calibrating._settings(rig.setup))
+    rig.machine.arm(pulses=False)
+    with pytest.raises(PreconditionError):
+        rig.machine.start_cut(CutRequest(9.6, 100.0, 10.0))
+    with pytest.raises(PreconditionError):
+        rig.machine.approach(5.0, 100.0, 9.6)
+
+
+def test_a_machine_elsewhere_is_parked_first() -> None:
+    rig = Rig(setup=Setup(stage=Stage(park_x_um=-4000.0, park_y_um=300.0)))
+    rig.measure()
+    assert rig.told.states[0].phase is Phase.MOVING
+    reported = rig.bench.plant.reported
+    assert (reported[Axis.X], reported[Axis.Y]) == (-4000.0, 300.0)
+
+
+def test_a_tool_that_hangs_too_low_is_not_moved(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(calibrating, "SAFE_Z_UM", -50.0)
+    rig = Rig(setup=Setup(stage=Stage(park_x_um=-4000.0)))
+    with pytest.raises(PreconditionError, match=r"may move below -50\.0 µm") as refusal:
+        rig.measure()
+    assert refusal.value.code == "E8020"
+    assert rig.machine.status().state is MachineState.IDLE
+
+
+def test_the_time_left_is_told() -> None:
+    rig = Rig()
+    rig.measure()
+    left_s = [p.time_left_s for p in rig.told.states if p.phase is Phase.CALIBRATING]
+    assert left_s[0] == pytest.approx(SHORT.duration_s, abs=0.3)
+    assert left_s == sorted(left_s, reverse=True)
+    assert left_s[-1] < 0.3
+
+
+def test_an_emergency_stop_ends_in_the_safe_state() -> None:
+    rig = Rig()
+    rig.when_calibrating(lambda: setattr(rig.bench.plant, "estop", True))
+    with pytest.raises(MachineFault):
+        rig.measure()
+    assert rig.applied_v == 0.0
+    assert rig.machine.status().state is MachineState.ESTOP
+
+
+def test_ctrl_c_retracts_first() -> None:
+    rig = Rig()
+    rig.when_calibrating(lambda: rig.stop.request(signal.SIGINT))
+    with pytest.raises(Interrupted):
+        rig.measure()
+    assert rig.applied_v == 0.0
+    assert rig.machine.status().state is MachineState.IDLE
+
+
+def test_a_lost_line_leaves_the_machine_to_its_watchdog() -> None:
+    rig = Rig()
+    rig.when_calibrating(rig.bench.transport.close)
+    with pytest.raises(LinkLost):
+        rig.measure()
+    rig.bench.controller.advance(2000)
+    assert rig.bench.controller.state is MachineState.FAULT
+    assert rig.applied_v == 0.0
+
+
+def test_a_dead_sensor_is_noticed_after_the_first_swing() -> None:
+    rig = Rig(BenchConfig(sensors=SensorConstants(fitted=False)))
+    with pytest.raises(RecordError) as refusal:
+        rig.measure(plan_calibration(rig.setup))
+    assert refusal.value.message.startswith("SIM-1: ")
+    assert rig.machine.time_s < 10.0
+    assert rig.machine.status().state is MachineState.IDLE
+
+
+def test_a_range_that_the_controller_does_not_have_is_refused() -> None:
+    rig = Rig(setup=Setup(actuator=Actuator(stroke_v=180.0)))
+    with pytest.raises(PreconditionError, match=r"piezo_max_v = 180 V is outside 0\.\.150") as refusal:
+        rig.measure(plan_calibration(rig.setup))
+    assert refusal.value.code == "E8011"

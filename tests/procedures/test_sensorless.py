@@ -1,0 +1,111 @@
+"""A machine without a displacement sensor: the same job by its calibrated actuator, judged by the plant's truth."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from edmctl.errors import MachineFault, PreconditionError
+from edmctl.machine.port import EventCode, MachineState
+from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.measuring import displacement_uncertainty
+from edmctl.simulator import kernel as k
+
+from .conftest import Done, Shop, calibrated
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    OpenShop = Callable[..., Shop]
+
+
+@pytest.fixture(scope="module")
+def blind() -> Done:
+    """Return a finished quick job without a sensor; tests only look at it."""
+    shop = Shop(calibration=calibrated(), sensor=False)
+    return Done(shop, shop.run_job())
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_depth_and_wear_hold_the_truth_within_their_uncertainty(shop: OpenShop, seed: int) -> None:
+    s = shop(('target={kind="depth",depth_um=40.0}',), seed=seed, calibration=calibrated(seed), sensor=False)
+    (site,) = s.run_job().sites
+    truth_um = s.bench.truth()[0].depth_um
+    assert abs(site.depth_um - truth_um) <= site.depth_u95_um
+    assert abs(site.wear_um - s.bench.tool_wear_um) <= site.wear_u95_um
+    assert site.depth_um == pytest.approx(truth_um, abs=1.0)
+
+
+def test_the_uncertainty_is_wider_by_what_the_model_does_not_know(blind: Done, done: Done) -> None:
+    job = blind.shop.job
+    assert job.calibration is not None
+    known = displacement_uncertainty(job)
+    assert known.gain_u_rel == pytest.approx(math.hypot(0.003, 0.025))
+    assert known.linearity_u_um == pytest.approx(
+        math.hypot(0.1, math.sqrt(2) * job.calibration.held_out_rms_um)
+    )
+    assert blind.result.sites[0].depth_u95_um > 1.2 * done.result.sites[0].depth_u95_um
+
+
+def test_every_displacement_is_the_estimate_and_none_is_recorded_as_a_sensor_s(blind: Done) -> None:
+    seen, (site,) = blind.shop.seen, blind.result.sites
+    assert np.isnan(np.concatenate([block.displacement_um for block in seen.servo])).all()
+    estimates_um = np.concatenate([block.model_um for block in seen.servo])
+    assert estimates_um.min() == pytest.approx(0.0, abs=1.0)
+    assert estimates_um.max() > 300.0  # the conditioning swings
+    assert all(math.isnan(touch.displacement_um) for touch in seen.touches)
+    assert site.z1_um == pytest.approx(seen.touches[0].model_um)
+    assert site.depth_model_um == site.depth_um
+    assert math.isnan(site.feed_model_error_max_um)
+
+
+def test_the_host_ends_a_cut_where_the_estimate_reaches_its_limit(blind: Done) -> None:
+    seen = blind.shop.seen
+    planned = [args for _, code, _, _, args in seen.events if code == RunEvent.CUT_PLANNED]
+    ended_s = [time_s for time_s, code, _, _, _ in seen.events if code == EventCode.STOPPED]
+    assert len(planned) == len(ended_s) == blind.result.sites[0].cuts
+    times_s = np.concatenate([block.time_s for block in seen.servo])
+    estimates_um = np.concatenate([block.model_um for block in seen.servo])
+    for cut, end_s in zip(planned, ended_s, strict=True):
+        last_um = estimates_um[(times_s > end_s - 0.2) & (times_s <= end_s)].mean()
+        assert last_um == pytest.approx(float(cut["z_limit_um"]), abs=0.5)
+
+
+def test_the_controller_goes_by_volts_times_the_mean_gain(blind: Done) -> None:
+    shop = blind.shop
+    assert shop.bench.controller.parameters["sensor_fitted"] == 0.0
+    shop.bench.plant.st[k.APPLIED_V] = 0.0
+    status = shop.machine.status()
+    assert status.displacement_um == pytest.approx(2.967 * status.actuator_v, abs=1e-3)
+
+
+def test_without_a_calibration_nothing_moves(shop: OpenShop) -> None:
+    s = shop(sensor=False)
+    with pytest.raises(PreconditionError, match=r"no calibration of SIM-1") as caught:
+        s.run_job()
+    assert "edmctl calibrate" in caught.value.hint
+    assert s.machine.status().state is MachineState.IDLE
+    assert s.seen.events == []
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_a_sensor_that_should_be_there_and_is_not_is_refused(shop: OpenShop, *, known: bool) -> None:
+    s = shop(calibration=calibrated() if known else None)
+    s.bench.plant.par[k.SENSOR_GAIN] = 0.0
+    with pytest.raises(PreconditionError, match="per volt while the actuator swings") as caught:
+        s.run_job()
+    assert caught.value.code == "E8033"
+    assert s.machine.status().state is MachineState.IDLE
+
+
+def test_a_touch_that_finds_no_surface_ends_as_with_a_sensor(shop: OpenShop) -> None:
+    """The pad is 60 µm further away than the recipe says: no contact is a fault, not a plunge."""
+    s = shop(calibration=calibrated(), sensor=False)
+    s.bench.plant._offset_um += 60.0
+    with pytest.raises(MachineFault) as caught:
+        s.run_job()
+    assert caught.value.fault == 2005
+    assert s.machine.status().actuator_v < 120.0

@@ -1,0 +1,333 @@
+"""The calibration file: exact, whole, hashed; and where it is looked for."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import os
+import re
+import tomllib
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from edmctl.actuator.identification import Identification
+from edmctl.actuator.model import ActuatorModel
+from edmctl.actuator.uncertainty import Bands
+from edmctl.actuator.validation import ErrorFigures
+from edmctl.errors import ProfileError, RecordError, RunFileError
+from edmctl.profile import load_setup
+from edmctl.profile.calibration import (
+    SCHEMA,
+    calibration_of,
+    load_calibration,
+    measured_file,
+    save_calibration,
+)
+from edmctl.profile.calibration_place import default_path, find_calibration
+from edmctl.profile.calibration_tables import (
+    Calibration,
+    Figures,
+    Made,
+    MeasuredFile,
+    Parameters,
+    Quality,
+    Spread,
+    content_hash,
+)
+from edmctl.profile.setup import Actuator, Setup
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+PAGE = Path(__file__).parents[2] / "docs/calibration-file.md"
+MADE = Made(utc="2026-01-02T03:04:05Z", edmctl="0.1.0", serial="SIM-7", simulated=True)
+
+
+def make_model(*, creeping: int = 2) -> ActuatorModel:
+    """Parameters with every digit that a float has."""
+    rng = np.random.default_rng(5)
+    thresholds_v = np.array([0.0, 0.1, 1.0, 1.0 + 1e-15]) * 7.3 / 3.0
+    return ActuatorModel(
+        thresholds_v=thresholds_v,
+        knots_v=np.sort(rng.uniform(0.0, 150.0, (4, 4)), axis=1),
+        slopes_um_per_v=rng.uniform(1e-17, 3.0, (4, 3)),
+        creep_plays=np.array([0, 2][:creeping], dtype=np.int64),
+        time_constants_s=np.array([0.1, 0.7, 1e3][: 3 * bool(creeping)]),
+        creep_um_per_v=rng.uniform(0.0, 0.05, (2, 3))[:creeping, : 3 * bool(creeping)],
+        zero_um=-1.0 / 3.0,
+        delay_s=0.0,
+        low_v=0.0,
+        high_v=150.0,
+    )
+
+
+def an_identification(problems: tuple[str, ...] = (), *, creeping: int = 2) -> Identification:
+    return Identification(
+        model=make_model(creeping=creeping),
+        train=ErrorFigures(1.5, 0.3, 445.0),
+        held_out=ErrorFigures(2.0, 0.5, 445.0),
+        bands=Bands(0.1, 0.3, 2.9, 0.01, 0.15, 0.002, 0.017, 0.001),
+        problems=problems,
+        notes=("The records swing at one rate.",),
+        samples=59_249,
+    )
+
+
+def a_calibration() -> Calibration:
+    return calibration_of(an_identification(), MADE, {"line": ErrorFigures(40.0, 18.0, 445.0)})
+
+
+@pytest.fixture
+def saved(tmp_path: Path) -> Path:
+    path = tmp_path / "deep" / "actuator.toml"
+    save_calibration(path, a_calibration())
+    return path
+
+
+def refused(path: Path) -> RecordError:
+    with pytest.raises(RecordError) as refusal:
+        load_calibration(path)
+    assert refusal.value.exit_code == 3
+    assert "edmctl calibrate" in refusal.value.hint
+    return refusal.value
+
+
+def rewritten(path: Path, change: Callable[[dict[str, object]], object]) -> Path:
+    """Change the content, and give it its hash, as another program could."""
+    import tomli_w
+
+    table = tomllib.loads(path.read_text(encoding="utf-8"))
+    del table["sha256"]
+    change(table)
+    path.write_text(tomli_w.dumps({"sha256": content_hash(table), **table}), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("creeping", [0, 2])
+def test_a_model_comes_back_bit_by_bit(tmp_path: Path, creeping: int) -> None:
+    identification = an_identification(creeping=creeping)
+    save_calibration(tmp_path / "c.toml", calibration_of(identification, MADE))
+    found = load_calibration(tmp_path / "c.toml").model()
+    for field in dataclasses.fields(ActuatorModel):
+        written, read = getattr(identification.model, field.name), getattr(found, field.name)
+        np.testing.assert_array_equal(read, written, strict=True)
+
+
+def test_everything_else_comes_back(saved: Path) -> None:
+    calibration = load_calibration(saved)
+    assert calibration == a_calibration()
+    assert calibration.serial == "SIM-7"
+    assert calibration.made.simulated
+    assert calibration.quality.accepted
+    assert calibration.quality.held_out.rms_pct == pytest.approx(100.0 * 0.5 / 445.0)
+    assert calibration.quality.bands.loop_width_sd == 0.002
+    assert calibration.baselines["line"].rms_um == 18.0
+
+
+def test_problems_and_files_are_told(tmp_path: Path) -> None:
+    data = tmp_path / "a.csv"
+    data.write_bytes(b"t_s,u_V,y_um\n")
+    made = Made(
+        utc="2026-01-02", edmctl="0.1.0", records=[measured_file(data, 12, 75.0), measured_file(data, 9)]
+    )
+    save_calibration(tmp_path / "c.toml", calibration_of(an_identification(("Not covered.",)), made))
+    calibration = load_calibration(tmp_path / "c.toml")
+    assert not calibration.quality.accepted
+    assert calibration.quality.problems == ["Not covered."]
+    assert calibration.serial is None
+    assert [(file.name, file.samples, file.previous_v) for file in calibration.made.records] == [
+        ("a.csv", 12, 75.0),
+        ("a.csv", 9, None),
+    ]
+    assert calibration.made.records[0].sha256 == hashlib.sha256(b"t_s,u_V,y_um\n").hexdigest()
+
+
+def test_the_hash_is_of_the_content_as_json(saved: Path) -> None:
+    table = tomllib.loads(saved.read_text(encoding="utf-8"))
+    written = table.pop("sha256")
+    assert written == content_hash(table) == load_calibration(saved).sha256
+    assert table["schema"] == SCHEMA
+
+
+def test_comments_and_order_do_not_matter(saved: Path) -> None:
+    lines = saved.read_text(encoding="utf-8").splitlines()
+    saved.write_text("\n".join(["# bench 3", lines[1], lines[0], *lines[2:]]), encoding="utf-8")
+    assert load_calibration(saved) == a_calibration()
+
+
+def test_an_edited_file_is_refused(saved: Path) -> None:
+    text = saved.read_text(encoding="utf-8")
+    saved.write_text(text.replace("high_v = 150.0", "high_v = 149.0"), encoding="utf-8")
+    error = refused(saved)
+    assert error.code == "E3643"
+    assert "edited or damaged" in error.message
+    assert error.where is not None
+    assert error.where.source_line.startswith("sha256 = ")
+
+
+def test_a_file_without_its_hash_is_refused(saved: Path) -> None:
+    text = saved.read_text(encoding="utf-8")
+    saved.write_text("\n".join(line for line in text.splitlines() if "sha256" not in line), encoding="utf-8")
+    assert refused(saved).code == "E3643"
+
+
+def test_every_shortened_file_is_refused(saved: Path) -> None:
+    content = saved.read_bytes()
+    for size in range(0, len(content) - 1, 97):
+        saved.write_bytes(content[:size])
+        assert refused(saved).code in ("E3641", "E3642", "E3643")
+
+
+@pytest.mark.parametrize("name", ["gone.toml", "", "a\0b.toml"])
+def test_a_file_that_cannot_be_read_is_named(tmp_path: Path, name: str) -> None:
+    assert refused(tmp_path / name).code == "E3640"
+
+
+def test_a_file_that_is_no_toml_is_named_with_its_place(tmp_path: Path) -> None:
+    (tmp_path / "c.toml").write_text("schema = \nx", encoding="utf-8")
+    error = refused(tmp_path / "c.toml")
+    assert error.code == "E3641"
+    assert error.where is not None
+    assert (error.where.line, error.where.column) == (1, 10)
+
+
+@pytest.mark.parametrize(
+    ("schema", "message"),
+    [
+        ('schema = "edmctl-calibration/2"', "has the schema edmctl-calibration/2"),
+        ('schema = "other"', "is no calibration file"),
+        ("schema = 1", "is no calibration file"),
+        ("x = 1", "is no calibration file"),
+    ],
+)
+def test_another_schema_is_refused(tmp_path: Path, schema: str, message: str) -> None:
+    (tmp_path / "c.toml").write_text(schema, encoding="utf-8")
+    error = refused(tmp_path / "c.toml")
+    assert error.code == "E3642"
+    assert message in error.message
+    assert ("Update edmctl" in error.hint) is ("/2" in schema)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("slopes_um_per_v", [[1.0, 1.0, -1e-9]] * 4, "slopes are not negative"),
+        ("slopes_um_per_v", [[0.0, 1.0, 1.0]] * 4, "the play of threshold 0 has positive slopes"),
+        ("slopes_um_per_v", [[1.0, 1.0, 1.0]] * 3, "do not fit"),
+        ("slopes_um_per_v", [[1.0, 1.0, 1.0], [1.0]] * 2, "do not fit"),
+        ("slopes_um_per_v", [], "do not fit"),
+        ("thresholds_v", [0.0, 2.0, 1.0, 3.0], "thresholds ascend"),
+        ("thresholds_v", [0.0, 2.0, float("nan"), 3.0], "finite"),
+        ("thresholds_v", [], "do not fit"),
+        ("thresholds_v", [0.0, "1"], "valid number"),
+        ("knots_v", [[3.0, 2.0, 1.0, 0.0]] * 4, "knots of a play ascend"),
+        ("creep_plays", [0, 9], "creep follows plays"),
+        ("creep_plays", [0], "do not fit"),
+        ("creep_plays", [0, 10**30], "less than"),
+        ("time_constants_s", [0.0, 1.0, 2.0], "time constants are positive"),
+        ("creep_um_per_v", [[-1.0, 0.0, 0.0]] * 2, "creep is not negative"),
+        ("zero_um", float("inf"), "finite"),
+        ("delay_s", -1.0, "the delay is not negative"),
+        ("high_v", 0.0, "low_v lies below high_v"),
+        ("extra", 0.0, "Extra inputs"),
+    ],
+)
+def test_a_model_that_cannot_be_used_is_refused(saved: Path, key: str, value: object, message: str) -> None:
+    def change(table: dict[str, object]) -> None:
+        model = table["model"]
+        assert isinstance(model, dict)
+        model[key] = value
+
+    error = refused(rewritten(saved, change))
+    assert error.code == "E3644"
+    assert message in error.message
+    assert error.where is not None
+
+
+def test_a_missing_table_is_refused(saved: Path) -> None:
+    assert "made" in refused(rewritten(saved, lambda table: table.pop("made"))).message
+
+
+def test_a_new_calibration_takes_the_place_of_the_old_one(saved: Path) -> None:
+    save_calibration(saved, calibration_of(an_identification(), Made(utc="now", edmctl="9")))
+    assert load_calibration(saved).made.edmctl == "9"
+    assert [path.name for path in saved.parent.iterdir()] == ["actuator.toml"]
+
+
+def test_the_file_is_readable_as_files_of_this_user_are(saved: Path) -> None:
+    beside = saved.parent / "beside"
+    beside.touch()
+    assert saved.stat().st_mode == beside.stat().st_mode
+
+
+def test_a_full_disk_leaves_the_old_calibration(saved: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    before = saved.read_bytes()
+    monkeypatch.setattr(os, "fsync", refuse)
+    with pytest.raises(RunFileError, match="No space left") as refusal:
+        save_calibration(saved, a_calibration())
+    assert refusal.value.code == "E9012"
+    assert saved.read_bytes() == before
+    assert [path.name for path in saved.parent.iterdir()] == ["actuator.toml"]
+
+
+def test_a_file_in_the_way_of_the_folder_is_told(tmp_path: Path) -> None:
+    (tmp_path / "home").write_text("", encoding="utf-8")
+    with pytest.raises(RunFileError):
+        save_calibration(tmp_path / "home" / "c.toml", a_calibration())
+
+
+def test_a_machine_has_its_own_file(tmp_path: Path) -> None:
+    environ = {"EDMCTL_HOME": str(tmp_path)}
+    assert default_path("SIM-7", environ) == tmp_path / "calibration" / "SIM-7.toml"
+    assert default_path("a/../b", environ).parent == tmp_path / "calibration"
+    assert default_path("SIM-7", {}).parts[-3:] == ("edmctl", "calibration", "SIM-7.toml")
+
+
+def test_the_nearest_word_decides_which_file_is_used(tmp_path: Path) -> None:
+    environ = {"EDMCTL_HOME": str(tmp_path)}
+    asked = {**environ, "EDMCTL_CALIBRATION": "/c/environ.toml"}
+    setup = Setup(actuator=Actuator(calibration="/c/setup.toml"))
+    option = Path("/c/option.toml")
+    assert find_calibration(None, environ, Setup(), "SIM-7") is None
+    own = default_path("SIM-7", environ)
+    save_calibration(own, a_calibration())
+    assert find_calibration(None, environ, Setup(), "SIM-8") is None
+    assert find_calibration(None, environ, Setup(), "SIM-7") == own
+    assert find_calibration(None, environ, setup, "SIM-7") == Path("/c/setup.toml")
+    assert find_calibration(None, asked, setup, "SIM-7") == Path("/c/environ.toml")
+    assert find_calibration(option, asked, setup, "SIM-7") == option
+
+
+def test_a_setup_names_a_file_beside_itself(tmp_path: Path) -> None:
+    setup = tmp_path / "setup.toml"
+    setup.write_text(f"[actuator]\ncalibration = {json.dumps('mine/c.toml')}\n", encoding="utf-8")
+    assert load_setup(setup).actuator.calibration == str(tmp_path / "mine" / "c.toml")
+    setup.write_text("[actuator]\ncalibration = '/c.toml'\n", encoding="utf-8")
+    assert load_setup(setup).actuator.calibration == "/c.toml"
+    setup.write_text("[actuator]\ncalibration = ''\n", encoding="utf-8")
+    with pytest.raises(ProfileError):
+        load_setup(setup)
+
+
+def test_the_page_tells_every_key() -> None:
+    page = PAGE.read_text(encoding="utf-8")
+    for table in (Made, MeasuredFile, Parameters, Quality, Figures, Spread):
+        for name, field in table.model_fields.items():
+            assert re.search(
+                rf"^\| `{name}` \| [a-z ]+ \| {re.escape(str(field.description))} \|$", page, re.M
+            )
+    assert f"`{SCHEMA}`" in page
+
+
+def test_the_hash_of_the_page_is_that_of_the_file(saved: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (example,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.S)
+    monkeypatch.chdir(saved.parent)
+    saved.rename("calibration.toml")
+    exec(compile(example, "calibration-file.md", "exec"), {})

@@ -1,0 +1,304 @@
+"""Records out of CSV and HDF5 files, and what is said about files that hold none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from edmctl.errors import RecordError, RunFileError
+from edmctl.record.columns import read_record, read_voltage, write_columns
+from edmctl.record.delimited import read_delimited
+from edmctl.record.layout import SERVO
+from edmctl.record.reader import open_run
+
+ROWS = "0,1.5,-3\n0.005,2.5,-1.25e-1\n"
+HEADER = "t_s,u_V,y_um\n"
+
+
+def written(folder: Path, text: str | bytes, name: str = "record.csv") -> Path:
+    path = folder / name
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+def refused(path: Path) -> RecordError:
+    with pytest.raises(RecordError) as refusal:
+        read_record(path)
+    assert refusal.value.exit_code == 3
+    assert refusal.value.hint
+    return refusal.value
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        HEADER + ROWS,
+        HEADER.encode() + ROWS.encode().rstrip(),
+        b"\xef\xbb\xbf" + (HEADER + ROWS).replace("\n", "\r\n").encode(),
+        (HEADER + ROWS).replace("\n", "\r"),
+        (HEADER + ROWS).replace(",", ";"),
+        (HEADER + ROWS).replace(",", ";").replace(".", ","),
+        (HEADER + ROWS).replace(",", "\t"),
+        "# a, b\n\n" + HEADER + "# more, of it\n" + ROWS + "\n# end\n",
+        "# " + HEADER + ROWS,
+        '"t_s", "u_V", "y_um"\n0,"1.5",-3\n0.005,2.5,-0.125 # last\n',
+        "T_S,u_v,y_µm\n" + ROWS,
+        "# Gerät\n".encode("latin-1") + (HEADER + ROWS).encode(),
+        "y_um,note,t_s,u_V\n-3,-,0,1.5\n-0.125,late,0.005,2.5\n",
+        "t_s,u_V,y_um,\n0,1.5,-3,\n0.005,2.5,-0.125,\n",
+        HEADER + "0,1.5,-3,\n0.005,2.5,-0.125,\n",
+    ],
+)
+def test_a_table_is_read_however_it_is_written(tmp_path: Path, text: str | bytes) -> None:
+    record = read_record(written(tmp_path, text))
+    np.testing.assert_array_equal(record.t_s, [0.0, 0.005])
+    np.testing.assert_array_equal(record.u_v, [1.5, 2.5])
+    np.testing.assert_array_equal(record.y_um, [-3.0, -0.125])
+    assert record.y_um.flags.c_contiguous
+
+
+def test_a_record_knows_its_file_and_what_came_before(tmp_path: Path) -> None:
+    path = written(tmp_path, HEADER + ROWS, "morning.csv")
+    assert read_record(path).name == "morning.csv"
+    assert read_record(path).previous_v is None
+    assert read_record(path, 75.0).previous_v == 75.0
+
+
+def test_numbers_that_are_not_finite_are_left_to_the_checks(tmp_path: Path) -> None:
+    record = read_record(written(tmp_path, HEADER + "0,1,nan\n1,inf,2\n"))
+    assert np.isnan(record.y_um[0])
+    assert np.isinf(record.u_v[1])
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "message"),
+    [
+        ("", "E3602", "is empty"),
+        ("\n \n", "E3602", "is empty"),
+        ("# nothing\n", "E3602", "comments only"),
+        (b"PK\x03\x04\0\0\0", "E3602", "neither text nor HDF5"),
+        ("t_s,u_V\n".encode("utf-16"), "E3602", "UTF-16"),
+        (ROWS, "E3602", "no header"),
+        (HEADER, "E3605", "holds 0 rows"),
+        (HEADER + "0,1,2\n", "E3605", "holds 1 row"),
+        ("t_s,t_s,u_V,y_um\n0,0,1,2\n", "E3603", "column t_s twice"),
+        ("t_s u_V y_um\n0 1 2\n", "E3603", "no column t_s and no u_V and no y_um"),
+    ],
+)
+def test_a_file_without_a_record_is_named(tmp_path: Path, text: str | bytes, code: str, message: str) -> None:
+    error = refused(written(tmp_path, text))
+    assert error.code == code
+    assert message in error.message
+
+
+@pytest.mark.parametrize(
+    ("header", "remedy"),
+    [
+        ("t_ms,u_V,y_um", "Multiply t_ms by 0.001 and rename it to t_s."),
+        ("t_s,u_mV,y_um", "Multiply u_mV by 0.001 and rename it to u_V."),
+        ("t_s,u_V,y_mm", "Multiply y_mm by 1000 and rename it to y_um."),
+        ("t_s,u_V,Displacement (nm)", "Multiply Displacement (nm) by 0.001 and rename it to y_um."),
+        ("t_s,Voltage [V],y_um", "Rename Voltage [V] to u_V."),
+        ("t_s,u_V,stage_mm", "Multiply stage_mm by 1000 and rename it to y_um."),
+        ("time,u_V,y_um", "If time is the time in s, rename it to t_s."),
+        ("t_s,u_V,gauge", "Name the column of the tool displacement in µm y_um."),
+        ("t_s,u_V", "Name the column of the tool displacement in µm y_um."),
+    ],
+)
+def test_a_column_of_another_name_is_recognised(tmp_path: Path, header: str, remedy: str) -> None:
+    error = refused(written(tmp_path, f"# c\n{header}\n0,1,2\n1,2,3\n"))
+    assert error.code == "E3603"
+    assert error.hint == remedy
+    assert error.where is not None
+    assert error.where.line == 2
+
+
+@pytest.mark.parametrize(
+    ("rows", "line", "column", "message", "remedy"),
+    [
+        ("0,1,2\n1,x,3\n", 4, 3, "column u_V: 'x' is no number", "Correct or delete"),
+        ("0,1,2\n\n1,,3\n", 5, 3, "column u_V: the cell is empty", "Correct or delete"),
+        ("s,V,um\n0,1,2\n", 3, 1, "column t_s: 's' is no number", "Only one line of names"),
+        ("0,1,2\n1\n2,3,4\n", 4, 1, "1 cell under a header of 3", "Complete or delete"),
+        ("0,1,2\n1,2\n", 4, 1, "2 cells under a header of 3", "ends within a row"),
+        ("0,0,1,5,2,5\n", 3, 1, "6 cells under a header of 3", "decimal point"),
+        ("0,1,2\n0,5,1,2\n1,2\n", 4, 1, "4 cells under a header of 3", "decimal point"),
+        ("0,1,2\n1_0,1,2\n", 4, 1, "column t_s: '1_0' is no number", "Correct or delete"),
+    ],
+)
+def test_a_wrong_row_is_found(
+    tmp_path: Path, rows: str, line: int, column: int, message: str, remedy: str
+) -> None:
+    error = refused(written(tmp_path, f"# c\n{HEADER}{rows}"))
+    assert error.code == "E3604"
+    assert message in error.message
+    assert remedy in error.hint
+    assert error.where is not None
+    assert (error.where.line, error.where.column) == (line, column)
+
+
+@given(st.text(alphabet='t_suVym0123456789.,;#"\n\t e-+٣µ\x00', max_size=80), st.booleans())
+@settings(max_examples=300, deadline=None)
+def test_any_text_is_read_or_refused(text: str, with_header: bool) -> None:
+    content = (HEADER * with_header + text).encode()
+    try:
+        columns = read_delimited(Path("any.csv"), content)
+    except RecordError:
+        return
+    assert len({len(column) for column in columns.values()}) == 1
+
+
+def test_a_long_table_with_one_wrong_cell_names_its_line(tmp_path: Path) -> None:
+    rows = [f"{0.005 * k:.3f},{k % 150},{k % 400}" for k in range(20_000)]
+    rows[17_000] = "85.000,12,OVERRANGE"
+    error = refused(written(tmp_path, HEADER + "\n".join(rows)))
+    assert error.where is not None
+    assert error.where.line == 17_002
+    assert error.where.source_line == "85.000,12,OVERRANGE"
+
+
+@pytest.mark.parametrize("name", ["v.csv", "v.h5"])
+def test_a_voltage_needs_no_displacement(tmp_path: Path, name: str) -> None:
+    write_columns(tmp_path / name, {"u_V": np.array([5.0, 6.0]), "t_s": np.array([0.0, 1.0])})
+    t_s, u_v = read_voltage(tmp_path / name)
+    np.testing.assert_array_equal(t_s, [0.0, 1.0])
+    np.testing.assert_array_equal(u_v, [5.0, 6.0])
+    error = refused(tmp_path / name)
+    assert "no column y_um" in error.message or "no dataset y_um" in error.message
+
+
+def test_what_a_voltage_does_not_need_is_not_read(tmp_path: Path) -> None:
+    _, u_v = read_voltage(written(tmp_path, HEADER + "0,1,x\n1,2,\n"))
+    np.testing.assert_array_equal(u_v, [1.0, 2.0])
+    with pytest.raises(RecordError, match="no column u_V;") as refusal:
+        read_voltage(written(tmp_path, "t_s,u_mV\n0,1\n1,2\n"))
+    assert refusal.value.hint == "Multiply u_mV by 0.001 and rename it to u_V."
+
+
+@pytest.mark.parametrize("name", ["gone.csv", "a\0b.csv", "x" * 5000])
+def test_a_file_that_is_not_there_is_named(tmp_path: Path, name: str) -> None:
+    assert refused(tmp_path / name).code == "E3601"
+
+
+def test_a_folder_is_no_record(tmp_path: Path) -> None:
+    assert refused(tmp_path).code == "E3601"
+
+
+@pytest.mark.parametrize("name", ["columns.csv", "columns.h5"])
+def test_written_columns_are_read_back_exactly(tmp_path: Path, name: str) -> None:
+    rng = np.random.default_rng(1)
+    t_s, u_v, y_um = np.cumsum(rng.random(50)), rng.normal(size=50), rng.normal(size=50)
+    path = tmp_path / name
+    write_columns(path, {"t_s": t_s, "u_V": u_v, "extra": u_v, "y_um": y_um})
+    record = read_record(path)
+    np.testing.assert_array_equal(record.t_s, t_s)
+    np.testing.assert_array_equal(record.u_v, u_v)
+    np.testing.assert_array_equal(record.y_um, y_um)
+
+
+def test_written_datasets_carry_their_unit(tmp_path: Path) -> None:
+    columns = {name: np.zeros(3) for name in ("t_s", "u_V", "truth_um", "waveform")}
+    write_columns(tmp_path / "x.h5", columns)
+    with h5py.File(tmp_path / "x.h5") as file:
+        assert {name: file[name].attrs["units"] for name in file} == {
+            "t_s": "s",
+            "u_V": "V",
+            "truth_um": "um",
+            "waveform": "1",
+        }
+
+
+@pytest.mark.parametrize("name", ["x.csv", "x.h5"])
+def test_a_file_is_never_overwritten(tmp_path: Path, name: str) -> None:
+    path = written(tmp_path, "mine", name)
+    with pytest.raises(RunFileError) as refusal:
+        write_columns(path, {"t_s": np.zeros(3)})
+    assert refusal.value.code == "E9011"
+    assert path.read_text() == "mine"
+
+
+def test_a_folder_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(RunFileError, match="No such file or directory") as refusal:
+        write_columns(tmp_path / "none" / "x.h5", {"t_s": np.zeros(3)})
+    assert refusal.value.code == "E9012"
+
+
+def hdf5(path: Path, **datasets: object) -> Path:
+    with h5py.File(path, "w") as file:
+        for name, values in datasets.items():
+            file[name.replace("__", "/")] = values
+    return path
+
+
+@pytest.mark.parametrize("prefix", ["", "day__one__"])
+def test_hdf5_columns_stand_at_the_root_or_in_one_group(tmp_path: Path, prefix: str) -> None:
+    columns = {f"{prefix}{name}": np.arange(3.0) + k for k, name in enumerate(("t_s", "u_V", "y_um"))}
+    record = read_record(hdf5(tmp_path / "x.h5", other__x=np.zeros(2), **columns))
+    np.testing.assert_array_equal(record.y_um, [2.0, 3.0, 4.0])
+
+
+@pytest.mark.parametrize(
+    ("datasets", "message", "remedy"),
+    [
+        (
+            {"t_s": [0.0, 1.0], "u_V": [0.0, 1.0], "y_mm": [0.0, 1.0]},
+            "no dataset y_um",
+            "Multiply y_mm by 1000",
+        ),
+        ({}, "holds nothing", "Name the column"),
+        ({"t_s": [0.0, 1.0], "u_V": [0.0], "y_um": [0.0, 1.0]}, "u_V 1", "Every sample"),
+        ({"t_s": [0.0, 1.0], "u_V": [[0.0], [1.0]], "y_um": [0.0, 1.0]}, "shape (2, 1)", "one column"),
+        ({"t_s": ["a", "b"], "u_V": [0.0, 1.0], "y_um": [0.0, 1.0]}, "no dataset of numbers", "floats"),
+        (
+            {f"{g}__{name}": [0.0, 1.0] for g in "ab" for name in ("t_s", "u_V", "y_um")},
+            "several records: /a, /b",
+            "a file of its own",
+        ),
+    ],
+)
+def test_hdf5_without_one_set_of_columns_is_refused(
+    tmp_path: Path, datasets: dict[str, object], message: str, remedy: str
+) -> None:
+    error = refused(hdf5(tmp_path / "x.h5", **datasets))
+    assert error.code == "E3606"
+    assert message in error.message
+    assert remedy in error.hint
+
+
+def test_a_record_of_no_samples_in_hdf5_is_refused(tmp_path: Path) -> None:
+    assert refused(hdf5(tmp_path / "x.h5", t_s=[0.0], u_V=[0.0], y_um=[0.0])).code == "E3605"
+
+
+def test_hdf5_that_leads_nowhere_is_refused(tmp_path: Path) -> None:
+    path = hdf5(tmp_path / "x.h5", t_s=[0.0, 1.0], u_V=h5py.Empty("f8"), y_um=[0.0, 1.0])
+    assert "shape None" in refused(path).message
+    with h5py.File(path, "a") as file:
+        del file["u_V"]
+        file["u_V"] = h5py.SoftLink("/gone")
+    assert refused(path).code == "E3606"
+
+
+def test_a_cut_hdf5_file_is_refused(tmp_path: Path) -> None:
+    write_columns(tmp_path / "x.h5", {name: np.zeros(1000) for name in ("t_s", "u_V", "y_um")})
+    content = (tmp_path / "x.h5").read_bytes()
+    error = refused(written(tmp_path, content[: len(content) // 2], "cut.h5"))
+    assert error.code == "E3606"
+
+
+def test_text_under_the_name_of_an_hdf5_file_is_refused(tmp_path: Path) -> None:
+    assert refused(written(tmp_path, HEADER + ROWS, "x.h5")).code == "E3606"
+
+
+def test_any_run_is_a_record(run_path: Path) -> None:
+    with open_run(run_path) as run:
+        servo = run.columns(SERVO.path)
+    record = read_record(run_path)
+    assert record.t_s.dtype == record.y_um.dtype == np.float64
+    np.testing.assert_array_equal(record.t_s, servo["time"])
+    np.testing.assert_array_equal(record.u_v, servo["v_cmd"])
+    np.testing.assert_array_equal(record.y_um, servo["z_sensor"])
