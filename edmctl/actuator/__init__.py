@@ -12,9 +12,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from edmctl.actuator.estimator import Estimator, Solution
+    from edmctl.actuator.estimator import Estimator
     from edmctl.actuator.identification import Identification, identify
-    from edmctl.actuator.inverse import Inverse
+    from edmctl.actuator.inverse import Inverse, Solution
     from edmctl.actuator.model import ActuatorModel
     from edmctl.actuator.record import Record
     from edmctl.actuator.state import ActuatorState
@@ -28,7 +28,7 @@ _PLACES = {
     "Identification": "identification",
     "Inverse": "inverse",
     "Record": "record",
-    "Solution": "estimator",
+    "Solution": "inverse",
     "Validation": "validation",
     "identify": "identification",
     "validate": "validation",

@@ -45,14 +45,14 @@ class Baseline:
         return self.model.predict(t_s, u_v, self.model.starting_state(t_s, u_v, previous_v))
 
 
-def fit_line(records: Sequence[Record], folds: int = FOLDS) -> Baseline:
+def fit_line(records: Sequence[Record], folds: int = FOLDS, delay_s: float = 0.0) -> Baseline:
     """Fit a straight line, displacement = gain · voltage + zero. Raises ValueError as `identify` does."""
-    return _fit(records, plays=1, folds=folds)
+    return _fit(records, plays=1, folds=folds, delay_s=delay_s)
 
 
-def fit_maxwell(records: Sequence[Record], folds: int = FOLDS) -> Baseline:
+def fit_maxwell(records: Sequence[Record], folds: int = FOLDS, delay_s: float = 0.0) -> Baseline:
     """Fit a Maxwell slip model with ten elements. Raises ValueError as `identify` does."""
-    return _fit(records, plays=PLAYS, folds=folds)
+    return _fit(records, plays=PLAYS, folds=folds, delay_s=delay_s)
 
 
 def paper_practice(slow_cycle: Record) -> Baseline:
@@ -63,6 +63,6 @@ def paper_practice(slow_cycle: Record) -> Baseline:
     return fit_maxwell([slow_cycle])
 
 
-def _fit(records: Sequence[Record], *, plays: int, folds: int) -> Baseline:
-    found = identify(records, hinges=1, plays=plays, creep=False, delay_s=0.0, folds=folds, resamples=0)
+def _fit(records: Sequence[Record], *, plays: int, folds: int, delay_s: float) -> Baseline:
+    found = identify(records, hinges=1, plays=plays, creep=False, delay_s=delay_s, folds=folds, resamples=0)
     return Baseline(found.model, found.train, found.held_out)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.actuator.doubts import doubts_about, noise_sd, without_spikes
 from edmctl.errors import RecordError
 
 if TYPE_CHECKING:
@@ -33,19 +34,13 @@ LONGEST_LAG_S = 0.02
 """A delay that identification searches for."""
 MOST_SPAN_V = 2500.0
 """Actuators of the highest voltage swing over 2000 V."""
-LONGEST_STEP_S, DOUBTFUL_STEP_S = 100.0, 1.0
-SHORT_S = 5.0
-"""A shorter record says next to nothing about creep."""
-GAP_STEPS = 20.0
-"""A gap lasts this many sample periods."""
+LONGEST_STEP_S = 100.0
 CLIPPED_SHARE = 0.03
 """Share of the voltage's span that passes while the displacement stands at its limit."""
+LEADING_AREA = 0.02
+"""Area of a loop that runs the wrong way round, of its box; hysteresis and delay make 0 to 0.2 the right way."""
 LEAST_CLIPPED = 5
 """Samples that a displacement stands at its limit, one after the other."""
-SD_PER_BEND = 0.605
-"""Standard deviation of normal noise over the median of its second differences: 1.4826 / √6."""
-SPIKE_SHARE = 0.1
-"""Height of a spike over the displacement's range."""
 
 
 def check_record(record: Record) -> tuple[str, ...]:
@@ -53,16 +48,18 @@ def check_record(record: Record) -> tuple[str, ...]:
 
     Samples are counted from 1. Raises RecordError for what cannot be used: E3611 too short, E3612 not finite, E3613
     time does not ascend, E3614 the voltage never changes, E3615 the displacement never changes or does not follow
-    the voltage, E3616 the sensor is at its limit, E3617 reversed sign, E3618 units.
+    the voltage, E3616 the sensor is at its limit, E3617 reversed sign, E3618 units,
+    E3626 the displacement leads the voltage.
     """
     _check_numbers(record)
     _check_time(record)
     _check_voltage(record)
-    y_um = _without_spikes(record.y_um)
+    y_um = without_spikes(record.y_um)
     _check_sign(record, y_um)
     _check_gain(record, y_um)
     _check_limits(record, y_um)
-    return (*_doubts_of_time(record), *_spikes(record))
+    _check_direction(record, y_um)
+    return doubts_about(record)
 
 
 def _refusal(record: Record, code: str, what: str, hint: str) -> RecordError:
@@ -167,7 +164,7 @@ def _check_gain(record: Record, y_um: Array) -> None:
 def _check_limits(record: Record, y_um: Array) -> None:
     """Refuse a displacement that stands at its end while the voltage goes on."""
     range_um = float(np.ptp(y_um))
-    noise_um = 6.0 * _noise_sd(y_um)
+    noise_um = 6.0 * noise_sd(y_um)
     for sign, end in ((1.0, "upper"), (-1.0, "lower")):
         y, u = sign * y_um, sign * record.u_v
         for tolerance_um in (1e-9 * range_um, 0.002 * range_um + noise_um):
@@ -200,61 +197,29 @@ def _longest_push(u_v: Array, at_end: Flags) -> tuple[float, int]:
     return largest / float(np.ptp(u_v)), where
 
 
-def _noise_sd(values: Array) -> float:
-    """Noise of one sample, from second differences; what moves adds to it."""
-    bends = np.diff(values, 2)
-    return SD_PER_BEND * float(np.median(np.abs(bends - np.median(bends))))
-
-
 def _is_noise(values: Array) -> bool:
     """Whether values spread no wider than noise does that has no memory."""
-    return float(np.std(values)) < 1.5 * _noise_sd(values)
+    return float(np.std(values)) < 1.5 * noise_sd(values)
 
 
-def _without_spikes(y_um: Array) -> Array:
-    """Median of each sample and its neighbours: single samples that stand out are gone, steps are not."""
-    before, here, after = y_um[:-2], y_um[1:-1], y_um[2:]
-    middle = np.maximum(np.minimum(before, here), np.minimum(np.maximum(before, here), after))
-    return np.concatenate((middle[:1], middle, middle[-1:]))
+def _check_direction(record: Record, y_um: Array) -> None:
+    """Refuse loops that run the wrong way round: a displacement lags behind its voltage, never the reverse."""
+    area = _loop_area(record.u_v, y_um)
+    if area >= -LEADING_AREA:
+        return
+    what = f"the displacement runs ahead of the voltage (loops open the wrong way by {-100.0 * area:.0f} %)"
+    hint = "Check that the columns u_V and y_um are not exchanged, and that both are on one clock."
+    raise _refusal(record, "E3626", what, hint)
 
 
-def _doubts_of_time(record: Record) -> list[str]:
-    steps_s, length_s = np.diff(record.t_s), float(record.t_s[-1] - record.t_s[0])
-    period_s = float(np.median(steps_s))
-    doubts = []
-    if period_s >= DOUBTFUL_STEP_S:
-        doubts.append(
-            f"{record.name}: its sample period is {period_s:g} s. If t_s is in ms, multiply it by 0.001; if it "
-            "counts samples, by their period."
-        )
-    elif length_s < SHORT_S:
-        doubts.append(
-            f"{record.name}: it lasts {length_s:.2g} s, which says next to nothing about creep; "
-            "a voltage held for a minute does."
-        )
-    gaps = np.flatnonzero(steps_s > GAP_STEPS * period_s)
-    if len(gaps):
-        widest = int(gaps[steps_s[gaps].argmax()])
-        doubts.append(
-            f"{record.name}: time has gaps, {len(gaps)} in all, the longest of {steps_s[widest]:.3g} s after sample "
-            f"{widest + 1}. The voltage is taken as straight across; if it was not, give the parts as files of "
-            "their own."
-        )
-    return doubts
-
-
-def _spikes(record: Record) -> list[str]:
-    """Warn of single samples far from both their neighbours while the voltage hardly moved."""
-    y_um, u_v = record.y_um, record.u_v
-    least_um = max(SPIKE_SHARE * float(np.ptp(_without_spikes(y_um))), 10.0 * _noise_sd(y_um))
-    before_um, after_um = y_um[1:-1] - y_um[:-2], y_um[1:-1] - y_um[2:]
-    is_far = (before_um * after_um > 0.0) & (np.minimum(np.abs(before_um), np.abs(after_um)) > least_um)
-    moved_v = np.abs(np.diff(u_v))
-    is_quiet = np.maximum(moved_v[:-1], moved_v[1:]) < 0.5 * SPIKE_SHARE * float(np.ptp(u_v))
-    spikes = np.flatnonzero(is_far & is_quiet) + 1
-    if not len(spikes):
-        return []
-    return [
-        f"{record.name}: {len(spikes)} displacements stand out from their neighbours by {least_um:.3g} µm or more, "
-        f"the first at sample {spikes[0] + 1}. Look for a loose cable, and leave these samples out."
-    ]
+def _loop_area(u_v: Array, y_um: Array) -> float:
+    """Mean area of the loops between the first and the last rise through mid-voltage, of the box around them."""
+    u = (u_v - u_v.min()) / float(np.ptp(u_v))
+    y = (y_um - y_um.min()) / float(np.ptp(y_um))
+    rises = np.flatnonzero((u[:-1] < 0.5) & (u[1:] >= 0.5))
+    if len(rises) < 2:
+        return 0.0
+    inside = slice(int(rises[0]), int(rises[-1]) + 1)
+    u, y = u[inside], y[inside]
+    swings = 0.5 * float(np.abs(np.diff(u)).sum())
+    return 0.5 * float(u[:-1] @ y[1:] - u[1:] @ y[:-1]) / max(swings, 1.0)

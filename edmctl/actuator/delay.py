@@ -35,6 +35,8 @@ def _delay_grid(records: Sequence[Record]) -> Array:
 
 def best_delay(design: Design, records: Sequence[Record], skip: Sequence[int]) -> float:
     """Where the residual is least: the vertex of a parabola, which it is in the delay, through three delays."""
+    if sample_s(records) > LONGEST_DELAY_S:
+        return 0.0
     delays_s = _delay_grid(records)
     reduction = reduce_records(design, records, delays_s, skip)
     residuals: list[float] = []

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,18 +17,6 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 
-AT_ONCE = np.array([[1.0], [0.0], [0.0]])
-"""A move that takes no time leaves creep where it is (`operators.following`)."""
-
-
-@dataclass(frozen=True, slots=True)
-class Solution:
-    """A voltage that was looked for; `saturated` where none in the range gives the displacement."""
-
-    u_v: float
-    saturated: bool
-
-
 class Estimator:
     """Follows one actuator from a known state: Z = gain · y(voltage) + offset.
 
@@ -37,8 +24,8 @@ class Estimator:
     samples went, not where the actuator did. `gain` and `offset_um` are the two slow parameters that only
     trusted events may change (see `correction`).
 
-    `tick` is plain Python, a few µs and no start-up; `advance` takes blocks through compiled code. Both give
-    the same bits and may be mixed.
+    `tick` is plain Python, a few µs and no start-up; `advance` takes blocks through compiled code. Both
+    agree to rounding and may be mixed.
     """
 
     def __init__(self, model: ActuatorModel, state: ActuatorState) -> None:
@@ -105,10 +92,6 @@ class Estimator:
         corrected_um: Array = self.gain * y_um + self.offset_um
         return corrected_um
 
-    def voltage_for(self, y_um: float) -> Solution:
-        """Voltage that brings the tool to `y_um` at once from here; the state stays. Delay is left out."""
-        return voltage_for(self.model, self.state, (y_um - self.offset_um) / self.gain)
-
     def _creep(self, u_v: float) -> float:
         """Let the creep follow the move to `u_v`; the plays have not moved yet."""
         assert self._plays_v is not None
@@ -154,28 +137,6 @@ class Estimator:
         self._passed = deque(zip(times_s[kept:].tolist(), values_um[kept:].tolist(), strict=True))
         delayed_um: Array = np.interp(wanted_s, times_s, values_um)
         return delayed_um
-
-
-def voltage_for(model: ActuatorModel, state: ActuatorState, y_um: float) -> Solution:
-    """Voltage in the model's range that gives `y_um` at once from `state`, which stays; the nearer end if none."""
-    from edmctl.actuator.operators import solve_voltage
-
-    u_v = float(
-        solve_voltage(
-            y_um - model.zero_um,
-            model.low_v,
-            model.high_v,
-            model.thresholds_v,
-            model.knots_v,
-            model.slopes_um_per_v,
-            model.creep_plays,
-            model.creep_um_per_v,
-            state.plays_v,
-            state.lags_v,
-            AT_ONCE[:, np.zeros(len(model.time_constants_s), dtype=np.int64)],
-        )
-    )
-    return Solution(u_v, saturated=u_v in (model.low_v, model.high_v))
 
 
 def _bent(knots_v: list[float], slopes: list[float], z_v: float) -> float:

@@ -34,11 +34,15 @@ FLOOR_SHARE = 0.01
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """Weights, shape (features,), zero of each record (NaN: not fitted), sum of squared residuals, µm²."""
+    """Weights, shape (features,), zero of each record (NaN: not fitted), sum of squared residuals, µm².
+
+    on_floor : whether the data want less slope somewhere than the floor leaves.
+    """
 
     weights: Array
     zeros_um: Array
     residual_um2: float
+    on_floor: bool
 
 
 def fit(
@@ -66,27 +70,29 @@ def fit(
     triangle = triangle_of(np.vstack(chosen))
     samples = sum(block.samples * count for block, count in zip(reduction.blocks, counts, strict=True))
     matrix, target = triangle[free:, free:-1], triangle[free:, -1]
-    weights = _weights(design, matrix, target, samples, smoothness, start)
+    floor_um_per_v = FLOOR_SHARE * mean_slope(design, matrix, target)
+    floor = np.zeros(features)
+    floor[design.first_play] = floor_um_per_v
+    first = None if start is None else np.maximum(start - floor, 0.0)
+    weights = floor + _non_negative(design, matrix, target - matrix @ floor, samples, smoothness, first)
     residual = matrix @ weights - target
     zeros_um = _zeros(triangle[:free, :free], triangle[:free, -1] - triangle[:free, free:-1] @ weights)
-    return Fit(weights, zeros_um, float(residual @ residual))
+    on_floor = bool(weights[design.first_play].min() <= 1.001 * floor_um_per_v)
+    return Fit(weights, zeros_um, float(residual @ residual), on_floor)
 
 
-def _weights(
+def _non_negative(
     design: Design, matrix: Array, target: Array, samples: int, smoothness: float, start: Array | None
 ) -> Array:
     scale = np.linalg.norm(matrix, axis=0) / np.sqrt(samples)
     moved = scale > 1e-9 * scale.max()
     scale[~moved] = scale.max()
-    floor = np.zeros(design.features)
-    floor[design.first_play] = FLOOR_SHARE * mean_slope(design, matrix, target)
     ridge = np.diag(np.full(design.features, np.sqrt(RIDGE * samples)))
     bends = curvature(design) * float(scale[design.first_play].sum()) * np.sqrt(smoothness * samples)
     stacked = np.vstack([matrix / scale, ridge, bends / scale])
     wanted = np.zeros(len(stacked))
-    wanted[: len(target)] = target - matrix @ floor
-    first = None if start is None else np.maximum(start - floor, 0.0) * scale
-    weights: Array = nnls(stacked, wanted, first) / scale + floor
+    wanted[: len(target)] = target
+    weights: Array = nnls(stacked, wanted, None if start is None else start * scale) / scale
     return weights
 
 

@@ -92,14 +92,14 @@ def identify(
         found_s = best_delay(design, records, skip) if delay_s is None else delay_s
         reduction = reduce_records(design, records, np.array([found_s]), skip)
         smoothness, best, held_out = smoothest(design, reduction, records, found_s, folds)
-        bands = bands_of(design, reduction, best, found_s, smoothness, resamples)
+        bands = bands_of(design, reduction, best, held_out, found_s, smoothness, resamples)
     model = design.model(best.weights, float(best.zeros_um[-1]), found_s)
     return Identification(
         model=model,
         train=figures(records, reduction, [(model, best, range(len(reduction.blocks)))]),
         held_out=held_out,
         bands=bands,
-        problems=problems_of(design, model, records, held_out),
+        problems=problems_of(design, model, records, held_out, on_floor=best.on_floor),
         notes=notes_on(records, delay_s),
         samples=sum(block.samples for block in reduction.blocks),
     )

@@ -7,11 +7,10 @@ model's pure delay is left out: nothing can act before it is asked.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-
-from edmctl.actuator.estimator import Solution
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -20,6 +19,14 @@ if TYPE_CHECKING:
     from edmctl.actuator.state import ActuatorState
 
     Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """A voltage that was looked for; `saturated` where none in the range gives the displacement."""
+
+    u_v: float
+    saturated: bool
 
 
 class Inverse:
@@ -42,7 +49,7 @@ class Inverse:
         from edmctl.actuator.operators import solve_bank
 
         model, state = self.model, self.state
-        u_v = np.empty(len(t_s))
+        u_v, beyond = np.empty(len(t_s)), np.zeros(len(t_s), dtype=np.bool_)
         if len(t_s):
             solve_bank(
                 np.ascontiguousarray(t_s, dtype=np.float64),
@@ -60,6 +67,7 @@ class Inverse:
                 state.lags_v,
                 np.empty((3, len(model.time_constants_s))),
                 u_v,
+                beyond,
             )
             state.u_v, state.t_s = float(u_v[-1]), float(t_s[-1])
-        return u_v, (u_v == model.low_v) | (u_v == model.high_v)
+        return u_v, beyond

@@ -10,7 +10,7 @@ It does not know temperature, load (0.2 N/µm at the tool), ageing, driver error
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -121,10 +121,6 @@ class ActuatorModel:
             )
             state.u_v, state.t_s = float(u_v[-1]), float(t_s[-1])
         return output + self.zero_um
-
-    def with_zero(self, zero_um: float) -> ActuatorModel:
-        """Return the same model with another zero."""
-        return replace(self, zero_um=zero_um)
 
     @cached_property
     def stroke_um(self) -> float:

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 SAME_STEP = 1e-9
 """Steps of a clock differ by its rounding, which is no reason to compute every lag anew."""
+ENOUGH = 1e-14
+"""A displacement is met within this share of the range times the steepest slope of the first play."""
 ITERATIONS = 200
 """Bound of the root search; regula falsi needs about six, bisection alone fifty."""
 
@@ -214,7 +216,7 @@ def bank_features(
                 features[k, first_creep + g * columns + column_of[j]] += lags[g, j]
 
 
-@cached
+@compiled
 def solve_voltage(
     y_um: float,
     low_v: float,
@@ -227,28 +229,28 @@ def solve_voltage(
     plays: Array,
     lags: Array,
     follow: Array,
-) -> float:
-    """Voltage in [low_v, high_v] at which the bank gives `y_um`; the nearer end where none does.
+) -> tuple[float, bool]:
+    """Voltage in [low_v, high_v] at which the bank gives `y_um`, False; the nearer end where none does, True.
 
     The displacement rises strictly with the voltage from any state, so a bracket always holds the one root:
     regula falsi, Illinois variant, until the bracket is as narrow as numbers are.
     """
     low, high = low_v, high_v
+    enough = ENOUGH * (high - low) * slopes[0].max()
     below = (
         static_um(thresholds, knots, slopes, plays, low)
         + creep_um(thresholds, creeping, weights, plays, lags, follow, low)
         - y_um
     )
     if below >= 0.0:
-        return low
+        return low, below > enough
     above = (
         static_um(thresholds, knots, slopes, plays, high)
         + creep_um(thresholds, creeping, weights, plays, lags, follow, high)
         - y_um
     )
     if above <= 0.0:
-        return high
-    enough = 1e-14 * (above - below)
+        return high, above < -enough
     side = 0
     for _ in range(ITERATIONS):
         u = high - above * (high - low) / (above - below)
@@ -262,7 +264,7 @@ def solve_voltage(
             - y_um
         )
         if abs(error) <= enough:
-            return u
+            return u, False
         if error < 0.0:
             low, below = u, error
             if side < 0:
@@ -273,7 +275,7 @@ def solve_voltage(
             if side > 0:
                 below *= 0.5
             side = 1
-    return 0.5 * (low + high)
+    return 0.5 * (low + high), False
 
 
 @cached
@@ -293,8 +295,9 @@ def solve_bank(
     lags: Array,
     follow: Array,
     output: Array,
+    beyond: NDArray[np.bool_],
 ) -> None:
-    """Advance the state along the voltages that give `y_um` (k,); `output` (k,) receives them."""
+    """Advance the state along the voltages that give `y_um` (k,), into `output` (k,); `beyond` (k,): none does."""
     before_s, elapsed_s = since_s, 0.0
     following(taus, elapsed_s, follow)
     for k in range(t_s.shape[0]):
@@ -302,7 +305,7 @@ def solve_bank(
             elapsed_s = t_s[k] - before_s
             following(taus, elapsed_s, follow)
         before_s = t_s[k]
-        u = solve_voltage(
+        u, beyond[k] = solve_voltage(
             y_um[k],
             low_v,
             high_v,

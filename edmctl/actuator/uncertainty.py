@@ -1,4 +1,8 @@
-"""How sure an identified model is, by resampling contiguous blocks of its records.
+"""How sure an identified model is: the scatter of refits, and what it misses on blocks that it did not see.
+
+Resampling contiguous blocks shows how far noise moves the fit. It cannot show what the class of model cannot
+follow, nor drift that is slower than a block: the held-out error stands for those, added in quadrature. The
+sensor's own gain error is in neither: no record through that sensor shows it.
 
 Single weights are not identifiable (many sets of them draw the same loops), so bands are told for what they
 add up to: the displacement, the gain, the width of the loop and the creep.
@@ -6,20 +10,25 @@ add up to: the displacement, the gain, the width of the loop and the creep.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from edmctl.actuator.fitting import Fit, fit
+from edmctl.actuator.model import CREEP_FROM_S, CREEP_TO_S
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from edmctl.actuator.design import Design, Reduction
+    from edmctl.actuator.validation import ErrorFigures
 
     Array = NDArray[np.float64]
 
+SQRT_2 = math.sqrt(2.0)
+CREEP_DECADES = math.log10(CREEP_TO_S / CREEP_FROM_S)
 BOOTSTRAP_SEED = 20090804
 """Fixed, so that the same record gives the same file."""
 
@@ -44,7 +53,13 @@ class Bands:
 
 
 def bands_of(
-    design: Design, reduction: Reduction, best: Fit, delay_s: float, smoothness: float, resamples: int
+    design: Design,
+    reduction: Reduction,
+    best: Fit,
+    held_out: ErrorFigures,
+    delay_s: float,
+    smoothness: float,
+    resamples: int,
 ) -> Bands:
     """Block bootstrap: refit `resamples` times to as many blocks, drawn with replacement."""
     rng = np.random.default_rng(BOOTSTRAP_SEED)
@@ -59,15 +74,17 @@ def bands_of(
     spread_um = np.std(drawn_um, axis=0) if drawn_um else np.zeros(1)
     gain_sd, width_sd, gamma_sd = np.std(drawn, axis=0) if drawn else np.zeros(3)
     gain, width, gamma = _shape(design, best.weights, delay_s)
+    missed_um = held_out.rms_um
+    missed = SQRT_2 * missed_um / held_out.range_um  # a difference of two displacements, of the range
     return Bands(
-        displacement_sd_um=float(spread_um.mean()),
-        displacement_sd_max_um=float(spread_um.max()),
+        displacement_sd_um=math.hypot(spread_um.mean(), missed_um),
+        displacement_sd_max_um=math.hypot(spread_um.max(), missed_um),
         gain_um_per_v=gain,
-        gain_sd_um_per_v=float(gain_sd),
+        gain_sd_um_per_v=math.hypot(gain_sd, gain * missed),
         loop_width=width,
-        loop_width_sd=float(width_sd),
+        loop_width_sd=math.hypot(width_sd, missed),
         gamma_per_decade=gamma,
-        gamma_sd_per_decade=float(gamma_sd),
+        gamma_sd_per_decade=math.hypot(gamma_sd, missed / CREEP_DECADES),
     )
 
 

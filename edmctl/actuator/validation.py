@@ -53,11 +53,12 @@ class ErrorFigures:
 
 @dataclass(frozen=True, slots=True)
 class Validation:
-    """Errors on one record, with the gain and the zero that were set for it."""
+    """Errors on one record from sample `first` on, with the gain and the zero that were set for it."""
 
     errors: ErrorFigures
     gain: float
     zero_um: float
+    first: int
 
 
 def validate(model: ActuatorModel, record: Record, refit: Collection[Refit] = ZERO) -> Validation:
@@ -71,12 +72,14 @@ def validate(model: ActuatorModel, record: Record, refit: Collection[Refit] = ZE
     """
     start = model.starting_state(record.t_s, record.u_v, record.previous_v)
     predicted_um = model.predict(record.t_s, record.u_v, start)
-    first = settled_from(record)
-    return judge(predicted_um[first:], record.y_um[first:], refit)
+    return judge(predicted_um, record.y_um, refit, settled_from(record))
 
 
-def judge(predicted_um: Array, measured_um: Array, refit: Collection[Refit] = ZERO) -> Validation:
-    """As `validate`, for a prediction from anywhere, shape (n,) each."""
+def judge(
+    predicted_um: Array, measured_um: Array, refit: Collection[Refit] = ZERO, first: int = 0
+) -> Validation:
+    """As `validate`, for a prediction from anywhere, shape (n,) each, from sample `first` on."""
+    predicted_um, measured_um = predicted_um[first:], measured_um[first:]
     gain, zero_um = 1.0, 0.0
     centre_um, mean_um = float(predicted_um.mean()), float(measured_um.mean())
     if "gain" in refit:
@@ -85,4 +88,4 @@ def judge(predicted_um: Array, measured_um: Array, refit: Collection[Refit] = ZE
     if "zero" in refit:
         zero_um = mean_um - gain * centre_um
     errors_um = gain * predicted_um + zero_um - measured_um
-    return Validation(ErrorFigures.of(errors_um, measured_um), gain, zero_um)
+    return Validation(ErrorFigures.of(errors_um, measured_um), gain, zero_um, first)

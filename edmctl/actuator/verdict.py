@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.actuator.choosing import OWN_TAU_SHARE
-from edmctl.actuator.fitting import FLOOR_SHARE
 from edmctl.actuator.waveshape import has_several_rates, length_s, longest_hold_s, settled_from
 
 if TYPE_CHECKING:
@@ -24,12 +23,18 @@ if TYPE_CHECKING:
 
 ACCEPTED_RMS_PCT, ACCEPTED_MAX_PCT = 0.5, 2.0
 COVERED_BINS = 10
+END_SHARE = 0.01
 LEAST_HOLD_SHARE = 0.5
 """Of the slowest lag with a weight of its own."""
 
 
 def problems_of(
-    design: Design, model: ActuatorModel, records: Sequence[Record], held_out: ErrorFigures
+    design: Design,
+    model: ActuatorModel,
+    records: Sequence[Record],
+    held_out: ErrorFigures,
+    *,
+    on_floor: bool,
 ) -> tuple[str, ...]:
     problems: list[str] = []
     if held_out.rms_pct > ACCEPTED_RMS_PCT:
@@ -43,17 +48,13 @@ def problems_of(
             f"accepted; the worst is at {_worst_place(model, records)}: look for a knock or a jump there, cut it "
             "off or measure again."
         )
-    if model.least_slope_um_per_v <= 1.001 * FLOOR_SHARE * _line_slope(records):
+    if on_floor:
         problems.append(
             "Not monotone: somewhere in the range the data show no immediate answer to the voltage; "
             "look for a sensor or an amplifier at its limit."
         )
     problems += _uncovered(design, records)
     return tuple(problems)
-
-
-def _line_slope(records: Sequence[Record]) -> float:
-    return min(float(np.polynomial.polynomial.polyfit(r.u_v, r.y_um, 1)[1]) for r in records)
 
 
 def _uncovered(design: Design, records: Sequence[Record]) -> list[str]:
@@ -92,13 +93,18 @@ def notes_on(records: Sequence[Record], delay_s: float | None) -> tuple[str, ...
 
 
 def _worst_place(model: ActuatorModel, records: Sequence[Record]) -> str:
-    """Where a model is farthest from its records: the time, and the record's name."""
-    worst_um, place = 0.0, ""
+    """Where a model is farthest from its records: the time, the record's name, and what is special there."""
+    worst_um, place = -1.0, ""
     for record in records:
+        first = settled_from(record)
         start = model.starting_state(record.t_s, record.u_v, record.previous_v)
         errors_um = model.predict(record.t_s, record.u_v, start) - record.y_um
-        errors_um = np.abs(errors_um - np.median(errors_um))[settled_from(record) :]
-        if errors_um.max() >= worst_um:
+        errors_um = np.abs(errors_um - np.median(errors_um))[first:]
+        k = first + int(errors_um.argmax())
+        if errors_um.max() > worst_um:
             worst_um = float(errors_um.max())
-            place = f"{record.t_s[settled_from(record) + int(errors_um.argmax())]:.4g} s of {record.name}"
+            margin_um = END_SHARE * float(np.ptp(record.y_um))
+            at_end = not record.y_um.min() + margin_um < record.y_um[k] < record.y_um.max() - margin_um
+            limit = ", where the sensor may stand at the end of its range" if at_end else ""
+            place = f"{record.t_s[k]:.4g} s of {record.name}{limit}"
     return place

@@ -60,9 +60,13 @@ class Figures:
 
 @dataclass(frozen=True, slots=True)
 class FileFigures:
-    """Errors on one validation file, with the gain and zero that were set for it."""
+    """Errors on one validation file, with the gain and zero that were set for it.
+
+    judged_from_s : its time from which on it is judged: before, what the actuator remembers is unknown.
+    """
 
     name: str
+    judged_from_s: float
     max_um: float
     rms_um: float
     max_pct: float
@@ -128,7 +132,11 @@ def find(
     """
     try:
         found = identify(records, delay_s=delay_s)
-        baselines = {"line": fit_line(records), "maxwell": fit_maxwell(records)}
+        late_s = found.model.delay_s
+        baselines = {
+            "line": fit_line(records, delay_s=late_s),
+            "maxwell": fit_maxwell(records, delay_s=late_s),
+        }
     except ValueError as error:
         raise RecordError(
             f"No model can be fitted: {error}.",
@@ -150,13 +158,18 @@ def find(
 def _judged(model: ActuatorModel, record: Record, refit: tuple[Refit, ...]) -> FileFigures:
     judged = validate(model, record, refit)
     return FileFigures(
-        name=record.name, gain=judged.gain, zero_um=judged.zero_um, **asdict(Figures.of(judged.errors))
+        name=record.name,
+        judged_from_s=float(record.t_s[judged.first]),
+        gain=judged.gain,
+        zero_um=judged.zero_um,
+        **asdict(Figures.of(judged.errors)),
     )
 
 
 def _on_all(model: ActuatorModel, records: Sequence[Record], refit: tuple[Refit, ...]) -> Figures:
-    figures = [Figures.of(validate(model, record, refit).errors) for record in records]
-    return Figures.pooled(figures, [len(record.t_s) for record in records])
+    judged = [validate(model, record, refit) for record in records]
+    samples = [len(record.t_s) - one.first for one, record in zip(judged, records, strict=True)]
+    return Figures.pooled([Figures.of(one.errors) for one in judged], samples)
 
 
 def _on_validation(
@@ -180,8 +193,8 @@ def _beyond(model: ActuatorModel, records: Sequence[Record]) -> list[Diagnostic]
         if low_v >= model.low_v - margin_v and high_v <= model.high_v + margin_v:
             continue
         message = (
-            f"{record.name} goes from {low_v:.1f} V to {high_v:.1f} V, the records that were fitted from "
-            f"{model.low_v:.1f} V to {model.high_v:.1f} V: beyond, the model guesses."
+            f"{record.name} goes from {low_v:.4g} V to {high_v:.4g} V, the records that were fitted from "
+            f"{model.low_v:.4g} V to {model.high_v:.4g} V: beyond, the model guesses."
         )
         hint = "Fit records over the whole range that will be used."
         doubts.append(Diagnostic("W3651", message, hint, is_warning=True))

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edmctl.actuator import ActuatorModel
+from edmctl.actuator import ActuatorModel, Solution
 from tests.actuator.models import HIGH_V, LOW_V, clock, make_model, models, voltages
 
 
@@ -49,39 +49,25 @@ def test_gain_and_offset_correct_what_comes_out() -> None:
         corrected.correct(0.0, 0.0)
 
 
-@given(models, voltages, st.floats(LOW_V + 1e-3, HIGH_V - 1e-3))
-@settings(max_examples=80, deadline=None)
-def test_the_voltage_asked_for_brings_the_tool_there(
-    model: ActuatorModel, history: list[float], u_v: float
-) -> None:
-    estimator = model.estimator()
-    for u in history:
-        estimator.tick(u, 0.01)
-    estimator.correct(1.01, 2.0)
-    plays_v = estimator.state.plays_v.copy()
-    y_um = 1.01 * model.predict(np.array([estimator.state.t_s]), np.array([u_v]), estimator.state)[0] + 2.0
-    found = estimator.voltage_for(y_um)
-    assert found.u_v == pytest.approx(u_v, abs=1e-9)
-    assert not found.saturated
-    np.testing.assert_array_equal(estimator.state.plays_v, plays_v)
-
-
-def test_out_of_reach_is_said() -> None:
-    estimator = make_model().estimator()
-    assert estimator.voltage_for(1e4).u_v == HIGH_V
-    assert estimator.voltage_for(1e4).saturated
-    assert estimator.voltage_for(-1e4).u_v == LOW_V
-    assert estimator.voltage_for(-1e4).saturated
+def test_out_of_reach_is_said_and_the_very_ends_are_not() -> None:
+    model = make_model()
+    inverse = model.inverse()
+    low_um, high_um = (
+        model.predict(np.array([0.0]), np.array([u_v]), inverse.state)[0] for u_v in (LOW_V, HIGH_V)
+    )
+    assert model.inverse().tick(low_um, 0.0) == Solution(LOW_V, saturated=False)
+    assert model.inverse().tick(high_um, 0.0) == Solution(HIGH_V, saturated=False)
+    assert model.inverse().tick(low_um - 0.01, 0.0) == Solution(LOW_V, saturated=True)
+    assert model.inverse().tick(high_um + 0.01, 0.0) == Solution(HIGH_V, saturated=True)
 
 
 @given(models, voltages)
 @settings(max_examples=80, deadline=None)
 def test_the_inverse_undoes_the_model(model: ActuatorModel, u_v: list[float]) -> None:
     t_s = clock(len(u_v)) + 0.01
-    inside_v = np.clip(np.array(u_v), LOW_V + 1e-6, HIGH_V - 1e-6)
-    y_um = model.predict(t_s, inside_v, model.inverse().state)
+    y_um = model.predict(t_s, np.array(u_v), model.inverse().state)
     found_v, saturated = model.inverse().solve(t_s, y_um)
-    np.testing.assert_allclose(found_v, inside_v, atol=1e-9)
+    np.testing.assert_allclose(found_v, np.array(u_v), atol=1e-9)
     assert not saturated.any()
     residual_um = model.predict(t_s, found_v, model.inverse().state) - y_um
     assert np.abs(residual_um).max() <= 1e-9 * model.stroke_um

@@ -54,7 +54,7 @@ def test_at_once_is_too_much_for_a_ramp() -> None:
     """What the path is for: the voltage that is right at once leaves 2 % more by the end of a slow ramp."""
     estimator = lowered(make_model())
     start_um, start_v = here_um(estimator), estimator.state.u_v
-    at_once_v = estimator.voltage_for(start_um + 100.0).u_v
+    at_once_v = estimator.model.inverse(estimator.state).tick(start_um + 100.0, 0.0).u_v
     reached_um = go(estimator, at_once_v, (at_once_v - start_v) / 60.0) - start_um
     assert reached_um > 102.0
 
