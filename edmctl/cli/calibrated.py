@@ -56,6 +56,16 @@ def refuse_unasked(setup: Setup, *, allow_model: bool) -> None:
     )
 
 
+def _refuse_unconditioned(setup: Setup) -> None:
+    if setup.sensor.fitted or setup.actuator.conditioning_cycles:
+        return
+    raise PreconditionError(
+        "No sensor is fitted, and actuator.conditioning_cycles is 0: nobody knows what the actuator remembers.",
+        hint="Let it swing twice before the job: actuator.conditioning_cycles = 2 in the setup.",
+        code="E8035",
+    )
+
+
 def look_at_named(option: Path | None, setup: Setup) -> None:
     """Load a calibration that was asked for, so that what is wrong with it is said before anything is connected."""
     from edmctl.profile.calibration_place import CALIBRATION_VARIABLE, find_calibration
@@ -72,10 +82,11 @@ def choose(option: Path | None, setup: Setup, profile: Profile, serial: str) -> 
     """Find the calibration for the machine with that serial number.
 
     Raises RecordError when one that was found cannot be used, PreconditionError when a machine without a sensor has
-    none (E8031) or one that covers too little (E8032).
+    none (E8031), one that covers too little (E8032), or makes no swings before the job (E8035).
     """
     from edmctl.profile.calibration_place import find_calibration
 
+    _refuse_unconditioned(setup)
     path = find_calibration(option, os.environ, setup, serial)
     if path is None:
         if not setup.sensor.fitted:

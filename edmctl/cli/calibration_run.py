@@ -59,10 +59,23 @@ def calibrate_machine(
         measured = _measure(bench.machine, checked.setup, plan, reporter, seed)
     with _kept_on_failure(measured.record, path, warn):
         warn(_doubts(measured))
-        is_own, replaced = checked.output is None, path.exists()
         findings = _fit([measured.record], checked, reporter)
+        is_own, replaced = checked.output is None, path.exists()
+        if is_own and replaced and not findings.identification.accepted:
+            path, is_own, replaced = _beside(path), False, False
+            warn([_not_replaced(path), _kept(measured.record, path)])
         _save(findings, path, checked, identity.serial, simulated=identity.simulated)
     return Calibrated(findings, path, identity.serial, identity.simulated, is_own, replaced)
+
+
+def _beside(path: Path) -> Path:
+    return path.with_name(f"{path.stem}-not-accepted{path.suffix}")
+
+
+def _not_replaced(path: Path) -> Diagnostic:
+    message = f"The calibration in use stays: the new one was not accepted, and is in {path}."
+    hint = "Put right what it says, and calibrate again; --calibration FILE uses it all the same."
+    return Diagnostic("W3652", message, hint, is_warning=True)
 
 
 def calibrate_files(checked: Checked, reporter: Reporter) -> Calibrated:

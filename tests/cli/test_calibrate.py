@@ -180,6 +180,26 @@ def test_the_machines_own_file_is_replaced(here: Here, quick: None, home: Path) 
     assert load_calibration(own).serial == "SIM-3"
 
 
+def test_a_calibration_in_use_is_not_replaced_by_one_that_is_not_accepted(
+    here: Here, quick: None, home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here("calibrate", "--seed", "3")
+    own = home / "calibration" / "SIM-3.toml"
+    before = own.read_bytes()
+    from edmctl.procedures import calibrating
+
+    shaky = calibrating.measure_actuator().record  # type: ignore[call-arg]
+    y_um = shaky.y_um + 8.0 * np.random.default_rng(1).standard_normal(len(shaky.y_um))
+    worse = calibrating.Measured(shaky._replace(y_um=y_um), 0)
+    monkeypatch.setattr(calibrating, "measure_actuator", lambda *_: worse)
+    said = here("calibrate", "--seed", "3", "--json")
+    assert said.exit_code == 0
+    assert own.read_bytes() == before
+    assert not load_calibration(own.with_name("SIM-3-not-accepted.toml")).quality.accepted
+    assert {"W3652", "W3660"} <= {warning["code"] for warning in said.document["warnings"]}
+    assert said.document["result"]["calibration_file"].endswith("SIM-3-not-accepted.toml")
+
+
 def test_where_setup_or_environment_name_another_calibration_it_is_said(
     here: Here, monkeypatch: pytest.MonkeyPatch, quick: None
 ) -> None:

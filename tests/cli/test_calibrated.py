@@ -152,6 +152,14 @@ def test_no_sensor_is_refused_until_the_model_is_allowed(here: Here, no_sensor: 
         assert "--allow-model" in said.document["error"]["hint"]
 
 
+def test_no_sensor_and_no_swings_before_the_job_is_refused(here: Here, no_sensor: str) -> None:
+    with Path(no_sensor).open("a") as setup:
+        setup.write("[actuator]\nconditioning_cycles = 0\n")
+    said = machined(here, "--setup", no_sensor, "--allow-model")
+    assert (said.exit_code, said.document["error"]["code"]) == (8, "E8035")
+    assert "conditioning_cycles = 2" in said.document["error"]["hint"]
+
+
 def test_no_sensor_and_no_calibration_is_refused(here: Here, no_sensor: str) -> None:
     said = machined(here, "--setup", no_sensor, "--allow-model")
     assert (said.exit_code, said.document["error"]["code"]) == (8, "E8031")
