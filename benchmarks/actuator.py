@@ -81,11 +81,11 @@ def measured(folder: Path) -> None:
         return Record(t_s[inside], u_v[inside], y_um[inside], name=name)
 
     trained = identify([read("mixed_amplitude_1hz.csv", 2.0, 33.0)])
-    plain = fit_maxwell([read("mixed_amplitude_1hz.csv", 2.0, 33.0)])
+    plain = fit_maxwell([read("mixed_amplitude_1hz.csv", 2.0, 33.0)], delay_s=trained.model.delay_s)
     for name, first_s in (("mixed_amplitude_1hz.csv", 33.0), ("full_range_1hz.csv", 0.0)):
         record = read(name, first_s)
         ours = validate(trained.model, record).errors
-        theirs = judge(plain.predict(record.t_s, record.u_v), record.y_um).errors
+        theirs = validate(plain.model, record).errors
         print(f"{name} from {first_s:g} s: {figures(ours)}   (Maxwell {figures(theirs)})")
 
 

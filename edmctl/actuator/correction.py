@@ -41,8 +41,17 @@ class SlowCorrection:
         """Standard uncertainty of gain · y + offset at the last reading, µm."""
         return math.sqrt(max(0.0, y_um * (y_um * self._gain2 + 2.0 * self._both) + self._zero2))
 
-    def observe(self, time_s: float, y_um: float, z_um: float, sd_um: float) -> None:
+    @property
+    def time_s(self) -> float:
+        """Time of the last reading."""
+        return self._time_s
+
+    def observe(
+        self, time_s: float, y_um: float, z_um: float, sd_um: float, *, keep_gain: bool = False
+    ) -> None:
         """Take one reading: the model said `y_um` (uncorrected) where `z_um` ± `sd_um` was measured.
+
+        keep_gain : correct the zero only (the filter stays optimal for a gain that is merely considered).
 
         Raises ValueError for a reading before the last one or an sd that is not positive.
         """
@@ -58,8 +67,9 @@ class SlowCorrection:
         with_zero = y_um * self._both + self._zero2
         variance = y_um * with_gain + with_zero + sd_um**2
         error_um = z_um - (self.gain * y_um + self.offset_um)
-        self.gain += with_gain / variance * error_um
         self.offset_um += with_zero / variance * error_um
-        self._gain2 -= with_gain**2 / variance
+        if not keep_gain:
+            self.gain += with_gain / variance * error_um
+            self._gain2 -= with_gain**2 / variance
         self._both -= with_gain * with_zero / variance
         self._zero2 -= with_zero**2 / variance

@@ -34,9 +34,11 @@ class SiteResult:
     `wear_ratio_lin` is wear per depth, `wear_ratio_vol` tool volume per hole volume, both NaN without a depth;
     `energy_j` is mean gap current × plateau voltage of a normal discharge × time, over all cuts.
 
-    The `*_model_um` values come from the actuator voltage through the actuator model alone, and never enter the
-    others. `feed_model_error_*` is its estimate less the sensor while machining, in µm and in % of the feed; NaN
-    without a sensor, when every value of the hole is the model's.
+    The `*_model_um` values come from the actuator voltage through the actuator model, counted from the rest at 0 V
+    before each touch, and never enter the others. `zero_drift_um` is how far that rest moved from Z1 to Z3 on the
+    sensor beside the model: where it is the sensor that drifts, both wears are too large by it.
+    `feed_model_error_*` is the estimate less the sensor while machining, in µm and in % of the feed; NaN without a
+    sensor, when every value of the hole is the model's.
     """
 
     name: str
@@ -52,6 +54,7 @@ class SiteResult:
     z3_um: float
     depth_model_um: float
     wear_model_um: float
+    zero_drift_um: float
     feed_model_error_max_um: float
     feed_model_error_rms_um: float
     feed_model_error_max_pct: float

@@ -44,7 +44,7 @@ def retract(run: Run) -> None:
 
 
 def move_to(run: Run, place: Site) -> None:
-    """Retract, then move X and Y to a place."""
+    """Retract, then move X and Y to a place; the estimate of the displacement counts from the rest there."""
     retract(run)
     run.begin(Phase.MOVING)
     status = run.machine.status()
@@ -57,3 +57,4 @@ def move_to(run: Run, place: Site) -> None:
         run.machine.move_stage(axis, target_um, speed_um_s)
     message = f"At {place.name} ({place.x_um:.0f}, {place.y_um:.0f}) µm."
     run.decide(RunEvent.STAGE_MOVED, message, {"x_um": place.x_um, "y_um": place.y_um})
+    run.watch.rest()

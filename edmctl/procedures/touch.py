@@ -33,7 +33,7 @@ _TELEMETRY_LAG_S = 0.2
 class SurfaceReading:
     """Where the tool met a surface: by the sensor (`reading`), and by the model (`model_um`).
 
-    Without a sensor both are the model's.
+    Without a sensor both are the model's. `zero_um` is the zero that the model had from the rest before.
     """
 
     kind: str
@@ -41,6 +41,7 @@ class SurfaceReading:
     model_um: float
     actuator_v: float
     time_s: float
+    zero_um: float
 
     @property
     def z_um(self) -> float:
@@ -74,7 +75,7 @@ def take_reading(
         if accepted:
             tracker = run.watch.tracker()
             if tracker is not None:
-                tracker.note(found.time_s, found.model_um, found.z_um)
+                tracker.note(found.model_um, found.z_um)
             return found
     raise ObjectiveNotReached(
         f"{kind}: the touches scatter by {found.reading.sd_um:.2f} µm, measure.max_sd_um is "
@@ -100,12 +101,14 @@ def _request(run: Run, predicted_um: float, uncertainty_um: float) -> TouchReque
 def _reduced(run: Run, kind: str, touches: tuple[Touch, ...]) -> SurfaceReading:
     """Mean of the touches; the model is read at first contact, where the voltage peaks."""
     models_um = [run.watch.model_at(touch.time_s) for touch in touches]
+    estimator = run.watch.estimator()
     return SurfaceReading(
         kind=kind,
         reading=reading_of(tuple(touch.displacement_um for touch in touches)),
         model_um=sum(models_um) / len(models_um),
         actuator_v=sum(touch.actuator_v for touch in touches) / len(touches),
         time_s=touches[-1].time_s,
+        zero_um=math.nan if estimator is None else estimator.offset_um,
     )
 
 

@@ -1,7 +1,8 @@
 """The estimator of a run and its slow correction: where a run may learn from the sensor, and where it may not.
 
-Trusted events are the conditioning swings (`home`) and the touches of a hole that is finished. Within a hole the
-estimator never looks at the sensor, so that the hole's depth and wear by the model stay the model's own.
+Trusted events are the conditioning swings (`home`), every rest at 0 V before the tool goes to work, which sets the
+zero and nothing else, and the touches of a hole that is finished. Between two rests the estimator never looks at
+the sensor: what it says of a touch or a cut is its own, counted from the last rest.
 """
 
 from __future__ import annotations
@@ -39,16 +40,23 @@ class Tracker:
         self.estimator = estimator
         self.correction = correction
         self.sd_um = max(sd_um, LEAST_SD_UM)
-        self._noted: list[tuple[float, float, float]] = []
+        self._noted: list[tuple[float, float]] = []
 
-    def note(self, time_s: float, estimated_um: float, measured_um: float) -> None:
+    def rest(self, time_s: float, estimated_um: float, measured_um: float) -> None:
+        """Set the zero where the tool rests at 0 V."""
+        self.correction.observe(time_s, self._raw_um(estimated_um), measured_um, self.sd_um, keep_gain=True)
+        self.estimator.correct(self.correction.gain, self.correction.offset_um)
+
+    def note(self, estimated_um: float, measured_um: float) -> None:
         """Keep a reading of the hole under way for when it is finished."""
-        self._noted.append((time_s, estimated_um, measured_um))
+        self._noted.append((self._raw_um(estimated_um), measured_um))
 
     def learn_noted(self) -> None:
         """Correct by the readings of the hole before, now that its result stands."""
-        self.learn(self._noted)
+        for y_um, measured_um in self._noted:
+            self.correction.observe(self.correction.time_s, y_um, measured_um, self.sd_um)
         self._noted.clear()
+        self.estimator.correct(self.correction.gain, self.correction.offset_um)
 
     def learn(self, readings: Iterable[tuple[float, float, float]], alike: int = 1) -> None:
         """Correct by (s, estimated µm, measured µm), in order of time and estimated as the tracker is now.
@@ -56,11 +64,13 @@ class Tracker:
         `alike` neighbouring readings share one error and count as one.
         """
         sd_um = self.sd_um * alike**0.5
-        gain, offset_um = self.estimator.gain, self.estimator.offset_um
         for time_s, estimated_um, measured_um in readings:
-            y_um = (estimated_um - offset_um) / gain
-            self.correction.observe(time_s, y_um, measured_um, sd_um)
+            self.correction.observe(time_s, self._raw_um(estimated_um), measured_um, sd_um)
         self.estimator.correct(self.correction.gain, self.correction.offset_um)
+
+    def _raw_um(self, estimated_um: float) -> float:
+        """What the model says before correction."""
+        return (estimated_um - self.estimator.offset_um) / self.estimator.gain
 
 
 def at_rest(model: ActuatorModel, time_s: float, u_v: float = 0.0) -> Estimator:

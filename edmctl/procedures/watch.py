@@ -78,6 +78,14 @@ class Watch:
         self.settle()
         return self._tracker
 
+    def rest(self) -> None:
+        """Set the zero of the estimate by the sensor: the tool rests at 0 V, and goes to work from here."""
+        tracker, block = self.tracker(), self._latest
+        if not self._sensor or tracker is None or block is None:
+            return
+        middle_s = float(block.time_s.mean())
+        tracker.rest(middle_s, self._trace.at(middle_s), float(block.displacement_um.mean()))
+
     def estimator(self) -> Estimator | None:
         """The estimator in the state of the newest sample; None without one."""
         tracker = self.tracker()

@@ -287,6 +287,13 @@ RESULTS = Table(
         Column("err_depth", "depth_model_error_um", "f8", "um", "depth_model − depth"),
         Column("err_wear", "wear_model_error_um", "f8", "um", "wear_model − wear"),
         Column(
+            "zero_drift",
+            "zero_drift_um",
+            "f8",
+            "um",
+            "shift of the rest at 0 V from Z1 to Z3, sensor − model",
+        ),
+        Column(
             "err_feed_max",
             "feed_model_error_max_um",
             "f8",

@@ -158,6 +158,8 @@ class SiteRow:
     depth_model_error_um: float = math.nan
     """Depth by the model minus depth by the sensor."""
     wear_model_error_um: float = math.nan
+    zero_drift_um: float = math.nan
+    """How far the rest at 0 V moved from Z1 to Z3, by the sensor beside the model."""
     feed_model_error_max_um: float = math.nan
     """Displacement by the model minus that by the sensor while machining, averaged over 0.1 s: the largest."""
     feed_model_error_rms_um: float = math.nan

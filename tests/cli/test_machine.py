@@ -30,6 +30,7 @@ SITE_KEYS = [
     "z3_um",
     "depth_model_um",
     "wear_model_um",
+    "zero_drift_um",
     "machining_time_s",
     "cuts",
     "pulses",
