@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.actuator.samples import consecutive
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -58,13 +60,18 @@ class Estimator:
         return self._state
 
     def correct(self, gain: float, offset_um: float) -> None:
-        """Set the two slow parameters. Raises ValueError unless the gain is positive."""
-        if not gain > 0.0:
-            raise ValueError(f"a gain is positive: {gain}")
+        """Set the two slow parameters. Raises ValueError unless they are finite and the gain is positive."""
+        if not (0.0 < gain < math.inf and math.isfinite(offset_um)):
+            raise ValueError(f"a gain is positive and finite, a zero is finite: {gain}, {offset_um}")
         self.gain, self.offset_um = gain, offset_um
 
     def tick(self, u_v: float, dt_s: float) -> float:
-        """Displacement in µm when the voltage is `u_v`, `dt_s` after the last sample."""
+        """Displacement in µm when the voltage is `u_v`, `dt_s` after the last sample.
+
+        Raises ValueError, and stays as it was, for a voltage that is not finite or a time that runs back.
+        """
+        if not (math.isfinite(u_v) and 0.0 <= dt_s < math.inf):
+            raise ValueError(f"a tick of {dt_s} s to {u_v} V")
         if self._plays_v is None:
             self._plays_v = self._state.plays_v.tolist()
             self._lags_v = self._state.lags_v.tolist()
@@ -83,7 +90,11 @@ class Estimator:
         return self.gain * y_um + self.offset_um
 
     def advance(self, t_s: Array, u_v: Array) -> Array:
-        """Displacement in µm, shape (n,), at consecutive samples; time runs on from the last one."""
+        """Displacement in µm, shape (n,), at consecutive samples; time runs on from the last one.
+
+        Raises ValueError, and stays as it was, as `ActuatorModel.predict` does.
+        """
+        t_s, u_v = consecutive(t_s, u_v, self._state.t_s)
         if not len(t_s):
             return np.empty(0)
         y_um = self.model.advance(self.state, t_s, u_v)

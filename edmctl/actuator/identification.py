@@ -84,7 +84,7 @@ def identify(
     Every record gets its own zero; the model takes that of the last. Raises ValueError when no sample is left
     to fit, the voltage never changes, or the displacement does not rise with it.
     """
-    records = [Record(*record) for record in records]
+    records = [_plain(Record(*record)) for record in records]
     _refuse(records)
     design = choose_design(records, hinges=hinges, plays=plays, creep=creep)
     skip = [settled_from(record) for record in records]
@@ -133,6 +133,15 @@ def identify_quick(record: Record) -> tuple[ActuatorModel, ErrorFigures]:
     best = fit(design, reduction)
     model = design.model(best.weights, float(best.zeros_um[0]), 0.0)
     return model, figures([record], reduction, [(model, best, range(len(reduction.blocks)))])
+
+
+def _plain(record: Record) -> Record:
+    """The record with float arrays. Raises ValueError, naming it, where they are not equally long."""
+    arrays = [np.asarray(values, dtype=np.float64) for values in record[:3]]
+    if any(values.ndim != 1 or values.shape != arrays[0].shape for values in arrays):
+        shapes = ", ".join(str(values.shape) for values in arrays)
+        raise ValueError(f"{record.name}: arrays of shape {shapes}, (n,) each is needed")
+    return record._replace(t_s=arrays[0], u_v=arrays[1], y_um=arrays[2])
 
 
 def _refuse(records: Sequence[Record]) -> None:

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.actuator.samples import consecutive
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -45,15 +47,19 @@ class Inverse:
         return Solution(float(u_v[0]), bool(saturated[0]))
 
     def solve(self, t_s: Array, y_um: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Voltages, shape (n,), that give y_um, shape (n,), and where they are saturated."""
+        """Voltages, shape (n,), that give y_um, shape (n,), and where they are saturated.
+
+        Raises ValueError for arrays that are not one-dimensional, equally long, finite, or whose time runs back.
+        """
         from edmctl.actuator.operators import solve_bank
 
         model, state = self.model, self.state
-        u_v, beyond = np.empty(len(t_s)), np.zeros(len(t_s), dtype=np.bool_)
-        if len(t_s):
+        times_s, wanted_um = consecutive(t_s, y_um, state.t_s)
+        u_v, beyond = np.empty(len(times_s)), np.zeros(len(times_s), dtype=np.bool_)
+        if len(times_s):
             solve_bank(
-                np.ascontiguousarray(t_s, dtype=np.float64),
-                np.ascontiguousarray(y_um, dtype=np.float64) - model.zero_um,
+                times_s,
+                wanted_um - model.zero_um,
                 state.t_s,
                 model.low_v,
                 model.high_v,
@@ -69,5 +75,5 @@ class Inverse:
                 u_v,
                 beyond,
             )
-            state.u_v, state.t_s = float(u_v[-1]), float(t_s[-1])
+            state.u_v, state.t_s = float(u_v[-1]), float(times_s[-1])
         return u_v, beyond

@@ -18,6 +18,7 @@ import numpy as np
 
 from edmctl.actuator.estimator import Estimator
 from edmctl.actuator.inverse import Inverse
+from edmctl.actuator.samples import consecutive
 from edmctl.actuator.state import ActuatorState
 
 if TYPE_CHECKING:
@@ -72,9 +73,14 @@ class ActuatorModel:
 
         t_s, u_v : ndarray, shape (n,); time strictly ascending, every turning point of the voltage a sample.
         state : left as it is. Default: conditioned, come to the first voltage as its first move tells.
+
+        Raises ValueError for arrays that are not one-dimensional, equally long, finite, or whose time runs back.
         """
-        start = self.starting_state(t_s, u_v) if state is None else state
-        return self.estimator(start).advance(t_s, u_v)
+        times_s, volts = consecutive(t_s, u_v)
+        if not len(times_s):
+            return np.empty(0)
+        start = self.starting_state(times_s, volts) if state is None else state
+        return self.estimator(start).advance(times_s, volts)
 
     def estimator(self, state: ActuatorState | None = None) -> Estimator:
         """Return an estimator that starts from a copy of `state` (default: conditioned, at the low end)."""
@@ -99,14 +105,15 @@ class ActuatorModel:
         return state
 
     def advance(self, state: ActuatorState, t_s: Array, u_v: Array) -> Array:
-        """Advance `state` in place; return the displacement without delay, µm, shape (n,)."""
+        """Advance `state` in place; return the displacement without delay, µm, shape (n,). Raises as `predict`."""
         from edmctl.actuator.operators import advance_bank
 
-        output = np.empty(len(t_s))
-        if len(t_s):
+        times_s, volts = consecutive(t_s, u_v, state.t_s)
+        output = np.empty(len(times_s))
+        if len(times_s):
             advance_bank(
-                np.ascontiguousarray(t_s, dtype=np.float64),
-                np.ascontiguousarray(u_v, dtype=np.float64),
+                times_s,
+                volts,
                 state.t_s,
                 self.thresholds_v,
                 self.knots_v,
@@ -119,7 +126,7 @@ class ActuatorModel:
                 np.empty((3, len(self.time_constants_s))),
                 output,
             )
-            state.u_v, state.t_s = float(u_v[-1]), float(t_s[-1])
+            state.u_v, state.t_s = float(volts[-1]), float(times_s[-1])
         return output + self.zero_um
 
     @cached_property

@@ -82,3 +82,56 @@ def test_the_inverse_goes_on_after_saturation() -> None:
         assert found.saturated is (y_um in (5000.0, -100.0))
         if not found.saturated:
             assert reached_um == pytest.approx(y_um, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("t_s", "u_v"),
+    [
+        ([0.0, 1.0, 2.0], [0.0, 1.0]),
+        ([0.0, 1.0], [0.0, 1.0, 2.0]),
+        ([[0.0], [1.0]], [[0.0], [1.0]]),
+        ([0.0, np.nan], [0.0, 1.0]),
+        ([0.0, 1.0], [0.0, np.inf]),
+        ([1.0, 0.0], [0.0, 1.0]),
+    ],
+)
+def test_samples_that_cannot_be_are_refused(t_s: object, u_v: object) -> None:
+    model = make_model()
+    with pytest.raises(ValueError, match=r"times|time runs"):
+        model.predict(t_s, u_v)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"times|time runs"):
+        model.inverse().solve(t_s, u_v)  # type: ignore[arg-type]
+
+
+def test_no_samples_give_no_displacement() -> None:
+    model = make_model()
+    assert model.predict(np.empty(0), np.empty(0)).shape == (0,)
+    assert model.inverse().solve(np.empty(0), np.empty(0))[0].shape == (0,)
+
+
+@pytest.mark.parametrize(
+    ("u_v", "dt_s"), [(np.nan, 0.01), (np.inf, 0.01), (10.0, -0.01), (10.0, np.nan), (10.0, np.inf)]
+)
+def test_a_tick_that_cannot_be_changes_nothing(u_v: float, dt_s: float) -> None:
+    estimator, untouched = make_model().estimator(), make_model().estimator()
+    estimator.tick(50.0, 0.01)
+    untouched.tick(50.0, 0.01)
+    with pytest.raises(ValueError, match="a tick of"):
+        estimator.tick(u_v, dt_s)
+    assert estimator.tick(60.0, 0.01) == untouched.tick(60.0, 0.01)
+
+
+def test_a_block_before_the_last_one_changes_nothing() -> None:
+    estimator = make_model().estimator()
+    estimator.advance(clock(10) + 5.0, np.full(10, 50.0))
+    with pytest.raises(ValueError, match="time runs forwards"):
+        estimator.advance(clock(10), np.full(10, 60.0))
+    assert estimator.state.u_v == 50.0
+
+
+def test_lists_and_other_numbers_are_taken_as_they_are() -> None:
+    model = make_model()
+    expected = model.predict(np.array([0.0, 1.0]), np.array([10.0, 120.0]))
+    assert (model.predict([0, 1], [10, 120]) == expected).all()  # type: ignore[arg-type]
+    bytes_v = np.array([10, 120], dtype=np.int8)
+    assert (model.predict(np.arange(2), bytes_v) == expected).all()  # type: ignore[arg-type]

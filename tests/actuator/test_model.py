@@ -32,7 +32,7 @@ def test_a_closed_minor_loop_is_forgotten(model: ActuatorModel, history: list[fl
     state = ActuatorState.replayed(model, clock(len(history)), np.array(history))
     low_v, high_v = min(history[-1], away_v), max(history[-1], away_v)
     loop = np.array([low_v, high_v, low_v, high_v])
-    _, before_um, _, after_um = model.predict(clock(4), loop, state)
+    _, before_um, _, after_um = model.predict(clock(4) + state.t_s, loop, state)
     assert after_um == pytest.approx(before_um, abs=1e-9)
 
 
