@@ -209,7 +209,7 @@ def _properties(found: IdentificationView) -> list[str]:
         "loop width": f"{loop_width} % of the stroke",
         "creep": f"{creep} % per decade of time",
         "delay": f"{1000.0 * model.delay_s:.2f} ms",
-        "displacement": f"± {mean_um:.3f} µm on average, ± {most_um:.3f} µm at most (refits to parts of it)",
+        "displacement": f"± {mean_um:.3f} µm on average, ± {most_um:.3f} µm at most (refits and held-out error)",
     }
     return [f"{name:{_NAME_WIDTH}}{text}" for name, text in lines.items()]
 
