@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+LEAST_LOOP = 1e-4
+"""RMS distance from a straight line over the range; a stage with its own position control leaves more."""
 DOUBTFUL_STEP_S = 1.0
 DOUBTFUL_SWING_S = 300.0
 """Slower swings are rather fast ones on a clock in ms."""
@@ -30,7 +32,7 @@ SD_PER_BEND = 0.605
 
 def doubts_about(record: Record) -> tuple[str, ...]:
     """Sentences with their remedy, samples counted from 1."""
-    return (*_doubts_of_time(record), *_spikes(record))
+    return (*_doubts_of_time(record), *_spikes(record), *_proportional(record))
 
 
 def _doubts_of_time(record: Record) -> list[str]:
@@ -60,6 +62,18 @@ def _doubts_of_time(record: Record) -> list[str]:
             "their own."
         )
     return doubts
+
+
+def _proportional(record: Record) -> list[str]:
+    """Warn of a displacement without loop and noise, which no sensor shows."""
+    slope, zero_um = np.polynomial.polynomial.polyfit(record.u_v, record.y_um, 1)[::-1]
+    left_um = float(np.std(record.y_um - slope * record.u_v - zero_um))
+    if left_um > LEAST_LOOP * float(np.ptp(record.y_um)):
+        return []
+    return [
+        f"{record.name}: y_um is u_V times a constant, without loop or noise. If it is a command or was computed "
+        "from the voltage, give the column of the sensor."
+    ]
 
 
 def _swing_s(record: Record) -> float:

@@ -150,10 +150,10 @@ def _refuse(records: Sequence[Record]) -> None:
     for record in records:
         if len(record.t_s) < LEAST_SAMPLES:
             raise ValueError(f"{record.name}: {len(record.t_s)} samples, at least {LEAST_SAMPLES} are needed")
-        if not np.ptp(record.u_v) > 0.0:
-            raise ValueError(f"{record.name}: the voltage does not change")
         if not np.isfinite([record.t_s, record.u_v, record.y_um]).all():
             raise ValueError(f"{record.name}: holds numbers that are not finite")
+        if not np.ptp(record.u_v) > 0.0:
+            raise ValueError(f"{record.name}: the voltage does not change")
         if not (np.diff(record.t_s) > 0.0).all():
             raise ValueError(f"{record.name}: time does not ascend")
         if not float(np.cov(record.u_v, record.y_um)[0, 1]) > 0.0:

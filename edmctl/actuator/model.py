@@ -84,11 +84,24 @@ class ActuatorModel:
 
     def estimator(self, state: ActuatorState | None = None) -> Estimator:
         """Return an estimator that starts from a copy of `state` (default: conditioned, at the low end)."""
-        return Estimator(self, ActuatorState.conditioned(self) if state is None else state.copy())
+        return Estimator(self, self._own(state))
 
     def inverse(self, state: ActuatorState | None = None) -> Inverse:
         """Return the exact inverse, starting from a copy of `state` (default: conditioned, at the low end)."""
-        return Inverse(self, ActuatorState.conditioned(self) if state is None else state.copy())
+        return Inverse(self, self._own(state))
+
+    def check_state(self, state: ActuatorState) -> None:
+        """Raise ValueError for the state of another model, which a compiled loop would run beyond."""
+        expected = (self.thresholds_v.shape, self.creep_um_per_v.shape)
+        if (state.plays_v.shape, state.lags_v.shape) != expected:
+            found = f"{state.plays_v.shape}, {state.lags_v.shape}"
+            raise ValueError(f"a state of shape {found} for a model of {expected[0]}, {expected[1]}")
+
+    def _own(self, state: ActuatorState | None) -> ActuatorState:
+        if state is None:
+            return ActuatorState.conditioned(self)
+        self.check_state(state)
+        return state.copy()
 
     def starting_state(self, t_s: Array, u_v: Array, previous_v: float | None = None) -> ActuatorState:
         """State at the first sample of a voltage, shape (n,) each.
@@ -108,6 +121,7 @@ class ActuatorModel:
         """Advance `state` in place; return the displacement without delay, µm, shape (n,). Raises as `predict`."""
         from edmctl.actuator.operators import advance_bank
 
+        self.check_state(state)
         times_s, volts = consecutive(t_s, u_v, state.t_s)
         output = np.empty(len(times_s))
         if len(times_s):

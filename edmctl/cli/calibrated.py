@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from edmctl.profile.model import Profile
     from edmctl.profile.setup import Setup
 
+LOW_END_SHARE = 0.15
+"""Of the stroke: a calibration from so low on still serves down to 0 V."""
 SHORT_HASH = 12
 LOAD_UM_PER_N = 5.0
 """What 1 N at the tool takes of the displacement: 0.2 N/µm of the amplified actuator."""
@@ -66,27 +68,27 @@ def _refuse_unconditioned(setup: Setup) -> None:
     )
 
 
-def look_at_named(option: Path | None, setup: Setup) -> None:
+def look_at_named(option: Path | None, setup: Setup, profile: Profile) -> None:
     """Load a calibration that was asked for, so that what is wrong with it is said before anything is connected."""
     from edmctl.profile.calibration_place import CALIBRATION_VARIABLE, find_calibration
 
+    _refuse_unconditioned(setup)
     if option or os.environ.get(CALIBRATION_VARIABLE) or setup.actuator.calibration:
         from edmctl.profile.calibration import load_calibration
 
         named = find_calibration(option, os.environ, setup, "")
         if named is not None:
-            load_calibration(named)
+            _refuse_narrow(named, load_calibration(named), setup, profile)
 
 
 def choose(option: Path | None, setup: Setup, profile: Profile, serial: str) -> Choice:
     """Find the calibration for the machine with that serial number.
 
     Raises RecordError when one that was found cannot be used, PreconditionError when a machine without a sensor has
-    none (E8031), one that covers too little (E8032), or makes no swings before the job (E8035).
+    none (E8031) or one that covers too little (E8032).
     """
     from edmctl.profile.calibration_place import find_calibration
 
-    _refuse_unconditioned(setup)
     path = find_calibration(option, os.environ, setup, serial)
     if path is None:
         if not setup.sensor.fitted:
@@ -129,13 +131,23 @@ def _used(path: Path, calibration: Calibration, setup: Setup, serial: str) -> Mo
     return ModelUsed(not setup.sensor.fitted, str(path), short, accepted, text)
 
 
+def _covers(calibration: Calibration, profile: Profile) -> bool:
+    """Whether the calibration holds all voltages of the job: 0 V, where the tool rests, to the profile's limit."""
+    model, top_v = calibration.actuator, profile.limits.stroke_v_max
+    return model.high_v >= top_v and model.low_v <= LOW_END_SHARE * top_v
+
+
+def _range_told(path: Path, calibration: Calibration, profile: Profile) -> str:
+    model, top_v = calibration.actuator, profile.limits.stroke_v_max
+    return f"{path} covers {model.low_v:.1f} V to {model.high_v:.1f} V; limits.stroke_v_max is {top_v:.1f} V"
+
+
 def _refuse_narrow(path: Path, calibration: Calibration, setup: Setup, profile: Profile) -> None:
-    high_v, top_v = calibration.actuator.high_v, profile.limits.stroke_v_max
-    if setup.sensor.fitted or high_v >= top_v:
+    if setup.sensor.fitted or _covers(calibration, profile):
         return
     raise PreconditionError(
-        f"No sensor is fitted, and {path} covers {high_v:.1f} V; limits.stroke_v_max is {top_v:.1f} V.",
-        hint=f"Calibrate over the whole stroke, or set limits.stroke_v_max to {high_v:.1f} V.",
+        f"No sensor is fitted, and {_range_told(path, calibration, profile)}, from 0 V on.",
+        hint="Calibrate from 0 V over the whole stroke, or lower limits.stroke_v_max to what it covers.",
         code="E8032",
     )
 
@@ -155,10 +167,9 @@ def _doubts(
     if not calibration.quality.accepted:
         problems = " ".join(calibration.quality.problems)
         doubts.append(("W8102", f"{path} was not accepted: {problems}", "Run `edmctl calibrate` again."))
-    high_v, top_v = calibration.actuator.high_v, profile.limits.stroke_v_max
-    if high_v < top_v:
-        message = f"{path} covers {high_v:.1f} V; limits.stroke_v_max is {top_v:.1f} V. Beyond it the model guesses."
-        doubts.append(("W8104", message, "Calibrate over the whole stroke."))
+    if not _covers(calibration, profile):
+        message = f"{_range_told(path, calibration, profile)}. Beyond it the model guesses."
+        doubts.append(("W8104", message, "Calibrate from 0 V over the whole stroke."))
     if not setup.sensor.fitted:
         doubts.append(_cost(calibration))
     return [Diagnostic(*doubt, is_warning=True) for doubt in doubts]

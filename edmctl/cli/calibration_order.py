@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 U95 = 1.96
 """Half-width of a 95 % interval, in standard uncertainties."""
 LONGEST_DELAY_S = 1.0
+LONGEST_NAME = 200
+"""Bytes; a file system takes 255, and a file that is being written has a longer name."""
 REFITS = ("zero", "gain")
 
 
@@ -116,6 +118,7 @@ def check(order: Order) -> Checked:
 
 def check_new(path: Path) -> None:
     """Refuse a file that is there (RunFileError E9011) or could not be written (E9012)."""
+    _check_name(path)
     if path.exists():
         raise RunFileError(
             f"{path} exists already and is not overwritten.", hint="Choose another name.", code="E9011"
@@ -125,6 +128,7 @@ def check_new(path: Path) -> None:
 
 def check_writable(path: Path) -> None:
     """Refuse (RunFileError E9012) a file that could not be written, going by the nearest folder that is there."""
+    _check_name(path)
     folder = next(parent for parent in path.absolute().parents if parent.exists())
     if folder.is_dir() and os.access(folder, os.W_OK | os.X_OK) and not path.is_dir():
         return
@@ -134,6 +138,15 @@ def check_writable(path: Path) -> None:
         hint="Name another file with --output.",
         code="E9012",
     )
+
+
+def _check_name(path: Path) -> None:
+    if len(os.fsencode(path.name)) > LONGEST_NAME:
+        raise RunFileError(
+            f"The name of the calibration file has {len(os.fsencode(path.name))} bytes; at most {LONGEST_NAME} fit.",
+            hint="Give --output a shorter name.",
+            code="E9012",
+        )
 
 
 def doubtful(sentences: Sequence[str], code: str) -> list[Diagnostic]:

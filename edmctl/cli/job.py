@@ -114,7 +114,7 @@ def check(order: Order) -> Plan:
     port = check_port(order.port or setup.port)
     loaded = load_profile(order.profile, order.overrides, setup=setup)
     refuse_unasked(setup, allow_model=order.allow_model)
-    look_at_named(order.calibration, setup)
+    look_at_named(order.calibration, setup, loaded.profile)
     return Plan(
         simulated=is_virtual(port),
         loaded=loaded,

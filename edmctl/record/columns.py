@@ -113,7 +113,7 @@ def _read_hdf5(path: Path, needed: Sequence[str]) -> dict[str, Array]:
         with open_run(path) as run:
             servo = run.columns(layout.SERVO.path)
             return _arrays(path, {wanted: servo[RUN_COLUMNS[wanted]] for wanted in needed})
-    except (RunFileError, KeyError):
+    except (RunFileError, KeyError, *disk.HDF5_ERRORS):
         return _read_foreign(path, needed)
 
 
@@ -125,7 +125,7 @@ def _read_foreign(path: Path, needed: Sequence[str]) -> dict[str, Array]:
             names = list(group)
             found = find_columns(names, needed)
             return _arrays(path, {wanted: group[names[k]] for wanted, k in found.items()})
-    except (*disk.HDF5_ERRORS, KeyError) as error:
+    except (*disk.HDF5_ERRORS, KeyError, MemoryError) as error:
         raise RecordError(
             f"{path} cannot be read as HDF5: {disk.reason(error)}.",
             hint="It may be cut off or damaged: copy or record it again.",

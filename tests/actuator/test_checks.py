@@ -261,3 +261,8 @@ def test_milliseconds_at_a_high_rate_are_doubted() -> None:
     (doubt,) = check_record(record._replace(t_s=1000.0 * record.t_s))
     assert "one swing takes 500 s" in doubt
     assert "0.001" in doubt
+
+
+def test_a_displacement_that_is_the_voltage_is_doubted() -> None:
+    (doubt,) = check_record(GOOD._replace(y_um=3.0 * GOOD.u_v + 5.0))
+    assert "the column of the sensor" in doubt

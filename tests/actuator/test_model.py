@@ -142,6 +142,19 @@ def test_a_state_of_another_model_is_refused() -> None:
         ActuatorState.from_mapping(make_model(plays=7), mapping)  # type: ignore[arg-type]
 
 
+def test_no_loop_runs_on_a_state_of_another_model() -> None:
+    model, other = make_model(plays=6), ActuatorState.conditioned(make_model(plays=4))
+    t_s, u_v = clock(3), np.array([0.0, 1.0, 2.0])
+    for use in (
+        lambda: model.predict(t_s, u_v, other),
+        lambda: model.estimator(other),
+        lambda: model.inverse(other),
+        lambda: model.advance(other, t_s, u_v),
+    ):
+        with pytest.raises(ValueError, match="a state of shape"):
+            use()
+
+
 def test_time_does_not_run_backwards() -> None:
     model = make_model()
     with pytest.raises(ValueError, match="time runs forwards"):

@@ -142,7 +142,7 @@ def test_a_calibration_of_a_part_of_the_stroke_is_used_with_a_warning(here: Here
     said = machined(here, "--calibration", str(narrow))
     assert said.exit_code == 0
     assert warned(said) == ["W8104"]
-    assert "covers 60.0 V; limits.stroke_v_max is 120.0 V" in said.document["warnings"][0]["message"]
+    assert "covers 0.0 V to 60.0 V; limits.stroke_v_max is 120.0 V" in said.document["warnings"][0]["message"]
 
 
 def test_no_sensor_is_refused_until_the_model_is_allowed(here: Here, no_sensor: str) -> None:
