@@ -15,7 +15,7 @@ import numpy as np
 from edmctl.actuator.choosing import HINGES, PLAYS, TAU_RATIO, choose_design, thresholds
 from edmctl.actuator.crossvalidation import figures, smoothest
 from edmctl.actuator.delay import best_delay
-from edmctl.actuator.design import Design, reduce_records
+from edmctl.actuator.design import BLOCKS, Design, reduce_records
 from edmctl.actuator.fitting import fit
 from edmctl.actuator.record import Record
 from edmctl.actuator.triangles import one_thread
@@ -37,6 +37,7 @@ QUICK_CREEPING = 2
 """Its threshold, 5 % of the span, is the weighted mean threshold of soft PZT."""
 QUICK_TAUS_S = 0.04 * np.power(TAU_RATIO, np.arange(7.0))
 FOLDS, RESAMPLES = 8, 40
+LONGEST_FIXED_DELAY_S = 1.0
 LEAST_SAMPLES = 200
 
 
@@ -84,6 +85,14 @@ def identify(
     Every record gets its own zero; the model takes that of the last. Raises ValueError when no sample is left
     to fit, the voltage never changes, or the displacement does not rise with it.
     """
+    if isinstance(records, Record):
+        raise ValueError("identify takes a list of records: identify([record])")
+    if delay_s is not None and not 0.0 <= delay_s <= LONGEST_FIXED_DELAY_S:
+        raise ValueError(f"a delay lies between 0 and {LONGEST_FIXED_DELAY_S:g} s: {delay_s}")
+    if min(hinges, plays) < 1 or not 2 <= folds <= BLOCKS or resamples < 0:
+        raise ValueError(
+            f"{hinges} hinges, {plays} plays, {folds} folds and {resamples} resamples do not make a fit"
+        )
     records = [_plain(Record(*record)) for record in records]
     _refuse(records)
     design = choose_design(records, hinges=hinges, plays=plays, creep=creep)
@@ -152,6 +161,8 @@ def _refuse(records: Sequence[Record]) -> None:
             raise ValueError(f"{record.name}: {len(record.t_s)} samples, at least {LEAST_SAMPLES} are needed")
         if not np.isfinite([record.t_s, record.u_v, record.y_um]).all():
             raise ValueError(f"{record.name}: holds numbers that are not finite")
+        if record.previous_v is not None and not np.isfinite(record.previous_v):
+            raise ValueError(f"{record.name}: the voltage before it is not finite")
         if not np.ptp(record.u_v) > 0.0:
             raise ValueError(f"{record.name}: the voltage does not change")
         if not (np.diff(record.t_s) > 0.0).all():

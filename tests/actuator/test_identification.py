@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -238,6 +240,21 @@ def test_impossible_data_are_refused(change: dict[str, Array], message: str) -> 
     ramp = np.linspace(0.0, 100.0, 1000)
     with pytest.raises(ValueError, match=message):
         identify([Record(change.get("t_s", ramp), change.get("u_v", ramp), change.get("y_um", ramp))])
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"delay_s": np.nan}, {"delay_s": -1.0}, {"folds": 1}, {"folds": 10**6}, {"plays": 0}, {"resamples": -3}],
+)
+def test_impossible_wishes_are_refused(wrong: dict[str, Any]) -> None:
+    wave = waves.triangle(0.0, 100.0, 0.5, 4, 100.0)
+    record = Record(wave.t_s, wave.u_v, 3.0 * wave.u_v)
+    with pytest.raises(ValueError, match=r"delay|do not make a fit"):
+        identify([record], **wrong)
+    with pytest.raises(ValueError, match="a list of records"):
+        identify(record)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="before it is not finite"):
+        identify([record._replace(previous_v=np.nan)])
 
 
 def test_a_few_swings_give_a_plain_model() -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import h5py
+import numpy as np
 import pytest
 
 from edmctl.actuator.identification import identify
@@ -150,6 +151,25 @@ def test_no_sensor_is_refused_until_the_model_is_allowed(here: Here, no_sensor: 
         said = machined(here, "--setup", no_sensor, *more)
         assert (said.exit_code, said.document["error"]["code"]) == (8, "E8030")
         assert "--allow-model" in said.document["error"]["hint"]
+
+
+def test_a_calibration_that_does_not_reach_down_to_rest_is_told_of(
+    here: Here, tmp_path: Path, no_sensor: str
+) -> None:
+    t_s = np.linspace(0.0, 40.0, 2000)
+    u_v = 105.0 - 45.0 * np.cos(2.0 * np.pi * 0.2 * t_s)
+    rng = np.random.default_rng(1)
+    upper = Record(
+        t_s, u_v, 3.0 * u_v + 6.0 * np.sin(2.0 * np.pi * 0.2 * t_s - 1.6) + rng.normal(0, 0.2, 2000)
+    )
+    made = Made(utc="2026-01-01T00:00:00Z", edmctl="0.1.0", serial="SIM-1", simulated=True)
+    path = tmp_path / "upper.toml"
+    save_calibration(path, calibration_of(identify([upper], folds=2, resamples=1), made))
+    assert "W8104" in warned(machined(here, "--calibration", str(path)))
+    for more in ((), ("--dry-run",)):
+        said = machined(here, "--setup", no_sensor, "--allow-model", "--calibration", str(path), *more)
+        assert (said.exit_code, said.document["error"]["code"]) == (8, "E8032")
+        assert "covers 60.0 V to 150.0 V" in said.document["error"]["message"]
 
 
 def test_no_sensor_and_no_swings_before_the_job_is_refused(here: Here, no_sensor: str) -> None:
