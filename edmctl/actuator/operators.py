@@ -124,6 +124,15 @@ def following(taus: Array, elapsed_s: float, follow: Array) -> None:
         follow[0, j], follow[1, j], follow[2, j] = stays, mean - stays, 1.0 - mean
 
 
+@compiled
+def followed(taus: Array, step_s: float, known_s: float, follow: Array) -> float:
+    """Bring `follow`, which is for moves of `known_s`, to moves of `step_s`; the time that it is for now."""
+    if abs(step_s - known_s) > SAME_STEP * known_s:
+        following(taus, step_s, follow)
+        return step_s
+    return known_s
+
+
 @cached
 def advance_bank(
     t_s: Array,
@@ -151,9 +160,7 @@ def advance_bank(
     before_s, elapsed_s = since_s, 0.0
     following(taus, elapsed_s, follow)
     for k in range(t_s.shape[0]):
-        if abs(t_s[k] - before_s - elapsed_s) > SAME_STEP * elapsed_s:
-            elapsed_s = t_s[k] - before_s
-            following(taus, elapsed_s, follow)
+        elapsed_s = followed(taus, t_s[k] - before_s, elapsed_s, follow)
         before_s = t_s[k]
         creep = 0.0
         for g in range(creeping.shape[0]):
@@ -201,9 +208,7 @@ def bank_features(
     before_s, elapsed_s = since_s, 0.0
     following(taus, elapsed_s, follow)
     for k in range(t_s.shape[0]):
-        if abs(t_s[k] - before_s - elapsed_s) > SAME_STEP * elapsed_s:
-            elapsed_s = t_s[k] - before_s
-            following(taus, elapsed_s, follow)
+        elapsed_s = followed(taus, t_s[k] - before_s, elapsed_s, follow)
         before_s = t_s[k]
         step(thresholds, creeping, plays, lags, follow, u_v[k])
         for i in range(thresholds.shape[0]):
@@ -301,9 +306,7 @@ def solve_bank(
     before_s, elapsed_s = since_s, 0.0
     following(taus, elapsed_s, follow)
     for k in range(t_s.shape[0]):
-        if abs(t_s[k] - before_s - elapsed_s) > SAME_STEP * elapsed_s:
-            elapsed_s = t_s[k] - before_s
-            following(taus, elapsed_s, follow)
+        elapsed_s = followed(taus, t_s[k] - before_s, elapsed_s, follow)
         before_s = t_s[k]
         u, beyond[k] = solve_voltage(
             y_um[k],

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from edmctl.errors import RunFileError, UsageError
+from edmctl.cli import new_files
+from edmctl.errors import UsageError
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -36,12 +37,11 @@ def check_outputs(plot: Path | None, data: Path | None) -> None:
 
         check_figure(plot.name)
     for path in (plot, data):
-        if path and path.exists():
-            raise _exists(path)
-        if path and not path.parent.is_dir():
-            raise RunFileError(
-                f"Cannot write {path}: there is no folder {path.parent}.", hint="Make it first.", code="E9012"
-            )
+        if path is None:
+            continue
+        new_files.check_free(path)
+        if not path.parent.is_dir():
+            raise new_files.unwritable(str(path), f"there is no folder {path.parent}", "Make it first.")
 
 
 def write_data(trial: Trial, path: Path) -> None:
@@ -71,7 +71,6 @@ def write_data(trial: Trial, path: Path) -> None:
 
 def write_figure(trial: Trial, path: Path) -> None:
     """Draw the figure and write it."""
-    from edmctl.record.disk import write_new
     from edmctl.report import actuator_figure as figure
 
     panels = [
@@ -85,18 +84,4 @@ def write_figure(trial: Trial, path: Path) -> None:
         )
         for waveform, trace in zip(trial.waveforms, trial.traces, strict=True)
     ]
-    content = figure.draw(panels, path.name)
-    try:
-        write_new(path, content)
-    except FileExistsError:
-        raise _exists(path) from None
-    except OSError as refused:
-        raise RunFileError(
-            f"Cannot write {path}: {refused.strerror}.", hint="Check folder and space.", code="E9012"
-        ) from refused
-
-
-def _exists(path: Path) -> RunFileError:
-    return RunFileError(
-        f"{path} exists already and is not overwritten.", hint="Choose another name.", code="E9011"
-    )
+    new_files.write(path, figure.draw(panels, path.name))

@@ -15,6 +15,7 @@ from edmctl.actuator.identification import identify
 from edmctl.actuator.record import Record
 from edmctl.actuator.validation import judge
 from edmctl.actuator.waveforms import calibration_legs, sampled, sine
+from edmctl.cli import calibration_doubts
 from edmctl.errors import Diagnostic
 from edmctl.simulator.actuator import HIGH_V, LOW_V, RATE_HZ, SLEW_V_S, Drive, VirtualActuator
 
@@ -37,7 +38,7 @@ SLOW_EVERY = 10
 CALIBRATION_EVERY = 2
 """500 samples a second tell the delay of the amplifier as well as all of them do, in half the time."""
 NOTICED_V = 0.1
-"""A slowed-down command this far from what was applied is worth a word."""
+"""A voltage this far from what was asked for, or from what was calibrated, is worth a word."""
 
 
 class Predictor(Protocol):
@@ -124,12 +125,9 @@ def known_model(path: Path, seed: int) -> tuple[ActuatorModel, list[Diagnostic]]
     from edmctl.profile.calibration import load_calibration
 
     calibration = load_calibration(path)
-    own, found = VirtualActuator(seed).serial, calibration.serial
-    doubts = []
-    if found != own:
-        message = f"{path} is of {found or 'an unnamed machine'}; this actuator is that of {own}."
-        hint = "Say the --seed it was made with, or leave --calibration away."
-        doubts.append(Diagnostic("W8101", message, hint, is_warning=True))
+    hint = "Say the --seed it was made with, or leave --calibration away."
+    own = VirtualActuator(seed).serial
+    doubts = calibration_doubts.of_another(path, calibration, own, "this actuator is that of", hint)
     return calibration.model(), doubts + _unaccepted(calibration.quality.problems)
 
 
@@ -143,10 +141,7 @@ def _calibrated(seed: int) -> tuple[ActuatorModel, list[Diagnostic]]:
 def _unaccepted(problems: Sequence[str]) -> list[Diagnostic]:
     """What stands against a calibration."""
     hint = "The figures show what it costs."
-    return [
-        Diagnostic("W8102", f"The calibration was not accepted: {problem}", hint, is_warning=True)
-        for problem in problems
-    ]
+    return [calibration_doubts.not_accepted("The calibration", problem, hint) for problem in problems]
 
 
 def _measured(seed: int, command_v: Array, every: int = 1) -> Record:
@@ -170,11 +165,14 @@ def _slowed(waveform: Waveform, driven: Drive) -> list[Diagnostic]:
 
 def _beyond(waveform: Waveform, driven: Drive, ours: ActuatorModel) -> list[Diagnostic]:
     """Whether the waveform leaves the voltages that the model was identified over."""
-    top_v = float(driven.applied_v.max())
-    if top_v <= ours.high_v + NOTICED_V:
-        return []
-    message = f"{waveform.name} goes up to {top_v:.1f} V and the calibration to {ours.high_v:.1f} V."
-    return [Diagnostic("W8104", message, "Calibrate over the whole stroke.", is_warning=True)]
+    low_v, top_v = float(driven.applied_v.min()), float(driven.applied_v.max())
+    ends = []
+    if not calibration_doubts.reaches_up(ours, top_v, NOTICED_V):
+        ends.append(f"up to {top_v:.1f} V and the calibration to {ours.high_v:.1f} V")
+    if not calibration_doubts.reaches_down(ours, low_v, top_v):
+        ends.append(f"down to {low_v:.1f} V and the calibration to {ours.low_v:.1f} V")
+    hint = "Calibrate over the whole stroke."
+    return [calibration_doubts.narrow(f"{waveform.name} goes {end}.", hint) for end in ends]
 
 
 def _traced(driven: Drive, models: dict[str, Predictor]) -> Trace:

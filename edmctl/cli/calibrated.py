@@ -6,6 +6,7 @@ import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from edmctl.cli import calibration_doubts
 from edmctl.errors import Diagnostic, PreconditionError
 
 if TYPE_CHECKING:
@@ -16,8 +17,6 @@ if TYPE_CHECKING:
     from edmctl.profile.model import Profile
     from edmctl.profile.setup import Setup
 
-LOW_END_SHARE = 0.15
-"""Of the stroke: a calibration from so low on still serves down to 0 V."""
 SHORT_HASH = 12
 LOAD_UM_PER_N = 5.0
 """What 1 N at the tool takes of the displacement: 0.2 N/µm of the amplified actuator."""
@@ -126,7 +125,7 @@ def _used(path: Path, calibration: Calibration, setup: Setup, serial: str) -> Mo
     short, accepted = calibration.sha256[:SHORT_HASH], calibration.quality.accepted
     words = ["accepted" if accepted else "not accepted"]
     if calibration.serial != serial:
-        words.append(f"of {calibration.serial or 'an unnamed machine'}, not of {serial}")
+        words.append(f"of {calibration_doubts.owner(calibration)}, not of {serial}")
     text = f"calibration {path} (sha256 {short}, {', '.join(words)})"
     return ModelUsed(not setup.sensor.fitted, str(path), short, accepted, text)
 
@@ -134,7 +133,7 @@ def _used(path: Path, calibration: Calibration, setup: Setup, serial: str) -> Mo
 def _covers(calibration: Calibration, profile: Profile) -> bool:
     """Whether the calibration holds all voltages of the job: 0 V, where the tool rests, to the profile's limit."""
     model, top_v = calibration.actuator, profile.limits.stroke_v_max
-    return model.high_v >= top_v and model.low_v <= LOW_END_SHARE * top_v
+    return calibration_doubts.reaches_up(model, top_v) and calibration_doubts.reaches_down(model, 0.0, top_v)
 
 
 def _range_told(path: Path, calibration: Calibration, profile: Profile) -> str:
@@ -155,34 +154,28 @@ def _refuse_narrow(path: Path, calibration: Calibration, setup: Setup, profile: 
 def _doubts(
     path: Path, calibration: Calibration, setup: Setup, profile: Profile, serial: str
 ) -> list[Diagnostic]:
-    doubts: list[tuple[str, str, str]] = []
-    if calibration.serial != serial:
-        doubts.append(
-            (
-                "W8101",
-                f"{path} is of {calibration.serial or 'an unnamed machine'}; this machine is {serial}.",
-                "Every actuator is another one: run `edmctl calibrate` here.",
-            )
-        )
+    elsewhere = "Every actuator is another one: run `edmctl calibrate` here."
+    doubts = calibration_doubts.of_another(path, calibration, serial, "this machine is", elsewhere)
     if not calibration.quality.accepted:
         problems = " ".join(calibration.quality.problems)
-        doubts.append(("W8102", f"{path} was not accepted: {problems}", "Run `edmctl calibrate` again."))
+        doubts.append(calibration_doubts.not_accepted(str(path), problems, "Run `edmctl calibrate` again."))
     if not _covers(calibration, profile):
         message = f"{_range_told(path, calibration, profile)}. Beyond it the model guesses."
-        doubts.append(("W8104", message, "Calibrate from 0 V over the whole stroke."))
+        doubts.append(calibration_doubts.narrow(message, "Calibrate from 0 V over the whole stroke."))
     if not setup.sensor.fitted:
         doubts.append(_cost(calibration))
-    return [Diagnostic(*doubt, is_warning=True) for doubt in doubts]
+    return doubts
 
 
-def _cost(calibration: Calibration) -> tuple[str, str, str]:
+def _cost(calibration: Calibration) -> Diagnostic:
     from edmctl.actuator.correction import GAIN_SD_BETWEEN_DAYS
 
     held_out = calibration.quality.held_out
-    return (
+    return Diagnostic(
         "W8105",
         f"No sensor: every displacement is estimated, within {held_out.rms_um:.2f} µm rms and "
         f"{held_out.max_um:.1f} µm at most when calibrated, {100 * GAIN_SD_BETWEEN_DAYS:.1f} % of gain on another "
         f"day, and {LOAD_UM_PER_N:g} µm per newton at the tool.",
         "The stated uncertainties of depth and wear hold the first two; fit a sensor where they are too wide.",
+        is_warning=True,
     )

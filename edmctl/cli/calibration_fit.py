@@ -14,11 +14,10 @@ from edmctl.errors import Diagnostic, RecordError
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from edmctl.actuator.baselines import Baseline
     from edmctl.actuator.identification import Identification
     from edmctl.actuator.model import ActuatorModel
     from edmctl.actuator.record import Record
-    from edmctl.actuator.validation import Refit
+    from edmctl.actuator.validation import Refit, Validation
 
 HELD_OUT, VALIDATION = "held-out blocks", "validation files"
 REMEDY = "`edmctl machine` uses such a calibration, and warns each time."
@@ -143,20 +142,29 @@ def find(
             hint="Record full swings and holds of a minute over the whole range, at 100 Hz or faster.",
             code="E3619",
         ) from error
-    files = tuple(_judged(found.model, record, refit) for record in validation)
+    judged = _judged(found.model, validation, refit)
     return Findings(
         identification=found,
         held_out_baselines={name: baseline.held_out for name, baseline in baselines.items()},
-        validated=_on_all(found.model, validation, refit) if validation else None,
-        validated_baselines=_on_validation(baselines, validation, refit),
-        files=files,
+        validated=_pooled(judged) if validation else None,
+        validated_baselines={
+            name: _pooled(_judged(baseline.model, validation, refit))
+            for name, baseline in baselines.items()
+            if validation
+        },
+        files=tuple(_of_file(*one) for one in judged),
         refit=refit,
         warnings=(*_problems(found), *_beyond(found.model, validation)),
     )
 
 
-def _judged(model: ActuatorModel, record: Record, refit: tuple[Refit, ...]) -> FileFigures:
-    judged = validate(model, record, refit)
+def _judged(
+    model: ActuatorModel, records: Sequence[Record], refit: tuple[Refit, ...]
+) -> list[tuple[Record, Validation]]:
+    return [(record, validate(model, record, refit)) for record in records]
+
+
+def _of_file(record: Record, judged: Validation) -> FileFigures:
     return FileFigures(
         name=record.name,
         judged_from_s=float(record.t_s[judged.first]),
@@ -166,18 +174,9 @@ def _judged(model: ActuatorModel, record: Record, refit: tuple[Refit, ...]) -> F
     )
 
 
-def _on_all(model: ActuatorModel, records: Sequence[Record], refit: tuple[Refit, ...]) -> Figures:
-    judged = [validate(model, record, refit) for record in records]
-    samples = [len(record.t_s) - one.first for one, record in zip(judged, records, strict=True)]
-    return Figures.pooled([Figures.of(one.errors) for one in judged], samples)
-
-
-def _on_validation(
-    baselines: Mapping[str, Baseline], records: Sequence[Record], refit: tuple[Refit, ...]
-) -> dict[str, Figures]:
-    if not records:
-        return {}
-    return {name: _on_all(baseline.model, records, refit) for name, baseline in baselines.items()}
+def _pooled(judged: Sequence[tuple[Record, Validation]]) -> Figures:
+    samples = [len(record.t_s) - one.first for record, one in judged]
+    return Figures.pooled([Figures.of(one.errors) for _, one in judged], samples)
 
 
 def _problems(found: Identification) -> list[Diagnostic]:

@@ -7,23 +7,27 @@ import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-from edmctl.cli.bench import check_port, is_virtual
+from edmctl.cli import new_files
+from edmctl.cli.bench import Where, where_is
+from edmctl.console.calibration_table import U95
 from edmctl.errors import Diagnostic, RecordError, RunFileError, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+    import numpy as np
+    from numpy.typing import NDArray
+
     from edmctl.actuator.record import Record
     from edmctl.actuator.validation import Refit
     from edmctl.procedures.calibrating import CalibrationPlan
     from edmctl.profile.setup import Setup
 
-U95 = 1.96
-"""Half-width of a 95 % interval, in standard uncertainties."""
-LONGEST_DELAY_S = 1.0
 LONGEST_NAME = 200
 """Bytes; a file system takes 255, and a file that is being written has a longer name."""
+LARGEST = 1e30
+"""Instruments write 9.9e37 where they read nothing, and squares of 1e155 are beyond all numbers."""
 REFITS = ("zero", "gain")
 
 
@@ -40,6 +44,7 @@ class Order:
     lever: Path | None
     setup: Path | None
     port: str | None
+    wait_s: float = 0.0
 
     @property
     def lever_only(self) -> bool:
@@ -69,6 +74,7 @@ class Checked:
     """A checked order. `plan` is what to drive a machine through; None where nothing is driven."""
 
     setup: Setup
+    where: Where
     simulated: bool | None
     sources: tuple[Given, ...]
     validation: tuple[Given, ...]
@@ -90,11 +96,12 @@ def check(order: Order) -> Checked:
     from edmctl.profile.load import load_setup
 
     setup = load_setup(order.setup)
-    plan, simulated = None, None
+    plan, simulated, where = None, None, Where()
     if not order.sources and not order.lever_only:
         from edmctl.procedures.calibrating import plan_calibration
 
-        simulated = is_virtual(check_port(order.port or setup.port))
+        where = where_is(order.port, setup, order.wait_s)
+        simulated = True if where.in_process else None
         plan = plan_calibration(setup)
     if order.output is not None:
         check_new(order.output)
@@ -104,6 +111,7 @@ def check(order: Order) -> Checked:
     validation, more_doubts = _read(order.validation, histories[count:])
     return Checked(
         setup=setup,
+        where=where,
         simulated=simulated,
         sources=sources,
         validation=validation,
@@ -119,10 +127,7 @@ def check(order: Order) -> Checked:
 def check_new(path: Path) -> None:
     """Refuse a file that is there (RunFileError E9011) or could not be written (E9012)."""
     _check_name(path)
-    if path.exists():
-        raise RunFileError(
-            f"{path} exists already and is not overwritten.", hint="Choose another name.", code="E9011"
-        )
+    new_files.check_free(path)
     check_writable(path)
 
 
@@ -133,11 +138,7 @@ def check_writable(path: Path) -> None:
     if folder.is_dir() and os.access(folder, os.W_OK | os.X_OK) and not path.is_dir():
         return
     why = "is a folder" if path.is_dir() else f"{folder} is no folder that can be written"
-    raise RunFileError(
-        f"Cannot write the calibration file {path}: {why}.",
-        hint="Name another file with --output.",
-        code="E9012",
-    )
+    raise new_files.unwritable(f"the calibration file {path}", why, "Name another file with --output.")
 
 
 def _check_name(path: Path) -> None:
@@ -174,9 +175,13 @@ def _check_numbers(order: Order) -> None:
             hint="Give volts; leave it away where the actuator had been cycled over the range of the record.",
             code="E2021",
         )
-    if order.delay_s is not None and not 0.0 <= order.delay_s <= LONGEST_DELAY_S:
+    if order.delay_s is None:
+        return
+    from edmctl.actuator.identification import LONGEST_FIXED_DELAY_S
+
+    if not 0.0 <= order.delay_s <= LONGEST_FIXED_DELAY_S:
         raise UsageError(
-            f"--delay {order.delay_s:g} s does not lie between 0 and {LONGEST_DELAY_S:g} s.",
+            f"--delay {order.delay_s:g} s does not lie between 0 and {LONGEST_FIXED_DELAY_S:g} s.",
             hint="Give seconds; leave it away to have it found.",
             code="E2022",
         )
@@ -214,9 +219,25 @@ def _read(
     doubts: list[Diagnostic] = []
     for path, previous_v in zip(paths, histories, strict=True):
         record = read_record(path, previous_v)
+        columns = {"t_s": record.t_s, "u_V": record.u_v, "y_um": record.y_um}
+        _refuse_huge(path, columns, "E3612")
         doubts += doubtful(check_record(record), "W3610")
         found.append(Given(path, record))
     return tuple(found), doubts
+
+
+def _refuse_huge(path: Path, columns: dict[str, NDArray[np.float64]], code: str) -> None:
+    """Raise RecordError for numbers that nothing can have measured; what is not finite is refused elsewhere."""
+    for name, values in columns.items():
+        huge = (abs(values) > LARGEST) & (abs(values) < math.inf)
+        if huge.any():
+            first = int(huge.argmax())
+            raise RecordError(
+                f"{path.name}: {huge.sum()} of {len(values)} values of {name} cannot have been measured, the first, "
+                f"{values[first]:g}, at sample {first + 1}.",
+                hint="Leave out the samples where the instrument gave no number, or repair the recording.",
+                code=code,
+            )
 
 
 def _lever(path: Path) -> LeverFound:
@@ -225,6 +246,7 @@ def _lever(path: Path) -> LeverFound:
     from edmctl.record.columns import read_lever
 
     x_um, z_um = read_lever(path)
+    _refuse_huge(path, {"x_um": x_um, "z_um": z_um}, "E3622")
     try:
         lever = lever_factor(x_um, z_um)
     except RecordError as error:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Protocol
 
+from edmctl.console.model_errors import MODEL_NAMES, ErrorsView
 from edmctl.console.style import PLAIN, Style
 from edmctl.console.tables import render_columns
 from edmctl.console.text import decimal
@@ -12,29 +13,13 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
 
-class ModelErrorsView(Protocol):
-    """Largest and root-mean-square error of one model, in µm and in percent of the stroke."""
-
-    @property
-    def max_um(self) -> float: ...
-    @property
-    def rms_um(self) -> float: ...
-    @property
-    def max_pct(self) -> float: ...
-    @property
-    def rms_pct(self) -> float: ...
-
-
 class WaveformView(Protocol):
-    """One waveform and the errors of every model on it."""
+    """One waveform and the errors of every model on it, in percent of the stroke."""
 
     @property
     def name(self) -> str: ...
     @property
-    def models(self) -> Mapping[str, ModelErrorsView]: ...
-
-
-MODEL_NAMES = {"line": "straight line", "paper": "Maxwell, no creep", "ours": "edmctl"}
+    def models(self) -> Mapping[str, ErrorsView]: ...
 
 
 def render_actuator(waveforms: Sequence[WaveformView], stroke_um: float, style: Style = PLAIN) -> str:

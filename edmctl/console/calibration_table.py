@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Protocol
 
+from edmctl.console.model_errors import MODEL_NAMES, ErrorsView
 from edmctl.console.style import PLAIN, Style
 from edmctl.console.tables import render_columns
 from edmctl.console.text import count, decimal, duration
@@ -11,8 +12,6 @@ from edmctl.console.text import count, decimal, duration
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-MODEL_NAMES = {"line": "straight line", "maxwell": "Maxwell, no creep"}
-OURS = "edmctl"
 U95 = 1.96
 """Half-width of a 95 % interval, in standard uncertainties."""
 SMALL_RANGE_UM = 100.0
@@ -20,17 +19,9 @@ SMALL_RANGE_UM = 100.0
 _NAME_WIDTH = 15
 
 
-class FiguresView(Protocol):
-    """Largest and RMS error, in µm and in percent of the range that was measured."""
+class FiguresView(ErrorsView, Protocol):
+    """Errors with the range that was measured, which their percentages are of."""
 
-    @property
-    def max_um(self) -> float: ...
-    @property
-    def rms_um(self) -> float: ...
-    @property
-    def max_pct(self) -> float: ...
-    @property
-    def rms_pct(self) -> float: ...
     @property
     def range_um(self) -> float: ...
 
@@ -173,7 +164,7 @@ def render_plan(plan: PlanView, style: Style = PLAIN) -> str:
 
 
 def _models(baselines: Mapping[str, FiguresView], ours: FiguresView) -> list[tuple[str, FiguresView]]:
-    return [*((MODEL_NAMES[key], figures) for key, figures in baselines.items()), (OURS, ours)]
+    return [*((MODEL_NAMES[key], figures) for key, figures in baselines.items()), (MODEL_NAMES["ours"], ours)]
 
 
 def _errors(title: str, rows: Sequence[tuple[str, FiguresView]], style: Style) -> str:

@@ -143,6 +143,7 @@ def _replace(path: Path, content: bytes) -> None:
 
 def _read(path: Path) -> tuple[Source, TomlTable]:
     try:
+        _refuse_endless(path)
         source = read_source(path)
     except (ProfileError, ValueError) as error:
         hint = f"Check the path, or make the file: edmctl calibrate --output {path}."
@@ -153,6 +154,12 @@ def _read(path: Path) -> tuple[Source, TomlTable]:
     except ProfileError as error:
         what = f"{path} is no calibration file: {error.message}"
         raise RecordError(f"{what}.", hint=AGAIN, code="E3641", where=error.where) from error
+
+
+def _refuse_endless(path: Path) -> None:
+    """Raise ValueError for pipes, devices and sockets: reading one may never end."""
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise ValueError("it is a pipe, a device or a socket, not a file")
 
 
 def _check_schema(path: Path, source: Source, table: TomlTable) -> None:

@@ -56,3 +56,76 @@ class Job:
     sites: tuple[Site, ...] = (Site(),)
     time_s: float = 1141.0
     tool_wear_total_um: float = 70.03
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    max_um: float = 2.26
+    rms_um: float = 0.438
+    max_pct: float = 0.5
+    rms_pct: float = 0.097
+    range_um: float = 451.3
+    name: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Bands:
+    displacement_sd_um: float = 0.1
+    displacement_sd_max_um: float = 0.4
+    gain_um_per_v: float = 2.975
+    gain_sd_um_per_v: float = 0.001
+    loop_width: float = 0.125
+    loop_width_sd: float = 0.001
+    gamma_per_decade: float = 0.028
+    gamma_sd_per_decade: float = 0.0005
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    stroke_um: float = 446.25
+    delay_s: float = 0.0006
+    low_v: float = 0.0
+    high_v: float = 150.0
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    model: Model = field(default_factory=Model)
+    bands: Bands = field(default_factory=Bands)
+    problems: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+BASELINES = {"line": Figures(44.07, 16.39, 9.77, 3.63), "maxwell": Figures(26.29, 4.92, 5.83, 1.09)}
+
+
+@dataclass(frozen=True, slots=True)
+class Findings:
+    identification: Found = field(default_factory=Found)
+    train: Figures = field(default_factory=Figures)
+    held_out: Figures = field(default_factory=Figures)
+    held_out_baselines: dict[str, Figures] = field(default_factory=lambda: BASELINES)
+    validated: Figures | None = None
+    validated_baselines: dict[str, Figures] = field(default_factory=dict)
+    files: tuple[Figures, ...] = ()
+    refit: tuple[str, ...] = ("zero",)
+
+
+@dataclass(frozen=True, slots=True)
+class Lever:
+    factor: float = 18.02
+    u95: float = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Leg:
+    u_v: float
+    duration_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    legs: tuple[Leg, ...] = (Leg(150.0, 2.0), Leg(0.0, 0.5))
+    high_v: float = 150.0
+    duration_s: float = 62.0
+    samples: int = 12400

@@ -187,6 +187,17 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path: Path, name: str) -> None:
     assert refused(tmp_path / name).code == "E3640"
 
 
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.toml")
+    for path in (tmp_path / "pipe.toml", Path(os.devnull)):
+        error = refused(path)
+        assert (error.code, "a pipe, a device or a socket" in error.message) == ("E3640", True)
+
+
+def test_a_folder_is_no_file(tmp_path: Path) -> None:
+    assert "Is a directory" in refused(tmp_path).message
+
+
 def test_a_file_that_is_no_toml_is_named_with_its_place(tmp_path: Path) -> None:
     (tmp_path / "c.toml").write_text("schema = \nx", encoding="utf-8")
     error = refused(tmp_path / "c.toml")
