@@ -27,7 +27,9 @@ from edmctl.link.session import Session
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-HELLO = HelloReply(PROTO_MAJOR, PROTO_MINOR, 0, SCHEMA_HASH, 0, 0, 0, 0, "", 0, 1000, 1000, 1, 1, 0, 0, 1)
+HELLO = HelloReply(
+    PROTO_MAJOR, PROTO_MINOR, 0, SCHEMA_HASH, 0, 0, 0, 0, "", 0, 1000, 1000, 1, 1, 0, 0, 1, 0, 0
+)
 
 
 class Echo:
@@ -35,7 +37,7 @@ class Echo:
 
     def __init__(self) -> None:
         self.name = "echo"
-        self.simulated = True
+        self.live = False
         self._clock_s = 0.0
         self._decoder = FrameDecoder()
         self._out = b""

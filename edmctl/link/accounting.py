@@ -3,6 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from edmctl.link.clock import ClockLine
+    from edmctl.link.messages import HeartbeatReply
+    from edmctl.link.roundtrip import RoundTrips
 
 _WRAP_32 = 1 << 32
 
@@ -19,9 +25,53 @@ class Statistics:
     unknown_types: int = 0
     malformed: int = 0
     repeated_events: int = 0
+    retries: int = 0
+    bytes_received: int = 0
     heartbeats_sent: int = 0
     heartbeats_answered: int = 0
     lost_frames: dict[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class LinkReport:
+    """How the line did so far.
+
+    `controller_bad_frames` and `controller_dropped_frames` are what the controller threw away of ours, as far as it
+    told. The clock is the controller's against the host's: offset in s, rate as deviation from one in ppm.
+    """
+
+    frames_sent: int
+    frames_received: int
+    bad_frames: int
+    retries: int
+    lost_frames: int
+    controller_bad_frames: int
+    controller_dropped_frames: int
+    rtt_p50_ms: float
+    rtt_p99_ms: float
+    clock_offset_s: float
+    clock_rate_ppm: float
+    clock_residual_us: float
+
+
+def link_report(
+    counts: Statistics, beat: HeartbeatReply | None, round_trips: RoundTrips, line: ClockLine
+) -> LinkReport:
+    """Return the report that these add up to; `beat` is the newest answer to a heartbeat."""
+    return LinkReport(
+        frames_sent=counts.frames_sent,
+        frames_received=counts.frames_received,
+        bad_frames=counts.bad_frames,
+        retries=counts.retries,
+        lost_frames=sum(counts.lost_frames.values()),
+        controller_bad_frames=beat.rx_bad if beat else 0,
+        controller_dropped_frames=beat.rx_drop if beat else 0,
+        rtt_p50_ms=1e3 * round_trips.quantile_s(0.5),
+        rtt_p99_ms=1e3 * round_trips.quantile_s(0.99),
+        clock_offset_s=line.machine_s - line.host_s,
+        clock_rate_ppm=1e6 * (line.rate - 1.0),
+        clock_residual_us=1e6 * line.residual_s,
+    )
 
 
 class ControllerClock:

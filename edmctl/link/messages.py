@@ -1,4 +1,4 @@
-"""Messages of EDM Link 1.1.
+"""Messages of EDM Link 1.2.
 
 Made from edmlink1.toml by `python -m edmctl.link.generate`; edit that file, not this one.
 Fields carry physical values; the comment beside each says type and size of one count on the wire.
@@ -30,14 +30,18 @@ if TYPE_CHECKING:
     import numpy as np
 
 PROTO_MAJOR = 1
-PROTO_MINOR = 1
-SCHEMA_HASH = 0x013CF4A4
+PROTO_MINOR = 2
+SCHEMA_HASH = 0xF7241EA0
 
 _HELLO = Struct("<BBII")
-_HELLO_REPLY = Struct("<BBIIBBBI12sHHHBIBHB")
+_HELLO_REPLY = Struct("<BBIIBBBI12sHHHBIBHBBI")
 _HEARTBEAT = Struct("<QH")
 _HEARTBEAT_REPLY = Struct("<QQBHHH")
-_GET_STATUS_REPLY = Struct("<BHHiiiiHHhH")
+_GET_SCHEMA = Struct("<H")
+_GET_SCHEMA_REPLY = Struct("<HB")
+_ADVANCE = Struct("<I")
+_ADVANCE_REPLY = Struct("<Q")
+_GET_STATUS_REPLY = Struct("<BHHiiiiHHhHhB")
 _ARM = Struct("<I")
 _CLEAR_FAULT = Struct("<H")
 _SET_PARAM = Struct("<Hi")
@@ -53,6 +57,9 @@ _TOUCH_OFF = Struct("<IiIiIHB")
 _PULSE_CONFIG = Struct("<IIHHBI")
 _PULSE_ENABLE = Struct("<B")
 _TLM_START = Struct("<HBB")
+_BLACKBOX_READ = Struct("<H")
+_BLACKBOX_READ_REPLY = Struct("<HIB")
+_REBOOT = Struct("<I")
 _TLM = Struct("<HIHBB")
 _EVENT = Struct("<HIHiiH")
 _FAULT = Struct("<HIHiiH")
@@ -148,8 +155,24 @@ class EventCode(IntEnum):
     TOUCH_DONE = 7
     TIME_UP = 8
     STOPPED = 9
-    SHORT_BEGAN = 10
-    SHORT_CLEARED = 11
+    TEST_DONE = 10
+
+
+class ResetCause(IntEnum):
+    """Why the controller started."""
+
+    POWER_ON = 0
+    COMMANDED = 1
+    WATCHDOG = 2
+    BROWN_OUT = 3
+    EXTERNAL = 4
+
+
+class Clock(IntEnum):
+    """What the controller's time follows: a clock as on every board, or the host's ADVANCE (simulated ones only)."""
+
+    RUNNING = 0
+    DRIVEN = 1
 
 
 class TlmFlags(IntFlag):
@@ -223,9 +246,11 @@ class HelloReply:
     tlm_max_hz: int  # u16 Hz
     rx_window: int  # u8: commands that may be outstanding
     boot_count: int  # u32
-    reset_cause: int  # u8
+    reset_cause: int  # u8: ResetCause
     fault: int  # u16: latched fault, 0 = none
     state: int  # u8: State
+    clock: int  # u8: Clock
+    baud: int  # u32 Bd: of the line, 0 = the line has none
 
     def pack(self) -> bytes:
         try:
@@ -247,14 +272,16 @@ class HelloReply:
                 self.reset_cause,
                 self.fault,
                 self.state,
+                self.clock,
+                self.baud,
             )
         except MISFIT as error:
             raise misfit(self, error) from None
 
     @classmethod
     def unpack(cls, payload: bytes) -> Self:
-        if len(payload) != 44:
-            raise wrong_length("HELLO_REPLY", 44, len(payload))
+        if len(payload) != 49:
+            raise wrong_length("HELLO_REPLY", 49, len(payload))
         (
             proto_major,
             proto_minor,
@@ -273,6 +300,8 @@ class HelloReply:
             reset_cause,
             fault,
             state,
+            clock,
+            baud,
         ) = _HELLO_REPLY.unpack(payload)
         return cls(
             proto_major,
@@ -292,6 +321,8 @@ class HelloReply:
             reset_cause,
             fault,
             state,
+            clock,
+            baud,
         )
 
 
@@ -356,6 +387,110 @@ class HeartbeatReply:
 
 
 @dataclass(frozen=True, slots=True)
+class GetSchema:
+    """Part of the canonical schema from `offset` on: JSON compressed with zlib. This layout never changes, so
+    that hosts of any version can tell what differs.
+    """
+
+    ID: ClassVar[int] = 0x03
+    NAME: ClassVar[str] = "GET_SCHEMA"
+
+    offset: int  # u16: bytes
+
+    def pack(self) -> bytes:
+        try:
+            return _GET_SCHEMA.pack(self.offset)
+        except MISFIT as error:
+            raise misfit(self, error) from None
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> Self:
+        if len(payload) != 2:
+            raise wrong_length("GET_SCHEMA", 2, len(payload))
+        return cls(*_GET_SCHEMA.unpack(payload))
+
+    def unpack_reply(self, payload: bytes) -> GetSchemaReply:
+        return GetSchemaReply.unpack(payload)
+
+
+@dataclass(frozen=True, slots=True)
+class GetSchemaReply:
+    """Reply to GET_SCHEMA."""
+
+    ID: ClassVar[int] = 0x03
+    NAME: ClassVar[str] = "GET_SCHEMA_REPLY"
+
+    total: int  # u16: bytes of the whole
+    n: int  # u8: bytes in this reply, 0 behind the end
+    records: bytes  # n × 1 bytes, see RECORD_FIELDS
+
+    def pack(self) -> bytes:
+        try:
+            return _GET_SCHEMA_REPLY.pack(self.total, self.n) + checked_records(self.records, self.n, 1, 243)
+        except MISFIT as error:
+            raise misfit(self, error) from None
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> Self:
+        if len(payload) < 3:
+            raise wrong_length("GET_SCHEMA_REPLY", 3, len(payload))
+        if len(payload) != 3 + 1 * payload[2]:
+            raise wrong_length("GET_SCHEMA_REPLY", 3 + 1 * payload[2], len(payload))
+        total, n = _GET_SCHEMA_REPLY.unpack_from(payload)
+        return cls(total, n, payload[3:])
+
+
+@dataclass(frozen=True, slots=True)
+class Advance:
+    """Lets time pass on a controller whose Clock is DRIVEN, until it has something to send that cannot wait,
+    at most timeout_us. What it has to send goes before the reply. Other controllers answer UNKNOWN_TYPE.
+    Never retried.
+    """
+
+    ID: ClassVar[int] = 0x05
+    NAME: ClassVar[str] = "ADVANCE"
+
+    timeout_us: int  # u32 us
+
+    def pack(self) -> bytes:
+        try:
+            return _ADVANCE.pack(self.timeout_us)
+        except MISFIT as error:
+            raise misfit(self, error) from None
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> Self:
+        if len(payload) != 4:
+            raise wrong_length("ADVANCE", 4, len(payload))
+        return cls(*_ADVANCE.unpack(payload))
+
+    def unpack_reply(self, payload: bytes) -> AdvanceReply:
+        return AdvanceReply.unpack(payload)
+
+
+@dataclass(frozen=True, slots=True)
+class AdvanceReply:
+    """Reply to ADVANCE."""
+
+    ID: ClassVar[int] = 0x05
+    NAME: ClassVar[str] = "ADVANCE_REPLY"
+
+    t_dev_us: int  # u64 us: controller time
+
+    def pack(self) -> bytes:
+        try:
+            return _ADVANCE_REPLY.pack(self.t_dev_us)
+        except MISFIT as error:
+            raise misfit(self, error) from None
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> Self:
+        if len(payload) != 8:
+            raise wrong_length("ADVANCE_REPLY", 8, len(payload))
+        return cls(*_ADVANCE_REPLY.unpack(payload))
+
+
+@dataclass(frozen=True, slots=True)
 class GetStatus:
     """Everything the controller can see now."""
 
@@ -393,6 +528,8 @@ class GetStatusReply:
     gap_v: float  # u16 × 0.005 V: filtered mean gap voltage
     temperature_c: float  # i16 × 0.1 degC: dielectric
     flow_lpm: float  # u16 × 0.01 L/min: dielectric
+    monitor_v: float  # i16 × 0.01 V: voltage monitor of the actuator's amplifier
+    flags: int  # u8: TlmFlags
 
     def pack(self) -> bytes:
         try:
@@ -408,14 +545,16 @@ class GetStatusReply:
                 round(self.gap_v * 200),
                 round(self.temperature_c * 10),
                 round(self.flow_lpm * 100),
+                round(self.monitor_v * 100),
+                self.flags,
             )
         except MISFIT as error:
             raise misfit(self, error) from None
 
     @classmethod
     def unpack(cls, payload: bytes) -> Self:
-        if len(payload) != 29:
-            raise wrong_length("GET_STATUS_REPLY", 29, len(payload))
+        if len(payload) != 32:
+            raise wrong_length("GET_STATUS_REPLY", 32, len(payload))
         (
             state,
             fault,
@@ -428,6 +567,8 @@ class GetStatusReply:
             gap_v,
             temperature_c,
             flow_lpm,
+            monitor_v,
+            flags,
         ) = _GET_STATUS_REPLY.unpack(payload)
         return cls(
             state,
@@ -441,6 +582,8 @@ class GetStatusReply:
             gap_v / 200,
             temperature_c / 10,
             flow_lpm / 100,
+            monitor_v / 100,
+            flags,
         )
 
 
@@ -790,6 +933,43 @@ class StageMoveReply:
 
 
 @dataclass(frozen=True, slots=True)
+class StageStop:
+    """Stops a stage that moves; GET_STATUS tells where. Ends with STOPPED."""
+
+    ID: ClassVar[int] = 0x12
+    NAME: ClassVar[str] = "STAGE_STOP"
+
+    def pack(self) -> bytes:
+        return b""
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> Self:
+        if payload:
+            raise wrong_length("STAGE_STOP", 0, len(payload))
+        return cls()
+
+    def unpack_reply(self, payload: bytes) -> StageStopReply:
+        return StageStopReply.unpack(payload)
+
+
+@dataclass(frozen=True, slots=True)
+class StageStopReply:
+    """Reply to STAGE_STOP."""
+
+    ID: ClassVar[int] = 0x12
+    NAME: ClassVar[str] = "STAGE_STOP_REPLY"
+
+    def pack(self) -> bytes:
+        return b""
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> Self:
+        if payload:
+            raise wrong_length("STAGE_STOP_REPLY", 0, len(payload))
+        return cls()
+
+
+@dataclass(frozen=True, slots=True)
 class Approach:
     """Pulses on, actuator advances until the filtered mean gap voltage falls to gap_ref_v. Ends with
     APPROACH_DONE, pulses off, tool held.
@@ -1059,6 +1239,46 @@ class TouchOffReply:
 
 
 @dataclass(frozen=True, slots=True)
+class SelfTest:
+    """Tests the gap sensor with the tool retracted: the mean gap voltage must be zero with the generator off,
+    and duty x open voltage with it on, within test_error of the latter; else fault 3003. ARMED with the
+    actuator at 0 V and pulses enabled; ends with TEST_DONE.
+    """
+
+    ID: ClassVar[int] = 0x1D
+    NAME: ClassVar[str] = "SELF_TEST"
+
+    def pack(self) -> bytes:
+        return b""
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> Self:
+        if payload:
+            raise wrong_length("SELF_TEST", 0, len(payload))
+        return cls()
+
+    def unpack_reply(self, payload: bytes) -> SelfTestReply:
+        return SelfTestReply.unpack(payload)
+
+
+@dataclass(frozen=True, slots=True)
+class SelfTestReply:
+    """Reply to SELF_TEST."""
+
+    ID: ClassVar[int] = 0x1D
+    NAME: ClassVar[str] = "SELF_TEST_REPLY"
+
+    def pack(self) -> bytes:
+        return b""
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> Self:
+        if payload:
+            raise wrong_length("SELF_TEST_REPLY", 0, len(payload))
+        return cls()
+
+
+@dataclass(frozen=True, slots=True)
 class PulseConfig:
     """Sets the generator. Pulses must be off."""
 
@@ -1253,6 +1473,107 @@ class TlmStopReply:
 
 
 @dataclass(frozen=True, slots=True)
+class BlackboxRead:
+    """Servo samples of every millisecond up to the latched fault, frozen by it, oldest first. Without a
+    fault: up to now. Samples are those of TLM.
+    """
+
+    ID: ClassVar[int] = 0x30
+    NAME: ClassVar[str] = "BLACKBOX_READ"
+
+    offset: int  # u16: samples
+
+    def pack(self) -> bytes:
+        try:
+            return _BLACKBOX_READ.pack(self.offset)
+        except MISFIT as error:
+            raise misfit(self, error) from None
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> Self:
+        if len(payload) != 2:
+            raise wrong_length("BLACKBOX_READ", 2, len(payload))
+        return cls(*_BLACKBOX_READ.unpack(payload))
+
+    def unpack_reply(self, payload: bytes) -> BlackboxReadReply:
+        return BlackboxReadReply.unpack(payload)
+
+
+@dataclass(frozen=True, slots=True)
+class BlackboxReadReply:
+    """Reply to BLACKBOX_READ."""
+
+    ID: ClassVar[int] = 0x30
+    NAME: ClassVar[str] = "BLACKBOX_READ_REPLY"
+
+    total: int  # u16: samples held, at most 2048
+    t0_us: int  # u32 us: time of the first sample of this reply, modulo 2^32
+    n: int  # u8: samples in this reply, 0 behind the end
+    records: bytes  # n × 16 bytes, see RECORD_FIELDS
+
+    def pack(self) -> bytes:
+        try:
+            return _BLACKBOX_READ_REPLY.pack(
+                self.total,
+                self.t0_us,
+                self.n,
+            ) + checked_records(self.records, self.n, 16, 239)
+        except MISFIT as error:
+            raise misfit(self, error) from None
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> Self:
+        if len(payload) < 7:
+            raise wrong_length("BLACKBOX_READ_REPLY", 7, len(payload))
+        if len(payload) != 7 + 16 * payload[6]:
+            raise wrong_length("BLACKBOX_READ_REPLY", 7 + 16 * payload[6], len(payload))
+        total, t0_us, n = _BLACKBOX_READ_REPLY.unpack_from(payload)
+        return cls(total, t0_us, n, payload[7:])
+
+
+@dataclass(frozen=True, slots=True)
+class Reboot:
+    """Restarts the controller as a reset does, after the reply; BOOT follows. Refused while armed."""
+
+    ID: ClassVar[int] = 0x3F
+    NAME: ClassVar[str] = "REBOOT"
+
+    magic: int  # u32: 0x0B007EDB
+
+    def pack(self) -> bytes:
+        try:
+            return _REBOOT.pack(self.magic)
+        except MISFIT as error:
+            raise misfit(self, error) from None
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> Self:
+        if len(payload) != 4:
+            raise wrong_length("REBOOT", 4, len(payload))
+        return cls(*_REBOOT.unpack(payload))
+
+    def unpack_reply(self, payload: bytes) -> RebootReply:
+        return RebootReply.unpack(payload)
+
+
+@dataclass(frozen=True, slots=True)
+class RebootReply:
+    """Reply to REBOOT."""
+
+    ID: ClassVar[int] = 0x3F
+    NAME: ClassVar[str] = "REBOOT_REPLY"
+
+    def pack(self) -> bytes:
+        return b""
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> Self:
+        if payload:
+            raise wrong_length("REBOOT_REPLY", 0, len(payload))
+        return cls()
+
+
+@dataclass(frozen=True, slots=True)
 class Tlm:
     """Servo samples. counter counts frames, so gaps are exact."""
 
@@ -1298,7 +1619,8 @@ class Event:
     event_no: int  # u16
     t_us: int  # u32 us: modulo 2^32
     code: int  # u16: EventCode
-    arg: int  # i32: TOUCH: number of the touch; otherwise 0
+    # i32: TOUCH: number of the touch; TEST_DONE: mean gap voltage with the generator on, mV; otherwise 0
+    arg: int
     # i32 × 0.001 um: TOUCH: mean of the sensor while hunting; otherwise the sensor now
     displacement_um: float
     actuator_v: float  # u16 × 0.0025 V: TOUCH: peak command at first contact
@@ -1390,7 +1712,7 @@ class Boot:
     ID: ClassVar[int] = 0x84
     NAME: ClassVar[str] = "BOOT"
 
-    reset_cause: int  # u8
+    reset_cause: int  # u8: ResetCause
     boot_count: int  # u32
 
     def pack(self) -> bytes:
@@ -1483,6 +1805,8 @@ class Pulses:
 REQUESTS: dict[int, type[Message]] = {
     0x01: Hello,
     0x02: Heartbeat,
+    0x03: GetSchema,
+    0x05: Advance,
     0x04: GetStatus,
     0x08: Arm,
     0x09: Disarm,
@@ -1492,21 +1816,27 @@ REQUESTS: dict[int, type[Message]] = {
     0x0D: CommitProfile,
     0x10: PiezoSet,
     0x11: StageMove,
+    0x12: StageStop,
     0x18: Approach,
     0x19: ServoStart,
     0x1A: ServoStop,
     0x1B: Jump,
     0x1C: TouchOff,
+    0x1D: SelfTest,
     0x20: PulseConfig,
     0x21: PulseEnable,
     0x28: TlmStart,
     0x29: TlmStop,
+    0x30: BlackboxRead,
+    0x3F: Reboot,
 }
 """Commands by id."""
 
 REPLIES: dict[int, type[Message]] = {
     0x01: HelloReply,
     0x02: HeartbeatReply,
+    0x03: GetSchemaReply,
+    0x05: AdvanceReply,
     0x04: GetStatusReply,
     0x08: ArmReply,
     0x09: DisarmReply,
@@ -1516,15 +1846,19 @@ REPLIES: dict[int, type[Message]] = {
     0x0D: CommitProfileReply,
     0x10: PiezoSetReply,
     0x11: StageMoveReply,
+    0x12: StageStopReply,
     0x18: ApproachReply,
     0x19: ServoStartReply,
     0x1A: ServoStopReply,
     0x1B: JumpReply,
     0x1C: TouchOffReply,
+    0x1D: SelfTestReply,
     0x20: PulseConfigReply,
     0x21: PulseEnableReply,
     0x28: TlmStartReply,
     0x29: TlmStopReply,
+    0x30: BlackboxReadReply,
+    0x3F: RebootReply,
 }
 """Replies by the id of their command; on the wire the type is id | 0x40."""
 
@@ -1540,18 +1874,35 @@ UNSOLICITED: dict[int, type[Message]] = {
 """What the controller sends by itself, by id."""
 
 FIELD_ENUMS: dict[tuple[str, str], type[IntEnum | IntFlag]] = {
+    ("HELLO_REPLY", "reset_cause"): ResetCause,
     ("HELLO_REPLY", "state"): State,
+    ("HELLO_REPLY", "clock"): Clock,
     ("HEARTBEAT_REPLY", "state"): State,
     ("GET_STATUS_REPLY", "state"): State,
     ("GET_STATUS_REPLY", "interlocks"): Interlocks,
+    ("GET_STATUS_REPLY", "flags"): TlmFlags,
     ("STAGE_MOVE", "axis"): Axis,
     ("PULSE_CONFIG", "mode"): PulseMode,
     ("TLM_START", "pulse_log"): PulseLog,
     ("EVENT", "code"): EventCode,
+    ("BOOT", "reset_cause"): ResetCause,
 }
 """Enumeration of a field, by message name and field name."""
 
 RECORD_FIELDS: dict[str, tuple[tuple[str, str], ...]] = {
+    "GetSchemaReply": (("data", "u1"),),
+    "BlackboxReadReply": (
+        ("displacement_um", "<i4"),
+        ("actuator_v", "<u2"),
+        ("gap_v", "<u2"),
+        ("current_a", "<u2"),
+        ("n_normal", "u1"),
+        ("n_arc", "u1"),
+        ("n_short", "u1"),
+        ("n_open", "u1"),
+        ("state", "u1"),
+        ("flags", "u1"),
+    ),
     "Tlm": (
         ("displacement_um", "<i4"),
         ("actuator_v", "<u2"),
@@ -1577,6 +1928,19 @@ RECORD_FIELDS: dict[str, tuple[tuple[str, str], ...]] = {
 """Fields of one record, in wire order, as numpy reads them."""
 
 RECORD_SCALES: dict[str, dict[str, float]] = {
+    "GetSchemaReply": {"data": 1},
+    "BlackboxReadReply": {
+        "displacement_um": 0.001,
+        "actuator_v": 0.0025,
+        "gap_v": 0.005,
+        "current_a": 0.001,
+        "n_normal": 1,
+        "n_arc": 1,
+        "n_short": 1,
+        "n_open": 1,
+        "state": 1,
+        "flags": 1,
+    },
     "Tlm": {
         "displacement_um": 0.001,
         "actuator_v": 0.0025,
@@ -1597,7 +1961,7 @@ RECORD_SCALES: dict[str, dict[str, float]] = {
 
 @cache
 def record_dtype(name: str) -> np.dtype[np.void]:
-    """Return the dtype of one record of "Tlm", "PulseBlocks" or "Pulses": packed wire integers."""
+    """Return the dtype of one record of a message in RECORD_FIELDS: packed wire integers."""
     import numpy as np
 
     return np.dtype(list(RECORD_FIELDS[name]))
@@ -1695,6 +2059,59 @@ PARAMS: dict[str, Param] = {
     "dielectric_required": Param(41, "dielectric_required", "", 1, 1, 0, 1, ""),
     "flow_min_lpm": Param(42, "flow_min_lpm", "L/min", 0.001, 0.5, 0, 100, ""),
     "temperature_max_c": Param(43, "temperature_max_c", "degC", 0.001, 30, 0, 100, ""),
+    "monitor_min_v": Param(50, "monitor_min_v", "V", 0.001, -5, -50, 0, "voltage monitor below: fault 2003"),
+    "monitor_max_v": Param(
+        51,
+        "monitor_max_v",
+        "V",
+        0.001,
+        150.5,
+        1,
+        200,
+        "voltage monitor above: fault 2003",
+    ),
+    "track_error": Param(
+        52,
+        "track_error",
+        "",
+        0.0001,
+        0.03,
+        0.001,
+        1,
+        "of 150 V: voltage monitor off the command by more for track_s: fault 2002",
+    ),
+    "track_s": Param(53, "track_s", "s", 0.001, 0.05, 0.001, 10, ""),
+    "misread_pulses": Param(
+        54,
+        "misread_pulses",
+        "",
+        1,
+        50,
+        5,
+        10000,
+        "consecutive discharges at the open voltage: fault 3003",
+    ),
+    "over_current": Param(
+        55,
+        "over_current",
+        "",
+        0.01,
+        1.5,
+        1.05,
+        10,
+        "of the peak current set, or any current in the off-time: fault 3004",
+    ),
+    "bad_frames": Param(
+        56,
+        "bad_frames",
+        "",
+        1,
+        10,
+        2,
+        1000,
+        "frames with a bad check within 1 s while armed: fault 1003",
+    ),
+    "test_error": Param(57, "test_error", "", 0.001, 0.05, 0.001, 1, "SELF_TEST: of duty x open voltage"),
 }
 
 

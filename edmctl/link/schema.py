@@ -188,7 +188,7 @@ def _message(row: Mapping[str, object], enums: set[str]) -> MessageSpec:
     def layout(key: str) -> Layout | None:
         if key not in row:
             return None
-        record = row.get("record", ()) if key == "unsolicited" else ()
+        record = row.get("record", ()) if key != "request" else ()
         return Layout(_fields(row[key], enums), _fields(record, enums))
 
     return MessageSpec(

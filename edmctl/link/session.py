@@ -1,26 +1,29 @@
 """One conversation with one controller: commands and replies, heartbeats, and what the controller reports.
 
-Nothing here runs by itself: bytes are read, heartbeats sent and subscribers called while the caller waits in
-`request`, `pump` or `pump_until`, so that a host that hangs also falls silent.
+Bytes are read and subscribers called only while the caller waits in `request`, `pump` or `pump_until`. Where time
+is virtual, heartbeats are sent there as well; on a live line they have a thread of their own, which falls silent
+when the caller does not come back.
 """
 
 from __future__ import annotations
 
-from collections import deque
 from math import inf
 from random import Random, SystemRandom
+from threading import RLock
 from typing import TYPE_CHECKING, TypeVar
 
 from edmctl.errors import LinkLost, ProtocolMismatch
-from edmctl.link.accounting import ControllerClock, Statistics
+from edmctl.link.accounting import ControllerClock, LinkReport, Statistics, link_report
+from edmctl.link.clock import ClockFit
 from edmctl.link.compatibility import check_hello
-from edmctl.link.frame import ABORT, Frame, FrameDecoder, encode_frame
+from edmctl.link.driven import DrivenLine
+from edmctl.link.frame import ABORT, encode_frame
+from edmctl.link.heartbeat import HeartbeatThread
 from edmctl.link.messages import (
     PROTO_MAJOR,
     PROTO_MINOR,
     SCHEMA_HASH,
-    UNSOLICITED,
-    Boot,
+    Clock,
     Heartbeat,
     HeartbeatReply,
     Hello,
@@ -28,12 +31,17 @@ from edmctl.link.messages import (
     Status,
     TlmStart,
 )
+from edmctl.link.receiver import Receiver
 from edmctl.link.refusal import CommandRefused, refusal
 from edmctl.link.reports import Reports
+from edmctl.link.roundtrip import LONGEST_S, RoundTrips
+from edmctl.link.silence import fell_silent, no_answer, other_host, restarted, unanswered
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from edmctl.link.frame import Frame
+    from edmctl.link.messages import Boot
     from edmctl.link.transport import Transport
     from edmctl.link.wire import Request
 
@@ -41,10 +49,12 @@ __all__ = ["DEADLINE_S", "HEARTBEAT_S", "SILENCE_S", "CommandRefused", "Session"
 
 HEARTBEAT_S = 0.05
 DEADLINE_S = 0.75
-"""Longest wait for the reply to a command."""
+"""Longest wait for the reply to a command, all its repetitions included."""
 SILENCE_S = 0.5
 """A controller that leaves heartbeats unanswered for so long is gone."""
-_REPLY = 0x40
+FIRST_BEATS, FIRST_BEATS_APART_S = 8, 0.02
+"""A live line begins with these, for the clock fit."""
+_LOOK_S = 0.25
 # Waits shorter than this are over; a clock need not be able to move by less.
 _CLOCK_TICK_S = 1e-6
 
@@ -55,17 +65,18 @@ MessageT = TypeVar("MessageT")
 class Session:
     """Commands to and reports from one controller.
 
-    `random_source` chooses the session byte and the nonce. `heartbeat_s` is how often the controller hears
-    from a host that has nothing to say: a line that loses frames wants several within the watchdog's time.
+    `random_source` chooses session byte and nonce. Where time is virtual, an idle host is heard every `heartbeat_s`.
     """
 
     def __init__(
         self, transport: Transport, random_source: Random | None = None, heartbeat_s: float = HEARTBEAT_S
     ) -> None:
-        self.transport = transport
+        self.transport = self._line = transport
         self._heartbeat_s = heartbeat_s
         self._random = random_source or SystemRandom()
         self._reports = Reports()
+        self._writing = RLock()
+        self._pulse: HeartbeatThread | None = None
         self._begin(0)
 
     def _begin(self, session: int) -> None:
@@ -75,39 +86,42 @@ class Session:
         self._hello: HelloReply | None = None
         self._is_open = False
         self._lost: LinkLost | None = None
-        self._seq = 0
-        self._decoder = FrameDecoder(watch_for_abort=False)
-        self._inbox: deque[Frame] = deque()
-        self._waiting: dict[tuple[int, int], Frame | None] = {}
+        self._seq = self._beat_seq = 0
         self._next_beat_s = inf
         self._unanswered_since_s = inf
+        self._moved_s = 0.0
         self._clock = ControllerClock()
+        self._fit = ClockFit()
+        self._round_trips = RoundTrips()
         self._reports.begin(self.statistics)
+        self._receiver = Receiver(session, self.statistics, self._reports, self._on_heartbeat, self._on_boot)
 
-    def open(self) -> HelloReply:
-        """Open a new session.
+    def open(self, patience_s: float = DEADLINE_S) -> HelloReply:
+        """Open a new session; a board that resets when its port is opened needs `patience_s` to come up.
 
         Raises
         ------
         ProtocolMismatch
             The controller speaks another version or has another schema.
         LinkLost
-            Nothing answers.
+            Nothing answers, or something that is no controller.
         """
+        self._end_heartbeats()
+        self.transport = self._line
         self._begin(self._random.randrange(1, 256))
         hello = Hello(PROTO_MAJOR, PROTO_MINOR, self._random.getrandbits(32), SCHEMA_HASH)
-        frame = self._exchange(hello)
-        check_hello(frame.payload, self.transport.name)
+        frame = self._exchange(hello, patience_s)
+        check_hello(frame.payload, self.transport.name, self.request)
         if frame.flags != Status.OK:
             raise refusal(hello.ID, frame)
         reply = _unpack_reply(hello, frame)
         if reply.host_nonce != hello.host_nonce:
-            raise self._lose("The answer to HELLO was meant for another host.", "Close the other program.")
+            raise self._lose(other_host(self.transport.name))
         self._hello = reply
+        if reply.clock == Clock.DRIVEN:
+            self.transport = DrivenLine(self.transport, self._session)
         self._is_open = True
-        self._next_beat_s = self.transport.now_s()
-        if not self.pump_until(lambda: self.last_heartbeat is not None, DEADLINE_S):
-            raise self._lose(*_no_answer("HEARTBEAT", self.transport.name))
+        self._first_heartbeats()
         return reply
 
     @property
@@ -119,6 +133,8 @@ class Session:
 
     def request(self, message: Request[ReplyT]) -> ReplyT:
         """Send a command and return its reply; other messages that come meanwhile reach their subscribers.
+
+        The command is sent again, as the same command, until it is answered: the controller executes it once.
 
         Raises
         ------
@@ -139,18 +155,15 @@ class Session:
         self.pump_until(lambda: False, duration_s)
 
     def pump_until(self, predicate: Callable[[], bool], timeout_s: float) -> bool:
-        """Read and dispatch until `predicate` holds; return False where it does not within `timeout_s`."""
-        end_s = self.transport.now_s() + timeout_s
+        """Read and dispatch until `predicate` holds; False where it did not in `timeout_s` of controller time."""
+        end_s = self.transport.now_s() + timeout_s / self._rate
         while not predicate():
             now_s = self.transport.now_s()
             if end_s - now_s < _CLOCK_TICK_S:
                 return False
-            self._step(now_s, end_s)
-            if now_s - self._unanswered_since_s > SILENCE_S:
-                raise self._lose(
-                    f"The controller at {self.transport.name} fell silent for {SILENCE_S * 1000:.0f} ms.",
-                    "Check cable and supply; the controller has switched the pulses off by itself.",
-                )
+            self._step(now_s, min(end_s, now_s + _LOOK_S))
+            if self.transport.now_s() - self._unanswered_since_s > SILENCE_S:
+                raise self._lose(fell_silent(self.transport.name, SILENCE_S))
         return True
 
     def subscribe(self, message_type: type[MessageT], callback: Callable[[MessageT], None]) -> None:
@@ -161,6 +174,15 @@ class Session:
         """Return controller time in seconds of the 32-bit time that a message just received carries."""
         return self._clock.seconds(t_us)
 
+    def machine_now_s(self) -> float:
+        """Return controller time now, in seconds: by the clock fit on a live line."""
+        host_s = self.transport.now_s()
+        return self._fit.line.at(host_s) if self.transport.live else host_s
+
+    def link_report(self) -> LinkReport:
+        """Return how the line did since the session opened."""
+        return link_report(self.statistics, self.last_heartbeat, self._round_trips, self._fit.line)
+
     def abort(self) -> None:
         """Send the abort run: pulses off and tool retracted, in whatever state line and controller are."""
         self.transport.write(ABORT)
@@ -168,107 +190,114 @@ class Session:
     def close(self) -> None:
         """Give the line back. The controller's watchdog ends whatever still runs."""
         self._is_open = False
+        self._end_heartbeats()
         self.transport.close()
 
-    def _exchange(self, message: Request[ReplyT]) -> Frame:
-        """Send a command once and wait for its reply of any status."""
+    @property
+    def _rate(self) -> float:
+        """Controller seconds per second of the line's clock."""
+        return self._fit.line.rate if self.transport.live else 1.0
+
+    def _first_heartbeats(self) -> None:
+        if self.transport.live:
+            for _ in range(FIRST_BEATS):
+                self._beat(self.transport.now_s())
+                self.pump_until(lambda: False, FIRST_BEATS_APART_S)
+        else:
+            self._next_beat_s = self.transport.now_s()
+        if not self.pump_until(lambda: self.last_heartbeat is not None, DEADLINE_S):
+            raise self._lose(no_answer(self.transport.name, "HEARTBEAT", DEADLINE_S))
+        if self.transport.live:
+            now_s = self.transport.now_s
+            self._pulse = HeartbeatThread(
+                lambda: self._beat(now_s()), lambda: now_s() - self._moved_s, HEARTBEAT_S
+            )
+            self._pulse.start()
+
+    def _end_heartbeats(self) -> None:
+        pulse, self._pulse = self._pulse, None
+        if pulse is not None:
+            pulse.stop()
+
+    def _exchange(self, message: Request[ReplyT], patience_s: float = DEADLINE_S) -> Frame:
+        """Send a command, again and again until its reply of any status comes."""
         if self._lost is not None:
             raise self._lost
-        key = (message.ID | _REPLY, self._send(message.ID, message.pack()))
-        self._waiting[key] = None
-        deadline_s = self.transport.now_s() + DEADLINE_S
+        seq, self._seq = self._seq, (self._seq + 1) & 0xFF
+        payload = message.pack()
+        self._receiver.expect(message.ID, seq)
         try:
-            while (frame := self._waiting[key]) is None:
+            start_s = now_s = self.transport.now_s()
+            deadline_s, wait_s = start_s + patience_s, self._round_trips.timeout_s
+            self._send(message.ID, seq, payload)
+            again_s, repeated = start_s + wait_s, False
+            while (frame := self._receiver.reply(message.ID, seq)) is None:
                 now_s = self.transport.now_s()
                 if deadline_s - now_s < _CLOCK_TICK_S:
-                    raise self._lose(*_no_answer(message.NAME, self.transport.name))
-                self._step(now_s, deadline_s)
+                    raise self._lose(unanswered(self.transport.name, message, patience_s, self.statistics))
+                if again_s - now_s < _CLOCK_TICK_S:
+                    wait_s = min(LONGEST_S, 2.0 * wait_s)
+                    again_s, repeated = now_s + wait_s, True
+                    self.statistics.retries += 1
+                    self._send(message.ID, seq, payload)
+                self._step(now_s, min(deadline_s, again_s))
+            if not repeated:
+                self._round_trips.note(self.transport.now_s() - start_s)
         finally:
-            del self._waiting[key]
+            self._receiver.forget(message.ID, seq)
         return frame
 
-    def _send(self, type_id: int, payload: bytes) -> int:
-        seq = self._seq
-        self._seq = (seq + 1) & 0xFF
-        self.statistics.frames_sent += 1
-        self.transport.write(encode_frame(type_id, seq, self._session, 0, payload))
-        return seq
+    def _send(self, type_id: int, seq: int, payload: bytes) -> None:
+        with self._writing:
+            self.statistics.frames_sent += 1
+            self.transport.write(encode_frame(type_id, seq, self._session, 0, payload))
 
     def _beat(self, now_s: float) -> None:
-        self._send(Heartbeat.ID, Heartbeat(int(now_s * 1e6), self._reports.last_event).pack())
+        with self._writing:
+            seq, self._beat_seq = self._beat_seq, (self._beat_seq + 1) & 0xFF
+            self._send(Heartbeat.ID, seq, Heartbeat(int(now_s * 1e6), self._reports.last_event).pack())
         # A host that was away itself cannot blame the controller for the silence.
         was_away = now_s - self._next_beat_s > self._heartbeat_s
         self._unanswered_since_s = now_s if was_away else min(self._unanswered_since_s, now_s)
-        self._next_beat_s = now_s + self._heartbeat_s
+        if not self.transport.live:
+            self._next_beat_s = now_s + self._heartbeat_s
         self.statistics.heartbeats_sent += 1
 
     def _step(self, now_s: float, until_s: float) -> None:
         """Heartbeat if one is due, then one read that ends before the next is."""
         if self._lost is not None:
             raise self._lost
+        self._moved_s = now_s
         if self._next_beat_s - now_s < _CLOCK_TICK_S:
             self._beat(now_s)
         # A subscriber that raised has left frames behind; they come before new bytes.
-        if not self._inbox:
-            data = self.transport.read(max(min(until_s, self._next_beat_s) - now_s, 0.0))
-            if not data:
-                return
-            self._inbox.extend(self._decoder.feed(data))
-            self.statistics.bad_frames = self._decoder.bad
-        while self._inbox:
-            self._dispatch(self._inbox.popleft())
-
-    def _dispatch(self, frame: Frame) -> None:
-        self.statistics.frames_received += 1
-        kind = frame.type_id
-        if kind == Boot.ID:
-            self._on_boot(frame)
-        elif frame.session != self._session:
-            self.statistics.other_session += 1
-        elif kind == Heartbeat.ID | _REPLY:
-            self._on_heartbeat(frame)
-        elif kind in UNSOLICITED:
-            self._unanswered_since_s = inf
-            self._reports.take(frame)
-        elif (kind, frame.seq) in self._waiting:
-            self._unanswered_since_s = inf
-            self._waiting[kind, frame.seq] = frame
-        elif kind & _REPLY:
-            self.statistics.stray_replies += 1
-        else:
-            self.statistics.unknown_types += 1
-
-    def _on_heartbeat(self, frame: Frame) -> None:
+        if not self._receiver.pending:
+            self._receiver.take(self.transport.read(max(min(until_s, self._next_beat_s) - now_s, 0.0)))
         try:
-            reply = HeartbeatReply.unpack(frame.payload)
-        except ValueError:
-            self.statistics.malformed += 1
-            return
-        self._unanswered_since_s = inf
-        self.statistics.heartbeats_answered += 1
+            self._receiver.dispatch()
+        finally:
+            if self._receiver.heard:
+                self._receiver.heard = False
+                self._unanswered_since_s = inf
+
+    def _on_heartbeat(self, reply: HeartbeatReply) -> None:
         self.last_heartbeat = reply
         self._clock.note(reply.t_dev_us)
+        if self.transport.live:
+            sent_s, now_s = 1e-6 * reply.t_host_us, self.transport.now_s()
+            self._fit.note(sent_s, now_s, 1e-6 * reply.t_dev_us)
+            self._round_trips.note(now_s - sent_s)
 
-    def _on_boot(self, frame: Frame) -> None:
+    def _on_boot(self, boot: Boot) -> None:
         # A controller that boots because the port was opened says so before it answers HELLO.
-        if not self._is_open:
-            return
-        try:
-            boot = Boot.unpack(frame.payload)
-        except ValueError:
-            self.statistics.malformed += 1
-            return
-        self._reports.take(frame)
-        raise self._lose(
-            f"The controller restarted (reset cause {boot.reset_cause}, boot {boot.boot_count}).",
-            "Check the controller's supply; home and measure again before machining.",
-        )
+        if self._is_open:
+            raise self._lose(restarted(self.transport.name, boot))
 
-    def _lose(self, message: str, hint: str) -> LinkLost:
+    def _lose(self, error: LinkLost) -> LinkLost:
         self._is_open = False
         self._next_beat_s = inf
-        self._lost = LinkLost(message, hint=hint)
-        return self._lost
+        self._lost = error
+        return error
 
 
 def _unpack_reply(message: Request[ReplyT], frame: Frame) -> ReplyT:
@@ -278,10 +307,3 @@ def _unpack_reply(message: Request[ReplyT], frame: Frame) -> ReplyT:
         raise ProtocolMismatch(
             f"The controller's reply cannot be read: {error}.", hint="Update the controller's firmware."
         ) from error
-
-
-def _no_answer(name: str, line: str) -> tuple[str, str]:
-    return (
-        f"The controller at {line} did not answer {name} within {DEADLINE_S * 1000:.0f} ms.",
-        "Check that the controller is on and that the cable and the port are the right ones.",
-    )

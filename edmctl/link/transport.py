@@ -8,11 +8,19 @@ from typing import Protocol
 class Transport(Protocol):
     """A byte stream to one controller.
 
-    `name` is what people see in messages; `simulated` is true where no hardware is behind the line.
+    `name` is what people see in messages. `live` is true where `now_s` is the computer's own clock, which goes on
+    whatever the host does; otherwise time passes only while the host reads.
     """
 
-    name: str
-    simulated: bool
+    @property
+    def name(self) -> str:
+        """What people see."""
+        ...
+
+    @property
+    def live(self) -> bool:
+        """Whether time passes by itself."""
+        ...
 
     def write(self, data: bytes) -> None:
         """Send bytes; LinkLost where the line is gone."""

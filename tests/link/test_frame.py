@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edmctl.link.frame import ABORT, MAX_PAYLOAD, Frame, FrameDecoder, encode_frame
+from tests.conformance import wire
 
 byte = st.integers(0, 255)
 frames = st.builds(Frame, byte, byte, byte, byte, st.binary(max_size=MAX_PAYLOAD))
@@ -135,3 +136,40 @@ def test_an_abort_acted_on_does_not_come_back_by_itself() -> None:
     assert not decoder.abort_seen
     decoder.feed(ABORT)
     assert decoder.abort_seen
+
+
+damages = st.tuples(st.integers(0, 3000), st.integers(0, 300), st.binary(max_size=60))
+
+
+@given(st.lists(frames, min_size=1, max_size=8), damages)
+def test_damage_takes_only_what_it_touches(sent: list[Frame], wound: tuple[int, int, bytes]) -> None:
+    """A span is replaced by other bytes: what lies wholly before or behind it arrives, and nothing false does."""
+    parts = list(map(encoded, sent))
+    stream = b"".join(parts)
+    start = wound[0] % (len(stream) + 1)
+    end = min(len(stream), start + wound[1])
+    found = FrameDecoder().feed(stream[:start] + wound[2] + stream[end:])
+    ends = [sum(map(len, parts[: number + 1])) for number in range(len(parts))]
+    whole = [
+        frame
+        for frame, part, last in zip(sent, parts, ends, strict=True)
+        if last <= start or last - len(part) >= end
+    ]
+    remaining = list(found)
+    for frame in whole:
+        remaining.remove(frame)
+    assert all(frame in sent for frame in remaining)
+
+
+@given(st.lists(frames, max_size=4), st.binary(max_size=400), st.lists(st.integers(0, 2000), max_size=8))
+def test_an_independent_decoder_finds_the_same(sent: list[Frame], noise: bytes, cuts: list[int]) -> None:
+    stream = noise.join(map(encoded, sent)) + noise
+    decoder, other = FrameDecoder(), wire.Receiver()
+    found = [f for piece in in_pieces(stream, cuts) for f in decoder.feed(piece)]
+    assert list(map(tuple, found)) == list(map(tuple, other.feed(stream)))
+    assert decoder.bad == len(other.bad)
+
+
+@given(frames)
+def test_an_independent_encoder_sends_the_same_bytes(frame: Frame) -> None:
+    assert encoded(frame) == wire.encode(*frame[:3], frame.payload, frame.flags)

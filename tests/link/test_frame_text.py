@@ -40,8 +40,8 @@ from edmctl.link.render import render
         ),
         (Frame(0x80, 0, 1, 2, b"xx"), "TLM seq=0 session=01 flags=02 payload=7878"),
         (Frame(0xBF, 0, 1, 0, b"\xff"), "UNKNOWN type=bf seq=0 session=01 payload=ff"),
-        (Frame(0x3F, 0, 1, 0, b""), "UNKNOWN type=3f seq=0 session=01"),
-        (Frame(0x7F, 0, 1, 0, b""), "UNKNOWN type=7f seq=0 session=01"),
+        (Frame(0x3E, 0, 1, 0, b""), "UNKNOWN type=3e seq=0 session=01"),
+        (Frame(0x7E, 0, 1, 0, b""), "UNKNOWN type=7e seq=0 session=01"),
     ],
 )
 def test_a_frame_reads_as_name_and_values(frame: Frame, text: str) -> None:
@@ -49,7 +49,7 @@ def test_a_frame_reads_as_name_and_values(frame: Frame, text: str) -> None:
 
 
 def test_enumerations_and_flags_are_named_and_strange_values_kept() -> None:
-    status = GetStatusReply(State.MACHINING, 0, 6, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    status = GetStatusReply(State.MACHINING, 0, 6, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0)
     text = render(Frame(0x44, 0, 1, 0, status.pack()))
     assert "state=MACHINING fault=0 interlocks=DOOR|DIELECTRIC_LEVEL" in text
     pulses = PulseConfig(1.0, 1.0, 40.0, 1.0, 9, 0.0)

@@ -50,7 +50,7 @@ class ScriptedLine:
 
     def __init__(self) -> None:
         self.name = "scripted"
-        self.simulated = True
+        self.live = False
         self.clock_s = 0.0
         self.to_host = b""
         self.received: list[Frame] = []
@@ -59,7 +59,7 @@ class ScriptedLine:
         self.deaf_to: set[int] = set()
         self.answers: dict[int, Callable[[Frame], bytes]] = {}
         self.hello = HelloReply(
-            PROTO_MAJOR, PROTO_MINOR, 0, SCHEMA_HASH, 1, 2, 3, 0, "EDM-1", 0, 1000, 1000, 1, 1, 0, 0, 1
+            PROTO_MAJOR, PROTO_MINOR, 0, SCHEMA_HASH, 1, 2, 3, 0, "EDM-1", 0, 1000, 1000, 1, 1, 0, 0, 1, 0, 0
         )
         self.later: list[tuple[float, bytes]] = []
         self.closed = False
@@ -151,8 +151,20 @@ def test_the_session_byte_is_never_zero_and_follows_the_random_source() -> None:
 
 def test_nobody_answers_hello(line: ScriptedLine) -> None:
     line.deaf_to = {Hello.ID}
-    with pytest.raises(LinkLost, match="scripted did not answer HELLO within 750 ms"):
+    with pytest.raises(LinkLost, match=r"No controller answered at scripted within 1\.5 s") as caught:
+        Session(line).open(1.5)
+    assert caught.value.code == "E4011"
+    assert line.clock_s == pytest.approx(1.5)
+    assert len({(frame.seq, frame.session, frame.payload) for frame in line.sent(Hello)}) == 1
+    assert len(line.sent(Hello)) > 5
+
+
+def test_something_that_is_no_controller_answers_hello(line: ScriptedLine) -> None:
+    line.deaf_to = {Hello.ID}
+    line.to_host = b"Grbl 1.1h ['$' for help]\r\n"
+    with pytest.raises(LinkLost, match="no controller of this kind: 26 bytes came") as caught:
         Session(line).open()
+    assert "edmctl ports" in caught.value.hint
 
 
 def test_an_unopened_session_knows_no_controller(line: ScriptedLine) -> None:
@@ -208,8 +220,17 @@ def test_a_request_returns_its_typed_reply(line: ScriptedLine, session: Session)
 def test_sequence_numbers_count_on_and_wrap(line: ScriptedLine, session: Session) -> None:
     for _ in range(300):
         session.request(PiezoSet(1.0, 1.0))
-    numbers = [frame.seq for frame in line.received]
-    assert numbers == [n % 256 for n in range(len(numbers))]
+    numbers = [frame.seq for frame in line.received if frame.type_id != Heartbeat.ID]
+    assert numbers == [n % 256 for n in range(301)]
+
+
+def test_heartbeats_have_a_count_of_their_own(line: ScriptedLine, session: Session) -> None:
+    session.pump(20.0)
+    beats = line.sent(Heartbeat)
+    assert len(beats) > 300
+    assert [frame.seq for frame in beats] == [n % 256 for n in range(len(beats))]
+    session.request(PiezoSet(1.0, 1.0))
+    assert [frame.seq for frame in line.sent(PiezoSet)] == [1]
 
 
 def test_a_refusal_carries_status_name_and_remedy(line: ScriptedLine, session: Session) -> None:
@@ -273,8 +294,9 @@ def test_a_reply_to_something_else_is_not_taken(line: ScriptedLine, session: Ses
     line.answers[PiezoSet.ID] = answer
     with pytest.raises(LinkLost):
         session.request(PiezoSet(1.0, 1.0))
-    statistics = session.statistics
-    assert (statistics.other_session, statistics.stray_replies) == ((1, 0) if wrong == "session" else (0, 1))
+    statistics, tries = session.statistics, len(line.sent(PiezoSet))
+    strays = (tries, 0) if wrong == "session" else (0, tries)
+    assert (statistics.other_session, statistics.stray_replies) == strays
 
 
 def test_a_reply_that_cannot_be_read_is_a_mismatch(line: ScriptedLine, session: Session) -> None:
@@ -384,14 +406,14 @@ def test_a_restart_of_the_controller_is_a_lost_link(line: ScriptedLine, session:
     causes: list[int] = []
     session.subscribe(Boot, lambda boot: causes.append(boot.reset_cause))
     line.send(Boot(3, 12), session=0)
-    with pytest.raises(LinkLost, match=r"The controller restarted \(reset cause 3, boot 12\)"):
+    with pytest.raises(LinkLost, match=r"scripted restarted: its supply dipped \(boot 12\)"):
         session.pump(1.0)
     assert causes == [3]
 
 
 def test_a_restart_while_a_reply_is_awaited_is_told_as_such(line: ScriptedLine, session: Session) -> None:
     line.answers[PiezoSet.ID] = lambda _: line.frame(Boot(1, 2), session=0)
-    with pytest.raises(LinkLost, match="The controller restarted"):
+    with pytest.raises(LinkLost, match="restarted: somebody restarted it"):
         session.request(PiezoSet(1.0, 1.0))
 
 

@@ -84,7 +84,7 @@ def test_a_value_beyond_its_wire_type_is_refused_with_its_message(volts: float) 
 
 def test_the_edges_of_a_wire_type_pass() -> None:
     assert PiezoSet(163.8375, 4294967.295).pack() == b"\xff" * 6
-    low = GetStatusReply(0, 0, 0, -2147483.648, 0.0, 0.0, 0.0, 0.0, 0.0, -3276.8, 0.0)
+    low = GetStatusReply(0, 0, 0, -2147483.648, 0.0, 0.0, 0.0, 0.0, 0.0, -3276.8, 0.0, -327.68, 0)
     assert GetStatusReply.unpack(low.pack()) == low
 
 
@@ -100,7 +100,7 @@ def test_text_that_does_not_fit_is_refused() -> None:
         Log(1, "é" * 123).pack()
     for serial in ("1234567890123", "é", "a\0b"):
         with pytest.raises(ValueError, match="does not fit"):
-            replace(HelloReply.unpack(bytes(44)), serial=serial).pack()
+            replace(HelloReply.unpack(bytes(49)), serial=serial).pack()
 
 
 def test_text_cut_in_the_middle_of_a_letter_is_still_shown() -> None:

@@ -98,5 +98,7 @@ def _params(schema: Schema) -> str:
 
 
 def _faults(faults: Sequence[Mapping[str, object]]) -> str:
-    rows = [[row["code"], row["name"], row["detect"], row["message"], row["hint"]] for row in faults]
-    return _table(["code", "name", "detected by", "what happened", "what to do"], rows)
+    keys = ("code", "name", "who", "detect", "reaction", "pulses_off_s", "message", "hint")
+    rows = [[row[key] for key in keys] for row in faults]
+    head = ["code", "name", "who", "detected by", "reaction", "pulses off within, s", "message", "what to do"]
+    return _table(head, rows)

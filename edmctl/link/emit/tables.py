@@ -32,7 +32,7 @@ _RECORD_DTYPE = '''
 
 @cache
 def record_dtype(name: str) -> np.dtype[np.void]:
-    """Return the dtype of one record of "Tlm", "PulseBlocks" or "Pulses": packed wire integers."""
+    """Return the dtype of one record of a message in RECORD_FIELDS: packed wire integers."""
     import numpy as np
 
     return np.dtype(list(RECORD_FIELDS[name]))
@@ -80,13 +80,14 @@ _NUMPY_CODES = {"u8": "u1", "i8": "i1", "u16": "<u2", "i16": "<i2", "u32": "<u4"
 def record_tables(schema: Schema) -> str:
     """Return the tables of record fields and scales, and record_dtype."""
     fields, scales = [], []
-    for message in schema.messages:
-        if message.unsolicited is not None and message.unsolicited.record:
-            record = message.unsolicited.record
-            rows = [f'("{f.name}", "{_NUMPY_CODES[f.type]}")' for f in record]
-            values = [f'"{f.name}": {f.scale:g}' for f in record]
-            fields.append(call(INDENT, f'"{message.class_name}": (', rows, "),"))
-            scales.append(call(INDENT, f'"{message.class_name}": {{', values, "},"))
+    for name, layout in schema.layouts():
+        if layout.record:
+            class_name = "".join(word.capitalize() for word in name.split("_"))
+            rows = [f'("{f.name}", "{_NUMPY_CODES[f.type]}")' for f in layout.record]
+            trailing = "," if len(rows) == 1 else ""
+            values = [f'"{f.name}": {f.scale:g}' for f in layout.record]
+            fields.append(call(INDENT, f'"{class_name}": (', rows, f"{trailing}),"))
+            scales.append(call(INDENT, f'"{class_name}": {{', values, "},"))
     return (
         "\nRECORD_FIELDS: dict[str, tuple[tuple[str, str], ...]] = {\n"
         + "".join(fields)

@@ -1,0 +1,85 @@
+"""A line to a simulated controller whose time stands still except while the host waits.
+
+Every wait becomes an ADVANCE; what the controller sent until then comes back before its reply. So a run over a real
+tty takes no longer than it must, and is the same run every time.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from edmctl.errors import LinkLost
+from edmctl.link.frame import FrameDecoder, encode_frame
+from edmctl.link.messages import Advance, AdvanceReply, Status
+
+if TYPE_CHECKING:
+    from edmctl.link.frame import Frame
+    from edmctl.link.transport import Transport
+
+PATIENCE_S = 20.0
+"""Longest wait, by the computer's clock, for one ADVANCE: the simulator may have to compile itself first."""
+_REPLY = 0x40
+_LEAST_US = 1
+
+
+class DrivenLine:
+    """Wraps a line after HELLO has said that the controller's clock is driven; `session` is that of HELLO."""
+
+    live = False
+
+    def __init__(self, line: Transport, session: int) -> None:
+        self.name = line.name
+        self._line = line
+        self._session = session
+        self._seq = 0
+        self._decoder = FrameDecoder(watch_for_abort=False)
+        self._now_s = 0.0
+        self._failure: LinkLost | None = None
+
+    def write(self, data: bytes) -> None:
+        """Hand bytes to the line."""
+        self._line.write(data)
+
+    def read(self, timeout_s: float) -> bytes:
+        """Let up to `timeout_s` of controller time pass; everything sent meanwhile, ADVANCE's reply included."""
+        return self._advance(max(_LEAST_US, round(timeout_s * 1e6)))
+
+    def now_s(self) -> float:
+        """Return controller time; 0 until the first wait has told it."""
+        return self._now_s
+
+    def close(self) -> None:
+        """Give the line back."""
+        self._line.close()
+
+    def _advance(self, timeout_us: int) -> bytes:
+        if self._failure is not None:
+            raise self._failure
+        seq = self._seq
+        self._seq = (seq + 1) & 0xFF
+        self._line.write(encode_frame(Advance.ID, seq, self._session, 0, Advance(timeout_us).pack()))
+        end_s = self._line.now_s() + PATIENCE_S
+        data = b""
+        while (left_s := end_s - self._line.now_s()) > 0.0:
+            part = self._line.read(left_s)
+            data += part
+            for frame in self._decoder.feed(part):
+                if frame.type_id == Advance.ID | _REPLY and frame.seq == seq:
+                    self._now_s = _time_s(frame, self.name)
+                    return data
+        self._failure = LinkLost(
+            f"The simulated controller at {self.name} did not let time pass within {PATIENCE_S:.0f} s.",
+            hint="See whether `edmctl simulate serve` still runs, and start it again.",
+            code="E4008",
+        )
+        raise self._failure
+
+
+def _time_s(reply: Frame, name: str) -> float:
+    if reply.flags != Status.OK:
+        raise LinkLost(
+            f"The controller at {name} says that its clock is driven, but refuses ADVANCE.",
+            hint="Serve it again with the `edmctl` of this version.",
+            code="E4008",
+        )
+    return AdvanceReply.unpack(reply.payload).t_dev_us * 1e-6

@@ -1,0 +1,158 @@
+"""From a port's name to an open line, or to an error that says what to do."""
+
+from __future__ import annotations
+
+import errno
+import stat
+import sys
+from contextlib import suppress
+from pathlib import Path
+from time import monotonic, sleep
+from typing import TYPE_CHECKING
+
+from edmctl.errors import LinkLost
+from edmctl.link.holder import holder_of
+from edmctl.link.ports import find, listed_ports
+from edmctl.link.serial_line import FAILURES, SerialLine, open_port, reason_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+DEFAULT_BAUD = 500_000
+_LOOK_AGAIN_S = 0.1
+_BUSY = (errno.EAGAIN, errno.EBUSY, errno.EWOULDBLOCK)
+_ABSENT = (errno.ENOENT, errno.ENXIO, errno.ENODEV)
+
+
+class PortBusy(LinkLost):
+    """Another program holds the port."""
+
+    default_code = "E4006"
+
+
+class PortAbsent(LinkLost):
+    """The port is not there."""
+
+    default_code = "E4001"
+
+
+def open_line(
+    url: str, baud: int = DEFAULT_BAUD, wait_s: float = 0.0, say: Callable[[str], None] | None = None
+) -> SerialLine:
+    """Open a serial device or a pyserial URL for this program alone.
+
+    url : device path, COM port, or URL such as socket://HOST:PORT
+    wait_s : a port that is held or not there yet is tried again for so long, after a word to `say`
+
+    Raises LinkLost: PortAbsent E4001, PortBusy E4006, E4002 for what is no port, E4004 without permission.
+    """
+    _check(url)
+    end_s = monotonic() + wait_s
+    told = False
+    while True:
+        try:
+            return SerialLine(url, open_port(url, baud))
+        except FAILURES as failure:
+            error = _explain(url, failure)
+        if not isinstance(error, PortBusy | PortAbsent) or monotonic() >= end_s:
+            raise error
+        if say is not None and not told:
+            told = True
+            say(f"{error.message} Waiting up to {wait_s:g} s.")
+        sleep(min(_LOOK_AGAIN_S, max(0.0, end_s - monotonic())))
+
+
+def open_selector(
+    selector: str,
+    usb_ids: Sequence[str],
+    candidates: Sequence[str],
+    baud: int,
+    hello_s: float,
+    wait_s: float = 0.0,
+    say: Callable[[str], None] | None = None,
+) -> SerialLine:
+    """Open what a selector means: `auto` and `serial:ID` are looked for, and waited for like any other port.
+
+    Raises what `open_line` and `find` raise.
+    """
+    if selector != "auto" and not selector.startswith("serial:"):
+        return open_line(selector, baud, wait_s, say)
+    end_s = monotonic() + wait_s
+    told = False
+    while True:
+        try:
+            url = find(selector, usb_ids, candidates, baud, hello_s)
+            break
+        except LinkLost as error:
+            if error.code != PortAbsent.default_code or monotonic() >= end_s:
+                raise
+            if say is not None and not told:
+                told = True
+                say(f"{error.message} Waiting up to {wait_s:g} s.")
+        sleep(min(_LOOK_AGAIN_S, max(0.0, end_s - monotonic())))
+    return open_line(url, baud, max(0.0, end_s - monotonic()), None if told else say)
+
+
+def _check(url: str) -> None:
+    """Refuse paths of things that are no ports before anything is written to them."""
+    if "://" in url:
+        return
+    with suppress(OSError, ValueError):
+        mode = Path(url).stat().st_mode
+        if not stat.S_ISCHR(mode):
+            kind = (
+                "a folder"
+                if stat.S_ISDIR(mode)
+                else "a plain file"
+                if stat.S_ISREG(mode)
+                else "no serial port"
+            )
+            raise LinkLost(f"{url} is {kind}.", hint=f"Name a serial port. {known_ports()}", code="E4002")
+
+
+def _explain(url: str, failure: Exception) -> LinkLost:
+    number = _number(failure)
+    if number in _BUSY:
+        holder = holder_of(Path(url))
+        by = f" by {holder}" if holder else " by another program"
+        return PortBusy(
+            f"{url} is held{by}.", hint="End the other program, or wait for it with --wait SECONDS."
+        )
+    if number in _ABSENT:
+        return PortAbsent(f"There is no port {url}.", hint=f"{known_ports()} Check the cable and the name.")
+    if number in (errno.EACCES, errno.EPERM):
+        return LinkLost(f"No permission to open {url}.", hint=_permission_hint(url), code="E4004")
+    if number in (errno.ENOTTY, errno.EINVAL) or isinstance(failure, ValueError):
+        return LinkLost(f"{url} is no serial port.", hint=f"Name one. {known_ports()}", code="E4002")
+    reason = reason_of(failure)
+    if isinstance(failure.__context__, TypeError | ValueError | LookupError):
+        return LinkLost(f"{url} is no address.", hint="Say socket://HOST:PORT.", code="E4002")
+    if "://" in url:
+        return PortAbsent(
+            f"Nothing answers at {url}: {reason}.", hint="Check the address, and whether it is served."
+        )
+    return LinkLost(f"Cannot open {url}: {reason}.", hint=f"{known_ports()} Check the cable.", code="E4001")
+
+
+def _number(failure: Exception) -> int | None:
+    """The number of the system's error, which pyserial does not always pass on; termios tells it in `args`."""
+    for cause in (failure, failure.__context__):
+        for number in (getattr(cause, "errno", None), *getattr(cause, "args", ())[:1]):
+            if isinstance(number, int):
+                return number
+    return None
+
+
+def known_ports() -> str:
+    """Return a sentence about the serial ports that this computer has."""
+    names = [port.device for port in listed_ports()]
+    return f"This computer has {', '.join(names)}." if names else "This computer lists no serial ports."
+
+
+def _permission_hint(url: str) -> str:
+    if sys.platform == "linux":
+        return (
+            f"Add yourself to the group of {url}, often dialout (`sudo usermod -aG dialout $USER`, then log in "
+            "again), or install the udev rule docs/70-edmctl.rules."
+        )
+    return "Ask whoever looks after this computer for the right to use the port."

@@ -1,0 +1,189 @@
+"""A line over pyserial: serial ports, ptys, sockets and whatever else pyserial has a URL for.
+
+One thread reads whatever is waiting, so that nothing is lost while the host is busy. All the ways in which a port
+can fail become one `LinkLost`, and a line that failed once stays so.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import socket
+import threading
+from contextlib import suppress
+from time import monotonic
+
+import serial
+
+from edmctl.errors import LinkLost
+
+try:
+    import termios
+
+    FAILURES: tuple[type[Exception], ...] = (OSError, TypeError, ValueError, termios.error)
+except ImportError:
+    FAILURES = (OSError, TypeError, ValueError)
+"""What pyserial raises when a port goes away (its SerialException is an OSError)."""
+
+WRITE_TIMEOUT_S = 0.5
+_READ_TIMEOUT_S = 0.05
+"""How soon the reader of a port without a file descriptor sees that it should end."""
+_MOST_BYTES = 65536
+
+
+def open_port(url: str, baud: int) -> serial.Serial:
+    """Open a port for this program alone, with DTR and RTS set so that no board is reset twice.
+
+    Raises what pyserial raises; `FAILURES` names it all.
+    """
+    port: serial.Serial = serial.serial_for_url(
+        url,
+        baudrate=baud,
+        timeout=_READ_TIMEOUT_S,
+        write_timeout=WRITE_TIMEOUT_S,
+        exclusive=True,
+        do_not_open=True,
+    )
+    port.dtr = port.rts = True
+    port.open()
+    with suppress(*FAILURES, AttributeError, NotImplementedError):
+        port.set_low_latency_mode(True)
+    if url.startswith("socket://"):
+        # Small frames must not wait for the acknowledgement of the one before.
+        with suppress(*FAILURES), socket.socket(fileno=os.dup(port.fileno())) as same:
+            same.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return port
+
+
+def reason_of(error: Exception) -> str:
+    """Return why a port failed, in the words of the system where pyserial wraps them."""
+    for cause in (error, error.__context__):
+        text = getattr(cause, "strerror", None)
+        if text and not text.startswith("could not open"):
+            return str(text)
+    number = getattr(error, "errno", None)
+    return os.strerror(number) if number else str(error)
+
+
+class SerialLine:
+    """An open port with its reader.
+
+    Parameters
+    ----------
+    name : what people see in messages
+    port : opened by `open_port`; the line closes it
+    """
+
+    live = True
+
+    def __init__(self, name: str, port: serial.Serial) -> None:
+        self.name = name
+        self._port = port
+        self._arrived = bytearray()
+        self._news = threading.Condition()
+        self._writing = threading.RLock()
+        self._failure: LinkLost | None = None
+        self._closed = False
+        self._wake_r, self._wake_w = os.pipe()
+        self._reader = threading.Thread(target=self._read_on, name=f"reader of {name}", daemon=True)
+        self._reader.start()
+
+    def write(self, data: bytes) -> None:
+        """Send bytes; LinkLost where the line is gone or takes nothing for half a second."""
+        with self._writing:
+            self._check()
+            try:
+                self._port.write(data)
+            except serial.SerialTimeoutException:
+                raise self._fail(
+                    f"{self.name} takes no more bytes.", "Check that the controller runs, and its cable."
+                ) from None
+            except FAILURES as error:
+                raise self._fail_by(error) from None
+
+    def read(self, timeout_s: float) -> bytes:
+        """Return as soon as anything is there, b"" after `timeout_s`; LinkLost at once where the line broke."""
+        with self._news:
+            if not self._arrived and self._failure is None:
+                self._news.wait(timeout_s)
+            if not self._arrived:
+                self._check()
+            data = bytes(self._arrived)
+            self._arrived.clear()
+        return data
+
+    def now_s(self) -> float:
+        """Return the computer's monotonic clock."""
+        return monotonic()
+
+    def close(self) -> None:
+        """End the reader and give the port back; more than once does no harm."""
+        if self._closed:
+            return
+        self._closed = True
+        os.write(self._wake_w, b"\0")
+        if self._reader is not threading.current_thread():
+            self._reader.join()
+        # pyserial leaves a socket open whose other end has gone.
+        its_socket = getattr(self._port, "_socket", None)
+        with suppress(*FAILURES):
+            self._port.close()
+        if its_socket is not None:
+            its_socket.close()
+        os.close(self._wake_r)
+        os.close(self._wake_w)
+        self._fail(f"The line to {self.name} is closed.", "Open it again.")
+
+    def _read_on(self) -> None:
+        try:
+            number = self._descriptor()
+            while not self._closed:
+                data = self._waiting_bytes() if number is None else self._next_bytes(number)
+                if data:
+                    with self._news:
+                        self._arrived += data
+                        self._news.notify_all()
+        except FAILURES as error:
+            if not self._closed:
+                self._fail_by(error)
+
+    def _descriptor(self) -> int | None:
+        """The port's file descriptor, where the OS can wait for it together with our own pipe."""
+        # A spy shows only what goes through it.
+        if os.name != "posix" or type(self._port).__module__.endswith("protocol_spy"):
+            return None
+        try:
+            number: int = self._port.fileno()
+        except (AttributeError, OSError):
+            return None
+        return number
+
+    def _next_bytes(self, number: int) -> bytes:
+        ready, _, _ = select.select([number, self._wake_r], [], [])
+        if number not in ready:
+            return b""
+        data = os.read(number, _MOST_BYTES)
+        if not data:
+            raise OSError("it was unplugged, or the other end closed it")
+        return data
+
+    def _waiting_bytes(self) -> bytes:
+        data: bytes = self._port.read(max(1, self._port.in_waiting))
+        return data
+
+    def _check(self) -> None:
+        if self._failure is not None:
+            raise self._failure
+
+    def _fail_by(self, error: Exception) -> LinkLost:
+        return self._fail(
+            f"The line to {self.name} broke: {reason_of(error)}.",
+            "Check cable and supply; the controller makes the machine safe by itself.",
+        )
+
+    def _fail(self, message: str, hint: str) -> LinkLost:
+        with self._news:
+            if self._failure is None:
+                self._failure = LinkLost(message, hint=hint, code="E4003")
+            self._news.notify_all()
+            return self._failure
