@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from edmctl.cli.bench import SIMULATOR
 from edmctl.cli.options import (
     AllowModelOption,
     CalibrationOption,
@@ -24,6 +25,7 @@ from edmctl.cli.outcome import Outcome, Output, run_command, stream_style, watch
 from edmctl.cli.runfile import plain_name
 from edmctl.cli.seeds import seed_to_use
 from edmctl.cli.simulate_actuator import actuator
+from edmctl.cli.simulate_serve import serve
 from edmctl.console.text import plural
 from edmctl.errors import ObjectiveNotReached, UsageError
 
@@ -36,6 +38,7 @@ MOST_RUNS = 100_000
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False, subcommand_metavar="[COMMAND ...]")
 app.command("actuator")(actuator)
+app.command("serve")(serve)
 
 RunsOption = Annotated[
     int,
@@ -115,7 +118,7 @@ def simulate(
         from edmctl.cli.batch import check_names
         from edmctl.cli.job import Order
 
-        order = Order(profile, tuple(overrides or ()), setup, None, calibration, allow_model)
+        order = Order(profile, tuple(overrides or ()), setup, SIMULATOR, calibration, allow_model)
         outcome.simulated = True
         first_seed = seed_to_use(seed, runs)
         cases = _checked(outcome, _orders(order, sweep, runs))

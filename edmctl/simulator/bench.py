@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.errors import LinkLost
 from edmctl.simulator.controller import VirtualController
-from edmctl.simulator.kernel import TICK_S
+from edmctl.simulator.damage import LineDamage
+from edmctl.simulator.kernel import COMMAND_V, TICK_S
 from edmctl.simulator.plant import Plant
 
 if TYPE_CHECKING:
     from edmctl.simulator.config import BenchConfig
+    from edmctl.simulator.injection import Injection, LineState
 
-ANSWERS_PER_TICK = 8
+
+SETTLE_TICKS = 50
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,35 +29,25 @@ class HoleTruth:
 
 
 class MemoryTransport:
-    """A line without wire: real frame bytes, virtual time.
-
-    The controller answers commands at once; only `read` lets virtual time pass, at most `timeout_s`. So that a
-    host which asks again and again cannot stop the clock, a millisecond passes after every eight answers.
-    """
+    """A line without wire: real frame bytes, virtual time, which passes only while the host reads (`HostWait`)."""
 
     def __init__(self, controller: VirtualController) -> None:
         self.name = "sim:"
-        self.simulated = True
+        self.live = False
         self._controller = controller
+        self._damage = LineDamage(controller.injector.line)
         self._open = True
-        self._answers = 0
 
     def write(self, data: bytes) -> None:
         """Hand bytes to the controller."""
         self._check()
-        self._controller.receive(data)
+        self._controller.receive(self._damage.to(data))
 
     def read(self, timeout_s: float) -> bytes:
         """Let up to `timeout_s` of virtual time pass; bytes of the controller, or b"" when none came."""
         self._check()
-        port = self._controller.port
-        if port.urgent and self._answers < ANSWERS_PER_TICK:
-            self._answers += 1
-            return port.take_output()
-        ticks = 1 if port.urgent else max(1, math.floor(timeout_s / TICK_S + 0.5))
-        self._answers = 0
-        self._controller.advance(ticks)
-        return port.take_output()
+        self._controller.host_wait.wait(timeout_s)
+        return self._controller.port.take_output()
 
     def now_s(self) -> float:
         """Virtual time: the controller's."""
@@ -68,6 +60,8 @@ class MemoryTransport:
     def _check(self) -> None:
         if not self._open:
             raise LinkLost("The line to the virtual machine is closed.", hint="Open the machine again.")
+        if self._controller.injector.line.unplugged:
+            raise LinkLost("The line to sim: broke: it was unplugged.", hint="Check the cable.", code="E4003")
 
 
 class VirtualBench:
@@ -77,6 +71,29 @@ class VirtualBench:
         self.plant = Plant(config, seed)
         self.controller = VirtualController(self.plant)
         self.transport = MemoryTransport(self.controller)
+
+    @property
+    def line(self) -> LineState:
+        """What is wrong with the line; whoever carries the bytes acts on it."""
+        return self.controller.injector.line
+
+    def inject(self, injection: Injection) -> None:
+        """Let something go wrong at the time that the injection says."""
+        self.controller.injector.add(injection)
+
+    def clear_injections(self) -> None:
+        """Forget what is still to go wrong and repair what did."""
+        self.controller.injector.clear()
+
+    def settle(self) -> None:
+        """Let a machine whose host is gone become safe: what the watchdog would do, and the retreat."""
+        while not self.is_safe:
+            self.controller.advance(SETTLE_TICKS)
+
+    @property
+    def is_safe(self) -> bool:
+        """Whether the controller is not armed and the tool is retracted."""
+        return not self.controller.armed and self.controller.st.item(COMMAND_V) == 0.0
 
     def truth(self) -> tuple[HoleTruth, ...]:
         """Every hole made so far, in the order of making."""

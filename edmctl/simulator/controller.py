@@ -1,4 +1,4 @@
-"""The virtual controller: time, states, watchdog, interlocks, faults and the safe state, as a board has them.
+"""The virtual controller: time, states, watchdog, faults and the safe state, as a board has them.
 
 It owns hard real time (through the kernel), obeys EDM Link frames, and protects the machine without the host:
 whatever goes wrong, pulses go off first, then the tool retracts, then everything holds and the fault is latched.
@@ -6,8 +6,6 @@ whatever goes wrong, pulses go off first, then the tool retracts, then everythin
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,16 +14,20 @@ from edmctl.link import messages as m
 from edmctl.link.faults import FaultCode
 from edmctl.link.messages import EventCode, Interlocks, State
 from edmctl.simulator import kernel as k
+from edmctl.simulator.blackbox import BlackBox
 from edmctl.simulator.commands import Commands
+from edmctl.simulator.guards import KERNEL_FAULTS, Guards, input_fault
+from edmctl.simulator.injector import Injector
+from edmctl.simulator.motion import Motion
 from edmctl.simulator.parameters import Parameters
 from edmctl.simulator.port import DevicePort
 from edmctl.simulator.telemetry import SLICE_TICKS, Telemetry
+from edmctl.simulator.waiting import HostWait
 
 if TYPE_CHECKING:
     from edmctl.simulator.plant import Plant
 
 EVENT_REPEAT_TICKS = 100
-STAGE_SETTLE_TICKS = 50
 NEVER = 1 << 62
 
 _UNARMED = (State.BOOT, State.IDLE, State.FAULT, State.ESTOP)
@@ -35,48 +37,38 @@ _AFTER = {
     k.TIME_UP: EventCode.TIME_UP,
     k.TOUCHES_DONE: EventCode.TOUCH_DONE,
 }
-_FAULTS = {
-    k.FAULT_TRAVEL: FaultCode.TRAVEL_LIMIT,
-    k.FAULT_NO_CONTACT: FaultCode.NO_CONTACT,
-    k.FAULT_STUCK_CONTACT: FaultCode.STUCK_CONTACT,
-    k.FAULT_COLLISION: FaultCode.COLLISION,
-    k.FAULT_SHORT: FaultCode.SHORT_STUCK,
-    k.FAULT_ARC: FaultCode.ARC_BURN,
-    k.FAULT_NO_SPARK: FaultCode.NO_SPARK,
-}
-
-
-@dataclass(frozen=True, slots=True)
-class StageMove:
-    """An axis on its way: from where to where (µm, degrees), since when, and how long it travels."""
-
-    axis: int
-    start: float
-    target: float
-    start_tick: int
-    travel_ticks: int
-
-    @property
-    def arrival_tick(self) -> int:
-        """When the stage has come to rest."""
-        return self.start_tick + self.travel_ticks + STAGE_SETTLE_TICKS
+_BY_ITSELF = (m.ResetCause.WATCHDOG, m.ResetCause.BROWN_OUT)
 
 
 class VirtualController:
-    """One controller over one plant. Feed it bytes, let time pass, take bytes."""
+    """One controller over one plant. Feed it bytes, let time pass, take bytes.
+
+    host_time_scale : controller seconds per second of the host. What watches the host counts by the host's time.
+    board : kind of board that it says to be, 0 = virtual. baud : of the line, 0 where it has none.
+    """
 
     def __init__(self, plant: Plant) -> None:
         self.plant = plant
         self.st, self.ist, self.par = plant.st, plant.ist, plant.par
         self.commands = Commands(self)
-        self.port = DevicePort(self.commands.execute)
+        self.port = DevicePort(self.commands.execute, self.host_heard)
         self.parameters = Parameters(plant)
+        self.motion = Motion(plant)
+        self.guards = Guards(plant, self.parameters)
+        self.black_box = BlackBox()
         self.telemetry = Telemetry(plant, self.port.send, self.step)
+        self.injector = Injector(self)
+        self.host_wait = HostWait(self)
         self._history = np.zeros(k.HISTORY)
+        self.boot_count = 1
+        self.boot_tick = 0
+        self.reset_cause = m.ResetCause.POWER_ON
+        self.reset_asked = False
+        self.baud = self.board = 0
+        self.host_time_scale = 1.0
         self.fault = 0
         self.disarming = False
         self.pulses_allowed = False
-        self.stage: StageMove | None = None
         self._heard_tick = 0
         self._repeat_tick = NEVER
         self.set_state(State.IDLE)
@@ -84,17 +76,24 @@ class VirtualController:
     # ---------------------------------------------------------------------------------------- time and bytes
     @property
     def tick(self) -> int:
-        """Controller time in milliseconds."""
+        """Milliseconds since the machine was set up; resets do not touch them."""
         tick: int = self.ist.item(k.TICK)
         return tick
 
+    @property
+    def time_us(self) -> int:
+        """Controller time: µs since its start."""
+        return (self.tick - self.boot_tick) * 1000
+
     def receive(self, data: bytes) -> None:
         """Take bytes from the line and execute the commands in them."""
-        heard, aborted = self.port.receive(data)
-        if heard:
-            self.host_heard()
-        if aborted:
-            self.raise_fault(FaultCode.ABORT_RUN)
+        for part in self.port.up_to_aborts(data):
+            if self.port.receive(part):
+                self.raise_fault(FaultCode.ABORT_RUN)
+        if self.guards.too_noisy(self.port.rx_bad, self.tick, self.armed, self.host_time_scale):
+            self.raise_fault(FaultCode.LINE_NOISE, self.parameters.bad_frames)
+        if self.reset_asked:
+            self.reset(m.ResetCause.COMMANDED)
 
     def host_heard(self) -> None:
         """Feed the watchdog."""
@@ -131,50 +130,54 @@ class VirtualController:
             self.telemetry.samples,
             self.telemetry.blocks,
             self.telemetry.pulses,
+            self.black_box.ring,
         )
 
+    @property
+    def _watchdog_ticks(self) -> int:
+        return round(self.parameters.watchdog_ticks * self.host_time_scale)
+
+    def _repeat_later(self) -> None:
+        self._repeat_tick = self.tick + round(EVENT_REPEAT_TICKS * self.host_time_scale)
+
     def _next_deadline(self, now: int) -> int:
-        deadline = min(now + SLICE_TICKS, self._repeat_tick)
+        deadline = min(now + SLICE_TICKS, self._repeat_tick, self.injector.next_tick(now))
         if self.armed:
-            deadline = min(deadline, self._heard_tick + self.parameters.watchdog_ticks)
-        if self.stage:
-            deadline = min(deadline, self.stage.arrival_tick)
+            deadline = min(deadline, self._heard_tick + self._watchdog_ticks)
+        if self.motion.stage:
+            deadline = min(deadline, self.motion.stage.arrival_tick)
         return max(deadline, now + 1)
 
     def _watch(self, now: int) -> None:
-        """Everything that is due by the clock: stage arrival, watchdog, interlocks, repetition of events."""
-        if self.stage and now >= self.stage.arrival_tick:
-            self.stop_stage()
+        """Everything that is due by the clock: stage arrival, watchdog, inputs, repetition of events."""
+        self.injector.apply_due(now)
+        stage = self.motion.stage
+        if stage and self.plant.limit_switch:
+            self.raise_fault(FaultCode.STAGE_LIMIT, stage.axis)
+        elif stage and now >= stage.arrival_tick:
+            self.motion.stop_stage()
             self.set_state(State.ARMED)
             self.emit(EventCode.STAGE_DONE)
-        if self.armed:
-            if now - self._heard_tick >= self.parameters.watchdog_ticks:
-                self.raise_fault(FaultCode.HOST_SILENT)
-            elif opened := self.open_interlocks():
-                code = FaultCode.ESTOP if opened & Interlocks.ESTOP else FaultCode.DIELECTRIC
-                self.raise_fault(code, opened)
+        opened = self.guards.open_interlocks()
+        if opened & Interlocks.ESTOP and self.state is not State.ESTOP:
+            self.raise_fault(FaultCode.ESTOP, opened)
+        elif opened and self.armed:
+            self.raise_fault(input_fault(opened), opened)
+        elif self.armed and now - self._heard_tick >= self._watchdog_ticks:
+            self.raise_fault(FaultCode.HOST_SILENT)
         if now >= self._repeat_tick:
-            self._repeat_tick = now + EVENT_REPEAT_TICKS if self.port.repeat_events() else NEVER
-
-    def open_interlocks(self) -> int:
-        """Interlocks bits of the inputs that forbid machining now."""
-        plant, parameters = self.plant, self.parameters
-        bits = int(Interlocks.ESTOP) if plant.estop else 0
-        if parameters.dielectric_required:
-            if not plant.dielectric_level_ok:
-                bits |= Interlocks.DIELECTRIC_LEVEL
-            if plant.dielectric_flow_lpm < parameters.flow_min_lpm:
-                bits |= Interlocks.DIELECTRIC_FLOW
-            if plant.dielectric_temperature_c > parameters.temperature_max_c:
-                bits |= Interlocks.DIELECTRIC_HOT
-        return bits
+            if self.port.repeat_events():
+                self._repeat_later()
+            else:
+                self._repeat_tick = NEVER
 
     # ------------------------------------------------------------------------------------- states and events
     def set_state(self, state: State) -> None:
-        """Enter a state; the watchdog runs and the interlocks count while it is an armed one."""
+        """Enter a state; the watchdog runs, inputs and monitors count while it is an armed one."""
         self.state = state
         self.armed = state not in _UNARMED
         self.ist[k.TLM_STATE] = state
+        self.ist[k.WATCHED] = int(self.armed)
 
     def emit(
         self,
@@ -188,22 +191,19 @@ class VirtualController:
         self.telemetry.flush()
         event = m.Event(
             event_no=self.port.next_event_no(),
-            t_us=self._time_us(ago_ticks),
+            t_us=self.time_us - ago_ticks * 1000 & 0xFFFFFFFF,
             code=code,
             arg=arg,
             displacement_um=self.st.item(k.SENSOR_Z) if z_um is None else z_um,
             actuator_v=self.st.item(k.APPLIED_V) if v is None else v,
         )
         self.port.send_event(event)
-        self._repeat_tick = self.tick + EVENT_REPEAT_TICKS
-
-    def _time_us(self, ago_ticks: int = 0) -> int:
-        return ((self.tick - ago_ticks) * 1000) & 0xFFFFFFFF
+        self._repeat_later()
 
     def _conclude(self, happened: int) -> None:
         """Turn what the kernel reports into states and events."""
-        if happened in _FAULTS:
-            self.raise_fault(_FAULTS[happened])
+        if happened in KERNEL_FAULTS:
+            self.raise_fault(KERNEL_FAULTS[happened])
         elif happened == k.RAMP_DONE:
             self._end_ramp()
         elif happened == k.TOUCHED:
@@ -213,76 +213,85 @@ class VirtualController:
         elif happened == k.JUMP_DONE:
             self.set_state(State.MACHINING if self.ist[k.JUMP_RESUMES] else State.ARMED)
             self.emit(EventCode.JUMP_DONE)
+        elif happened == k.TESTED:
+            self._end_test()
         elif happened in _AFTER:
             self.set_state(State.ARMED)
             self.emit(_AFTER[happened])
 
     def _end_ramp(self) -> None:
-        if self.fault:
+        if self.state is State.BOOT:
+            self.set_state(State.IDLE)
+        elif not self.fault:
+            self.set_state(State.IDLE if self.disarming else State.ARMED)
+            self.disarming = False
+            self.emit(EventCode.MOVE_DONE)
+
+    def _end_test(self) -> None:
+        off_v = self.st.item(k.TEST_OFF_V)
+        on_v = self.st.item(k.TOUCH_SUM) / max(1, self.ist.item(k.TOUCH_COUNT))
+        duty_v = self.par.item(k.DUTY_V)
+        if max(abs(off_v), abs(on_v - duty_v)) > self.parameters.test_error * duty_v:
+            self.raise_fault(FaultCode.GAP_SENSOR, round(1000.0 * on_v))
             return
-        self.set_state(State.IDLE if self.disarming else State.ARMED)
-        self.disarming = False
-        self.emit(EventCode.MOVE_DONE)
+        self.set_state(State.ARMED)
+        self.emit(EventCode.TEST_DONE, round(1000.0 * on_v))
 
     def raise_fault(self, code: FaultCode, detail: int = 0) -> None:
-        """Pulses off, retract, latch, report. The first fault stays the latched one."""
-        self.start_ramp(0.0, self.parameters.retract_v_s)
-        if self.fault:
+        """Pulses off, retract, latch, report. The first fault stays the latched one, but for an emergency stop."""
+        self.motion.start_ramp(0.0, self.parameters.retract_v_s)
+        if self.fault and (code is not FaultCode.ESTOP or self.fault == FaultCode.ESTOP):
             return
         self.telemetry.flush()
+        self.black_box.freeze(self.tick, self.boot_tick)
         self.fault = int(code)
-        self.stop_stage()
+        self.motion.stop_stage()
         self.disarming = False
         self.pulses_allowed = False
         self.set_state(State.ESTOP if code is FaultCode.ESTOP else State.FAULT)
         report = m.Fault(
             event_no=self.port.next_event_no(),
-            t_us=self._time_us(),
+            t_us=self.time_us & 0xFFFFFFFF,
             code=code,
             detail=detail,
             displacement_um=self.st.item(k.SENSOR_Z),
             gap_v=self.st.item(k.GAP_V),
         )
         self.port.send_event(report)
-        self._repeat_tick = self.tick + EVENT_REPEAT_TICKS
+        self._repeat_later()
 
-    def start_ramp(self, target_v: float, slew_v_s: float) -> None:
-        """Pulses off, then ramp the actuator."""
-        self.ist[k.PULSES_ON] = 0
-        self.st[k.TARGET_V], self.st[k.RAMP_V_S] = target_v, slew_v_s
-        self.begin(k.RAMP)
-
-    def start_stage(self, axis: int, target: float, speed: float) -> None:
-        """Let an axis travel (µm and µm/s, degrees and degrees/s) and come to rest."""
-        start = self.plant.reported[axis]
-        travel_ticks = math.ceil(abs(target - start) / speed / k.TICK_S)
-        self.stage = StageMove(axis, start, target, self.tick, travel_ticks)
-
-    def stop_stage(self) -> None:
-        """End a stage move where the stage is now."""
-        if self.stage is None:
-            return
-        move, self.stage = self.stage, None
-        share = min(1.0, (self.tick - move.start_tick) / max(1, move.travel_ticks))
-        self.plant.stage_lands(move.axis, move.start + share * (move.target - move.start))
+    def clear_fault(self) -> None:
+        """Leave FAULT or ESTOP for IDLE."""
+        self.fault = 0
+        self.black_box.thaw()
+        self.set_state(State.IDLE)
 
     def stop_motion(self) -> None:
         """Pulses off, hold the tool where it is."""
-        self.ist[k.PULSES_ON] = 0
-        self.begin(k.HOLD)
+        self.motion.hold()
         self.set_state(State.ARMED)
         self.emit(EventCode.STOPPED)
 
-    def begin(self, mode: int) -> None:
-        """Let the kernel begin a motion."""
-        self.ist[k.MODE] = mode
-        self.ist[k.PHASE] = 0
-        self.ist[k.LIMIT_TICKS] = 0
-
-    def pulses_on(self) -> None:
-        """Switch the generator on, with fresh counters of what would stop it."""
-        ist, st = self.ist, self.st
-        ist[k.PULSES_ON] = 1
-        ist[k.NEXT_PULSE] = self.tick * k.TICK_NS
-        ist[k.OPEN_TICKS] = ist[k.SHORT_TICKS] = ist[k.SHORTED] = ist[k.ARC_RUN] = 0
-        st[k.LAST_SPARK_Z] = st[k.SLOW_Z]
+    def reset(self, cause: m.ResetCause) -> None:
+        """Start anew: no session, default parameters, pulses off, tool retracting. A latched fault outlives it."""
+        self.telemetry.restart()
+        self.port.begin_session(0)
+        self.parameters.reset()
+        self.motion.start_ramp(0.0, self.parameters.retract_v_s)
+        self.motion.stop_stage()
+        self.reset_asked = self.disarming = self.pulses_allowed = False
+        if not self.fault and cause in _BY_ITSELF:
+            self.black_box.freeze(self.tick, self.boot_tick)
+            self.fault = int(FaultCode.RESET)
+        self.boot_count += 1
+        self.boot_tick = self.tick
+        self.reset_cause = cause
+        self._repeat_tick = NEVER
+        at_rest = self.st.item(k.COMMAND_V) == 0.0
+        if self.fault:
+            self.set_state(State.ESTOP if self.fault == FaultCode.ESTOP else State.FAULT)
+        else:
+            self.set_state(State.IDLE if at_rest else State.BOOT)
+        if at_rest:
+            self.motion.hold()
+        self.port.send(m.Boot(cause, self.boot_count))

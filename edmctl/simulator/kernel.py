@@ -79,6 +79,13 @@ BEND_PER_UM, BEND_AT = 0.004, 0.8  # where over the stroke the sensor's bend lie
     SENSOR_NOISE,
     SENSOR_WALK,
     CONTACT_SD,
+    # --------------------------------------------------------------------- what is broken (see injection.py)
+    DRIVE,  # of the actuator: 1, or 0 with a dead amplifier
+    STROKE,  # share of its displacement that is left
+    MONITOR_GAIN,
+    MONITOR_ZERO,
+    GAP_STUCK,  # what the gap sensor reads whatever there is; negative: nothing is wrong
+    OFF_TIME_A,  # current that goes on into the off-time
     # -------------------------------------------------------------------- generator and controller: parameters
     OPEN_V,
     ON_TIME,
@@ -103,8 +110,13 @@ BEND_PER_UM, BEND_AT = 0.004, 0.8  # where over the stroke the sensor's bend lie
     ARC_DELAY,
     OPEN_LOST,
     SENSOR_MISSING,  # 1: displacements are the mean gain times the voltage applied
+    NOMINAL_SIEMENS,  # as the generator is set; SIEMENS is what it has
+    OVER_CURRENT,
+    TRACK_V,
+    MONITOR_MIN,
+    MONITOR_MAX,
     PAR_SIZE,
-) = range(64)
+) = range(75)
 
 # --------------------------------------------------------------------------------------------- float state (st)
 (
@@ -151,8 +163,10 @@ BEND_PER_UM, BEND_AT = 0.004, 0.8  # where over the stroke the sensor's bend lie
     CHARGE,
     DELAY_SUM,
     ENERGY_SUM,
+    TICK_CHARGE,  # of the last millisecond
+    TEST_OFF_V,  # mean gap voltage of a self test, generator off
     ST_SIZE,
-) = range(44)
+) = range(46)
 
 # --------------------------------------------------------------------------------------------- int state (ist)
 (
@@ -191,10 +205,7 @@ BEND_PER_UM, BEND_AT = 0.004, 0.8  # where over the stroke the sensor's bend lie
     TLM_NEXT,  # tick at whose end the next sample is due; -1 = none
     TLM_N,
     TLM_STATE,
-    SAMPLE_OPEN,  # counts of the running telemetry sample, in the order of PulseClass
-    SAMPLE_NORMAL,
-    SAMPLE_ARC,
-    SAMPLE_SHORT,
+    SAMPLE_COUNTS,  # pulses of the running telemetry sample, packed as TICK_COUNTS
     PULSE_LOG,
     BLOCK_SIZE,
     BLOCK_COUNT,
@@ -207,8 +218,16 @@ BEND_PER_UM, BEND_AT = 0.004, 0.8  # where over the stroke the sensor's bend lie
     LOG_T0,
     JUMP_RESUMES,
     SLEWED,
+    TICK_COUNTS,  # pulses of the last millisecond: PACK bits a class, in the order of PulseClass
+    WATCHED,  # 1 while armed: monitors count
+    TRACK_TICKS,
+    TRACK_TICKS_MAX,
+    TRACK_AT,  # last tick with the voltage off its command
+    MISREADS,  # pulses in a row whose voltage cannot be
+    MISREADS_MAX,
+    STRAY_PULSES,  # seen in measure mode
     IST_SIZE,
-) = range(52)
+) = range(57)
 
 # --------------------------------------------------------------------------------------------------------- modes
 (
@@ -224,7 +243,9 @@ BEND_PER_UM, BEND_AT = 0.004, 0.8  # where over the stroke the sensor's bend lie
     TOUCH_SLOW,
     TOUCH_HUNT,
     TOUCH_BACK,
-) = range(12)
+    TEST_OFF,
+    TEST_ON,
+) = range(14)
 
 # ------------------------------------------------------------------------- what happened (returned by `run`)
 (
@@ -244,7 +265,13 @@ BEND_PER_UM, BEND_AT = 0.004, 0.8  # where over the stroke the sensor's bend lie
     FAULT_ARC,
     FAULT_NO_SPARK,
     FAULT_COLLISION,
-) = range(16)
+    FAULT_TRACK,
+    FAULT_MONITOR,
+    FAULT_GAP_SENSOR,
+    FAULT_GENERATOR,
+    FAULT_MODE_SWITCH,
+    TESTED,
+) = range(22)
 
 OPEN, NORMAL, ARC, SHORT = range(4)
 LOG_OFF, LOG_BLOCKS, LOG_FULL = range(3)
@@ -253,12 +280,21 @@ RELAY, PI_LAW = range(2)
 HISTORY = 64  # servo decisions remembered, for latency; a power of two
 TABLE = 1024  # values in each table of a distribution
 SHAPES = float(TABLE * TABLE)
+BOX = 2048  # milliseconds in the black box; a power of two
+BOX_COLUMNS = 6
+PACK = 12  # bits of a count; four of them fit into a float exactly
 
 SETTLE_TICKS = 100  # generator on before the approach judges the gap voltage
 SHORT_HURRY_TICKS = 500  # a short this long retracts four times as fast
 LIMIT_TICKS_MAX = 500
 BLEND_TICKS = 8  # of a jump's ramp, at each end
 BACK_OFF_TICKS = 200  # for the contact to open after a back-off
+TEST_OFF_TICKS, TEST_ON_TICKS = 100, 200
+TEST_MEAN_TICKS = 100  # the last ones of each half speak
+MISREAD_HIGH, MISREAD_LOW = (
+    0.97,
+    0.5,
+)  # of the open voltage: none that a discharge has, none that an open gap has
 
 
 # ============================================================================================= plant: actuator
@@ -269,7 +305,8 @@ def actuator_tick(par: Floats, st: Floats, plays: Floats, creep: Floats) -> None
     `plays` has rows threshold [V], weight [µm/V], state [V]; `creep` rows decay per tick, weight, state [µm].
     The free displacement follows the sum of the plays, bent by a tanh envelope, plus its creep.
     """
-    u = st[APPLIED_V] + par[AMPLIFIER_DECAY] * (st[AMPLIFIER_V] - st[APPLIED_V])
+    driven_v = st[APPLIED_V] * par[DRIVE]
+    u = driven_v + par[AMPLIFIER_DECAY] * (st[AMPLIFIER_V] - driven_v)
     st[AMPLIFIER_V] = u
     # Thresholds ascend, so the plays that a move drags along are always the first ones.
     threshold, weight, state = plays[0], plays[1], plays[2]
@@ -295,7 +332,7 @@ def actuator_tick(par: Floats, st: Floats, plays: Floats, creep: Floats) -> None
     for j in range(0, decay.shape[0], 2):
         even += share[j] * slow[j]
         odd += share[j + 1] * slow[j + 1]
-    static = y + (even + odd) - par[ACTUATOR_ZERO]
+    static = (y + (even + odd) - par[ACTUATOR_ZERO]) * par[STROKE]
     deviation = st[FREE_Z] - static
     velocity = st[MODE_V]
     st[FREE_Z] = static + par[MODE_A11] * deviation + par[MODE_A12] * velocity
@@ -347,6 +384,8 @@ def pulses_of_tick(
     next_pulse, period, log = ist[NEXT_PULSE], ist[PULSE_PERIOD], ist[PULSE_LOG]
     at = ist[RANDOM_AT]
     voltage_sum, charge, count, shorts = 0.0, 0.0, 0, 0
+    stuck, misreads, counts = par[GAP_STUCK], ist[MISREADS], 0
+    high_v, low_v = MISREAD_HIGH * open_v, MISREAD_LOW * open_v
 
     while next_pulse < tick_end:
         gap = reach + depth + wear
@@ -418,8 +457,14 @@ def pulses_of_tick(
         voltage_sum += (delay * open_v + discharge * plateau) * per_period
         count += 1
         at += 1
-        pulse_class = judge_pulse(par, delay, plateau, discharge)
-        ist[SAMPLE_OPEN + pulse_class] += 1
+        seen_v = plateau if stuck < 0.0 else stuck
+        pulse_class = judge_pulse(par, delay, seen_v, discharge)
+        counts += 1 << (PACK * pulse_class)
+        # Arcs and shorts say neither that the sensor is right nor that it is wrong.
+        if pulse_class == NORMAL:
+            misreads = misreads + 1 if seen_v > high_v else 0
+        elif pulse_class == OPEN and seen_v < low_v:
+            misreads += 1
         arc_run = arc_run + 1 if pulse_class == ARC else 0
         if pulse_class == SHORT:
             shorts += 1
@@ -432,7 +477,7 @@ def pulses_of_tick(
                 pulse_class,
                 delay,
                 discharge,
-                plateau,
+                seen_v,
                 energy,
                 blocks,
                 pulses,
@@ -441,12 +486,38 @@ def pulses_of_tick(
 
     st[DEPTH], st[WEAR], st[DEBRIS] = depth, wear, debris
     st[BRIDGE_UNTIL], st[CARBON] = bridge_until, carbon
+    if charge > 0.0 and par[OFF_TIME_A] > 0.0:
+        charge += par[OFF_TIME_A] * (period * 1e-3 - on_time) * count
+    if stuck >= 0.0:
+        voltage_sum = stuck * count
     st[CHARGE] += charge
+    st[TICK_CHARGE] = charge
+    ist[TICK_COUNTS] = counts
+    ist[SAMPLE_COUNTS] += counts
+    ist[MISREADS] = misreads
     ist[ARC_RUN], ist[TRUE_ARC_RUN] = arc_run, true_run
     ist[RANDOM_AT] = at
     ist[PULSE_NO] += count
     ist[NEXT_PULSE] = next_pulse
     return voltage_sum, count, shorts
+
+
+@compiled
+def count_of(counts: int, pulse_class: int) -> int:
+    """Pulses of one class in packed counts."""
+    return (counts >> (PACK * pulse_class)) & ((1 << PACK) - 1)
+
+
+@compiled
+def rest_tick(par: Floats, st: Floats, ist: Ints) -> None:
+    """A millisecond without sparks: the gap clears itself, and its sensor should read nothing."""
+    st[DEBRIS] *= st[TICK_CLEARING]
+    st[BRIDGE_UNTIL] = 0.0
+    st[TICK_CHARGE] = 0.0
+    ist[TICK_COUNTS] = 0
+    st[TICK_GAP_V] = max(0.0, par[GAP_STUCK])
+    if par[GAP_STUCK] >= 0.0:
+        st[GAP_V] = par[GAP_STUCK]
 
 
 @compiled
@@ -685,11 +756,38 @@ def measure_gap(par: Floats, st: Floats, ist: Ints, voltage_sum: float, count: i
     else:
         ist[OPEN_TICKS] = 0
         st[LAST_SPARK_Z] = st[SENSOR_Z]  # the slow reading lags behind a tool that comes back from a jump
+    if ist[MISREADS] >= ist[MISREADS_MAX]:
+        return FAULT_GAP_SENSOR
+    # Current over voltage drop in a discharge is the conductance that the generator really has.
+    if st[TICK_CHARGE] > 0.0 and (
+        par[OFF_TIME_A] > 0.0 or par[SIEMENS] > par[OVER_CURRENT] * par[NOMINAL_SIEMENS]
+    ):
+        return FAULT_GENERATOR
     if ist[SHORT_TICKS] > ist[SHORT_TICKS_MAX]:
         return FAULT_SHORT
     if ist[ARC_RUN] >= ist[ARC_RUN_MAX]:
         return FAULT_ARC
     return NOTHING
+
+
+@compiled
+def monitor_tick(par: Floats, st: Floats, ist: Ints) -> int:
+    """Look at the voltage monitor of the actuator's amplifier: in its range, and near the command?"""
+    monitor_v = monitor(par, st)
+    if monitor_v > par[MONITOR_MAX] or monitor_v < par[MONITOR_MIN]:
+        return FAULT_MONITOR
+    if abs(st[APPLIED_V] - monitor_v) > par[TRACK_V]:
+        ist[TRACK_TICKS] = ist[TRACK_TICKS] + 1 if ist[TRACK_AT] == ist[TICK] - 1 else 1
+        ist[TRACK_AT] = ist[TICK]
+        if ist[TRACK_TICKS] >= ist[TRACK_TICKS_MAX]:
+            return FAULT_TRACK
+    return NOTHING
+
+
+@compiled
+def monitor(par: Floats, st: Floats) -> float:
+    """What the voltage monitor reads."""
+    return float(par[MONITOR_GAIN] * st[AMPLIFIER_V] + par[MONITOR_ZERO])
 
 
 # ========================================================================================== controller: sequences
@@ -712,6 +810,8 @@ def sequence_tick(par: Floats, st: Floats, ist: Ints, history: Floats, noise: Fl
         return cut_tick(par, st, ist, history)
     if mode <= JUMP_RETURN:
         return jump_tick(par, st, ist)
+    if mode >= TEST_OFF:
+        return test_tick(st, ist)
     return touch_tick(par, st, ist, noise)
 
 
@@ -787,6 +887,10 @@ def jump_is_back(st: Floats) -> bool:
 @compiled
 def touch_tick(par: Floats, st: Floats, ist: Ints, noise: Floats) -> int:
     mode = ist[MODE]
+    if ist[STRAY_PULSES] > 0:
+        return FAULT_MODE_SWITCH
+    if ist[CONTACT] == 1 and st[TICK_GAP_V] > par[SHORT_BELOW]:
+        return FAULT_GAP_SENSOR
     if st[SLOW_Z] > st[Z_MAX]:
         return FAULT_NO_CONTACT
     if mode == TOUCH_FAST:
@@ -826,6 +930,26 @@ def back_off(st: Floats, ist: Ints) -> None:
     enter(ist, TOUCH_BACK)
 
 
+@compiled
+def test_tick(st: Floats, ist: Ints) -> int:
+    """Self test of the gap sensor: its mean with the generator off, then with the generator on."""
+    ticks = TEST_OFF_TICKS if ist[MODE] == TEST_OFF else TEST_ON_TICKS
+    if ist[PHASE] > ticks - TEST_MEAN_TICKS:
+        st[TOUCH_SUM] += st[TICK_GAP_V]
+        ist[TOUCH_COUNT] += 1
+    if ist[PHASE] < ticks:
+        return NOTHING
+    if ist[MODE] == TEST_ON:
+        return end_motion(ist, TESTED)
+    st[TEST_OFF_V] = st[TOUCH_SUM] / ist[TOUCH_COUNT]
+    st[TOUCH_SUM] = 0.0
+    ist[TOUCH_COUNT] = 0
+    ist[PULSES_ON] = 1
+    ist[NEXT_PULSE] = (ist[TICK] + 1) * TICK_NS
+    enter(ist, TEST_ON)
+    return NOTHING
+
+
 # =========================================================================================== controller: telemetry
 @compiled
 def write_sample(st: Floats, ist: Ints, tlm: Bytes) -> None:
@@ -837,21 +961,36 @@ def write_sample(st: Floats, ist: Ints, tlm: Bytes) -> None:
     put16(tlm, at + 6, min(65535, int(st[GAP_V] * 200.0 + 0.5)))
     mean_a = st[CHARGE] / (ist[TLM_TICKS] * 1000.0)
     put16(tlm, at + 8, min(65535, int(mean_a * 1000.0 + 0.5)))
-    tlm[at + 10] = min(255, ist[SAMPLE_NORMAL])
-    tlm[at + 11] = min(255, ist[SAMPLE_ARC])
-    tlm[at + 12] = min(255, ist[SAMPLE_SHORT])
-    tlm[at + 13] = min(255, ist[SAMPLE_OPEN])
+    counts = ist[SAMPLE_COUNTS]
+    tlm[at + 10] = min(255, count_of(counts, NORMAL))
+    tlm[at + 11] = min(255, count_of(counts, ARC))
+    tlm[at + 12] = min(255, count_of(counts, SHORT))
+    tlm[at + 13] = min(255, count_of(counts, OPEN))
     tlm[at + 14] = ist[TLM_STATE]
-    flags = ist[PULSES_ON] + 2 * ist[CONTACT] + 8 * ist[SHORTED] + 32 * ist[SLEWED]
-    if ist[DIRECTION] > 0:
-        flags += 4
-    if ist[LIMIT_TICKS] > 0:
-        flags += 16
-    tlm[at + 15] = flags
+    tlm[at + 15] = flags_of(ist)
     ist[TLM_N] += 1
     st[CHARGE] = 0.0
-    for i in range(4):
-        ist[SAMPLE_OPEN + i] = 0
+    ist[SAMPLE_COUNTS] = 0
+
+
+@compiled
+def flags_of(ist: Ints) -> int:
+    """TlmFlags of now."""
+    flags = ist[PULSES_ON] | ist[CONTACT] << 1 | ist[SHORTED] << 3 | ist[SLEWED] << 5
+    flags |= (ist[DIRECTION] > 0) << 2 | (ist[LIMIT_TICKS] > 0) << 4
+    return int(flags)
+
+
+@compiled
+def write_box(st: Floats, ist: Ints, box: Floats) -> None:
+    """Keep this millisecond in the ring; whoever reads it makes a sample of it."""
+    row = ist[TICK] & (BOX - 1)
+    box[row, 0] = st[SENSOR_Z]
+    box[row, 1] = st[APPLIED_V]
+    box[row, 2] = st[GAP_V]
+    box[row, 3] = st[TICK_CHARGE]
+    box[row, 4] = ist[TICK_COUNTS]
+    box[row, 5] = ist[TLM_STATE] * 256 + flags_of(ist)
 
 
 @cached
@@ -869,11 +1008,13 @@ def run(
     tlm: Bytes,
     blocks: Bytes,
     pulses: Bytes,
+    box: Floats,
 ) -> int:
-    """Advance by up to `ticks` ms; stops early when something happened and says what (NOTHING .. FAULT_COLLISION).
+    """Advance by up to `ticks` ms; stops early when something happened and says what (NOTHING .. TESTED).
 
     The caller provides `random` columns for every pulse and `noise` for every tick (two each, and touches).
-    Zero ticks close the pulse block begun, for whoever wants to send everything now.
+    Zero ticks close the pulse block begun, for whoever wants to send everything now. `box`, shape
+    (BOX, BOX_COLUMNS), is the ring of the last milliseconds.
     """
     if ticks == 0:
         close_block(st, ist, blocks)
@@ -889,13 +1030,16 @@ def run(
             voltage_sum, count, shorts = pulses_of_tick(par, st, ist, random, tables, blocks, pulses)
             happened = measure_gap(par, st, ist, voltage_sum, count, shorts)
         else:
-            # A gap without sparks clears itself.
-            st[DEBRIS] *= st[TICK_CLEARING]
-            st[BRIDGE_UNTIL] = 0.0
+            rest_tick(par, st, ist)
         sensor_tick(par, st, ist, noise)
         sequence = sequence_tick(par, st, ist, history, noise)
         if happened == NOTHING:
             happened = sequence
+        if ist[WATCHED] == 1:
+            voltage = monitor_tick(par, st, ist)
+            if voltage != NOTHING:
+                happened = voltage
+        write_box(st, ist, box)
         if ist[TICK] + 1 == ist[TLM_NEXT]:
             write_sample(st, ist, tlm)
         ist[TICK] += 1

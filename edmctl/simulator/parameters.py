@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from edmctl.simulator.plant import Plant
 
 TICK_US = 1000  # this controller decides on whole milliseconds
+FULL_SCALE_V = 150.0  # what track_error is a share of
 DISPLACEMENT_FILTER_S = 0.05  # low-pass of the sensor for depth limits
 
 _FLOATS = {
@@ -27,6 +28,9 @@ _FLOATS = {
     "arc_v": k.ARC_BELOW,
     "arc_delay_us": k.ARC_DELAY,
     "open_lost_um": k.OPEN_LOST,
+    "monitor_min_v": k.MONITOR_MIN,
+    "monitor_max_v": k.MONITOR_MAX,
+    "over_current": k.OVER_CURRENT,
 }
 _BY_ID = {param.id: param for param in PARAMS.values()}
 
@@ -36,10 +40,9 @@ class Parameters:
 
     def __init__(self, plant: Plant) -> None:
         self._plant = plant
-        self._values = {name: param.default for name, param in PARAMS.items()}
-        self._staged = dict(self._values)
-        self.crc = param_crc(self._values)
-        self._apply()
+        self._values: dict[str, float] = {}
+        self._staged: dict[str, float] = {}
+        self.reset()
 
     def __getitem__(self, name: str) -> float:
         return self._values[name]
@@ -72,6 +75,13 @@ class Parameters:
         self._apply()
         return True
 
+    def reset(self) -> None:
+        """Make every parameter its default, as after a reset."""
+        self._values = {name: param.default for name, param in PARAMS.items()}
+        self._staged = dict(self._values)
+        self.crc = param_crc(self._values)
+        self._apply()
+
     def _apply(self) -> None:
         par, ist, v = self._plant.par, self._plant.ist, self._values
         for name, index in _FLOATS.items():
@@ -80,6 +90,11 @@ class Parameters:
         par[k.SENSOR_MISSING] = 1.0 - v["sensor_fitted"]
         par[k.FILTER_ALPHA] = 1.0 - math.exp(-2.0 * math.pi * v["filter_hz"] * k.TICK_S)
         par[k.DISPLACEMENT_ALPHA] = 1.0 - math.exp(-k.TICK_S / DISPLACEMENT_FILTER_S)
+        par[k.TRACK_V] = v["track_error"] * FULL_SCALE_V
+        ist[k.TRACK_TICKS_MAX] = max(1, round(v["track_s"] / k.TICK_S))
+        ist[k.MISREADS_MAX] = int(v["misread_pulses"])
+        self.bad_frames = int(v["bad_frames"])
+        self.test_error = v["test_error"]
         self.retract_v_s = v["retract_v_s"]
         self.watchdog_ticks = round(v["watchdog_s"] / k.TICK_S)
         self.dielectric_required = bool(v["dielectric_required"])

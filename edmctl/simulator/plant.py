@@ -11,13 +11,14 @@ from __future__ import annotations
 import math
 import zlib
 from dataclasses import dataclass
-from statistics import NormalDist
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmctl.simulator import kernel as k
+from edmctl.simulator.random_blocks import BLOCK as BLOCK
+from edmctl.simulator.random_blocks import RandomBlocks
 
 if TYPE_CHECKING:
     from edmctl.simulator.config import BenchConfig
@@ -46,7 +47,6 @@ CLEAR_UM = 1e6
 REFERENCE_V = 40.0  # open voltage at which gap_reference_um holds; the gap grows in proportion
 FLUSH_DIAMETER_UM = 270.0  # tool diameter at which flush_time_s holds; it grows with the square
 
-BLOCK = 32768
 SERIAL_LENGTH = 12  # bytes in the reply to HELLO
 
 
@@ -57,51 +57,6 @@ class Hole:
     x_um: float
     y_um: float
     depth_um: float
-
-
-class RandomBlocks:
-    """Random numbers in blocks, one stream a quantity, so that results do not depend on where blocks end."""
-
-    def __init__(self, seed: np.random.SeedSequence, scatter: float) -> None:
-        streams = [np.random.Generator(np.random.SFC64(s)) for s in seed.spawn(4)]
-        self._decide, self._shape, self._delay, self._noise = streams
-        self.pulse = np.empty((3, BLOCK))
-        self.noise = np.empty(BLOCK)
-        self.tables = _tables(scatter)
-        self._fill_pulse(0)
-        self._fill_noise(0)
-
-    def _fill_pulse(self, start: int) -> None:
-        self._decide.random(out=self.pulse[0, start:])
-        self._shape.random(out=self.pulse[1, start:])
-        self._delay.standard_exponential(out=self.pulse[2, start:])
-
-    def _fill_noise(self, start: int) -> None:
-        self._noise.standard_normal(out=self.noise[start:])
-
-    def provide(self, ist: NDArray[np.int64], pulses: int, noises: int) -> None:
-        """Make sure that so many numbers lie ahead of the kernel's read positions."""
-        at = ist.item(k.RANDOM_AT)
-        if at + pulses > BLOCK:
-            rest = BLOCK - at
-            self.pulse[:, :rest] = self.pulse[:, at:].copy()
-            self._fill_pulse(rest)
-            ist[k.RANDOM_AT] = 0
-        at = ist.item(k.NOISE_AT)
-        if at + noises > BLOCK:
-            rest = BLOCK - at
-            self.noise[:rest] = self.noise[at:].copy()
-            self._fill_noise(rest)
-            ist[k.NOISE_AT] = 0
-
-
-def _tables(scatter: float) -> Floats:
-    """Equally likely values of |N(0, 1)| and of a lognormal of mean one: the middles of TABLE equal steps."""
-    normal = NormalDist()
-    steps = (np.arange(k.TABLE) + 0.5) / k.TABLE
-    half = np.array([normal.inv_cdf(0.5 + 0.5 * p) for p in steps])
-    volume = np.exp([scatter * normal.inv_cdf(p) for p in steps])
-    return np.stack([half, volume / volume.mean()])
 
 
 class Plant:
@@ -132,7 +87,11 @@ class Plant:
         self.dielectric_level_ok = True
         self.dielectric_flow_lpm = config.dielectric_flow_lpm
         self.dielectric_temperature_c = config.dielectric_temperature_c
-        self.estop = False
+        self.estop = self.door_open = self.limit_switch = False
+        self.hv_supply_ok = True
+        self.tool_lost_um = 0.0  # broken off; not wear
+        self.obstacle_um = math.inf  # something that the tool meets there, wherever the stage stands
+        self.current_factor = 1.0  # of the generator's current, above 1 where its limit has failed
         self.set_generator(130.435, 304.348, 40.0, 0.12, 0.0)
         self.arrive()
 
@@ -164,26 +123,40 @@ class Plant:
 
     def arrive(self) -> None:
         """Set what lies under the tool: a hole that it fits into, the face of the work, or nothing."""
-        x, y = (float(v) for v in self.position_um)
+        x, y = self._xy()
         clearance = self.config.discharge.side_gap_um
         self._here = next((h for h in self.holes if math.hypot(h.x_um - x, h.y_um - y) <= clearance), None)
         self.st[k.DEPTH] = self._here.depth_um if self._here else 0.0
         self.st[k.DEBRIS] = 0.0
         self.st[k.BRIDGE_UNTIL] = self.st[k.CARBON] = 0.0
-        on_work = x >= EDGE_X_UM
+        self.set_surface()
+
+    def set_surface(self) -> None:
+        """Set how far the tool is from what lies under it: the tilted face, nothing, or what should not be there."""
+        x, y = self._xy()
         tilt = (self._tilt_mrad[0] * x + self._tilt_mrad[1] * y) * 1e-3
-        self.st[k.SURFACE] = self._offset_um + tilt if on_work else CLEAR_UM
+        surface = self._offset_um + tilt if x >= EDGE_X_UM else CLEAR_UM
+        self.st[k.SURFACE] = min(surface + self.tool_lost_um, self.obstacle_um)
+
+    def _xy(self) -> tuple[float, float]:
+        return float(self.position_um[0]), float(self.position_um[1])
 
     def set_generator(
         self, on_time_us: float, off_time_us: float, open_v: float, peak_a: float, set_us: float
     ) -> None:
         """Wire the pulse generator: its series resistance gives the peak current in a normal discharge."""
         self.par[k.OPEN_V], self.par[k.ON_TIME], self.par[k.DISCHARGE_SET] = open_v, on_time_us, set_us
-        self.par[k.SIEMENS] = peak_a / max(open_v - self.par[k.DISCHARGE_V], 0.1)
+        self.par[k.NOMINAL_SIEMENS] = peak_a / max(open_v - self.par[k.DISCHARGE_V], 0.1)
+        self.set_current_factor(self.current_factor)
         self.par[k.PER_OPEN_GAP] = REFERENCE_V / (self.config.discharge.gap_reference_um * open_v)
         self.par[k.DUTY_V] = open_v * on_time_us / (on_time_us + off_time_us)
         self.par[k.PER_DUTY_V] = 1.0 / self.par[k.DUTY_V]
         self.ist[k.PULSE_PERIOD] = round((on_time_us + off_time_us) * 1000.0)
+
+    def set_current_factor(self, factor: float) -> None:
+        """Let the generator give `factor` times the current that it is set to."""
+        self.current_factor = factor
+        self.par[k.SIEMENS] = factor * self.par[k.NOMINAL_SIEMENS]
 
     def _store_depth(self) -> None:
         depth = float(self.st[k.DEPTH])
@@ -236,6 +209,8 @@ class Plant:
         p[k.SENSOR_WALK] = s.walk_um if s.fitted else 0.0
         p[k.CONTACT_SD] = s.contact_sd_um
         p[k.CONTACT_COMPLIANCE] = CONTACT_COMPLIANCE
+        p[k.DRIVE] = p[k.STROKE] = p[k.MONITOR_GAIN] = 1.0
+        p[k.GAP_STUCK] = -1.0
         p[k.AMPLIFIER_DECAY] = math.exp(-k.TICK_S / AMPLIFIER_LAG_S)
         p[k.ENVELOPE_UM], p[k.ENVELOPE_CENTRE] = ENVELOPE_UM, ENVELOPE_CENTRE_UM
         p[k.ENVELOPE_STEEPNESS] = 2.0 / ENVELOPE_WIDTH_UM

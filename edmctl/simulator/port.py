@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import OrderedDict
 from typing import TYPE_CHECKING
 
-from edmctl.link.frame import Frame, FrameDecoder, encode_frame
-from edmctl.link.messages import REQUESTS, Heartbeat, Hello, Status
+from edmctl.link.frame import ABORT_RUN, Frame, FrameDecoder, encode_frame
+from edmctl.link.messages import REQUESTS, Advance, Heartbeat, Hello, Status
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -16,45 +16,74 @@ if TYPE_CHECKING:
 
 REPLY_BIT = 0x40
 REPLIES_KEPT = 8
+_HALF = 128
+"""Commands may run so far ahead of the newest one executed; what lies behind it is a late copy."""
+_UNCOUNTED = (Heartbeat.ID,)
+"""Commands outside the count: they change nothing that a second execution could change again."""
 Outcome = tuple[Status, bytes]
 
 
 class DevicePort:
     """Turns bytes into commands and messages into bytes.
 
-    `execute` gets each valid command of the session once; a repeated frame gets the reply it got before.
-    `urgent` tells that somebody waits for what is to be sent; answers to heartbeats may wait for company.
+    `execute` gets each valid command of the session once. A copy of one of the last commands gets the reply that the
+    command got; an older copy gets none, for nobody can be waiting for it any more.
+    `heard` is called with each valid frame of the session, before it acts. `urgent` tells that somebody waits for
+    what is to be sent; answers to heartbeats may wait for company. With a `driven` clock ADVANCE needs no session,
+    so that a host whose controller has restarted can wait for the news of it; what there is to send is then `due`
+    with the answer to ADVANCE, and with every answer before the first ADVANCE of a session.
     """
 
-    def __init__(self, execute: Callable[[Message], Outcome]) -> None:
+    def __init__(self, execute: Callable[[Message], Outcome], heard: Callable[[], None]) -> None:
         self._execute = execute
+        self._heard = heard
+        self.driven = False
         self._decoder = FrameDecoder()
-        self._session = 0
-        self._replies: OrderedDict[tuple[int, int], bytes] = OrderedDict()
         self._out: list[bytes] = []
-        self.urgent = False
-        self._unacknowledged: list[tuple[int, bytes]] = []
+        self.urgent = self.due = False
         self._event_no = 0
         self.rx_drop = 0
+        self._replies: OrderedDict[tuple[int, int], bytes] = OrderedDict()
+        self._unacknowledged: list[tuple[int, bytes]] = []
+        self.begin_session(0)
+
+    def begin_session(self, session: int) -> None:
+        """Forget what belonged to the session before; 0 is none."""
+        self._session = session
+        self._hello = b""
+        self._advanced = False
+        self._newest: int | None = None
+        self._replies.clear()
+        self._unacknowledged.clear()
 
     @property
     def rx_bad(self) -> int:
         """Frames dropped for a bad check."""
         return self._decoder.bad
 
-    def receive(self, data: bytes) -> tuple[bool, bool]:
-        """Execute what the bytes say; returns (a valid frame of the session came, an abort run came)."""
-        heard = False
+    @property
+    def greeting(self) -> bool:
+        """Whether somebody waits for an answer on a driven clock that nobody drives yet."""
+        return self.driven and self.urgent and not self._advanced
+
+    @staticmethod
+    def up_to_aborts(data: bytes) -> list[bytes]:
+        """Cut what came in one read behind each abort run, so that it acts before what follows it."""
+        *before, last = data.split(ABORT_RUN)
+        return [*(part + ABORT_RUN for part in before), last]
+
+    def receive(self, data: bytes) -> bool:
+        """Execute what the bytes say; returns whether an abort run came."""
         for frame in self._decoder.feed(data):
-            heard = self._handle(frame) or heard
+            self._handle(frame)
         aborted, self._decoder.abort_seen = self._decoder.abort_seen, False
-        return heard, aborted
+        return aborted
 
     def take_output(self) -> bytes:
         """Hand over everything to be sent."""
         out = b"".join(self._out)
         self._out.clear()
-        self.urgent = False
+        self.urgent = self.due = False
         return out
 
     def send(self, message: Message) -> None:
@@ -83,28 +112,54 @@ class DevicePort:
         self._out.extend(frame for _, frame in self._unacknowledged)
         return bool(self._unacknowledged)
 
-    def _handle(self, frame: Frame) -> bool:
+    def _handle(self, frame: Frame) -> None:
+        if not 0 < frame.type_id < REPLY_BIT:
+            # An echo of what the controller sent must not feed its watchdog.
+            self.rx_drop += 1
+            return
+        if self.driven and frame.type_id == Advance.ID:
+            self._advanced = True
+            self._out.append(self._run(frame))
+            self.due = True
+            return
         if frame.type_id == Hello.ID and frame.session != 0:
-            if frame.session != self._session:
-                self._session = frame.session
-                self._replies.clear()
-                self._unacknowledged.clear()
+            # By chance a new host may choose the session byte of the one before; its nonce differs.
+            if (frame.session, frame.payload) != (self._session, self._hello):
+                self.begin_session(frame.session)
+                self._hello = frame.payload
         elif frame.session != self._session or frame.session == 0:
             self.rx_drop += 1
-            return False
-        key = (frame.type_id, frame.seq)
-        reply = self._replies.get(key)
-        if reply is None:
-            status, payload = self._run(frame)
-            reply = encode_frame(frame.type_id | REPLY_BIT, frame.seq, self._session, status, payload)
-            self._replies[key] = reply
-            if len(self._replies) > REPLIES_KEPT:
-                self._replies.popitem(last=False)
-        self._out.append(reply)
-        self.urgent = self.urgent or frame.type_id != Heartbeat.ID
-        return True
+            return
+        self._heard()
+        reply = self._reply_to(frame)
+        if reply is not None:
+            self._out.append(reply)
+            self.urgent = self.urgent or frame.type_id != Heartbeat.ID
+            self.due = self.due or self.greeting
 
-    def _run(self, frame: Frame) -> Outcome:
+    def _reply_to(self, frame: Frame) -> bytes | None:
+        """Execute the command if it is new; its reply, or None for a copy from too long ago."""
+        if frame.type_id in _UNCOUNTED:
+            return self._run(frame)
+        key = (frame.type_id, frame.seq)
+        kept = self._replies.get(key)
+        if kept is not None:
+            return kept
+        if self._newest is not None and not 0 < (frame.seq - self._newest) % 256 < _HALF:
+            self.rx_drop += 1
+            return None
+        reply = self._run(frame)
+        self._newest = frame.seq
+        self._replies[key] = reply
+        if len(self._replies) > REPLIES_KEPT:
+            self._replies.popitem(last=False)
+        return reply
+
+    def _run(self, frame: Frame) -> bytes:
+        status, payload = self._outcome(frame)
+        return encode_frame(frame.type_id | REPLY_BIT, frame.seq, frame.session, status, payload)
+
+    def _outcome(self, frame: Frame) -> Outcome:
         message_type = REQUESTS.get(frame.type_id)
         if message_type is None:
             return Status.UNKNOWN_TYPE, b""

@@ -1,0 +1,187 @@
+"""The file of a kept bench: nested names with arrays, numbers and texts, as HDF5.
+
+Groups are states, datasets arrays, attributes numbers and texts. A hash over all of it tells a damaged file. The
+file is written beside its place and put there at once; while a program uses it, a lock beside it keeps others away.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Mapping
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING
+
+import h5py
+import numpy as np
+
+from edmctl.errors import RunFileError
+from edmctl.record.disk import HDF5_ERRORS, reason
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+State = Mapping[str, object]
+
+KIND = "edmctl-bench"
+SCHEMA = 1
+_HASH = "sha256"
+_UNREADABLE = (*HDF5_ERRORS, KeyError, TypeError)
+_NEW_ONE = "Give the file of a bench, or a name that is free for a new one."
+
+
+@contextmanager
+def bench_lock(path: Path) -> Iterator[None]:
+    """Keep others from using the bench at `path` while the block runs.
+
+    Raises RunFileError: E9023 it is in use, E9024 nothing can be written there.
+    """
+    lock = path.resolve().with_name(f".{path.resolve().name}.lock")
+    try:
+        descriptor = _locked(lock)
+    except BlockingIOError:
+        raise RunFileError(
+            f"The bench {path} is in use by another program.",
+            hint="End the other `edmctl simulate serve`, or take another file.",
+            code="E9023",
+        ) from None
+    except OSError as refused:
+        raise _unwritable(path, refused) from refused
+    try:
+        yield
+    finally:
+        # Still locked: whoever takes the name from now on makes a new file.
+        with suppress(OSError):
+            lock.unlink()
+        os.close(descriptor)
+
+
+def read_bench(path: Path) -> State:
+    """Return the state that the file at `path` holds.
+
+    Raises RunFileError: E9020 it is no bench or damaged, E9022 a later version wrote it.
+    """
+    try:
+        with h5py.File(path, "r") as file:
+            kind, schema = file.attrs.get("kind"), file.attrs.get("schema")
+            if kind == KIND and isinstance(schema, np.integer):
+                if schema > SCHEMA:
+                    raise _too_new(path, int(schema))
+                state = _read_group(file["state"])
+                if file.attrs[_HASH] == _hash_of(state):
+                    return state
+                raise ValueError("its content does not fit its check sum")
+    except _UNREADABLE as error:
+        raise RunFileError(
+            f"The bench {path} cannot be read: {reason(error)}.", hint=_NEW_ONE, code="E9020"
+        ) from error
+    raise RunFileError(f"{path} is HDF5, but not the file of a bench.", hint=_NEW_ONE, code="E9020")
+
+
+def write_bench(path: Path, state: State) -> None:
+    """Put a state into the file at `path`, new or instead of the bench that is there; all of it or nothing.
+
+    Raises RunFileError: E9020 or E9022 what is there is no bench of this version, and stays; E9024 it cannot be
+    written.
+    """
+    target = path.resolve()
+    if target.exists():
+        read_bench(target)
+    partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
+    try:
+        try:
+            with partial.open("xb") as file:
+                file.write(_image(state))
+                file.flush()
+                os.fsync(file.fileno())
+            partial.replace(target)
+        finally:
+            partial.unlink(missing_ok=True)
+    except OSError as refused:
+        raise _unwritable(path, refused) from refused
+
+
+def _locked(lock: Path) -> int:
+    """Open and lock the file; BlockingIOError where somebody has it."""
+    import fcntl
+
+    while True:
+        descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            # The one who had it before may have taken it away meanwhile.
+            if lock.exists() and os.path.samestat(os.fstat(descriptor), lock.stat()):
+                return descriptor
+        except BaseException:
+            os.close(descriptor)
+            raise
+        os.close(descriptor)
+
+
+def _image(state: State) -> bytes:
+    """Bytes of the file, built in memory because HDF5 does not survive a disk that fills up."""
+    with h5py.File("bench", "w", driver="core", backing_store=False) as file:
+        file.attrs.update({"kind": KIND, "schema": SCHEMA, _HASH: _hash_of(state)})
+        _write_group(file.create_group("state"), state)
+        file.flush()
+        image: bytes = file.id.get_file_image()
+    return image
+
+
+def _write_group(group: h5py.Group, state: State) -> None:
+    for name, value in state.items():
+        if isinstance(value, Mapping):
+            _write_group(group.create_group(name), value)
+        elif isinstance(value, np.ndarray):
+            group.create_dataset(name, data=value)
+        elif isinstance(value, int | float | str):
+            group.attrs[name] = value
+        else:
+            raise TypeError(f"{name}: {type(value).__name__} has no place in the file of a bench")
+
+
+def _read_group(group: h5py.Group) -> dict[str, object]:
+    state: dict[str, object] = {
+        name: value.item() if isinstance(value, np.generic) else str(value)
+        for name, value in group.attrs.items()
+    }
+    for name, item in group.items():
+        state[name] = _read_group(item) if isinstance(item, h5py.Group) else item[()]
+    return state
+
+
+def _hash_of(state: State) -> str:
+    """SHA-256 over names, types, shapes and values, in the order of names."""
+    total = hashlib.sha256()
+    _add(total, state)
+    return total.hexdigest()
+
+
+def _add(total: hashlib._Hash, state: State) -> None:
+    for name in sorted(state):
+        value = state[name]
+        total.update(f"{name}\0".encode())
+        if isinstance(value, Mapping):
+            _add(total, value)
+            total.update(b"\1")
+        elif isinstance(value, np.ndarray):
+            total.update(f"{value.dtype.str}{value.shape}".encode() + value.tobytes())
+        else:
+            total.update(f"{type(value).__name__} {value!r}\0".encode())
+
+
+def _too_new(path: Path, schema: int) -> RunFileError:
+    return RunFileError(
+        f"The bench {path} was written by a later edmctl: schema {schema}, this one knows {SCHEMA}.",
+        hint="Use that version of edmctl, or begin a new bench under another name.",
+        code="E9022",
+    )
+
+
+def _unwritable(path: Path, refused: OSError) -> RunFileError:
+    return RunFileError(
+        f"Cannot keep the bench {path}: {refused.strerror or refused}.",
+        hint="Check that the folder exists, can be written and has space.",
+        code="E9024",
+    )

@@ -1,0 +1,213 @@
+"""Where a served controller can be reached: a pty under a name, or a loopback socket."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import socket
+import tty
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+from edmctl.errors import LinkLost
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+_MOST_READ = 65536
+
+
+class Endpoint(Protocol):
+    """One end of a line, with at most one client at a time. Nothing here blocks."""
+
+    @property
+    def name(self) -> str:
+        """What a client has to be told."""
+
+    def descriptors(self) -> list[int]:
+        """What to wait on for `receive`."""
+
+    def receive(self) -> bytes:
+        """Return what has come, b"" where nothing has."""
+
+    def transmit(self, data: bytes) -> int:
+        """Send what the line takes; the number of bytes that it took."""
+
+    def has_client(self) -> bool:
+        """Whether somebody is connected, as far as can be told."""
+
+    def close(self) -> None:
+        """Take the endpoint away."""
+
+
+class PtyEndpoint:
+    """A pseudo-terminal; clients open `link`, a symbolic link to it, as they open a serial port.
+
+    Raises LinkLost E4021 where `link` is something else already.
+    """
+
+    def __init__(self, link: Path | None = None) -> None:
+        self._ours, self._theirs = os.openpty()
+        tty.setraw(self._ours)
+        tty.setraw(self._theirs)
+        os.set_blocking(self._ours, False)
+        self.device = os.ttyname(self._theirs)
+        self._link = link
+        try:
+            if link is not None:
+                _publish(link, self.device)
+        except BaseException:
+            os.close(self._ours)
+            os.close(self._theirs)
+            raise
+
+    @property
+    def name(self) -> str:
+        """The link, or the device without one."""
+        return str(self._link or self.device)
+
+    def descriptors(self) -> list[int]:
+        """Our end."""
+        return [self._ours]
+
+    def receive(self) -> bytes:
+        """Return what clients have written."""
+        try:
+            return os.read(self._ours, _MOST_READ)
+        except BlockingIOError:
+            return b""
+        except OSError:  # a client that had the device to itself is gone
+            self._hold()
+            return b""
+
+    def transmit(self, data: bytes) -> int:
+        """Write as much as the terminal's buffer takes."""
+        try:
+            return os.write(self._ours, data)
+        except BlockingIOError:
+            return 0
+
+    def has_client(self) -> bool:
+        """Whether somebody has the device open: a terminal that nobody holds reports that it was hung up."""
+        os.close(self._theirs)
+        try:
+            poll = select.poll()
+            poll.register(self._ours, select.POLLIN)
+            return not any(events & select.POLLHUP for _, events in poll.poll(0))
+        finally:
+            self._hold()
+
+    def _hold(self) -> None:
+        """Keep the other end open, so that a client which closes it does not hang up."""
+        try:
+            self._theirs = os.open(self.device, os.O_RDWR | os.O_NOCTTY)
+        except OSError:  # a client has the device to itself
+            self._theirs = os.dup(self._ours)
+
+    def close(self) -> None:
+        """Remove the link and hang up."""
+        if self._link is not None:
+            with contextlib.suppress(OSError):
+                if self._link.readlink() == Path(self.device):
+                    self._link.unlink()
+        for number in (self._ours, self._theirs):
+            with contextlib.suppress(OSError):
+                os.close(number)
+
+
+class SocketEndpoint:
+    """A TCP socket. A second client is turned away while the first one is there.
+
+    Raises LinkLost E4021 where the address cannot be taken.
+    """
+
+    def __init__(self, host: str, port: int, say: Callable[[str], None] = lambda _: None) -> None:
+        self._say = say
+        self._client: socket.socket | None = None
+        try:
+            self._listener = socket.create_server((host, port))
+        except OSError as error:
+            raise LinkLost(
+                f"Cannot serve on {host}:{port}: {error.strerror}.", hint="Take another port.", code="E4021"
+            ) from error
+        self._listener.setblocking(False)
+        address = self._listener.getsockname()
+        self._name = f"socket://{address[0]}:{address[1]}"
+
+    @property
+    def name(self) -> str:
+        """The URL for `--port`."""
+        return self._name
+
+    def descriptors(self) -> list[int]:
+        """The listener, and the client where there is one."""
+        return [s.fileno() for s in (self._listener, self._client) if s is not None]
+
+    def receive(self) -> bytes:
+        """Take a client or turn it away; return what the present one has sent."""
+        self._accept()
+        if self._client is None:
+            return b""
+        try:
+            data = self._client.recv(_MOST_READ)
+        except BlockingIOError:
+            return b""
+        except OSError:
+            data = b""
+        if not data:
+            self._drop_client()
+        return data
+
+    def transmit(self, data: bytes) -> int:
+        """Send as much as the socket takes; without a client all of it goes nowhere."""
+        if self._client is None:
+            return len(data)
+        try:
+            return self._client.send(data)
+        except BlockingIOError:
+            return 0
+        except OSError:
+            self._drop_client()
+            return len(data)
+
+    def has_client(self) -> bool:
+        """Whether a client is connected."""
+        return self._client is not None
+
+    def close(self) -> None:
+        """Hang up and stop listening."""
+        self._drop_client()
+        self._listener.close()
+
+    def _accept(self) -> None:
+        try:
+            client, address = self._listener.accept()
+        except OSError:
+            return
+        if self._client is not None:
+            client.close()
+            self._say(f"turned away a second client, {address[0]}:{address[1]}")
+            return
+        client.setblocking(False)
+        client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._client = client
+
+    def _drop_client(self) -> None:
+        if self._client is not None:
+            self._client.close()
+            self._client = None
+
+
+def _publish(link: Path, device: str) -> None:
+    """Make the link; only a dangling one may stand in its place."""
+    try:
+        if link.is_symlink() and not link.exists():
+            link.unlink()
+        link.symlink_to(device)
+    except OSError as error:
+        raise LinkLost(
+            f"Cannot make the link {link}: {error.strerror}.",
+            hint="Take another path for --link.",
+            code="E4021",
+        ) from error

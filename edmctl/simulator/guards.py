@@ -1,0 +1,82 @@
+"""What the virtual controller watches beside the motions: inputs, the line's noise, its monitors' verdicts."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import TYPE_CHECKING
+
+from edmctl.link.faults import FaultCode
+from edmctl.link.messages import Interlocks
+from edmctl.simulator import kernel as k
+
+if TYPE_CHECKING:
+    from edmctl.simulator.parameters import Parameters
+    from edmctl.simulator.plant import Plant
+
+NOISE_TICKS = 1000
+
+KERNEL_FAULTS = {
+    k.FAULT_TRAVEL: FaultCode.TRAVEL_LIMIT,
+    k.FAULT_NO_CONTACT: FaultCode.NO_CONTACT,
+    k.FAULT_STUCK_CONTACT: FaultCode.STUCK_CONTACT,
+    k.FAULT_COLLISION: FaultCode.COLLISION,
+    k.FAULT_SHORT: FaultCode.SHORT_STUCK,
+    k.FAULT_ARC: FaultCode.ARC_BURN,
+    k.FAULT_NO_SPARK: FaultCode.NO_SPARK,
+    k.FAULT_TRACK: FaultCode.PIEZO_TRACK,
+    k.FAULT_MONITOR: FaultCode.PIEZO_OV,
+    k.FAULT_GAP_SENSOR: FaultCode.GAP_SENSOR,
+    k.FAULT_GENERATOR: FaultCode.GEN_FAULT,
+    k.FAULT_MODE_SWITCH: FaultCode.MODE_SWITCH,
+}
+"""The fault for what the kernel found."""
+
+_BY_INPUT = (
+    (Interlocks.ESTOP, FaultCode.ESTOP),
+    (Interlocks.DOOR, FaultCode.DOOR),
+    (Interlocks.HV_SUPPLY, FaultCode.HV_SUPPLY),
+)
+
+
+class Guards:
+    """Reads the inputs of one machine and judges them by its parameters."""
+
+    def __init__(self, plant: Plant, parameters: Parameters) -> None:
+        self._plant, self._parameters = plant, parameters
+        self._bad_frames: deque[int] = deque()
+        self._bad_seen = 0
+
+    def open_interlocks(self) -> int:
+        """Interlocks bits of the inputs that forbid machining now."""
+        plant, parameters = self._plant, self._parameters
+        bits = 0
+        if plant.estop:
+            bits |= Interlocks.ESTOP
+        if plant.door_open:
+            bits |= Interlocks.DOOR
+        if not plant.hv_supply_ok:
+            bits |= Interlocks.HV_SUPPLY
+        if parameters.dielectric_required:
+            if not plant.dielectric_level_ok:
+                bits |= Interlocks.DIELECTRIC_LEVEL
+            if plant.dielectric_flow_lpm < parameters.flow_min_lpm:
+                bits |= Interlocks.DIELECTRIC_FLOW
+            if plant.dielectric_temperature_c > parameters.temperature_max_c:
+                bits |= Interlocks.DIELECTRIC_HOT
+        return int(bits)
+
+    def too_noisy(self, bad_frames: int, now: int, armed: bool, time_scale: float) -> bool:
+        """Whether, with a total of `bad_frames` at tick `now`, too many came within a second while armed."""
+        new, self._bad_seen = bad_frames - self._bad_seen, bad_frames
+        if not armed:
+            self._bad_frames.clear()
+            return False
+        self._bad_frames.extend([now] * new)
+        while self._bad_frames and self._bad_frames[0] <= now - NOISE_TICKS * time_scale:
+            self._bad_frames.popleft()
+        return new > 0 and len(self._bad_frames) >= self._parameters.bad_frames
+
+
+def input_fault(bits: int) -> FaultCode:
+    """The fault for open interlocks; the gravest where there are several."""
+    return next((code for bit, code in _BY_INPUT if bits & bit), FaultCode.DIELECTRIC)

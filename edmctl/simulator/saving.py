@@ -1,0 +1,212 @@
+"""A virtual bench as plain arrays, numbers and texts, and back: what is left of it when its power is cut.
+
+What is kept is the machine as it lies there afterwards: work, tool, actuator with its memory, sensors, every random
+stream. The controller keeps what a board keeps: its latched fault and black box, and its counts of boots and events.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from copy import deepcopy
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from edmctl.errors import RunFileError
+from edmctl.link.messages import ResetCause
+from edmctl.simulator import kernel as k
+from edmctl.simulator.bench import VirtualBench
+from edmctl.simulator.config import BenchConfig, DischargeConstants, SensorConstants
+from edmctl.simulator.plant import Hole
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from edmctl.simulator.plant import Plant
+
+State = Mapping[str, object]
+"""Names of arrays, numbers, texts and further states."""
+
+_NAMES = {"par": "PAR_SIZE", "st": "ST_SIZE", "ist": "IST_SIZE"}
+"""The plant's flat arrays, and the constant of the kernel that ends the list of their names."""
+_PLANT_VALUES = (
+    "serial",
+    "theta_deg",
+    "dielectric_level_ok",
+    "dielectric_flow_lpm",
+    "dielectric_temperature_c",
+    "estop",
+    "door_open",
+    "limit_switch",
+    "hv_supply_ok",
+    "tool_lost_um",
+    "obstacle_um",
+    "current_factor",
+    "_offset_um",
+)
+_PLANT_ARRAYS = ("plays", "creep", "position_um", "_tilt_mrad")
+_RANDOM_ARRAYS = ("pulse", "noise", "tables")
+_STREAMS = ("_decide", "_shape", "_delay", "_noise")
+_NO_HOLE = -1
+
+
+def bench_state(bench: VirtualBench) -> State:
+    """Return all that outlives a loss of power now, with every injected fault repaired. The bench itself goes on.
+
+    A tool that is out is retracted first, a controller that is armed is not any more, and nothing is latched by it.
+    """
+    rest = deepcopy(bench)
+    rest.clear_injections()
+    if not rest.is_safe:
+        rest.controller.reset(ResetCause.POWER_ON)
+        rest.settle()
+    return {
+        "config": dataclasses.asdict(rest.plant.config),
+        "plant": _plant_state(rest.plant),
+        "controller": _controller_state(rest, boots=bench.controller.boot_count),
+    }
+
+
+def restored_bench(state: State) -> VirtualBench:
+    """Build the machine that a state is of; its controller has just been switched on.
+
+    Raises RunFileError E9021 where the state lacks something, or holds what cannot be.
+    """
+    try:
+        bench = VirtualBench(_config(_part(state, "config")), seed=0)
+        _restore_plant(bench.plant, _part(state, "plant"))
+        _restore_controller(bench, _part(state, "controller"))
+    except (KeyError, IndexError, TypeError, ValueError) as error:
+        raise RunFileError(
+            f"The saved bench does not fit this version: {type(error).__name__} {error}.",
+            hint="Use the version of edmctl that wrote the file, or begin a new bench under another name.",
+            code="E9021",
+        ) from error
+    bench.controller.reset(ResetCause.POWER_ON)
+    bench.controller.port.take_output()  # nobody was there to hear it
+    return bench
+
+
+def _names(size_name: str) -> list[str]:
+    """Names of an array's entries, in order: those that the kernel defines before the array's size."""
+    names = list(vars(k))
+    end = names.index(size_name)
+    return names[end - vars(k)[size_name] : end]
+
+
+def _plant_state(plant: Plant) -> State:
+    holes = plant.true_holes()
+    here = next((i for i, hole in enumerate(holes) if hole is plant._here), _NO_HOLE)
+    arrays = {
+        array: dict(zip(_names(size), getattr(plant, array).tolist(), strict=True))
+        for array, size in _NAMES.items()
+    }
+    random = plant.random
+    return {
+        **arrays,
+        **{name: _plain(getattr(plant, name)) for name in _PLANT_VALUES},
+        **{name: getattr(plant, name).copy() for name in _PLANT_ARRAYS},
+        "reported": np.array(plant.reported),
+        "holes": np.array([dataclasses.astuple(hole) for hole in holes], dtype=np.float64).reshape(-1, 3),
+        "here": here,
+        "stage_noise": _stream_text(plant._stage_noise),
+        "random": {
+            **{name: getattr(random, name).copy() for name in _RANDOM_ARRAYS},
+            **{name: _stream_text(getattr(random, name)) for name in _STREAMS},
+        },
+    }
+
+
+def _restore_plant(plant: Plant, state: State) -> None:
+    for array, size in _NAMES.items():
+        values = _part(state, array)
+        getattr(plant, array)[:] = [values[name] for name in _names(size)]
+    for name in _PLANT_VALUES:
+        setattr(plant, name, type(getattr(plant, name))(state[name]))
+    for name in _PLANT_ARRAYS:
+        _fill(getattr(plant, name), state[name])
+    plant.reported = [float(value) for value in np.asarray(state["reported"])]
+    plant.holes = [Hole(*map(float, row)) for row in np.asarray(state["holes"])]
+    here = _integer(state, "here")
+    plant._here = None if here == _NO_HOLE else plant.holes[here]
+    _set_stream(plant._stage_noise, state["stage_noise"])
+    random = _part(state, "random")
+    for name in _RANDOM_ARRAYS:
+        _fill(getattr(plant.random, name), random[name])
+    for name in _STREAMS:
+        _set_stream(getattr(plant.random, name), random[name])
+
+
+def _controller_state(bench: VirtualBench, boots: int) -> State:
+    controller = bench.controller
+    box = controller.black_box
+    frozen = box._frozen
+    return {
+        "fault": controller.fault,
+        "boot_count": boots,
+        "event_no": controller.port._event_no,
+        "ring": box.ring.copy(),
+        "is_frozen": int(frozen is not None),
+        "frozen_ring": frozen[0] if frozen else np.zeros((0, k.BOX_COLUMNS)),
+        "frozen_tick": frozen[1] if frozen else 0,
+        "frozen_start": frozen[2] if frozen else 0,
+    }
+
+
+def _restore_controller(bench: VirtualBench, state: State) -> None:
+    controller = bench.controller
+    box = controller.black_box
+    controller.fault = _integer(state, "fault")
+    controller.boot_count = _integer(state, "boot_count")
+    controller.port._event_no = _integer(state, "event_no")
+    _fill(box.ring, state["ring"])
+    if state["is_frozen"]:
+        ring = np.zeros_like(box.ring)
+        _fill(ring, state["frozen_ring"])
+        box._frozen = (ring, _integer(state, "frozen_tick"), _integer(state, "frozen_start"))
+
+
+def _config(state: State) -> BenchConfig:
+    values = dict(state)
+    discharge = DischargeConstants(**_part(values, "discharge"))  # type: ignore[arg-type]
+    sensors = dict(_part(values, "sensors"))
+    sensors["fitted"] = bool(sensors["fitted"])
+    values |= {"discharge": discharge, "sensors": SensorConstants(**sensors)}  # type: ignore[arg-type]
+    return BenchConfig(**values)  # type: ignore[arg-type]
+
+
+def _part(state: State, name: str) -> State:
+    part = state[name]
+    if not isinstance(part, Mapping):
+        raise TypeError(f"{name} is no group")
+    return part
+
+
+def _integer(state: State, name: str) -> int:
+    value = state[name]
+    if not isinstance(value, int):
+        raise TypeError(f"{name} is no whole number")
+    return value
+
+
+def _plain(value: bool | float | str) -> float | int | str:
+    return int(value) if isinstance(value, bool) else value
+
+
+def _fill(array: NDArray[np.generic], values: object) -> None:
+    new = np.asarray(values)
+    if new.shape != array.shape:
+        raise ValueError(f"an array has shape {new.shape}, not {array.shape}")
+    array[...] = new
+
+
+def _stream_text(stream: np.random.Generator) -> str:
+    return json.dumps(stream.bit_generator.state, default=lambda array: array.tolist())
+
+
+def _set_stream(stream: np.random.Generator, text: object) -> None:
+    if not isinstance(text, str):
+        raise TypeError("the state of a random stream is no text")
+    stream.bit_generator.state = json.loads(text)

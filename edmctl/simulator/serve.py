@@ -1,0 +1,173 @@
+"""Serves a virtual controller to programs that come through a pty or a socket: the object of `sim:`, the same bytes.
+
+At a speed, the controller's time runs that many times as fast as the clock on the wall, and whatever watches the
+host (watchdog, repetition of events) goes by the wall. Without a speed its clock is driven: time stands still except
+where the host asks for some, so that a run is as fast as both sides can, and always the same run.
+"""
+
+from __future__ import annotations
+
+import re
+import select
+from dataclasses import dataclass
+from time import monotonic
+from typing import TYPE_CHECKING
+
+from edmctl.simulator.damage import LineDamage
+from edmctl.simulator.kernel import TICK_S
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from edmctl.simulator.bench import VirtualBench
+    from edmctl.simulator.endpoints import Endpoint
+
+SLICE_S = 0.004
+"""How long the clock waits for bytes before it goes on."""
+MOST_BEHIND_S = 0.25
+"""A computer that was away for longer is not caught up with: to the machine it was a pause of the whole world."""
+ORPHANED_S = 2.0
+"""A driven clock without anybody who drives it goes on by itself after this, until the machine is safe."""
+MOST_WAITING = 65536
+"""Bytes that wait for a client which does not read; beyond them whole frames are dropped, as a UART does."""
+MOST_AT_ONCE_S = 0.02
+"""So much is caught up with before the line is read again: what waits there feeds the watchdog."""
+_IDLE_S = 0.2
+_PARTS = re.compile(rb"\0+|[^\0]+\0?")
+
+
+@dataclass(slots=True)
+class Traffic:
+    """Frames both ways, frames that a client did not fetch, and how the clock kept up with the wall's.
+
+    slowest_s : longest time that the controller's clock was late, s.
+    paused_s : time that it was set back by because the computer was too slow, s.
+    """
+
+    frames_in: int = 0
+    frames_out: int = 0
+    dropped_frames: int = 0
+    slowest_s: float = 0.0
+    paused_s: float = 0.0
+
+
+class Server:
+    """One controller on one endpoint.
+
+    Parameters
+    ----------
+    bench : what is served; it lives on between clients
+    endpoint : where; the caller closes it
+    speed : controller seconds per second, None for a driven clock
+    each_turn : called after every turn of the loop, a few milliseconds apart
+    say : told once when the computer is too slow for the speed
+    """
+
+    def __init__(
+        self,
+        bench: VirtualBench,
+        endpoint: Endpoint,
+        speed: float | None = 1.0,
+        each_turn: Callable[[], None] = lambda: None,
+        say: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        self._bench = bench
+        self._each_turn, self._say = each_turn, say
+        self._in_frame = self._is_late = False
+        self._controller = bench.controller
+        self._line = bench.line
+        self._damage = LineDamage(bench.line)
+        self._endpoint = endpoint
+        self._speed = speed
+        self._waiting = bytearray()
+        self.traffic = Traffic()
+        self._controller.port.driven = speed is None
+        self._controller.host_time_scale = speed or 1.0
+        self._controller.step(0)  # compiles the kernel before anybody waits for it
+        self._heard_s = self._base_s = monotonic()
+        self._base_tick = self._controller.tick
+
+    def run(self, is_over: Callable[[], bool]) -> None:
+        """Serve until `is_over` says so, or the line is unplugged by an injection."""
+        self._base_s, self._base_tick = monotonic(), self._controller.tick
+        while not is_over() and not self._line.unplugged:
+            readable = self._wait()
+            if self._speed is not None:
+                self._follow_clock(self._speed)
+            if readable:
+                self._take(self._endpoint.receive())
+            if self._speed is None:
+                self._look_after_orphan()
+            self._transmit()
+            self._each_turn()
+
+    def _wait(self) -> bool:
+        writers = self._endpoint.descriptors()[-1:] if self._waiting else []
+        patience_s = _IDLE_S if self._speed is None else 0.0 if self._is_late else SLICE_S
+        readable, _, _ = select.select(self._endpoint.descriptors(), writers, [], patience_s)
+        return bool(readable)
+
+    def _follow_clock(self, speed: float) -> None:
+        """Let the controller's clock catch up with the wall's, in small steps where it is late."""
+        now_s = monotonic()
+        behind_s = now_s - self._base_s - (self._controller.tick - self._base_tick) * TICK_S / speed
+        self.traffic.slowest_s = max(self.traffic.slowest_s, behind_s)
+        if behind_s > MOST_BEHIND_S:
+            if not self.traffic.paused_s:
+                self._say(
+                    f"this computer is too slow for {speed:g}x at times: the controller's clock is set back"
+                )
+            self.traffic.paused_s += behind_s
+            self._base_s += behind_s
+            self._is_late = False
+            return
+        self._is_late = behind_s > MOST_AT_ONCE_S
+        ticks = int(min(behind_s, MOST_AT_ONCE_S) * speed / TICK_S)
+        if ticks > 0:
+            self._controller.advance(ticks)
+
+    def _take(self, data: bytes) -> None:
+        if not data:
+            return
+        self._heard_s = monotonic()
+        self._count_frames(data)
+        # One by one: what a frame or a run of zeros brings about comes before the frame behind it, however the
+        # bytes were read.
+        for part in _PARTS.findall(data):
+            self._controller.receive(self._damage.to(part))
+        if self._controller.port.greeting:
+            # An answer before the first ADVANCE counts as one that was waited for.
+            self._controller.host_wait.wait(0.0)
+
+    def _count_frames(self, data: bytes) -> None:
+        *ended, rest = data.split(b"\0")
+        self.traffic.frames_in += sum(1 for part in ended if part)
+        if ended:
+            self.traffic.frames_in += self._in_frame and not ended[0]
+            self._in_frame = bool(rest)
+        else:
+            self._in_frame = self._in_frame or bool(rest)
+
+    def _look_after_orphan(self) -> None:
+        if self._bench.is_safe or monotonic() - self._heard_s < ORPHANED_S or self._endpoint.has_client():
+            return
+        self._bench.settle()
+
+    def _transmit(self) -> None:
+        port = self._controller.port
+        if self._speed is not None or port.due:
+            self._queue(port.take_output())
+        while self._waiting:
+            sent = self._endpoint.transmit(bytes(self._waiting[:MOST_WAITING]))
+            if not sent:
+                return
+            del self._waiting[:sent]
+
+    def _queue(self, data: bytes) -> None:
+        """Line up what is to be sent; a client that does not read loses whole frames, unless time waits for it."""
+        frames = data.count(b"\0") // 2
+        if self._speed is None or len(self._waiting) + len(data) <= MOST_WAITING:
+            self._waiting += data
+            self.traffic.frames_out += frames
+        else:
+            self.traffic.dropped_frames += frames

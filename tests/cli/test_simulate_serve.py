@@ -1,0 +1,143 @@
+"""`edmctl simulate serve`: ready, ended, kept between runs, refused in words."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+from typing import IO, TYPE_CHECKING, Any
+
+import pytest
+
+from edmctl.link.opening import open_line
+from edmctl.link.session import Session
+from edmctl.record.bench_file import bench_lock
+from tests.cli.commands import CU270, command, environment
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from tests.cli.commands import Here
+
+SERVE = ("simulate", "serve")
+
+
+def start(cwd: Path, *arguments: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        command(*SERVE, *arguments),
+        cwd=cwd,
+        env=environment(),
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        encoding="utf-8",
+    )
+
+
+def ready(stream: IO[str] | None) -> str:
+    assert stream is not None
+    for line in stream:
+        if line.startswith("serving"):
+            return line
+    raise AssertionError("never ready")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_it_with_its_result_and_without_its_link(
+    number: signal.Signals, tmp_path: Path
+) -> None:
+    server = start(tmp_path, "--link", "edm", "--seed", "3", "--json", "--bench", "b.h5", "--speed", "max")
+    line = ready(server.stderr)
+    assert "SIM-3 on edm" in line
+    session = Session(open_line(str(tmp_path / "edm")))
+    assert session.open().serial == "SIM-3"
+    server.send_signal(number)
+    out, err = server.communicate(timeout=30)
+    session.close()
+    assert (server.returncode, "Traceback" in err) == (-number, False)
+    document = json.loads(out)
+    assert (document["exit_code"], document["seed"], document["simulated"]) == (128 + number, 3, True)
+    result = document["result"]
+    assert (result["port"], result["serial"], result["speed"], result["faults"]) == (
+        "edm",
+        "SIM-3",
+        "max",
+        [],
+    )
+    assert result["frames_in"] >= 2
+    assert result["frames_out"] >= 2
+    assert list(tmp_path.iterdir()) == [tmp_path / "b.h5"]
+
+
+def test_it_ends_by_itself_after_its_time(here: Here) -> None:
+    said = here(
+        *SERVE, "--seed", "1", "--for", "1.0", "--speed", "20", "--fault", "ESTOP@0.2", "--socket", ":0"
+    )
+    assert said.exit_code == 0, said.err
+    assert "serving SIM-1 on socket://127.0.0.1:" in said.err
+    assert "ESTOP@0.2 happened" in said.err
+    assert "fault 4001 ESTOP latched" in said.err
+    assert said.out.startswith("Served SIM-1: 0 frames in, ")
+    assert "faults: 4001" in said.out
+
+
+def test_a_kept_bench_is_the_same_machine_the_next_time(here: Here, tmp_path: Path) -> None:
+    bench, serials, times_s = tmp_path / "b.h5", [], []
+    for options in (("--seed", "5", "--profile", CU270), (), ("--seed", "5")):
+        said = here(*SERVE, "--for", "0.1", "--speed", "20", "--bench", str(bench), "--json", *options)
+        assert said.exit_code == 0, said.err
+        result: dict[str, Any] = said.document["result"]
+        serials.append(result["serial"])
+        times_s.append(result["time_s"])
+    assert serials == ["SIM-5"] * 3
+    assert 0.1 <= times_s[0] < times_s[1] < times_s[2]
+
+
+def test_another_seed_than_the_kept_machines_is_refused(here: Here, tmp_path: Path) -> None:
+    bench = str(tmp_path / "b.h5")
+    assert here(*SERVE, "--for", "0.1", "--speed", "20", "--bench", bench, "--seed", "5").exit_code == 0
+    said = here(*SERVE, "--for", "0.1", "--bench", bench, "--seed", "6")
+    assert said.exit_code == 2
+    assert "keeps SIM-5, not the machine of --seed 6" in said.err
+
+
+def test_a_bench_in_use_and_a_foreign_file_are_refused(here: Here, tmp_path: Path) -> None:
+    bench, foreign = tmp_path / "b.h5", tmp_path / "notes.txt"
+    foreign.write_text("mine")
+    with bench_lock(bench):
+        said = here(*SERVE, "--bench", str(bench), "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (9, "E9023")
+    said = here(*SERVE, "--bench", str(foreign), "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (9, "E9020")
+    assert foreign.read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "exit_code"),
+    [
+        (("--link", "a", "--socket", ":0"), "E2040", 2),
+        (("--speed", "fast"), "E2041", 2),
+        (("--speed", "0"), "E2041", 2),
+        (("--speed", "nan"), "E2041", 2),
+        (("--socket", "here"), "E2042", 2),
+        (("--socket", ":99999"), "E2042", 2),
+        (("--fault", "EARTHQUAKE"), "E2043", 2),
+        (("--fault", "ESTOP@noon"), "E2043", 2),
+        (("--link", "no/such/folder/edm"), "E4021", 4),
+    ],
+)
+def test_what_cannot_be_served_is_refused(
+    options: tuple[str, ...], code: str, exit_code: int, here: Here
+) -> None:
+    said = here(*SERVE, "--for", "0.1", "--json", *options)
+    assert (said.exit_code, said.document["error"]["code"]) == (exit_code, code)
+    assert said.document["error"]["hint"]
+
+
+def test_a_file_in_the_place_of_the_link_stays(here: Here, tmp_path: Path) -> None:
+    taken = tmp_path / "edm"
+    taken.write_text("mine")
+    said = here(*SERVE, "--for", "0.1", "--link", str(taken))
+    assert said.exit_code == 4
+    assert "Cannot make the link" in said.err
+    assert taken.read_text() == "mine"

@@ -1,0 +1,129 @@
+"""The file of a kept bench: what goes in comes out, and nothing else is taken for one or written over."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import h5py
+import numpy as np
+import pytest
+
+from edmctl.errors import RunFileError
+from edmctl.record.bench_file import SCHEMA, bench_lock, read_bench, write_bench
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+STATE = {
+    "plant": {
+        "st": {"DEPTH": 0.1 + 0.2, "TICK": 2**62},
+        "holes": np.zeros((0, 3)),
+        "plays": np.arange(6.0).reshape(2, 3),
+        "far": float("inf"),
+    },
+    "serial": "SIM-µ",
+    "fault": 2001,
+}
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    path = tmp_path / "bench.h5"
+    write_bench(path, STATE)
+    return path
+
+
+def refusal(path: Path) -> RunFileError:
+    with pytest.raises(RunFileError) as caught:
+        read_bench(path)
+    assert str(path) in caught.value.message
+    assert caught.value.hint
+    return caught.value
+
+
+def test_what_goes_in_comes_out(path: Path) -> None:
+    state = read_bench(path)
+    plant = state["plant"]
+    assert isinstance(plant, dict)
+    assert plant["st"] == STATE["plant"]["st"]  # type: ignore[index]
+    assert plant["far"] == float("inf")
+    assert plant["holes"].shape == (0, 3)
+    np.testing.assert_array_equal(plant["plays"], np.arange(6.0).reshape(2, 3))
+    assert (state["serial"], state["fault"]) == ("SIM-µ", 2001)
+
+
+def test_a_newer_state_takes_the_place_of_the_old_one_and_leaves_nothing_else(path: Path) -> None:
+    write_bench(path, {**STATE, "fault": 0})
+    assert read_bench(path)["fault"] == 0
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_what_is_no_bench_is_refused_and_never_written_over(tmp_path: Path) -> None:
+    text, empty, run = tmp_path / "notes.txt", tmp_path / "empty", tmp_path / "run.h5"
+    text.write_text("my notes")
+    empty.write_bytes(b"")
+    with h5py.File(run, "w") as file:
+        file.attrs["schema"] = "edmctl-run/1"
+    for other in (text, empty, run):
+        before = other.read_bytes()
+        assert refusal(other).code == "E9020"
+        with pytest.raises(RunFileError):
+            write_bench(other, STATE)
+        assert other.read_bytes() == before
+
+
+def test_a_damaged_file_is_refused(path: Path) -> None:
+    whole = path.read_bytes()
+    at = whole.index(np.arange(6.0).tobytes()) + 20
+    path.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
+    assert "check sum" in refusal(path).message
+    path.write_bytes(whole[: len(whole) // 2])
+    assert refusal(path).code == "E9020"
+
+
+def test_every_cut_file_is_refused_in_words(path: Path) -> None:
+    whole = path.read_bytes()
+    for length in range(0, len(whole), len(whole) // 40):
+        path.write_bytes(whole[:length])
+        assert refusal(path).code == "E9020"
+
+
+def test_the_file_of_a_later_version_is_refused_and_stays(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        file.attrs["schema"] = SCHEMA + 1
+    before = path.read_bytes()
+    error = refusal(path)
+    assert error.code == "E9022"
+    assert f"schema {SCHEMA + 1}, this one knows {SCHEMA}" in error.message
+    with pytest.raises(RunFileError):
+        write_bench(path, STATE)
+    assert path.read_bytes() == before
+
+
+def test_one_program_at_a_time(path: Path, tmp_path: Path) -> None:
+    (tmp_path / "other.h5").symlink_to(path)
+    for name in (path, tmp_path / "other.h5"):
+        with (
+            bench_lock(path),
+            pytest.raises(RunFileError, match="in use by another program") as caught,
+            bench_lock(name),
+        ):
+            raise AssertionError("two had the lock")
+        assert caught.value.code == "E9023"
+    with bench_lock(path):
+        pass
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_a_folder_that_is_not_there_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "none" / "bench.h5"
+    with pytest.raises(RunFileError, match="No such file") as caught, bench_lock(path):
+        raise AssertionError("locked nothing")
+    assert caught.value.code == "E9024"
+    with pytest.raises(RunFileError, match="No such file"):
+        write_bench(path, STATE)
+
+
+def test_a_value_without_a_place_in_the_file_is_a_bug(tmp_path: Path) -> None:
+    with pytest.raises(TypeError, match="NoneType"):
+        write_bench(tmp_path / "bench.h5", {"what": None})

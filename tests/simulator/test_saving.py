@@ -1,0 +1,182 @@
+"""A bench that was saved and restored is the bench whose power was cut: the same bytes from there on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from random import Random
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from edmctl.errors import RunFileError
+from edmctl.link import messages as m
+from edmctl.link.session import Session
+from edmctl.record.bench_file import read_bench, write_bench
+from edmctl.simulator import BenchConfig, DischargeConstants, SensorConstants, VirtualBench, open_bench
+from edmctl.simulator import kernel as k
+from edmctl.simulator.injection import parse_injection
+from edmctl.simulator.saving import bench_state, restored_bench
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from tests.simulator.conftest import Rig
+
+RigMaker = Callable[..., "Rig"]
+NEAR = BenchConfig(offset_um=20.0, discharge=DischargeConstants(scatter=0.4))
+
+
+def power_cycled(bench: VirtualBench) -> VirtualBench:
+    """The bench itself after its power was cut at rest."""
+    bench.controller.reset(m.ResetCause.POWER_ON)
+    bench.controller.port.take_output()
+    return bench
+
+
+def cut(rig: Rig) -> None:
+    """Some sparks in the work, and back to 0 V and IDLE."""
+    rig.arm()
+    rig.to_pad()
+    rig.start_sparking()
+    rig.session.pump(2.0)
+    rig.session.request(m.ServoStop())
+    rig.session.request(m.Disarm())
+    rig.wait(m.EventCode.MOVE_DONE, 5.0)
+
+
+def next_bytes(bench: VirtualBench) -> bytes:
+    """All that a bench says in another cut in the same hole."""
+    said = bytearray()
+    read = bench.transport.read
+
+    def listening(timeout_s: float) -> bytes:
+        data = read(timeout_s)
+        said.extend(data)
+        return data
+
+    bench.transport.read = listening  # type: ignore[method-assign]
+    session = Session(bench.transport, Random(2))
+    session.open()
+    session.request(m.TlmStart(1000, 10, m.PulseLog.FULL))
+    crc = m.param_crc({})
+    session.request(m.CommitProfile(crc))
+    session.request(m.Arm(crc))
+    session.request(m.PulseEnable(1))
+    session.request(m.StageMove(m.Axis.Y, 100_000, 5_000_000))
+    session.pump(0.2)
+    session.request(m.Approach(5.0, 120.0, 10.8))
+    session.pump(8.0)
+    session.request(m.ServoStart(9.6, 500.0, 100.0))
+    session.pump(3.0)
+    assert bench.controller.ist.item(k.PULSE_NO) > 5000
+    return bytes(said)
+
+
+def test_a_run_after_saving_and_restoring_is_the_run_without(rig: RigMaker, tmp_path: Path) -> None:
+    r = rig(NEAR, seed=7)
+    cut(r)
+    write_bench(tmp_path / "b.h5", bench_state(r.bench))
+    again = restored_bench(read_bench(tmp_path / "b.h5"))
+    assert again.truth() == r.bench.truth()
+    assert again.plant.config == NEAR
+    assert next_bytes(again) == next_bytes(power_cycled(r.bench))
+
+
+def test_saving_changes_nothing(rig: RigMaker) -> None:
+    runs = []
+    for saves in (0, 3):
+        r = rig(NEAR, seed=8)
+        cut(r)
+        for _ in range(saves):
+            bench_state(r.bench)
+        runs.append(next_bytes(r.bench))
+    assert runs[0] == runs[1]
+
+
+def test_a_state_saved_again_is_the_same_state(rig: RigMaker) -> None:
+    r = rig(NEAR, seed=9)
+    cut(r)
+    once = bench_state(restored_bench(bench_state(r.bench)))
+    first, second = flat(once), flat(bench_state(restored_bench(once)))
+    assert first.keys() == second.keys()
+    differing = {name for name in first if not np.array_equal(first[name], second[name])}
+    assert differing == {"controller.boot_count"}
+
+
+def test_a_machine_saved_in_mid_cut_has_lost_its_power_and_retracted(rig: RigMaker) -> None:
+    r = rig(NEAR, seed=1)
+    r.arm()
+    r.to_pad()
+    r.start_sparking()
+    r.session.pump(2.0)
+    again = restored_bench(bench_state(r.bench))
+    assert r.bench.controller.state is m.State.MACHINING
+    assert (again.controller.state, again.controller.fault) == (m.State.IDLE, 0)
+    assert again.controller.st.item(k.COMMAND_V) == 0.0
+    assert again.controller.boot_count == r.bench.controller.boot_count + 1
+    assert again.truth() == r.bench.truth()
+    assert again.controller.port.take_output() == b""
+
+
+@pytest.mark.parametrize(("name", "state"), [("ESTOP", m.State.ESTOP), ("DOOR", m.State.FAULT)])
+def test_a_latched_fault_and_its_black_box_are_kept_and_what_was_broken_is_repaired(
+    name: str, state: m.State, rig: RigMaker
+) -> None:
+    r = rig(NEAR, seed=1)
+    r.arm()
+    r.bench.inject(parse_injection(f"{name}@0.3"))
+    fault = r.wait_fault(2.0)
+    r.session.pump(1.0)
+    again = restored_bench(bench_state(r.bench))
+    assert (again.controller.state, again.controller.fault) == (state, fault.code)
+    assert again.controller.guards.open_interlocks() == 0
+    assert r.bench.controller.guards.open_interlocks() != 0
+    session = Session(again.transport, Random(3))
+    hello = session.open()
+    assert (hello.fault, hello.reset_cause, hello.boot_count) == (fault.code, m.ResetCause.POWER_ON, 2)
+    box = session.request(m.BlackboxRead(0))
+    assert box == r.session.request(m.BlackboxRead(0))
+    session.request(m.ClearFault(fault.code))
+    assert again.controller.state is m.State.IDLE
+
+
+def test_a_bench_without_a_sensor_and_a_long_serial_come_back() -> None:
+    config = BenchConfig(sensors=SensorConstants(fitted=False))
+    bench = open_bench(config, 2**63 - 1)
+    again = restored_bench(bench_state(bench))
+    assert (again.plant.serial, again.plant.config) == (bench.plant.serial, config)
+    assert again.plant.config.sensors.fitted is False
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda state: state.pop("plant"),
+        lambda state: state["plant"]["st"].pop("DEPTH"),
+        lambda state: state["plant"].update(plays=np.zeros((3, 7))),
+        lambda state: state["plant"].update(here=5),
+        lambda state: state["plant"].update(stage_noise="{}"),
+        lambda state: state["plant"].update(stage_noise=1),
+        lambda state: state["config"].update(colour=1.0),
+        lambda state: state["controller"].update(fault="none"),
+        lambda state: state.update(config=1.0),
+    ],
+)
+def test_a_state_that_does_not_fit_is_refused_in_words(spoil: Callable[[Any], object]) -> None:
+    state: Any = bench_state(open_bench(BenchConfig(), 1))
+    spoil(state)
+    with pytest.raises(RunFileError, match="does not fit this version") as caught:
+        restored_bench(state)
+    assert caught.value.code == "E9021"
+
+
+def flat(state: Mapping[str, object], prefix: str = "") -> dict[str, Any]:
+    """Every leaf by its dotted name."""
+    leaves: dict[str, Any] = {}
+    for name, value in state.items():
+        if isinstance(value, Mapping):
+            leaves |= flat(value, f"{prefix}{name}.")
+        else:
+            leaves[prefix + name] = value
+    return leaves

@@ -1,0 +1,341 @@
+"""The served controller: the same bytes as in process, one client at a time, and never a line that blocks it."""
+
+from __future__ import annotations
+
+import os
+import socket
+import threading
+import time
+from contextlib import contextmanager
+from pathlib import Path
+from random import Random
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from edmctl.errors import LinkLost
+from edmctl.link import messages as m
+from edmctl.link.frame import FrameDecoder, encode_frame
+from edmctl.link.opening import open_line
+from edmctl.link.session import Session
+from edmctl.simulator import BenchConfig, open_bench
+from edmctl.simulator.endpoints import Endpoint, PtyEndpoint, SocketEndpoint
+from edmctl.simulator.injection import parse_injection
+from edmctl.simulator.news import News
+from edmctl.simulator.serve import Server
+from tests.serving import serving
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+NEAR = BenchConfig(offset_um=20.0)
+HELLO = encode_frame(m.Hello.ID, 0, 9, 0, m.Hello(m.PROTO_MAJOR, m.PROTO_MINOR, 77, m.SCHEMA_HASH).pack())
+PATIENCE_S = 10.0
+
+
+@contextmanager
+def running(server: Server, endpoint: Endpoint) -> Iterator[None]:
+    over = threading.Event()
+    thread = threading.Thread(target=server.run, args=(over.is_set,), name="server")
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+        endpoint.close()
+
+
+def until(done: Callable[[], bool]) -> bool:
+    end_s = time.monotonic() + PATIENCE_S
+    while not done() and time.monotonic() < end_s:
+        time.sleep(0.002)
+    return done()
+
+
+def replies(receive: Callable[[], bytes], count: int = 1) -> list[Any]:
+    decoder, frames = FrameDecoder(watch_for_abort=False), list[Any]()
+    end_s = time.monotonic() + PATIENCE_S
+    while len(frames) < count and time.monotonic() < end_s:
+        frames += decoder.feed(receive())
+    return frames
+
+
+def client_of(endpoint: SocketEndpoint) -> socket.socket:
+    host, port = endpoint.name.removeprefix("socket://").rsplit(":", 1)
+    return socket.create_connection((host, int(port)), timeout=PATIENCE_S)
+
+
+def job(session: Session) -> list[bytes]:
+    """A short cut with telemetry and every pulse; what was told of it."""
+    told: list[bytes] = []
+    session.subscribe(m.Tlm, lambda message: told.append(message.pack()))
+    session.subscribe(m.Pulses, lambda message: told.append(message.pack()))
+    session.subscribe(m.Event, lambda message: told.append(message.pack()))
+    session.open()
+    session.request(m.TlmStart(1000, 10, m.PulseLog.FULL))
+    crc = m.param_crc({})
+    session.request(m.PulseConfig(130.435, 304.348, 40.0, 0.12, m.PulseMode.ISOFREQUENCY, 0.0))
+    session.request(m.Arm(crc))
+    session.request(m.PulseEnable(1))
+    session.request(m.StageMove(m.Axis.X, 0, 50_000_000))
+    session.pump(0.5)
+    session.request(m.Approach(10.0, 120.0, 10.8))
+    session.pump(4.0)
+    session.request(m.ServoStart(9.6, 500.0, 100.0))
+    session.pump(2.0)
+    session.request(m.Disarm())
+    session.pump(1.0)
+    session.close()
+    return told
+
+
+def test_a_driven_job_over_a_pty_is_the_job_in_process() -> None:
+    alone = open_bench(NEAR, 4)
+    expected = job(Session(alone.transport, Random(1), heartbeat_s=0.2))
+    bench = open_bench(NEAR, 4)
+    with serving(bench) as path:
+        assert job(Session(open_line(path), Random(1), heartbeat_s=0.2)) == expected
+    assert bench.controller.tick == alone.controller.tick
+    assert bench.truth() == alone.truth()
+    assert len(expected) > 500
+
+
+@pytest.mark.parametrize("speed", [1.0, 20.0])
+def test_clients_in_turn_talk_to_the_same_running_machine(speed: float) -> None:
+    bench = open_bench(NEAR, 4)
+    with serving(bench, speed) as path:
+        times_s = []
+        for turn in range(2):
+            session = Session(open_line(path), Random(turn))
+            hello = session.open()
+            assert (hello.serial, hello.clock, hello.boot_count) == ("SIM-4", m.Clock.RUNNING, 1)
+            session.pump(0.05)
+            times_s.append(session.machine_now_s())
+            session.close()
+    assert times_s[1] > times_s[0] > 0.0
+
+
+def test_at_a_speed_the_watchdog_goes_by_the_clock_on_the_wall() -> None:
+    bench = open_bench(NEAR, 4)
+    with serving(bench, 50.0) as path:
+        line = open_line(path)
+        session = Session(line, Random(1))
+        session.open()
+        session.request(m.Arm(m.param_crc({})))
+        armed = bench.controller.tick
+        session.pump(15.0)  # of the controller's time: 0.3 s on the wall, more than the watchdog's
+        assert bench.controller.armed
+        assert bench.controller.tick - armed > 10_000
+        session.close()
+        assert until(lambda: bench.controller.fault == 1001)
+
+
+def test_a_socket_has_one_client_at_a_time_and_then_the_next() -> None:
+    bench, said = open_bench(NEAR, 4), list[str]()
+    endpoint = SocketEndpoint("127.0.0.1", 0, said.append)
+    with running(Server(bench, endpoint, 1.0), endpoint):
+        with client_of(endpoint) as first:
+            first.sendall(HELLO)
+            (reply,) = replies(lambda: first.recv(4096))
+            assert m.HelloReply.unpack(reply.payload).host_nonce == 77
+            with client_of(endpoint) as second:
+                assert second.recv(100) == b""
+            first.sendall(HELLO)
+            assert replies(lambda: first.recv(4096))
+        assert until(lambda: not endpoint.has_client())
+        with client_of(endpoint) as third:
+            third.sendall(HELLO)
+            assert replies(lambda: third.recv(4096))
+    assert len(said) == 1
+    assert "second client" in said[0]
+
+
+def test_a_client_that_does_not_read_loses_whole_frames_and_blocks_nothing() -> None:
+    bench = open_bench(NEAR, 4)
+    endpoint = PtyEndpoint()
+    server = Server(bench, endpoint, 200.0)
+    with running(server, endpoint):
+        client = os.open(endpoint.name, os.O_RDWR | os.O_NOCTTY)
+        os.write(client, HELLO)
+        start = encode_frame(m.TlmStart.ID, 1, 9, 0, m.TlmStart(1000, 1, m.PulseLog.OFF).pack())
+        os.write(client, start)
+        assert until(lambda: server.traffic.dropped_frames > 100)
+        os.write(client, encode_frame(m.TlmStop.ID, 2, 9, 0, m.TlmStop().pack()))
+        os.set_blocking(client, False)
+        decoder, counters = FrameDecoder(watch_for_abort=False), list[int]()
+
+        def drained() -> bool:
+            try:
+                frames = decoder.feed(os.read(client, 65536))
+            except BlockingIOError:
+                return not server._waiting
+            counters.extend(m.Tlm.unpack(f.payload).counter for f in frames if f.type_id == m.Tlm.ID)
+            return False
+
+        assert until(drained)
+        os.close(client)
+    assert decoder.bad == 0
+    assert counters == sorted(counters)
+    assert server.traffic.frames_in == 3
+
+
+def test_a_machine_whose_driving_host_died_becomes_safe(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("edmctl.simulator.serve.ORPHANED_S", 0.05)
+    monkeypatch.setattr("edmctl.simulator.serve._IDLE_S", 0.02)
+    bench = open_bench(NEAR, 4)
+    with serving(bench) as path:
+        session = Session(open_line(path), Random(1))
+        session.open()
+        session.request(m.Arm(m.param_crc({})))
+        session.request(m.PiezoSet(30.0, 600.0))
+        session.pump(0.1)
+        tick = bench.controller.tick
+        time.sleep(0.2)
+        assert (bench.controller.tick, bench.controller.armed) == (tick, True)  # the host has the port open
+        session.close()
+        assert until(lambda: bench.is_safe)
+    assert bench.controller.fault == 1001
+
+
+def test_an_abort_run_in_two_reads_acts_before_the_frame_behind_it() -> None:
+    bench = open_bench(NEAR, 4)
+    server = Server(bench, endpoint := PtyEndpoint(), None)
+    client = os.open(endpoint.name, os.O_RDWR | os.O_NOCTTY)
+    advance = encode_frame(m.Advance.ID, 0, 9, 0, m.Advance(1000).pack())
+    for data in (HELLO, advance, b"\1" + bytes(5), bytes(4) + advance):
+        server._take(data)
+        server._transmit()
+    frames = replies(lambda: os.read(client, 4096), 4)
+    os.close(client)
+    endpoint.close()
+    assert [f.type_id for f in frames] == [
+        m.Hello.ID | 0x40,
+        m.Advance.ID | 0x40,
+        m.Fault.ID,
+        m.Advance.ID | 0x40,
+    ]
+
+
+def test_what_bad_frames_bring_about_comes_before_the_frame_behind_them() -> None:
+    bench = open_bench(NEAR, 4)
+    server = Server(bench, endpoint := PtyEndpoint(), None)
+    client = os.open(endpoint.name, os.O_RDWR | os.O_NOCTTY)
+    advance = encode_frame(m.Advance.ID, 0, 9, 0, m.Advance(1000).pack())
+    arm = encode_frame(m.Arm.ID, 1, 9, 0, m.Arm(m.param_crc({})).pack())
+    for data in (HELLO, arm, b"\1\1\1\0" * 100 + advance):
+        server._take(data)
+        server._transmit()
+    frames = replies(lambda: os.read(client, 4096), 4)
+    os.close(client)
+    endpoint.close()
+    assert [f.type_id for f in frames[2:]] == [m.Fault.ID, m.Advance.ID | 0x40]
+    assert bench.controller.fault == 1003
+
+
+def test_an_unplugged_line_ends_the_server_and_the_client_is_told() -> None:
+    bench = open_bench(NEAR, 4)
+    endpoint = PtyEndpoint()
+    server = Server(bench, endpoint, None)
+
+    def serve() -> None:
+        server.run(lambda: False)
+        endpoint.close()
+
+    thread = threading.Thread(target=serve, name="server")
+    thread.start()
+    try:
+        session = Session(open_line(endpoint.name), Random(1))
+        session.open()
+        session.request(m.Arm(m.param_crc({})))
+        bench.inject(parse_injection("UNPLUG@0"))
+        with pytest.raises(LinkLost):
+            session.pump(0.1)
+        session.close()
+    finally:
+        thread.join(PATIENCE_S)
+    assert not thread.is_alive()
+
+
+def test_news_of_faults_and_injections() -> None:
+    bench, said, rests = open_bench(NEAR, 4), list[str](), list[int]()
+    news = News(bench, said.append, lambda: rests.append(bench.controller.tick))
+    session = Session(bench.transport, Random(1))
+    session.open()
+    session.request(m.Arm(m.param_crc({})))
+    bench.inject(parse_injection("DOOR@0.1"))
+    for _ in range(20):
+        session.pump(0.01)
+        news()
+    bench.clear_injections()
+    session.request(m.ClearFault(4002))
+    news()
+    assert [text.partition(" s: ")[2] for text in said] == [
+        "DOOR@0.1 happened",
+        "fault 4002 DOOR latched",
+        "fault 4002 DOOR cleared",
+    ]
+    assert (news.faults, len(rests)) == ([4002], 1)
+
+
+def test_a_link_is_published_and_removed_and_only_a_dangling_one_replaced(tmp_path: Path) -> None:
+    link, other = tmp_path / "edm", tmp_path / "other"
+    link.symlink_to(tmp_path / "gone")
+    endpoint = PtyEndpoint(link)
+    assert link.readlink() == Path(endpoint.device)
+    with pytest.raises(LinkLost, match="Cannot make the link"):
+        PtyEndpoint(link)
+    other.write_text("mine")
+    with pytest.raises(LinkLost, match="exists"):
+        PtyEndpoint(other)
+    assert other.read_text() == "mine"
+    endpoint.close()
+    assert not os.path.lexists(link)
+
+
+def test_a_link_that_is_another_servers_by_now_stays(tmp_path: Path) -> None:
+    link = tmp_path / "edm"
+    first = PtyEndpoint(link)
+    link.unlink()
+    second = PtyEndpoint(link)
+    first.close()
+    assert link.exists()
+    second.close()
+
+
+def test_a_pty_tells_whether_somebody_has_it_open() -> None:
+    endpoint = PtyEndpoint()
+    assert not endpoint.has_client()
+    client = os.open(endpoint.device, os.O_RDWR | os.O_NOCTTY)
+    os.write(client, b"\0abc\r\n\x03")
+    assert endpoint.has_client()
+    assert endpoint.receive() == b"\0abc\r\n\x03"
+    endpoint.transmit(b"\0\x11\x13\n")
+    assert os.read(client, 10) == b"\0\x11\x13\n"
+    os.close(client)
+    assert not endpoint.has_client()
+    endpoint.close()
+
+
+def test_an_address_in_use_is_named() -> None:
+    endpoint = SocketEndpoint("127.0.0.1", 0)
+    port = int(endpoint.name.rsplit(":", 1)[1])
+    with pytest.raises(LinkLost, match=f"Cannot serve on 127.0.0.1:{port}"):
+        SocketEndpoint("127.0.0.1", port)
+    endpoint.close()
+
+
+def test_a_computer_that_is_too_slow_says_so_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = open_bench(NEAR, 4)
+    endpoint, said = PtyEndpoint(), list[str]()
+    server = Server(bench, endpoint, 1.0, say=said.append)
+    now_s = time.monotonic()
+    for late_s in (0.01, 0.1, 5.0, 10.0):
+        monkeypatch.setattr("edmctl.simulator.serve.monotonic", lambda late_s=late_s: now_s + late_s)
+        server._follow_clock(1.0)
+    endpoint.close()
+    assert len(said) == 1
+    assert "too slow for 1x" in said[0]
+    assert server.traffic.slowest_s > 1.0
+    assert server.traffic.paused_s > 8.0
+    assert bench.controller.tick < 200
