@@ -5,55 +5,58 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from edmctl.errors import EdmError, PreconditionError
+from edmctl.errors import EdmError
 from edmctl.link.messages import (
-    PARAMS,
     Approach,
     Arm,
-    CommitProfile,
     Disarm,
-    GetStatus,
     Jump,
     PiezoSet,
-    PulseConfig,
     PulseEnable,
+    SelfTest,
     ServoStart,
     ServoStop,
-    SetParam,
     StageMove,
     TlmStart,
     TlmStop,
     TouchOff,
     param_crc,
 )
-from edmctl.machine.faults import fault_error
+from edmctl.machine.asking import identity_of, read_black_box, read_status
+from edmctl.machine.faults import latched_error
 from edmctl.machine.inbox import Inbox
-from edmctl.machine.orders import settings_by_name
-from edmctl.machine.port import (
-    Axis,
+from edmctl.machine.orders import (
     ControllerSettings,
     CutRequest,
-    EventCode,
-    Interlock,
     JumpRequest,
-    MachineEvent,
-    MachineIdentity,
-    MachineListener,
-    MachineState,
-    MachineStatus,
     MotionSettings,
     PulseSettings,
     TelemetrySettings,
-    Touch,
     TouchRequest,
+    settings_by_name,
 )
+from edmctl.machine.recovery import clear_fault, make_idle
+from edmctl.machine.reports import (
+    LinkReport,
+    MachineEvent,
+    MachineIdentity,
+    MachineStatus,
+    TelemetryBlock,
+    Touch,
+)
+from edmctl.machine.states import Axis, EventCode, MachineState
 from edmctl.machine.stop import StopRequest
+from edmctl.machine.upload import default_settings, set_generator, upload
 from edmctl.machine.waits import GRACE_S, Waits
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
+    from edmctl.link.messages import HelloReply
     from edmctl.link.session import Session
+    from edmctl.machine.faults import FaultLatched
+    from edmctl.machine.port import MachineListener
+
+SELF_TEST_S = 1.0
+"""A self-test takes no longer: it averages the gap voltage twice for some tenths of a second."""
 
 _CUT_ENDS = (EventCode.CUT_DONE, EventCode.TIME_UP, EventCode.STOPPED)
 
@@ -73,7 +76,7 @@ class LinkMachine:
     def __init__(self, session: Session, stop: StopRequest | None = None) -> None:
         self._session = session
         self._inbox = Inbox(session, self._run_seconds)
-        self._waits = Waits(session, self._inbox, stop or StopRequest(), _defaults())
+        self._waits = Waits(session, self._inbox, stop or StopRequest(), default_settings())
         self._origin_s: float | None = None
         self._position: dict[Axis, float] = {}
         self._actuator_v = 0.0
@@ -81,14 +84,12 @@ class LinkMachine:
     @property
     def identity(self) -> MachineIdentity:
         """Who answered."""
-        hello, transport = self._session.hello, self._session.transport
-        return MachineIdentity(
-            transport=transport.name,
-            serial=hello.serial,
-            firmware=f"{hello.fw_major}.{hello.fw_minor}.{hello.fw_patch}",
-            protocol=f"{hello.proto_major}.{hello.proto_minor}",
-            simulated=transport.simulated,
-        )
+        return identity_of(self._session)
+
+    @property
+    def hello(self) -> HelloReply:
+        """What the controller said of itself when the session opened."""
+        return self._session.hello
 
     @property
     def time_s(self) -> float:
@@ -105,25 +106,13 @@ class LinkMachine:
         self, settings: ControllerSettings | MotionSettings, pulses: PulseSettings | None = None
     ) -> None:
         """Upload and commit every parameter and set the generator; refused while a fault is latched."""
-        status = self.status()
-        if status.state in (MachineState.FAULT, MachineState.ESTOP):
-            raise _latched(status.fault, self._waits.settings)
-        self._waits.settings = {**_defaults(), **settings_by_name(settings)}
-        for name, value in self._waits.settings.items():
-            self._session.request(SetParam(PARAMS[name].id, _on_the_wire(name, value)))
-        self._session.request(CommitProfile(param_crc(self._waits.settings)))
-        if pulses is None:
-            return
-        self._session.request(
-            PulseConfig(
-                on_time_us=pulses.on_time_us,
-                off_time_us=pulses.off_time_us,
-                open_voltage_v=pulses.open_voltage_v,
-                peak_current_a=pulses.peak_current_a,
-                mode=pulses.mode,
-                discharge_us=pulses.discharge_us,
-            )
-        )
+        latched = self.latched_fault()
+        if latched:
+            raise latched
+        self._waits.settings = {**default_settings(), **settings_by_name(settings)}
+        upload(self._session, self._waits.settings)
+        if pulses is not None:
+            set_generator(self._session, pulses)
 
     def start_telemetry(self, settings: TelemetrySettings, listener: MachineListener) -> None:
         """Begin to send samples to `listener`."""
@@ -146,20 +135,12 @@ class LinkMachine:
 
     def status(self) -> MachineStatus:
         """Ask what the controller sees now."""
-        reply = self._session.request(GetStatus())
-        return MachineStatus(
-            state=MachineState(reply.state),
-            fault=reply.fault,
-            interlocks=Interlock(reply.interlocks),
-            displacement_um=reply.displacement_um,
-            x_um=reply.x_um,
-            y_um=reply.y_um,
-            theta_deg=reply.theta_deg,
-            actuator_v=reply.actuator_v,
-            gap_v=reply.gap_v,
-            temperature_c=reply.temperature_c,
-            flow_lpm=reply.flow_lpm,
-        )
+        return read_status(self._session)
+
+    def self_test(self) -> float:
+        """Test the gap sensor with the tool retracted; mean gap voltage with the generator on, V."""
+        self._waits.begin(SelfTest())
+        return 1e-3 * self._waits.event((EventCode.TEST_DONE,), SELF_TEST_S).argument
 
     def rest(self, duration_s: float) -> None:
         """Let time pass."""
@@ -253,30 +234,41 @@ class LinkMachine:
         with suppress(EdmError):
             self._waits.hand_over(everything=True)
 
+    def make_idle(self) -> bool:
+        """Bring a controller that a host left behind to rest; whether it had been left armed."""
+        return make_idle(self._session)
+
+    def latched_fault(self) -> FaultLatched | None:
+        """The error of starting a job with the fault that the controller holds; None where it holds none."""
+        status = self.status()
+        if status.state not in (MachineState.FAULT, MachineState.ESTOP):
+            return None
+        return latched_error(status.fault, self._waits.settings, self._session.transport.name)
+
+    def clear_fault(self, code: int) -> None:
+        """Clear the latched fault, once the tool has retracted.
+
+        Raises
+        ------
+        NothingLatched, WrongFault, InterlockOpen
+        """
+        clear_fault(self._session, code, self._waits.settings)
+
+    def black_box(self) -> TelemetryBlock | None:
+        """Every millisecond of the last two seconds before the latched fault; None where nothing is held."""
+        return read_black_box(self._session, self._run_seconds)
+
+    def link_report(self) -> LinkReport:
+        """How the line did since the session opened."""
+        return self._session.link_report()
+
+    @property
+    def bad_frames(self) -> int:
+        """Frames that arrived damaged since the session opened."""
+        return self._session.statistics.bad_frames
+
     def _retract_time_s(self) -> float:
         return self._waits.settings["piezo_max_v"] / self._waits.settings["retract_v_s"]
-
-
-def _defaults() -> Mapping[str, float]:
-    return {name: param.default for name, param in PARAMS.items()}
-
-
-def _on_the_wire(name: str, value: float) -> int:
-    try:
-        return PARAMS[name].to_wire(value)
-    except ValueError as error:
-        raise PreconditionError(
-            f"The controller cannot be set so: {error}.",
-            hint="Change the value in the setup or in the profile.",
-            code="E8011",
-        ) from error
-
-
-def _latched(fault: int, settings: Mapping[str, float]) -> PreconditionError:
-    error = fault_error(fault, settings)
-    return PreconditionError(
-        f"The controller still holds fault {fault}: {error.message}", hint=error.hint, code="E8010"
-    )
 
 
 def _touch_time_s(request: TouchRequest) -> float:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from edmctl.machine.faults import host_fault
 from edmctl.machine.orders import (
     ControllerSettings,
     CutRequest,
@@ -19,6 +20,7 @@ from edmctl.machine.orders import (
 from edmctl.machine.reports import (
     Bytes,
     Floats,
+    LinkReport,
     MachineEvent,
     MachineIdentity,
     MachineStatus,
@@ -49,6 +51,7 @@ __all__ = [
     "Floats",
     "Interlock",
     "JumpRequest",
+    "LinkReport",
     "Machine",
     "MachineEvent",
     "MachineIdentity",
@@ -68,6 +71,7 @@ __all__ = [
     "TelemetrySettings",
     "Touch",
     "TouchRequest",
+    "host_fault",
     "joined",
 ]
 
@@ -128,6 +132,12 @@ class Machine(Protocol):
     def status(self) -> MachineStatus:
         """Ask what the controller sees now."""
 
+    def self_test(self) -> float:
+        """Test the gap sensor with the tool retracted, armed and with pulses permitted.
+
+        The mean gap voltage with the generator on, V. MachineFault E63003 where the sensor is wrong.
+        """
+
     def rest(self, duration_s: float) -> None:
         """Let time pass."""
 
@@ -160,3 +170,13 @@ class Machine(Protocol):
 
     def safe_stop(self) -> None:
         """Pulses off, retract to 0 V, idle, whatever the state. Raises no `EdmError`: one is on its way."""
+
+    def black_box(self) -> TelemetryBlock | None:
+        """Every millisecond of the last two seconds before the latched fault; None where nothing is held."""
+
+    def link_report(self) -> LinkReport:
+        """How the line did since the session opened."""
+
+    @property
+    def bad_frames(self) -> int:
+        """Frames that arrived damaged since the session opened."""

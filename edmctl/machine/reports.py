@@ -12,10 +12,26 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from edmctl.link.accounting import LinkReport
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from edmctl.machine.states import EventCode, Interlock, MachineState
+    from edmctl.machine.states import EventCode, Interlock, MachineState, TelemetryFlag
+
+__all__ = [
+    "Bytes",
+    "Floats",
+    "LinkReport",
+    "MachineEvent",
+    "MachineIdentity",
+    "MachineStatus",
+    "PulseBatch",
+    "PulseBlockBatch",
+    "TelemetryBlock",
+    "Touch",
+    "joined",
+]
 
 Floats: TypeAlias = NDArray[np.float64]
 Bytes: TypeAlias = NDArray[np.uint8]
@@ -122,7 +138,10 @@ class Touch:
 
 @dataclass(frozen=True, slots=True)
 class MachineStatus:
-    """What the controller sees now."""
+    """What the controller sees now.
+
+    `actuator_v` is what was commanded, `monitor_v` what the amplifier's voltage monitor shows of it.
+    """
 
     state: MachineState
     fault: int
@@ -135,3 +154,5 @@ class MachineStatus:
     gap_v: float
     temperature_c: float
     flow_lpm: float
+    monitor_v: float
+    flags: TelemetryFlag

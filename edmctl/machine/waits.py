@@ -10,6 +10,7 @@ from edmctl.machine.faults import fault_error
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from edmctl.errors import EdmError
     from edmctl.link.messages import Fault
     from edmctl.link.session import Session
     from edmctl.link.wire import Request
@@ -40,8 +41,8 @@ class Waits:
 
     @property
     def now_s(self) -> float:
-        """The clock that waiting goes by."""
-        return self._session.transport.now_s()
+        """The clock that waiting goes by: the controller's."""
+        return self._session.machine_now_s()
 
     def begin(self, command: Request[object]) -> None:
         """Send a motion command; what earlier motions reported is of no interest to it."""
@@ -95,6 +96,6 @@ class Waits:
         """Wait for an event; no fault, stop request or listener comes between."""
         self._session.pump_until(lambda: any(e.code == code for e in self._inbox.events), timeout_s)
 
-    def _fault_error(self, fault: Fault) -> MachineFault:
+    def _fault_error(self, fault: Fault) -> EdmError:
         where = f" ({fault.displacement_um:.1f} µm, {fault.gap_v:.1f} V at {self._inbox.time_s:.1f} s)"
-        return fault_error(fault.code, self.settings, where)
+        return fault_error(fault.code, self.settings, where, port=self._session.transport.name)

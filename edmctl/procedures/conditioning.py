@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.actuator.moves import jump_volts
 from edmctl.actuator.record import Record
 from edmctl.errors import PreconditionError
 from edmctl.machine.port import joined
@@ -53,6 +54,7 @@ def condition(run: Run) -> None:
         top_v = run.profile.limits.stroke_v_max
         message = f"Conditioned with {cycles} swings to {top_v:.0f} V; there is no sensor to compare with."
         run.decide(RunEvent.CONDITIONED, message, {"cycles": cycles})
+    _load_inverse(run)
     run.machine.arm()
 
 
@@ -74,7 +76,14 @@ def _start_estimator(run: Run, block: TelemetryBlock) -> None:
     elif cycles:
         from edmctl.actuator.identification import identify_quick
 
-        model, quick = identify_quick(record)
+        try:
+            model, quick = identify_quick(record)
+        except ValueError as error:
+            raise PreconditionError(
+                f"The conditioning swings tell too little of the actuator: {error}.",
+                hint="Lower actuator.conditioning_slew_v_s or raise actuator.conditioning_cycles in the setup.",
+                code="E8036",
+            ) from error
         tracker, errors = home(model, record, quick.rms_um)
     else:
         return
@@ -91,6 +100,13 @@ def _start_estimator(run: Run, block: TelemetryBlock) -> None:
             "offset_um": tracker.estimator.offset_um,
         },
     )
+
+
+def _load_inverse(run: Run) -> None:
+    """Use the inverse model once while nothing waits: where its code is not compiled yet, that takes seconds."""
+    estimator = run.watch.estimator()
+    if estimator is not None:
+        jump_volts(estimator, 1.0, 0.0, 0.01, 0.0)
 
 
 def _refuse_dead_sensor(record: Record) -> None:

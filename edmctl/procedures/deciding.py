@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from edmctl.machine.port import host_fault
 from edmctl.procedures.cut import CutEnd, CutResult
 from edmctl.procedures.planning import CutPlan, cut_budget, following_plan
 from edmctl.process.next_cut import next_cut
@@ -16,12 +17,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """The next cut, or None at the end; then `missed` says why the objective was missed, empty if not."""
+    """The next cut, or None at the end; then `missed` says why the objective was missed, empty if not.
+
+    `code` is the error code of a miss.
+    """
 
     plan: CutPlan | None
     message: str
     missed: str = ""
     hint: str = ""
+    code: str = "E7010"
 
 
 def decide(
@@ -53,14 +58,17 @@ def decide(
     return Decision(following_plan(last, step.feed_um, bottom_um, gap_um, found), message)
 
 
-def out_of_time(profile: Profile, plan: CutPlan, time_s: float) -> Decision:
-    """The end before a cut for which no time is left after `time_s` of the whole job."""
+def out_of_time(profile: Profile, plan: CutPlan, limit: str) -> Decision:
+    """The end before a cut for which `limit` leaves no time."""
     feed_um = plan.depth_before_um + plan.wear_before_um
-    missed = (
-        f"No time is left for cut {plan.number}: {time_s:.0f} s have passed, limits.max_time_s is "
-        f"{profile.limits.max_time_s:.0f} s; the job ends at {_reached(profile, plan.depth_before_um, feed_um)}."
-    )
-    return Decision(None, missed, missed, _more_time(profile))
+    reached = _reached(profile, plan.depth_before_um, feed_um)
+    return _missed("TIMEOUT", f" No time is left for cut {plan.number}: {limit}; the job ends at {reached}.")
+
+
+def _missed(row: str, told: str) -> Decision:
+    """The end by a row of the faults, and what was reached."""
+    error = host_fault(row, told)
+    return Decision(None, error.message, error.message, error.hint, error.code)
 
 
 def _reached(profile: Profile, depth_um: float, feed_um: float) -> str:
@@ -69,10 +77,6 @@ def _reached(profile: Profile, depth_um: float, feed_um: float) -> str:
     if target.kind == "feed":
         return f"a feed of {feed_um:.2f} of {target.feed_um:g} µm"
     return f"a depth of {depth_um:.2f} of {target.depth_um:g} µm"
-
-
-def _more_time(profile: Profile) -> str:
-    return f"Raise limits.max_time_s (now {profile.limits.max_time_s:.0f} s)."
 
 
 def _final(target_um: float, tolerance_um: float, last: CutPlan, found: DepthAndWear) -> Decision:
@@ -90,9 +94,9 @@ def _final(target_um: float, tolerance_um: float, last: CutPlan, found: DepthAnd
 
 
 def _unfinished(profile: Profile, cut: CutResult, found: DepthAndWear) -> Decision:
-    missed = f"The cut ended early ({cut.reason}) at {_reached(profile, found.depth_um, found.feed_um)}."
-    if cut.end is CutEnd.TIME_UP:
-        hint = _more_time(profile)
-    else:
-        hint = "Flush better (shorter jump.period_s, greater jump.height_um), or raise servo.reference."
+    reached = _reached(profile, found.depth_um, found.feed_um)
+    if cut.fault:
+        return _missed(cut.fault, f" The cut ended early ({cut.told}) at {reached}.")
+    missed = f"The cut ended early ({cut.reason}) at {reached}."
+    hint = "Flush better (shorter jump.period_s, greater jump.height_um), or raise servo.reference."
     return Decision(None, missed, missed, hint)

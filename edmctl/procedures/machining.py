@@ -5,9 +5,12 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from edmctl.errors import EdmError, PreconditionError, RunFileError
+from edmctl.errors import EdmError, MachineFault, PreconditionError, RunFileError
+from edmctl.procedures.black_box import record_black_box
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.conditioning import condition
+from edmctl.procedures.link_watch import LinkWatch, record_link
+from edmctl.procedures.mismatch import MismatchWatch
 from edmctl.procedures.results import JobResult, Ledger, ObjectiveMissed, Observer, Phase
 from edmctl.procedures.run import Args, Run
 from edmctl.procedures.sensorless import SensorlessMachine
@@ -19,6 +22,7 @@ from edmctl.procedures.settings import (
 )
 from edmctl.procedures.site import machine_site, record_open_site
 from edmctl.procedures.stop import safe_state_on_error
+from edmctl.procedures.time_limits import TimeLimits
 from edmctl.procedures.watch import Watch
 from edmctl.record.rows import EventLevel
 
@@ -53,6 +57,9 @@ def run_job(
     )
     machine = _with_displacements(machine, job, watch)
     run = Run(machine, job, watch, recorder, observer, ledger)
+    watch.guard(LinkWatch(run).take)
+    if job.setup.sensor.fitted and job.calibration is not None:
+        watch.compare(MismatchWatch(run).take)
     try:
         with safe_state_on_error(machine):
             _prepare(run)
@@ -61,13 +68,15 @@ def run_job(
             machine.disarm()
             machine.stop_telemetry()
             watch.settle()
+            record_link(run)
     except EdmError as error:
         _record_end(run, error)
         raise
     finally:
         ledger.time_s = machine.time_s
+        ledger.link = machine.link_report()
     if missed is not None:
-        raise ObjectiveMissed(missed.missed, hint=missed.hint, result=ledger.result(), code="E7010")
+        raise ObjectiveMissed(missed.missed, hint=missed.hint, result=ledger.result(), code=missed.code)
     return ledger.result()
 
 
@@ -87,12 +96,18 @@ def _with_displacements(machine: Machine, job: Job, watch: Watch) -> Machine:
 
 
 def _record_end(run: Run, error: EdmError) -> None:
-    """Write down what was reached and why it ended; a disk that fails now must not hide that reason."""
+    """Write down what was reached, what the controller saw, and why it ended.
+
+    A disk that fails now must not hide that reason.
+    """
     reached = run.ledger.reached
     if reached is not None:
         run.observer.note(str(reached))
     with suppress(RunFileError):
         run.watch.settle()
+        record_link(run)
+        if isinstance(error, MachineFault):
+            record_black_box(run)
         record_open_site(run)
         if reached is not None:
             depth: Args = {"site": reached.site, "depth_um": reached.depth_estimated_um}
@@ -109,18 +124,25 @@ def _prepare(run: Run) -> None:
     run.machine.start_telemetry(telemetry_settings(run.profile, run.setup), run.watch)
     run.machine.arm()
     run.decide(RunEvent.ARMED, f"Armed: {run.machine.identity.serial}.", {})
+    _test_gap_sensor(run)
     condition(run)
+
+
+def _test_gap_sensor(run: Run) -> None:
+    """Before anything moves: a run on a wrong gap voltage would drive the tool into the work."""
+    gap_v, open_v = run.machine.self_test(), run.profile.pulse.duty_voltage_v
+    run.decide(
+        RunEvent.SELF_TESTED,
+        f"The gap sensor shows {gap_v:.2f} V of {open_v:.2f} V with the generator on, and none with it off.",
+        {"gap_v": gap_v, "open_v": open_v},
+    )
 
 
 def _machine_sites(run: Run) -> Decision | None:
     """Machine every site; stops at the first that misses its objective and returns that decision."""
-    limit_s = run.profile.limits.max_time_s
-
-    def time_left_s() -> float:
-        return limit_s - run.machine.time_s
-
+    limits = TimeLimits(run)
     for site in run.job.sites:
-        decision = machine_site(run, site, time_left_s)
+        decision = machine_site(run, site, limits)
         if decision.missed:
             return decision
     return None

@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from edmctl.errors import ObjectiveNotReached
 from edmctl.process.pulses import PulseShares
+
+if TYPE_CHECKING:
+    from edmctl.machine.port import LinkReport
 
 PulseRatios = PulseShares
 """Share of the pulses in each class: open, normal, arc, short."""
@@ -89,7 +92,7 @@ class JobResult:
     """All measured sites, and the times of the job on the machine's clock.
 
     `reached` is the hole that was left unmeasured, None in a job that ended in order; `tool_wear_total_um` is
-    NaN when nothing was measured.
+    NaN when nothing was measured. `link` says how the line did, None where the job ended before it was used.
     """
 
     sites: tuple[SiteResult, ...]
@@ -98,6 +101,7 @@ class JobResult:
     measuring_time_s: float
     tool_wear_total_um: float
     reached: Reached | None = None
+    link: LinkReport | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,6 +153,7 @@ class Ledger:
     unmeasured_site: str = ""
     time_s: float = 0.0
     machining_time_s: float = 0.0
+    link: LinkReport | None = None
 
     @property
     def reached(self) -> Reached | None:
@@ -167,4 +172,5 @@ class Ledger:
             measuring_time_s=self.time_s - self.machining_time_s,
             tool_wear_total_um=sum(wears_um) if wears_um else math.nan,
             reached=self.reached,
+            link=self.link,
         )

@@ -23,6 +23,7 @@ from edmctl.machine.port import (
     CutRequest,
     EventCode,
     JumpRequest,
+    LinkReport,
     Machine,
     MachineEvent,
     MachineIdentity,
@@ -172,6 +173,10 @@ class SensorlessMachine:
         """Ask what the controller sees now; the displacement is the newest estimate."""
         return replace(self._machine.status(), displacement_um=self._reckoning.displacement_um)
 
+    def self_test(self) -> float:
+        """Test the gap sensor with the tool retracted; mean gap voltage with the generator on, V."""
+        return self._machine.self_test()
+
     def rest(self, duration_s: float) -> None:
         """Let time pass."""
         self._machine.rest(duration_s)
@@ -236,6 +241,19 @@ class SensorlessMachine:
     def safe_stop(self) -> None:
         """Pulses off, retract to 0 V, idle, whatever the state."""
         self._machine.safe_stop()
+
+    def black_box(self) -> TelemetryBlock | None:
+        """What the controller saw before the latched fault; its displacements are of no meaning here."""
+        return self._machine.black_box()
+
+    def link_report(self) -> LinkReport:
+        """How the line did since the session opened."""
+        return self._machine.link_report()
+
+    @property
+    def bad_frames(self) -> int:
+        """Frames that arrived damaged since the session opened."""
+        return self._machine.bad_frames
 
     def _short_of_um(self, target_um: float, speed_um_s: float) -> float:
         """Return what the controller is told so that a feed from here ends before `target_um`."""

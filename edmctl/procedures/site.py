@@ -13,16 +13,18 @@ from edmctl.procedures.feed_error import FeedError
 from edmctl.procedures.measuring import Erosion, depth_and_wear, erosion_of
 from edmctl.procedures.planning import CutPlan, first_plan, learned_gap_um
 from edmctl.procedures.results import SiteResult
+from edmctl.procedures.setup_check import refuse_wrong_setup
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch import SurfaceReading, take_reading
 from edmctl.process.pulses import pulse_shares
 from edmctl.record.rows import EventLevel, SiteRow
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from edmctl.procedures.job import Site
     from edmctl.procedures.run import Run
+    from edmctl.procedures.time_limits import TimeLimits
     from edmctl.process.wear import DepthAndWear
 
 CLEAR_OF_BOTTOM_UM = 60.0
@@ -33,7 +35,7 @@ WEAR_UNCERTAINTY_SHARE = 0.05
 """Uncertainty of the wear that is predicted for Z3, as a share of the feed."""
 
 
-def machine_site(run: Run, site: Site, time_left_s: Callable[[], float]) -> Decision:
+def machine_site(run: Run, site: Site, limits: TimeLimits) -> Decision:
     """Machine one hole and return the last decision.
 
     The ledger holds the hole's result after every measured cut, so that it is there whatever comes next.
@@ -49,7 +51,7 @@ def machine_site(run: Run, site: Site, time_left_s: Callable[[], float]) -> Deci
     plan: CutPlan | None = first_plan(run.profile, z1.z_um)
     cuts: list[CutResult] = []
     while plan is not None:
-        decision = _cut_and_measure(run, site, plan, cuts, z1, time_left_s)
+        decision = _cut_and_measure(run, site, plan, cuts, z1, limits)
         plan = decision.plan
     record_open_site(run)
     return decision
@@ -69,22 +71,22 @@ def _cut_and_measure(
     plan: CutPlan,
     cuts: list[CutResult],
     z1: SurfaceReading,
-    time_left_s: Callable[[], float],
+    limits: TimeLimits,
 ) -> Decision:
     """One planned cut, unless the time is up: looked at before the approach, which sparks, and after it."""
-    if time_left_s() <= 0.0:
-        return _no_time(run, plan)
+    if limits.left().seconds <= 0.0:
+        return _no_time(run, plan, limits)
     move_to(run, site)
     if cuts:
         approach_bottom(run, plan.bottom_um)
     else:
         approach_surface(run)
-    left_s = time_left_s()
-    if left_s <= 0.0:
-        return _no_time(run, plan)
+    left = limits.left()
+    if left.seconds <= 0.0:
+        return _no_time(run, plan, limits)
     machined_before_s = run.ledger.machining_time_s
     run.ledger.unmeasured_site = site.name
-    cuts.append(run_cut(run, plan, left_s))
+    cuts.append(run_cut(run, plan, left))
     run.ledger.machining_time_s = machined_before_s + cuts[-1].time_s
     run.ledger.depth_um = plan.depth_at(cuts[-1].end_displacement_um)
     decision = _measure_and_decide(run, site, plan, cuts, z1)
@@ -92,8 +94,8 @@ def _cut_and_measure(
     return decision
 
 
-def _no_time(run: Run, plan: CutPlan) -> Decision:
-    decision = out_of_time(run.profile, plan, run.machine.time_s)
+def _no_time(run: Run, plan: CutPlan, limits: TimeLimits) -> Decision:
+    decision = out_of_time(run.profile, plan, limits.left().limit)
     run.decide(
         RunEvent.TARGET_MISSED,
         decision.message,
@@ -117,6 +119,8 @@ def _measure_and_decide(
     erosion = erosion_of(run.profile, found, sum(cut.time_s for cut in cuts))
     readings, error = (z1, z2, z3), run.watch.feed_error
     run.ledger.sites[site.name] = _site_result(site, found, readings, cuts, gap_um, erosion, error)
+    if plan.number == 1:
+        refuse_wrong_setup(run, found)
     decision = decide(run.profile, plan, cuts[-1], found, z2.z_um, gap_um)
     _report(run, found, gap_um, decision)
     return decision

@@ -14,6 +14,7 @@ from edmctl.machine.port import MachineState, MachineStatus, TelemetryBlock
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.results import Phase, Progress, PulseRatios
 from edmctl.procedures.settings import gap_reference_v, telemetry_settings
+from edmctl.procedures.stroke import stroke_left_um
 from edmctl.process.pulses import pulse_shares
 from edmctl.profile.forecast import forecast
 from edmctl.record.rows import EventLevel, SlowRow
@@ -34,6 +35,15 @@ UNSTABLE_S = 30.0
 """A cut over its arc or short limit for so long is ended. Badly flushed holes that come out well are over it for up
 to 9 s, until the next jump, so it has to outlast some jump periods (decision 0012)."""
 
+OVERRUN_SHARE = 0.05
+"""A cut that is this share of the target deeper than the target, by the estimate, has not ended where it should."""
+LEAST_OVERRUN_UM = 3.0
+"""So much is always allowed: the servo's swing and the sensor's noise at a shallow target."""
+STROKE_RESERVE_UM = 5.0
+"""The stroke counts as used up here: the bottom must still be touched after the cut, a working gap further on."""
+NEAR_THE_END_UM = 60.0
+"""The model is asked for the stroke that is left from here on, by the mean gain."""
+
 # Looked up in every slice; an enum member costs a metaclass call each time in Python 3.11.
 _MACHINING = int(MachineState.MACHINING)
 _PHASE = {True: Phase.MACHINING, False: Phase.JUMPING}
@@ -47,13 +57,15 @@ class Verdict(StrEnum):
 
     STALLED = "the tool has stopped advancing"
     UNSTABLE = "arcs or shorts have stayed over their limit"
+    ENDED = "the depth or the stroke is used up"
 
 
 class Supervisor:
     """Follows the telemetry of one cut that begins at `start_s`; keeps its sums, and the job's ledger current.
 
     `counts` are the pulses of the cut by class (open, normal, arc, short); `energy_j` is their energy, from the
-    mean gap current at the plateau voltage of a normal discharge; `verdict` is set when the cut should end.
+    mean gap current at the plateau voltage of a normal discharge; `verdict` is set when the cut should end, and
+    `told` says then what was seen.
     """
 
     def __init__(self, run: Run, plan: CutPlan, start_s: float) -> None:
@@ -82,6 +94,7 @@ class Supervisor:
         self.energy_j = 0.0
         self.displacement_um = math.nan
         self.verdict: Verdict | None = None
+        self.told = ""
 
     @property
     def gap_ratio_mean(self) -> float:
@@ -110,6 +123,8 @@ class Supervisor:
         ledger.depth_um = depth_um
         ledger.machining_time_s = self._machined_before_s + max(0.0, now_s - self._start_s)
         self._record(block, gap_v, ratios, feed_um_s, depth_um)
+        if machining:
+            self._look_for_the_end(float(block.actuator_v[-1]), depth_um)
         self._run.observer.progress(
             Progress(
                 phase=_PHASE[machining],
@@ -203,6 +218,28 @@ class Supervisor:
             self._stall = (now_s, self.displacement_um)
         elif now_s - since_s > STALL_S:
             self.verdict = Verdict.STALLED
+            self.told = f"{self.displacement_um - since_um:.1f} µm in {now_s - since_s:.0f} s"
+
+    def _look_for_the_end(self, actuator_v: float, depth_um: float) -> None:
+        """Whether the cut went past its target, or the actuator has no way left."""
+        target, ratio = self._run.profile.target, self._plan.wear_ratio
+        wanted_um = target.depth_um if target.kind == "depth" else target.feed_um / (1.0 + ratio)
+        if depth_um > wanted_um + max(LEAST_OVERRUN_UM, OVERRUN_SHARE * wanted_um):
+            self._end(f"the estimated depth is {depth_um:.1f} of {wanted_um:.1f} µm")
+            return
+        limit_v, gain_um_per_v = (
+            self._run.profile.limits.stroke_v_max,
+            self._run.setup.actuator.gain_um_per_v,
+        )
+        if gain_um_per_v * (limit_v - actuator_v) > NEAR_THE_END_UM:
+            return
+        estimator = self._run.watch.estimator()
+        if estimator is not None and (left_um := stroke_left_um(estimator, limit_v)) < STROKE_RESERVE_UM:
+            self._end(f"{left_um:.1f} µm of stroke are left at {actuator_v:.1f} of {limit_v:.0f} V")
+
+    def _end(self, told: str) -> None:
+        if self.verdict is None:
+            self.verdict, self.told = Verdict.ENDED, told
 
     def _look_at_ratio(self, code: RunEvent, name: str, ratio: float, limit: float, now_s: float) -> None:
         if ratio <= limit:

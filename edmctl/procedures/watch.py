@@ -65,6 +65,8 @@ class Watch:
         self._trace = Trace()
         self._touched: dict[float, float] = {}
         self._follower: Callable[[TelemetryBlock], None] | None = None
+        self._guards: list[Callable[[TelemetryBlock], None]] = []
+        self._comparer: Callable[[TelemetryBlock, Floats], None] | None = None
         self.missing_frames = 0
         self.feed_error = FeedError()
 
@@ -94,6 +96,14 @@ class Watch:
     def follow(self, follower: Callable[[TelemetryBlock], None] | None) -> None:
         """Also hand every block to `follower`; None ends that."""
         self._follower = follower
+
+    def guard(self, guard: Callable[[TelemetryBlock], None]) -> None:
+        """Also hand every block of the run to `guard`, which may raise what ends it."""
+        self._guards.append(guard)
+
+    def compare(self, comparer: Callable[[TelemetryBlock, Floats], None]) -> None:
+        """Also hand samples of the sensor with their estimates to `comparer`, which may raise."""
+        self._comparer = comparer
 
     @property
     def latest(self) -> TelemetryBlock | None:
@@ -132,6 +142,8 @@ class Watch:
             self.settle()
         if self._follower is not None:
             self._follower(block)
+        for guard in self._guards:
+            guard(block)
 
     def settle(self) -> None:
         """Estimate and record what has come since the last time."""
@@ -139,6 +151,7 @@ class Watch:
             return
         block = joined(self._fresh)
         self._fresh.clear()
+        compared = self._sensor and self._tracker is not None
         if not self._sensor:
             model_um = block.displacement_um
         elif self._tracker is None:
@@ -148,6 +161,8 @@ class Watch:
             self.feed_error.take(block, model_um)
         self._trace.append(block.time_s, model_um)
         self._recorder.append_servo(self._row_block(block, model_um))
+        if compared and self._comparer is not None:
+            self._comparer(block, model_um)
 
     def _row_block(self, block: TelemetryBlock, model_um: Floats) -> ServoBlock:
         direction = _DIRECTION[block.state, block.flags]

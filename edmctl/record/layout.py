@@ -306,7 +306,27 @@ RESULTS = Table(
     ),
 )
 
-TABLES = (SERVO, SLOW, PULSE_BLOCKS, PULSES, SEGMENTS, EVENTS, TOUCHES, RESULTS)
+BLACK_BOX = Table(
+    "/entry/black_box",
+    "NXlog",
+    2048,
+    "the last two seconds before a fault that the controller latched, every millisecond; empty without one",
+    (
+        _TIME,
+        Column("v_cmd", "actuator_v", "f4", "V", "actuator voltage"),
+        Column("z_sensor", "displacement_um", "f4", "um", "tool displacement, sensor; NaN without one"),
+        Column("v_gap_avg", "gap_v", "f4", "V", "mean gap voltage"),
+        Column("current", "current_a", "f4", "A", "mean gap current"),
+        Column("n_open", "n_open", "u1", PURE, "open pulses"),
+        Column("n_normal", "n_normal", "u1", PURE, "normal discharges"),
+        Column("n_arc", "n_arc", "u1", PURE, "arcs"),
+        Column("n_short", "n_short", "u1", PURE, "shorts"),
+        Column("state", "state", "u1", PURE, "state of the controller"),
+        Column("flags", "flags", "u1", PURE, "TlmFlags of the protocol"),
+    ),
+)
+
+TABLES = (SERVO, SLOW, PULSE_BLOCKS, PULSES, SEGMENTS, EVENTS, TOUCHES, RESULTS, BLACK_BOX)
 
 DEFAULT_PLOT = "/entry/data"
 DEFAULT_SIGNAL = "z_sensor"

@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING, Protocol
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from .rows import EventLevel, PulseBlockRows, PulseTrain, ServoBlock, SiteRow, SlowRow, TouchRow
+    from .rows import (
+        BlackBoxBlock,
+        EventLevel,
+        PulseBlockRows,
+        PulseTrain,
+        ServoBlock,
+        SiteRow,
+        SlowRow,
+        TouchRow,
+    )
 
 
 class Recorder(Protocol):
@@ -35,6 +44,8 @@ class Recorder(Protocol):
     def touch(self, row: TouchRow) -> None: ...
 
     def site_result(self, row: SiteRow) -> None: ...
+
+    def black_box(self, block: BlackBoxBlock) -> None: ...
 
     def summary(self, json_text: str) -> None: ...
 
@@ -68,6 +79,9 @@ class NullRecorder:
         """Forget."""
 
     def site_result(self, row: SiteRow) -> None:
+        """Forget."""
+
+    def black_box(self, block: BlackBoxBlock) -> None:
         """Forget."""
 
     def summary(self, json_text: str) -> None:

@@ -105,6 +105,25 @@ class PulseTrain:
 
 
 @dataclass(frozen=True, slots=True)
+class BlackBoxBlock:
+    """Every millisecond before a fault, as the controller kept them."""
+
+    time_s: FloatArray
+    actuator_v: FloatArray
+    displacement_um: FloatArray
+    """Inductive sensor; NaN without one."""
+    gap_v: FloatArray
+    current_a: FloatArray
+    n_open: IntArray
+    n_normal: IntArray
+    n_arc: IntArray
+    n_short: IntArray
+    state: IntArray
+    flags: IntArray
+    """TlmFlags of the protocol."""
+
+
+@dataclass(frozen=True, slots=True)
 class TouchRow:
     """One accepted or rejected set of touches, reduced to one reading."""
 

@@ -42,7 +42,16 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
-    from .rows import PulseBlockRows, PulseTrain, RunMeta, ServoBlock, SiteRow, SlowRow, TouchRow
+    from .rows import (
+        BlackBoxBlock,
+        PulseBlockRows,
+        PulseTrain,
+        RunMeta,
+        ServoBlock,
+        SiteRow,
+        SlowRow,
+        TouchRow,
+    )
 
 FLUSH_INTERVAL_S = 0.5
 """Rows reach the disk at most this long, plus one block, after they were handed over."""
@@ -78,6 +87,7 @@ class RunWriter:
         self._event_rows = CompoundStore(file, layout.EVENTS)
         self._touches = CompoundStore(file, layout.TOUCHES)
         self._results = CompoundStore(file, layout.RESULTS)
+        self._black_box = BlockStore(file, layout.BLACK_BOX)
         self._stores: tuple[Store, ...] = (
             self._servo,
             self._slow,
@@ -87,6 +97,7 @@ class RunWriter:
             self._event_rows,
             self._touches,
             self._results,
+            self._black_box,
         )
         self._train = Segments()
         self._wear_um = 0.0
@@ -182,6 +193,12 @@ class RunWriter:
             self._results.add(row)
             self._wear_um += row.wear_um
             self._guarded(self._put_wear)
+            self.flush()
+
+    def black_box(self, block: BlackBoxBlock) -> None:
+        """Append what the controller kept from before a fault; it is on disk when the call returns."""
+        if self._accepts:
+            self._black_box.add(block)
             self.flush()
 
     def summary(self, json_text: str) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from edmctl.errors import Interrupted, LinkLost, MachineFault, PreconditionError
-from edmctl.link.messages import PARAMS, GetParam
+from edmctl.link.messages import PARAMS, PROTO_MAJOR, PROTO_MINOR, GetParam
 from edmctl.machine.port import (
     Axis,
     ControllerSettings,
@@ -34,14 +34,32 @@ if TYPE_CHECKING:
     MakeRig = Callable[[], Rig]
 
 
-def test_the_settings_name_every_parameter_of_the_controller() -> None:
-    assert {field.name for field in fields(ControllerSettings)} == set(PARAMS)
+MONITORS = {
+    "monitor_min_v",
+    "monitor_max_v",
+    "track_error",
+    "track_s",
+    "misread_pulses",
+    "over_current",
+    "bad_frames",
+    "test_error",
+}
+
+
+def test_the_settings_name_every_parameter_but_those_of_the_monitors() -> None:
+    """No recipe and no setup changes what the controller's monitors judge by."""
+    assert {field.name for field in fields(ControllerSettings)} == set(PARAMS) - MONITORS
 
 
 def test_configure_uploads_every_value(rig: MakeRig) -> None:
     r = rig()
     r.machine.configure(replace(SETTINGS, forward_um_s=7.25, piezo_max_v=111.0), PULSES)
-    for name, value in (("forward_um_s", 7.25), ("piezo_max_v", 111.0), ("dielectric_required", 1.0)):
+    for name, value in (
+        ("forward_um_s", 7.25),
+        ("piezo_max_v", 111.0),
+        ("dielectric_required", 1.0),
+        ("track_s", PARAMS["track_s"].default),
+    ):
         reply = r.session.request(GetParam(PARAMS[name].id))
         assert PARAMS[name].from_wire(reply.value) == value
 
@@ -238,6 +256,7 @@ def test_a_latched_fault_must_be_cleared_before_a_new_job(rig: MakeRig) -> None:
         r.machine.configure(SETTINGS, PULSES)
     assert "1002" in caught.value.message
     assert "start the job again" in caught.value.hint
+    assert "`edmctl reset --ack 1002`" in caught.value.hint
 
 
 def test_an_error_of_a_listener_surfaces_in_the_wait(rig: MakeRig) -> None:
@@ -261,4 +280,4 @@ def test_the_identity_says_that_the_machine_is_virtual(rig: MakeRig) -> None:
     identity = rig().machine.identity
     assert identity.simulated
     assert identity.transport == "sim:"
-    assert identity.protocol == "1.1"
+    assert identity.protocol == f"{PROTO_MAJOR}.{PROTO_MINOR}"

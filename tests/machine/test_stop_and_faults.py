@@ -11,7 +11,7 @@ import pytest
 from edmctl.errors import Interrupted, MachineFault
 from edmctl.link.faults import FAULTS
 from edmctl.link.messages import PARAMS
-from edmctl.machine.faults import fault_error
+from edmctl.machine.faults import fault_error, host_fault
 from edmctl.machine.port import MachineState
 from edmctl.machine.stop import StopRequest
 
@@ -37,11 +37,26 @@ def test_the_first_stop_request_wins() -> None:
 
 @pytest.mark.parametrize("code", sorted(FAULTS))
 def test_every_fault_has_a_message_with_its_figures_and_a_remedy(code: int) -> None:
-    error = fault_error(code, DEFAULTS)
-    assert error.exit_code == 6
-    assert error.fault == code
+    error, row = fault_error(code, DEFAULTS), FAULTS[code]
+    assert (error.exit_code, error.code) == (row.exit_code, row.error)
     assert "{" not in error.message
-    assert error.hint
+    assert error.hint.startswith(row.hint.removesuffix("."))
+    assert (f"`edmctl reset --ack {code}`" in error.hint) == row.latched
+    if isinstance(error, MachineFault):
+        assert error.fault == code
+
+
+def test_the_port_of_a_real_machine_stands_in_the_command_that_clears() -> None:
+    error = fault_error(4002, DEFAULTS, port="/dev/ttyACM0")
+    assert error.hint == "Close the door; then `edmctl reset --ack 4002 --port /dev/ttyACM0`."
+
+
+def test_what_the_host_finds_needs_no_clearing() -> None:
+    error = host_fault("LINE_NOISE", " On COM3.", bad_frames=12)
+    assert (error.code, error.exit_code) == ("E61003", 6)
+    assert "12 damaged frames" in error.message
+    assert error.message.endswith("On COM3.")
+    assert "reset" not in error.hint
 
 
 def test_the_silent_host_is_told_for_how_long() -> None:

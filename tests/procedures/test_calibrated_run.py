@@ -15,6 +15,7 @@ from edmctl.procedures.conditioning import condition
 from edmctl.procedures.job import Site
 from edmctl.procedures.jumping import CLEARANCE_UM, jump_request
 from edmctl.procedures.site import machine_site
+from edmctl.procedures.time_limits import TimeLimits
 
 from .conftest import Done, Shop, armed, calibrated
 
@@ -105,9 +106,9 @@ def test_touches_correct_the_gain_only_between_holes(shop: OpenShop) -> None:
 
     homed = tracker.estimator.gain
     (first,) = s.job.sites
-    machine_site(run, first, lambda: 1e4)
+    machine_site(run, first, TimeLimits(run))
     assert tracker.estimator.gain == homed
-    machine_site(run, Site("second", first.x_um + 400.0, first.y_um), lambda: 1e4)
+    machine_site(run, Site("second", first.x_um + 400.0, first.y_um), TimeLimits(run))
     assert tracker.estimator.gain != homed
 
 

@@ -114,12 +114,20 @@ def test_a_worn_out_tool_ends_the_job() -> None:
 
 
 @pytest.mark.parametrize(
-    ("end", "remedy"), [(CutEnd.TIME_UP, "max_time_s"), (CutEnd.GIVEN_UP, "jump.period_s")]
+    ("end", "fault", "code", "remedy"),
+    [
+        (CutEnd.TIME_UP, "TIMEOUT", "E7012", "max_time_s"),
+        (CutEnd.GIVEN_UP, "STALL", "E7010", "jump.period_s"),
+        (CutEnd.GIVEN_UP, "STROKE_END", "E7011", "approach.offset_um"),
+        (CutEnd.GIVEN_UP, "", "E7010", "jump.period_s"),
+    ],
 )
-def test_a_cut_that_ended_early_says_what_to_change(end: CutEnd, remedy: str) -> None:
-    decision = decide(profile(), PLAN, replace(CUT, end=end), FOUND, 260.0, 3.5)
-    assert decision.plan is None
+def test_a_cut_that_ended_early_says_what_to_change(end: CutEnd, fault: str, code: str, remedy: str) -> None:
+    cut = replace(CUT, end=end, fault=fault, told="4.2 µm are left")
+    decision = decide(profile(), PLAN, cut, FOUND, 260.0, 3.5)
+    assert (decision.plan, decision.code) == (None, code)
     assert "a depth of 150.00 of 180 µm" in decision.missed
+    assert ("4.2 µm are left" in decision.missed) == bool(fault)
     assert remedy in decision.hint
 
 

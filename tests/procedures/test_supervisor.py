@@ -8,10 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from edmctl.actuator.correction import SlowCorrection
 from edmctl.machine.port import MachineState, TelemetryBlock
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.planning import first_plan
 from edmctl.procedures.supervisor import Supervisor, Verdict
+from edmctl.procedures.tracker import Tracker, at_rest
+
+from .conftest import calibrated
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -46,10 +50,22 @@ def a_slice(
     )
 
 
+def first_plan_gap_um(watched: tuple[Shop, Supervisor]) -> float:
+    s, _ = watched
+    return first_plan(s.profile, 50.0).gap_um
+
+
 @pytest.fixture
 def watched(shop: OpenShop) -> tuple[Shop, Supervisor]:
     """Return a supervisor of a first cut from a surface at 50 µm."""
     s = shop()
+    return s, Supervisor(s.run(), first_plan(s.profile, 50.0), 0.0)
+
+
+@pytest.fixture
+def deep(shop: OpenShop) -> tuple[Shop, Supervisor]:
+    """Return a supervisor of the first cut of a hole so deep that no sample here passes its end."""
+    s = shop(('target={kind="depth",depth_um=150.0,tolerance_um=2.0}',))
     return s, Supervisor(s.run(), first_plan(s.profile, 50.0), 0.0)
 
 
@@ -85,8 +101,8 @@ def test_a_tool_that_does_not_advance_is_stalled_after_a_minute(watched: tuple[S
     assert supervisor.verdict is Verdict.STALLED
 
 
-def test_a_slow_advance_is_no_stall(watched: tuple[Shop, Supervisor]) -> None:
-    _, supervisor = watched
+def test_a_slow_advance_is_no_stall(deep: tuple[Shop, Supervisor]) -> None:
+    _, supervisor = deep
     for i in range(1500):
         supervisor.take(a_slice(i, 60.0 + 0.02 * i))
     assert supervisor.verdict is None
@@ -107,12 +123,38 @@ def test_arcs_over_the_limit_are_told_once_and_end_the_cut_when_they_stay(
     assert supervisor.verdict is Verdict.UNSTABLE
 
 
-def test_a_burst_of_arcs_only_warns(watched: tuple[Shop, Supervisor]) -> None:
-    s, supervisor = watched
+def test_a_burst_of_arcs_only_warns(deep: tuple[Shop, Supervisor]) -> None:
+    s, supervisor = deep
     for i in range(600):
         supervisor.take(a_slice(i, 50.0 + 0.05 * i, arc=5 if i < 100 else 0))
     assert supervisor.verdict is None
     assert len(s.told.notes) == 1
+
+
+def test_a_cut_that_goes_on_beyond_its_target_is_ended(watched: tuple[Shop, Supervisor]) -> None:
+    _, supervisor = watched
+    # 3 µm more than the 12 µm wanted, and the wear that goes with them.
+    end_um = 50.0 + 15.0 * 1.389 - first_plan_gap_um(watched)
+    supervisor.take(a_slice(0, end_um - 0.1))
+    assert supervisor.verdict is None
+    supervisor.take(a_slice(1, end_um + 0.1))
+    assert supervisor.verdict is Verdict.ENDED
+    assert "of 12.0 µm" in supervisor.told
+
+
+def test_a_cut_whose_stroke_is_used_up_is_ended_with_the_way_that_is_left(shop: OpenShop) -> None:
+    s = shop(('target={kind="depth",depth_um=150.0,tolerance_um=2.0}',), calibration=calibrated())
+    run = s.run()
+    run.watch.estimate_with(Tracker(at_rest(calibrated().model, 0.0), SlowCorrection(), 0.5))
+    supervisor = Supervisor(run, first_plan(s.profile, 50.0), 0.0)
+    limit_v = s.profile.limits.stroke_v_max
+    for i, actuator_v in enumerate((limit_v - 5.0, limit_v - 2.5, limit_v - 0.5)):
+        assert supervisor.verdict is None
+        block = replace(a_slice(i, 60.0), actuator_v=np.full(10, actuator_v))
+        run.watch.telemetry(block)
+        supervisor.take(block)
+    assert supervisor.verdict is Verdict.ENDED
+    assert f"of {limit_v:.0f} V" in supervisor.told
 
 
 def test_frames_missing_on_the_line_are_counted(watched: tuple[Shop, Supervisor]) -> None:

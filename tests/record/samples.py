@@ -8,6 +8,7 @@ import numpy as np
 
 from edmctl.record.leaves import profile_leaves
 from edmctl.record.rows import (
+    BlackBoxBlock,
     PulseBlockRows,
     PulseTrain,
     RunMeta,
@@ -62,6 +63,14 @@ def train(first_pulse: int, pulses: int, start_s: float, period_s: float = 4e-4)
     return PulseTrain(first_pulse, start_s, period_s, k % 4, 0.1 * k, 0.2 * k, np.full(pulses, 22.5))
 
 
+def black_box(rows: int) -> BlackBoxBlock:
+    """Samples of a black box whose every column follows from their number."""
+    k = np.arange(rows)
+    return BlackBoxBlock(
+        0.001 * k, k + 0.1, k + 0.2, k + 0.3, k + 0.4, k % 2, k % 3, k % 4, k % 5, k % 10, k % 32
+    )
+
+
 def a_site_row() -> SiteRow:
     """The result at one site."""
     return SiteRow(
@@ -81,6 +90,7 @@ def fill(writer: Recorder, rows: int = 10_000, block: int = 10) -> None:
         PulseBlockRows(np.array([0.0, 0.01]), counts, counts, counts, counts, counts * 1.0, counts * 2.0)
     )
     writer.append_pulses(train(0, 300, 0.0))
+    writer.black_box(black_box(2048))
     writer.touch(TouchRow(1.0, "Z1", "A1", 20.0, 50.0, 49.0, 3, 0.3, 0.0, 1.0))
     writer.site_result(a_site_row())
     writer.summary('{"ok": true}')

@@ -40,6 +40,15 @@ def test_servo_rows_come_back_as_they_went_in(run_path: Path) -> None:
     assert servo["state"].dtype == np.uint8
 
 
+def test_the_black_box_is_kept_in_columns(run_path: Path) -> None:
+    with open_run(run_path) as run:
+        box = run.columns("/entry/black_box")
+    k = np.arange(2048)
+    np.testing.assert_array_equal(box["time"], 0.001 * k)
+    np.testing.assert_array_equal(box["n_short"], k % 5)
+    np.testing.assert_array_equal(box["flags"], k % 32)
+
+
 @pytest.mark.parametrize("block", [1, 7, 5000])
 def test_the_size_of_blocks_leaves_no_trace(tmp_path: Path, meta: RunMeta, block: int) -> None:
     rows = 4 * layout.SERVO.chunk_rows + 616
@@ -196,7 +205,7 @@ def test_the_same_input_makes_the_same_datasets(write_run: Callable[[str], Path]
             if isinstance(one[path], h5py.Dataset) and one[path].dtype != object:
                 assert str(one[path][()].tolist()) == str(other[path][()].tolist()), path
                 compared += 1
-    assert compared == 50
+    assert compared == 61
 
 
 def test_a_recorder_without_a_file_takes_the_same_calls(tmp_path: Path, meta: RunMeta) -> None:

@@ -1,0 +1,121 @@
+"""What a host does with a controller that another host, or a fault, has left behind."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from edmctl.errors import MachineFault
+from edmctl.link.messages import ClearFault, Disarm, Status
+from edmctl.link.refusal import CommandRefused
+from edmctl.machine.asking import read_status
+from edmctl.machine.faults import (
+    InterlockOpen,
+    NothingLatched,
+    WrongFault,
+    fault_error,
+    interlocks_in_words,
+    reset_command,
+)
+from edmctl.machine.states import MachineState
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from edmctl.link.session import Session
+    from edmctl.machine.reports import MachineStatus
+
+PATIENCE_S = 5.0
+"""A tool that retracts is back by then: 150 V at the slowest retraction in use take 2 s."""
+_LOOK_S = 0.02
+_HELD = (MachineState.FAULT, MachineState.ESTOP)
+_NOT_ARMED = (MachineState.BOOT, MachineState.IDLE, *_HELD)
+
+
+def make_idle(session: Session) -> bool:
+    """Bring a controller to rest with the tool retracted; whether it had been left armed.
+
+    An armed one is disarmed, one in a fault or starting up is given the time to retract. A latched fault stays.
+    """
+    status = read_status(session)
+    if _at_rest(status):
+        return False
+    armed = status.state not in _NOT_ARMED
+    if armed:
+        session.request(Disarm())
+    if not _wait_for(session, _at_rest):
+        raise MachineFault(
+            f"The controller did not bring the tool back within {PATIENCE_S:.0f} s.",
+            hint="Switch the amplifier off, and look at the controller before the next run.",
+            code="E6002",
+        )
+    return armed
+
+
+def clear_fault(session: Session, code: int, settings: Mapping[str, float]) -> None:
+    """Clear the latched fault `code`; patient until the tool has retracted.
+
+    Raises
+    ------
+    NothingLatched
+        There is no fault.
+    WrongFault
+        Another fault is latched; the error tells which.
+    InterlockOpen
+        The reason is still there; the error tells what.
+    """
+    status = read_status(session)
+    port = session.transport.name
+    if status.state not in _HELD:
+        raise NothingLatched(
+            f"The controller at {port} holds no fault.", hint="There is nothing to clear; start the job."
+        )
+    if status.fault != code:
+        latched = fault_error(status.fault, settings, port=port)
+        raise WrongFault(
+            f"Not fault {code} is latched but {status.fault}: {latched.message}",
+            hint=f"When its reason is gone: `{reset_command(status.fault, port)}`.",
+            fault=status.fault,
+        )
+    try:
+        _patiently(session, ClearFault(code))
+    except CommandRefused as refused:
+        if refused.status is not Status.INTERLOCK:
+            raise
+        raise _interlock_open(session, code) from refused
+
+
+def _patiently(session: Session, command: ClearFault) -> None:
+    """Send a command, again while the controller is still busy."""
+    end_s = session.machine_now_s() + PATIENCE_S
+    while True:
+        try:
+            session.request(command)
+        except CommandRefused as refused:
+            if refused.status is not Status.BUSY or session.machine_now_s() > end_s:
+                raise
+            session.pump(_LOOK_S)
+        else:
+            return
+
+
+def _interlock_open(session: Session, code: int) -> InterlockOpen:
+    interlocks = read_status(session).interlocks
+    return InterlockOpen(
+        f"Fault {code} cannot be cleared: {interlocks_in_words(interlocks)}.",
+        hint=f"Put that right; then `{reset_command(code, session.transport.name)}`.",
+        interlocks=interlocks,
+    )
+
+
+def _at_rest(status: MachineStatus) -> bool:
+    held = status.state in _HELD and status.actuator_v == 0.0
+    return status.state is MachineState.IDLE or held
+
+
+def _wait_for(session: Session, holds: Callable[[MachineStatus], bool]) -> bool:
+    end_s = session.machine_now_s() + PATIENCE_S
+    while not holds(read_status(session)):
+        if session.machine_now_s() > end_s:
+            return False
+        session.pump(_LOOK_S)
+    return True

@@ -1,0 +1,40 @@
+"""What the controller saw in the last two seconds before a fault, into the run file."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from edmctl.errors import LinkLost, PreconditionError
+from edmctl.record.rows import BlackBoxBlock
+
+if TYPE_CHECKING:
+    from edmctl.procedures.run import Run
+
+
+def record_black_box(run: Run) -> None:
+    """Read the controller's black box, where it holds a fault; a line that is dead by now hides nothing."""
+    with suppress(LinkLost, PreconditionError):
+        if not run.machine.status().fault:
+            return
+        block = run.machine.black_box()
+        if block is None:
+            return
+        sensor = run.setup.sensor.fitted
+        run.recorder.black_box(
+            BlackBoxBlock(
+                time_s=block.time_s,
+                actuator_v=block.actuator_v,
+                displacement_um=block.displacement_um if sensor else np.full(len(block.time_s), np.nan),
+                gap_v=block.gap_v,
+                current_a=block.current_a,
+                n_open=block.n_open,
+                n_normal=block.n_normal,
+                n_arc=block.n_arc,
+                n_short=block.n_short,
+                state=block.state,
+                flags=block.flags,
+            )
+        )

@@ -1,0 +1,258 @@
+"""The faults that the host finds by itself: the line, the sensor against the model, the setup, the time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+import pytest
+
+from edmctl.errors import MachineFault
+from edmctl.link.faults import FaultCode
+from edmctl.machine.port import LinkReport, Machine, MachineState, TelemetryBlock
+from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.link_watch import LinkWatch
+from edmctl.procedures.mismatch import MismatchWatch
+from edmctl.procedures.results import ObjectiveMissed, Phase
+from edmctl.procedures.setup_check import refuse_wrong_setup
+from edmctl.procedures.time_limits import LEAST_S, LONGEST_SHARE, TimeLimits
+from edmctl.process.wear import DepthAndWear
+from edmctl.profile.forecast import forecast, stroke_um
+from edmctl.simulator.injection import parse_injection
+
+from .conftest import Seen
+from .test_supervisor import a_slice
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from edmctl.record.rows import BlackBoxBlock, EventLevel
+
+    from .conftest import Done, Shop
+
+    OpenShop = Callable[..., Shop]
+
+REPORT = LinkReport(
+    frames_sent=12_345_678,
+    frames_received=98_765_432,
+    bad_frames=1234,
+    retries=1234,
+    lost_frames=1234,
+    controller_bad_frames=65535,
+    controller_dropped_frames=65535,
+    rtt_p50_ms=1.2345,
+    rtt_p99_ms=12.3456,
+    clock_offset_s=-123456.789012,
+    clock_rate_ppm=-123.456,
+    clock_residual_us=123.456,
+)
+FOUND = DepthAndWear(20.0, 1.0, 8.0, 1.0, 28.0, 1.0, 0.1)
+
+
+class Line:
+    """A machine as far as the watch of its line looks at it."""
+
+    def __init__(self) -> None:
+        self.bad_frames = 0
+        self.time_s = 0.0
+
+    def link_report(self) -> LinkReport:
+        return REPORT
+
+
+def watched(shop: OpenShop) -> tuple[Shop, Line, LinkWatch]:
+    s, line = shop(), Line()
+    return s, line, LinkWatch(replace(s.run(), machine=cast("Machine", line)))
+
+
+def told(s: Shop, code: RunEvent) -> list[tuple[str, EventLevel]]:
+    return [(message, level) for _, event, level, message, _ in s.seen.events if event == code]
+
+
+def test_three_damaged_frames_in_a_second_are_told_once(shop: OpenShop) -> None:
+    s, line, watch = watched(shop)
+    for i in range(20):
+        line.bad_frames += i in (2, 4, 6)
+        watch.take(a_slice(i, 50.0))
+    (warning,) = told(s, RunEvent.LINE_NOISE)
+    assert warning[0].startswith("The line is disturbed: 3 damaged frames")
+
+
+def test_damaged_frames_far_apart_are_nothing(shop: OpenShop) -> None:
+    s, line, watch = watched(shop)
+    for i in range(100):
+        line.bad_frames += i % 10 == 0
+        watch.take(a_slice(i, 50.0))
+    assert told(s, RunEvent.LINE_NOISE) == []
+
+
+def test_ten_damaged_frames_in_a_second_end_the_job_once(shop: OpenShop) -> None:
+    _, line, watch = watched(shop)
+    watch.take(a_slice(0, 50.0))
+    line.bad_frames = 10
+    with pytest.raises(MachineFault, match="10 damaged frames") as caught:
+        watch.take(a_slice(1, 50.0))
+    assert (caught.value.code, caught.value.fault) == ("E61003", FaultCode.LINE_NOISE)
+    watch.take(a_slice(2, 50.0))
+
+
+def test_the_line_is_recorded_every_minute_in_an_event_that_holds_all_figures(shop: OpenShop) -> None:
+    s, _, watch = watched(shop)
+    for i in range(1250):
+        watch.take(a_slice(i, 50.0))
+    records = [args for _, code, _, _, args in s.seen.events if code == RunEvent.LINK]
+    assert len(records) == 2
+    assert len(records[0]) == 11
+    import json
+
+    assert len(json.dumps(dict(records[0]), separators=(",", ":"))) <= 200
+
+
+def compared(shop: OpenShop) -> tuple[Shop, MismatchWatch, float]:
+    s = shop()
+    return s, MismatchWatch(s.run()), 0.15 * stroke_um(s.profile)
+
+
+def both(i: int, sensor_um: float, model_um: float) -> tuple[TelemetryBlock, np.ndarray]:
+    return a_slice(i, sensor_um), np.full(10, model_um)
+
+
+def test_a_sensor_off_the_model_is_told_at_once_and_stops_after_two_seconds(shop: OpenShop) -> None:
+    s, watch, limit_um = compared(shop)
+    watch.take(*both(0, 50.0, 50.0 - 0.9 * limit_um))
+    assert told(s, RunEvent.Z_MISMATCH) == []
+    watch.take(*both(1, 50.0, 50.0 - 1.1 * limit_um))
+    ((message, _),) = told(s, RunEvent.Z_MISMATCH)
+    assert "shows 50.0 µm and the model" in message
+    for i in range(2, 20):
+        watch.take(*both(i, 50.0, 50.0 - 1.1 * limit_um))
+    with pytest.raises(MachineFault) as caught:
+        watch.take(*both(21, 50.0, 50.0 - 1.1 * limit_um))
+    assert (caught.value.code, caught.value.exit_code) == ("E67001", 6)
+    assert "edmctl calibrate" in caught.value.hint
+    watch.take(*both(30, 50.0, 0.0))
+
+
+def test_a_mismatch_that_passes_stops_nothing(shop: OpenShop) -> None:
+    s, watch, limit_um = compared(shop)
+    for i in range(100):
+        watch.take(*both(i, 50.0, 50.0 - (1.1 * limit_um if i % 20 < 15 else 0.0)))
+    assert len(told(s, RunEvent.Z_MISMATCH)) == 5
+
+
+@pytest.mark.parametrize(
+    "found",
+    [
+        FOUND,
+        replace(FOUND, wear_um=24.0),  # 3 times 0.389 of 20 µm is 23.3 µm; the measurement is not that good
+        replace(FOUND, depth_um=-0.5, wear_um=0.5),
+        replace(FOUND, depth_um=0.0, wear_um=0.5),
+    ],
+)
+def test_what_the_measurement_cannot_tell_apart_is_no_wrong_setup(
+    shop: OpenShop, found: DepthAndWear
+) -> None:
+    refuse_wrong_setup(shop().run(), found)
+
+
+@pytest.mark.parametrize("found", [replace(FOUND, wear_um=26.0), replace(FOUND, depth_um=-1.5)])
+def test_wear_far_too_fast_or_a_hill_is_a_wrong_setup(shop: OpenShop, found: DepthAndWear) -> None:
+    s = shop()
+    with pytest.raises(MachineFault) as caught:
+        refuse_wrong_setup(s.run(), found)
+    assert caught.value.code == "E67005"
+    assert f"{found.wear_um:.2f} ± 1.00 µm" in caught.value.message
+    assert len(told(s, RunEvent.SETUP_WRONG)) == 1
+
+
+def test_a_long_job_has_three_times_its_forecast(shop: OpenShop) -> None:
+    s = shop(('target={kind="depth",depth_um=150.0,tolerance_um=2.0}', "pulse.current_a=0.12"))
+    run = s.run()
+    most_s = LONGEST_SHARE * forecast(s.profile, s.job.setup).machining_time_s
+    assert most_s > LEAST_S
+    s.ledger.machining_time_s = most_s - 7.0
+    left = TimeLimits(run).left()
+    assert left.seconds == pytest.approx(7.0)
+    assert "by the forecast" in left.limit
+
+
+def test_the_recipe_s_own_limit_comes_first_where_it_is_shorter(shop: OpenShop) -> None:
+    left = TimeLimits(shop(("limits.max_time_s=60.0",)).run()).left()
+    assert left.seconds == pytest.approx(60.0)
+    assert left.limit == "0 s have passed, limits.max_time_s is 60 s"
+
+
+def test_a_job_beyond_its_forecast_is_ended_and_measured(
+    shop: OpenShop, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("edmctl.procedures.time_limits.LEAST_S", 0.0)
+    monkeypatch.setattr("edmctl.procedures.time_limits.LONGEST_SHARE", 0.3)
+    s = shop()
+    with pytest.raises(ObjectiveMissed, match="is the most by the forecast") as caught:
+        s.run_job()
+    assert caught.value.code == "E7012"
+    (site,) = caught.value.result.sites
+    assert site.depth_um == pytest.approx(s.bench.truth()[0].depth_um, abs=1.0)
+
+
+def test_every_job_tests_the_gap_sensor_and_tells_about_its_line(done: Done) -> None:
+    codes = [code for _, code, _, _, _ in done.shop.seen.events]
+    assert codes.index(RunEvent.ARMED) < codes.index(RunEvent.SELF_TESTED) < codes.index(RunEvent.STAGE_MOVED)
+    assert codes.count(RunEvent.LINK) >= 2
+    assert done.result.link is not None
+    assert done.result.link.lost_frames == 0
+
+
+def test_a_dead_gap_sensor_refuses_the_start(shop: OpenShop) -> None:
+    s = shop()
+    s.bench.inject(parse_injection("GAP_SENSOR_LOW@arm+0"))
+    with pytest.raises(MachineFault) as caught:
+        s.run_job()
+    assert caught.value.code == "E63003"
+    assert not any(p.phase is Phase.MOVING for p in s.told.states)
+
+
+class Box(Seen):
+    """A recorder that also keeps the black box."""
+
+    def black_box(self, block: BlackBoxBlock) -> None:
+        self.box = block
+
+
+def test_a_latched_fault_brings_the_black_box_into_the_run_file(shop: OpenShop) -> None:
+    s, seen = shop(), Box()
+    s.bench.inject(parse_injection("ESTOP"))
+    with pytest.raises(MachineFault):
+        s.run_job(seen)
+    assert len(seen.box.time_s) == 2048
+    assert seen.box.state[-1] == MachineState.MACHINING
+    fault_s = seen.box.time_s[-1]
+    retreat = np.concatenate([block.time_s for block in seen.servo])
+    assert retreat[-1] > fault_s
+    assert RunEvent.LINK in [code for _, code, _, _, _ in seen.events]
+
+
+def test_a_fault_of_the_host_has_no_black_box(shop: OpenShop) -> None:
+    s, seen = shop(), Box()
+
+    def press() -> None:
+        raise MachineFault("made up", code="E67001", fault=7001)
+
+    s.told.when[Phase.MACHINING] = press
+    with pytest.raises(MachineFault):
+        s.run_job(seen)
+    assert not hasattr(seen, "box")
+
+
+def test_swings_too_fast_to_learn_from_are_a_precondition(shop: OpenShop) -> None:
+    from edmctl.errors import PreconditionError
+
+    s = shop()
+    actuator = s.job.setup.actuator.model_copy(
+        update={"conditioning_cycles": 1, "conditioning_slew_v_s": 1000.0}
+    )
+    s.job = replace(s.job, setup=s.job.setup.model_copy(update={"actuator": actuator}))
+    with pytest.raises(PreconditionError, match="conditioning swings tell too little") as caught:
+        s.run_job()
+    assert caught.value.code == "E8036"
