@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
-from edmctl.cli import calibrate, machine, profile, simulate
+from edmctl.cli import calibrate, doctor, machine, ports, profile, reset, simulate
 from edmctl.cli.exitcodes import ExitCode, exit_code_table
 from edmctl.cli.outcome import Outcome, Output, finish, interrupted, mutter, unwritable
 from edmctl.cli.signals import SignalArrived, leave, raising_signals
@@ -29,6 +29,9 @@ app = typer.Typer(
 )
 app.command("calibrate")(calibrate.calibrate)
 app.command("machine")(machine.machine)
+app.command("reset")(reset.reset)
+app.command("doctor")(doctor.doctor)
+app.command("ports")(ports.ports)
 app.add_typer(simulate.app, name="simulate")
 app.add_typer(profile.app, name="profile")
 

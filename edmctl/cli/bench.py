@@ -11,69 +11,117 @@ from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING
 
 from edmctl.cli.signals import stopping_signals
-from edmctl.errors import LinkLost
+from edmctl.errors import Diagnostic, LinkLost
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from edmctl.link.transport import Transport
     from edmctl.machine.controller import LinkMachine
+    from edmctl.machine.port import MachineIdentity
     from edmctl.profile.load import LoadedProfile
     from edmctl.profile.setup import Setup
     from edmctl.simulator import BenchConfig, VirtualBench
 
 SIMULATOR = "sim:"
-MEMORY_HEARTBEAT_SHARE = 0.8
-"""Of the watchdog's time: a line in memory loses nothing, and virtual time knows no delay."""
+VIRTUAL_BEAT_SHARE = 0.8
+"""Of the watchdog's time: where time is virtual nothing is late."""
+
+
+@dataclass(frozen=True, slots=True)
+class Where:
+    """Which machine: the selector of its port, and how long to wait for the port."""
+
+    selector: str = SIMULATOR
+    wait_s: float = 0.0
+
+    @property
+    def in_process(self) -> bool:
+        """Whether it is a fresh virtual bench in this process, which alone has a seed and a known truth."""
+        return self.selector == SIMULATOR
 
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """A connected machine, and the virtual bench behind it."""
+    """A connected machine, and the virtual bench behind it where that is in this process."""
 
     machine: LinkMachine
-    virtual: VirtualBench
+    virtual: VirtualBench | None
 
 
-def check_port(selector: str | None) -> str:
-    """Return the selector to use. Refuses, with LinkLost E4002, any but the fresh virtual bench."""
-    if selector in (None, "", SIMULATOR, "sim"):
-        return SIMULATOR
-    if is_virtual(selector):
-        message = f"Port {selector!r}: this version does not offer a virtual bench that is kept between runs."
-        hint = "Say --port sim: for a fresh one."
-    else:
-        message = f"Port {selector!r}: this version has no serial ports, only the built-in virtual machine."
-        hint = "Leave --port and EDMCTL_PORT away, or say --port sim:."
-    raise LinkLost(message, hint=hint, code="E4002")
+def where_is(option: str | None, setup: Setup, wait_s: float = 0.0) -> Where:
+    """Return the machine that the option (or its environment variable), else the setup, else nobody names.
+
+    Raises LinkLost E4002 for a virtual bench in a file.
+    """
+    selector = option or setup.port or SIMULATOR
+    if selector == SIMULATOR.rstrip(":"):
+        selector = SIMULATOR
+    if selector.startswith(SIMULATOR) and selector != SIMULATOR:
+        raise LinkLost(
+            f"Port {selector!r}: a virtual bench that is kept in a file has to be served.",
+            hint="Say `edmctl simulate serve --bench FILE --link PATH` and --port PATH; sim: alone is a fresh one.",
+            code="E4002",
+        )
+    return Where(selector, wait_s)
 
 
-def is_virtual(selector: str) -> bool:
-    """Whether a selector names a virtual machine."""
-    return selector.startswith(SIMULATOR)
+def seed_warning(where: Where, asked: int | None) -> list[Diagnostic]:
+    """Return what is to be said of a seed that no machine will use."""
+    if where.in_process or asked is None:
+        return []
+    message = f"--seed {asked} has no effect on the controller at {where.selector}."
+    hint = "Give the seed to `edmctl simulate serve` where the controller is a virtual one."
+    return [Diagnostic("W4101", message, hint, is_warning=True)]
 
 
 @contextmanager
 def connected(
-    loaded: LoadedProfile | None, setup: Setup, seed: int, say: Callable[[str], None]
+    loaded: LoadedProfile | None,
+    setup: Setup,
+    seed: int,
+    say: Callable[[str], None],
+    where: Where = Where(),
 ) -> Iterator[Bench]:
-    """Open the virtual machine and say hello. From here on a signal stops it in order, with a word to `say`.
+    """Open the machine and say hello. From here on a signal stops it in order, with a word to `say`.
 
-    loaded : what stands on the bench; None where neither tool nor work matters.
+    loaded : what stands on a virtual bench in this process; None where neither tool nor work matters.
+
+    Raises LinkLost and ProtocolMismatch.
     """
     from edmctl.cli.stop import AnnouncedStop
     from edmctl.link.session import Session
     from edmctl.machine.controller import LinkMachine
-    from edmctl.simulator import open_bench
 
-    virtual = open_bench(bench_config(loaded, setup), seed)
+    virtual: VirtualBench | None = None
+    line: Transport
+    if where.in_process:
+        from edmctl.simulator import open_bench
+
+        virtual = open_bench(bench_config(loaded, setup), seed)
+        line = virtual.transport
+    else:
+        line = _line(where, setup, say)
+    session = Session(line, heartbeat_s=VIRTUAL_BEAT_SHARE * setup.controller.watchdog_s)
     try:
-        session = Session(virtual.transport, heartbeat_s=MEMORY_HEARTBEAT_SHARE * setup.controller.watchdog_s)
         stop = AnnouncedStop(say)
         with stopping_signals(stop, session.abort):
-            session.open()
-            yield Bench(LinkMachine(session, stop), virtual)
+            session.open(setup.link.hello_s)
+            machine = LinkMachine(session, stop)
+            if machine.make_idle():
+                say("the controller was still armed by a host that is gone: pulses off, tool retracted")
+            yield Bench(machine, virtual)
     finally:
-        virtual.transport.close()
+        session.close()
+
+
+def introduction(where: Where, identity: MachineIdentity, seed: int) -> str:
+    """Return what is said of the machine at the start of a run."""
+    if where.in_process:
+        return f"simulated run on the virtual machine, seed {seed}"
+    if identity.simulated:
+        return f"simulated run on the virtual controller {identity.serial} at {identity.transport}"
+    return f"machine {identity.serial} at {identity.transport}, firmware {identity.firmware}"
 
 
 def bench_config(loaded: LoadedProfile | None, setup: Setup) -> BenchConfig:
@@ -89,4 +137,13 @@ def bench_config(loaded: LoadedProfile | None, setup: Setup) -> BenchConfig:
         offset_um=loaded.profile.approach.offset_um,
         discharge=DischargeConstants(**constants),
         sensors=SensorConstants(fitted=setup.sensor.fitted),
+    )
+
+
+def _line(where: Where, setup: Setup, say: Callable[[str], None]) -> Transport:
+    from edmctl.link.opening import open_selector
+
+    link = setup.link
+    return open_selector(
+        where.selector, link.usb_ids, link.candidates, link.baud, link.hello_s, where.wait_s, say
     )

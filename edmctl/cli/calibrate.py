@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from edmctl.cli.bench import seed_warning
 from edmctl.cli.options import (
     DebugOption,
     DryRunOption,
@@ -16,9 +17,10 @@ from edmctl.cli.options import (
     QuietOption,
     SeedOption,
     SetupOption,
+    WaitOption,
 )
 from edmctl.cli.outcome import Outcome, Output, run_command, stream_style, watching
-from edmctl.cli.seeds import seed_to_use
+from edmctl.cli.seeds import seed_to_use, simulated_by
 from edmctl.cli.signals import ignore_signals
 
 if TYPE_CHECKING:
@@ -87,6 +89,7 @@ def calibrate(
     lever: LeverOption = None,
     setup: SetupOption = None,
     port: PortOption = None,
+    wait: WaitOption = 0.0,
     seed: SeedOption = None,
     dry_run: DryRunOption = False,
     as_json: JsonOption = False,
@@ -115,10 +118,11 @@ def calibrate(
                 lever=lever,
                 setup=setup,
                 port=port,
+                wait_s=wait,
             )
         )
         outcome.simulated = checked.simulated
-        outcome.warn(checked.doubts)
+        outcome.warn([*checked.doubts, *seed_warning(checked.where, seed)])
         if dry_run:
             _tell_plan(outcome, checked)
         elif checked.plan is None and not checked.sources:
@@ -184,7 +188,7 @@ def _run(outcome: Outcome, checked: "Checked", seed: int) -> None:
         if checked.plan is None:
             done = calibrate_files(checked, reporter)
         else:
-            outcome.seed = seed
+            outcome.seed = seed if checked.where.in_process else None
             done = calibrate_machine(checked.plan, checked, seed, reporter, outcome.warn)
             outcome.simulated = done.simulated
         ignore_signals()
@@ -195,18 +199,18 @@ def _run(outcome: Outcome, checked: "Checked", seed: int) -> None:
         "lever": checked.lever,
     }
     outcome.text = render_calibration(done.findings, checked.lever, stream_style(sys.stdout))
-    outcome.text += f"\n\n{_whereabouts(done, checked, seed)}"
+    outcome.text += f"\n\n{_whereabouts(done, checked, outcome.seed)}"
     outcome.warn(done.findings.warnings)
 
 
-def _whereabouts(done: "Calibrated", checked: "Checked", seed: int) -> str:
+def _whereabouts(done: "Calibrated", checked: "Checked", seed: int | None) -> str:
     """Where the file is, and how `machine` comes to use it."""
     from edmctl.profile.calibration_place import CALIBRATION_VARIABLE
 
     if done.path is None:
         return "Nothing was saved."
-    made_by = f"Simulated, seed {seed}. " if done.simulated else ""
-    again = f" --seed {seed}" if done.simulated else ""
+    made_by = simulated_by(seed) if done.simulated else ""
+    again = "" if seed is None or not done.simulated else f" --seed {seed}"
     saved = f"{made_by}{'Replaced' if done.replaced else 'Saved in'} {done.path}"
     if not done.is_own:
         return f"{saved}: `edmctl machine{again} --calibration {done.path}` uses it."

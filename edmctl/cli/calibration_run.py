@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edmctl.cli.bench import connected
+from edmctl.cli.bench import connected, introduction
 from edmctl.cli.calibration_order import check_writable, doubtful
 from edmctl.cli.signals import ignore_signals
 from edmctl.errors import Diagnostic, EdmError
@@ -21,9 +21,7 @@ if TYPE_CHECKING:
     from edmctl.cli.calibration_fit import Findings
     from edmctl.cli.calibration_order import Checked
     from edmctl.console.progress import Reporter
-    from edmctl.machine.controller import LinkMachine
     from edmctl.procedures.calibrating import CalibrationPlan, Measured
-    from edmctl.profile.setup import Setup
 
     Warn = Callable[[Sequence[Diagnostic]], None]
 
@@ -50,13 +48,15 @@ def calibrate_machine(
     plan: CalibrationPlan, checked: Checked, seed: int, reporter: Reporter, warn: Warn
 ) -> Calibrated:
     """Drive the machine, fit, and save. What was measured is kept where it comes to no calibration."""
+    from edmctl.procedures.calibrating import measure_actuator
     from edmctl.profile.calibration_place import default_path
 
-    with connected(None, checked.setup, seed, reporter.note) as bench:
+    with connected(None, checked.setup, seed, reporter.note, checked.where) as bench:
         identity = bench.machine.identity
         path = checked.output or default_path(identity.serial, os.environ)
         check_writable(path)
-        measured = _measure(bench.machine, checked.setup, plan, reporter, seed)
+        reporter.note(introduction(checked.where, identity, seed))
+        measured = measure_actuator(bench.machine, checked.setup, plan, reporter)
     with _kept_on_failure(measured.record, path, warn):
         warn(_doubts(measured))
         findings = _fit([measured.record], checked, reporter)
@@ -86,16 +86,6 @@ def calibrate_files(checked: Checked, reporter: Reporter) -> Calibrated:
     else:
         _save(findings, checked.output, checked, None, simulated=False)
     return Calibrated(findings, checked.output, None, simulated=False)
-
-
-def _measure(
-    machine: LinkMachine, setup: Setup, plan: CalibrationPlan, reporter: Reporter, seed: int
-) -> Measured:
-    from edmctl.procedures.calibrating import measure_actuator
-
-    if machine.identity.simulated:
-        reporter.note(f"simulated run on the virtual machine, seed {seed}")
-    return measure_actuator(machine, setup, plan, reporter)
 
 
 def _doubts(measured: Measured) -> list[Diagnostic]:

@@ -6,9 +6,10 @@ import dataclasses
 import math
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from itertools import zip_longest
 from typing import TYPE_CHECKING
 
-from edmctl.cli.bench import check_port, connected, is_virtual
+from edmctl.cli.bench import Where, connected, introduction, where_is
 from edmctl.cli.calibrated import choose, look_at_named, refuse_unasked
 from edmctl.cli.exitcodes import MEANING, ExitCode, error_exit_code
 from edmctl.cli.runfile import run_meta
@@ -41,13 +42,15 @@ class Order:
     port: str | None
     calibration: Path | None = None
     allow_model: bool = False
+    wait_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A checked order. `simulated` is what the port's name says; once connected, the machine says so itself."""
+    """A checked order. `simulated` is None where only the machine itself will tell, once it is connected."""
 
-    simulated: bool
+    where: Where
+    simulated: bool | None
     loaded: LoadedProfile
     setup: Setup
     setup_text: str
@@ -72,7 +75,9 @@ class Written:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What a job reached, whether it ended well or with `error`; `truths` has one entry per site.
+    """What a job reached, whether it ended well or with `error`.
+
+    `truths` has one entry per site, and none on any machine but a virtual one in this process.
 
     `model` says where its estimated displacements come from, None where the job ended before that was known.
     `run_file` is the run's own file as it is called now, if it has one.
@@ -90,8 +95,8 @@ class Report:
         mapping = dataclasses.asdict(self.job)
         mapping["calibration"] = dataclasses.asdict(self.model) if self.model else None
         mapping["sites"] = [
-            {**site, "truth": dataclasses.asdict(truth)}
-            for site, truth in zip(mapping["sites"], self.truths, strict=True)
+            {**site, "truth": dataclasses.asdict(truth) if truth else None}
+            for site, truth in zip_longest(mapping["sites"], self.truths)
         ]
         return mapping
 
@@ -111,12 +116,13 @@ def check(order: Order) -> Plan:
     from edmctl.profile.load import load_profile, load_setup
 
     setup = load_setup(order.setup)
-    port = check_port(order.port or setup.port)
+    where = where_is(order.port, setup, order.wait_s)
     loaded = load_profile(order.profile, order.overrides, setup=setup)
     refuse_unasked(setup, allow_model=order.allow_model)
     look_at_named(order.calibration, setup, loaded.profile)
     return Plan(
-        simulated=is_virtual(port),
+        where=where,
+        simulated=True if where.in_process else None,
         loaded=loaded,
         setup=setup,
         setup_text=order.setup.read_text(encoding="utf-8") if order.setup else "",
@@ -132,7 +138,9 @@ def carry_out(
     name: RunName | None,
     warn: Callable[[Sequence[Diagnostic]], None] | None = None,
 ) -> Report:
-    """Run the job on a fresh virtual bench, into the run file `name` where there is one.
+    """Run the job on the machine that the plan names, into the run file `name` where there is one.
+
+    `seed` is that of a fresh virtual bench.
 
     `warn` is told what is doubtful about the calibration before anything moves. Expected errors come back in the
     report, with what was reached until then.
@@ -145,14 +153,14 @@ def carry_out(
     error: EdmError | None = None
     written = Written()
     choice: Choice | None = None
-    with connected(plan.loaded, plan.setup, seed, observer.note) as bench:
+    with connected(plan.loaded, plan.setup, seed, observer.note, plan.where) as bench:
         try:
-            serial = bench.machine.identity.serial
-            choice = choose(plan.calibration, plan.setup, plan.loaded.profile, serial)
+            identity = bench.machine.identity
+            choice = choose(plan.calibration, plan.setup, plan.loaded.profile, identity.serial)
             if warn is not None:
                 warn(choice.warnings)
             with _recorder(plan, seed, bench, name, ledger, written, choice) as recorder:
-                observer.note(f"simulated run on the virtual machine, seed {seed}{_into(name)}")
+                observer.note(f"{introduction(plan.where, identity, seed)}{_into(name)}")
                 run_job(
                     bench.machine,
                     single_hole(plan.loaded.profile, plan.setup, choice.actuator),
@@ -189,7 +197,9 @@ def _recorder(
     def summarize() -> None:
         writer.summary(render_json(_report(bench, ledger, choice).as_mapping()))
 
-    writer = RunWriter.create(name.path, run_meta(name, plan, seed, bench.machine.identity, choice))
+    writer = RunWriter.create(
+        name.path, run_meta(name, plan, seed if bench.virtual else None, bench.machine.identity, choice)
+    )
     try:
         yield writer
     except BaseException as error:
@@ -226,7 +236,8 @@ def _report(
     run_file: Path | None = None,
 ) -> Report:
     virtual, job = bench.virtual, ledger.result()
-    truths = truths_of([(site.x_um, site.y_um) for site in job.sites], virtual.truth(), virtual.tool_wear_um)
+    places = [(site.x_um, site.y_um) for site in job.sites]
+    truths = truths_of(places, virtual.truth(), virtual.tool_wear_um) if virtual else ()
     used = choice.used if choice else None
     return Report(bench.machine.identity.simulated, job, truths, error, run_file, used)
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from edmctl.cli.bench import seed_warning
 from edmctl.cli.options import (
     AllowModelOption,
     CalibrationOption,
@@ -21,10 +22,11 @@ from edmctl.cli.options import (
     SeedOption,
     SetOption,
     SetupOption,
+    WaitOption,
 )
 from edmctl.cli.outcome import Outcome, Output, run_command, stream_style, watching
 from edmctl.cli.runfile import RunName, name_run
-from edmctl.cli.seeds import seed_to_use
+from edmctl.cli.seeds import seed_to_use, simulated_by
 from edmctl.cli.signals import ignore_signals
 
 if TYPE_CHECKING:
@@ -39,6 +41,7 @@ def machine(
     overrides: SetOption = None,
     setup: SetupOption = None,
     port: PortOption = None,
+    wait: WaitOption = 0.0,
     seed: SeedOption = None,
     calibration: CalibrationOption = None,
     allow_model: AllowModelOption = False,
@@ -59,9 +62,9 @@ def machine(
     def body(outcome: Outcome) -> None:
         from edmctl.cli.job import Order, check
 
-        plan = check(Order(profile, tuple(overrides or ()), setup, port, calibration, allow_model))
+        plan = check(Order(profile, tuple(overrides or ()), setup, port, calibration, allow_model, wait))
         outcome.simulated = plan.simulated
-        outcome.warn(plan.loaded.warnings)
+        outcome.warn([*plan.loaded.warnings, *seed_warning(plan.where, seed)])
         name = name_run(out, run_id, plan.loaded, datetime.now(UTC))
         used_seed = seed_to_use(seed)
         if dry_run:
@@ -82,7 +85,7 @@ def _forecast(outcome: Outcome, plan: "Plan") -> None:
 def _run(outcome: Outcome, plan: "Plan", name: RunName, seed: int) -> None:
     from edmctl.cli.job import carry_out
 
-    outcome.seed = seed
+    outcome.seed = seed if plan.where.in_process else None
     with watching(outcome.output) as reporter:
         report = carry_out(plan, seed, reporter, name, outcome.warn)
         outcome.simulated = report.simulated
@@ -92,12 +95,12 @@ def _run(outcome: Outcome, plan: "Plan", name: RunName, seed: int) -> None:
             reporter.note(f"what was recorded until then is in {outcome.run_file}")
     outcome.result = report.as_mapping()
     if report.job.sites:
-        outcome.text = closing_text(report, seed, stream_style(sys.stdout))
+        outcome.text = closing_text(report, outcome.seed, stream_style(sys.stdout))
     if report.error:
         raise report.error
 
 
-def closing_text(report: "Report", seed: int, style: "Style") -> str:
+def closing_text(report: "Report", seed: int | None, style: "Style") -> str:
     """Return the table at the end of a job, and what it was made with."""
     from edmctl.console.result_table import render_job
 
@@ -106,5 +109,5 @@ def closing_text(report: "Report", seed: int, style: "Style") -> str:
         lines.append(f"Actuator model: {report.model.text}.")
         if report.model.alone:
             lines.append("No sensor is fitted: what stands under 'measured' is estimated by that model.")
-    made_by = f"Simulated, seed {seed}. " if report.simulated else ""
+    made_by = simulated_by(seed) if report.simulated else ""
     return "\n".join([*lines, f"{made_by}Run file {report.run_file}"])

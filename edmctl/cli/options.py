@@ -31,7 +31,18 @@ SetupOption: TypeAlias = Annotated[
 ]
 PortOption: TypeAlias = Annotated[
     str | None,
-    typer.Option("--port", metavar="SELECTOR", envvar="EDMCTL_PORT", help="Which machine; sim: without."),
+    typer.Option(
+        "--port",
+        metavar="SELECTOR",
+        envvar="EDMCTL_PORT",
+        help="Which machine: sim: (as without), a serial port, socket://HOST:PORT, serial:ID, auto.",
+    ),
+]
+WaitOption: TypeAlias = Annotated[
+    float,
+    typer.Option(
+        "--wait", metavar="SECONDS", min=0.0, help="Wait so long for a port that is held or absent."
+    ),
 ]
 SeedOption: TypeAlias = Annotated[
     int | None,

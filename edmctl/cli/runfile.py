@@ -64,7 +64,9 @@ def run_path(folder: Path, run_id: str) -> Path:
     return folder / f"{run_id}.h5"
 
 
-def run_meta(name: RunName, plan: Plan, seed: int, identity: MachineIdentity, choice: Choice) -> RunMeta:
+def run_meta(
+    name: RunName, plan: Plan, seed: int | None, identity: MachineIdentity, choice: Choice
+) -> RunMeta:
     """Describe a run for its file."""
     from edmctl import __version__
     from edmctl.record.leaves import profile_leaves

@@ -12,6 +12,11 @@ _NEW_SEEDS = 1_000_000_000
 _LARGEST = 2**63 - 1
 
 
+def simulated_by(seed: int | None) -> str:
+    """Return the remark on a simulated result; a served controller's seed is not known here."""
+    return "Simulated. " if seed is None else f"Simulated, seed {seed}. "
+
+
 def seed_to_use(asked: int | None, runs: int = 1) -> int:
     """Return the first seed that was asked for, else a new one, to be printed and recorded.
 

@@ -74,6 +74,22 @@ class Controller(Table):
         return 1e-6 * self.servo_period_us
 
 
+class Link(Table):
+    """The serial line to the controller."""
+
+    baud: int = Field(500_000, ge=9600, le=10_000_000, description="of a UART; USB ignores it")
+    hello_s: float = Field(
+        1.5, ge=0.1, le=30.0, description="longest wait for the answer to HELLO: boards reset when opened, s"
+    )
+    usb_ids: list[str] = Field(
+        ["2341:0042", "2341:0010", "1a86:7523"],
+        description="VID:PID of boards that `auto` may ask (Arduino Mega 2560, CH340)",
+    )
+    candidates: list[str] = Field(
+        [], description="further ports that `auto` and `serial:ID` may ask, such as a UART header"
+    )
+
+
 class Setup(Table):
     """All settings of one machine. `port` is where it is found when neither option nor environment say so."""
 
@@ -83,3 +99,4 @@ class Setup(Table):
     surface: Surface = Surface()
     stage: Stage = Stage()
     controller: Controller = Controller()
+    link: Link = Link()

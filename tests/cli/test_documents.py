@@ -21,7 +21,15 @@ if TYPE_CHECKING:
 
     from tests.cli.commands import Here
 
-PAGES = ["README.md", "docs/tutorial.md", "docs/how-to.md", "docs/profile.md"]
+PAGES = [
+    "README.md",
+    "docs/how-to.md",
+    "docs/profile.md",
+    "docs/serial-port.md",
+    "docs/tutorial.md",
+    "docs/virtual-machine.md",
+]
+JOB_ENDS = "kill %1"
 ALL_PAGES = sorted(str(p.relative_to(ROOT)) for p in [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 
 
@@ -52,8 +60,16 @@ def newcomer(home: Path) -> tuple[Path, dict[str, str]]:
 def failures_of(page: str, home: Path) -> list[str]:
     """Type the commands of a page one after the other; what did not end as the page says."""
     folder, env = newcomer(home)
-    failures = []
+    failures: list[str] = []
+    jobs: list[subprocess.Popen[bytes]] = []
     for line, exit_code in commands_of(page):
+        if line.endswith(" &"):
+            jobs.append(_in_background(line, folder, env))
+            continue
+        if line == JOB_ENDS:
+            jobs[-1].terminate()
+            jobs.pop().wait(timeout=60)
+            continue
         done = subprocess.run(
             ["bash", "-c", line],
             cwd=folder,
@@ -66,7 +82,20 @@ def failures_of(page: str, home: Path) -> list[str]:
         )
         if done.returncode != exit_code or "Traceback" in done.stderr:
             failures.append(f"$ {line}\nexit code {done.returncode}\n{done.stdout}\n{done.stderr}")
+    assert not jobs, f"{page} leaves a job in the background"
     return failures
+
+
+def _in_background(line: str, folder: Path, env: dict[str, str]) -> subprocess.Popen[bytes]:
+    """Start what a page starts with `&`."""
+    return subprocess.Popen(
+        ["bash", "-c", f"exec {line.removesuffix(' &')}"],
+        cwd=folder,
+        env=env,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,93 @@
+"""`edmctl doctor`: everything that a job will need, looked at one by one."""
+
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from edmctl.cli.options import DebugOption, JsonOption, PortOption, SetupOption, WaitOption
+from edmctl.cli.outcome import Outcome, Output, mutter, run_command, stream_style
+
+if TYPE_CHECKING:
+    from edmctl.cli.doctor_checks import Checks
+    from edmctl.errors import EdmError
+
+OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder of the run files.")]
+SensorsOption = Annotated[
+    bool,
+    typer.Option(
+        "--sensors", help="Also arm, make pulses with the tool retracted to test the gap sensor, and disarm."
+    ),
+]
+
+
+def doctor(
+    setup: SetupOption = None,
+    port: PortOption = None,
+    wait: WaitOption = 0.0,
+    sensors: SensorsOption = False,
+    out: OutOption = Path("runs"),
+    as_json: JsonOption = False,
+    debug: DebugOption = False,
+) -> int:
+    """Check computer, line and machine, and say how to put right what is not.
+
+    Nothing moves, but with --sensors.
+    """
+
+    def body(outcome: Outcome) -> None:
+        from edmctl.cli.doctor_checks import Checks
+        from edmctl.console.doctor_table import render_checks
+
+        checks = Checks()
+        error = None
+        try:
+            error = _look(outcome, checks, setup, (port, wait), out, sensors=sensors)
+        finally:
+            outcome.result = {"checks": checks.as_list()}
+            outcome.text = render_checks(checks.done, stream_style(sys.stdout))
+        if error or (error := checks.error()):
+            raise error
+
+    return run_command(Output("doctor", as_json, debug=debug), body)
+
+
+def _look(
+    outcome: Outcome,
+    checks: "Checks",
+    setup_file: Path | None,
+    place: tuple[str | None, float],
+    out: Path,
+    *,
+    sensors: bool,
+) -> "EdmError | None":
+    """Do every check that can be done; the error of the line or the protocol, if that is what fails."""
+    from edmctl.cli import doctor_host, doctor_machine
+    from edmctl.cli.machine_at import machine_at
+    from edmctl.errors import EdmError, Interrupted, LinkLost, ProtocolMismatch
+
+    port, wait_s = place
+    checks.take(doctor_host.versions())
+    checks.take(doctor_host.run_folder(out))
+    setup = doctor_host.load(checks, setup_file)
+    selector = port or setup.port
+    checks.take(*doctor_host.line_settings(selector))
+    try:
+        with machine_at(setup, port, wait_s, lambda text: mutter(text + "\n")) as machine:
+            outcome.simulated = machine.identity.simulated
+            doctor_machine.look(checks, machine, setup)
+            checks.take(doctor_host.calibration(os.environ, setup, machine.identity.serial))
+            if sensors:
+                mutter("doctor: arming, and making pulses with the tool retracted, for about a second.\n")
+                doctor_machine.test_sensors(checks, machine, setup)
+    except ProtocolMismatch as error:
+        checks.fail("protocol", error)
+        return error
+    except Interrupted:
+        raise
+    except EdmError as error:
+        checks.fail("port", error)
+        return error if isinstance(error, LinkLost) else None
+    return None

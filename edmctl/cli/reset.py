@@ -1,0 +1,59 @@
+"""`edmctl reset`: clear the fault that a controller has latched."""
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from edmctl.cli.options import DebugOption, JsonOption, PortOption, SetupOption, WaitOption
+from edmctl.cli.outcome import Outcome, Output, mutter, run_command
+
+if TYPE_CHECKING:
+    from edmctl.machine.controller import LinkMachine
+
+AckOption = Annotated[
+    int | None,
+    typer.Option("--ack", metavar="CODE", help="The fault to clear; without, it is only told."),
+]
+
+
+def reset(
+    ack: AckOption = None,
+    setup: SetupOption = None,
+    port: PortOption = None,
+    wait: WaitOption = 0.0,
+    as_json: JsonOption = False,
+    debug: DebugOption = False,
+) -> int:
+    """Clear a fault that the controller has latched, or tell which one it is.
+
+    The fault must be named, so that nobody clears another one than the one that was looked at.
+    """
+
+    def body(outcome: Outcome) -> None:
+        from edmctl.cli.machine_at import machine_at
+        from edmctl.profile.load import load_setup
+
+        with machine_at(load_setup(setup), port, wait, lambda text: mutter(text + "\n")) as machine:
+            outcome.simulated = machine.identity.simulated
+            _clear(outcome, machine, ack)
+
+    return run_command(Output("reset", as_json, debug=debug), body)
+
+
+def _clear(outcome: Outcome, machine: "LinkMachine", ack: int | None) -> None:
+    from edmctl.machine.faults import NothingLatched
+
+    latched = machine.latched_fault()
+    outcome.result = {"latched": latched.fault if latched else None, "cleared": False}
+    if ack is None:
+        if latched:
+            raise latched
+        outcome.text = "The controller holds no fault."
+        return
+    try:
+        machine.clear_fault(ack)
+    except NothingLatched as nothing:
+        outcome.text = nothing.message
+        return
+    outcome.result = {"latched": None, "cleared": True}
+    outcome.text = f"Fault {ack} is cleared; the controller is idle."

@@ -1,0 +1,255 @@
+"""The command line over a served controller: the same run as in process, and a clear error where there is none."""
+
+from __future__ import annotations
+
+import os
+import select
+import threading
+import tty
+from contextlib import contextmanager
+from pathlib import Path
+from time import monotonic
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl.cli.bench import bench_config
+from edmctl.link.messages import Arm, param_crc
+from edmctl.link.opening import open_line
+from edmctl.link.session import Session
+from edmctl.machine.upload import default_settings
+from edmctl.profile.load import load_profile
+from edmctl.profile.setup import Setup
+from edmctl.simulator import BenchConfig, open_bench
+from edmctl.simulator.endpoints import PtyEndpoint
+from edmctl.simulator.injection import parse_injection
+from edmctl.simulator.serve import Server
+from tests.cli.commands import CU270, SHALLOW, in_process_of_its_own
+from tests.serving import serving
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from edmctl.simulator import VirtualBench
+    from tests.cli.commands import Here
+
+SEED = 3
+CLEAR_ERROR_WITHIN_S = 2.0
+
+
+def bench_of_the_profile(seed: int = SEED) -> VirtualBench:
+    """The bench that `sim:` would make for the shallow job."""
+    return open_bench(bench_config(load_profile(CU270, ()), Setup()), seed)
+
+
+@contextmanager
+def device(answer: Callable[[bytes], bytes] | None = None) -> Iterator[str]:
+    """A port with something on it that is no controller; it says `answer` to what it gets, or nothing."""
+    ours, theirs = os.openpty()
+    tty.setraw(theirs)
+    over_r, over_w = os.pipe()
+
+    def run() -> None:
+        while over_r not in (ready := select.select([ours, over_r], [], [])[0]):
+            if ready and answer:
+                os.write(ours, answer(os.read(ours, 65536)))
+            elif ready:
+                os.read(ours, 65536)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    try:
+        yield os.ttyname(theirs)
+    finally:
+        os.write(over_w, b"\0")
+        thread.join()
+        for number in (ours, theirs, over_r, over_w):
+            os.close(number)
+
+
+def test_a_run_through_a_pty_is_the_run_in_process(here: Here) -> None:
+    in_process = here("machine", *SHALLOW, "--seed", str(SEED), "--run-id", "a", "--json", "--quiet").document
+    with serving(bench_of_the_profile()) as port:
+        said = here("machine", *SHALLOW, "--port", port, "--run-id", "b", "--json")
+    document = said.document
+    assert said.exit_code == 0, said.err
+    assert (document["simulated"], document["seed"]) == (True, None)
+    assert f"simulated run on the virtual controller SIM-{SEED} at {port}" in said.err
+    (here_site,), (there_site,) = in_process["result"]["sites"], document["result"]["sites"]
+    # What only the simulator knows stays in its own process.
+    assert not any(value is not None for value in (there_site.pop("truth") or {}).values())
+    assert here_site.pop("truth")["depth_um"] > 0.0
+    assert there_site == here_site
+    assert document["result"]["time_s"] == in_process["result"]["time_s"]
+    assert document["warnings"] == []
+
+
+def test_people_are_told_that_it_was_simulated(here: Here) -> None:
+    with serving(bench_of_the_profile()) as port:
+        said = here("machine", *SHALLOW, "--port", port, "--run-id", "r", "--quiet")
+    assert said.exit_code == 0, said.err
+    assert "Simulated" in said.out
+    assert "seed" not in said.out
+
+
+def test_the_environment_names_a_port_as_well(here: Here, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("EDMCTL_PORT", "/dev/nothing-of-the-kind")
+    assert here("reset", "--json").document["error"]["code"] == "E4001"
+    with serving(open_bench(BenchConfig(), SEED)) as port:
+        assert here("reset", "--port", port).exit_code == 0
+
+
+def test_a_setup_names_the_port_where_nothing_else_does(here: Here, tmp_path: Path) -> None:
+    setup = tmp_path / "setup.toml"
+    with serving(open_bench(BenchConfig(), SEED)) as port:
+        setup.write_text(f'port = "{port}"\n')
+        assert here("reset", "--setup", str(setup), "--json").document["simulated"] is True
+        setup.write_text(f'port = "auto"\n[link]\ncandidates = ["{port}"]\nusb_ids = []\n')
+        assert here("reset", "--setup", str(setup)).exit_code == 0
+        assert here("reset", "--setup", str(setup), "--port", f"serial:SIM-{SEED}").exit_code == 0
+        other = here("reset", "--setup", str(setup), "--port", "serial:SIM-99", "--json")
+        assert (other.exit_code, other.document["error"]["code"]) == (4, "E4001")
+
+
+def test_a_seed_that_nobody_uses_is_warned_of(here: Here) -> None:
+    said = here("machine", *SHALLOW, "--port", "/dev/nothing-of-the-kind", "--seed", "5", "--json")
+    document = said.document
+    assert (said.exit_code, document["error"]["code"]) == (4, "E4001")
+    assert [warning["code"] for warning in document["warnings"]] == ["W4101"]
+    assert "simulate serve" in document["warnings"][0]["hint"]
+
+
+def test_a_virtual_bench_in_a_file_has_to_be_served(here: Here) -> None:
+    said = here("machine", *SHALLOW, "--port", "sim:bench.h5", "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (4, "E4002")
+    assert "edmctl simulate serve --bench" in said.document["error"]["hint"]
+
+
+def test_a_wrong_device_is_told_soon(here: Here) -> None:
+    with device(lambda _: b"ok T:21.5 /0.0\r\n") as port:
+        begin_s = monotonic()
+        said = here("machine", *SHALLOW, "--port", port, "--json")
+        took_s = monotonic() - begin_s
+    error = said.document["error"]
+    assert (said.exit_code, error["code"]) == (4, "E4011")
+    assert "bytes came" in error["message"]
+    assert "edmctl ports" in error["hint"]
+    assert took_s < CLEAR_ERROR_WITHIN_S
+
+
+@pytest.mark.parametrize(
+    ("answer", "told"),
+    [
+        (lambda data: data, "bytes came"),
+        (lambda _: b"AT\r\nAT+GCAP\r\n", "bytes came"),
+        (None, "No controller answered"),
+    ],
+    ids=["echo", "modem", "silence"],
+)
+def test_whatever_is_on_the_port_is_told_in_the_time_of_the_setup(
+    here: Here, answer: Callable[[bytes], bytes] | None, told: str, tmp_path: Path
+) -> None:
+    setup = tmp_path / "setup.toml"
+    setup.write_text("[link]\nhello_s = 0.2\n")
+    with device(answer) as port:
+        said = here("reset", "--setup", str(setup), "--port", port, "--json")
+    error = said.document["error"]
+    assert (said.exit_code, error["code"]) == (4, "E4011")
+    assert told in error["message"]
+
+
+def test_chatter_before_the_hello_does_no_harm(here: Here) -> None:
+    with serving(open_bench(BenchConfig(), SEED)) as port:
+        chatty = open_line(port)
+        chatty.write(b"AT\r\nAT+CGMI\r\n~x\0\x80\xff" * 20)
+        chatty.close()
+        said = here("reset", "--port", port)
+    assert said.exit_code == 0, said.err
+
+
+def test_a_second_process_on_a_port_is_told_who_holds_it(here: Here, tmp_path: Path) -> None:
+    with serving(open_bench(BenchConfig(), SEED)) as port:
+        line = open_line(port)
+        try:
+            said = in_process_of_its_own("reset", "--port", port, "--json", cwd=tmp_path)
+        finally:
+            line.close()
+        error = said.document["error"]
+        assert (said.exit_code, error["code"]) == (4, "E4006")
+        assert f"process {os.getpid()} " in error["message"]
+        assert here("reset", "--port", port).exit_code == 0
+
+
+def test_waiting_takes_the_port_over(here: Here) -> None:
+    with serving(open_bench(BenchConfig(), SEED)) as port:
+        holder = open_line(port)
+        threading.Timer(0.1, holder.close).start()
+        said = here("reset", "--port", port, "--wait", "30")
+    assert said.exit_code == 0, said.err
+    assert "Waiting up to 30 s." in said.err
+
+
+def test_a_controller_that_was_left_armed_is_brought_to_rest_first(here: Here) -> None:
+    bench = bench_of_the_profile()
+    with serving(bench) as port:
+        session = Session(open_line(port))
+        session.open(5.0)
+        session.request(Arm(param_crc(default_settings())))
+        session.close()
+        left = bench.controller.armed
+        said = here("machine", *SHALLOW, "--port", port, "--run-id", "r", "--json", "--events")
+    assert left
+    assert said.exit_code == 0, said.err
+    assert "still armed by a host that is gone: pulses off, tool retracted" in said.err
+    assert not bench.controller.armed
+
+
+def test_a_controller_that_has_been_on_for_long_is_as_good_as_a_new_one(here: Here) -> None:
+    bench = open_bench(BenchConfig(), SEED)
+    bench.controller.advance(300_000)
+    with serving(bench) as port:
+        assert here("reset", "--port", port).exit_code == 0
+        assert here("reset", "--port", port).exit_code == 0
+
+
+@contextmanager
+def cabled(bench: VirtualBench) -> Iterator[str]:
+    """Serve `bench` on a pty that is gone as soon as the line is unplugged."""
+    endpoint, over = PtyEndpoint(), threading.Event()
+    server = Server(bench, endpoint, None)
+
+    def run() -> None:
+        server.run(over.is_set)
+        endpoint.close()
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    try:
+        yield endpoint.name
+    finally:
+        over.set()
+        thread.join()
+
+
+@pytest.mark.parametrize(
+    "command", [("calibrate",), ("machine", *SHALLOW, "--run-id", "r")], ids=["calibrate", "machine"]
+)
+def test_a_line_that_breaks_ends_the_command_at_once(here: Here, command: tuple[str, ...]) -> None:
+    bench = bench_of_the_profile()
+    bench.inject(parse_injection("UNPLUG@arm+5"))
+    with cabled(bench) as port:
+        said = here(*command, "--port", port, "--json", "--quiet")
+    document = said.document
+    assert (said.exit_code, document["error"]["code"], document["seed"]) == (4, "E4003", None)
+    assert port in document["error"]["message"]
+    assert document["error"]["hint"]
+
+
+def test_a_simulation_goes_to_no_port(here: Here, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("EDMCTL_PORT", "/dev/ttyNONE")
+    Path("setup.toml").write_text('port = "/dev/ttyNONE"\n', encoding="utf-8")
+    said = here(
+        "simulate", *SHALLOW, "--runs", "1", "--seed", "1", "--setup", "setup.toml", "--json", "--quiet"
+    )
+    assert said.exit_code == 0, said.err
+    assert said.document["simulated"] is True

@@ -1,0 +1,225 @@
+"""`edmctl doctor`: one line for each check, the fix beside what fails, and the exit code of the gravest."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from edmctl.cli import doctor_host
+from edmctl.cli.doctor_checks import CheckStatus
+from edmctl.errors import ProtocolMismatch
+from edmctl.link.faults import FaultCode
+from edmctl.link.messages import ResetCause, State
+from edmctl.profile.setup import Sensor, Setup
+from edmctl.simulator import kernel as k
+from edmctl.simulator.injection import parse_injection
+from tests.faults.workshop import Workshop
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from tests.cli.commands import Here, Said
+
+INTERLOCKS = ("emergency stop", "door", "level", "flow", "temperature", "high voltage")
+
+
+def found(said: Said) -> dict[str, dict[str, Any]]:
+    return {check["name"]: check for check in said.document["result"]["checks"]}
+
+
+@pytest.fixture
+def workshop(here: Here, monkeypatch: pytest.MonkeyPatch) -> Workshop:
+    """Return the machine that `doctor` will look at."""
+    workshop = Workshop()
+    monkeypatch.setattr("edmctl.simulator.open_bench", workshop)
+    here("reset")
+    return workshop
+
+
+def test_a_sound_machine_has_nothing_that_fails(here: Here) -> None:
+    said = here("doctor", "--json")
+    assert said.exit_code == 0, said.err
+    checks = found(said)
+    assert set(checks) == {
+        "versions",
+        "run folder",
+        "setup",
+        "port",
+        "controller",
+        "schema",
+        "start",
+        "round trip",
+        "line",
+        "fault",
+        "actuator",
+        "displacement",
+        "dielectric",
+        "calibration",
+        *(f"interlock {name}" for name in INTERLOCKS),
+    }
+    assert {check["status"] for check in checks.values()} <= {"ok", "warn"}
+    assert checks["calibration"]["fix"] == "Run `edmctl calibrate`."
+    assert "SIM-1" in checks["controller"]["message"]
+
+
+def test_people_get_a_line_for_each_check_and_the_fix_below(here: Here) -> None:
+    said = here("doctor")
+    assert said.exit_code == 0
+    lines = said.out.splitlines()
+    assert lines[0].startswith("ok    versions")
+    index = next(i for i, line in enumerate(lines) if line.startswith("warn  calibration"))
+    assert lines[index + 1].strip() == "fix: Run `edmctl calibrate`."
+
+
+def door(workshop: Workshop) -> None:
+    workshop.bench.plant.door_open = True
+
+
+def hot(workshop: Workshop) -> None:
+    workshop.bench.plant.dielectric_temperature_c = 60.0
+
+
+def latched(workshop: Workshop) -> None:
+    workshop.bench.controller.raise_fault(FaultCode.SHORT_STUCK)
+
+
+def monitor(workshop: Workshop) -> None:
+    workshop.bench.plant.par[k.MONITOR_ZERO] = 10.0
+
+
+@pytest.mark.parametrize(
+    ("break_it", "name", "fix"),
+    [
+        (door, "interlock door", "Close the door."),
+        (hot, "interlock temperature", "cool down"),
+        (latched, "fault", "`edmctl reset --ack 3001`"),
+        (monitor, "actuator", "amplifier"),
+    ],
+)
+def test_what_fails_on_the_machine_is_a_precondition_with_its_fix(
+    here: Here, workshop: Workshop, break_it: Callable[[Workshop], None], name: str, fix: str
+) -> None:
+    break_it(workshop)
+    said = here("doctor", "--json")
+    checks = found(said)
+    assert (said.exit_code, said.document["error"]["code"]) == (8, "E8040")
+    assert [check for check in checks if checks[check]["status"] == "fail"] == [name]
+    assert fix in checks[name]["fix"]
+    assert name in said.document["error"]["message"]
+
+
+def test_a_controller_that_restarted_by_itself_is_a_warning(here: Here, workshop: Workshop) -> None:
+    controller = workshop.bench.controller
+    controller.reset(ResetCause.BROWN_OUT)
+    controller.clear_fault()
+    said = here("doctor", "--json")
+    start = found(said)["start"]
+    assert (said.exit_code, start["status"]) == (0, "warn")
+    assert start["message"].startswith("boot 2, brown out")
+
+
+def test_the_gap_sensor_is_tested_on_demand_and_said_so_before(here: Here, workshop: Workshop) -> None:
+    said = here("doctor", "--sensors", "--json")
+    assert said.exit_code == 0, said.err
+    assert found(said)["gap sensor"]["message"].startswith("10.00 V of 10.00 V")
+    assert "making pulses" in said.err
+    assert workshop.bench.controller.state is State.IDLE
+
+
+def test_a_dead_gap_sensor_fails_and_leaves_the_tool_up(here: Here, workshop: Workshop) -> None:
+    workshop.bench.inject(parse_injection("GAP_SENSOR_LOW@arm+0"))
+    said = here("doctor", "--sensors", "--json")
+    assert said.exit_code == 8
+    check = found(said)["gap sensor"]
+    assert check["status"] == "fail"
+    assert "`edmctl reset --ack 3003`" in check["fix"]
+    assert workshop.bench.controller.st.item(k.COMMAND_V) == 0.0
+
+
+def test_sensors_are_not_tested_on_a_machine_that_is_not_idle(here: Here, workshop: Workshop) -> None:
+    latched(workshop)
+    said = here("doctor", "--sensors", "--json")
+    assert said.exit_code == 8
+    assert "in state FAULT" in found(said)["gap sensor"]["message"]
+
+
+def test_without_a_port_the_other_checks_are_still_done(here: Here) -> None:
+    said = here("doctor", "--port", "/dev/nothing-of-the-kind", "--json")
+    assert said.exit_code == 4
+    checks = found(said)
+    assert checks["port"]["status"] == "fail"
+    assert checks["port"]["fix"]
+    assert "versions" in checks
+    assert "controller" not in checks
+
+
+def test_another_protocol_is_told_with_its_own_exit_code(here: Here, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise ProtocolMismatch("Another version.", hint="Update the firmware.")
+
+    monkeypatch.setattr("edmctl.link.session.check_hello", refuse)
+    said = here("doctor", "--json")
+    assert said.exit_code == 5
+    assert found(said)["protocol"] == {
+        "name": "protocol",
+        "status": "fail",
+        "message": "Another version.",
+        "fix": "Update the firmware.",
+    }
+
+
+def test_a_setup_that_cannot_be_read_is_one_check_of_many(here: Here, tmp_path: Path) -> None:
+    broken = tmp_path / "setup.toml"
+    broken.write_text("[sensor]\nfited = true\n")
+    said = here("doctor", "--setup", str(broken), "--json")
+    assert said.exit_code == 8
+    checks = found(said)
+    assert checks["setup"]["status"] == "fail"
+    assert checks["controller"]["status"] == "ok"
+
+
+def test_a_folder_that_cannot_be_written_fails(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    assert doctor_host.run_folder(tmp_path / "file" / "runs").status is CheckStatus.FAIL
+    assert doctor_host.run_folder(tmp_path / "new" / "runs").status is not CheckStatus.FAIL
+
+
+def test_a_machine_without_sensor_needs_a_calibration(tmp_path: Path) -> None:
+    setup = Setup(sensor=Sensor(fitted=False))
+    check = doctor_host.calibration({"EDMCTL_HOME": str(tmp_path)}, setup, "SIM-1")
+    assert check.status is CheckStatus.FAIL
+    named = doctor_host.calibration({"EDMCTL_CALIBRATION": str(tmp_path / "none.toml")}, setup, "SIM-1")
+    assert named.status is CheckStatus.FAIL
+    assert "none.toml" in named.message
+
+
+@pytest.fixture
+def system(tmp_path: Path) -> tuple[Path, Path]:
+    """Return a /sys with one FTDI adapter, and a /proc with one program."""
+    adapter = tmp_path / "sys" / "bus" / "usb-serial" / "devices" / "ttyUSB0"
+    adapter.mkdir(parents=True)
+    (adapter / "latency_timer").write_text("16\n")
+    program = tmp_path / "proc" / "4711"
+    program.mkdir(parents=True)
+    (program / "comm").write_text("ModemManager\n")
+    return tmp_path / "sys", tmp_path / "proc"
+
+
+def test_linux_tells_of_slow_adapters_and_of_modem_manager(system: tuple[Path, Path]) -> None:
+    checks = doctor_host.line_settings("/dev/ttyUSB0", *system)
+    assert [(check.name, check.status.value) for check in checks] == [
+        ("latency timer", "warn"),
+        ("ModemManager", "warn"),
+    ]
+    assert "16 ms" in checks[0].message
+    (system[0] / "bus/usb-serial/devices/ttyUSB0/latency_timer").write_text("1\n")
+    (system[1] / "4711" / "comm").write_text("bash\n")
+    checks = doctor_host.line_settings("/dev/ttyUSB0", *system)
+    assert [(check.name, check.status.value) for check in checks] == [("latency timer", "ok")]
+
+
+def test_a_virtual_machine_has_no_adapter(system: tuple[Path, Path]) -> None:
+    assert list(doctor_host.line_settings(None, *system)) == []
+    assert list(doctor_host.line_settings("sim:", *system)) == []

@@ -1,0 +1,66 @@
+"""`edmctl reset`: names the latched fault, clears the one that is named, and no other."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl.link.faults import FaultCode
+from tests.faults.workshop import Workshop
+
+if TYPE_CHECKING:
+    from tests.cli.commands import Here
+
+
+@pytest.fixture
+def faulty(here: Here, monkeypatch: pytest.MonkeyPatch) -> Workshop:
+    """Return a machine that holds fault 4002, its door closed again."""
+    workshop = Workshop()
+    monkeypatch.setattr("edmctl.simulator.open_bench", workshop)
+    assert here("reset").exit_code == 0
+    workshop.bench.controller.raise_fault(FaultCode.DOOR)
+    return workshop
+
+
+def test_a_fresh_virtual_machine_holds_nothing(here: Here) -> None:
+    said = here("reset")
+    assert (said.exit_code, said.out) == (0, "The controller holds no fault.\n")
+    said = here("reset", "--ack", "3001")
+    assert (said.exit_code, said.out) == (0, "The controller at sim: holds no fault.\n")
+
+
+def test_without_a_code_the_fault_is_told_and_stays(here: Here, faulty: Workshop) -> None:
+    said = here("reset", "--json")
+    assert said.exit_code == 8
+    assert said.document["result"] == {"latched": 4002, "cleared": False}
+    error = said.document["error"]
+    assert error["code"] == "E8010"
+    assert error["message"].startswith("The controller still holds fault 4002: The door")
+    assert error["hint"] == "Close the door; then `edmctl reset --ack 4002`."
+    assert faulty.bench.controller.fault == 4002
+
+
+def test_the_fault_that_is_named_is_cleared(here: Here, faulty: Workshop) -> None:
+    said = here("reset", "--ack", "4002", "--json")
+    assert said.exit_code == 0, said.err
+    assert said.document["result"] == {"latched": None, "cleared": True}
+    assert said.document["simulated"] is True
+    assert faulty.bench.controller.fault == 0
+
+
+def test_the_wrong_code_clears_nothing_and_the_right_one_is_told(here: Here, faulty: Workshop) -> None:
+    said = here("reset", "--ack", "3001")
+    assert said.exit_code == 2
+    assert "Not fault 3001 is latched but 4002" in said.err
+    assert "`edmctl reset --ack 4002`" in said.err
+    assert faulty.bench.controller.fault == 4002
+
+
+def test_an_open_interlock_is_named(here: Here, faulty: Workshop) -> None:
+    faulty.bench.plant.door_open = True
+    said = here("reset", "--ack", "4002")
+    assert said.exit_code == 8
+    assert "E8012" in said.err
+    assert "the door is open" in said.err
+    assert faulty.bench.controller.fault == 4002

@@ -1,0 +1,87 @@
+"""Which controller the suite runs against: `--controller-port URL` names a board, without it the virtual one."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from tests.conformance.acts import settle
+from tests.conformance.lines import InProcess, Line, Serial, served
+from tests.conformance.peer import Peer
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+PROCESS, PTY, BOARD = "process", "pty", "board"
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    group = parser.getgroup("conformance")
+    group.addoption(
+        "--controller-port",
+        metavar="URL",
+        help="run the conformance suite on this port (pyserial name or URL)",
+    )
+    group.addoption("--controller-baud", type=int, default=500_000, help="baud of that port")
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    if "backend" in metafunc.fixturenames:
+        port = metafunc.config.getoption("--controller-port", default=None)
+        metafunc.parametrize("backend", [BOARD] if port else [PROCESS, PTY], scope="session")
+
+
+@pytest.fixture(scope="session")
+def shared_line(backend: str, request: pytest.FixtureRequest) -> Iterator[Line | None]:
+    """A line that all tests of a back-end share; None where each gets its own."""
+    if backend == PROCESS:
+        yield None
+    elif backend == PTY:
+        with served() as line:
+            yield line
+    else:
+        line = Serial(
+            request.config.getoption("--controller-port"), request.config.getoption("--controller-baud")
+        )
+        yield line
+        line.close()
+
+
+@pytest.fixture
+def line(shared_line: Line | None) -> Line:
+    """The line to the controller under test."""
+    return shared_line or InProcess()
+
+
+@pytest.fixture
+def peer(line: Line) -> Iterator[Peer]:
+    """A host with an open session on a controller that rests in IDLE; afterwards it is brought back there."""
+    host = Peer(line)
+    settle(host)
+    yield host
+    if line.bench is None:  # a board is not left armed; a virtual one meets the next test's settle
+        settle(Peer(line, seed=2))
+
+
+@pytest.fixture
+def inject(peer: Peer) -> Iterator[Callable[[str], None]]:
+    """Spoil the virtual machine by name; it is repaired afterwards. Skips where there is no virtual machine."""
+    bench = peer.line.bench
+    if bench is None:
+        pytest.skip("faults are injected on the virtual machine only")
+    from edmctl.simulator.injection import parse_injection
+
+    def spoil(text: str) -> None:
+        bench.inject(parse_injection(text))
+
+    yield spoil
+    bench.clear_injections()
+
+
+@pytest.fixture
+def over_work(peer: Peer) -> Peer:
+    """A host whose machine may spark. Skips on a board, whose machine the suite does not know."""
+    if peer.line.bench is None:
+        pytest.skip("sparks need a machine that the suite knows: the virtual one")
+    return peer

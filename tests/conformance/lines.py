@@ -1,0 +1,99 @@
+"""Where the controller under test sits: in this process, behind a pty, or on a board.
+
+Only this module touches the virtual machine, and only to start it and to spoil it.
+"""
+
+from __future__ import annotations
+
+import time
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, Protocol
+
+from tests.serving import serving
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+
+class Line(Protocol):
+    """A byte stream to one controller.
+
+    `bench` is the virtual bench behind it, None on a board. `virtual_time` is true where time passes only in `read`.
+    """
+
+    name: str
+    bench: Any
+    virtual_time: bool
+
+    def write(self, data: bytes) -> None: ...
+
+    def read(self, timeout_s: float) -> bytes: ...
+
+    def now_s(self) -> float: ...
+
+
+def new_bench(seed: int = 5) -> Any:
+    """A virtual bench with a surface 20 µm away, so that the tool is soon at work."""
+    from edmctl.simulator import BenchConfig, open_bench
+
+    return open_bench(BenchConfig(offset_um=20.0), seed)
+
+
+class InProcess:
+    """The virtual controller itself: bytes handed over, time let pass by the reader."""
+
+    virtual_time = True
+
+    def __init__(self) -> None:
+        self.name = "the virtual controller in process"
+        self.bench = new_bench()
+
+    def write(self, data: bytes) -> None:
+        self.bench.transport.write(data)
+
+    def read(self, timeout_s: float) -> bytes:
+        data: bytes = self.bench.transport.read(timeout_s)
+        return data
+
+    def now_s(self) -> float:
+        now_s: float = self.bench.transport.now_s()
+        return now_s
+
+
+class Serial:
+    """A port opened by pyserial: a pty or a board."""
+
+    virtual_time = False
+
+    def __init__(self, url: str, baud: int, bench: Any = None) -> None:
+        import serial
+
+        self.name = url
+        self.bench = bench
+        self._port = serial.serial_for_url(url, baudrate=baud, timeout=0, write_timeout=2.0)
+
+    def write(self, data: bytes) -> None:
+        self._port.write(data)
+
+    def read(self, timeout_s: float) -> bytes:
+        self._port.timeout = max(0.0, timeout_s)
+        first: bytes = self._port.read(1)
+        return first + self._port.read(self._port.in_waiting) if first else b""
+
+    def now_s(self) -> float:
+        return time.monotonic()
+
+    def close(self) -> None:
+        self._port.close()
+
+
+@contextmanager
+def served() -> Iterator[Serial]:
+    """The virtual controller behind a pty, its clock driven by this host."""
+    bench = new_bench()
+    with serving(bench) as path:
+        line = Serial(path, 500_000, bench)
+        try:
+            yield line
+        finally:
+            line.close()

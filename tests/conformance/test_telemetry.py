@@ -1,0 +1,158 @@
+"""L1 (what the controller sends), L17 and L23: telemetry, pulses and the black box in a running cut."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from random import Random
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from tests.conformance import layouts, wire
+from tests.conformance.acts import start_sparks
+from tests.conformance.peer import STATE, Peer, loses_nothing
+
+if TYPE_CHECKING:
+    from tests.conformance.layouts import Fields
+
+PULSE_LOG = layouts.enum("PulseLog")
+PULSES_ON = layouts.enum("TlmFlags")["PULSES_ON"]
+TLM = layouts.ANSWERS[layouts.NAMES["TLM"]]
+
+
+def samples(frames: list[Fields]) -> dict[int, bytes]:
+    """Telemetry records by their time."""
+    return {
+        (frame["t0_us"] + number * frame["period_us"]) % 2**32: record
+        for frame in frames
+        for number, record in enumerate(frame["records"])
+    }
+
+
+@pytest.mark.parametrize("period_us", [1000, 2000])
+def test_l17_no_sample_is_unaccounted_for(peer: Peer, period_us: int) -> None:
+    peer.ok("TLM_START", period_us=period_us, batch=5)
+    peer.pump(0.4)
+    peer.ok("TLM_STOP")
+    peer.pump(0.02)
+    frames = peer.telemetry
+    assert len(frames) > (20 if peer.exact else 3), peer.story("telemetry is slow", "telemetry")
+    for before, after in pairwise(frames):
+        assert after["counter"] == (before["counter"] + 1) % 65536, peer.story(
+            "a frame is missing", "telemetry"
+        )
+        lost = after["dropped"] * period_us
+        expected = (before["t0_us"] + before["n"] * period_us + lost) % 2**32
+        assert after["t0_us"] == expected, peer.story(f"{before['t0_us']} -> {after['t0_us']}", "telemetry")
+        assert after["period_us"] == period_us
+    assert all(1 <= frame["n"] <= 5 for frame in frames)
+
+
+def test_l17_the_counter_tells_exactly_what_a_line_lost(peer: Peer) -> None:
+    chance, lost = Random(17), [0]
+    tlm = layouts.NAMES["TLM"]
+
+    def drops(direction: str, frame: wire.Frame | None) -> bool:
+        lose = (
+            frame is not None and frame.type_id == tlm and len(peer.telemetry) > 0 and chance.random() < 0.1
+        )
+        lost[0] += lose
+        return lose
+
+    peer.loses = drops
+    peer.ok("TLM_START", period_us=1000, batch=1)
+    peer.pump(1.0)
+    peer.loses = loses_nothing
+    peer.pump(0.05)
+    peer.ok("TLM_STOP")
+    counters = [frame["counter"] for frame in peer.telemetry]
+    missing = sum((b - a - 1) % 65536 for a, b in pairwise(counters))
+    assert missing == lost[0], peer.story(f"{missing} missing by the counter, {lost[0]} dropped", "telemetry")
+    assert lost[0] > 20
+
+
+@pytest.mark.parametrize(("log", "name"), [("FULL", "PULSES"), ("BLOCKS", "PULSE_BLOCKS")])
+def test_l1_every_pulse_of_a_cut_is_told(over_work: Peer, log: str, name: str) -> None:
+    peer = over_work
+    bad: list[Any] = []
+    size = {"PULSES": 1, "PULSE_BLOCKS": layouts.PARAMETERS["block_pulses"].default}[name]
+    start_sparks(peer, max_time_s=1.0)
+    peer.ok("TLM_START", period_us=10_000, batch=5, pulse_log=PULSE_LOG[log])
+    peer.event("TIME_UP", 5.0)
+    frames = peer.pulses
+    assert len(frames) > 4, peer.story(f"only {len(frames)} {name}", "telemetry")
+    for before, after in pairwise(frames):
+        if after["counter"] != (before["counter"] + 1) % 65536:
+            bad.append(after["counter"])
+        if after["pulse_no"] != (before["pulse_no"] + before["n"] * size) % 2**32:
+            bad.append((before["pulse_no"], after["pulse_no"]))
+    assert not bad, peer.story(f"{name} with gaps: {bad[:3]}", "telemetry")
+
+
+def test_l1_telemetry_before_an_event_is_sent_before_it(over_work: Peer) -> None:
+    peer = over_work
+    start_sparks(peer, max_time_s=0.333)
+    peer.ok("TLM_START", period_us=1000, batch=14)
+    end = peer.event("TIME_UP", 5.0)
+    last = peer.telemetry[-1] if peer.telemetry else None
+    assert last is not None
+    newest_us = max(samples(peer.telemetry))
+    assert end["t_us"] - newest_us <= 1000, peer.story("samples are missing before TIME_UP", "events")
+
+
+def black_box(peer: Peer) -> tuple[int, dict[int, bytes]]:
+    """Every sample that the black box holds, by its time, and their number."""
+    found: dict[int, bytes] = {}
+    offset, total = 0, 1
+    while offset < total:
+        page = peer.ok("BLACKBOX_READ", offset=offset)
+        total = page.total
+        if not total:
+            break
+        assert page.n, peer.story(f"an empty page at {offset} of {total}", "black-box")
+        for number, record in enumerate(page.records):
+            found[(page.t0_us + 1000 * number) % 2**32] = record
+        offset += page.n
+    assert len(found) == total, peer.story("pages of the black box overlap", "black-box")
+    return total, found
+
+
+def test_l23_the_black_box_holds_what_telemetry_sent(over_work: Peer) -> None:
+    peer = over_work
+    start_sparks(peer)
+    peer.ok("TLM_START", period_us=1000, batch=14)
+    peer.pump(0.7)
+    peer.write(wire.ABORT)
+    fault = peer.fault(0.5)
+    sent = samples(peer.telemetry)
+    total, kept = black_box(peer)
+    assert 500 <= total <= 2048
+    times = sorted(kept)
+    assert times == list(range(times[0], times[0] + 1000 * total, 1000)), "one sample each millisecond"
+    assert 0 <= fault["t_us"] - times[-1] <= 1000, peer.story(
+        "the black box does not end at the fault", "black-box"
+    )
+    both = kept.keys() & sent.keys()
+    assert len(both) > 500
+    different = sorted(t for t in both if kept[t] != sent[t])
+    assert not different, peer.story(
+        f"{len(different)} of {len(both)} samples differ, first at {different[0]} us: "
+        f"{TLM.read_record(kept[different[0]])} is not {TLM.read_record(sent[different[0]])}",
+        "black-box",
+    )
+    peer.pump(0.3)
+    assert black_box(peer)[1] == kept, peer.story("a fault freezes the black box", "black-box")
+    assert any(TLM.read_record(r)["flags"] & PULSES_ON for r in kept.values())
+
+
+def test_l23_without_a_fault_the_black_box_goes_on(peer: Peer) -> None:
+    peer.pump(0.1)
+    first = black_box(peer)[1]
+    peer.pump(0.1)
+    second = black_box(peer)[1]
+    assert max(second) > max(first)
+    assert {TLM.read_record(r)["state"] for r in second.values()} <= set(STATE.values())
+    total = peer.ok("BLACKBOX_READ", offset=0).total
+    page = peer.ok("BLACKBOX_READ", offset=65535)
+    assert page.n == 0
+    assert 0 < total <= 2048

@@ -1,0 +1,46 @@
+"""Fixtures of the faults' tests."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl.actuator.identification import identify
+from edmctl.actuator.record import Record
+from edmctl.actuator.waveforms import calibration_legs, sampled
+from edmctl.profile.calibration import calibration_of, save_calibration
+from edmctl.profile.calibration_tables import Made
+from edmctl.simulator.actuator import VirtualActuator
+from tests.cli.commands import Here
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+@pytest.fixture
+def here(
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Here:
+    """Run command lines in this process and in an empty folder."""
+    for name in ("EDMCTL_PROFILE", "EDMCTL_PORT", "EDMCTL_CALIBRATION"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("EDMCTL_HOME", str(tmp_path_factory.mktemp("home")))
+    monkeypatch.chdir(tmp_path_factory.mktemp("work"))
+    return Here(capsys)
+
+
+@pytest.fixture(scope="session")
+def calibration(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a calibration file of the virtual machine with seed 1, identified at 50 Hz."""
+    waveform = sampled(calibration_legs(150.0), 1000.0)
+    driven = VirtualActuator(1).drive(waveform.u_v)
+    thin = slice(None, None, 20)
+    record = Record(waveform.t_s[thin], driven.applied_v[thin], driven.sensor_um[thin])
+    found = identify([record], delay_s=0.0, folds=2, resamples=1)
+    made = Made(utc="2026-01-01T00:00:00Z", edmctl="0.1.0", serial="SIM-1", simulated=True)
+    path = tmp_path_factory.mktemp("calibration") / "one.toml"
+    save_calibration(path, calibration_of(found, made))
+    return path
