@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import stat
 from collections.abc import Mapping
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
@@ -27,7 +28,8 @@ State = Mapping[str, object]
 KIND = "edmctl-bench"
 SCHEMA = 1
 _HASH = "sha256"
-_UNREADABLE = (*HDF5_ERRORS, KeyError, TypeError)
+_OTHER_PARTS = (KeyError, TypeError, AttributeError, MemoryError, RecursionError)
+"""What comes of parts that are missing, of another kind or of absurd size."""
 _NEW_ONE = "Give the file of a bench, or a name that is free for a new one."
 
 
@@ -62,20 +64,21 @@ def read_bench(path: Path) -> State:
 
     Raises RunFileError: E9020 it is no bench or damaged, E9022 a later version wrote it.
     """
+    _check_regular(path)
     try:
         with h5py.File(path, "r") as file:
             kind, schema = file.attrs.get("kind"), file.attrs.get("schema")
-            if kind == KIND and isinstance(schema, np.integer):
+            if isinstance(kind, str) and kind == KIND and isinstance(schema, np.integer):
                 if schema > SCHEMA:
                     raise _too_new(path, int(schema))
                 state = _read_group(file["state"])
                 if file.attrs[_HASH] == _hash_of(state):
                     return state
                 raise ValueError("its content does not fit its check sum")
-    except _UNREADABLE as error:
-        raise RunFileError(
-            f"The bench {path} cannot be read: {reason(error)}.", hint=_NEW_ONE, code="E9020"
-        ) from error
+    except _OTHER_PARTS as error:
+        raise _unreadable(path, "its parts are not those of a bench") from error
+    except HDF5_ERRORS as error:
+        raise _unreadable(path, reason(error)) from error
     raise RunFileError(f"{path} is HDF5, but not the file of a bench.", hint=_NEW_ONE, code="E9020")
 
 
@@ -100,6 +103,16 @@ def write_bench(path: Path, state: State) -> None:
             partial.unlink(missing_ok=True)
     except OSError as refused:
         raise _unwritable(path, refused) from refused
+
+
+def _check_regular(path: Path) -> None:
+    """Refuse a pipe, which would keep HDF5 waiting for ever, a device, which opening may change, and a folder."""
+    try:
+        if not stat.S_ISREG(path.stat().st_mode):
+            raise _unreadable(path, "it is no regular file")
+        path.open("rb").close()
+    except OSError as refused:
+        raise _unreadable(path, refused.strerror or str(refused)) from refused
 
 
 def _locked(lock: Path) -> int:
@@ -147,8 +160,15 @@ def _read_group(group: h5py.Group) -> dict[str, object]:
         for name, value in group.attrs.items()
     }
     for name, item in group.items():
-        state[name] = _read_group(item) if isinstance(item, h5py.Group) else item[()]
+        state[name] = _read_group(item) if isinstance(item, h5py.Group) else _read_array(item)
     return state
+
+
+def _read_array(dataset: h5py.Dataset) -> object:
+    # Nothing is compressed here: what claims to be larger is damaged, and would fill the memory.
+    if dataset.nbytes > dataset.file.id.get_filesize():
+        raise ValueError("an array in it is larger than the file")
+    return dataset[()]
 
 
 def _hash_of(state: State) -> str:
@@ -169,6 +189,10 @@ def _add(total: hashlib._Hash, state: State) -> None:
             total.update(f"{value.dtype.str}{value.shape}".encode() + value.tobytes())
         else:
             total.update(f"{type(value).__name__} {value!r}\0".encode())
+
+
+def _unreadable(path: Path, why: str) -> RunFileError:
+    return RunFileError(f"The bench {path} cannot be read: {why}.", hint=_NEW_ONE, code="E9020")
 
 
 def _too_new(path: Path, schema: int) -> RunFileError:

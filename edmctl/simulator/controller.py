@@ -275,7 +275,7 @@ class VirtualController:
     def reset(self, cause: m.ResetCause) -> None:
         """Start anew: no session, default parameters, pulses off, tool retracting. A latched fault outlives it."""
         self.telemetry.restart()
-        self.port.begin_session(0)
+        self.port.restart()
         self.parameters.reset()
         self.motion.start_ramp(0.0, self.parameters.retract_v_s)
         self.motion.stop_stage()

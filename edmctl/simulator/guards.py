@@ -67,7 +67,7 @@ class Guards:
 
     def too_noisy(self, bad_frames: int, now: int, armed: bool, time_scale: float) -> bool:
         """Whether, with a total of `bad_frames` at tick `now`, too many came within a second while armed."""
-        new, self._bad_seen = bad_frames - self._bad_seen, bad_frames
+        new, self._bad_seen = max(0, bad_frames - self._bad_seen), bad_frames
         if not armed:
             self._bad_frames.clear()
             return False

@@ -47,6 +47,12 @@ class DevicePort:
         self._unacknowledged: list[tuple[int, bytes]] = []
         self.begin_session(0)
 
+    def restart(self) -> None:
+        """Forget everything, as a reset does: session, counters and the frame begun."""
+        self._decoder = FrameDecoder()
+        self.rx_drop = 0
+        self.begin_session(0)
+
     def begin_session(self, session: int) -> None:
         """Forget what belonged to the session before; 0 is none."""
         self._session = session

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING
 
 import h5py
@@ -12,6 +13,7 @@ from edmctl.errors import RunFileError
 from edmctl.record.bench_file import SCHEMA, bench_lock, read_bench, write_bench
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
 STATE = {
@@ -70,6 +72,56 @@ def test_what_is_no_bench_is_refused_and_never_written_over(tmp_path: Path) -> N
         with pytest.raises(RunFileError):
             write_bench(other, STATE)
         assert other.read_bytes() == before
+
+
+def test_a_pipe_a_folder_and_a_device_are_refused_unopened(tmp_path: Path) -> None:
+    pipe, folder, device = tmp_path / "pipe", tmp_path / "folder", tmp_path / "device"
+    os.mkfifo(pipe)
+    folder.mkdir()
+    device.symlink_to(os.devnull)
+    for other in (pipe, folder, device):
+        error = refusal(other)
+        assert (error.code, error.message) == (
+            "E9020",
+            f"The bench {other} cannot be read: it is no regular file.",
+        )
+        with pytest.raises(RunFileError, match="no regular file"):
+            write_bench(other, STATE)
+    assert pipe.is_fifo()
+
+
+def vast(file: h5py.File) -> None:
+    file["state"].create_dataset("vast", shape=(10**13,), dtype="f8", chunks=(1000,))
+
+
+def cyclic(file: h5py.File) -> None:
+    file["state"]["again"] = file["state"]
+
+
+def dangling(file: h5py.File) -> None:
+    file["state"]["gone"] = h5py.SoftLink("/nowhere")
+
+
+def no_group(file: h5py.File) -> None:
+    del file["state"]
+    file["state"] = 1.0
+
+
+def no_check_sum(file: h5py.File) -> None:
+    del file.attrs["sha256"]
+
+
+@pytest.mark.parametrize("spoil", [vast, cyclic, dangling, no_group, no_check_sum])
+def test_what_hdf5_allows_and_a_bench_never_has_is_refused_in_words(
+    spoil: Callable[[h5py.File], None], path: Path
+) -> None:
+    with h5py.File(path, "r+") as file:
+        spoil(file)
+    error = refusal(path)
+    assert error.code == "E9020"
+    assert error.message.endswith(
+        ("its parts are not those of a bench.", "an array in it is larger than the file.")
+    )
 
 
 def test_a_damaged_file_is_refused(path: Path) -> None:

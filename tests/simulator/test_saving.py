@@ -16,6 +16,7 @@ from edmctl.record.bench_file import read_bench, write_bench
 from edmctl.simulator import BenchConfig, DischargeConstants, SensorConstants, VirtualBench, open_bench
 from edmctl.simulator import kernel as k
 from edmctl.simulator.injection import parse_injection
+from edmctl.simulator.random_blocks import BLOCK
 from edmctl.simulator.saving import bench_state, restored_bench
 
 if TYPE_CHECKING:
@@ -35,8 +36,10 @@ def power_cycled(bench: VirtualBench) -> VirtualBench:
 
 
 def cut(rig: Rig) -> None:
-    """Some sparks in the work, and back to 0 V and IDLE."""
+    """Some sparks in the work with the tool turned, and back to 0 V and IDLE."""
     rig.arm()
+    rig.session.request(m.StageMove(m.Axis.THETA, 30_000, 50_000_000))
+    rig.wait(m.EventCode.STAGE_DONE, 5.0)
     rig.to_pad()
     rig.start_sparking()
     rig.session.pump(2.0)
@@ -46,8 +49,8 @@ def cut(rig: Rig) -> None:
 
 
 def next_bytes(bench: VirtualBench) -> bytes:
-    """All that a bench says in another cut in the same hole."""
-    said = bytearray()
+    """All that a bench says in two touches and another cut in the same hole."""
+    said, first_pulse = bytearray(), bench.controller.ist.item(k.PULSE_NO)
     read = bench.transport.read
 
     def listening(timeout_s: float) -> bytes:
@@ -57,19 +60,29 @@ def next_bytes(bench: VirtualBench) -> bytes:
 
     bench.transport.read = listening  # type: ignore[method-assign]
     session = Session(bench.transport, Random(2))
+    touches = list[m.Event]()
+    session.subscribe(m.Event, lambda e: touches.append(e) if e.code == m.EventCode.TOUCH else None)
     session.open()
     session.request(m.TlmStart(1000, 10, m.PulseLog.FULL))
     crc = m.param_crc({})
     session.request(m.CommitProfile(crc))
+    session.request(m.GetStatus())
+    # So fast that new random numbers are drawn on the way.
+    session.request(m.PulseConfig(15.0, 35.0, 40.0, 0.12, m.PulseMode.ISOFREQUENCY, 0.0))
     session.request(m.Arm(crc))
     session.request(m.PulseEnable(1))
-    session.request(m.StageMove(m.Axis.Y, 100_000, 5_000_000))
-    session.pump(0.2)
+    for y_nm in (100_000, 0):
+        session.request(m.StageMove(m.Axis.Y, y_nm, 5_000_000))
+        session.pump(0.2)
+    session.request(m.TouchOff(20.0, 10.0, 5.0, 90.0, 5.0, 0.1, 2))
+    session.pump(8.0)
+    assert len(touches) == 2
     session.request(m.Approach(5.0, 120.0, 10.8))
     session.pump(8.0)
     session.request(m.ServoStart(9.6, 500.0, 100.0))
-    session.pump(3.0)
-    assert bench.controller.ist.item(k.PULSE_NO) > 5000
+    session.pump(2.0)
+    assert bench.controller.ist.item(k.PULSE_NO) - first_pulse > BLOCK
+    assert len(bench.truth()) == 1
     return bytes(said)
 
 
@@ -80,6 +93,7 @@ def test_a_run_after_saving_and_restoring_is_the_run_without(rig: RigMaker, tmp_
     again = restored_bench(read_bench(tmp_path / "b.h5"))
     assert again.truth() == r.bench.truth()
     assert again.plant.config == NEAR
+    assert again.plant.theta_deg == r.bench.plant.theta_deg != 0.0
     assert next_bytes(again) == next_bytes(power_cycled(r.bench))
 
 

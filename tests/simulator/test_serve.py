@@ -233,6 +233,19 @@ def test_what_bad_frames_bring_about_comes_before_the_frame_behind_them() -> Non
     assert bench.controller.fault == 1003
 
 
+def test_a_session_survives_when_one_frame_in_twenty_is_damaged() -> None:
+    bench = open_bench(NEAR, 4)
+    bench.line.noise = 0.05
+    with serving(bench) as path:
+        session = Session(open_line(path), Random(1))
+        session.open()
+        for _ in range(100):
+            assert session.request(m.GetStatus()).state == m.State.IDLE
+        session.close()
+    assert bench.controller.port.rx_bad > 3
+    assert bench.controller.fault == 0
+
+
 def test_an_unplugged_line_ends_the_server_and_the_client_is_told() -> None:
     bench = open_bench(NEAR, 4)
     endpoint = PtyEndpoint()
