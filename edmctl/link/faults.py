@@ -95,7 +95,7 @@ FAULTS: dict[int, FaultRow] = {
         detect="eight or more zero bytes in a row",
         reaction="retract to 0 V, hold, latch",
         message="The host aborted: pulses off, tool retracted.",
-        hint="Nothing is wrong with the machine; start the job again.",
+        hint="Nothing is wrong with the machine.",
         exit_code=6,
         error="E61002",
         pulses_off_s=0.005,
@@ -392,10 +392,7 @@ FAULTS: dict[int, FaultRow] = {
         detect="controller: started by its watchdog or after a brown-out; host: BOOT in mid-session",
         reaction="generator off from the start, retract to 0 V, latch; the host gives up",
         message="The controller restarted by itself: a brown-out of its supply, or its program hung.",
-        hint=(
-            "Look for a weak 5 V supply, a loose plug or a relay on the same supply; then start the job "
-            "again."
-        ),
+        hint="Look for a weak 5 V supply, a loose plug or a relay on the same supply.",
         exit_code=4,
         error="E4005",
         pulses_off_s=0.005,
@@ -500,7 +497,7 @@ FAULTS: dict[int, FaultRow] = {
         detect="BOOT with cause POWER_ON in mid-session",
         reaction="give up; the controller starts with the generator off and retracts",
         message="The controller lost its power and started again.",
-        hint="Look at the supply and the plug of the controller; then start the job again.",
+        hint="Look at the supply and the plug of the controller.",
         exit_code=4,
         error="E4005",
         pulses_off_s=0.005,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from edmctl.errors import LinkLost
+from edmctl.link.faults import FAULTS, FaultCode
 from edmctl.link.messages import Hello, ResetCause
 
 if TYPE_CHECKING:
@@ -72,8 +73,13 @@ def other_host(name: str) -> LinkLost:
 def restarted(name: str, boot: Boot) -> LinkLost:
     """Return the error of a controller that restarted in mid-session."""
     cause = _CAUSES.get(boot.reset_cause, f"reset cause {boot.reset_cause}")
+    hint = FAULTS[FaultCode.POWER_LOSS].hint
+    if boot.reset_cause in (ResetCause.WATCHDOG, ResetCause.BROWN_OUT):
+        # After these the controller stays latched.
+        row = FAULTS[FaultCode.RESET]
+        hint = f"{row.hint.removesuffix('.')}; then `edmctl reset --ack {row.code} --port {name}`."
     return LinkLost(
         f"The controller at {name} restarted: {cause} (boot {boot.boot_count}).",
-        hint="Check the controller's supply; pulses are off and the tool is back. Measure again before machining.",
+        hint=f"{hint} Pulses are off and the tool is back; measure again before machining.",
         code="E4005",
     )

@@ -255,7 +255,7 @@ def test_a_latched_fault_must_be_cleared_before_a_new_job(rig: MakeRig) -> None:
     with pytest.raises(PreconditionError) as caught:
         r.machine.configure(SETTINGS, PULSES)
     assert "1002" in caught.value.message
-    assert "start the job again" in caught.value.hint
+    assert "Nothing is wrong with the machine" in caught.value.hint
     assert "`edmctl reset --ack 1002`" in caught.value.hint
 
 
