@@ -69,6 +69,30 @@ def stopping_signals(stop: StopRequest, abort: Callable[[], None]) -> Iterator[N
         yield
 
 
+@contextmanager
+def requests_by_signal(name: str) -> Iterator[Callable[[], bool]]:
+    """Give a question whether the signal `name` has come since the last time; never where the OS has none such."""
+    number, asked = getattr(signal, name, None), False
+
+    def handle(_: int, frame: FrameType | None) -> None:
+        nonlocal asked
+        asked = True
+
+    def was_asked() -> bool:
+        nonlocal asked
+        answer, asked = asked, False
+        return answer
+
+    if number is None:
+        yield was_asked
+        return
+    before = signal.signal(number, handle)
+    try:
+        yield was_asked
+    finally:
+        signal.signal(number, before)
+
+
 def ignore_signals() -> None:
     """For worker processes, whose parent answers for all of them, and for a process whose result is settled."""
     for number in _STOPPING:

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 FASTEST = "max"
 MOST_SPEED = 1000.0
+REPAIR_SIGNAL = "SIGUSR1"
+"""Mends what --fault broke, as the workshop would."""
 
 LinkOption = Annotated[
     Path | None, typer.Option("--link", metavar="PATH", help="Name under which clients open the pty.")
@@ -98,7 +100,8 @@ def serve(
 ) -> int:
     """Serve a virtual controller on a pty or a socket until Ctrl-C.
 
-    It is the machine of `sim:`, and lives on between the programs that use it one after the other.
+    It is the machine of `sim:`, and lives on between the programs that use it one after the other. What --fault
+    breaks stays broken until SIGUSR1 mends it.
     """
     output = Output("simulate serve", as_json, quiet=quiet, debug=debug)
 
@@ -123,7 +126,7 @@ def serve(
 
 def _serve(outcome: Outcome, order: _Order, link: Path | None, address: tuple[str, int] | None) -> None:
     from edmctl.cli.served_bench import kept_bench
-    from edmctl.cli.signals import stopping_signals
+    from edmctl.cli.signals import requests_by_signal, stopping_signals
     from edmctl.machine.stop import StopRequest
     from edmctl.simulator.news import News
     from edmctl.simulator.plant import serial_number
@@ -146,9 +149,16 @@ def _serve(outcome: Outcome, order: _Order, link: Path | None, address: tuple[st
         endpoint = _endpoint(link, address, outcome.output)
         try:
             news = News(bench, say, keep)
-            server = Server(bench, endpoint, order.speed, news, say)
-            with stopping_signals(stop, endpoint.close):
+            with stopping_signals(stop, endpoint.close), requests_by_signal(REPAIR_SIGNAL) as repair_asked:
                 say(_ready(bench, endpoint, order.speed))
+
+                def look_around() -> None:
+                    if repair_asked():
+                        bench.clear_injections()
+                        say("repaired: nothing is broken any more")
+                    news()
+
+                server = Server(bench, endpoint, order.speed, look_around, say)
                 server.run(_is_over(bench, stop, order.seconds))
         finally:
             endpoint.close()

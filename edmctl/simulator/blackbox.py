@@ -29,6 +29,11 @@ class BlackBox:
         if self._frozen is None:
             self._frozen = (self.ring.copy(), now, start)
 
+    @property
+    def frozen_tick(self) -> int | None:
+        """When a fault froze it; None while it goes on."""
+        return None if self._frozen is None else self._frozen[1]
+
     def thaw(self) -> None:
         """Let the ring go on."""
         self._frozen = None

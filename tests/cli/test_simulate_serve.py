@@ -9,6 +9,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 import pytest
 
+from edmctl.link.messages import GetStatus, Interlocks
 from edmctl.link.opening import open_line
 from edmctl.link.session import Session
 from edmctl.record.bench_file import bench_lock
@@ -67,6 +68,23 @@ def test_a_signal_ends_it_with_its_result_and_without_its_link(
     assert result["frames_in"] >= 2
     assert result["frames_out"] >= 2
     assert list(tmp_path.iterdir()) == [tmp_path / "b.h5"]
+
+
+def test_what_a_fault_broke_is_mended_on_request(tmp_path: Path) -> None:
+    server = start(tmp_path, "--link", "edm", "--seed", "3", "--fault", "DOOR@0")
+    ready(server.stderr)
+    assert server.stderr is not None
+    assert "DOOR@0 happened" in server.stderr.readline()
+    session = Session(open_line(str(tmp_path / "edm")))
+    session.open()
+    assert session.request(GetStatus()).interlocks == Interlocks.DOOR
+    server.send_signal(signal.SIGUSR1)
+    assert server.stderr.readline() == "repaired: nothing is broken any more\n"
+    assert session.request(GetStatus()).interlocks == 0
+    session.close()
+    server.terminate()
+    assert server.wait(timeout=30) == -signal.SIGTERM
+    server.communicate()
 
 
 def test_it_ends_by_itself_after_its_time(here: Here) -> None:
