@@ -36,6 +36,8 @@ PULSES_OFF_S = 0.260
 SETUP = "[actuator]\nconditioning_cycles = 0\n[stage]\npark_x_um = -2200.0\nspeed_um_s = 10000.0\n"
 QUICK = ("--set", "approach.speed_um_s=5", "--set", 'log.pulses="off"', "--set", "measure.touches=3")
 HOST_SILENT = 1001
+RUNS_A_TOOL = 8
+"""The tool wears from run to run; after so many the bench is a new one."""
 
 
 def wait_for(process: subprocess.Popen[str], phase: str) -> bool:
@@ -111,28 +113,35 @@ def kill_runs(home: Path, kills: int, seed: int) -> tuple[list[float], list[str]
 def signal_runs(home: Path, signals: int, seed: int) -> tuple[int, list[str]]:
     """Stop `signals` hosts at random instants of their runs; how many had begun a run file, what went wrong."""
     chance, wrong, begun = random.Random(seed), [], 0
-    with served(home, "--seed", str(seed), "--profile", "cu270", "--speed", "20", name=f"edm{seed}") as link:
-        for number in range(signals):
-            stop = chance.choice((signal.SIGINT, signal.SIGTERM))
-            name = f"s{seed}-{number}"
-            options = ("--setup", "setup.toml", "--run-id", name, "--json", *QUICK)
-            process = start(home, "machine", "-p", "cu270", "--port", str(link), *options)
-            time.sleep(chance.uniform(0.05, 8.0))
-            process.send_signal(stop)
-            code, document, err = result(process)
-            if code != -stop:
-                wrong.append(f"signal {number}: exit {code} after {stop.name}; {err[-200:]}")
-            if "Traceback" in err:
-                wrong.append(f"signal {number}: a traceback")
-            if document and document["exit_code"] != 128 + stop:
-                wrong.append(f"signal {number}: JSON says {document['exit_code']}")
-            if (home / "runs" / f"{name}.h5.partial").exists():
-                wrong.append(f"signal {number}: the run file was left open")
-            begun += (home / "runs" / f"{name}.h5").exists()
-            state, actuator_v = settle(link)
-            if state is not State.IDLE or actuator_v > 0.0:
-                wrong.append(f"signal {number}: {state.name} at {actuator_v:.1f} V")
+    for first in range(0, signals, RUNS_A_TOOL):
+        numbers = range(first, min(signals, first + RUNS_A_TOOL))
+        options = ("--seed", str(seed + first), "--profile", "cu270", "--speed", "20")
+        with served(home, *options, name=f"edm{seed}") as link:
+            for number in numbers:
+                has_file, mistakes = _signal_run(home, link, f"s{seed}-{number}", chance)
+                begun += has_file
+                wrong += [f"signal {seed}-{number}: {mistake}" for mistake in mistakes]
     return begun, wrong
+
+
+def _signal_run(home: Path, link: Path, name: str, chance: random.Random) -> tuple[bool, list[str]]:
+    """Stop one host; whether it had begun a run file, and what went wrong."""
+    stop = chance.choice((signal.SIGINT, signal.SIGTERM))
+    options = ("--setup", "setup.toml", "--run-id", name, "--json", *QUICK)
+    process = start(home, "machine", "-p", "cu270", "--port", str(link), *options)
+    time.sleep(chance.uniform(0.05, 8.0))
+    process.send_signal(stop)
+    code, document, err = result(process)
+    state, actuator_v = settle(link)
+    file = home / "runs" / f"{name}.h5"
+    checks = {
+        f"exit {code} after {stop.name}; {err[-200:]}": code == -stop,
+        "a traceback": "Traceback" not in err,
+        "the JSON object says another exit code": not document or document["exit_code"] == 128 + stop,
+        "the run file was left open": not file.with_suffix(".h5.partial").exists(),
+        f"{state.name} at {actuator_v:.1f} V": state is State.IDLE and actuator_v == 0.0,
+    }
+    return file.exists(), [mistake for mistake, well in checks.items() if not well]
 
 
 def main() -> int:
