@@ -83,7 +83,7 @@ def connected(
     say: Callable[[str], None],
     where: Where = Where(),
 ) -> Iterator[Bench]:
-    """Open the machine and say hello. From here on a signal stops it in order, with a word to `say`.
+    """Open the machine and say hello. From then on a signal stops it in order, with a word to `say`.
 
     loaded : what stands on a virtual bench in this process; None where neither tool nor work matters.
 
@@ -105,8 +105,8 @@ def connected(
     session = Session(line, heartbeat_s=VIRTUAL_BEAT_SHARE * setup.controller.watchdog_s)
     try:
         stop = AnnouncedStop(say)
+        session.open(setup.link.hello_s)
         with stopping_signals(stop, session.abort):
-            session.open(setup.link.hello_s)
             machine = LinkMachine(session, stop)
             if machine.make_idle():
                 say("the controller was still armed by a host that is gone: pulses off, tool retracted")

@@ -1,5 +1,6 @@
 """`edmctl simulate serve`: a virtual controller that other programs reach as they reach a real one."""
 
+import math
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from edmctl.simulator.serve import Server
 
 FASTEST = "max"
-MOST_SPEED = 1000.0
+LEAST_SPEED, MOST_SPEED = 0.05, 1000.0
 REPAIR_SIGNAL = "SIGUSR1"
 """Mends what --fault broke, as the workshop would."""
 
@@ -113,6 +114,10 @@ def serve(
         if link is not None and socket is not None:
             raise UsageError("--link and --socket exclude each other.", hint="Leave one away.", code="E2040")
         injections, factor, address = _injections(fault), _speed(speed), _address(socket)
+        if seconds is not None and not math.isfinite(seconds):
+            raise UsageError(
+                f"--for {seconds} is no length of time.", hint="Leave it away for no end.", code="E2045"
+            )
         settings = load_setup(setup)
         loaded = load_profile(profile, tuple(overrides or ()), setup=settings) if profile else None
         used_seed = seed_to_use(seed)
@@ -234,9 +239,9 @@ def _speed(text: str) -> float | None:
         factor = float(text)
     except ValueError:
         factor = 0.0
-    if not 0.0 < factor <= MOST_SPEED:
+    if not LEAST_SPEED <= factor <= MOST_SPEED:
         raise UsageError(
-            f"--speed {text} is neither a number up to {MOST_SPEED:g} nor {FASTEST}.",
+            f"--speed {text} is neither a number from {LEAST_SPEED:g} to {MOST_SPEED:g} nor {FASTEST}.",
             hint=f"Say --speed 1 for a real machine's pace, --speed {FASTEST} for the fastest.",
             code="E2041",
         )

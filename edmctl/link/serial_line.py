@@ -164,7 +164,7 @@ class SerialLine:
             return b""
         data = os.read(number, _MOST_BYTES)
         if not data:
-            raise OSError("it was unplugged, or the other end closed it")
+            raise OSError("it was unplugged, the other end closed it, or another program reads from it too")
         return data
 
     def _waiting_bytes(self) -> bytes:

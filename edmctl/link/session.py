@@ -54,7 +54,7 @@ SILENCE_S = 0.5
 """A controller that leaves heartbeats unanswered for so long is gone."""
 FIRST_BEATS, FIRST_BEATS_APART_S = 8, 0.02
 """A live line begins with these, for the clock fit."""
-_LOOK_S = 0.25
+_LOOK_S, _LAST_LOOK_S = 0.25, 0.05
 # Waits shorter than this are over; a clock need not be able to move by less.
 _CLOCK_TICK_S = 1e-6
 
@@ -162,7 +162,11 @@ class Session:
             if end_s - now_s < _CLOCK_TICK_S:
                 return False
             self._step(now_s, min(end_s, now_s + _LOOK_S))
-            if self.transport.now_s() - self._unanswered_since_s > SILENCE_S:
+            if self._is_silent():
+                # As above: what came meanwhile may not have been read yet.
+                now_s = self.transport.now_s()
+                self._step(now_s, now_s + self._last_look_s)
+            if self._is_silent():
                 raise self._lose(fell_silent(self.transport.name, SILENCE_S))
         return True
 
@@ -197,6 +201,14 @@ class Session:
     def _rate(self) -> float:
         """Controller seconds per second of the line's clock."""
         return self._fit.line.rate if self.transport.live else 1.0
+
+    @property
+    def _last_look_s(self) -> float:
+        """How long the reader of a live line gets to hand over what came while the host was away."""
+        return _LAST_LOOK_S if self.transport.live else 0.0
+
+    def _is_silent(self) -> bool:
+        return self.transport.now_s() - self._unanswered_since_s > SILENCE_S
 
     def _first_heartbeats(self) -> None:
         if self.transport.live:
@@ -234,6 +246,10 @@ class Session:
             while (frame := self._receiver.reply(message.ID, seq)) is None:
                 now_s = self.transport.now_s()
                 if deadline_s - now_s < _CLOCK_TICK_S:
+                    # A host that was away itself may find the reply waiting.
+                    self._step(now_s, now_s + self._last_look_s)
+                    if (frame := self._receiver.reply(message.ID, seq)) is not None:
+                        break
                     raise self._lose(unanswered(self.transport.name, message, patience_s, self.statistics))
                 if again_s - now_s < _CLOCK_TICK_S:
                     wait_s = min(LONGEST_S, 2.0 * wait_s)

@@ -127,9 +127,10 @@ class SocketEndpoint:
         self._client: socket.socket | None = None
         try:
             self._listener = socket.create_server((host, port))
-        except OSError as error:
+        except (OSError, UnicodeError, TypeError) as error:
+            reason = getattr(error, "strerror", None) or "no such host"
             raise LinkLost(
-                f"Cannot serve on {host}:{port}: {error.strerror}.", hint="Take another port.", code="E4021"
+                f"Cannot serve on {host}:{port}: {reason}.", hint="Take another host or port.", code="E4021"
             ) from error
         self._listener.setblocking(False)
         address = self._listener.getsockname()
@@ -200,9 +201,9 @@ class SocketEndpoint:
 
 
 def _publish(link: Path, device: str) -> None:
-    """Make the link; only a dangling one may stand in its place."""
+    """Make the link in the place of none, or of a dead server's, which leads nowhere or to this very device."""
     try:
-        if link.is_symlink() and not link.exists():
+        if link.is_symlink() and (not link.exists() or link.readlink() == Path(device)):
             link.unlink()
         link.symlink_to(device)
     except OSError as error:

@@ -44,8 +44,8 @@ class News:
             if self._fault:
                 self.faults.append(self._fault)
             words = f"{_fault_words(self._fault)} latched" if self._fault else f"{_fault_words(old)} cleared"
-            tick = controller.black_box.frozen_tick if self._fault else controller.tick
-            self._say(f"{(tick or controller.tick) * TICK_S:.3f} s: {words}")
+            since = controller.black_box.frozen_tick if self._fault else None
+            self._say(f"{(since or controller.tick) * TICK_S:.3f} s: {words}")
         was_armed, self._armed = self._armed, controller.armed
         if was_armed and not self._armed:
             self._rested()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
+from collections import OrderedDict, deque
 from typing import TYPE_CHECKING
 
 from edmctl.link.frame import ABORT_RUN, Frame, FrameDecoder, encode_frame
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 REPLY_BIT = 0x40
 REPLIES_KEPT = 8
+HELLOS_KEPT = 8
 _HALF = 128
 """Commands may run so far ahead of the newest one executed; what lies behind it is a late copy."""
 _UNCOUNTED = (Heartbeat.ID,)
@@ -45,16 +46,20 @@ class DevicePort:
         self.rx_drop = 0
         self._replies: OrderedDict[tuple[int, int], bytes] = OrderedDict()
         self._unacknowledged: list[tuple[int, bytes]] = []
+        self._hello = b""
+        self._former_hellos: deque[bytes] = deque(maxlen=HELLOS_KEPT)
         self.begin_session(0)
 
     def restart(self) -> None:
-        """Forget everything, as a reset does: session, counters and the frame begun."""
+        """Forget, as a reset does, session, counters and the frame begun. Former HELLOs outlast it."""
         self._decoder = FrameDecoder()
         self.rx_drop = 0
         self.begin_session(0)
 
     def begin_session(self, session: int) -> None:
         """Forget what belonged to the session before; 0 is none."""
+        if self._hello:
+            self._former_hellos.append(self._hello)
         self._session = session
         self._hello = b""
         self._advanced = False
@@ -131,6 +136,10 @@ class DevicePort:
         if frame.type_id == Hello.ID and frame.session != 0:
             # By chance a new host may choose the session byte of the one before; its nonce differs.
             if (frame.session, frame.payload) != (self._session, self._hello):
+                if frame.payload in self._former_hellos:
+                    # A late copy: it must not open, with an empty memory, what it opened once.
+                    self.rx_drop += 1
+                    return
                 self.begin_session(frame.session)
                 self._hello = frame.payload
         elif frame.session != self._session or frame.session == 0:

@@ -5,6 +5,7 @@ Every frame that comes in is held against the tables; a controller that sends an
 
 from __future__ import annotations
 
+import secrets
 from dataclasses import dataclass
 from itertools import cycle
 from random import Random
@@ -213,7 +214,7 @@ class Peer:
         given = {
             "proto_major": layouts.MAJOR,
             "proto_minor": layouts.MINOR,
-            "host_nonce": self.random.getrandbits(32),
+            "host_nonce": secrets.randbits(32),  # of a HELLO seen before a controller takes no notice
             "schema_hash": layouts.schema_hash(),
         } | values
         beating, self.beating = self.beating, False

@@ -45,7 +45,7 @@ def reboot(r: Rig) -> None:
         r.session.request(REBOOT)
     with pytest.raises(LinkLost, match="restarted"):
         r.session.pump(0.1)
-    r.session = Session(r.bench.transport, Random(2))
+    r.session = Session(r.bench.transport, Random(r.bench.controller.boot_count))
     r.session.subscribe(m.Tlm, r.samples.append)
     r.session.open()
 
