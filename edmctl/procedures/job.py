@@ -1,7 +1,8 @@
-"""What is to be done, and on which machine: a recipe, a setup, the places of the holes."""
+"""What is to be done, and on which machine: a recipe, a setup, the places of the holes, what is known already."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -13,11 +14,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Site:
-    """Where a hole goes, in stage coordinates."""
+    """Where a hole goes, in stage coordinates, and how deep; NaN where the recipe's target says it."""
 
     name: str
     x_um: float
     y_um: float
+    theta_deg: float = 0.0
+    depth_um: float = math.nan
 
 
 @dataclass(frozen=True, slots=True, eq=False)
