@@ -1,47 +1,77 @@
-"""Depth to target by cuts with measurements between them.
+"""How far the next cut goes, and whether what it leaves has to be measured.
 
-A measured depth is exact where a feed is not: tool wear takes an unknown part of it. So the first cut stays
-short of the depth, and each later one is sized by the wear ratio measured so far.
+A measured depth is exact where a feed is not: tool wear takes an unknown part of it. So a cut goes to the target
+only where what is known of the wear suffices; otherwise it stays short of it by the uncertainty, and is measured.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-LONG_REST_TOLERANCES = 8.0
-"""A rest of more tolerances than this is cut short once more: its wear ratio is known too badly."""
-LONG_REST_FRACTION = 0.9
+if TYPE_CHECKING:
+    from edmctl.process.live_erosion import ErosionEstimate
+
+COVERAGE = 2.0
+"""Standard uncertainties in an interval of 95 %."""
+GAP_U_UM = 0.3
+"""Standard uncertainty of the working gap that a cut ends with, measured once: servo swing and sensor noise."""
+FIRST_GAP_U_UM = 0.8
+"""The same before any gap of the job was measured [assumed]."""
 NOISE_FLOOR_SIGMAS = 2.0
 """A rest below this many standard deviations of the depth is noise; chasing it only cuts too deep."""
+FINISH_SHARE = 0.08
+"""A finishing cut of at most this share of the depth need not be measured: what it adds is known well enough."""
+LEAST_FINISH_UM = 3.0
 
 
 @dataclass(frozen=True, slots=True)
 class NextCut:
-    """Feed of the next cut in µm, or the end of it: then `feed_um` is 0."""
+    """Depth that the next cut is to add, and its feed, µm; `depth_u_um` is what the cut will leave unknown of it.
 
+    `measured` says whether a measuring stop has to follow.
+    """
+
+    depth_um: float
     feed_um: float
-    remaining_um: float
-
-    @property
-    def done(self) -> bool:
-        return self.feed_um == 0.0
+    depth_u_um: float
+    measured: bool
 
 
-def first_feed_um(depth_um: float, wear_ratio: float, first_fraction: float) -> float:
-    """Feed of the first cut: a fraction of the depth and the wear that goes with it, µm."""
-    return first_fraction * depth_um * (1.0 + wear_ratio)
+def is_done(remaining_um: float, tolerance_um: float, depth_noise_um: float) -> bool:
+    """Whether the rest is below half the tolerance, or the noise of the measurement where that is larger."""
+    return remaining_um <= max(tolerance_um / 2.0, NOISE_FLOOR_SIGMAS * depth_noise_um)
 
 
 def next_cut(
-    *, target_um: float, depth_um: float, wear_ratio: float, tolerance_um: float, depth_noise_um: float
+    estimate: ErosionEstimate,
+    *,
+    target_um: float,
+    remaining_um: float,
+    tolerance_um: float,
+    start_u_um: float,
+    gap_u_um: float = GAP_U_UM,
+    largest_um: float = math.inf,
+    begun: bool,
 ) -> NextCut:
-    """Size the next cut from the measured depth and wear ratio.
+    """Size the next cut of a hole of `target_um` depth, of which `remaining_um` are left, within `tolerance_um`.
 
-    Stops at half the tolerance, or at the noise of the measurement where that is larger.
-    `wear_ratio` is linear (wear length per depth), `depth_noise_um` one standard deviation.
+    `start_u_um` and `gap_u_um` are standard uncertainties: of where the cut starts, surface or measured bottom, and
+    of the working gap at its end. `largest_um` is the deepest cut that the recipe allows; `begun` says whether the
+    hole has been measured before.
     """
-    remaining_um = target_um - depth_um
-    if remaining_um <= max(tolerance_um / 2.0, NOISE_FLOOR_SIGMAS * depth_noise_um):
-        return NextCut(0.0, remaining_um)
-    fraction = LONG_REST_FRACTION if remaining_um > LONG_REST_TOLERANCES * tolerance_um else 1.0
-    return NextCut(fraction * remaining_um * (1.0 + max(wear_ratio, 0.0)), remaining_um)
+    whole = _cut(estimate, remaining_um, start_u_um, gap_u_um)
+    known = COVERAGE * whole.depth_u_um <= tolerance_um and remaining_um <= largest_um
+    if known:
+        small = begun and remaining_um <= max(LEAST_FINISH_UM, FINISH_SHARE * target_um)
+        skip = small or (not begun and estimate.fits > 0)
+        return NextCut(whole.depth_um, whole.feed_um, whole.depth_u_um, measured=not skip)
+    short_um = max(remaining_um - COVERAGE * whole.depth_u_um, 0.5 * remaining_um)
+    return _cut(estimate, min(short_um, largest_um), start_u_um, gap_u_um)
+
+
+def _cut(estimate: ErosionEstimate, depth_um: float, start_u_um: float, gap_u_um: float) -> NextCut:
+    feed_um = depth_um * (1.0 + estimate.wear_ratio)
+    split = estimate.split(feed_um, gap_u_um)
+    return NextCut(depth_um, feed_um, math.hypot(start_u_um, split.depth_u_um), measured=True)

@@ -116,6 +116,8 @@ def measure(
     z2_to_z3_s: float,
     pad_u_um: float = 0.0,
     linearity_u_um: float = 0.0,
+    height_um: float = 0.0,
+    z1_u_um: float = 0.0,
     touch_sd_prior_um: float = TOUCH_SD_PRIOR_UM,
 ) -> DepthAndWear:
     """Depth, wear and feed with 95 % intervals.
@@ -125,9 +127,11 @@ def measure(
     sensor's gain, which grows with the length; `linearity_u_um` of its characteristic; `drift_u_um_per_s` of
     its drift; `tilt_u_um` of the height between pad and site, which enters depth and feed but not wear;
     `pad_u_um` of meeting the same pad again (stage repeatability through tilt). `touch_sd_prior_um` is the
-    repeatability of one touch expected beforehand, because three touches alone know it badly.
+    repeatability of one touch expected beforehand, because three touches alone know it badly. `height_um` is how
+    much further than the pad the face at the site lies, `z1_u_um` what a Z1 that was not touched right before adds.
     """
-    depth_um, wear_um, feed_um = z2.mean_um - z3.mean_um, z3.mean_um - z1.mean_um, z2.mean_um - z1.mean_um
+    bottom_um = z2.mean_um - height_um
+    depth_um, wear_um, feed_um = bottom_um - z3.mean_um, z3.mean_um - z1.mean_um, bottom_um - z1.mean_um
     noise = _pooled((z1, z2, z3), touch_sd_prior_um)
     depth_noise = noise.of_difference(z2, z3)
 
@@ -135,7 +139,7 @@ def measure(
         return math.hypot(gain_u_rel * length_um, linearity_u_um, drift_u_um_per_s * seconds)
 
     depth_u95 = noise.u95(depth_noise, (sensor_um(depth_um, z2_to_z3_s), tilt_u_um))
-    wear_u95 = noise.u95(noise.of_difference(z3, z1), (sensor_um(wear_um, z1_to_z3_s), pad_u_um))
+    wear_u95 = noise.u95(noise.of_difference(z3, z1), (sensor_um(wear_um, z1_to_z3_s), pad_u_um, z1_u_um))
     feed_s = z1_to_z3_s - z2_to_z3_s
-    feed_u95 = noise.u95(noise.of_difference(z2, z1), (sensor_um(feed_um, feed_s), tilt_u_um))
+    feed_u95 = noise.u95(noise.of_difference(z2, z1), (sensor_um(feed_um, feed_s), tilt_u_um, z1_u_um))
     return DepthAndWear(depth_um, depth_u95, wear_um, wear_u95, feed_um, feed_u95, depth_noise)

@@ -1,0 +1,59 @@
+"""Wear of a scanning tool between two touches, from the energy of its discharges.
+
+A channel wears its tool by as much as it is deep, or more, so a wear per length from the recipe alone would tilt
+every floor. Wear follows the discharge energy; how far is learned at every touch of the pad.
+"""
+
+from __future__ import annotations
+
+import math
+
+from edmctl.process.live_erosion import ARC_REMOVAL, ARC_WEAR, Energy
+
+SCATTER_U_REL = 0.02
+"""Relative standard deviation of the wear per energy from one stop to the next [assumed]."""
+
+
+def wearing_uj(energy: Energy) -> float:
+    """Energy of normal discharges that would wear the tool as much, µJ."""
+    return energy.normal_uj + ARC_REMOVAL * ARC_WEAR * energy.arc_uj
+
+
+class ToolWear:
+    """Length that a scanning tool has lost, µm: measured at the last touch, estimated by energy since then.
+
+    Parameters
+    ----------
+    per_uj, u_rel : wear length per wearing energy, µm/µJ, and its relative standard uncertainty
+    touch_u_um : standard uncertainty of one measured wear
+    """
+
+    def __init__(self, per_uj: float, u_rel: float, touch_u_um: float) -> None:
+        self.per_uj = per_uj
+        self.u_rel = u_rel
+        self._touch_u_um = touch_u_um
+        self._measured_um = 0.0
+
+    def um(self, since_uj: float) -> float:
+        """Wear after `since_uj` of wearing energy since the last touch."""
+        return self._measured_um + self.per_uj * since_uj
+
+    def u_um(self, since_uj: float) -> float:
+        """Standard uncertainty of that."""
+        return math.hypot(self._touch_u_um, self.u_rel * self.per_uj * since_uj)
+
+    def learn(self, since_uj: float, wear_um: float, drift_u_um: float) -> None:
+        """Take a measured wear: one Kalman step on the wear per energy, and a new start.
+
+        `drift_u_um` is what the displacement may have drifted by since the last one. It belongs to the next cut as
+        wear does, and spoils only what is learned of the rate.
+        """
+        expected_um = self.per_uj * since_uj
+        if expected_um > 0.0:
+            grown_um = wear_um - self._measured_um
+            noise_um = math.hypot(math.sqrt(2.0) * self._touch_u_um, drift_u_um)
+            prior_um = math.hypot(self.u_rel, SCATTER_U_REL) * expected_um
+            gain = prior_um**2 / (prior_um**2 + noise_um**2)
+            self.per_uj = max(0.0, self.per_uj * (1.0 + gain * (grown_um - expected_um) / expected_um))
+            self.u_rel = math.sqrt(1.0 - gain) * prior_um / expected_um
+        self._measured_um = wear_um

@@ -1,0 +1,205 @@
+"""Depth and wear between two touches, from feed and discharge energy; what every touch teaches is kept.
+
+The feed below a known bottom, `depth + wear`, is known from the tool's displacement to within the working gap. How
+it divides is not: that takes the wear ratio. The energy of the discharges tells the depth by itself, as far as the
+volume removed per energy is known. Both unknowns are logarithms with a joint normal distribution; a cut is judged by
+one Kalman step on the feed, a touch by two, on depth and wear. Depth by energy instead of counts of discharges, and
+refitting at every touch, follow the closing aim of Muralidhara et al. 2009, §5.
+"""
+
+from __future__ import annotations
+
+import math
+from copy import copy
+from dataclasses import dataclass
+
+ARC_REMOVAL = 0.3
+"""An arc removes this share of the work that a normal discharge of its energy does [assumed]."""
+ARC_WEAR = 3.0
+"""And takes this many times as much of the tool in proportion [assumed]."""
+USUAL_ARCS = 0.04
+"""Energy of arcs over that of normal discharges in a clean gap (1.5 % of the pulses): what a recipe's wear ratio
+holds, until a hole has shown its own."""
+SCATTER_BETWEEN_HOLES = 0.01
+"""Standard deviation of the wear ratio's logarithm from hole to hole [assumed]."""
+REMOVAL_SCATTER = 0.03
+"""The same of the volume per energy: more discharges burn at the wall the deeper the hole [assumed]."""
+LEAST_U_REL = 0.005
+"""Nothing is ever known better than this, however often it was measured."""
+LEAST_RATIO = 1e-4
+"""A tool that does not wear at all has no logarithm."""
+
+
+@dataclass(frozen=True, slots=True)
+class Energy:
+    """Energy of discharges by class, µJ."""
+
+    normal_uj: float
+    arc_uj: float
+
+    def plus(self, other: Energy) -> Energy:
+        """Both together."""
+        return Energy(self.normal_uj + other.normal_uj, self.arc_uj + other.arc_uj)
+
+
+@dataclass(frozen=True, slots=True)
+class LiveErosion:
+    """Estimated depth and wear since the last touch, µm, with standard uncertainties."""
+
+    depth_um: float
+    depth_u_um: float
+    wear_um: float
+    wear_u_um: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Known:
+    """Joint normal distribution of two logarithms: volume per energy, wear per depth."""
+
+    removal: float
+    ratio: float
+    var_removal: float
+    var_ratio: float
+    covariance: float
+
+    def lengths_um(self, depth_log: float, arc_log: float) -> tuple[float, float]:
+        """Depth and wear, from the logarithms of depth per removal and of the arcs' surplus of wear."""
+        depth_um = math.exp(self.removal + depth_log)
+        return depth_um, depth_um * math.exp(self.ratio + arc_log)
+
+    def seen(self, error_um: float, per_removal: float, per_ratio: float, noise_u_um: float) -> _Known:
+        """One Kalman step: a length was `error_um` more than expected, and has these two derivatives."""
+        with_removal = self.var_removal * per_removal + self.covariance * per_ratio
+        with_ratio = self.covariance * per_removal + self.var_ratio * per_ratio
+        variance = per_removal * with_removal + per_ratio * with_ratio + noise_u_um**2
+        gain_removal, gain_ratio = with_removal / variance, with_ratio / variance
+        return _Known(
+            self.removal + gain_removal * error_um,
+            self.ratio + gain_ratio * error_um,
+            self.var_removal - gain_removal * with_removal,
+            self.var_ratio - gain_ratio * with_ratio,
+            self.covariance - gain_removal * with_ratio,
+        )
+
+
+class ErosionEstimate:
+    """What is known of removal and wear in one job, from its recipe and every touch so far.
+
+    Parameters
+    ----------
+    removal_um3_per_uj, removal_u_rel : volume of work per energy of normal discharges, and its relative uncertainty
+    wear_ratio, ratio_u_rel : wear length per depth, likewise
+    hole_area_um2 : cross-section of the hole
+    """
+
+    def __init__(
+        self,
+        removal_um3_per_uj: float,
+        removal_u_rel: float,
+        wear_ratio: float,
+        ratio_u_rel: float,
+        hole_area_um2: float,
+    ) -> None:
+        self._arcs = USUAL_ARCS
+        ratio = math.log(max(wear_ratio, LEAST_RATIO) / _arc_factor(USUAL_ARCS))
+        self._known = _Known(math.log(removal_um3_per_uj), ratio, removal_u_rel**2, ratio_u_rel**2, 0.0)
+        self._hole_area_um2 = hole_area_um2
+        self._fits = 0
+
+    @property
+    def fits(self) -> int:
+        """How many touches it has learned from."""
+        return self._fits
+
+    @property
+    def wear_ratio(self) -> float:
+        """Wear length per depth, with as many arcs as in the last hole that was measured."""
+        return math.exp(self._known.ratio) * _arc_factor(self._arcs)
+
+    @property
+    def wear_ratio_u_rel(self) -> float:
+        """Relative standard uncertainty of that."""
+        return math.sqrt(self._known.var_ratio)
+
+    @property
+    def removal_um3_per_uj(self) -> float:
+        """Work volume per energy of normal discharges, without what burns at the wall."""
+        return math.exp(self._known.removal)
+
+    def next_hole(self) -> ErosionEstimate:
+        """Return what is known of another hole, which erodes a little differently."""
+        known = self._known
+        return self._with(
+            _Known(
+                known.removal,
+                known.ratio,
+                known.var_removal + REMOVAL_SCATTER**2,
+                known.var_ratio + SCATTER_BETWEEN_HOLES**2,
+                known.covariance,
+            ),
+            self._fits,
+        )
+
+    def split(self, feed_um: float, feed_u_um: float, energy: Energy | None = None) -> LiveErosion:
+        """Depth and wear that make up a feed, with what the energy says of it; without energy by the ratio alone."""
+        if feed_um <= 0.0:
+            return LiveErosion(0.0, feed_u_um, 0.0, 0.0)
+        known, arc_log = self._known, math.log(_arc_factor(self._arcs))
+        if energy is not None and energy.normal_uj > 0.0:
+            depth_log, arc_log = self._logs(energy)
+            # Lengths are exponentials of the unknowns, so one step starts where the feed already fits.
+            depth_um, wear_um = known.lengths_um(depth_log, arc_log)
+            noise_um = feed_u_um * (depth_um + wear_um) / feed_um
+            error_um = (depth_um + wear_um) * math.log(feed_um / (depth_um + wear_um))
+            known = known.seen(error_um, depth_um + wear_um, wear_um, noise_um)
+        ratio = math.exp(known.ratio + arc_log)
+        share = 1.0 / (1.0 + ratio)
+        split_u_um = feed_um * ratio * share**2 * math.sqrt(known.var_ratio)
+        return LiveErosion(
+            depth_um=feed_um * share,
+            depth_u_um=math.hypot(split_u_um, share * feed_u_um),
+            wear_um=feed_um * ratio * share,
+            wear_u_um=math.hypot(split_u_um, ratio * share * feed_u_um),
+        )
+
+    def fitted(
+        self, energy: Energy, depth_um: float, depth_u_um: float, wear_um: float, wear_u_um: float
+    ) -> ErosionEstimate:
+        """Return what is known after depth and wear of a hole were measured, that discharges of that energy made."""
+        if energy.normal_uj <= 0.0 or depth_um <= 0.0:
+            return self
+        depth_log, arc_log = self._logs(energy)
+        expected_um, _ = self._known.lengths_um(depth_log, arc_log)
+        error_um = expected_um * math.log(depth_um / expected_um)
+        known = self._known.seen(error_um, expected_um, 0.0, depth_u_um * expected_um / depth_um)
+        expected_um = known.lengths_um(depth_log, arc_log)[1]
+        known = known.seen(wear_um - expected_um, expected_um, expected_um, wear_u_um)
+        learned = self._with(
+            _Known(
+                known.removal,
+                max(known.ratio, math.log(LEAST_RATIO)),
+                max(known.var_removal, LEAST_U_REL**2),
+                max(known.var_ratio, LEAST_U_REL**2),
+                known.covariance,
+            ),
+            self._fits + 1,
+        )
+        learned._arcs = energy.arc_uj / energy.normal_uj
+        return learned
+
+    def _with(self, known: _Known, fits: int) -> ErosionEstimate:
+        other = copy(self)
+        other._known, other._fits = known, fits
+        return other
+
+    def _logs(self, energy: Energy) -> tuple[float, float]:
+        """Logarithms of depth per removal, and of the arcs' surplus of wear."""
+        arcs = energy.arc_uj / energy.normal_uj
+        worked_uj = energy.normal_uj * (1.0 + ARC_REMOVAL * arcs)
+        return math.log(worked_uj / self._hole_area_um2), math.log(_arc_factor(arcs))
+
+
+def _arc_factor(arcs: float) -> float:
+    """How much arcs raise the wear ratio, from their energy over that of normal discharges."""
+    removal = ARC_REMOVAL * arcs
+    return (1.0 + ARC_WEAR * removal) / (1.0 + removal)

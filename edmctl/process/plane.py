@@ -1,0 +1,67 @@
+"""The face of the work as a plane through touched places."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+Floats = NDArray[np.float64]
+
+TOUCHES_FOR_A_PLANE = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plane:
+    """Heights relative to an origin: `slope` (2,) in µm/µm, and the covariance of both slopes.
+
+    `origin_um` is where the height is 0.
+    """
+
+    origin_um: tuple[float, float]
+    slope: Floats
+    covariance: Floats
+
+    def height_um(self, x_um: float, y_um: float) -> float:
+        """Height over the origin's, positive away from the tool, µm."""
+        return float(self.slope @ self._way(x_um, y_um))
+
+    def height_u_um(self, x_um: float, y_um: float) -> float:
+        """Standard uncertainty of that height, µm."""
+        way = self._way(x_um, y_um)
+        return float(np.sqrt(way @ self.covariance @ way))
+
+    def _way(self, x_um: float, y_um: float) -> Floats:
+        return np.array([x_um - self.origin_um[0], y_um - self.origin_um[1]])
+
+
+def unknown_plane(origin_um: tuple[float, float], tilt_u_mrad: float) -> Plane:
+    """Return a face that was touched at one place only: level, as far as anybody knows."""
+    return Plane(origin_um, np.zeros(2), np.eye(2) * (1e-3 * tilt_u_mrad) ** 2)
+
+
+def fitted_plane(
+    origin_um: tuple[float, float],
+    places_um: Sequence[tuple[float, float]],
+    heights_um: Sequence[float],
+    touch_u_um: float,
+    tilt_u_mrad: float,
+) -> Plane:
+    """Fit a plane to heights of places over that of the origin, each with the same standard uncertainty.
+
+    The origin was touched as badly as the places, so their heights share its error. What is known of the tilt
+    beforehand keeps places in a line from saying nonsense of the direction across it.
+    """
+    ways = np.asarray(places_um, dtype=np.float64) - np.asarray(origin_um)
+    count = len(heights_um)
+    noise = touch_u_um**2 * (np.eye(count) + np.ones((count, count)))
+    weights = np.linalg.inv(noise)
+    prior = np.eye(2) / (1e-3 * tilt_u_mrad) ** 2 if tilt_u_mrad > 0.0 else np.eye(2) * 1e18
+    covariance = np.linalg.inv(ways.T @ weights @ ways + prior)
+    slope = covariance @ ways.T @ weights @ np.asarray(heights_um, dtype=np.float64)
+    return Plane(origin_um, slope, covariance)

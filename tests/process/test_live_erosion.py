@@ -1,0 +1,108 @@
+"""Depth and wear from feed and energy, and what touches teach."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from edmctl.process.live_erosion import ARC_REMOVAL, ARC_WEAR, USUAL_ARCS, Energy, ErosionEstimate
+
+AREA_UM2 = 64_000.0
+REMOVAL = 0.04
+
+
+def fresh(removal_u: float = 0.1, ratio_u: float = 0.1) -> ErosionEstimate:
+    return ErosionEstimate(REMOVAL, removal_u, 0.4, ratio_u, AREA_UM2)
+
+
+def energy_for(depth_um: float, removal: float = REMOVAL, arcs: float = USUAL_ARCS) -> Energy:
+    normal_uj = depth_um * AREA_UM2 / removal / (1.0 + ARC_REMOVAL * arcs)
+    return Energy(normal_uj, arcs * normal_uj)
+
+
+def arc_factor(arcs: float) -> float:
+    return (1.0 + ARC_WEAR * ARC_REMOVAL * arcs) / (1.0 + ARC_REMOVAL * arcs)
+
+
+def test_without_energy_a_feed_is_split_by_the_wear_ratio() -> None:
+    live = fresh().split(140.0, 0.0)
+    assert (live.depth_um, live.wear_um) == pytest.approx((100.0, 40.0))
+    assert live.depth_u_um == pytest.approx(140.0 * 0.4 / 1.4**2 * 0.1)
+
+
+@given(
+    feed_um=st.floats(0.1, 400.0),
+    ratio=st.floats(0.01, 2.0),
+    share=st.floats(0.7, 1.3),
+    arcs=st.floats(0.0, 0.3),
+)
+def test_depth_and_wear_always_add_up_to_the_feed(
+    feed_um: float, ratio: float, share: float, arcs: float
+) -> None:
+    estimate = ErosionEstimate(REMOVAL, 0.1, ratio, 0.1, AREA_UM2)
+    normal = energy_for(share * feed_um / (1.0 + ratio)).normal_uj
+    live = estimate.split(feed_um, 0.3, Energy(normal, arcs * normal))
+    assert live.depth_um + live.wear_um == pytest.approx(feed_um)
+    assert live.depth_um > 0.0
+    assert live.depth_u_um > 0.0
+
+
+def test_energy_tells_the_depth_once_the_removal_is_known() -> None:
+    known = fresh(removal_u=0.005)
+    live = known.split(140.0, 0.1, energy_for(97.0))
+    assert live.depth_um == pytest.approx(97.0, abs=0.7)
+    assert live.depth_u_um < 0.8
+    blind = fresh(removal_u=1.0).split(140.0, 0.1, energy_for(97.0))
+    assert blind.depth_um == pytest.approx(100.0, abs=0.5)
+
+
+def test_a_touch_teaches_removal_and_wear() -> None:
+    learned = fresh().fitted(energy_for(100.0, 0.036), 100.0, 0.3, 44.0, 0.5)
+    assert learned.fits == 1
+    assert learned.removal_um3_per_uj == pytest.approx(0.036, rel=0.005)
+    assert learned.wear_ratio == pytest.approx(0.44, rel=0.01)
+    assert learned.wear_ratio_u_rel < 0.02
+
+
+def test_a_bad_touch_teaches_little() -> None:
+    learned = fresh().fitted(energy_for(10.0), 10.0, 0.3, 6.0, 4.0)
+    assert learned.wear_ratio == pytest.approx(0.4, rel=0.05)
+
+
+def test_the_next_hole_is_known_a_little_less() -> None:
+    learned = fresh().fitted(energy_for(100.0), 100.0, 0.3, 40.0, 0.5)
+    later = learned.next_hole()
+    assert later.wear_ratio == learned.wear_ratio
+    assert later.wear_ratio_u_rel > learned.wear_ratio_u_rel
+    assert learned.fitted(energy_for(1.0), 0.0, 1.0, 0.0, 1.0) is learned
+
+
+def test_arcs_wear_the_tool_more_than_their_energy_says() -> None:
+    known = fresh(ratio_u=1e-4)
+    clean = known.split(140.0, 0.1, energy_for(100.0, arcs=0.0))
+    arcing = known.split(140.0, 0.1, energy_for(100.0, arcs=0.5))
+    assert arcing.wear_um > clean.wear_um
+    ratio = 0.4 * arc_factor(0.5) / arc_factor(USUAL_ARCS)
+    assert arcing.wear_um / arcing.depth_um == pytest.approx(ratio, rel=1e-3)
+
+
+def test_the_next_cut_is_expected_to_arc_like_the_last_one() -> None:
+    arcing = energy_for(100.0, arcs=0.3)
+    worn_um = 100.0 * 0.4 * arc_factor(0.3) / arc_factor(USUAL_ARCS)
+    learned = fresh(ratio_u=0.01).fitted(arcing, 100.0, 0.3, worn_um, 0.3)
+    assert fresh().wear_ratio == pytest.approx(0.4)
+    assert learned.wear_ratio == pytest.approx(worn_um / 100.0, rel=0.01)
+
+
+def test_a_tool_that_does_not_wear_has_a_ratio_too() -> None:
+    live = ErosionEstimate(REMOVAL, 0.1, 0.0, 0.1, AREA_UM2).split(50.0, 0.1, energy_for(50.0))
+    assert live.wear_um < 0.01
+    assert math.isfinite(live.depth_u_um)
+
+
+def test_no_feed_is_no_depth() -> None:
+    live = fresh().split(0.0, 0.3)
+    assert (live.depth_um, live.wear_um) == (0.0, 0.0)
