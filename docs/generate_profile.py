@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING
 
 from edmctl.console.toml_view import toml_scalar
 from edmctl.profile.fields import permitted
-from edmctl.profile.model import DepthTarget, FeedTarget, Profile
+from edmctl.profile.model import DepthTarget, FeedTarget, Profile, ThroughTarget
 from edmctl.profile.setup import Setup
 from edmctl.profile.sim import SimSettings
+from edmctl.profile.sites import CircleSites, FileSites, GridSites, PathTable, PointSite
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -40,10 +41,7 @@ def profile_tables() -> str:
     """Return a table for each table of a profile."""
     models: list[tuple[str, type[BaseModel]]] = []
     for name, info in Profile.model_fields.items():
-        if name == "target":
-            models += [("`[target]` for a depth", DepthTarget), ("`[target]` for a feed", FeedTarget)]
-        else:
-            models.append((f"`[{name}]`", _model(info)))
+        models += _KINDS.get(name) or [(f"`[{name}]`", _model(info))]
     return "\n\n".join(_table(title, model) for title, model in models)
 
 
@@ -57,6 +55,22 @@ def setup_tables() -> str:
     tables = [(name, info) for name, info in Setup.model_fields.items() if name != "port"]
     return "\n\n".join(_table(f"`[{name}]`", _model(info)) for name, info in tables)
 
+
+_KINDS: dict[str, list[tuple[str, type[BaseModel]]]] = {
+    "target": [
+        ("`[target]` for a depth", DepthTarget),
+        ("`[target]` for a feed", FeedTarget),
+        ("`[target]` for a way through", ThroughTarget),
+    ],
+    "sites": [
+        ("`[[sites]]`: a point", PointSite),
+        ("`[[sites]]`: a grid", GridSites),
+        ("`[[sites]]`: a circle", CircleSites),
+        ("`[[sites]]`: a file", FileSites),
+    ],
+    "path": [("`[path]`", PathTable)],
+}
+"""Tables that have one model for each of their kinds, or may be missing."""
 
 TABLES = {"profile": profile_tables, "sim": sim_table, "setup": setup_tables}
 

@@ -1,8 +1,8 @@
-"""`edmctl profile`: check, show and describe profiles."""
+"""`edmctl profile`: list, check, show and describe profiles."""
 
 import json
 import sys
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from edmctl.profile.setup import Setup
 
 app = typer.Typer(
-    help="Check, show and describe profiles.",
+    help="List, check, show and describe profiles.",
     rich_markup_mode=None,
     add_completion=False,
 )
@@ -78,6 +78,22 @@ def show(
     return run_command(Output("profile show", json=as_json, debug=debug), body)
 
 
+@app.command("list")
+def list_shipped(setup: SetupOption = None, as_json: JsonOption = False, debug: DebugOption = False) -> int:
+    """List the shipped profiles, and what each would take on the machine of a setup file."""
+
+    def body(outcome: Outcome) -> None:
+        from edmctl.console.profile_table import render_profiles
+        from edmctl.profile.load import load_setup
+        from edmctl.profile.summary import summaries
+
+        found = summaries(load_setup(setup))
+        outcome.result = {"profiles": found}
+        outcome.text = render_profiles(found, stream_style(sys.stdout))
+
+    return run_command(Output("profile list", json=as_json, debug=debug), body)
+
+
 @app.command()
 def schema(as_json: JsonOption = False, debug: DebugOption = False) -> int:
     """Write the JSON schema of profiles.
@@ -105,7 +121,7 @@ def _problems_of(name: str, overrides: list[str], setup: "Setup") -> list[Diagno
         return [Diagnostic(error.code, error.message, error.hint, error.where)]
 
 
-def _values(loaded: "LoadedProfile") -> dict[str, dict[str, bool | int | float | str]]:
+def _values(loaded: "LoadedProfile") -> dict[str, Any]:
     tables = loaded.profile.model_dump(mode="json", by_alias=True, exclude_none=True)
     return {**tables, "sim": loaded.sim.model_dump(mode="json", exclude_none=True)}
 
@@ -118,9 +134,10 @@ def _as_toml(loaded: "LoadedProfile") -> str:
 
 
 def _descriptions(loaded: "LoadedProfile") -> dict[str, str]:
-    tables = {**dict(loaded.profile), "sim": loaded.sim}
+    profile = loaded.profile
+    tables = [*dict(profile).items(), ("sim", loaded.sim), *(("sites", site) for site in profile.sites)]
     return {
         f"{name}.{info.alias or field}": info.description or ""
-        for name, table in tables.items()
-        for field, info in type(table).model_fields.items()
+        for name, table in tables
+        for field, info in getattr(type(table), "model_fields", {}).items()
     }

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class ForecastView(Protocol):
-    """Expected course of a job."""
+    """Expected course of a job: of one hole, of several (`holes`), or of a channel (`channel_um` above 0)."""
 
     @property
     def machining_time_s(self) -> float: ...
@@ -49,18 +49,26 @@ class ForecastView(Protocol):
     def jump_share(self) -> float: ...
     @property
     def pulses(self) -> int: ...
+    @property
+    def holes(self) -> int: ...
+    @property
+    def stops(self) -> int: ...
+    @property
+    def tool_wear_um(self) -> float: ...
+    @property
+    def channel_um(self) -> float: ...
+    @property
+    def layers(self) -> int: ...
 
 
 def render_forecast(name: str, forecast: ForecastView, style: Style = PLAIN) -> str:
     """Render the forecast of the job `name`."""
     cycle_ms = 1e3 * forecast.limit_cycle_period_s
     rows = [
-        _row("depth", length(forecast.depth_um)),
-        _row("tool wear", length(forecast.wear_um)),
-        _row("feed", length(forecast.feed_um), f"{forecast.feed_rate_um_s:.3f} µm/s"),
+        *_work(forecast),
         _row("stroke", length(forecast.stroke_um), f"of {length(forecast.stroke_available_um)}"),
-        _row("machining", duration(forecast.machining_time_s), plural(forecast.cuts, "cut")),
-        _row("measuring", duration(forecast.measuring_time_s)),
+        _row("machining", duration(forecast.machining_time_s), _steps(forecast)),
+        _row("measuring", duration(forecast.measuring_time_s), plural(forecast.stops, "stop")),
         _row("whole job", duration(forecast.time_s)),
         _row("pulses", count(forecast.pulses), f"{forecast.spark_energy_uj:.0f} µJ each at most"),
         _row("removal rate", f"{1e3 * forecast.mrr_mm3_min:.3f} × 10⁻³ mm³/min"),
@@ -69,6 +77,36 @@ def render_forecast(name: str, forecast: ForecastView, style: Style = PLAIN) -> 
         _row("loop delay", f"{1e3 * forecast.loop_delay_s:.1f} ms"),
     ]
     return render_columns([name, "forecast", ""], rows, style, align="<><")
+
+
+def _work(forecast: ForecastView) -> list[Sequence[str]]:
+    """What is made, and what it costs the tool."""
+    depth, wear = length(forecast.depth_um), length(forecast.wear_um)
+    feed = length(forecast.feed_um)
+    if forecast.channel_um > 0.0:
+        return [
+            _row("channel", length(forecast.channel_um), plural(forecast.layers, "layer")),
+            _row("depth", depth),
+            _row("tool wear", wear, "over the whole channel"),
+            _row("feed", feed),
+        ]
+    rows = [
+        _row("depth", depth),
+        _row("tool wear", wear),
+        _row("feed", feed, f"{forecast.feed_rate_um_s:.3f} µm/s"),
+    ]
+    if forecast.holes == 1:
+        return rows
+    worn = _row("tool wear", length(forecast.tool_wear_um), "in all")
+    return [
+        _row("holes", count(forecast.holes)),
+        *[(*row, "each") if len(row) == 2 else row for row in rows],
+        worn,
+    ]
+
+
+def _steps(forecast: ForecastView) -> str:
+    return f"{forecast.cuts} passes" if forecast.channel_um > 0.0 else plural(forecast.cuts, "cut")
 
 
 def _row(name: str, value: str, remark: str = "") -> Sequence[str]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic
 from edmctl.profile.codes import Code
-from edmctl.profile.fields import field_at, keys_at, nearest, permitted, table_with_key
+from edmctl.profile.fields import keys_at, nearest, permitted_at, table_with_key
 from edmctl.profile.merge import dotted, toml_repr
 
 if TYPE_CHECKING:
@@ -103,10 +103,10 @@ def _path(detail: ErrorDetails, data: TomlTable) -> KeyPath:
     here: object = data
     parts = detail["loc"]
     for i, part in enumerate(parts):
-        if not isinstance(here, dict):
+        if _holds(here, part):
+            path, here = (*path, part), _item(here, part)
+        elif not isinstance(here, dict):
             break
-        if part in here:
-            path, here = (*path, part), here[part]
         elif i == len(parts) - 1 and detail["type"] == "missing":
             path = (*path, part)
     if detail["type"].startswith("union_tag"):
@@ -124,8 +124,8 @@ def _diagnostic(
         message, hint = f"unknown key {name}", _hint_unknown(path, model)
     else:
         message = f"{name} = {toml_repr(_value(data, path))} {_COMPLAINTS[code]}"
-        info = field_at(model, path)
-        hint = f"write {permitted(info)}" if info else ""
+        allowed = permitted_at(model, path)
+        hint = f"write {allowed}" if allowed else ""
     return Diagnostic(code, message, hint, _where(code, path, sources))
 
 
@@ -145,11 +145,10 @@ _COMPLAINTS = {
 
 
 def _hint_missing(path: KeyPath, model: type[BaseModel]) -> str:
-    info = field_at(model, path)
-    what = permitted(info) if info else "a value"
+    what = permitted_at(model, path) or "a value"
     if keys_at(model, path):
-        return f"add the table [{dotted(path)}]"
-    return f"add {path[-1]} to [{dotted(path[:-1])}]: {what}"
+        return f"add the table {_header(path)}"
+    return f"add {path[-1]} to {_header(path[:-1])}: {what}"
 
 
 def _hint_unknown(path: KeyPath, model: type[BaseModel]) -> str:
@@ -163,12 +162,30 @@ def _hint_unknown(path: KeyPath, model: type[BaseModel]) -> str:
     home = table_with_key(model, key)
     if home:
         return f"{key} belongs to [{home}]"
-    where = f"[{dotted(table)}]" if table else "the file"
+    where = _header(table) if table else "the file"
     return f"remove it; {where} may hold {', '.join(known)}"
 
 
 def _value(data: TomlTable, path: KeyPath) -> object:
     here: object = data
     for part in path:
-        here = here[str(part)] if isinstance(here, dict) else None
+        here = _item(here, part)
     return here
+
+
+def _holds(value: object, part: str | int) -> bool:
+    if isinstance(value, list):
+        return isinstance(part, int) and 0 <= part < len(value)
+    return isinstance(value, dict) and part in value
+
+
+def _item(value: object, part: str | int) -> object:
+    """What a table or list holds there; None where it holds nothing."""
+    if isinstance(value, list) and isinstance(part, int):
+        return value[part]
+    return value.get(part) if isinstance(value, dict) else None
+
+
+def _header(path: KeyPath) -> str:
+    """A table as its header stands in a file: `[servo]`, `[[sites]]`."""
+    return f"[[{dotted(path[:-1])}]]" if path and isinstance(path[-1], int) else f"[{dotted(path)}]"

@@ -5,11 +5,15 @@ A value that is wrong or missing is absent: asking for it raises AttributeError 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
+
+from pydantic import TypeAdapter
 
 from edmctl.profile.codes import Code
 from edmctl.profile.fields import keys_at, nearest
-from edmctl.profile.model import DepthTarget, FeedTarget, Profile, Table
+from edmctl.profile.model import DepthTarget, FeedTarget, Profile, ThroughTarget
+from edmctl.profile.sites import SiteTable
+from edmctl.profile.table import Table
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
@@ -17,7 +21,8 @@ if TYPE_CHECKING:
     from edmctl.profile.locate import KeyPath
     from edmctl.profile.sources import TomlTable
 
-_TARGETS: dict[object, type[Table]] = {"depth": DepthTarget, "feed": FeedTarget}
+_TARGETS: dict[object, type[Table]] = {"depth": DepthTarget, "feed": FeedTarget, "through": ThroughTarget}
+_SITES = TypeAdapter(list[SiteTable])
 
 
 def draft(table: TomlTable, problems: Mapping[KeyPath, Code]) -> Profile:
@@ -28,6 +33,8 @@ def draft(table: TomlTable, problems: Mapping[KeyPath, Code]) -> Profile:
         for name in Profile.model_fields
         if isinstance(written := table.get(name), dict) and not _is_gone(name, lacking)
     }
+    if "sites" in table and ("sites",) not in lacking:
+        tables["sites"] = _SITES.validate_python(table["sites"])
     return without(Profile.model_construct(**tables), *lacking)
 
 
@@ -53,6 +60,8 @@ def _read_table(name: str, written: TomlTable) -> Table:
     model = Profile.model_fields[name].annotation
     if name == "target":
         model = _TARGETS[written["kind"]]
+    if not isinstance(model, type):
+        model, _ = get_args(model)
     assert isinstance(model, type)
     assert issubclass(model, Table)
     values = {key: value for key, value in written.items() if key in keys_at(model, ())}
@@ -66,6 +75,8 @@ def _is_gone(name: str, lacking: Collection[tuple[str, ...]]) -> bool:
 
 def _lost(path: KeyPath, code: Code, table: TomlTable) -> tuple[str, ...] | None:
     """The table or value whose value a problem hides; None for an unknown key that stands for nothing."""
+    if path[0] == "sites":
+        return ("sites",)
     names = tuple(str(part) for part in path[:2])
     return _meant(names, table) if code == Code.UNKNOWN_KEY else names
 

@@ -15,13 +15,27 @@ if TYPE_CHECKING:
 
 
 def field_at(model: type[BaseModel], path: KeyPath) -> FieldInfo | None:
-    """The field of a key path, or None where the model has none."""
+    """The field of a key path, or None where the model has none. Items of a list share the list's field."""
+    found = _fields_at(model, path)
+    return found[0] if found else None
+
+
+def _fields_at(model: type[BaseModel], path: KeyPath) -> list[FieldInfo]:
     tables = [model]
     found: list[FieldInfo] = []
     for part in path:
-        found = [field for table in tables if (field := _fields(table).get(str(part)))]
+        if isinstance(part, int):
+            continue
+        found = [field for table in tables if (field := _fields(table).get(part))]
         tables = [table for field in found for table in _tables(field.annotation)]
-    return found[0] if found else None
+    return found
+
+
+def permitted_at(model: type[BaseModel], path: KeyPath) -> str:
+    """What may be written at a key path, whichever of its tables is meant; empty where the model has no such key."""
+    found = _fields_at(model, path)
+    words = list(dict.fromkeys(word for info in found for word in _described(info.annotation, info.metadata)))
+    return " or ".join(words) if len(found) > 1 and len(words) > 1 else permitted(found[0]) if found else ""
 
 
 def keys_at(model: type[BaseModel], path: KeyPath) -> list[str]:
@@ -67,6 +81,8 @@ def _described(annotation: object, metadata: list[object]) -> list[str]:
         return _described(inner, [m for c in constraints for m in getattr(c, "metadata", [c])])
     if origin is Literal:
         return [" or ".join(f'"{v}"' if isinstance(v, str) else str(v) for v in get_args(annotation))]
+    if origin is list:
+        return ["a list of tables" if _tables(annotation) else "a list of texts in quotes"]
     if origin in (Union, types.UnionType):
         parts = [a for a in get_args(annotation) if a is not type(None)]
         return [words for part in parts for words in _described(part, metadata)]

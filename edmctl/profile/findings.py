@@ -14,7 +14,14 @@ if TYPE_CHECKING:
     from edmctl.profile.forecast import Forecast
     from edmctl.profile.locate import KeyPath
     from edmctl.profile.model import Profile
+    from edmctl.profile.places import Place
     from edmctl.profile.setup import Setup
+
+
+PAD_MARGIN_UM = 50.0
+"""Surface left between a hole and the reference pad, for the burr and the stages."""
+WALL_UM = 20.0
+"""Work left standing between two holes or two sides of a channel."""
 
 
 @dataclass(frozen=True)
@@ -23,11 +30,12 @@ class Job:
 
     profile: Profile
     setup: Setup
+    places: tuple[Place, ...] = ()
 
     @cached_property
     def forecast(self) -> Forecast:
         """Expected course of the job."""
-        return forecast(self.profile, self.setup)
+        return forecast(self.profile, self.setup, self.places)
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from pydantic import BaseModel, ValidationError
@@ -16,19 +17,20 @@ from edmctl.profile.draft import draft
 from edmctl.profile.findings import Job
 from edmctl.profile.model import Profile
 from edmctl.profile.overrides import apply_overrides
+from edmctl.profile.places import places
 from edmctl.profile.read import parse, read_chain, read_source
 from edmctl.profile.rules import in_share_only, violations, with_time_limit
 from edmctl.profile.setup import Setup
 from edmctl.profile.shipped import find_profile
 from edmctl.profile.sim import ProfileFile, SimSettings
-from edmctl.profile.sources import Sources
+from edmctl.profile.sources import SET_OPTION, Sources
 from edmctl.profile.target_rules import time_limit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
 
     from edmctl.profile.findings import Finding
+    from edmctl.profile.places import Place
     from edmctl.profile.sources import TomlTable
 
 _M = TypeVar("_M", bound=BaseModel)
@@ -39,7 +41,8 @@ class LoadedProfile:
     """A checked profile, and where it came from.
 
     `text` is the file verbatim. `sha256` is of the recipe in effect (after `extends`, `--set` and defaults),
-    `sim_sha256` of the `[sim]` table in effect: equal hashes mean equal jobs, however they were written.
+    `sim_sha256` of the `[sim]` table in effect: equal hashes mean equal jobs, however they were written. `places`
+    are those of `[[sites]]`, those from files too; none where the job is one hole or a channel.
     """
 
     profile: Profile
@@ -50,6 +53,7 @@ class LoadedProfile:
     sim_sha256: str
     overrides: tuple[str, ...]
     warnings: tuple[Diagnostic, ...]
+    places: tuple[Place, ...]
 
 
 def load_profile(
@@ -66,18 +70,20 @@ def load_profile(
     overridden = apply_overrides(chain.table, overrides)
     sources = Sources((*reversed(overridden.sources), *chain.sources), chain.sources[0])
     written = _validated(ProfileFile, overridden.table, sources, machine)
-    warnings = _refuse_errors(violations(_recipe(written), machine), sources)
-    profile = with_time_limit(in_share_only(_recipe(written)), machine)
-    warnings += _refuse_errors(list(time_limit(Job(profile, machine))), sources)
+    found, unread = _places(_recipe(written), path, sources)
+    warnings = _refuse_errors(violations(_recipe(written), machine, found), sources, unread)
+    profile = with_time_limit(in_share_only(_recipe(written)), machine, found)
+    warnings += _refuse_errors(list(time_limit(Job(profile, machine, found))), sources)
     return LoadedProfile(
         profile=profile,
         sim=written.sim,
         path=path,
         text=chain.sources[0].text,
-        sha256=_sha256(profile),
+        sha256=_sha256(profile, found),
         sim_sha256=_sha256(written.sim),
         overrides=(*chain.changes, *overridden.changes),
         warnings=warnings,
+        places=found,
     )
 
 
@@ -123,11 +129,23 @@ def _validated(model: type[_M], table: TomlTable, sources: Sources, machine: Set
     raise ProfileError(tuple(wrong))
 
 
-def _refuse_errors(findings: list[Finding], sources: Sources) -> tuple[Diagnostic, ...]:
-    """Diagnostics of findings that only warn; raises ProfileError with all of them if one refuses."""
-    if not findings:
-        return ()
-    diagnostics = tuple(rule_diagnostics(findings, sources))
+def _places(
+    profile: Profile, path: Path, sources: Sources
+) -> tuple[tuple[Place, ...], tuple[Diagnostic, ...]]:
+    """The places of a profile, or why they cannot be told; files are relative to the text that names them."""
+    where = sources.value(("sites",))
+    folder = Path() if where.file == SET_OPTION else Path(where.file).parent
+    try:
+        return places(profile, folder), ()
+    except ProfileError as error:
+        return (), tuple(replace(d, where=d.where or where) for d in error.diagnostics)
+
+
+def _refuse_errors(
+    findings: list[Finding], sources: Sources, others: tuple[Diagnostic, ...] = ()
+) -> tuple[Diagnostic, ...]:
+    """Diagnostics of findings that only warn; raises ProfileError with all of them and others if one refuses."""
+    diagnostics = (*rule_diagnostics(findings, sources), *others)
     if all(d.is_warning for d in diagnostics):
         return diagnostics
     raise ProfileError(diagnostics)
@@ -140,6 +158,10 @@ def _recipe(written: ProfileFile) -> Profile:
     )
 
 
-def _sha256(model: BaseModel) -> str:
-    canonical = json.dumps(model.model_dump(by_alias=True), sort_keys=True, separators=(",", ":"))
+def _sha256(model: BaseModel, found: tuple[Place, ...] = ()) -> str:
+    """Hash of a table, and of the places that it does not hold itself."""
+    values = model.model_dump(by_alias=True)
+    if found:
+        values["places"] = [astuple(place) for place in found]
+    canonical = json.dumps(values, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(canonical.encode()).hexdigest()

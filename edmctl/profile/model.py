@@ -4,16 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
-ONE_LINE = r"^[^\x00-\x1f\x7f]*$"
-"""No control characters: HDF5 texts end at a NUL, and a terminal obeys the others."""
-
-
-class Table(BaseModel):
-    """A table of a profile or setup file: closed, immutable, no silent conversions."""
-
-    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
+from edmctl.profile.sites import Array, PathTable, SiteTable
+from edmctl.profile.table import ONE_LINE, Table
 
 
 class Meta(Table):
@@ -32,7 +26,8 @@ class Tool(Table):
         min_length=1,
         max_length=40,
         pattern=ONE_LINE,
-        description="name of this very electrode; its wear is carried from job to job. Material and diameter when not given",
+        description="name of this very electrode, whose wear is carried from job to job; "
+        "its material and diameter when not given",
     )
     material: str = Field(
         min_length=1,
@@ -58,10 +53,13 @@ class Work(Table):
     material: str = Field(min_length=1, max_length=40, pattern=ONE_LINE, description="recorded, not acted on")
     thickness_um: float = Field(gt=0.0, le=20_000.0, description="sheet thickness, µm")
     kind: Literal["blind", "through"] = Field(
-        "blind", description="a blind hole, or one through the sheet (target.kind = \"through\")"
+        "blind", description='a blind hole, or one through the sheet (target.kind = "through")'
     )
     removal_um3_per_uj: float = Field(
-        0.0424, gt=0.0, le=10.0, description="volume removed per discharge energy, until it is measured, µm³/µJ"
+        0.0424,
+        gt=0.0,
+        le=10.0,
+        description="volume removed per discharge energy, until it is measured, µm³/µJ",
     )
     removal_u_rel: float = Field(
         0.10, gt=0.0, le=1.0, description="standard uncertainty of that, relative [assumed]"
@@ -146,7 +144,7 @@ class Approach(Table):
 class DepthTarget(Table):
     """Cut until the measured depth is reached."""
 
-    kind: Literal["depth"] = Field(description='or "feed", with feed_um')
+    kind: Literal["depth"] = Field(description='or "feed" with feed_um, or "through"')
     depth_um: float = Field(gt=0.0, le=2000.0, description="depth below the surface, µm")
     tolerance_um: float = Field(2.0, gt=0.0, le=100.0, description="permitted deviation, µm")
 
@@ -154,14 +152,14 @@ class DepthTarget(Table):
 class FeedTarget(Table):
     """Cut until the tool has fed this far below the surface, wear and all."""
 
-    kind: Literal["feed"] = Field(description='or "depth", with depth_um and tolerance_um')
+    kind: Literal["feed"] = Field(description='or "depth" with depth_um and tolerance_um, or "through"')
     feed_um: float = Field(gt=0.0, le=2000.0, description="feed below the surface, µm")
 
 
 class ThroughTarget(Table):
     """Cut through the sheet, and on until the worn tip has gone through."""
 
-    kind: Literal["through"] = Field(description='or "depth", or "feed"')
+    kind: Literal["through"] = Field(description='or "depth", or "feed"; with work.kind = "through"')
     completion_um: float | None = Field(
         None,
         ge=0.0,
@@ -175,11 +173,15 @@ class Wear(Table):
 
     expected_ratio: float = Field(ge=0.0, le=5.0, description="wear length per depth")
     ratio_u_rel: float = Field(
-        0.10, gt=0.0, le=1.0, description="standard uncertainty of that before it is measured, relative [assumed]"
+        0.10,
+        gt=0.0,
+        le=1.0,
+        description="standard uncertainty of that before it is measured, relative [assumed]",
     )
     remeasure: Literal["auto", "never"] | Annotated[int, Field(ge=1, le=20)] = Field(
         "auto",
-        description="auto: as often as the uncertainty of the depth asks for; never: only at the end; n: n times before",
+        description="auto: as often as the uncertainty of the depth asks for; never: only at the end; "
+        "n: n times before",
     )
     first_fraction: float = Field(0.85, ge=0.1, le=1.0, description="share of the depth in the first cut")
     max_cuts: int = Field(5, ge=1, le=20)
@@ -189,7 +191,8 @@ class Jump(Table):
     """Electrode jumps that flush the gap."""
 
     mode: Literal["off", "fixed", "adaptive"] = Field(
-        "fixed", description="adaptive: period_s in a clean gap, down to period_min_s while arcs or shorts ask for it"
+        "fixed",
+        description="adaptive: from period_s down to period_min_s while arcs or shorts ask for it, or rarer",
     )
     period_s: float = Field(10.0, ge=0.2, le=600.0, description="from jump to jump, s")
     period_min_s: float = Field(1.5, ge=0.2, le=600.0, description="adaptive: shortest period, s")
@@ -204,8 +207,10 @@ class Jump(Table):
 
 
 class Adaptive(Table):
-    """How the supervisor answers arcs and shorts where `jump.mode` is "adaptive" (thresholds: jump period first,
-    then the servo reference, then the off-time)."""
+    """How the supervisor answers arcs and shorts where `jump.mode` is "adaptive".
+
+    The jump period comes first, then the servo reference, then the off-time.
+    """
 
     arc_high: float = Field(0.05, gt=0.0, le=1.0, description="share of arcs that halves the jump period")
     short_high: float = Field(0.03, gt=0.0, le=1.0, description="share of shorts that does")
@@ -213,77 +218,10 @@ class Adaptive(Table):
     short_low: float = Field(0.005, gt=0.0, le=1.0, description="together with this share of shorts")
     reference_step: float = Field(0.02, ge=0.0, le=0.1, description="raise of the servo reference at a time")
     reference_max: float = Field(0.90, gt=0.0, lt=1.0, description="highest servo reference")
-    duty_step: float = Field(0.20, ge=0.0, lt=1.0, description="share of the duty that is taken off at a time")
-    duty_min: float = Field(0.10, ge=0.05, le=0.6, description="lowest duty")
-
-
-class PointSite(Table):
-    """One place to machine, in stage coordinates."""
-
-    kind: Literal["point"] = "point"
-    name: str | None = Field(None, min_length=1, max_length=40, pattern=ONE_LINE, description="numbered when not given")
-    x_um: float = Field(ge=-1e6, le=1e6)
-    y_um: float = Field(0.0, ge=-1e6, le=1e6)
-    theta_deg: float = Field(0.0, ge=-360.0, le=360.0, description="of the rotary table, degrees")
-    depth_um: float | None = Field(None, gt=0.0, le=2000.0, description="instead of target.depth_um, µm")
-
-
-class GridSites(Table):
-    """Rows and columns of places."""
-
-    kind: Literal["grid"]
-    name: str = Field("grid", min_length=1, max_length=32, pattern=ONE_LINE, description="prefix of the names")
-    x_um: float = Field(ge=-1e6, le=1e6, description="first place, µm")
-    y_um: float = Field(0.0, ge=-1e6, le=1e6)
-    columns: int = Field(ge=1, le=1000)
-    rows: int = Field(1, ge=1, le=1000)
-    dx_um: float = Field(description="from column to column, µm", ge=-1e5, le=1e5)
-    dy_um: float = Field(0.0, description="from row to row, µm", ge=-1e5, le=1e5)
-    depth_um: float | None = Field(None, gt=0.0, le=2000.0)
-
-
-class CircleSites(Table):
-    """Places on a circle."""
-
-    kind: Literal["circle"]
-    name: str = Field("circle", min_length=1, max_length=32, pattern=ONE_LINE, description="prefix of the names")
-    x_um: float = Field(ge=-1e6, le=1e6, description="centre, µm")
-    y_um: float = Field(0.0, ge=-1e6, le=1e6)
-    radius_um: float = Field(gt=0.0, le=1e6)
-    count: int = Field(ge=1, le=1000)
-    start_deg: float = Field(0.0, ge=-360.0, le=360.0, description="of the first place")
-    depth_um: float | None = Field(None, gt=0.0, le=2000.0)
-
-
-class FileSites(Table):
-    """Places from a CSV file with the columns name, x_um, y_um, theta_deg, depth_um (x_um and y_um are needed)."""
-
-    kind: Literal["file"]
-    path: str = Field(min_length=1, description="relative to the profile")
-
-
-class Array(Table):
-    """How the places of `[[sites]]` are worked off."""
-
-    order: Literal["nearest", "given"] = Field("nearest", description="shortest way, or as written")
-    surface: Literal["plane", "pad"] = Field(
-        "plane", description="touch three places first and fit a plane, or trust the pad's height"
+    duty_step: float = Field(
+        0.20, ge=0.0, lt=1.0, description="share of the duty that is taken off at a time"
     )
-
-
-class PathTable(Table):
-    """A channel: a way of the tool's axis in stage coordinates, cut in layers to target.depth_um."""
-
-    kind: Literal["rectangle", "circle", "spiral"]
-    x_um: float = Field(ge=-1e6, le=1e6, description="centre, µm")
-    y_um: float = Field(0.0, ge=-1e6, le=1e6)
-    width_um: float | None = Field(None, gt=0.0, le=1e5, description="rectangle: along x, µm")
-    height_um: float | None = Field(None, gt=0.0, le=1e5, description="rectangle: along y, µm")
-    radius_um: float | None = Field(None, gt=0.0, le=1e5, description="circle: its radius; spiral: the inner one, µm")
-    pitch_um: float | None = Field(None, gt=0.0, le=1e5, description="spiral: from turn to turn, µm")
-    turns: float | None = Field(None, gt=0.0, le=100.0, description="spiral: number of turns")
-    layer_um: float = Field(2.0, gt=0.0, le=50.0, description="depth of one layer, µm")
-    speed_um_s: float = Field(100.0, ge=1.0, le=5000.0, description="along the path, µm/s")
+    duty_min: float = Field(0.10, ge=0.05, le=0.6, description="lowest duty")
 
 
 class Measure(Table):
@@ -344,7 +282,7 @@ class Profile(Table):
     wear: Wear
     jump: Jump = Jump()
     adaptive: Adaptive = Adaptive()
-    sites: list[Annotated[PointSite | GridSites | CircleSites | FileSites, Field(discriminator="kind")]] = Field(
+    sites: list[SiteTable] = Field(
         [], description="places to machine; one beside the reference pad when there are none"
     )
     array: Array = Array()

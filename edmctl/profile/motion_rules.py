@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING
 
 from edmctl.process.jump import minimum_height_um
 from edmctl.process.servo import HALF_AMPLITUDE_DESIGN_UM, HALF_AMPLITUDE_LIMIT_UM
+from edmctl.profile.amounts import completion, hole
 from edmctl.profile.codes import Code
-from edmctl.profile.findings import Finding, Job, rounded_down, rounded_up
+from edmctl.profile.findings import PAD_MARGIN_UM, Finding, Job, rounded_down, rounded_up
 from edmctl.profile.forecast import (
     STROKE_RESERVE_UM,
     depth_and_wear_um,
-    servo_loop,
     stroke_available_um,
     stroke_um,
-    time_share_of_jumps,
 )
+from edmctl.profile.rates import servo_loop, time_share_of_jumps
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -28,8 +28,6 @@ OFFSET_MIN_UM = 45.0
 """Actuator model error near 0 V (35 µm) and error left by a jump (10 µm), Muralidhara et al. 2009, §2.2."""
 JUMP_HEIGHT_FACTOR = 1.5
 JUMP_SHARE_MAX = 0.3
-PAD_MARGIN_UM = 50.0
-"""Surface left between hole and reference pad, for the burr and the stages."""
 
 
 def actuator_voltage(job: Job) -> Iterator[Finding]:
@@ -45,8 +43,10 @@ def actuator_voltage(job: Job) -> Iterator[Finding]:
 
 
 def stroke(job: Job) -> Iterator[Finding]:
-    """Rule 2: the target is within the stroke."""
+    """Rule 2: the target is within the stroke; rule 10 for a way through, and for each of several places."""
     profile = job.profile
+    if profile.target.kind == "through" or profile.sites:
+        return
     needed_um, available_um = stroke_um(profile), stroke_available_um(profile, job.setup)
     if needed_um <= available_um:
         return
@@ -62,7 +62,16 @@ def stroke(job: Job) -> Iterator[Finding]:
         if wanted_v <= job.setup.actuator.stroke_v
         else f"; even {job.setup.actuator.stroke_v:g} V are not enough"
     )
-    if profile.target.kind == "depth":
+    if profile.path is not None and profile.target.kind == "depth":
+        wear_um = depth_and_wear_um(profile)[1]
+        yield Finding(
+            Code.STROKE,
+            ("target", "depth_um"),
+            f"a channel {profile.target.depth_um:g} µm deep is out of reach: with {wear_um:.0f} µm of tool wear "
+            f"over its length it needs {needs}",
+            f"make it less deep or shorter, use a tool that wears less{raising}",
+        )
+    elif profile.target.kind == "depth":
         yield Finding(
             Code.STROKE,
             ("target", "depth_um"),
@@ -79,22 +88,28 @@ def stroke(job: Job) -> Iterator[Finding]:
 
 
 def through_stroke(job: Job) -> Iterator[Finding]:
-    """Rule 10: a through hole has stroke for the sheet, the wear and the worn tip."""
+    """Rule 10: a through hole has stroke for the sheet, the wear and the worn tip.
+
+    Where the target is a depth or a feed nobody waits for the breakthrough, and rule 2 sees to the offset.
+    """
     profile, available_um = job.profile, stroke_available_um(job.profile, job.setup)
     if profile.work.kind != "through":
         return
-    thickness_um, ratio = profile.work.thickness_um, profile.wear.expected_ratio
-    tip_um = profile.tool.diameter_um / 2.0
-    thickest_um = max(available_um - tip_um, 0.0) / (1.0 + ratio)
-    needed_um = thickness_um * (1.0 + ratio) + tip_um
-    if needed_um > available_um:
-        yield Finding(
-            Code.THROUGH_STROKE,
-            ("work", "thickness_um"),
-            f"a hole through {thickness_um:g} µm needs {thickness_um:g} x {1 + ratio:g} + {tip_um:g} "
-            f"= {needed_um:.0f} µm of stroke; {profile.limits.stroke_v_max:g} V give {available_um:.0f} µm",
-            f"at most {math.floor(thickest_um)} µm thick, or drill a blind hole",
-        )
+    thickness_um, ratio, tip_um = profile.work.thickness_um, profile.wear.expected_ratio, completion(profile)
+    waits = profile.target.kind == "through"
+    beside_um = profile.approach.offset_um + STROKE_RESERVE_UM if waits else 0.0
+    thickest_um = max(available_um - tip_um - beside_um, 0.0) / (1.0 + ratio)
+    needed_um = thickness_um * (1.0 + ratio) + tip_um + beside_um
+    if needed_um <= available_um:
+        return
+    offset = f"offset {profile.approach.offset_um:g} + reserve {STROKE_RESERVE_UM:g} + " if waits else ""
+    yield Finding(
+        Code.THROUGH_STROKE,
+        ("work", "thickness_um"),
+        f"a hole through {thickness_um:g} µm needs {offset}{thickness_um:g} x {1 + ratio:g} + {tip_um:g} for the "
+        f"worn tip = {needed_um:.0f} µm of stroke; {profile.limits.stroke_v_max:g} V give {available_um:.0f} µm",
+        f"at most {math.floor(thickest_um)} µm thick, or drill a blind hole",
+    )
 
 
 def slope_against_feed(job: Job) -> Iterator[Finding]:
@@ -181,6 +196,8 @@ def approach_travel(job: Job) -> Iterator[Finding]:
 def pad_distance(job: Job) -> Iterator[Finding]:
     """Rule 22: the reference pad, as wide as the tool, keeps clear of the hole."""
     profile = job.profile
+    if profile.sites or profile.path is not None:
+        return
     apart_um, radius_um, gap_um = (
         profile.measure.site_dx_um,
         profile.tool.diameter_um / 2,
@@ -217,6 +234,7 @@ def jump(job: Job) -> Iterator[Finding]:
 
 def _jump_height(profile: Profile) -> Iterator[Finding]:
     j, (depth_um, wear_um) = profile.jump, depth_and_wear_um(profile)
+    wear_um = hole(profile).feed_um - depth_um if profile.path is None else wear_um
     least_um = JUMP_HEIGHT_FACTOR * minimum_height_um(
         depth_um, profile.tool.diameter_um, profile.work.side_gap_um
     )

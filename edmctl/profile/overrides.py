@@ -19,6 +19,10 @@ if TYPE_CHECKING:
 
 _DEEPEST = 32
 _BARE_WORD = re.compile(r"[A-Za-z][\w.+/ -]*")
+_SITES = re.compile(r"\s*sites\s*[.\[]")
+_HINT_SITES = (
+    "write all places, --set 'sites=[{x_um=600},{x_um=1000,y_um=400}]', or put them into the profile"
+)
 _HINT = "write --set servo.reference=0.82, with the value as in a file: 0.8 and not .8, text in quotes"
 
 
@@ -40,6 +44,10 @@ def apply_overrides(table: TomlTable, overrides: Sequence[str]) -> Overridden:
     lines: list[str] = []
     wrong: list[Diagnostic] = []
     for text in overrides:
+        if _SITES.match(text.partition("=")[0]):
+            message = f"cannot read --set {text}: sites is a list, and only the whole of it can be set"
+            wrong.append(_diagnostic(text, message, _HINT_SITES))
+            continue
         given = _parse(text)
         if given is None:
             wrong.append(
@@ -86,5 +94,5 @@ def _key_path(key: str) -> tuple[str, ...]:
     return path if len(path) <= _DEEPEST else ()
 
 
-def _diagnostic(text: str, message: str) -> Diagnostic:
-    return Diagnostic(Code.OVERRIDE, message, _HINT, Location(SET_OPTION, 1, 1, max(1, len(text)), text))
+def _diagnostic(text: str, message: str, hint: str = _HINT) -> Diagnostic:
+    return Diagnostic(Code.OVERRIDE, message, hint, Location(SET_OPTION, 1, 1, max(1, len(text)), text))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from edmctl.profile.adaptive_rules import adaptive_period, adaptive_thresholds
+from edmctl.profile.channel_rules import channel_depth, layer, path_keys, walls
 from edmctl.profile.codes import Code
 from edmctl.profile.draft import lacks_value, without
 from edmctl.profile.findings import Finding, Job
@@ -20,6 +22,14 @@ from edmctl.profile.motion_rules import (
     stroke,
     through_stroke,
 )
+from edmctl.profile.place_rules import (
+    array_stroke,
+    array_wear,
+    clear_of_each_other,
+    depths_of_places,
+    names,
+    sites_or_path,
+)
 from edmctl.profile.pulse_rules import (
     discharge_time,
     filter_corner,
@@ -30,6 +40,7 @@ from edmctl.profile.pulse_rules import (
 from edmctl.profile.target_rules import (
     blind_depth,
     feed_without_remeasuring,
+    through_target,
     tolerance,
     tool_wear,
 )
@@ -38,6 +49,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from edmctl.profile.model import Profile
+    from edmctl.profile.places import Place
     from edmctl.profile.setup import Setup
 
 RULES: tuple[Callable[[Job], Iterable[Finding]], ...] = (
@@ -60,18 +72,30 @@ RULES: tuple[Callable[[Job], Iterable[Finding]], ...] = (
     blind_depth,
     actuator_voltage,
     pad_distance,
+    through_target,
+    adaptive_period,
+    adaptive_thresholds,
+    channel_depth,
+    sites_or_path,
+    depths_of_places,
+    names,
+    walls,
+    clear_of_each_other,
+    array_wear,
+    array_stroke,
+    layer,
 )
 """Every rule, in order of its number. Rule 12 (one touch speed for Z1, Z2 and Z3) has no key to break it."""
 
 TIME_LIMIT_FORECASTS = 3.0
 
 
-def with_time_limit(profile: Profile, setup: Setup) -> Profile:
+def with_time_limit(profile: Profile, setup: Setup, places: tuple[Place, ...] = ()) -> Profile:
     """Fill in the time limit where none is given, from the forecast."""
     limits = profile.limits
     if "max_time_s" in limits.model_fields_set:
         return profile
-    time_s = TIME_LIMIT_FORECASTS * forecast(profile, setup).time_s
+    time_s = TIME_LIMIT_FORECASTS * forecast(profile, setup, places).time_s
     return profile.model_copy(update={"limits": limits.model_copy(update={"max_time_s": time_s})})
 
 
@@ -83,14 +107,16 @@ def in_share_only(profile: Profile) -> Profile:
     return profile.model_copy(update={"servo": servo})
 
 
-def violations(profile: Profile, setup: Setup) -> list[Finding]:
+def violations(profile: Profile, setup: Setup, places: tuple[Place, ...] = ()) -> list[Finding]:
     """Every violated rule, warnings included, in order.
 
     Rules that need a value which a draft lacks (see `edmctl.profile.draft`) are left out.
     """
     once = _held(reference_stated_once, Job(profile, setup))
-    job = Job(without(profile, ("servo", "reference")) if once else _with_share(profile), setup)
-    return [*once, *(finding for rule in RULES for finding in _held(rule, job))]
+    shaped = _held(path_keys, Job(profile, setup))
+    known = without(profile, ("servo", "reference")) if once else _with_share(profile)
+    job = Job(without(known, ("path",)) if shaped else known, setup, places)
+    return [*once, *shaped, *(finding for rule in RULES for finding in _held(rule, job))]
 
 
 def reference_stated_once(job: Job) -> Iterable[Finding]:

@@ -25,10 +25,15 @@ def profile_schema() -> dict[str, Any]:
 
 
 def _required_keys(schema: dict[str, Any]) -> dict[str, Any]:
-    """Take the required keys out of the tables' definitions: for each table, what it must hold."""
-    taken = {name: definition.pop("required", []) for name, definition in schema["$defs"].items()}
+    """Take the required keys out of the tables' definitions: for each table, what it must hold.
+
+    Items of a list keep theirs, because a list is inherited whole or not at all.
+    """
     found = {}
     for table, description in schema["properties"].items():
-        kinds = [taken[kind["$ref"].rpartition("/")[2]] for kind in description.get("oneOf", [description])]
-        found[table] = {"anyOf": [{"required": keys} for keys in kinds]}
+        kinds = description.get("oneOf", description.get("anyOf", [description]))
+        names = [kind["$ref"].rpartition("/")[2] for kind in kinds if "$ref" in kind]
+        if names:
+            taken = [schema["$defs"][name].pop("required", []) for name in names]
+            found[table] = {"anyOf": [{"required": keys} for keys in taken]}
     return found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from edmctl.profile.model import Table
+from edmctl.profile.table import Table
 
 
 class Actuator(Table):
@@ -46,6 +46,7 @@ class Stage(Table):
     park_x_um: float = Field(-5000.0, ge=-1e6, le=1e6)
     park_y_um: float = Field(0.0, ge=-1e6, le=1e6)
     speed_um_s: float = Field(1000.0, gt=0.0, le=1e6, description="travel, µm/s")
+    rotary_deg_s: float = Field(10.0, gt=0.0, le=1000.0, description="turning of the rotary table, degrees/s")
     repeatability_um: float = Field(1.0, ge=0.0, le=100.0, description="coming back to a place, µm")
 
 

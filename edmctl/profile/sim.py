@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from edmctl.profile.model import Profile, Table
+from edmctl.profile.model import Profile
+from edmctl.profile.table import Table
 
 
 class SimSettings(Table):
@@ -39,6 +40,12 @@ class SimSettings(Table):
     side_base: float = Field(0.03, ge=0.0, le=1.0, description="share of discharges at the wall")
     side_debris: float = Field(0.6, ge=0.0, le=10.0, description="more of them per debris fraction")
     side_gap_um: float = Field(8.0, gt=0.0, le=100.0, description="gap at the wall, µm")
+    tip_rounding_um: float = Field(
+        0.0,
+        ge=0.0,
+        le=100.0,
+        description="rounding of the tool's rim: how far its edge lies behind its tip, µm",
+    )
 
 
 class ProfileFile(Profile):

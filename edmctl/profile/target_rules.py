@@ -45,6 +45,8 @@ def feed_without_remeasuring(job: Job) -> Iterator[Finding]:
 def tool_wear(job: Job) -> Iterator[Finding]:
     """Rule 17: the tool is long enough for its wear."""
     tool, (_, wear_um) = job.profile.tool, depth_and_wear_um(job.profile)
+    if job.profile.sites:
+        return
     if wear_um > tool.max_wear_um:
         yield Finding(
             Code.TOOL_WEAR,
@@ -54,9 +56,33 @@ def tool_wear(job: Job) -> Iterator[Finding]:
         )
 
 
+def through_target(job: Job) -> Iterator[Finding]:
+    """Rule 23: whoever wants a way through says so of the work and of the target."""
+    work, target = job.profile.work, job.profile.target
+    if target.kind == "through" and work.kind != "through":
+        yield Finding(
+            Code.TARGET_KIND,
+            ("target", "kind"),
+            f'the target is a way through the sheet of {work.thickness_um:g} µm, but work.kind is "{work.kind}"',
+            'set work.kind = "through", and see that nothing under the sheet is in the way',
+        )
+    elif work.kind == "through" and target.kind != "through":
+        wanted_um = target.depth_um if target.kind == "depth" else target.feed_um
+        yield Finding(
+            Code.NOT_THROUGH,
+            ("target", "kind"),
+            f'work.kind is "through", but the target is a {target.kind} of {wanted_um:g} µm: the job ends there, '
+            f"whether or not it is through the sheet of {work.thickness_um:g} µm",
+            'use target.kind = "through" to wait for the breakthrough',
+        )
+
+
 def blind_depth(job: Job) -> Iterator[Finding]:
     """Rule 19: a blind hole ends inside the sheet."""
     work, (depth_um, _) = job.profile.work, depth_and_wear_um(job.profile)
+    depth_um = max((place.depth_um for place in job.places if place.depth_um > depth_um), default=depth_um)
+    if job.profile.target.kind == "through":
+        return
     if work.kind == "blind" and depth_um >= work.thickness_um:
         yield Finding(
             Code.BLIND_DEPTH,

@@ -16,8 +16,20 @@ if TYPE_CHECKING:
     from edmctl.profile.setup import Setup
 
 NAMES = ("cu270", "cu150", "w252")
+NEWER = ("array-3x3", "channel-rectangle", "channel-circle", "channel-spiral", "foil-through")
+PARENT = {
+    "cu270": None,
+    "cu150": "cu270",
+    "w252": "cu270",
+    "array-3x3": "cu150",
+    "foil-through": "cu150",
+    "channel-rectangle": "w252",
+    "channel-circle": "w252",
+    "channel-spiral": "w252",
+}
+"""What each shipped profile extends."""
 
-_TABLE = re.compile(r"^\[(\w+)\]")
+_TABLE = re.compile(r"^\[\[?(\w+)\]")
 _KEY = re.compile(r'^(\w+)(\s*=\s*)("[^"]*"|[^#\s]+)')
 
 
@@ -54,7 +66,7 @@ def with_line(text: str, number: int, line: str) -> str:
 
 
 def copy_shipped(folder: Path) -> None:
-    for name in NAMES:
+    for name in (*NAMES, *NEWER):
         (folder / f"{name}.toml").write_text(shipped_text(name), encoding="utf-8")
 
 

@@ -6,6 +6,8 @@ import pytest
 
 from edmctl.profile import load_profile
 from edmctl.profile.forecast import Forecast, forecast
+from edmctl.profile.measuring_time import approach_time_s, jumps_time_s, touch_time_s
+from edmctl.profile.rates import RECOVERY_S
 from edmctl.profile.setup import Setup
 
 
@@ -58,12 +60,15 @@ def test_the_servo_is_forecast_from_the_real_loop() -> None:
 
 
 def test_jumps_cost_their_share() -> None:
-    without, with_jumps = forecast_of("cu270", "jump.mode=off"), forecast_of("cu270", "jump.period_s=1.5")
+    without, with_jumps = forecast_of("cu270", "jump.mode=off"), forecast_of("cu270", "jump.period_s=2")
     assert without.jump_share == 0.0
-    assert with_jumps.jump_share == pytest.approx(0.08 / 1.5)
-    assert with_jumps.machining_time_s * (1.0 - with_jumps.jump_share) == pytest.approx(
-        without.machining_time_s
-    )
+    assert with_jumps.jump_share == pytest.approx(0.08 / 2.0)
+    left = 1.0 - with_jumps.jump_share - RECOVERY_S / 2.0
+    assert with_jumps.machining_time_s * left == pytest.approx(without.machining_time_s)
+
+
+def test_adaptive_jumps_are_forecast_as_if_they_kept_to_their_period() -> None:
+    assert forecast_of("cu270") == forecast_of("cu270", "jump.mode=fixed")
 
 
 def test_a_short_isopulse_removes_less() -> None:
@@ -74,7 +79,7 @@ def test_a_short_isopulse_removes_less() -> None:
 
 @pytest.mark.parametrize(
     ("overrides", "cuts"),
-    [((), 3), (("wear.remeasure=never",), 1), (("wear.remeasure=1",), 2), (("wear.max_cuts=2",), 2)],
+    [((), 2), (("wear.remeasure=never",), 1), (("wear.remeasure=1",), 2), (("wear.max_cuts=1",), 1)],
 )
 def test_cuts_and_measuring_time_follow_the_remeasuring(overrides: tuple[str, ...], cuts: int) -> None:
     f = forecast_of("cu270", *overrides)
@@ -85,5 +90,75 @@ def test_cuts_and_measuring_time_follow_the_remeasuring(overrides: tuple[str, ..
 def test_measuring_takes_longer_the_more_cuts() -> None:
     assert (
         forecast_of("cu270").measuring_time_s
-        > forecast_of("cu270", "wear.remeasure=never").measuring_time_s + 60.0
+        > forecast_of("cu270", "wear.remeasure=never").measuring_time_s + 40.0
     )
+
+
+def array_of(*overrides: str) -> Forecast:
+    loaded = load_profile("array-3x3", overrides)
+    return forecast(loaded.profile, Setup(), loaded.places)
+
+
+def test_an_array_adds_up() -> None:
+    one, nine = forecast_of("array-3x3"), array_of()
+    assert (one.holes, nine.holes) == (1, 9)
+    assert nine.machining_time_s == pytest.approx(9.0 * one.machining_time_s)
+    assert nine.tool_wear_um == pytest.approx(9.0 * one.wear_um)
+    assert (nine.depth_um, nine.feed_um) == (one.depth_um, one.feed_um)
+    assert nine.stroke_um == pytest.approx(one.stroke_um + 8.0 * one.wear_um)
+
+
+def test_what_one_hole_teaches_spares_the_others_their_stops() -> None:
+    assert array_of().stops <= 9 * forecast_of("array-3x3").stops / 2
+    assert array_of("wear.remeasure=never").stops == 9
+    assert array_of("wear.ratio_u_rel=0.5", "target.tolerance_um=0.6").stops > array_of().stops
+
+
+def test_a_tool_that_hardly_wears_is_measured_once() -> None:
+    assert (forecast_of("w252").cuts, forecast_of("w252").stops) == (2, 1)
+
+
+def test_the_way_between_places_takes_its_time() -> None:
+    near = array_of()
+    far = array_of("sites=[{kind='grid',x_um=500,columns=3,rows=3,dx_um=4000,dy_um=4000}]")
+    assert far.measuring_time_s > near.measuring_time_s + 8 * 3.6
+    crossing = "sites=[{x_um=500},{x_um=20000},{x_um=800},{x_um=19000}]"
+    assert array_of(crossing).time_s < array_of(crossing, "array.order=given").time_s - 20.0
+
+
+def test_turning_the_table_takes_its_time() -> None:
+    straight = array_of("sites=[{x_um=500},{x_um=900}]")
+    turned = array_of("sites=[{x_um=500},{x_um=900,theta_deg=90}]")
+    assert turned.measuring_time_s == pytest.approx(straight.measuring_time_s + 2 * 9.0)
+
+
+def test_a_deeper_place_counts_by_its_own_depth() -> None:
+    f = array_of("sites=[{x_um=500},{x_um=900,depth_um=40}]")
+    assert f.depth_um == 40.0
+    assert f.tool_wear_um == pytest.approx(0.427 * 60.0)
+
+
+def test_a_way_through_feeds_on_through_the_worn_tip() -> None:
+    f = forecast_of("foil-through")
+    assert f.depth_um == 50.0
+    assert f.feed_um == pytest.approx(50.0 * 1.427 + 75.0)
+    assert f.stroke_um == pytest.approx(f.feed_um + 65.0)
+    short = forecast_of("foil-through", "target={kind='through',completion_um=10}")
+    assert short.feed_um == pytest.approx(50.0 * 1.427 + 10.0)
+    assert short.machining_time_s < f.machining_time_s
+
+
+def test_a_time_limit_not_given_is_three_forecasts_of_all_holes() -> None:
+    loaded = load_profile("array-3x3", ["limits={stroke_v_max=120}"])
+    assert loaded.profile.limits.max_time_s == pytest.approx(3.0 * array_of().time_s)
+
+
+def test_approach_touch_and_jumps_take_their_time_alone() -> None:
+    profile = load_profile("cu270").profile
+    assert approach_time_s(profile, Setup()) > 47.0
+    slow = load_profile("cu270", ["approach.speed_um_s=0.5"]).profile
+    assert approach_time_s(slow, Setup()) > approach_time_s(profile, Setup()) + 46.0
+    more = load_profile("cu270", ["measure.touches=5"]).profile
+    assert touch_time_s(more, Setup()) == pytest.approx(touch_time_s(profile, Setup()) + 2 * 5.3)
+    assert jumps_time_s(profile, 6, 10.0) == 60.0
+    assert jumps_time_s(profile, 6, 0.01) == pytest.approx(6 * 0.08)

@@ -10,6 +10,7 @@ import pytest
 from edmctl.profile.codes import Code
 from tests.profile.documents import (
     NAMES,
+    NEWER,
     WrittenKey,
     copy_shipped,
     problems,
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 
 TYPE_CODES = {Code.WRONG_TYPE, Code.NOT_A_CHOICE, Code.SCHEMA_VERSION, Code.EXTENDS}
 RANGE_CODES = {Code.OUT_OF_RANGE, Code.NOT_A_CHOICE, Code.SCHEMA_VERSION}
-PARENT = {"cu270": None, "cu150": "cu270", "w252": "cu270"}
 OPTIONAL_TEXT = {"description"}
 
 
@@ -85,9 +85,10 @@ def key_mutants(text: str, at: WrittenKey) -> Iterator[Mutant]:
 def table_mutants(text: str) -> Iterator[Mutant]:
     for number, line in enumerate(text.split("\n"), 1):
         if line.startswith("["):
-            name = f"{line[1:-1]}x"
-            changed = with_line(text, number, f"[{name}]")
-            yield Mutant(f"[{name}]", changed, number, 2, name, frozenset({Code.UNKNOWN_KEY}))
+            name = line.strip("[]")
+            changed = with_line(text, number, line.replace(name, f"{name}x"))
+            column = line.index(name) + 1
+            yield Mutant(line, changed, number, column, f"{name}x", frozenset({Code.UNKNOWN_KEY}))
 
 
 def mutants(name: str) -> Iterator[Mutant]:
@@ -116,7 +117,7 @@ def test_there_are_more_than_five_hundred_mutants() -> None:
     assert sum(1 for name in NAMES for _ in mutants(name)) >= 500
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [*NAMES, *NEWER])
 def test_every_broken_key_and_value_is_pointed_at(name: str, tmp_path: Path) -> None:
     copy_shipped(tmp_path)
     path = tmp_path / f"{name}.toml"

@@ -16,6 +16,7 @@ from tests.profile.documents import problems
 
 ISOPULSE = "pulse.mode=isopulse"
 FEED_TARGET = 'target={kind="feed",feed_um=250}'
+THROUGH = 'target={kind="through"}'
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +92,7 @@ CASES = [
         ("pulse.current_a=0.9", "servo.forward_um_s=2.7"),
         ("pulse.current_a=0.9", "servo.forward_um_s=2.5"),
         "servo.forward_um_s",
-        ("2.5 µm/s", "1.2 times", "2.16 µm/s"),
+        ("2.5 µm/s", "1.2 times", "2.17 µm/s"),
     ),
     Case(
         Code.SLOPE_NEAR_FEED,
@@ -144,8 +145,8 @@ CASES = [
     ),
     Case(
         Code.JUMP,
-        ("jump.speed_um_s=60", "jump.period_s=7"),
-        ("jump.speed_um_s=60", "jump.period_s=6"),
+        ("jump.mode=fixed", "jump.speed_um_s=60", "jump.period_s=7"),
+        ("jump.mode=fixed", "jump.speed_um_s=60", "jump.period_s=6"),
         "jump.period_s",
         ("34 %", "60 µm", "20 ms", "6 s", "30 %"),
     ),
@@ -183,6 +184,76 @@ CASES = [
         ("work.kind=through", "work.thickness_um=160"),
         "work.thickness_um",
         ("160 µm", "1.389", "135", "357 µm", "356 µm"),
+    ),
+    Case(
+        Code.THROUGH_STROKE,
+        (THROUGH, "work.kind=through", "work.thickness_um=112"),
+        (THROUGH, "work.kind=through", "work.thickness_um=113"),
+        "work.thickness_um",
+        ("offset 50", "reserve 15", "113 x 1.389", "135", "357 µm", "356 µm"),
+    ),
+    Case(
+        Code.THROUGH_STROKE,
+        ('target={kind="through",completion_um=20}', "work.kind=through", "work.thickness_um=195"),
+        ('target={kind="through",completion_um=20}', "work.kind=through", "work.thickness_um=196"),
+        "work.thickness_um",
+        ("+ 20 for the worn tip", "357 µm"),
+    ),
+    Case(
+        Code.TARGET_KIND,
+        (THROUGH, "work.kind=through", "work.thickness_um=50"),
+        (THROUGH, "work.thickness_um=50"),
+        "target.kind",
+        ("50 µm", '"blind"'),
+    ),
+    Case(
+        Code.NOT_THROUGH,
+        (THROUGH, "work.kind=through", "work.thickness_um=50"),
+        ("target.kind=depth", "work.kind=through", "work.thickness_um=100"),
+        "target.kind",
+        ("a depth of 180 µm", "100 µm"),
+    ),
+    Case(
+        Code.ADAPTIVE,
+        ("jump.period_min_s=10",),
+        ("jump.period_min_s=10.1",),
+        "jump.period_min_s",
+        ("10.1 s", "10 s"),
+    ),
+    Case(
+        Code.ADAPTIVE,
+        ("adaptive.arc_low=0.049",),
+        ("adaptive.arc_low=0.05",),
+        "adaptive.arc_low",
+        ("0.05",),
+    ),
+    Case(
+        Code.ADAPTIVE,
+        ("adaptive.short_low=0.02",),
+        ("adaptive.short_low=0.03",),
+        "adaptive.short_low",
+        ("0.03",),
+    ),
+    Case(
+        Code.ADAPTIVE,
+        ("adaptive.reference_max=0.80",),
+        ("adaptive.reference_max=0.79",),
+        "adaptive.reference_max",
+        ("0.79", "0.8"),
+    ),
+    Case(
+        Code.ADAPTIVE,
+        ("adaptive.duty_min=0.30",),
+        ("adaptive.duty_min=0.31",),
+        "adaptive.duty_min",
+        ("0.31", "0.3"),
+    ),
+    Case(
+        Code.JUMP,
+        ("jump.period_min_s=0.27",),
+        ("jump.period_min_s=0.26",),
+        "jump.period_min_s",
+        ("31 %", "0.08 s", "0.26 s", "30 %"),
     ),
     Case(
         Code.TOLERANCE,
@@ -278,7 +349,9 @@ def test_a_rule_passes_refuses_and_says_its_numbers(case: Case) -> None:
         (Code.OFFSET, "approach.offset_um", "20", ()),
         (Code.JUMP_TOO_LOW, "jump.height_um", "10", ()),
         (Code.JUMP, "jump.height_um", "400", ()),
-        (Code.JUMP, "jump.period_s", "2", ("jump.speed_um_s=50",)),
+        (Code.JUMP, "jump.period_s", "2", ("jump.speed_um_s=50", "jump.mode=fixed")),
+        (Code.JUMP, "jump.period_min_s", "1", ("jump.speed_um_s=400",)),
+        (Code.THROUGH_STROKE, "work.thickness_um", "200", (THROUGH, "work.kind=through")),
         (Code.PULSE_TIMES, "pulse.frequency_hz", "40000", ()),
         (Code.TOLERANCE, "target.tolerance_um", "0.1", ("measure.max_sd_um=3",)),
         (Code.FILTER, "servo.filter_hz", "200", ()),
@@ -294,7 +367,9 @@ def test_the_number_in_the_hint_cures_it(code: Code, key: str, value: str, other
 
 
 def test_every_code_of_a_rule_is_tested_here() -> None:
-    tested = {case.code for case in CASES} | {Code.LIMIT_CYCLE, Code.ACTUATOR_VOLTAGE}
+    elsewhere = {Code.PATH_KEYS, Code.SITES_OR_PATH, Code.SITES, Code.OVERLAP}
+    elsewhere |= {Code.ARRAY_WEAR, Code.ARRAY_STROKE, Code.LAYER}
+    tested = {case.code for case in CASES} | {Code.LIMIT_CYCLE, Code.ACTUATOR_VOLTAGE} | elsewhere
     assert tested == {code for code in Code if code[1:3] == "31"}
 
 

@@ -1,0 +1,141 @@
+"""Cross-field rules of the places of a job's holes."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from edmctl.profile.amounts import hole
+from edmctl.profile.codes import Code
+from edmctl.profile.course import working_order
+from edmctl.profile.findings import PAD_MARGIN_UM, WALL_UM, Finding, Job, rounded_up
+from edmctl.profile.forecast import STROKE_RESERVE_UM, stroke_available_um
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from edmctl.profile.places import Place
+
+
+def sites_or_path(job: Job) -> Iterator[Finding]:
+    """Rule 26: a job makes holes or a channel."""
+    if job.profile.sites and job.profile.path is not None:
+        yield Finding(
+            Code.SITES_OR_PATH,
+            ("path",),
+            "the profile has both [[sites]] and [path], and a job makes either holes or a channel",
+            "remove one of the two; to drop inherited places write sites = []",
+        )
+
+
+def names(job: Job) -> Iterator[Finding]:
+    """Rule 27: every place has a name of its own."""
+    first: dict[str, Place] = {}
+    for place in job.places:
+        other = first.setdefault(place.name, place)
+        if other is not place:
+            yield Finding(
+                Code.SITES,
+                ("sites", place.entry),
+                f"two places are called {place.name}: ({other.x_um:g}, {other.y_um:g}) and "
+                f"({place.x_um:g}, {place.y_um:g}) µm",
+                "give one of them another name",
+            )
+            return
+
+
+def depths_of_places(job: Job) -> Iterator[Finding]:
+    """Rule 23: a place has a depth of its own only where depths are the target."""
+    kind = job.profile.target.kind
+    deep = next((place for place in job.places if not math.isnan(place.depth_um)), None)
+    if deep is not None and kind != "depth":
+        yield Finding(
+            Code.TARGET_KIND,
+            ("sites", deep.entry),
+            f'{deep.name} has depth_um {deep.depth_um:g}, but target.kind is "{kind}"',
+            'remove it, or use target.kind = "depth"',
+        )
+
+
+def clear_of_each_other(job: Job) -> Iterator[Finding]:
+    """Rule 28: a wall stands between holes, and between a hole and the reference pad."""
+    profile, stage = job.profile, job.setup.stage
+    gap_um = profile.work.side_gap_um
+    apart_um = profile.tool.diameter_um + 2.0 * gap_um + WALL_UM
+    if close := _closest(job.places, apart_um):
+        a, b, found_um = close
+        yield Finding(
+            Code.OVERLAP,
+            ("sites", b.entry),
+            f"{a.name} and {b.name} are {found_um:.0f} µm apart: hole {profile.tool.diameter_um:g} + 2 x side gap "
+            f"{gap_um:g} + wall {WALL_UM:g} = {apart_um:g} µm",
+            f"keep them {rounded_up(apart_um)} µm apart or more",
+        )
+    pad_um = profile.tool.diameter_um + gap_um + PAD_MARGIN_UM
+    for place in job.places:
+        found_um = math.hypot(place.x_um - stage.reference_x_um, place.y_um - stage.reference_y_um)
+        if found_um < pad_um and math.remainder(place.theta_deg, 360.0) == 0.0:
+            yield Finding(
+                Code.OVERLAP,
+                ("sites", place.entry),
+                f"{place.name} is {found_um:.0f} µm from the reference pad at ({stage.reference_x_um:g}, "
+                f"{stage.reference_y_um:g}) µm and overlaps it or its rim",
+                f"keep it {rounded_up(pad_um)} µm away or more",
+            )
+            return
+
+
+def array_wear(job: Job) -> Iterator[Finding]:
+    """Rules 17 and 29: the tool lasts for all places; if not, the job stops and says what is done."""
+    tool, worn_um = job.profile.tool, 0.0
+    ordered = working_order(job.profile, job.setup, job.places)
+    for number, place in enumerate(ordered):
+        worn_um += hole(job.profile, place.depth_um).wear_um
+        if worn_um > tool.max_wear_um:
+            yield Finding(
+                Code.ARRAY_WEAR if number else Code.TOOL_WEAR,
+                ("tool", "max_wear_um"),
+                f"the tool is worn by max_wear_um {tool.max_wear_um:g} µm at hole {number + 1} of {len(ordered)}, "
+                f"{place.name}: the job will stop there, with {number} done",
+                f"permit {rounded_up(job.forecast.tool_wear_um)} µm or more for all of them, or make several jobs",
+            )
+            return
+
+
+def array_stroke(job: Job) -> Iterator[Finding]:
+    """Rules 2 and 30: with the wear carried over, every place is within the stroke, for there is no coarse Z."""
+    profile = job.profile
+    available_um = stroke_available_um(profile, job.setup)
+    ordered, worn_um = working_order(profile, job.setup, job.places), 0.0
+    for number, place in enumerate(ordered):
+        one = hole(profile, place.depth_um)
+        needed_um = profile.approach.offset_um + worn_um + one.feed_um + STROKE_RESERVE_UM
+        if needed_um > available_um:
+            yield Finding(
+                Code.ARRAY_STROKE if number else Code.STROKE,
+                ("sites", place.entry),
+                f"hole {number + 1} of {len(ordered)}, {place.name}, is out of reach: offset "
+                f"{profile.approach.offset_um:g} + tool wear so far {worn_um:.0f} + feed {one.feed_um:.0f} + "
+                f"reserve {STROKE_RESERVE_UM:g} = {needed_um:.0f} µm of stroke, but "
+                f"{profile.limits.stroke_v_max:g} V give {available_um:.0f} µm",
+                f"{number} fit: make the others another job, with the tool set anew"
+                if number
+                else "make it less deep, or raise limits.stroke_v_max",
+            )
+            return
+        worn_um += one.wear_um
+
+
+def _closest(places: tuple[Place, ...], apart_um: float) -> tuple[Place, Place, float] | None:
+    """The two places that are closest, if they are closer than this; places of another angle do not meet."""
+    found: tuple[Place, Place, float] | None = None
+    swept = sorted(places, key=lambda place: place.x_um)
+    for index, a in enumerate(swept):
+        for b in swept[index + 1 :]:
+            if b.x_um - a.x_um >= apart_um:
+                break
+            distance_um = math.hypot(b.x_um - a.x_um, b.y_um - a.y_um)
+            turned = math.remainder(b.theta_deg - a.theta_deg, 360.0) != 0.0
+            if distance_um < (found[2] if found else apart_um) and not turned:
+                found = (a, b, distance_um)
+    return found

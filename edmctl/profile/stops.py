@@ -1,0 +1,151 @@
+"""Which cuts a job will be made of, and which of them are measured: as the job decides, without its surprises.
+
+The same arithmetic of uncertainty decides as during the job (`edmctl.process.next_cut`), here with wear and removal
+exactly as the recipe expects them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from edmctl.process.erosion import hole_area_um2
+from edmctl.process.live_erosion import Energy, ErosionEstimate
+from edmctl.process.next_cut import FIRST_GAP_U_UM, GAP_U_UM, is_done, next_cut
+from edmctl.profile.rates import SIDE_DISCHARGE_SHARE, feed_rate_um_s
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from edmctl.profile.amounts import Hole
+    from edmctl.profile.model import Profile
+    from edmctl.profile.setup import Setup
+
+READING_U_UM = 0.15
+"""Standard uncertainty of one reading of a surface."""
+SET_U_UM = 0.10
+"""Of the difference of two readings taken one after the other, by their scatter."""
+FACE_U_UM = 0.20
+"""Of the face at a place after a plane was fitted to three touches."""
+BETWEEN_S = 60.0
+"""From touch to touch besides the machining."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cut:
+    """One cut: how far it feeds, and whether a measuring stop follows."""
+
+    feed_um: float
+    measured: bool
+
+
+def cut_budget(profile: Profile) -> int:
+    """How many cuts a hole may take."""
+    wear = profile.wear
+    if profile.target.kind != "depth" or wear.remeasure == "never":
+        return 1
+    return wear.max_cuts if wear.remeasure == "auto" else min(wear.remeasure + 1, wear.max_cuts)
+
+
+def planned_cuts(
+    profile: Profile, setup: Setup, holes: Sequence[Hole], away_um: Sequence[float], *, plane: bool
+) -> list[list[Cut]]:
+    """The cuts of every hole, in working order, each `away_um` from the reference pad.
+
+    `plane` says whether the face is touched at three places before.
+    """
+    plan = _Plan(profile, setup, plane=plane)
+    last = len(holes) - 1
+    pairs = zip(holes, away_um, strict=True)
+    return [plan.hole(one, way_um, is_last=i == last) for i, (one, way_um) in enumerate(pairs)]
+
+
+class _Plan:
+    """What is known while the holes are made one after the other."""
+
+    def __init__(self, profile: Profile, setup: Setup, *, plane: bool) -> None:
+        work, wear, tool = profile.work, profile.wear, profile.tool
+        self._profile = profile
+        self._setup = setup
+        self._plane = plane
+        self._area_um2 = hole_area_um2(tool.diameter_um, work.side_gap_um)
+        self._estimate = ErosionEstimate(
+            removal_um3_per_uj=work.removal_um3_per_uj * (1.0 - SIDE_DISCHARGE_SHARE),
+            removal_u_rel=work.removal_u_rel,
+            wear_ratio=wear.expected_ratio,
+            ratio_u_rel=wear.ratio_u_rel,
+            hole_area_um2=self._area_um2,
+        )
+        self._wear_u_um = 0.0
+        self._since_s = BETWEEN_S
+
+    def hole(self, one: Hole, away_um: float, *, is_last: bool) -> list[Cut]:
+        """The cuts of the next hole."""
+        target, wear = self._profile.target, self._profile.wear
+        if cut_budget(self._profile) == 1 or target.kind != "depth":
+            return [Cut(one.feed_um, measured=True)]
+        fresh = self._estimate.fits == 0
+        before = self._estimate if fresh else self._estimate.next_hole()
+        estimate, face_u_um = before, self._face_u_um(away_um)
+        start_u_um = math.hypot(READING_U_UM, self._wear_u_um, self._drift_um(), face_u_um)
+        gap_u_um = FIRST_GAP_U_UM if fresh else GAP_U_UM
+        cut = next_cut(
+            estimate,
+            target_um=one.depth_um,
+            remaining_um=one.depth_um,
+            tolerance_um=target.tolerance_um,
+            start_u_um=start_u_um,
+            gap_u_um=gap_u_um,
+            largest_um=one.depth_um * (wear.first_fraction if fresh else 1.0),
+            begun=False,
+        )
+        cuts: list[Cut] = []
+        depth_um = 0.0
+        while True:
+            measured = cut.measured or wear.remeasure != "auto" or (is_last and not cuts)
+            cuts.append(Cut(cut.feed_um, measured))
+            self._since_s += cut.feed_um / feed_rate_um_s(self._profile, one.depth_um)
+            if not measured:
+                split = estimate.split(
+                    cut.feed_um, math.hypot(start_u_um, gap_u_um), self._energy(estimate, cut.depth_um)
+                )
+                self._wear_u_um += split.wear_u_um
+                return cuts
+            depth_um += cut.depth_um
+            depth_u_um, worn_u_um = self._found_u_um(depth_um, face_u_um)
+            estimate = before.fitted(
+                self._energy(before, depth_um), depth_um, depth_u_um, before.wear_ratio * depth_um, worn_u_um
+            )
+            self._estimate, self._wear_u_um, self._since_s = estimate, 0.0, BETWEEN_S
+            remaining_um = one.depth_um - depth_um
+            if len(cuts) >= cut_budget(self._profile) or is_done(remaining_um, target.tolerance_um, SET_U_UM):
+                return cuts
+            start_u_um, gap_u_um = depth_u_um, GAP_U_UM
+            cut = next_cut(
+                estimate,
+                target_um=one.depth_um,
+                remaining_um=remaining_um,
+                tolerance_um=target.tolerance_um,
+                start_u_um=start_u_um,
+                begun=True,
+            )
+
+    def _energy(self, estimate: ErosionEstimate, depth_um: float) -> Energy:
+        """Energy of the discharges that make a hole so deep, as far as is known."""
+        return Energy(depth_um * self._area_um2 / estimate.removal_um3_per_uj, 0.0)
+
+    def _face_u_um(self, away_um: float) -> float:
+        """Standard uncertainty of the face's height over the pad's."""
+        return FACE_U_UM if self._plane else 1e-3 * self._setup.surface.tilt_u_mrad * away_um
+
+    def _drift_um(self) -> float:
+        return self._setup.sensor.drift_um_per_s * self._since_s
+
+    def _found_u_um(self, depth_um: float, face_u_um: float) -> tuple[float, float]:
+        """Standard uncertainties of a measured depth, and of the wear that goes with it."""
+        sensor = self._setup.sensor
+        wear_um = self._profile.wear.expected_ratio * depth_um
+        depth_u_um = math.hypot(SET_U_UM, sensor.gain_u_rel * depth_um, sensor.linearity_u_um, face_u_um)
+        wear_u_um = math.hypot(SET_U_UM, sensor.gain_u_rel * wear_um, sensor.linearity_u_um, self._drift_um())
+        return depth_u_um, wear_u_um

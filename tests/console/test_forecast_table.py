@@ -1,0 +1,42 @@
+"""The forecast of a hole, of an array and of a channel, as a table."""
+
+from __future__ import annotations
+
+from edmctl.console.forecast_table import render_forecast
+from edmctl.profile import Setup, load_profile
+from edmctl.profile.forecast import forecast
+
+
+def table_of(name: str) -> dict[str, list[str]]:
+    """Rows by their name; the last of a name holds."""
+    loaded = load_profile(name)
+    text = render_forecast(name, forecast(loaded.profile, Setup(), loaded.places))
+    rows = [line.split("   ") for line in text.splitlines()[1:]]
+    return {row[0].strip(): [cell.strip() for cell in row[1:] if cell.strip()] for row in rows}
+
+
+def test_one_hole_has_no_row_of_holes() -> None:
+    table = table_of("cu270")
+    assert "holes" not in table
+    assert table["depth"] == ["180.00 µm"]
+    assert table["tool wear"] == ["70.02 µm"]
+    assert table["feed"][1].endswith("µm/s")
+    assert table["measuring"][1] == "2 stops"
+
+
+def test_an_array_tells_its_holes_and_the_wear_of_all() -> None:
+    table = table_of("array-3x3")
+    assert table["holes"] == ["9"]
+    assert table["depth"] == ["20.00 µm", "each"]
+    assert table["tool wear"] == ["76.86 µm", "in all"]
+
+
+def test_a_channel_tells_its_length_layers_and_wear() -> None:
+    table = table_of("channel-rectangle")
+    assert table["channel"] == ["2000.00 µm", "10 layers"]
+    assert table["tool wear"] == ["13.44 µm", "over the whole channel"]
+    assert "cut" not in table["machining"][1]
+
+
+def test_a_hole_through_a_foil_feeds_on_beyond_it() -> None:
+    assert table_of("foil-through")["feed"][0] == "146.35 µm"

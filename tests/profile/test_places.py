@@ -1,0 +1,299 @@
+"""Places of holes: what points, grids, circles and files stand for, and what is refused of them."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+import pytest
+
+from edmctl.errors import ProfileError
+from edmctl.profile import load_profile
+from edmctl.profile.codes import Code
+from edmctl.profile.places import MOST_PLACES, Place, places
+from tests.profile.documents import problems
+
+GRID = 'sites=[{kind="grid",x_um=500,columns=3,rows=2,dx_um=300,dy_um=400}]'
+SHALLOW = ("target.depth_um=20", "jump.height_um=60", "limits.max_time_s=1e5")
+
+
+def placed(*overrides: str) -> tuple[Place, ...]:
+    return load_profile("cu150", (*SHALLOW, *overrides)).places
+
+
+def where(found: tuple[Place, ...]) -> list[tuple[str, float, float]]:
+    return [(place.name, round(place.x_um, 6), round(place.y_um, 6)) for place in found]
+
+
+def sheet(folder: Path, text: str) -> Path:
+    """A profile whose places are in a CSV file beside it."""
+    (folder / "places.csv").write_text(text, encoding="utf-8")
+    profile = folder / "p.toml"
+    profile.write_text(
+        'extends = "cu150.toml"\n[meta]\nname = "p"\n[target]\nkind = "depth"\ndepth_um = 20.0\n'
+        '[jump]\nheight_um = 60.0\n[[sites]]\nkind = "file"\npath = "places.csv"\n',
+        encoding="utf-8",
+    )
+    return profile
+
+
+def codes(*overrides: str) -> list[str]:
+    return [d.code for d in problems("cu150", *SHALLOW, *overrides)]
+
+
+def test_a_profile_without_sites_has_no_places() -> None:
+    assert placed() == ()
+
+
+def test_a_site_is_a_point_unless_it_says_otherwise() -> None:
+    (first, second) = placed(
+        'sites=[{x_um=500},{kind="point",name="b",x_um=900,y_um=-3,theta_deg=30,depth_um=12}]'
+    )
+    assert (first.name, first.x_um, first.y_um, first.theta_deg) == ("site-1", 500.0, 0.0, 0.0)
+    assert math.isnan(first.depth_um)
+    assert second == Place("b", 900.0, -3.0, 30.0, 12.0, 1)
+
+
+def test_a_grid_goes_row_by_row_each_in_the_same_direction() -> None:
+    assert where(placed(GRID)) == [
+        ("grid-1", 500.0, 0.0),
+        ("grid-2", 800.0, 0.0),
+        ("grid-3", 1100.0, 0.0),
+        ("grid-4", 500.0, 400.0),
+        ("grid-5", 800.0, 400.0),
+        ("grid-6", 1100.0, 400.0),
+    ]
+
+
+def test_a_circle_begins_at_its_first_direction_and_goes_from_x_to_y() -> None:
+    circle = 'sites=[{kind="circle",name="c",x_um=1000,radius_um=400,count=4,start_deg=90}]'
+    assert where(placed(circle)) == [
+        ("c-1", 1000.0, 400.0),
+        ("c-2", 600.0, 0.0),
+        ("c-3", 1000.0, -400.0),
+        ("c-4", 1400.0, 0.0),
+    ]
+
+
+def test_a_file_holds_places_in_columns_of_any_order(tmp_path: Path) -> None:
+    text = "\ufeffy_um, x_um,depth_um,name\n0,500,,a\n\n-400.5,900,15,\n"
+    found = load_profile(str(sheet(tmp_path, text))).places
+    assert where(found) == [("a", 500.0, 0.0), ("site-2", 900.0, -400.5)]
+    assert math.isnan(found[0].depth_um)
+    assert found[1].depth_um == 15.0
+
+
+def test_a_file_is_beside_the_profile_that_names_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    inner = tmp_path / "inner"
+    inner.mkdir()
+    sheet(inner, "x_um,y_um\n500,0\n")
+    (tmp_path / "child.toml").write_text('extends = "inner/p.toml"\n', encoding="utf-8")
+    monkeypatch.chdir("/")
+    assert len(load_profile(str(tmp_path / "child.toml")).places) == 1
+
+
+def test_a_file_named_on_the_command_line_is_beside_the_user(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "mine.csv").write_text("x_um,y_um\n500,0\n900,0\n", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    assert len(placed('sites=[{kind="file",path="mine.csv"}]')) == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "column", "message", "hint"),
+    [
+        ("x_um,y_um\n500,0\n9oo,0\n", 3, 1, "x_um = 9oo is no number", "-1e+06 to 1e+06"),
+        ("x_um,y_um\n500, nan\n", 2, 6, "y_um = nan is out of range", "a number"),
+        ("x_um,y_um\n500,2e6\n", 2, 5, "y_um = 2e6 is out of range", "1e+06"),
+        ("x_um,y_um,depth_um\n500,0,-1\n", 2, 7, "depth_um = -1 is out of range", "above 0"),
+        ("x_um,y_um\n,0\n", 2, 1, "x_um is missing", "a number"),
+        ("x_um,y_um\n500\n", 2, 1, "y_um is missing", "a number"),
+        ("x_um;y_um\n500;0\n", 1, 1, "not separated by commas", "x_um,y_um"),
+        ("x_um,yum\n500,0\n", 1, 6, "unknown column yum", "did you mean y_um?"),
+        ("name,x_um\na,500\n", 1, 1, "the column y_um is missing", "names the columns"),
+        ("x_um,y_um,x_um\n1,2,3\n", 1, 11, "the column x_um stands twice", "remove one"),
+        ("x_um,y_um\n500,0,3\n", 2, 1, "3 cells under 2 columns", "comma"),
+        ('x_um,y_um\n500,"0\n', 2, 1, "no CSV", "names the columns"),
+        ("x_um,y_um\n500,\x000\n", 2, 5, "y_um = \x000 is no number", "a number"),
+        ("x_um,y_um\n", 1, 1, "holds no places", "each further line"),
+        ("", 1, 1, "holds no places", "x_um,y_um"),
+    ],
+)
+def test_a_wrong_line_is_pointed_at(
+    tmp_path: Path, text: str, line: int, column: int, message: str, hint: str
+) -> None:
+    (found,) = problems(sheet(tmp_path, text))
+    assert found.code == Code.PLACES_FILE
+    assert message in found.message
+    assert hint in found.hint
+    assert found.where is not None
+    assert (Path(found.where.file).name, found.where.line, found.where.column) == ("places.csv", line, column)
+
+
+def test_all_wrong_lines_are_told_at_once_with_the_violated_rules(tmp_path: Path) -> None:
+    profile = sheet(tmp_path, "x_um,y_um\na,0\n500,b\n")
+    found = problems(profile, "approach.offset_um=40")
+    assert sorted(d.code for d in found) == [Code.PLACES_FILE, Code.PLACES_FILE, Code.OFFSET]
+
+
+@pytest.mark.parametrize("name", ["gone.csv", ".", "x" * 300])
+def test_a_file_that_cannot_be_read_is_told_where_it_is_named(tmp_path: Path, name: str) -> None:
+    profile = sheet(tmp_path, "x_um,y_um\n500,0\n")
+    profile.write_text(profile.read_text(encoding="utf-8").replace("places.csv", name), encoding="utf-8")
+    (found,) = problems(profile)
+    assert found.code == Code.PLACES_FILE
+    assert found.where is not None
+    assert Path(found.where.file).name == "p.toml"
+
+
+def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
+    profile = sheet(tmp_path, "")
+    (tmp_path / "places.csv").write_bytes(b"x_um,y_um\n\xff,1\n")
+    assert "not UTF-8" in problems(profile)[0].message
+
+
+def test_the_hash_knows_the_places_of_a_file(tmp_path: Path) -> None:
+    first = load_profile(str(sheet(tmp_path, "x_um,y_um\n500,0\n")))
+    again = load_profile(str(sheet(tmp_path, "y_um,x_um\n0,500.0\n")))
+    other = load_profile(str(sheet(tmp_path, "x_um,y_um\n501,0\n")))
+    assert first.sha256 == again.sha256
+    assert first.sha256 != other.sha256
+
+
+def test_two_places_of_one_name_are_refused() -> None:
+    (found,) = problems("cu150", *SHALLOW, 'sites=[{name="a",x_um=500},{x_um=900},{name="a",x_um=1300}]')
+    assert found.code == Code.SITES
+    assert "called a: (500, 0) and (1300, 0)" in found.message
+
+
+def test_more_places_than_a_tool_lasts_for_are_refused() -> None:
+    assert codes('sites=[{kind="grid",x_um=500,columns=1000,rows=1000,dx_um=300,dy_um=300}]') == [Code.SITES]
+    with pytest.raises(ProfileError, match=str(MOST_PLACES)):
+        load_profile(
+            "cu150", [*SHALLOW, 'sites=[{kind="circle",x_um=0,radius_um=9e5,count=999},{x_um=3},{x_um=4}]']
+        )
+
+
+def test_holes_keep_a_wall_between_them() -> None:
+    # hole 150 + 2 x 8 and a wall of 20
+    assert codes("sites=[{x_um=500},{x_um=686}]") == []
+    (found,) = problems("cu150", *SHALLOW, "sites=[{x_um=500},{x_um=900},{x_um=685}]")
+    assert found.code == Code.OVERLAP
+    assert "site-1 and site-3 are 185 µm apart" in found.message
+    assert "186 µm" in found.hint
+    assert found.where is not None
+    assert found.where.source_line[found.where.column - 1 :].startswith("{x_um=685}")
+
+
+def test_places_at_another_angle_of_the_table_do_not_meet() -> None:
+    assert codes("sites=[{x_um=500},{x_um=500,theta_deg=30}]") == []
+    assert codes("sites=[{x_um=500},{x_um=500,theta_deg=360}]") == [Code.OVERLAP]
+
+
+def test_holes_keep_clear_of_the_reference_pad() -> None:
+    assert codes("sites=[{x_um=0,y_um=208}]") == []
+    assert codes("sites=[{x_um=0,y_um=207}]") == [Code.OVERLAP]
+
+
+def test_a_depth_of_a_place_needs_a_depth_for_a_target() -> None:
+    sites = "sites=[{x_um=500,depth_um=30}]"
+    assert codes(sites) == []
+    assert codes(sites, 'target={kind="feed",feed_um=60}') == [Code.TARGET_KIND]
+
+
+def test_the_tool_wears_from_hole_to_hole() -> None:
+    # 8.54 µm each
+    assert codes(GRID, "tool.max_wear_um=52") == []
+    (found,) = problems("cu150", *SHALLOW, GRID, "tool.max_wear_um=40")
+    assert found.code == Code.ARRAY_WEAR
+    assert found.is_warning
+    assert "at hole 5 of 6, grid-" in found.message
+    assert "with 4 done" in found.message
+    assert "51.3 µm" in found.hint
+    assert codes(GRID, "tool.max_wear_um=8") == [Code.TOOL_WEAR]
+
+
+def test_the_wear_so_far_takes_from_the_stroke() -> None:
+    # offset 50 + reserve 15 leave 291 µm; the first needs 142.7, wear 42.7 each
+    deep = ("target.depth_um=100", "array.order=given", "limits.max_time_s=1e5")
+    (found,) = problems("cu150", *deep, GRID)
+    assert found.code == Code.ARRAY_STROKE
+    assert "hole 5 of 6, grid-5, is out of reach" in found.message
+    assert "wear so far 171 + feed 143" in found.message
+    assert found.hint.startswith("4 fit")
+    assert [d.code for d in problems("cu150", *deep, "target.depth_um=210", GRID)] == [Code.STROKE]
+
+
+def test_a_deeper_place_is_within_the_stroke_by_its_own_depth() -> None:
+    assert codes("sites=[{x_um=500,depth_um=203}]") == []
+    assert codes("sites=[{x_um=500,depth_um=205}]") == [Code.STROKE]
+
+
+def test_a_blind_place_ends_inside_the_sheet() -> None:
+    assert codes("sites=[{x_um=500,depth_um=90}]", "work.thickness_um=80") == [Code.BLIND_DEPTH]
+
+
+@pytest.mark.parametrize("override", ["sites.x_um=3", "sites[0].x_um=3", "sites [1] = 3"])
+def test_one_value_of_a_list_cannot_be_set(override: str) -> None:
+    (found,) = problems("cu150", override)
+    assert found.code == Code.OVERRIDE
+    assert "only the whole of it" in found.message
+    assert "sites=[{x_um=600}" in found.hint
+
+
+@pytest.mark.parametrize(
+    ("sites", "code", "blamed", "hint"),
+    [
+        ("[{x_um=500},{x_um='a'}]", Code.WRONG_TYPE, "'a'", "a number"),
+        ("[{x_um=500},{xum=3}]", Code.UNKNOWN_KEY, "xum", "did you mean x_um?"),
+        ("[{x_um=500,kind=3}]", Code.NOT_A_CHOICE, "3", '"point" or "grid" or "circle" or "file"'),
+        ("[{x_um=500,kind='gird'}]", Code.NOT_A_CHOICE, "'gird'", '"grid"'),
+        ("[{x_um=500},{}]", Code.MISSING_KEY, "{}", "add x_um to [[sites]]"),
+        ("[{x_um=500,colums=3}]", Code.UNKNOWN_KEY, "colums", "did you mean columns?"),
+        ("[{x_um=500,columns=3}]", Code.UNKNOWN_KEY, "columns", "change kind"),
+        ("[3]", Code.WRONG_TYPE, "3", "a list of tables"),
+        ("3", Code.WRONG_TYPE, "3", "a list of tables"),
+    ],
+)
+def test_a_wrong_item_is_pointed_at(sites: str, code: Code, blamed: str, hint: str) -> None:
+    found = next(d for d in problems("cu150", *SHALLOW, f"sites={sites}") if d.code == code)
+    assert hint in found.hint
+    assert found.where is not None
+    start = found.where.column - 1
+    assert found.where.source_line[start : start + found.where.length] == blamed
+
+
+def test_a_wrong_item_in_an_array_of_tables_has_its_line(tmp_path: Path) -> None:
+    path = tmp_path / "p.toml"
+    path.write_text(
+        'extends = "array-3x3.toml"\n[[sites]]\nx_um = 500\n[[sites]]\nkind = "grid"\nx_um = 600\nrows = 0\n'
+        "columns = 1\n",
+        encoding="utf-8",
+    )
+    found = {d.code: d.where for d in problems(path)}
+    missing, low = found[Code.MISSING_KEY], found[Code.OUT_OF_RANGE]
+    assert missing is not None
+    assert low is not None
+    assert (missing.line, missing.column) == (4, 3)
+    assert (low.line, low.column) == (7, 8)
+
+
+def test_the_example_of_the_page_loads(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs/profile.md").read_text(encoding="utf-8")
+    (written,) = re.findall(r"```toml\n(\[\[sites\]\].*?)```", page, flags=re.DOTALL)
+    (rows,) = re.findall(r"```\n(name,x_um.*?)```", page, flags=re.DOTALL)
+    profile = sheet(tmp_path, rows)
+    head = profile.read_text(encoding="utf-8").partition("[[sites]]")[0]
+    profile.write_text(f"{head}{written}[limits]\nmax_time_s = 1e5\n", encoding="utf-8")
+    found = load_profile(str(profile))
+    assert found.warnings == ()
+    assert [place.name for place in found.places] == ["inlet", *(f"hole-{n}" for n in range(1, 7)), "a", "b"]
+
+
+def test_places_are_read_from_the_folder_that_is_said(tmp_path: Path) -> None:
+    profile = load_profile(str(sheet(tmp_path, "x_um,y_um\n500,0\n"))).profile
+    assert len(places(profile, tmp_path)) == 1
+    with pytest.raises(ProfileError):
+        places(profile, tmp_path / "nowhere")
