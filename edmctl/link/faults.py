@@ -248,7 +248,11 @@ FAULTS: dict[int, FaultRow] = {
         name="ARC_BURN",
         who="controller",
         detect="arc_run consecutive arcs",
-        reaction="retract to 0 V, hold, latch",
+        reaction=(
+            "retract to 0 V, hold, latch; in a cut the host clears it and comes back: first after a pause, "
+            "then with a wider gap and longer pauses between pulses; a third one within 10 s of sparking ends"
+            " the job"
+        ),
         message="The discharges turned into an arc that stays in one place.",
         hint="Flush better (shorter jump.period_s, greater jump.height_um) or lower pulse.duty.",
         exit_code=6,

@@ -1,4 +1,4 @@
-"""Messages of EDM Link 1.2.
+"""Messages of EDM Link 1.3.
 
 Made from edmlink1.toml by `python -m edmctl.link.generate`; edit that file, not this one.
 Fields carry physical values; the comment beside each says type and size of one count on the wire.
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     import numpy as np
 
 PROTO_MAJOR = 1
-PROTO_MINOR = 2
-SCHEMA_HASH = 0xF7241EA0
+PROTO_MINOR = 3
+SCHEMA_HASH = 0xC09AA30E
 
 _HELLO = Struct("<BBII")
 _HELLO_REPLY = Struct("<BBIIBBBI12sHHHBIBHBBI")
@@ -54,6 +54,8 @@ _APPROACH = Struct("<IIH")
 _SERVO_START = Struct("<HiI")
 _JUMP = Struct("<IIHI")
 _TOUCH_OFF = Struct("<IiIiIHB")
+_SCAN_START = Struct("<HiI")
+_PATH_MOVE = Struct("<iiIiB")
 _PULSE_CONFIG = Struct("<IIHHBI")
 _PULSE_ENABLE = Struct("<B")
 _TLM_START = Struct("<HBB")
@@ -156,6 +158,7 @@ class EventCode(IntEnum):
     TIME_UP = 8
     STOPPED = 9
     TEST_DONE = 10
+    PATH_DONE = 11
 
 
 class ResetCause(IntEnum):
@@ -1279,6 +1282,115 @@ class SelfTestReply:
 
 
 @dataclass(frozen=True, slots=True)
+class ScanStart:
+    """Gap servo as in SERVO_START, but a tool that reaches z_limit_um is held there and the cut goes on,
+    while the stages follow the lines of PATH_MOVE. Ends after the line marked last (PATH_DONE) or when
+    max_time_s passes (TIME_UP); then pulses off, tool held.
+    """
+
+    ID: ClassVar[int] = 0x1E
+    NAME: ClassVar[str] = "SCAN_START"
+
+    gap_ref_v: float  # u16 × 0.005 V
+    z_limit_um: float  # i32 × 0.001 um
+    max_time_s: float  # u32 × 0.001 s
+
+    def pack(self) -> bytes:
+        try:
+            return _SCAN_START.pack(
+                round(self.gap_ref_v * 200),
+                round(self.z_limit_um * 1000),
+                round(self.max_time_s * 1000),
+            )
+        except MISFIT as error:
+            raise misfit(self, error) from None
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> Self:
+        if len(payload) != 10:
+            raise wrong_length("SCAN_START", 10, len(payload))
+        gap_ref_v, z_limit_um, max_time_s = _SCAN_START.unpack(payload)
+        return cls(gap_ref_v / 200, z_limit_um / 1000, max_time_s / 1000)
+
+    def unpack_reply(self, payload: bytes) -> ScanStartReply:
+        return ScanStartReply.unpack(payload)
+
+
+@dataclass(frozen=True, slots=True)
+class ScanStartReply:
+    """Reply to SCAN_START."""
+
+    ID: ClassVar[int] = 0x1E
+    NAME: ClassVar[str] = "SCAN_START_REPLY"
+
+    def pack(self) -> bytes:
+        return b""
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> Self:
+        if payload:
+            raise wrong_length("SCAN_START_REPLY", 0, len(payload))
+        return cls()
+
+
+@dataclass(frozen=True, slots=True)
+class PathMove:
+    """Appends a straight line of the X and Y stages together, from where the line before it ends, to a queue
+    of 16; BUSY when the queue is full. MACHINING after SCAN_START only, and not after the line marked last.
+    On the way the limit of the scan goes linearly to z_limit_um. The stages stand still while the gap is
+    shorted or a JUMP runs.
+    """
+
+    ID: ClassVar[int] = 0x1F
+    NAME: ClassVar[str] = "PATH_MOVE"
+
+    x_um: float  # i32 × 0.001 um: end of the line
+    y_um: float  # i32 × 0.001 um
+    speed_um_s: float  # u32 × 0.001 um/s: along the line
+    z_limit_um: float  # i32 × 0.001 um: limit of the displacement at its end
+    last: int  # u8: 1: the scan ends with this line
+
+    def pack(self) -> bytes:
+        try:
+            return _PATH_MOVE.pack(
+                round(self.x_um * 1000),
+                round(self.y_um * 1000),
+                round(self.speed_um_s * 1000),
+                round(self.z_limit_um * 1000),
+                self.last,
+            )
+        except MISFIT as error:
+            raise misfit(self, error) from None
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> Self:
+        if len(payload) != 17:
+            raise wrong_length("PATH_MOVE", 17, len(payload))
+        x_um, y_um, speed_um_s, z_limit_um, last = _PATH_MOVE.unpack(payload)
+        return cls(x_um / 1000, y_um / 1000, speed_um_s / 1000, z_limit_um / 1000, last)
+
+    def unpack_reply(self, payload: bytes) -> PathMoveReply:
+        return PathMoveReply.unpack(payload)
+
+
+@dataclass(frozen=True, slots=True)
+class PathMoveReply:
+    """Reply to PATH_MOVE."""
+
+    ID: ClassVar[int] = 0x1F
+    NAME: ClassVar[str] = "PATH_MOVE_REPLY"
+
+    def pack(self) -> bytes:
+        return b""
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> Self:
+        if payload:
+            raise wrong_length("PATH_MOVE_REPLY", 0, len(payload))
+        return cls()
+
+
+@dataclass(frozen=True, slots=True)
 class PulseConfig:
     """Sets the generator. Pulses must be off."""
 
@@ -1823,6 +1935,8 @@ REQUESTS: dict[int, type[Message]] = {
     0x1B: Jump,
     0x1C: TouchOff,
     0x1D: SelfTest,
+    0x1E: ScanStart,
+    0x1F: PathMove,
     0x20: PulseConfig,
     0x21: PulseEnable,
     0x28: TlmStart,
@@ -1853,6 +1967,8 @@ REPLIES: dict[int, type[Message]] = {
     0x1B: JumpReply,
     0x1C: TouchOffReply,
     0x1D: SelfTestReply,
+    0x1E: ScanStartReply,
+    0x1F: PathMoveReply,
     0x20: PulseConfigReply,
     0x21: PulseEnableReply,
     0x28: TlmStartReply,

@@ -13,15 +13,19 @@ from edmctl.link.messages import (
     Jump,
     PiezoSet,
     PulseEnable,
+    ScanStart,
     SelfTest,
     ServoStart,
     ServoStop,
     StageMove,
+    Status,
     TlmStart,
     TlmStop,
     TouchOff,
     param_crc,
 )
+from edmctl.link.messages import PathMove as AppendLine
+from edmctl.link.refusal import CommandRefused
 from edmctl.machine.asking import identity_of, read_black_box, read_status
 from edmctl.machine.faults import latched_error
 from edmctl.machine.inbox import Inbox
@@ -30,7 +34,9 @@ from edmctl.machine.orders import (
     CutRequest,
     JumpRequest,
     MotionSettings,
+    PathMove,
     PulseSettings,
+    ScanRequest,
     TelemetrySettings,
     TouchRequest,
     settings_by_name,
@@ -47,7 +53,7 @@ from edmctl.machine.reports import (
 from edmctl.machine.states import Axis, EventCode, MachineState
 from edmctl.machine.stop import StopRequest
 from edmctl.machine.upload import default_settings, set_generator, upload
-from edmctl.machine.waits import GRACE_S, Waits
+from edmctl.machine.waits import GRACE_S, SLOWEST, Waits, touch_time_s
 
 if TYPE_CHECKING:
     from edmctl.link.messages import HelloReply
@@ -58,10 +64,7 @@ if TYPE_CHECKING:
 SELF_TEST_S = 1.0
 """A self-test takes no longer: it averages the gap voltage twice for some tenths of a second."""
 
-_CUT_ENDS = (EventCode.CUT_DONE, EventCode.TIME_UP, EventCode.STOPPED)
-
-SLOWEST = 4.0
-"""Feeds are commanded in V/s by a mean gain; after a turning point the tool may be this much slower."""
+_CUT_ENDS = (EventCode.CUT_DONE, EventCode.PATH_DONE, EventCode.TIME_UP, EventCode.STOPPED)
 
 
 class LinkMachine:
@@ -180,7 +183,7 @@ class LinkMachine:
         )
         found: list[Touch] = []
         while True:
-            event = self._waits.event((EventCode.TOUCH, EventCode.TOUCH_DONE), _touch_time_s(request))
+            event = self._waits.event((EventCode.TOUCH, EventCode.TOUCH_DONE), touch_time_s(request))
             if event.code is EventCode.TOUCH_DONE:
                 return tuple(found)
             found.append(Touch(event.time_s, event.displacement_um, event.actuator_v))
@@ -189,13 +192,29 @@ class LinkMachine:
         """Start the gap servo."""
         self._waits.begin(ServoStart(request.gap_reference_v, request.z_limit_um, request.max_time_s))
 
+    def start_scan(self, request: ScanRequest) -> None:
+        """Start the gap servo with the tool held at its limit; the stages wait for `path_move`."""
+        self._waits.begin(ScanStart(request.gap_reference_v, request.z_limit_um, request.max_time_s))
+
+    def path_move(self, move: PathMove) -> bool:
+        """Append a line to the path of a scan; False where the queue is full."""
+        line = AppendLine(move.x_um, move.y_um, move.speed_um_s, move.z_limit_um, int(move.last))
+        try:
+            self._session.request(line)
+        except CommandRefused as refused:
+            if refused.status is not Status.BUSY:
+                raise
+            return False
+        self._position |= {Axis.X: move.x_um, Axis.Y: move.y_um}
+        return True
+
     def watch_cut(self, duration_s: float) -> MachineEvent | None:
-        """Let at most `duration_s` of a cut pass; the event that ended the cut, None while it goes on."""
+        """Let at most `duration_s` of a cut or scan pass; the event that ended it, None while it goes on."""
         self._waits.slice(duration_s)
         return self._waits.take(_CUT_ENDS)
 
     def stop_cut(self) -> MachineEvent:
-        """End a cut: pulses off, tool held."""
+        """End a cut or scan: pulses off, tool and stages held."""
         self._session.request(ServoStop())
         return self._waits.event(_CUT_ENDS, 0.0)
 
@@ -209,6 +228,10 @@ class LinkMachine:
         )
         travel_s = 2.0 * request.height_um / request.speed_um_s
         self._waits.event((EventCode.JUMP_DONE,), travel_s + request.dwell_s)
+
+    def set_pulses(self, pulses: PulseSettings) -> None:
+        """Set the generator anew: armed, and not while it makes pulses."""
+        set_generator(self._session, pulses)
 
     def disarm(self) -> None:
         """Pulses off, retract to 0 V, idle."""
@@ -253,6 +276,7 @@ class LinkMachine:
         NothingLatched, WrongFault, InterlockOpen
         """
         clear_fault(self._session, code, self._waits.settings)
+        self._inbox.fault = None
 
     def black_box(self) -> TelemetryBlock | None:
         """Every millisecond of the last two seconds before the latched fault; None where nothing is held."""
@@ -269,10 +293,3 @@ class LinkMachine:
 
     def _retract_time_s(self) -> float:
         return self._waits.settings["piezo_max_v"] / self._waits.settings["retract_v_s"]
-
-
-def _touch_time_s(request: TouchRequest) -> float:
-    """Longest time to the next contact: the fast leg, the slow leg, the hunting."""
-    fast_s = max(request.fast_to_um, 0.0) / request.fast_um_s
-    slow_s = (request.z_max_um - request.fast_to_um) / request.speed_um_s
-    return SLOWEST * (fast_s + slow_s + request.back_off_um / request.speed_um_s) + request.dwell_s

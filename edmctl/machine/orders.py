@@ -106,6 +106,29 @@ class CutRequest:
 
 
 @dataclass(frozen=True, slots=True)
+class ScanRequest:
+    """Servo with the tool held at `z_limit_um`, and the stages following lines, for at most `max_time_s`."""
+
+    gap_reference_v: float
+    z_limit_um: float
+    max_time_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class PathMove:
+    """A line of a scan: from where the one before ends to (`x_um`, `y_um`), the limit going to `z_limit_um`.
+
+    The scan ends with the line that is the `last`.
+    """
+
+    x_um: float
+    y_um: float
+    speed_um_s: float
+    z_limit_um: float
+    last: bool
+
+
+@dataclass(frozen=True, slots=True)
 class JumpRequest:
     """Retract by `height_um`, dwell, come back to `clearance_um` above the start point."""
 

@@ -13,7 +13,9 @@ from edmctl.machine.orders import (
     CutRequest,
     JumpRequest,
     MotionSettings,
+    PathMove,
     PulseSettings,
+    ScanRequest,
     TelemetrySettings,
     TouchRequest,
 )
@@ -59,12 +61,14 @@ __all__ = [
     "MachineState",
     "MachineStatus",
     "MotionSettings",
+    "PathMove",
     "PulseBatch",
     "PulseBlockBatch",
     "PulseClass",
     "PulseLog",
     "PulseMode",
     "PulseSettings",
+    "ScanRequest",
     "ServoLaw",
     "TelemetryBlock",
     "TelemetryFlag",
@@ -98,7 +102,7 @@ class MachineListener(Protocol):
 class Machine(Protocol):
     """A piezo-fed micro-EDM machine.
 
-    Every call returns when the motion has ended (`start_cut` excepted) and raises `MachineFault` when the
+    Every call but `start_cut` and `start_scan` returns when the motion has ended, and raises `MachineFault` when the
     controller latched a fault, `LinkLost` when it no longer answers, `PreconditionError` when it refuses, and
     `Interrupted` when a stop was asked for.
     """
@@ -156,14 +160,29 @@ class Machine(Protocol):
     def start_cut(self, request: CutRequest) -> None:
         """Start the gap servo."""
 
+    def start_scan(self, request: ScanRequest) -> None:
+        """Start the gap servo with the tool held at its limit; the stages wait for `path_move`."""
+
+    def path_move(self, move: PathMove) -> bool:
+        """Append a line to the path of a scan; False where the queue is full: try again after `watch_cut`."""
+
     def watch_cut(self, duration_s: float) -> MachineEvent | None:
-        """Let at most `duration_s` of a cut pass; the event that ended the cut, None while it goes on."""
+        """Let at most `duration_s` of a cut or scan pass; the event that ended it, None while it goes on."""
 
     def stop_cut(self) -> MachineEvent:
-        """End a cut: pulses off, tool held."""
+        """End a cut or scan: pulses off, tool and stages held."""
 
     def jump(self, request: JumpRequest) -> None:
         """Lift the tool to flush the gap, and return."""
+
+    def set_pulses(self, pulses: PulseSettings) -> None:
+        """Set the generator anew: armed, and not while it makes pulses."""
+
+    def clear_fault(self, code: int) -> None:
+        """Clear the latched fault `code` once the tool has retracted; the machine is idle then.
+
+        Raises `NothingLatched`, `WrongFault` or `InterlockOpen` where that cannot be.
+        """
 
     def disarm(self) -> None:
         """Pulses off, retract to 0 V, idle."""

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from edmctl.link.session import Session
     from edmctl.link.wire import Request
     from edmctl.machine.inbox import Inbox
+    from edmctl.machine.orders import TouchRequest
     from edmctl.machine.port import EventCode, MachineEvent, MachineListener
     from edmctl.machine.stop import StopRequest
 
@@ -22,6 +23,8 @@ SLICE_S = 0.1
 """A wait looks around this often."""
 GRACE_S = 5.0
 """How much longer than computed a motion may take before it counts as lost."""
+SLOWEST = 4.0
+"""Feeds are commanded in V/s by a mean gain; after a turning point the tool may be this much slower."""
 
 
 class Waits:
@@ -99,3 +102,10 @@ class Waits:
     def _fault_error(self, fault: Fault) -> EdmError:
         where = f" ({fault.displacement_um:.1f} µm, {fault.gap_v:.1f} V at {self._inbox.time_s:.1f} s)"
         return fault_error(fault.code, self.settings, where, port=self._session.transport.name)
+
+
+def touch_time_s(request: TouchRequest) -> float:
+    """Longest time to the next contact: the fast leg, the slow leg, the hunting."""
+    fast_s = max(request.fast_to_um, 0.0) / request.fast_um_s
+    slow_s = (request.z_max_um - request.fast_to_um) / request.speed_um_s
+    return SLOWEST * (fast_s + slow_s + request.back_off_um / request.speed_um_s) + request.dwell_s

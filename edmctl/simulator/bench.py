@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 from edmctl.errors import LinkLost
 from edmctl.simulator.controller import VirtualController
 from edmctl.simulator.damage import LineDamage
-from edmctl.simulator.kernel import COMMAND_V, TICK_S
+from edmctl.simulator.kernel import COMMAND_V, TICK_S, WEAR
 from edmctl.simulator.plant import Plant
 
 if TYPE_CHECKING:
     from edmctl.simulator.config import BenchConfig
+    from edmctl.simulator.ground import Floats
     from edmctl.simulator.injection import Injection, LineState
 
 
@@ -21,11 +22,12 @@ SETTLE_TICKS = 50
 
 @dataclass(frozen=True, slots=True)
 class HoleTruth:
-    """A hole as the plant knows it: axis and depth, µm."""
+    """A hole as the plant knows it: axis, depth under the tool's face in µm, and whether the face is through."""
 
     x_um: float
     y_um: float
     depth_um: float
+    through: bool = False
 
 
 class MemoryTransport:
@@ -96,8 +98,26 @@ class VirtualBench:
         return not self.controller.armed and self.controller.st.item(COMMAND_V) == 0.0
 
     def truth(self) -> tuple[HoleTruth, ...]:
-        """Every hole made so far, in the order of making."""
-        return tuple(HoleTruth(h.x_um, h.y_um, h.depth_um) for h in self.plant.true_holes())
+        """Every hole made so far, in the order of making; what was cut on a path is in the map alone."""
+        return tuple(HoleTruth(h.x_um, h.y_um, h.depth_um, h.through) for h in self.plant.true_holes())
+
+    def truth_map(self) -> tuple[Floats, Floats, Floats]:
+        """The smallest rectangle with all that was cut so far: x (n,), y (m,) and depth (m, n) of its cells, µm."""
+        return self.plant.ground.true_map()
+
+    def fit_tool(self, label: str, diameter_um: float, theta: float, tip_rounding_um: float) -> None:
+        """Put the tool of that label in; one that was in before comes back with its wear. The work stays."""
+        self.plant.fit_tool(label, diameter_um, theta, tip_rounding_um)
+
+    def new_tool(self) -> None:
+        """Change the tool for a new one of its kind and name."""
+        self.plant.st[WEAR] = 0.0
+        self.plant.arrive()
+
+    @property
+    def tool_label(self) -> str:
+        """Which tool is in."""
+        return self.plant.config.tool_label
 
     @property
     def tool_wear_um(self) -> float:

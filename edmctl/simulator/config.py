@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 
@@ -59,7 +60,11 @@ class BenchConfig:
 
     tool_diameter_um: float = 270.0
     theta: float = 0.337  # volumetric wear of the tool relative to the work
+    tool_label: str = "tool"
+    tip_rounding_um: float = 0.0  # how far the edge of the tool lies behind its tip
     offset_um: float = 50.0  # gap at 0 V
+    thickness_um: float = math.inf  # of the work; below it there is nothing
+    cell_um: float = 5.0  # of the map of the work
     discharge: DischargeConstants = field(default_factory=DischargeConstants)
     sensors: SensorConstants = field(default_factory=SensorConstants)
     dielectric_flow_lpm: float = 1.2

@@ -36,6 +36,7 @@ _AFTER = {
     k.CUT_DONE: EventCode.CUT_DONE,
     k.TIME_UP: EventCode.TIME_UP,
     k.TOUCHES_DONE: EventCode.TOUCH_DONE,
+    k.PATH_DONE: EventCode.PATH_DONE,
 }
 _BY_ITSELF = (m.ResetCause.WATCHDOG, m.ResetCause.BROWN_OUT)
 
@@ -67,13 +68,11 @@ class VirtualController:
         self.baud = self.board = 0
         self.host_time_scale = 1.0
         self.fault = 0
-        self.disarming = False
-        self.pulses_allowed = False
+        self.disarming = self.pulses_allowed = False
         self._heard_tick = 0
         self._repeat_tick = NEVER
         self.set_state(State.IDLE)
 
-    # ---------------------------------------------------------------------------------------- time and bytes
     @property
     def tick(self) -> int:
         """Milliseconds since the machine was set up; resets do not touch them."""
@@ -106,6 +105,7 @@ class VirtualController:
         while now < end:
             happened = self.step(min(end, self._next_deadline(now)) - now)
             self.telemetry.send_full_frames()
+            self.plant.follow_stages()
             if happened:
                 self._conclude(happened)
             now = self.tick
@@ -131,6 +131,8 @@ class VirtualController:
             self.telemetry.blocks,
             self.telemetry.pulses,
             self.black_box.ring,
+            self.motion.path,
+            plant.ground.levels,
         )
 
     @property
@@ -152,8 +154,8 @@ class VirtualController:
         """Everything that is due by the clock: stage arrival, watchdog, inputs, repetition of events."""
         self.injector.apply_due(now)
         stage = self.motion.stage
-        if stage and self.plant.limit_switch:
-            self.raise_fault(FaultCode.STAGE_LIMIT, stage.axis)
+        if self.plant.limit_switch and (stage or self.motion.stages_follow):
+            self.raise_fault(FaultCode.STAGE_LIMIT, stage.axis if stage else m.Axis.X)
         elif stage and now >= stage.arrival_tick:
             self.motion.stop_stage()
             self.set_state(State.ARMED)
@@ -171,7 +173,6 @@ class VirtualController:
             else:
                 self._repeat_tick = NEVER
 
-    # ------------------------------------------------------------------------------------- states and events
     def set_state(self, state: State) -> None:
         """Enter a state; the watchdog runs, inputs and monitors count while it is an armed one."""
         self.state = state
@@ -204,6 +205,8 @@ class VirtualController:
         """Turn what the kernel reports into states and events."""
         if happened in KERNEL_FAULTS:
             self.raise_fault(KERNEL_FAULTS[happened])
+        elif happened == k.LOOK:
+            self.plant.look()
         elif happened == k.RAMP_DONE:
             self._end_ramp()
         elif happened == k.TOUCHED:
@@ -246,8 +249,7 @@ class VirtualController:
         self.black_box.freeze(self.tick, self.boot_tick)
         self.fault = int(code)
         self.motion.stop_stage()
-        self.disarming = False
-        self.pulses_allowed = False
+        self.disarming = self.pulses_allowed = False
         self.set_state(State.ESTOP if code is FaultCode.ESTOP else State.FAULT)
         report = m.Fault(
             event_no=self.port.next_event_no(),
@@ -277,6 +279,7 @@ class VirtualController:
         self.telemetry.restart()
         self.port.restart()
         self.parameters.reset()
+        self.plant.look()  # so that a bench that is restored from here goes on bit for bit
         self.motion.start_ramp(0.0, self.parameters.retract_v_s)
         self.motion.stop_stage()
         self.reset_asked = self.disarming = self.pulses_allowed = False

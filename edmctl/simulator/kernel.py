@@ -33,6 +33,7 @@ STEPS_PER_V = 400.0
 DENSEST = 0.6  # debris fraction of a gap packed full: about the densest random packing of spheres
 DEBRIS_GAP_UM = 0.3  # debris does not get thinner than this [assumed]
 LEAST_GAP_UM = 0.02
+FLUSH_THROUGH_S = 0.02  # debris clearance of a gap that is all open below [assumed]
 FREE_GAP_UM = 5.0  # opening beyond this draws clean oil in; the servo's own dither stays below [assumed]
 CARBON_RUN, CARBON_ARCING, CARBON_HEALING = 20, 50.0, 0.01  # arc damage, see carbon below [assumed]
 BEND_PER_UM, BEND_AT = 0.004, 0.8  # where over the stroke the sensor's bend lies
@@ -41,7 +42,8 @@ BEND_PER_UM, BEND_AT = 0.004, 0.8  # where over the stroke the sensor's bend lie
 (
     TOOL_AREA,
     PER_TOOL_AREA,
-    PER_HOLE_AREA,
+    PER_DISC_AREA,  # of the whole disc that discharges reach
+    PER_HOLE_AREA,  # of what sinks of it now
     ANNULUS_AREA,
     THETA,
     KAPPA,
@@ -116,7 +118,7 @@ BEND_PER_UM, BEND_AT = 0.004, 0.8  # where over the stroke the sensor's bend lie
     MONITOR_MIN,
     MONITOR_MAX,
     PAR_SIZE,
-) = range(75)
+) = range(76)
 
 # --------------------------------------------------------------------------------------------- float state (st)
 (
@@ -126,7 +128,8 @@ BEND_PER_UM, BEND_AT = 0.004, 0.8  # where over the stroke the sensor's bend lie
     FREE_Z,  # where the tool would be without contact
     TRUE_Z,
     SURFACE,  # gap at z = 0 with a new tool over the untouched surface here
-    DEPTH,  # of the hole under the tool
+    DEPTH,  # least depth under the tool's face
+    RARITY,  # of ignition: the tool's face over what of the sheet is left under it
     WEAR,
     DEBRIS,  # µm³ in the frontal gap
     CLEARING,  # share of the debris that stays over a pulse period, and over a tick
@@ -165,8 +168,13 @@ BEND_PER_UM, BEND_AT = 0.004, 0.8  # where over the stroke the sensor's bend lie
     ENERGY_SUM,
     TICK_CHARGE,  # of the last millisecond
     TEST_OFF_V,  # mean gap voltage of a self test, generator off
+    STAGE_X,  # while scanning: where the stages report to be, µm
+    STAGE_Y,
+    STAGE_ERROR_X,  # where they really are, less that
+    STAGE_ERROR_Y,
+    STAGE_WAY,  # gone since the plant last looked
     ST_SIZE,
-) = range(46)
+) = range(52)
 
 # --------------------------------------------------------------------------------------------- int state (ist)
 (
@@ -226,8 +234,12 @@ BEND_PER_UM, BEND_AT = 0.004, 0.8  # where over the stroke the sensor's bend lie
     MISREADS,  # pulses in a row whose voltage cannot be
     MISREADS_MAX,
     STRAY_PULSES,  # seen in measure mode
+    SCANNING,  # 1: the cut is held at its limit, and the stages follow the path
+    PATH_AT,  # row of the line that they follow
+    PATH_COUNT,  # lines in the queue, that one included
+    LEVEL_AT,  # column of the next level in the table of what lies under the tool
     IST_SIZE,
-) = range(57)
+) = range(61)
 
 # --------------------------------------------------------------------------------------------------------- modes
 (
@@ -271,7 +283,9 @@ BEND_PER_UM, BEND_AT = 0.004, 0.8  # where over the stroke the sensor's bend lie
     FAULT_GENERATOR,
     FAULT_MODE_SWITCH,
     TESTED,
-) = range(22)
+    PATH_DONE,
+    LOOK,  # the stages moved, or the sheet gave way: the plant should look what lies under the tool
+) = range(24)
 
 OPEN, NORMAL, ARC, SHORT = range(4)
 LOG_OFF, LOG_BLOCKS, LOG_FULL = range(3)
@@ -282,11 +296,17 @@ TABLE = 1024  # values in each table of a distribution
 SHAPES = float(TABLE * TABLE)
 BOX = 2048  # milliseconds in the black box; a power of two
 BOX_COLUMNS = 6
+PATH_LINES = 16
+PATH_X, PATH_Y, PATH_SPEED, PATH_Z, PATH_LAST, PATH_ERROR_X, PATH_ERROR_Y, PATH_COLUMNS = range(8)
 PACK = 12  # bits of a count; four of them fit into a float exactly
 
 SETTLE_TICKS = 100  # generator on before the approach judges the gap voltage
 SHORT_HURRY_TICKS = 500  # a short this long retracts four times as fast
 LIMIT_TICKS_MAX = 500
+HOLD_PER_S = 4.0  # of the way to a scan's limit; well below the bandwidth of the displacement's low-pass
+HELD_WITHIN_UM = 1.0
+LOST_TICKS = 100  # all open, before the way since the last spark counts
+STAGE_STEP_UM = 2.5
 BLEND_TICKS = 8  # of a jump's ramp, at each end
 BACK_OFF_TICKS = 200  # for the contact to open after a back-off
 TEST_OFF_TICKS, TEST_ON_TICKS = 100, 200
@@ -372,6 +392,7 @@ def pulses_of_tick(
     delay. `tables`, shape (2, TABLE), holds equally likely values of a half-normal and a unit-mean lognormal.
     """
     open_v, on_time = par[OPEN_V], par[ON_TIME]
+    tau_reference = par[TAU_REFERENCE] * st[RARITY]
     per_period = 1e3 / ist[PULSE_PERIOD]
     per_tool, per_hole, per_ohm = par[PER_TOOL_AREA], par[PER_HOLE_AREA], par[SIEMENS]
     reach = st[SURFACE] - st[TRUE_Z]
@@ -421,7 +442,7 @@ def pulses_of_tick(
             delay, plateau, discharge = 0.0, par[SHORT_PLATEAU_V], on_time
             charge += (open_v - plateau) * per_ohm * discharge
         else:
-            tau = par[TAU_REFERENCE] * power(local * per_gap, par[GAP_EXPONENT])
+            tau = tau_reference * power(local * per_gap, par[GAP_EXPONENT])
             ignition = par[FORMATIVE] + tau * random[2, at]
             if ignition < on_time:
                 arc_p = par[ARC_BASE] + par[ARC_DEBRIS] * fraction * fraction
@@ -522,11 +543,33 @@ def rest_tick(par: Floats, st: Floats, ist: Ints) -> None:
 
 @compiled
 def renew_clearing(par: Floats, st: Floats, ist: Ints) -> None:
-    """How fast debris leaves the gap: slower the wider and the deeper the hole."""
+    """How fast debris leaves the gap: slower the wider and the deeper the hole, and through what is open below."""
     ratio = st[DEPTH] * par[PER_FLUSH_DEPTH]
-    rate = 1.0 / (par[FLUSH_TIME] * (1.0 + ratio * ratio))
+    rate = 1.0 / (par[FLUSH_TIME] * (1.0 + ratio * ratio)) + (1.0 - 1.0 / st[RARITY]) / FLUSH_THROUGH_S
     st[CLEARING] = math.exp(-ist[PULSE_PERIOD] * 1e-9 * rate)
     st[TICK_CLEARING] = math.exp(-TICK_S * rate)
+
+
+@compiled
+def level_tick(par: Floats, st: Floats, ist: Ints, levels: Floats) -> int:
+    """Let cells of the work join what sinks, or fall out of the sheet, where the level came to them.
+
+    `levels` is the table of a footprint (workpiece.py). What was removed below a level is spread over the area that
+    sinks from there on, so that no volume is lost.
+    """
+    at = ist[LEVEL_AT]
+    while st[DEPTH] >= levels[0, at]:
+        level, share, rarity = levels[0, at], levels[1, at], levels[2, at]
+        if share == 0.0 or rarity == math.inf:
+            st[DEPTH] = level
+            return LOOK
+        per_area = par[PER_DISC_AREA] / share
+        st[DEPTH] = level + (st[DEPTH] - level) * per_area / par[PER_HOLE_AREA]
+        par[PER_HOLE_AREA] = per_area
+        st[RARITY] = rarity
+        at += 1
+        ist[LEVEL_AT] = at
+    return NOTHING
 
 
 @compiled
@@ -817,8 +860,10 @@ def sequence_tick(par: Floats, st: Floats, ist: Ints, history: Floats, noise: Fl
 
 @compiled
 def end_motion(ist: Ints, happened: int) -> int:
-    """Pulses off, hold, report."""
+    """Pulses off, hold tool and stages, report."""
     ist[PULSES_ON] = 0
+    ist[SCANNING] = 0
+    ist[PATH_COUNT] = 0
     enter(ist, HOLD)
     return happened
 
@@ -845,13 +890,61 @@ def approach_tick(st: Floats, ist: Ints) -> int:
 def cut_tick(par: Floats, st: Floats, ist: Ints, history: Floats) -> int:
     servo_tick(par, st, ist, history)
     ist[TIME_TICKS] -= 1
-    if st[SLOW_Z] >= st[Z_LIMIT]:
+    if ist[SCANNING] == 1:
+        hold_at_limit(par, st)
+        if st[SLOW_Z] >= st[Z_LIMIT] - HELD_WITHIN_UM:
+            ist[OPEN_TICKS] = min(ist[OPEN_TICKS], LOST_TICKS + 1)  # where it waits, time tells nothing
+    elif st[SLOW_Z] >= st[Z_LIMIT]:
         return end_motion(ist, CUT_DONE)
     if ist[TIME_TICKS] <= 0:
         return end_motion(ist, TIME_UP)
-    lost = ist[OPEN_TICKS] > 100 and st[SLOW_Z] - st[LAST_SPARK_Z] > par[OPEN_LOST]
+    lost = ist[OPEN_TICKS] > LOST_TICKS and st[SLOW_Z] - st[LAST_SPARK_Z] > par[OPEN_LOST]
     if lost or ist[OPEN_TICKS] > ist[OPEN_TICKS_MAX]:
         return FAULT_NO_SPARK
+    return NOTHING
+
+
+@compiled
+def hold_at_limit(par: Floats, st: Floats) -> None:
+    """Let the servo feed no faster than brings a scanning tool softly to its limit, from either side."""
+    most = HOLD_PER_S * (st[Z_LIMIT] - st[SLOW_Z])
+    if st[RATE_V_S] > most * par[V_PER_UM]:
+        st[RATE_V_S] = max(most, -par[BACK]) * par[V_PER_UM]
+        st[INTEGRAL] = min(st[INTEGRAL], max(0.0, most))
+
+
+@compiled
+def stage_tick(st: Floats, ist: Ints, path: Floats) -> int:
+    """Move the stages of a scan by one millisecond along the path, and the limit with them.
+
+    `path` is a ring of PATH_LINES lines. Nothing moves while the gap is shorted, or in a jump.
+    """
+    if ist[MODE] != SERVO or ist[SHORTED] == 1:
+        return NOTHING
+    left_s = TICK_S
+    while ist[PATH_COUNT] > 0 and left_s > 0.0:
+        line = path[ist[PATH_AT]]
+        x, y = line[PATH_X] - st[STAGE_X], line[PATH_Y] - st[STAGE_Y]
+        way = math.sqrt(x * x + y * y)
+        needed_s = way / line[PATH_SPEED]
+        if needed_s > left_s:
+            share = left_s / needed_s
+            st[STAGE_X] += share * x
+            st[STAGE_Y] += share * y
+            st[STAGE_ERROR_X] += share * (line[PATH_ERROR_X] - st[STAGE_ERROR_X])
+            st[STAGE_ERROR_Y] += share * (line[PATH_ERROR_Y] - st[STAGE_ERROR_Y])
+            st[Z_LIMIT] += share * (line[PATH_Z] - st[Z_LIMIT])
+            st[STAGE_WAY] += share * way
+            return NOTHING
+        left_s -= needed_s
+        st[STAGE_X], st[STAGE_Y] = line[PATH_X], line[PATH_Y]
+        st[STAGE_ERROR_X], st[STAGE_ERROR_Y] = line[PATH_ERROR_X], line[PATH_ERROR_Y]
+        st[Z_LIMIT] = line[PATH_Z]
+        st[STAGE_WAY] += way
+        ist[PATH_AT] = (ist[PATH_AT] + 1) % PATH_LINES
+        ist[PATH_COUNT] -= 1
+        if line[PATH_LAST] == 1.0:
+            return end_motion(ist, PATH_DONE)
     return NOTHING
 
 
@@ -1009,12 +1102,15 @@ def run(
     blocks: Bytes,
     pulses: Bytes,
     box: Floats,
+    path: Floats,
+    levels: Floats,
 ) -> int:
-    """Advance by up to `ticks` ms; stops early when something happened and says what (NOTHING .. TESTED).
+    """Advance by up to `ticks` ms; stops early when something happened and says what (NOTHING .. LOOK).
 
     The caller provides `random` columns for every pulse and `noise` for every tick (two each, and touches).
     Zero ticks close the pulse block begun, for whoever wants to send everything now. `box`, shape
-    (BOX, BOX_COLUMNS), is the ring of the last milliseconds.
+    (BOX, BOX_COLUMNS), is the ring of the last milliseconds; `path`, shape (PATH_LINES, PATH_COLUMNS), that of the
+    lines to follow; `levels` is the table of what lies under the tool.
     """
     if ticks == 0:
         close_block(st, ist, blocks)
@@ -1031,6 +1127,7 @@ def run(
             happened = measure_gap(par, st, ist, voltage_sum, count, shorts)
         else:
             rest_tick(par, st, ist)
+        look = level_tick(par, st, ist, levels)
         sensor_tick(par, st, ist, noise)
         sequence = sequence_tick(par, st, ist, history, noise)
         if happened == NOTHING:
@@ -1039,6 +1136,12 @@ def run(
             voltage = monitor_tick(par, st, ist)
             if voltage != NOTHING:
                 happened = voltage
+        if ist[SCANNING] == 1 and happened == NOTHING:
+            happened = stage_tick(st, ist, path)
+            if st[STAGE_WAY] >= STAGE_STEP_UM:
+                look = LOOK
+        if happened == NOTHING:
+            happened = look
         write_box(st, ist, box)
         if ist[TICK] + 1 == ist[TLM_NEXT]:
             write_sample(st, ist, tlm)

@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from edmctl.simulator import kernel as k
 
 if TYPE_CHECKING:
@@ -37,6 +39,8 @@ class Motion:
         self._plant = plant
         self._st, self._ist, self._par = plant.st, plant.ist, plant.par
         self.stage: StageMove | None = None
+        self.path = np.zeros((k.PATH_LINES, k.PATH_COLUMNS))
+        self.path_ends = False
 
     def begin(self, mode: int) -> None:
         """Let the kernel begin a motion."""
@@ -45,13 +49,15 @@ class Motion:
         self._ist[k.LIMIT_TICKS] = 0
 
     def hold(self) -> None:
-        """Pulses off, tool held where it is."""
+        """Pulses off, tool and stages held where they are."""
         self._ist[k.PULSES_ON] = 0
+        self._end_scan()
         self.begin(k.HOLD)
 
     def start_ramp(self, target_v: float, slew_v_s: float) -> None:
         """Pulses off, then ramp the actuator."""
         self._ist[k.PULSES_ON] = 0
+        self._end_scan()
         self._st[k.TARGET_V], self._st[k.RAMP_V_S] = target_v, slew_v_s
         self.begin(k.RAMP)
 
@@ -83,6 +89,33 @@ class Motion:
         move, self.stage = self.stage, None
         share = min(1.0, (self._ist.item(k.TICK) - move.start_tick) / max(1, move.travel_ticks))
         self._plant.stage_lands(move.axis, move.start + share * (move.target - move.start))
+
+    def start_scan(self) -> None:
+        """Let the stages follow the lines that will come."""
+        self._ist[k.SCANNING] = 1
+        self._ist[k.PATH_COUNT] = 0
+        self.path_ends = False
+        self._plant.begin_scan()
+
+    def append_line(self, x_um: float, y_um: float, speed_um_s: float, z_um: float, last: bool) -> bool:
+        """Append a line to the path; False where the queue is full."""
+        count = self._ist.item(k.PATH_COUNT)
+        if count == k.PATH_LINES:
+            return False
+        row = (self._ist.item(k.PATH_AT) + count) % k.PATH_LINES
+        self.path[row] = (x_um, y_um, speed_um_s, z_um, float(last), *self._plant.stage_errors_um())
+        self._ist[k.PATH_COUNT] = count + 1
+        self.path_ends = last
+        return True
+
+    @property
+    def stages_follow(self) -> bool:
+        """Whether a scan has lines to go."""
+        return bool(self._ist[k.PATH_COUNT])
+
+    def _end_scan(self) -> None:
+        self._ist[k.SCANNING] = self._ist[k.PATH_COUNT] = 0
+        self._plant.follow_stages()
 
     def volts(self, length_um: float) -> float:
         """Volts that move the tool by a length, by the mean gain."""

@@ -34,6 +34,8 @@ class MotionCommands:
             m.StageStop: self._stage_stop,
             m.Approach: self._approach,
             m.ServoStart: self._servo_start,
+            m.ScanStart: self._scan_start,
+            m.PathMove: self._path_move,
             m.ServoStop: self._servo_stop,
             m.Jump: self._jump,
             m.TouchOff: self._touch_off,
@@ -85,7 +87,7 @@ class MotionCommands:
         self._c.set_state(State.APPROACH)
         return OK
 
-    def _servo_start(self, request: m.ServoStart) -> Outcome:
+    def _servo_start(self, request: m.ServoStart | m.ScanStart) -> Outcome:
         if self._c.state is not State.ARMED or not self._c.pulses_allowed:
             return Status.BAD_STATE, b""
         st, ist = self._c.st, self._c.ist
@@ -99,6 +101,22 @@ class MotionCommands:
         self._c.motion.begin(k.SERVO)
         self._c.set_state(State.MACHINING)
         return OK
+
+    def _scan_start(self, request: m.ScanStart) -> Outcome:
+        outcome = self._servo_start(request)
+        if outcome == OK:
+            self._c.motion.start_scan()
+        return outcome
+
+    def _path_move(self, request: m.PathMove) -> Outcome:
+        motion = self._c.motion
+        scanning = self._c.state is State.MACHINING and self._c.ist[k.SCANNING]
+        if not scanning or motion.path_ends:
+            return Status.BAD_STATE, b""
+        if request.speed_um_s <= 0.0:
+            return Status.OUT_OF_RANGE, b""
+        line = (request.x_um, request.y_um, request.speed_um_s, request.z_limit_um, bool(request.last))
+        return OK if motion.append_line(*line) else (Status.BUSY, b"")
 
     def _servo_stop(self, _: m.ServoStop) -> Outcome:
         if not self._c.armed or self._c.motion.stage or self._c.disarming:

@@ -19,7 +19,8 @@ from edmctl.link.messages import ResetCause
 from edmctl.simulator import kernel as k
 from edmctl.simulator.bench import VirtualBench
 from edmctl.simulator.config import BenchConfig, DischargeConstants, SensorConstants
-from edmctl.simulator.plant import Hole
+from edmctl.simulator.ground import Hole
+from edmctl.simulator.workpiece import TILE
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -98,7 +99,10 @@ def _names(size_name: str) -> list[str]:
 
 def _plant_state(plant: Plant) -> State:
     holes = plant.true_holes()
-    here = next((i for i, hole in enumerate(holes) if hole is plant._here), _NO_HOLE)
+    ground = plant.ground
+    ground.settle()
+    here = next((i for i, hole in enumerate(holes) if hole is ground.here), _NO_HOLE)
+    tiles = ground.work.tiles
     arrays = {
         array: dict(zip(_names(size), getattr(plant, array).tolist(), strict=True))
         for array, size in _NAMES.items()
@@ -109,8 +113,11 @@ def _plant_state(plant: Plant) -> State:
         **{name: _plain(getattr(plant, name)) for name in _PLANT_VALUES},
         **{name: getattr(plant, name).copy() for name in _PLANT_ARRAYS},
         "reported": np.array(plant.reported),
-        "holes": np.array([dataclasses.astuple(hole) for hole in holes], dtype=np.float64).reshape(-1, 3),
+        "holes": np.array([dataclasses.astuple(hole) for hole in holes], dtype=np.float64).reshape(-1, 4),
         "here": here,
+        "tile_at": np.array(list(tiles), dtype=np.int64).reshape(-1, 2),
+        "tiles": np.array(list(tiles.values()), dtype=np.float64).reshape(-1, TILE, TILE),
+        "tools_worn_um": dict(plant.tools_worn_um),
         "stage_noise": _stream_text(plant._stage_noise),
         "random": {
             **{name: getattr(random, name).copy() for name in _RANDOM_ARRAYS},
@@ -128,15 +135,30 @@ def _restore_plant(plant: Plant, state: State) -> None:
     for name in _PLANT_ARRAYS:
         _fill(getattr(plant, name), state[name])
     plant.reported = [float(value) for value in np.asarray(state["reported"])]
-    plant.holes = [Hole(*map(float, row)) for row in np.asarray(state["holes"])]
+    ground = plant.ground
+    ground.holes = [
+        Hole(float(x), float(y), float(depth), bool(through))
+        for x, y, depth, through in np.asarray(state["holes"])
+    ]
+    tiles = zip(np.asarray(state["tile_at"]).tolist(), np.asarray(state["tiles"]), strict=True)
+    ground.work.tiles = {(int(column), int(row)): _tile(cells) for (column, row), cells in tiles}
+    ground.arrive(*map(float, plant.position_um))
     here = _integer(state, "here")
-    plant._here = None if here == _NO_HOLE else plant.holes[here]
+    ground.here = None if here == _NO_HOLE else ground.holes[here]
+    worn = _part(state, "tools_worn_um")
+    plant.tools_worn_um = {label: _number(worn, label) for label in worn}
     _set_stream(plant._stage_noise, state["stage_noise"])
     random = _part(state, "random")
     for name in _RANDOM_ARRAYS:
         _fill(getattr(plant.random, name), random[name])
     for name in _STREAMS:
         _set_stream(getattr(plant.random, name), random[name])
+
+
+def _tile(cells: NDArray[np.float64]) -> NDArray[np.float64]:
+    tile = np.zeros((TILE, TILE))
+    _fill(tile, cells)
+    return tile
 
 
 def _controller_state(bench: VirtualBench, boots: int) -> State:
@@ -188,6 +210,13 @@ def _integer(state: State, name: str) -> int:
     value = state[name]
     if not isinstance(value, int):
         raise TypeError(f"{name} is no whole number")
+    return value
+
+
+def _number(state: State, name: str) -> float:
+    value = state[name]
+    if not isinstance(value, float):
+        raise TypeError(f"{name} is no number")
     return value
 
 

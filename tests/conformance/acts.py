@@ -158,6 +158,25 @@ def _to_machining(peer: Peer) -> None:
     peer.ok("SERVO_START", gap_ref_v=0.8 * DUTY_V, z_limit_um=100.0, max_time_s=60.0)
 
 
+def scan_start(peer: Peer, **scan: Any) -> None:
+    """From ARMED to a scan that holds the tool a little below where it is."""
+    given = {"gap_ref_v": 0.8 * DUTY_V, "z_limit_um": 5.0, "max_time_s": 60.0} | scan
+    peer.ok("SCAN_START", **given)
+
+
+def line_to(x_um: float, y_um: float, **line: Any) -> dict[str, Any]:
+    """Values of a PATH_MOVE."""
+    return {"x_um": x_um, "y_um": y_um, "speed_um_s": 200.0, "z_limit_um": 5.0} | line
+
+
+def _to_scan(peer: Peer) -> None:
+    arm(peer)
+    peer.ok("PULSE_ENABLE", on=1)
+    scan_start(peer)
+    status = peer.ok("GET_STATUS")
+    peer.ok("PATH_MOVE", **line_to(status.x_um - 100.0, status.y_um, speed_um_s=10.0))
+
+
 def _to_jump(peer: Peer) -> None:
     arm(peer)
     peer.ok("JUMP", height_um=1.0, speed_um_s=50.0, dwell_s=5.0, clearance_um=0.0)
@@ -175,6 +194,7 @@ ARMED_STATES: dict[str, tuple[str, Callable[[Peer], None]]] = {
     "touch": ("TOUCH", _to_touch),
     "approach": ("APPROACH", _to_approach),
     "machining": ("MACHINING", _to_machining),
+    "scan": ("MACHINING", _to_scan),
     "jump": ("JUMP", _to_jump),
 }
 EVERY_STATE: dict[str, tuple[str, Callable[[Peer], None]]] = {

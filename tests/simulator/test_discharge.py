@@ -32,13 +32,19 @@ VOLTAGE_LAW = {
 }
 
 
-def fixed_gap(gap_um: float, pulses: int, seed: int = 3) -> tuple[float, NDArray[np.void]]:
-    """Strike pulses at a gap held fixed in clean oil; returns (mean gap voltage, pulse records)."""
+def fixed_gap(
+    gap_um: float, pulses: int, seed: int = 3, rarity: float = 1.0
+) -> tuple[float, NDArray[np.void]]:
+    """Strike pulses at a gap held fixed in clean oil; returns (mean gap voltage, pulse records).
+
+    `rarity` is the face of the tool over what of the sheet is left under it.
+    """
     plant = Plant(BenchConfig(), seed)
     Parameters(plant)
     plant.set_generator(ON_TIME_US, OFF_TIME_US, 40.0, 0.12, 0.0)
     st, ist = plant.st, plant.ist
     ist[k.PULSE_LOG] = k.LOG_FULL
+    st[k.RARITY] = rarity
     records = np.zeros(6 * 64, dtype=np.uint8)
     taken, voltage_sum, count = [], 0.0, 0
     while count < pulses:
@@ -54,6 +60,17 @@ def fixed_gap(gap_um: float, pulses: int, seed: int = 3) -> tuple[float, NDArray
         ist[k.TICK] += 1
     dtype = np.dtype([("cls", "u1"), ("delay", "<u2"), ("discharge", "<u2"), ("plateau", "u1")])
     return voltage_sum / count, np.concatenate(taken).view(dtype)
+
+
+def test_ignition_is_rarer_by_the_share_of_the_face_that_has_nothing_under_it() -> None:
+    tau_us = []
+    for rarity in (1.0, 4.0):
+        _, pulses = fixed_gap(2.5, 20_000, rarity=rarity)
+        unlit = float((pulses["cls"] == k.OPEN).mean())
+        tau_us.append(ON_TIME_US / -math.log(unlit))
+    assert tau_us[1] / tau_us[0] == pytest.approx(4.0, rel=0.06)
+    _, pulses = fixed_gap(2.5, 1000, rarity=math.inf)
+    assert (pulses["cls"] == k.OPEN).mean() > 0.99
 
 
 def test_ignition_delays_follow_a_laue_line() -> None:

@@ -35,6 +35,13 @@ else:
 session.pump(0.8)
 session.request(m.Jump(10.0, 2000.0, 0.02, 2.0))
 session.pump(0.3)
+session.request(m.ServoStop())
+session.request(m.ScanStart(9.6, 8.0, 100.0))
+session.request(m.PathMove(8.0, 6.0, 50.0, 7.5, 1))
+session.pump(0.4)
+x_um, y_um, depth_um = bench.truth_map()
+assert depth_um.max() > 0.0 and bench.plant.reported[:2] == [8.0, 6.0]
+frames.append(depth_um.tobytes())
 assert len(b"".join(frames)) > 10_000
 print(hashlib.sha256(b"".join(frames)).hexdigest())
 """
