@@ -13,7 +13,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from edmctl.console.progress import Pace, depth_words, has_pulses
+from edmctl.console.progress import Pace, depth_words, has_pulses, phase_words
 from edmctl.console.text import duration, percent
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ def draw_progress(p: ProgressView) -> Group:
         rows.add_row("pulses", _class_bar(p.ratios), _class_words(p.ratios))
         rows.add_row("gap", _gap_bar(p), f"{p.gap_v:.1f} V, reference {p.reference_v:.1f} V")
     left = f", about {duration(p.time_left_s)} left" if p.time_left_s > 0 else ""
-    head = Text.assemble((p.phase, "bold"), (f"  {duration(p.time_s)}{left}", "dim"))
+    head = Text.assemble((phase_words(p), "bold"), (f"  {duration(p.time_s)}{left}", "dim"))
     return Group(head, rows)
 
 

@@ -129,7 +129,7 @@ class EventReporter:
 
 def progress_line(p: ProgressView) -> str:
     """Return the state in one line of plain text; gap, pulses and depth only while there are pulses."""
-    parts = [f"{duration(p.time_s)}: {p.phase}"]
+    parts = [f"{duration(p.time_s)}: {phase_words(p)}"]
     if has_pulses(p.ratios):
         parts.append(f"gap {p.gap_v:.1f} V (reference {p.reference_v:.1f} V)")
         parts.append(render_ratios(p.ratios, decimals=0))
@@ -141,8 +141,14 @@ def progress_line(p: ProgressView) -> str:
 
 def depth_words(p: ProgressView) -> str:
     """Return the depth, and the target where it is a depth: a feed target has none."""
+    u95 = f" ± {p.depth_u95_um:.1f}" if math.isfinite(p.depth_u95_um) else ""
     of_target = f" of {p.depth_target_um:.1f}" if math.isfinite(p.depth_target_um) else ""
-    return f"{p.depth_um:.1f}{of_target} µm"
+    return f"{p.depth_um:.1f}{u95}{of_target} µm"
+
+
+def phase_words(p: ProgressView) -> str:
+    """Return what is being done, and where among several places."""
+    return f"{p.phase} {p.site}" if p.site else str(p.phase)
 
 
 def has_pulses(ratios: RatiosView) -> bool:
@@ -155,11 +161,13 @@ def progress_mapping(p: ProgressView) -> dict[str, object]:
     shares = {"open": p.ratios.open, "normal": p.ratios.normal, "arc": p.ratios.arc, "short": p.ratios.short}
     return {
         "phase": p.phase,
+        "site": p.site,
         "time_s": p.time_s,
         "gap_v": p.gap_v,
         "reference_v": p.reference_v,
         "ratios": shares,
         "depth_um": p.depth_um,
+        "depth_u95_um": p.depth_u95_um,
         "depth_target_um": p.depth_target_um,
         "displacement_um": p.displacement_um,
         "time_left_s": p.time_left_s,

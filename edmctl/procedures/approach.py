@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.actuator.moves import ramp_by
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.results import Phase
 from edmctl.procedures.settings import first_sparks_v
+from edmctl.procedures.stages import move_to
+from edmctl.procedures.touch import take_reading
 
 if TYPE_CHECKING:
+    from edmctl.machine.port import MachineEvent
+    from edmctl.procedures.job import Site
     from edmctl.procedures.run import Run
 
 ABOVE_BOTTOM_UM = 15.0
 """A later cut is approached fast to this far above the last bottom, then at the approach speed."""
 BEYOND_BOTTOM_UM = 15.0
 """No spark this far beyond the last bottom is a fault."""
+SURFACE_UNCERTAINTY_UM = 10.0
+"""How well the gap at 0 V is known before it is touched."""
 _STEEPEST = 1.35
 """Steepest local slope of the actuator over its mean gain, with a margin; so a step never overshoots."""
 _SHORT_SHARE = 0.03
@@ -37,6 +44,60 @@ def approach_bottom(run: Run, bottom_um: float) -> None:
     run.begin(Phase.APPROACHING)
     lower_to(run, bottom_um - ABOVE_BOTTOM_UM)
     _approach(run, bottom_um - run.watch.displacement_um + BEYOND_BOTTOM_UM)
+
+
+@dataclass(frozen=True, slots=True)
+class SurfaceFound:
+    """Where an approach ended: by the sensor, by the actuator model, and the voltage there.
+
+    `touches` and `sd_um` belong to contacts; an approach to the spark gap has 0 and NaN. `travel_s` is the time from
+    the rest at 0 V.
+    """
+
+    kind: str
+    x_um: float
+    y_um: float
+    displacement_um: float
+    model_um: float
+    actuator_v: float
+    travel_s: float
+    touches: int = 0
+    sd_um: float = math.nan
+
+
+def find_gap(run: Run, place: Site) -> SurfaceFound:
+    """Go to a place and feed at the approach speed until sparks flow; the tool is held there."""
+    move_to(run, place)
+    begin_s = run.machine.time_s
+    event = _approach(run, run.profile.approach.max_travel_um)
+    model_um = run.watch.model_at(event.time_s)
+    return SurfaceFound(
+        kind="spark gap",
+        x_um=place.x_um,
+        y_um=place.y_um,
+        displacement_um=event.displacement_um,
+        model_um=model_um,
+        actuator_v=event.actuator_v,
+        travel_s=event.time_s - begin_s,
+    )
+
+
+def find_contact(run: Run, place: Site) -> SurfaceFound:
+    """Go to a place and touch its surface, which is expected at `approach.offset_um`."""
+    move_to(run, place)
+    begin_s = run.machine.time_s
+    found = take_reading(run, "Zr", place.name, run.profile.approach.offset_um, SURFACE_UNCERTAINTY_UM)
+    return SurfaceFound(
+        kind="contact",
+        x_um=place.x_um,
+        y_um=place.y_um,
+        displacement_um=found.z_um,
+        model_um=found.model_um,
+        actuator_v=found.actuator_v,
+        travel_s=found.time_s - begin_s,
+        touches=found.reading.touches,
+        sd_um=found.reading.sd_um,
+    )
 
 
 def lower_to(run: Run, target_um: float) -> None:
@@ -64,7 +125,7 @@ def _ramp_by(run: Run, modelled_um: float, linear_um: float) -> None:
     run.machine.ramp(min(max(goal_v, 0.0), run.profile.limits.stroke_v_max), slew_v_s)
 
 
-def _approach(run: Run, max_travel_um: float) -> None:
+def _approach(run: Run, max_travel_um: float) -> MachineEvent:
     run.begin(Phase.APPROACHING)
     event = run.machine.approach(run.profile.approach.speed_um_s, max_travel_um, first_sparks_v(run.profile))
     run.decide(
@@ -72,3 +133,4 @@ def _approach(run: Run, max_travel_um: float) -> None:
         f"Spark gap found at {event.displacement_um:.1f} µm, {event.actuator_v:.1f} V.",
         {"displacement_um": event.displacement_um, "actuator_v": event.actuator_v},
     )
+    return event

@@ -32,10 +32,11 @@ REST_S = 1.0
 """Rest before the first swing: the record starts from a standing actuator."""
 
 
-def condition(run: Run) -> None:
+def condition(run: Run, *, pulses: bool = True) -> None:
     """Swing the actuator between 0 V and its limit at the parking place, and start the estimator from there.
 
-    The machine is idle while the model is fitted, because a fitting host sends no heartbeats.
+    The machine is idle while the model is fitted, because a fitting host sends no heartbeats; then it is armed
+    again, with `pulses` permitted or not.
     """
     move_to(run, run.job.parking)
     run.begin(Phase.CONDITIONING)
@@ -55,7 +56,7 @@ def condition(run: Run) -> None:
         message = f"Conditioned with {cycles} swings to {top_v:.0f} V; there is no sensor to compare with."
         run.decide(RunEvent.CONDITIONED, message, {"cycles": cycles})
     _load_inverse(run)
-    run.machine.arm()
+    run.machine.arm(pulses=pulses)
 
 
 def _swing(run: Run) -> None:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-from edmctl.machine.port import CutRequest, EventCode, MachineEvent
+from edmctl.errors import MachineFault
+from edmctl.machine.port import EventCode, MachineEvent
+from edmctl.procedures.burning import NO_SPARK, Burns, with_a_check
 from edmctl.procedures.codes import RunEvent
-from edmctl.procedures.jumping import jump_request
-from edmctl.procedures.settings import gap_reference_v
+from edmctl.procedures.cutting import Cutting
 from edmctl.procedures.supervisor import Supervisor, Verdict
 from edmctl.process.pulses import pulse_shares
 from edmctl.record.rows import EventLevel
@@ -23,9 +25,6 @@ if TYPE_CHECKING:
 WATCH_SLICE_S = 0.1
 STATUS_PERIOD_S = 5.0
 """The dielectric is asked for this often; the controller itself guards it."""
-JUMP_RESERVE_UM = 5.0
-"""A jump leaves this much displacement, because the actuator cannot go below 0 V."""
-LEAST_JUMP_UM = 10.0
 
 
 class CutEnd(StrEnum):
@@ -45,6 +44,7 @@ class CutResult:
     """What a cut did. `counts` are its pulses by class: open, normal, arc, short; `energy_j` as in SiteResult.
 
     `fault` names the row of the faults that ended it, empty where none did; `told` holds the figures of that.
+    `breakthrough_um` is the displacement at which the sheet broke through, NaN where it did not.
     """
 
     end: CutEnd
@@ -56,6 +56,13 @@ class CutResult:
     energy_j: float
     fault: str = ""
     told: str = ""
+    jumps: int = 0
+    breakthrough_um: float = math.nan
+
+    @property
+    def through(self) -> bool:
+        """Whether the sheet broke through."""
+        return not math.isnan(self.breakthrough_um)
 
     @property
     def pulses(self) -> int:
@@ -78,20 +85,31 @@ def run_cut(run: Run, plan: CutPlan, time_left: TimeLeft) -> CutResult:
     )
     start_s = run.machine.time_s
     supervisor = Supervisor(run, plan, start_s)
+    cutting = Cutting(run, plan, supervisor, start_s + time_left.seconds)
     run.watch.follow(supervisor.take)
     try:
-        run.machine.start_cut(CutRequest(gap_reference_v(run.profile), plan.z_limit_um, time_left.seconds))
-        ended = _watch(run, supervisor)
+        cutting.start()
+        ended = _watch(run, cutting, Burns(run, plan, supervisor, cutting), supervisor)
+        cutting.finish()
     finally:
         run.watch.follow(None)
-    result = _result(plan, supervisor, ended, ended.time_s - start_s, time_left.limit)
+    result = _result(plan, supervisor, cutting, ended, ended.time_s - start_s, time_left.limit)
     _report(run, plan, result)
     return result
 
 
-def _watch(run: Run, supervisor: Supervisor) -> MachineEvent:
-    jump = run.profile.jump
-    next_jump_s = run.machine.time_s + jump.period_s
+def _watch(run: Run, cutting: Cutting, burns: Burns, supervisor: Supervisor) -> MachineEvent:
+    """Watch until the end, over burns that can be recovered from."""
+    while True:
+        try:
+            return _watch_sparks(run, cutting, supervisor)
+        except MachineFault as fault:
+            if fault.code == NO_SPARK:
+                raise with_a_check(fault, supervisor.displacement_um) from fault
+            burns.answer(fault)
+
+
+def _watch_sparks(run: Run, cutting: Cutting, supervisor: Supervisor) -> MachineEvent:
     next_status_s = run.machine.time_s
     while True:
         ended = run.machine.watch_cut(WATCH_SLICE_S)
@@ -104,9 +122,12 @@ def _watch(run: Run, supervisor: Supervisor) -> MachineEvent:
             ended = run.machine.stop_cut()
             _tell_verdict(run, supervisor)
             return ended
-        if jump.mode == "fixed" and run.machine.time_s >= next_jump_s:
-            _jump(run, supervisor)
-            next_jump_s = run.machine.time_s + jump.period_s
+        if cutting.is_complete:
+            return run.machine.stop_cut()
+        ended = cutting.retune()
+        if ended is not None:
+            return ended
+        cutting.jump_if_due()
 
 
 def _tell_verdict(run: Run, supervisor: Supervisor) -> None:
@@ -116,39 +137,37 @@ def _tell_verdict(run: Run, supervisor: Supervisor) -> None:
     run.recorder.event(run.machine.time_s, RunEvent.CUT_GIVEN_UP, EventLevel.WARNING, told, args)
 
 
-def _jump(run: Run, supervisor: Supervisor) -> None:
-    jump = run.profile.jump
-    height_um = min(jump.height_um, supervisor.displacement_um - JUMP_RESERVE_UM)
-    if not height_um >= LEAST_JUMP_UM:
-        return
-    run.machine.jump(jump_request(run, height_um))
-    run.recorder.event(
-        run.machine.time_s, RunEvent.JUMPED, EventLevel.DEBUG, "jump", {"height_um": height_um}
-    )
-
-
 def _result(
-    plan: CutPlan, supervisor: Supervisor, ended: MachineEvent, time_s: float, time_limit: str
+    plan: CutPlan,
+    supervisor: Supervisor,
+    cutting: Cutting,
+    ended: MachineEvent,
+    time_s: float,
+    time_limit: str,
 ) -> CutResult:
     """At CUT_DONE the controller's low-passed sensor stood at the limit: that is the displacement."""
     end = {EventCode.CUT_DONE: CutEnd.REACHED, EventCode.TIME_UP: CutEnd.TIME_UP}.get(
         ended.code, CutEnd.GIVEN_UP
     )
-    reached = end is CutEnd.REACHED
     counts, verdict = supervisor.counts, supervisor.verdict
+    at_limit, reason = end is CutEnd.REACHED, end.value
+    if cutting.is_complete and verdict is None:
+        end, reason = CutEnd.REACHED, "through"
     fault, told = ("", "") if verdict is None else (_ROWS.get(verdict, ""), supervisor.told)
     if end is CutEnd.TIME_UP:
         fault, told = "TIMEOUT", time_limit
     return CutResult(
         end=end,
-        reason=end.value if verdict is None else verdict.value,
+        reason=reason if verdict is None else verdict.value,
         time_s=time_s,
-        end_displacement_um=plan.z_limit_um if reached else ended.displacement_um,
+        end_displacement_um=plan.z_limit_um if at_limit else ended.displacement_um,
         counts=(counts[0], counts[1], counts[2], counts[3]),
         gap_ratio_mean=supervisor.gap_ratio_mean,
         energy_j=supervisor.energy_j,
         fault=fault,
         told=told,
+        jumps=cutting.jumps,
+        breakthrough_um=supervisor.breakthrough.at_um,
     )
 
 
@@ -164,6 +183,7 @@ def _report(run: Run, plan: CutPlan, result: CutResult) -> None:
             "time_s": result.time_s,
             "z_um": result.end_displacement_um,
             "pulses": result.pulses,
+            "jumps": result.jumps,
         },
         level=EventLevel.INFO if result.end is CutEnd.REACHED else EventLevel.WARNING,
     )

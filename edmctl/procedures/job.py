@@ -7,8 +7,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from edmctl.actuator.model import ActuatorModel
+    from edmctl.procedures.journal import JobState
     from edmctl.profile.model import Profile
+    from edmctl.profile.places import Place
     from edmctl.profile.setup import Setup
 
 
@@ -34,12 +38,19 @@ class CalibratedActuator:
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """A recipe, the setup of the machine, the holes to make, and the actuator's calibration where there is one."""
+    """A recipe, the setup of the machine, the holes to make, and the actuator's calibration where there is one.
+
+    `resumed` is how far an earlier run of this job came, `pause_s` ago. `tool_wear_before_um` is what the tool has
+    lost in earlier jobs, as far as anybody knows.
+    """
 
     profile: Profile
     setup: Setup
     sites: tuple[Site, ...]
     calibration: CalibratedActuator | None = None
+    resumed: JobState | None = None
+    pause_s: float = 0.0
+    tool_wear_before_um: float = 0.0
 
     @property
     def pad(self) -> Site:
@@ -52,8 +63,21 @@ class Job:
         return Site("the parking place", self.setup.stage.park_x_um, self.setup.stage.park_y_um)
 
 
-def single_hole(profile: Profile, setup: Setup, calibration: CalibratedActuator | None = None) -> Job:
-    """One hole, `measure.site_dx_um` beside the reference pad."""
-    stage = setup.stage
-    site = Site(profile.meta.name, stage.reference_x_um + profile.measure.site_dx_um, stage.reference_y_um)
-    return Job(profile, setup, (site,), calibration)
+def job_of(
+    profile: Profile,
+    setup: Setup,
+    places: Sequence[Place] = (),
+    calibration: CalibratedActuator | None = None,
+    *,
+    start_x_um: float | None = None,
+) -> Job:
+    """Make a job of a recipe: at its places, or one hole beside the reference pad.
+
+    That one is at `start_x_um`, where others may not be, or `measure.site_dx_um` from the pad.
+    """
+    sites = tuple(Site(p.name, p.x_um, p.y_um, p.theta_deg, p.depth_um) for p in places)
+    if not sites:
+        stage = setup.stage
+        x_um = stage.reference_x_um + profile.measure.site_dx_um if start_x_um is None else start_x_um
+        sites = (Site(profile.meta.name, x_um, stage.reference_y_um),)
+    return Job(profile, setup, sites, calibration)

@@ -7,11 +7,22 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import EdmError, MachineFault, PreconditionError, RunFileError
 from edmctl.procedures.black_box import record_black_box
+from edmctl.procedures.channel_job import machine_path
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.conditioning import condition
+from edmctl.procedures.hole import record_results
+from edmctl.procedures.job_journal import JobJournal
+from edmctl.procedures.journal import Journal, NoJournal
 from edmctl.procedures.link_watch import LinkWatch, record_link
 from edmctl.procedures.mismatch import MismatchWatch
-from edmctl.procedures.results import JobResult, Ledger, ObjectiveMissed, Observer, Phase
+from edmctl.procedures.results import (
+    JobResult,
+    Ledger,
+    ObjectiveMissed,
+    Observer,
+    Phase,
+    site_result_of,
+)
 from edmctl.procedures.run import Args, Run
 from edmctl.procedures.sensorless import SensorlessMachine
 from edmctl.procedures.settings import (
@@ -20,26 +31,30 @@ from edmctl.procedures.settings import (
     recorded_every,
     telemetry_settings,
 )
-from edmctl.procedures.site import machine_site, record_open_site
+from edmctl.procedures.sites import machine_sites
 from edmctl.procedures.stop import safe_state_on_error
-from edmctl.procedures.time_limits import TimeLimits
 from edmctl.procedures.watch import Watch
 from edmctl.record.rows import EventLevel
 
 if TYPE_CHECKING:
     from edmctl.machine.port import Machine
-    from edmctl.procedures.deciding import Decision
     from edmctl.procedures.job import Job
     from edmctl.record.recorder import Recorder
 
 
 def run_job(
-    machine: Machine, job: Job, *, recorder: Recorder, observer: Observer, ledger: Ledger | None = None
+    machine: Machine,
+    job: Job,
+    *,
+    recorder: Recorder,
+    observer: Observer,
+    ledger: Ledger | None = None,
+    journal: Journal | None = None,
 ) -> JobResult:
     """Run a whole job on an idle machine.
 
-    The recorder takes every sample, decision and result; the observer is told progress and decisions; the
-    ledger holds what has been reached, also after an error.
+    The recorder takes every sample, decision and result; the observer is told progress and decisions; the ledger
+    holds what has been reached, also after an error; the journal keeps what it takes to go on after an interruption.
 
     Raises
     ------
@@ -56,14 +71,19 @@ def run_job(
         sensor=job.setup.sensor.fitted,
     )
     machine = _with_displacements(machine, job, watch)
-    run = Run(machine, job, watch, recorder, observer, ledger)
+    if job.resumed is not None:
+        ledger.sites.update({result.name: result for result in map(site_result_of, job.resumed.done)})
+    keeper = JobJournal(job, ledger, journal or NoJournal())
+    run = Run(machine, job, watch, recorder, observer, ledger, keeper)
+    watch.guard(keeper.take)
     watch.guard(LinkWatch(run).take)
     if job.setup.sensor.fitted and job.calibration is not None:
         watch.compare(MismatchWatch(run).take)
     try:
         with safe_state_on_error(machine):
             _prepare(run)
-            missed = _machine_sites(run)
+            missed = machine_sites(run) if job.profile.path is None else machine_path(run)
+            record_results(run)
             run.begin(Phase.RETRACTING)
             machine.disarm()
             machine.stop_telemetry()
@@ -108,7 +128,7 @@ def _record_end(run: Run, error: EdmError) -> None:
         record_link(run)
         if isinstance(error, MachineFault):
             record_black_box(run)
-        record_open_site(run)
+        record_results(run)
         if reached is not None:
             depth: Args = {"site": reached.site, "depth_um": reached.depth_estimated_um}
             run.recorder.event(
@@ -136,13 +156,3 @@ def _test_gap_sensor(run: Run) -> None:
         f"The gap sensor shows {gap_v:.2f} V of {open_v:.2f} V with the generator on, and none with it off.",
         {"gap_v": gap_v, "open_v": open_v},
     )
-
-
-def _machine_sites(run: Run) -> Decision | None:
-    """Machine every site; stops at the first that misses its objective and returns that decision."""
-    limits = TimeLimits(run)
-    for site in run.job.sites:
-        decision = machine_site(run, site, limits)
-        if decision.missed:
-            return decision
-    return None

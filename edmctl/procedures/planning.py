@@ -1,14 +1,18 @@
-"""Where a cut ends: from a feed wanted below a known surface to a limit of the tool's displacement."""
+"""Where a cut ends: from a depth wanted below a known bottom to a limit of the tool's displacement."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from edmctl.process.next_cut import first_feed_um
+from edmctl.procedures.estimating import estimate_of
+from edmctl.procedures.goal import Goal, goal_of
+from edmctl.procedures.job import Site
+from edmctl.process.live_erosion import Energy, ErosionEstimate, LiveErosion
+from edmctl.process.next_cut import FIRST_GAP_U_UM, GAP_U_UM, NextCut, next_cut
 
 if TYPE_CHECKING:
-    from edmctl.process.wear import DepthAndWear
     from edmctl.profile.model import Profile
 
 SMALLEST_GAP_UM = 0.5
@@ -16,68 +20,127 @@ LARGEST_GAP_UM = 20.0
 
 
 @dataclass(frozen=True, slots=True)
-class CutPlan:
-    """One cut. The tool stops at `z_limit_um`; it would touch the old bottom at `bottom_um`.
+class Start:
+    """What a cut starts from.
 
-    `depth_before_um` and `wear_before_um` are what has been measured so far, `gap_um` the working gap and
-    `wear_ratio` the wear per depth that are expected.
+    The tool would touch the bottom at `bottom_um`, known within `u_um`. `depth_um` and `wear_um` are the hole's so
+    far; `gap_um` is the working gap to expect.
+    """
+
+    bottom_um: float
+    u_um: float
+    gap_um: float
+    depth_um: float = 0.0
+    wear_um: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CutPlan:
+    """One cut of `feed_um`, from what it starts from to `z_limit_um`.
+
+    `wear_ratio` is the wear per depth that is expected, `target_um` the depth of the hole that is wanted (NaN for a
+    feed), `measured` whether a measuring stop is to follow, `depth_u_um` what will be unknown of the depth then.
     """
 
     number: int
     feed_um: float
-    bottom_um: float
-    gap_um: float
-    wear_ratio: float
-    depth_before_um: float
-    wear_before_um: float
+    start: Start
+    estimate: ErosionEstimate
+    target_um: float = math.nan
+    measured: bool = True
+    depth_u_um: float = math.nan
+
+    @property
+    def bottom_um(self) -> float:
+        """Where the tool would touch before the cut."""
+        return self.start.bottom_um
+
+    @property
+    def gap_um(self) -> float:
+        """The working gap expected."""
+        return self.start.gap_um
+
+    @property
+    def wear_ratio(self) -> float:
+        """Wear per depth expected."""
+        return self.estimate.wear_ratio
 
     @property
     def z_limit_um(self) -> float:
         """Displacement at which the cut ends: a working gap short of where the tool will touch afterwards."""
-        return self.bottom_um + self.feed_um - self.gap_um
+        return self.start.bottom_um + self.feed_um - self.start.gap_um
+
+    def fed_um(self, displacement_um: float) -> float:
+        """Feed of this cut while sparking at a displacement."""
+        return max(0.0, displacement_um + self.start.gap_um - self.start.bottom_um)
+
+    def at(self, displacement_um: float, energy: Energy | None = None) -> LiveErosion:
+        """Depth and wear of the hole while sparking at a displacement, after discharges of that energy."""
+        gap_u_um = GAP_U_UM if self.number > 1 or self.estimate.fits else FIRST_GAP_U_UM
+        split = self.estimate.split(self.fed_um(displacement_um), gap_u_um, energy)
+        return LiveErosion(
+            self.start.depth_um + split.depth_um,
+            math.hypot(self.start.u_um, split.depth_u_um),
+            self.start.wear_um + split.wear_um,
+            split.wear_u_um,
+        )
 
     def depth_at(self, displacement_um: float) -> float:
         """Estimated depth while sparking at this displacement, from the expected gap and wear ratio."""
-        sunk_um = max(0.0, displacement_um + self.gap_um - self.bottom_um)
-        return self.depth_before_um + sunk_um / (1.0 + self.wear_ratio)
+        return self.at(displacement_um).depth_um
 
     def wear_at(self, displacement_um: float) -> float:
         """Estimated tool wear likewise."""
-        return self.wear_before_um + self.wear_ratio * (self.depth_at(displacement_um) - self.depth_before_um)
+        return self.at(displacement_um).wear_um
 
 
-def first_plan(profile: Profile, surface_um: float) -> CutPlan:
-    """The first cut below a surface touched at `surface_um`: all of a feed target, part of a depth."""
-    target, wear = profile.target, profile.wear
-    if target.kind == "feed":
-        feed_um = target.feed_um
-    else:
-        fraction = 1.0 if cut_budget(profile) == 1 else wear.first_fraction
-        feed_um = first_feed_um(target.depth_um, wear.expected_ratio, fraction)
-    return CutPlan(
-        number=1,
-        feed_um=feed_um,
-        bottom_um=surface_um,
-        gap_um=profile.measure.expected_gap_um,
-        wear_ratio=wear.expected_ratio,
-        depth_before_um=0.0,
-        wear_before_um=0.0,
+def first_plan(
+    profile: Profile, start: Start, goal: Goal | None = None, estimate: ErosionEstimate | None = None
+) -> CutPlan:
+    """The first cut of a hole: all of a feed or of a way through, of a depth as much as is known of the wear."""
+    goal = goal or goal_of(profile, Site("", 0.0, 0.0))
+    estimate = estimate or estimate_of(profile)
+    if goal.kind == "feed":
+        return CutPlan(1, goal.feed_um, start, estimate)
+    if goal.kind == "through":
+        feed_um = (goal.depth_um + goal.tolerance_um) * (1.0 + estimate.wear_ratio) + goal.completion_um
+        return CutPlan(1, feed_um, start, estimate, goal.depth_um)
+    if cut_budget(profile) == 1:
+        return CutPlan(1, goal.depth_um * (1.0 + estimate.wear_ratio), start, estimate, goal.depth_um)
+    fresh = estimate.fits == 0
+    cut = next_cut(
+        estimate,
+        target_um=goal.depth_um,
+        remaining_um=goal.depth_um,
+        tolerance_um=goal.tolerance_um,
+        start_u_um=start.u_um,
+        gap_u_um=FIRST_GAP_U_UM if fresh else GAP_U_UM,
+        largest_um=goal.depth_um * (profile.wear.first_fraction if fresh else 1.0),
+        begun=False,
     )
+    return _planned(1, cut, start, estimate, goal, profile)
 
 
 def following_plan(
-    last: CutPlan, feed_um: float, bottom_um: float, gap_um: float, found: DepthAndWear
+    profile: Profile, goal: Goal, last: CutPlan, start: Start, estimate: ErosionEstimate
 ) -> CutPlan:
-    """The next cut, `feed_um` below the bottom just touched, with the gap and wear ratio just learned."""
-    return CutPlan(
-        number=last.number + 1,
-        feed_um=feed_um,
-        bottom_um=bottom_um,
-        gap_um=gap_um,
-        wear_ratio=max(0.0, found.wear_ratio),
-        depth_before_um=found.depth_um,
-        wear_before_um=found.wear_um,
+    """The next cut, from the bottom just touched, with the gap and the estimate just learned."""
+    cut = next_cut(
+        estimate,
+        target_um=goal.depth_um,
+        remaining_um=goal.depth_um - start.depth_um,
+        tolerance_um=goal.tolerance_um,
+        start_u_um=start.u_um,
+        begun=True,
     )
+    return _planned(last.number + 1, cut, start, estimate, goal, profile)
+
+
+def _planned(
+    number: int, cut: NextCut, start: Start, estimate: ErosionEstimate, goal: Goal, profile: Profile
+) -> CutPlan:
+    measured = cut.measured or profile.wear.remeasure != "auto"
+    return CutPlan(number, cut.feed_um, start, estimate, goal.depth_um, measured, cut.depth_u_um)
 
 
 def learned_gap_um(bottom_um: float, end_displacement_um: float) -> float:
@@ -86,9 +149,9 @@ def learned_gap_um(bottom_um: float, end_displacement_um: float) -> float:
 
 
 def cut_budget(profile: Profile) -> int:
-    """How many cuts the recipe allows: one for a feed target or without remeasuring."""
+    """How many cuts the recipe allows: one without a depth target or without remeasuring."""
     wear = profile.wear
-    if profile.target.kind == "feed" or wear.remeasure == "never":
+    if profile.target.kind != "depth" or wear.remeasure == "never":
         return 1
     if wear.remeasure == "auto":
         return wear.max_cuts

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING, Protocol
@@ -12,6 +13,7 @@ from edmctl.process.pulses import PulseShares
 
 if TYPE_CHECKING:
     from edmctl.machine.port import LinkReport
+    from edmctl.procedures.channel_result import ChannelResult
 
 PulseRatios = PulseShares
 """Share of the pulses in each class: open, normal, arc, short."""
@@ -34,6 +36,10 @@ class Phase(StrEnum):
 class SiteResult:
     """One hole, measured by touches: `feed = depth + wear`, u95 are half-widths of 95 % intervals.
 
+    `face_um` is how much further than the reference pad the face lies here. `measuring_stops` are the times that the
+    bottom was touched, and the pad after it; `estimated_um` is the part of the depth that was cut after the last of
+    them, known from feed, energy and wear ratio: then Z2 and Z3 are where contact would be.
+
     `wear_ratio_lin` is wear per depth, `wear_ratio_vol` tool volume per hole volume, both NaN without a depth;
     `energy_j` is mean gap current × plateau voltage of a normal discharge × time, over all cuts.
 
@@ -47,6 +53,7 @@ class SiteResult:
     name: str
     x_um: float
     y_um: float
+    theta_deg: float
     depth_um: float
     depth_u95_um: float
     wear_um: float
@@ -55,6 +62,9 @@ class SiteResult:
     z1_um: float
     z2_um: float
     z3_um: float
+    face_um: float
+    measuring_stops: int
+    estimated_um: float
     depth_model_um: float
     wear_model_um: float
     zero_drift_um: float
@@ -72,6 +82,7 @@ class SiteResult:
     wear_ratio_lin: float
     wear_ratio_vol: float
     mrr_mm3_min: float
+    through: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +100,7 @@ class Reached:
 
 @dataclass(frozen=True, slots=True)
 class JobResult:
-    """All measured sites, and the times of the job on the machine's clock.
+    """All measured sites, or the channel, and the times of the job on the machine's clock.
 
     `reached` is the hole that was left unmeasured, None in a job that ended in order; `tool_wear_total_um` is
     NaN when nothing was measured. `link` says how the line did, None where the job ended before it was used.
@@ -102,11 +113,15 @@ class JobResult:
     tool_wear_total_um: float
     reached: Reached | None = None
     link: LinkReport | None = None
+    channel: ChannelResult | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """The state of a job, ten times a second while it machines. Unknown values are NaN."""
+    """The state of a job, ten times a second while it machines. Unknown values are NaN.
+
+    `depth_um` is estimated while a cut runs, with the half-width `depth_u95_um` of its 95 % interval.
+    """
 
     phase: Phase
     time_s: float
@@ -117,6 +132,8 @@ class Progress:
     depth_target_um: float
     displacement_um: float
     time_left_s: float
+    depth_u95_um: float = math.nan
+    site: str = ""
 
 
 class Observer(Protocol):
@@ -127,6 +144,15 @@ class Observer(Protocol):
 
     def note(self, text: str) -> None:
         """Take one line about a decision or a result."""
+
+
+def site_result_of(mapping: Mapping[str, object]) -> SiteResult:
+    """Return the result whose fields a journal has kept. Raises TypeError where they are not those of a result."""
+    values = dict(mapping)
+    ratios = values.pop("ratios")
+    if not isinstance(ratios, Mapping):
+        raise TypeError("ratios have to be a mapping")
+    return SiteResult(**values, ratios=PulseRatios(**ratios))  # type: ignore[arg-type]
 
 
 class ObjectiveMissed(ObjectiveNotReached):
@@ -143,7 +169,7 @@ class Ledger:
 
     `depth_um` is the best present knowledge of the hole under way: estimated while cutting, then measured.
     `open_site` names that hole until its result is in the run file, `unmeasured_site` from the begin of a cut
-    until it is measured.
+    until it is measured; `unwritten` names finished holes whose results later touches may still correct.
     """
 
     sites: dict[str, SiteResult] = field(default_factory=dict)
@@ -151,9 +177,16 @@ class Ledger:
     depth_target_um: float = math.nan
     open_site: str = ""
     unmeasured_site: str = ""
+    unwritten: list[str] = field(default_factory=list)
     time_s: float = 0.0
     machining_time_s: float = 0.0
     link: LinkReport | None = None
+    channel: ChannelResult | None = None
+
+    @property
+    def wear_um(self) -> float:
+        """What the tool has lost at all sites so far."""
+        return math.fsum(site.wear_um for site in self.sites.values())
 
     @property
     def reached(self) -> Reached | None:
@@ -165,6 +198,8 @@ class Ledger:
     def result(self) -> JobResult:
         """The measured sites and the times up to now."""
         wears_um = [site.wear_um for site in self.sites.values()]
+        if self.channel is not None:
+            wears_um.append(self.channel.wear_um)
         return JobResult(
             sites=tuple(self.sites.values()),
             time_s=self.time_s,
@@ -173,4 +208,5 @@ class Ledger:
             tool_wear_total_um=sum(wears_um) if wears_um else math.nan,
             reached=self.reached,
             link=self.link,
+            channel=self.channel,
         )

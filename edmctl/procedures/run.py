@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from edmctl.machine.port import Machine
     from edmctl.procedures.codes import RunEvent
     from edmctl.procedures.job import Job
+    from edmctl.procedures.job_journal import JobJournal
     from edmctl.procedures.watch import Watch
     from edmctl.profile.model import Profile
     from edmctl.profile.setup import Setup
@@ -35,6 +36,7 @@ class Run:
     recorder: Recorder
     observer: Observer
     ledger: Ledger
+    journal: JobJournal
 
     @property
     def profile(self) -> Profile:
@@ -45,12 +47,6 @@ class Run:
     def setup(self) -> Setup:
         """The machine's own settings."""
         return self.job.setup
-
-    @property
-    def depth_target_um(self) -> float:
-        """Depth that is wanted; NaN when a feed is."""
-        target = self.profile.target
-        return target.depth_um if target.kind == "depth" else math.nan
 
     def decide(
         self, code: RunEvent, message: str, args: Args, *, level: EventLevel = EventLevel.INFO
@@ -69,8 +65,14 @@ class Run:
                 reference_v=gap_reference_v(self.profile),
                 ratios=NO_PULSES,
                 depth_um=self.ledger.depth_um,
-                depth_target_um=self.depth_target_um,
+                depth_target_um=self.ledger.depth_target_um,
                 displacement_um=self.watch.displacement_um,
                 time_left_s=math.nan,
+                site=self.site_among_many,
             )
         )
+
+    @property
+    def site_among_many(self) -> str:
+        """Name of the hole under way, empty where there is only one."""
+        return self.ledger.open_site if len(self.job.sites) > 1 else ""

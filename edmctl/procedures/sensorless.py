@@ -12,6 +12,7 @@ inverse:
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -31,9 +32,11 @@ from edmctl.machine.port import (
     MachineState,
     MachineStatus,
     MotionSettings,
+    PathMove,
     PulseBatch,
     PulseBlockBatch,
     PulseSettings,
+    ScanRequest,
     TelemetryBlock,
     TelemetrySettings,
     Touch,
@@ -213,9 +216,17 @@ class SensorlessMachine:
         """Start the gap servo; `watch_cut` looks for the limit."""
         self._z_limit_um = request.z_limit_um
         self._reckoning.cutting_um = self._reckoning.displacement_um
-        at_once_um_s = float("inf")
-        told_um = self._beyond_um(request.z_limit_um, at_once_um_s)
+        told_um = self._beyond_um(request.z_limit_um, math.inf)
         self._machine.start_cut(replace(request, z_limit_um=told_um))
+
+    def start_scan(self, request: ScanRequest) -> None:
+        """Start the gap servo with the tool held at the voltage that the inverse gives for the limit."""
+        self._z_limit_um = math.inf
+        self._machine.start_scan(replace(request, z_limit_um=self._held_um(request.z_limit_um)))
+
+    def path_move(self, move: PathMove) -> bool:
+        """Append a line; its limit becomes the voltage that the inverse gives now, so send it not long before."""
+        return self._machine.path_move(replace(move, z_limit_um=self._held_um(move.z_limit_um)))
 
     def watch_cut(self, duration_s: float) -> MachineEvent | None:
         """Let at most `duration_s` of a cut pass, and end it where the estimate has reached its limit."""
@@ -233,6 +244,14 @@ class SensorlessMachine:
     def jump(self, request: JumpRequest) -> None:
         """Lift the tool to flush the gap, and return; a jump is told in µm of the mean gain in any case."""
         self._machine.jump(request)
+
+    def set_pulses(self, pulses: PulseSettings) -> None:
+        """Set the generator anew: armed, and not while it makes pulses."""
+        self._machine.set_pulses(pulses)
+
+    def clear_fault(self, code: int) -> None:
+        """Clear the latched fault once the tool has retracted."""
+        self._machine.clear_fault(code)
 
     def disarm(self) -> None:
         """Pulses off, retract to 0 V, idle."""
@@ -262,6 +281,10 @@ class SensorlessMachine:
     def _beyond_um(self, target_um: float, speed_um_s: float) -> float:
         """Return what the controller is told so that a feed from here can reach `target_um`."""
         return self._told_um(target_um, 1.0, speed_um_s)
+
+    def _held_um(self, target_um: float) -> float:
+        """Return what the controller is told so that the tool is held at `target_um` soon."""
+        return self._told_um(target_um, 0.0, math.inf)
 
     def _told_um(self, target_um: float, side: float, speed_um_s: float) -> float:
         way_um = target_um - self._reckoning.displacement_um

@@ -13,6 +13,8 @@ from edmctl.machine.port import (
     ServoLaw,
     TelemetrySettings,
 )
+from edmctl.procedures.goal import goal_of
+from edmctl.procedures.job import Site
 
 if TYPE_CHECKING:
     from edmctl.profile.model import Profile
@@ -54,6 +56,8 @@ _SLOWEST_HZ = 20.0
 def controller_settings(profile: Profile, setup: Setup) -> ControllerSettings:
     """The controller's parameters for this recipe on this machine."""
     servo, actuator, pulse = profile.servo, setup.actuator, profile.pulse
+    # Behind the sheet nothing but open pulses is right; before, the host looks (spark_loss.py).
+    completion_um = goal_of(profile, Site("", 0.0, 0.0)).completion_um
     return ControllerSettings(
         piezo_max_v=profile.limits.stroke_v_max,
         slew_limit_v_s=actuator.slew_v_s,
@@ -77,8 +81,8 @@ def controller_settings(profile: Profile, setup: Setup) -> ControllerSettings:
         block_pulses=block_pulses(profile),
         short_stuck_s=SHORT_STUCK_S,
         arc_run=ARC_RUN,
-        open_lost_um=profile.limits.open_lost_um,
-        open_lost_s=OPEN_LOST_S,
+        open_lost_um=completion_um + profile.limits.open_lost_um,
+        open_lost_s=OPEN_LOST_S + completion_um / servo.forward_um_s,
         watchdog_s=setup.controller.watchdog_s,
         dielectric_required=profile.flush.required,
         flow_min_lpm=profile.flush.min_flow_lpm,

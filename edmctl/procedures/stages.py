@@ -18,6 +18,9 @@ ARRIVAL_RUN_UM = 50.0
 """A move that would arrive against the positive direction goes this far beyond and comes back, so that the
 play of the drive always lies on the same side."""
 
+ROTARY_REPEATABILITY_DEG = 0.1
+"""Of the rotary table (Muralidhara et al. 2009, §3.1): a smaller turn is no turn."""
+
 _CREEP_WAIT_S = 60.0
 """Longest wait for the actuator to creep back below the height at which the stages may move."""
 _CREEP_LOOK_S = 1.0
@@ -55,6 +58,8 @@ def move_to(run: Run, place: Site) -> None:
         if target_um < here_um:
             run.machine.move_stage(axis, target_um - ARRIVAL_RUN_UM, speed_um_s)
         run.machine.move_stage(axis, target_um, speed_um_s)
+    if abs(place.theta_deg - status.theta_deg) > ROTARY_REPEATABILITY_DEG:
+        run.machine.move_stage(Axis.THETA, place.theta_deg, run.setup.stage.rotary_deg_s)
     message = f"At {place.name} ({place.x_um:.0f}, {place.y_um:.0f}) µm."
     run.decide(RunEvent.STAGE_MOVED, message, {"x_um": place.x_um, "y_um": place.y_um})
     run.watch.rest()

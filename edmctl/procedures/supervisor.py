@@ -10,31 +10,32 @@ from collections import deque
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-from edmctl.machine.port import MachineState, MachineStatus, TelemetryBlock
+from edmctl.machine.port import MachineState, MachineStatus, TelemetryBlock, host_fault
+from edmctl.procedures.adapting import Adapting
+from edmctl.procedures.breakthrough import Breakthrough
 from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.estimating import energy_of
+from edmctl.procedures.ratio_limits import RatioLimits
 from edmctl.procedures.results import Phase, Progress, PulseRatios
-from edmctl.procedures.settings import gap_reference_v, telemetry_settings
+from edmctl.procedures.settings import OPEN_LOST_S, gap_reference_v, telemetry_settings
+from edmctl.procedures.short_recovery import ShortRecovery
+from edmctl.procedures.spark_loss import SparkLoss
+from edmctl.procedures.stalls import STALL_SHARE, Stall
 from edmctl.procedures.stroke import stroke_left_um
+from edmctl.process.next_cut import COVERAGE
 from edmctl.process.pulses import pulse_shares
 from edmctl.profile.forecast import forecast
-from edmctl.record.rows import EventLevel, SlowRow
+from edmctl.record.rows import SlowRow
 
 if TYPE_CHECKING:
     from edmctl.procedures.planning import CutPlan
     from edmctl.procedures.run import Run
+    from edmctl.process.live_erosion import LiveErosion
 
 RATIO_WINDOW_S = 2.0
 """Arcs and shorts are judged over this: a limit that is exceeded so long is told at once (decision 0012)."""
 FEED_WINDOW_S = 10.0
 """Mean feed is taken over this: one jump period, 3 µm at 0.3 µm/s, twenty times the sensor's noise."""
-STALL_S = 60.0
-"""A cut that moves less than `STALL_SHARE` of the forecast feed for so long is stalled. Our choice: six jumps."""
-STALL_SHARE = 0.05
-"""Of the forecast feed; bad flushing alone leaves more than half of it."""
-UNSTABLE_S = 30.0
-"""A cut over its arc or short limit for so long is ended. Badly flushed holes that come out well are over it for up
-to 9 s, until the next jump, so it has to outlast some jump periods (decision 0012)."""
-
 OVERRUN_SHARE = 0.05
 """A cut that is this share of the target deeper than the target, by the estimate, has not ended where it should."""
 LEAST_OVERRUN_UM = 3.0
@@ -47,7 +48,6 @@ NEAR_THE_END_UM = 60.0
 # Looked up in every slice; an enum member costs a metaclass call each time in Python 3.11.
 _MACHINING = int(MachineState.MACHINING)
 _PHASE = {True: Phase.MACHINING, False: Phase.JUMPING}
-_ARCING, _SHORTING = RunEvent.ARCING, RunEvent.SHORTING
 
 _Counts = tuple[int, int, int, int]
 
@@ -65,7 +65,7 @@ class Supervisor:
 
     `counts` are the pulses of the cut by class (open, normal, arc, short); `energy_j` is their energy, from the
     mean gap current at the plateau voltage of a normal discharge; `verdict` is set when the cut should end, and
-    `told` says then what was seen.
+    `told` says then what was seen. `adapting` holds what machine and generator should be set to.
     """
 
     def __init__(self, run: Run, plan: CutPlan, start_s: float) -> None:
@@ -78,20 +78,24 @@ class Supervisor:
         self._reference_v = gap_reference_v(profile)
         self._plateau_v = profile.pulse.discharge_voltage_v
         self._sample_s = 1e-6 * telemetry_settings(profile, run.setup).period_us
-        self._jump_period_s = profile.jump.period_s if profile.jump.mode == "fixed" else math.nan
-        self._target_um = profile.target.depth_um if profile.target.kind == "depth" else math.nan
         self._forecast_feed_um_s = forecast(profile, run.setup).feed_rate_um_s
         self._window: deque[tuple[float, _Counts]] = deque()
         self._window_counts: list[int] = [0, 0, 0, 0]
         self._track: deque[tuple[float, float]] = deque()
         self._begin: tuple[float, float] | None = None
-        self._stall: tuple[float, float] | None = None
-        self._over_limit_since_s: dict[RunEvent, float] = {}
+        self._ratio_limits = RatioLimits(run, RATIO_WINDOW_S)
         self._gap_ratio_sum = 0.0
         self._gap_samples = 0
         self._status: MachineStatus | None = None
+        self._stall = Stall(self._forecast_feed_um_s)
+        self._through = profile.target.kind == "through"
+        self._spark_loss = SparkLoss(profile.limits.open_lost_um, OPEN_LOST_S)
+        self.adapting = Adapting(profile, start_s)
+        self.shorts = ShortRecovery()
+        self.breakthrough = Breakthrough(profile.work.thickness_um)
         self.counts: list[int] = [0, 0, 0, 0]
-        self.energy_j = 0.0
+        self.energy_j = self.sparking_s = 0.0
+        self._power_w = 0.0
         self.displacement_um = math.nan
         self.verdict: Verdict | None = None
         self.told = ""
@@ -100,6 +104,32 @@ class Supervisor:
     def gap_ratio_mean(self) -> float:
         """Mean of the normalised gap voltage while sparking; NaN before any sample."""
         return self._gap_ratio_sum / self._gap_samples if self._gap_samples else math.nan
+
+    @property
+    def is_through(self) -> bool:
+        """Whether the sheet has broken through."""
+        return not math.isnan(self.breakthrough.at_um)
+
+    def jump_due(self, now_s: float) -> tuple[RunEvent, str] | None:
+        """Which kind of jump is due, and why; None while there is no reason."""
+        if reason := self.shorts.due():
+            return RunEvent.SHORT_RECOVERY, reason
+        if self._stall.jump_wanted:
+            return RunEvent.STALL_JUMP, f"the tool has advanced only {self._stall.told}"
+        if reason := self.adapting.due(now_s):
+            return RunEvent.JUMPED, reason
+        return None
+
+    def jumped(self, code: RunEvent, now_s: float) -> None:
+        """Take note that a jump was made."""
+        self._stall.jump_wanted = False
+        if code is RunEvent.SHORT_RECOVERY:
+            self.shorts.jumped()
+        self.adapting.jumped(now_s)
+
+    def set_gap(self, reference_v: float, duty_v: float) -> None:
+        """Take note of another reference, and of another mean voltage of the open gap."""
+        self._reference_v, self._duty_v = reference_v, duty_v
 
     def note_status(self, status: MachineStatus) -> None:
         """Take the state of the dielectric, for the rows from now on."""
@@ -110,19 +140,22 @@ class Supervisor:
         now_s = float(block.time_s[-1])
         gap_v = sum(block.gap_v.tolist()) / len(block.time_s)
         machining = bool(block.state[0] == block.state[-1] == _MACHINING)
-        self._count(block, now_s)
+        fresh = self._count(block, now_s)
         if machining:
             self._follow_tool(block, gap_v, now_s)
         ratios = pulse_shares(*self._window_counts)
-        limits = self._run.profile.limits
-        self._look_at_ratio(_ARCING, "arcs", ratios.arc, limits.arc_ratio, now_s)
-        self._look_at_ratio(_SHORTING, "shorts", ratios.short, limits.short_ratio, now_s)
+        full = now_s - self._window[0][0] >= 0.9 * RATIO_WINDOW_S
+        if self._ratio_limits.take(now_s, ratios, window_is_full=full):
+            self.verdict = Verdict.UNSTABLE
         feed_um_s = self._feed_um_s(now_s)
-        depth_um = self._plan.depth_at(self.displacement_um)
+        energy = energy_of(self._run.profile.pulse, self.counts, self.energy_j)
+        erosion = self._plan.at(self.displacement_um, energy)
+        depth_um = erosion.depth_um
+        self._judge(len(block.time_s) * self._sample_s, fresh, depth_um, sparking=machining)
         ledger = self._run.ledger
         ledger.depth_um = depth_um
         ledger.machining_time_s = self._machined_before_s + max(0.0, now_s - self._start_s)
-        self._record(block, gap_v, ratios, feed_um_s, depth_um)
+        self._record(block, gap_v, ratios, feed_um_s, erosion)
         if machining:
             self._look_for_the_end(float(block.actuator_v[-1]), depth_um)
         self._run.observer.progress(
@@ -133,18 +166,23 @@ class Supervisor:
                 reference_v=self._reference_v,
                 ratios=ratios,
                 depth_um=depth_um,
-                depth_target_um=self._target_um,
+                depth_target_um=self._plan.target_um,
                 displacement_um=self.displacement_um,
                 time_left_s=self._time_left_s(now_s, depth_um),
+                depth_u95_um=COVERAGE * erosion.depth_u_um,
+                site=self._run.site_among_many,
             )
         )
 
     def _record(
-        self, block: TelemetryBlock, gap_v: float, ratios: PulseRatios, feed_um_s: float, depth_um: float
+        self,
+        block: TelemetryBlock,
+        gap_v: float,
+        ratios: PulseRatios,
+        feed_um_s: float,
+        erosion: LiveErosion,
     ) -> None:
         status = self._status
-        power_w = self._plateau_v * sum(block.current_a.tolist()) / len(block.time_s)
-        self.energy_j += power_w * len(block.time_s) * self._sample_s
         self._run.recorder.append_slow(
             SlowRow(
                 time_s=float(block.time_s[-1]),
@@ -155,10 +193,10 @@ class Supervisor:
                 ratio_normal=ratios.normal,
                 ratio_arc=ratios.arc,
                 ratio_short=ratios.short,
-                depth_um=depth_um,
-                wear_um=self._plan.wear_at(self.displacement_um),
-                jump_period_s=self._jump_period_s,
-                power_w=power_w,
+                depth_um=erosion.depth_um,
+                wear_um=erosion.wear_um,
+                jump_period_s=self.adapting.period_s,
+                power_w=self._power_w,
                 dielectric_c=math.nan if status is None else status.temperature_c,
                 flow_lpm=math.nan if status is None else status.flow_lpm,
                 link_errors=self._run.watch.missing_frames,
@@ -172,9 +210,31 @@ class Supervisor:
         self.displacement_um = sum(block.displacement_um.tolist()) / n
         self._track.append((now_s, self.displacement_um))
         self._begin = self._begin or self._track[0]
-        self._look_for_stall(now_s)
+        if self._stall.take(now_s, self.displacement_um):
+            self.verdict, self.told = Verdict.STALLED, self._stall.told
 
-    def _count(self, block: TelemetryBlock, now_s: float) -> None:
+    def _judge(self, duration_s: float, fresh: _Counts, depth_um: float, *, sparking: bool) -> None:
+        """Hand a slice to everybody who may want a jump, another reference, or the end."""
+        opens, normals, arcs, shorts = fresh
+        pulses = opens + normals + arcs + shorts
+        self.sparking_s += duration_s if sparking else 0.0
+        self.adapting.take(duration_s, pulses, arcs, shorts, sparking=sparking)
+        self.shorts.take(duration_s, pulses, shorts, sparking=sparking)
+        if not self._through or pulses == 0:
+            return
+        open_share = opens / pulses
+        seen = self.breakthrough
+        if seen.take(duration_s, self.displacement_um, depth_um, open_share, sparking=sparking):
+            args = {"displacement_um": seen.at_um, "depth_um": depth_um, "feed_um_s": seen.feed_um_s}
+            self._run.decide(RunEvent.BREAKTHROUGH, seen.told, args)
+        elif sparking and not self.is_through:
+            lost = self._spark_loss.take(duration_s, self.displacement_um, pulses, opens)
+            if lost:
+                raise host_fault("NO_SPARK", f" ({lost})")
+
+    def _count(self, block: TelemetryBlock, now_s: float) -> _Counts:
+        self._power_w = self._plateau_v * sum(block.current_a.tolist()) / len(block.time_s)
+        self.energy_j += self._power_w * len(block.time_s) * self._sample_s
         fresh = (
             sum(block.n_open.tolist()),
             sum(block.n_normal.tolist()),
@@ -188,6 +248,7 @@ class Supervisor:
         while self._window[0][0] <= now_s - RATIO_WINDOW_S:
             for i, number in enumerate(self._window.popleft()[1]):
                 self._window_counts[i] -= number
+        return fresh
 
     def _feed_um_s(self, now_s: float) -> float:
         track = self._track
@@ -206,26 +267,18 @@ class Supervisor:
         if not feed_um_s > STALL_SHARE * self._forecast_feed_um_s:
             return math.nan
         left_um = self._plan.z_limit_um - self.displacement_um
-        if not math.isnan(self._target_um):
-            left_um = (self._target_um - depth_um) * (1.0 + self._plan.wear_ratio)
+        if not (math.isnan(self._plan.target_um) or self._through):
+            left_um = (self._plan.target_um - depth_um) * (1.0 + self._plan.wear_ratio)
         return max(0.0, left_um) / feed_um_s
-
-    def _look_for_stall(self, now_s: float) -> None:
-        if self._stall is None:
-            self._stall = (now_s, self.displacement_um)
-        since_s, since_um = self._stall
-        if self.displacement_um - since_um > STALL_SHARE * self._forecast_feed_um_s * STALL_S:
-            self._stall = (now_s, self.displacement_um)
-        elif now_s - since_s > STALL_S:
-            self.verdict = Verdict.STALLED
-            self.told = f"{self.displacement_um - since_um:.1f} µm in {now_s - since_s:.0f} s"
 
     def _look_for_the_end(self, actuator_v: float, depth_um: float) -> None:
         """Whether the cut went past its target, or the actuator has no way left."""
-        target, ratio = self._run.profile.target, self._plan.wear_ratio
-        wanted_um = target.depth_um if target.kind == "depth" else target.feed_um / (1.0 + ratio)
-        if depth_um > wanted_um + max(LEAST_OVERRUN_UM, OVERRUN_SHARE * wanted_um):
-            self._end(f"the estimated depth is {depth_um:.1f} of {wanted_um:.1f} µm")
+        what, done_um, wanted_um = "depth", depth_um, self._plan.target_um
+        if self._through or math.isnan(wanted_um):
+            what, done_um = "feed", self._plan.fed_um(self.displacement_um)
+            wanted_um = self._plan.feed_um
+        if done_um > wanted_um + max(LEAST_OVERRUN_UM, OVERRUN_SHARE * wanted_um):
+            self._end(f"the estimated {what} is {done_um:.1f} of {wanted_um:.1f} µm")
             return
         limit_v, gain_um_per_v = (
             self._run.profile.limits.stroke_v_max,
@@ -240,22 +293,3 @@ class Supervisor:
     def _end(self, told: str) -> None:
         if self.verdict is None:
             self.verdict, self.told = Verdict.ENDED, told
-
-    def _look_at_ratio(self, code: RunEvent, name: str, ratio: float, limit: float, now_s: float) -> None:
-        if ratio <= limit:
-            self._over_limit_since_s.pop(code, None)
-            return
-        if now_s - self._window[0][0] < 0.9 * RATIO_WINDOW_S:
-            return
-        since_s = self._over_limit_since_s.get(code)
-        if since_s is None:
-            self._over_limit_since_s[code] = now_s
-            self._run.decide(
-                code,
-                f"{100 * ratio:.0f} % {name} in the last {RATIO_WINDOW_S:.0f} s; "
-                f"the limit is {100 * limit:.0f} %.",
-                {"ratio": ratio, "limit": limit},
-                level=EventLevel.WARNING,
-            )
-        elif now_s - since_s > UNSTABLE_S:
-            self.verdict = Verdict.UNSTABLE

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.profile.forecast import forecast
+from edmctl.profile.places import Place
 
 if TYPE_CHECKING:
     from edmctl.procedures.run import Run
@@ -29,9 +30,9 @@ class TimeLimits:
 
     def __init__(self, run: Run) -> None:
         self._run = run
-        self._machining_s = max(
-            LEAST_S, LONGEST_SHARE * forecast(run.profile, run.setup).machining_time_s * len(run.job.sites)
-        )
+        places = [Place(s.name, s.x_um, s.y_um, s.theta_deg, s.depth_um, 0) for s in run.job.sites]
+        expected_s = forecast(run.profile, run.setup, places).machining_time_s
+        self._machining_s = max(LEAST_S, LONGEST_SHARE * expected_s)
 
     def left(self) -> TimeLeft:
         """The limit that comes first, as it stands now."""

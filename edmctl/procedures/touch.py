@@ -7,7 +7,7 @@ The tool hunts at contact, so that creep cannot push it into the work, and the s
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from edmctl.errors import ObjectiveNotReached, PreconditionError
@@ -47,6 +47,13 @@ class SurfaceReading:
     def z_um(self) -> float:
         """Mean displacement at contact."""
         return self.reading.mean_um
+
+    def shifted(self, way_um: float) -> SurfaceReading:
+        """Return what it would be `way_um` further on."""
+        if way_um == 0.0:
+            return self
+        reading = replace(self.reading, mean_um=self.reading.mean_um + way_um)
+        return replace(self, reading=reading, model_um=self.model_um + way_um)
 
 
 def take_reading(

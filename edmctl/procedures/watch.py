@@ -97,6 +97,12 @@ class Watch:
         """Also hand every block to `follower`; None ends that."""
         self._follower = follower
 
+    def set_duty_voltage(self, duty_voltage_v: float) -> None:
+        """From now on gap ratios refer to another mean voltage of the open gap."""
+        if duty_voltage_v != self._duty_voltage_v:
+            self.settle()
+            self._duty_voltage_v = duty_voltage_v
+
     def guard(self, guard: Callable[[TelemetryBlock], None]) -> None:
         """Also hand every block of the run to `guard`, which may raise what ends it."""
         self._guards.append(guard)

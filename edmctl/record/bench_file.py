@@ -1,6 +1,7 @@
 """The file of a kept bench: nested names with arrays, numbers and texts, as HDF5.
 
-Groups are states, datasets arrays, attributes numbers and texts. A hash over all of it tells a damaged file. The
+Groups are states, datasets arrays, attributes numbers and texts; a state of many numbers and nothing else is a
+compound, which is written much faster than as many attributes. A hash over all of it tells a damaged file. The
 file is written beside its place and put there at once; while a program uses it, a lock beside it keeps others away.
 """
 
@@ -9,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import os
 import stat
+import time
 from collections.abc import Mapping
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
@@ -26,26 +28,29 @@ if TYPE_CHECKING:
 State = Mapping[str, object]
 
 KIND = "edmctl-bench"
-SCHEMA = 1
+SCHEMA = 2
 _HASH = "sha256"
 _OTHER_PARTS = (KeyError, TypeError, AttributeError, MemoryError, RecursionError)
 """What comes of parts that are missing, of another kind or of absurd size."""
+_RETRY_S = 0.1
+_MANY = 8
+_NUMBERS: Mapping[type, str] = {float: "f8", int: "i8", bool: "?"}
 _NEW_ONE = "Give the file of a bench, or a name that is free for a new one."
 
 
 @contextmanager
-def bench_lock(path: Path) -> Iterator[None]:
-    """Keep others from using the bench at `path` while the block runs.
+def bench_lock(path: Path, wait_s: float = 0.0) -> Iterator[None]:
+    """Keep others from using the bench at `path` while the block runs; wait so long for those who do now.
 
     Raises RunFileError: E9023 it is in use, E9024 nothing can be written there.
     """
     lock = path.resolve().with_name(f".{path.resolve().name}.lock")
     try:
-        descriptor = _locked(lock)
+        descriptor = _locked(lock, time.monotonic() + wait_s)
     except BlockingIOError:
         raise RunFileError(
             f"The bench {path} is in use by another program.",
-            hint="End the other `edmctl simulate serve`, or take another file.",
+            hint="Let the other program end (--wait SECONDS waits for it), or take another file.",
             code="E9023",
         ) from None
     except OSError as refused:
@@ -82,14 +87,16 @@ def read_bench(path: Path) -> State:
     raise RunFileError(f"{path} is HDF5, but not the file of a bench.", hint=_NEW_ONE, code="E9020")
 
 
-def write_bench(path: Path, state: State) -> None:
+def write_bench(path: Path, state: State, *, is_own: bool = False) -> None:
     """Put a state into the file at `path`, new or instead of the bench that is there; all of it or nothing.
+
+    `is_own` says that this program, which holds the lock, has read or written the file already.
 
     Raises RunFileError: E9020 or E9022 what is there is no bench of this version, and stays; E9024 it cannot be
     written.
     """
     target = path.resolve()
-    if target.exists():
+    if target.exists() and not is_own:
         read_bench(target)
     partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
     try:
@@ -115,8 +122,18 @@ def _check_regular(path: Path) -> None:
         raise _unreadable(path, refused.strerror or str(refused)) from refused
 
 
-def _locked(lock: Path) -> int:
-    """Open and lock the file; BlockingIOError where somebody has it."""
+def _locked(lock: Path, until_s: float) -> int:
+    """Open and lock the file; BlockingIOError where somebody still has it at that time."""
+    while True:
+        try:
+            return _locked_now(lock)
+        except BlockingIOError:
+            if time.monotonic() >= until_s:
+                raise
+            time.sleep(_RETRY_S)
+
+
+def _locked_now(lock: Path) -> int:
     import fcntl
 
     while True:
@@ -144,7 +161,10 @@ def _image(state: State) -> bytes:
 
 def _write_group(group: h5py.Group, state: State) -> None:
     for name, value in state.items():
-        if isinstance(value, Mapping):
+        if isinstance(value, Mapping) and _is_compound(value):
+            types = [(field, _NUMBERS[type(number)]) for field, number in value.items()]
+            group.create_dataset(name, data=np.array(tuple(value.values()), dtype=types))
+        elif isinstance(value, Mapping):
             _write_group(group.create_group(name), value)
         elif isinstance(value, np.ndarray):
             group.create_dataset(name, data=value)
@@ -168,7 +188,12 @@ def _read_array(dataset: h5py.Dataset) -> object:
     # Nothing is compressed here: what claims to be larger is damaged, and would fill the memory.
     if dataset.nbytes > dataset.file.id.get_filesize():
         raise ValueError("an array in it is larger than the file")
-    return dataset[()]
+    value = dataset[()]
+    return {name: value[name].item() for name in value.dtype.names} if value.dtype.names else value
+
+
+def _is_compound(state: State) -> bool:
+    return len(state) > _MANY and all(type(value) in _NUMBERS for value in state.values())
 
 
 def _hash_of(state: State) -> str:

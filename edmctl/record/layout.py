@@ -88,6 +88,7 @@ GROUPS = (
 SCALARS = (
     Scalar("/entry/title", "title", "text", TEXT, "title"),
     Scalar("/entry/run_id", "run_id", "text", TEXT, "identifier of the run"),
+    Scalar("/entry/parent_run", "parent_run", "text", TEXT, "run that was taken up again; empty without"),
     Scalar("/entry/command", "command", "text", TEXT, "command line, as a JSON list"),
     Scalar("/entry/start_time", "start_time", "text", TEXT, "start, ISO 8601"),
     Scalar("/entry/end_time", "", "S40", TEXT, "end, ISO 8601; empty while running"),
@@ -235,7 +236,7 @@ TOUCHES = Table(
     "readings of surface and bottom",
     (
         _TIME,
-        Column("kind", "kind", "S4", TEXT, "Z1, Z2 or Z3"),
+        Column("kind", "kind", "S4", TEXT, "Z1, Z2 or Z3; Zr at a place that is not machined yet"),
         Column("site", "site", "S32", TEXT, "site"),
         Column("v_cmd", "actuator_v", "f8", "V", "actuator voltage"),
         Column("z_sensor", "displacement_um", "f8", "um", "displacement, sensor; NaN without one"),
@@ -303,6 +304,9 @@ RESULTS = Table(
         Column("err_feed_rms", "feed_model_error_rms_um", "f8", "um", "the same, rms"),
         Column("err_feed_max_pct", "feed_model_error_max_pct", "f8", "%", "err_feed_max over feed"),
         Column("err_feed_rms_pct", "feed_model_error_rms_pct", "f8", "%", "err_feed_rms over feed"),
+        Column("face", "face_um", "f8", "um", "how much further than the pad the face lies at the site"),
+        Column("stops", "measuring_stops", "u2", PURE, "times that bottom and pad were touched"),
+        Column("estimated", "estimated_um", "f8", "um", "part of the depth cut after the last touch"),
     ),
 )
 

@@ -185,6 +185,12 @@ class SiteRow:
     feed_model_error_max_pct: float = math.nan
     """Of the feed."""
     feed_model_error_rms_pct: float = math.nan
+    face_um: float = 0.0
+    """How much further than the pad the face lies at the site."""
+    measuring_stops: int = 0
+    """Times that the bottom, and the pad after it, were touched."""
+    estimated_um: float = 0.0
+    """Part of the depth that was cut after the last touch, and is estimated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,6 +228,8 @@ class RunMeta:
     edmctl_version: str
     sim_sha256: str = ""
     """Of the `[sim]` table in effect."""
+    parent_run: str = ""
+    """The run that this one goes on with; empty without."""
     profile_path: str = ""
     profile_parents: Sequence[SourceText] = ()
     """The files that the profile extends, nearest first."""

@@ -7,7 +7,7 @@ import json
 import math
 from dataclasses import replace
 
-from edmctl.console.progress import EventReporter, LineReporter
+from edmctl.console.progress import EventReporter, LineReporter, progress_line
 from tests.console.views import Ratios, State
 
 
@@ -101,3 +101,10 @@ def test_a_feed_target_has_no_depth_to_reach() -> None:
     out = io.StringIO()
     LineReporter(out, HandClock()).progress(State(depth_target_um=math.nan))
     assert "; depth 42.2 µm;" in out.getvalue()
+
+
+def test_the_uncertainty_and_the_place_are_told_where_they_are_known() -> None:
+    line = progress_line(replace(State(), depth_u95_um=2.34, site="grid-4"))
+    assert "cut 1 grid-4" in line
+    assert "± 2.3 of" in line
+    assert "±" not in progress_line(State())

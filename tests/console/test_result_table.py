@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 from edmctl.console.result_table import render_job
-from tests.console.views import Job, Site, Truth
+from tests.console.views import Channel, ChannelTruth, Job, Site, Truth
 
 
 def test_measured_modelled_and_true_values_stand_side_by_side() -> None:
@@ -41,3 +41,43 @@ def test_columns_are_aligned() -> None:
 def test_what_was_not_measured_is_a_dash() -> None:
     site = replace(Site(), depth_um=math.nan, depth_u95_um=math.nan)
     assert "depth                –" in render_job(Job(sites=(site,))) or "–" in render_job(Job(sites=(site,)))
+
+
+def test_many_sites_make_a_table_with_a_line_each() -> None:
+    sites = tuple(Site(name=f"grid-{i}") for i in range(1, 10))
+    lines = render_job(Job(sites=sites), [Truth()] * 9).splitlines()
+    assert lines[0].split() == [
+        "site",
+        "depth",
+        "tool",
+        "wear",
+        "feed",
+        "stops",
+        "machining",
+        "true",
+        "depth",
+    ]
+    assert [line.split()[0] for line in lines[1:10]] == [site.name for site in sites]
+    assert "truth" not in render_job(Job(sites=sites))
+
+
+def test_a_depth_that_was_not_touched_at_the_end_says_so() -> None:
+    text = render_job(Job(sites=(Site(estimated_um=12.3),)))
+    assert "the last 12.30 µm were not touched" in text
+    assert "not touched" not in render_job(Job())
+
+
+def test_a_channel_has_its_floor_and_what_is_true_of_it() -> None:
+    text = render_job(Job(sites=(), channel=Channel()), (), channel_truth=ChannelTruth())
+    assert "25.10 ± 0.60 µm" in text
+    assert "24.70 µm" in text
+    assert "0.81 µm from the target" in text
+    assert "12 layers in 19 passes" in text
+    assert "truth" not in render_job(Job(sites=(), channel=Channel()))
+
+
+def test_a_through_hole_has_a_tip_below_the_face_and_no_bottom() -> None:
+    text = render_job(Job(sites=(Site(through=True),)))
+    assert "tip below the face" in text
+    assert "Z2 bottom" not in text
+    assert "through the sheet" in text

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 
@@ -24,6 +25,8 @@ class State:
     depth_target_um: float = 180.0
     displacement_um: float = 110.0
     time_left_s: float = 480.0
+    depth_u95_um: float = math.nan
+    site: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +46,9 @@ class Site:
     z1_um: float = 53.1
     z2_um: float = 303.34
     z3_um: float = 123.13
+    measuring_stops: int = 3
+    estimated_um: float = 0.0
+    through: bool = False
     depth_model_um: float = 180.94
     wear_model_um: float = 70.41
     machining_time_s: float = 902.4
@@ -52,8 +58,32 @@ class Site:
 
 
 @dataclass(frozen=True, slots=True)
+class ChannelTruth:
+    depth_um: float = 24.7
+    floor_error_rms_um: float = 0.81
+    wear_um: float = 40.0
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    name: str = "spiral"
+    length_um: float = 8123.0
+    layers: int = 12
+    passes: int = 19
+    depth_um: float = 25.1
+    depth_u95_um: float = 0.6
+    floor_sd_um: float = 0.4
+    wear_um: float = 41.2
+    wear_u95_um: float = 2.0
+    machining_time_s: float = 2400.0
+    pulses: int = 5_000_000
+    ratios: Ratios = field(default_factory=Ratios)
+
+
+@dataclass(frozen=True, slots=True)
 class Job:
     sites: tuple[Site, ...] = (Site(),)
+    channel: Channel | None = None
     time_s: float = 1141.0
     tool_wear_total_um: float = 70.03
 

@@ -54,6 +54,7 @@ class Workshop:
         self._bench: VirtualBench | None = None
         self.cause_s: float | None = None
         self.last_pulses_s = 0.0
+        self.first_off_s: float | None = None
 
     @property
     def bench(self) -> VirtualBench:
@@ -78,13 +79,24 @@ class Workshop:
                 self.cause_s = self.last_pulses_s = controller.tick * ONE_TICK_S
             elif applied and not self._latent:
                 self.cause_s = self.last_pulses_s = applied[0][1] * ONE_TICK_S
-        if self.cause_s is not None and controller.ist[k.PULSES_ON]:
+        if self.cause_s is None:
+            return
+        if controller.ist[k.PULSES_ON]:
             self.last_pulses_s = controller.tick * ONE_TICK_S
+        elif self.first_off_s is None:
+            self.first_off_s = self.last_pulses_s
 
     @property
     def pulses_after_cause_s(self) -> float:
         """How long pulses went on after something went wrong."""
         return 0.0 if self.cause_s is None else self.last_pulses_s - self.cause_s
+
+    @property
+    def pulses_off_after_s(self) -> float:
+        """How long it took until pulses were first off; a host that recovers switches them on again."""
+        assert self.cause_s is not None
+        assert self.first_off_s is not None
+        return self.first_off_s - self.cause_s
 
     def repair(self) -> None:
         """Put everything right that was broken."""

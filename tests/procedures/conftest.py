@@ -16,7 +16,8 @@ from edmctl.actuator.waveforms import calibration_legs, sampled
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest
-from edmctl.procedures.job import CalibratedActuator, Job, single_hole
+from edmctl.procedures.job import CalibratedActuator, Job, job_of
+from edmctl.procedures.job_journal import JobJournal
 from edmctl.procedures.machining import run_job
 from edmctl.procedures.results import JobResult, Ledger, Phase, Progress
 from edmctl.procedures.run import Run
@@ -32,6 +33,7 @@ from edmctl.simulator.config import SensorConstants
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from edmctl.procedures.journal import Journal
     from edmctl.record.recorder import Recorder
     from edmctl.record.rows import EventLevel, PulseBlockRows, ServoBlock, SiteRow, SlowRow, TouchRow
 
@@ -127,12 +129,12 @@ class Shop:
         self.session.open()
         self.stop = StopRequest()
         self.machine = LinkMachine(self.session, self.stop)
-        self.job: Job = single_hole(self.profile, Setup(sensor=Sensor(fitted=sensor)), calibration)
+        self.job: Job = job_of(self.profile, Setup(sensor=Sensor(fitted=sensor)), loaded.places, calibration)
         self.seen = Seen()
         self.told = Told()
         self.ledger = Ledger()
 
-    def run_job(self, recorder: Recorder | None = None) -> JobResult:
+    def run_job(self, recorder: Recorder | None = None, journal: Journal | None = None) -> JobResult:
         """Run the whole job."""
         return run_job(
             self.machine,
@@ -140,12 +142,14 @@ class Shop:
             recorder=recorder or self.seen,
             observer=self.told,
             ledger=self.ledger,
+            journal=journal,
         )
 
     def run(self) -> Run:
         """What single procedures take, on a machine that nobody has configured."""
         watch = Watch(self.seen, self.profile.pulse.duty_voltage_v)
-        return Run(self.machine, self.job, watch, self.seen, self.told, self.ledger)
+        journal = JobJournal(self.job, self.ledger)
+        return Run(self.machine, self.job, watch, self.seen, self.told, self.ledger, journal)
 
 
 @pytest.fixture

@@ -14,8 +14,7 @@ from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.conditioning import condition
 from edmctl.procedures.job import Site
 from edmctl.procedures.jumping import CLEARANCE_UM, jump_request
-from edmctl.procedures.site import machine_site
-from edmctl.procedures.time_limits import TimeLimits
+from edmctl.procedures.sites import machine_sites
 
 from .conftest import Done, Shop, armed, calibrated
 
@@ -106,9 +105,11 @@ def test_touches_correct_the_gain_only_between_holes(shop: OpenShop) -> None:
 
     homed = tracker.estimator.gain
     (first,) = s.job.sites
-    machine_site(run, first, TimeLimits(run))
+    machine_sites(run)
     assert tracker.estimator.gain == homed
-    machine_site(run, Site("second", first.x_um + 400.0, first.y_um), TimeLimits(run))
+    run.ledger.sites.clear()
+    second = Site("second", first.x_um + 400.0, first.y_um)
+    machine_sites(replace(run, job=replace(s.job, sites=(second,))))
     assert tracker.estimator.gain != homed
 
 

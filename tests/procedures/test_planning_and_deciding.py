@@ -8,8 +8,13 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.procedures.cut import CutEnd, CutResult
-from edmctl.procedures.deciding import decide
-from edmctl.procedures.planning import CutPlan, cut_budget, first_plan, following_plan, learned_gap_um
+from edmctl.procedures.deciding import Decision, decide
+from edmctl.procedures.estimating import energy_of, estimate_of
+from edmctl.procedures.goal import Goal, goal_of
+from edmctl.procedures.job import Site
+from edmctl.procedures.planning import CutPlan, Start, cut_budget, first_plan, learned_gap_um
+from edmctl.process.erosion import hole_area_um2
+from edmctl.process.live_erosion import Energy, ErosionEstimate
 from edmctl.process.wear import DepthAndWear
 from edmctl.profile.load import load_profile
 
@@ -27,15 +32,7 @@ FOUND = DepthAndWear(
     feed_u95_um=2.0,
     depth_noise_um=0.1,
 )
-PLAN = CutPlan(
-    number=1,
-    feed_um=210.0,
-    bottom_um=50.0,
-    gap_um=3.4,
-    wear_ratio=0.4,
-    depth_before_um=0.0,
-    wear_before_um=0.0,
-)
+SURFACE = Start(bottom_um=50.0, u_um=0.2, gap_um=3.4)
 CUT = CutResult(
     end=CutEnd.REACHED,
     reason="feed reached",
@@ -45,26 +42,68 @@ CUT = CutResult(
     gap_ratio_mean=0.8,
     energy_j=200.0,
 )
+SITE = Site("hole", 500.0, 0.0)
 
 
 def profile(*overrides: str) -> Profile:
     return load_profile(CU270, overrides).profile
 
 
+def goal(recipe: Profile, site: Site = SITE) -> Goal:
+    return goal_of(recipe, site)
+
+
+def plan(recipe: Profile | None = None, number: int = 1, feed_um: float = 210.0) -> CutPlan:
+    return CutPlan(number, feed_um, SURFACE, estimate_of(recipe or profile()), 180.0)
+
+
+def learned(found: DepthAndWear = FOUND) -> ErosionEstimate:
+    energy = Energy(found.depth_um * hole_area_um2(270.0, 8.0) / 0.0424, 0.0)
+    return estimate_of(profile()).fitted(energy, found.depth_um, 0.3, found.wear_um, 0.5)
+
+
+def start_of(found: DepthAndWear = FOUND) -> Start:
+    return Start(260.0, 0.5, 3.5, found.depth_um, found.wear_um)
+
+
+def decision(
+    recipe: Profile, last: CutPlan, cut: CutResult | None = CUT, found: DepthAndWear = FOUND
+) -> Decision:
+    return decide(recipe, goal(recipe), last, cut, found, start_of(found), learned(found))
+
+
 def test_the_first_cut_of_a_depth_stays_short_of_it() -> None:
-    plan = first_plan(profile(), surface_um=49.0)
-    assert plan.feed_um == pytest.approx(0.85 * 180.0 * 1.389)
-    assert plan.z_limit_um == pytest.approx(49.0 + plan.feed_um - 3.4)
+    first = first_plan(profile(), SURFACE)
+    assert first.feed_um == pytest.approx(0.85 * 180.0 * 1.389)
+    assert first.z_limit_um == pytest.approx(50.0 + first.feed_um - 3.4)
+    assert first.measured
 
 
 def test_a_single_cut_goes_for_the_whole_depth() -> None:
-    plan = first_plan(profile('wear.remeasure="never"'), surface_um=49.0)
-    assert plan.feed_um == pytest.approx(180.0 * 1.389)
+    first = first_plan(profile('wear.remeasure="never"'), SURFACE)
+    assert first.feed_um == pytest.approx(180.0 * 1.389)
 
 
 def test_a_feed_target_counts_from_contact_to_contact() -> None:
-    plan = first_plan(profile('target={kind="feed",feed_um=250}'), surface_um=49.0)
-    assert plan.z_limit_um == pytest.approx(49.0 + 250.0 - 3.4)
+    first = first_plan(profile('target={kind="feed",feed_um=250}'), SURFACE)
+    assert first.z_limit_um == pytest.approx(50.0 + 250.0 - 3.4)
+
+
+def test_a_place_may_have_a_depth_of_its_own() -> None:
+    recipe = profile()
+    own = goal(recipe, replace(SITE, depth_um=40.0))
+    assert own.depth_um == 40.0
+    assert first_plan(recipe, SURFACE, own).feed_um < 40.0 * 1.389
+
+
+def test_a_way_through_goes_on_until_the_worn_tip_is_through() -> None:
+    recipe = profile(
+        'target={kind="through",completion_um=20}',
+        'work={material="Cu",thickness_um=50,kind="through"}',
+    )
+    assert goal(recipe).completion_um == 20.0
+    first = first_plan(recipe, SURFACE)
+    assert first.feed_um > 50.0 * 1.389 + 20.0
 
 
 @pytest.mark.parametrize(("override", "cuts"), [('"never"', 1), ('"auto"', 5), ("1", 2), ("3", 4), ("9", 5)])
@@ -73,10 +112,14 @@ def test_the_recipe_sets_how_many_cuts_there_may_be(override: str, cuts: int) ->
 
 
 def test_estimates_split_the_feed_by_the_wear_ratio() -> None:
-    assert PLAN.depth_at(50.0 - 3.4) == 0.0
-    assert PLAN.depth_at(PLAN.z_limit_um) == pytest.approx(210.0 / 1.4)
-    assert PLAN.wear_at(PLAN.z_limit_um) == pytest.approx(0.4 * 150.0)
-    assert PLAN.depth_at(0.0) == 0.0
+    cut = plan()
+    assert cut.depth_at(50.0 - 3.4) == 0.0
+    assert cut.depth_at(cut.z_limit_um) == pytest.approx(210.0 / 1.389)
+    assert cut.wear_at(cut.z_limit_um) == pytest.approx(0.389 * 210.0 / 1.389)
+    assert cut.depth_at(0.0) == 0.0
+    live = cut.at(cut.z_limit_um)
+    assert live.depth_um + live.wear_um == pytest.approx(210.0)
+    assert live.depth_u_um > 3.0
 
 
 def test_the_working_gap_is_what_touching_adds_to_sparking() -> None:
@@ -85,32 +128,33 @@ def test_the_working_gap_is_what_touching_adds_to_sparking() -> None:
 
 
 def test_what_is_left_is_cut_with_the_wear_ratio_measured() -> None:
-    decision = decide(profile(), PLAN, CUT, FOUND, bottom_um=260.0, gap_um=3.5)
-    assert decision.plan is not None
-    assert decision.plan.feed_um == pytest.approx(0.9 * 30.0 * 1.4)
-    assert decision.plan.z_limit_um == pytest.approx(260.0 + decision.plan.feed_um - 3.5)
-    assert (decision.plan.depth_before_um, decision.plan.wear_before_um) == (150.0, 60.0)
+    then = decision(profile(), plan()).plan
+    assert then is not None
+    assert then.feed_um == pytest.approx(30.0 * 1.4, rel=0.01)
+    assert then.z_limit_um == pytest.approx(260.0 + then.feed_um - 3.5)
+    assert (then.start.depth_um, then.start.wear_um, then.number) == (150.0, 60.0, 2)
+    assert then.measured
+
+
+def test_a_small_rest_is_finished_without_a_touch_unless_the_recipe_counts_them() -> None:
+    near = replace(FOUND, depth_um=172.0, wear_um=68.8)
+    auto = decision(profile(), plan(), found=near).plan
+    counted = decision(profile("wear.remeasure=3"), plan(), found=near).plan
+    assert auto is not None
+    assert counted is not None
+    assert (auto.measured, counted.measured) == (False, True)
 
 
 def test_a_depth_in_tolerance_is_the_end() -> None:
-    decision = decide(profile(), PLAN, CUT, replace(FOUND, depth_um=179.4), 260.0, 3.5)
-    assert (decision.plan, decision.missed) == (None, "")
+    end = decision(profile(), plan(), found=replace(FOUND, depth_um=179.4))
+    assert (end.plan, end.missed) == (None, "")
 
 
 def test_a_depth_short_after_the_last_cut_is_missed() -> None:
-    last = replace(PLAN, number=5)
-    decision = decide(profile(), last, CUT, FOUND, 260.0, 3.5)
-    assert decision.plan is None
-    assert "-30.00 µm" in decision.missed
-    assert "0.400" in decision.hint
-
-
-def test_a_worn_out_tool_ends_the_job() -> None:
-    recipe = profile("tool.max_wear_um=80.0")
-    worn = replace(FOUND, wear_um=80.5)
-    decision = decide(recipe, PLAN, CUT, worn, 260.0, 3.5)
-    assert decision.plan is None
-    assert "tool.max_wear_um" in decision.missed
+    end = decision(profile(), plan(number=5))
+    assert end.plan is None
+    assert "-30.00 µm" in end.missed
+    assert "0.400" in end.hint
 
 
 @pytest.mark.parametrize(
@@ -124,14 +168,21 @@ def test_a_worn_out_tool_ends_the_job() -> None:
 )
 def test_a_cut_that_ended_early_says_what_to_change(end: CutEnd, fault: str, code: str, remedy: str) -> None:
     cut = replace(CUT, end=end, fault=fault, told="4.2 µm are left")
-    decision = decide(profile(), PLAN, cut, FOUND, 260.0, 3.5)
-    assert (decision.plan, decision.code) == (None, code)
-    assert "a depth of 150.00 of 180 µm" in decision.missed
-    assert ("4.2 µm are left" in decision.missed) == bool(fault)
-    assert remedy in decision.hint
+    missed = decision(profile(), plan(), cut)
+    assert (missed.plan, missed.code) == (None, code)
+    assert "a depth of 150.00 of 180 µm" in missed.missed
+    assert ("4.2 µm are left" in missed.missed) == bool(fault)
+    assert remedy in missed.hint
 
 
-def test_a_negative_wear_ratio_never_plans_a_shallower_cut() -> None:
-    plan = following_plan(PLAN, 10.0, 260.0, 3.5, replace(FOUND, wear_um=-1.0))
-    assert plan.wear_ratio == 0.0
-    assert plan.number == 2
+def test_energies_of_arcs_and_shorts_are_not_taken_for_normal_ones() -> None:
+    pulse = profile().pulse
+    full_j = 1e-6 * 22.0 * 0.12 * pulse.on_time_us
+    alone = energy_of(pulse, (0, 1000, 0, 0), 1000 * full_j)
+    assert alone.normal_uj == pytest.approx(1e9 * full_j, rel=1e-6)
+    short_j = full_j * 40.0 / 18.0
+    mixed = energy_of(pulse, (0, 1000, 0, 100), 1000 * full_j + 100 * short_j)
+    assert mixed.normal_uj == pytest.approx(alone.normal_uj, rel=1e-6)
+    arcing = energy_of(pulse, (0, 1000, 50, 0), 1000 * full_j + 50 * full_j * 23.06 / 18.0)
+    assert arcing.normal_uj == pytest.approx(alone.normal_uj, rel=1e-3)
+    assert arcing.arc_uj > 0.0

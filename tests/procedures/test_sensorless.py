@@ -58,7 +58,7 @@ def test_every_displacement_is_the_estimate_and_none_is_recorded_as_a_sensor_s(b
     assert estimates_um.max() > 300.0  # the conditioning swings
     assert all(math.isnan(touch.displacement_um) for touch in seen.touches)
     assert site.z1_um == pytest.approx(seen.touches[0].model_um)
-    assert site.depth_model_um == site.depth_um
+    assert site.depth_model_um == pytest.approx(site.depth_um)
     assert math.isnan(site.feed_model_error_max_um)
 
 

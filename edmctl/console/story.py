@@ -1,0 +1,84 @@
+"""A run told in sentences, in order, from the events of its file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+from edmctl.console.jump_stretches import Jump, stretches
+from edmctl.console.style import PLAIN, Ink, Style
+from edmctl.console.text import duration
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+LEFT_OUT = frozenset({"READING", "LINK", "STAGE_MOVED", "CONTROLLER_LOG", "JUMP_PERIOD", "APPROACHED"})
+"""Single steps that the sentences about readings, jumps and cuts stand for."""
+DEBUG, WARNING = 0, 2
+
+
+@dataclass(frozen=True, slots=True)
+class Sentence:
+    """One sentence of the story; `code` names the kind of event that it tells."""
+
+    time_s: float
+    text: str
+    code: str
+
+
+class EventView(Protocol):
+    """An event of a run file. `code` is its name, `args` are its figures."""
+
+    @property
+    def time_s(self) -> float: ...
+    @property
+    def code(self) -> str: ...
+    @property
+    def level(self) -> int: ...
+    @property
+    def message(self) -> str: ...
+    @property
+    def args(self) -> Mapping[str, object]: ...
+
+
+def story(events: Sequence[EventView], period_s: float) -> list[Sentence]:
+    """Tell the events: jumps in stretches with their reason, hints where there are some, all else as recorded.
+
+    period_s : jump period of the recipe
+    """
+    told: list[Sentence] = []
+    jumps: list[Jump] = []
+    for event in events:
+        if event.code == "JUMPED":
+            jumps.append(_jump(event, period_s))
+            continue
+        if event.level == DEBUG or event.code in LEFT_OUT:
+            continue
+        if event.code == "CUT_ENDED" or event.code.endswith("_CHANGED") or event.code == "ENDED_EARLY":
+            told += [Sentence(s.begin_s, s.text, "JUMPED") for s in stretches(jumps)]
+            jumps.clear()
+        told.append(Sentence(event.time_s, event.message, event.code))
+        hint = event.args.get("hint")
+        if isinstance(hint, str) and hint:
+            told.append(Sentence(event.time_s, hint, "HINT"))
+    told += [Sentence(s.begin_s, s.text, "JUMPED") for s in stretches(jumps)]
+    return sorted(told, key=lambda sentence: sentence.time_s)
+
+
+def render_story(sentences: Sequence[Sentence], style: Style = PLAIN) -> str:
+    """Render a line per sentence, its time first."""
+    times = [duration(sentence.time_s) for sentence in sentences]
+    width = max((len(time) for time in times), default=0)
+    return "\n".join(
+        f"{style.paint(f'{time:>{width}}', Ink.FAINT)}  {sentence.text}"
+        for time, sentence in zip(times, sentences, strict=True)
+    )
+
+
+def _jump(event: EventView, period_s: float) -> Jump:
+    def figure(name: str, default: float) -> float:
+        value = event.args.get(name)
+        return float(value) if isinstance(value, int | float) else default
+
+    flushing = event.args.get("asked") is True or figure("period_s", period_s) < period_s
+    return Jump(event.time_s, flushing, figure("arcs", 0.0))

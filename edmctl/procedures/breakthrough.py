@@ -1,0 +1,89 @@
+"""Tells that a cut has come out at the back of the sheet, from feed, depth and open pulses.
+
+As the bottom opens, less area is left to erode: the tool feeds faster, and more pulses find nothing to strike.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+FEED_WINDOW_S = 2.0
+BASE_S = 20.0
+FEED_FACTOR = 1.6
+"""The mean feed of the last 2 s is so much of the median of the last 20 s."""
+DEPTH_SHARE = 0.15
+"""The estimated depth is so near to the thickness."""
+OPEN_S = 1.0
+OPEN_MORE = 0.10
+"""In the last second there were so many more open pulses, as a share of all, than in the last 20 s."""
+FREEZE_S = 0.5
+"""After a jump nothing is judged for so long."""
+
+
+class Breakthrough:
+    """Judges one cut through a sheet of `thickness_um`, slice by slice.
+
+    `at_um` is the displacement at which the sheet broke through, NaN before; the feeds and the shares of open
+    pulses are what was seen last, beside what was usual before.
+    """
+
+    def __init__(self, thickness_um: float) -> None:
+        self._thickness_um = thickness_um
+        self._last_um = math.nan
+        self._freeze_s = 0.0
+        self._seconds = 0.0
+        self._base: deque[tuple[float, float, float]] = deque()
+        self._span_s = 0.0
+        self.at_um = math.nan
+        self.feed_um_s = self.usual_feed_um_s = self.open_share = self.usual_open_share = 0.0
+
+    @property
+    def told(self) -> str:
+        """What was seen."""
+        return (
+            f"Broke through at {self.at_um:.1f} µm: the feed rose from {self.usual_feed_um_s:.2f} to "
+            f"{self.feed_um_s:.2f} µm/s, open pulses from {100 * self.usual_open_share:.0f} to "
+            f"{100 * self.open_share:.0f} %."
+        )
+
+    def take(
+        self, duration_s: float, displacement_um: float, depth_um: float, open_share: float, *, sparking: bool
+    ) -> bool:
+        """Judge a slice; True once, when the sheet has broken through."""
+        if not sparking:
+            self._freeze_s, self._last_um = FREEZE_S, math.nan
+            return False
+        if self._freeze_s > 0.0:
+            self._freeze_s -= duration_s
+            return False
+        last_um, self._last_um = self._last_um, displacement_um
+        if math.isnan(last_um):
+            return False
+        self._follow(duration_s, (displacement_um - last_um) / duration_s, open_share)
+        if not math.isnan(self.at_um) or self._span_s < 0.5 * BASE_S or not self._is_near(depth_um):
+            return False
+        if self._has_opened():
+            self.at_um = displacement_um
+            return True
+        return False
+
+    def _is_near(self, depth_um: float) -> bool:
+        return abs(depth_um - self._thickness_um) <= DEPTH_SHARE * self._thickness_um
+
+    def _follow(self, duration_s: float, speed_um_s: float, open_share: float) -> None:
+        """Means of feed and open share, exponential ones when they are old enough; and what they were before."""
+        self._seconds += duration_s
+        self.feed_um_s += duration_s / min(FEED_WINDOW_S, self._seconds) * (speed_um_s - self.feed_um_s)
+        self.open_share += duration_s / min(OPEN_S, self._seconds) * (open_share - self.open_share)
+        self._base.append((duration_s, self.feed_um_s, self.open_share))
+        self._span_s += duration_s
+        while self._span_s > BASE_S:
+            self._span_s -= self._base.popleft()[0]
+
+    def _has_opened(self) -> bool:
+        _, feeds, shares = zip(*self._base, strict=True)
+        self.usual_feed_um_s = sorted(feeds)[len(feeds) // 2]
+        self.usual_open_share = sum(shares) / len(shares)
+        faster = self.feed_um_s > FEED_FACTOR * self.usual_feed_um_s
+        return faster and self.open_share > self.usual_open_share + OPEN_MORE

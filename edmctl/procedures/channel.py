@@ -1,0 +1,216 @@
+"""A channel by layers: touch the face, scan layer after layer with the tool held, touch floor and pad, correct.
+
+Where the floor ends up below a held tool, and how much the tool wears on the way, is learned at every measuring
+stop, so the last layers are cut by what was measured and not by what was assumed.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from edmctl.machine.port import host_fault
+from edmctl.procedures.channel_layers import Layers
+from edmctl.procedures.channel_result import ChannelResult, FloorReading, channel_result
+from edmctl.procedures.channel_touch import measure_floor, touch_untouched
+from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.deciding import Decision
+from edmctl.procedures.goal import Goal, goal_of
+from edmctl.procedures.job import Site
+from edmctl.procedures.tool_length import TOUCH_U_UM
+from edmctl.process import path as ways
+from edmctl.process.layers import layer_depths_um
+from edmctl.process.next_cut import NOISE_FLOOR_SIGMAS
+from edmctl.record.rows import EventLevel
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from edmctl.procedures.channel_touch import Face
+    from edmctl.procedures.run import Run
+    from edmctl.procedures.time_limits import TimeLimits
+    from edmctl.profile.sites import PathTable
+
+PIECE_UM = 25.0
+"""Longest line sent to the stages: the height of its end is planned anew for each."""
+LAYERS_BEFORE_FIRST_STOP = 2
+"""Then wear and gap are measured for the first time: early, because both were only assumed."""
+PLACES, PLACES_AT_THE_END = 4, 6
+"""The floor is touched at so many places."""
+
+
+def way_of_path(path: PathTable) -> ways.Way:
+    """Way of the tool's axis of a `[path]` table, whose sizes the rules have found complete."""
+    if path.kind == "rectangle":
+        points = ways.rectangle(path.x_um, path.y_um, path.width_um or 0.0, path.height_um or 0.0)
+    elif path.kind == "circle":
+        points = ways.circle(path.x_um, path.y_um, path.radius_um or 0.0)
+    else:
+        inner_um, pitch_um = path.radius_um or 0.0, path.pitch_um or 0.0
+        points = ways.spiral(path.x_um, path.y_um, inner_um, pitch_um, path.turns or 0.0)
+    return ways.way_of(points, PIECE_UM)
+
+
+def machine_channel(
+    run: Run, limits: TimeLimits, keep: Callable[[ChannelResult], None]
+) -> tuple[ChannelResult | None, Decision]:
+    """Machine the channel of `profile.path`; the result of the last measuring stop, and how it ended.
+
+    `keep` takes the result of every measuring stop, so that the last one is there whatever comes next. The result
+    is None where the time was up before anything was cut.
+    """
+    path = run.profile.path
+    if path is None:
+        raise ValueError("the profile has no channel")
+    way = way_of_path(path)
+    goal = goal_of(run.profile, Site(run.profile.meta.name, path.x_um, path.y_um))
+    run.ledger.depth_um, run.ledger.open_site = 0.0, run.profile.meta.name
+    run.ledger.depth_target_um = goal.depth_um
+    face = touch_untouched(run, way)
+    layers = Layers(run, limits, way, face, path.speed_um_s)
+    stops = _Stops(run, goal, way, face, layers, keep)
+    corrections = run.profile.wear.max_cuts
+    while True:
+        depths_um = layer_depths_um(layers.depth_um, goal.depth_um, path.layer_um)
+        last = len(depths_um) == 1
+        even_out = last or stops.due(len(depths_um) - 1)
+        fault, told = layers.cut(depths_um[0], len(depths_um) - 1, even_out=even_out)
+        if fault:
+            result = stops.measure(PLACES) if layers.since_uj > 0.0 else stops.result
+            return result, _missed(run, goal, fault, told, result)
+        if not even_out:
+            continue
+        result = stops.measure(PLACES_AT_THE_END if last else PLACES)
+        worn_out = _worn_out(run, goal, result)
+        if worn_out is not None:
+            return result, worn_out
+        left_um = goal.depth_um - result.depth_um
+        corrections -= last
+        if left_um <= _good_enough_um(goal) or (last and corrections <= 0):
+            return result, _final(run, goal, result)
+        again = max(1, len(layer_depths_um(result.depth_um, goal.depth_um, path.layer_um)))
+        run.decide(
+            RunEvent.CUT_DECIDED,
+            f"{left_um:.2f} µm are left, in {again} {'layer' if again == 1 else 'layers'}.",
+            {"left_um": left_um, "layers": again},
+        )
+
+
+class _Stops:
+    """The measuring stops of a channel: when the next is due, and what they find."""
+
+    def __init__(
+        self,
+        run: Run,
+        goal: Goal,
+        way: ways.Way,
+        face: Face,
+        layers: Layers,
+        keep: Callable[[ChannelResult], None],
+    ) -> None:
+        self._run = run
+        self._goal = goal
+        self._way = way
+        self._face = face
+        self._layers = layers
+        self._keep = keep
+        self._number = 0
+        self._layers_before = 0
+        self.result: ChannelResult | None = None
+
+    def due(self, layers_after: int) -> bool:
+        """Whether to measure after the next layer, with so many left after it.
+
+        After the second layer for wear and gap; whenever the tool's face is no longer known to half the tolerance;
+        and before the last layer, which is to end at the target, where it is not known to a quarter.
+        """
+        if self._number == 0 and self._layers.layers + 1 >= LAYERS_BEFORE_FIRST_STOP:
+            return True
+        unknown = self._layers.wear_u_um / self._goal.tolerance_um
+        return unknown > 0.5 or (layers_after == 1 and unknown > 0.25)
+
+    def measure(self, places: int) -> ChannelResult:
+        """Touch floor and pad, learn from them, and keep the result."""
+        run, layers = self._run, self._layers
+        if layers.last is None:
+            raise ValueError("nothing was cut")
+        found = measure_floor(run, self._face, *layers.last, layers.wear, layers.since_uj, places)
+        layers.learn(found)
+        self._number += 1
+        self.result = channel_result(
+            run.job,
+            self._way.length_um,
+            self._face,
+            found,
+            layers.passes,
+            layers=layers.layers,
+            gap_um=layers.gap_um,
+            stops=self._number,
+        )
+        run.ledger.depth_um, run.ledger.unmeasured_site = found.depth_um, ""
+        self._keep(self.result)
+        self._tell(found, self.result)
+        return self.result
+
+    def _tell(self, found: FloorReading, result: ChannelResult) -> None:
+        self._run.decide(
+            RunEvent.CHANNEL_MEASURED,
+            f"Floor {result.depth_um:.2f} ± {result.depth_u95_um:.2f} µm deep, {found.sd_um:.2f} µm rms from "
+            f"place to place, wear {result.wear_um:.2f} ± {result.wear_u95_um:.2f} µm; a held tool leaves a gap "
+            f"of {result.working_gap_um:.2f} µm.",
+            {
+                "depth_um": result.depth_um,
+                "floor_sd_um": found.sd_um,
+                "wear_um": result.wear_um,
+                "gap_um": result.working_gap_um,
+            },
+        )
+
+
+def _good_enough_um(goal: Goal) -> float:
+    """A rest below this is not worth another layer, or is noise."""
+    return max(goal.tolerance_um / 2.0, NOISE_FLOOR_SIGMAS * TOUCH_U_UM)
+
+
+def _final(run: Run, goal: Goal, result: ChannelResult) -> Decision:
+    """The end after the last layer: the objective reached, or missed by the depth or the evenness of the floor."""
+    tolerance_um, target_um = goal.tolerance_um, goal.depth_um
+    off_um = result.depth_um - target_um
+    message = (
+        f"Channel {result.depth_um:.2f} µm deep, {off_um:+.2f} µm from the target, {result.floor_sd_um:.2f} µm rms "
+        f"along the path, after {result.layers} layers in {result.passes} passes."
+    )
+    squares = math.fsum((place.depth_um - target_um) ** 2 for place in result.floor)
+    if math.sqrt(squares / len(result.floor)) <= tolerance_um:
+        run.decide(RunEvent.TARGET_REACHED, message, {"depth_um": result.depth_um})
+        return Decision(None, message)
+    run.decide(RunEvent.TARGET_MISSED, message, {"depth_um": result.depth_um}, level=EventLevel.WARNING)
+    return Decision(
+        None,
+        message,
+        f"The floor is {result.depth_um:.2f} µm deep on average, {off_um:+.2f} µm from the target, and "
+        f"{result.floor_sd_um:.2f} µm rms uneven; target.tolerance_um is {tolerance_um:.1f} µm.",
+        "Use thinner layers (path.layer_um) or a slower scan (path.speed_um_s), or allow more.",
+    )
+
+
+def _worn_out(run: Run, goal: Goal, result: ChannelResult) -> Decision | None:
+    """The end where the tool has lost more than it may; None while it has not."""
+    lost_um, limit_um = run.job.tool_wear_before_um + result.wear_um, run.profile.tool.max_wear_um
+    if lost_um <= limit_um:
+        return None
+    message = (
+        f"The tool has lost {lost_um:.0f} µm, tool.max_wear_um is {limit_um:.0f} µm; the channel ends at "
+        f"{goal.reached(result.depth_um, result.feed_um)}."
+    )
+    run.decide(RunEvent.TARGET_MISSED, message, {"wear_um": lost_um}, level=EventLevel.WARNING)
+    return Decision(None, message, message, "Dress or change the tool, and machine the channel anew.")
+
+
+def _missed(run: Run, goal: Goal, fault: str, told: str, result: ChannelResult | None) -> Decision:
+    """The end by a row of the faults, with what was reached."""
+    depth_um = 0.0 if result is None else result.depth_um
+    reached = f"a floor {depth_um:.2f} of {goal.depth_um:g} µm deep"
+    error = host_fault(fault, f" The channel ended early ({told}) at {reached}.")
+    run.decide(RunEvent.TARGET_MISSED, error.message, {"depth_um": depth_um}, level=EventLevel.WARNING)
+    return Decision(None, error.message, error.message, error.hint, error.code)

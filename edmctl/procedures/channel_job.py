@@ -1,0 +1,70 @@
+"""A job that makes a channel: its place in the ledger and in the run file."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from edmctl.errors import PreconditionError
+from edmctl.procedures.channel import machine_channel
+from edmctl.procedures.time_limits import TimeLimits
+from edmctl.process.erosion import mrr_mm3_min
+from edmctl.record.rows import SiteRow
+
+if TYPE_CHECKING:
+    from edmctl.procedures.channel_result import ChannelResult
+    from edmctl.procedures.deciding import Decision
+    from edmctl.procedures.run import Run
+
+
+def machine_path(run: Run) -> Decision | None:
+    """Machine the channel of the recipe; the decision where it missed its objective, None where it did not.
+
+    Raises PreconditionError E8054 where an earlier run has begun it: nobody knows how far its floor is even.
+    """
+    if run.job.resumed is not None:
+        raise PreconditionError(
+            "A channel cannot be taken up again: its floor has a step where the run before ended.",
+            hint="Machine a new channel beside it, or one with target.depth_um below what is there.",
+            code="E8054",
+        )
+
+    def keep(result: ChannelResult) -> None:
+        run.ledger.channel = result
+
+    result, decision = machine_channel(run, TimeLimits(run), keep)
+    run.ledger.open_site = ""
+    if result is not None:
+        run.recorder.site_result(_row(run, result))
+    return decision if decision.missed else None
+
+
+def _row(run: Run, result: ChannelResult) -> SiteRow:
+    """The channel as a row of the results: Z2 is the mean of its floor."""
+    path = run.profile.path
+    assert path is not None
+    volume_um3 = result.depth_um * result.width_um * result.length_um
+    return SiteRow(
+        site=result.name,
+        x_um=path.x_um,
+        y_um=path.y_um,
+        z1_um=result.z1_um,
+        z2_um=result.z3_um + result.depth_um,
+        z3_um=result.z3_um,
+        depth_um=result.depth_um,
+        depth_u95_um=result.depth_u95_um,
+        wear_um=result.wear_um,
+        wear_u95_um=result.wear_u95_um,
+        feed_um=result.feed_um,
+        depth_model_um=float("nan"),
+        wear_model_um=float("nan"),
+        machining_time_s=result.machining_time_s,
+        cuts=result.passes,
+        pulses=result.pulses,
+        ratio_open=result.ratios.open,
+        ratio_normal=result.ratios.normal,
+        ratio_arc=result.ratios.arc,
+        ratio_short=result.ratios.short,
+        energy_j=result.energy_j,
+        mrr_mm3_min=mrr_mm3_min(volume_um3 / result.machining_time_s),
+        measuring_stops=result.measuring_stops,
+    )

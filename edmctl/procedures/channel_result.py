@@ -1,0 +1,166 @@
+"""What a channel has become: its floor by touches along the path, tool wear, and the sums of its passes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from edmctl.procedures.measuring import displacement_uncertainty
+from edmctl.process.layers import channel_width_um
+from edmctl.process.pulses import PulseShares, pulse_shares
+from edmctl.process.wear import TOUCH_PRIOR_DOF, student_97_5, tilt_uncertainty_um
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from edmctl.procedures.channel_scan import PassResult
+    from edmctl.procedures.channel_touch import Face
+    from edmctl.procedures.job import Job
+    from edmctl.procedures.touch import SurfaceReading
+
+
+@dataclass(frozen=True, slots=True)
+class FloorPlace:
+    """One touch of the floor: where, at which length along the path, and how deep below the face, µm."""
+
+    s_um: float
+    x_um: float
+    y_um: float
+    depth_um: float
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelResult:
+    """One channel, measured by touches: `feed = depth + wear`, u95 are half-widths of 95 % intervals.
+
+    `depth_um` is the mean over the places of `floor`, `floor_sd_um` their standard deviation; the touches cannot
+    tell roughness below the tool's face. `width_um` is planned, not measured. `layers` are those cut, `passes` the
+    times that the path was gone along. `energy_j` is mean gap current × plateau voltage of a normal discharge ×
+    time, over all passes; `working_gap_um` the gap between the held tool and the floor that it left.
+    """
+
+    name: str
+    length_um: float
+    width_um: float
+    layers: int
+    passes: int
+    depth_um: float
+    depth_u95_um: float
+    floor_sd_um: float
+    wear_um: float
+    wear_u95_um: float
+    feed_um: float
+    z1_um: float
+    z3_um: float
+    machining_time_s: float
+    pulses: int
+    ratios: PulseShares
+    energy_j: float
+    working_gap_um: float
+    measuring_stops: int
+    floor: tuple[FloorPlace, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class FloorReading:
+    """The touches of one measuring stop: the pad, the floor at places of the path, and the pad again."""
+
+    places: tuple[FloorPlace, ...]
+    floor: tuple[SurfaceReading, ...]
+    pad_before: SurfaceReading
+    pad: SurfaceReading
+
+    @property
+    def depth_um(self) -> float:
+        """Mean depth."""
+        return math.fsum(place.depth_um for place in self.places) / len(self.places)
+
+    @property
+    def sd_um(self) -> float:
+        """Standard deviation of the depths; 0 of a single one."""
+        return (
+            float(np.std([place.depth_um for place in self.places], ddof=1)) if len(self.places) > 1 else 0.0
+        )
+
+
+def channel_result(
+    job: Job,
+    length_um: float,
+    face: Face,
+    found: FloorReading,
+    passes: Sequence[PassResult],
+    *,
+    layers: int,
+    gap_um: float,
+    stops: int,
+) -> ChannelResult:
+    """Reduce a measuring stop and all passes before it."""
+    z1 = face.z1
+    counts = [sum(column) for column in zip(*(done.counts for done in passes), strict=True)]
+    depth_u95_um, wear_u95_um = _uncertainties(job, face, found)
+    wear_um = found.pad.z_um - z1.z_um
+    return ChannelResult(
+        name=job.profile.meta.name,
+        length_um=length_um,
+        width_um=channel_width_um(job.profile.tool.diameter_um, job.profile.work.side_gap_um),
+        layers=layers,
+        passes=len(passes),
+        depth_um=found.depth_um,
+        depth_u95_um=depth_u95_um,
+        floor_sd_um=found.sd_um,
+        wear_um=wear_um,
+        wear_u95_um=wear_u95_um,
+        feed_um=found.depth_um + wear_um,
+        z1_um=z1.z_um,
+        z3_um=found.pad.z_um,
+        machining_time_s=math.fsum(done.time_s for done in passes),
+        pulses=sum(counts),
+        ratios=pulse_shares(*counts),
+        energy_j=math.fsum(done.energy_j for done in passes),
+        working_gap_um=gap_um,
+        measuring_stops=stops,
+        floor=found.places,
+    )
+
+
+def _uncertainties(job: Job, face: Face, found: FloorReading) -> tuple[float, float]:
+    """95 % half-widths of mean depth and wear: touches of floor and pad, sensor, drift, face, stages.
+
+    How much the floor varies from place to place counts too, as only some were touched. The pad is touched before
+    and after the floor, so a steady drift is no part of the depth.
+    """
+    known, z1 = displacement_uncertainty(job), face.z1
+    face_u_um = max(face.plane.height_u_um(place.x_um, place.y_um) for place in found.places)
+    pads = (z1, found.pad_before, found.pad)
+    dof = TOUCH_PRIOR_DOF + sum(r.reading.touches - 1 for r in (*pads, *found.floor))
+    pad_u_um = tilt_uncertainty_um(job.setup.surface.tilt_u_mrad, 0.0, job.setup.stage.repeatability_um)
+    z1_u_um, before_u_um, after_u_um = (
+        max(r.reading.sd_um, TOUCH_LEAST_SD_UM) / math.sqrt(r.reading.touches) for r in pads
+    )
+    depth_u_um = math.hypot(
+        found.sd_um / math.sqrt(len(found.floor)),
+        before_u_um / 2.0,
+        after_u_um / 2.0,
+        known.gain_u_rel * found.depth_um,
+        known.linearity_u_um,
+        face_u_um,
+        pad_u_um,
+    )
+    wear_um = found.pad.z_um - z1.z_um
+    wear_u_um = math.hypot(
+        z1_u_um,
+        after_u_um,
+        known.gain_u_rel * wear_um,
+        known.linearity_u_um,
+        known.drift_u_um_per_s * (found.pad.time_s - z1.time_s),
+        pad_u_um,
+    )
+    factor = student_97_5(dof)
+    return factor * depth_u_um, factor * wear_u_um
+
+
+TOUCH_LEAST_SD_UM = 0.1
+"""Touches that agree better than this do so by chance."""

@@ -1,0 +1,54 @@
+"""What one hole is to become: a depth, a feed, or a way through the sheet."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from edmctl.procedures.job import Site
+    from edmctl.profile.model import Profile
+
+THROUGH_TOLERANCE_UM = 5.0
+"""Of the sheet's thickness: a sheet that breaks through so much earlier or later is the sheet that was meant."""
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """The objective of a hole. `depth_um` is NaN for a feed, `feed_um` for a depth.
+
+    Of a way through, `depth_um` is the sheet's thickness and `completion_um` the feed after the breakthrough.
+    """
+
+    kind: str
+    depth_um: float
+    feed_um: float
+    tolerance_um: float
+    completion_um: float = 0.0
+
+    def __str__(self) -> str:
+        if self.kind == "feed":
+            return f"a feed of {self.feed_um:g} µm"
+        if self.kind == "through":
+            return f"a hole through {self.depth_um:g} µm"
+        return f"a depth of {self.depth_um:g} µm"
+
+    def reached(self, depth_um: float, feed_um: float) -> str:
+        """What was reached of it, in words."""
+        if self.kind == "feed":
+            return f"a feed of {feed_um:.2f} of {self.feed_um:g} µm"
+        return f"a depth of {depth_um:.2f} of {self.depth_um:g} µm"
+
+
+def goal_of(profile: Profile, site: Site) -> Goal:
+    """The objective of a site: its own depth, or the recipe's target."""
+    target = profile.target
+    if target.kind == "feed":
+        return Goal("feed", math.nan, target.feed_um, math.nan)
+    if target.kind == "through":
+        half_um = profile.tool.diameter_um / 2.0
+        completion_um = half_um if target.completion_um is None else target.completion_um
+        return Goal("through", profile.work.thickness_um, math.nan, THROUGH_TOLERANCE_UM, completion_um)
+    depth_um = target.depth_um if math.isnan(site.depth_um) else site.depth_um
+    return Goal("depth", depth_um, math.nan, target.tolerance_um)

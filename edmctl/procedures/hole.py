@@ -1,0 +1,171 @@
+"""The hole under way, and what the holes before it have taught."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from edmctl.procedures.estimating import energy_of, estimate_of
+from edmctl.procedures.face import pad_only
+from edmctl.procedures.feed_error import FeedError
+from edmctl.procedures.goal import Goal, goal_of
+from edmctl.procedures.site_result import CutSums, Heights, site_result, site_row
+from edmctl.procedures.stages import move_to
+from edmctl.procedures.tool_length import ToolLength
+from edmctl.procedures.touch import SurfaceReading, take_reading
+
+if TYPE_CHECKING:
+    from edmctl.procedures.job import Site
+    from edmctl.procedures.run import Run
+    from edmctl.process.live_erosion import Energy, ErosionEstimate
+    from edmctl.process.plane import Plane
+    from edmctl.process.wear import DepthAndWear
+
+OFFSET_UNCERTAINTY_UM = 10.0
+"""How well the distance to the untouched surface is known before the first touch."""
+
+
+@dataclass(slots=True, eq=False)
+class Known:
+    """What a job has learned so far, from hole to hole: tool length, face, removal and wear, working gap.
+
+    `plane_fitted` tells a face that was touched from one that is only hoped to be level; `unmeasured` are the holes
+    that were made since the pad was last touched.
+    """
+
+    estimate: ErosionEstimate
+    face: Plane
+    gap_um: float
+    tool: ToolLength | None = None
+    plane_fitted: bool = False
+    unmeasured: list[Hole] = field(default_factory=list)
+
+
+def known_before(run: Run) -> Known:
+    """What the recipe and the setup say before the first touch."""
+    return Known(estimate_of(run.profile), pad_only(run), run.profile.measure.expected_gap_um)
+
+
+@dataclass(slots=True, eq=False)
+class Hole:
+    """The hole under way.
+
+    `z1` is where the tool would have met the pad when the hole began, known within `z1_u_um` where it was not
+    touched right before; `face_um` is how much further the face lies here. `bottom` and `pad` are the readings of
+    the last measuring stop, the same as `z1` before the first one; `found` is what they say.
+    """
+
+    site: Site
+    goal: Goal
+    z1: SurfaceReading
+    z1_u_um: float
+    face_um: float
+    face_u_um: float
+    estimate: ErosionEstimate
+    bottom: SurfaceReading
+    pad: SurfaceReading
+    sums: CutSums = field(default_factory=CutSums)
+    stops: int = 0
+    found: DepthAndWear | None = None
+
+    @property
+    def surface_um(self) -> float:
+        """Where the tool would have met the untouched face here."""
+        return self.z1.z_um + self.face_um
+
+    def energy(self, run: Run) -> Energy:
+        """Energy of all its cuts."""
+        return energy_of(run.profile.pulse, self.sums.counts, self.sums.energy_j)
+
+    def report(
+        self,
+        run: Run,
+        found: DepthAndWear,
+        gap_um: float,
+        *,
+        fed_um: float = 0.0,
+        worn_um: float = 0.0,
+        estimated_um: float = 0.0,
+        through: bool = False,
+    ) -> None:
+        """Put its result into the ledger: as touched, or `fed_um` and `worn_um` further on."""
+        self.found = found
+        run.ledger.depth_um = found.depth_um
+        z1, z2, z3 = self.z1, self.bottom, self.pad
+        run.ledger.sites[self.site.name] = site_result(
+            run.profile,
+            self.site,
+            found,
+            Heights(z1.z_um, z2.z_um + fed_um, z3.z_um + worn_um, self.face_um),
+            Heights(z1.model_um, z2.model_um + fed_um, z3.model_um + worn_um, self.face_um),
+            self.sums,
+            gap_um=gap_um,
+            stops=self.stops,
+            estimated_um=estimated_um,
+            zero_drift_um=z3.zero_um - z1.zero_um,
+            error=run.watch.feed_error,
+            through=through,
+        )
+
+
+def begin_hole(run: Run, site: Site, known: Known) -> Hole:
+    """Begin a hole: touch the pad where nothing is known of the tool's length, otherwise go by what is known."""
+    if known.tool is None:
+        move_to(run, run.job.pad)
+        offset_um = run.profile.approach.offset_um
+        known.tool = ToolLength(take_reading(run, "Z1", site.name, offset_um, OFFSET_UNCERTAINTY_UM))
+    return hole_at(run, site, known, known.tool.pad.shifted(known.tool.wear_um), known.tool.wear_u_um)
+
+
+def hole_at(run: Run, site: Site, known: Known, z1: SurfaceReading, z1_u_um: float) -> Hole:
+    """Return an untouched hole at a site whose tool would have met the pad at `z1`."""
+    face_um = known.face.height_um(site.x_um, site.y_um)
+    return Hole(
+        site=site,
+        goal=goal_of(run.profile, site),
+        z1=z1,
+        z1_u_um=z1_u_um,
+        face_um=face_um,
+        face_u_um=known.face.height_u_um(site.x_um, site.y_um),
+        estimate=known.estimate if known.estimate.fits == 0 else known.estimate.next_hole(),
+        bottom=z1.shifted(face_um),
+        pad=z1,
+    )
+
+
+def start_u_um(run: Run, hole: Hole, tool: ToolLength, drift_u_um_per_s: float) -> float:
+    """Standard uncertainty of where the untouched face is for the tool, now."""
+    return math.hypot(tool.u_um(run.machine.time_s, drift_u_um_per_s), hole.face_u_um)
+
+
+def open_site(run: Run, site: Site) -> None:
+    """Begin the account of a site; the readings of the one before may teach the actuator's estimator now."""
+    ledger = run.ledger
+    ledger.depth_um, ledger.open_site = 0.0, site.name
+    ledger.depth_target_um = goal_of(run.profile, site).depth_um
+    run.watch.feed_error = FeedError()
+    tracker = run.watch.tracker()
+    if tracker is not None:
+        tracker.learn_noted()
+
+
+def close_site(run: Run, *, settled: bool) -> None:
+    """End the account of a site; its result goes into the run file once it is settled, or with the next that is."""
+    ledger = run.ledger
+    if ledger.open_site in ledger.sites:
+        ledger.unwritten.append(ledger.open_site)
+    ledger.open_site = ""
+    if settled:
+        record_results(run)
+
+
+def record_results(run: Run) -> None:
+    """Write the results that are not in the run file yet, that of the hole under way among them."""
+    ledger = run.ledger
+    if ledger.open_site in ledger.sites:
+        ledger.unwritten.append(ledger.open_site)
+        ledger.open_site = ""
+    for name in ledger.unwritten:
+        run.recorder.site_result(site_row(ledger.sites[name]))
+    ledger.unwritten.clear()

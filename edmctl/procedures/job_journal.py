@@ -1,0 +1,106 @@
+"""The state of a running job, told to the journal at every step and every few seconds of a cut."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING
+
+from edmctl.procedures.journal import PERIOD_S, JobState, Journal, NoJournal
+
+if TYPE_CHECKING:
+    from edmctl.machine.port import TelemetryBlock
+    from edmctl.procedures.cut import CutResult
+    from edmctl.procedures.hole import Hole, Known
+    from edmctl.procedures.job import Job
+    from edmctl.procedures.planning import CutPlan
+    from edmctl.procedures.results import Ledger
+
+
+@dataclass(slots=True, eq=False)
+class JobJournal:
+    """Puts the state of a job together from its ledger and the hole under way."""
+
+    job: Job
+    ledger: Ledger
+    file: Journal = field(default_factory=NoJournal)
+    _hole: Hole | None = None
+    _plan: CutPlan | None = None
+    _slope: tuple[float, float] | None = None
+    _begun: bool = False
+    _time_s: float = 0.0
+    _kept_s: float = 0.0
+    _displacement_um: float = 0.0
+
+    def face(self, known: Known) -> None:
+        """Note the face that was fitted."""
+        self._slope = (float(known.face.slope[0]), float(known.face.slope[1]))
+
+    def begin_hole(self, hole: Hole, time_s: float, *, begun: bool = False) -> None:
+        """A hole whose Z1 is known; `begun` when an earlier run has cut it already."""
+        self._hole, self._plan, self._begun, self._time_s = hole, None, begun, time_s
+        self._keep("measuring")
+
+    def begin_cut(self, hole: Hole, plan: CutPlan) -> None:
+        """Sparks come next."""
+        self._hole, self._plan, self._begun = hole, plan, True
+        self._displacement_um = plan.start.bottom_um - plan.start.gap_um
+        self._keep("machining")
+
+    def take(self, block: TelemetryBlock) -> None:
+        """Hear the samples of the run; every few seconds of a cut its state is kept."""
+        self._time_s = float(block.time_s[-1])
+        if self._plan is None or self._time_s - self._kept_s < PERIOD_S:
+            return
+        self._displacement_um = float(block.displacement_um[-1])
+        self._keep("machining", urgent=False)
+
+    def end_cut(self, hole: Hole, cut: CutResult) -> None:
+        """The cut has ended; what it did counts once the hole has taken it over."""
+        self._displacement_um, self._plan = cut.end_displacement_um, None
+        self._keep("measuring")
+
+    def end_hole(self) -> None:
+        """The hole's result stands in the ledger."""
+        self._hole, self._plan, self._begun = None, None, False
+        self._keep("moving")
+
+    def _keep(self, phase: str, *, urgent: bool = True) -> None:
+        self._kept_s = self._time_s
+        self.file.keep(self._state(phase), urgent=urgent)
+
+    def _state(self, phase: str) -> JobState:
+        hole, before_s = self._hole, self.job.resumed.time_s if self.job.resumed else 0.0
+        open_name = hole.site.name if hole else ""
+        done = tuple(asdict(result) for name, result in self.ledger.sites.items() if name != open_name)
+        if hole is None:
+            return JobState(
+                phase=phase,
+                time_s=before_s + self._time_s,
+                tool=self.job.profile.tool.label,
+                slope=self._slope,
+                done=done,
+            )
+        wear_um = hole.found.wear_um if hole.found else 0.0
+        if self._plan is not None:
+            wear_um = self._plan.wear_at(self._displacement_um)
+        return JobState(
+            phase=phase,
+            time_s=before_s + self._time_s,
+            tool=self.job.profile.tool.label,
+            slope=self._slope,
+            done=done,
+            site=open_name,
+            begun=self._begun,
+            z1_um=hole.z1.z_um,
+            z1_sd_um=hole.z1.reading.sd_um,
+            z1_touches=hole.z1.reading.touches,
+            z1_time_s=before_s + hole.z1.time_s,
+            z1_model_um=hole.z1.model_um,
+            displacement_um=self._displacement_um,
+            depth_um=self.ledger.depth_um,
+            wear_um=wear_um,
+            cuts=hole.sums.number,
+            counts=hole.sums.counts,
+            energy_j=hole.sums.energy_j,
+            machining_time_s=hole.sums.time_s,
+        )

@@ -1,0 +1,219 @@
+"""Electrode jumps in free space, measured one by one: how high, how far beside where they began, how soon at rest.
+
+The tool hangs as low as at the end of a hole, beside the work and without pulses, and jumps again and again
+(Muralidhara et al. 2009, §2.2 and Fig. 5, where ramps and drops of the voltage leave an error of some µm).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmctl.actuator.moves import jump_volts
+from edmctl.errors import LinkLost, PreconditionError
+from edmctl.machine.port import JumpRequest, MachineState, joined
+from edmctl.procedures.approach import lower_to
+from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.results import Phase
+from edmctl.process.jump import duration_s
+
+if TYPE_CHECKING:
+    from edmctl.machine.port import TelemetryBlock
+    from edmctl.procedures.run import Run
+
+Floats = NDArray[np.float64]
+
+SETTLE_AT_DEPTH_S = 20.0
+"""Rest after the way down, several times the 5 to 6 s of creep after a large step (Muralidhara et al. 2009, Fig. 4):
+what is seen then comes of the jumps."""
+BASE_S = 0.3
+"""The sensor is averaged so long before a jump, and at the end of the time after it: 0.15 µm rms become 0.01 µm."""
+LEAST_REST_S = 1.0
+"""Between the end of a jump and the begin of the next one."""
+LOOKED_AT_S = 8.0
+"""At most, after a jump: what moves later is creep."""
+TOP_S = 0.005
+"""The height is averaged so long about the top: shorter than the dwell, longer than ringing and noise."""
+SMOOTHED_S = 0.02
+SETTLED_UM = 1.0
+"""A tool that stays within this of where it comes to rest has settled: the tolerance of a good touch."""
+
+
+@dataclass(frozen=True, slots=True)
+class JumpMeasured:
+    """One jump: its height, and where the tool is afterwards compared with before, by sensor and by actuator model.
+
+    `residual_um` is the sensor's; the command came back to its own voltage, so all of it is the actuator's error.
+    `residual_model_um` is what the model expects of it. `settling_s` counts from the end of the jump.
+    """
+
+    number: int
+    time_s: float
+    height_um: float
+    height_model_um: float
+    residual_um: float
+    residual_model_um: float
+    settling_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class JumpSummary:
+    """Mean and largest of a series; residuals by their size."""
+
+    height_mean_um: float
+    height_min_um: float
+    height_max_um: float
+    residual_mean_um: float
+    residual_max_um: float
+    model_error_mean_um: float
+    model_error_max_um: float
+    settling_mean_s: float
+    settling_max_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class JumpSeries:
+    """Jumps of `wanted_um` from `start_um`, every `period_s`."""
+
+    wanted_um: float
+    speed_um_s: float
+    dwell_s: float
+    period_s: float
+    start_um: float
+    start_v: float
+    jumps: tuple[JumpMeasured, ...]
+    summary: JumpSummary
+    time_s: float
+
+
+def least_period_s(height_um: float, speed_um_s: float, dwell_s: float) -> float:
+    """Shortest time from jump to jump that leaves enough to see how the tool comes to rest."""
+    return duration_s(height_um, speed_um_s, dwell_s) + LEAST_REST_S + BASE_S
+
+
+def run_jumps(run: Run, depth_um: float, count: int) -> JumpSeries:
+    """Go down to a displacement beside the work, and make `count` jumps by the profile's `[jump]`."""
+    jump = run.profile.jump
+    run.begin(Phase.APPROACHING)
+    lower_to(run, depth_um)
+    run.machine.rest(SETTLE_AT_DEPTH_S)
+    start_um, start_v = run.watch.displacement_um, run.watch.actuator_v
+    if start_um < jump.height_um:
+        raise PreconditionError(
+            f"The tool hangs at {start_um:.1f} µm and cannot jump up by {jump.height_um:g} µm.",
+            hint="Take a lower jump with --height-um, or a deeper target.",
+            code="E8047",
+        )
+    run.begin(Phase.JUMPING)
+    jumps = tuple(_jump(run, number) for number in range(1, count + 1))
+    return JumpSeries(
+        wanted_um=jump.height_um,
+        speed_um_s=jump.speed_um_s,
+        dwell_s=jump.dwell_s,
+        period_s=jump.period_s,
+        start_um=start_um,
+        start_v=start_v,
+        jumps=jumps,
+        summary=_summary(jumps),
+        time_s=run.machine.time_s,
+    )
+
+
+def _jump(run: Run, number: int) -> JumpMeasured:
+    """One period: rest, jump, rest; what the samples of it show."""
+    jump = run.profile.jump
+    request, begin_s = _request(run), run.machine.time_s
+    blocks: list[TelemetryBlock] = []
+    run.watch.follow(blocks.append)
+    try:
+        run.machine.rest(BASE_S)
+        run.machine.jump(request)
+        left_s = begin_s + jump.period_s - run.machine.time_s
+        run.machine.rest(min(max(LEAST_REST_S, left_s), LOOKED_AT_S))
+    finally:
+        run.watch.follow(None)
+    run.watch.settle()
+    found = _measured(run, number, joined(blocks))
+    run.machine.rest(max(0.0, begin_s + jump.period_s - run.machine.time_s))
+    run.decide(
+        RunEvent.JUMP_MEASURED,
+        f"Jump {number}: {found.height_um:.1f} µm high, back within {found.residual_um:+.2f} µm "
+        f"(model {found.residual_model_um:+.2f} µm), at rest after {1e3 * found.settling_s:.0f} ms.",
+        {"height_um": found.height_um, "residual_um": found.residual_um, "settling_s": found.settling_s},
+    )
+    return found
+
+
+def _request(run: Run) -> JumpRequest:
+    """A jump that comes back to the voltage where it began: the model gives the voltage of its height."""
+    jump, gain_um_per_v = run.profile.jump, run.setup.actuator.gain_um_per_v
+    estimator = run.watch.estimator()
+    told_um = jump.height_um
+    if estimator is not None:
+        travel_s = jump.height_um / jump.speed_um_s
+        told_um = gain_um_per_v * jump_volts(estimator, jump.height_um, 0.0, travel_s, jump.dwell_s).height_v
+    speed_um_s = jump.speed_um_s * max(1.0, told_um / jump.height_um)
+    return JumpRequest(told_um, speed_um_s, jump.dwell_s, 0.0)
+
+
+def _measured(run: Run, number: int, block: TelemetryBlock) -> JumpMeasured:
+    time_s, sensor_um = block.time_s, block.displacement_um
+    jumping = np.flatnonzero(block.state == MachineState.JUMP)
+    if not len(jumping):
+        raise LinkLost(
+            f"The telemetry shows nothing of jump {number}.",
+            hint="Look at the line with `edmctl doctor`, and try again.",
+            code="E4020",
+        )
+    first, last = int(jumping[0]), int(jumping[-1])
+    top = first + int(np.argmin(sensor_um[first : last + 1]))
+    about_top = np.abs(time_s - time_s[top]) <= TOP_S / 2.0
+    before, after = time_s < time_s[first], time_s > time_s[-1] - BASE_S
+
+    def both_um(where: NDArray[np.bool_]) -> tuple[float, float]:
+        middle_s = float(time_s[where].mean())
+        return float(sensor_um[where].mean()), run.watch.model_at(middle_s)
+
+    (before_um, model_before_um), (after_um, model_after_um) = both_um(before), both_um(after)
+    top_um, model_top_um = both_um(about_top)
+    return JumpMeasured(
+        number=number,
+        time_s=float(time_s[first]),
+        height_um=before_um - top_um,
+        height_model_um=model_before_um - model_top_um,
+        residual_um=after_um - before_um,
+        residual_model_um=model_after_um - model_before_um,
+        settling_s=_settling_s(time_s[last + 1 :], sensor_um[last + 1 :], after_um),
+    )
+
+
+def _settling_s(time_s: Floats, sensor_um: Floats, rest_um: float) -> float:
+    """Time until the smoothed displacement stays within `SETTLED_UM` of where it comes to rest."""
+    period_s = float(np.median(np.diff(time_s)))
+    width = max(1, round(SMOOTHED_S / period_s))
+    smooth_um = np.convolve(sensor_um, np.full(width, 1.0 / width), mode="valid")
+    away = np.flatnonzero(np.abs(smooth_um - rest_um) > SETTLED_UM)
+    return float(time_s[away[-1] + width - 1] - time_s[0]) if len(away) else 0.0
+
+
+def _summary(jumps: tuple[JumpMeasured, ...]) -> JumpSummary:
+    heights = [jump.height_um for jump in jumps]
+    residuals = [abs(jump.residual_um) for jump in jumps]
+    errors = [abs(jump.residual_model_um - jump.residual_um) for jump in jumps]
+    settling = [jump.settling_s for jump in jumps]
+    number = len(jumps)
+    return JumpSummary(
+        height_mean_um=math.fsum(heights) / number,
+        height_min_um=min(heights),
+        height_max_um=max(heights),
+        residual_mean_um=math.fsum(residuals) / number,
+        residual_max_um=max(residuals),
+        model_error_mean_um=math.fsum(errors) / number,
+        model_error_max_um=max(errors),
+        settling_mean_s=math.fsum(settling) / number,
+        settling_max_s=max(settling),
+    )

@@ -1,0 +1,229 @@
+"""Tool wear and depth after a job, by touches: pad, bottom, pad again, against the reference before the job.
+
+`wear = Z3 - Z1`, `depth = Z2 - Z3` and `feed = Z2 - Z1 = depth + wear` (Muralidhara et al. 2009, §4). Z3 is the mean
+of the pad before and after the bottom, so that a steady drift takes nothing from the depth; their difference tells
+it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from edmctl.errors import ObjectiveNotReached
+from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.job import Site
+from edmctl.procedures.measuring import DisplacementUncertainty, displacement_uncertainty
+from edmctl.procedures.stages import move_to
+from edmctl.procedures.touch import SurfaceReading, take_reading
+from edmctl.process.wear import Reading, measure, tilt_uncertainty_um
+from edmctl.record.rows import EventLevel
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from edmctl.procedures.run import Run
+
+LEAST_TOUCHES = 3
+"""Of every Z: the scatter of two says next to nothing."""
+MOST_DRIFT_UM = 2.0
+"""Between the pad before and after the bottom, minutes apart: more of it, and the wear, which is taken over the
+whole job, is not known any more. Our choice: the tolerance that shipped recipes allow for a depth."""
+PAD_UNCERTAINTY_UM = 10.0
+"""How well the first touch of the pad is foreseen: drift, and a tool that was set anew to the same height."""
+BOTTOM_UNCERTAINTY_UM = 5.0
+"""How well the bottom is: tilt, debris, and the roughness of a spark-eroded floor."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """Z1 of the tool before its job, and what is known of it: its touches, and how long ago it was."""
+
+    z_um: float
+    sd_um: float
+    touches: int
+    model_um: float
+    age_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Bottom:
+    """A hole whose bottom is touched."""
+
+    name: str
+    x_um: float
+    y_um: float
+    depth_um: float
+
+
+@dataclass(frozen=True, slots=True)
+class UncertaintyPart:
+    """One source of uncertainty: standard uncertainties of wear, depth and feed, µm."""
+
+    source: str
+    wear_um: float
+    depth_um: float
+    feed_um: float
+
+
+@dataclass(frozen=True, slots=True)
+class WearResult:
+    """What the touches say, by the sensor and (`*_model_um`) by the actuator voltage; u95 are 95 % half-widths.
+
+    Without a hole Z2, depth and feed are NaN. `drift_um` is Z3 after the bottom less Z3 before it. `touches` were
+    made of every Z; `sd_um` are the scatters of Z1, Z2, Z3 before and Z3 after. `budget` holds standard
+    uncertainties.
+    """
+
+    z1_um: float
+    z2_um: float
+    z3_um: float
+    z3_before_um: float
+    z3_after_um: float
+    drift_um: float
+    touches: int
+    sd_um: tuple[float, float, float, float]
+    wear_um: float
+    wear_u95_um: float
+    depth_um: float
+    depth_u95_um: float
+    feed_um: float
+    feed_u95_um: float
+    wear_model_um: float
+    depth_model_um: float
+    feed_model_um: float
+    budget: tuple[UncertaintyPart, ...]
+    time_s: float
+
+
+def touch_pad(run: Run, kind: str, expected_um: float, more_u_um: float = 0.0) -> SurfaceReading:
+    """Touch the reference pad, which is expected at `expected_um`, give or take `more_u_um` more than usual."""
+    move_to(run, run.job.pad)
+    return take_reading(run, kind, run.job.pad.name, expected_um, PAD_UNCERTAINTY_UM + more_u_um)
+
+
+def measure_wear(run: Run, reference: Reference, expected_um: float, bottom: Bottom | None) -> WearResult:
+    """Touch the pad, where it is expected at `expected_um`, then the bottom of a hole, then the pad again."""
+    before = touch_pad(run, "Z3", expected_um)
+    if bottom is None:
+        move_to(run, run.job.parking)
+        return _found(run, reference, before, None, touch_pad(run, "Z3", before.z_um), 0.0)
+    move_to(run, Site(bottom.name, bottom.x_um, bottom.y_um))
+    z2 = take_reading(run, "Z2", bottom.name, before.z_um + bottom.depth_um, BOTTOM_UNCERTAINTY_UM)
+    after = touch_pad(run, "Z3", before.z_um)
+    way_um = math.hypot(bottom.x_um - run.job.pad.x_um, bottom.y_um - run.job.pad.y_um)
+    return _found(run, reference, before, z2, after, way_um)
+
+
+def refuse_drift(run: Run, found: WearResult) -> None:
+    """Raise ObjectiveNotReached E7040 where the pad moved too far between two touches."""
+    if abs(found.drift_um) <= MOST_DRIFT_UM:
+        return
+    message = (
+        f"Z3 moved by {found.drift_um:+.2f} µm while the hole was measured; at most {MOST_DRIFT_UM:g} µm are "
+        "allowed."
+    )
+    run.decide(RunEvent.WEAR_MEASURED, message, {"drift_um": found.drift_um}, level=EventLevel.WARNING)
+    raise ObjectiveNotReached(
+        message,
+        hint="Let machine and dielectric warm up, look for chips on the pad, and measure again.",
+        code="E7040",
+    )
+
+
+def _found(
+    run: Run,
+    reference: Reference,
+    before: SurfaceReading,
+    z2: SurfaceReading | None,
+    after: SurfaceReading,
+    way_um: float,
+) -> WearResult:
+    z1 = Reading(reference.z_um, reference.sd_um, reference.touches)
+    z3 = _mean(before.reading, after.reading)
+    bottom = z2.reading if z2 else z3
+    known, setup = displacement_uncertainty(run.job), run.setup
+    tilt_u_um = tilt_uncertainty_um(setup.surface.tilt_u_mrad, way_um, setup.stage.repeatability_um)
+    pad_u_um = tilt_uncertainty_um(setup.surface.tilt_u_mrad, 0.0, setup.stage.repeatability_um)
+    age_s = reference.age_s + after.time_s
+    depth_s = after.time_s - z2.time_s if z2 else 0.0
+    found = measure(
+        z1,
+        bottom,
+        z3,
+        gain_u_rel=known.gain_u_rel,
+        tilt_u_um=tilt_u_um,
+        drift_u_um_per_s=known.drift_u_um_per_s,
+        z1_to_z3_s=age_s,
+        z2_to_z3_s=depth_s,
+        pad_u_um=pad_u_um,
+        linearity_u_um=known.linearity_u_um,
+    )
+    noise_um = found.depth_noise_um / math.sqrt(1.0 / bottom.touches + 1.0 / z3.touches)
+    lengths_um = (found.wear_um, found.depth_um, found.feed_um)
+    model3_um = 0.5 * (before.model_um + after.model_um)
+    model2_um = z2.model_um if z2 else math.nan
+    hole = z2 is not None
+    return WearResult(
+        z1_um=reference.z_um,
+        z2_um=bottom.mean_um if hole else math.nan,
+        z3_um=z3.mean_um,
+        z3_before_um=before.z_um,
+        z3_after_um=after.z_um,
+        drift_um=after.z_um - before.z_um,
+        touches=min(reading.touches for reading in (z1, bottom, before.reading, after.reading)),
+        sd_um=(
+            z1.sd_um,
+            bottom.sd_um if hole else math.nan,
+            before.reading.sd_um,
+            after.reading.sd_um,
+        ),
+        wear_um=found.wear_um,
+        wear_u95_um=found.wear_u95_um,
+        depth_um=found.depth_um if hole else math.nan,
+        depth_u95_um=found.depth_u95_um if hole else math.nan,
+        feed_um=found.feed_um if hole else math.nan,
+        feed_u95_um=found.feed_u95_um if hole else math.nan,
+        wear_model_um=model3_um - reference.model_um,
+        depth_model_um=model2_um - model3_um,
+        feed_model_um=model2_um - reference.model_um,
+        budget=_budget(known, lengths_um, noise_um, (z1, bottom, z3), (age_s, depth_s), tilt_u_um, pad_u_um),
+        time_s=run.machine.time_s,
+    )
+
+
+def _mean(a: Reading, b: Reading) -> Reading:
+    """Two readings of one place as one: the mean, and the scatter within them."""
+    dof = a.touches + b.touches - 2
+    squares = (a.touches - 1) * a.sd_um**2 + (b.touches - 1) * b.sd_um**2
+    sd_um = math.sqrt(squares / dof) if dof else 0.0
+    return Reading(0.5 * (a.mean_um + b.mean_um), sd_um, a.touches + b.touches)
+
+
+def _budget(
+    known: DisplacementUncertainty,
+    lengths_um: tuple[float, float, float],
+    noise_um: float,
+    readings: Sequence[Reading],
+    times_s: tuple[float, float],
+    tilt_u_um: float,
+    pad_u_um: float,
+) -> tuple[UncertaintyPart, ...]:
+    """The parts that `process.wear.measure` adds up; lengths and parts are of wear, depth, feed in this order."""
+    z1, z2, z3 = (1.0 / reading.touches for reading in readings)
+    age_s, depth_s = times_s
+    drift = known.drift_u_um_per_s
+    gains = [known.gain_u_rel * abs(length_um) for length_um in lengths_um]
+    return (
+        UncertaintyPart(
+            "scatter of the touches",
+            noise_um * math.sqrt(z1 + z3),
+            noise_um * math.sqrt(z2 + z3),
+            noise_um * math.sqrt(z1 + z2),
+        ),
+        UncertaintyPart("drift since", drift * age_s, drift * depth_s, drift * (age_s - depth_s)),
+        UncertaintyPart("gain of the sensor", *gains),
+        UncertaintyPart("linearity of the sensor", *[known.linearity_u_um] * 3),
+        UncertaintyPart("tilt and stages", pad_u_um, tilt_u_um, tilt_u_um),
+    )

@@ -1,0 +1,155 @@
+"""A measuring stop: bottom and pad are touched after a cut, and what they teach is kept. Or the cut needs none."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from edmctl.procedures.approach import raise_by
+from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.deciding import Decision, decide
+from edmctl.procedures.estimating import energy_of
+from edmctl.procedures.measuring import depth_and_wear
+from edmctl.procedures.planning import CutPlan, Start, learned_gap_um
+from edmctl.procedures.settling import settle_unmeasured
+from edmctl.procedures.setup_check import refuse_wrong_setup
+from edmctl.procedures.stages import move_to
+from edmctl.procedures.tool_length import TOUCH_U_UM, ToolLength
+from edmctl.procedures.touch import take_reading
+from edmctl.process.next_cut import COVERAGE
+from edmctl.process.wear import DepthAndWear
+from edmctl.record.rows import EventLevel
+
+if TYPE_CHECKING:
+    from edmctl.procedures.cut import CutResult
+    from edmctl.procedures.hole import Hole, Known
+    from edmctl.procedures.run import Run
+    from edmctl.procedures.touch import SurfaceReading
+
+CLEAR_OF_BOTTOM_UM = 60.0
+"""Before the bottom is touched the tool rises by this: clear of 20 µm for the contact check."""
+PAD_MARGIN_UM = 1.0
+"""Added to what is uncertain of the pad's place: drift and touch scatter."""
+
+
+def measure_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: CutResult) -> Decision:
+    """Touch bottom and pad after a cut, learn from them, and decide what follows."""
+    end_um = cut.end_displacement_um
+    raise_by(run, CLEAR_OF_BOTTOM_UM)
+    z2 = take_reading(run, "Z2", hole.site.name, end_um + plan.gap_um)
+    z3 = touch_pad(run, hole, plan, cut)
+    gap_um = learned_gap_um(z2.z_um, end_um)
+    if known.unmeasured:
+        live = plan.at(end_um, energy_of(run.profile.pulse, cut.counts, cut.energy_j))
+        settle_unmeasured(run, hole, known, z3, live.wear_um, live.wear_u_um)
+    found = learn(run, hole, known, z2, z3, gap_um)
+    if plan.number == 1:
+        refuse_wrong_setup(run, found)
+    start = next_start(hole, gap_um)
+    decision = decide(run.profile, hole.goal, plan, cut, found, start, known.estimate)
+    report(run, found, gap_um, decision)
+    return decision
+
+
+def touch_pad(run: Run, hole: Hole, plan: CutPlan, cut: CutResult, more_u_um: float = 0.0) -> SurfaceReading:
+    """Z3: the pad, with the worn tool."""
+    move_to(run, run.job.pad)
+    end_um = cut.end_displacement_um
+    live = plan.at(end_um, energy_of(run.profile.pulse, cut.counts, cut.energy_j))
+    around_um = PAD_MARGIN_UM + COVERAGE * (live.wear_u_um + hole.z1_u_um) + more_u_um
+    return take_reading(run, "Z3", hole.site.name, hole.z1.z_um + live.wear_um, around_um)
+
+
+def learn(
+    run: Run, hole: Hole, known: Known, z2: SurfaceReading, z3: SurfaceReading, gap_um: float
+) -> DepthAndWear:
+    """Take the readings of a stop into the ledger, the tool's length and the estimate of what follows."""
+    found = depth_and_wear(
+        run.job,
+        hole.z1,
+        z2,
+        z3,
+        face_um=hole.face_um,
+        face_u_um=hole.face_u_um if known.plane_fitted else None,
+        z1_u_um=hole.z1_u_um,
+    )
+    hole.stops += 1
+    hole.bottom, hole.pad = z2, z3
+    hole.report(run, found, gap_um)
+    known.tool, known.gap_um = ToolLength(z3), gap_um
+    known.estimate = hole.estimate.fitted(
+        hole.energy(run),
+        found.depth_um,
+        found.depth_u95_um / COVERAGE,
+        found.wear_um,
+        found.wear_u95_um / COVERAGE,
+    )
+    return found
+
+
+def next_start(hole: Hole, gap_um: float) -> Start:
+    """What a further cut of a measured hole would start from."""
+    assert hole.found is not None
+    found = hole.found
+    return Start(hole.bottom.z_um, found.depth_u95_um / COVERAGE, gap_um, found.depth_um, found.wear_um)
+
+
+def estimate_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: CutResult) -> Decision:
+    """End a hole whose last cut need not be measured: what it added is known from feed and energy."""
+    live = plan.at(cut.end_displacement_um, energy_of(run.profile.pulse, cut.counts, cut.energy_j))
+    worn_um = live.wear_um - plan.start.wear_um
+    wear_u95_um = COVERAGE * live.wear_u_um
+    if hole.found is not None:
+        wear_u95_um = math.hypot(wear_u95_um, hole.found.wear_u95_um)
+    found = DepthAndWear(
+        depth_um=live.depth_um,
+        depth_u95_um=COVERAGE * live.depth_u_um,
+        wear_um=live.wear_um,
+        wear_u95_um=wear_u95_um,
+        feed_um=live.depth_um + live.wear_um,
+        feed_u95_um=COVERAGE * math.hypot(plan.start.u_um, TOUCH_U_UM),
+        depth_noise_um=live.depth_u_um,
+    )
+    assert known.tool is not None
+    known.tool = known.tool.worn(worn_um, live.wear_u_um)
+    if hole.stops == 0:
+        known.unmeasured.append(hole)
+    hole.report(
+        run,
+        found,
+        plan.gap_um,
+        fed_um=plan.fed_um(cut.end_displacement_um),
+        worn_um=worn_um,
+        estimated_um=live.depth_um - plan.start.depth_um,
+    )
+    run.decide(
+        RunEvent.SITE_ESTIMATED,
+        f"Depth {found.depth_um:.2f} ± {found.depth_u95_um:.2f} µm, wear {found.wear_um:.2f} ± "
+        f"{found.wear_u95_um:.2f} µm by feed and energy: known well enough without another touch.",
+        {"depth_um": found.depth_um, "wear_um": found.wear_um, "depth_u95_um": found.depth_u95_um},
+    )
+    off_um = found.depth_um - hole.goal.depth_um
+    message = f"Depth {found.depth_um:.2f} µm, {off_um:+.2f} µm from the target."
+    run.decide(RunEvent.TARGET_REACHED, message, {"depth_um": found.depth_um})
+    return Decision(None, message)
+
+
+def report(run: Run, found: DepthAndWear, gap_um: float, decision: Decision) -> None:
+    """Tell what a stop measured, and what follows."""
+    run.decide(
+        RunEvent.SITE_MEASURED,
+        f"Depth {found.depth_um:.2f} ± {found.depth_u95_um:.2f} µm, wear {found.wear_um:.2f} ± "
+        f"{found.wear_u95_um:.2f} µm, working gap {gap_um:.2f} µm.",
+        {
+            "depth_um": found.depth_um,
+            "wear_um": found.wear_um,
+            "wear_ratio": found.wear_ratio,
+            "gap_um": gap_um,
+        },
+    )
+    if decision.plan is None:
+        code = RunEvent.TARGET_MISSED if decision.missed else RunEvent.TARGET_REACHED
+        level = EventLevel.WARNING if decision.missed else EventLevel.INFO
+        run.decide(code, decision.message, {"depth_um": found.depth_um}, level=level)
+    else:
+        run.decide(RunEvent.CUT_DECIDED, decision.message, {"feed_um": decision.plan.feed_um})

@@ -1,0 +1,49 @@
+"""The end of a hole through the sheet: there is no bottom to touch, so the pad tells the wear."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.cut import CutEnd
+from edmctl.procedures.deciding import Decision, unfinished
+from edmctl.procedures.measuring import depth_and_wear
+from edmctl.procedures.measuring_stop import touch_pad
+from edmctl.procedures.tool_length import ToolLength
+from edmctl.record.rows import EventLevel
+
+if TYPE_CHECKING:
+    from edmctl.procedures.cut import CutResult
+    from edmctl.procedures.hole import Hole, Known
+    from edmctl.procedures.planning import CutPlan
+    from edmctl.procedures.run import Run
+    from edmctl.process.wear import DepthAndWear
+
+
+def end_of_through_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: CutResult) -> Decision:
+    """Measure the wear; the depth is how far the tip went below the face, at least the sheet's thickness."""
+    pad = touch_pad(run, hole, plan, cut, more_u_um=hole.goal.completion_um)
+    fed_um = plan.fed_um(cut.end_displacement_um)
+    hole.stops += 1
+    hole.bottom, hole.pad = hole.z1.shifted(hole.face_um + fed_um), pad
+    found = depth_and_wear(run.job, hole.z1, hole.bottom, pad, face_um=hole.face_um, z1_u_um=hole.z1_u_um)
+    known.tool = ToolLength(pad)
+    hole.report(run, found, plan.gap_um, through=cut.through)
+    decision = _decision(hole, cut, found)
+    code = RunEvent.TARGET_MISSED if decision.missed else RunEvent.TARGET_REACHED
+    level = EventLevel.WARNING if decision.missed else EventLevel.INFO
+    run.decide(code, decision.message, {"depth_um": found.depth_um, "wear_um": found.wear_um}, level=level)
+    return decision
+
+
+def _decision(hole: Hole, cut: CutResult, found: DepthAndWear) -> Decision:
+    thickness_um = hole.goal.depth_um
+    if cut.through:
+        return Decision(
+            None,
+            f"Through the sheet of {thickness_um:g} µm; the tip went {found.depth_um:.1f} µm below its face.",
+        )
+    if cut.end is not CutEnd.REACHED:
+        return unfinished(hole.goal, cut, found.depth_um, found.feed_um)
+    missed = f"The sheet of {thickness_um:g} µm did not break through within {found.depth_um:.1f} µm."
+    return Decision(None, missed, missed, "Check work.thickness_um; a thicker sheet needs more stroke.")

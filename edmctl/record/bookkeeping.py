@@ -1,0 +1,157 @@
+"""What the lines of a ledger come to: the holes in a machine's work, and the length of each of its tools."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from edmctl.record.ledger_entries import (
+    JobBegun,
+    ReferenceTouched,
+    RunEnded,
+    SiteMachined,
+    ToolChanged,
+    WearMeasured,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from edmctl.record.ledger_entries import Line
+
+SAME_PLACE_UM = 1.0
+"""Two holes of one name so close together are one hole that was taken up again: what a stage repeats to."""
+UNFINISHED = "unfinished"
+
+
+@dataclass(slots=True)
+class ToolAccount:
+    """One tool: its reference, where it would touch the pad now, what it has made, and lost by that.
+
+    `pad_um` is NaN before the first touch. `holes` are all of the tool, `since` those after its reference;
+    `lost_before_um` is what it lost up to then. `reference_at_s` is the machine's time in runs at the reference.
+    `killed` are its jobs since its last touch that never ended: what they cost it nobody knows.
+    """
+
+    label: str
+    reference: ReferenceTouched | None = None
+    reference_utc_s: float = math.nan
+    reference_at_s: float = math.nan
+    pad_um: float = math.nan
+    lost_before_um: float = 0.0
+    holes: list[SiteMachined] = field(default_factory=list)
+    since: list[SiteMachined] = field(default_factory=list)
+    killed: list[JobBegun] = field(default_factory=list)
+
+    @property
+    def worn_um(self) -> float:
+        """Sum of the wears since the reference."""
+        return math.fsum(_known(hole.wear_um) for hole in self.since)
+
+    @property
+    def worn_u95_um(self) -> float:
+        """Half-width of its 95 % interval; the wears of holes that were left are not in it."""
+        return math.hypot(*(_known(hole.wear_u95_um) for hole in self.since))
+
+    @property
+    def lost_um(self) -> float:
+        """Sum of the wears since the tool was new."""
+        return self.lost_before_um + self.worn_um
+
+
+@dataclass(slots=True)
+class Books:
+    """One machine: its holes, its tools, the tool last in use ("" before the first), the time that its runs took."""
+
+    holes: list[SiteMachined] = field(default_factory=list)
+    tools: dict[str, ToolAccount] = field(default_factory=dict)
+    tool: str = ""
+    runs_s: float = 0.0
+
+    def account(self, label: str) -> ToolAccount:
+        """The account of a tool, a new one where nothing is known of it."""
+        return self.tools.setdefault(label, ToolAccount(label))
+
+
+def books_of(lines: Iterable[Line], serial: str) -> Books:
+    """Replay the lines of the machine with that serial number.
+
+    Places of a job whose end was never written count as holes of unknown depth: nobody knows how far it came.
+    """
+    books, open_jobs = Books(), dict[str, JobBegun]()
+    for line in lines:
+        if line.serial != serial:
+            continue
+        entry = line.entry
+        if not isinstance(entry, RunEnded):
+            books.tool = entry.tool
+        if isinstance(entry, ToolChanged):
+            books.tools[entry.tool] = ToolAccount(entry.tool)
+        elif isinstance(entry, ReferenceTouched):
+            _take_reference(books, entry, line.utc_s)
+        elif isinstance(entry, JobBegun):
+            open_jobs[entry.run_file] = entry
+            books.account(entry.tool).killed.append(entry)
+        elif isinstance(entry, SiteMachined):
+            _take_site(books, entry)
+        elif isinstance(entry, WearMeasured):
+            account = books.account(entry.tool)
+            account.pad_um = entry.z_um
+            account.killed.clear()
+        else:
+            ended = open_jobs.pop(entry.run_file, None)
+            books.runs_s += entry.time_s
+            if ended is not None:
+                books.account(ended.tool).killed.clear()
+    for job in open_jobs.values():
+        for name, x_um, y_um in job.places:
+            if not any(_same(hole, name, x_um, y_um) for hole in books.holes):
+                books.holes.append(_unknown(job, name, x_um, y_um))
+    return books
+
+
+def _take_reference(books: Books, entry: ReferenceTouched, utc_s: float) -> None:
+    account = books.account(entry.tool)
+    account.reference, account.reference_utc_s = entry, utc_s
+    account.reference_at_s = books.runs_s + entry.time_s
+    account.lost_before_um = account.lost_um
+    account.pad_um = entry.z_um
+    account.since.clear()
+    account.killed = [job for job in account.killed if job.run_file == entry.run_file]
+
+
+def _take_site(books: Books, entry: SiteMachined) -> None:
+    """Add a hole; one that was taken up again stands in the place of its first part, wear and all."""
+    account = books.account(entry.tool)
+    worn_before_um = account.lost_um
+    for old in [hole for hole in account.holes if _same(hole, entry.name, entry.x_um, entry.y_um)]:
+        if old not in account.since:
+            account.lost_before_um -= _known(old.wear_um)
+    for holes in (books.holes, account.holes, account.since):
+        holes[:] = [hole for hole in holes if not _same(hole, entry.name, entry.x_um, entry.y_um)]
+        holes.append(entry)
+    touched = not math.isnan(entry.z3_um)
+    account.pad_um = entry.z3_um if touched else account.pad_um + account.lost_um - worn_before_um
+
+
+def _known(value: float) -> float:
+    return 0.0 if math.isnan(value) else value
+
+
+def _same(hole: SiteMachined, name: str, x_um: float, y_um: float) -> bool:
+    return hole.name == name and math.hypot(hole.x_um - x_um, hole.y_um - y_um) <= SAME_PLACE_UM
+
+
+def _unknown(job: JobBegun, name: str, x_um: float, y_um: float) -> SiteMachined:
+    return SiteMachined(
+        tool=job.tool,
+        run_file=job.run_file,
+        name=name,
+        x_um=x_um,
+        y_um=y_um,
+        radius_um=job.radius_um,
+        status=UNFINISHED,
+        depth_um=math.nan,
+        wear_um=math.nan,
+    )

@@ -1,0 +1,294 @@
+"""The journal of a run: the newest state of its job, on the disk before the machine goes on.
+
+`<run>.journal` lies beside the run file until the run has come to its end: one JSON object with a hash over its
+content, replaced at once, so that a computer that dies leaves the state before or the state after, never a mixture.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import math
+import os
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+from edmctl.errors import PreconditionError, RunFileError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from pathlib import Path
+
+SCHEMA = "edmctl-journal"
+VERSION = 1
+PERIOD_S = 5.0
+"""Of the machine's time: so old may the state of a cut be that is not urgent."""
+SUFFIX = ".journal"
+_START_ANEW = "Without it nobody knows how deep the hole is. Machine it at another place or on new work."
+
+
+class State(Protocol):
+    """How far a job has come."""
+
+    @property
+    def time_s(self) -> float:
+        """The machine's time."""
+
+    def as_mapping(self) -> dict[str, object]:
+        """Values that JSON holds."""
+
+
+@dataclass(frozen=True, slots=True)
+class JournalledJob:
+    """Which job on which machine a journal is of.
+
+    `parents` are the runs that this one continues, the first of them first. Paths are absolute, `setup` is empty for
+    the stock machine and `calibration` where none was named. `port` is for people; nothing is ever driven by it.
+    `boots` is how often the controller had started. `places` are name, x and y (µm), θ (degrees) and depth (µm,
+    NaN where the target says it).
+    """
+
+    run_id: str
+    start: str
+    profile: str
+    overrides: tuple[str, ...]
+    profile_sha256: str
+    sim_sha256: str
+    setup: str
+    setup_sha256: str
+    calibration: str
+    allow_model: bool
+    port: str
+    serial: str
+    boots: int
+    tool: str
+    seed: int | None
+    places: tuple[tuple[str, float, float, float, float], ...]
+    parents: tuple[str, ...] = ()
+
+    @property
+    def family(self) -> tuple[str, ...]:
+        """Names of the runs that it continues, and its own."""
+        return (*self.parents, self.run_id)
+
+
+@dataclass(frozen=True, slots=True)
+class Journal:
+    """What a journal holds: the job, its state, when (UTC, s since 1970) and where the stages stood (µm).
+
+    `truth` is what a virtual bench in the same process knew.
+    """
+
+    job: JournalledJob
+    state: Mapping[str, object]
+    written_utc_s: float
+    x_um: float
+    y_um: float
+    truth: Mapping[str, object] | None = None
+
+
+class JournalFile:
+    """Keeps the state of a running job in its file.
+
+    Parameters
+    ----------
+    path : of the journal, which is replaced
+    job : what it is a journal of
+    stages_um : asks the machine where its stages stand; only with urgent states, when no cut is going on
+    truth : what a virtual bench knows, at every write
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        job: JournalledJob,
+        stages_um: Callable[[], tuple[float, float]],
+        truth: Callable[[], Mapping[str, object] | None] = lambda: None,
+    ) -> None:
+        self.path = path
+        self._job = job
+        self._stages_um, self._truth = stages_um, truth
+        self._at_um = (math.nan, math.nan)
+        self._kept_s = -math.inf
+
+    def keep(self, state: State, *, urgent: bool = False) -> None:
+        """Take a state: an urgent one is on the disk when the call returns, others every `PERIOD_S` at most.
+
+        Raises RunFileError E9040 where it cannot be written.
+        """
+        if not urgent and state.time_s - self._kept_s < PERIOD_S:
+            return
+        if urgent:
+            self._at_um = self._stages_um()
+        x_um, y_um = self._at_um
+        write_journal(
+            self.path,
+            Journal(self._job, state.as_mapping(), time.time(), x_um, y_um, self._truth()),
+        )
+        self._kept_s = state.time_s
+
+    def remove(self) -> None:
+        """The run has come to its end: there is nothing to take up. Raises RunFileError E9040."""
+        remove_journal(self.path)
+
+
+def journal_path(run_file: Path) -> Path:
+    """Return the journal's name of a run file: `runs/a.h5` → `runs/a.journal`."""
+    return run_file.with_name(run_file.name.removesuffix(".h5") + SUFFIX)
+
+
+def write_journal(path: Path, journal: Journal) -> None:
+    """Put a journal in the place of the one before, safe on the disk. Raises RunFileError E9040."""
+    text = _text(journal)
+    new = path.with_name(f".{path.name}.{os.getpid()}.new")
+    try:
+        try:
+            with new.open("wb") as file:
+                file.write(text)
+                file.flush()
+                os.fsync(file.fileno())
+            new.replace(path)
+        finally:
+            new.unlink(missing_ok=True)
+        _sync_folder(path.parent)
+    except OSError as refused:
+        raise _unwritable(path, refused) from refused
+
+
+def remove_journal(path: Path) -> None:
+    """Remove a journal that may be gone already. Raises RunFileError E9040."""
+    try:
+        path.unlink(missing_ok=True)
+        _sync_folder(path.parent)
+    except OSError as refused:
+        raise _unwritable(path, refused) from refused
+
+
+def read_journal(path: Path) -> Journal:
+    """Return what the journal at `path` holds.
+
+    Raises
+    ------
+    FileNotFoundError
+        There is none.
+    RunFileError
+        E9041: it cannot be read.
+    PreconditionError
+        E8052: it is damaged, or a later version wrote it.
+    """
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise
+    except OSError as refused:
+        raise RunFileError(
+            f"The journal {path} cannot be read: {refused.strerror or refused}.",
+            hint="Check its permissions.",
+            code="E9041",
+        ) from refused
+    try:
+        return _journal(data)
+    except _LaterVersion as later:
+        raise PreconditionError(
+            f"The journal {path} was written by a later edmctl: version {later}, this one knows {VERSION}.",
+            hint="Take the run up again with that version of edmctl.",
+            code="E8052",
+        ) from None
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+        raise PreconditionError(
+            f"The journal {path} is damaged: {error}.", hint=_START_ANEW, code="E8052"
+        ) from error
+
+
+class _LaterVersion(Exception):
+    """The version of a journal that this program does not know."""
+
+
+def _text(journal: Journal) -> bytes:
+    content = _plain(dataclasses.asdict(journal))
+    envelope = {"schema": SCHEMA, "version": VERSION, "sha256": _hash_of(content), "content": content}
+    return (json.dumps(envelope, ensure_ascii=False, allow_nan=False, indent=1) + "\n").encode()
+
+
+def _journal(data: bytes) -> Journal:
+    envelope = json.loads(data.decode())
+    if not isinstance(envelope, dict) or envelope.get("schema") != SCHEMA:
+        raise ValueError("it is no journal of a run")
+    version = envelope["version"]
+    if not isinstance(version, int) or version < 1:
+        raise ValueError("its version is no number")
+    if version > VERSION:
+        raise _LaterVersion(version)
+    content = envelope["content"]
+    if envelope["sha256"] != _hash_of(content):
+        raise ValueError("its content does not fit its check sum")
+    job = content["job"]
+    return Journal(
+        job=JournalledJob(
+            **{
+                **job,
+                "overrides": tuple(job["overrides"]),
+                "parents": tuple(job["parents"]),
+                "places": tuple((name, *map(_number, numbers)) for name, *numbers in job["places"]),
+            }
+        ),
+        state=_with_numbers(content["state"]),
+        written_utc_s=float(content["written_utc_s"]),
+        x_um=_number(content["x_um"]),
+        y_um=_number(content["y_um"]),
+        truth=content["truth"],
+    )
+
+
+def _hash_of(content: object) -> str:
+    canonical = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(canonical.encode()).hexdigest()
+
+
+def _plain(value: object) -> object:
+    """The same with null for numbers that JSON has not."""
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else float(value)
+
+
+def _with_numbers(state: Mapping[str, object]) -> dict[str, object]:
+    """A state with NaN where the file has null, save for the slope of a face that was not fitted."""
+    return {name: value if name == "slope" else _not_null(value) for name, value in state.items()}
+
+
+def _not_null(value: object) -> object:
+    if isinstance(value, dict):
+        return {name: _not_null(item) for name, item in value.items()}
+    if isinstance(value, list):
+        return [_not_null(item) for item in value]
+    return math.nan if value is None else value
+
+
+def _sync_folder(folder: Path) -> None:
+    """Make sure that the name is on the disk, too; some file systems know no such thing."""
+    with suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def _unwritable(path: Path, refused: OSError) -> RunFileError:
+    return RunFileError(
+        f"Cannot keep the journal {path}: {refused.strerror or refused}.",
+        hint="Check that the folder given with --out can be written and has space.",
+        code="E9040",
+    )

@@ -1,0 +1,176 @@
+"""What a line of the job ledger can say, and its form as JSON."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+VERSION = 1
+
+
+@dataclass(frozen=True, slots=True)
+class ToolChanged:
+    """A new electrode under this name: whatever was known of an earlier one is over."""
+
+    tool: str
+
+
+@dataclass(frozen=True, slots=True)
+class ReferenceTouched:
+    """Z1: where a tool met the reference pad at `x_um`, `y_um`, by sensor (`z_um`) and actuator model (`model_um`).
+
+    Without a sensor `z_um` is the model's too. `time_s` counts in the run. `truth` is what a virtual bench knows.
+    """
+
+    tool: str
+    run_file: str
+    z_um: float
+    sd_um: float
+    touches: int
+    model_um: float
+    sensor: bool
+    x_um: float
+    y_um: float
+    speed_um_s: float
+    time_s: float
+    temperature_c: float = math.nan
+    truth: Mapping[str, float] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class JobBegun:
+    """A job is about to cut holes of `radius_um` at `places`: name, x and y of the axis in µm.
+
+    `wear_um` is what the tool is expected to lose by it.
+    """
+
+    tool: str
+    run_file: str
+    radius_um: float
+    places: tuple[tuple[str, float, float], ...]
+    wear_um: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class SiteMachined:
+    """A hole. Where `status` is "unfinished" its depth and wear are estimates; NaN where nothing is known."""
+
+    tool: str
+    run_file: str
+    name: str
+    x_um: float
+    y_um: float
+    radius_um: float
+    status: str
+    depth_um: float
+    wear_um: float
+    wear_u95_um: float = math.nan
+    z1_um: float = math.nan
+    z2_um: float = math.nan
+    z3_um: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class WearMeasured:
+    """What `measure-wear` found: the pad at `z_um`, and what the tool has lost since its reference."""
+
+    tool: str
+    run_file: str
+    z_um: float
+    wear_um: float
+    wear_u95_um: float
+
+
+@dataclass(frozen=True, slots=True)
+class RunEnded:
+    """The run is over after `time_s`; what it machined stands before this line."""
+
+    run_file: str
+    status: str
+    time_s: float
+
+
+Entry: TypeAlias = ToolChanged | ReferenceTouched | JobBegun | SiteMachined | WearMeasured | RunEnded
+
+_KINDS: dict[str, type[Entry]] = {
+    "tool": ToolChanged,
+    "reference": ReferenceTouched,
+    "job": JobBegun,
+    "site": SiteMachined,
+    "wear": WearMeasured,
+    "end": RunEnded,
+}
+_NAMES = {entry: name for name, entry in _KINDS.items()}
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One entry: of which machine (by its serial number), and when (UTC, s since 1970)."""
+
+    serial: str
+    utc_s: float
+    entry: Entry
+
+
+class LaterVersion(Exception):
+    """The version of a line that this program does not know."""
+
+
+def line_of(row: bytes) -> Line:
+    """Read one line. Raises LaterVersion, or ValueError, TypeError or KeyError where it is damaged."""
+    values = json.loads(row.decode())
+    if not isinstance(values, dict):
+        raise TypeError("it is no object")
+    version = values.pop("v")
+    if not isinstance(version, int) or version < 1:
+        raise ValueError("its version is no number")
+    if version > VERSION:
+        raise LaterVersion(version)
+    kind = _KINDS.get(values.pop("kind"))
+    if kind is None:
+        raise ValueError("its kind is unknown")
+    serial, utc_s = values.pop("serial"), values.pop("utc_s")
+    if not isinstance(serial, str):
+        raise TypeError("its serial is no text")
+    known = {field.name: field for field in dataclasses.fields(kind)}
+    strange = set(values) - set(known)
+    if strange:
+        raise ValueError(f"it has no place for {', '.join(sorted(strange))}")
+    fields = {name: _value(name, str(known[name].type), raw) for name, raw in values.items()}
+    return Line(serial, _number("utc_s", utc_s), kind(**fields))  # type: ignore[arg-type]
+
+
+def _value(name: str, kind: str, raw: object) -> object:
+    if kind == "str" and isinstance(raw, str):
+        return raw
+    if kind == "bool" and isinstance(raw, bool):
+        return raw
+    if kind == "int" and isinstance(raw, int) and not isinstance(raw, bool):
+        return raw
+    if kind == "float":
+        return math.nan if raw is None else _number(name, raw)
+    if kind.startswith("tuple") and isinstance(raw, list):
+        return tuple((str(place), _number(name, x), _number(name, y)) for place, x, y in raw)
+    if kind.startswith("Mapping") and (raw is None or isinstance(raw, dict)):
+        return raw and {str(key): _number(name, value) for key, value in raw.items()}
+    raise TypeError(f"{name} is no {kind.partition('[')[0]}")
+
+
+def _number(name: str, raw: object) -> float:
+    if isinstance(raw, bool) or not isinstance(raw, int | float) or not math.isfinite(raw):
+        raise TypeError(f"{name} is no number")
+    return float(raw)
+
+
+def text_of(line: Line) -> str:
+    """Return the line as it stands in the file, with its end."""
+    values = {"v": VERSION, "kind": _NAMES[type(line.entry)], "serial": line.serial, "utc_s": line.utc_s}
+    for name, value in dataclasses.asdict(line.entry).items():
+        values[name] = None if isinstance(value, float) and not math.isfinite(value) else value
+    return json.dumps(values, ensure_ascii=False, allow_nan=False) + "\n"

@@ -1,0 +1,188 @@
+"""The law of adaptive machining over made-up shares of pulses, and cuts of the virtual machine that follow it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl.procedures.adapting import CLEAN_S, LONGEST_SHARE, PATIENCE, Adapting
+from edmctl.procedures.codes import RunEvent
+from edmctl.profile.load import load_profile
+from edmctl.simulator import kernel as k
+
+from .conftest import CU270
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from edmctl.profile.model import Profile
+
+    from .conftest import Shop
+
+    OpenShop = Callable[..., Shop]
+
+ADAPTIVE = 'jump.mode="adaptive"'
+SLICE_S = 0.1
+PULSES = 230
+
+
+@pytest.fixture
+def profile() -> Profile:
+    """Return cu270 with adaptive jumps: every 10 s down to every 1.5 s."""
+    return load_profile(CU270, (ADAPTIVE, "jump.period_s=10", "jump.period_min_s=1.5")).profile
+
+
+class Cut:
+    """A cut without a machine: what the gap looks like is made up, jumps are counted."""
+
+    def __init__(self, profile: Profile) -> None:
+        self.law = Adapting(profile, 0.0)
+        self.now_s = 0.0
+        self.jumps_s: list[float] = []
+
+    def spark(self, seconds: float, *, arcs: float = 0.0, shorts: float = 0.0) -> None:
+        for _ in range(round(seconds / SLICE_S)):
+            self.now_s += SLICE_S
+            arc, short = round(PULSES * arcs), round(PULSES * shorts)
+            self.law.take(SLICE_S, PULSES, arc, short, sparking=True)
+            if self.law.due(self.now_s):
+                self.jumps_s.append(self.now_s)
+                self.law.take(SLICE_S, 0, 0, 0, sparking=False)
+                self.law.jumped(self.now_s)
+
+    def changes(self, code: RunEvent) -> int:
+        return sum(change.code is code for change in self.law.changes)
+
+
+def test_without_evidence_the_first_jump_comes_after_the_period(profile: Profile) -> None:
+    cut = Cut(profile)
+    cut.spark(10.5, arcs=0.03)
+    assert cut.jumps_s == pytest.approx([10.0], abs=0.15)
+
+
+@pytest.mark.parametrize("share", ["arcs", "shorts"])
+def test_a_second_over_a_threshold_halves_the_period_and_jumps_at_once(profile: Profile, share: str) -> None:
+    cut = Cut(profile)
+    cut.spark(3.0)
+    cut.spark(0.8, **{share: 0.2})
+    assert len(cut.jumps_s) == 1
+    assert cut.law.period_s == 5.0
+    (change,) = cut.law.changes
+    assert change.code is RunEvent.JUMP_PERIOD
+    assert (change.args["from_s"], change.args["to_s"]) == (10.0, 5.0)
+    assert "arcs and" in change.message
+
+
+def test_a_burst_shorter_than_the_window_is_no_evidence(profile: Profile) -> None:
+    cut = Cut(profile)
+    cut.spark(3.0)
+    cut.spark(0.2, arcs=0.2)
+    cut.spark(2.0)
+    assert cut.jumps_s == []
+
+
+def test_the_period_keeps_between_its_ends(profile: Profile) -> None:
+    cut = Cut(profile)
+    cut.spark(30.0, arcs=0.055)
+    assert cut.law.period_s == profile.jump.period_min_s
+    cut.spark(400.0)
+    assert cut.law.period_s == LONGEST_SHARE * profile.jump.period_s
+
+
+def test_between_the_thresholds_the_period_stays(profile: Profile) -> None:
+    cut = Cut(profile)
+    cut.spark(3.0 * CLEAN_S, arcs=0.035)
+    assert cut.law.period_s == profile.jump.period_s
+
+
+def test_nothing_is_judged_during_a_jump_and_shortly_after(profile: Profile) -> None:
+    law = Adapting(profile, 0.0)
+    for _ in range(20):
+        law.take(SLICE_S, PULSES, PULSES, 0, sparking=False)
+    for _ in range(5):
+        law.take(SLICE_S, PULSES, PULSES, 0, sparking=True)
+    assert law.due(5.0) == ""
+    assert law.changes == []
+
+
+def test_only_where_jumps_do_not_help_the_gap_is_widened_and_then_the_pauses_grow(profile: Profile) -> None:
+    cut = Cut(profile)
+    cut.spark(6.0, arcs=0.2)
+    assert cut.changes(RunEvent.REFERENCE_CHANGED) == 0
+    cut.spark(200.0, arcs=0.2)
+    codes = [change.code for change in cut.law.changes]
+    raised = codes.index(RunEvent.REFERENCE_CHANGED)
+    assert RunEvent.JUMP_PERIOD not in codes[raised:]
+    assert sorted(codes[raised:]) == codes[raised:]
+    assert cut.law.reference == profile.adaptive.reference_max
+    assert cut.law.duty == pytest.approx(profile.adaptive.duty_min)
+
+
+def test_each_step_waits_for_some_jumps(profile: Profile) -> None:
+    cut = Cut(profile)
+    cut.spark(60.0, arcs=0.2)
+    steps = cut.changes(RunEvent.REFERENCE_CHANGED)
+    assert 0 < steps <= len(cut.jumps_s) / PATIENCE
+
+
+def test_in_a_clean_gap_the_remedies_are_taken_back_the_last_one_first(profile: Profile) -> None:
+    cut = Cut(profile)
+    cut.spark(200.0, arcs=0.2)
+    cut.law.changes.clear()
+    cut.spark(1000.0)
+    codes = list(dict.fromkeys(change.code for change in cut.law.changes))
+    assert codes == [RunEvent.DUTY_CHANGED, RunEvent.REFERENCE_CHANGED, RunEvent.JUMP_PERIOD]
+    assert (cut.law.reference, cut.law.duty) == (profile.servo.reference, profile.pulse.duty)
+
+
+def test_fixed_jumps_do_not_heed_the_gap(profile: Profile) -> None:
+    cut = Cut(load_profile(CU270, ('jump.mode="fixed"', "jump.period_s=10")).profile)
+    cut.spark(20.5, arcs=0.5, shorts=0.3)
+    assert cut.jumps_s == pytest.approx([10.0, 20.0], abs=0.25)
+    assert cut.law.changes == []
+
+
+def test_jumps_that_are_off_stay_off() -> None:
+    cut = Cut(load_profile(CU270, ('jump.mode="off"',)).profile)
+    cut.spark(60.0, arcs=0.5)
+    assert cut.jumps_s == []
+
+
+FEED_30 = ('target={kind="feed",feed_um=30.0}', ADAPTIVE, "pulse.current_a=0.12", "jump.height_um=30")
+
+
+def test_a_badly_flushed_cut_jumps_more_often_and_says_why(shop: OpenShop) -> None:
+    clean, dirty = shop(FEED_30), shop(FEED_30)
+    dirty.bench.plant.par[k.FLUSH_TIME] *= 100.0
+    clean.run_job()
+    dirty.run_job()
+
+    def jumps(s: Shop) -> list[Mapping[str, float | int | str | bool]]:
+        return [args for _, code, _, _, args in s.seen.events if code == RunEvent.JUMPED]
+
+    assert len(jumps(dirty)) > 3 * len(jumps(clean))
+    assert any(args["asked"] for args in jumps(dirty))
+    assert min(row.jump_period_s for row in dirty.seen.slow) < 10.0
+    assert min(row.jump_period_s for row in clean.seen.slow) == 10.0
+    told = [message for _, code, _, message, _ in dirty.seen.events if code == RunEvent.JUMP_PERIOD]
+    assert told[0].startswith("Jump period 10 → 5 s")
+    assert "% arcs" in told[0]
+
+
+def test_a_wider_gap_and_longer_pauses_reach_the_machine_in_the_middle_of_a_cut(shop: OpenShop) -> None:
+    # By these thresholds every gap is bad, and nothing helps.
+    s = shop((*FEED_30, "adaptive.arc_high=0.0011", "adaptive.arc_low=0.001", "adaptive.duty_min=0.2"))
+    pulse_period = s.bench.plant.ist[k.PULSE_PERIOD]
+    result = s.run_job()
+    codes = [code for _, code, _, _, _ in s.seen.events]
+    assert RunEvent.REFERENCE_CHANGED in codes
+    assert RunEvent.DUTY_CHANGED in codes
+    assert codes.count(RunEvent.CUT_ENDED) == 1
+    last = [
+        row for row in s.seen.slow if row.gap_ratio_ref == pytest.approx(s.profile.adaptive.reference_max)
+    ]
+    assert sum(row.gap_ratio for row in last) / len(last) == pytest.approx(0.9, abs=0.03)
+    site = result.sites[0]
+    assert site.pulses < 0.9 * site.machining_time_s * s.profile.pulse.frequency_hz
+    assert s.bench.plant.ist[k.PULSE_PERIOD] == pulse_period

@@ -1,0 +1,141 @@
+"""One pass of a channel: what it tells the machine when, and what it makes of what comes back."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from edmctl.errors import MachineFault, PreconditionError
+from edmctl.machine.port import EventCode, MachineEvent
+from edmctl.procedures.channel_follow import UNSTABLE_S
+from edmctl.procedures.channel_scan import LOOK_AHEAD_S, PassPlan, PassResult, run_pass
+from edmctl.procedures.codes import RunEvent
+from edmctl.process.channel_wear import ToolWear
+from edmctl.process.layers import HeldTool
+from edmctl.process.path import Way, rectangle, way_of
+from edmctl.process.plane import Plane
+from tests.procedures.channel_bench import ScanningMachine, scanning_run
+
+WAY = way_of(rectangle(0.0, 0.0, 300.0, 200.0), 25.0)
+LEVEL = Plane((0.0, 0.0), np.zeros(2), np.zeros((2, 2)))
+PER_UJ = 1e-6
+SPEED_UM_S = 50.0
+
+
+def machine_at_start(**settings: object) -> ScanningMachine:
+    return ScanningMachine(place_um=WAY.at(0.0), z_um=40.0, **settings)  # type: ignore[arg-type]
+
+
+def plan(*, plane: Plane = LEVEL, uj_per_um: float = 0.0, way: Way = WAY) -> PassPlan:
+    return PassPlan(way, SPEED_UM_S, HeldTool(50.0, plane, 2.0, 3.5), uj_per_um, since_uj=0.0, rest_s=0.0)
+
+
+def passed(machine: ScanningMachine, planned: PassPlan, left_s: float = 1e4) -> PassResult:
+    run, _ = scanning_run(machine)
+    return run_pass(run, planned, ToolWear(PER_UJ, 0.1, 0.15), left_s, "the time is up")
+
+
+def test_every_line_is_sent_once_in_order_although_the_queue_is_short() -> None:
+    machine = machine_at_start(queue_size=3)
+    done = passed(machine, plan())
+    assert machine.full > 0
+    assert [(m.x_um, m.y_um) for m in machine.moves] == [tuple(p) for p in WAY.points[1:]]
+    assert [m.last for m in machine.moves] == [False] * (len(WAY.points) - 2) + [True]
+    assert {m.speed_um_s for m in machine.moves} == {SPEED_UM_S}
+    assert done.time_s == pytest.approx(WAY.length_um / SPEED_UM_S, abs=0.5)
+    assert done.fault == ""
+
+
+def test_the_limit_follows_the_tilt_of_the_face() -> None:
+    tilted = Plane((0.0, 0.0), np.array([0.002, -0.001]), np.zeros((2, 2)))
+    machine = machine_at_start(current_a=0.0)
+    passed(machine, plan(plane=tilted))
+    for move in machine.moves:
+        assert move.z_limit_um == pytest.approx(48.5 + 0.002 * move.x_um - 0.001 * move.y_um)
+
+
+def test_the_limit_sinks_by_the_wear_that_the_energy_tells() -> None:
+    machine = machine_at_start(current_a=0.02)
+    done = passed(machine, plan(uj_per_um=1.2 * 22.0 * 0.02 * 1e6 / SPEED_UM_S))
+    wear_um = PER_UJ * done.wearing_uj
+    assert wear_um > 2.0
+    assert machine.moves[-1].z_limit_um - 48.5 == pytest.approx(wear_um, rel=0.05)
+    middle = len(WAY.points) // 2
+    assert done.limits_um[middle] - 48.5 == pytest.approx(PER_UJ * done.used_uj[middle], rel=0.05)
+
+
+def test_what_was_expected_of_the_energy_counts_less_and_less() -> None:
+    machine = machine_at_start(current_a=0.0)
+    passed(machine, plan(uj_per_um=5e3))
+    sunk_um = [m.z_limit_um - 48.5 for m in machine.moves]
+    assert sunk_um[0] > 0.1
+    assert sunk_um[-1] < 0.5
+    assert sunk_um[-1] < PER_UJ * 5e3 * WAY.length_um / 5.0
+
+
+def test_a_tool_that_stays_above_its_limit_goes_along_all_the_same() -> None:
+    done = passed(machine_at_start(misses_um=lambda _: 3.0), plan())
+    assert done.fault == ""
+    assert done.held_share == 0.0
+
+
+def test_lines_are_sent_shortly_before_the_tool_needs_them() -> None:
+    machine = machine_at_start()
+    passed(machine, plan())
+    assert 3 <= machine.longest_queue <= 1 + (SPEED_UM_S * LOOK_AHEAD_S + 25.0) / 25.0
+
+
+def test_the_share_of_the_path_at_the_limit_is_told() -> None:
+    machine = machine_at_start(misses_um=lambda now_s: 1.0 if 6.0 < now_s < 11.0 else 0.0)
+    done = passed(machine, plan())
+    assert done.held_share == pytest.approx(0.75, abs=0.04)
+
+
+def test_the_host_ends_a_pass_when_the_time_is_up() -> None:
+    machine = machine_at_start()
+    done = passed(machine, plan(), left_s=3.0)
+    assert machine.stopped == 1
+    assert (done.fault, done.told) == ("TIMEOUT", "the time is up")
+    assert done.time_s == pytest.approx(3.0, abs=0.2)
+    assert machine.scans[0].max_time_s > 3.0
+
+
+def test_a_line_refused_because_the_pass_is_over_is_the_end_of_the_pass() -> None:
+    ended = MachineEvent(EventCode.TIME_UP, 4.0, 0, 48.5, 16.0)
+    done = passed(machine_at_start(refuse_after=5, then=lambda: ended), plan())
+    assert done.fault == "TIMEOUT"
+
+
+def test_a_line_refused_because_of_a_fault_tells_the_fault() -> None:
+    def fault() -> MachineEvent:
+        raise MachineFault("The short did not clear.", code="E63001")
+
+    with pytest.raises(MachineFault, match="did not clear"):
+        passed(machine_at_start(refuse_after=5, then=fault), plan())
+
+
+def test_a_line_refused_for_no_reason_is_told() -> None:
+    with pytest.raises(PreconditionError, match="PATH_MOVE"):
+        passed(machine_at_start(refuse_after=5), plan())
+
+
+def test_arcs_over_their_limit_are_told_once_and_end_the_pass_when_they_stay() -> None:
+    machine = machine_at_start(arc_pulses=6)
+    run, noted = scanning_run(machine)
+    slow = replace(plan(), speed_um_s=10.0)
+    done = run_pass(run, slow, ToolWear(PER_UJ, 0.1, 0.15), 1e4, "the time is up")
+    assert (done.fault, done.told) == ("STALL", "arcs have stayed over their limit")
+    assert UNSTABLE_S < done.time_s < UNSTABLE_S + 5.0
+    assert noted.codes.count(RunEvent.ARCING) == 1
+    assert passed(machine_at_start(arc_pulses=2), slow).fault == ""
+
+
+def test_pulses_and_energy_are_summed() -> None:
+    machine = machine_at_start(current_a=0.01, open_pulses=23)
+    done = passed(machine, plan())
+    assert done.open_share == 1.0
+    assert done.energy_j == pytest.approx(22.0 * 0.01 * done.time_s, rel=0.02)
+    assert not math.isnan(done.gap_ratio_mean)

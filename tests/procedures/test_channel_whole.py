@@ -1,0 +1,125 @@
+"""A whole quick channel over real frames: a ring 5 µm deep, judged by the height map that only the plant knows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from random import Random
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from edmctl.link.session import Session
+from edmctl.machine.controller import LinkMachine
+from edmctl.procedures.channel import way_of_path
+from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.job import job_of
+from edmctl.procedures.machining import run_job
+from edmctl.profile.load import load_profile
+from edmctl.profile.setup import Setup
+from edmctl.simulator import BenchConfig, VirtualBench, open_bench
+from tests.procedures.channel_bench import CIRCLE
+from tests.procedures.conftest import Seen, Told
+
+if TYPE_CHECKING:
+    from edmctl.procedures.channel_result import ChannelResult
+    from edmctl.process.path import Way
+
+DEPTH_UM = 5.0
+QUICK = (
+    "path.radius_um=130.0",
+    f"target.depth_um={DEPTH_UM}",
+    "path.speed_um_s=400.0",
+    "pulse.current_a=0.36",
+    'jump.mode="off"',
+    "measure.touches=2",
+    "measure.settle_s=0.2",
+    "measure.speed_um_s=2.0",
+    "measure.fast_um_s=40.0",
+    "approach.speed_um_s=4.0",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Made:
+    """A quick channel that was machined; tests only look at it."""
+
+    bench: VirtualBench
+    channel: ChannelResult
+    seen: Seen
+    way: Way
+
+    def floor_um(self, beside_um: float = 0.0) -> list[float]:
+        """True depths every 10 µm along the path, or so far outside of it."""
+        x_um, y_um, depth_um = self.bench.truth_map()
+        centre = self.way.points[:-1].mean(axis=0)
+        found = []
+        for s_um in np.arange(0.0, self.way.length_um, 10.0):
+            place = np.array(self.way.at(float(s_um)))
+            out = (place - centre) / np.hypot(*(place - centre))
+            at_x, at_y = place + beside_um * out
+            column, row = int(np.abs(x_um - at_x).argmin()), int(np.abs(y_um - at_y).argmin())
+            within = max(abs(x_um[column] - at_x), abs(y_um[row] - at_y)) <= 2.5
+            found.append(float(depth_um[row, column]) if within else 0.0)
+        return found
+
+
+@pytest.fixture(scope="module")
+def made() -> Made:
+    """Return a quick channel that has run to its end."""
+    loaded = load_profile(CIRCLE, QUICK)
+    profile = loaded.profile
+    config = BenchConfig(
+        tool_diameter_um=profile.tool.diameter_um,
+        theta=loaded.sim.theta,
+        offset_um=profile.approach.offset_um,
+    )
+    bench = open_bench(config, seed=2)
+    session = Session(bench.transport, Random(1))
+    session.open()
+    seen = Seen()
+    result = run_job(LinkMachine(session), job_of(profile, Setup()), recorder=seen, observer=Told())
+    assert result.channel is not None
+    assert profile.path is not None
+    return Made(bench, result.channel, seen, way_of_path(profile.path))
+
+
+def test_the_floor_is_as_deep_as_wanted_and_even_along_the_path(made: Made) -> None:
+    off_um = np.array(made.floor_um()) - DEPTH_UM
+    assert np.sqrt((off_um**2).mean()) < 1.0
+    assert off_um.std() < 0.3
+
+
+def test_the_channel_is_as_wide_as_planned(made: Made) -> None:
+    half_um = made.channel.width_um / 2.0
+    assert min(made.floor_um(half_um - 10.0)) > DEPTH_UM - 1.0
+    assert max(made.floor_um(half_um + 10.0)) == 0.0
+
+
+def test_the_touches_tell_the_true_floor_and_wear(made: Made) -> None:
+    channel = made.channel
+    assert abs(channel.depth_um - np.mean(made.floor_um())) < channel.depth_u95_um
+    assert abs(channel.wear_um - made.bench.tool_wear_um) < channel.wear_u95_um
+    assert channel.depth_u95_um < 1.0
+    assert channel.feed_um == pytest.approx(channel.depth_um + channel.wear_um)
+
+
+def test_the_tool_wore_by_the_volume_of_the_channel(made: Made) -> None:
+    volume_um3 = made.channel.width_um * made.way.length_um * DEPTH_UM
+    face_um2 = np.pi * 75.0**2
+    assert made.bench.tool_wear_um == pytest.approx(0.0358 * volume_um3 / face_um2, rel=0.2)
+
+
+def test_the_story_is_in_the_events(made: Made) -> None:
+    codes = [code for _, code, *_ in made.seen.events]
+    assert codes.count(RunEvent.PASS_ENDED) == made.channel.passes
+    assert codes.count(RunEvent.CHANNEL_MEASURED) == made.channel.measuring_stops
+    assert RunEvent.TARGET_REACHED in codes
+    assert {row.kind for row in made.seen.touches} == {"Z1", "Zr", "Z2", "Z3"}
+    (row,) = made.seen.sites
+    assert row.depth_um == made.channel.depth_um
+
+
+def test_the_gap_between_held_tool_and_floor_was_learned(made: Made) -> None:
+    assert 2.0 < made.channel.working_gap_um < 7.0
+    assert made.channel.ratios.normal > 0.3

@@ -1,0 +1,186 @@
+"""Wear and depth by touches alone, against what the bench knows; approaches; series of jumps."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple
+
+import pytest
+
+from edmctl.errors import Interrupted, MachineFault, ObjectiveNotReached, PreconditionError
+from edmctl.procedures.approach import find_contact, find_gap
+from edmctl.procedures.harness import running
+from edmctl.procedures.job import Site
+from edmctl.procedures.jump_series import run_jumps
+from edmctl.procedures.measure_wear import (
+    MOST_DRIFT_UM,
+    Bottom,
+    Reference,
+    WearResult,
+    measure_wear,
+    refuse_drift,
+    touch_pad,
+)
+from edmctl.procedures.results import Ledger, Phase
+from edmctl.simulator import kernel as k
+from tests.procedures.conftest import Shop
+
+if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
+
+    from edmctl.procedures.run import Run
+
+SPARKLESS = "flush.min_flow_lpm=90"
+"""More than the pump gives: nothing that makes sparks can be armed."""
+SITE = Site("beside", 500.0, 0.0)
+
+
+def ready(shop: Shop, *, pulses: bool = False) -> AbstractContextManager[Run]:
+    """The shop's machine, armed and conditioned."""
+    return running(shop.machine, shop.job, Ledger(), recorder=shop.seen, observer=shop.told, pulses=pulses)
+
+
+class Touched(NamedTuple):
+    """A hole that was machined and then measured again, on a bench that is looked at."""
+
+    shop: Shop
+    found: WearResult
+    true_depth_um: float
+
+
+@pytest.fixture(scope="module")
+def touched() -> Touched:
+    """Reference, job and measurement, each on a machine that was idle before."""
+    shop = Shop()
+    with ready(shop) as run:
+        z1 = touch_pad(run, "Z1", shop.profile.approach.offset_um)
+    (site,) = shop.run_job().sites
+    reference = Reference(z1.z_um, z1.reading.sd_um, z1.reading.touches, z1.model_um, 300.0)
+    with ready(shop) as run:
+        bottom = Bottom(site.name, site.x_um, site.y_um, site.depth_um)
+        found = measure_wear(run, reference, z1.z_um + site.wear_um, bottom)
+        refuse_drift(run, found)
+    (hole,) = shop.bench.truth()
+    return Touched(shop, found, hole.depth_um)
+
+
+def test_feed_is_depth_and_wear(touched: Touched) -> None:
+    found = touched.found
+    assert found.feed_um == pytest.approx(found.depth_um + found.wear_um, abs=1e-9)
+    assert found.feed_um == pytest.approx(found.z2_um - found.z1_um, abs=1e-9)
+    assert found.z3_um == pytest.approx(0.5 * (found.z3_before_um + found.z3_after_um), abs=1e-9)
+    assert found.drift_um == pytest.approx(found.z3_after_um - found.z3_before_um, abs=1e-9)
+
+
+def test_what_is_stated_holds_the_truth(touched: Touched) -> None:
+    found, bench = touched.found, touched.shop.bench
+    assert abs(found.depth_um - touched.true_depth_um) <= found.depth_u95_um
+    assert abs(found.wear_um - bench.tool_wear_um) <= found.wear_u95_um
+    assert abs(found.wear_model_um - bench.tool_wear_um) <= 10.0
+
+
+def test_the_budget_adds_up_to_what_is_stated(touched: Touched) -> None:
+    found = touched.found
+    for name, u95_um in (
+        ("wear_um", found.wear_u95_um),
+        ("depth_um", found.depth_u95_um),
+        ("feed_um", found.feed_u95_um),
+    ):
+        combined_um = math.hypot(*(getattr(part, name) for part in found.budget))
+        assert 1.95 <= u95_um / combined_um <= 2.5, name
+
+
+def test_an_older_reference_knows_the_wear_less_well(touched: Touched) -> None:
+    shop = touched.shop
+    with ready(shop) as run:
+        old = Reference(touched.found.z1_um, 0.05, 3, math.nan, 10_000.0)
+        found = measure_wear(run, old, touched.found.z3_um, None)
+    assert found.wear_u95_um > 5.0 * touched.found.wear_u95_um
+    assert math.isnan(found.depth_um)
+    assert math.isnan(found.feed_um)
+    assert abs(found.wear_um - touched.found.wear_um) <= MOST_DRIFT_UM
+
+
+def test_the_machine_is_retracted_idle_and_made_no_pulse(touched: Touched) -> None:
+    bench = touched.shop.bench
+    assert bench.is_safe
+    assert {row.kind for row in touched.shop.seen.touches} == {"Z1", "Z2", "Z3"}
+
+
+def test_touching_needs_no_dielectric(shop: type[Shop]) -> None:
+    dry = shop((SPARKLESS,))
+    with ready(dry) as run:
+        z1 = touch_pad(run, "Z1", 50.0)
+    assert abs(z1.z_um - dry.bench.plant.st[k.SURFACE]) <= 2.0
+    with pytest.raises(PreconditionError), ready(dry, pulses=True):
+        pass
+
+
+def test_a_pad_that_moves_is_told(shop: type[Shop]) -> None:
+    drifting = shop()
+    drifting.bench.plant.par[k.SENSOR_DRIFT] = 0.1
+    reference = Reference(50.0, 0.05, 3, math.nan, 0.0)
+    with pytest.raises(ObjectiveNotReached) as caught, ready(drifting) as run:
+        refuse_drift(run, measure_wear(run, reference, 55.0, None))
+    assert caught.value.code == "E7040"
+    assert drifting.bench.is_safe
+
+
+def test_a_lost_tool_is_a_fault_of_the_machine(shop: type[Shop]) -> None:
+    broken = shop()
+    broken.bench.plant.tool_lost_um = 200.0
+    with pytest.raises(MachineFault) as caught, ready(broken) as run:
+        touch_pad(run, "Z1", 50.0)
+    assert caught.value.fault == 2005
+    assert caught.value.hint
+    assert broken.bench.is_safe
+
+
+def test_a_stop_retracts(shop: type[Shop]) -> None:
+    stopped = shop()
+    stopped.told.when[Phase.MEASURING] = lambda: stopped.stop.request(2)
+    with pytest.raises(Interrupted), ready(stopped) as run:
+        touch_pad(run, "Z1", 50.0)
+    assert stopped.bench.is_safe
+    assert stopped.seen.events[-1][3].startswith("Stopped")
+
+
+def test_contact_is_the_surface_and_the_gap_is_before_it(shop: type[Shop]) -> None:
+    finding = shop()
+    with ready(finding, pulses=True) as run:
+        contact = find_contact(run, SITE)
+        gap = find_gap(run, SITE)
+        surface_um = float(finding.bench.plant.st[k.SURFACE])
+    assert (contact.kind, gap.kind) == ("contact", "spark gap")
+    assert abs(contact.displacement_um - surface_um) <= 1.0
+    assert 1.0 <= surface_um - gap.displacement_um <= 10.0
+    assert gap.travel_s >= gap.displacement_um / finding.profile.approach.speed_um_s
+    assert (contact.touches, gap.touches) == (finding.profile.measure.touches, 0)
+    assert abs(contact.model_um - contact.displacement_um) <= 10.0
+
+
+def test_jumps_are_as_high_as_asked_and_come_back(shop: type[Shop]) -> None:
+    jumping = shop(('jump.mode="fixed"', "jump.period_s=3", "log.servo_hz=1000"))
+    with ready(jumping) as run:
+        series = run_jumps(run, 250.0, 3)
+    assert [jump.number for jump in series.jumps] == [1, 2, 3]
+    assert abs(series.start_um - 250.0) <= 10.0
+    for jump in series.jumps:
+        assert abs(jump.height_um - jumping.profile.jump.height_um) <= 8.0
+        assert abs(jump.residual_um) <= 10.0
+        assert 0.0 <= jump.settling_s < 3.0
+    starts_s = [jump.time_s for jump in series.jumps]
+    assert [b - a for a, b in pairwise(starts_s)] == pytest.approx([3.0, 3.0], abs=0.1)
+    summary = series.summary
+    assert summary.height_min_um <= summary.height_mean_um <= summary.height_max_um
+    assert summary.residual_max_um == max(abs(jump.residual_um) for jump in series.jumps)
+    assert jumping.bench.truth() == ()
+
+
+def test_a_jump_above_home_is_refused(shop: type[Shop]) -> None:
+    high = shop(('jump.mode="fixed"', "log.servo_hz=1000"))
+    with pytest.raises(PreconditionError) as caught, ready(high) as run:
+        run_jumps(run, 30.0, 1)
+    assert caught.value.code == "E8047"
+    assert high.bench.is_safe

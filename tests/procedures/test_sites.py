@@ -1,0 +1,177 @@
+"""Several holes in one job, and a job that is taken up again."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl.errors import Interrupted
+from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.journal import PERIOD_S, JobState, job_state
+from edmctl.procedures.results import ObjectiveMissed, Phase
+
+from .conftest import Shop
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from edmctl.procedures.results import SiteResult
+
+    OpenShop = Callable[..., Shop]
+
+GRID = 'sites=[{kind="grid",x_um=500.0,columns=2,rows=2,dx_um=400.0,dy_um=400.0}]'
+DEPTH_UM = 12.0
+
+
+@dataclass(slots=True)
+class Kept:
+    """A journal in memory; states travel through plain values, as they do through a file."""
+
+    states: list[JobState] = field(default_factory=list)
+    urgent: list[bool] = field(default_factory=list)
+
+    def keep(self, state: JobState, *, urgent: bool = False) -> None:
+        self.states.append(job_state(state.as_mapping()))
+        self.urgent.append(urgent)
+
+
+def true_depth_um(shop: Shop, site: SiteResult) -> float:
+    holes = shop.bench.truth()
+    return min(holes, key=lambda h: math.hypot(h.x_um - site.x_um, h.y_um - site.y_um)).depth_um
+
+
+@pytest.fixture(scope="module")
+def array() -> Shop:
+    shop = Shop([GRID])
+    shop.run_job()
+    return shop
+
+
+def test_every_hole_of_an_array_comes_out_as_deep_as_wanted(array: Shop) -> None:
+    assert len(array.ledger.sites) == 4
+    for site in array.ledger.sites.values():
+        assert true_depth_um(array, site) == pytest.approx(DEPTH_UM, abs=2.0)
+        assert abs(true_depth_um(array, site) - site.depth_um) <= 1.5 * site.depth_u95_um
+        assert site.feed_um == pytest.approx(site.depth_um + site.wear_um)
+        assert site.z2_um - site.z3_um - site.face_um == pytest.approx(site.depth_um)
+        assert site.z3_um - site.z1_um == pytest.approx(site.wear_um)
+
+
+def test_later_holes_are_measured_less(array: Shop) -> None:
+    stops = [site.measuring_stops for site in array.ledger.sites.values()]
+    assert stops[0] >= 1
+    assert stops[-1] >= 1
+    assert sum(stops) <= 3
+
+
+def test_the_wear_is_carried_from_hole_to_hole(array: Shop) -> None:
+    worn_um = math.fsum(site.wear_um for site in array.ledger.sites.values())
+    assert worn_um == pytest.approx(array.bench.tool_wear_um, abs=2.0)
+    surfaces = [site.z1_um for site in array.ledger.sites.values()]
+    assert surfaces == sorted(surfaces)
+
+
+def test_the_face_is_touched_before_an_array(array: Shop) -> None:
+    assert [row.kind for row in array.seen.touches].count("Zr") == 3
+    assert any(code == RunEvent.FACE_FITTED for _, code, *_ in array.seen.events)
+
+
+def test_every_result_is_written_once_in_the_order_of_machining(array: Shop) -> None:
+    assert [row.site for row in array.seen.sites] == list(array.ledger.sites)
+    for row in array.seen.sites:
+        assert row.depth_um == array.ledger.sites[row.site].depth_um
+
+
+def test_a_tool_that_may_wear_no_further_ends_the_job_and_says_what_is_left(shop: OpenShop) -> None:
+    s = shop([GRID, "tool.max_wear_um=12.0"])
+    with pytest.raises(ObjectiveMissed) as missed:
+        s.run_job()
+    assert 1 <= len(s.ledger.sites) <= 2
+    assert "tool.max_wear_um" in str(missed.value)
+    assert "grid-" in str(missed.value)
+    assert s.bench.is_safe
+
+
+def test_wear_of_earlier_jobs_counts(shop: OpenShop) -> None:
+    s = shop(["tool.max_wear_um=100.0"])
+    s.job = replace(s.job, tool_wear_before_um=98.0)
+    with pytest.raises(ObjectiveMissed, match="98 µm"):
+        s.run_job()
+
+
+def interrupted(shop: Shop, when: Callable[[JobState], bool]) -> JobState:
+    """Stop the shop's job at the first state that `when` picks; the last state that was kept."""
+    kept = Kept()
+
+    def look() -> None:
+        if kept.states and when(kept.states[-1]):
+            shop.stop.request(2)
+
+    class Watching(Kept):
+        def keep(self, state: JobState, *, urgent: bool = False) -> None:
+            kept.keep(state, urgent=urgent)
+            look()
+
+    with pytest.raises(Interrupted):
+        shop.run_job(journal=Watching())
+    return kept.states[-1]
+
+
+def taken_up(shop: Shop, state: JobState) -> Shop:
+    """Another process on the same bench."""
+    after = Shop([GRID]) if len(shop.job.sites) > 1 else Shop()
+    after.bench, after.session, after.machine = shop.bench, shop.session, shop.machine
+    object.__setattr__(shop.stop, "_signal_number", None)
+    after.job = replace(shop.job, resumed=state, pause_s=60.0)
+    return after
+
+
+@pytest.mark.parametrize("least_um", [0.0, 3.0, 8.0])
+def test_a_hole_left_in_the_middle_is_finished_from_what_is_there(shop: OpenShop, least_um: float) -> None:
+    first = shop(["pulse.current_a=0.2"])
+    state = interrupted(first, lambda s: s.phase == "machining" and s.depth_um >= least_um)
+    assert state.begun
+    after = taken_up(first, state)
+    result = after.run_job()
+    (site,) = result.sites
+    assert true_depth_um(after, site) == pytest.approx(DEPTH_UM, abs=1.5)
+    assert site.wear_um == pytest.approx(after.bench.tool_wear_um, abs=1.5)
+    assert site.pulses >= sum(state.counts)
+    assert any(code == RunEvent.RESUMED for _, code, *_ in after.seen.events)
+
+
+def test_a_hole_that_was_not_begun_is_begun(shop: OpenShop) -> None:
+    first = shop()
+    state = interrupted(first, lambda s: s.site != "" and not s.begun)
+    after = taken_up(first, state)
+    (site,) = after.run_job().sites
+    assert true_depth_um(after, site) == pytest.approx(DEPTH_UM, abs=1.5)
+
+
+def test_an_array_goes_on_with_the_hole_that_was_left(shop: OpenShop) -> None:
+    first = shop([GRID])
+    state = interrupted(first, lambda s: len(s.done) == 2 and s.phase == "machining")
+    after = taken_up(first, state)
+    result = after.run_job()
+    assert len(result.sites) == 4
+    assert [site.name for site in result.sites[:2]] == [str(done["name"]) for done in state.done]
+    for site in result.sites:
+        assert true_depth_um(after, site) == pytest.approx(DEPTH_UM, abs=2.0)
+
+
+def test_the_journal_is_kept_at_every_step_and_every_few_seconds(shop: OpenShop) -> None:
+    s, kept = shop(), Kept()
+    s.run_job(journal=kept)
+    phases = [state.phase for state in kept.states]
+    assert phases[0] == "measuring"
+    assert phases[-1] == "moving"
+    quiet = [state.time_s for state, urgent in zip(kept.states, kept.urgent, strict=True) if not urgent]
+    assert all(b - a >= 0.9 * PERIOD_S for a, b in pairwise(quiet))
+    last = kept.states[-1]
+    assert len(last.done) == 1
+    assert last.site == ""
+    assert any(p.phase is Phase.MACHINING for p in s.told.states)

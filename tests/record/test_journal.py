@@ -1,0 +1,236 @@
+"""The journal of a run: whole or refused, rarely written, gone in the end."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl.errors import PreconditionError, RunFileError
+from edmctl.record import journal as journals
+from edmctl.record.journal import (
+    Journal,
+    JournalFile,
+    JournalledJob,
+    journal_path,
+    read_journal,
+    write_journal,
+)
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+JOB = JournalledJob(
+    run_id="a",
+    start="2026-01-31T10:15:00.250+00:00",
+    profile="/somewhere/cu150.toml",
+    overrides=("target.depth_um=60",),
+    profile_sha256="11",
+    sim_sha256="22",
+    setup="",
+    setup_sha256="33",
+    calibration="",
+    allow_model=False,
+    port="/dev/ttyACM0",
+    serial="EDM-7",
+    boots=3,
+    tool="Cu 150 µm",
+    seed=None,
+    places=(("hole 1", 500.0, 0.0, 0.0, math.nan), ("hole 2", 900.0, 0.0, 0.0, 40.0)),
+    parents=("first",),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """A state of a job."""
+
+    time_s: float
+    depth_um: float = 1.0
+
+    def as_mapping(self) -> dict[str, object]:
+        """Numbers that JSON does not know among them, and one that has none."""
+        return {
+            "time_s": self.time_s,
+            "depth_um": self.depth_um,
+            "slope": None,
+            "done": ({"name": "hole 1", "wear": math.nan, "ratios": {"open": math.nan}},),
+        }
+
+
+def kept(path: Path) -> JournalFile:
+    return JournalFile(path, JOB, lambda: (500.0, 1.5))
+
+
+def test_what_was_kept_is_what_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.journal"
+    kept(path).keep(Step(12.5, math.nan), urgent=True)
+    found = read_journal(path)
+    places = [[str(value) for value in place] for place in found.job.places]
+    assert places == [[str(value) for value in place] for place in JOB.places]
+    assert replace(found.job, places=JOB.places) == JOB
+    assert (found.x_um, found.y_um) == (500.0, 1.5)
+    assert found.state["time_s"] == 12.5
+    assert math.isnan(found.state["depth_um"])  # type: ignore[arg-type]
+    assert found.state["slope"] is None
+    (site,) = found.state["done"]  # type: ignore[misc]
+    assert math.isnan(site["wear"])  # type: ignore[has-type]
+    assert math.isnan(site["ratios"]["open"])  # type: ignore[has-type]
+
+
+def test_a_cut_is_written_every_five_seconds_of_the_machine_and_a_step_at_once(tmp_path: Path) -> None:
+    path = tmp_path / "a.journal"
+    file = kept(path)
+
+    def on_disk() -> object:
+        return read_journal(path).state["time_s"]
+
+    file.keep(Step(100.0), urgent=True)
+    for tenth in range(1, 50):
+        file.keep(Step(100.0 + tenth / 10.0))
+    assert on_disk() == 100.0
+    file.keep(Step(105.0))
+    assert on_disk() == 105.0
+    file.keep(Step(105.1), urgent=True)
+    assert on_disk() == 105.1
+    file.keep(Step(110.0))
+    assert on_disk() == 105.1
+
+
+def test_the_stages_are_asked_at_steps_only(tmp_path: Path) -> None:
+    asked: list[int] = []
+
+    def stages_um() -> tuple[float, float]:
+        asked.append(1)
+        return 1.0, 2.0
+
+    file = JournalFile(tmp_path / "a.journal", JOB, stages_um)
+    file.keep(Step(0.0), urgent=True)
+    file.keep(Step(6.0))
+    assert len(asked) == 1
+    assert read_journal(file.path).x_um == 1.0
+
+
+@pytest.mark.parametrize("fails", ["open", "fsync", "rename"])
+def test_a_write_that_fails_leaves_the_journal_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails: str
+) -> None:
+    path = tmp_path / "a.journal"
+    file = kept(path)
+    file.keep(Step(1.0), urgent=True)
+
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    names = {"open": "pathlib.Path.open", "fsync": "os.fsync", "rename": "pathlib.Path.replace"}
+    with monkeypatch.context() as patch:
+        patch.setattr(names[fails], refuse)
+        with pytest.raises(RunFileError, match="No space left") as refused:
+            file.keep(Step(2.0), urgent=True)
+    assert refused.value.code == "E9040"
+    assert read_journal(path).state["time_s"] == 1.0
+    assert [file.name for file in tmp_path.iterdir()] == ["a.journal"]
+
+
+def test_the_new_one_is_on_the_disk_before_it_takes_the_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    order: list[str] = []
+    fsync, rename = os.fsync, type(tmp_path).replace
+
+    def sync_told(number: int) -> None:
+        order.append("sync")
+        fsync(number)
+
+    def rename_told(one: Path, other: Path) -> Path:
+        order.append("rename")
+        return rename(one, other)
+
+    monkeypatch.setattr("os.fsync", sync_told)
+    monkeypatch.setattr("pathlib.Path.replace", rename_told)
+    kept(tmp_path / "a.journal").keep(Step(1.0), urgent=True)
+    assert order == ["sync", "rename", "sync"]
+
+
+def damaged(text: str, how: str) -> str:
+    envelope = json.loads(text)
+    if how == "cut off":
+        return text[: len(text) // 2]
+    if how == "empty":
+        return ""
+    if how == "one digit":
+        return text.replace("500.0", "501.0")
+    if how == "another file":
+        return '{"schema": "something"}'
+    if how == "a part missing":
+        envelope["content"].pop("job")
+        envelope["sha256"] = journals._hash_of(envelope["content"])
+    if how == "no version":
+        envelope["version"] = "one"
+    return json.dumps(envelope)
+
+
+@pytest.mark.parametrize(
+    "how", ["cut off", "empty", "one digit", "another file", "a part missing", "no version"]
+)
+def test_a_damaged_journal_is_refused(tmp_path: Path, how: str) -> None:
+    path = tmp_path / "a.journal"
+    kept(path).keep(Step(1.0), urgent=True)
+    path.write_text(damaged(path.read_text(encoding="utf-8"), how), encoding="utf-8")
+    with pytest.raises(PreconditionError, match="is damaged") as refused:
+        read_journal(path)
+    assert refused.value.code == "E8052"
+    assert refused.value.hint
+
+
+def test_a_torn_block_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.journal"
+    kept(path).keep(Step(1.0), urgent=True)
+    data = path.read_bytes()
+    path.write_bytes(data[:512] + bytes(512) + data[1024:])
+    with pytest.raises(PreconditionError, match="is damaged"):
+        read_journal(path)
+
+
+def test_a_later_version_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "a.journal"
+    kept(path).keep(Step(1.0), urgent=True)
+    envelope = json.loads(path.read_text(encoding="utf-8"))
+    path.write_text(json.dumps({**envelope, "version": 9}), encoding="utf-8")
+    with pytest.raises(PreconditionError, match="version 9, this one knows 1") as refused:
+        read_journal(path)
+    assert refused.value.code == "E8052"
+
+
+def test_no_journal_and_an_unreadable_one_are_told_apart(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        read_journal(tmp_path / "none.journal")
+    (tmp_path / "folder.journal").mkdir()
+    with pytest.raises(RunFileError) as refused:
+        read_journal(tmp_path / "folder.journal")
+    assert refused.value.code == "E9041"
+
+
+def test_a_run_that_is_done_leaves_none(tmp_path: Path) -> None:
+    file = kept(tmp_path / "a.journal")
+    file.keep(Step(1.0), urgent=True)
+    file.remove()
+    assert list(tmp_path.iterdir()) == []
+    file.remove()
+
+
+def test_it_lies_beside_the_run_file(tmp_path: Path) -> None:
+    assert journal_path(tmp_path / "cu150-2026.5Z.h5") == tmp_path / "cu150-2026.5Z.journal"
+
+
+def test_equal_journals_are_equal(tmp_path: Path) -> None:
+    path = tmp_path / "a.journal"
+    whole = Journal(
+        replace(JOB, places=()), {"time_s": 1.0, "slope": None}, 5.0, 1.0, 2.0, {"tool_wear_um": 3.0}
+    )
+    write_journal(path, whole)
+    assert read_journal(path) == whole

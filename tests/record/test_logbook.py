@@ -1,0 +1,232 @@
+"""The job ledger: lines that outlive processes, and what they come to."""
+
+from __future__ import annotations
+
+import json
+import math
+import multiprocessing
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl.errors import RunFileError
+from edmctl.record.bookkeeping import UNFINISHED, books_of
+from edmctl.record.ledger_entries import (
+    JobBegun,
+    ReferenceTouched,
+    RunEnded,
+    SiteMachined,
+    ToolChanged,
+    WearMeasured,
+)
+from edmctl.record.logbook import FILE_NAME, Logbook
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+SERIAL = "SIM-1"
+LINES_EACH = 40
+
+
+def reference(
+    tool: str = "Cu", z_um: float = 50.0, run_file: str = "r.h5", time_s: float = 40.0
+) -> ReferenceTouched:
+    return ReferenceTouched(
+        tool=tool,
+        run_file=run_file,
+        z_um=z_um,
+        sd_um=0.1,
+        touches=3,
+        model_um=z_um + 1.0,
+        sensor=True,
+        x_um=0.0,
+        y_um=0.0,
+        speed_um_s=1.0,
+        time_s=time_s,
+        truth={"tool_wear_um": 2.5},
+    )
+
+
+def site(
+    name: str = "a",
+    x_um: float = 500.0,
+    *,
+    tool: str = "Cu",
+    wear_um: float = 10.0,
+    z3_um: float = math.nan,
+    status: str = "done",
+) -> SiteMachined:
+    return SiteMachined(
+        tool=tool,
+        run_file=f"{name}.h5",
+        name=name,
+        x_um=x_um,
+        y_um=0.0,
+        radius_um=143.0,
+        status=status,
+        depth_um=20.0,
+        wear_um=wear_um,
+        wear_u95_um=0.6,
+        z3_um=z3_um,
+    )
+
+
+def test_what_is_appended_is_read_again(tmp_path: Path) -> None:
+    entries = (
+        ToolChanged("Cu"),
+        reference(),
+        JobBegun("Cu", "a.h5", 143.0, (("a", 500.0, 0.0),)),
+        site(),
+        WearMeasured("Cu", "w.h5", 60.0, 10.0, 1.0),
+        RunEnded("a.h5", "done", 100.0),
+    )
+    Logbook.open(tmp_path).append(SERIAL, *entries)
+    lines = Logbook.open(tmp_path).lines
+    assert [line.serial for line in lines] == [SERIAL] * len(entries)
+    # NaN is not itself; its text is.
+    assert [repr(line.entry) for line in lines] == [repr(entry) for entry in entries]
+
+
+def test_a_folder_without_a_ledger_knows_nothing(tmp_path: Path) -> None:
+    assert Logbook.open(tmp_path / "runs").lines == ()
+
+
+def test_a_torn_last_line_is_left_out_and_nothing_is_glued_to_it(tmp_path: Path) -> None:
+    Logbook.open(tmp_path).append(SERIAL, reference(), site())
+    path = tmp_path / FILE_NAME
+    whole = path.read_bytes()
+    for cut in range(1, len(whole) - whole.index(b"\n") - 2, 17):
+        path.write_bytes(whole[:-cut])
+        torn = Logbook.open(tmp_path)
+        assert len(torn.lines) == (2 if cut == 1 else 1)
+        torn.append(SERIAL, RunEnded("r.h5", "done", 1.0))
+        assert isinstance(Logbook.open(tmp_path).lines[-1].entry, RunEnded)
+        assert len(Logbook.open(tmp_path).lines) == len(torn.lines)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        "not JSON",
+        "[]",
+        '{"v": 1}',
+        '{"v": 1, "kind": "nothing", "serial": "s", "utc_s": 1}',
+        '{"v": 1, "kind": "tool", "serial": "s", "utc_s": 1, "tool": 5}',
+        '{"v": 1, "kind": "tool", "serial": "s", "utc_s": 1, "tool": "Cu", "more": 1}',
+        '{"v": 1, "kind": "end", "serial": "s", "utc_s": 1, "run_file": "r", "status": "done", "time_s": "x"}',
+        "\x00\x00",
+    ],
+)
+def test_a_damaged_line_is_refused_with_its_number(tmp_path: Path, damage: str) -> None:
+    book = Logbook.open(tmp_path)
+    book.append(SERIAL, reference())
+    with book.path.open("a", encoding="utf-8") as file:
+        file.write(damage + "\n")
+    book.append(SERIAL, site())
+    with pytest.raises(RunFileError) as caught:
+        Logbook.open(tmp_path)
+    assert caught.value.code == "E9031"
+    assert f"{FILE_NAME}:2:" in caught.value.message
+    assert caught.value.hint
+
+
+def test_a_line_of_a_later_version_is_told_from_damage(tmp_path: Path) -> None:
+    (tmp_path / FILE_NAME).write_text('{"v": 2, "kind": "dream"}\n', encoding="utf-8")
+    with pytest.raises(RunFileError) as caught:
+        Logbook.open(tmp_path)
+    assert caught.value.code == "E9032"
+
+
+def test_what_is_no_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / FILE_NAME).mkdir()
+    with pytest.raises(RunFileError) as caught:
+        Logbook.open(tmp_path)
+    assert caught.value.code == "E9030"
+    (tmp_path / "file").touch()
+    with pytest.raises(RunFileError) as caught:
+        Logbook(tmp_path / "file" / FILE_NAME, ()).append(SERIAL, site())
+    assert caught.value.code == "E9033"
+
+
+def _append_many(folder: Path, serial: str) -> None:
+    for number in range(LINES_EACH):
+        Logbook.open(folder).append(serial, RunEnded(f"{number}.h5", "done", float(number)))
+
+
+def test_two_writers_lose_nothing(tmp_path: Path) -> None:
+    context = multiprocessing.get_context("fork")
+    writers = [context.Process(target=_append_many, args=(tmp_path, serial)) for serial in ("A", "B")]
+    for writer in writers:
+        writer.start()
+    for writer in writers:
+        writer.join()
+        assert writer.exitcode == 0
+    lines = Logbook.open(tmp_path).lines
+    for serial in ("A", "B"):
+        times_s = [line.entry.time_s for line in lines if line.serial == serial]  # type: ignore[union-attr]
+        assert times_s == [float(number) for number in range(LINES_EACH)]
+
+
+def test_wear_is_carried_from_the_reference_on(tmp_path: Path) -> None:
+    book = Logbook.open(tmp_path)
+    book.append(SERIAL, reference(), site(), site("b", 1000.0, z3_um=71.0), site("c", tool="W"))
+    book.append("SIM-2", site("d"))
+    books = books_of(book.lines, SERIAL)
+    account = books.account("Cu")
+    assert (account.worn_um, account.lost_um, account.pad_um) == (20.0, 20.0, 71.0)
+    assert account.worn_u95_um == pytest.approx(0.6 * math.sqrt(2.0))
+    assert [hole.name for hole in books.holes] == ["a", "b", "c"]
+    assert books.tool == "W"
+    book.append(SERIAL, reference(z_um=72.0))
+    account = books_of(book.lines, SERIAL).account("Cu")
+    assert (account.worn_um, account.lost_um, account.pad_um) == (0.0, 20.0, 72.0)
+    book.append(SERIAL, ToolChanged("Cu"))
+    account = books_of(book.lines, SERIAL).account("Cu")
+    assert (account.reference, account.lost_um, len(account.holes)) == (None, 0.0, 0)
+
+
+def test_the_tool_touches_later_by_a_wear_that_was_not_measured(tmp_path: Path) -> None:
+    book = Logbook.open(tmp_path)
+    book.append(SERIAL, reference(), site(wear_um=7.0, status=UNFINISHED))
+    assert books_of(book.lines, SERIAL).account("Cu").pad_um == 57.0
+    book.append(SERIAL, WearMeasured("Cu", "w.h5", 58.5, 8.5, 1.0))
+    assert books_of(book.lines, SERIAL).account("Cu").pad_um == 58.5
+
+
+def test_a_hole_that_was_taken_up_again_counts_once(tmp_path: Path) -> None:
+    book = Logbook.open(tmp_path)
+    book.append(SERIAL, reference(), site(wear_um=4.0, status=UNFINISHED), site(wear_um=9.0, z3_um=59.0))
+    books = books_of(book.lines, SERIAL)
+    assert [hole.status for hole in books.holes] == ["done"]
+    assert (books.account("Cu").worn_um, books.account("Cu").pad_um) == (9.0, 59.0)
+    # Also when the reference was touched anew between the two.
+    book.append(SERIAL, reference(z_um=59.0), site(wear_um=12.0))
+    account = books_of(book.lines, SERIAL).account("Cu")
+    assert account.lost_um == 12.0
+
+
+def test_places_of_a_job_that_never_ended_are_taken(tmp_path: Path) -> None:
+    book = Logbook.open(tmp_path)
+    begun = JobBegun("Cu", "a.h5", 143.0, (("a", 500.0, 0.0), ("b", 1000.0, 0.0)))
+    book.append(SERIAL, begun, site())
+    holes = books_of(book.lines, SERIAL).holes
+    assert [(hole.name, hole.status) for hole in holes] == [("a", "done"), ("b", UNFINISHED)]
+    assert math.isnan(holes[1].depth_um)
+    book.append(SERIAL, RunEnded("a.h5", "interrupted", 10.0))
+    assert [hole.name for hole in books_of(book.lines, SERIAL).holes] == ["a"]
+
+
+def test_the_age_of_a_reference_is_the_time_of_the_runs_since(tmp_path: Path) -> None:
+    book = Logbook.open(tmp_path)
+    book.append(SERIAL, RunEnded("before.h5", "done", 1000.0), reference(time_s=40.0))
+    book.append(SERIAL, RunEnded("r.h5", "done", 100.0), RunEnded("later.h5", "done", 200.0))
+    books = books_of(book.lines, SERIAL)
+    assert books.runs_s - books.account("Cu").reference_at_s == 60.0 + 200.0
+
+
+def test_lines_are_json_that_anybody_reads(tmp_path: Path) -> None:
+    Logbook.open(tmp_path).append(SERIAL, site())
+    (text,) = (tmp_path / FILE_NAME).read_text(encoding="utf-8").splitlines()
+    line = json.loads(text)
+    assert (line["v"], line["kind"], line["serial"], line["tool"]) == (1, "site", SERIAL, "Cu")
+    assert line["z3_um"] is None

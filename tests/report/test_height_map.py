@@ -1,0 +1,65 @@
+"""The figure of a channel: its size, its words, and that it shows what it is given."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pytest
+
+from edmctl.process.path import circle, lengths_um
+from edmctl.report.height_map import Channel, Floor, HeightMap, draw_channel
+
+pytest.importorskip("matplotlib")
+
+PATH_UM = circle(0.0, 0.0, 100.0)
+
+
+def channel(floor_um: float = 20.0) -> Channel:
+    x_um = np.arange(-140.0, 141.0, 5.0)
+    xs, ys = np.meshgrid(x_um, x_um)
+    depth_um = np.where(np.abs(np.hypot(xs, ys) - 100.0) < 30.0, floor_um, 0.0)
+    s_um = lengths_um(PATH_UM)
+    floor = Floor(s_um, np.full(len(s_um), floor_um))
+    return Channel("a ring", HeightMap(x_um, x_um, depth_um), PATH_UM, floor, [(50.0, 20.3)], 20.0, 2.0)
+
+
+def texts_of(svg: bytes) -> list[str]:
+    return [(e.text or "").strip() for e in ET.fromstring(svg).iter("{http://www.w3.org/2000/svg}text")]
+
+
+def test_axes_have_units_and_everything_drawn_its_name() -> None:
+    texts = texts_of(draw_channel(channel(), "a.svg"))
+    for text in (
+        "a ring",
+        "x (µm)",
+        "y (µm)",
+        "depth below the face (µm)",
+        "length along the path (mm)",
+        "depth of the floor (µm)",
+        "path of the tool's axis",
+        "start",
+        "target 20 ± 2 µm",
+        "floor on the path",
+        "touched by the tool",
+    ):
+        assert text in texts
+
+
+def test_another_floor_is_another_picture_and_the_same_the_same_bytes() -> None:
+    assert draw_channel(channel(), "a.png") == draw_channel(channel(), "a.png")
+    assert draw_channel(channel(), "a.png") != draw_channel(channel(21.0), "a.png")
+
+
+def test_a_floor_far_from_the_target_is_still_within_the_axes() -> None:
+    ticks = [
+        float(t.replace("\N{MINUS SIGN}", "-"))
+        for t in texts_of(draw_channel(channel(31.0), "a.svg"))
+        if t.isdigit()
+    ]
+    assert any(tick in range(29, 33) for tick in ticks)
+
+
+@pytest.mark.parametrize(("name", "magic"), [("a.png", b"\x89PNG"), ("a.pdf", b"%PDF")])
+def test_the_type_is_that_of_the_name(name: str, magic: bytes) -> None:
+    assert draw_channel(channel(), name).startswith(magic)
