@@ -10,7 +10,19 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
-from edmctl.cli import calibrate, doctor, machine, ports, profile, reset, simulate
+from edmctl.cli import (
+    approach,
+    calibrate,
+    doctor,
+    jump_flush,
+    machine,
+    measure_wear,
+    ports,
+    profile,
+    reset,
+    run_explain,
+    simulate,
+)
 from edmctl.cli.exitcodes import ExitCode, exit_code_table
 from edmctl.cli.outcome import Outcome, Output, finish, interrupted, mutter, unwritable
 from edmctl.cli.signals import SignalArrived, leave, raising_signals
@@ -28,15 +40,19 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command("calibrate")(calibrate.calibrate)
+app.command("approach")(approach.approach)
 app.command("machine")(machine.machine)
+app.command("measure-wear")(measure_wear.measure_wear)
+app.command("jump-flush")(jump_flush.jump_flush)
 app.command("reset")(reset.reset)
 app.command("doctor")(doctor.doctor)
 app.command("ports")(ports.ports)
 app.add_typer(simulate.app, name="simulate")
 app.add_typer(profile.app, name="profile")
+app.add_typer(run_explain.app, name="run")
 
 
-_GROUPS = ("profile", "simulate")
+_GROUPS = ("profile", "run", "simulate")
 
 # Some versions of typer carry click inside; this finds its base of all usage errors in either place.
 _ClickError = cast("type[Exception]", typer.BadParameter.__mro__[2])

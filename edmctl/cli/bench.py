@@ -6,19 +6,19 @@ but the wire.
 
 from __future__ import annotations
 
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.cli.signals import stopping_signals
-from edmctl.errors import Diagnostic, LinkLost
+from edmctl.errors import Diagnostic, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from edmctl.link.transport import Transport
     from edmctl.machine.controller import LinkMachine
-    from edmctl.machine.port import MachineIdentity
     from edmctl.profile.load import LoadedProfile
     from edmctl.profile.setup import Setup
     from edmctl.simulator import BenchConfig, VirtualBench
@@ -37,41 +37,66 @@ class Where:
 
     @property
     def in_process(self) -> bool:
-        """Whether it is a fresh virtual bench in this process, which alone has a seed and a known truth."""
-        return self.selector == SIMULATOR
+        """Whether it is a virtual bench in this process, whose truth is known."""
+        return self.selector.startswith(SIMULATOR)
+
+    @property
+    def bench_file(self) -> Path | None:
+        """Where a virtual bench is kept between commands; None for a fresh one and for every other machine."""
+        if not self.in_process or self.selector == SIMULATOR:
+            return None
+        return Path(self.selector.removeprefix(SIMULATOR)).expanduser()
+
+    @property
+    def lasting(self) -> bool:
+        """Whether the machine is still there after the command; a fresh virtual bench is not."""
+        return self.selector != SIMULATOR
+
+    def seed_of(self, seed: int) -> int | None:
+        """Return the seed that will make the machine; None for one that is there already."""
+        file = self.bench_file
+        return seed if self.in_process and (file is None or not file.exists()) else None
 
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """A connected machine, and the virtual bench behind it where that is in this process."""
+    """A connected machine, and the virtual bench behind it where that is in this process.
+
+    `seed` made the virtual bench; None where it was there before.
+    """
 
     machine: LinkMachine
     virtual: VirtualBench | None
+    seed: int | None = None
 
 
 def where_is(option: str | None, setup: Setup, wait_s: float = 0.0) -> Where:
     """Return the machine that the option (or its environment variable), else the setup, else nobody names.
 
-    Raises LinkLost E4002 for a virtual bench in a file.
+    Raises UsageError E2006 for a name of nothing.
     """
+    if option is not None and not option.strip():
+        raise UsageError(
+            "--port names no machine.",
+            hint="Say sim:, sim:FILE, a serial port, socket://HOST:PORT, serial:ID or auto; or leave it away.",
+            code="E2006",
+        )
     selector = option or setup.port or SIMULATOR
     if selector == SIMULATOR.rstrip(":"):
         selector = SIMULATOR
-    if selector.startswith(SIMULATOR) and selector != SIMULATOR:
-        raise LinkLost(
-            f"Port {selector!r}: a virtual bench that is kept in a file has to be served.",
-            hint="Say `edmctl simulate serve --bench FILE --link PATH` and --port PATH; sim: alone is a fresh one.",
-            code="E4002",
-        )
     return Where(selector, wait_s)
 
 
 def seed_warning(where: Where, asked: int | None) -> list[Diagnostic]:
     """Return what is to be said of a seed that no machine will use."""
-    if where.in_process or asked is None:
+    if asked is None or where.seed_of(asked) is not None:
         return []
-    message = f"--seed {asked} has no effect on the controller at {where.selector}."
-    hint = "Give the seed to `edmctl simulate serve` where the controller is a virtual one."
+    if where.in_process:
+        message = f"--seed {asked} has no effect on the bench that {where.bench_file} keeps already."
+        hint = "Leave it away, or name a new file for another machine."
+    else:
+        message = f"--seed {asked} has no effect on the controller at {where.selector}."
+        hint = "Give the seed to `edmctl simulate serve` where the controller is a virtual one."
     return [Diagnostic("W4101", message, hint, is_warning=True)]
 
 
@@ -95,33 +120,54 @@ def connected(
 
     virtual: VirtualBench | None = None
     line: Transport
-    if where.in_process:
-        from edmctl.simulator import open_bench
-
-        virtual = open_bench(bench_config(loaded, setup), seed)
-        line = virtual.transport
-    else:
-        line = _line(where, setup, say)
-    session = Session(line, heartbeat_s=VIRTUAL_BEAT_SHARE * setup.controller.watchdog_s)
-    try:
+    made_by = where.seed_of(seed)
+    with ExitStack() as held:
+        if where.in_process:
+            virtual, line = held.enter_context(_virtual(loaded, setup, seed, say, where))
+        else:
+            line = _line(where, setup, say)
+        session = Session(line, heartbeat_s=VIRTUAL_BEAT_SHARE * setup.controller.watchdog_s)
+        held.callback(session.close)
         stop = AnnouncedStop(say)
         session.open(setup.link.hello_s)
         with stopping_signals(stop, session.abort):
             machine = LinkMachine(session, stop)
             if machine.make_idle():
                 say("the controller was still armed by a host that is gone: pulses off, tool retracted")
-            yield Bench(machine, virtual)
-    finally:
-        session.close()
+            yield Bench(machine, virtual, made_by)
 
 
-def introduction(where: Where, identity: MachineIdentity, seed: int) -> str:
+def introduction(where: Where, bench: Bench) -> str:
     """Return what is said of the machine at the start of a run."""
+    identity = bench.machine.identity
+    if where.bench_file is not None:
+        new = "" if bench.seed is None else f", new with seed {bench.seed}"
+        return f"simulated run on the virtual machine {identity.serial} of {where.bench_file}{new}"
     if where.in_process:
-        return f"simulated run on the virtual machine, seed {seed}"
+        return f"simulated run on the virtual machine, seed {bench.seed}"
     if identity.simulated:
         return f"simulated run on the virtual controller {identity.serial} at {identity.transport}"
     return f"machine {identity.serial} at {identity.transport}, firmware {identity.firmware}"
+
+
+@contextmanager
+def _virtual(
+    loaded: LoadedProfile | None, setup: Setup, seed: int, say: Callable[[str], None], where: Where
+) -> Iterator[tuple[VirtualBench, Transport]]:
+    """Give a virtual bench with the profile's tool in it, and the line to it: fresh, or that of a file."""
+    config = bench_config(loaded, setup)
+    if where.bench_file is None:
+        from edmctl.simulator import open_bench
+
+        fresh = open_bench(config, seed)
+        yield fresh, fresh.transport
+        return
+    from edmctl.cli.kept_bench import fit, kept_line
+
+    with kept_line(where.bench_file, config, seed, where.wait_s) as (bench, line):
+        if loaded is not None:
+            fit(bench, loaded, config, say)
+        yield bench, line
 
 
 def bench_config(loaded: LoadedProfile | None, setup: Setup) -> BenchConfig:
@@ -134,7 +180,10 @@ def bench_config(loaded: LoadedProfile | None, setup: Setup) -> BenchConfig:
     return BenchConfig(
         tool_diameter_um=loaded.profile.tool.diameter_um,
         theta=loaded.sim.theta,
+        tool_label=loaded.profile.tool.label,
+        tip_rounding_um=loaded.sim.tip_rounding_um,
         offset_um=loaded.profile.approach.offset_um,
+        thickness_um=loaded.profile.work.thickness_um,
         discharge=DischargeConstants(**constants),
         sensors=SensorConstants(fitted=setup.sensor.fitted),
     )

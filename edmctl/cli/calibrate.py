@@ -24,6 +24,7 @@ from edmctl.cli.seeds import seed_to_use, simulated_by
 from edmctl.cli.signals import ignore_signals
 
 if TYPE_CHECKING:
+    from edmctl.cli.bench import Where
     from edmctl.cli.calibration_order import Checked, Given
     from edmctl.cli.calibration_run import Calibrated
 
@@ -188,7 +189,7 @@ def _run(outcome: Outcome, checked: "Checked", seed: int) -> None:
         if checked.plan is None:
             done = calibrate_files(checked, reporter)
         else:
-            outcome.seed = seed if checked.where.in_process else None
+            outcome.seed = checked.where.seed_of(seed)
             done = calibrate_machine(checked.plan, checked, seed, reporter, outcome.warn)
             outcome.simulated = done.simulated
         ignore_signals()
@@ -203,6 +204,13 @@ def _run(outcome: Outcome, checked: "Checked", seed: int) -> None:
     outcome.warn(done.findings.warnings)
 
 
+def _again(where: "Where", seed: int | None) -> str:
+    """Return the options that name the same virtual machine."""
+    if where.bench_file is not None:
+        return f" --port {where.selector}"
+    return "" if seed is None else f" --seed {seed}"
+
+
 def _whereabouts(done: "Calibrated", checked: "Checked", seed: int | None) -> str:
     """Where the file is, and how `machine` comes to use it."""
     from edmctl.profile.calibration_place import CALIBRATION_VARIABLE
@@ -210,7 +218,7 @@ def _whereabouts(done: "Calibrated", checked: "Checked", seed: int | None) -> st
     if done.path is None:
         return "Nothing was saved."
     made_by = simulated_by(seed) if done.simulated else ""
-    again = "" if seed is None or not done.simulated else f" --seed {seed}"
+    again = _again(checked.where, seed)
     saved = f"{made_by}{'Replaced' if done.replaced else 'Saved in'} {done.path}"
     if not done.is_own:
         return f"{saved}: `edmctl machine{again} --calibration {done.path}` uses it."

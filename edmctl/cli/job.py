@@ -4,32 +4,41 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import zip_longest
 from typing import TYPE_CHECKING
 
-from edmctl.cli.bench import Where, connected, introduction, where_is
-from edmctl.cli.calibrated import choose, look_at_named, refuse_unasked
-from edmctl.cli.exitcodes import MEANING, ExitCode, error_exit_code
-from edmctl.cli.runfile import run_meta
-from edmctl.console.jsonout import render_json
-from edmctl.errors import EdmError, RunFileError, UsageError
+from edmctl.cli.bench import Where, where_is
+from edmctl.cli.calibrated import look_at_named, refuse_unasked
+from edmctl.cli.connected_run import connected_run
+from edmctl.cli.recording import ending
+from edmctl.errors import RunFileError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from edmctl.cli.bench import Bench
-    from edmctl.cli.calibrated import Choice, ModelUsed
+    from edmctl.cli.calibrated import ModelUsed
+    from edmctl.cli.channel_truth import ChannelTruth
+    from edmctl.cli.connected_run import Held
+    from edmctl.cli.job_ledger import JobLedger
+    from edmctl.cli.journaling import Journaling
+    from edmctl.cli.resume import Resumption
     from edmctl.cli.runfile import RunName
-    from edmctl.errors import Diagnostic
-    from edmctl.procedures.results import JobResult, Ledger, Observer
+    from edmctl.cli.true_wear import TrueWear
+    from edmctl.errors import Diagnostic, EdmError
+    from edmctl.procedures.journal import Journal
+    from edmctl.procedures.results import JobResult, Ledger, Observer, SiteResult
     from edmctl.profile.forecast import Forecast
     from edmctl.profile.load import LoadedProfile
     from edmctl.profile.setup import Setup
     from edmctl.record.recorder import Recorder
     from edmctl.simulator.bench import HoleTruth
+
+
+SAME_HOLE_UM = 50.0
+"""Farther away no hole is the site's: many times what the stages miss a place by, less than two holes lie apart."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,12 +52,17 @@ class Order:
     calibration: Path | None = None
     allow_model: bool = False
     wait_s: float = 0.0
+    new_tool: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A checked order. `simulated` is None where only the machine itself will tell, once it is connected."""
+    """A checked order. `simulated` is None where only the machine itself will tell, once it is connected.
 
+    `new_tool` says that the electrode was changed. Without `names_tool` the machine's tool is taken as it is.
+    """
+
+    order: Order
     where: Where
     simulated: bool | None
     loaded: LoadedProfile
@@ -56,6 +70,13 @@ class Plan:
     setup_text: str
     forecast: Forecast
     calibration: Path | None = None
+    new_tool: bool = False
+    names_tool: bool = True
+    resumed: Resumption | None = None
+
+    def tool_for(self) -> LoadedProfile | None:
+        """What goes onto a virtual bench; None where a bench that is kept stays as it is."""
+        return self.loaded if self.names_tool or self.where.bench_file is None else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,13 +85,6 @@ class Truth:
 
     depth_um: float = math.nan
     wear_um: float = math.nan
-
-
-@dataclass(slots=True)
-class Written:
-    """What the run file is called once it is closed."""
-
-    path: Path | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +103,7 @@ class Report:
     error: EdmError | None
     run_file: Path | None
     model: ModelUsed | None
+    channel_truth: ChannelTruth | None = None
 
     def as_mapping(self) -> dict[str, object]:
         """Return the `result` of the JSON object."""
@@ -98,6 +113,10 @@ class Report:
             {**site, "truth": dataclasses.asdict(truth) if truth else None}
             for site, truth in zip_longest(mapping["sites"], self.truths)
         ]
+        if mapping["channel"] is not None:
+            mapping["channel"]["truth"] = (
+                dataclasses.asdict(self.channel_truth) if self.channel_truth else None
+            )
         return mapping
 
 
@@ -121,13 +140,15 @@ def check(order: Order) -> Plan:
     refuse_unasked(setup, allow_model=order.allow_model)
     look_at_named(order.calibration, setup, loaded.profile)
     return Plan(
+        order=order,
         where=where,
         simulated=True if where.in_process else None,
         loaded=loaded,
         setup=setup,
         setup_text=order.setup.read_text(encoding="utf-8") if order.setup else "",
-        forecast=forecast(loaded.profile, setup),
+        forecast=forecast(loaded.profile, setup, loaded.places),
         calibration=order.calibration,
+        new_tool=order.new_tool,
     )
 
 
@@ -140,118 +161,88 @@ def carry_out(
 ) -> Report:
     """Run the job on the machine that the plan names, into the run file `name` where there is one.
 
-    `seed` is that of a fresh virtual bench.
+    `seed` is that of a virtual bench that is not there yet.
 
-    `warn` is told what is doubtful about the calibration before anything moves. Expected errors come back in the
-    report, with what was reached until then.
+    `warn` is told what is doubtful about calibration and tool before anything moves. Expected errors come back in
+    the report, with what was reached until then.
     """
-    from edmctl.procedures.job import single_hole
-    from edmctl.procedures.machining import run_job
+    from edmctl.cli.job_ledger import JobLedger
+    from edmctl.cli.journaling import Journaling
+    from edmctl.cli.true_wear import TrueWear
     from edmctl.procedures.results import Ledger
 
     ledger = Ledger()
-    error: EdmError | None = None
-    written = Written()
-    choice: Choice | None = None
-    with connected(plan.loaded, plan.setup, seed, observer.note, plan.where) as bench:
-        try:
-            identity = bench.machine.identity
-            choice = choose(plan.calibration, plan.setup, plan.loaded.profile, identity.serial)
-            if warn is not None:
-                warn(choice.warnings)
-            with _recorder(plan, seed, bench, name, ledger, written, choice) as recorder:
-                observer.note(f"{introduction(plan.where, identity, seed)}{_into(name)}")
-                run_job(
-                    bench.machine,
-                    single_hole(plan.loaded.profile, plan.setup, choice.actuator),
-                    recorder=recorder,
-                    observer=observer,
-                    ledger=ledger,
-                )
-        except EdmError as expected:
-            error = expected
-        return _report(bench, ledger, choice, error, written.path)
+    true_wear: TrueWear | None = None
+
+    def act(held: Held, recorder: Recorder) -> None:
+        nonlocal true_wear
+        kept = Journaling(plan, held, name)
+        entries = JobLedger(plan, held, name, kept, warn or (lambda _: None))
+        journal: Journal = entries
+        if held.bench.virtual:
+            journal = true_wear = TrueWear(held.bench.virtual, entries)
+            entries.truth = {"tool_wear_um": true_wear.before_um}
+            kept.truth = true_wear.as_mapping
+            if plan.resumed is not None and plan.resumed.journal.truth is not None:
+                true_wear.go_on_from(plan.resumed.journal.truth)
+        kept.refuse()
+        _run(held, entries, kept, recorder, observer, ledger, journal)
+
+    def summary(held: Held) -> dict[str, object]:
+        return _report(plan, held, ledger, true_wear).as_mapping()
+
+    return _report(plan, connected_run(plan, seed, observer, name, warn, act, summary), ledger, true_wear)
 
 
-@contextmanager
-def _recorder(
-    plan: Plan,
-    seed: int,
-    bench: Bench,
-    name: RunName | None,
+def _run(
+    held: Held,
+    entries: JobLedger,
+    kept: Journaling,
+    recorder: Recorder,
+    observer: Observer,
     ledger: Ledger,
-    written: Written,
-    choice: Choice,
-) -> Iterator[Recorder]:
-    """Record into the file `name`, which gets its summary, status and end however the job ends.
+    journal: Journal,
+) -> None:
+    """Run the job, and write down in the job ledger that it begins and what it came to."""
+    from edmctl.cli.job_ledger import DONE
+    from edmctl.procedures.machining import run_job
 
-    `written` is told what the file is called then.
-    """
-    if name is None:
-        from edmctl.record.recorder import NullRecorder
-
-        yield NullRecorder()
-        return
-    from edmctl.record.writer import RunWriter
-
-    def summarize() -> None:
-        writer.summary(render_json(_report(bench, ledger, choice).as_mapping()))
-
-    writer = RunWriter.create(
-        name.path, run_meta(name, plan, seed if bench.virtual else None, bench.machine.identity, choice)
-    )
+    resumed = entries.plan.resumed
+    job = kept.begin(entries.job(resumed.run_files if resumed else ()))
     try:
-        yield writer
+        run_job(held.bench.machine, job, recorder=recorder, observer=observer, ledger=ledger, journal=journal)
     except BaseException as error:
         with suppress(RunFileError):
-            summarize()
-        written.path = writer.abandon(*_ending(error))
+            entries.close(ledger.result(), ending(error)[0])
         raise
-    try:
-        summarize()
-        written.path = writer.finish("done", 0)
-    except RunFileError:
-        # The final name may be another run's now.
-        written.path = name.partial if name.partial.exists() else None
-        raise
+    entries.close(ledger.result(), DONE)
+    kept.end()
 
 
-def _ending(error: BaseException) -> tuple[str, int]:
-    """Status and exit code of a run file whose job ended with `error`."""
-    if not isinstance(error, EdmError):
-        return "internal error", int(ExitCode.INTERNAL)
-    code = error_exit_code(error)
-    return MEANING[ExitCode(code)].partition(" (")[0], code
+def _report(plan: Plan, held: Held, ledger: Ledger, true_wear: TrueWear | None) -> Report:
+    virtual, job = held.bench.virtual, ledger.result()
+    truths = truths_of(job.sites, virtual.truth(), true_wear) if virtual and true_wear else ()
+    simulated = held.bench.machine.identity.simulated
+    used = held.choice.used if held.choice else None
+    channel = None
+    if virtual and true_wear and job.channel is not None:
+        from edmctl.cli.channel_truth import channel_truth
 
-
-def _into(name: RunName | None) -> str:
-    return f", into {name.path}" if name else ""
-
-
-def _report(
-    bench: Bench,
-    ledger: Ledger,
-    choice: Choice | None,
-    error: EdmError | None = None,
-    run_file: Path | None = None,
-) -> Report:
-    virtual, job = bench.virtual, ledger.result()
-    places = [(site.x_um, site.y_um) for site in job.sites]
-    truths = truths_of(places, virtual.truth(), virtual.tool_wear_um) if virtual else ()
-    used = choice.used if choice else None
-    return Report(bench.machine.identity.simulated, job, truths, error, run_file, used)
+        channel = channel_truth(plan.loaded.profile, virtual, virtual.tool_wear_um - true_wear.before_um)
+    return Report(simulated, job, truths, held.error, held.run_file, used, channel)
 
 
 def truths_of(
-    places: Sequence[tuple[float, float]], holes: Sequence[HoleTruth], tool_wear_um: float
+    sites: Sequence[SiteResult], holes: Sequence[HoleTruth], true_wear: TrueWear
 ) -> tuple[Truth, ...]:
-    """The true hole of each place in µm: the nearest one.
+    """The true hole of each site, in µm: the nearest one, and what the tool lost while it was made."""
+    truths = []
+    for site in sites:
+        hole = min(holes, key=lambda hole: _apart_um(hole, site), default=None)
+        depth_um = hole.depth_um if hole is not None and _apart_um(hole, site) <= SAME_HOLE_UM else math.nan
+        truths.append(Truth(depth_um, true_wear.of_site(site.name)))
+    return tuple(truths)
 
-    The wear is the tool's whole wear: the virtual tool is new at the first site, and there is one site.
-    """
-    if not holes:
-        return tuple(Truth() for _ in places)
-    nearest = (
-        min(holes, key=lambda hole: math.hypot(hole.x_um - x_um, hole.y_um - y_um)) for x_um, y_um in places
-    )
-    return tuple(Truth(hole.depth_um, tool_wear_um) for hole in nearest)
+
+def _apart_um(hole: HoleTruth, site: SiteResult) -> float:
+    return math.hypot(hole.x_um - site.x_um, hole.y_um - site.y_um)

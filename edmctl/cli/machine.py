@@ -15,6 +15,8 @@ from edmctl.cli.options import (
     DryRunOption,
     EventsOption,
     JsonOption,
+    NewToolOption,
+    OutOption,
     PortOption,
     ProfileOption,
     QuietOption,
@@ -25,18 +27,32 @@ from edmctl.cli.options import (
     WaitOption,
 )
 from edmctl.cli.outcome import Outcome, Output, run_command, stream_style, watching
+from edmctl.cli.resume import checked, find_run, refuse_other_options
 from edmctl.cli.runfile import RunName, name_run
 from edmctl.cli.seeds import seed_to_use, simulated_by
 from edmctl.cli.signals import ignore_signals
+from edmctl.errors import UsageError
 
 if TYPE_CHECKING:
     from edmctl.cli.job import Plan, Report
     from edmctl.console.style import Style
 
-OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder of the run file.")]
+ResumeOption = Annotated[
+    str | None,
+    typer.Option(
+        "--resume", metavar="RUN", help="Go on with a run that was interrupted: its file, or its id in --out."
+    ),
+]
+HomedOption = Annotated[
+    bool,
+    typer.Option(
+        "--homed", help="With --resume: the stages were homed since the controller was switched on."
+    ),
+]
 
 
 def machine(
+    context: typer.Context,
     profile: ProfileOption = None,
     overrides: SetOption = None,
     setup: SetupOption = None,
@@ -45,6 +61,9 @@ def machine(
     seed: SeedOption = None,
     calibration: CalibrationOption = None,
     allow_model: AllowModelOption = False,
+    new_tool: NewToolOption = False,
+    resume: ResumeOption = None,
+    homed: HomedOption = False,
     out: OutOption = Path("runs"),
     run_id: RunIdOption = None,
     dry_run: DryRunOption = False,
@@ -55,22 +74,35 @@ def machine(
 ) -> int:
     """Machine a hole to its target depth or feed.
 
-    Depth and tool wear are measured by touching the surface before, the bottom, and the surface after.
+    Depth and tool wear are measured by touching the surface before, the bottom, and the surface after. A job
+    that was interrupted goes on with --resume: pad and bottom are touched again, so nothing is taken on trust.
     """
     output = Output("machine", as_json, events, quiet, debug)
 
     def body(outcome: Outcome) -> None:
         from edmctl.cli.job import Order, check
 
-        plan = check(Order(profile, tuple(overrides or ()), setup, port, calibration, allow_model, wait))
+        if resume is not None:
+            refuse_other_options(context)
+            resumption = find_run(resume, out, homed=homed)
+            plan = checked(resumption, port, wait)
+            name = resumption.name(run_id, datetime.now(UTC))
+        elif homed:
+            raise UsageError("--homed goes with --resume only.", hint="Leave it away.", code="E2050")
+        else:
+            plan = check(
+                Order(profile, tuple(overrides or ()), setup, port, calibration, allow_model, wait, new_tool)
+            )
+            name = name_run(out, run_id, plan.loaded, datetime.now(UTC))
         outcome.simulated = plan.simulated
         outcome.warn([*plan.loaded.warnings, *seed_warning(plan.where, seed)])
-        name = name_run(out, run_id, plan.loaded, datetime.now(UTC))
         used_seed = seed_to_use(seed)
-        if dry_run:
-            _forecast(outcome, plan)
-        else:
+        if not dry_run:
             _run(outcome, plan, name, used_seed)
+        elif plan.resumed is not None:
+            outcome.result, outcome.text = {"resumed": plan.resumed.as_mapping()}, plan.resumed.told()
+        else:
+            _forecast(outcome, plan)
 
     return run_command(output, body)
 
@@ -85,7 +117,7 @@ def _forecast(outcome: Outcome, plan: "Plan") -> None:
 def _run(outcome: Outcome, plan: "Plan", name: RunName, seed: int) -> None:
     from edmctl.cli.job import carry_out
 
-    outcome.seed = seed if plan.where.in_process else None
+    outcome.seed = plan.where.seed_of(seed)
     with watching(outcome.output) as reporter:
         report = carry_out(plan, seed, reporter, name, outcome.warn)
         outcome.simulated = report.simulated
@@ -94,7 +126,7 @@ def _run(outcome: Outcome, plan: "Plan", name: RunName, seed: int) -> None:
         if report.error and outcome.run_file:
             reporter.note(f"what was recorded until then is in {outcome.run_file}")
     outcome.result = report.as_mapping()
-    if report.job.sites:
+    if report.job.sites or report.job.channel:
         outcome.text = closing_text(report, outcome.seed, stream_style(sys.stdout))
     if report.error:
         raise report.error
@@ -104,7 +136,7 @@ def closing_text(report: "Report", seed: int | None, style: "Style") -> str:
     """Return the table at the end of a job, and what it was made with."""
     from edmctl.console.result_table import render_job
 
-    lines = [render_job(report.job, report.truths, style)]
+    lines = [render_job(report.job, report.truths, style, report.channel_truth)]
     if report.model:
         lines.append(f"Actuator model: {report.model.text}.")
         if report.model.alone:

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from edmctl.cli.bench import connected, where_is
+from edmctl.cli.seeds import seed_to_use
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
     from edmctl.profile.setup import Setup
 
 SEED = 1
-"""Of the virtual machine, which a question does not depend on."""
+"""Of a fresh virtual machine, which a question does not depend on. One that will be kept is any machine."""
 
 
 @contextmanager
@@ -25,5 +26,7 @@ def machine_at(
 
     Raises LinkLost and ProtocolMismatch.
     """
-    with connected(None, setup, SEED, say, where_is(port, setup, wait_s)) as bench:
+    where = where_is(port, setup, wait_s)
+    seed = SEED if where.bench_file is None else seed_to_use(None)
+    with connected(None, setup, seed, say, where) as bench:
         yield bench.machine

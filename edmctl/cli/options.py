@@ -35,7 +35,8 @@ PortOption: TypeAlias = Annotated[
         "--port",
         metavar="SELECTOR",
         envvar="EDMCTL_PORT",
-        help="Which machine: sim: (as without), a serial port, socket://HOST:PORT, serial:ID, auto.",
+        help="Which machine: sim: (as without), sim:FILE (a virtual one that is kept there), a serial port, "
+        "socket://HOST:PORT, serial:ID, auto.",
     ),
 ]
 WaitOption: TypeAlias = Annotated[
@@ -59,6 +60,13 @@ CalibrationOption: TypeAlias = Annotated[
 AllowModelOption: TypeAlias = Annotated[
     bool,
     typer.Option("--allow-model", help="Without a displacement sensor, go by the calibrated actuator alone."),
+]
+NewToolOption: TypeAlias = Annotated[
+    bool,
+    typer.Option("--new-tool", help="The electrode was changed: forget length and wear of the one before."),
+]
+OutOption: TypeAlias = Annotated[
+    Path, typer.Option("--out", metavar="DIR", help="Folder of run files and job ledger.")
 ]
 RunIdOption: TypeAlias = Annotated[
     str | None,

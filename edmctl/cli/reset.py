@@ -6,6 +6,7 @@ import typer
 
 from edmctl.cli.options import DebugOption, JsonOption, PortOption, SetupOption, WaitOption
 from edmctl.cli.outcome import Outcome, Output, mutter, run_command
+from edmctl.errors import PreconditionError
 
 if TYPE_CHECKING:
     from edmctl.machine.controller import LinkMachine
@@ -30,17 +31,20 @@ def reset(
     """
 
     def body(outcome: Outcome) -> None:
+        from edmctl.cli.bench import where_is
         from edmctl.cli.machine_at import machine_at
         from edmctl.profile.load import load_setup
 
-        with machine_at(load_setup(setup), port, wait, lambda text: mutter(text + "\n")) as machine:
+        settings = load_setup(setup)
+        lasting = where_is(port, settings).lasting
+        with machine_at(settings, port, wait, lambda text: mutter(text + "\n")) as machine:
             outcome.simulated = machine.identity.simulated
-            _clear(outcome, machine, ack)
+            _clear(outcome, machine, ack, lasting=lasting)
 
     return run_command(Output("reset", as_json, debug=debug), body)
 
 
-def _clear(outcome: Outcome, machine: "LinkMachine", ack: int | None) -> None:
+def _clear(outcome: Outcome, machine: "LinkMachine", ack: int | None, *, lasting: bool) -> None:
     from edmctl.machine.faults import NothingLatched
 
     latched = machine.latched_fault()
@@ -53,6 +57,12 @@ def _clear(outcome: Outcome, machine: "LinkMachine", ack: int | None) -> None:
     try:
         machine.clear_fault(ack)
     except NothingLatched as nothing:
+        if not lasting:
+            raise PreconditionError(
+                f"{nothing.message} It is a fresh virtual machine, because none was named.",
+                hint="Name the machine that holds the fault with --port or EDMCTL_PORT.",
+                code=nothing.code,
+            ) from nothing
         outcome.text = nothing.message
         return
     outcome.result = {"latched": None, "cleared": True}

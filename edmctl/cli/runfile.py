@@ -26,25 +26,40 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class RunName:
-    """What a run is called, and when it started (UTC)."""
+    """What a run is called, when it started (UTC), and the run that it goes on with, if any."""
 
     run_id: str
     path: Path
     start: datetime
+    parent: str = ""
 
     @property
     def partial(self) -> Path:
         """The file's name until it is finished."""
         return self.path.with_name(self.path.name + ".partial")
 
+    @property
+    def journal(self) -> Path:
+        """Where the state of its job is kept until it is done."""
+        from edmctl.record.journal import journal_path
 
-def name_run(folder: Path, run_id: str | None, loaded: LoadedProfile, start: datetime) -> RunName:
+        return journal_path(self.path)
+
+
+def name_run(
+    folder: Path, run_id: str | None, loaded: LoadedProfile, start: datetime, command: str = ""
+) -> RunName:
     """Name a run by `run_id`, or else by the profile's file name and the time: `cu270-20260131T101500.250Z`.
+
+    A `command` other than `machine` stands in front.
 
     Raises UsageError (E2004) when the id is no plain file name.
     """
     if run_id is None:
-        run_id = f"{plain_name(loaded.path.stem)}-{start:%Y%m%dT%H%M%S}.{start.microsecond // 1000:03d}Z"
+        word = f"{command}-" if command else ""
+        run_id = (
+            f"{word}{plain_name(loaded.path.stem)}-{start:%Y%m%dT%H%M%S}.{start.microsecond // 1000:03d}Z"
+        )
     return RunName(run_id, run_path(folder, run_id), start)
 
 
@@ -76,6 +91,7 @@ def run_meta(
     values = profile.model_dump(mode="json", by_alias=True, exclude_none=True)
     return RunMeta(
         run_id=name.run_id,
+        parent_run=name.parent,
         title=profile.meta.description or profile.meta.name,
         start_time=name.start.isoformat(timespec="milliseconds"),
         command=["edmctl", *sys.argv[1:]],

@@ -130,7 +130,7 @@ def serve(
 
 
 def _serve(outcome: Outcome, order: _Order, link: Path | None, address: tuple[str, int] | None) -> None:
-    from edmctl.cli.served_bench import kept_bench
+    from edmctl.cli.kept_bench import kept_bench
     from edmctl.cli.signals import requests_by_signal, stopping_signals
     from edmctl.machine.stop import StopRequest
     from edmctl.simulator.news import News

@@ -16,8 +16,34 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
+class RunSite:
+    """One hole of a simulated run, measured and true."""
+
+    name: str
+    depth_um: float
+    depth_u95_um: float
+    wear_um: float
+    wear_u95_um: float
+    measuring_stops: int
+    truth: Truth
+
+    @property
+    def depth_error_um(self) -> float:
+        """Measured less true depth."""
+        return self.depth_um - self.truth.depth_um
+
+    @property
+    def wear_error_um(self) -> float:
+        """Measured less true wear."""
+        return self.wear_um - self.truth.wear_um
+
+
+@dataclass(frozen=True, slots=True)
 class Run:
-    """One simulated run; what was not reached is NaN. `calibration` says in words what its actuator model was."""
+    """One simulated run; what was not reached is NaN. `calibration` says in words what its actuator model was.
+
+    Depth, wear and feed are those of the first hole; `sites` has all of them.
+    """
 
     seed: int
     ok: bool
@@ -33,16 +59,7 @@ class Run:
     time_s: float = math.nan
     cuts: int = 0
     calibration: str = ""
-
-    @property
-    def depth_error_um(self) -> float:
-        """Measured less true depth."""
-        return self.depth_um - self.truth.depth_um
-
-    @property
-    def wear_error_um(self) -> float:
-        """Measured less true wear."""
-        return self.wear_um - self.truth.wear_um
+    sites: tuple[RunSite, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,25 +85,31 @@ class Case:
     coverage: Mapping[str, float]
 
 
-_QUANTITIES = (
-    "depth_um",
-    "wear_um",
-    "depth_error_um",
-    "wear_error_um",
-    "machining_time_s",
-    "time_s",
-)
+_SITE_QUANTITIES = ("depth_um", "wear_um", "depth_error_um", "wear_error_um")
+_RUN_QUANTITIES = ("machining_time_s", "time_s")
 _TRUE_QUANTITIES = ("depth_um", "wear_um")
 
 
 def run_of(seed: int, exit_code: int, report: Report) -> Run:
-    """Reduce a report to one row; the only site is the first."""
+    """Reduce a report to one row."""
     message = report.error.message if report.error else None
     model = report.model.text if report.model else ""
     if not report.job.sites or not report.truths:
         return Run(
             seed, report.error is None, exit_code, message, time_s=report.job.time_s, calibration=model
         )
+    sites = tuple(
+        RunSite(
+            name=site.name,
+            depth_um=site.depth_um,
+            depth_u95_um=site.depth_u95_um,
+            wear_um=site.wear_um,
+            wear_u95_um=site.wear_u95_um,
+            measuring_stops=site.measuring_stops,
+            truth=truth,
+        )
+        for site, truth in zip(report.job.sites, report.truths, strict=True)
+    )
     site, truth = report.job.sites[0], report.truths[0]
     return Run(
         seed=seed,
@@ -99,28 +122,32 @@ def run_of(seed: int, exit_code: int, report: Report) -> Run:
         wear_u95_um=site.wear_u95_um,
         feed_um=site.feed_um,
         truth=truth,
-        machining_time_s=site.machining_time_s,
+        machining_time_s=report.job.machining_time_s,
         time_s=report.job.time_s,
-        cuts=site.cuts,
+        cuts=sum(one.cuts for one in report.job.sites),
         calibration=model,
+        sites=sites,
     )
 
 
 def summarize(label: str, overrides: tuple[str, ...], runs: Sequence[Run]) -> Case:
     """Sum up the runs of one set of values; runs without a measured hole count as failed only."""
-    measured = [run for run in runs if math.isfinite(run.depth_um)]
+    measured = [run for run in runs if run.sites]
+    sites = [site for run in measured for site in run.sites]
     return Case(
         label=label,
         overrides=overrides,
         runs=tuple(runs),
         failed=sum(not run.ok for run in runs),
-        spreads=_spreads(measured, _QUANTITIES),
-        truth=_spreads([run.truth for run in measured], _TRUE_QUANTITIES),
-        coverage=_coverage(measured),
+        spreads={**_spreads(sites, _SITE_QUANTITIES), **_spreads(measured, _RUN_QUANTITIES)},
+        truth=_spreads([site.truth for site in sites], _TRUE_QUANTITIES),
+        coverage=_coverage(sites),
     )
 
 
-def _spreads(rows: Sequence[Run] | Sequence[Truth], keys: Sequence[str]) -> dict[str, Spread]:
+def _spreads(
+    rows: Sequence[Run] | Sequence[RunSite] | Sequence[Truth], keys: Sequence[str]
+) -> dict[str, Spread]:
     return {key: _spread([getattr(row, key) for row in rows]) for key in keys} if rows else {}
 
 
@@ -129,10 +156,10 @@ def _spread(values: Sequence[float]) -> Spread:
     return Spread(statistics.fmean(values), sd, min(values), max(values))
 
 
-def _coverage(runs: Sequence[Run]) -> dict[str, float]:
-    """Share of runs whose 95 % interval held the truth."""
-    if not runs:
+def _coverage(sites: Sequence[RunSite]) -> dict[str, float]:
+    """Share of holes whose 95 % interval held the truth."""
+    if not sites:
         return {}
-    depth = sum(abs(run.depth_error_um) <= run.depth_u95_um for run in runs)
-    wear = sum(abs(run.wear_error_um) <= run.wear_u95_um for run in runs)
-    return {"depth": depth / len(runs), "wear": wear / len(runs)}
+    depth = sum(abs(site.depth_error_um) <= site.depth_u95_um for site in sites)
+    wear = sum(abs(site.wear_error_um) <= site.wear_u95_um for site in sites)
+    return {"depth": depth / len(sites), "wear": wear / len(sites)}

@@ -15,7 +15,7 @@ import pytest
 from edmctl.cli.bench import bench_config
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
-from edmctl.procedures.job import single_hole
+from edmctl.procedures.job import job_of
 from edmctl.procedures.machining import run_job
 from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Sensor, Setup
@@ -64,7 +64,7 @@ def machine(
     bench = open_bench(config, seed)
     session = Session(bench.transport, Random(1), heartbeat_s=0.2)
     session.open()
-    job = single_hole(loaded.profile, setup)
+    job = job_of(loaded.profile, setup)
     result = run_job(LinkMachine(session), job, recorder=NullRecorder(), observer=Nobody())
     return Hole(result.sites[0], bench.truth()[0].depth_um, bench.tool_wear_um)
 

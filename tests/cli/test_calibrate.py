@@ -458,7 +458,7 @@ MISTAKES = [
     (["--validate", "none.csv"], "E3601", "none.csv: there is no such file"),
     (["--lever", "none.csv"], "E3601", "none.csv: there is no such file"),
     (["--setup", "none.toml"], "E3010", "none.toml"),
-    (["--port", "sim:bench.h5"], "E4002", "has to be served"),
+    (["--port", ""], "E2006", "names no machine"),
     (["--seed", "-1"], "E2005", "Seed -1"),
     (["--output", "."], "E9011", ". exists already"),
     (["--output", "file/a.toml"], "E9012", "is no folder that can be written"),

@@ -119,12 +119,6 @@ def test_a_seed_that_nobody_uses_is_warned_of(here: Here) -> None:
     assert "simulate serve" in document["warnings"][0]["hint"]
 
 
-def test_a_virtual_bench_in_a_file_has_to_be_served(here: Here) -> None:
-    said = here("machine", *SHALLOW, "--port", "sim:bench.h5", "--json")
-    assert (said.exit_code, said.document["error"]["code"]) == (4, "E4002")
-    assert "edmctl simulate serve --bench" in said.document["error"]["hint"]
-
-
 def test_a_wrong_device_is_told_soon(here: Here) -> None:
     with device(lambda _: b"ok T:21.5 /0.0\r\n") as port:
         begin_s = monotonic()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,9 @@ import h5py
 import pytest
 
 from edmctl.cli.job import truths_of
+from edmctl.cli.true_wear import TrueWear
 from edmctl.console.jsonout import render_json
+from edmctl.procedures.journal import JobState, NoJournal
 from edmctl.simulator.bench import HoleTruth, VirtualBench
 from tests.cli.commands import CU270, SHALLOW, Said, in_process_of_its_own
 
@@ -162,13 +165,6 @@ def test_a_port_that_is_not_there_is_told(here: Here, how: str, monkeypatch: pyt
     assert not Path("runs").exists()
 
 
-def test_a_bench_kept_between_runs_is_refused_as_such(here: Here) -> None:
-    error = here("machine", *SHALLOW, "--port", "sim:bench.h5", "--json").document["error"]
-    assert error["code"] == "E4002"
-    assert "has to be served" in error["message"]
-    assert "simulate serve --bench" in error["hint"]
-
-
 def test_the_machine_says_itself_whether_it_is_simulated(here: Here, monkeypatch: pytest.MonkeyPatch) -> None:
     before = here("machine", *SHALLOW, "--dry-run", "--json").document
     assert before["simulated"] is True
@@ -184,11 +180,37 @@ def test_the_machine_says_itself_whether_it_is_simulated(here: Here, monkeypatch
     assert said.document["simulated"] is False
 
 
-def test_the_true_hole_of_a_site_is_the_nearest() -> None:
+@dataclass
+class Worn:
+    """A bench that is asked for nothing but the wear of its tool."""
+
+    tool_wear_um: float = 0.0
+
+
+@dataclass
+class Place:
+    """As much of a site's result as its truth asks for."""
+
+    name: str
+    x_um: float
+    y_um: float = 0.0
+
+
+def test_the_true_hole_of_a_site_is_the_nearest_and_the_wear_its_own() -> None:
+    bench = Worn(100.0)
+    wear = TrueWear(bench, NoJournal())  # type: ignore[arg-type]
+    for names, worn_um in (((), 107.0), (("a",), 107.5), (("a", "b"), 112.5)):
+        bench.tool_wear_um = worn_um
+        done = tuple({"name": name} for name in names)
+        wear.keep(JobState("machining", 0.0, "Cu", done=done))
+    bench.tool_wear_um = 113.5
     holes = (HoleTruth(999.0, 1.0, 20.0), HoleTruth(0.5, -1.0, 10.0))
-    truths = truths_of([(0.0, 0.0), (1000.0, 0.0)], holes, 5.0)
-    assert [truth.depth_um for truth in truths] == [10.0, 20.0]
-    (unknown,) = truths_of([(0.0, 0.0)], (), 5.0)
+    sites = [Place("a", 0.0), Place("b", 1000.0), Place("c", 2000.0)]
+    truths = truths_of(sites, holes, wear)  # type: ignore[arg-type]
+    assert [truth.depth_um for truth in truths[:2]] == [10.0, 20.0]
+    assert [truth.wear_um for truth in truths] == [7.5, 5.0, 1.0]
+    assert math.isnan(truths[2].depth_um)
+    (unknown,) = truths_of(sites[:1], (), wear)  # type: ignore[arg-type]
     assert math.isnan(unknown.depth_um)
 
 

@@ -26,8 +26,13 @@ def faulty(here: Here, monkeypatch: pytest.MonkeyPatch) -> Workshop:
 def test_a_fresh_virtual_machine_holds_nothing(here: Here) -> None:
     said = here("reset")
     assert (said.exit_code, said.out) == (0, "The controller holds no fault.\n")
-    said = here("reset", "--ack", "3001")
-    assert (said.exit_code, said.out) == (0, "The controller at sim: holds no fault.\n")
+
+
+def test_a_fault_of_no_machine_cannot_be_cleared(here: Here) -> None:
+    said = here("reset", "--ack", "3001", "--json")
+    assert said.exit_code == 8
+    assert said.document["error"]["code"] == "E8013"
+    assert "--port" in said.document["error"]["hint"]
 
 
 def test_without_a_code_the_fault_is_told_and_stays(here: Here, faulty: Workshop) -> None:

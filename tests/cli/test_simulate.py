@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
 from edmctl.cli.job import Truth
-from edmctl.cli.spread import Run, summarize
+from edmctl.cli.spread import Run, RunSite, summarize
 from edmctl.cli.sweep import parse_sweep
 from edmctl.errors import UsageError
 from tests.cli.commands import SHALLOW, in_process_of_its_own
@@ -23,14 +24,22 @@ def run(seed: int, depth_um: float, true_um: float, *, ok: bool = True) -> Run:
         ok=ok,
         exit_code=0 if ok else 7,
         error=None if ok else "missed",
-        depth_um=depth_um,
-        depth_u95_um=1.0,
-        wear_um=70.0,
-        wear_u95_um=2.0,
-        truth=Truth(true_um, 70.5),
         machining_time_s=900.0 + seed,
         time_s=1000.0 + seed,
+        sites=(site("hole", depth_um, true_um),),
     )
+
+
+def site(name: str, depth_um: float, true_um: float) -> RunSite:
+    return RunSite(name, depth_um, 1.0, 70.0, 2.0, 2, Truth(true_um, 70.5))
+
+
+def test_all_holes_of_an_array_are_summed_up() -> None:
+    both = replace(run(1, 20.0, 20.2), sites=(site("a", 20.0, 20.2), site("b", 21.0, 19.5)))
+    case = summarize("array", (), [both])
+    assert case.spreads["depth_um"].mean == 20.5
+    assert case.truth["depth_um"].minimum == 19.5
+    assert case.coverage["depth"] == 0.5
 
 
 def test_a_case_sums_up_its_runs() -> None:

@@ -1,0 +1,102 @@
+"""How deep the shipped holes come out in good and bad flushing, how well it is known, what measuring costs.
+
+    python benchmarks/depth.py [--runs 40] [--seed 1] [--profiles cu150 cu270 w252]
+
+Every figure comes from `edmctl simulate --json`, judged by the plant's truth. Bars: 95 % of the holes within 1 % of
+the depth or 1.5 µm, whichever is larger; the stated 95 % interval holds the truth in 90 %; for cu270 the median time
+of everything that is not machining is at most a quarter of the machining time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import subprocess
+import sys
+from dataclasses import dataclass
+from typing import Any
+
+TARGET_UM = {"cu270": 180.0, "cu150": 175.0, "w252": 240.0}
+FLUSHING = {"good": 0.5, "bad": 3.0, "very bad": 10.0}
+"""Time constant of the debris' clearance of a shallow gap of 270 µm, s."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """The runs of one profile in one oil."""
+
+    profile: str
+    flushing: str
+    runs: list[dict[str, Any]]
+    failed: list[str]
+
+    @property
+    def bar_um(self) -> float:
+        """Permitted error of the true depth."""
+        return max(1.5, 0.01 * TARGET_UM[self.profile])
+
+    def errors_um(self) -> list[float]:
+        """True depth less the target."""
+        return [run["truth"]["depth_um"] - TARGET_UM[self.profile] for run in self.runs]
+
+    def row(self, total: int) -> str:
+        """One line of the table, with whether it meets the bars."""
+        errors = self.errors_um()
+        near = sum(abs(error) <= self.bar_um for error in errors) / total
+        covered = sum(_is_covered(run) for run in self.runs) / total
+        share = statistics.median(
+            (run["time_s"] - run["machining_time_s"]) / run["machining_time_s"] for run in self.runs
+        )
+        machining_s = statistics.fmean(run["machining_time_s"] for run in self.runs)
+        met = near >= 0.95 and covered >= 0.9 and (self.profile != "cu270" or share <= 0.25)
+        cells = (
+            f"{self.profile:<6} {self.flushing:<9}",
+            f"{100 * near:5.1f} % within {self.bar_um:.2f} µm",
+            f"bias {statistics.fmean(errors):+.2f} worst {max(map(abs, errors)):.2f} µm",
+            f"covered {100 * covered:5.1f} %",
+            f"machining {machining_s:5.0f} s, else {100 * share:4.1f} %",
+            f"failed {len(self.failed)}",
+            "ok" if met else "MISSED",
+        )
+        return "   ".join(cells)
+
+
+def _is_covered(run: dict[str, Any]) -> bool:
+    return bool(abs(run["truth"]["depth_um"] - run["depth_um"]) <= run["depth_u95_um"])
+
+
+def simulate(profile: str, flushing: str, runs: int, seed: int) -> Case:
+    """Run a profile over consecutive seeds."""
+    command = [sys.executable, "-m", "edmctl", "simulate", "--profile", profile, "--json"]
+    command += ["--runs", str(runs), "--seed", str(seed), "--set", f"sim.flush_time_s={FLUSHING[flushing]}"]
+    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, check=False)
+    found = json.loads(done.stdout)["result"]["cases"][0]["runs"]
+    failed = [f"seed {run['seed']}: {run['error']}" for run in found if not run["ok"]]
+    return Case(profile, flushing, [run for run in found if run["ok"]], failed)
+
+
+def main() -> None:
+    """Run everything, print the table, and exit with 1 when a bar was missed."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--runs", type=int, default=40)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--profiles", nargs="+", default=list(TARGET_UM))
+    parser.add_argument("--flushing", nargs="+", default=["good", "bad"])
+    args = parser.parse_args()
+    met = True
+    for profile in args.profiles:
+        for flushing in args.flushing:
+            case = simulate(profile, flushing, args.runs, args.seed)
+            row = case.row(args.runs)
+            print(row, flush=True)
+            for failure in case.failed:
+                print("   ", failure)
+            met = met and row.endswith("ok")
+    sys.exit(0 if met else 1)
+
+
+if __name__ == "__main__":
+    main()

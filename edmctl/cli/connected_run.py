@@ -1,0 +1,100 @@
+"""What every command that moves the machine does around its procedure: connect, choose a calibration, record."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from edmctl.cli.bench import connected, introduction
+from edmctl.cli.calibrated import choose
+from edmctl.cli.recording import recorded
+from edmctl.cli.runfile import run_meta
+from edmctl.errors import EdmError, RunFileError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from pathlib import Path
+
+    from edmctl.cli.bench import Bench
+    from edmctl.cli.calibrated import Choice
+    from edmctl.cli.job import Plan
+    from edmctl.cli.runfile import RunName
+    from edmctl.errors import Diagnostic
+    from edmctl.procedures.results import Observer
+    from edmctl.record.recorder import Recorder
+
+    Warn = Callable[[Sequence[Diagnostic]], None]
+
+
+@dataclass(slots=True)
+class Held:
+    """What a command has in hand as it goes, and in the end: `run_file` as it is called then, the expected error."""
+
+    bench: Bench
+    choice: Choice | None = None
+    run_file: Path | None = None
+    error: EdmError | None = None
+
+
+def connected_run(
+    plan: Plan,
+    seed: int,
+    observer: Observer,
+    name: RunName | None,
+    warn: Warn | None,
+    act: Callable[[Held, Recorder], None],
+    summary: Callable[[Held], Mapping[str, object]],
+) -> Held:
+    """Connect to the machine of `plan`, and `act` on it with a recorder into the run file `name`.
+
+    `seed` makes a virtual bench that is not there yet. `warn` is told what is doubtful about the calibration before
+    anything moves; `summary` becomes the result in the run file. Expected errors come back with what was reached.
+
+    Raises LinkLost, ProtocolMismatch and RunFileError where there was no machine to act on.
+    """
+    held: Held | None = None
+
+    def written(path: Path | None) -> None:
+        assert held is not None
+        held.run_file = path
+
+    try:
+        with connected(plan.tool_for(), plan.setup, seed, observer.note, plan.where) as bench:
+            held = Held(bench)
+            if plan.new_tool and bench.virtual is not None:
+                bench.virtual.new_tool()
+            try:
+                _record(plan, observer, name, warn, act, summary, held, written)
+            except EdmError as expected:
+                held.error = expected
+    except RunFileError as unkept:
+        if held is None:
+            raise
+        held.error = held.error or unkept
+    return held
+
+
+def _record(
+    plan: Plan,
+    observer: Observer,
+    name: RunName | None,
+    warn: Warn | None,
+    act: Callable[[Held, Recorder], None],
+    summary: Callable[[Held], Mapping[str, object]],
+    held: Held,
+    written: Callable[[Path | None], None],
+) -> None:
+    bench = held.bench
+    identity = bench.machine.identity
+    choice = held.choice = choose(plan.calibration, plan.setup, plan.loaded.profile, identity.serial)
+    if warn is not None:
+        warn(choice.warnings)
+    with recorded(
+        name,
+        lambda run: run_meta(run, plan, bench.seed, identity, choice),
+        lambda: summary(held),
+        written,
+    ) as recorder:
+        into = f", into {name.path}" if name else ""
+        observer.note(f"{introduction(plan.where, bench)}{into}")
+        act(held, recorder)

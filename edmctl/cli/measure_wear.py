@@ -1,0 +1,129 @@
+"""`edmctl measure-wear`: what a tool has lost since its reference, and how deep its last hole is."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from edmctl.cli.options import (
+    AllowModelOption,
+    CalibrationOption,
+    DebugOption,
+    DryRunOption,
+    EventsOption,
+    JsonOption,
+    NewToolOption,
+    OutOption,
+    PortOption,
+    ProfileOption,
+    QuietOption,
+    RunIdOption,
+    SeedOption,
+    SetOption,
+    SetupOption,
+    WaitOption,
+)
+from edmctl.cli.outcome import Outcome, Output, run_command, stream_style
+from edmctl.errors import UsageError
+
+if TYPE_CHECKING:
+    from edmctl.cli.job import Plan
+
+TOUCHES_LIKE = "cu270"
+"""The shipped profile by which a tool is touched when none is named."""
+
+ReferenceOption = Annotated[
+    bool, typer.Option("--reference", help="Touch the pad and keep it as Z1: do this before a job.")
+]
+SiteOption = Annotated[
+    str | None,
+    typer.Option(
+        "--site", metavar="NAME|X,Y", help="The hole to touch; without, the last one that the tool made."
+    ),
+]
+
+
+def measure_wear(
+    reference: ReferenceOption = False,
+    new_tool: NewToolOption = False,
+    site: SiteOption = None,
+    profile: ProfileOption = None,
+    overrides: SetOption = None,
+    setup: SetupOption = None,
+    port: PortOption = None,
+    wait: WaitOption = 0.0,
+    seed: SeedOption = None,
+    calibration: CalibrationOption = None,
+    allow_model: AllowModelOption = False,
+    out: OutOption = Path("runs"),
+    run_id: RunIdOption = None,
+    dry_run: DryRunOption = False,
+    as_json: JsonOption = False,
+    events: EventsOption = False,
+    quiet: QuietOption = False,
+    debug: DebugOption = False,
+) -> int:
+    """Touch the pad, the bottom of a hole and the pad again: tool wear, depth and feed since the reference.
+
+    The reference is the first touch of a tool: that of its first job, or of --reference. It is kept in the job
+    ledger beside the run files. Without a profile the tool last in use is meant.
+    """
+
+    def body(outcome: Outcome) -> None:
+        from edmctl.cli.alone import Asked, perform
+        from edmctl.cli.job import Order, check
+        from edmctl.cli.wear_run import WearRun
+
+        if new_tool and not reference:
+            raise UsageError(
+                "--new-tool goes with --reference: a tool that was changed has lost nothing yet.",
+                hint="Say `edmctl measure-wear --reference --new-tool`.",
+                code="E2062",
+            )
+        order = Order(
+            profile or TOUCHES_LIKE,
+            tuple(overrides or ()),
+            setup,
+            port,
+            calibration,
+            allow_model,
+            wait,
+            new_tool,
+        )
+        plan = replace(check(order), names_tool=profile is not None)
+        outcome.simulated = plan.simulated
+        outcome.warn(plan.loaded.warnings)
+        if dry_run:
+            _tell_plan(outcome, plan, reference=reference)
+        else:
+            perform(outcome, plan, WearRun(plan, site, is_reference=reference), Asked(out, run_id, seed))
+
+    return run_command(Output("measure-wear", as_json, events, quiet, debug), body)
+
+
+def _tell_plan(outcome: Outcome, plan: "Plan", *, reference: bool) -> None:
+    from edmctl.cli.wear_run import measuring_profile
+    from edmctl.console.wear_table import render_wear_plan
+    from edmctl.profile.measuring_time import move_time_s, park_to_pad_um, reading_time_s, touch_time_s
+
+    profile, setup = measuring_profile(plan.loaded.profile), plan.setup
+    time_s = touch_time_s(profile, setup)
+    readings = ["Z1"] if reference else ["Z3", "Z2", "Z3"]
+    if not reference:
+        deep_um = profile.approach.offset_um + plan.forecast.feed_um
+        moves_s = 2.0 * move_time_s(max(profile.measure.site_dx_um, park_to_pad_um(setup)), setup)
+        time_s += (
+            moves_s + reading_time_s(profile, deep_um) + reading_time_s(profile, profile.approach.offset_um)
+        )
+    forecast = {
+        "readings": readings,
+        "touches": profile.measure.touches,
+        "speed_um_s": profile.measure.speed_um_s,
+        "time_s": time_s,
+    }
+    outcome.result = {"forecast": forecast}
+    outcome.text = render_wear_plan(
+        readings, profile.measure.touches, profile.measure.speed_um_s, time_s, stream_style(sys.stdout)
+    )

@@ -1,0 +1,60 @@
+"""Where a hole may go beside those that are there."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from edmctl.console.text import length
+from edmctl.errors import PreconditionError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+    from pathlib import Path
+
+    from edmctl.record.ledger_entries import SiteMachined
+
+WALL_UM = 50.0
+"""Left standing between two holes that are placed one after the other: several times what the stages and the rim of
+a hole take of it. Our choice."""
+
+Place = tuple[str, float, float]
+"""Name, x and y of an axis, µm."""
+
+
+def next_free_x_um(
+    reference_x_um: float, y_um: float, step_um: float, radius_um: float, holes: Sequence[SiteMachined]
+) -> float:
+    """Return the first x in steps from the pad where a hole of `radius_um` is clear of all others.
+
+    Without a step the first place is the pad itself, and the next ones lie a hole and a wall further.
+    """
+    x_um = reference_x_um + step_um
+    while any(
+        math.hypot(hole.x_um - x_um, hole.y_um - y_um) < hole.radius_um + radius_um + WALL_UM
+        for hole in holes
+    ):
+        x_um += step_um or 2.0 * radius_um + WALL_UM
+    return x_um
+
+
+def refuse_taken(
+    places: Iterable[Place], radius_um: float, holes: Sequence[SiteMachined], folder: Path
+) -> None:
+    """Raise PreconditionError E8042 where a hole would run into one that is there."""
+    for name, x_um, y_um in places:
+        for hole in holes:
+            if math.hypot(hole.x_um - x_um, hole.y_um - y_um) < hole.radius_um + radius_um:
+                raise PreconditionError(
+                    f"{name} at ({x_um:.0f}, {y_um:.0f}) µm would run into {told(hole, folder)}.",
+                    hint="Give it another place, or keep the run files of new work in another folder with --out; "
+                    "`edmctl machine --resume` finishes a hole that was interrupted.",
+                    code="E8042",
+                )
+
+
+def told(hole: SiteMachined, folder: Path) -> str:
+    """A hole in words: name, depth, place, and the run file in `folder` that tells of it."""
+    depth = "of unknown depth" if math.isnan(hole.depth_um) else f"{length(hole.depth_um)} deep"
+    where = f"({hole.x_um:.0f}, {hole.y_um:.0f}) µm"
+    return f"{hole.name}, {depth} at {where}, {hole.status}, recorded in {folder / hole.run_file}"

@@ -1,0 +1,294 @@
+"""`edmctl machine --resume RUN`: which run is meant, and every reason not to take it up again.
+
+Taking up needs to know where the hole is, how deep it is and which tool made it. Depth and wear are touched again,
+so they need no trust; job, machine, tool and the place of the stages do.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from edmctl.cli.runfile import RunName, run_path
+from edmctl.console.text import plural
+from edmctl.errors import PreconditionError, RunFileError, UsageError
+
+if TYPE_CHECKING:
+    from datetime import datetime
+
+    import typer
+
+    from edmctl.cli.job import Order, Plan
+    from edmctl.procedures.job import Job
+    from edmctl.procedures.journal import JobState
+    from edmctl.record.journal import Journal, JournalledJob
+
+_KEPT_ALREADY = {
+    "profile": "--profile",
+    "overrides": "--set",
+    "setup": "--setup",
+    "seed": "--seed",
+    "calibration": "--calibration",
+    "allow_model": "--allow-model",
+    "new_tool": "--new-tool",
+}
+_DONE = "done"
+_ANOTHER_PLACE = "Machine it at another place or on new work."
+
+
+@dataclass(frozen=True, slots=True)
+class Resumption:
+    """An interrupted run, as its journal at `path` tells; `homed` when somebody vouches for the stages' places."""
+
+    path: Path
+    journal: Journal
+    state: JobState
+    homed: bool
+
+    @property
+    def job(self) -> JournalledJob:
+        """Which job it was."""
+        return self.journal.job
+
+    @property
+    def run_files(self) -> tuple[str, ...]:
+        """Names of the run files of this job so far."""
+        return tuple(f"{run_id}.h5" for run_id in self.job.family)
+
+    def order(self, port: str | None, wait_s: float) -> Order:
+        """Return the order that the job came from, on the machine that is named now."""
+        from edmctl.cli.job import Order
+
+        job = self.job
+        return Order(
+            profile=job.profile,
+            overrides=job.overrides,
+            setup=Path(job.setup) if job.setup else None,
+            port=port,
+            calibration=Path(job.calibration) if job.calibration else None,
+            allow_model=job.allow_model,
+            wait_s=wait_s,
+        )
+
+    def name(self, run_id: str | None, start: datetime) -> RunName:
+        """Name the run that goes on: by `run_id`, or else after the first run, `a-r1`, `a-r2` and so on.
+
+        It stands in the folder of the run before.
+        """
+        folder, first = self.path.parent, self.job.family[0]
+        number = 1
+        while run_id is None:
+            name = RunName(
+                f"{first}-r{number}", run_path(folder, f"{first}-r{number}"), start, self.job.run_id
+            )
+            if not any(path.exists() for path in (name.path, name.partial, name.journal)):
+                return name
+            number += 1
+        return RunName(run_id, run_path(folder, run_id), start, self.job.run_id)
+
+    def taken_up(self, job: Job, *, in_process: bool) -> Job:
+        """Return the job with the places of the run before, and how far that came."""
+        from edmctl.procedures.job import Site
+
+        sites = tuple(Site(*place) for place in self.job.places)
+        # The time of a virtual bench in this process stands still between commands.
+        pause_s = 0.0 if in_process else max(0.0, time.time() - self.journal.written_utc_s)
+        return replace(job, sites=sites, resumed=self.state, pause_s=pause_s)
+
+    def as_mapping(self) -> dict[str, object]:
+        """How far it came, for scripts; depth and wear are estimates of the hole that was left."""
+        state = self.state
+        done = [str(site["name"]) for site in state.done]
+        return {
+            "run_id": self.job.run_id,
+            "journal": str(self.path),
+            "done": done,
+            "left": [name for name, *_ in self.job.places if name not in done],
+            "site": state.site if state.begun else None,
+            "depth_um": state.depth_um if state.begun else None,
+            "wear_um": state.wear_um if state.begun else None,
+            "time_s": state.time_s,
+        }
+
+    def told(self) -> str:
+        """The same for people."""
+        state, done = self.state, {str(site["name"]) for site in self.state.done}
+        left = ", ".join(name for name, *_ in self.job.places if name not in done)
+        begun = f"; it left {state.site} at about {state.depth_um:.1f} µm" if state.begun else ""
+        holes = plural(len(self.job.places), "hole")
+        return f"{self.job.run_id} has finished {len(done)} of {holes}{begun}. Left: {left}."
+
+
+def refuse_other_options(context: typer.Context) -> None:
+    """Raise UsageError E2050 for options that the journal has already. What the environment says does not count."""
+    named = [
+        option
+        for name, option in _KEPT_ALREADY.items()
+        if getattr(context.get_parameter_source(name), "name", "") == "COMMANDLINE"
+    ]
+    if named:
+        raise UsageError(
+            f"--resume goes on with the job as it was; {', '.join(named)} would change it.",
+            hint="Leave that away. --port, --wait, --out, --run-id and --homed go with --resume.",
+            code="E2050",
+        )
+
+
+def find_run(named: str, folder: Path, *, homed: bool) -> Resumption:
+    """Return the interrupted run that is meant by a run file, its .partial, its .journal, or a run id in `folder`.
+
+    A run that was taken up already stands for the last one that goes on with it.
+
+    Raises PreconditionError: E8050 there is no journal, E8051 the run is finished, E8052 the journal is damaged or
+    of a later version. RunFileError E9041 where it cannot be read.
+    """
+    from edmctl.procedures.journal import job_state
+    from edmctl.record.journal import read_journal
+
+    path = _journal_named(named, folder)
+    try:
+        journal = read_journal(path)
+    except FileNotFoundError:
+        later = _continued(path)
+        if later is None:
+            raise _without_journal(path) from None
+        path, journal = later
+    try:
+        state = job_state(journal.state)
+    except (TypeError, ValueError, KeyError) as error:
+        raise PreconditionError(
+            f"The journal {path} does not fit this version: {error}.",
+            hint="Take the run up again with the version of edmctl that wrote it.",
+            code="E8052",
+        ) from error
+    return Resumption(path, journal, state, homed)
+
+
+def checked(resumption: Resumption, port: str | None, wait_s: float) -> Plan:
+    """Return the plan of the run's own order, on the machine that is named now.
+
+    Raises PreconditionError: E8053 profile or setup are not what they were, E8058 the virtual bench is gone, E8054
+    the job is one that cannot be taken up. Whatever `check` raises.
+    """
+    from edmctl.cli.job import check
+
+    job = resumption.job
+    try:
+        plan = check(resumption.order(port, wait_s))
+    except UsageError as error:
+        if error.code != "E2001":
+            raise
+        raise _changed("profile", job.profile, "is not there any more", job) from error
+    if (plan.loaded.sha256, plan.loaded.sim_sha256) != (job.profile_sha256, job.sim_sha256):
+        raise _changed("profile", job.profile, "says something else by now", job)
+    if setup_hash(plan) != job.setup_sha256:
+        raise _changed("setup", job.setup or "of the stock machine", "says something else by now", job)
+    if plan.loaded.profile.path is not None:
+        raise PreconditionError(
+            f"{job.run_id} machines a channel. How far along its way each layer came is not measured, so nobody "
+            "knows where its floor is.",
+            hint="Machine the channel anew on fresh work.",
+            code="E8054",
+        )
+    bench_file = plan.where.bench_file
+    if not plan.where.lasting or (bench_file is not None and not bench_file.exists()):
+        raise _bench_gone(job, str(bench_file) if bench_file else "")
+    return replace(plan, names_tool=False, resumed=resumption)
+
+
+def setup_hash(plan: Plan) -> str:
+    """Hash of the setup in effect, save for the port that it names."""
+    import hashlib
+    import json
+
+    values = plan.setup.model_dump(mode="json", exclude={"port"})
+    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()
+
+
+def _journal_named(named: str, folder: Path) -> Path:
+    """Where the journal of a run is: by a path that exists or looks like one, else by its id."""
+    from edmctl.record.journal import SUFFIX, journal_path
+
+    given = Path(named)
+    for ending in (".h5.partial", ".h5", SUFFIX):
+        if given.name.endswith(ending):
+            return given.with_name(given.name.removesuffix(ending) + SUFFIX)
+    return journal_path(run_path(folder, named))
+
+
+def _continued(path: Path) -> tuple[Path, Journal] | None:
+    """The journal of the run that goes on with the one whose journal would be at `path`."""
+    from edmctl.record.journal import SUFFIX, read_journal
+
+    run_id = path.name.removesuffix(SUFFIX)
+    found: list[tuple[Path, Journal]] = []
+    for other in sorted(path.parent.glob(f"*{SUFFIX}")):
+        try:
+            journal = read_journal(other)
+        except (OSError, PreconditionError, RunFileError):
+            continue
+        if run_id in journal.job.parents:
+            found.append((other, journal))
+    return max(found, key=lambda one: len(one[1].job.parents)) if found else None
+
+
+def _without_journal(path: Path) -> PreconditionError:
+    from edmctl.record.journal import SUFFIX
+
+    run_id, folder = path.name.removesuffix(SUFFIX), path.parent
+    finished = [file for file in _run_files(run_id, folder) if _status(file) == _DONE]
+    if finished:
+        return PreconditionError(
+            f"{run_id} is finished; its result is in {finished[-1]}.",
+            hint="There is nothing to take up again.",
+            code="E8051",
+        )
+    others = sorted(file.name.removesuffix(SUFFIX) for file in folder.glob(f"*{SUFFIX}"))
+    which = f"Runs with a journal there: {', '.join(others)}." if others else "No run there has a journal."
+    if not _run_files(run_id, folder):
+        return PreconditionError(f"There is no run {run_id} in {folder}.", hint=which, code="E8050")
+    return PreconditionError(
+        f"{run_id} has no journal, so nobody knows how far it came.",
+        hint="A fresh virtual machine (sim:) is gone with its command and keeps none; jobs on sim:FILE, on a served "
+        f"bench and on hardware do. {which}",
+        code="E8050",
+    )
+
+
+def _run_files(run_id: str, folder: Path) -> list[Path]:
+    """The run's own file and those that go on with it, finished or not."""
+    own = [folder / f"{run_id}.h5", folder / f"{run_id}.h5.partial"]
+    return [*(file for file in own if file.exists()), *sorted(folder.glob(f"{run_id}-r[0-9]*.h5"))]
+
+
+def _status(file: Path) -> str:
+    """How a run ended; empty where its file cannot tell."""
+    from edmctl.record.reader import open_run
+
+    try:
+        with open_run(file) as run:
+            return run.text("/entry/status")
+    except (RunFileError, OSError, KeyError, ValueError, RuntimeError):
+        return ""
+
+
+def _changed(what: str, which: str, how: str, job: JournalledJob) -> PreconditionError:
+    return PreconditionError(
+        f"The {what} {which} {how}; {job.run_id} was another job.",
+        hint=f"Put back the {what} as it was on {job.start[:10]}; the run file holds it. {_ANOTHER_PLACE}",
+        code="E8053",
+    )
+
+
+def _bench_gone(job: JournalledJob, bench_file: str) -> PreconditionError:
+    if bench_file:
+        what = f"There is no bench {bench_file}"
+    else:
+        what = "No machine was named, and a fresh virtual one has no work that was begun"
+    return PreconditionError(
+        f"{what}: {job.run_id} ran on {job.serial} at {job.port}.",
+        hint="Name the machine that has the work: --port sim:FILE, that of a served bench, or hardware.",
+        code="E8058",
+    )

@@ -1,0 +1,101 @@
+"""Whether the machine, its tool and its stages are those of an interrupted run; asked before anything moves."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from edmctl.errors import PreconditionError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from edmctl.cli.connected_run import Held
+    from edmctl.cli.job import Plan
+    from edmctl.cli.resume import Resumption
+    from edmctl.record.logbook import Line
+
+HOMED_WITHIN_UM = 2.0
+"""The side gap of a hole leaves so much room to a tool that comes back into it."""
+
+
+def refuse_elsewhere(resumption: Resumption, plan: Plan, held: Held, lines: Sequence[Line]) -> None:
+    """Look at the connected machine, and at the ledger's `lines`, before anything moves.
+
+    Raises PreconditionError: E8051 the run went on meanwhile, E8055 another machine, E8056 another tool, or one that
+    was used since, E8057 nobody knows where the stages are. FaultLatched E8010 while a fault is held.
+    """
+    from edmctl.record.journal import read_journal
+
+    job, machine, virtual = resumption.job, held.bench.machine, held.bench.virtual
+    serial = machine.identity.serial
+    if serial != job.serial:
+        raise PreconditionError(
+            f"This is {serial}; {job.run_id} ran on {job.serial}, where its work is.",
+            hint=f"Name that machine with --port (it was {job.port}).",
+            code="E8055",
+        )
+    latched = machine.latched_fault()
+    if latched is not None:
+        raise latched
+    try:
+        same = read_journal(resumption.path).written_utc_s == resumption.journal.written_utc_s
+    except FileNotFoundError:
+        same = False
+    if not same:
+        raise PreconditionError(
+            f"{job.run_id} went on while this command waited for the machine.",
+            hint="Look at its result; if it was interrupted again, say the same command again.",
+            code="E8051",
+        )
+    if virtual is not None and virtual.tool_label != resumption.state.tool:
+        raise _other_tool(
+            f"{virtual.tool_label} is in the machine; {job.run_id} had {resumption.state.tool}."
+        )
+    _refuse_used_tool(resumption, serial, lines)
+    if virtual is None and machine.hello.boot_count != job.boots and not resumption.homed:
+        raise _not_homed(resumption, held, plan)
+
+
+def _other_tool(message: str) -> PreconditionError:
+    return PreconditionError(
+        message,
+        hint="Only the tool that began a hole can tell its own wear by touching. "
+        "Machine it at another place or on new work.",
+        code="E8056",
+    )
+
+
+def _refuse_used_tool(resumption: Resumption, serial: str, lines: Iterable[Line]) -> None:
+    """Look at what the ledger tells of this machine since the run began."""
+    from edmctl.record.logbook import JobBegun, RunEnded, ToolChanged
+
+    tool, own, begun = resumption.state.tool, resumption.run_files, False
+    for line in lines:
+        entry = line.entry
+        if line.serial != serial or isinstance(entry, RunEnded):
+            continue
+        if isinstance(entry, JobBegun) and entry.run_file in own:
+            begun = True
+        elif not begun:
+            continue
+        elif isinstance(entry, ToolChanged) and entry.tool == tool:
+            raise _other_tool(f"{tool} was changed for a new one since {resumption.job.run_id}.")
+        elif entry.tool != tool:
+            raise _other_tool(
+                f"{entry.tool} was in the machine since {resumption.job.run_id}, and not {tool}."
+            )
+        elif isinstance(entry, JobBegun):
+            raise _other_tool(f"{tool} has machined {entry.run_file} since {resumption.job.run_id} was left.")
+
+
+def _not_homed(resumption: Resumption, held: Held, plan: Plan) -> PreconditionError:
+    status, journal = held.bench.machine.status(), resumption.journal
+    return PreconditionError(
+        f"The controller was switched on again since {journal.job.run_id}, and a controller cannot tell whether its "
+        f"stages moved meanwhile. It counts ({status.x_um:.1f}, {status.y_um:.1f}) µm now; the run was last seen at "
+        f"({journal.x_um:.1f}, {journal.y_um:.1f}) µm.",
+        hint=f"Home both stages at their references, within {HOMED_WITHIN_UM:g} µm, and say --homed; the tool has "
+        f"to be clear of the work. The pad is at ({plan.setup.stage.reference_x_um:g}, "
+        f"{plan.setup.stage.reference_y_um:g}) µm.",
+        code="E8057",
+    )

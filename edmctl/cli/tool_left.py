@@ -1,0 +1,89 @@
+"""How much of a tool is left after earlier jobs: how far it reaches, and how much more it may lose."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from edmctl.console.text import length
+from edmctl.errors import Diagnostic, PreconditionError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from edmctl.profile.model import Profile
+    from edmctl.profile.places import Place
+    from edmctl.profile.setup import Setup
+    from edmctl.record.bookkeeping import ToolAccount
+
+NEAR_UM = 10.0
+"""The first touch finds a surface that lies so far from where the recipe says: then nothing has to be told to it."""
+_NEW = "Dress or change the tool, and say --new-tool for a new one."
+
+
+def on_worn_tool(profile: Profile, setup: Setup, places: Sequence[Place], account: ToolAccount) -> Profile:
+    """Return the recipe with the gap at 0 V that the tool's last touch left, where that is another one.
+
+    Raises PreconditionError E8044 where the actuator's stroke does not take the worn tool down to the target.
+    """
+    from edmctl.profile.forecast import forecast
+
+    moved_um = account.pad_um - profile.approach.offset_um
+    if math.isnan(moved_um) or abs(moved_um) <= NEAR_UM:
+        return profile
+    approach = profile.approach.model_copy(
+        update={
+            "offset_um": account.pad_um,
+            "max_travel_um": profile.approach.max_travel_um + moved_um,
+        }
+    )
+    worn = profile.model_copy(update={"approach": approach})
+    expected = forecast(worn, setup, places)
+    if expected.stroke_um > expected.stroke_available_um:
+        raise PreconditionError(
+            f"{account.label} touches the pad at {length(account.pad_um)} by now; the job needs a stroke of "
+            f"{length(expected.stroke_um)} then, and the actuator has {length(expected.stroke_available_um)}.",
+            hint="Set the tool lower and say `edmctl measure-wear --reference`, or change it and say --new-tool. "
+            "Keep run files of another machine or of new work in another folder with --out.",
+            code="E8044",
+        )
+    return worn
+
+
+def refuse_unknown_length(account: ToolAccount, folder: Path) -> None:
+    """Raise PreconditionError E8048 where a job of the tool was killed, and nobody knows what it took off."""
+    if not account.killed:
+        return
+    run_file = folder / account.killed[-1].run_file
+    raise PreconditionError(
+        f"Nobody knows how long {account.label} is: {run_file} was killed while it machined.",
+        hint=f"Finish it with `edmctl machine --resume {run_file.stem}`, or say `edmctl measure-wear --reference`.",
+        code="E8048",
+    )
+
+
+def refuse_worn_out(
+    profile: Profile, setup: Setup, places: Sequence[Place], account: ToolAccount
+) -> list[Diagnostic]:
+    """Return a warning where the tool will not last for the whole job.
+
+    Raises PreconditionError E8043 where it will not last for one hole of it.
+    """
+    from edmctl.profile.forecast import forecast
+
+    expected, limit_um = forecast(profile, setup, places), profile.tool.max_wear_um
+    lost = f"{account.label} has lost {length(account.lost_um)} so far"
+    if account.lost_um + expected.wear_um > limit_um:
+        raise PreconditionError(
+            f"{lost} and would lose {length(expected.wear_um)} more; tool.max_wear_um is {length(limit_um)}.",
+            hint=_NEW,
+            code="E8043",
+        )
+    if account.lost_um + expected.tool_wear_um > limit_um:
+        message = (
+            f"{lost}; the whole job takes {length(expected.tool_wear_um)}, of {length(limit_um)} in all."
+        )
+        hint = f"The job will stop in order before a hole that the tool cannot make. {_NEW}"
+        return [Diagnostic("W8110", message, hint, is_warning=True)]
+    return []

@@ -1,0 +1,49 @@
+"""What a virtual tool truly loses at each site: its wear is looked at whenever the job is between two of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from edmctl.procedures.journal import JobState, Journal
+    from edmctl.simulator import VirtualBench
+
+
+@dataclass(slots=True, eq=False)
+class TrueWear:
+    """A journal on the way to `journal`. `before_um` is the tool's wear when the job begins."""
+
+    bench: VirtualBench
+    journal: Journal
+    before_um: float = 0.0
+    _at_end_um: dict[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.before_um = self.bench.tool_wear_um
+
+    def keep(self, state: JobState, *, urgent: bool = False) -> None:
+        """Note the wear at the end of every site that is done by now, and hand the state on."""
+        for site in state.done:
+            self._at_end_um.setdefault(str(site["name"]), self.bench.tool_wear_um)
+        self.journal.keep(state, urgent=urgent)
+
+    def as_mapping(self) -> dict[str, object]:
+        """What a run that goes on with this one has to know."""
+        return {"tool_wear_um": self.before_um, "at_end_um": dict(self._at_end_um)}
+
+    def go_on_from(self, truth: Mapping[str, Any]) -> None:
+        """Count from where the run before began, with the sites that it finished."""
+        self.before_um = float(truth["tool_wear_um"])
+        self._at_end_um = {str(name): float(wear_um) for name, wear_um in truth["at_end_um"].items()}
+
+    def of_site(self, name: str) -> float:
+        """True wear at a site, up to now where the job has not left it."""
+        names = list(self._at_end_um)
+        if name not in self._at_end_um:
+            return self.bench.tool_wear_um - max([self.before_um, *self._at_end_um.values()])
+        position = names.index(name)
+        begin_um = self._at_end_um[names[position - 1]] if position else self.before_um
+        return self._at_end_um[name] - begin_um

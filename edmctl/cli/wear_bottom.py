@@ -1,0 +1,71 @@
+"""Which hole `measure-wear` touches the bottom of."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from edmctl.cli.site_option import coordinates
+from edmctl.console.text import length
+from edmctl.errors import PreconditionError
+from edmctl.procedures.measure_wear import Bottom
+from edmctl.record.bookkeeping import UNFINISHED
+
+if TYPE_CHECKING:
+    from edmctl.record.bookkeeping import Books, ToolAccount
+    from edmctl.record.ledger_entries import SiteMachined
+
+MOST_NAMES = 8
+"""More of them nobody reads in a message."""
+
+
+def bottom_of(asked: str | None, books: Books, account: ToolAccount, diameter_um: float) -> Bottom | None:
+    """Return the hole that was asked for, or else the last one that the tool made and measured; None without any.
+
+    Raises PreconditionError: E8045 no such hole, or one of unknown depth; E8046 the tool does not go into it.
+    """
+    if asked is None:
+        made = [hole for hole in account.holes if hole.status != UNFINISHED]
+        return _bottom(made[-1]) if made else None
+    hole = _asked(asked, books.holes)
+    if hole is None:
+        names = ", ".join(dict.fromkeys(hole.name for hole in books.holes[-MOST_NAMES:])) or "none"
+        raise PreconditionError(
+            f"The ledger knows no hole {asked!r}; it knows: {names}.",
+            hint="Name one of them, or say --site X,Y within its rim.",
+            code="E8045",
+        )
+    if math.isnan(hole.depth_um):
+        raise PreconditionError(
+            f"Nobody knows how deep {hole.name} is: {hole.run_file} ended before it was measured.",
+            hint="Finish it with `edmctl machine --resume`, or name another hole with --site.",
+            code="E8045",
+        )
+    if diameter_um >= 2.0 * hole.radius_um:
+        raise PreconditionError(
+            f"A tool of {length(diameter_um)} does not go into {hole.name}, which is {length(2.0 * hole.radius_um)} "
+            "wide.",
+            hint="Name a hole that this tool made, or leave --site away.",
+            code="E8046",
+        )
+    return _bottom(hole)
+
+
+def _asked(asked: str, holes: list[SiteMachined]) -> SiteMachined | None:
+    """The last hole of that name, or the one around that place."""
+    place = coordinates(asked)
+    if place is None:
+        return next((hole for hole in reversed(holes) if hole.name == asked), None)
+    x_um, y_um = place
+    return next(
+        (
+            hole
+            for hole in reversed(holes)
+            if math.hypot(hole.x_um - x_um, hole.y_um - y_um) <= hole.radius_um
+        ),
+        None,
+    )
+
+
+def _bottom(hole: SiteMachined) -> Bottom:
+    return Bottom(hole.name, hole.x_um, hole.y_um, hole.depth_um)

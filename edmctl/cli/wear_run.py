@@ -1,0 +1,283 @@
+"""One `measure-wear` on a connected machine: what the ledger knows before it, what is touched, what is kept."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
+
+from edmctl.cli.job_ledger import logbook_of
+from edmctl.cli.tool_left import refuse_unknown_length
+from edmctl.cli.wear_bottom import bottom_of
+from edmctl.console.text import length
+from edmctl.errors import Diagnostic, PreconditionError
+from edmctl.procedures.measure_wear import (
+    LEAST_TOUCHES,
+    Reference,
+    measure_wear,
+    refuse_drift,
+    touch_pad,
+)
+from edmctl.record.bookkeeping import Books, ToolAccount, books_of
+from edmctl.record.ledger_entries import ReferenceTouched, RunEnded, ToolChanged, WearMeasured
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from edmctl.cli.alone import Warn
+    from edmctl.cli.connected_run import Held
+    from edmctl.cli.job import Plan
+    from edmctl.cli.runfile import RunName
+    from edmctl.console.style import Style
+    from edmctl.procedures.job import Job
+    from edmctl.procedures.measure_wear import Bottom, WearResult
+    from edmctl.procedures.run import Run
+    from edmctl.procedures.touch import SurfaceReading
+    from edmctl.profile.model import Profile
+    from edmctl.record.logbook import Logbook
+
+NAMELESS = "tool"
+"""A tool that nobody has named yet."""
+
+
+def measuring_profile(profile: Profile, speed_um_s: float = math.nan) -> Profile:
+    """Return the recipe with enough touches of every Z, and with the speed of the reference where there is one."""
+    measure = profile.measure
+    changes: dict[str, object] = {"touches": max(LEAST_TOUCHES, measure.touches)}
+    if not math.isnan(speed_um_s):
+        changes["speed_um_s"] = speed_um_s
+    return profile.model_copy(update={"measure": measure.model_copy(update=changes)})
+
+
+@dataclass(slots=True, eq=False)
+class WearRun:
+    """A reference touch, or a measurement against one."""
+
+    plan: Plan
+    site: str | None
+    is_reference: bool
+    name: str = "measure-wear"
+    pulses: bool = False
+    found: WearResult | None = None
+    touched: SurfaceReading | None = None
+    _held: Held | None = None
+    _logbook: Logbook | None = None
+    _run_file: str = ""
+    _account: ToolAccount | None = None
+    _bottom: Bottom | None = None
+    _reference: Reference | None = None
+    _temperature_c: float = math.nan
+    _warn: Warn | None = None
+    _job: Job | None = None
+
+    def job(self, held: Held, name: RunName, warn: Warn) -> Job:
+        """Return what is measured.
+
+        Raises PreconditionError: E8041 no reference, E8045 no such hole, E8046 a hole too narrow for the tool, E8048
+        a tool whose job was killed.
+        """
+        from edmctl.procedures.job import job_of
+
+        self._held, self._run_file, self._warn = held, name.path.name, warn
+        machine = held.bench.machine
+        self._logbook = logbook_of(self.plan, name)
+        lines = self._logbook.lines if self._logbook else ()
+        books = books_of(lines, machine.identity.serial)
+        label = self._label(books)
+        account = self._account = ToolAccount(label) if self.plan.new_tool else books.account(label)
+        profile = measuring_profile(self.plan.loaded.profile)
+        if not self.is_reference:
+            reference = _reference_of(account, self._logbook, machine.identity.serial)
+            self._reference = _aged(reference, account, books, clock=not self.plan.where.in_process)
+            if self._logbook is not None:
+                refuse_unknown_length(account, self._logbook.path.parent)
+            self._bottom = bottom_of(self.site, books, account, self._diameter_um())
+            profile = self._at_speed_of(reference, warn)
+        elif self._logbook is None:
+            warn([_NOT_KEPT])
+        self._temperature_c = machine.status().temperature_c
+        choice = held.choice
+        self._job = job_of(profile, self.plan.setup, (), choice.actuator if choice else None)
+        return self._job
+
+    def act(self, run: Run) -> None:
+        """Touch."""
+        account = self._account
+        assert account is not None
+        known = not math.isnan(account.pad_um)
+        expected_um = account.pad_um if known else run.profile.approach.offset_um
+        if self._reference is None:
+            # A job that was killed has left the tool anywhere between here and what all of it would have cost.
+            half_um = 0.5 * math.fsum(job.wear_um for job in account.killed)
+            self.touched = touch_pad(run, "Z1", expected_um + half_um, half_um)
+            return
+        self.found = measure_wear(run, self._reference, expected_um, self._bottom)
+        refuse_drift(run, self.found)
+        self._compare(self.found, account)
+
+    def close(self, time_s: float) -> None:
+        """Write the reference or the wear into the ledger."""
+        if self._logbook is None or self._held is None or self._account is None:
+            return
+        serial, tool = self._held.bench.machine.identity.serial, self._account.label
+        if self.touched is not None:
+            if self.plan.new_tool:
+                self._logbook.append(serial, ToolChanged(tool))
+            self._logbook.append(serial, self._as_reference(tool, self.touched))
+        elif self.found is not None:
+            found = self.found
+            measured = WearMeasured(tool, self._run_file, found.z3_after_um, found.wear_um, found.wear_u95_um)
+            self._logbook.append(serial, measured)
+        self._logbook.append(serial, RunEnded(self._run_file, "done", time_s))
+
+    def result(self) -> Mapping[str, object] | None:
+        """What was touched, and what is known of the tool by the ledger."""
+        if self._held is None or self._account is None:
+            return None
+        account = self._account
+        head = {
+            "machine": self._held.bench.machine.identity.serial,
+            "tool": account.label,
+            "dielectric_c": self._temperature_c,
+        }
+        if self.touched is not None:
+            reading = self.touched.reading
+            reference = {
+                "z1_um": reading.mean_um,
+                "sd_um": reading.sd_um,
+                "touches": reading.touches,
+                "z1_model_um": self.touched.model_um,
+            }
+            return {**head, "reference": reference}
+        if self.found is None:
+            return None
+        bottom = self._bottom
+        return {
+            **head,
+            "site": asdict(bottom) if bottom else None,
+            **asdict(self.found),
+            "ledger": {"wear_um": account.worn_um, "wear_u95_um": account.worn_u95_um},
+            "tool_wear_total_um": account.lost_before_um + self.found.wear_um,
+            "truth": self._truth(account),
+        }
+
+    def render(self, style: Style) -> str:
+        """The same as a table."""
+        from edmctl.console.wear_table import render_reference, render_wear
+
+        account = self._account
+        assert account is not None
+        if self.touched is not None:
+            return render_reference(account.label, self.touched.reading, self.touched.model_um, style)
+        assert self.found is not None
+        truth = self._truth(account)
+        name = self._bottom.name if self._bottom else account.label
+        total_um = account.lost_before_um + self.found.wear_um
+        return render_wear(name, self.found, account.worn_um, total_um, truth, style)
+
+    def _label(self, books: Books) -> str:
+        """Name of the tool: the profile's, that on a virtual bench, or that last in use."""
+        virtual = self._held.bench.virtual if self._held else None
+        if self.plan.names_tool:
+            return self.plan.loaded.profile.tool.label
+        if virtual is not None and self.plan.where.lasting:
+            return virtual.tool_label
+        return books.tool or NAMELESS
+
+    def _diameter_um(self) -> float:
+        """Of the tool, NaN where nobody named it."""
+        return self.plan.loaded.profile.tool.diameter_um if self.plan.names_tool else math.nan
+
+    def _at_speed_of(self, reference: ReferenceTouched, warn: Warn) -> Profile:
+        """Touch as slowly as the reference was touched, so that creep enters both alike; a named profile rules."""
+        profile = self.plan.loaded.profile
+        if not self.plan.names_tool:
+            return measuring_profile(profile, reference.speed_um_s)
+        if profile.measure.speed_um_s != reference.speed_um_s:
+            message = (
+                f"The reference was touched at {reference.speed_um_s:g} µm/s, measure.speed_um_s is "
+                f"{profile.measure.speed_um_s:g} µm/s: creep enters the two differently."
+            )
+            hint = f"Say --set measure.speed_um_s={reference.speed_um_s:g}."
+            warn([Diagnostic("W8111", message, hint, is_warning=True)])
+        return measuring_profile(profile)
+
+    def _compare(self, found: WearResult, account: ToolAccount) -> None:
+        """Warn where the touches and the sum of the sites do not agree: something happened that no job knows of."""
+        off_um, u95_um = found.wear_um - account.worn_um, math.hypot(found.wear_u95_um, account.worn_u95_um)
+        if abs(off_um) <= u95_um or self._warn is None:
+            return
+        message = (
+            f"The tool is {length(found.wear_um)} shorter than at its reference; its jobs account for "
+            f"{length(account.worn_um)}. They differ by more than {length(u95_um)}."
+        )
+        hint = "If the tool was changed or moved, say --reference; a hole that was left unmeasured explains less."
+        self._warn([Diagnostic("W8112", message, hint, is_warning=True)])
+
+    def _as_reference(self, tool: str, touched: SurfaceReading) -> ReferenceTouched:
+        setup, virtual = self.plan.setup, self._held.bench.virtual if self._held else None
+        assert self._job is not None
+        return ReferenceTouched(
+            tool=tool,
+            run_file=self._run_file,
+            z_um=touched.z_um,
+            sd_um=touched.reading.sd_um,
+            touches=touched.reading.touches,
+            model_um=touched.model_um,
+            sensor=setup.sensor.fitted,
+            x_um=setup.stage.reference_x_um,
+            y_um=setup.stage.reference_y_um,
+            speed_um_s=self._job.profile.measure.speed_um_s,
+            time_s=touched.time_s,
+            temperature_c=self._temperature_c,
+            truth={"tool_wear_um": virtual.tool_wear_um} if virtual else None,
+        )
+
+    def _truth(self, account: ToolAccount) -> dict[str, float] | None:
+        """Wear since the reference and depth as a virtual bench knows them; None on any other machine."""
+        virtual = self._held.bench.virtual if self._held else None
+        if virtual is None:
+            return None
+        before = account.reference.truth if account.reference else None
+        wear_um = virtual.tool_wear_um - before["tool_wear_um"] if before else math.nan
+        depth_um, bottom, holes = math.nan, self._bottom, virtual.truth()
+        if bottom is not None and holes:
+            nearest = min(holes, key=lambda h: math.hypot(h.x_um - bottom.x_um, h.y_um - bottom.y_um))
+            depth_um = nearest.depth_um
+        return {"wear_um": wear_um, "depth_um": depth_um}
+
+
+_NOT_KEPT = Diagnostic(
+    "W8113",
+    "The reference is not kept: a fresh virtual machine is gone with this command.",
+    "Say --port sim:FILE for one that stays.",
+    is_warning=True,
+)
+
+
+def _reference_of(account: ToolAccount, logbook: Logbook | None, serial: str) -> ReferenceTouched:
+    """Return the tool's reference. Raises PreconditionError E8041 where it has none."""
+    if account.reference is not None:
+        return account.reference
+    if logbook is None:
+        raise PreconditionError(
+            "There is no reference: a fresh virtual machine has touched nothing before.",
+            hint="Say --port sim:FILE for one that stays, and `edmctl measure-wear --reference` before the job.",
+            code="E8041",
+        )
+    elsewhere = sorted({line.serial for line in logbook.lines} - {serial})
+    others = f"; it tells of {', '.join(elsewhere)}" if elsewhere else ""
+    raise PreconditionError(
+        f"There is no reference of the tool {account.label} on {serial} in {logbook.path}{others}.",
+        hint="Run `edmctl measure-wear --reference` before the job, or name the folder of its run files with --out.",
+        code="E8041",
+    )
+
+
+def _aged(reference: ReferenceTouched, account: ToolAccount, books: Books, *, clock: bool) -> Reference:
+    """The reference with its age: by the calendar, or by the runs since where time stands still between them."""
+    age_s = books.runs_s - account.reference_at_s
+    if clock:
+        age_s = max(age_s, time.time() - account.reference_utc_s)
+    return Reference(reference.z_um, reference.sd_um, reference.touches, reference.model_um, age_s)

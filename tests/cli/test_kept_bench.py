@@ -1,0 +1,184 @@
+"""`sim:FILE`: a virtual bench that outlives commands, with its holes and the wear of its tools."""
+
+from __future__ import annotations
+
+import json
+import signal
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl.record.bench_file import bench_lock, read_bench
+from edmctl.simulator.saving import restored_bench
+from tests.cli.commands import CU270, SHALLOW
+from tests.cli.test_processes import read_until, start
+
+if TYPE_CHECKING:
+    from edmctl.simulator import VirtualBench
+    from tests.cli.commands import Here
+
+KEPT = ("--port", "sim:bench.h5")
+DEEP_UM = 10.0
+CU150 = str(Path(CU270).with_name("cu150.toml"))
+
+
+def kept(folder: Path | None = None) -> VirtualBench:
+    """The bench as it lies in its file."""
+    return restored_bench(read_bench((folder or Path()) / "bench.h5"))
+
+
+def test_a_second_job_needs_no_option(here: Here) -> None:
+    sites = []
+    for _ in range(2):
+        said = here("machine", *SHALLOW, *KEPT, "--seed", "3", "--json")
+        assert said.exit_code == 0, said.err
+        sites += said.document["result"]["sites"]
+    first, second = sites
+    assert (first["x_um"], second["x_um"]) == (500.0, 1000.0)
+    assert abs(second["z1_um"] - first["z3_um"]) <= 1.0
+    for site in sites:
+        assert abs(site["wear_um"] - site["truth"]["wear_um"]) <= 2.0 * site["wear_u95_um"]
+        assert abs(site["depth_um"] - site["truth"]["depth_um"]) <= 2.0 * site["depth_u95_um"]
+    bench = kept()
+    assert bench.tool_wear_um == pytest.approx(sum(site["truth"]["wear_um"] for site in sites), abs=0.01)
+    assert len(bench.truth()) == 2
+
+
+def test_the_seed_makes_a_new_bench_and_does_nothing_to_an_old_one(here: Here) -> None:
+    first = here("approach", "--profile", CU270, "--contact", *KEPT, "--seed", "12", "--json").document
+    assert (first["simulated"], first["seed"], first["warnings"]) == (True, 12, [])
+    assert kept().plant.serial == "SIM-12"
+    said = here("approach", "--profile", CU270, "--contact", *KEPT, "--seed", "13", "--json")
+    assert said.document["seed"] is None
+    (warning,) = said.document["warnings"]
+    assert (warning["code"], "bench.h5" in warning["message"]) == ("W4101", True)
+    assert kept().plant.serial == "SIM-12"
+
+
+def test_one_command_at_a_time_and_another_may_wait(here: Here) -> None:
+    arguments = ("measure-wear", "--reference", *KEPT, "--quiet")
+    with bench_lock(Path("bench.h5")):
+        said = here(*arguments, "--json")
+        assert said.exit_code == 9
+        assert said.document["error"]["code"] == "E9023"
+        assert "--wait" in said.document["error"]["hint"]
+        waiting = start(*arguments, "--wait", "60", cwd=Path.cwd())
+        with pytest.raises(Exception, match="timed out"):
+            waiting.wait(timeout=1.5)
+    _, err = waiting.communicate(timeout=60)
+    assert waiting.returncode == 0, err
+
+
+def test_a_file_that_is_no_bench_is_refused_and_stays(here: Here) -> None:
+    Path("bench.h5").write_bytes(b"precious")
+    said = here("machine", *SHALLOW, *KEPT, "--json")
+    assert said.exit_code == 9
+    assert said.document["error"]["code"] == "E9020"
+    assert Path("bench.h5").read_bytes() == b"precious"
+
+
+def test_a_bench_in_no_folder_is_refused(here: Here) -> None:
+    said = here("measure-wear", "--reference", "--port", "sim:nowhere/bench.h5", "--json")
+    assert said.exit_code == 9
+    assert said.document["error"]["code"] == "E9024"
+
+
+def test_a_port_without_a_name_is_refused(here: Here) -> None:
+    said = here("machine", *SHALLOW, "--port", "", "--json")
+    assert said.exit_code == 2
+    assert said.document["error"]["code"] == "E2006"
+
+
+def test_another_tool_is_put_in_and_its_wear_is_its_own(here: Here) -> None:
+    assert here("machine", *SHALLOW, *KEPT, "--seed", "3", "--quiet").exit_code == 0
+    worn_um = kept().tool_wear_um
+    said = here("approach", "--profile", CU150, "--contact", *KEPT)
+    assert "tool changed: Cu 150 µm instead of Cu 270 µm" in said.err
+    assert kept().tool_wear_um == 0.0
+    assert here("approach", "--profile", CU270, "--contact", *KEPT).exit_code == 0
+    assert kept().tool_wear_um == worn_um > 0.0
+
+
+def test_the_work_stays_whatever_the_profile_says(here: Here) -> None:
+    contact = ("approach", "--profile", CU270, "--contact", *KEPT)
+    assert "its own work" not in here(*contact).err
+    said = here(*contact, "--set", "sim.flush_time_s=3")
+    assert "the bench keeps its own work, whatever [sim] says: flush_time_s = 0.5" in said.err
+    assert kept().plant.config.discharge.flush_time_s == 0.5
+
+
+def test_a_fresh_machine_has_no_ledger(here: Here) -> None:
+    for _ in range(2):
+        said = here("machine", *SHALLOW, "--seed", "3", "--json", "--quiet")
+        assert said.document["result"]["sites"][0]["x_um"] == 500.0
+    assert not Path("runs/ledger.jsonl").exists()
+
+
+def test_ctrl_c_keeps_what_was_done(here: Here) -> None:
+    process = start("machine", "--profile", CU270, *KEPT, "--seed", "1", "--run-id", "r", cwd=Path.cwd())
+    assert process.stderr is not None
+    read_until(process.stderr, "machining; gap")
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == -signal.SIGINT, err
+    bench = kept()
+    assert bench.is_safe
+    (hole,) = bench.truth()
+    assert hole.depth_um > 0.0
+    lines = [json.loads(line) for line in Path("runs/ledger.jsonl").read_text().splitlines()]
+    assert [(line["kind"], line.get("status")) for line in lines][-2:] == [
+        ("site", "unfinished"),
+        ("end", "stopped by Ctrl-C"),
+    ]
+    there = f'sites=[{{kind="point",name="here",x_um={hole.x_um:.0f},y_um=0}}]'
+    refused = here("machine", *SHALLOW, *KEPT, "--set", there, "--json")
+    assert refused.exit_code == 8
+    error = refused.document["error"]
+    assert error["code"] == "E8042"
+    assert "runs/r.h5" in error["message"]
+    assert "--resume" in error["hint"]
+    assert here("machine", *SHALLOW, *KEPT, "--json").document["result"]["sites"][0]["x_um"] == 1000.0
+
+
+def test_a_killed_command_leaves_the_bench_as_it_was_a_moment_before(here: Here) -> None:
+    long = ("--profile", CU270, "--seed", "1", "--run-id", "r", "--events")
+    process = start("machine", *long, *KEPT, cwd=Path.cwd())
+    assert process.stderr is not None
+    for line in process.stderr:
+        if json.loads(line).get("depth_um", 0.0) > DEEP_UM:
+            break
+    process.kill()
+    process.communicate(timeout=60)
+    bench = kept()
+    assert bench.is_safe
+    assert bench.truth()[0].depth_um > DEEP_UM - 3.0
+    said = here("machine", *SHALLOW, *KEPT, "--json")
+    error = said.document["error"]
+    assert (said.exit_code, error["code"]) == (8, "E8048")
+    assert "runs/r.h5 was killed" in error["message"]
+    assert "`edmctl measure-wear --reference`" in error["hint"]
+    assert here("measure-wear", "--json", *KEPT).document["error"]["code"] == "E8048"
+    assert here("measure-wear", "--reference", *KEPT).exit_code == 0
+    said = here("machine", *SHALLOW, *KEPT, "--json")
+    assert said.exit_code == 0, said.err
+    assert said.document["result"]["sites"][0]["x_um"] == 1000.0
+
+
+def test_a_bench_that_cannot_be_kept_any_more_is_told(here: Here, monkeypatch: pytest.MonkeyPatch) -> None:
+    from edmctl.errors import RunFileError
+    from edmctl.record import bench_file
+
+    write, calls = bench_file.write_bench, []
+
+    def full(path: Path, state: object, *, is_own: bool = False) -> None:
+        calls.append(time.monotonic())
+        if len(calls) > 1:
+            raise RunFileError("Cannot keep the bench: no space.", hint="Make room.", code="E9024")
+        write(path, state, is_own=is_own)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(bench_file, "write_bench", full)
+    said = here("approach", "--profile", CU270, "--contact", *KEPT, "--json")
+    assert said.exit_code == 9
+    assert said.document["error"]["code"] == "E9024"

@@ -1,0 +1,319 @@
+"""`edmctl machine --resume`: a job that was interrupted in the middle of a cut, and all the reasons not to go on."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl.cli.app import main
+from edmctl.errors import LinkLost
+from edmctl.procedures.job_journal import JobJournal
+from edmctl.record.bench_file import read_bench, write_bench
+from edmctl.record.journal import read_journal, write_journal
+from edmctl.record.logbook import JobBegun, Logbook, ToolChanged, WearMeasured
+from edmctl.record.reader import open_run
+from edmctl.simulator.saving import bench_state, restored_bench
+from tests.cli.commands import CU270
+from tests.serving import serving
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from edmctl.machine.port import TelemetryBlock
+    from edmctl.record.logbook import Entry
+    from edmctl.simulator import VirtualBench
+    from tests.cli.commands import Here, Said
+
+QUICK = (
+    'target={kind="depth",depth_um=24.0,tolerance_um=1.5}',
+    'jump.mode="off"',
+    "approach.speed_um_s=4.0",
+    "measure.settle_s=0.2",
+    "measure.touches=2",
+    "pulse.current_a=0.5",
+    'log.pulses="off"',
+)
+TARGET_UM, TOLERANCE_UM = 24.0, 1.5
+MACHINE = ("machine", "--profile", CU270, *(word for text in QUICK for word in ("--set", text)))
+BENCH = ("--port", "sim:bench.h5")
+RESUME = ("machine", "--resume", "a", "--json", "--quiet")
+INTO_THE_CUT_S = 8.0
+
+
+@dataclass(frozen=True, slots=True)
+class Left:
+    """Folders as an interrupted job leaves them: stopped by Ctrl-C, and killed at the same instant."""
+
+    stopped: Path
+    killed: Path
+
+
+@contextmanager
+def at_time_of_cut(seconds: float, act: Callable[[], None]) -> Iterator[None]:
+    """Do something once when a cut has gone on for so long."""
+    take = JobJournal.take
+    began_s: list[float] = []
+
+    def watched(journal: JobJournal, block: TelemetryBlock) -> None:
+        take(journal, block)
+        if journal._plan is not None:
+            began_s.append(float(block.time_s[0]))
+            if block.time_s[-1] - began_s[0] > seconds:
+                began_s[0] = float("inf")
+                act()
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(JobJournal, "take", watched)
+        yield
+
+
+@pytest.fixture(scope="module")
+def left(tmp_path_factory: pytest.TempPathFactory) -> Left:
+    """One job on a kept bench, interrupted in its first cut."""
+    home, killed = tmp_path_factory.mktemp("stopped"), tmp_path_factory.mktemp("snapshot") / "killed"
+
+    def kill_and_stop() -> None:
+        # What a killed process leaves is what is on the disk at that instant.
+        shutil.copytree(home, killed)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("EDMCTL_PROFILE", "EDMCTL_PORT", "EDMCTL_CALIBRATION"):
+            patch.delenv(name, raising=False)
+        patch.setenv("EDMCTL_HOME", str(tmp_path_factory.mktemp("home")))
+        patch.chdir(home)
+        with at_time_of_cut(INTO_THE_CUT_S, kill_and_stop):
+            assert main([*MACHINE, *BENCH, "--seed", "3", "--run-id", "a", "--quiet"]) == 130
+    return Left(home, killed)
+
+
+@pytest.fixture
+def killed(left: Left, here: Here) -> Path:
+    """The killed job's folder, for `here` to work in."""
+    shutil.copytree(left.killed, Path.cwd(), dirs_exist_ok=True)
+    return Path.cwd()
+
+
+def error_of(said: Said) -> dict[str, object]:
+    error: dict[str, object] = said.document["error"]
+    assert error["hint"], error
+    return error
+
+
+def refused(said: Said, code: str) -> str:
+    """The message of a refusal that has changed nothing: the journal is still there."""
+    error = error_of(said)
+    assert error["code"] == code, error
+    assert said.exit_code == int(code[1])
+    assert Path("runs/a.journal").exists()
+    return str(error["message"])
+
+
+def assert_on_target(said: Said) -> None:
+    assert said.exit_code == 0, said.out
+    (site,) = said.document["result"]["sites"]
+    assert abs(site["depth_um"] - TARGET_UM) <= TOLERANCE_UM
+    assert abs(site["depth_um"] - site["truth"]["depth_um"]) <= 1.0
+    assert abs(site["wear_um"] - site["truth"]["wear_um"]) <= 1.5
+
+
+def bench_changed(change: Callable[[VirtualBench], None]) -> None:
+    bench = restored_bench(read_bench(Path("bench.h5")))
+    change(bench)
+    write_bench(Path("bench.h5"), bench_state(bench))
+
+
+def ledger_goes_on(*entries: Entry) -> None:
+    logbook = Logbook.open(Path("runs"))
+    logbook.append(logbook.lines[0].serial, *entries)
+
+
+@pytest.mark.parametrize("how", ["stopped", "killed"])
+def test_an_interrupted_job_reaches_its_depth(here: Here, left: Left, how: str) -> None:
+    shutil.copytree(getattr(left, how), Path.cwd(), dirs_exist_ok=True)
+    before = read_journal(Path("runs/a.journal"))
+    assert before.state["begun"]
+    assert 0.0 < float(before.state["depth_um"]) < TARGET_UM  # type: ignore[arg-type]
+    said = here(*RESUME, *BENCH)
+    assert_on_target(said)
+    assert said.document["run_file"] == "runs/a-r1.h5"
+    with open_run(Path("runs/a-r1.h5")) as run:
+        assert run.text("/entry/parent_run") == "a"
+        assert run.text("/entry/status") == "done"
+        (row,) = run.table("/entry/results")
+        assert float(row["depth"]) == pytest.approx(said.document["result"]["sites"][0]["depth_um"])
+    assert list(Path("runs").glob("*.journal")) == []
+    assert Path("runs/a.h5" if how == "stopped" else "runs/a.h5.partial").exists()
+    again = here(*RESUME, *BENCH)
+    assert (again.exit_code, error_of(again)["code"]) == (8, "E8051")
+    assert "a-r1.h5" in str(error_of(again)["message"])
+
+
+def test_a_resumed_job_can_be_interrupted_and_resumed_again(here: Here, killed: Path) -> None:
+    with at_time_of_cut(2.0, lambda: os.kill(os.getpid(), signal.SIGINT)):
+        assert here(*RESUME, *BENCH).exit_code == 130
+    (journal,) = Path("runs").glob("*.journal")
+    assert read_journal(journal).job.parents == ("a",)
+    said = here(*RESUME, *BENCH)
+    assert_on_target(said)
+    assert said.document["run_file"] == "runs/a-r2.h5"
+
+
+def test_one_that_dies_before_it_touches_keeps_what_was_known(here: Here, killed: Path) -> None:
+    before = read_journal(Path("runs/a.journal")).state
+    with pytest.MonkeyPatch.context() as patch:
+
+        def stop(*_: object, **__: object) -> None:
+            raise LinkLost("made for this test")
+
+        patch.setattr("edmctl.procedures.resuming.take_reading", stop)
+        assert here(*RESUME, *BENCH).exit_code == 4
+    (journal,) = Path("runs").glob("*.journal")
+    after = read_journal(journal).state
+    assert (after["depth_um"], after["wear_um"]) == (before["depth_um"], before["wear_um"])
+    assert_on_target(here(*RESUME, *BENCH))
+
+
+@pytest.mark.parametrize("named", ["runs/a.h5", "runs/a.h5.partial", "runs/a.journal", "a"])
+def test_a_run_has_several_names_and_a_dry_run_touches_nothing(here: Here, killed: Path, named: str) -> None:
+    before = {file: file.read_bytes() for file in Path().rglob("*") if file.is_file()}
+    said = here("machine", "--resume", named, *BENCH, "--dry-run", "--json")
+    assert said.exit_code == 0
+    resumed = said.document["result"]["resumed"]
+    assert (resumed["run_id"], resumed["done"], resumed["left"]) == ("a", [], ["cu270-cu"])
+    assert 0.0 < resumed["depth_um"] < TARGET_UM
+    assert {file: file.read_bytes() for file in Path().rglob("*") if file.is_file()} == before
+    assert "cu270-cu at about" in here("machine", "--resume", named, *BENCH, "--dry-run").out
+
+
+def test_a_restarted_controller_needs_somebody_who_homed_its_stages(here: Here, killed: Path) -> None:
+    bench = restored_bench(read_bench(Path("bench.h5")))
+    with serving(bench) as port:
+        message = refused(here(*RESUME, "--port", port), "E8057")
+        assert "(500.0, 0.0) µm" in message
+        said = here(*RESUME, "--port", port, "--homed")
+    assert said.exit_code == 0
+    (hole,) = bench.truth()
+    assert abs(hole.depth_um - TARGET_UM) <= TOLERANCE_UM + 0.5
+
+
+def test_a_controller_that_stayed_on_needs_nobody(here: Here, killed: Path) -> None:
+    bench = restored_bench(read_bench(Path("bench.h5")))
+    journal = read_journal(Path("runs/a.journal"))
+    job = replace(journal.job, boots=bench.controller.boot_count)
+    write_journal(Path("runs/a.journal"), replace(journal, job=job))
+    with serving(bench) as port:
+        assert here(*RESUME, "--port", port).exit_code == 0
+
+
+def test_a_latched_fault_is_cleared_first(here: Here, killed: Path) -> None:
+    def latch(bench: VirtualBench) -> None:
+        bench.controller.fault = 1001
+
+    bench_changed(latch)
+    refused(here(*RESUME, *BENCH), "E8010")
+    assert "reset --ack 1001" in str(error_of(here(*RESUME, *BENCH))["hint"])
+    assert here("reset", "--ack", "1001", *BENCH).exit_code == 0
+    assert list(Path("runs").glob("*.journal")) == [Path("runs/a.journal")]
+
+
+def test_another_machine_is_refused(here: Here, killed: Path) -> None:
+    Path("bench.h5").rename("other.h5")
+
+    def another(bench: VirtualBench) -> None:
+        bench.plant.serial = "SIM-99"
+
+    bench = restored_bench(read_bench(Path("other.h5")))
+    another(bench)
+    write_bench(Path("bench.h5"), bench_state(bench))
+    assert "This is SIM-99" in refused(here(*RESUME, *BENCH), "E8055")
+
+
+def test_a_bench_that_is_gone_is_refused(here: Here, killed: Path) -> None:
+    Path("bench.h5").unlink()
+    refused(here(*RESUME, *BENCH), "E8058")
+    message = refused(here(*RESUME), "E8058")
+    assert "No machine was named" in message
+    assert not Path("bench.h5").exists()
+
+
+@pytest.mark.parametrize(
+    ("entries", "words"),
+    [
+        ((ToolChanged("Cu 270 µm"),), "changed for a new one"),
+        ((WearMeasured("W 252 µm", "b.h5", 50.0, 1.0, 0.5),), "W 252 µm was in the machine"),
+        ((JobBegun("Cu 270 µm", "b.h5", 150.0, (("x", 3000.0, 0.0),)),), "has machined b.h5"),
+    ],
+)
+def test_a_tool_that_was_changed_or_used_is_refused(
+    here: Here, killed: Path, entries: tuple[Entry, ...], words: str
+) -> None:
+    ledger_goes_on(*entries)
+    assert words in refused(here(*RESUME, *BENCH), "E8056")
+
+
+def test_another_tool_in_a_virtual_machine_is_refused(here: Here, killed: Path) -> None:
+    bench_changed(lambda bench: bench.fit_tool("W 252 µm", 252.0, bench.plant.config.theta, 0.0))
+    assert "W 252 µm is in the machine" in refused(here(*RESUME, *BENCH), "E8056")
+
+
+def test_a_profile_or_setup_that_has_changed_is_refused(here: Here, killed: Path) -> None:
+    journal = read_journal(Path("runs/a.journal"))
+    for change in (
+        {"profile_sha256": "0"},
+        {"sim_sha256": "0"},
+        {"setup_sha256": "0"},
+        {"profile": "/gone.toml"},
+    ):
+        write_journal(Path("runs/a.journal"), replace(journal, job=replace(journal.job, **change)))  # type: ignore[arg-type]
+        refused(here(*RESUME, *BENCH), "E8053")
+
+
+def test_a_damaged_journal_is_refused(here: Here, killed: Path) -> None:
+    path = Path("runs/a.journal")
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-200])
+    refused(here(*RESUME, *BENCH), "E8052")
+    path.write_bytes(whole)
+    journal = read_journal(path)
+    state = {name: value for name, value in journal.state.items() if name != "counts"}
+    write_journal(path, replace(journal, state=state))
+    assert "does not fit this version" in refused(here(*RESUME, *BENCH), "E8052")
+
+
+def test_a_run_without_journal_is_refused(here: Here, killed: Path) -> None:
+    Path("runs/a.journal").rename("runs/b.journal")
+    said = here(*RESUME, *BENCH)
+    assert error_of(said)["code"] == "E8050"
+    assert "sim:FILE" in str(error_of(said)["hint"])
+    nobody = here("machine", "--resume", "nobody", *BENCH, "--json")
+    assert error_of(nobody)["code"] == "E8050"
+    assert "b" in str(error_of(nobody)["hint"])
+
+
+def test_what_the_journal_has_is_not_said_again(
+    here: Here, killed: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said = here(*RESUME, *BENCH, "--profile", "cu270", "--set", "servo.reference=0.8")
+    message = refused(said, "E2050")
+    assert "--profile, --set" in message
+    assert error_of(here(*MACHINE, "--homed", "--json"))["code"] == "E2050"
+    monkeypatch.setenv("EDMCTL_PROFILE", "cu150")
+    assert here(*RESUME, *BENCH, "--dry-run").exit_code == 0
+
+
+def test_a_fresh_bench_keeps_no_journal(here: Here) -> None:
+    with at_time_of_cut(1.0, lambda: os.kill(os.getpid(), signal.SIGINT)):
+        assert here(*MACHINE, "--port", "sim:", "--seed", "1", "--run-id", "c", "--quiet").exit_code == 130
+    assert list(Path("runs").glob("*.journal")) == []
+    said = here("machine", "--resume", "c", "--json")
+    assert error_of(said)["code"] == "E8050"
+    assert json.loads(said.out)["run_file"] is None

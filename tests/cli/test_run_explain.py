@@ -1,0 +1,168 @@
+"""`edmctl run explain`: the story of a run from its file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import h5py
+import pytest
+
+from edmctl.console.story import story
+from tests.cli.commands import CU270, Here
+from tests.faults.workshop import Workshop
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+QUICK = (
+    'target={kind="feed",feed_um=25.0}',
+    "approach.speed_um_s=5.0",
+    "measure.settle_s=0.2",
+    "measure.touches=1",
+    "jump.height_um=30.0",
+    'log.pulses="off"',
+)
+
+
+@dataclass(frozen=True)
+class Event:
+    """An event as a run file holds it."""
+
+    time_s: float
+    code: str
+    level: int = 1
+    message: str = ""
+    args: Mapping[str, object] = field(default_factory=dict)
+
+
+def jump(time_s: float, period_s: float, arcs: float, *, asked: bool = False) -> Event:
+    return Event(time_s, "JUMPED", 0, "jump", {"period_s": period_s, "arcs": arcs, "asked": asked})
+
+
+def machined(here: Here, tmp_path: Path, *overrides: str) -> tuple[int, Path]:
+    """Run a quick job; its exit code, and its run file."""
+    options = [word for value in (*QUICK, *overrides) for word in ("--set", value)]
+    said = here(
+        "machine",
+        "--profile",
+        CU270,
+        *options,
+        "--seed",
+        "1",
+        "--out",
+        str(tmp_path),
+        "--run-id",
+        "one",
+        "--quiet",
+    )
+    return said.exit_code, tmp_path / "one.h5"
+
+
+def test_a_run_is_told_from_what_was_wanted_to_its_end(here: Here, tmp_path: Path) -> None:
+    exit_code, file = machined(here, tmp_path, 'jump.mode="fixed"')
+    assert exit_code == 0
+    said = here("run", "explain", str(file))
+    assert said.exit_code == 0
+    lines = said.out.splitlines()
+    assert "wanted was a feed of 25 µm in Cu with a Cu tool of 270 µm, with a jump every 10 s" in lines[0]
+    (cut,) = (i for i, line in enumerate(lines) if "Cut 1: feed 25.0 µm" in line)
+    (jumps,) = (i for i, line in enumerate(lines) if "it jumped" in line)
+    (ended,) = (i for i, line in enumerate(lines) if "Cut 1 ended after" in line)
+    (depth,) = (i for i, line in enumerate(lines) if "  Depth " in line)
+    assert cut < jumps < ended < depth < len(lines) - 1
+    assert "as its period asks for" in lines[jumps]
+    assert "The run came to its end after" in lines[-1]
+
+
+def test_json_gives_time_text_and_code_of_each_sentence(here: Here, tmp_path: Path) -> None:
+    _, file = machined(here, tmp_path)
+    document = here("run", "explain", str(file), "--json").document
+    assert (document["command"], document["ok"], document["run_file"]) == ("run explain", True, str(file))
+    told = document["result"]["story"]
+    assert all(set(sentence) == {"time_s", "text", "code"} for sentence in told)
+    times_s = [sentence["time_s"] for sentence in told]
+    assert times_s == sorted(times_s)
+    assert [told[0]["code"], told[-1]["code"]] == ["WANTED", "END"]
+    assert "CUT_ENDED" in {sentence["code"] for sentence in told}
+
+
+def test_a_run_that_ended_early_is_told_with_what_to_do(
+    here: Here, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("edmctl.simulator.open_bench", Workshop("WIRE_SHORT@sparks+5"))
+    exit_code, file = machined(here, tmp_path)
+    assert exit_code == 6
+    out = here("run", "explain", str(file)).out
+    assert "a short has lasted" in out
+    assert "A short did not clear while the tool retracted" in out
+    assert "Look for a debris bridge" in out
+    assert "The run ended with exit code 6" in out
+
+
+def test_a_file_without_an_end_is_told_as_far_as_it_goes(here: Here, tmp_path: Path) -> None:
+    _, file = machined(here, tmp_path)
+    partial = file.with_name("one.h5.partial")
+    file.rename(partial)
+    with h5py.File(partial, "r+") as run:
+        run["/entry/end_time"][()] = b""
+    said = here("run", "explain", str(partial))
+    assert said.exit_code == 0
+    assert "Cut 1 ended after" in said.out
+    assert "was killed, or is still running" in said.out.splitlines()[-1]
+
+
+@pytest.mark.parametrize("content", [None, b"no HDF5"])
+def test_what_is_no_run_file_is_refused(here: Here, tmp_path: Path, content: bytes | None) -> None:
+    file = tmp_path / "some.h5"
+    if content is not None:
+        file.write_bytes(content)
+    said = here("run", "explain", str(file), "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (9, "E9005")
+
+
+def test_jumps_of_one_kind_make_one_sentence_with_their_reason() -> None:
+    calm = [jump(10.0 * i, 10.0, 0.012) for i in range(1, 4)]
+    asked = [jump(190.0 + 2.0 * i, 2.0, 0.07, asked=i == 0) for i in range(41)]
+    told = story([*calm, *asked, Event(300.0, "CUT_ENDED", 1, "Cut 1 ended.")], period_s=10.0)
+    assert [sentence.text for sentence in told] == [
+        "From 10 s to 30 s it jumped 3 times, every 10 s, as its period asks for; 1.2 % arcs between jumps.",
+        "From 3 min 10 s to 4 min 30 s it jumped 41 times, every 2 s, because arcs or shorts asked for more "
+        "flushing: 7.0 % arcs between jumps on average, 7.0 % at most.",
+        "Cut 1 ended.",
+    ]
+
+
+def test_jumps_are_not_grouped_over_a_change_of_the_gap() -> None:
+    change = Event(15.0, "REFERENCE_CHANGED", 1, "Servo reference 0.8 → 0.82: arcs.")
+    told = story([jump(10.0, 1.5, 0.1), change, jump(20.0, 1.5, 0.1)], period_s=10.0)
+    assert [sentence.code for sentence in told] == ["JUMPED", "REFERENCE_CHANGED", "JUMPED"]
+
+
+def test_single_steps_are_left_out() -> None:
+    events = [
+        Event(1.0, "MOVE_DONE", 0, "MOVE_DONE"),
+        Event(2.0, "READING", 1, "Z1"),
+        Event(3.0, "LINK", 1, "Link"),
+    ]
+    assert story(events, period_s=10.0) == []
+
+
+def test_a_file_of_an_earlier_version_knows_no_reasons() -> None:
+    told = story([Event(10.0, "JUMPED", 0, "jump", {"height_um": 60.0})], period_s=10.0)
+    assert [sentence.text for sentence in told] == ["It jumped once, as its period asks for."]
+
+
+def test_a_way_through_a_sheet_ends_by_itself_behind_the_breakthrough(here: Here, tmp_path: Path) -> None:
+    sheet = ("work.thickness_um=25.0", "target.completion_um=12.0", 'log.pulses="off"')
+    options = [word for value in (*QUICK[1:], *sheet) for word in ("--set", value)]
+    folder = ("--out", str(tmp_path), "--run-id", "sheet", "--quiet")
+    said = here("machine", "--profile", "foil-through", *options, "--seed", "1", *folder)
+    assert said.exit_code == 0, said.err
+    told = here("run", "explain", str(tmp_path / "sheet.h5"), "--json").document["result"]["story"]
+    codes = [sentence["code"] for sentence in told]
+    assert codes.count("BREAKTHROUGH") == 1
+    (ended,) = (sentence["text"] for sentence in told if sentence["code"] == "CUT_ENDED")
+    assert "(through)" in ended
+    assert "wanted was a hole through the sheet of 25 µm" in told[0]["text"]
