@@ -78,6 +78,8 @@ def fit(bench: VirtualBench, loaded: LoadedProfile, config: BenchConfig, say: Ca
         say(f"the bench keeps its own work, whatever [sim] says: {', '.join(others)}")
     if here.offset_um != config.offset_um:
         say(f"the bench keeps its own gap at 0 V: {here.offset_um:g} µm, not {config.offset_um:g} µm")
+    if loaded.profile.work.kind == "through" and here.thickness_um != config.thickness_um:
+        say(f"the bench keeps its own sheet: {here.thickness_um:g} µm, not {config.thickness_um:g} µm")
 
 
 class _KeptLine:

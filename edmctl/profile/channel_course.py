@@ -11,6 +11,7 @@ from edmctl.profile.measuring_time import (
     between_s,
     descent_time_s,
     pad_of,
+    pad_time_s,
     reading_time_s,
     stop_time_s,
     touch_time_s,
@@ -48,7 +49,7 @@ def channel_passes(profile: Profile, setup: Setup, path: PathTable) -> int:
 
 
 def channel_measuring_s(profile: Profile, setup: Setup, path: PathTable) -> float:
-    """Everything else of a channel's job, s: the face before, floor and pad at every stop."""
+    """Everything else of a channel's job, s: the face before; pad, floor and pad again at every stop."""
     whole = channel(profile, path)
     offset_um = profile.approach.offset_um
     centre, across = Stand(path.x_um, path.y_um), Stand(path.x_um + _across_um(path), path.y_um)
@@ -60,7 +61,7 @@ def channel_measuring_s(profile: Profile, setup: Setup, path: PathTable) -> floa
         done = layers / whole.layers
         place_um = offset_um + done * (whole.depth_um + whole.wear_um)
         places = PLACES_AT_THE_END if layers == whole.layers else PLACES
-        total_s += pad_s + descent_time_s(profile, place_um)
+        total_s += 2.0 * pad_s + pad_time_s(profile) + descent_time_s(profile, place_um)
         total_s += places * (across_s + reading_time_s(profile, place_um))
         total_s += stop_time_s(profile, 0.0, done * whole.wear_um, pad_s, bottom=False)
     return total_s
@@ -80,11 +81,11 @@ def pass_time_s(profile: Profile, path: PathTable, whole: Channel) -> float:
 def stops_after(profile: Profile, setup: Setup, path: PathTable) -> list[int]:
     """The layers after which the channel is measured, counted from 1.
 
-    Early, because wear and gap are only assumed; before the last, which is sized by what is found; after the last;
-    and after a layer before which wear and drift left the tool's face unknown by a quarter of the tolerance.
+    Early, because wear and gap are only assumed; after the last; and where wear and drift have left the tool's face
+    unknown by half the tolerance, or by a quarter before the last layer, which is to end at the target.
     """
     whole, target = channel(profile, path), profile.target
-    unknown_um = target.tolerance_um / 4.0 if target.kind == "depth" else math.inf
+    tolerance_um = target.tolerance_um if target.kind == "depth" else math.inf
     layer_s = passes_per_layer(profile, path, whole) * pass_time_s(profile, path, whole)
     u_rel = math.hypot(profile.wear.ratio_u_rel, profile.work.removal_u_rel)
     found: list[int] = []
@@ -96,7 +97,8 @@ def stops_after(profile: Profile, setup: Setup, path: PathTable) -> list[int]:
         )
         u_um = math.hypot(READING_U_UM, u_rel * worn_um, drift_um)
         early = not found and layers >= LAYERS_BEFORE_FIRST_STOP
-        if early or layers >= whole.layers - 1 or u_um > unknown_um:
+        unknown_um = tolerance_um / (4.0 if layers == whole.layers - 1 else 2.0)
+        if early or layers == whole.layers or u_um > unknown_um:
             found.append(layers)
             u_rel = LEARNED_U_REL
     return found

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from edmctl.errors import MachineFault, PreconditionError
-from edmctl.machine.port import EventCode, MachineState
+from edmctl.machine.port import EventCode, MachineState, PathMove, ScanRequest
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.measuring import displacement_uncertainty
+from edmctl.procedures.sensorless import SensorlessMachine
+from edmctl.procedures.settings import controller_settings, pulse_settings, telemetry_settings
 from edmctl.simulator import kernel as k
 
 from .conftest import Done, Shop, calibrated
@@ -109,3 +111,28 @@ def test_a_touch_that_finds_no_surface_ends_as_with_a_sensor(shop: OpenShop) -> 
         s.run_job()
     assert caught.value.fault == 2005
     assert s.machine.status().actuator_v < 120.0
+
+
+def test_a_scanning_tool_is_held_where_the_inverse_puts_it() -> None:
+    s = Shop(calibration=calibrated(), sensor=False)
+    calibration = s.job.calibration
+    assert calibration is not None
+    run = s.run()
+    settings = controller_settings(s.profile, s.job.setup)
+    machine = SensorlessMachine(s.machine, calibration, settings.gain_um_per_v)
+    machine.configure(settings, pulse_settings(s.profile))
+    machine.start_telemetry(telemetry_settings(s.profile, s.job.setup), run.watch)
+    machine.arm()
+    machine.ramp(5.0, 50.0)
+    machine.rest(1.0)
+    machine.start_scan(ScanRequest(9.6, 20.0, 100.0))
+    for _ in range(80):
+        assert machine.watch_cut(0.1) is None
+    assert s.bench.plant.st[k.TRUE_Z] == pytest.approx(20.0, abs=1.5)
+    x_um = machine.status().x_um
+    assert machine.path_move(PathMove(x_um - 30.0, 0.0, 20.0, 26.0, last=False))
+    for _ in range(30):
+        assert machine.watch_cut(0.1) is None
+    assert s.bench.plant.st[k.TRUE_Z] == pytest.approx(26.0, abs=1.5)
+    assert machine.status().x_um == pytest.approx(x_um - 30.0)
+    assert machine.stop_cut().code is EventCode.STOPPED
