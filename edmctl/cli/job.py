@@ -235,7 +235,10 @@ def _report(plan: Plan, held: Held, ledger: Ledger, true_wear: TrueWear | None) 
 def truths_of(
     sites: Sequence[SiteResult], holes: Sequence[HoleTruth], true_wear: TrueWear
 ) -> tuple[Truth, ...]:
-    """The true hole of each site, in µm: the nearest one, and what the tool lost while it was made."""
+    """The true hole of each site, in µm: the nearest one, and what the tool lost while it was made.
+
+    A hole through the sheet has no depth that a tip below the face could be compared with.
+    """
     truths = []
     for site in sites:
         hole = min(holes, key=lambda hole: _apart_um(hole, site), default=None)

@@ -148,7 +148,8 @@ def summarize(label: str, overrides: tuple[str, ...], runs: Sequence[Run]) -> Ca
 def _spreads(
     rows: Sequence[Run] | Sequence[RunSite] | Sequence[Truth], keys: Sequence[str]
 ) -> dict[str, Spread]:
-    return {key: _spread([getattr(row, key) for row in rows]) for key in keys} if rows else {}
+    found = {key: [v for row in rows if math.isfinite(v := getattr(row, key))] for key in keys}
+    return {key: _spread(values) for key, values in found.items() if values}
 
 
 def _spread(values: Sequence[float]) -> Spread:
@@ -157,9 +158,9 @@ def _spread(values: Sequence[float]) -> Spread:
 
 
 def _coverage(sites: Sequence[RunSite]) -> dict[str, float]:
-    """Share of holes whose 95 % interval held the truth."""
-    if not sites:
-        return {}
-    depth = sum(abs(site.depth_error_um) <= site.depth_u95_um for site in sites)
-    wear = sum(abs(site.wear_error_um) <= site.wear_u95_um for site in sites)
-    return {"depth": depth / len(sites), "wear": wear / len(sites)}
+    """Share of holes whose 95 % interval held the truth, where there is one."""
+    held = {
+        "depth": [abs(s.depth_error_um) <= s.depth_u95_um for s in sites if math.isfinite(s.depth_error_um)],
+        "wear": [abs(s.wear_error_um) <= s.wear_u95_um for s in sites if math.isfinite(s.wear_error_um)],
+    }
+    return {name: statistics.fmean(found) for name, found in held.items() if found}

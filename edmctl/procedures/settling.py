@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.procedures.measuring import displacement_uncertainty
 from edmctl.procedures.tool_length import TOUCH_U_UM
+from edmctl.process.live_erosion import SCATTER_BETWEEN_HOLES
 from edmctl.process.next_cut import COVERAGE, GAP_U_UM
 
 if TYPE_CHECKING:
@@ -38,25 +39,33 @@ def settle_unmeasured(
     trust = expected_u_um**2 / (expected_u_um**2 + touched_u_um**2)
     found_um = pad.z_um - known.tool.pad.z_um
     total_um = expected_um + trust * (found_um - expected_um)
-    total_u_um = math.sqrt(trust) * touched_u_um
     scale = total_um / expected_um if expected_um > 0.0 and total_um > 0.0 else 1.0
-    shift_um = 0.0
+    shift_um = so_far_um = 0.0
     for one, share_um in zip(known.unmeasured, shares_um, strict=True):
         more_um = (scale - 1.0) * share_um
-        u_um = total_u_um * (shift_um + share_um) / expected_um if expected_um > 0.0 else total_u_um
-        _correct(run, one, before_um=shift_um, own_um=more_um, u_um=u_um)
+        so_far_um += share_um
+        unknown = touched_u_um / max(expected_um, share_um)
+        wear_u_um = math.hypot(unknown, SCATTER_BETWEEN_HOLES) * share_um
+        _correct(
+            run, one, before_um=shift_um, own_um=more_um, tip_u_um=unknown * so_far_um, wear_u_um=wear_u_um
+        )
         shift_um += more_um
     hole.z1 = hole.z1.shifted(shift_um)
-    hole.z1_u_um = total_u_um if known.unmeasured else hole.z1_u_um
+    hole.z1_u_um = touched_u_um if known.unmeasured else hole.z1_u_um
     known.unmeasured.clear()
 
 
-def _correct(run: Run, hole: Hole, *, before_um: float, own_um: float, u_um: float) -> None:
-    """A hole began `before_um` shorter of tool than it was taken to, and wore it by `own_um` more."""
+def _correct(
+    run: Run, hole: Hole, *, before_um: float, own_um: float, tip_u_um: float, wear_u_um: float
+) -> None:
+    """A hole began `before_um` shorter of tool than it was taken to, and wore it by `own_um` more.
+
+    `tip_u_um` is the standard uncertainty of the tool's length at its end, `wear_u_um` of what the hole took of it.
+    """
     result = run.ledger.sites[hole.site.name]
     found = hole.found
     assert found is not None
-    depth_u95_um = COVERAGE * math.hypot(GAP_U_UM, TOUCH_U_UM, hole.face_u_um, u_um)
+    depth_u95_um = COVERAGE * math.hypot(GAP_U_UM, TOUCH_U_UM, hole.face_u_um, tip_u_um)
     gain_um = COVERAGE * run.setup.sensor.gain_u_rel * found.depth_um
     changed = replace(
         result,
@@ -65,7 +74,7 @@ def _correct(run: Run, hole: Hole, *, before_um: float, own_um: float, u_um: flo
         depth_um=result.depth_um - before_um - own_um,
         depth_u95_um=math.hypot(depth_u95_um, gain_um),
         wear_um=result.wear_um + own_um,
-        wear_u95_um=COVERAGE * math.hypot(u_um, GAP_U_UM * result.wear_um / max(result.feed_um, 1.0)),
+        wear_u95_um=COVERAGE * math.hypot(wear_u_um, GAP_U_UM * result.wear_um / max(result.feed_um, 1.0)),
         feed_um=result.feed_um - before_um,
     )
     run.ledger.sites[hole.site.name] = changed
