@@ -120,7 +120,7 @@ def run_until(home: Path, time_s: float, *arguments: str) -> str:
 def duration_s(home: Path, options: tuple[str, ...], seed: int) -> float:
     """How long a job takes from arming to its end when nobody kills it, s of the machine's time."""
     with served(home, *_bench(home, options[0], seed, "length"), name="length") as link:
-        arguments = (*_order(options), "--port", str(link), "--run-id", "length", "--json", "-q")
+        arguments = (*_order(options), "--port", str(link), "--out", "length-runs", "--json", "-q")
         code, document, err = result(start(home, "machine", *arguments))
     if code:
         raise RuntimeError(f"the job cannot be done: {err}")

@@ -10,6 +10,7 @@ from edmctl.procedures.estimating import energy_of, estimate_of
 from edmctl.procedures.face import pad_only
 from edmctl.procedures.feed_error import FeedError
 from edmctl.procedures.goal import Goal, goal_of
+from edmctl.procedures.measuring import displacement_uncertainty
 from edmctl.procedures.site_result import CutSums, Heights, site_result, site_row
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.tool_length import ToolLength
@@ -24,12 +25,15 @@ if TYPE_CHECKING:
 
 OFFSET_UNCERTAINTY_UM = 10.0
 """How well the distance to the untouched surface is known before the first touch."""
+LEFT_UNCERTAINTY_UM = 12.0
+"""The same where an earlier run of the job has left the tool: its drift since, and wear that it only estimated."""
 
 
 @dataclass(slots=True, eq=False)
 class Known:
     """What a job has learned so far, from hole to hole: tool length, face, removal and wear, working gap.
 
+    `pad_um` is where the pad is expected within `pad_u_um` before the tool has touched it.
     `plane_fitted` tells a face that was touched from one that is only hoped to be level; `unmeasured` are the holes
     that were made since the pad was last touched.
     """
@@ -38,13 +42,23 @@ class Known:
     face: Plane
     gap_um: float
     tool: ToolLength | None = None
+    pad_um: float = math.nan
+    pad_u_um: float = OFFSET_UNCERTAINTY_UM
     plane_fitted: bool = False
     unmeasured: list[Hole] = field(default_factory=list)
 
 
 def known_before(run: Run) -> Known:
     """What the recipe and the setup say before the first touch."""
-    return Known(estimate_of(run.profile), pad_only(run), run.profile.measure.expected_gap_um)
+    profile, resumed = run.profile, run.job.resumed
+    known = Known(estimate_of(profile), pad_only(run), profile.measure.expected_gap_um)
+    known.pad_um = profile.approach.offset_um
+    if resumed is not None and run.ledger.sites:
+        known.pad_um = max(site.z3_um for site in run.ledger.sites.values())
+        known.pad_u_um = LEFT_UNCERTAINTY_UM
+    if resumed is not None and resumed.site:
+        known.pad_um, known.pad_u_um = resumed.z1_um + resumed.wear_um, LEFT_UNCERTAINTY_UM
+    return known
 
 
 @dataclass(slots=True, eq=False)
@@ -53,7 +67,8 @@ class Hole:
 
     `z1` is where the tool would have met the pad when the hole began, known within `z1_u_um` where it was not
     touched right before; `face_um` is how much further the face lies here. `bottom` and `pad` are the readings of
-    the last measuring stop, the same as `z1` before the first one; `found` is what they say.
+    the last measuring stop, the same as `z1` before the first one; `found` is what they say. An `interrupted` hole
+    has had more discharges than anybody counted.
     """
 
     site: Site
@@ -68,6 +83,7 @@ class Hole:
     sums: CutSums = field(default_factory=CutSums)
     stops: int = 0
     found: DepthAndWear | None = None
+    interrupted: bool = False
 
     @property
     def surface_um(self) -> float:
@@ -113,8 +129,7 @@ def begin_hole(run: Run, site: Site, known: Known) -> Hole:
     """Begin a hole: touch the pad where nothing is known of the tool's length, otherwise go by what is known."""
     if known.tool is None:
         move_to(run, run.job.pad)
-        offset_um = run.profile.approach.offset_um
-        known.tool = ToolLength(take_reading(run, "Z1", site.name, offset_um, OFFSET_UNCERTAINTY_UM))
+        known.tool = ToolLength(take_reading(run, "Z1", site.name, known.pad_um, known.pad_u_um))
     return hole_at(run, site, known, known.tool.pad.shifted(known.tool.wear_um), known.tool.wear_u_um)
 
 
@@ -134,9 +149,16 @@ def hole_at(run: Run, site: Site, known: Known, z1: SurfaceReading, z1_u_um: flo
     )
 
 
-def start_u_um(run: Run, hole: Hole, tool: ToolLength, drift_u_um_per_s: float) -> float:
-    """Standard uncertainty of where the untouched face is for the tool, now."""
-    return math.hypot(tool.u_um(run.machine.time_s, drift_u_um_per_s), hole.face_u_um)
+def start_u_um(run: Run, hole: Hole, tool: ToolLength) -> float:
+    """Standard uncertainty of a depth that is counted from an untouched face, now: tool, face, and what measures."""
+    known = displacement_uncertainty(run.job)
+    length_um = hole.goal.feed_um if hole.goal.kind == "feed" else hole.goal.depth_um
+    return math.hypot(
+        tool.u_um(run.machine.time_s, known.drift_u_um_per_s),
+        hole.face_u_um,
+        known.linearity_u_um,
+        known.gain_u_rel * length_um,
+    )
 
 
 def open_site(run: Run, site: Site) -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING
 
 from edmctl.procedures.journal import PERIOD_S, JobState, Journal, NoJournal
+from edmctl.procedures.results import RunningCut
 
 if TYPE_CHECKING:
     from edmctl.machine.port import TelemetryBlock
@@ -29,7 +31,6 @@ class JobJournal:
     _begun: bool = False
     _time_s: float = 0.0
     _kept_s: float = 0.0
-    _displacement_um: float = 0.0
 
     def face(self, known: Known) -> None:
         """Note the face that was fitted."""
@@ -43,7 +44,7 @@ class JobJournal:
     def begin_cut(self, hole: Hole, plan: CutPlan) -> None:
         """Sparks come next."""
         self._hole, self._plan, self._begun = hole, plan, True
-        self._displacement_um = plan.start.bottom_um - plan.start.gap_um
+        self.ledger.cut = RunningCut(displacement_um=plan.start.bottom_um - plan.start.gap_um)
         self._keep("machining")
 
     def take(self, block: TelemetryBlock) -> None:
@@ -51,13 +52,14 @@ class JobJournal:
         self._time_s = float(block.time_s[-1])
         if self._plan is None or self._time_s - self._kept_s < PERIOD_S:
             return
-        self._displacement_um = float(block.displacement_um[-1])
         self._keep("machining", urgent=False)
 
     def end_cut(self, hole: Hole, cut: CutResult) -> None:
-        """The cut has ended; what it did counts once the hole has taken it over."""
-        self._displacement_um, self._plan = cut.end_displacement_um, None
+        """The cut has ended, and its sums are the hole's now."""
+        hole.sums.cuts.append(cut)
+        self.ledger.cut = RunningCut(displacement_um=self.ledger.cut.displacement_um)
         self._keep("measuring")
+        self._plan = None
 
     def end_hole(self) -> None:
         """The hole's result stands in the ledger."""
@@ -80,9 +82,10 @@ class JobJournal:
                 slope=self._slope,
                 done=done,
             )
-        wear_um = hole.found.wear_um if hole.found else 0.0
-        if self._plan is not None:
-            wear_um = self._plan.wear_at(self._displacement_um)
+        wear_um, cut, sums = hole.found.wear_um if hole.found else 0.0, self.ledger.cut, hole.sums
+        if self._plan is not None and not math.isnan(cut.displacement_um):
+            wear_um = self._plan.wear_at(cut.displacement_um)
+        before = sums.counts
         return JobState(
             phase=phase,
             time_s=before_s + self._time_s,
@@ -96,11 +99,16 @@ class JobJournal:
             z1_touches=hole.z1.reading.touches,
             z1_time_s=before_s + hole.z1.time_s,
             z1_model_um=hole.z1.model_um,
-            displacement_um=self._displacement_um,
+            displacement_um=0.0 if math.isnan(cut.displacement_um) else cut.displacement_um,
             depth_um=self.ledger.depth_um,
             wear_um=wear_um,
             cuts=hole.sums.number,
-            counts=hole.sums.counts,
-            energy_j=hole.sums.energy_j,
-            machining_time_s=hole.sums.time_s,
+            counts=(
+                before[0] + cut.counts[0],
+                before[1] + cut.counts[1],
+                before[2] + cut.counts[2],
+                before[3] + cut.counts[3],
+            ),
+            energy_j=sums.energy_j + cut.energy_j,
+            machining_time_s=sums.time_s + cut.time_s,
         )

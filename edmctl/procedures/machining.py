@@ -73,6 +73,7 @@ def run_job(
     machine = _with_displacements(machine, job, watch)
     if job.resumed is not None:
         ledger.sites.update({result.name: result for result in map(site_result_of, job.resumed.done)})
+        ledger.unwritten.extend(ledger.sites)
     keeper = JobJournal(job, ledger, journal or NoJournal())
     run = Run(machine, job, watch, recorder, observer, ledger, keeper)
     watch.guard(keeper.take)

@@ -78,7 +78,7 @@ def learn(
     hole.report(run, found, gap_um)
     known.tool, known.gap_um = ToolLength(z3), gap_um
     known.estimate = hole.estimate.fitted(
-        hole.energy(run),
+        None if hole.interrupted else hole.energy(run),
         found.depth_um,
         found.depth_u95_um / COVERAGE,
         found.wear_um,

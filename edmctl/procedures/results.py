@@ -163,6 +163,16 @@ class ObjectiveMissed(ObjectiveNotReached):
         self.result = result
 
 
+@dataclass(frozen=True, slots=True)
+class RunningCut:
+    """What the cut under way has done so far, pulses by class; `displacement_um` is where it last sparked."""
+
+    counts: tuple[int, int, int, int] = (0, 0, 0, 0)
+    energy_j: float = 0.0
+    time_s: float = 0.0
+    displacement_um: float = math.nan
+
+
 @dataclass(slots=True)
 class Ledger:
     """What a job has reached so far; still there when the job ends with an error.
@@ -170,6 +180,7 @@ class Ledger:
     `depth_um` is the best present knowledge of the hole under way: estimated while cutting, then measured.
     `open_site` names that hole until its result is in the run file, `unmeasured_site` from the begin of a cut
     until it is measured; `unwritten` names finished holes whose results later touches may still correct.
+    `cut` is the cut under way.
     """
 
     sites: dict[str, SiteResult] = field(default_factory=dict)
@@ -178,6 +189,7 @@ class Ledger:
     open_site: str = ""
     unmeasured_site: str = ""
     unwritten: list[str] = field(default_factory=list)
+    cut: RunningCut = field(default_factory=lambda: RunningCut())
     time_s: float = 0.0
     machining_time_s: float = 0.0
     link: LinkReport | None = None

@@ -76,6 +76,7 @@ def _hole(run: Run, site: Site, known: Known, state: JobState) -> Hole:
     )
     known.tool = ToolLength(z1, state.wear_um)
     hole = hole_at(run, site, known, z1, 0.0)
+    hole.interrupted = True
     sums = hole.sums
     sums.before_counts, sums.before_cuts = state.counts, state.cuts
     sums.before_energy_j, sums.before_time_s = state.energy_j, state.machining_time_s

@@ -34,7 +34,8 @@ def settle_unmeasured(
     shares_um = [one.found.wear_um for one in known.unmeasured if one.found is not None]
     expected_um = math.fsum(shares_um) + worn_um
     drift_um = displacement_uncertainty(run.job).drift_u_um_per_s * (pad.time_s - known.tool.pad.time_s)
-    touched_u_um = math.hypot(TOUCH_U_UM * math.sqrt(2.0), drift_um)
+    linearity_um = displacement_uncertainty(run.job).linearity_u_um
+    touched_u_um = math.hypot(TOUCH_U_UM * math.sqrt(2.0), linearity_um, drift_um)
     expected_u_um = known.tool.wear_u_um + worn_u_um
     trust = expected_u_um**2 / (expected_u_um**2 + touched_u_um**2)
     found_um = pad.z_um - known.tool.pad.z_um
@@ -65,14 +66,15 @@ def _correct(
     result = run.ledger.sites[hole.site.name]
     found = hole.found
     assert found is not None
-    depth_u95_um = COVERAGE * math.hypot(GAP_U_UM, TOUCH_U_UM, hole.face_u_um, tip_u_um)
-    gain_um = COVERAGE * run.setup.sensor.gain_u_rel * found.depth_um
+    known = displacement_uncertainty(run.job)
+    sensed_u_um = math.hypot(known.linearity_u_um, known.gain_u_rel * found.depth_um)
+    depth_u95_um = COVERAGE * math.hypot(GAP_U_UM, TOUCH_U_UM, hole.face_u_um, tip_u_um, sensed_u_um)
     changed = replace(
         result,
         z1_um=result.z1_um + before_um,
         z3_um=result.z3_um + before_um + own_um,
         depth_um=result.depth_um - before_um - own_um,
-        depth_u95_um=math.hypot(depth_u95_um, gain_um),
+        depth_u95_um=depth_u95_um,
         wear_um=result.wear_um + own_um,
         wear_u95_um=COVERAGE * math.hypot(wear_u_um, GAP_U_UM * result.wear_um / max(result.feed_um, 1.0)),
         feed_um=result.feed_um - before_um,

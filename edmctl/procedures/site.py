@@ -10,7 +10,6 @@ from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.cut import CutEnd, run_cut
 from edmctl.procedures.deciding import Decision, out_of_time
 from edmctl.procedures.hole import close_site, start_u_um
-from edmctl.procedures.measuring import displacement_uncertainty
 from edmctl.procedures.measuring_stop import estimate_hole, measure_hole
 from edmctl.procedures.planning import CutPlan, Start, first_plan
 from edmctl.procedures.stages import move_to
@@ -30,8 +29,7 @@ def machine_hole(run: Run, hole: Hole, known: Known, limits: TimeLimits, *, is_l
     hole's result after every cut, so that it is there whatever comes next.
     """
     assert known.tool is not None
-    drift = displacement_uncertainty(run.job).drift_u_um_per_s
-    start = Start(hole.surface_um, start_u_um(run, hole, known.tool, drift), known.gap_um)
+    start = Start(hole.surface_um, start_u_um(run, hole, known.tool), known.gap_um)
     plan = first_plan(run.profile, start, hole.goal, hole.estimate)
     if is_last and not plan.measured:
         plan = replace(plan, measured=True)
@@ -61,7 +59,6 @@ def _cut(run: Run, hole: Hole, known: Known, plan: CutPlan, limits: TimeLimits) 
     run.journal.begin_cut(hole, plan)
     cut = run_cut(run, plan, left)
     run.journal.end_cut(hole, cut)
-    hole.sums.cuts.append(cut)
     run.ledger.machining_time_s = machined_before_s + cut.time_s
     run.ledger.depth_um = plan.depth_at(cut.end_displacement_um)
     if hole.goal.kind == "through":

@@ -16,7 +16,7 @@ from edmctl.procedures.breakthrough import Breakthrough
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.estimating import energy_of
 from edmctl.procedures.ratio_limits import RatioLimits
-from edmctl.procedures.results import Phase, Progress, PulseRatios
+from edmctl.procedures.results import Phase, Progress, PulseRatios, RunningCut
 from edmctl.procedures.settings import OPEN_LOST_S, gap_reference_v, telemetry_settings
 from edmctl.procedures.short_recovery import ShortRecovery
 from edmctl.procedures.spark_loss import SparkLoss
@@ -44,6 +44,9 @@ STROKE_RESERVE_UM = 5.0
 """The stroke counts as used up here: the bottom must still be touched after the cut, a working gap further on."""
 NEAR_THE_END_UM = 60.0
 """The model is asked for the stroke that is left from here on, by the mean gain."""
+
+SWING_UM = 0.5
+"""A tool that is no further above its deepest place than this is at the bottom: the servo's swing."""
 
 # Looked up in every slice; an enum member costs a metaclass call each time in Python 3.11.
 _MACHINING = int(MachineState.MACHINING)
@@ -97,6 +100,7 @@ class Supervisor:
         self.energy_j = self.sparking_s = 0.0
         self._power_w = 0.0
         self.displacement_um = math.nan
+        self._deepest_um = -math.inf
         self.verdict: Verdict | None = None
         self.told = ""
 
@@ -149,12 +153,19 @@ class Supervisor:
             self.verdict = Verdict.UNSTABLE
         feed_um_s = self._feed_um_s(now_s)
         energy = energy_of(self._run.profile.pulse, self.counts, self.energy_j)
-        erosion = self._plan.at(self.displacement_um, energy)
+        erosion = self._plan.at(self._sparked_at_um(), energy)
         depth_um = erosion.depth_um
         self._judge(len(block.time_s) * self._sample_s, fresh, depth_um, sparking=machining)
         ledger = self._run.ledger
         ledger.depth_um = depth_um
         ledger.machining_time_s = self._machined_before_s + max(0.0, now_s - self._start_s)
+        opens, normals, arcs, shorts = self.counts
+        ledger.cut = RunningCut(
+            (opens, normals, arcs, shorts),
+            self.energy_j,
+            max(0.0, now_s - self._start_s),
+            self._sparked_at_um(),
+        )
         self._record(block, gap_v, ratios, feed_um_s, erosion)
         if machining:
             self._look_for_the_end(float(block.actuator_v[-1]), depth_um)
@@ -173,6 +184,12 @@ class Supervisor:
                 site=self._run.site_among_many,
             )
         )
+
+    def _sparked_at_um(self) -> float:
+        """Where the tool last stood at the bottom: not where it is in a retreat, nor below a sheet."""
+        if self.is_through:
+            return self.breakthrough.at_um
+        return max(self.displacement_um, self._deepest_um - SWING_UM)
 
     def _record(
         self,
@@ -208,6 +225,7 @@ class Supervisor:
         self._gap_ratio_sum += gap_v / self._duty_v * n
         self._gap_samples += n
         self.displacement_um = sum(block.displacement_um.tolist()) / n
+        self._deepest_um = max(self._deepest_um, self.displacement_um)
         self._track.append((now_s, self.displacement_um))
         self._begin = self._begin or self._track[0]
         if self._stall.take(now_s, self.displacement_um):

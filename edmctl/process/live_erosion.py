@@ -163,11 +163,19 @@ class ErosionEstimate:
         )
 
     def fitted(
-        self, energy: Energy, depth_um: float, depth_u_um: float, wear_um: float, wear_u_um: float
+        self, energy: Energy | None, depth_um: float, depth_u_um: float, wear_um: float, wear_u_um: float
     ) -> ErosionEstimate:
-        """Return what is known after depth and wear of a hole were measured, that discharges of that energy made."""
-        if energy.normal_uj <= 0.0 or depth_um <= 0.0:
+        """Return what is known after depth and wear of a hole were measured, that discharges of that energy made.
+
+        Where nobody knows the energy (None), only the ratio of wear to depth is learned.
+        """
+        if depth_um <= 0.0 or (energy is not None and energy.normal_uj <= 0.0):
             return self
+        if energy is None:
+            expected_um = depth_um * self.wear_ratio
+            return self._with(
+                self._known.seen(wear_um - expected_um, 0.0, expected_um, wear_u_um), self._fits + 1
+            )
         depth_log, arc_log = self._logs(energy)
         expected_um, _ = self._known.lengths_um(depth_log, arc_log)
         error_um = expected_um * math.log(depth_um / expected_um)

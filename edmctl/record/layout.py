@@ -237,7 +237,7 @@ TOUCHES = Table(
     (
         _TIME,
         Column("kind", "kind", "S4", TEXT, "Z1, Z2 or Z3; Zr at a place that is not machined yet"),
-        Column("site", "site", "S32", TEXT, "site"),
+        Column("site", "site", "S128", TEXT, "site"),
         Column("v_cmd", "actuator_v", "f8", "V", "actuator voltage"),
         Column("z_sensor", "displacement_um", "f8", "um", "displacement, sensor; NaN without one"),
         Column("z_model", "model_um", "f8", "um", "displacement, estimated"),
@@ -255,7 +255,7 @@ RESULTS = Table(
     32,
     "one row per site",
     (
-        Column("site", "site", "S32", TEXT, "site"),
+        Column("site", "site", "S128", TEXT, "site"),
         Column("x", "x_um", "f8", "um", "x of the site"),
         Column("y", "y_um", "f8", "um", "y of the site"),
         Column("z1", "z1_um", "f8", "um", "surface before machining"),

@@ -123,7 +123,7 @@ def test_a_scanning_tool_is_held_where_the_inverse_puts_it() -> None:
     machine.configure(settings, pulse_settings(s.profile))
     machine.start_telemetry(telemetry_settings(s.profile, s.job.setup), run.watch)
     machine.arm()
-    machine.ramp(5.0, 50.0)
+    machine.ramp(12.0, 50.0)
     machine.rest(1.0)
     machine.start_scan(ScanRequest(9.6, 20.0, 100.0))
     for _ in range(80):

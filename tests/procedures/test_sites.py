@@ -163,6 +163,42 @@ def test_an_array_goes_on_with_the_hole_that_was_left(shop: OpenShop) -> None:
         assert true_depth_um(after, site) == pytest.approx(DEPTH_UM, abs=2.0)
 
 
+def test_a_hole_left_in_the_middle_teaches_the_later_ones_nothing_wrong(shop: OpenShop) -> None:
+    first = shop([GRID])
+    state = interrupted(first, lambda s: not s.done and s.phase == "machining" and s.depth_um >= 4.0)
+    assert sum(state.counts) > 0
+    assert state.energy_j > 0.0
+    after = taken_up(first, state)
+    for site in after.run_job().sites:
+        assert true_depth_um(after, site) == pytest.approx(DEPTH_UM, abs=2.0)
+        assert abs(true_depth_um(after, site) - site.depth_um) <= 1.5 * site.depth_u95_um
+    assert [row.site for row in after.seen.sites] == list(after.ledger.sites)
+
+
+def test_an_array_left_between_two_holes_finds_the_pad_with_a_worn_tool(shop: OpenShop) -> None:
+    deeper = 'target={kind="depth",depth_um=30.0,tolerance_um=2.0}'
+    first = shop([GRID, deeper])
+    state = interrupted(first, lambda s: len(s.done) == 3 and not s.begun)
+    assert first.bench.tool_wear_um > 30.0
+    after = taken_up(first, state)
+    result = after.run_job()
+    assert len(result.sites) == 4
+    assert true_depth_um(after, result.sites[-1]) == pytest.approx(30.0, abs=2.0)
+    assert len(after.seen.sites) == 4
+
+
+def test_a_tool_that_is_up_for_a_jump_is_not_taken_for_a_shallow_hole(shop: OpenShop) -> None:
+    jumping = ['jump.mode="fixed"', "jump.period_s=1.5", "jump.height_um=40.0", "jump.speed_um_s=200.0"]
+    s, kept = shop([*jumping, "pulse.current_a=0.2"]), Kept()
+    s.run_job(journal=kept)
+    cutting = [state for state in kept.states if state.phase == "machining"]
+    assert len(cutting) > 2
+    depths = [state.depth_um for state in cutting]
+    assert depths == sorted(depths)
+    for state in cutting:
+        assert state.wear_um == pytest.approx(0.389 * state.depth_um, abs=0.15 * state.depth_um + 0.5)
+
+
 def test_the_journal_is_kept_at_every_step_and_every_few_seconds(shop: OpenShop) -> None:
     s, kept = shop(), Kept()
     s.run_job(journal=kept)

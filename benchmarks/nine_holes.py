@@ -1,6 +1,6 @@
 """Print how deep the holes of the 3×3 array come out, and how many measuring stops that took.
 
-    python benchmarks/array.py [--runs 20] [--seed 1]
+    python benchmarks/nine_holes.py [--runs 20] [--seed 1]
 
 Every figure comes from `edmctl simulate --json`, judged by the plant's truth. Bars: all depths within 2 µm, with at
 most half the measuring stops of nine holes that are jobs of their own (the same recipe without its places).
