@@ -1,6 +1,7 @@
 """`edmctl run`: look at run files. `explain` tells what a run did, and why."""
 
 import json
+import math
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +11,7 @@ import typer
 
 from edmctl.cli.options import DebugOption, JsonOption
 from edmctl.cli.outcome import Outcome, Output, run_command, stream_style
+from edmctl.console.text import duration
 
 if TYPE_CHECKING:
     from edmctl.console.story import Sentence
@@ -58,13 +60,25 @@ class FileEvent:
 
 def sentences_of(opened: "RunFile") -> "list[Sentence]":
     """The story of an open run file, from what was wanted to what ended it."""
-    from edmctl.console.story import Sentence, story
+    from edmctl.console.story import Sentence, holes_of, story
 
     events = events_of(opened)
+    values = opened.profile_values()
     last_s = max((event.time_s for event in events), default=0.0)
-    period_s = opened.profile_values().get("jump.period_s", 0.0)
-    told = [Sentence(0.0, _wanted(opened), "WANTED"), *story(events, float(period_s))]
-    return [*told, Sentence(last_s, _ended(opened), "END")]
+    period_s = float(values.get("jump.period_s", 0.0))
+    several = len(depths_of_holes(values)) > 1 or "file" in _kinds(values)
+    told = [*touches_of(opened), *story(events, period_s, names_holes=several)]
+    told.sort(key=lambda sentence: sentence.time_s)
+    ends = [_settled(opened, events, holes_of(events))]
+    if several:
+        ends.append(_done(opened, events))
+    ends.append(_ended(opened, events))
+    codes = ("SETTLED", "DONE", "END") if several else ("SETTLED", "END")
+    return [
+        Sentence(0.0, _wanted(opened), "WANTED"),
+        *told,
+        *(Sentence(last_s, text, code) for text, code in zip(ends, codes, strict=True) if text),
+    ]
 
 
 def events_of(opened: "RunFile") -> list[FileEvent]:
@@ -92,22 +106,98 @@ def _hint_of(error_code: str) -> str:
     return next((row.hint for row in FAULTS.values() if row.error == error_code), "")
 
 
+def depths_of_holes(values: "dict[str, float | int | str | bool]") -> list[float]:
+    """How deep each hole was to be, µm, NaN where the target says it; places from files are not in the run file."""
+    depths_um: list[float] = []
+    for site in json.loads(str(values.get("sites") or "[]")):
+        if site["kind"] != "file":
+            number = site.get("count", site.get("columns", 1) * site.get("rows", 1))
+            depths_um += [site.get("depth_um", math.nan)] * number
+    return depths_um
+
+
+def _kinds(values: "dict[str, float | int | str | bool]") -> set[str]:
+    return {site["kind"] for site in json.loads(str(values.get("sites") or "[]"))}
+
+
+def touches_of(opened: "RunFile") -> "list[Sentence]":
+    """One sentence per reading of pad, face or bottom."""
+    from edmctl.console.story import Sentence
+
+    told = []
+    for row in opened.table("/entry/touches"):
+        kind, site = (row[name].decode(errors="ignore") for name in ("kind", "site"))
+        where = {
+            "Z1": "the pad",
+            "Z2": f"the bottom of {site}",
+            "Z3": f"the pad after {site}",
+            "Zr": f"the face at {site}",
+        }.get(kind, site)
+        z_um = row["z_model"] if math.isnan(row["z_sensor"]) else row["z_sensor"]
+        spread = f" within {row['sd']:.2f} µm rms" if row["n"] > 1 else ""
+        refused = "" if row["accepted"] else "; the reading was not used"
+        times = "1 touch" if row["n"] == 1 else f"{row['n']} touches"
+        text = f"Touched {where} at {z_um:.2f} µm ({kind}, {times}{spread}){refused}."
+        told.append(Sentence(float(row["time"]), text, "TOUCHED"))
+    return told
+
+
+def _settled(opened: "RunFile", events: list[FileEvent], holes: list[str]) -> str:
+    """Which holes a later touch of the pad gave another depth than feed and energy had."""
+    said_um = {
+        hole: depth_um
+        for event, hole in zip(events, holes, strict=True)
+        if event.code == "SITE_ESTIMATED" and isinstance(depth_um := event.args.get("depth_um"), float)
+    }
+    changed = []
+    for row in opened.table("/entry/results"):
+        name = row["site"].decode(errors="ignore")
+        before_um = next((um for hole, um in said_um.items() if hole.encode()[:32] == row["site"]), None)
+        if before_um is not None and f"{before_um:.2f}" != f"{row['depth']:.2f}":
+            changed.append(f"{name} {row['depth']:.2f} ± {row['depth_u95']:.2f} µm (was {before_um:.2f})")
+    if not changed:
+        return ""
+    return (
+        f"The touches that came later gave holes that had not been touched new depths: {', '.join(changed)}."
+    )
+
+
+def _done(opened: "RunFile", events: list[FileEvent]) -> str:
+    """How many holes are done, of how many."""
+    values = opened.profile_values()
+    done = sum(event.code == "TARGET_REACHED" for event in events)
+    wanted = "" if "file" in _kinds(values) else f" of {len(depths_of_holes(values))}"
+    parent = opened.text("/entry/parent_run")
+    earlier = f" in this run; those before are in {parent}" if parent else ""
+    return f"{done}{wanted} holes reached their target{earlier}."
+
+
 def _wanted(opened: "RunFile") -> str:
     values = opened.profile_values()
     kind = values.get("target.kind")
+    depths_um = depths_of_holes(values)
     objective = {
-        "depth": f"a depth of {values.get('target.depth_um', 0):g} ± {values.get('target.tolerance_um', 0):g} µm",
+        "depth": f"a depth of {_depths(values, depths_um)} ± {values.get('target.tolerance_um', 0):g} µm",
         "feed": f"a feed of {values.get('target.feed_um', 0):g} µm",
         "through": f"a hole through the sheet of {values.get('work.thickness_um', 0):g} µm",
     }.get(str(kind), "no objective that this version knows")
     tool = f"{values.get('tool.material', '?')} tool of {values.get('tool.diameter_um', 0):g} µm"
     jumps = {"off": "without jumps", "fixed": f"with a jump every {values.get('jump.period_s', 0):g} s"}
     how = jumps.get(str(values.get("jump.mode")), "with adaptive jumps")
-    title = opened.text("/entry/title") or str(values.get("meta.name", ""))
-    return f"{title}: wanted was {objective} in {values.get('work.material', '?')} with a {tool}, {how}."
+    if len(depths_um) > 1:
+        objective = f"{objective} at each of {len(depths_um)} places"
+    name = values.get("meta.name") or opened.text("/entry/title")
+    return f"{name}: wanted was {objective} in {values.get('work.material', '?')} with a {tool}, {how}."
 
 
-def _ended(opened: "RunFile") -> str:
+def _depths(values: "dict[str, float | int | str | bool]", depths_um: list[float]) -> str:
+    """The depth that was wanted, or from which to which."""
+    target_um = float(values.get("target.depth_um", 0.0))
+    own_um = sorted({target_um if math.isnan(um) else um for um in depths_um}) or [target_um]
+    return f"{own_um[0]:g}" if len(own_um) == 1 else f"{own_um[0]:g} to {own_um[-1]:g}"
+
+
+def _ended(opened: "RunFile", events: list[FileEvent]) -> str:
     if not opened.is_finished:
         return (
             "The file has no end: the program that wrote it was killed, or is still running. "
@@ -118,9 +208,20 @@ def _ended(opened: "RunFile") -> str:
     machining_s, time_s = summary.get("machining_time_s"), summary.get("time_s")
     took = ""
     if isinstance(time_s, int | float) and isinstance(machining_s, int | float):
-        from edmctl.console.text import duration
-
         took = f" after {duration(time_s)}, {duration(machining_s)} of them machining"
     if exit_code == 0:
         return f"The run came to its end{took}."
-    return f"The run ended with exit code {exit_code} ({opened.text('/entry/status')}){took}."
+    return f"The run ended with exit code {exit_code} ({opened.text('/entry/status')}){took}{_why(events)}"
+
+
+def _why(events: list[FileEvent]) -> str:
+    """Where the file says what ended a run that did not come to its end."""
+    ends = ("ENDED_EARLY", "TARGET_MISSED", "SITES_LEFT", "SETUP_WRONG")
+    last = next((event for event in reversed(events) if event.code in ends), None)
+    if last is None:
+        return (
+            ": it was refused before the machine did anything. The file does not hold the reason; "
+            "the command that wrote it said so on the terminal, and refuses again with the same one."
+        )
+    code = last.args.get("code", "")
+    return f": {code}, see above." if code else ", see above."

@@ -30,6 +30,8 @@ class ForecastView(Protocol):
     @property
     def depth_um(self) -> float: ...
     @property
+    def depth_min_um(self) -> float: ...
+    @property
     def wear_um(self) -> float: ...
     @property
     def stroke_um(self) -> float: ...
@@ -52,6 +54,8 @@ class ForecastView(Protocol):
     @property
     def holes(self) -> int: ...
     @property
+    def holes_in_reach(self) -> int: ...
+    @property
     def stops(self) -> int: ...
     @property
     def tool_wear_um(self) -> float: ...
@@ -66,7 +70,7 @@ def render_forecast(name: str, forecast: ForecastView, style: Style = PLAIN) -> 
     cycle_ms = 1e3 * forecast.limit_cycle_period_s
     rows = [
         *_work(forecast),
-        _row("stroke", length(forecast.stroke_um), f"of {length(forecast.stroke_available_um)}"),
+        _stroke(forecast),
         _row("machining", duration(forecast.machining_time_s), _steps(forecast)),
         _row("measuring", duration(forecast.measuring_time_s), plural(forecast.stops, "stop")),
         _row("whole job", duration(forecast.time_s)),
@@ -98,11 +102,19 @@ def _work(forecast: ForecastView) -> list[Sequence[str]]:
     if forecast.holes == 1:
         return rows
     worn = _row("tool wear", length(forecast.tool_wear_um), "in all")
-    return [
-        _row("holes", count(forecast.holes)),
-        *[(*row, "each") if len(row) == 2 else row for row in rows],
-        worn,
-    ]
+    holes = _row("holes", count(forecast.holes))
+    if forecast.depth_min_um < forecast.depth_um:
+        depths = f"{forecast.depth_min_um:.2f} to {depth}"
+        return [holes, _row("depth", depths), *[(*row[:2], "at most") for row in rows[1:]], worn]
+    return [holes, *[(*row, "each") if len(row) == 2 else row for row in rows], worn]
+
+
+def _stroke(forecast: ForecastView) -> Sequence[str]:
+    """The stroke that is needed, or how many holes it lasts for."""
+    available = length(forecast.stroke_available_um)
+    if forecast.holes > 1 and forecast.holes_in_reach < forecast.holes:
+        return _row("stroke", available, f"for the first {plural(forecast.holes_in_reach, 'hole')} only")
+    return _row("stroke", length(forecast.stroke_um), f"of {available}")
 
 
 def _steps(forecast: ForecastView) -> str:

@@ -14,7 +14,15 @@ if TYPE_CHECKING:
 
 LEFT_OUT = frozenset({"READING", "LINK", "STAGE_MOVED", "CONTROLLER_LOG", "JUMP_PERIOD", "APPROACHED"})
 """Single steps that the sentences about readings, jumps and cuts stand for."""
-DEBUG, WARNING = 0, 2
+OF_A_HOLE = frozenset(
+    {
+        *("CUT_PLANNED", "CUT_ENDED", "CUT_DECIDED", "CUT_GIVEN_UP", "SITE_MEASURED", "SITE_ESTIMATED"),
+        *("TARGET_REACHED", "TARGET_MISSED", "LEFT_UNMEASURED", "BREAKTHROUGH"),
+    }
+)
+"""What happens to a hole: where there are several, these sentences begin with its name."""
+PAD = "the reference pad"
+DEBUG = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,14 +49,15 @@ class EventView(Protocol):
     def args(self) -> Mapping[str, object]: ...
 
 
-def story(events: Sequence[EventView], period_s: float) -> list[Sentence]:
+def story(events: Sequence[EventView], period_s: float, *, names_holes: bool = False) -> list[Sentence]:
     """Tell the events: jumps in stretches with their reason, hints where there are some, all else as recorded.
 
     period_s : jump period of the recipe
+    names_holes : the job has several holes, so say which one it is about
     """
     told: list[Sentence] = []
     jumps: list[Jump] = []
-    for event in events:
+    for event, hole in zip(events, holes_of(events), strict=True):
         if event.code == "JUMPED":
             jumps.append(_jump(event, period_s))
             continue
@@ -57,12 +66,28 @@ def story(events: Sequence[EventView], period_s: float) -> list[Sentence]:
         if event.code == "CUT_ENDED" or event.code.endswith("_CHANGED") or event.code == "ENDED_EARLY":
             told += [Sentence(s.begin_s, s.text, "JUMPED") for s in stretches(jumps)]
             jumps.clear()
-        told.append(Sentence(event.time_s, event.message, event.code))
+        name = f"{hole}: " if names_holes and hole and event.code in OF_A_HOLE else ""
+        told.append(Sentence(event.time_s, f"{name}{event.message}", event.code))
         hint = event.args.get("hint")
         if isinstance(hint, str) and hint:
             told.append(Sentence(event.time_s, hint, "HINT"))
     told += [Sentence(s.begin_s, s.text, "JUMPED") for s in stretches(jumps)]
     return sorted(told, key=lambda sentence: sentence.time_s)
+
+
+def holes_of(events: Sequence[EventView]) -> list[str]:
+    """The hole that each event belongs to, empty where it is none; between holes the tool is nowhere."""
+    found, hole = [], ""
+    for event in events:
+        if event.code == "STAGE_MOVED":
+            place = event.message.removeprefix("At ").rpartition(" (")[0]
+            hole = hole if place == PAD else place
+        elif event.code == "FACE_FITTED":
+            hole = ""
+        found.append(hole)
+        if event.code in ("TARGET_REACHED", "TARGET_MISSED"):
+            hole = ""
+    return found
 
 
 def render_story(sentences: Sequence[Sentence], style: Style = PLAIN) -> str:

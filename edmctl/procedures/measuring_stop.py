@@ -23,7 +23,7 @@ from edmctl.record.rows import EventLevel
 if TYPE_CHECKING:
     from edmctl.procedures.cut import CutResult
     from edmctl.procedures.hole import Hole, Known
-    from edmctl.procedures.run import Run
+    from edmctl.procedures.run import Args, Run
     from edmctl.procedures.touch import SurfaceReading
 
 CLEAR_OF_BOTTOM_UM = 60.0
@@ -150,6 +150,7 @@ def report(run: Run, found: DepthAndWear, gap_um: float, decision: Decision) -> 
     if decision.plan is None:
         code = RunEvent.TARGET_MISSED if decision.missed else RunEvent.TARGET_REACHED
         level = EventLevel.WARNING if decision.missed else EventLevel.INFO
-        run.decide(code, decision.message, {"depth_um": found.depth_um}, level=level)
+        args: Args = {"depth_um": found.depth_um, "hint": decision.hint}
+        run.decide(code, decision.message, args, level=level)
     else:
         run.decide(RunEvent.CUT_DECIDED, decision.message, {"feed_um": decision.plan.feed_um})

@@ -76,7 +76,7 @@ def _no_time(run: Run, hole: Hole, plan: CutPlan, limits: TimeLimits) -> Decisio
     run.decide(
         RunEvent.TARGET_MISSED,
         decision.message,
-        {"cut": plan.number, "depth_um": plan.start.depth_um},
+        {"cut": plan.number, "depth_um": plan.start.depth_um, "hint": decision.hint},
         level=EventLevel.WARNING,
     )
     return decision

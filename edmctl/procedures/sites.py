@@ -80,5 +80,6 @@ def _worn_out(run: Run, known: Known, left: Sequence[Site]) -> Decision | None:
         f"The tool has lost {lost_um:.0f} µm and {left[0].name} would take {next_um:.0f} µm more; "
         f"tool.max_wear_um is {limit_um:.0f} µm. Done: {len(run.ledger.sites)}; left: {names}."
     )
-    run.decide(RunEvent.SITES_LEFT, message, {"left": len(left)}, level=EventLevel.WARNING)
-    return Decision(None, message, message, "Dress or change the tool, and machine the places that are left.")
+    hint = "Dress or change the tool, and machine the places that are left."
+    run.decide(RunEvent.SITES_LEFT, message, {"left": len(left), "hint": hint}, level=EventLevel.WARNING)
+    return Decision(None, message, message, hint)

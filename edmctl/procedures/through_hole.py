@@ -32,7 +32,7 @@ def end_of_through_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: 
     decision = _decision(hole, cut, found)
     code = RunEvent.TARGET_MISSED if decision.missed else RunEvent.TARGET_REACHED
     level = EventLevel.WARNING if decision.missed else EventLevel.INFO
-    run.decide(code, decision.message, {"depth_um": found.depth_um, "wear_um": found.wear_um}, level=level)
+    run.decide(code, decision.message, {"depth_um": found.depth_um, "hint": decision.hint}, level=level)
     return decision
 
 

@@ -43,7 +43,8 @@ class Course:
     """What a job adds up to.
 
     `deepest` is its deepest hole or its channel, `lowest_um` how far below the surface as the new tool meets it the
-    tool comes to stand, `stops` how often it measures; the cuts of a channel are its passes.
+    tool comes to stand, `reaches_um` the same hole by hole, `stops` how often it measures; the cuts of a channel are
+    its passes.
     """
 
     machining_s: float
@@ -54,6 +55,8 @@ class Course:
     deepest: Hole
     lowest_um: float
     tool_wear_um: float
+    depth_min_um: float
+    reaches_um: tuple[float, ...] = ()
     channel_um: float = 0.0
     layers: int = 0
 
@@ -84,7 +87,7 @@ def _holes_course(profile: Profile, setup: Setup, places: Sequence[Place]) -> Co
     away_um = [math.hypot(stand.x_um - pad.x_um, stand.y_um - pad.y_um) for stand in stands]
     cuts = planned_cuts(profile, setup, holes, away_um, plane=plane)
     measuring_s = touch_time_s(profile, setup) + (_plane_time_s(profile, setup, stands) if plane else 0.0)
-    worn_um = lowest_um = 0.0
+    worn_um, reaches_um = 0.0, []
     has_bottom = profile.target.kind != "through"
     for one, stand, planned in zip(holes, stands, cuts, strict=True):
         bottom_um = profile.approach.offset_um + worn_um
@@ -97,7 +100,7 @@ def _holes_course(profile: Profile, setup: Setup, places: Sequence[Place]) -> Co
                     profile, cut.feed_um, wear_um, pad_s, bottom=has_bottom, rim_um=one.completion_um
                 )
                 here = pad
-        lowest_um = max(lowest_um, worn_um + one.feed_um)
+        reaches_um.append(worn_um + one.feed_um)
         worn_um += one.wear_um
     return Course(
         machining_s=math.fsum(hole_time_s(profile, one) for one in holes),
@@ -106,8 +109,10 @@ def _holes_course(profile: Profile, setup: Setup, places: Sequence[Place]) -> Co
         stops=sum(cut.measured for planned in cuts for cut in planned),
         holes=len(holes),
         deepest=max(holes, key=lambda one: one.depth_um),
-        lowest_um=lowest_um,
+        lowest_um=max(reaches_um),
         tool_wear_um=worn_um,
+        depth_min_um=min(one.depth_um for one in holes),
+        reaches_um=tuple(reaches_um),
     )
 
 
@@ -129,6 +134,7 @@ def _channel_course(profile: Profile, setup: Setup, path: PathTable) -> Course:
         deepest=Hole(whole.depth_um, whole.wear_um),
         lowest_um=whole.depth_um + whole.wear_um,
         tool_wear_um=whole.wear_um,
+        depth_min_um=whole.depth_um,
         channel_um=whole.length_um,
         layers=whole.layers,
     )

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic
 from edmctl.profile.codes import Code
-from edmctl.profile.fields import keys_at, nearest, permitted_at, table_with_key
+from edmctl.profile.fields import keys_at, keys_of_kind, lists_tables, nearest, permitted_at, table_with_key
 from edmctl.profile.merge import dotted, toml_repr
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ def rule_diagnostics(findings: Sequence[Finding], sources: Sources) -> list[Diag
             code=finding.code,
             message=finding.message,
             hint=finding.hint,
-            where=sources.value(finding.path),
+            where=finding.where or sources.value(finding.path),
             is_warning=finding.is_warning,
         )
         for finding in findings
@@ -121,7 +121,9 @@ def _diagnostic(
     if code == Code.MISSING_KEY:
         message, hint = f"{name} is missing", _hint_missing(path, model)
     elif code == Code.UNKNOWN_KEY:
-        message, hint = f"unknown key {name}", _hint_unknown(path, model)
+        message, hint = f"unknown key {name}", _hint_unknown(path, model, data)
+    elif code == Code.WRONG_TYPE and isinstance(_value(data, path), dict) and lists_tables(model, path):
+        message, hint = f"{name} is one table, not a list of tables", f"write [[{name}]]"
     else:
         message = f"{name} = {toml_repr(_value(data, path))} {_COMPLAINTS[code]}"
         allowed = permitted_at(model, path)
@@ -151,12 +153,12 @@ def _hint_missing(path: KeyPath, model: type[BaseModel]) -> str:
     return f"add {path[-1]} to {_header(path[:-1])}: {what}"
 
 
-def _hint_unknown(path: KeyPath, model: type[BaseModel]) -> str:
+def _hint_unknown(path: KeyPath, model: type[BaseModel], data: TomlTable) -> str:
     table, key = path[:-1], str(path[-1])
-    known = keys_at(model, table)
-    if key in known:
+    known, of_any_kind = keys_of_kind(model, table, _value(data, table)), keys_at(model, table)
+    if key in of_any_kind:
         return f"it does not go with this kind of {dotted(table)}: remove it, or change kind"
-    close = nearest(key, known)
+    close = nearest(key, known) or nearest(key, of_any_kind)
     if close:
         return f"did you mean {close}?"
     home = table_with_key(model, key)

@@ -47,10 +47,42 @@ def keys_at(model: type[BaseModel], path: KeyPath) -> list[str]:
     return list(dict.fromkeys(key for table in tables for key in _fields(table)))
 
 
+def keys_of_kind(model: type[BaseModel], path: KeyPath, written: object) -> list[str]:
+    """Keys that a table written there may hold by its `kind`; those of all kinds where that is none of them."""
+    found = field_at(model, path) if path else None
+    kind = written.get("kind") if isinstance(written, dict) else None
+    for table in _tables(found.annotation) if found else []:
+        info = _fields(table).get("kind")
+        if info and (kind in get_args(info.annotation) if kind is not None else not info.is_required()):
+            return list(_fields(table))
+    return keys_at(model, path)
+
+
+def lists_tables(model: type[BaseModel], path: KeyPath) -> bool:
+    """Whether the key stands for a list of tables."""
+    found = field_at(model, path)
+    return found is not None and get_origin(found.annotation) is list and bool(_tables(found.annotation))
+
+
 def nearest(key: str, candidates: list[str]) -> str | None:
-    """The candidate that is spelt most like the key, if any is."""
-    close = difflib.get_close_matches(key, candidates, n=1, cutoff=0.6)
-    return close[0] if close else None
+    """The candidate that is spelt most like the key, or is the key with a unit; never the same of another axis."""
+    with_unit = [
+        name for name in candidates if name.startswith(f"{key}_") and "_" not in name[len(key) + 1 :]
+    ]
+    close = with_unit or difflib.get_close_matches(key, candidates, n=len(candidates) or 1, cutoff=0.6)
+    return next((name for name in close if not _is_other_axis(key, name)), None)
+
+
+def _is_other_axis(key: str, name: str) -> bool:
+    """Whether both are about an axis, and not about the same, as z_um and dx_um."""
+    a, b = _axis(key), _axis(name)
+    return a != b and "" not in (a, b)
+
+
+def _axis(key: str) -> str:
+    """The axis that a key such as x_um or dx_um is about; empty for other keys."""
+    word = key.lower().partition("_")[0]
+    return word[-1] if word in ("x", "y", "z", "dx", "dy", "dz") else ""
 
 
 def table_with_key(model: type[BaseModel], key: str) -> str | None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from edmctl.profile.forecast import forecast
 
 if TYPE_CHECKING:
+    from edmctl.errors import Location
     from edmctl.profile.codes import Code
     from edmctl.profile.forecast import Forecast
     from edmctl.profile.locate import KeyPath
@@ -40,12 +41,13 @@ class Job:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One violated rule, blamed on the value at `path`."""
+    """One violated rule, blamed on the value at `path`, or on a line of a file that it names (`where`)."""
 
     code: Code
     path: KeyPath
     message: str
     hint: str
+    where: Location | None = None
 
     @property
     def is_warning(self) -> bool:

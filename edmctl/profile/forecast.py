@@ -26,8 +26,9 @@ class Forecast:
     """Expected course of a job.
 
     Times, cuts, measuring stops and pulses are those of the whole job, as is `tool_wear_um`; depth, wear and feed
-    are of its deepest hole or of its channel, whose cuts are its passes. `limit_cycle_um` is the half-amplitude of
-    the servo's swing; `channel_um` and `layers` are 0 where there is no channel.
+    are of its deepest hole or of its channel, whose cuts are its passes, `depth_min_um` is that of its shallowest
+    hole. `holes_in_reach` are those, in working order, for which the stroke lasts. `limit_cycle_um` is the
+    half-amplitude of the servo's swing; `channel_um` and `layers` are 0 where there is no channel.
     """
 
     machining_time_s: float
@@ -37,6 +38,7 @@ class Forecast:
     feed_rate_um_s: float
     feed_um: float
     depth_um: float
+    depth_min_um: float
     wear_um: float
     stroke_um: float
     stroke_available_um: float
@@ -48,6 +50,7 @@ class Forecast:
     jump_share: float
     pulses: int
     holes: int
+    holes_in_reach: int
     stops: int
     tool_wear_um: float
     channel_um: float
@@ -62,7 +65,7 @@ def forecast(profile: Profile, setup: Setup, places: Sequence[Place] = ()) -> Fo
     conditioning, approaches, touches and stage moves.
     """
     course = course_of(profile, setup, places)
-    deepest = course.deepest
+    deepest, available_um = course.deepest, stroke_available_um(profile, setup)
     delay_s, cycle = servo_loop(profile, setup)
     pulse = profile.pulse
     return Forecast(
@@ -73,9 +76,10 @@ def forecast(profile: Profile, setup: Setup, places: Sequence[Place] = ()) -> Fo
         feed_rate_um_s=feed_rate_um_s(profile, deepest.depth_um),
         feed_um=deepest.feed_um,
         depth_um=deepest.depth_um,
+        depth_min_um=course.depth_min_um,
         wear_um=deepest.wear_um,
         stroke_um=profile.approach.offset_um + course.lowest_um + STROKE_RESERVE_UM,
-        stroke_available_um=stroke_available_um(profile, setup),
+        stroke_available_um=available_um,
         loop_delay_s=delay_s,
         limit_cycle_um=cycle.half_amplitude_um,
         limit_cycle_period_s=cycle.period_s,
@@ -84,11 +88,18 @@ def forecast(profile: Profile, setup: Setup, places: Sequence[Place] = ()) -> Fo
         jump_share=time_share_of_jumps(profile),
         pulses=round(course.machining_s * pulse.frequency_hz),
         holes=course.holes,
+        holes_in_reach=_in_reach(course.reaches_um, available_um - profile.approach.offset_um),
         stops=course.stops,
         tool_wear_um=course.tool_wear_um,
         channel_um=course.channel_um,
         layers=course.layers,
     )
+
+
+def _in_reach(reaches_um: Sequence[float], stroke_um: float) -> int:
+    """How many holes are made before one asks for more than this stroke."""
+    fits = [reach_um + STROKE_RESERVE_UM <= stroke_um for reach_um in reaches_um]
+    return fits.index(False) if False in fits else len(fits)
 
 
 def depth_and_wear_um(profile: Profile) -> tuple[float, float]:

@@ -162,6 +162,6 @@ def _sha256(model: BaseModel, found: tuple[Place, ...] = ()) -> str:
     """Hash of a table, and of the places that it does not hold itself."""
     values = model.model_dump(by_alias=True)
     if found:
-        values["places"] = [astuple(place) for place in found]
+        values["places"] = [astuple(replace(place, where=None))[:-1] for place in found]
     canonical = json.dumps(values, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(canonical.encode()).hexdigest()

@@ -90,24 +90,23 @@ def stroke(job: Job) -> Iterator[Finding]:
 def through_stroke(job: Job) -> Iterator[Finding]:
     """Rule 10: a through hole has stroke for the sheet, the wear and the worn tip.
 
-    Where the target is a depth or a feed nobody waits for the breakthrough, and rule 2 sees to the offset.
+    Where the target is a depth or a feed nobody waits for the breakthrough, and rule 2 sees to the stroke.
     """
     profile, available_um = job.profile, stroke_available_um(job.profile, job.setup)
-    if profile.work.kind != "through":
+    if profile.target.kind != "through" or profile.work.kind != "through":
         return
     thickness_um, ratio, tip_um = profile.work.thickness_um, profile.wear.expected_ratio, completion(profile)
-    waits = profile.target.kind == "through"
-    beside_um = profile.approach.offset_um + STROKE_RESERVE_UM if waits else 0.0
+    beside_um = profile.approach.offset_um + STROKE_RESERVE_UM
     thickest_um = max(available_um - tip_um - beside_um, 0.0) / (1.0 + ratio)
     needed_um = thickness_um * (1.0 + ratio) + tip_um + beside_um
     if needed_um <= available_um:
         return
-    offset = f"offset {profile.approach.offset_um:g} + reserve {STROKE_RESERVE_UM:g} + " if waits else ""
     yield Finding(
         Code.THROUGH_STROKE,
         ("work", "thickness_um"),
-        f"a hole through {thickness_um:g} µm needs {offset}{thickness_um:g} x {1 + ratio:g} + {tip_um:g} for the "
-        f"worn tip = {needed_um:.0f} µm of stroke; {profile.limits.stroke_v_max:g} V give {available_um:.0f} µm",
+        f"a hole through {thickness_um:g} µm needs offset {profile.approach.offset_um:g} + reserve "
+        f"{STROKE_RESERVE_UM:g} + {thickness_um:g} x {1 + ratio:g} + {tip_um:g} for the worn tip = "
+        f"{needed_um:.0f} µm of stroke; {profile.limits.stroke_v_max:g} V give {available_um:.0f} µm",
         f"at most {math.floor(thickest_um)} µm thick, or drill a blind hole",
     )
 
@@ -215,7 +214,10 @@ def pad_distance(job: Job) -> Iterator[Finding]:
 
 
 def jump(job: Job) -> Iterator[Finding]:
-    """Rule 7: jumps flush, fit above home, and leave time to machine."""
+    """Rule 7: jumps flush, fit above home, and leave time to machine.
+
+    Adaptive jumps go only as far up as the tool is down.
+    """
     j = job.profile.jump
     if j.mode == "off":
         return
@@ -239,13 +241,13 @@ def _jump_height(profile: Profile) -> Iterator[Finding]:
         depth_um, profile.tool.diameter_um, profile.work.side_gap_um
     )
     deepest_um = profile.approach.offset_um + depth_um + wear_um
-    if j.height_um > deepest_um:
+    if j.height_um > deepest_um and j.mode == "fixed":
         yield Finding(
             Code.JUMP,
             ("jump", "height_um"),
             f"jump height {j.height_um:g} µm is more than the tool's way down, {deepest_um:.0f} µm at the "
             "end: it cannot retract below 0 V",
-            f"use at most {rounded_down(deepest_um)} µm; {rounded_up(least_um)} µm flush",
+            f"use at most {rounded_down(deepest_um)} µm; {rounded_up(least_um)} µm are enough to flush",
         )
     elif j.height_um < least_um:
         yield Finding(

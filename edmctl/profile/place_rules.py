@@ -40,6 +40,7 @@ def names(job: Job) -> Iterator[Finding]:
                 f"two places are called {place.name}: ({other.x_um:g}, {other.y_um:g}) and "
                 f"({place.x_um:g}, {place.y_um:g}) µm",
                 "give one of them another name",
+                place.where,
             )
             return
 
@@ -54,6 +55,7 @@ def depths_of_places(job: Job) -> Iterator[Finding]:
             ("sites", deep.entry),
             f'{deep.name} has depth_um {deep.depth_um:g}, but target.kind is "{kind}"',
             'remove it, or use target.kind = "depth"',
+            deep.where,
         )
 
 
@@ -70,6 +72,7 @@ def clear_of_each_other(job: Job) -> Iterator[Finding]:
             f"{a.name} and {b.name} are {found_um:.0f} µm apart: hole {profile.tool.diameter_um:g} + 2 x side gap "
             f"{gap_um:g} + wall {WALL_UM:g} = {apart_um:g} µm",
             f"keep them {rounded_up(apart_um)} µm apart or more",
+            b.where,
         )
     pad_um = profile.tool.diameter_um + gap_um + PAD_MARGIN_UM
     for place in job.places:
@@ -81,6 +84,7 @@ def clear_of_each_other(job: Job) -> Iterator[Finding]:
                 f"{place.name} is {found_um:.0f} µm from the reference pad at ({stage.reference_x_um:g}, "
                 f"{stage.reference_y_um:g}) µm and overlaps it or its rim",
                 f"keep it {rounded_up(pad_um)} µm away or more",
+                place.where,
             )
             return
 
@@ -121,6 +125,7 @@ def array_stroke(job: Job) -> Iterator[Finding]:
                 f"{number} fit: make the others another job, with the tool set anew"
                 if number
                 else "make it less deep, or raise limits.stroke_v_max",
+                place.where,
             )
             return
         worn_um += one.wear_um

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic, ProfileError
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
+    from edmctl.errors import Location
     from edmctl.profile.model import Profile
     from edmctl.profile.sites import CircleSites, GridSites, PointSite
 
@@ -25,7 +26,7 @@ MOST_PLACES = 1000
 class Place:
     """One hole to be: a name of its own, where in stage coordinates, and how deep; NaN where the target says it.
 
-    `entry` is the item of `[[sites]]` that it comes from, counted from 0.
+    `entry` is the item of `[[sites]]` that it comes from, counted from 0; `where` its line where that is a file.
     """
 
     name: str
@@ -34,6 +35,7 @@ class Place:
     theta_deg: float
     depth_um: float
     entry: int
+    where: Location | None = field(default=None, compare=False)
 
 
 def places(profile: Profile, base_folder: Path) -> tuple[Place, ...]:
@@ -55,7 +57,10 @@ def places(profile: Profile, base_folder: Path) -> tuple[Place, ...]:
             found += _circle(site, entry)
         else:
             rows = read_places_file(base_folder / site.path)
-            found += [_place(row, entry, len(found) + number) for number, row in enumerate(rows, 1)]
+            found += [
+                replace(_place(row, entry, len(found) + number), where=line)
+                for number, (row, line) in enumerate(rows, 1)
+            ]
         if len(found) > MOST_PLACES:
             message = f"the sites are more than {MOST_PLACES} places"
             raise ProfileError((Diagnostic(Code.SITES, message, "make several jobs of them"),))

@@ -26,13 +26,13 @@ MOST_COMPLAINTS = 20
 _FORM = "the first line names the columns, x_um,y_um at least; each further line is a place"
 
 
-def read_places_file(path: Path) -> list[PointSite]:
-    """Read the places of a CSV file, UTF-8 with commas; an empty cell stands for what is not given.
+def read_places_file(path: Path) -> list[tuple[PointSite, Location]]:
+    """Read the places of a CSV file and their lines, UTF-8 with commas; an empty cell stands for what is not given.
 
     Raises ProfileError with every wrong line, or when there is no such file or no place in it.
     """
     wrong: list[Diagnostic] = []
-    found: list[PointSite] = []
+    found: list[tuple[PointSite, Location]] = []
     columns: list[str] = []
     for line in _lines(path):
         try:
@@ -40,7 +40,7 @@ def read_places_file(path: Path) -> list[PointSite]:
             if not any(cells):
                 continue
             if columns:
-                found.append(_place(line, columns, cells))
+                found.append((_place(line, columns, cells), line.location()))
             else:
                 columns = _header(line, cells)
         except ProfileError as error:
@@ -71,16 +71,19 @@ class _Line:
         except csv.Error as error:
             raise self.wrong(f"no CSV: {error}", _FORM) from error
 
-    def wrong(self, message: str, hint: str, cell: int | None = None) -> ProfileError:
-        """Return a complaint about the line, or about one of its cells where commas alone tell where that is."""
+    def location(self, cell: int | None = None) -> Location:
+        """The line, or one of its cells where commas alone tell where that is."""
         column, length = 1, max(1, len(self.text))
         parts = self.text.split(",")
         if cell is not None and cell < len(parts) and '"' not in self.text:
             before = sum(len(part) + 1 for part in parts[:cell])
             indent = len(parts[cell]) - len(parts[cell].lstrip())
             column, length = before + indent + 1, max(1, len(parts[cell].strip()))
-        where = Location(self.file, self.number, column, length, self.text)
-        return ProfileError((Diagnostic(Code.PLACES_FILE, message, hint, where),))
+        return Location(self.file, self.number, column, length, self.text)
+
+    def wrong(self, message: str, hint: str, cell: int | None = None) -> ProfileError:
+        """Return a complaint about the line, or about one of its cells."""
+        return ProfileError((Diagnostic(Code.PLACES_FILE, message, hint, self.location(cell)),))
 
 
 def _lines(path: Path) -> list[_Line]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import h5py
 import pytest
 
-from edmctl.console.story import story
+from edmctl.console.story import holes_of, story
 from tests.cli.commands import CU270, Here
 from tests.faults.workshop import Workshop
 
@@ -66,7 +66,10 @@ def test_a_run_is_told_from_what_was_wanted_to_its_end(here: Here, tmp_path: Pat
     said = here("run", "explain", str(file))
     assert said.exit_code == 0
     lines = said.out.splitlines()
-    assert "wanted was a feed of 25 µm in Cu with a Cu tool of 270 µm, with a jump every 10 s" in lines[0]
+    assert (
+        "cu270-cu: wanted was a feed of 25 µm in Cu with a Cu tool of 270 µm, with a jump every 10 s"
+        in lines[0]
+    )
     (cut,) = (i for i, line in enumerate(lines) if "Cut 1: feed 25.0 µm" in line)
     (jumps,) = (i for i, line in enumerate(lines) if "it jumped" in line)
     (ended,) = (i for i, line in enumerate(lines) if "Cut 1 ended after" in line)
@@ -99,6 +102,7 @@ def test_a_run_that_ended_early_is_told_with_what_to_do(
     assert "A short did not clear while the tool retracted" in out
     assert "Look for a debris bridge" in out
     assert "The run ended with exit code 6" in out
+    assert out.rstrip().endswith(", see above.")
 
 
 def test_a_file_without_an_end_is_told_as_far_as_it_goes(here: Here, tmp_path: Path) -> None:
@@ -111,6 +115,57 @@ def test_a_file_without_an_end_is_told_as_far_as_it_goes(here: Here, tmp_path: P
     assert said.exit_code == 0
     assert "Cut 1 ended after" in said.out
     assert "was killed, or is still running" in said.out.splitlines()[-1]
+
+
+def test_an_array_names_the_hole_of_each_sentence_and_counts_them(here: Here, tmp_path: Path) -> None:
+    sites = (
+        "sites=[{name='a',x_um=500},{name='b',x_um=800},{name='c',x_um=1100}]",
+        "target.depth_um=6.0",
+        'log.pulses="off"',
+        "approach.speed_um_s=5.0",
+        "measure.settle_s=0.2",
+    )
+    options = [word for value in sites for word in ("--set", value)]
+    folder = ("--out", str(tmp_path), "--run-id", "array", "--quiet")
+    said = here("machine", "--profile", "array-3x3", *options, "--seed", "1", *folder)
+    assert said.exit_code == 0, said.err
+    lines = here("run", "explain", str(tmp_path / "array.h5")).out.splitlines()
+    assert "array-3x3: wanted was a depth of 6 ± 2 µm at each of 3 places" in lines[0]
+    for name in "abc":
+        assert sum(f"  {name}: Cut 1: feed" in line for line in lines) == 1
+        assert any(f"  {name}: Depth " in line for line in lines)
+    assert any("Touched the bottom of a at" in line for line in lines)
+    with h5py.File(tmp_path / "array.h5") as run:
+        results = {row["site"].decode(): row for row in run["/entry/results"][:]}
+    (settled,) = (line for line in lines if "new depths: " in line)
+    assert f"b {results['b']['depth']:.2f} ± {results['b']['depth_u95']:.2f} µm (was " in settled
+    assert lines[-2].endswith("3 of 3 holes reached their target.")
+
+
+def test_a_hole_ends_with_its_target_and_the_pad_is_none() -> None:
+    events = [
+        Event(1.0, "STAGE_MOVED", message="At a (1) (500, 0) µm."),
+        Event(2.0, "CUT_ENDED"),
+        Event(3.0, "STAGE_MOVED", message="At the reference pad (0, 0) µm."),
+        Event(4.0, "SITE_MEASURED"),
+        Event(5.0, "TARGET_REACHED"),
+        Event(6.0, "SITES_LEFT"),
+        Event(7.0, "STAGE_MOVED", message="At b (900, 0) µm."),
+        Event(8.0, "TARGET_MISSED"),
+    ]
+    assert holes_of(events) == ["a (1)"] * 5 + ["", "b", "b"]
+
+
+def test_a_run_that_was_refused_at_once_says_that_its_file_holds_no_reason(
+    here: Here, tmp_path: Path
+) -> None:
+    _, file = machined(here, tmp_path)
+    with h5py.File(file, "r+") as run:
+        run["/entry/exit_code"][()] = 8
+        run["/entry/status"][()] = b"precondition"
+    last = here("run", "explain", str(file)).out.splitlines()[-1]
+    assert "exit code 8 (precondition)" in last
+    assert "The file does not hold the reason" in last
 
 
 @pytest.mark.parametrize("content", [None, b"no HDF5"])

@@ -7,9 +7,9 @@ from edmctl.profile import Setup, load_profile
 from edmctl.profile.forecast import forecast
 
 
-def table_of(name: str) -> dict[str, list[str]]:
+def table_of(name: str, *overrides: str) -> dict[str, list[str]]:
     """Rows by their name; the last of a name holds."""
-    loaded = load_profile(name)
+    loaded = load_profile(name, overrides)
     text = render_forecast(name, forecast(loaded.profile, Setup(), loaded.places))
     rows = [line.split("   ") for line in text.splitlines()[1:]]
     return {row[0].strip(): [cell.strip() for cell in row[1:] if cell.strip()] for row in rows}
@@ -29,6 +29,18 @@ def test_an_array_tells_its_holes_and_the_wear_of_all() -> None:
     assert table["holes"] == ["9"]
     assert table["depth"] == ["20.00 µm", "each"]
     assert table["tool wear"] == ["76.86 µm", "in all"]
+
+
+def test_places_of_their_own_depths_are_told_as_a_range() -> None:
+    sites = "sites=[{x_um=500},{x_um=900,depth_um=12.5},{x_um=1300,depth_um=40}]"
+    table = table_of("array-3x3", sites)
+    assert table["depth"] == ["12.50 to 40.00 µm"]
+    assert table["feed"][1] == "at most"
+
+
+def test_holes_that_do_not_fit_need_no_stroke_that_there_is_not() -> None:
+    table = table_of("array-3x3", "target.depth_um=100", "limits={stroke_v_max=120}", "tool.max_wear_um=400")
+    assert table["stroke"] == ["356.04 µm", "for the first 4 holes only"]
 
 
 def test_a_channel_tells_its_length_layers_and_wear() -> None:

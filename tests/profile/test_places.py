@@ -112,6 +112,8 @@ def test_a_file_named_on_the_command_line_is_beside_the_user(
         ("x_um,y_um\n500\n", 2, 1, "y_um is missing", "a number"),
         ("x_um;y_um\n500;0\n", 1, 1, "not separated by commas", "x_um,y_um"),
         ("x_um,yum\n500,0\n", 1, 6, "unknown column yum", "did you mean y_um?"),
+        ("x_um,y\n500,0\n", 1, 6, "unknown column y", "did you mean y_um?"),
+        ("x_um,z_um\n500,0\n", 1, 6, "unknown column z_um", "the columns are name, x_um"),
         ("name,x_um\na,500\n", 1, 1, "the column y_um is missing", "names the columns"),
         ("x_um,y_um,x_um\n1,2,3\n", 1, 11, "the column x_um stands twice", "remove one"),
         ("x_um,y_um\n500,0,3\n", 2, 1, "3 cells under 2 columns", "comma"),
@@ -130,6 +132,30 @@ def test_a_wrong_line_is_pointed_at(
     assert hint in found.hint
     assert found.where is not None
     assert (Path(found.where.file).name, found.where.line, found.where.column) == ("places.csv", line, column)
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "line"),
+    [
+        ("x_um,y_um\n500,0\n\n900,0\n510,0\n", Code.OVERLAP, 5),
+        ("x_um,y_um\n500,0\n10,0\n", Code.OVERLAP, 3),
+        ("name,x_um,y_um\na,500,0\nb,900,0\na,1300,0\n", Code.SITES, 4),
+        ("x_um,y_um,depth_um\n500,0,\n900,0,205\n", Code.ARRAY_STROKE, 3),
+    ],
+)
+def test_a_rule_about_a_place_points_at_its_line(tmp_path: Path, text: str, code: Code, line: int) -> None:
+    (where,) = (d.where for d in problems(sheet(tmp_path, text)) if d.code == code)
+    assert where is not None
+    assert (Path(where.file).name, where.line) == ("places.csv", line)
+
+
+def test_one_table_of_sites_is_told_to_be_a_list(tmp_path: Path) -> None:
+    path = tmp_path / "p.toml"
+    path.write_text('extends = "cu150.toml"\n[sites]\nx_um = 500\n', encoding="utf-8")
+    (found,) = problems(path)
+    assert found.hint == "write [[sites]]"
+    assert found.where is not None
+    assert found.where.line == 2
 
 
 def test_all_wrong_lines_are_told_at_once_with_the_violated_rules(tmp_path: Path) -> None:
@@ -251,6 +277,10 @@ def test_one_value_of_a_list_cannot_be_set(override: str) -> None:
         ("[{x_um=500,kind=3}]", Code.NOT_A_CHOICE, "3", '"point" or "grid" or "circle" or "file"'),
         ("[{x_um=500,kind='gird'}]", Code.NOT_A_CHOICE, "'gird'", '"grid"'),
         ("[{x_um=500},{}]", Code.MISSING_KEY, "{}", "add x_um to [[sites]]"),
+        ("[{x=600}]", Code.UNKNOWN_KEY, "x", "did you mean x_um?"),
+        ("[{x_um=500,z_um=3}]", Code.UNKNOWN_KEY, "z_um", "name, x_um, y_um, theta_deg, depth_um"),
+        ("[{kind='circle',x_um=500,radius=3}]", Code.UNKNOWN_KEY, "radius", "did you mean radius_um?"),
+        ("{x_um=500}", Code.WRONG_TYPE, "{x_um=500}", "write [[sites]]"),
         ("[{x_um=500,colums=3}]", Code.UNKNOWN_KEY, "colums", "did you mean columns?"),
         ("[{x_um=500,columns=3}]", Code.UNKNOWN_KEY, "columns", "change kind"),
         ("[3]", Code.WRONG_TYPE, "3", "a list of tables"),

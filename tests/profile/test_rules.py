@@ -138,8 +138,8 @@ CASES = [
     ),
     Case(
         Code.JUMP,
-        ("jump.height_um=300",),
-        ("jump.height_um=301",),
+        ("jump.mode=fixed", "jump.height_um=300"),
+        ("jump.mode=fixed", "jump.height_um=301"),
         "jump.height_um",
         ("301 µm", "300 µm", "0 V"),
     ),
@@ -177,13 +177,6 @@ CASES = [
         ("pulse.frequency_hz=25100", "pulse.duty=0.50"),
         "pulse.frequency_hz",
         ("19.9 µs", "20 µs"),
-    ),
-    Case(
-        Code.THROUGH_STROKE,
-        ("work.kind=through", "work.thickness_um=159"),
-        ("work.kind=through", "work.thickness_um=160"),
-        "work.thickness_um",
-        ("160 µm", "1.389", "135", "357 µm", "356 µm"),
     ),
     Case(
         Code.THROUGH_STROKE,
@@ -348,7 +341,7 @@ def test_a_rule_passes_refuses_and_says_its_numbers(case: Case) -> None:
         (Code.RAMP_ORDER, "servo.back_um_s", "1", ()),
         (Code.OFFSET, "approach.offset_um", "20", ()),
         (Code.JUMP_TOO_LOW, "jump.height_um", "10", ()),
-        (Code.JUMP, "jump.height_um", "400", ()),
+        (Code.JUMP, "jump.height_um", "400", ("jump.mode=fixed",)),
         (Code.JUMP, "jump.period_s", "2", ("jump.speed_um_s=50", "jump.mode=fixed")),
         (Code.JUMP, "jump.period_min_s", "1", ("jump.speed_um_s=400",)),
         (Code.THROUGH_STROKE, "work.thickness_um", "200", (THROUGH, "work.kind=through")),
@@ -425,6 +418,20 @@ def test_one_touch_speed_serves_z1_z2_and_z3() -> None:
 
 def test_a_feed_target_goes_with_the_shipped_profile() -> None:
     assert problems("cu270", FEED_TARGET) == ()
+
+
+def test_adaptive_jumps_go_only_as_far_up_as_the_tool_is_down() -> None:
+    shallow = ("target.depth_um=20", "limits.max_time_s=1e5")
+    assert problems("cu150", *shallow) == ()
+    (found,) = problems("cu150", *shallow, "jump.mode=fixed")
+    assert found.code == Code.JUMP
+    assert found.hint == "use at most 78.5 µm; 6.8 µm are enough to flush"
+
+
+def test_a_sheet_of_any_thickness_goes_with_a_depth() -> None:
+    for target in ("target.depth_um=180", FEED_TARGET):
+        found = problems("cu270", target, "work.kind=through", "work.thickness_um=400")
+        assert [d.code for d in found] == [Code.NOT_THROUGH]
 
 
 def test_no_jumps_need_no_flushing_height() -> None:
