@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from edmctl.cli.runfile import RunName
     from edmctl.console.style import Style
     from edmctl.errors import Diagnostic
+    from edmctl.machine.controller import LinkMachine
     from edmctl.procedures.job import Job
     from edmctl.procedures.run import Run
     from edmctl.record.recorder import Recorder
@@ -73,6 +74,12 @@ class Asked:
     seed: int | None
 
 
+def name_of(plan: Plan, command: str, asked: Asked) -> RunName:
+    """Name the run; a profile that nobody named is not in it."""
+    loaded = plan.loaded if plan.names_tool else None
+    return name_run(asked.out, asked.run_id, loaded, datetime.now(UTC), command)
+
+
 def perform(outcome: Outcome, plan: Plan, procedure: Procedure, asked: Asked) -> None:
     """Do it, with a run file, and leave the result in `outcome`. Raises the error that ended it."""
     from edmctl.cli.connected_run import connected_run
@@ -82,12 +89,14 @@ def perform(outcome: Outcome, plan: Plan, procedure: Procedure, asked: Asked) ->
     outcome.warn(seed_warning(plan.where, asked.seed))
     seed = seed_to_use(asked.seed)
     outcome.seed = plan.where.seed_of(seed)
-    name = name_run(asked.out, asked.run_id, plan.loaded, datetime.now(UTC), procedure.name)
+    name = name_of(plan, procedure.name, asked)
     ledger = Ledger()
 
-    def act(held: Held, recorder: Recorder) -> None:
+    def prepare(held: Held) -> Callable[[Recorder], None]:
         job = procedure.job(held, name, outcome.warn)
-        machine = held.bench.machine
+        return lambda recorder: act(held.bench.machine, job, recorder)
+
+    def act(machine: LinkMachine, job: Job, recorder: Recorder) -> None:
         with running(
             machine, job, ledger, recorder=recorder, observer=reporter, pulses=procedure.pulses
         ) as run:
@@ -104,7 +113,7 @@ def perform(outcome: Outcome, plan: Plan, procedure: Procedure, asked: Asked) ->
         }
 
     with watching(outcome.output) as reporter:
-        held = connected_run(plan, seed, reporter, name, outcome.warn, act, summary)
+        held = connected_run(plan, seed, reporter, name, outcome.warn, prepare, summary)
         outcome.simulated = held.bench.machine.identity.simulated
         ignore_signals()
         outcome.run_file = held.run_file

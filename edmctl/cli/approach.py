@@ -1,5 +1,6 @@
 """`edmctl approach`: find the spark gap, or the surface."""
 
+import math
 import sys
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from edmctl.cli.alone import Warn
     from edmctl.cli.connected_run import Held
     from edmctl.cli.job import Plan
+    from edmctl.cli.prepared import Prepared
     from edmctl.cli.runfile import RunName
     from edmctl.console.style import Style
     from edmctl.procedures.approach import SurfaceFound
@@ -84,7 +86,7 @@ def approach(
         outcome.warn(plan.loaded.warnings)
         place = _place(site)
         if dry_run:
-            _tell_plan(outcome, plan, place, contact=contact)
+            _tell_plan(outcome, plan, _forewarned_place(outcome, plan, place, out), contact=contact)
         else:
             perform(outcome, plan, _Approach(plan, place, contact=contact), Asked(out, run_id, seed))
 
@@ -100,6 +102,47 @@ def _place(text: str | None) -> tuple[float, float] | None:
     if found is None:
         raise no_place(text)
     return found
+
+
+def _forewarned_place(
+    outcome: Outcome, plan: "Plan", place: tuple[float, float] | None, folder: Path
+) -> tuple[float, float] | None:
+    """Return where the tool would go, as far as ledger and bench tell. Raises what the approach would."""
+    from edmctl.cli.outcome import note
+    from edmctl.cli.prepared import prepared_job
+    from edmctl.cli.tool_seen import not_seen, seen_in_file
+    from edmctl.record.logbook import Logbook
+
+    if not plan.where.lasting:
+        return place
+    seen = seen_in_file(plan.where)
+    if seen is None:
+        note(outcome.output, not_seen(plan.where))
+        return place
+    logbook = Logbook.open(folder)
+    site = _checked_site(prepared_job(plan, seen, None, logbook), place, folder)
+    return site.x_um, site.y_um
+
+
+def _checked_site(prepared: "Prepared", place: tuple[float, float] | None, folder: Path) -> "Site":
+    """Return the place to approach.
+
+    Raises PreconditionError: E8042 a hole is there, E8044 the tool does not reach the surface.
+    """
+    from edmctl.cli.places_taken import refuse_taken
+    from edmctl.cli.prepared import hole_radius_um
+    from edmctl.cli.tool_left import refuse_too_short
+    from edmctl.procedures.job import Site
+    from edmctl.profile.forecast import STROKE_RESERVE_UM
+
+    job = prepared.job
+    first = job.sites[0]
+    site = Site("the place", *place) if place else replace(first, name="the next place")
+    own_way_um = job.profile.approach.offset_um + STROKE_RESERVE_UM
+    if not math.isnan(prepared.account.pad_um):
+        refuse_too_short(job.profile, job.setup, own_way_um, prepared.account)
+    refuse_taken([(site.name, site.x_um, site.y_um)], hole_radius_um(job.profile), prepared.holes, folder)
+    return site
 
 
 def _tell_plan(outcome: Outcome, plan: "Plan", place: tuple[float, float] | None, *, contact: bool) -> None:
@@ -141,13 +184,13 @@ class _Approach:
 
     def job(self, held: "Held", name: "RunName", warn: "Warn") -> "Job":
         """Return the job of the machine's tool as it is by now, at the place of its first hole."""
-        from edmctl.cli.job_ledger import logbook_of, prepared_job
-        from edmctl.procedures.job import Site
+        from edmctl.cli.prepared import logbook_of, prepared_job
+        from edmctl.cli.tool_seen import seen_on
 
-        job = prepared_job(self.plan, held, logbook_of(self.plan, name)).job
-        first = job.sites[0]
-        self._site = Site("the place", *self.place) if self.place else replace(first, name="the next place")
-        return job
+        actuator = held.choice.actuator if held.choice else None
+        prepared = prepared_job(self.plan, seen_on(held), actuator, logbook_of(self.plan, name))
+        self._site = _checked_site(prepared, self.place, name.path.parent)
+        return prepared.job
 
     def act(self, run: "Run") -> None:
         """Find gap or surface."""

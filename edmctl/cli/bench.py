@@ -58,16 +58,22 @@ class Where:
         return seed if self.in_process and (file is None or not file.exists()) else None
 
 
+def _nothing() -> None:
+    """What there is to begin on a machine that no file keeps."""
+
+
 @dataclass(frozen=True, slots=True)
 class Bench:
     """A connected machine, and the virtual bench behind it where that is in this process.
 
-    `seed` made the virtual bench; None where it was there before.
+    `seed` made the virtual bench; None where it was there before. `begin` puts the profile's tool into a bench that
+    a file keeps, and lets the file be written from then on: a command that is refused before changes nothing.
     """
 
     machine: LinkMachine
     virtual: VirtualBench | None
     seed: int | None = None
+    begin: Callable[[], None] = _nothing
 
 
 def where_is(option: str | None, setup: Setup, wait_s: float = 0.0) -> Where:
@@ -110,7 +116,8 @@ def connected(
 ) -> Iterator[Bench]:
     """Open the machine and say hello. From then on a signal stops it in order, with a word to `say`.
 
-    loaded : what stands on a virtual bench in this process; None where neither tool nor work matters.
+    loaded : what stands on a virtual bench in this process; None where neither tool nor work matters. In a bench
+    that a file keeps the tool is changed by `Bench.begin`.
 
     Raises LinkLost and ProtocolMismatch.
     """
@@ -120,10 +127,11 @@ def connected(
 
     virtual: VirtualBench | None = None
     line: Transport
+    begin = _nothing
     made_by = where.seed_of(seed)
     with ExitStack() as held:
         if where.in_process:
-            virtual, line = held.enter_context(_virtual(loaded, setup, seed, say, where))
+            virtual, line, begin = held.enter_context(_virtual(loaded, setup, seed, say, where))
         else:
             line = _line(where, setup, say)
         session = Session(line, heartbeat_s=VIRTUAL_BEAT_SHARE * setup.controller.watchdog_s)
@@ -134,7 +142,7 @@ def connected(
             machine = LinkMachine(session, stop)
             if machine.make_idle():
                 say("the controller was still armed by a host that is gone: pulses off, tool retracted")
-            yield Bench(machine, virtual, made_by)
+            yield Bench(machine, virtual, made_by, begin)
 
 
 def introduction(where: Where, bench: Bench) -> str:
@@ -153,21 +161,25 @@ def introduction(where: Where, bench: Bench) -> str:
 @contextmanager
 def _virtual(
     loaded: LoadedProfile | None, setup: Setup, seed: int, say: Callable[[str], None], where: Where
-) -> Iterator[tuple[VirtualBench, Transport]]:
-    """Give a virtual bench with the profile's tool in it, and the line to it: fresh, or that of a file."""
+) -> Iterator[tuple[VirtualBench, Transport, Callable[[], None]]]:
+    """Give a virtual bench, fresh or that of a file, the line to it, and what `Bench.begin` does."""
     config = bench_config(loaded, setup)
     if where.bench_file is None:
         from edmctl.simulator import open_bench
 
         fresh = open_bench(config, seed)
-        yield fresh, fresh.transport
+        yield fresh, fresh.transport, _nothing
         return
     from edmctl.cli.kept_bench import fit, kept_line
 
     with kept_line(where.bench_file, config, seed, where.wait_s) as (bench, line):
-        if loaded is not None:
-            fit(bench, loaded, config, say)
-        yield bench, line
+
+        def begin() -> None:
+            if loaded is not None:
+                fit(bench, loaded, config, say)
+            line.begin()
+
+        yield bench, line, begin
 
 
 def bench_config(loaded: LoadedProfile | None, setup: Setup) -> BenchConfig:

@@ -55,6 +55,7 @@ def calibrate_machine(
         identity = bench.machine.identity
         path = checked.output or default_path(identity.serial, os.environ)
         check_writable(path)
+        bench.begin()
         reporter.note(introduction(checked.where, bench))
         measured = measure_actuator(bench.machine, checked.setup, plan, reporter)
     with _kept_on_failure(measured.record, path, warn):

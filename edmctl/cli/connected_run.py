@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 
 from edmctl.cli.bench import connected, introduction
 from edmctl.cli.calibrated import choose
+from edmctl.cli.prepared import logbook_of
 from edmctl.cli.recording import recorded
 from edmctl.cli.runfile import run_meta
+from edmctl.cli.tool_seen import name_tool
 from edmctl.errors import EdmError, RunFileError
 
 if TYPE_CHECKING:
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
     from edmctl.record.recorder import Recorder
 
     Warn = Callable[[Sequence[Diagnostic]], None]
+    Act = Callable[[Recorder], None]
 
 
 @dataclass(slots=True)
@@ -42,11 +45,12 @@ def connected_run(
     observer: Observer,
     name: RunName | None,
     warn: Warn | None,
-    act: Callable[[Held, Recorder], None],
+    prepare: Callable[[Held], Act],
     summary: Callable[[Held], Mapping[str, object]],
 ) -> Held:
-    """Connect to the machine of `plan`, and `act` on it with a recorder into the run file `name`.
+    """Connect to the machine of `plan`, and act on it with a recorder into the run file `name`.
 
+    `prepare` refuses what cannot be done, or returns what does it; until then no file is made and no tool changed.
     `seed` makes a virtual bench that is not there yet. `warn` is told what is doubtful about the calibration before
     anything moves; `summary` becomes the result in the run file. Expected errors come back with what was reached.
 
@@ -61,10 +65,8 @@ def connected_run(
     try:
         with connected(plan.tool_for(), plan.setup, seed, observer.note, plan.where) as bench:
             held = Held(bench)
-            if plan.new_tool and bench.virtual is not None:
-                bench.virtual.new_tool()
             try:
-                _record(plan, observer, name, warn, act, summary, held, written)
+                _record(plan, observer, name, warn, prepare, summary, held, written)
             except EdmError as expected:
                 held.error = expected
     except RunFileError as unkept:
@@ -79,7 +81,7 @@ def _record(
     observer: Observer,
     name: RunName | None,
     warn: Warn | None,
-    act: Callable[[Held, Recorder], None],
+    prepare: Callable[[Held], Act],
     summary: Callable[[Held], Mapping[str, object]],
     held: Held,
     written: Callable[[Path | None], None],
@@ -89,6 +91,7 @@ def _record(
     choice = held.choice = choose(plan.calibration, plan.setup, plan.loaded.profile, identity.serial)
     if warn is not None:
         warn(choice.warnings)
+    act = prepare(held)
     with recorded(
         name,
         lambda run: run_meta(run, plan, bench.seed, identity, choice),
@@ -97,4 +100,8 @@ def _record(
     ) as recorder:
         into = f", into {name.path}" if name else ""
         observer.note(f"{introduction(plan.where, bench)}{into}")
-        act(held, recorder)
+        name_tool(plan, held, logbook_of(plan, name))
+        bench.begin()
+        if plan.new_tool and bench.virtual is not None:
+            bench.virtual.new_tool()
+        act(recorder)

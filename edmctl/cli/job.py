@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from edmctl.cli.runfile import RunName
     from edmctl.cli.true_wear import TrueWear
     from edmctl.errors import Diagnostic, EdmError
+    from edmctl.procedures.job import Job
     from edmctl.procedures.journal import Journal
     from edmctl.procedures.results import JobResult, Ledger, Observer, SiteResult
     from edmctl.profile.forecast import Forecast
@@ -167,17 +168,22 @@ def carry_out(
     the report, with what was reached until then.
     """
     from edmctl.cli.job_ledger import JobLedger
-    from edmctl.cli.journaling import Journaling
+    from edmctl.cli.journaling import Journaling, tell_way_on
     from edmctl.cli.true_wear import TrueWear
     from edmctl.procedures.results import Ledger
 
     ledger = Ledger()
     true_wear: TrueWear | None = None
 
-    def act(held: Held, recorder: Recorder) -> None:
-        nonlocal true_wear
+    def prepare(held: Held) -> Callable[[Recorder], None]:
         kept = Journaling(plan, held, name)
         entries = JobLedger(plan, held, name, kept, warn or (lambda _: None))
+        kept.refuse()
+        job = entries.job(plan.resumed.run_files if plan.resumed else ())
+        return lambda recorder: act(held, entries, kept, job, recorder)
+
+    def act(held: Held, entries: JobLedger, kept: Journaling, job: Job, recorder: Recorder) -> None:
+        nonlocal true_wear
         journal: Journal = entries
         if held.bench.virtual:
             journal = true_wear = TrueWear(held.bench.virtual, entries)
@@ -185,19 +191,22 @@ def carry_out(
             kept.truth = true_wear.as_mapping
             if plan.resumed is not None and plan.resumed.journal.truth is not None:
                 true_wear.go_on_from(plan.resumed.journal.truth)
-        kept.refuse()
-        _run(held, entries, kept, recorder, observer, ledger, journal)
+        _run(held, entries, kept, job, recorder, observer, ledger, journal)
 
     def summary(held: Held) -> dict[str, object]:
         return _report(plan, held, ledger, true_wear).as_mapping()
 
-    return _report(plan, connected_run(plan, seed, observer, name, warn, act, summary), ledger, true_wear)
+    held = connected_run(plan, seed, observer, name, warn, prepare, summary)
+    if held.error is not None:
+        tell_way_on(held.error, plan, name)
+    return _report(plan, held, ledger, true_wear)
 
 
 def _run(
     held: Held,
     entries: JobLedger,
     kept: Journaling,
+    job: Job,
     recorder: Recorder,
     observer: Observer,
     ledger: Ledger,
@@ -207,8 +216,8 @@ def _run(
     from edmctl.cli.job_ledger import DONE
     from edmctl.procedures.machining import run_job
 
-    resumed = entries.plan.resumed
-    job = kept.begin(entries.job(resumed.run_files if resumed else ()))
+    entries.begin()
+    job = kept.begin(job)
     try:
         run_job(held.bench.machine, job, recorder=recorder, observer=observer, ledger=ledger, journal=journal)
     except BaseException as error:

@@ -6,17 +6,16 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from edmctl.cli.places_taken import next_free_x_um, refuse_taken
-from edmctl.cli.tool_left import on_worn_tool, refuse_unknown_length, refuse_worn_out
-from edmctl.record.bookkeeping import UNFINISHED, ToolAccount, books_of
+from edmctl.cli.prepared import hole_radius_um, logbook_of, prepared_job
+from edmctl.cli.tool_seen import seen_on
 from edmctl.record.ledger_entries import (
+    UNFINISHED,
     JobBegun,
     ReferenceTouched,
     RunEnded,
     SiteMachined,
     ToolChanged,
 )
-from edmctl.record.logbook import Logbook
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
@@ -30,62 +29,11 @@ if TYPE_CHECKING:
     from edmctl.procedures.job import Job
     from edmctl.procedures.journal import JobState, Journal
     from edmctl.procedures.results import JobResult, SiteResult
-    from edmctl.profile.model import Profile
+    from edmctl.record.logbook import Logbook
 
     Warn = Callable[[Sequence[Diagnostic]], None]
 
 DONE = "done"
-
-
-def logbook_of(plan: Plan, name: RunName | None) -> Logbook | None:
-    """Return the ledger beside the run file; None where there is neither.
-
-    A fresh virtual bench has none either: its work and its tool are gone with the command, and what a ledger said
-    of them would be about another bench of the same serial number.
-    """
-    return Logbook.open(name.path.parent) if name is not None and plan.where.lasting else None
-
-
-def hole_radius_um(profile: Profile) -> float:
-    """Radius of the holes that the profile's tool makes."""
-    return profile.tool.diameter_um / 2.0 + profile.work.side_gap_um
-
-
-@dataclass(frozen=True, slots=True)
-class Prepared:
-    """A job as it can be done now, the account of its tool, and the holes of other jobs."""
-
-    job: Job
-    account: ToolAccount
-    holes: tuple[SiteMachined, ...] = ()
-
-
-def prepared_job(plan: Plan, held: Held, logbook: Logbook | None, resuming: Collection[str] = ()) -> Prepared:
-    """Return the job for the tool as earlier jobs have left it, its single hole clear of all others.
-
-    `resuming` are the file names of the runs that are taken up again: their holes are those of this job.
-
-    Raises PreconditionError E8044 where the tool has become too short.
-    """
-    from edmctl.procedures.job import job_of
-
-    loaded, setup = plan.loaded, plan.setup
-    actuator = held.choice.actuator if held.choice else None
-    label = loaded.profile.tool.label
-    if logbook is None:
-        return Prepared(job_of(loaded.profile, setup, loaded.places, actuator), ToolAccount(label))
-    books = books_of(logbook.lines, held.bench.machine.identity.serial)
-    account = ToolAccount(label) if plan.new_tool else books.account(label)
-    profile = on_worn_tool(loaded.profile, setup, loaded.places, account)
-    own = [hole for hole in books.holes if hole.run_file in resuming]
-    holes = tuple(hole for hole in books.holes if hole not in own)
-    stage, radius_um = setup.stage, hole_radius_um(profile)
-    x_um = next_free_x_um(
-        stage.reference_x_um, stage.reference_y_um, profile.measure.site_dx_um, radius_um, holes
-    )
-    job = job_of(profile, setup, loaded.places, actuator, start_x_um=own[0].x_um if own else x_um)
-    own_um = math.fsum(hole.wear_um for hole in own if not math.isnan(hole.wear_um))
-    return Prepared(replace(job, tool_wear_before_um=account.lost_um - own_um), account, holes)
 
 
 @dataclass(slots=True, eq=False)
@@ -108,25 +56,29 @@ class JobLedger:
     _begun: set[str] = field(default_factory=set)
 
     def job(self, resuming: Collection[str] = ()) -> Job:
-        """Return the job as it can be done now, and write down that it begins; `resuming` as in `prepared_job`.
+        """Return the job as it can be done now; `resuming` as in `prepared_job`. Nothing is written down yet.
 
-        Raises PreconditionError E8042, E8043, E8044, E8048 where a place is taken, the tool worn out, too short, or
-        of unknown length.
+        Raises PreconditionError: whatever `prepared_job` and `Prepared.refuse` raise.
         """
         self._logbook = logbook_of(self.plan, self.name)
-        prepared = prepared_job(self.plan, self.held, self._logbook, resuming)
-        job, account = prepared.job, prepared.account
-        if self._logbook is None:
-            return job
-        if not resuming:
-            refuse_unknown_length(account, self._logbook.path.parent)
-            self.warn(refuse_worn_out(job.profile, job.setup, self.plan.loaded.places, account))
-        radius_um = hole_radius_um(job.profile)
-        self._places = _places(job, radius_um)
-        refuse_taken(self._places, radius_um, prepared.holes, self._logbook.path.parent)
-        self._wants_reference = account.reference is None and not resuming
-        self._begin(self._logbook, radius_um)
-        return job
+        held = self.held
+        actuator = held.choice.actuator if held.choice else None
+        prepared = prepared_job(self.plan, seen_on(held), actuator, self._logbook, resuming)
+        if self._logbook is not None:
+            self.warn(prepared.refuse(self.plan, self._logbook.path.parent, resuming))
+            self._places = prepared.places
+            self._wants_reference = prepared.account.reference is None and not resuming
+        return prepared.job
+
+    def begin(self) -> None:
+        """Before the machine moves: a job that is killed leaves a word about its places."""
+        if self._logbook is None or self.name is None:
+            return
+        if self.plan.new_tool:
+            self._logbook.append(self._serial, ToolChanged(self._tool))
+        radius_um, wear_um = hole_radius_um(self.plan.loaded.profile), self.plan.forecast.tool_wear_um
+        begun = JobBegun(self._tool, self.name.path.name, radius_um, self._places, wear_um)
+        self._logbook.append(self._serial, begun)
 
     def keep(self, state: JobState, *, urgent: bool = False) -> None:
         """Note the first Z1 and what was cut, and hand the state on."""
@@ -152,15 +104,6 @@ class JobLedger:
     @property
     def _tool(self) -> str:
         return self.plan.loaded.profile.tool.label
-
-    def _begin(self, logbook: Logbook, radius_um: float) -> None:
-        """Before the machine moves: a job that is killed leaves a word about its places."""
-        assert self.name is not None
-        if self.plan.new_tool:
-            logbook.append(self._serial, ToolChanged(self._tool))
-        wear_um = self.plan.forecast.tool_wear_um
-        begun = JobBegun(self._tool, self.name.path.name, radius_um, self._places, wear_um)
-        logbook.append(self._serial, begun)
 
     def _keep_reference(self, z1: JobState) -> None:
         """Write down the first touch where the tool has no reference yet: at once, as the job may be killed."""
@@ -202,14 +145,17 @@ class JobLedger:
         return self._holes(places, result)
 
     def _holes(self, places: Sequence[SiteMachined], result: JobResult) -> list[SiteMachined]:
+        """In the order of machining, which is that of the results: the tool is as long as the last one left it."""
         left = result.reached.site if result.reached else ""
-        measured = {site.name: site for site in result.sites if site.name != left}
         ratio = self.plan.loaded.profile.wear.expected_ratio
-        entries: list[SiteMachined] = []
-        for place in places:
-            if place.name in measured:
-                entries.append(_machined(place, measured[place.name]))
-            elif result.reached and place.name == left:
+        begun = {place.name: place for place in places}
+        entries = [
+            _machined(begun.pop(site.name), site)
+            for site in result.sites
+            if site.name != left and site.name in begun
+        ]
+        for place in begun.values():
+            if result.reached and place.name == left:
                 depth_um = result.reached.depth_estimated_um
                 entries.append(replace(place, depth_um=depth_um, wear_um=depth_um * ratio))
             elif place.name in self._begun:
@@ -236,15 +182,3 @@ def _channel(places: Sequence[SiteMachined], result: JobResult) -> list[SiteMach
         return []
     first, *others = places if result.channel is None else [_machined(p, result.channel) for p in places]
     return [first, *(replace(place, wear_um=0.0, wear_u95_um=0.0) for place in others)]
-
-
-def _places(job: Job, radius_um: float) -> tuple[Place, ...]:
-    """Axes of all holes; of a channel, points on its way that lie so close that nothing fits between them."""
-    if job.profile.path is None:
-        return tuple((site.name, site.x_um, site.y_um) for site in job.sites)
-    from edmctl.procedures.channel import PIECE_UM, way_of_path
-
-    stride = max(1, int(radius_um // PIECE_UM))
-    points = [*way_of_path(job.profile.path).points[::stride]]
-    # A closed way ends where it began.
-    return tuple(dict.fromkeys((job.profile.meta.name, float(x_um), float(y_um)) for x_um, y_um in points))

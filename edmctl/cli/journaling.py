@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edmctl.cli.job_ledger import logbook_of
+from edmctl.cli.prepared import logbook_of
+from edmctl.errors import ObjectiveNotReached, PreconditionError, RunFileError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -13,11 +15,32 @@ if TYPE_CHECKING:
     from edmctl.cli.connected_run import Held
     from edmctl.cli.job import Plan
     from edmctl.cli.runfile import RunName
+    from edmctl.errors import EdmError
     from edmctl.procedures.job import Job
     from edmctl.procedures.journal import JobState
     from edmctl.record.journal import JournalFile, JournalledJob
 
 PHASE_BEFORE = "starting"
+OUT = Path("runs")
+"""Where run files are looked for when --out does not say."""
+
+
+def tell_way_on(error: EdmError, plan: Plan, name: RunName | None) -> None:
+    """Add to the hint of an error how the job goes on, where it left a journal that lets it."""
+    if name is None or isinstance(error, ObjectiveNotReached) or not name.journal.exists():
+        return
+    import shlex
+
+    from edmctl.cli.resume import find_run
+    from edmctl.cli.resume_checks import refuse_untouchable
+
+    try:
+        refuse_untouchable(find_run(str(name.journal), name.path.parent, homed=False), plan)
+    except (PreconditionError, RunFileError):
+        return
+    run = name.run_id if name.path.parent == OUT else str(name.path)
+    command = f"edmctl machine --resume {shlex.quote(run)} --port {shlex.quote(plan.where.selector)}"
+    error.hint = f"{error.hint} Go on with `{command}`, before this tool does anything else.".strip()
 
 
 @dataclass(slots=True, eq=False)
@@ -32,6 +55,7 @@ class Journaling:
     name: RunName | None
     truth: Callable[[], Mapping[str, object] | None] = lambda: None
     _file: JournalFile | None = None
+    _last: JobState | None = None
 
     def refuse(self) -> None:
         """Raise PreconditionError where a run that is to be taken up cannot be, on this machine and tool."""
@@ -64,25 +88,24 @@ class Journaling:
         return job
 
     def keep(self, state: JobState, *, urgent: bool = False) -> None:
-        """Hand a state on.
+        """Hand a state on, with the last estimates of its hole where it has none.
 
-        A hole that is taken up again is not known better than before until it is touched: until then the state of
-        the earlier run stays.
+        That is so between a cut and the touch after it, and until a hole that is taken up again is touched.
         """
-        if self._file is None or self._knows_less(state):
+        if self._file is None:
             return
+        last = self._last
+        if last is not None and state.begun and state.site == last.site:
+            state = replace(
+                state, depth_um=state.depth_um or last.depth_um, wear_um=state.wear_um or last.wear_um
+            )
+        self._last = state
         self._file.keep(state, urgent=urgent)
 
     def end(self) -> None:
         """The job is done. Raises RunFileError E9040 where the journal cannot be removed."""
         if self._file is not None:
             self._file.remove()
-
-    def _knows_less(self, state: JobState) -> bool:
-        resumption = self.plan.resumed
-        if resumption is None or state is resumption.state:
-            return False
-        return state.begun and state.site == resumption.state.site and state.depth_um == 0.0
 
     def _stages_um(self) -> tuple[float, float]:
         status = self.held.bench.machine.status()

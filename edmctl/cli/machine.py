@@ -26,7 +26,7 @@ from edmctl.cli.options import (
     SetupOption,
     WaitOption,
 )
-from edmctl.cli.outcome import Outcome, Output, run_command, stream_style, watching
+from edmctl.cli.outcome import Outcome, Output, note, run_command, stream_style, watching
 from edmctl.cli.resume import checked, find_run, refuse_other_options
 from edmctl.cli.runfile import RunName, name_run
 from edmctl.cli.seeds import seed_to_use, simulated_by
@@ -102,9 +102,24 @@ def machine(
         elif plan.resumed is not None:
             outcome.result, outcome.text = {"resumed": plan.resumed.as_mapping()}, plan.resumed.told()
         else:
+            _forewarn(outcome, plan, name)
             _forecast(outcome, plan)
 
     return run_command(output, body)
+
+
+def _forewarn(outcome: Outcome, plan: "Plan", name: RunName) -> None:
+    """Say what ledger and bench make of the job. Raises what would refuse it."""
+    from edmctl.cli.prepared import forewarned
+    from edmctl.cli.tool_seen import not_seen, seen_in_file
+
+    if not plan.where.lasting:
+        return
+    seen = seen_in_file(plan.where)
+    if seen is None:
+        note(outcome.output, not_seen(plan.where))
+    else:
+        outcome.warn(forewarned(plan, name, seen))
 
 
 def _forecast(outcome: Outcome, plan: "Plan") -> None:

@@ -29,4 +29,5 @@ def machine_at(
     where = where_is(port, setup, wait_s)
     seed = SEED if where.bench_file is None else seed_to_use(None)
     with connected(None, setup, seed, say, where) as bench:
+        bench.begin()
         yield bench.machine

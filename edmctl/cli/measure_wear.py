@@ -25,11 +25,12 @@ from edmctl.cli.options import (
     SetupOption,
     WaitOption,
 )
-from edmctl.cli.outcome import Outcome, Output, run_command, stream_style
+from edmctl.cli.outcome import Outcome, Output, note, run_command, stream_style
 from edmctl.errors import UsageError
 
 if TYPE_CHECKING:
     from edmctl.cli.job import Plan
+    from edmctl.cli.wear_run import WearRun
 
 TOUCHES_LIKE = "cu270"
 """The shipped profile by which a tool is touched when none is named."""
@@ -96,11 +97,26 @@ def measure_wear(
         outcome.simulated = plan.simulated
         outcome.warn(plan.loaded.warnings)
         if dry_run:
+            _forewarn(outcome, plan, WearRun(plan, site, is_reference=reference), out)
             _tell_plan(outcome, plan, reference=reference)
         else:
             perform(outcome, plan, WearRun(plan, site, is_reference=reference), Asked(out, run_id, seed))
 
     return run_command(Output("measure-wear", as_json, events, quiet, debug), body)
+
+
+def _forewarn(outcome: Outcome, plan: "Plan", run: "WearRun", folder: Path) -> None:
+    """Say what ledger and bench make of the touches. Raises what would refuse them."""
+    from edmctl.cli.tool_seen import not_seen, seen_in_file
+    from edmctl.record.logbook import Logbook
+
+    if not plan.where.lasting:
+        return
+    seen = seen_in_file(plan.where)
+    if seen is None:
+        note(outcome.output, not_seen(plan.where))
+    else:
+        run.look(seen, Logbook.open(folder), outcome.warn)
 
 
 def _tell_plan(outcome: Outcome, plan: "Plan", *, reference: bool) -> None:

@@ -157,6 +157,12 @@ def write(stream: TextIO, text: str) -> None:
             os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
+def note(output: Output, text: str) -> None:
+    """Write one line of progress to stderr, in the form that was asked for."""
+    with watching(output) as reporter:
+        reporter.note(text)
+
+
 def mutter(text: str) -> None:
     """Write to stderr. That it takes nothing changes nothing about the job."""
     with suppress(OSError, ValueError):

@@ -6,11 +6,13 @@ so they need no trust; job, machine, tool and the place of the stages do.
 
 from __future__ import annotations
 
+import re
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from edmctl.cli.resume_checks import refuse_untouchable
 from edmctl.cli.runfile import RunName, run_path
 from edmctl.console.text import plural
 from edmctl.errors import PreconditionError, RunFileError, UsageError
@@ -169,8 +171,8 @@ def find_run(named: str, folder: Path, *, homed: bool) -> Resumption:
 def checked(resumption: Resumption, port: str | None, wait_s: float) -> Plan:
     """Return the plan of the run's own order, on the machine that is named now.
 
-    Raises PreconditionError: E8053 profile or setup are not what they were, E8058 the virtual bench is gone, E8054
-    the job is one that cannot be taken up. Whatever `check` raises.
+    Raises PreconditionError: E8053 profile or setup are not what they were, E8054 the job is one that cannot be
+    taken up, E8058 the virtual bench is gone. Whatever `check` raises.
     """
     from edmctl.cli.job import check
 
@@ -185,13 +187,7 @@ def checked(resumption: Resumption, port: str | None, wait_s: float) -> Plan:
         raise _changed("profile", job.profile, "says something else by now", job)
     if setup_hash(plan) != job.setup_sha256:
         raise _changed("setup", job.setup or "of the stock machine", "says something else by now", job)
-    if plan.loaded.profile.path is not None:
-        raise PreconditionError(
-            f"{job.run_id} machines a channel. How far along its way each layer came is not measured, so nobody "
-            "knows where its floor is.",
-            hint="Machine the channel anew on fresh work.",
-            code="E8054",
-        )
+    refuse_untouchable(resumption, plan)
     bench_file = plan.where.bench_file
     if not plan.where.lasting or (bench_file is not None and not bench_file.exists()):
         raise _bench_gone(job, str(bench_file) if bench_file else "")
@@ -215,6 +211,12 @@ def _journal_named(named: str, folder: Path) -> Path:
     for ending in (".h5.partial", ".h5", SUFFIX):
         if given.name.endswith(ending):
             return given.with_name(given.name.removesuffix(ending) + SUFFIX)
+    if len(given.parts) > 1 or given.is_file():
+        raise UsageError(
+            f"--resume {named} is no run file.",
+            hint="Name FILE.h5, its .h5.partial or its .journal, or the run's id, with its folder as --out.",
+            code="E2004",
+        )
     return journal_path(run_path(folder, named))
 
 
@@ -260,7 +262,8 @@ def _without_journal(path: Path) -> PreconditionError:
 def _run_files(run_id: str, folder: Path) -> list[Path]:
     """The run's own file and those that go on with it, finished or not."""
     own = [folder / f"{run_id}.h5", folder / f"{run_id}.h5.partial"]
-    return [*(file for file in own if file.exists()), *sorted(folder.glob(f"{run_id}-r[0-9]*.h5"))]
+    first = re.sub(r"-r\d+$", "", run_id)
+    return [*(file for file in own if file.exists()), *sorted(folder.glob(f"{first}-r[0-9]*.h5"))]
 
 
 def _status(file: Path) -> str:

@@ -18,6 +18,25 @@ HOMED_WITHIN_UM = 2.0
 """The side gap of a hole leaves so much room to a tool that comes back into it."""
 
 
+def refuse_untouchable(resumption: Resumption, plan: Plan) -> None:
+    """Raise PreconditionError E8054 where no touch would tell how far the job came."""
+    run_id = resumption.job.run_id
+    if plan.loaded.profile.path is not None:
+        raise PreconditionError(
+            f"{run_id} machines a channel. How far along its way each layer came is not measured, so nobody "
+            "knows where its floor is.",
+            hint="Machine the channel anew on fresh work.",
+            code="E8054",
+        )
+    if plan.loaded.profile.target.kind == "through" and resumption.state.begun:
+        raise PreconditionError(
+            f"{run_id} was making a hole through the sheet. A touch finds no bottom in one that is open, and "
+            "nobody knows whether it is.",
+            hint="Machine another hole, at another place.",
+            code="E8054",
+        )
+
+
 def refuse_elsewhere(resumption: Resumption, plan: Plan, held: Held, lines: Sequence[Line]) -> None:
     """Look at the connected machine, and at the ledger's `lines`, before anything moves.
 

@@ -47,19 +47,18 @@ class RunName:
 
 
 def name_run(
-    folder: Path, run_id: str | None, loaded: LoadedProfile, start: datetime, command: str = ""
+    folder: Path, run_id: str | None, loaded: LoadedProfile | None, start: datetime, command: str = ""
 ) -> RunName:
     """Name a run by `run_id`, or else by the profile's file name and the time: `cu270-20260131T101500.250Z`.
 
-    A `command` other than `machine` stands in front.
+    A `command` other than `machine` stands in front, or alone where there is no profile.
 
     Raises UsageError (E2004) when the id is no plain file name.
     """
     if run_id is None:
-        word = f"{command}-" if command else ""
-        run_id = (
-            f"{word}{plain_name(loaded.path.stem)}-{start:%Y%m%dT%H%M%S}.{start.microsecond // 1000:03d}Z"
-        )
+        words = [command, plain_name(loaded.path.stem) if loaded else ""]
+        stamp = f"{start:%Y%m%dT%H%M%S}.{start.microsecond // 1000:03d}Z"
+        run_id = "-".join([*filter(None, words), stamp])
     return RunName(run_id, run_path(folder, run_id), start)
 
 

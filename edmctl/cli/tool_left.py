@@ -22,13 +22,8 @@ NEAR_UM = 10.0
 _NEW = "Dress or change the tool, and say --new-tool for a new one."
 
 
-def on_worn_tool(profile: Profile, setup: Setup, places: Sequence[Place], account: ToolAccount) -> Profile:
-    """Return the recipe with the gap at 0 V that the tool's last touch left, where that is another one.
-
-    Raises PreconditionError E8044 where the actuator's stroke does not take the worn tool down to the target.
-    """
-    from edmctl.profile.forecast import forecast
-
+def on_worn_tool(profile: Profile, account: ToolAccount) -> Profile:
+    """Return the recipe with the gap at 0 V that the tool's last touch left, where that is another one."""
     moved_um = account.pad_um - profile.approach.offset_um
     if math.isnan(moved_um) or abs(moved_um) <= NEAR_UM:
         return profile
@@ -38,17 +33,22 @@ def on_worn_tool(profile: Profile, setup: Setup, places: Sequence[Place], accoun
             "max_travel_um": profile.approach.max_travel_um + moved_um,
         }
     )
-    worn = profile.model_copy(update={"approach": approach})
-    expected = forecast(worn, setup, places)
-    if expected.stroke_um > expected.stroke_available_um:
+    return profile.model_copy(update={"approach": approach})
+
+
+def refuse_too_short(worn: Profile, setup: Setup, stroke_um: float, account: ToolAccount) -> None:
+    """Raise PreconditionError E8044 where the actuator does not take the worn tool down by `stroke_um`."""
+    from edmctl.profile.forecast import stroke_available_um
+
+    available_um = stroke_available_um(worn, setup)
+    if stroke_um > available_um:
         raise PreconditionError(
-            f"{account.label} touches the pad at {length(account.pad_um)} by now; the job needs a stroke of "
-            f"{length(expected.stroke_um)} then, and the actuator has {length(expected.stroke_available_um)}.",
+            f"{account.label} touches the pad at {length(account.pad_um)} by now; a stroke of {length(stroke_um)} "
+            f"is needed then, and the actuator has {length(available_um)}.",
             hint="Set the tool lower and say `edmctl measure-wear --reference`, or change it and say --new-tool. "
             "Keep run files of another machine or of new work in another folder with --out.",
             code="E8044",
         )
-    return worn
 
 
 def refuse_unknown_length(account: ToolAccount, folder: Path) -> None:

@@ -9,7 +9,7 @@ from edmctl.cli.site_option import coordinates
 from edmctl.console.text import length
 from edmctl.errors import PreconditionError
 from edmctl.procedures.measure_wear import Bottom
-from edmctl.record.bookkeeping import UNFINISHED
+from edmctl.record.ledger_entries import UNFINISHED
 
 if TYPE_CHECKING:
     from edmctl.record.bookkeeping import Books, ToolAccount
@@ -29,10 +29,10 @@ def bottom_of(asked: str | None, books: Books, account: ToolAccount, diameter_um
         return _bottom(made[-1]) if made else None
     hole = _asked(asked, books.holes)
     if hole is None:
-        names = ", ".join(dict.fromkeys(hole.name for hole in books.holes[-MOST_NAMES:])) or "none"
+        names = "; ".join(_told(hole) for hole in books.holes[-MOST_NAMES:]) or "none"
         raise PreconditionError(
             f"The ledger knows no hole {asked!r}; it knows: {names}.",
-            hint="Name one of them, or say --site X,Y within its rim.",
+            hint="Name one of them, its run id, or say --site X,Y within its rim.",
             code="E8045",
         )
     if math.isnan(hole.depth_um):
@@ -52,10 +52,12 @@ def bottom_of(asked: str | None, books: Books, account: ToolAccount, diameter_um
 
 
 def _asked(asked: str, holes: list[SiteMachined]) -> SiteMachined | None:
-    """The last hole of that name, or the one around that place."""
+    """The last hole of that name or else of that run, or the one around that place."""
     place = coordinates(asked)
     if place is None:
-        return next((hole for hole in reversed(holes) if hole.name == asked), None)
+        named = [hole for hole in holes if hole.name == asked]
+        of_run = [hole for hole in holes if hole.run_file.removesuffix(".h5") == asked.removesuffix(".h5")]
+        return next(reversed(named or of_run), None)
     x_um, y_um = place
     return next(
         (
@@ -65,6 +67,11 @@ def _asked(asked: str, holes: list[SiteMachined]) -> SiteMachined | None:
         ),
         None,
     )
+
+
+def _told(hole: SiteMachined) -> str:
+    run_id = hole.run_file.removesuffix(".h5")
+    return f"{hole.name} at {hole.x_um:.0f},{hole.y_um:.0f} of {run_id}"
 
 
 def _bottom(hole: SiteMachined) -> Bottom:

@@ -7,8 +7,9 @@ import time
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
-from edmctl.cli.job_ledger import logbook_of
+from edmctl.cli.prepared import logbook_of
 from edmctl.cli.tool_left import refuse_unknown_length
+from edmctl.cli.tool_seen import NAMELESS, Seen, account_of, seen_on
 from edmctl.cli.wear_bottom import bottom_of
 from edmctl.console.text import length
 from edmctl.errors import Diagnostic, PreconditionError
@@ -36,9 +37,6 @@ if TYPE_CHECKING:
     from edmctl.procedures.touch import SurfaceReading
     from edmctl.profile.model import Profile
     from edmctl.record.logbook import Logbook
-
-NAMELESS = "tool"
-"""A tool that nobody has named yet."""
 
 
 def measuring_profile(profile: Profile, speed_um_s: float = math.nan) -> Profile:
@@ -72,34 +70,36 @@ class WearRun:
     _job: Job | None = None
 
     def job(self, held: Held, name: RunName, warn: Warn) -> Job:
-        """Return what is measured.
+        """Return what is measured. Raises what `look` raises."""
+        from edmctl.procedures.job import job_of
+
+        self._held, self._run_file = held, name.path.name
+        profile = self.look(seen_on(held), logbook_of(self.plan, name), warn)
+        self._temperature_c = held.bench.machine.status().temperature_c
+        choice = held.choice
+        self._job = job_of(profile, self.plan.setup, (), choice.actuator if choice else None)
+        return self._job
+
+    def look(self, seen: Seen, logbook: Logbook | None, warn: Warn) -> Profile:
+        """Return the recipe of the touches, after a look at the ledger.
 
         Raises PreconditionError: E8041 no reference, E8045 no such hole, E8046 a hole too narrow for the tool, E8048
         a tool whose job was killed.
         """
-        from edmctl.procedures.job import job_of
-
-        self._held, self._run_file, self._warn = held, name.path.name, warn
-        machine = held.bench.machine
-        self._logbook = logbook_of(self.plan, name)
-        lines = self._logbook.lines if self._logbook else ()
-        books = books_of(lines, machine.identity.serial)
-        label = self._label(books)
-        account = self._account = ToolAccount(label) if self.plan.new_tool else books.account(label)
+        self._logbook, self._warn = logbook, warn
+        books = books_of(logbook.lines if logbook else (), seen.serial)
+        account = self._account = self._account_of(seen, books)
         profile = measuring_profile(self.plan.loaded.profile)
         if not self.is_reference:
-            reference = _reference_of(account, self._logbook, machine.identity.serial)
+            reference = _reference_of(account, logbook, seen.serial)
             self._reference = _aged(reference, account, books, clock=not self.plan.where.in_process)
-            if self._logbook is not None:
-                refuse_unknown_length(account, self._logbook.path.parent)
+            if logbook is not None:
+                refuse_unknown_length(account, logbook.path.parent)
             self._bottom = bottom_of(self.site, books, account, self._diameter_um())
             profile = self._at_speed_of(reference, warn)
-        elif self._logbook is None:
+        elif logbook is None:
             warn([_NOT_KEPT])
-        self._temperature_c = machine.status().temperature_c
-        choice = held.choice
-        self._job = job_of(profile, self.plan.setup, (), choice.actuator if choice else None)
-        return self._job
+        return profile
 
     def act(self, run: Run) -> None:
         """Touch."""
@@ -176,14 +176,12 @@ class WearRun:
         total_um = account.lost_before_um + self.found.wear_um
         return render_wear(name, self.found, account.worn_um, total_um, truth, style)
 
-    def _label(self, books: Books) -> str:
-        """Name of the tool: the profile's, that on a virtual bench, or that last in use."""
-        virtual = self._held.bench.virtual if self._held else None
+    def _account_of(self, seen: Seen, books: Books) -> ToolAccount:
+        """Account of the profile's tool, of that on a virtual bench, or of that last in use."""
         if self.plan.names_tool:
-            return self.plan.loaded.profile.tool.label
-        if virtual is not None and self.plan.where.lasting:
-            return virtual.tool_label
-        return books.tool or NAMELESS
+            return account_of(self.plan, seen, books)
+        label = (seen.tool if self.plan.where.lasting else "") or books.tool or NAMELESS
+        return ToolAccount(label) if self.plan.new_tool else books.account(label)
 
     def _diameter_um(self) -> float:
         """Of the tool, NaN where nobody named it."""
@@ -266,10 +264,11 @@ def _reference_of(account: ToolAccount, logbook: Logbook | None, serial: str) ->
             hint="Say --port sim:FILE for one that stays, and `edmctl measure-wear --reference` before the job.",
             code="E8041",
         )
+    tool = "the tool" if account.label == NAMELESS else account.label
     elsewhere = sorted({line.serial for line in logbook.lines} - {serial})
     others = f"; it tells of {', '.join(elsewhere)}" if elsewhere else ""
     raise PreconditionError(
-        f"There is no reference of the tool {account.label} on {serial} in {logbook.path}{others}.",
+        f"There is no reference of {tool} on {serial} in {logbook.path}{others}.",
         hint="Run `edmctl measure-wear --reference` before the job, or name the folder of its run files with --out.",
         code="E8041",
     )

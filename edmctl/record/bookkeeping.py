@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from edmctl.record.ledger_entries import (
+    UNFINISHED,
     JobBegun,
     ReferenceTouched,
     RunEnded,
     SiteMachined,
     ToolChanged,
+    ToolNamed,
     WearMeasured,
 )
 
@@ -22,7 +24,6 @@ if TYPE_CHECKING:
 
 SAME_PLACE_UM = 1.0
 """Two holes of one name so close together are one hole that was taken up again: what a stage repeats to."""
-UNFINISHED = "unfinished"
 
 
 @dataclass(slots=True)
@@ -88,6 +89,9 @@ def books_of(lines: Iterable[Line], serial: str) -> Books:
             books.tool = entry.tool
         if isinstance(entry, ToolChanged):
             books.tools[entry.tool] = ToolAccount(entry.tool)
+        elif isinstance(entry, ToolNamed):
+            books.tools[entry.tool] = replace(books.account(entry.before), label=entry.tool)
+            del books.tools[entry.before]
         elif isinstance(entry, ReferenceTouched):
             _take_reference(books, entry, line.utc_s)
         elif isinstance(entry, JobBegun):
@@ -122,10 +126,16 @@ def _take_reference(books: Books, entry: ReferenceTouched, utc_s: float) -> None
 
 
 def _take_site(books: Books, entry: SiteMachined) -> None:
-    """Add a hole; one that was taken up again stands in the place of its first part, wear and all."""
+    """Add a hole; one that was taken up again stands in the place of its first part, wear and all.
+
+    A job that was taken up again tells once more what it had measured before: that is no news of the tool.
+    """
     account = books.account(entry.tool)
     worn_before_um = account.lost_um
-    for old in [hole for hole in account.holes if _same(hole, entry.name, entry.x_um, entry.y_um)]:
+    earlier = [hole for hole in account.holes if _same(hole, entry.name, entry.x_um, entry.y_um)]
+    if entry.status != UNFINISHED and any(_found(hole) == _found(entry) for hole in earlier):
+        return
+    for old in earlier:
         if old not in account.since:
             account.lost_before_um -= _known(old.wear_um)
     for holes in (books.holes, account.holes, account.since):
@@ -133,6 +143,10 @@ def _take_site(books: Books, entry: SiteMachined) -> None:
         holes.append(entry)
     touched = not math.isnan(entry.z3_um)
     account.pad_um = entry.z3_um if touched else account.pad_um + account.lost_um - worn_before_um
+
+
+def _found(hole: SiteMachined) -> tuple[str, float, float]:
+    return hole.status, hole.depth_um, hole.wear_um
 
 
 def _known(value: float) -> float:

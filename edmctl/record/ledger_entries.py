@@ -12,6 +12,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 VERSION = 1
+UNFINISHED = "unfinished"
+LARGEST = 1e12
+"""Of any number in a line: in µm or s it is beyond all machines, and what is reckoned from it stays finite."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,6 +22,14 @@ class ToolChanged:
     """A new electrode under this name: whatever was known of an earlier one is over."""
 
     tool: str
+
+
+@dataclass(frozen=True, slots=True)
+class ToolNamed:
+    """The tool that was called `before` has this name from now on, its reference and all."""
+
+    tool: str
+    before: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,10 +107,13 @@ class RunEnded:
     time_s: float
 
 
-Entry: TypeAlias = ToolChanged | ReferenceTouched | JobBegun | SiteMachined | WearMeasured | RunEnded
+Entry: TypeAlias = (
+    ToolChanged | ToolNamed | ReferenceTouched | JobBegun | SiteMachined | WearMeasured | RunEnded
+)
 
 _KINDS: dict[str, type[Entry]] = {
     "tool": ToolChanged,
+    "named": ToolNamed,
     "reference": ReferenceTouched,
     "job": JobBegun,
     "site": SiteMachined,
@@ -107,6 +121,8 @@ _KINDS: dict[str, type[Entry]] = {
     "end": RunEnded,
 }
 _NAMES = {entry: name for name, entry in _KINDS.items()}
+_KNOWN = {"x_um", "y_um", "radius_um"}
+"""Where a hole is, and how wide, is known of every one: others may not run into it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +140,12 @@ class LaterVersion(Exception):
 
 def line_of(row: bytes) -> Line:
     """Read one line. Raises LaterVersion, or ValueError, TypeError or KeyError where it is damaged."""
-    values = json.loads(row.decode())
+    try:
+        values = json.loads(row.decode())
+        # Half a character of a surrogate pair is JSON, but no text that could be shown or written.
+        json.dumps(values, ensure_ascii=False).encode()
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
     if not isinstance(values, dict):
         raise TypeError("it is no object")
     version = values.pop("v")
@@ -143,7 +164,10 @@ def line_of(row: bytes) -> Line:
     if strange:
         raise ValueError(f"it has no place for {', '.join(sorted(strange))}")
     fields = {name: _value(name, str(known[name].type), raw) for name, raw in values.items()}
-    return Line(serial, _number("utc_s", utc_s), kind(**fields))  # type: ignore[arg-type]
+    entry = kind(**fields)  # type: ignore[arg-type]
+    if isinstance(entry, SiteMachined) and entry.status != UNFINISHED and math.isnan(entry.depth_um):
+        raise ValueError("its hole is measured, but has no depth_um")
+    return Line(serial, _number("utc_s", utc_s), entry)
 
 
 def _value(name: str, kind: str, raw: object) -> object:
@@ -151,20 +175,20 @@ def _value(name: str, kind: str, raw: object) -> object:
         return raw
     if kind == "bool" and isinstance(raw, bool):
         return raw
-    if kind == "int" and isinstance(raw, int) and not isinstance(raw, bool):
+    if kind == "int" and isinstance(raw, int) and not isinstance(raw, bool) and 0 < raw <= LARGEST:
         return raw
     if kind == "float":
-        return math.nan if raw is None else _number(name, raw)
+        return math.nan if raw is None and name not in _KNOWN else _number(name, raw)
     if kind.startswith("tuple") and isinstance(raw, list):
-        return tuple((str(place), _number(name, x), _number(name, y)) for place, x, y in raw)
+        return tuple((_value(name, "str", place), _number(name, x), _number(name, y)) for place, x, y in raw)
     if kind.startswith("Mapping") and (raw is None or isinstance(raw, dict)):
         return raw and {str(key): _number(name, value) for key, value in raw.items()}
     raise TypeError(f"{name} is no {kind.partition('[')[0]}")
 
 
 def _number(name: str, raw: object) -> float:
-    if isinstance(raw, bool) or not isinstance(raw, int | float) or not math.isfinite(raw):
-        raise TypeError(f"{name} is no number")
+    if isinstance(raw, bool) or not isinstance(raw, int | float) or not abs(raw) <= LARGEST:
+        raise TypeError(f"{name} is no number, or one beyond any machine")
     return float(raw)
 
 

@@ -135,7 +135,12 @@ def _open(path: Path) -> h5py.File:
 
 
 def _nearest(path: Path) -> str:
-    partial = path.with_name(path.name + ".partial")
-    if partial.exists():
-        return f"The run was not finished; its rows are in {partial}."
+    for folder in (path.parent, path.parent / "runs"):
+        for ending in (".partial", ".h5.partial"):
+            partial = folder / f"{path.name}{ending}"
+            if partial.exists():
+                return f"The run was not finished; its rows are in {partial}."
+        finished = folder / f"{path.name}.h5"
+        if finished.exists():
+            return f"Did you mean {finished}?"
     return "Check the path."

@@ -154,7 +154,7 @@ def test_the_readme_holds_the_commands_that_the_ci_takes_from_it() -> None:
         assert words[:3] == ["python3", "-m", "venv"]
         assert ".venv" in words[: words.index("&&")]
     assert marked["run"].endswith(".venv/bin/edmctl machine --profile profiles/cu270.toml")
-    assert marked["test"].endswith(".venv/bin/python -m pytest")
+    assert ".venv/bin/python -m pytest" in marked["test"]
 
 
 def test_pictures_load_nothing_from_elsewhere() -> None:

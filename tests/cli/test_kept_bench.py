@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.record.bench_file import bench_lock, read_bench
+from edmctl.record.bookkeeping import books_of
+from edmctl.record.logbook import Logbook, SiteMachined, WearMeasured
 from edmctl.simulator.saving import restored_bench
 from tests.cli.commands import CU270, SHALLOW
 from tests.cli.test_processes import read_until, start
@@ -123,6 +125,7 @@ def test_ctrl_c_keeps_what_was_done(here: Here) -> None:
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=60)
     assert process.returncode == -signal.SIGINT, err
+    assert "Go on with `edmctl machine --resume r --port sim:bench.h5`" in " ".join(err.split())
     bench = kept()
     assert bench.is_safe
     (hole,) = bench.truth()
@@ -166,6 +169,37 @@ def test_a_killed_command_leaves_the_bench_as_it_was_a_moment_before(here: Here)
     assert said.document["result"]["sites"][0]["x_um"] == 1000.0
 
 
+def test_the_ledger_tells_of_the_holes_in_the_order_they_were_made(here: Here) -> None:
+    far = '{kind="point",name="far",x_um=1000,y_um=0}'
+    near = '{kind="point",name="near",x_um=500,y_um=0}'
+    said = here("machine", *SHALLOW, *KEPT, "--seed", "3", "--set", f"sites=[{far},{near}]", "--json")
+    assert said.exit_code == 0, said.err
+    made = [site["name"] for site in said.document["result"]["sites"]]
+    assert made == ["near", "far"]
+    lines = [json.loads(line) for line in Path("runs/ledger.jsonl").read_text().splitlines()]
+    assert [line["name"] for line in lines if line["kind"] == "site"] == made
+    # The hole that is touched is the last one, and the tool is found as long as that one left it.
+    said = here("measure-wear", *KEPT, "--json")
+    assert said.exit_code == 0, said.err
+    assert said.document["result"]["site"]["name"] == "far"
+
+
+def test_a_bench_that_cannot_be_kept_in_the_end_does_not_hide_the_result(
+    here: Here, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from edmctl.cli.kept_bench import KeptLine
+    from edmctl.errors import RunFileError
+
+    def full(line: KeptLine) -> None:
+        raise RunFileError("Cannot keep the bench: no space.", hint="Make room.", code="E9024")
+
+    monkeypatch.setattr(KeptLine, "end", full)
+    said = here("machine", *SHALLOW, *KEPT, "--seed", "3", "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (9, "E9024")
+    assert len(said.document["result"]["sites"]) == 1
+    assert Path(said.document["run_file"]).exists()
+
+
 def test_a_bench_that_cannot_be_kept_any_more_is_told(here: Here, monkeypatch: pytest.MonkeyPatch) -> None:
     from edmctl.errors import RunFileError
     from edmctl.record import bench_file
@@ -182,3 +216,90 @@ def test_a_bench_that_cannot_be_kept_any_more_is_told(here: Here, monkeypatch: p
     said = here("approach", "--profile", CU270, "--contact", *KEPT, "--json")
     assert said.exit_code == 9
     assert said.document["error"]["code"] == "E9024"
+
+
+def test_a_refused_command_makes_no_bench_and_no_run_file(here: Here) -> None:
+    said = here("measure-wear", *KEPT, "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (8, "E8041")
+    assert "the tool tool" not in said.err
+    assert said.document["run_file"] is None
+    assert not Path("bench.h5").exists()
+    assert not list(Path().glob("runs/*.h5*"))
+
+
+def begun(radius_um: float = 143.0) -> None:
+    """Leave a bench and a ledger that tells of one hole at 500,0."""
+    here_is = kept()
+    hole = SiteMachined("Cu 270 µm", "old.h5", "first", 500.0, 0.0, radius_um, "done", 20.0, 8.0)
+    Logbook.open(Path("runs")).append(here_is.plant.serial, hole)
+
+
+def test_a_refused_job_leaves_tool_and_run_id_as_they_were(here: Here) -> None:
+    assert here("approach", "--profile", CU270, "--contact", *KEPT, "--seed", "3").exit_code == 0
+    begun()
+    before = Path("bench.h5").read_bytes()
+    there = ("--set", 'sites=[{kind="point",name="there",x_um=520,y_um=0}]')
+    for dry in ((), ("--dry-run",)):
+        said = here("machine", "--profile", CU150, *KEPT, *there, "--run-id", "a", "--json", *dry)
+        assert (said.exit_code, said.document["error"]["code"]) == (8, "E8042"), said.out
+        assert not list(Path("runs").glob("a.*"))
+    assert kept().tool_label == "Cu 270 µm"
+    assert Path("bench.h5").read_bytes() == before
+
+
+@pytest.mark.parametrize("how", [(), ("--contact",), ("--dry-run",)])
+def test_nothing_approaches_a_hole(here: Here, how: tuple[str, ...]) -> None:
+    assert here("measure-wear", "--reference", *KEPT, "--seed", "3", "--quiet").exit_code == 0
+    begun()
+    before = Path("bench.h5").read_bytes()
+    said = here("approach", "--profile", CU270, *KEPT, "--site", "520,0", *how, "--json")
+    error = said.document["error"]
+    assert (said.exit_code, error["code"]) == (8, "E8042")
+    assert "runs/old.h5" in error["message"]
+    assert Path("bench.h5").read_bytes() == before
+
+
+def test_a_worn_tool_that_is_too_short_for_the_job_may_still_look_for_the_surface(here: Here) -> None:
+    assert here("approach", "--profile", CU270, "--contact", *KEPT, "--seed", "3").exit_code == 0
+    begun()
+    pad = WearMeasured("Cu 270 µm", "old.h5", 300.0, 250.0, 0.5)
+    Logbook.open(Path("runs")).append(kept().plant.serial, pad)
+    deep = ("--profile", CU270, "--set", "target.depth_um=75", "--dry-run", "--json")
+    assert here("machine", *deep, *KEPT).document["error"]["code"] == "E8044"
+    said = here("approach", *deep, *KEPT)
+    assert said.exit_code == 0, said.out
+    assert said.document["result"]["forecast"]["x_um"] == 1000.0
+
+
+def test_a_reference_without_a_profile_is_that_of_the_first_job_with_such_a_tool(here: Here) -> None:
+    assert here("measure-wear", "--reference", *KEPT, "--seed", "3", "--quiet").exit_code == 0
+    (run_file,) = Path("runs").glob("*.h5")
+    assert "cu270" not in run_file.name
+    other = here("machine", "--profile", CU150, *KEPT, "--dry-run", "--json")
+    assert [warning["code"] for warning in other.document["warnings"]] == ["W8114"]
+    assert here("machine", "--profile", CU270, *KEPT, "--dry-run", "--json").document["warnings"] == []
+    said = here("approach", "--profile", CU270, "--contact", *KEPT)
+    assert "tool changed" not in said.err
+    assert kept().tool_label == "Cu 270 µm"
+    books = books_of(Logbook.open(Path("runs")).lines, kept().plant.serial)
+    reference = books.account("Cu 270 µm").reference
+    assert reference is not None
+    assert reference.run_file == run_file.name
+
+
+def test_a_dry_run_says_what_it_did_not_look_at(here: Here) -> None:
+    said = here("machine", *SHALLOW, "--port", "sim:not-there.h5", "--dry-run", "--json")
+    assert said.exit_code == 0
+    assert said.err.count("\n") == 1
+    assert "not looked at" in said.err
+    assert here("machine", *SHALLOW, "--dry-run", "--json").err == ""
+    assert not Path("not-there.h5").exists()
+
+
+def test_a_hole_is_named_by_its_run_too(here: Here) -> None:
+    assert here("measure-wear", "--reference", "--profile", CU270, *KEPT, "--seed", "3").exit_code == 0
+    begun()
+    assert here("measure-wear", "--site", "old", *KEPT, "--dry-run").exit_code == 0
+    said = here("measure-wear", "--site", "nowhere", *KEPT, "--dry-run", "--json")
+    assert said.document["error"]["code"] == "E8045"
+    assert "first at 500,0 of old" in said.document["error"]["message"]

@@ -16,6 +16,7 @@ import pytest
 from edmctl.cli.app import main
 from edmctl.errors import LinkLost
 from edmctl.procedures.job_journal import JobJournal
+from edmctl.profile.load import load_profile
 from edmctl.record.bench_file import read_bench, write_bench
 from edmctl.record.journal import read_journal, write_journal
 from edmctl.record.logbook import JobBegun, Logbook, ToolChanged, WearMeasured
@@ -149,7 +150,8 @@ def test_an_interrupted_job_reaches_its_depth(here: Here, left: Left, how: str) 
         assert run.text("/entry/parent_run") == "a"
         assert run.text("/entry/status") == "done"
         (row,) = run.table("/entry/results")
-        assert float(row["depth"]) == pytest.approx(said.document["result"]["sites"][0]["depth_um"])
+        depth_um = said.document["result"]["sites"][0]["depth_um"]
+        assert float(row["depth"]) == pytest.approx(depth_um, abs=0.001)
     assert list(Path("runs").glob("*.journal")) == []
     assert Path("runs/a.h5" if how == "stopped" else "runs/a.h5.partial").exists()
     again = here(*RESUME, *BENCH)
@@ -179,6 +181,22 @@ def test_one_that_dies_before_it_touches_keeps_what_was_known(here: Here, killed
     (journal,) = Path("runs").glob("*.journal")
     after = read_journal(journal).state
     assert (after["depth_um"], after["wear_um"]) == (before["depth_um"], before["wear_um"])
+    assert_on_target(here(*RESUME, *BENCH))
+
+
+def test_one_that_dies_between_a_cut_and_its_touch_knows_the_wear(here: Here) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+
+        def stop(*_: object, **__: object) -> None:
+            raise LinkLost("made for this test")
+
+        patch.setattr("edmctl.procedures.site.measure_hole", stop)
+        patch.setattr("edmctl.procedures.site.estimate_hole", stop)
+        assert here(*MACHINE, *BENCH, "--seed", "4", "--run-id", "a", "--quiet").exit_code == 4
+    state = read_journal(Path("runs/a.journal")).state
+    assert state["phase"] == "measuring"
+    depth_um, wear_um = float(state["depth_um"]), float(state["wear_um"])  # type: ignore[arg-type]
+    assert wear_um > 0.2 * depth_um > 0.0
     assert_on_target(here(*RESUME, *BENCH))
 
 
@@ -277,6 +295,23 @@ def test_a_profile_or_setup_that_has_changed_is_refused(here: Here, killed: Path
         refused(here(*RESUME, *BENCH), "E8053")
 
 
+@pytest.mark.parametrize(
+    ("profile", "words"), [("channel-circle", "machines a channel"), ("foil-through", "through the sheet")]
+)
+def test_what_touching_cannot_tell_is_refused(here: Here, killed: Path, profile: str, words: str) -> None:
+    loaded = load_profile(profile)
+    journal = read_journal(Path("runs/a.journal"))
+    job = replace(
+        journal.job,
+        profile=str(loaded.path),
+        overrides=(),
+        profile_sha256=loaded.sha256,
+        sim_sha256=loaded.sim_sha256,
+    )
+    write_journal(Path("runs/a.journal"), replace(journal, job=job))
+    assert words in refused(here(*RESUME, *BENCH), "E8054")
+
+
 def test_a_damaged_journal_is_refused(here: Here, killed: Path) -> None:
     path = Path("runs/a.journal")
     whole = path.read_bytes()
@@ -317,3 +352,9 @@ def test_a_fresh_bench_keeps_no_journal(here: Here) -> None:
     said = here("machine", "--resume", "c", "--json")
     assert error_of(said)["code"] == "E8050"
     assert json.loads(said.out)["run_file"] is None
+
+
+def test_a_ledger_is_no_run(here: Here) -> None:
+    error = error_of(here("machine", "--resume", "runs/ledger.jsonl", *BENCH, "--json"))
+    assert error["code"] == "E2004"
+    assert "no run file" in str(error["message"])

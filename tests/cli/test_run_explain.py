@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import h5py
@@ -14,7 +15,6 @@ from tests.faults.workshop import Workshop
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from pathlib import Path
 
 QUICK = (
     'target={kind="feed",feed_um=25.0}',
@@ -221,3 +221,13 @@ def test_a_way_through_a_sheet_ends_by_itself_behind_the_breakthrough(here: Here
     (ended,) = (sentence["text"] for sentence in told if sentence["code"] == "CUT_ENDED")
     assert "(through)" in ended
     assert "wanted was a hole through the sheet of 25 µm" in told[0]["text"]
+
+
+@pytest.mark.parametrize("name", ["a.h5.partial", "a.h5"])
+def test_a_run_id_leads_to_its_file(here: Here, name: str) -> None:
+    file = Path("runs") / name
+    file.parent.mkdir()
+    file.write_bytes(b"")
+    said = here("run", "explain", "a", "--json")
+    assert said.exit_code == 9
+    assert str(file) in said.document["error"]["hint"]

@@ -10,14 +10,17 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.errors import RunFileError
-from edmctl.record.bookkeeping import UNFINISHED, books_of
+from edmctl.record.bookkeeping import books_of
 from edmctl.record.ledger_entries import (
+    UNFINISHED,
     JobBegun,
+    Line,
     ReferenceTouched,
     RunEnded,
     SiteMachined,
     ToolChanged,
     WearMeasured,
+    text_of,
 )
 from edmctl.record.logbook import FILE_NAME, Logbook
 
@@ -71,6 +74,12 @@ def site(
     )
 
 
+END, REFERENCE, SITE = (
+    text_of(Line(SERIAL, 1.0, entry)).rstrip()
+    for entry in (RunEnded("r.h5", "done", 1.5), reference(), site())
+)
+
+
 def test_what_is_appended_is_read_again(tmp_path: Path) -> None:
     entries = (
         ToolChanged("Cu"),
@@ -115,6 +124,14 @@ def test_a_torn_last_line_is_left_out_and_nothing_is_glued_to_it(tmp_path: Path)
         '{"v": 1, "kind": "tool", "serial": "s", "utc_s": 1, "tool": "Cu", "more": 1}',
         '{"v": 1, "kind": "end", "serial": "s", "utc_s": 1, "run_file": "r", "status": "done", "time_s": "x"}',
         "\x00\x00",
+        END.replace("1.5", "9" * 400),
+        END.replace("1.5", "1e300"),
+        END.replace("1.5", "[" * 100_000),
+        END.replace("r.h5", "\\ud800"),
+        REFERENCE.replace('"touches": 3', '"touches": 0'),
+        SITE.replace('"depth_um": 20.0', '"depth_um": null'),
+        SITE.replace('"z3_um": null', '"z3_um": 1e300'),
+        SITE.replace('"x_um": 500.0', '"x_um": null'),
     ],
 )
 def test_a_damaged_line_is_refused_with_its_number(tmp_path: Path, damage: str) -> None:
@@ -127,7 +144,19 @@ def test_a_damaged_line_is_refused_with_its_number(tmp_path: Path, damage: str) 
         Logbook.open(tmp_path)
     assert caught.value.code == "E9031"
     assert f"{FILE_NAME}:2:" in caught.value.message
+    caught.value.message.encode()
     assert caught.value.hint
+
+
+@pytest.mark.parametrize("torn", ['"serial": ' + "[" * 100_000, END.replace("1.5", "9" * 400)])
+def test_a_last_line_that_nobody_can_read_is_left_out_and_taken_away(tmp_path: Path, torn: str) -> None:
+    Logbook.open(tmp_path).append(SERIAL, reference())
+    with (tmp_path / FILE_NAME).open("a", encoding="utf-8") as file:
+        file.write(torn)
+    book = Logbook.open(tmp_path)
+    assert len(book.lines) == 1
+    book.append(SERIAL, site())
+    assert len(Logbook.open(tmp_path).lines) == 2
 
 
 def test_a_line_of_a_later_version_is_told_from_damage(tmp_path: Path) -> None:
@@ -203,6 +232,20 @@ def test_a_hole_that_was_taken_up_again_counts_once(tmp_path: Path) -> None:
     book.append(SERIAL, reference(z_um=59.0), site(wear_um=12.0))
     account = books_of(book.lines, SERIAL).account("Cu")
     assert account.lost_um == 12.0
+
+
+def test_a_hole_that_is_told_of_once_more_is_no_news_of_the_tool(tmp_path: Path) -> None:
+    book = Logbook.open(tmp_path)
+    measured = site("a", z3_um=60.0)
+    book.append(SERIAL, reference(), measured, site("b", 1000.0, wear_um=4.0, status=UNFINISHED))
+    book.append(SERIAL, measured, site("b", 1000.0, wear_um=6.0, status=UNFINISHED))
+    books = books_of(book.lines, SERIAL)
+    assert (books.account("Cu").pad_um, books.account("Cu").lost_um) == (66.0, 16.0)
+    # Nor does it make the hole one that was machined after a later reference, or after those of other jobs.
+    book.append(SERIAL, reference(z_um=66.0), site("c", 1500.0, z3_um=76.0), measured)
+    account = books_of(book.lines, SERIAL).account("Cu")
+    assert (account.pad_um, account.worn_um, account.lost_um) == (76.0, 10.0, 26.0)
+    assert account.holes[-1].name == "c"
 
 
 def test_places_of_a_job_that_never_ended_are_taken(tmp_path: Path) -> None:

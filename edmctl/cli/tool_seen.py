@@ -1,0 +1,106 @@
+"""Which machine it is and which tool is in it, as far as that can be told before anything moves."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from edmctl.errors import Diagnostic
+
+if TYPE_CHECKING:
+    from edmctl.cli.bench import Where
+    from edmctl.cli.connected_run import Held
+    from edmctl.cli.job import Plan
+    from edmctl.profile.model import Tool
+    from edmctl.record.bookkeeping import Books, ToolAccount
+    from edmctl.record.logbook import Logbook
+
+NAMELESS = "tool"
+"""A tool that nobody has named yet: that of a virtual bench that no profile has seen, or of an empty ledger."""
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """A machine by its serial number, and its tool; "" and NaN where only a virtual bench could tell."""
+
+    serial: str
+    tool: str = ""
+    diameter_um: float = math.nan
+
+
+def seen_on(held: Held) -> Seen:
+    """Return what a connected machine shows."""
+    serial, virtual = held.bench.machine.identity.serial, held.bench.virtual
+    if virtual is None:
+        return Seen(serial)
+    return Seen(serial, virtual.tool_label, virtual.plant.config.tool_diameter_um)
+
+
+def seen_in_file(where: Where) -> Seen | None:
+    """Return what the file of a kept bench shows; None where there is none to read."""
+    file = where.bench_file
+    if file is None or not file.exists():
+        return None
+    from edmctl.record.bench_file import read_bench
+    from edmctl.simulator.saving import restored_bench
+
+    bench = restored_bench(read_bench(file))
+    return Seen(bench.plant.serial, bench.tool_label, bench.plant.config.tool_diameter_um)
+
+
+def not_seen(where: Where) -> str:
+    """Return what a dry run says of a machine that it would have to connect to."""
+    return (
+        f"job ledger and bench were not looked at: {where.selector} tells who it is only once it is connected"
+    )
+
+
+def is_unnamed(label: str, diameter_um: float, tool: Tool) -> bool:
+    """Whether the tool of that label that is in the machine may be `tool`, and has only not been named yet."""
+    return label == NAMELESS and diameter_um == tool.diameter_um
+
+
+def account_of(plan: Plan, seen: Seen, books: Books) -> ToolAccount:
+    """Return the account of the profile's tool; that of the unnamed tool which is in the machine, if it is that."""
+    from edmctl.record.bookkeeping import ToolAccount
+
+    tool = plan.loaded.profile.tool
+    if plan.new_tool:
+        return ToolAccount(tool.label)
+    account = books.account(tool.label)
+    if account.reference is None and is_unnamed(seen.tool, seen.diameter_um, tool):
+        return replace(books.account(NAMELESS), label=tool.label)
+    return account
+
+
+def other_tool(plan: Plan, account: ToolAccount, books: Books) -> list[Diagnostic]:
+    """Return a warning where the reference that was touched last is of no use to this job."""
+    unnamed = books.account(NAMELESS).reference
+    if unnamed is None or books.tool != NAMELESS or account.reference is not None:
+        return []
+    label = plan.loaded.profile.tool.label
+    message = f"The reference in {unnamed.run_file} was touched without a profile; it is not that of {label}."
+    hint = (
+        f"{label} takes the first touch of its job for one; `edmctl measure-wear --reference --profile NAME` says "
+        "whose a reference is."
+    )
+    return [Diagnostic("W8114", message, hint, is_warning=True)]
+
+
+def name_tool(plan: Plan, held: Held, logbook: Logbook | None) -> None:
+    """Write down that the unnamed tool in the machine is the profile's, before it gets that name.
+
+    Raises RunFileError where that is not possible.
+    """
+    from edmctl.record.bookkeeping import books_of
+    from edmctl.record.ledger_entries import ToolNamed
+
+    if logbook is None or plan.new_tool or not plan.names_tool:
+        return
+    seen, tool = seen_on(held), plan.loaded.profile.tool
+    books = books_of(logbook.lines, seen.serial)
+    if books.account(tool.label).reference is not None or books.account(NAMELESS).reference is None:
+        return
+    if is_unnamed(seen.tool, seen.diameter_um, tool):
+        logbook.append(seen.serial, ToolNamed(tool.label, NAMELESS))
