@@ -82,7 +82,10 @@ class JobJournal:
                 slope=self._slope,
                 done=done,
             )
-        wear_um, cut, sums = hole.found.wear_um if hole.found else 0.0, self.ledger.cut, hole.sums
+        cut, sums, resumed = self.ledger.cut, hole.sums, self.job.resumed
+        wear_um = resumed.wear_um if hole.interrupted and resumed is not None else 0.0
+        if hole.found is not None:
+            wear_um = hole.found.wear_um
         if self._plan is not None and not math.isnan(cut.displacement_um):
             wear_um = self._plan.wear_at(cut.displacement_um)
         before = sums.counts

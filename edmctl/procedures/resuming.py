@@ -40,6 +40,7 @@ def take_up_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Deci
     if state.slope is not None:
         known.face = _face(run, state.slope)
     hole = _hole(run, site, known, state)
+    run.ledger.depth_um = state.depth_um
     run.journal.begin_hole(hole, run.machine.time_s, begun=True)
     around_um = UNKNOWN_UM + UNKNOWN_SHARE * (state.depth_um + state.wear_um)
     move_to(run, run.job.pad)

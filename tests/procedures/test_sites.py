@@ -144,6 +144,20 @@ def test_a_hole_left_in_the_middle_is_finished_from_what_is_there(shop: OpenShop
     assert any(code == RunEvent.RESUMED for _, code, *_ in after.seen.events)
 
 
+def test_a_job_that_is_stopped_again_while_it_measures_is_taken_up_again(shop: OpenShop) -> None:
+    first = shop(["pulse.current_a=0.2"])
+    state = interrupted(first, lambda s: s.phase == "machining" and s.depth_um >= 8.0)
+    second = taken_up(first, state)
+    second.stop = first.stop
+    again = interrupted(second, lambda s: s.begun and s.phase == "measuring")
+    assert again.depth_um == pytest.approx(state.depth_um)
+    assert again.wear_um == pytest.approx(state.wear_um)
+    assert again.counts == state.counts
+    third = taken_up(second, again)
+    (site,) = third.run_job().sites
+    assert true_depth_um(third, site) == pytest.approx(DEPTH_UM, abs=1.5)
+
+
 def test_a_hole_that_was_not_begun_is_begun(shop: OpenShop) -> None:
     first = shop()
     state = interrupted(first, lambda s: s.site != "" and not s.begun)
