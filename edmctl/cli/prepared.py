@@ -90,7 +90,8 @@ def prepared_job(
         return Prepared(job, ToolAccount(loaded.profile.tool.label))
     books = books_of(logbook.lines, seen.serial)
     account = account_of(plan, seen, books)
-    profile = on_worn_tool(loaded.profile, account)
+    # A job taken up again knows its pad from the journal, and the stroke was enough when it began.
+    profile = loaded.profile if resuming else on_worn_tool(loaded.profile, account)
     own = [hole for hole in books.holes if hole.run_file in resuming]
     holes = tuple(hole for hole in books.holes if hole not in own)
     stage, radius_um = setup.stage, hole_radius_um(profile)
