@@ -137,6 +137,17 @@ def ledger_goes_on(*entries: Entry) -> None:
     logbook.append(logbook.lines[0].serial, *entries)
 
 
+def test_a_deep_hole_with_a_worn_tool_is_finished(here: Here) -> None:
+    deep = ("--set", 'target={kind="depth",depth_um=180.0,tolerance_um=2.0}')
+    with at_time_of_cut(165.0, lambda: os.kill(os.getpid(), signal.SIGINT)):
+        assert here(*MACHINE, *deep, *BENCH, "--seed", "3", "--run-id", "a", "--quiet").exit_code == 130
+    assert float(read_journal(Path("runs/a.journal")).state["wear_um"]) > 42.0  # type: ignore[arg-type]
+    said = here(*RESUME, *BENCH)
+    assert said.exit_code == 0, said.out
+    (site,) = said.document["result"]["sites"]
+    assert abs(site["truth"]["depth_um"] - 180.0) <= 2.0
+
+
 @pytest.mark.parametrize("how", ["stopped", "killed"])
 def test_an_interrupted_job_reaches_its_depth(here: Here, left: Left, how: str) -> None:
     shutil.copytree(getattr(left, how), Path.cwd(), dirs_exist_ok=True)
