@@ -211,6 +211,7 @@ class Supervisor:
                 ratio_arc=ratios.arc,
                 ratio_short=ratios.short,
                 depth_um=erosion.depth_um,
+                depth_u95_um=COVERAGE * erosion.depth_u_um,
                 wear_um=erosion.wear_um,
                 jump_period_s=self.adapting.period_s,
                 power_w=self._power_w,

@@ -83,6 +83,7 @@ def _scalar_values(meta: RunMeta) -> dict[str, object]:
         "/entry/exit_code": NO_EXIT_CODE,
         "/entry/simulated": int(meta.simulated),
         "/entry/seed": NO_SEED if meta.seed is None else meta.seed,
+        "/entry/recovery": b"",
         "/entry/summary": None,
         "/entry/tool/length_wear_total": NO_WEAR_YET,
         "/entry/profile/sha256": hashlib.sha256(meta.profile_text.encode()).hexdigest(),

@@ -18,12 +18,15 @@ if TYPE_CHECKING:
 HDF5_ERRORS = (OSError, RuntimeError, ValueError)
 """What h5py raises when the disk refuses, depending on the call that met it."""
 
+PARTIAL = ".partial"
+"""Ending of a run file that is not finished."""
+
 _NO_HARD_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EMLINK)
 
 
 def partial_path(path: Path) -> Path:
     """Return the name that the file at `path` has until it is finished."""
-    return path.with_name(path.name + ".partial")
+    return path.with_name(path.name + PARTIAL)
 
 
 def make_folder(folder: Path) -> None:

@@ -4,15 +4,17 @@ NeXus classes and attributes (`default`, `signal`, `axes`, `auxiliary_signals`, 
 generic viewers plot at once; HDF5 dimension scales let xarray find the time axis. Signals are columns, one
 dataset each; only what nobody plots (events, touches, results) is a compound table.
 
-Full pulses are float32 in their own unit and not packed integers: a viewer shows microseconds without
-knowing a scale factor, at 13 instead of 6 bytes per pulse (26 MB instead of 12 MB for 900 s at 2.3 kHz).
+Full pulses are stored as the line carries them, in steps that their unit names (`0.1 us`): 6 bytes a pulse, of which
+compression leaves 3. Everything else is in its plain unit.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-SCHEMA = "edmctl-run/1"
+SCHEMA = "edmctl-run/2"
+READABLE = ("edmctl-run/1", SCHEMA)
+"""What `reader` understands: version 1 had no link statistics, no waveforms and no check sum."""
 
 PURE = "1"
 """Unit of a pure number."""
@@ -30,6 +32,8 @@ class Column:
     dtype: str
     units: str
     long_name: str
+    step: float = 1.0
+    """What is stored is the value over this step, rounded; `units` then names both, for instance `0.1 us`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +100,7 @@ SCALARS = (
     Scalar("/entry/exit_code", "", "i4", PURE, "exit code; −1 while running"),
     Scalar("/entry/simulated", "simulated", "u1", PURE, "1 when the machine was virtual"),
     Scalar("/entry/seed", "seed", "i8", PURE, "seed of the virtual machine; −1 without"),
+    Scalar("/entry/recovery", "", "S160", TEXT, "what the file was recovered from, and when; empty without"),
     Scalar("/entry/summary", "", "json", TEXT, "the result, one JSON object as UTF-8 bytes"),
     Scalar("/entry/user/name", "user", "text", TEXT, "user"),
     Scalar("/entry/sample/material", "work_material", "text", TEXT, "work material"),
@@ -163,6 +168,7 @@ SLOW = Table(
         Column("r_arc", "ratio_arc", "f4", PURE, "share of arcs"),
         Column("r_short", "ratio_short", "f4", PURE, "share of shorts"),
         Column("est_depth", "depth_um", "f4", "um", "estimated depth"),
+        Column("est_depth_u95", "depth_u95_um", "f4", "um", "half the 95 % interval of the estimated depth"),
         Column("est_wear", "wear_um", "f4", "um", "estimated tool wear"),
         Column("jump_period", "jump_period_s", "f4", "s", "jump period; NaN without jumps"),
         Column("p_avg", "power_w", "f4", "W", "mean discharge power"),
@@ -195,9 +201,9 @@ PULSES = Table(
     "every pulse; its time follows from `/entry/pulses/segments`",
     (
         Column("pulse_class", "pulse_class", "u1", PURE, "0 open, 1 normal, 2 arc, 3 short"),
-        Column("td", "delay_us", "f4", "us", "ignition delay; the on-time when open"),
-        Column("te", "discharge_us", "f4", "us", "discharge time; 0 when open"),
-        Column("u", "plateau_v", "f4", "V", "plateau voltage; the open voltage when open"),
+        Column("td", "delay_us", "u2", "0.1 us", "ignition delay; the on-time when open", 0.1),
+        Column("te", "discharge_us", "u2", "0.1 us", "discharge time; 0 when open", 0.1),
+        Column("u", "plateau_v", "u1", "0.5 V", "plateau voltage; the open voltage when open", 0.5),
     ),
 )
 
@@ -330,7 +336,57 @@ BLACK_BOX = Table(
     ),
 )
 
-TABLES = (SERVO, SLOW, PULSE_BLOCKS, PULSES, SEGMENTS, EVENTS, TOUCHES, RESULTS, BLACK_BOX)
+WAVEFORMS = Table(
+    "/entry/waveforms",
+    "NXlog",
+    4096,
+    "the gap about a fault that the controller latched, sample by sample: 64 pulses before and 16 periods after; "
+    "empty without one, or where the controller keeps no waveforms",
+    (
+        _TIME,
+        Column("v_gap", "gap_v", "f4", "V", "gap voltage"),
+        Column("i_gap", "gap_a", "f4", "A", "gap current"),
+    ),
+)
+
+LINK = Table(
+    "/entry/link",
+    "NXlog",
+    256,
+    "the line between host and controller, every ten seconds; counts since it was opened",
+    (
+        _TIME,
+        Column("frames_sent", "frames_sent", "u8", PURE, "frames sent"),
+        Column("frames_received", "frames_received", "u8", PURE, "frames received"),
+        Column("bad_frames", "bad_frames", "u4", PURE, "damaged frames received"),
+        Column("lost_frames", "lost_frames", "u4", PURE, "telemetry frames missing"),
+        Column("retries", "retries", "u4", PURE, "commands repeated"),
+        Column(
+            "bad_frames_there", "controller_bad_frames", "u4", PURE, "damaged frames that the controller got"
+        ),
+        Column(
+            "dropped_there", "controller_dropped_frames", "u4", PURE, "frames that the controller dropped"
+        ),
+        Column("rtt_p50", "rtt_p50_ms", "f4", "ms", "round trip of a command, median"),
+        Column("rtt_p99", "rtt_p99_ms", "f4", "ms", "round trip of a command, 99th percentile"),
+        Column("clock_offset", "clock_offset_s", "f8", "s", "clock of the controller ahead of the host's"),
+        Column("clock_rate", "clock_rate_ppm", "f4", "ppm", "clock of the controller faster than the host's"),
+    ),
+)
+
+TABLES = (
+    SERVO,
+    SLOW,
+    PULSE_BLOCKS,
+    PULSES,
+    SEGMENTS,
+    EVENTS,
+    TOUCHES,
+    RESULTS,
+    BLACK_BOX,
+    WAVEFORMS,
+    LINK,
+)
 
 DEFAULT_PLOT = "/entry/data"
 DEFAULT_SIGNAL = "z_sensor"

@@ -3,29 +3,39 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
-import h5py
 import numpy as np
 
-from edmctl.errors import RunFileError
-
 from . import layout
+from .opening import open_file
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
     from types import TracebackType
 
+    import h5py
     from numpy.typing import NDArray
 
+    from .layout import Column, Table
+
 TABLES = {table.path: table for table in layout.TABLES}
+BLOCK_ROWS = 1 << 18
+"""Rows that are read at a time where a whole column would not fit into memory."""
 
 
 class RunFile:
-    """An open run file. Use it as a context manager."""
+    """An open run file. Use it as a context manager.
 
-    def __init__(self, file: h5py.File) -> None:
+    Values come in the unit without a step: a column in `0.1 us` is read in µs. Tables that older files do not have
+    read as empty ones.
+    """
+
+    def __init__(self, file: h5py.File, path: Path) -> None:
         self._file = file
+        self.path = path
+        """Where the file is."""
 
     def __enter__(self) -> Self:
         return self
@@ -41,18 +51,44 @@ class RunFile:
 
     @property
     def is_finished(self) -> bool:
-        """Whether its writer came to the end; False for a live or killed run."""
+        """Whether its writer came to the end, or it was recovered; False for a live or killed run."""
         return self.text("/entry/end_time") != ""
 
-    def columns(self, path: str) -> dict[str, NDArray[np.generic]]:
-        """Return the columns of a group of the layout, for instance `/entry/servo`, all of one length.
+    def refresh(self) -> None:
+        """Look at what a live writer has added since."""
+        for table in layout.TABLES:
+            for dataset in self._datasets(table):
+                dataset.refresh()
+        for scalar in ("end_time", "status", "exit_code", "summary"):
+            self._file[f"/entry/{scalar}"].refresh()
+
+    def rows(self, path: str) -> int:
+        """How many rows a table of the layout has, for instance `/entry/servo`.
 
         In a file without an end, columns may differ by the rows of the last write; the shortest counts.
         """
-        group = self._file[path]
-        names = [column.name for column in TABLES[path].columns]
-        rows = min(group[name].shape[0] for name in names)
-        return {name: group[name][:rows] for name in names}
+        return min((dataset.shape[0] for dataset in self._datasets(TABLES[path])), default=0)
+
+    def column(self, path: str, name: str, start: int = 0, stop: int | None = None) -> NDArray[np.generic]:
+        """Return rows `start` to `stop` of one column of a group, shape (n,)."""
+        table = TABLES[path]
+        column = next(column for column in table.columns if column.name == name)
+        if path not in self._file or name not in self._file[path]:
+            return np.empty(0, _read_type(column))
+        stop = self.rows(path) if stop is None else min(stop, self.rows(path))
+        return self._plain(column, self._file[path][name], start, stop)
+
+    def columns(self, path: str, names: Sequence[str] | None = None) -> dict[str, NDArray[np.generic]]:
+        """Return columns of a group of the layout, all of one length; every column where none is named."""
+        wanted = [column.name for column in TABLES[path].columns] if names is None else names
+        return {name: self.column(path, name) for name in wanted}
+
+    def blocks(
+        self, path: str, names: Sequence[str], rows: int = BLOCK_ROWS
+    ) -> Iterator[dict[str, NDArray[np.generic]]]:
+        """Yield columns of a group, `rows` rows at a time: for files that do not fit into memory."""
+        for start in range(0, self.rows(path), rows):
+            yield {name: self.column(path, name, start, start + rows) for name in names}
 
     def table(self, path: str) -> NDArray[np.void]:
         """Return a compound table of the layout, for instance `/entry/touches`. Texts are UTF-8 bytes."""
@@ -60,7 +96,9 @@ class RunFile:
         return rows
 
     def text(self, path: str) -> str:
-        """Return a text, for instance `/entry/status`."""
+        """Return a text, for instance `/entry/status`; empty where an older file has none."""
+        if path not in self._file:
+            return ""
         value: bytes = self._file[path][()]
         return value.decode()
 
@@ -86,61 +124,43 @@ class RunFile:
         summary: dict[str, object] = json.loads(utf8)
         return summary
 
-    def pulse_times_s(self) -> NDArray[np.float64]:
-        """Return the time of every pulse in `/entry/pulses/full`, shape (n,)."""
-        rows = len(self.columns(layout.PULSES.path)["pulse_class"])
+    def pulse_times_s(self, start: int = 0, stop: int | None = None) -> NDArray[np.float64]:
+        """Return the times of pulses `start` to `stop` of `/entry/pulses/full`, shape (n,)."""
+        rows = self.rows(layout.PULSES.path)
+        stop = rows if stop is None else min(stop, rows)
         segments = self.columns(layout.SEGMENTS.path)
         first_rows = segments["first_row"].astype(np.int64)
         start_s, period_s = segments["t0"].astype(np.float64), segments["period"].astype(np.float64)
-        row = np.arange(rows)
+        row = np.arange(start, stop)
         segment = np.searchsorted(first_rows, row, side="right") - 1
         times: NDArray[np.float64] = start_s[segment] + (row - first_rows[segment]) * period_s[segment]
         return times
 
+    def _datasets(self, table: Table) -> list[h5py.Dataset]:
+        if table.path not in self._file:
+            return []
+        if table.is_compound:
+            return [self._file[table.path]]
+        group = self._file[table.path]
+        return [group[column.name] for column in table.columns if column.name in group]
+
+    def _plain(self, column: Column, dataset: h5py.Dataset, start: int, stop: int) -> NDArray[np.generic]:
+        stored: NDArray[Any] = dataset[start:stop]
+        # A file of version 1 holds the plain values already.
+        if column.step == 1.0 or stored.dtype != np.dtype(column.dtype):
+            return stored
+        plain: NDArray[np.generic] = np.multiply(stored, column.step, dtype="f8").astype(_read_type(column))
+        return plain
+
+
+def _read_type(column: Column) -> np.dtype[np.generic]:
+    return np.dtype("f4") if column.step != 1.0 else np.dtype(column.dtype)
+
 
 def open_run(path: Path) -> RunFile:
-    """Open the run file at `path` for reading.
+    """Open the run file at `path` for reading; nothing is ever written to it.
 
-    Raises RunFileError E9005 when there is none or it is not a run file.
+    Raises RunFileError: E9005 there is none or it is not a run file, E9006 a later version of edmctl wrote it,
+    E9007 it is damaged.
     """
-    try:
-        file = _open(path)
-    except FileNotFoundError as error:
-        raise RunFileError(f"There is no run file {path}.", code="E9005", hint=_nearest(path)) from error
-    except OSError as error:
-        raise RunFileError(
-            f"{path} cannot be read as HDF5: {str(error).splitlines()[0]}.",
-            code="E9005",
-            hint="Give a file that a run has written (.h5 or .h5.partial).",
-        ) from error
-    if file.attrs.get("schema") != layout.SCHEMA:
-        found = file.attrs.get("schema", "none")
-        file.close()
-        raise RunFileError(
-            f"{path} is not a run file of schema {layout.SCHEMA} (found: {found}).",
-            code="E9005",
-            hint="Give a file that this version of edmctl has written.",
-        )
-    return RunFile(file)
-
-
-def _open(path: Path) -> h5py.File:
-    try:
-        return h5py.File(path, "r")
-    except FileNotFoundError:
-        raise
-    except OSError:
-        # A live or killed writer leaves the file marked as open; SWMR readers are made for that.
-        return h5py.File(path, "r", swmr=True)
-
-
-def _nearest(path: Path) -> str:
-    for folder in (path.parent, path.parent / "runs"):
-        for ending in (".partial", ".h5.partial"):
-            partial = folder / f"{path.name}{ending}"
-            if partial.exists():
-                return f"The run was not finished; its rows are in {partial}."
-        finished = folder / f"{path.name}.h5"
-        if finished.exists():
-            return f"Did you mean {finished}?"
-    return "Check the path."
+    return RunFile(open_file(path), path)

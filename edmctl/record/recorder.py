@@ -10,12 +10,14 @@ if TYPE_CHECKING:
     from .rows import (
         BlackBoxBlock,
         EventLevel,
+        LinkRow,
         PulseBlockRows,
         PulseTrain,
         ServoBlock,
         SiteRow,
         SlowRow,
         TouchRow,
+        WaveformBlock,
     )
 
 
@@ -46,6 +48,10 @@ class Recorder(Protocol):
     def site_result(self, row: SiteRow) -> None: ...
 
     def black_box(self, block: BlackBoxBlock) -> None: ...
+
+    def waveforms(self, block: WaveformBlock) -> None: ...
+
+    def append_link(self, row: LinkRow) -> None: ...
 
     def summary(self, json_text: str) -> None: ...
 
@@ -82,6 +88,12 @@ class NullRecorder:
         """Forget."""
 
     def black_box(self, block: BlackBoxBlock) -> None:
+        """Forget."""
+
+    def waveforms(self, block: WaveformBlock) -> None:
+        """Forget."""
+
+    def append_link(self, row: LinkRow) -> None:
         """Forget."""
 
     def summary(self, json_text: str) -> None:

@@ -74,6 +74,8 @@ class SlowRow:
     flow_lpm: float = math.nan
     link_errors: int = 0
     """Telemetry frames missing so far."""
+    depth_u95_um: float = math.nan
+    """Half the 95 % interval of the estimated depth."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,6 +123,34 @@ class BlackBoxBlock:
     state: IntArray
     flags: IntArray
     """TlmFlags of the protocol."""
+
+
+@dataclass(frozen=True, slots=True)
+class WaveformBlock:
+    """The gap about a fault, sample by sample."""
+
+    time_s: FloatArray
+    gap_v: FloatArray
+    gap_a: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class LinkRow:
+    """How the line did from its opening until now."""
+
+    time_s: float
+    frames_sent: int
+    frames_received: int
+    bad_frames: int
+    lost_frames: int
+    retries: int
+    controller_bad_frames: int
+    controller_dropped_frames: int
+    rtt_p50_ms: float
+    rtt_p99_ms: float
+    clock_offset_s: float
+    """Of the controller's clock against the host's."""
+    clock_rate_ppm: float
 
 
 @dataclass(frozen=True, slots=True)

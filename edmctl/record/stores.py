@@ -15,6 +15,8 @@ import numpy as np
 from .create import compound_dtype
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from .layout import Table
@@ -48,6 +50,7 @@ class BlockStore:
         group = file[table.path]
         self._datasets = [group[column.name] for column in table.columns]
         self._dtypes = [np.dtype(column.dtype) for column in table.columns]
+        self._steps = [column.step for column in table.columns]
         self._fields = attrgetter(*(column.field for column in table.columns))
         self._table = table
         self._chunk_rows = table.chunk_rows
@@ -76,8 +79,10 @@ class BlockStore:
         if count <= 0:
             return
         columns = [
-            np.concatenate(parts, dtype=dtype, casting="unsafe")
-            for parts, dtype in zip(zip(*self._blocks, strict=True), self._dtypes, strict=True)
+            _stored(parts, dtype, step)
+            for parts, dtype, step in zip(
+                zip(*self._blocks, strict=True), self._dtypes, self._steps, strict=True
+            )
         ]
         if any(column.shape != (self.waiting,) for column in columns):
             raise TypeError("columns of a block differ in length")
@@ -167,6 +172,16 @@ def _growth_bytes(table: Table, written: int, waiting: int) -> int:
 def fit_utf8(text: str, width: int) -> bytes:
     """Return `text` as UTF-8 of at most `width` bytes, cut between characters."""
     return text.encode()[:width].decode(errors="ignore").encode()
+
+
+def _stored(
+    parts: Sequence[NDArray[np.generic]], dtype: np.dtype[np.generic], step: float
+) -> NDArray[np.generic]:
+    """Join the parts of a column as they are stored; values beyond the type's range become its ends."""
+    if step == 1.0:
+        return np.concatenate(parts, dtype=dtype, casting="unsafe")
+    steps = np.concatenate(parts, dtype="f8") / step
+    return np.rint(np.clip(steps, 0, 256**dtype.itemsize - 1)).astype(dtype)
 
 
 def _put(dataset: h5py.Dataset, first_row: int, values: NDArray[np.generic]) -> None:

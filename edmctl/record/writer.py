@@ -44,6 +44,7 @@ if TYPE_CHECKING:
 
     from .rows import (
         BlackBoxBlock,
+        LinkRow,
         PulseBlockRows,
         PulseTrain,
         RunMeta,
@@ -51,6 +52,7 @@ if TYPE_CHECKING:
         SiteRow,
         SlowRow,
         TouchRow,
+        WaveformBlock,
     )
 
 FLUSH_INTERVAL_S = 0.5
@@ -88,6 +90,8 @@ class RunWriter:
         self._touches = CompoundStore(file, layout.TOUCHES)
         self._results = CompoundStore(file, layout.RESULTS)
         self._black_box = BlockStore(file, layout.BLACK_BOX)
+        self._waveforms = BlockStore(file, layout.WAVEFORMS)
+        self._link = RowStore(file, layout.LINK)
         self._stores: tuple[Store, ...] = (
             self._servo,
             self._slow,
@@ -98,6 +102,8 @@ class RunWriter:
             self._touches,
             self._results,
             self._black_box,
+            self._waveforms,
+            self._link,
         )
         self._train = Segments()
         self._wear_um = 0.0
@@ -200,6 +206,18 @@ class RunWriter:
         if self._accepts:
             self._black_box.add(block)
             self.flush()
+
+    def waveforms(self, block: WaveformBlock) -> None:
+        """Append the gap about a fault; it is on disk when the call returns."""
+        if self._accepts:
+            self._waveforms.add(block)
+            self.flush()
+
+    def append_link(self, row: LinkRow) -> None:
+        """Append how the line did."""
+        if self._accepts:
+            self._link.add(row)
+            self._tend(self._link)
 
     def summary(self, json_text: str) -> None:
         """Write (or replace) the result as a JSON object."""

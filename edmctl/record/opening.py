@@ -1,0 +1,107 @@
+"""Opens a run file for reading, whatever has become of it, and says what is wrong with it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import h5py
+
+from edmctl.errors import RunFileError
+
+from . import layout
+from .disk import PARTIAL
+from .seal import Seal, look_at_seal
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+_MAGIC = b"\x89HDF\r\n\x1a\n"
+_ANOTHER = "Give a file that a run has written (.h5 or .h5.partial)."
+
+
+def open_file(path: Path) -> h5py.File:
+    """Open the run file at `path`.
+
+    Raises RunFileError: E9005 there is none or it is not a run file, E9006 a later version wrote it, E9007 it is
+    damaged.
+    """
+    if _sealed(path) is Seal.BROKEN:
+        raise damaged(path, "its check sum does not fit")
+    try:
+        file = _open(path)
+    except OSError as error:
+        raise damaged(path, str(error).splitlines()[0]) from error
+    try:
+        _check_schema(path, file)
+    except BaseException:
+        file.close()
+        raise
+    return file
+
+
+def damaged(path: Path, why: str) -> RunFileError:
+    """Return the error for a file that began as a run file and cannot be read as one any more."""
+    return RunFileError(
+        f"{path} is damaged: {why}.",
+        code="E9007",
+        hint=f"`edmctl run recover {path}` writes what can still be read into a new file; this one stays as it is.",
+    )
+
+
+def _sealed(path: Path) -> Seal:
+    """Look at the file before HDF5 does. Raises RunFileError E9005."""
+    try:
+        if path.is_dir():
+            raise RunFileError(f"{path} is a folder.", code="E9005", hint=f"Try `edmctl run list {path}`.")
+        with path.open("rb") as file:
+            begin = file.read(len(_MAGIC))
+        if not begin:
+            raise RunFileError(f"{path} is empty.", code="E9005", hint=_ANOTHER)
+        if begin != _MAGIC:
+            raise RunFileError(f"{path} is not an HDF5 file.", code="E9005", hint=_ANOTHER)
+        return look_at_seal(path)
+    except FileNotFoundError as error:
+        raise RunFileError(f"There is no run file {path}.", code="E9005", hint=_nearest(path)) from error
+    except OSError as error:
+        raise RunFileError(
+            f"{path} cannot be read: {error.strerror}.",
+            code="E9005",
+            hint="Check the path and its permissions.",
+        ) from error
+
+
+def _open(path: Path) -> h5py.File:
+    try:
+        return h5py.File(path, "r")
+    except OSError:
+        # A live or killed writer leaves the file marked as open; SWMR readers are made for that.
+        return h5py.File(path, "r", swmr=True)
+
+
+def _check_schema(path: Path, file: h5py.File) -> None:
+    try:
+        schema = str(file.attrs.get("schema", ""))
+    except (OSError, RuntimeError, ValueError, KeyError, UnicodeError) as error:
+        raise damaged(path, str(error).splitlines()[0]) from error
+    name, _, version = schema.partition("/")
+    if schema in layout.READABLE:
+        return
+    if name == layout.SCHEMA.partition("/")[0] and version.isdigit():
+        raise RunFileError(
+            f"{path} was written by a later version of edmctl ({schema}; this one reads up to {layout.SCHEMA}).",
+            code="E9006",
+            hint="Update edmctl.",
+        )
+    raise RunFileError(f"{path} is an HDF5 file, but not a run file of edmctl.", code="E9005", hint=_ANOTHER)
+
+
+def _nearest(path: Path) -> str:
+    for folder in (path.parent, path.parent / "runs"):
+        for ending in (PARTIAL, f".h5{PARTIAL}"):
+            partial = folder / f"{path.name}{ending}"
+            if partial.exists():
+                return f"The run was not finished; its rows are in {partial}."
+        finished = folder / f"{path.name}.h5"
+        if finished.exists():
+            return f"Did you mean {finished}?"
+    return "Check the path."
