@@ -33,7 +33,7 @@ def check_outputs(plot: Path | None, data: Path | None) -> None:
             code="E2012",
         )
     if plot:
-        from edmctl.report.actuator_figure import check_figure
+        from edmctl.report.style import check_figure
 
         check_figure(plot.name)
     for path in (plot, data):

@@ -6,14 +6,22 @@ magnified. Colours are those of Okabe & Ito, which the colour-blind can tell apa
 
 from __future__ import annotations
 
-import importlib.util
 from dataclasses import dataclass
-from io import BytesIO
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.errors import PreconditionError, UsageError
+from edmctl.report.style import (
+    BLACK,
+    BLUE,
+    COLUMN_MM,
+    GREY,
+    PAGE_MM,
+    VERMILLION,
+    house_style,
+    rendered,
+    suffix_of,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,38 +32,9 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-SUFFIXES = (".png", ".svg", ".pdf")
-COLUMN_MM, PAGE_MM, HEIGHT_MM = 85.0, 180.0, 130.0
-PNG_DPI = 300
+HEIGHT_MM = 130.0
 POINTS = 1500
 """Intervals of time that a line is drawn in; in each its lowest and its highest value are shown."""
-
-GREY, VERMILLION, BLUE, BLACK = "#999999", "#D55E00", "#0072B2", "#000000"
-
-_SETTINGS = {
-    "font.family": "sans-serif",
-    "font.sans-serif": ["DejaVu Sans"],
-    "font.size": 7.0,
-    "axes.labelsize": 7.0,
-    "axes.titlesize": 7.0,
-    "axes.linewidth": 0.6,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.color": "#E5E5E5",
-    "grid.linewidth": 0.4,
-    "axes.axisbelow": True,
-    "xtick.labelsize": 6.5,
-    "ytick.labelsize": 6.5,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "legend.fontsize": 7.0,
-    "legend.frameon": False,
-    "path.simplify": True,
-    "svg.fonttype": "none",
-    "svg.hashsalt": "edmctl",
-    "pdf.fonttype": 42,
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,44 +49,10 @@ class Trial:
     ours_um: Array
 
 
-def check_figure(name: str) -> None:
-    """Check that a figure can be drawn into a file called `name`, before anything is computed for it.
-
-    Raises UsageError (E2011) for a type of file that is not offered, PreconditionError (E8090) without matplotlib.
-    """
-    if _suffix(name) not in SUFFIXES:
-        raise UsageError(
-            f"A figure cannot be written into {name!r}: its name ends in none of {', '.join(SUFFIXES)}.",
-            hint="Take .pdf or .svg for print and .png for the screen.",
-            code="E2011",
-        )
-    if importlib.util.find_spec("matplotlib") is None:
-        raise PreconditionError(
-            "Figures need matplotlib, which is not installed.",
-            hint="Install it with `pip install 'edmctl[plot]'`.",
-            code="E8090",
-        )
-
-
 def draw(trials: Sequence[Trial], name: str) -> bytes:
     """Return the figure of one waveform (85 mm wide) or several (180 mm) as the file `name` would hold it."""
-    from matplotlib import rc_context
-
-    with rc_context(_SETTINGS):  # type: ignore[arg-type]
-        figure = _figure(trials)
-        return _rendered(figure, _suffix(name))
-
-
-def _suffix(name: str) -> str:
-    return name[name.rfind(".") :].lower() if "." in name else ""
-
-
-def _rendered(figure: Figure, suffix: str) -> bytes:
-    # Dates would make every file another one.
-    undated: dict[str, dict[str, None]] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}, ".png": {}}
-    file = BytesIO()
-    figure.savefig(file, format=suffix[1:], dpi=PNG_DPI, metadata=undated[suffix])
-    return file.getvalue()
+    with house_style():
+        return rendered(_figure(trials), suffix_of(name))
 
 
 def _figure(trials: Sequence[Trial]) -> Figure:

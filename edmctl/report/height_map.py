@@ -6,12 +6,11 @@ Depths run in one hue from light (the face) to dark (deep), which reads the same
 from __future__ import annotations
 
 from dataclasses import dataclass
-from io import BytesIO
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.report.actuator_figure import PAGE_MM, PNG_DPI
+from edmctl.report.style import BLACK, BLUE, GREY, PAGE_MM, VERMILLION, house_style, rendered, suffix_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,29 +22,10 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 HEIGHT_MM = 118.0
-BLACK, BLUE, VERMILLION, GREY = "#000000", "#0072B2", "#D55E00", "#999999"
 MARGIN = 0.06
 """Of the map, shown about it."""
 BAND_TOLERANCES = 1.6
 """The floor is shown this many tolerances to both sides of the target at least."""
-
-_SETTINGS = {
-    "font.family": "sans-serif",
-    "font.sans-serif": ["DejaVu Sans"],
-    "font.size": 7.0,
-    "axes.labelsize": 7.0,
-    "axes.titlesize": 7.0,
-    "axes.linewidth": 0.6,
-    "xtick.labelsize": 6.5,
-    "ytick.labelsize": 6.5,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "legend.fontsize": 6.5,
-    "legend.frameon": False,
-    "svg.fonttype": "none",
-    "svg.hashsalt": "edmctl",
-    "pdf.fonttype": 42,
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,16 +60,8 @@ class Channel:
 
 def draw_channel(channel: Channel, name: str) -> bytes:
     """Return the figure, 180 mm wide, as the file `name` would hold it (.png, .svg or .pdf)."""
-    from matplotlib import rc_context
-
-    with rc_context(_SETTINGS):  # type: ignore[arg-type]
-        figure = _figure(channel)
-        suffix = name[name.rfind(".") :].lower()
-        # Dates would make every file another one.
-        undated: dict[str, dict[str, None]] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
-        file = BytesIO()
-        figure.savefig(file, format=suffix[1:], dpi=PNG_DPI, metadata=undated.get(suffix, {}))
-    return file.getvalue()
+    with house_style():
+        return rendered(_figure(channel), suffix_of(name))
 
 
 def _figure(channel: Channel) -> Figure:

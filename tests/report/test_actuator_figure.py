@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from edmctl.errors import PreconditionError, UsageError
-from edmctl.report.actuator_figure import PNG_DPI, POINTS, Trial, check_figure, draw, extremes
+from edmctl.report.actuator_figure import POINTS, Trial, draw, extremes
+from edmctl.report.style import PNG_DPI, check_figure
 
 pytest.importorskip("matplotlib")
 

@@ -1,0 +1,1 @@
+"""Figures of a run, one module each: `draw(run)` returns the figure or raises `NothingToDraw`."""

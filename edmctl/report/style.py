@@ -1,0 +1,140 @@
+"""How every figure looks, and how it becomes a file: one place for sizes, colours, fonts and line widths.
+
+Colours are those of Okabe & Ito, which the colour-blind can tell apart; lines differ in dash or width too.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from contextlib import contextmanager
+from io import BytesIO
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from edmctl.errors import PreconditionError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+SUFFIXES = (".png", ".svg", ".pdf")
+COLUMN_MM, PAGE_MM = 85.0, 180.0
+"""Widths of one column and of both, as journals print them."""
+PNG_DPI = 300
+LINE = 0.8
+"""Width of a line that carries data, in points."""
+
+BLACK, GREY, LIGHT = "#000000", "#999999", "#E5E5E5"
+BLUE, VERMILLION, GREEN, ORANGE = "#0072B2", "#D55E00", "#009E73", "#E69F00"
+SKY, PURPLE, YELLOW = "#56B4E9", "#CC79A7", "#F0E442"
+
+OPEN, NORMAL, ARC, SHORT = GREY, BLUE, ORANGE, VERMILLION
+"""Colours of the pulse classes in every figure."""
+PULSE_COLOURS = {"open": OPEN, "normal": NORMAL, "arc": ARC, "short": SHORT}
+
+_SETTINGS = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "font.size": 7.0,
+    "axes.labelsize": 7.0,
+    "axes.titlesize": 7.0,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": LIGHT,
+    "grid.linewidth": 0.4,
+    "axes.axisbelow": True,
+    "xtick.labelsize": 6.5,
+    "ytick.labelsize": 6.5,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "lines.linewidth": LINE,
+    "legend.fontsize": 6.5,
+    "legend.frameon": False,
+    "path.simplify": True,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "edmctl",
+    "pdf.fonttype": 42,
+}
+
+_UNDATED: dict[str, dict[str, None]] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+"""Dates would make every file another one."""
+
+
+@contextmanager
+def house_style() -> Iterator[None]:
+    """Draw in the house's style; a figure must be made and rendered within."""
+    from matplotlib import rc_context
+
+    with rc_context(_SETTINGS):  # type: ignore[arg-type]
+        yield
+
+
+def new_figure(height_mm: float, width_mm: float = COLUMN_MM) -> Figure:
+    """Return an empty figure whose panels are laid out without overlap."""
+    from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    layout = ConstrainedLayoutEngine(w_pad=0.03, h_pad=0.03, hspace=0.02, wspace=0.02)
+    return Figure(figsize=(width_mm / 25.4, height_mm / 25.4), layout=layout)
+
+
+def rendered(figure: Figure, suffix: str) -> bytes:
+    """Return the figure as a file of one of SUFFIXES would hold it."""
+    file = BytesIO()
+    figure.savefig(file, format=suffix[1:], dpi=PNG_DPI, metadata=_UNDATED.get(suffix, {}))
+    return file.getvalue()
+
+
+def suffix_of(name: str) -> str:
+    """Return the ending of a file name, in small letters; empty without one."""
+    return name[name.rfind(".") :].lower() if "." in name else ""
+
+
+def check_figure(name: str) -> None:
+    """Check that a figure can be drawn into a file called `name`, before anything is computed for it.
+
+    Raises UsageError (E2011) for a type of file that is not offered, PreconditionError (E8090) without matplotlib.
+    """
+    if suffix_of(name) not in SUFFIXES:
+        raise UsageError(
+            f"A figure cannot be written into {name!r}: its name ends in none of {', '.join(SUFFIXES)}.",
+            hint="Take .pdf or .svg for print and .png for the screen.",
+            code="E2011",
+        )
+    need_matplotlib()
+
+
+def need_matplotlib() -> None:
+    """Raise PreconditionError (E8090) where matplotlib is not installed."""
+    if importlib.util.find_spec("matplotlib") is None:
+        raise PreconditionError(
+            "Figures need matplotlib, which is not installed.",
+            hint="Install it with `pip install 'edmctl[plot]'`.",
+            code="E8090",
+        )
+
+
+def draw_envelope(
+    axes: Axes, time: Array, low: Array, high: Array, colour: str, label: str = "_", width: float = LINE
+) -> None:
+    """Draw a signal that was reduced to its lowest and highest values as one line through both.
+
+    time, low, high : ndarrays, shape (n,); where `low is high` they are the samples themselves.
+    """
+    if low is high:
+        axes.plot(time, low, color=colour, linewidth=width, label=label)
+        return
+    both = np.column_stack([low, high]).ravel()
+    axes.plot(np.repeat(time, 2), both, color=colour, linewidth=width, label=label)
+
+
+class NothingToDraw(Exception):
+    """The run holds nothing for this figure. The message is a sentence that says why, and what would change it."""
