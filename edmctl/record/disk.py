@@ -74,13 +74,17 @@ def rename_without_replacing(source: Path, target: Path) -> None:
                 raise
             _take_name_then_replace(source, target)
     except OSError as error:
-        if source.exists():
-            hint = f"The run is complete in {source}; rename it."
-        else:
-            hint = f"{source} was moved or deleted while the run was going on; look for it where it was moved to."
-        raise RunFileError(
-            f"Cannot name the run file {target}: {reason(error)}.", code="E9004", hint=hint
-        ) from error
+        raise cannot_name(source, target, error) from error
+
+
+def cannot_name(source: Path, target: Path, error: BaseException) -> RunFileError:
+    """Return the error for a finished file `source` that cannot be called `target`."""
+    if source.exists():
+        hint = f"The run is complete in {source}; rename it."
+    else:
+        hint = f"{source} was moved or deleted while the run was going on; look for it where it was moved to."
+    why = reason(error) if isinstance(error, Exception) else str(error)
+    return RunFileError(f"Cannot name the run file {target}: {why}.", code="E9004", hint=hint)
 
 
 def _take_name_then_replace(source: Path, target: Path) -> None:

@@ -21,6 +21,7 @@ import numpy as np
 from edmctl.errors import RunFileError
 
 from . import layout
+from .closing import close_run
 from .create import LIBRARY_VERSIONS, empty_run_file
 from .disk import (
     HDF5_ERRORS,
@@ -30,9 +31,9 @@ from .disk import (
     make_folder,
     partial_path,
     reason,
-    rename_without_replacing,
     write_new,
 )
+from .liveness import hold, release
 from .rows import EventLevel
 from .segments import Segments
 from .space import give_back, reserve
@@ -76,6 +77,7 @@ class RunWriter:
         self._file = file
         self._path = path
         self._partial = partial
+        self._lock = hold(partial)
         self._monotonic_s = monotonic_s
         self._flush_due_s = monotonic_s() + FLUSH_INTERVAL_S
         self._failure: RunFileError | None = None
@@ -241,7 +243,8 @@ class RunWriter:
         if self._accepts:
             self._guarded(lambda: self._end(status, exit_code))
             self._accepts = False
-            rename_without_replacing(self._partial, self._path)
+            release(self._lock)
+            close_run(self._partial, self._path)
         return self._path
 
     def abandon(self, status: str, exit_code: int) -> Path:
@@ -267,6 +270,7 @@ class RunWriter:
         except HDF5_ERRORS as error:
             self._accepts = False
             close_without_writing(self._file)
+            release(self._lock)
             self._failure = RunFileError(
                 f"Cannot write {self._partial}: {reason(error)}.",
                 code="E9003",

@@ -15,8 +15,10 @@ import numpy as np
 import pytest
 
 from edmctl.errors import RunFileError
+from edmctl.record import closing
 from edmctl.record.reader import open_run
 from edmctl.record.writer import RunWriter
+from tests.record.samples import fill
 
 if TYPE_CHECKING:
     from edmctl.record.rows import RunMeta
@@ -164,11 +166,22 @@ def test_a_disk_full_just_before_the_end_is_an_error_and_no_crash(tmp_path: Path
     np.testing.assert_array_equal(times[:1000], 0.01 * np.arange(1000))
 
 
-def test_a_finished_file_keeps_no_reserved_space(run_path: Path) -> None:
-    content = run_path.read_bytes()
+def test_a_file_that_is_not_compressed_for_want_of_space_keeps_none_that_was_reserved(
+    tmp_path: Path, meta: RunMeta, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_room(source: object, target: Path) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(closing, "compact", no_room)
+    writer = RunWriter.create(tmp_path / "run.h5", meta)
+    fill(writer)
+    content = writer.finish("done", 0).read_bytes()
     end_address = int.from_bytes(content[28:36], "little")  # superblock version 3
     assert content[8] == 3
     assert len(content) == end_address
+    assert [p.name for p in tmp_path.iterdir()] == ["run.h5"]
+    with open_run(tmp_path / "run.h5") as run:
+        assert run.rows("/entry/servo") == 10_000
 
 
 def test_a_file_system_that_cannot_reserve_will_do(
