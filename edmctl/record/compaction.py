@@ -74,7 +74,7 @@ class _Copy:
     def __init__(self, source: h5py.File, target: h5py.File, rows: Mapping[str, int]) -> None:
         self._source = source
         self._target = target
-        self._rows = rows
+        self._rows = {_address(source[path]): count for path, count in rows.items()}
         self._copied: dict[int, str] = {}
         """Path of each object in the target, by its address in the source."""
 
@@ -89,7 +89,7 @@ class _Copy:
             self._copy_object(group[name], f"{group.name.rstrip('/')}/{name}", pool)
 
     def _copy_object(self, item: h5py.Group | h5py.Dataset, path: str, pool: ThreadPoolExecutor) -> None:
-        address = h5py.h5o.get_info(item.id).addr
+        address = _address(item)
         if address in self._copied:
             self._target[path] = self._target[self._copied[address]]
         elif isinstance(item, h5py.Group):
@@ -97,7 +97,7 @@ class _Copy:
             _copy_attributes(item, self._target.create_group(path))
             self._copy_members(item, pool)
         else:
-            dataset = _copy_dataset(item, self._target, path, self._rows.get(path), pool)
+            dataset = _copy_dataset(item, self._target, path, self._rows.get(address), pool)
             _copy_attributes(item, dataset)
             self._copied[address] = path
 
@@ -111,9 +111,15 @@ class _Copy:
             if isinstance(item, h5py.Dataset) and path not in scales:
                 for number, dimension in enumerate(item.dims):
                     for scale in dimension.values():
-                        there = self._copied.get(h5py.h5o.get_info(scale.id).addr)
+                        there = self._copied.get(_address(scale))
                         if there is not None:
                             self._target[path].dims[number].attach_scale(self._target[there])
+
+
+def _address(item: h5py.Group | h5py.Dataset) -> int:
+    """Where the object is in its file: the same for all its names."""
+    address: int = h5py.h5o.get_info(item.id).addr
+    return address
 
 
 def _is_scale(item: h5py.Group | h5py.Dataset) -> bool:
@@ -176,4 +182,4 @@ def _filtered(values: NDArray[np.generic], chunk_rows: int) -> bytes:
     size = values.dtype.itemsize
     planes = np.zeros((size, chunk_rows), np.uint8)
     planes[:, : len(values)] = values.view(np.uint8).reshape(len(values), size).T
-    return zlib.compress(planes, LEVEL)
+    return zlib.compress(planes.data, LEVEL)

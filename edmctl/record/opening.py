@@ -19,13 +19,14 @@ _MAGIC = b"\x89HDF\r\n\x1a\n"
 _ANOTHER = "Give a file that a run has written (.h5 or .h5.partial)."
 
 
-def open_file(path: Path) -> h5py.File:
-    """Open the run file at `path`.
+def open_file(path: Path, *, verify: bool = True) -> h5py.File:
+    """Open the run file at `path`; without `verify` its check sum is not compared, which takes reading all of it.
 
     Raises RunFileError: E9005 there is none or it is not a run file, E9006 a later version wrote it, E9007 it is
     damaged.
     """
-    if _sealed(path) is Seal.BROKEN:
+    _look_at_begin(path)
+    if verify and _seal_of(path) is Seal.BROKEN:
         raise damaged(path, "its check sum does not fit")
     try:
         file = _open(path)
@@ -48,9 +49,11 @@ def damaged(path: Path, why: str) -> RunFileError:
     )
 
 
-def _sealed(path: Path) -> Seal:
-    """Look at the file before HDF5 does. Raises RunFileError E9005."""
+def _look_at_begin(path: Path) -> None:
+    """Look at the file before HDF5 does, which takes whatever begins well. Raises RunFileError E9005."""
     try:
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            raise RunFileError(f"{path} is no file.", code="E9005", hint=_ANOTHER)
         if path.is_dir():
             raise RunFileError(f"{path} is a folder.", code="E9005", hint=f"Try `edmctl run list {path}`.")
         with path.open("rb") as file:
@@ -59,15 +62,23 @@ def _sealed(path: Path) -> Seal:
             raise RunFileError(f"{path} is empty.", code="E9005", hint=_ANOTHER)
         if begin != _MAGIC:
             raise RunFileError(f"{path} is not an HDF5 file.", code="E9005", hint=_ANOTHER)
-        return look_at_seal(path)
     except FileNotFoundError as error:
         raise RunFileError(f"There is no run file {path}.", code="E9005", hint=_nearest(path)) from error
     except OSError as error:
-        raise RunFileError(
-            f"{path} cannot be read: {error.strerror}.",
-            code="E9005",
-            hint="Check the path and its permissions.",
-        ) from error
+        raise _unreadable(path, error) from error
+
+
+def _seal_of(path: Path) -> Seal:
+    try:
+        return look_at_seal(path)
+    except OSError as error:
+        raise _unreadable(path, error) from error
+
+
+def _unreadable(path: Path, error: OSError) -> RunFileError:
+    return RunFileError(
+        f"{path} cannot be read: {error.strerror}.", code="E9005", hint="Check the path and its permissions."
+    )
 
 
 def _open(path: Path) -> h5py.File:
