@@ -28,6 +28,7 @@ from edmctl.cli.options import (
 )
 from edmctl.cli.outcome import Outcome, Output, note, run_command, stream_style, watching
 from edmctl.cli.resume import checked, find_run, refuse_other_options
+from edmctl.cli.run_recover import recovered_before
 from edmctl.cli.runfile import RunName, name_run
 from edmctl.cli.seeds import seed_to_use, simulated_by
 from edmctl.cli.signals import ignore_signals
@@ -86,6 +87,8 @@ def machine(
             refuse_other_options(context)
             resumption = find_run(resume, out, homed=homed)
             plan = checked(resumption, port, wait)
+            if not dry_run:
+                outcome.warn(recovered_before(resumption))
             name = resumption.name(run_id, datetime.now(UTC))
         elif homed:
             raise UsageError("--homed goes with --resume only.", hint="Leave it away.", code="E2050")

@@ -9,7 +9,7 @@ import h5py
 from edmctl.errors import RunFileError
 
 from . import layout
-from .disk import PARTIAL
+from .disk import HDF5_ERRORS, PARTIAL
 from .seal import Seal, look_at_seal
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ def open_file(path: Path, *, verify: bool = True) -> h5py.File:
         raise damaged(path, "its check sum does not fit")
     try:
         file = _open(path)
-    except OSError as error:
+    except HDF5_ERRORS as error:
         raise damaged(path, str(error).splitlines()[0]) from error
     try:
         _check_schema(path, file)
@@ -82,17 +82,22 @@ def _unreadable(path: Path, error: OSError) -> RunFileError:
 
 
 def _open(path: Path) -> h5py.File:
-    try:
-        return h5py.File(path, "r")
-    except OSError:
-        # A live or killed writer leaves the file marked as open; SWMR readers are made for that.
-        return h5py.File(path, "r", swmr=True)
+    # A live or killed writer leaves the file marked as open; SWMR readers are made for that. They do not see that
+    # a file was cut short, so all others must do without.
+    return h5py.File(path, "r", swmr=_is_marked_open(path))
+
+
+def _is_marked_open(path: Path) -> bool:
+    """Whether the superblock says that somebody writes (HDF5 file format specification, II.A, version 3)."""
+    with path.open("rb") as file:
+        head = file.read(12)
+    return len(head) == 12 and head[8] == 3 and head[11] != 0
 
 
 def _check_schema(path: Path, file: h5py.File) -> None:
     try:
         schema = str(file.attrs.get("schema", ""))
-    except (OSError, RuntimeError, ValueError, KeyError, UnicodeError) as error:
+    except (*HDF5_ERRORS, KeyError) as error:
         raise damaged(path, str(error).splitlines()[0]) from error
     name, _, version = schema.partition("/")
     if schema in layout.READABLE:

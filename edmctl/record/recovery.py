@@ -51,8 +51,20 @@ def recovered_name(path: Path) -> Path:
 
 
 def is_complete(path: Path) -> bool:
-    """Whether there is nothing to recover: a file with an end and a seal that fits. Raises RunFileError E9005."""
-    return path.suffix != PARTIAL and look_at_seal(path) is Seal.WHOLE
+    """Whether there is nothing to recover: a file with an end and a check sum that fits."""
+    return path.suffix != PARTIAL and _seal_of(path) is Seal.WHOLE
+
+
+def is_damaged(path: Path) -> bool:
+    """Whether the file is not what it was when it was sealed."""
+    return _seal_of(path) is Seal.BROKEN
+
+
+def _seal_of(path: Path) -> Seal:
+    try:
+        return look_at_seal(path) if path.is_file() else Seal.NONE
+    except OSError:
+        return Seal.NONE
 
 
 def recover(path: Path, target: Path | None = None) -> Recovered:
@@ -73,7 +85,7 @@ def recover(path: Path, target: Path | None = None) -> Recovered:
             )
         try:
             found = dict(_found_rows(source))
-            values = _ending(source, path, whole=look_at_seal(path) is not Seal.BROKEN)
+            values = _ending(source, path, whole=not is_damaged(path))
         except HDF5_ERRORS as error:
             raise damaged(path, reason(error)) from error
         new = target.with_name(target.name + RECOVERING)

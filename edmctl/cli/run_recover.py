@@ -1,0 +1,116 @@
+"""`edmctl run recover`: a complete file of a run that was interrupted, or whose file was damaged."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from edmctl.cli.options import DebugOption, JsonOption
+from edmctl.cli.outcome import Outcome, Output, run_command
+from edmctl.errors import Diagnostic, RunFileError
+
+if TYPE_CHECKING:
+    from edmctl.cli.resume import Resumption
+    from edmctl.record.recovery import Recovered
+
+FileArgument = Annotated[
+    Path, typer.Argument(metavar="FILE", help="A run file without an end (.h5.partial), or a damaged one.")
+]
+OutOption = Annotated[
+    Path | None,
+    typer.Option("--out", "-o", metavar="NEW", help="The new file; else FILE without .partial, beside it."),
+]
+
+
+def recover(
+    file: FileArgument,
+    out: OutOption = None,
+    as_json: JsonOption = False,
+    debug: DebugOption = False,
+) -> int:
+    """Make a complete file of a run that was interrupted. The old file stays as it is."""
+
+    def body(outcome: Outcome) -> None:
+        from edmctl.record.reader import open_run
+        from edmctl.record.recovery import is_complete
+
+        if is_complete(file):
+            with open_run(file) as opened:
+                outcome.simulated = opened.number("/entry/simulated") == 1.0
+            outcome.run_file = file
+            outcome.result = {"recovered": False, "from": str(file)}
+            outcome.text = f"{file} is complete: there is nothing to recover."
+            return
+        made = recover_file(file, out)
+        with open_run(made.path) as opened:
+            outcome.simulated = opened.number("/entry/simulated") == 1.0
+            status = opened.text("/entry/status")
+        outcome.run_file = made.path
+        outcome.result = {
+            "recovered": True,
+            "from": str(file),
+            "status": status,
+            "rows": made.rows,
+            "lost_rows": made.lost_rows,
+        }
+        outcome.text = told(file, made, status)
+
+    return run_command(Output("run recover", as_json, debug=debug), body)
+
+
+def recover_file(file: Path, out: Path | None = None) -> "Recovered":
+    """Recover `file`, a damaged one in a process of its own. Raises RunFileError."""
+    from edmctl.record.recovery import is_damaged
+    from edmctl.record.recovery import recover as recover_sound
+    from edmctl.record.salvage import salvage
+
+    try:
+        return salvage(file, out) if is_damaged(file) else recover_sound(file, out)
+    except RunFileError as error:
+        if error.code != "E9007":
+            raise
+        return salvage(file, out)
+
+
+def told(file: Path, made: "Recovered", status: str) -> str:
+    """What was recovered, for people."""
+    rows = [f"{count:,} of {_short(table)}".replace(",", " ") for table, count in made.rows.items() if count]
+    lost = [f"{count:,} of {_short(table)}".replace(",", " ") for table, count in made.lost_rows.items()]
+    lines = [
+        f"Recovered into {made.path}, status `{status}`.",
+        f"Rows: {', '.join(rows) or 'none'}.",
+        f"Rows that were begun or cannot be read: {', '.join(lost)}." if lost else "",
+        f"{file} is as it was; it can be deleted when the new file is what you need.",
+    ]
+    return "\n".join(filter(None, lines))
+
+
+def _short(table: str) -> str:
+    return table.removeprefix("/entry/").replace("_", " ")
+
+
+def recovered_before(resumption: "Resumption") -> list[Diagnostic]:
+    """Recover the file of the run that is taken up, where it has no end; what hinders that is a warning.
+
+    The job goes by its journal, so it does not depend on this.
+    """
+    from edmctl.record.disk import partial_path
+    from edmctl.record.liveness import is_live
+
+    path = resumption.path.with_name(f"{resumption.job.run_id}.h5")
+    partial = partial_path(path)
+    try:
+        if path.exists() or not partial.exists() or is_live(partial):
+            return []
+        recover_file(partial)
+    except (RunFileError, OSError) as error:
+        message = error.message if isinstance(error, RunFileError) else str(error)
+        return [
+            Diagnostic(
+                "W9001",
+                f"The file of the run before could not be recovered: {message}",
+                f"The job goes on all the same. Try `edmctl run recover {partial}` later.",
+                is_warning=True,
+            )
+        ]
+    return []

@@ -1,0 +1,195 @@
+"""A run file without an end, or with damage, becomes a complete one; the old file stays as it is."""
+
+from __future__ import annotations
+
+import os
+import random
+import shutil
+import signal
+from typing import TYPE_CHECKING
+
+import h5py
+import numpy as np
+import pytest
+
+from edmctl.errors import RunFileError
+from edmctl.record import layout
+from edmctl.record.liveness import is_live
+from edmctl.record.reader import open_run
+from edmctl.record.recovery import is_complete, is_damaged, recover
+from edmctl.record.salvage import salvage
+from edmctl.record.seal import SEAL_BYTES, Seal, look_at_seal
+from edmctl.record.writer import RunWriter
+from tests.record.samples import a_meta, fill
+from tests.record.test_crash import KILLED, start
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+
+@pytest.fixture
+def killed(tmp_path: Path) -> Path:
+    """What a killed writer leaves behind."""
+    writer = RunWriter.create(tmp_path / "living" / "run.h5", a_meta())
+    fill(writer)
+    writer.flush()
+    (tmp_path / "runs").mkdir()
+    left = tmp_path / "runs" / "run.h5.partial"
+    shutil.copyfile(tmp_path / "living" / "run.h5.partial", left)
+    writer.finish("done", 0)
+    return left
+
+
+def flipped(path: Path, bit: int, new: Path) -> Path:
+    """A copy of `path` with one bit turned."""
+    content = bytearray(path.read_bytes())
+    content[bit // 8] ^= 1 << bit % 8
+    new.write_bytes(content)
+    return new
+
+
+def test_a_killed_run_becomes_a_complete_file(killed: Path) -> None:
+    before = killed.read_bytes()
+    made = recover(killed)
+    assert made.path == killed.with_suffix("")
+    assert made.lost_rows == {}
+    assert killed.read_bytes() == before
+    assert sorted(p.name for p in killed.parent.iterdir()) == ["run.h5", "run.h5.partial"]
+    assert look_at_seal(made.path) is Seal.WHOLE
+    assert is_complete(made.path)
+    with h5py.File(made.path), open_run(made.path) as run:
+        assert run.is_finished
+        assert run.text("/entry/status") == "recovered"
+        assert run.number("/entry/exit_code") == -1
+        assert run.text("/entry/recovery").startswith("from run.h5.partial by edmctl")
+        assert run.text("/entry/end_time")[:2] == "20"
+
+
+def test_every_row_of_a_killed_run_is_in_the_new_file(killed: Path) -> None:
+    with open_run(killed) as old, open_run(recover(killed).path) as new:
+        for table in layout.TABLES:
+            if table.is_compound:
+                assert old.table(table.path).tobytes() == new.table(table.path).tobytes()
+            else:
+                for name, column in old.columns(table.path).items():
+                    np.testing.assert_array_equal(column, new.column(table.path, name))
+            assert new.rows(table.path) == old.rows(table.path)
+        assert new.profile_values() == old.profile_values()
+
+
+def test_columns_that_a_kill_left_unequal_are_cut_to_the_shortest(tmp_path: Path) -> None:
+    writer = RunWriter.create(tmp_path / "living.h5", a_meta())
+    fill(writer)
+    writer.flush()
+    writer._file["/entry/servo/s"].resize((9_000,))
+    writer._file.flush()
+    shutil.copyfile(tmp_path / "living.h5.partial", tmp_path / "torn.h5.partial")
+    made = recover(tmp_path / "torn.h5.partial")
+    assert made.rows["/entry/servo"] == 9_000
+    assert made.lost_rows == {"/entry/servo": 1_000}
+    with h5py.File(made.path) as run:
+        assert {len(run[f"/entry/servo/{name}"]) for name in run["/entry/servo"]} == {9_000}
+        assert run["/entry/data/time"] == run["/entry/servo/time"]
+    writer.abandon("done", 0)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_writer_killed_at_any_instant_loses_no_flushed_row(tmp_path: Path, seed: int) -> None:
+    chance = random.Random(seed)
+    with start(KILLED, tmp_path / "run.h5") as writer:
+        assert writer.stdout is not None
+        for _ in range(chance.randrange(1, 30)):
+            flushed = int(writer.stdout.readline())
+        assert is_live(tmp_path / "run.h5.partial")
+        with pytest.raises(RunFileError) as refusal:
+            recover(tmp_path / "run.h5.partial")
+        assert refusal.value.code == "E9014"
+        os.kill(writer.pid, signal.SIGKILL)
+    assert not is_live(tmp_path / "run.h5.partial")
+    made = recover(tmp_path / "run.h5.partial")
+    assert made.rows["/entry/servo"] >= flushed
+    with open_run(made.path) as run:
+        time_s = run.column("/entry/servo", "time")
+    np.testing.assert_array_equal(time_s, 0.01 * np.arange(len(time_s)))
+
+
+def test_a_file_that_is_there_is_not_overwritten(killed: Path) -> None:
+    taken = killed.with_suffix("")
+    taken.write_text("mine")
+    with pytest.raises(RunFileError, match="exists already") as refusal:
+        recover(killed)
+    assert refusal.value.code == "E9001"
+    assert taken.read_text() == "mine"
+
+
+def test_a_run_that_died_while_it_was_closed_keeps_its_status(killed: Path) -> None:
+    made = recover(killed).path
+    with h5py.File(made, "r+") as ended:
+        ended["/entry/status"][()] = b"machine fault"
+        ended["/entry/exit_code"][()] = 6
+    with open_run(recover(made.rename(killed.with_name("closing.h5.partial"))).path) as run:
+        assert run.text("/entry/status") == "machine fault"
+        assert run.number("/entry/exit_code") == 6
+
+
+def test_any_flipped_bit_of_a_finished_file_is_found_before_it_is_read(
+    run_path: Path, tmp_path: Path
+) -> None:
+    chance = random.Random(4)
+    bits = 8 * run_path.stat().st_size
+    for _ in range(40):
+        broken = flipped(run_path, chance.randrange(bits), tmp_path / "broken.h5")
+        before = broken.read_bytes()
+        with pytest.raises(RunFileError) as refusal:
+            open_run(broken)
+        assert refusal.value.code in ("E9005", "E9007")
+        assert broken.read_bytes() == before
+
+
+def test_a_file_cut_short_anywhere_is_refused(run_path: Path, tmp_path: Path) -> None:
+    content = run_path.read_bytes()
+    cut = tmp_path / "cut.h5"
+    for length in [0, 1, 7, 8, 100, 2000, len(content) // 2, len(content) - SEAL_BYTES - 1, len(content) - 1]:
+        cut.write_bytes(content[:length])
+        with pytest.raises(RunFileError) as refusal:
+            open_run(cut)
+        assert refusal.value.code in ("E9005", "E9007"), length
+
+
+def test_rows_before_the_damage_come_back(write_run: Callable[[str], Path], tmp_path: Path) -> None:
+    path = write_run("whole.h5")
+    with h5py.File(path) as run:
+        chunk = run["/entry/servo/v_cmd"].id.get_chunk_info(0)
+    broken = flipped(path, 8 * (chunk.byte_offset + chunk.size // 2), tmp_path / "broken.h5")
+    assert is_damaged(broken)
+    made = salvage(broken)
+    assert made.path == tmp_path / "broken.recovered.h5"
+    assert made.lost_rows == {"/entry/servo": 10_000}  # all in one chunk
+    assert made.rows["/entry/pulses/full"] == 300
+    with open_run(made.path) as run:
+        assert run.text("/entry/status") == "recovered"
+        assert run.table("/entry/results")["depth"] == 180.0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_salvage_of_any_damage_ends_in_a_file_or_an_error(run_path: Path, tmp_path: Path, seed: int) -> None:
+    chance = random.Random(seed)
+    content = bytearray(run_path.read_bytes())
+    for _ in range(seed * 20 + 1):
+        content[chance.randrange(8, len(content))] ^= 1 << chance.randrange(8)
+    broken = tmp_path / "broken.h5"
+    broken.write_bytes(content)
+    new = tmp_path / "broken.recovered.h5"
+    refusal = None
+    try:
+        salvage(broken)
+    except RunFileError as error:
+        refusal = error
+    if refusal is None:
+        open_run(new).close()
+    else:
+        assert (refusal.code, "beyond recovery" in refusal.message) == ("E9007", True)
+        assert not new.exists()
+    assert broken.read_bytes() == bytes(content)
+    assert {p.name for p in tmp_path.iterdir()} <= {"run.h5", "broken.h5", "broken.recovered.h5"}
