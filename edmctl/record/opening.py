@@ -11,11 +11,11 @@ from edmctl.errors import RunFileError
 from . import layout
 from .disk import HDF5_ERRORS, PARTIAL
 from .seal import Seal, look_at_seal
+from .superblock import MAGIC, read_superblock
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-_MAGIC = b"\x89HDF\r\n\x1a\n"
 _ANOTHER = "Give a file that a run has written (.h5 or .h5.partial)."
 
 
@@ -26,7 +26,8 @@ def open_file(path: Path, *, verify: bool = True) -> h5py.File:
     damaged.
     """
     _look_at_begin(path)
-    if verify and _seal_of(path) is Seal.BROKEN:
+    seal = _seal_of(path) if verify else None
+    if seal is Seal.BROKEN:
         raise damaged(path, "its check sum does not fit")
     try:
         file = _open(path)
@@ -34,6 +35,8 @@ def open_file(path: Path, *, verify: bool = True) -> h5py.File:
         raise damaged(path, str(error).splitlines()[0]) from error
     try:
         _check_schema(path, file)
+        if seal is Seal.NONE:
+            _check_length(path)
     except BaseException:
         file.close()
         raise
@@ -57,10 +60,10 @@ def _look_at_begin(path: Path) -> None:
         if path.is_dir():
             raise RunFileError(f"{path} is a folder.", code="E9005", hint=f"Try `edmctl run list {path}`.")
         with path.open("rb") as file:
-            begin = file.read(len(_MAGIC))
+            begin = file.read(len(MAGIC))
         if not begin:
             raise RunFileError(f"{path} is empty.", code="E9005", hint=_ANOTHER)
-        if begin != _MAGIC:
+        if begin != MAGIC:
             raise RunFileError(f"{path} is not an HDF5 file.", code="E9005", hint=_ANOTHER)
     except FileNotFoundError as error:
         raise RunFileError(f"There is no run file {path}.", code="E9005", hint=_nearest(path)) from error
@@ -84,14 +87,15 @@ def _unreadable(path: Path, error: OSError) -> RunFileError:
 def _open(path: Path) -> h5py.File:
     # A live or killed writer leaves the file marked as open; SWMR readers are made for that. They do not see that
     # a file was cut short, so all others must do without.
-    return h5py.File(path, "r", swmr=_is_marked_open(path))
+    marked = read_superblock(path).open_for_writing
+    return h5py.File(path, "r", swmr=marked)
 
 
-def _is_marked_open(path: Path) -> bool:
-    """Whether the superblock says that somebody writes (HDF5 file format specification, II.A, version 3)."""
-    with path.open("rb") as file:
-        head = file.read(12)
-    return len(head) == 12 and head[8] == 3 and head[11] != 0
+def _check_length(path: Path) -> None:
+    """A closed file without a seal ends where its data end: what is behind them is what was left of a seal."""
+    superblock = read_superblock(path)
+    if not superblock.open_for_writing and path.stat().st_size != superblock.end_bytes:
+        raise damaged(path, "its check sum is not whole")
 
 
 def _check_schema(path: Path, file: h5py.File) -> None:

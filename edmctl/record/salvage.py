@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import struct
 import subprocess
 import sys
 from dataclasses import asdict
@@ -18,10 +17,8 @@ from edmctl.errors import RunFileError
 
 from .disk import already_there
 from .recovery import Recovered, recover, recovered_name
+from .superblock import read_superblock
 
-_END_ADDRESS_OFFSET = {0: 40, 1: 44, 2: 28, 3: 28}
-"""Of the end-of-file address, by version of the superblock (HDF5 file format specification, II.A)."""
-_VERSION_OFFSET = 8
 _LONGEST_BYTES = 1 << 40
 """A length beyond this is part of the damage."""
 PADDED = ".padded"
@@ -69,13 +66,10 @@ def _recovered(path: Path, target: Path) -> Recovered:
 
 def _missing_bytes(path: Path) -> int:
     """How much shorter the file is than its superblock says; 0 where that says nothing."""
-    with path.open("rb") as file:
-        head = file.read(64)
-    offset = _END_ADDRESS_OFFSET.get(head[_VERSION_OFFSET]) if len(head) == 64 else None
-    if offset is None:
+    end_bytes = read_superblock(path).end_bytes
+    if end_bytes is None or end_bytes > _LONGEST_BYTES:
         return 0
-    (end,) = struct.unpack_from("<Q", head, offset)
-    return end - path.stat().st_size if end < _LONGEST_BYTES else 0
+    return end_bytes - path.stat().st_size
 
 
 def main() -> None:

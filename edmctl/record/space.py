@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import errno
 import os
-import struct
 from contextlib import suppress
 from typing import TYPE_CHECKING
+
+from .superblock import read_superblock
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -23,8 +24,6 @@ RESERVE_BYTES = 128 * 1024
 table that grow together. Also enough for the last values and for closing."""
 
 _UNKNOWN_HERE = (errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL)
-_END_ADDRESS_OFFSET = 28
-"""Of the end-of-file address in a superblock of version 3 (HDF5 file format specification, II.A)."""
 
 
 def reserve(file: h5py.File, growth_bytes: int) -> None:
@@ -41,6 +40,7 @@ def reserve(file: h5py.File, growth_bytes: int) -> None:
 
 def give_back(path: Path) -> None:
     """Cut what was reserved and not used off the closed file at `path`, if it is still there."""
-    with suppress(FileNotFoundError), path.open("r+b") as file:
-        (end,) = struct.unpack_from("<Q", file.read(_END_ADDRESS_OFFSET + 8), _END_ADDRESS_OFFSET)
-        file.truncate(end)
+    with suppress(FileNotFoundError):
+        end_bytes = read_superblock(path).end_bytes
+        if end_bytes is not None:
+            os.truncate(path, end_bytes)
