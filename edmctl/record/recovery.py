@@ -15,6 +15,7 @@ from edmctl import __version__
 from edmctl.errors import RunFileError
 
 from . import layout
+from .closing import CLOSING
 from .compaction import compact
 from .disk import HDF5_ERRORS, PARTIAL, already_there, reason, rename_without_replacing
 from .liveness import is_live
@@ -104,6 +105,7 @@ def recover(path: Path, target: Path | None = None) -> Recovered:
     except RunFileError as error:
         new.unlink(missing_ok=True)
         raise already_there(target) from error
+    target.with_name(target.name + CLOSING).unlink(missing_ok=True)
     lost = {table: part.told - part.readable for table, part in found.items() if part.told > part.readable}
     return Recovered(target, {table: part.readable for table, part in found.items()}, lost)
 

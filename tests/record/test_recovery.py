@@ -133,6 +133,13 @@ def test_a_run_that_died_while_it_was_closed_keeps_its_status(killed: Path) -> N
         assert run.number("/entry/exit_code") == 6
 
 
+def test_what_is_left_of_a_closing_that_was_killed_goes(killed: Path) -> None:
+    begun = killed.with_name("run.h5.closing")
+    begun.write_bytes(b"half a file")
+    recover(killed)
+    assert not begun.exists()
+
+
 def test_any_flipped_bit_of_a_finished_file_is_found_before_it_is_read(
     run_path: Path, tmp_path: Path
 ) -> None:
