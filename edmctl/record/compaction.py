@@ -75,55 +75,60 @@ class _Copy:
         self._source = source
         self._target = target
         self._rows = {_address(source[path]): count for path, count in rows.items()}
-        self._copied: dict[int, str] = {}
-        """Path of each object in the target, by its address in the source."""
+        self._copied: dict[int, h5py.Group | h5py.Dataset] = {}
+        """The copy of each object, by its address in the source."""
+        self._scales: list[h5py.Dataset] = []
+        self._scaled: list[h5py.Dataset] = []
 
     def run(self) -> None:
         _copy_attributes(self._source, self._target)
         with ThreadPoolExecutor(_WORKERS) as pool:
-            self._copy_members(self._source, pool)
+            self._copy_members(self._source, self._target, pool)
         self._make_scales()
 
-    def _copy_members(self, group: h5py.Group, pool: ThreadPoolExecutor) -> None:
-        for name in group:
-            self._copy_object(group[name], f"{group.name.rstrip('/')}/{name}", pool)
+    def _copy_members(self, group: h5py.Group, target: h5py.Group, pool: ThreadPoolExecutor) -> None:
+        for name, item in group.items():
+            address = _address(item)
+            if address in self._copied:
+                target[name] = self._copied[address]
+            elif isinstance(item, h5py.Group):
+                self._copied[address] = made = target.create_group(name)
+                _copy_attributes(item, made)
+                self._copy_members(item, made, pool)
+            else:
+                self._copied[address] = self._copy_dataset(item, target, name, address, pool)
 
-    def _copy_object(self, item: h5py.Group | h5py.Dataset, path: str, pool: ThreadPoolExecutor) -> None:
-        address = _address(item)
-        if address in self._copied:
-            self._target[path] = self._target[self._copied[address]]
-        elif isinstance(item, h5py.Group):
-            self._copied[address] = path
-            _copy_attributes(item, self._target.create_group(path))
-            self._copy_members(item, pool)
-        else:
-            dataset = _copy_dataset(item, self._target, path, self._rows.get(address), pool)
-            _copy_attributes(item, dataset)
-            self._copied[address] = path
+    def _copy_dataset(
+        self, item: h5py.Dataset, target: h5py.Group, name: str, address: int, pool: ThreadPoolExecutor
+    ) -> h5py.Dataset:
+        is_scale, is_scaled = h5py.h5ds.is_scale(item.id), h5py.h5a.exists(item.id, b"DIMENSION_LIST")
+        if not (is_scale or is_scaled) and (item.chunks is None or item.size == 0):
+            h5py.h5o.copy(item.parent.id, name.encode(), target.id, name.encode())
+            return target[name]
+        made = _copy_rows(item, target, name, self._rows.get(address), pool)
+        _copy_attributes(item, made)
+        if is_scale:
+            self._scales.append(item)
+        elif is_scaled:
+            self._scaled.append(item)
+        return made
 
     def _make_scales(self) -> None:
         """Attach each dimension to its scale, as in the source."""
-        originals = {path: self._source[path] for path in self._copied.values()}
-        scales = {path: item for path, item in originals.items() if _is_scale(item)}
-        for path, item in scales.items():
-            self._target[path].make_scale(h5py.h5ds.get_scale_name(item.id).decode())
-        for path, item in originals.items():
-            if isinstance(item, h5py.Dataset) and path not in scales:
-                for number, dimension in enumerate(item.dims):
-                    for scale in dimension.values():
-                        there = self._copied.get(_address(scale))
-                        if there is not None:
-                            self._target[path].dims[number].attach_scale(self._target[there])
+        for item in self._scales:
+            made = self._copied[_address(item)]
+            h5py.h5ds.set_scale(made.id, h5py.h5ds.get_scale_name(item.id))
+        for item in self._scaled:
+            for number, dimension in enumerate(item.dims):
+                for scale in dimension.values():
+                    made = self._copied[_address(scale)]
+                    h5py.h5ds.attach_scale(self._copied[_address(item)].id, made.id, number)
 
 
 def _address(item: h5py.Group | h5py.Dataset) -> int:
     """Where the object is in its file: the same for all its names."""
     address: int = h5py.h5o.get_info(item.id).addr
     return address
-
-
-def _is_scale(item: h5py.Group | h5py.Dataset) -> bool:
-    return isinstance(item, h5py.Dataset) and h5py.h5ds.is_scale(item.id)
 
 
 def _copy_attributes(source: h5py.Group | h5py.Dataset, target: h5py.Group | h5py.Dataset) -> None:
@@ -136,8 +141,8 @@ def _copy_attributes(source: h5py.Group | h5py.Dataset, target: h5py.Group | h5p
         h5py.h5a.create(target.id, attribute.name, attribute.get_type(), attribute.get_space()).write(value)
 
 
-def _copy_dataset(
-    source: h5py.Dataset, file: h5py.File, path: str, rows: int | None, pool: ThreadPoolExecutor
+def _copy_rows(
+    source: h5py.Dataset, target: h5py.Group, name: str, rows: int | None, pool: ThreadPoolExecutor
 ) -> h5py.Dataset:
     shape = source.shape if rows is None or not source.shape else (rows, *source.shape[1:])
     kind = source.id.get_type()
@@ -151,7 +156,7 @@ def _copy_dataset(
             layout.set_shuffle()
         layout.set_deflate(LEVEL)
     space = h5py.h5s.create_simple(shape) if shape else h5py.h5s.create(h5py.h5s.SCALAR)
-    made = h5py.h5d.create(file.id, path.encode(), kind, space, layout)
+    made = h5py.h5d.create(target.id, name.encode(), kind, space, layout)
     if filtered:
         for first, chunk in _compressed(source, shape[0], chunk_rows, pool):
             made.write_direct_chunk((first,), chunk)
@@ -159,7 +164,7 @@ def _copy_dataset(
         values = np.empty(source.shape, source.dtype)
         source.id.read(h5py.h5s.ALL, h5py.h5s.ALL, values)
         made.write(h5py.h5s.ALL, h5py.h5s.ALL, np.ascontiguousarray(values[: shape[0]] if shape else values))
-    return file[path]
+    return h5py.Dataset(made)
 
 
 def _compressed(

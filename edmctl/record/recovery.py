@@ -95,6 +95,9 @@ def recover(path: Path, target: Path | None = None) -> Recovered:
             rows = {dataset: part.readable for part in found.values() for dataset in part.datasets}
             compact(source, new, rows, values)
         except HDF5_ERRORS as error:
+            # The operating system's refusals have a number; those of HDF5 are about what it read.
+            if getattr(error, "errno", None) is None:
+                raise damaged(path, reason(error)) from error
             raise RunFileError(
                 f"Cannot recover {path} into {target}: {reason(error)}.",
                 code="E9002",
