@@ -1,4 +1,4 @@
-"""Messages of EDM Link 1.3.
+"""Messages of EDM Link 1.4.
 
 Made from edmlink1.toml by `python -m edmctl.link.generate`; edit that file, not this one.
 Fields carry physical values; the comment beside each says type and size of one count on the wire.
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     import numpy as np
 
 PROTO_MAJOR = 1
-PROTO_MINOR = 3
-SCHEMA_HASH = 0xC09AA30E
+PROTO_MINOR = 4
+SCHEMA_HASH = 0xB4BCAC7C
 
 _HELLO = Struct("<BBII")
 _HELLO_REPLY = Struct("<BBIIBBBI12sHHHBIBHBBI")
@@ -61,6 +61,8 @@ _PULSE_ENABLE = Struct("<B")
 _TLM_START = Struct("<HBB")
 _BLACKBOX_READ = Struct("<H")
 _BLACKBOX_READ_REPLY = Struct("<HIB")
+_WAVEFORM_READ = Struct("<I")
+_WAVEFORM_READ_REPLY = Struct("<IIIB")
 _REBOOT = Struct("<I")
 _TLM = Struct("<HIHBB")
 _EVENT = Struct("<HIHiiH")
@@ -1644,6 +1646,68 @@ class BlackboxReadReply:
 
 
 @dataclass(frozen=True, slots=True)
+class WaveformRead:
+    """Gap voltage and gap current about the latched fault, sample by sample, oldest first: from up to 64
+    pulses before it to 16 pulse periods after it. BUSY until those have passed. total is 0 without a fault,
+    where no pulse came shortly before it, and from controllers that keep no waveforms.
+    """
+
+    ID: ClassVar[int] = 0x31
+    NAME: ClassVar[str] = "WAVEFORM_READ"
+
+    offset: int  # u32: samples
+
+    def pack(self) -> bytes:
+        try:
+            return _WAVEFORM_READ.pack(self.offset)
+        except MISFIT as error:
+            raise misfit(self, error) from None
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> Self:
+        if len(payload) != 4:
+            raise wrong_length("WAVEFORM_READ", 4, len(payload))
+        return cls(*_WAVEFORM_READ.unpack(payload))
+
+    def unpack_reply(self, payload: bytes) -> WaveformReadReply:
+        return WaveformReadReply.unpack(payload)
+
+
+@dataclass(frozen=True, slots=True)
+class WaveformReadReply:
+    """Reply to WAVEFORM_READ."""
+
+    ID: ClassVar[int] = 0x31
+    NAME: ClassVar[str] = "WAVEFORM_READ_REPLY"
+
+    total: int  # u32: samples held
+    t0_us: int  # u32 us: time of sample 0, modulo 2^32
+    period_ns: int  # u32 ns: from one sample to the next, at most 1000
+    n: int  # u8: samples in this reply, at most 58, 0 behind the end
+    records: bytes  # n × 4 bytes, see RECORD_FIELDS
+
+    def pack(self) -> bytes:
+        try:
+            return _WAVEFORM_READ_REPLY.pack(
+                self.total,
+                self.t0_us,
+                self.period_ns,
+                self.n,
+            ) + checked_records(self.records, self.n, 4, 233)
+        except MISFIT as error:
+            raise misfit(self, error) from None
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> Self:
+        if len(payload) < 13:
+            raise wrong_length("WAVEFORM_READ_REPLY", 13, len(payload))
+        if len(payload) != 13 + 4 * payload[12]:
+            raise wrong_length("WAVEFORM_READ_REPLY", 13 + 4 * payload[12], len(payload))
+        total, t0_us, period_ns, n = _WAVEFORM_READ_REPLY.unpack_from(payload)
+        return cls(total, t0_us, period_ns, n, payload[13:])
+
+
+@dataclass(frozen=True, slots=True)
 class Reboot:
     """Restarts the controller as a reset does, after the reply; BOOT follows. Refused while armed."""
 
@@ -1942,6 +2006,7 @@ REQUESTS: dict[int, type[Message]] = {
     0x28: TlmStart,
     0x29: TlmStop,
     0x30: BlackboxRead,
+    0x31: WaveformRead,
     0x3F: Reboot,
 }
 """Commands by id."""
@@ -1974,6 +2039,7 @@ REPLIES: dict[int, type[Message]] = {
     0x28: TlmStartReply,
     0x29: TlmStopReply,
     0x30: BlackboxReadReply,
+    0x31: WaveformReadReply,
     0x3F: RebootReply,
 }
 """Replies by the id of their command; on the wire the type is id | 0x40."""
@@ -2019,6 +2085,7 @@ RECORD_FIELDS: dict[str, tuple[tuple[str, str], ...]] = {
         ("state", "u1"),
         ("flags", "u1"),
     ),
+    "WaveformReadReply": (("gap_v", "<i2"), ("current_a", "<i2")),
     "Tlm": (
         ("displacement_um", "<i4"),
         ("actuator_v", "<u2"),
@@ -2057,6 +2124,7 @@ RECORD_SCALES: dict[str, dict[str, float]] = {
         "state": 1,
         "flags": 1,
     },
+    "WaveformReadReply": {"gap_v": 0.01, "current_a": 0.001},
     "Tlm": {
         "displacement_um": 0.001,
         "actuator_v": 0.0025,

@@ -1,15 +1,17 @@
-"""What a controller answers to questions: who it is, what it sees, what its black box holds."""
+"""What a controller answers to questions: who it is, what it sees, what it keeps of the time about a fault."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from edmctl.link.messages import BlackboxRead, BlackboxReadReply, GetStatus, Tlm
-from edmctl.machine.decode import telemetry_block
-from edmctl.machine.reports import MachineIdentity, MachineStatus, TelemetryBlock
+from edmctl.link.messages import BlackboxRead, BlackboxReadReply, GetStatus, Status, Tlm, WaveformRead
+from edmctl.link.refusal import CommandRefused
+from edmctl.machine.decode import telemetry_block, waveform_batch
+from edmctl.machine.reports import MachineIdentity, MachineStatus, TelemetryBlock, WaveformBatch
 from edmctl.machine.states import Interlock, MachineState, TelemetryFlag
 
 if TYPE_CHECKING:
+    from edmctl.link.messages import WaveformReadReply
     from edmctl.link.session import Session
     from edmctl.machine.decode import ToSeconds
 
@@ -17,6 +19,9 @@ SIMULATED_BOARD = 0
 """Board number of the virtual controller."""
 BLACK_BOX_PERIOD_US = 1000
 """Time between two samples of the black box."""
+WAVEFORM_PATIENCE_S = 1.0
+"""The periods after a fault that waveforms go on for have passed by then."""
+_LOOK_S = 0.01
 
 
 def identity_of(session: Session) -> MachineIdentity:
@@ -76,3 +81,30 @@ def _as_telemetry(page: BlackboxReadReply, counter: int) -> Tlm:
         dropped=0,
         records=page.records,
     )
+
+
+def read_waveforms(session: Session, to_seconds: ToSeconds) -> WaveformBatch | None:
+    """Every sample of the gap about the latched fault, oldest first; None where none are held."""
+    pages: list[WaveformReadReply] = []
+    offset = 0
+    while True:
+        page = _page_when_ready(session, offset)
+        if page.n == 0:
+            break
+        pages.append(page)
+        offset += page.n
+        if offset >= page.total:
+            break
+    return waveform_batch(pages, to_seconds) if pages else None
+
+
+def _page_when_ready(session: Session, offset: int) -> WaveformReadReply:
+    """Ask until the time after the fault has passed. Raises CommandRefused."""
+    end_s = session.machine_now_s() + WAVEFORM_PATIENCE_S
+    while True:
+        try:
+            return session.request(WaveformRead(offset))
+        except CommandRefused as refused:
+            if refused.status is not Status.BUSY or session.machine_now_s() > end_s:
+                raise
+            session.pump(_LOOK_S)

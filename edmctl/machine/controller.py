@@ -26,7 +26,7 @@ from edmctl.link.messages import (
 )
 from edmctl.link.messages import PathMove as AppendLine
 from edmctl.link.refusal import CommandRefused
-from edmctl.machine.asking import identity_of, read_black_box, read_status
+from edmctl.machine.asking import identity_of, read_black_box, read_status, read_waveforms
 from edmctl.machine.faults import latched_error
 from edmctl.machine.inbox import Inbox
 from edmctl.machine.orders import (
@@ -49,6 +49,7 @@ from edmctl.machine.reports import (
     MachineStatus,
     TelemetryBlock,
     Touch,
+    WaveformBatch,
 )
 from edmctl.machine.states import Axis, EventCode, MachineState
 from edmctl.machine.stop import StopRequest
@@ -281,6 +282,10 @@ class LinkMachine:
     def black_box(self) -> TelemetryBlock | None:
         """Every millisecond of the last two seconds before the latched fault; None where nothing is held."""
         return read_black_box(self._session, self._run_seconds)
+
+    def waveforms(self) -> WaveformBatch | None:
+        """Gap voltage and current about the latched fault; None where none are held."""
+        return read_waveforms(self._session, self._run_seconds)
 
     def link_report(self) -> LinkReport:
         """How the line did since the session opened."""

@@ -8,8 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from edmctl.link.messages import RECORD_SCALES, PulseBlocks, Pulses, Tlm, record_dtype
-from edmctl.machine.port import Floats, PulseBatch, PulseBlockBatch, TelemetryBlock
+from edmctl.link.messages import RECORD_SCALES, PulseBlocks, Pulses, Tlm, WaveformReadReply, record_dtype
+from edmctl.machine.port import Floats, PulseBatch, PulseBlockBatch, TelemetryBlock, WaveformBatch
 
 ToSeconds = Callable[[int], float]
 """Controller time in µs, modulo 2^32, as seconds of the run."""
@@ -20,9 +20,11 @@ _SAME_TRAIN_US = 100.0
 _TLM_DTYPE = record_dtype("Tlm")
 _BLOCK_DTYPE = record_dtype("PulseBlocks")
 _PULSE_DTYPE = record_dtype("Pulses")
+_WAVEFORM_DTYPE = record_dtype("WaveformReadReply")
 _TLM_SCALE = RECORD_SCALES["Tlm"]
 _BLOCK_SCALE = RECORD_SCALES["PulseBlocks"]
 _PULSE_SCALE = RECORD_SCALES["Pulses"]
+_WAVEFORM_SCALE = RECORD_SCALES["WaveformReadReply"]
 
 
 def lost_frames(previous: int | None, counters: Sequence[int]) -> int:
@@ -112,4 +114,15 @@ def _pulse_batch(frames: Sequence[Pulses], to_seconds: ToSeconds) -> PulseBatch:
         delay_us=rows["delay_us"] * _PULSE_SCALE["delay_us"],
         discharge_us=rows["discharge_us"] * _PULSE_SCALE["discharge_us"],
         plateau_v=rows["plateau_v"] * _PULSE_SCALE["plateau_v"],
+    )
+
+
+def waveform_batch(pages: Sequence[WaveformReadReply], to_seconds: ToSeconds) -> WaveformBatch:
+    """The pages of one snapshot, in order and without gaps."""
+    rows = np.frombuffer(b"".join(page.records for page in pages), dtype=_WAVEFORM_DTYPE)
+    first = pages[0]
+    return WaveformBatch(
+        time_s=_times([to_seconds(first.t0_us)], [len(rows)], 1e-9 * first.period_ns),
+        gap_v=rows["gap_v"] * _WAVEFORM_SCALE["gap_v"],
+        current_a=rows["current_a"] * _WAVEFORM_SCALE["current_a"],
     )

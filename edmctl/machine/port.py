@@ -30,6 +30,7 @@ from edmctl.machine.reports import (
     PulseBlockBatch,
     TelemetryBlock,
     Touch,
+    WaveformBatch,
     joined,
 )
 from edmctl.machine.states import (
@@ -75,6 +76,7 @@ __all__ = [
     "TelemetrySettings",
     "Touch",
     "TouchRequest",
+    "WaveformBatch",
     "host_fault",
     "joined",
 ]
@@ -192,6 +194,12 @@ class Machine(Protocol):
 
     def black_box(self) -> TelemetryBlock | None:
         """Every millisecond of the last two seconds before the latched fault; None where nothing is held."""
+
+    def waveforms(self) -> WaveformBatch | None:
+        """Gap voltage and current about the latched fault, some periods after it included; None where none are held.
+
+        A slow line takes seconds: every sample comes.
+        """
 
     def link_report(self) -> LinkReport:
         """How the line did since the session opened."""

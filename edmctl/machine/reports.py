@@ -30,6 +30,7 @@ __all__ = [
     "PulseBlockBatch",
     "TelemetryBlock",
     "Touch",
+    "WaveformBatch",
     "joined",
 ]
 
@@ -114,6 +115,15 @@ class PulseBatch:
     delay_us: Floats
     discharge_us: Floats
     plateau_v: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class WaveformBatch:
+    """The gap about a latched fault, sample by sample at equal distances, columns of shape (n,)."""
+
+    time_s: Floats
+    gap_v: Floats
+    current_a: Floats
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""What the controller saw in the last two seconds before a fault, into the run file."""
+"""What the controller kept of the time about a fault, into the run file: its black box and the gap's waveforms."""
 
 from __future__ import annotations
 
@@ -8,17 +8,23 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.errors import LinkLost, PreconditionError
-from edmctl.record.rows import BlackBoxBlock
+from edmctl.record.rows import BlackBoxBlock, WaveformBlock
 
 if TYPE_CHECKING:
     from edmctl.procedures.run import Run
 
 
 def record_black_box(run: Run) -> None:
-    """Read the controller's black box, where it holds a fault; a line that is dead by now hides nothing."""
+    """Read what a latched fault froze, where there is one; a line that is dead by now hides nothing."""
     with suppress(LinkLost, PreconditionError):
         if not run.machine.status().fault:
             return
+        _record_samples(run)
+        _record_waveforms(run)
+
+
+def _record_samples(run: Run) -> None:
+    with suppress(PreconditionError):
         block = run.machine.black_box()
         if block is None:
             return
@@ -38,3 +44,9 @@ def record_black_box(run: Run) -> None:
                 flags=block.flags,
             )
         )
+
+
+def _record_waveforms(run: Run) -> None:
+    batch = run.machine.waveforms()
+    if batch is not None:
+        run.recorder.waveforms(WaveformBlock(batch.time_s, batch.gap_v, batch.current_a))

@@ -1,4 +1,4 @@
-"""The line of a run: what the host receives damaged, and once a minute how it does."""
+"""The line of a run: what the host receives damaged, and every ten seconds how it does."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.machine.port import host_fault
 from edmctl.procedures.codes import RunEvent
-from edmctl.record.rows import EventLevel
+from edmctl.record.rows import EventLevel, LinkRow
 
 if TYPE_CHECKING:
     from edmctl.machine.port import LinkReport, TelemetryBlock
@@ -18,7 +18,7 @@ WARNED_FRAMES = 3
 """Damaged frames within the window that are told: a clean line has none in hours."""
 MOST_FRAMES = 10
 """Damaged frames within the window that end the job, as the controller does for those that it receives."""
-REPORT_S = 60.0
+REPORT_S = 10.0
 
 
 class LinkWatch:
@@ -36,8 +36,8 @@ class LinkWatch:
         now_s = float(block.time_s[-1])
         self._look_for_noise(now_s)
         if now_s >= self._next_report_s:
-            self._next_report_s += REPORT_S
-            record_link(self._run)
+            self._next_report_s = REPORT_S * (now_s // REPORT_S + 1.0)
+            self._run.recorder.append_link(_row(now_s, self._run.machine.link_report()))
 
     def _look_for_noise(self, now_s: float) -> None:
         bad = self._run.machine.bad_frames
@@ -64,13 +64,31 @@ class LinkWatch:
 
 
 def record_link(run: Run) -> None:
-    """Write the statistics of the line and the clock fit to the run file."""
+    """Close the statistics of the line in the run file, and sum them up in an event."""
     report = run.machine.link_report()
+    run.recorder.append_link(_row(run.machine.time_s, report))
     message = (
         f"Link: {report.frames_received} frames in, {report.bad_frames} damaged, {report.lost_frames} lost, "
         f"{report.retries} commands repeated; round trip {report.rtt_p50_ms:.2f} ms."
     )
     run.recorder.event(run.machine.time_s, RunEvent.LINK, EventLevel.INFO, message, _figures(report))
+
+
+def _row(time_s: float, report: LinkReport) -> LinkRow:
+    return LinkRow(
+        time_s=time_s,
+        frames_sent=report.frames_sent,
+        frames_received=report.frames_received,
+        bad_frames=report.bad_frames,
+        lost_frames=report.lost_frames,
+        retries=report.retries,
+        controller_bad_frames=report.controller_bad_frames,
+        controller_dropped_frames=report.controller_dropped_frames,
+        rtt_p50_ms=report.rtt_p50_ms,
+        rtt_p99_ms=report.rtt_p99_ms,
+        clock_offset_s=report.clock_offset_s,
+        clock_rate_ppm=report.clock_rate_ppm,
+    )
 
 
 def _figures(report: LinkReport) -> dict[str, float | int]:

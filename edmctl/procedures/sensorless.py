@@ -41,6 +41,7 @@ from edmctl.machine.port import (
     TelemetrySettings,
     Touch,
     TouchRequest,
+    WaveformBatch,
 )
 from edmctl.procedures.trace import Trace
 from edmctl.procedures.tracker import Tracker, at_rest
@@ -264,6 +265,10 @@ class SensorlessMachine:
     def black_box(self) -> TelemetryBlock | None:
         """What the controller saw before the latched fault; its displacements are of no meaning here."""
         return self._machine.black_box()
+
+    def waveforms(self) -> WaveformBatch | None:
+        """Gap voltage and current about the latched fault; None where none are held."""
+        return self._machine.waveforms()
 
     def link_report(self) -> LinkReport:
         """How the line did since the session opened."""

@@ -23,6 +23,7 @@ from edmctl.simulator.parameters import Parameters
 from edmctl.simulator.port import DevicePort
 from edmctl.simulator.telemetry import SLICE_TICKS, Telemetry
 from edmctl.simulator.waiting import HostWait
+from edmctl.simulator.waveforms import Waveforms
 
 if TYPE_CHECKING:
     from edmctl.simulator.plant import Plant
@@ -57,6 +58,7 @@ class VirtualController:
         self.motion = Motion(plant)
         self.guards = Guards(plant, self.parameters)
         self.black_box = BlackBox()
+        self.waveforms = Waveforms(plant)
         self.telemetry = Telemetry(plant, self.port.send, self.step)
         self.injector = Injector(self)
         self.host_wait = HostWait(self)
@@ -131,6 +133,7 @@ class VirtualController:
             self.telemetry.blocks,
             self.telemetry.pulses,
             self.black_box.ring,
+            self.waveforms.ring,
             self.motion.path,
             plant.ground.levels,
         )
@@ -246,7 +249,7 @@ class VirtualController:
         if self.fault and (code is not FaultCode.ESTOP or self.fault == FaultCode.ESTOP):
             return
         self.telemetry.flush()
-        self.black_box.freeze(self.tick, self.boot_tick)
+        self._freeze()
         self.fault = int(code)
         self.motion.stop_stage()
         self.disarming = self.pulses_allowed = False
@@ -262,10 +265,16 @@ class VirtualController:
         self.port.send_event(report)
         self._repeat_later()
 
+    def _freeze(self) -> None:
+        """Keep what is known of the time before a fault."""
+        self.black_box.freeze(self.tick, self.boot_tick)
+        self.waveforms.freeze(self.tick, self.boot_tick)
+
     def clear_fault(self) -> None:
         """Leave FAULT or ESTOP for IDLE."""
         self.fault = 0
         self.black_box.thaw()
+        self.waveforms.thaw()
         self.set_state(State.IDLE)
 
     def stop_motion(self) -> None:
@@ -284,8 +293,9 @@ class VirtualController:
         self.motion.stop_stage()
         self.reset_asked = self.disarming = self.pulses_allowed = False
         if not self.fault and cause in _BY_ITSELF:
-            self.black_box.freeze(self.tick, self.boot_tick)
+            self._freeze()
             self.fault = int(FaultCode.RESET)
+        self.waveforms.forget()
         self.boot_count += 1
         self.boot_tick = self.tick
         self.reset_cause = cause

@@ -296,6 +296,17 @@ TABLE = 1024  # values in each table of a distribution
 SHAPES = float(TABLE * TABLE)
 BOX = 2048  # milliseconds in the black box; a power of two
 BOX_COLUMNS = 6
+RECENT = 64  # newest pulses remembered, for waveforms; a power of two
+(
+    PULSE_START,
+    PULSE_DELAY,
+    PULSE_DISCHARGE,
+    PULSE_PLATEAU,
+    PULSE_SIEMENS,
+    PULSE_LEAK,
+    PULSE_STUCK,
+    RECENT_COLUMNS,
+) = range(8)
 PATH_LINES = 16
 PATH_X, PATH_Y, PATH_SPEED, PATH_Z, PATH_LAST, PATH_ERROR_X, PATH_ERROR_Y, PATH_COLUMNS = range(8)
 PACK = 12  # bits of a count; four of them fit into a float exactly
@@ -383,13 +394,21 @@ def power(base: float, exponent: float) -> float:
 
 @compiled
 def pulses_of_tick(
-    par: Floats, st: Floats, ist: Ints, random: Floats, tables: Floats, blocks: Bytes, pulses: Bytes
+    par: Floats,
+    st: Floats,
+    ist: Ints,
+    random: Floats,
+    tables: Floats,
+    blocks: Bytes,
+    pulses: Bytes,
+    recent: Floats,
 ) -> tuple[float, int, int]:
     """Strike every pulse of this tick; returns (sum of their mean gap voltages [V], pulses, shorts).
 
     `random` has three rows, a column a pulse: a uniform number that decides bridge, arc and side discharge in
     turn, a uniform number that picks roughness and crater scatter from their tables, a unit exponential for the
     delay. `tables`, shape (2, TABLE), holds equally likely values of a half-normal and a unit-mean lognormal.
+    `recent`, shape (RECENT, RECENT_COLUMNS), is the ring of the newest pulses.
     """
     open_v, on_time = par[OPEN_V], par[ON_TIME]
     tau_reference = par[TAU_REFERENCE] * st[RARITY]
@@ -407,6 +426,7 @@ def pulses_of_tick(
     voltage_sum, charge, count, shorts = 0.0, 0.0, 0, 0
     stuck, misreads, counts = par[GAP_STUCK], ist[MISREADS], 0
     high_v, low_v = MISREAD_HIGH * open_v, MISREAD_LOW * open_v
+    number, leak_a = ist[PULSE_NO], par[OFF_TIME_A]
 
     while next_pulse < tick_end:
         gap = reach + depth + wear
@@ -478,6 +498,15 @@ def pulses_of_tick(
         voltage_sum += (delay * open_v + discharge * plateau) * per_period
         count += 1
         at += 1
+        place = number & (RECENT - 1)
+        recent[place, PULSE_START] = next_pulse
+        recent[place, PULSE_DELAY] = delay
+        recent[place, PULSE_DISCHARGE] = discharge
+        recent[place, PULSE_PLATEAU] = plateau
+        recent[place, PULSE_SIEMENS] = per_ohm
+        recent[place, PULSE_LEAK] = leak_a
+        recent[place, PULSE_STUCK] = stuck
+        number += 1
         seen_v = plateau if stuck < 0.0 else stuck
         pulse_class = judge_pulse(par, delay, seen_v, discharge)
         counts += 1 << (PACK * pulse_class)
@@ -494,7 +523,7 @@ def pulses_of_tick(
                 st,
                 ist,
                 next_pulse,
-                ist[PULSE_NO] + count - 1,
+                number - 1,
                 pulse_class,
                 delay,
                 discharge,
@@ -507,8 +536,8 @@ def pulses_of_tick(
 
     st[DEPTH], st[WEAR], st[DEBRIS] = depth, wear, debris
     st[BRIDGE_UNTIL], st[CARBON] = bridge_until, carbon
-    if charge > 0.0 and par[OFF_TIME_A] > 0.0:
-        charge += par[OFF_TIME_A] * (period * 1e-3 - on_time) * count
+    if charge > 0.0 and leak_a > 0.0:
+        charge += leak_a * (period * 1e-3 - on_time) * count
     if stuck >= 0.0:
         voltage_sum = stuck * count
     st[CHARGE] += charge
@@ -518,7 +547,7 @@ def pulses_of_tick(
     ist[MISREADS] = misreads
     ist[ARC_RUN], ist[TRUE_ARC_RUN] = arc_run, true_run
     ist[RANDOM_AT] = at
-    ist[PULSE_NO] += count
+    ist[PULSE_NO] = number
     ist[NEXT_PULSE] = next_pulse
     return voltage_sum, count, shorts
 
@@ -1102,6 +1131,7 @@ def run(
     blocks: Bytes,
     pulses: Bytes,
     box: Floats,
+    recent: Floats,
     path: Floats,
     levels: Floats,
 ) -> int:
@@ -1109,8 +1139,8 @@ def run(
 
     The caller provides `random` columns for every pulse and `noise` for every tick (two each, and touches).
     Zero ticks close the pulse block begun, for whoever wants to send everything now. `box`, shape
-    (BOX, BOX_COLUMNS), is the ring of the last milliseconds; `path`, shape (PATH_LINES, PATH_COLUMNS), that of the
-    lines to follow; `levels` is the table of what lies under the tool.
+    (BOX, BOX_COLUMNS), is the ring of the last milliseconds, `recent` that of the last pulses; `path`, shape
+    (PATH_LINES, PATH_COLUMNS), that of the lines to follow; `levels` is the table of what lies under the tool.
     """
     if ticks == 0:
         close_block(st, ist, blocks)
@@ -1123,7 +1153,7 @@ def run(
             renew_clearing(par, st, ist)
         happened = NOTHING
         if ist[PULSES_ON] == 1:
-            voltage_sum, count, shorts = pulses_of_tick(par, st, ist, random, tables, blocks, pulses)
+            voltage_sum, count, shorts = pulses_of_tick(par, st, ist, random, tables, blocks, pulses, recent)
             happened = measure_gap(par, st, ist, voltage_sum, count, shorts)
         else:
             rest_tick(par, st, ist)

@@ -187,6 +187,7 @@ class MotionCommands:
         if not (times_fit and supply_fits):
             return Status.OUT_OF_RANGE, b""
         isopulse = request.mode == m.PulseMode.ISOPULSE
+        self._c.waveforms.forget()  # they were made with the setting before
         self._c.plant.set_generator(
             request.on_time_us,
             request.off_time_us,

@@ -19,6 +19,7 @@ from edmctl.link.messages import ResetCause
 from edmctl.simulator import kernel as k
 from edmctl.simulator.bench import VirtualBench
 from edmctl.simulator.config import BenchConfig, DischargeConstants, SensorConstants
+from edmctl.simulator.gap_signals import RecentPulses
 from edmctl.simulator.ground import Hole
 from edmctl.simulator.workpiece import TILE
 
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from edmctl.simulator.plant import Plant
+    from edmctl.simulator.waveforms import Waveforms
 
 State = Mapping[str, object]
 """Names of arrays, numbers, texts and further states."""
@@ -174,6 +176,19 @@ def _controller_state(bench: VirtualBench, boots: int) -> State:
         "frozen_ring": frozen[0] if frozen else np.zeros((0, k.BOX_COLUMNS)),
         "frozen_tick": frozen[1] if frozen else 0,
         "frozen_start": frozen[2] if frozen else 0,
+        **_waveform_state(controller.waveforms),
+    }
+
+
+def _waveform_state(waveforms: Waveforms) -> State:
+    """The pulses about a latched fault; none without one."""
+    pulses = waveforms.frozen
+    if pulses is None:
+        return {"waveform_pulses": np.zeros((0, k.RECENT_COLUMNS))}
+    return {
+        "waveform_pulses": pulses.rows,
+        "waveform_times_ns": np.array([pulses.fault_ns, pulses.period_ns, waveforms.boot_ns], dtype=np.int64),
+        "waveform_generator": np.array([pulses.open_v, pulses.on_time_us]),
     }
 
 
@@ -188,6 +203,19 @@ def _restore_controller(bench: VirtualBench, state: State) -> None:
         ring = np.zeros_like(box.ring)
         _fill(ring, state["frozen_ring"])
         box._frozen = (ring, _integer(state, "frozen_tick"), _integer(state, "frozen_start"))
+    if "waveform_times_ns" in state:
+        _restore_waveforms(controller.waveforms, state)
+
+
+def _restore_waveforms(waveforms: Waveforms, state: State) -> None:
+    times_ns, generator = np.zeros(3, dtype=np.int64), np.zeros(2)
+    _fill(times_ns, state["waveform_times_ns"])
+    _fill(generator, state["waveform_generator"])
+    rows = np.zeros((len(np.asarray(state["waveform_pulses"])), k.RECENT_COLUMNS))
+    _fill(rows, state["waveform_pulses"])
+    fault_ns, period_ns, waveforms.boot_ns = times_ns.tolist()
+    open_v, on_time_us = generator.tolist()
+    waveforms.frozen = RecentPulses(rows, fault_ns, period_ns, open_v, on_time_us)
 
 
 def _config(state: State) -> BenchConfig:

@@ -1,4 +1,4 @@
-"""Commands of the virtual controller that tell: schema, status, telemetry, black box; and its restart."""
+"""Commands of the virtual controller that tell: schema, status, telemetry, what a fault froze; and its restart."""
 
 from __future__ import annotations
 
@@ -43,6 +43,7 @@ class ServiceCommands:
             m.Advance: self._advance,
             m.GetStatus: self._get_status,
             m.BlackboxRead: self._black_box,
+            m.WaveformRead: self._waveforms,
             m.Reboot: self._reboot,
             m.TlmStart: self._tlm_start,
             m.TlmStop: self._tlm_stop,
@@ -88,6 +89,10 @@ class ServiceCommands:
     def _black_box(self, request: m.BlackboxRead) -> Outcome:
         c = self._c
         return Status.OK, c.black_box.read(request.offset, c.tick, c.boot_tick).pack()
+
+    def _waveforms(self, request: m.WaveformRead) -> Outcome:
+        reply = self._c.waveforms.read(request.offset, self._c.tick)
+        return (Status.BUSY, b"") if reply is None else (Status.OK, reply.pack())
 
     def _reboot(self, request: m.Reboot) -> Outcome:
         if self._c.armed:

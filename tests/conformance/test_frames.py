@@ -33,6 +33,7 @@ IDLE_STATUS = {
     "TLM_START": {"OK", "OUT_OF_RANGE", "RATE_TOO_HIGH"},
     "TLM_STOP": {"OK"},
     "BLACKBOX_READ": {"OK"},
+    "WAVEFORM_READ": {"OK"},
     "REBOOT": {"OK"},
 }
 AT_STRINGS = [

@@ -13,7 +13,7 @@ from edmctl.link.faults import FaultCode
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.faults import FaultLatched, InterlockOpen, NothingLatched, WrongFault
-from edmctl.machine.port import Interlock, MachineState, TelemetryFlag
+from edmctl.machine.port import Interlock, MachineState, PulseLog, TelemetryFlag
 from edmctl.simulator.bench import MemoryTransport
 from edmctl.simulator.injection import parse_injection
 
@@ -140,6 +140,34 @@ def test_the_black_box_holds_the_two_seconds_before_the_fault(rig: MakeRig) -> N
     volts = np.concatenate([block.actuator_v for block in r.heard.blocks])
     told = (heard >= box.time_s[0]) & (heard <= box.time_s[-1])
     assert np.interp(heard[told], box.time_s, box.actuator_v) == pytest.approx(volts[told], abs=0.005)
+
+
+def test_the_waveforms_of_a_fault_cover_it_in_time_with_the_pulses(rig: MakeRig) -> None:
+    r = rig()
+    r.ready(PulseLog.FULL)
+    r.sparking()
+    r.machine.watch_cut(1.0)
+    assert r.machine.waveforms() is None
+    r.bench.controller.raise_fault(FaultCode.DOOR)
+    batch = r.machine.waveforms()
+    assert batch is not None, "asked at once, it waits until they are whole"
+    r.machine.safe_stop()
+    box = r.machine.black_box()
+    assert box is not None
+    period_s = 434.783e-6
+    assert batch.time_s[0] - box.time_s[-1] == pytest.approx(-64 * period_s, abs=period_s)
+    assert batch.time_s[-1] - box.time_s[-1] == pytest.approx(16 * period_s, abs=2e-6)
+    assert np.diff(batch.time_s) == pytest.approx(1e-6)
+    assert batch.gap_v.max() == pytest.approx(40.0, abs=0.5)
+    train = r.heard.trains[-1]
+    starts_s = train.start_s + train.period_s * np.arange(len(train.delay_us))
+    lit = np.flatnonzero((train.discharge_us > 50.0) & (starts_s > batch.time_s[0]))[:-1]
+    assert len(lit) > 5
+    for pulse in lit:
+        middle_s = starts_s[pulse] + 1e-6 * (train.delay_us[pulse] + 0.5 * train.discharge_us[pulse])
+        assert np.interp(middle_s, batch.time_s, batch.current_a) > 0.1
+    r.machine.clear_fault(FaultCode.DOOR)
+    assert r.machine.waveforms() is None
 
 
 def test_the_self_test_measures_the_mean_gap_voltage(rig: MakeRig) -> None:

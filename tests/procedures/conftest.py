@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from edmctl.procedures.journal import Journal
     from edmctl.record.recorder import Recorder
-    from edmctl.record.rows import EventLevel, PulseBlockRows, ServoBlock, SiteRow, SlowRow, TouchRow
+    from edmctl.record.rows import EventLevel, LinkRow, PulseBlockRows, ServoBlock, SiteRow, SlowRow, TouchRow
 
 CU270 = str(Path(__file__).parents[2] / "profiles" / "cu270.toml")
 QUICK = (
@@ -61,6 +61,7 @@ class Seen(NullRecorder):
     )
     touches: list[TouchRow] = field(default_factory=list)
     sites: list[SiteRow] = field(default_factory=list)
+    links: list[LinkRow] = field(default_factory=list)
 
     def append_servo(self, block: ServoBlock) -> None:
         self.servo.append(block)
@@ -86,6 +87,9 @@ class Seen(NullRecorder):
 
     def site_result(self, row: SiteRow) -> None:
         self.sites.append(row)
+
+    def append_link(self, row: LinkRow) -> None:
+        self.links.append(row)
 
 
 @dataclass(slots=True)

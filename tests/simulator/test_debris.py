@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 D = DischargeConstants()
+RECENT = np.zeros((k.RECENT, k.RECENT_COLUMNS))
 
 
 @dataclass
@@ -61,7 +62,7 @@ def strike(
         ist[k.LOG_N] = 0
         plant.random.provide(ist, 4, 1)
         sum_v, n, _ = k.pulses_of_tick(
-            par, st, ist, plant.random.pulse, plant.random.tables, records, records
+            par, st, ist, plant.random.pulse, plant.random.tables, records, records, RECENT
         )
         assert n == 1
         taken.append(records[:6].copy())

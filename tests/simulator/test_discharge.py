@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 ON_TIME_US, OFF_TIME_US = 130.435, 304.348
 # Normalised mean gap voltage against the gap, clean oil, 40 V, 30 %.
+RECENT = np.zeros((k.RECENT, k.RECENT_COLUMNS))
 VOLTAGE_LAW = {
     1.0: 0.556,
     1.5: 0.571,
@@ -53,7 +54,7 @@ def fixed_gap(
         ist[k.LOG_N] = 0
         plant.random.provide(ist, 64, 1)
         sum_v, n, _ = k.pulses_of_tick(
-            plant.par, st, ist, plant.random.pulse, plant.random.tables, records, records
+            plant.par, st, ist, plant.random.pulse, plant.random.tables, records, records, RECENT
         )
         voltage_sum, count = voltage_sum + sum_v, count + n
         taken.append(records[: 6 * n].copy())

@@ -1,0 +1,289 @@
+"""What the virtual controller keeps of the gap about a fault: the pulses that telemetry told, sample by sample."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from random import Random
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from edmctl.link import messages as m
+from edmctl.link.faults import FaultCode
+from edmctl.link.session import CommandRefused, Session
+from edmctl.simulator import BenchConfig
+from edmctl.simulator import kernel as k
+from edmctl.simulator.injection import parse_injection
+from edmctl.simulator.saving import bench_state, restored_bench
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from tests.simulator.conftest import Rig
+
+RigMaker = Callable[..., "Rig"]
+NEAR = BenchConfig(offset_um=20.0)
+ON_US, OFF_US = 130.435, 304.348
+PERIOD_US = ON_US + OFF_US
+RECORD = m.record_dtype("WaveformReadReply")
+TOLD = m.record_dtype("Pulses")
+SAMPLE_US = 1.0
+
+
+@dataclass(frozen=True)
+class Waveforms:
+    """A snapshot: time of its first sample, volts and amperes a microsecond apart."""
+
+    t0_us: int
+    v: NDArray[np.float64]
+    a: NDArray[np.float64]
+
+    def of_pulse(self, start_us: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Voltage and current of the pulse that begins then, one period long."""
+        first = round(start_us - self.t0_us)
+        here = slice(max(0, first), first + int(PERIOD_US))
+        return self.v[here], self.a[here]
+
+
+def read(session: Session) -> Waveforms:
+    """Every sample."""
+    data, total, t0_us = b"", 1, 0
+    while len(data) < RECORD.itemsize * total:
+        page = session.request(m.WaveformRead(len(data) // RECORD.itemsize))
+        assert page.period_ns == 1000
+        total, t0_us, data = page.total, page.t0_us, data + page.records
+    assert session.request(m.WaveformRead(total)).n == 0
+    rows = np.frombuffer(data, RECORD)
+    return Waveforms(t0_us, rows["gap_v"] * 0.01, rows["current_a"] * 0.001)
+
+
+def cutting(rig: RigMaker, log: m.PulseLog = m.PulseLog.FULL, seed: int = 1) -> Rig:
+    """A rig in the middle of a cut."""
+    r = rig(NEAR, seed=seed)
+    r.arm()
+    r.to_pad()
+    r.session.request(m.TlmStart(1000, 14, log))
+    r.start_sparking()
+    r.session.pump(1.5)
+    return r
+
+
+def stopped(r: Rig, injection: str = "ESTOP@0") -> Waveforms:
+    """What is kept after something went wrong."""
+    r.bench.inject(parse_injection(injection))
+    r.wait_fault(5.0)
+    r.session.pump(0.1)
+    return read(r.session)
+
+
+def told_pulses(r: Rig) -> tuple[NDArray[np.float64], NDArray[np.void]]:
+    """Start times in µs and records of all pulses that telemetry told."""
+    starts = [p.t0_us + 1e-3 * p.period_ns * np.arange(p.n) for p in r.pulses]
+    return np.concatenate(starts), np.frombuffer(b"".join(p.records for p in r.pulses), TOLD)
+
+
+def crossing_us(values: NDArray[np.float64], level: float) -> tuple[float, float]:
+    """When a pulse first rises above a level and last falls below it: samples, interpolated."""
+    above = np.flatnonzero(values > level)
+    first, last = int(above[0]), int(above[-1])
+    rise = first - (values[first] - level) / (values[first] - values[first - 1]) if first else 0.0
+    fall = last + (values[last] - level) / (values[last] - values[last + 1])
+    return float(rise), float(fall)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_waveforms_are_those_of_the_pulses_that_telemetry_told(rig: RigMaker, seed: int) -> None:
+    r = cutting(rig, seed=seed)
+    kept = stopped(r)
+    starts_us, told = told_pulses(r)
+    fault_us = r.faults[0].t_us
+    first = np.searchsorted(starts_us, kept.t0_us - 1.5)
+    assert len(starts_us) - first == 64
+    lit = 0
+    for start_us, pulse in zip(starts_us[first:-1], told[first:-1], strict=True):
+        v, a = kept.of_pulse(start_us)
+        if start_us + ON_US > fault_us:
+            continue
+        assert v[-50:] == pytest.approx(0.0, abs=0.5), "no voltage between pulses"
+        if pulse["pulse_class"] == k.OPEN:
+            assert np.abs(a).max() < 0.005
+            assert v[10:120].mean() == pytest.approx(40.0, abs=0.1)
+            continue
+        lit += 1
+        begins_us, ends_us = crossing_us(a, 0.5 * a.max())
+        assert ends_us - begins_us == pytest.approx(0.1 * pulse["discharge_us"], abs=SAMPLE_US)
+        burning = v[int(begins_us) + 3 : int(ends_us) - 1]
+        if len(burning) > 20:
+            assert burning.mean() == pytest.approx(0.5 * pulse["plateau_v"], abs=0.5)
+        delay_us = 0.1 * pulse["delay_us"]
+        if delay_us > 2.0:
+            opened_us, _ = crossing_us(v, 20.0)
+            assert begins_us - opened_us == pytest.approx(delay_us, abs=SAMPLE_US)
+    assert lit >= 10
+
+
+def test_the_time_kept_is_64_pulses_before_the_fault_and_16_periods_after(rig: RigMaker) -> None:
+    r = cutting(rig)
+    kept = stopped(r)
+    fault_us = r.faults[0].t_us
+    assert 63 * PERIOD_US - 1.0 <= fault_us - kept.t0_us <= 64 * PERIOD_US + 1.0
+    end_us = kept.t0_us + len(kept.v)
+    assert end_us - fault_us == pytest.approx(16 * PERIOD_US, abs=SAMPLE_US)
+    dead = fault_us - kept.t0_us + 10
+    assert np.abs(kept.a[dead:]).max() < 0.005, "current 10 µs after the fault"
+    assert np.abs(kept.v[dead + 20 :]).max() < 0.5
+
+
+def test_a_pulse_that_the_fault_meets_is_cut_off_within_10_us(rig: RigMaker) -> None:
+    r = cutting(rig)
+    for _ in range(40):  # until a fault falls into a pulse
+        r.session.pump(0.001)
+        into_ns = (
+            r.bench.controller.tick * k.TICK_NS - r.bench.controller.waveforms.ring[:, k.PULSE_START].max()
+        )
+        if 20_000.0 < into_ns < 80_000.0:
+            break
+    r.bench.controller.raise_fault(FaultCode.DOOR)
+    r.session.pump(0.1)
+    kept = read(r.session)
+    fault = r.faults[0].t_us - kept.t0_us
+    assert kept.v[fault - 1] > 0.5
+    assert np.abs(kept.a[fault + 10 :]).max() < 0.005
+
+
+def test_the_samples_are_the_same_whatever_telemetry_tells_and_without_it_too(rig: RigMaker) -> None:
+    full, off = (stopped(cutting(rig, log)) for log in (m.PulseLog.FULL, m.PulseLog.OFF))
+    assert np.array_equal(full.v, off.v)
+    assert np.array_equal(full.a, off.a)
+    other = stopped(cutting(rig, seed=2))
+    assert other.v[:1000].tolist() != full.v[:1000].tolist()
+
+
+def test_drawing_takes_no_random_number_from_the_machine(rig: RigMaker) -> None:
+    r = cutting(rig)
+    stopped(r)
+    controller = r.bench.controller
+    before = bench_state(r.bench)
+    controller.waveforms._records = b""
+    read(r.session)
+    after = bench_state(r.bench)
+    assert before["plant"]["random"]["_noise"] == after["plant"]["random"]["_noise"]  # type: ignore[index]
+    assert before["plant"]["stage_noise"] == after["plant"]["stage_noise"]  # type: ignore[index]
+
+
+def test_a_fault_freezes_them_until_it_is_cleared(rig: RigMaker) -> None:
+    r = cutting(rig)
+    r.bench.controller.raise_fault(FaultCode.DOOR)
+    with pytest.raises(CommandRefused) as early:
+        r.session.request(m.WaveformRead(0))
+    assert early.value.status == m.Status.BUSY
+    r.session.pump(0.1)
+    first = read(r.session)
+    r.bench.controller.raise_fault(FaultCode.ESTOP)
+    r.session.pump(1.0)
+    again = read(r.session)
+    assert (again.t0_us, again.v.tolist()) == (first.t0_us, first.v.tolist())
+    r.session.request(m.ClearFault(FaultCode.ESTOP))
+    assert r.session.request(m.WaveformRead(0)).total == 0
+
+
+def test_nothing_is_kept_without_a_fault_or_long_after_the_last_pulse(rig: RigMaker) -> None:
+    r = cutting(rig)
+    assert r.session.request(m.WaveformRead(0)).total == 0
+    r.session.request(m.ServoStop())
+    r.session.pump(0.2)
+    r.bench.inject(parse_injection("DOOR@0"))
+    r.wait_fault(1.0)
+    assert r.session.request(m.WaveformRead(0)) == m.WaveformReadReply(0, 0, 1000, 0, b"")
+
+
+def test_a_cut_that_stopped_just_before_the_fault_leaves_the_pulses_that_there_were(rig: RigMaker) -> None:
+    r = cutting(rig)
+    r.session.request(m.ServoStop())
+    r.session.pump(0.01)
+    r.bench.controller.raise_fault(FaultCode.DOOR)
+    r.session.pump(0.1)
+    kept = read(r.session)
+    before_us = r.faults[0].t_us - kept.t0_us
+    starts_us, _ = told_pulses(r)
+    assert before_us <= 64 * PERIOD_US
+    assert (starts_us >= kept.t0_us - 1.5).sum() == pytest.approx(64 - 10_000 / PERIOD_US, abs=4)
+    assert np.abs(kept.a[before_us - 9_000 :]).max() < 0.005
+
+
+def test_slow_pulses_fill_no_more_than_the_memory(rig: RigMaker) -> None:
+    r = rig(NEAR)
+    r.arm()
+    r.session.request(m.PulseConfig(3000.0, 7000.0, 40.0, 0.12, m.PulseMode.ISOFREQUENCY, 0.0))
+    r.to_pad()
+    r.start_sparking()
+    r.session.pump(1.0)
+    kept = stopped(r)
+    assert 50_000 < len(kept.v) <= 65_536
+    before_us = r.faults[0].t_us - kept.t0_us
+    assert 40_000 < before_us <= 52_429
+    assert len(kept.v) - before_us == 13_107
+
+
+def test_another_setting_of_the_generator_begins_anew(rig: RigMaker) -> None:
+    r = cutting(rig)
+    r.session.request(m.ServoStop())
+    r.session.request(m.PulseConfig(10.0, 30.0, 40.0, 0.12, m.PulseMode.ISOFREQUENCY, 0.0))
+    r.bench.controller.raise_fault(FaultCode.DOOR)
+    r.session.pump(0.1)
+    assert r.session.request(m.WaveformRead(0)).total == 0
+
+
+@pytest.mark.parametrize(("injection", "reads_v"), [("GAP_SENSOR_HIGH@0", 40.0), ("GAP_SENSOR_LOW@0", 0.0)])
+def test_a_stuck_gap_sensor_is_seen_in_the_voltage(rig: RigMaker, injection: str, reads_v: float) -> None:
+    r = cutting(rig)
+    kept = stopped(r, injection)
+    fault = r.faults[0].t_us - kept.t0_us
+    assert r.faults[0].code == FaultCode.GAP_SENSOR
+    assert np.abs(kept.v[fault - 5000 :] - reads_v).max() < 0.02
+
+
+def test_a_leaking_generator_is_seen_between_the_pulses(rig: RigMaker) -> None:
+    r = cutting(rig)
+    kept = stopped(r, "GENERATOR_LEAK@0")
+    fault = r.faults[0].t_us - kept.t0_us
+    assert r.faults[0].code == FaultCode.GEN_FAULT
+    before = kept.a[fault - 1000 : fault]
+    assert ((before > 0.045) & (before < 0.055)).sum() > 100
+    assert np.abs(kept.a[: fault - 2000][kept.v[: fault - 2000] < 0.5]).max() < 0.04
+
+
+def test_too_much_current_shows_from_when_it_flowed(rig: RigMaker) -> None:
+    kept = stopped(cutting(rig), "OVER_CURRENT@0")
+    assert kept.a[-10_000:].max() > 0.3
+    assert kept.a[: len(kept.a) // 2].max() < 0.27
+
+
+def test_a_fault_that_outlives_the_power_keeps_its_waveforms(rig: RigMaker) -> None:
+    r = cutting(rig)
+    kept = stopped(r, "DOOR@0")
+    again = restored_bench(bench_state(r.bench))
+    session = Session(again.transport, Random(3))
+    session.open()
+    restored = read(session)
+    assert (restored.t0_us, restored.v.tolist()) == (kept.t0_us, kept.v.tolist())
+    assert restored.a.tolist() == kept.a.tolist()
+    session.request(m.ClearFault(FaultCode.DOOR))
+    assert session.request(m.WaveformRead(0)).total == 0
+
+
+def test_a_saved_bench_from_before_waveforms_is_taken(rig: RigMaker) -> None:
+    r = cutting(rig)
+    stopped(r, "DOOR@0")
+    state = bench_state(r.bench)
+    controller = {
+        name: value
+        for name, value in state["controller"].items()  # type: ignore[attr-defined]
+        if not name.startswith("waveform_")
+    }
+    again = restored_bench({**state, "controller": controller})
+    session = Session(again.transport, Random(3))
+    assert session.open().fault == FaultCode.DOOR
+    assert session.request(m.WaveformRead(0)).total == 0
