@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from edmctl.errors import RunFileError
+
 if TYPE_CHECKING:
     from edmctl.profile.model import Profile
+    from edmctl.record.recorder import Recorder
     from edmctl.simulator import VirtualBench
 
 STEP_UM = 5.0
@@ -40,3 +44,11 @@ def channel_truth(profile: Profile, bench: VirtualBench, wear_um: float) -> Chan
     floor_um = depth_um[np.clip(rows, 0, len(y_um) - 1), np.clip(columns, 0, len(x_um) - 1)]
     error_um = math.sqrt(float(np.mean((floor_um - target.depth_um) ** 2)))
     return ChannelTruth(float(floor_um.mean()), error_um, wear_um)
+
+
+def keep_truth_map(recorder: Recorder, bench: VirtualBench) -> None:
+    """Write the height map of the work into the run file. A disk that failed is told at the end of the file."""
+    from edmctl.record.rows import TruthMap
+
+    with suppress(RunFileError):
+        recorder.truth_map(TruthMap(*bench.truth_map()))

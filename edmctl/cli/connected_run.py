@@ -97,6 +97,7 @@ def _record(
         lambda run: run_meta(run, plan, bench.seed, identity, choice),
         lambda: summary(held),
         written,
+        waits=plan.where.in_process,
     ) as recorder:
         into = f", into {name.path}" if name else ""
         observer.note(f"{introduction(plan.where, bench)}{into}")

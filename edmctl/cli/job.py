@@ -191,7 +191,13 @@ def carry_out(
             kept.truth = true_wear.as_mapping
             if plan.resumed is not None and plan.resumed.journal.truth is not None:
                 true_wear.go_on_from(plan.resumed.journal.truth)
-        _run(held, entries, kept, job, recorder, observer, ledger, journal)
+        try:
+            _run(held, entries, kept, job, recorder, observer, ledger, journal)
+        finally:
+            if held.bench.virtual and plan.loaded.profile.path is not None:
+                from edmctl.cli.channel_truth import keep_truth_map
+
+                keep_truth_map(recorder, held.bench.virtual)
 
     def summary(held: Held) -> dict[str, object]:
         return _report(plan, held, ledger, true_wear).as_mapping()

@@ -24,23 +24,25 @@ def recorded(
     meta: Callable[[RunName], RunMeta],
     summary: Callable[[], Mapping[str, object]],
     written: Callable[[Path | None], None],
+    *,
+    waits: bool,
 ) -> Iterator[Recorder]:
     """Record into the file `name`, into none where it is None.
 
     `meta` describes the run before its first row, `summary` is its result in the end, and `written` is told what the
-    file is called then.
+    file is called then. `waits` says that the machine's time stands still while a slow disk is waited for.
     """
     if name is None:
         from edmctl.record.recorder import NullRecorder
 
         yield NullRecorder()
         return
-    from edmctl.record.writer import RunWriter
+    from edmctl.record.background import BackgroundWriter
 
     def summarize() -> None:
         writer.summary(render_json(summary()))
 
-    writer = RunWriter.create(name.path, meta(name))
+    writer = BackgroundWriter.create(name.path, meta(name), waits=waits)
     try:
         yield writer
     except BaseException as error:

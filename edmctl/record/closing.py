@@ -26,7 +26,8 @@ def close_run(partial: Path, path: Path) -> None:
     closing = path.with_name(path.name + CLOSING)
     try:
         closing.unlink(missing_ok=True)
-        with h5py.File(partial, "r") as source:
+        # Every chunk is read once: a cache would keep up to 8 MB of each dataset.
+        with h5py.File(partial, "r", rdcc_nbytes=0) as source:
             compact(source, closing)
     except HDF5_ERRORS:
         # Better large than lost: the disk may not have room for a second file.

@@ -49,6 +49,17 @@ def write_new(path: Path, content: bytes) -> None:
         raise
 
 
+def make_lasting(path: Path) -> None:
+    """Wait until the disk itself holds the file at `path` and its name; where neither can be asked for, do not."""
+    for place in (path, path.parent):
+        with contextlib.suppress(OSError):
+            descriptor = os.open(place, os.O_RDONLY)
+            try:
+                os.fsync(descriptor)
+            finally:
+                os.close(descriptor)
+
+
 def close_without_writing(file: h5py.File) -> None:
     """Close `file` and leave it on disk as it is.
 

@@ -7,8 +7,12 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from . import layout
+
+if TYPE_CHECKING:
+    from .layout import Table
 
 BEGIN = "<!-- layout: begin -->"
 END = "<!-- layout: end -->"
@@ -19,12 +23,22 @@ def layout_markdown() -> str:
     parts = ["### Groups\n", _table(("path", "NeXus class", "holds"), _group_rows())]
     parts += ["### Single values\n", _table(("path", "type", "unit", "meaning"), _scalar_rows())]
     for table in layout.TABLES:
-        kind = "compound table" if table.is_compound else f"{table.nx_class}, one dataset per column"
-        parts.append(f"### `{table.path}`\n\n{table.note} ({kind}, chunks of {table.chunk_rows} rows)\n")
+        parts.append(f"### `{table.path}`\n\n{_sentence(table.note)} {_kind(table)}\n")
         rows: list[tuple[str, ...]] = [
             (f"`{c.name}`", c.dtype, c.units or "–", c.long_name) for c in table.columns
         ]
         parts.append(_table(("name", "type", "unit", "meaning"), rows))
+    for grid in layout.GRIDS:
+        axes = " and ".join(f"`{axis.name}`" for axis in grid.axes)
+        kind = f"NXdata; viewers plot `{grid.signal.name}` as an image over {axes}."
+        parts.append(f"### `{grid.path}`\n\n{_sentence(grid.note)} {kind}\n")
+        sizes = zip((grid.signal, *grid.axes), ("rows × columns", "rows", "columns"), strict=True)
+        parts.append(
+            _table(
+                ("name", "shape", "type", "unit", "meaning"),
+                [(f"`{c.name}`", shape, c.dtype, c.units, c.long_name) for c, shape in sizes],
+            )
+        )
     return "\n".join(parts)
 
 
@@ -33,6 +47,23 @@ def replace_between_markers(page: str) -> str:
     before, rest = page.split(BEGIN)
     _, after = rest.split(END)
     return f"{before}{BEGIN}\n\n{layout_markdown()}\n{END}{after}"
+
+
+def _kind(table: Table) -> str:
+    """What a table is to HDF5, and what viewers make of it."""
+    if table.is_compound:
+        return "One compound dataset."
+    kind = f"{table.nx_class}, one dataset per column"
+    if not table.signal:
+        return f"{kind}."
+    plotted = " and ".join(f"`{name}`" for name in (table.signal, *table.auxiliary))
+    return (
+        f"{kind}; viewers plot {plotted} over {f'`{table.axis}`' if table.axis else 'the number of the row'}."
+    )
+
+
+def _sentence(note: str) -> str:
+    return f"{note[0].upper()}{note[1:]}."
 
 
 def _group_rows() -> list[tuple[str, ...]]:

@@ -2,7 +2,8 @@
 
 NeXus classes and attributes (`default`, `signal`, `axes`, `auxiliary_signals`, `units`, `long_name`) let
 generic viewers plot at once; HDF5 dimension scales let xarray find the time axis. Signals are columns, one
-dataset each; only what nobody plots (events, touches, results) is a compound table.
+dataset each, and their group is an NXdata that plots by itself; only what nobody plots (events, touches, results)
+is a compound table.
 
 Full pulses are stored as the line carries them, in steps that their unit names (`0.1 us`): 6 bytes a pulse, of which
 compression leaves 3. Everything else is in its plain unit.
@@ -46,10 +47,31 @@ class Table:
     chunk_rows: int
     note: str
     columns: tuple[Column, ...]
+    signal: str = ""
+    """Column of an NXdata that viewers plot."""
+    auxiliary: tuple[str, ...] = ()
+    """Columns that they plot beside it: all in its unit, because a viewer has one ordinate."""
 
     @property
     def is_compound(self) -> bool:
         return not self.nx_class
+
+    @property
+    def axis(self) -> str:
+        """Column that the others are plotted against; empty where only their number is left."""
+        return "time" if self.columns[0].name == "time" else ""
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """A map: an NXdata of one dataset with two dimensions, over an axis for each, in square chunks."""
+
+    path: str
+    chunk: int
+    note: str
+    signal: Column
+    axes: tuple[Column, Column]
+    """Of the rows, and of the columns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,8 +81,8 @@ class Scalar:
     path: str
     source: str
     dtype: str
-    """A numpy type, `text` (UTF-8 of any length), `texts` (a list of them), or `json` (UTF-8 bytes as u1,
-    resizable)."""
+    """A numpy type, `text` (UTF-8, as long as the text is), `texts` (a list of them, as long as the longest), or
+    `json` (UTF-8 bytes as u1, resizable)."""
     units: str
     long_name: str
 
@@ -137,7 +159,7 @@ _TIME = Column("time", "time_s", "f8", "s", "time since start")
 
 SERVO = Table(
     "/entry/servo",
-    "NXlog",
+    "NXdata",
     4096,
     "gap servo, at the telemetry rate",
     (
@@ -151,11 +173,12 @@ SERVO = Table(
         Column("dir", "direction", "i1", PURE, "direction of the servo: −1 back, 0 hold, 1 forward"),
         Column("state", "state", "u1", PURE, "state of the controller"),
     ),
+    signal="v_gap_avg",
 )
 
 SLOW = Table(
     "/entry/slow",
-    "NXlog",
+    "NXdata",
     1024,
     "the supervisor's view, 10 Hz",
     (
@@ -176,11 +199,13 @@ SLOW = Table(
         Column("flow", "flow_lpm", "f4", "L/min", "flow of the dielectric"),
         Column("link_errors", "link_errors", "u4", PURE, "telemetry frames missing so far"),
     ),
+    signal="est_depth",
+    auxiliary=("est_wear",),
 )
 
 PULSE_BLOCKS = Table(
     "/entry/pulses/blocks",
-    "NXlog",
+    "NXdata",
     4096,
     "sums over consecutive pulses; `time` is the first pulse of a block",
     (
@@ -192,11 +217,13 @@ PULSE_BLOCKS = Table(
         Column("sum_td", "delay_us", "f4", "us", "sum of the ignition delays"),
         Column("sum_energy", "energy_uj", "f4", "uJ", "sum of the discharge energies"),
     ),
+    signal="n_normal",
+    auxiliary=("n_open", "n_arc", "n_short"),
 )
 
 PULSES = Table(
     "/entry/pulses/full",
-    "NXcollection",
+    "NXdata",
     65536,
     "every pulse; its time follows from `/entry/pulses/segments`",
     (
@@ -205,6 +232,8 @@ PULSES = Table(
         Column("te", "discharge_us", "u2", "0.1 us", "discharge time; 0 when open", 0.1),
         Column("u", "plateau_v", "u1", "0.5 V", "plateau voltage; the open voltage when open", 0.5),
     ),
+    signal="td",
+    auxiliary=("te",),
 )
 
 SEGMENTS = Table(
@@ -318,7 +347,7 @@ RESULTS = Table(
 
 BLACK_BOX = Table(
     "/entry/black_box",
-    "NXlog",
+    "NXdata",
     2048,
     "the last two seconds before a fault that the controller latched, every millisecond; empty without one",
     (
@@ -334,11 +363,12 @@ BLACK_BOX = Table(
         Column("state", "state", "u1", PURE, "state of the controller"),
         Column("flags", "flags", "u1", PURE, "TlmFlags of the protocol"),
     ),
+    signal="v_gap_avg",
 )
 
 WAVEFORMS = Table(
     "/entry/waveforms",
-    "NXlog",
+    "NXdata",
     4096,
     "the gap about a fault that the controller latched, sample by sample: 64 pulses before and 16 periods after; "
     "empty without one, or where the controller keeps no waveforms",
@@ -347,11 +377,12 @@ WAVEFORMS = Table(
         Column("v_gap", "gap_v", "f4", "V", "gap voltage"),
         Column("i_gap", "gap_a", "f4", "A", "gap current"),
     ),
+    signal="v_gap",
 )
 
 LINK = Table(
     "/entry/link",
-    "NXlog",
+    "NXdata",
     256,
     "the line between host and controller, every ten seconds; counts since it was opened",
     (
@@ -372,6 +403,8 @@ LINK = Table(
         Column("clock_offset", "clock_offset_s", "f8", "s", "clock of the controller ahead of the host's"),
         Column("clock_rate", "clock_rate_ppm", "f4", "ppm", "clock of the controller faster than the host's"),
     ),
+    signal="rtt_p50",
+    auxiliary=("rtt_p99",),
 )
 
 TABLES = (
@@ -388,7 +421,18 @@ TABLES = (
     LINK,
 )
 
+TRUTH = Grid(
+    "/entry/truth",
+    128,
+    "the floor of a channel as the virtual machine knows it: centres of cells of the smallest rectangle with all "
+    "that was cut; empty for holes, and for every other machine",
+    Column("depth", "depth_um", "f4", "um", "true depth below the face"),
+    (Column("y", "y_um", "f8", "um", "y of a row"), Column("x", "x_um", "f8", "um", "x of a column")),
+)
+
+GRIDS = (TRUTH,)
+
 DEFAULT_PLOT = "/entry/data"
 DEFAULT_SIGNAL = "z_sensor"
 DEFAULT_AXIS = "time"
-DEFAULT_AUXILIARY = ("v_gap_avg", "z_model")
+DEFAULT_AUXILIARY = ("z_model",)

@@ -9,6 +9,7 @@ import h5py
 from edmctl.errors import RunFileError
 
 from . import layout
+from .attempts import open_swmr
 from .disk import HDF5_ERRORS, PARTIAL
 from .seal import Seal, look_at_seal
 from .superblock import MAGIC, read_superblock
@@ -88,7 +89,7 @@ def _open(path: Path) -> h5py.File:
     # A live or killed writer leaves the file marked as open; SWMR readers are made for that. They do not see that
     # a file was cut short, so all others must do without.
     marked = read_superblock(path).open_for_writing
-    return h5py.File(path, "r", swmr=marked)
+    return open_swmr(path) if marked else h5py.File(path, "r")
 
 
 def _check_length(path: Path) -> None:

@@ -9,6 +9,8 @@ import numpy as np
 
 from . import layout
 from .opening import open_file
+from .rows import TruthMap
+from .scalars import read_fields, read_number, read_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -36,6 +38,7 @@ class RunFile:
         self._file = file
         self.path = path
         """Where the file is."""
+        self._opened: dict[str, list[h5py.Dataset]] = {}
 
     def __enter__(self) -> Self:
         return self
@@ -90,17 +93,26 @@ class RunFile:
         for start in range(0, self.rows(path), rows):
             yield {name: self.column(path, name, start, start + rows) for name in names}
 
-    def table(self, path: str) -> NDArray[np.void]:
-        """Return a compound table of the layout, for instance `/entry/touches`. Texts are UTF-8 bytes."""
-        rows: NDArray[np.void] = self._file[path][:]
+    def table(self, path: str, start: int = 0) -> NDArray[np.void]:
+        """Return a compound table of the layout from row `start` on, for instance `/entry/touches`.
+
+        Texts are UTF-8 bytes.
+        """
+        rows: NDArray[np.void] = self._file[path][start:]
         return rows
+
+    def fields(self, path: str, names: Sequence[str]) -> NDArray[np.void]:
+        """Return some fields of a compound table, all of them numbers."""
+        return read_fields(self._file, path, names)
 
     def text(self, path: str) -> str:
         """Return a text, for instance `/entry/status`; empty where an older file has none."""
-        if path not in self._file:
+        try:
+            return read_text(self._file, path)
+        except KeyError:
+            if self._file.id.links.exists(path.encode()):
+                raise
             return ""
-        value: bytes = self._file[path][()]
-        return value.decode()
 
     def texts(self, path: str) -> list[str]:
         """Return a list of texts, for instance `/entry/profile/parents`."""
@@ -109,12 +121,20 @@ class RunFile:
 
     def number(self, path: str) -> float:
         """Return a number, for instance `/entry/exit_code`."""
-        return float(self._file[path][()])
+        return read_number(self._file, path)
 
     def profile_values(self) -> dict[str, float | int | str | bool]:
         """Return every profile value by its dotted key, and units by `key_units`."""
-        attributes = self._file["/entry/profile/values"].attrs
-        return {key: v.item() if isinstance(v, np.generic) else v for key, v in attributes.items()}
+        attributes = self._file["/entry/profile/values"].attrs.items()
+        return {
+            key: v.item() if isinstance(v, np.generic) else v for key, v in attributes if key != "NX_class"
+        }
+
+    def profile_value(self, key: str) -> float | int | str | bool | None:
+        """Return one profile value by its dotted key; None where the profile has none such."""
+        value = self._file["/entry/profile/values"].attrs.get(key)
+        plain: float | int | str | bool | None = value.item() if isinstance(value, np.generic) else value
+        return plain
 
     def summary(self) -> dict[str, object] | None:
         """Return the result object; None when the run wrote none."""
@@ -123,6 +143,18 @@ class RunFile:
             return None
         summary: dict[str, object] = json.loads(utf8)
         return summary
+
+    def truth_map(self) -> TruthMap | None:
+        """Return the true floor of a channel; None where the run has none, as on every real machine."""
+        grid = layout.TRUTH
+        if grid.path not in self._file:
+            return None
+        group = self._file[grid.path]
+        y_um, x_um = (group[axis.name][:] for axis in grid.axes)
+        depth_um = group[grid.signal.name][:].astype(np.float64)
+        if min(depth_um.shape) < 2 or depth_um.shape != (len(y_um), len(x_um)):
+            return None
+        return TruthMap(x_um, y_um, depth_um)
 
     def pulse_times_s(self, start: int = 0, stop: int | None = None) -> NDArray[np.float64]:
         """Return the times of pulses `start` to `stop` of `/entry/pulses/full`, shape (n,)."""
@@ -137,6 +169,12 @@ class RunFile:
         return times
 
     def _datasets(self, table: Table) -> list[h5py.Dataset]:
+        # To open nine of them for every part that is read would take longer than to read it.
+        if table.path not in self._opened:
+            self._opened[table.path] = self._datasets_of(table)
+        return self._opened[table.path]
+
+    def _datasets_of(self, table: Table) -> list[h5py.Dataset]:
         if table.path not in self._file:
             return []
         if table.is_compound:

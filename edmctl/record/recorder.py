@@ -17,6 +17,7 @@ if TYPE_CHECKING:
         SiteRow,
         SlowRow,
         TouchRow,
+        TruthMap,
         WaveformBlock,
     )
 
@@ -52,6 +53,8 @@ class Recorder(Protocol):
     def waveforms(self, block: WaveformBlock) -> None: ...
 
     def append_link(self, row: LinkRow) -> None: ...
+
+    def truth_map(self, truth: TruthMap) -> None: ...
 
     def summary(self, json_text: str) -> None: ...
 
@@ -94,6 +97,9 @@ class NullRecorder:
         """Forget."""
 
     def append_link(self, row: LinkRow) -> None:
+        """Forget."""
+
+    def truth_map(self, truth: TruthMap) -> None:
         """Forget."""
 
     def summary(self, json_text: str) -> None:

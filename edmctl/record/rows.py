@@ -135,6 +135,15 @@ class WaveformBlock:
 
 
 @dataclass(frozen=True, slots=True)
+class TruthMap:
+    """The floor of a channel as the virtual machine knows it: depths, shape (m, n), over y (m,) and x (n,), µm."""
+
+    x_um: FloatArray
+    y_um: FloatArray
+    depth_um: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
 class LinkRow:
     """How the line did from its opening until now."""
 

@@ -78,16 +78,14 @@ class BlockStore:
         count = self.waiting - torn
         if count <= 0:
             return
-        columns = [
-            _stored(parts, dtype, step)
-            for parts, dtype, step in zip(
-                zip(*self._blocks, strict=True), self._dtypes, self._steps, strict=True
-            )
-        ]
+        columns = [np.concatenate(parts) for parts in zip(*self._blocks, strict=True)]
         if any(column.shape != (self.waiting,) for column in columns):
             raise TypeError("columns of a block differ in length")
-        for dataset, column in zip(self._datasets, columns, strict=True):
-            _put(dataset, self._written, column[:count])
+        for dataset, column, dtype, step in zip(
+            self._datasets, columns, self._dtypes, self._steps, strict=True
+        ):
+            _put(dataset, self._written, _stored([column[:count]], dtype, step))
+        # What waits on is kept as it was handed over: it is not put into steps twice.
         self._blocks = [tuple(column[count:] for column in columns)] if count < self.waiting else []
         self._written += count
         self.waiting -= count

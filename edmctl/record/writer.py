@@ -53,11 +53,14 @@ if TYPE_CHECKING:
         SiteRow,
         SlowRow,
         TouchRow,
+        TruthMap,
         WaveformBlock,
     )
 
 FLUSH_INTERVAL_S = 0.5
 """Rows reach the disk at most this long, plus one block, after they were handed over."""
+CHUNK_CACHE_BYTES = 256 * 1024
+"""Of each of the 70 datasets: two of the largest chunks. HDF5 would keep up to 8 MB that nobody reads again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +132,7 @@ class RunWriter:
         except OSError as error:
             raise cannot_create(path, reason(error)) from error
         try:
-            file = h5py.File(partial, "r+", libver=LIBRARY_VERSIONS)
+            file = h5py.File(partial, "r+", libver=LIBRARY_VERSIONS, rdcc_nbytes=CHUNK_CACHE_BYTES)
             file.swmr_mode = True
         except HDF5_ERRORS as error:
             raise cannot_create(path, reason(error)) from error
@@ -221,6 +224,11 @@ class RunWriter:
             self._link.add(row)
             self._tend(self._link)
 
+    def truth_map(self, truth: TruthMap) -> None:
+        """Write (or replace) the true floor of a channel."""
+        if self._accepts:
+            self._guarded(lambda: self._put_truth(truth), more_bytes=2 * truth.depth_um.nbytes)
+
     def summary(self, json_text: str) -> None:
         """Write (or replace) the result as a JSON object."""
         if self._accepts:
@@ -231,6 +239,11 @@ class RunWriter:
         """Bring everything handed over so far to the operating system."""
         if self._accepts:
             self._guarded(self._flush)
+
+    def sync(self) -> None:
+        """Bring everything handed over so far to the disk itself, and wait until it has it."""
+        if self._accepts:
+            self._guarded(self._sync)
 
     def finish(self, status: str, exit_code: int) -> Path:
         """Write the end, close, and give the file its name; an existing file is never replaced.
@@ -285,8 +298,19 @@ class RunWriter:
         self._file.flush()
         self._flush_due_s = self._monotonic_s() + FLUSH_INTERVAL_S
 
+    def _sync(self) -> None:
+        self._flush()
+        os.fsync(self._file.id.get_vfd_handle())
+
     def _put_wear(self) -> None:
         self._file["/entry/tool/length_wear_total"][()] = self._wear_um
+
+    def _put_truth(self, truth: TruthMap) -> None:
+        group = self._file[layout.TRUTH.path]
+        for column in (layout.TRUTH.signal, *layout.TRUTH.axes):
+            values = getattr(truth, column.field)
+            group[column.name].resize(values.shape)
+            group[column.name][...] = values
 
     def _put_summary(self, utf8: bytes) -> None:
         dataset = self._file["/entry/summary"]

@@ -1,15 +1,16 @@
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
+from edmctl.cli.app import main
 from edmctl.record.writer import RunWriter
 from tests.record.samples import a_meta, fill
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
     from edmctl.record.rows import RunMeta
 
@@ -34,3 +35,18 @@ def write_run(tmp_path: Path, meta: RunMeta) -> Callable[[str], Path]:
 @pytest.fixture
 def run_path(write_run: Callable[[str], Path]) -> Path:
     return write_run("run.h5")
+
+
+@pytest.fixture(scope="session")
+def real_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The file `run.h5` of a short job on the virtual machine, with every pulse in it."""
+    folder = tmp_path_factory.mktemp("real")
+    profile = Path(__file__).parents[2] / "profiles" / "cu270.toml"
+    job = ["--set", "target.depth_um=8", "--set", 'log.pulses="full"', "--seed", "3", "--quiet"]
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("EDMCTL_PROFILE", "EDMCTL_PORT", "EDMCTL_CALIBRATION"):
+            patch.delenv(name, raising=False)
+        patch.setenv("EDMCTL_HOME", str(folder / "home"))
+        out = ["--out", str(folder), "--run-id", "run"]
+        assert main(["machine", "--profile", str(profile), *job, *out]) == 0
+    return folder / "run.h5"

@@ -26,6 +26,8 @@ def test_every_described_path_exists_and_nothing_else_does(run_path: Path) -> No
         described.add(table.path)
         if not table.is_compound:
             described |= {f"{table.path}/{column.name}" for column in table.columns}
+    for grid in layout.GRIDS:
+        described |= {grid.path, *(f"{grid.path}/{c.name}" for c in (grid.signal, *grid.axes))}
     plotted = (layout.DEFAULT_AXIS, layout.DEFAULT_SIGNAL, *layout.DEFAULT_AUXILIARY)
     described |= {f"{layout.DEFAULT_PLOT}/{name}" for name in plotted}
     found: set[str] = set()
@@ -50,6 +52,43 @@ def test_every_dataset_has_a_unit_and_a_name(run_path: Path) -> None:
         assert file["/entry/servo/z_sensor"].attrs["units"] == "um"
         assert len(file["/entry/touches"].attrs["units"]) == len(file["/entry/touches"].dtype.names)
     assert bare == []
+
+
+def test_no_text_of_a_dataset_lies_in_the_global_heap(run_path: Path) -> None:
+    heaped: list[str] = []
+
+    def visit(path: str, item: h5py.Dataset | h5py.Group) -> None:
+        if isinstance(item, h5py.Dataset) and item.dtype.hasobject:
+            heaped.append(path)
+
+    with h5py.File(run_path) as file:
+        file.visititems(visit)
+        kind = h5py.check_string_dtype(file["/entry/profile/toml"].dtype)
+        assert (kind.encoding, kind.length) == ("utf-8", len(b"# a comment\n[servo]\nreference = 0.80\n"))
+    assert heaped == []
+
+
+def test_texts_beyond_ascii_are_read_as_they_were_written(tmp_path: Path, meta: RunMeta) -> None:
+    writer = RunWriter.create(tmp_path / "run.h5", replace(meta, title="Größe Ø 270 µm", user=""))
+    writer.event(1.0, 100, rows.EventLevel.INFO, "55 µm → 60 µm")
+    path = writer.finish("done", 0)
+    with open_run(path) as run:
+        assert run.text("/entry/title") == "Größe Ø 270 µm"
+        assert run.text("/entry/user/name") == ""
+    with h5py.File(path) as file:
+        assert file["/entry/title"].asstr()[()] == "Größe Ø 270 µm"
+        assert h5py.check_string_dtype(file["/entry/events"].dtype["message"]).encoding == "utf-8"
+        assert file["/entry/events"][0]["message"].decode() == "55 µm → 60 µm"
+
+
+@pytest.mark.parametrize("table", [table for table in layout.TABLES if table.nx_class == "NXdata"])
+def test_a_group_of_columns_says_what_viewers_plot(run_path: Path, table: layout.Table) -> None:
+    units = {column.name: column.units for column in table.columns}
+    with h5py.File(run_path) as file:
+        attributes = file[table.path].attrs
+        assert attributes["signal"] == table.signal
+        assert list(attributes.get("axes", [])) == (["time"] if "time" in units else [])
+        assert {units[name] for name in attributes.get("auxiliary_signals", [])} <= {units[table.signal]}
 
 
 @pytest.mark.parametrize(
@@ -77,7 +116,7 @@ def test_the_default_plot_is_found_from_the_root(run_path: Path) -> None:
         assert plot[plot.attrs["signal"]] == file["/entry/servo/z_sensor"]
         assert plot[plot.attrs["axes"][0]] == file["/entry/servo/time"]
         names = list(plot.attrs["auxiliary_signals"])
-        assert names == ["v_gap_avg", "z_model"]
+        assert names == ["z_model"]
         assert all(plot[name] == file[f"/entry/servo/{name}"] for name in names)
 
 
@@ -105,7 +144,13 @@ def test_the_profile_is_kept_verbatim_and_by_value(run_path: Path) -> None:
     assert values["servo.forward_um_s_units"] == "um/s"
     assert values["meta.name"] == "cu270"
     assert values["jump.on"] is True
-    assert "servo.reference_units" not in values
+    assert set(values) == {
+        "servo.reference",
+        "servo.forward_um_s",
+        "servo.forward_um_s_units",
+        "meta.name",
+        "jump.on",
+    }
 
 
 def test_every_file_that_the_profile_extends_is_kept_verbatim(run_path: Path) -> None:
@@ -144,6 +189,8 @@ def test_provenance_is_complete(run_path: Path) -> None:
         ("hysteresis", "1"),
         ("flow_min_lpm", "L/min"),
         ("max_temp_c", "degC"),
+        ("stroke_v_max", "V"),
+        ("duty_min", "1"),
         ("kappa_um3_per_uj", "um3/uJ"),
     ],
 )

@@ -1,0 +1,275 @@
+"""A run file written by a thread of its own, so that whoever controls the machine never waits for the disk.
+
+Rows are handed over in about a microsecond and written in order. What must not be lost is flushed at once, all
+else after half a second; every ten seconds the disk is asked to make it last. All of that may take as long as the
+disk likes: h5py, `posix_fallocate` and `fsync` let other threads run while they wait for it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+import time
+from collections import deque
+from typing import TYPE_CHECKING
+
+from edmctl.errors import RunFileError
+
+from . import layout
+from .disk import make_lasting
+from .rows import EventLevel
+from .writer import FLUSH_INTERVAL_S, RunWriter
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from pathlib import Path
+
+    from .rows import (
+        BlackBoxBlock,
+        LinkRow,
+        PulseBlockRows,
+        PulseTrain,
+        RunMeta,
+        ServoBlock,
+        SiteRow,
+        SlowRow,
+        TouchRow,
+        TruthMap,
+        WaveformBlock,
+    )
+
+BACKLOG_BYTES = 64 * 1024 * 1024
+"""Rows that may wait in memory: about six minutes of the full log (1 kHz servo and every pulse at 2.3 kHz are
+0.15 MB/s here). A network share that is away for a minute costs nothing, and a run of 8 h stays below 300 MB."""
+SYNC_INTERVAL_S = 10.0
+"""A power cut loses at most the rows of this time, plus what the disk takes to keep them."""
+GIVE_UP_S = 10.0
+"""A job that ended because its disk hangs waits so long for it in the end."""
+
+_WAKE_BYTES = 1024 * 1024
+"""The thread does not sleep on more: far above what comes in half a second of a real run, so that only a virtual
+one, which is a thousand times as fast, wakes it by this."""
+_VALUE_BYTES = 8
+_ROW_BYTES = 1024
+"""Counted for whatever is handed over as a single row."""
+_STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+
+
+class BackgroundWriter:
+    """Recorder that a thread writes into one run file. Build it with `create`; end it with `finish` or `abandon`.
+
+    An error of the disk is raised once, by the first call after it; later rows are ignored. All calls come from one
+    thread.
+    """
+
+    def __init__(self, writer: RunWriter, *, waits: bool) -> None:
+        self._writer = writer
+        self._waits = waits
+        self._rows: deque[tuple[Callable[[], None], int]] = deque()
+        # Each is changed by one thread only: handing over takes no lock.
+        self._handed_bytes = 0
+        self._taken_bytes = 0
+        self._taken_at_s = time.monotonic()
+        self._wake = threading.Event()
+        self._taken = threading.Event()
+        self._end: tuple[str, int] | None = None
+        self._failure: BaseException | None = None
+        self._accepts = True
+        self._hangs = False
+        self._thread = threading.Thread(target=self._run, name="run file", daemon=True)
+        self._thread.start()
+
+    @classmethod
+    def create(cls, path: Path, meta: RunMeta, *, waits: bool = False) -> BackgroundWriter:
+        """Create `path`.partial, as `RunWriter.create` does, and start to write into it.
+
+        waits : whether the caller is made to wait when the disk is too slow, instead of being told by RunFileError
+        E9009; for a virtual machine, whose clock stands meanwhile. Raises RunFileError E9001, E9002.
+        """
+        return cls(RunWriter.create(path, meta), waits=waits)
+
+    @property
+    def path(self) -> Path:
+        """The file as it is called now."""
+        return self._writer.path
+
+    def append_servo(self, block: ServoBlock) -> None:
+        """Append servo samples; the arrays are kept by reference."""
+        self._hand_over(lambda: self._writer.append_servo(block), _size(layout.SERVO, len(block.time_s)))
+
+    def append_slow(self, row: SlowRow) -> None:
+        """Append one row of the supervisor's view."""
+        self._hand_over(lambda: self._writer.append_slow(row), _ROW_BYTES)
+
+    def append_pulse_blocks(self, blocks: PulseBlockRows) -> None:
+        """Append pulse sums; the arrays are kept by reference."""
+        rows = len(blocks.time_s)
+        self._hand_over(lambda: self._writer.append_pulse_blocks(blocks), _size(layout.PULSE_BLOCKS, rows))
+
+    def append_pulses(self, train: PulseTrain) -> None:
+        """Append single pulses; the arrays are kept by reference."""
+        rows = len(train.pulse_class)
+        self._hand_over(lambda: self._writer.append_pulses(train), _size(layout.PULSES, rows))
+
+    def event(
+        self,
+        time_s: float,
+        code: int,
+        level: EventLevel,
+        message: str,
+        args: Mapping[str, float | int | str | bool] | None = None,
+    ) -> None:
+        """Append an event; from WARNING on it is flushed at once."""
+        # The caller may go on to use its mapping.
+        kept = dict(args or {})
+        self._hand_over(
+            lambda: self._writer.event(time_s, code, level, message, kept),
+            _ROW_BYTES,
+            at_once=level >= EventLevel.WARNING,
+        )
+
+    def touch(self, row: TouchRow) -> None:
+        """Append a reading of surface or bottom; it is flushed at once."""
+        self._hand_over(lambda: self._writer.touch(row), _ROW_BYTES, at_once=True)
+
+    def site_result(self, row: SiteRow) -> None:
+        """Append the result at a site; it is flushed at once."""
+        self._hand_over(lambda: self._writer.site_result(row), _ROW_BYTES, at_once=True)
+
+    def black_box(self, block: BlackBoxBlock) -> None:
+        """Append what the controller kept from before a fault; it is flushed at once."""
+        size = _size(layout.BLACK_BOX, len(block.time_s))
+        self._hand_over(lambda: self._writer.black_box(block), size, at_once=True)
+
+    def waveforms(self, block: WaveformBlock) -> None:
+        """Append the gap about a fault; it is flushed at once."""
+        size = _size(layout.WAVEFORMS, len(block.time_s))
+        self._hand_over(lambda: self._writer.waveforms(block), size, at_once=True)
+
+    def append_link(self, row: LinkRow) -> None:
+        """Append how the line did."""
+        self._hand_over(lambda: self._writer.append_link(row), _ROW_BYTES)
+
+    def truth_map(self, truth: TruthMap) -> None:
+        """Write (or replace) the true floor of a channel."""
+        self._hand_over(lambda: self._writer.truth_map(truth), truth.depth_um.nbytes)
+
+    def summary(self, json_text: str) -> None:
+        """Write (or replace) the result as a JSON object."""
+        self._hand_over(lambda: self._writer.summary(json_text), len(json_text))
+
+    def finish(self, status: str, exit_code: int) -> Path:
+        """Have the rest and the end written, close, and give the file its name, as `RunWriter.finish` does.
+
+        Returns the final path when the disk has it all. Raises RunFileError: E9003, E9004, and E9009 when the disk
+        hung before.
+        """
+        self._leave(status, exit_code)
+        if self._failure is not None:
+            raise self._failure
+        return self.path
+
+    def abandon(self, status: str, exit_code: int) -> Path:
+        """End a run that did not reach its aim: as `finish`, but never raises a RunFileError.
+
+        Returns where the rows are: the final path, or the `.partial` file after a disk failure.
+        """
+        with contextlib.suppress(RunFileError):
+            self.finish(status, exit_code)
+        return self.path
+
+    def _hand_over(self, write: Callable[[], None], size_bytes: int, *, at_once: bool = False) -> None:
+        if not self._accepts:
+            return
+        backlog_bytes = self._handed_bytes - self._taken_bytes
+        if self._failure is None and backlog_bytes > BACKLOG_BYTES:
+            self._hold_up()
+        if self._failure is not None:
+            self._accepts = False
+            raise self._failure
+        self._rows.append((write, size_bytes))
+        self._handed_bytes += size_bytes
+        if at_once or backlog_bytes > _WAKE_BYTES:
+            self._wake.set()
+
+    def _hold_up(self) -> None:
+        """Wait until there is room, or take it that the disk hangs."""
+        if not self._waits:
+            self._hangs = True
+            self._failure = self._hung()
+            return
+        while self._handed_bytes - self._taken_bytes > BACKLOG_BYTES and self._thread.is_alive():
+            self._taken.clear()
+            self._wake.set()
+            # With a limit, in case the last was taken just before `clear`.
+            self._taken.wait(0.1)
+
+    def _hung(self) -> RunFileError:
+        still_s = time.monotonic() - self._taken_at_s
+        return RunFileError(
+            f"The disk has not taken rows of {self.path} for {still_s:.0f} s: {BACKLOG_BYTES >> 20} MB wait.",
+            code="E9009",
+            hint=f"Record on a disk that keeps up, with --out; what was recorded before is in {self.path}.",
+        )
+
+    def _leave(self, status: str, exit_code: int) -> None:
+        """Tell the thread to end, and wait for it; not for ever where its disk hangs."""
+        self._accepts = False
+        if self._end is None:
+            self._end = status, exit_code
+        self._wake.set()
+        self._thread.join(GIVE_UP_S if self._hangs else None)
+
+    def _run(self) -> None:
+        _leave_signals_to_the_main_thread()
+        try:
+            self._write_until_the_end()
+        except BaseException as error:
+            # Whatever it is, the caller is told; it ends the job.
+            self._failure = self._failure or error
+        finally:
+            self._rows.clear()
+            self._taken.set()
+
+    def _write_until_the_end(self) -> None:
+        unflushed = unsynced = False
+        sync_due_s = time.monotonic() + SYNC_INTERVAL_S
+        while True:
+            woken = self._wake.wait(FLUSH_INTERVAL_S)
+            self._wake.clear()
+            # Read first: what was handed over before the end is written before it.
+            end = self._end
+            if self._rows:
+                unflushed = unsynced = True
+                self._work_off()
+            if end is not None:
+                make_lasting(self._writer.finish(*end))
+                return
+            # While it is woken all the time, the writer flushes by its own clock.
+            if unflushed and not woken:
+                self._writer.flush()
+                unflushed = False
+            if unsynced and time.monotonic() >= sync_due_s:
+                self._writer.sync()
+                unsynced = unflushed = False
+                sync_due_s = time.monotonic() + SYNC_INTERVAL_S
+
+    def _work_off(self) -> None:
+        for _ in range(len(self._rows)):
+            write, size_bytes = self._rows.popleft()
+            write()
+            self._taken_bytes += size_bytes
+            self._taken_at_s = time.monotonic()
+        self._taken.set()
+
+
+def _size(table: layout.Table, rows: int) -> int:
+    """Memory of a block: its arrays are of 8 bytes a value at most."""
+    return _VALUE_BYTES * len(table.columns) * rows
+
+
+def _leave_signals_to_the_main_thread() -> None:
+    """Python handles them there, and only a signal that arrives there ends its waiting."""
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_BLOCK, _STOPPING)

@@ -1,0 +1,163 @@
+"""What a folder of run files has to say about itself, from a few values of each."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from edmctl.errors import RunFileError
+
+from .create import NO_EXIT_CODE, NO_SEED
+from .disk import PARTIAL
+from .doubt import reading_unverified
+from .layout import RESULTS
+from .liveness import is_live
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from .reader import RunFile
+
+ENDINGS = (".h5", f".h5{PARTIAL}")
+RUNNING, INTERRUPTED = "running", "interrupted"
+_RESULTS = ("depth", "depth_u95", "wear", "wear_u95", "machining_time")
+
+
+@dataclass(frozen=True, slots=True)
+class RunHead:
+    """One run file of a folder. Depth and wear are means of its sites; unknown values are NaN or None.
+
+    `status` is `running` while its writer lives, `interrupted` when that was killed, else as the run ended.
+    """
+
+    path: Path
+    size_bytes: int
+    run_id: str
+    parent_run: str
+    name: str
+    title: str
+    start_time: str
+    end_time: str
+    status: str
+    exit_code: int | None
+    simulated: bool
+    seed: int | None
+    work: str
+    tool: str
+    sites: int
+    depth_um: float
+    depth_u95_um: float
+    wear_um: float
+    wear_u95_um: float
+    machining_time_s: float
+
+    @property
+    def file_name(self) -> str:
+        return self.path.name
+
+
+@dataclass(frozen=True, slots=True)
+class Unreadable:
+    """A file of a folder that is no run file that this version can read, and why."""
+
+    path: Path
+    size_bytes: int
+    changed_s: float
+    error: RunFileError
+
+
+def heads_of(folder: Path) -> Iterator[RunHead | Unreadable]:
+    """Read the heads of the run files in `folder`, by name. The file of a killed run that was recovered is left out.
+
+    Raises RunFileError E9005 when the folder cannot be read.
+    """
+    found: list[RunHead | Unreadable] = [_looked_at(path) for path in run_files(folder)]
+    complete = {(head.path.name, head.run_id) for head in found if isinstance(head, RunHead)}
+    for head in found:
+        recovered = head.path.name.removesuffix(PARTIAL)
+        if not (
+            isinstance(head, RunHead)
+            and head.path.suffix == PARTIAL
+            and head.status != RUNNING
+            and (recovered, head.run_id) in complete
+        ):
+            yield head
+
+
+def run_files(folder: Path) -> list[Path]:
+    """Return what is called like a run file in `folder`, by name. Raises RunFileError E9005."""
+    try:
+        return sorted(path for path in folder.iterdir() if path.name.endswith(ENDINGS))
+    except OSError as error:
+        raise RunFileError(
+            f"The folder {folder} cannot be read: {error.strerror}.",
+            code="E9005",
+            hint="Give the folder that the runs were written to (--out).",
+        ) from error
+
+
+def read_head(path: Path) -> RunHead:
+    """Read the head of a run file. Its check sum is not compared. Raises RunFileError E9005–E9007."""
+    with reading_unverified(path) as run:
+        return _head(run)
+
+
+def _looked_at(path: Path) -> RunHead | Unreadable:
+    try:
+        return read_head(path)
+    except RunFileError as error:
+        size_bytes, changed_s = _stat(path)
+        return Unreadable(path, size_bytes, changed_s, error)
+
+
+def _stat(path: Path) -> tuple[int, float]:
+    try:
+        stat = path.lstat()
+    except OSError:
+        return 0, 0.0
+    return stat.st_size, stat.st_mtime
+
+
+def _head(run: RunFile) -> RunHead:
+    exit_code, seed = int(run.number("/entry/exit_code")), int(run.number("/entry/seed"))
+    results = run.fields(RESULTS.path, _RESULTS)
+    return RunHead(
+        path=run.path,
+        size_bytes=run.path.stat().st_size,
+        run_id=run.text("/entry/run_id"),
+        parent_run=run.text("/entry/parent_run"),
+        name=str(run.profile_value("meta.name") or run.path.stem),
+        title=run.text("/entry/title"),
+        start_time=run.text("/entry/start_time"),
+        end_time=run.text("/entry/end_time"),
+        status=status_of(run),
+        exit_code=None if exit_code == NO_EXIT_CODE else exit_code,
+        simulated=run.number("/entry/simulated") == 1.0,
+        seed=None if seed == NO_SEED else seed,
+        work=run.text("/entry/sample/material"),
+        tool=run.text("/entry/tool/material"),
+        sites=len(results),
+        depth_um=_mean(results["depth"]),
+        depth_u95_um=_mean(results["depth_u95"]),
+        wear_um=_mean(results["wear"]),
+        wear_u95_um=_mean(results["wear_u95"]),
+        machining_time_s=float(np.sum(results["machining_time"])) if len(results) else math.nan,
+    )
+
+
+def status_of(run: RunFile) -> str:
+    """Return how the run ended, `running` while its writer lives, or `interrupted` when that was killed."""
+    if run.is_finished:
+        return run.text("/entry/status")
+    return RUNNING if is_live(run.path) else INTERRUPTED
+
+
+def _mean(values: NDArray[np.float64]) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.mean(known)) if len(known) else math.nan

@@ -1,0 +1,329 @@
+"""A disk that is slow, hangs or fails never holds up the control loop, and costs no row that it took."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import h5py
+import numpy as np
+import pytest
+
+from edmctl.errors import RunFileError
+from edmctl.record import background, layout
+from edmctl.record.background import BackgroundWriter
+from edmctl.record.reader import open_run
+from edmctl.record.rows import EventLevel, TouchRow
+from edmctl.record.writer import FLUSH_INTERVAL_S, RunWriter
+from tests.record.samples import a_site_row, fill, servo_block, slow_row, train
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from edmctl.record.rows import RunMeta
+
+ROOT = Path(__file__).parents[2]
+LONG_S = 30.0
+"""Of a wait that ends with an event long before, unless something is broken."""
+
+TOUCH = TouchRow(1.0, "Z1", "A1", 20.0, 50.0, 49.0, 3, 0.3, 0.0, 1.0)
+
+
+class Disk:
+    """A disk whose `fsync` hangs until it is let go."""
+
+    def __init__(self) -> None:
+        self.asked = threading.Event()
+        self.free = threading.Event()
+
+    def fsync(self, descriptor: int) -> None:
+        self.asked.set()
+        assert self.free.wait(LONG_S)
+
+
+@pytest.fixture
+def disk(monkeypatch: pytest.MonkeyPatch) -> Iterator[Disk]:
+    """Hang at the first `fsync`, which is asked for at once."""
+    hanging = Disk()
+    monkeypatch.setattr(os, "fsync", hanging.fsync)
+    monkeypatch.setattr(background, "SYNC_INTERVAL_S", 0.0)
+    monkeypatch.setattr(background, "GIVE_UP_S", 0.05)
+    yield hanging
+    hanging.free.set()
+    for thread in threading.enumerate():
+        if thread.name == "run file":
+            thread.join(LONG_S)
+
+
+@pytest.fixture
+def flushed(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
+    """Is set whenever rows were flushed."""
+    done, flush = threading.Event(), RunWriter._flush
+
+    def noted(writer: RunWriter) -> None:
+        flush(writer)
+        done.set()
+
+    monkeypatch.setattr(RunWriter, "_flush", noted)
+    return done
+
+
+def of_this_file() -> list[str]:
+    return [thread.name for thread in threading.enumerate() if thread.name == "run file"]
+
+
+def test_the_file_holds_the_same_rows_as_one_that_is_waited_for(tmp_path: Path, meta: RunMeta) -> None:
+    fill(waited := RunWriter.create(tmp_path / "a.h5", meta))
+    fill(handed := BackgroundWriter.create(tmp_path / "b.h5", meta))
+    with h5py.File(waited.finish("done", 0)) as one, h5py.File(handed.finish("done", 0)) as other:
+        for table in layout.TABLES:
+            paths = [table.path] if table.is_compound else [f"{table.path}/{c.name}" for c in table.columns]
+            for path in paths:
+                assert one[path][()].tobytes() == other[path][()].tobytes(), path
+    assert of_this_file() == []
+
+
+@pytest.mark.parametrize(
+    ("hand_over", "path"),
+    [
+        (lambda writer: writer.touch(TOUCH), "/entry/touches"),
+        (lambda writer: writer.site_result(a_site_row()), "/entry/results"),
+        (lambda writer: writer.event(0.1, 3001, EventLevel.WARNING, "arc"), "/entry/events"),
+    ],
+)
+def test_what_must_not_be_lost_is_flushed_without_a_further_call(
+    tmp_path: Path,
+    meta: RunMeta,
+    monkeypatch: pytest.MonkeyPatch,
+    flushed: threading.Event,
+    hand_over: Callable[[BackgroundWriter], None],
+    path: str,
+) -> None:
+    monkeypatch.setattr(background, "FLUSH_INTERVAL_S", LONG_S)
+    writer = BackgroundWriter.create(tmp_path / "run.h5", meta)
+    hand_over(writer)
+    assert flushed.wait(LONG_S / 2)
+    with open_run(writer.path) as run:
+        assert len(run.table(path)) == 1
+    writer.finish("done", 0)
+
+
+def test_rows_are_flushed_when_nothing_more_comes(
+    tmp_path: Path, meta: RunMeta, flushed: threading.Event
+) -> None:
+    writer = BackgroundWriter.create(tmp_path / "run.h5", meta)
+    writer.append_servo(servo_block(0, 10))
+    assert flushed.wait(LONG_S)
+    with open_run(writer.path) as run:
+        assert len(run.column("/entry/servo", "time")) == 10
+    writer.finish("done", 0)
+
+
+def test_a_kill_loses_a_second_at_most() -> None:
+    # A row waits for the thread to wake, and for one flush.
+    assert FLUSH_INTERVAL_S <= 0.5
+
+
+def test_the_disk_is_asked_to_keep_what_it_has(tmp_path: Path, meta: RunMeta, disk: Disk) -> None:
+    writer = BackgroundWriter.create(tmp_path / "run.h5", meta)
+    writer.append_servo(servo_block(0, 10))
+    assert disk.asked.wait(LONG_S)
+    with open_run(writer.path) as run:
+        assert len(run.column("/entry/servo", "time")) == 10
+    disk.free.set()
+    assert writer.finish("done", 0) == tmp_path / "run.h5"
+
+
+def test_a_disk_that_hangs_holds_up_nobody_and_loses_nothing(
+    tmp_path: Path, meta: RunMeta, disk: Disk
+) -> None:
+    writer = BackgroundWriter.create(tmp_path / "run.h5", meta)
+    writer.append_servo(servo_block(0, 10))
+    assert disk.asked.wait(LONG_S)
+    for first in range(10, 5000, 10):
+        writer.append_servo(servo_block(first, 10))
+        writer.touch(TOUCH)
+    disk.free.set()
+    with open_run(writer.finish("done", 0)) as run:
+        np.testing.assert_array_equal(run.column("/entry/servo", "time"), 0.01 * np.arange(5000))
+        assert len(run.table("/entry/touches")) == 499
+
+
+def test_a_backlog_beyond_its_bound_ends_a_real_job_once(
+    tmp_path: Path, meta: RunMeta, disk: Disk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(background, "BACKLOG_BYTES", 1 << 20)
+    writer = BackgroundWriter.create(tmp_path / "run.h5", meta)
+    writer.append_servo(servo_block(0, 10))
+    assert disk.asked.wait(LONG_S)
+    block, handed, errors = servo_block(10, 1000), 0, []
+    for _ in range(100):
+        try:
+            writer.append_servo(block)
+        except RunFileError as raised:
+            errors.append(raised)
+        handed += not errors
+    (error,) = errors
+    # 1 MiB at 8 bytes for each of 9 values.
+    assert handed == 15
+    assert (error.code, error.exit_code) == ("E9009", 9)
+    assert "1 MB wait" in error.message
+    assert str(writer.path) in error.hint
+    writer.summary("{}")
+    with pytest.raises(RunFileError) as refusal:
+        writer.finish("done", 0)
+    assert refusal.value is error
+    assert writer.abandon("run file or disk", 9) == tmp_path / "run.h5.partial"
+    with open_run(writer.path) as run:
+        assert len(run.column("/entry/servo", "time")) == 10
+
+
+def test_a_disk_that_comes_back_after_the_job_was_ended_still_gets_the_rows(
+    tmp_path: Path, meta: RunMeta, disk: Disk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(background, "BACKLOG_BYTES", 1 << 20)
+    monkeypatch.setattr(background, "GIVE_UP_S", LONG_S)
+    writer = BackgroundWriter.create(tmp_path / "run.h5", meta)
+    writer.append_servo(servo_block(0, 10))
+    assert disk.asked.wait(LONG_S)
+    for k in range(15):
+        writer.append_servo(servo_block(10 + 1000 * k, 1000))
+    with pytest.raises(RunFileError, match="has not taken rows"):
+        writer.append_servo(servo_block(15_010, 1000))
+    disk.free.set()
+    with open_run(writer.abandon("run file or disk", 9)) as run:
+        assert (run.text("/entry/status"), run.number("/entry/exit_code")) == ("run file or disk", 9)
+        np.testing.assert_array_equal(run.column("/entry/servo", "time"), 0.01 * np.arange(15_010))
+    assert of_this_file() == []
+
+
+def test_a_virtual_machine_waits_for_a_slow_disk(
+    tmp_path: Path, meta: RunMeta, disk: Disk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(background, "BACKLOG_BYTES", 1 << 20)
+    writer = BackgroundWriter.create(tmp_path / "run.h5", meta, waits=True)
+    writer.append_servo(servo_block(0, 10))
+    assert disk.asked.wait(LONG_S)
+    handed: list[int] = []
+
+    def control() -> None:
+        for k in range(40):
+            writer.append_servo(servo_block(10 + 1000 * k, 1000))
+            handed.append(k)
+            if k == 14:
+                held_up.set()
+
+    held_up, loop = threading.Event(), threading.Thread(target=control)
+    loop.start()
+    assert held_up.wait(LONG_S)
+    loop.join(0.05)
+    assert len(handed) == 15
+    disk.free.set()
+    loop.join(LONG_S)
+    with open_run(writer.finish("done", 0)) as run:
+        np.testing.assert_array_equal(run.column("/entry/servo", "time"), 0.01 * np.arange(40_010))
+
+
+@pytest.mark.parametrize("waits", [False, True])
+def test_an_error_of_the_disk_is_raised_once_and_later_rows_are_ignored(
+    tmp_path: Path, meta: RunMeta, monkeypatch: pytest.MonkeyPatch, waits: bool
+) -> None:
+    def full(descriptor: int, offset: int, length: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(background, "BACKLOG_BYTES", 1000)
+    writer = BackgroundWriter.create(tmp_path / "run.h5", meta, waits=waits)
+    monkeypatch.setattr(os, "posix_fallocate", full)
+    writer.touch(TOUCH)
+    writer._thread.join(LONG_S)
+    with pytest.raises(RunFileError, match="No space left on device") as refusal:
+        writer.append_servo(servo_block(0, 10))
+    assert (refusal.value.code, refusal.value.exit_code) == ("E9003", 9)
+    fill(writer, rows=100)
+    with pytest.raises(RunFileError, match="No space left"):
+        writer.finish("done", 0)
+    assert writer.abandon("run file or disk", 9) == tmp_path / "run.h5.partial"
+    assert of_this_file() == []
+
+
+def test_a_mistake_in_the_rows_reaches_the_caller(tmp_path: Path, meta: RunMeta) -> None:
+    writer = BackgroundWriter.create(tmp_path / "run.h5", meta)
+    good = servo_block(0, 3)
+    writer.append_servo(type(good)(good.time_s[:2], *[getattr(good, n) for n in good.__slots__[1:]]))
+    with pytest.raises(TypeError, match="differ in length"):
+        writer.finish("done", 0)
+    assert of_this_file() == []
+
+
+def test_an_abandoned_run_has_its_rows_and_its_status(tmp_path: Path, meta: RunMeta) -> None:
+    writer = BackgroundWriter.create(tmp_path / "run.h5", meta)
+    for k in range(30):
+        writer.append_slow(slow_row(k))
+    writer.append_pulses(train(0, 300, 0.0))
+    writer.summary('{"ok": false}')
+    path = writer.abandon("interrupted", 130)
+    assert path == tmp_path / "run.h5"
+    assert writer.abandon("again", 1) == path
+    with open_run(path) as run:
+        assert (run.text("/entry/status"), run.number("/entry/exit_code")) == ("interrupted", 130)
+        assert len(run.column("/entry/slow", "time")) == 30
+        assert len(run.column("/entry/pulses/full", "td")) == 300
+        assert run.summary() == {"ok": False}
+
+
+def test_what_the_caller_does_to_its_values_afterwards_changes_no_event(
+    tmp_path: Path, meta: RunMeta
+) -> None:
+    writer = BackgroundWriter.create(tmp_path / "run.h5", meta)
+    args: dict[str, float | int | str | bool] = {"depth_um": 1.0}
+    writer.event(0.1, 1, EventLevel.INFO, "depth", args)
+    args["depth_um"] = 2.0
+    with open_run(writer.finish("done", 0)) as run:
+        assert run.table("/entry/events")["args"][0] == b'{"depth_um":1.0}'
+
+
+def test_an_existing_run_is_refused_before_any_thread(run_path: Path, meta: RunMeta) -> None:
+    with pytest.raises(RunFileError, match="exists already"):
+        BackgroundWriter.create(run_path, meta)
+    assert of_this_file() == []
+
+
+HANGING_JOB = """
+import os, sys, threading
+from edmctl.cli.app import main
+from edmctl.record import background
+background.SYNC_INTERVAL_S = 0.0
+background.BACKLOG_BYTES = 20_000
+background.GIVE_UP_S = 0.05
+create = background.BackgroundWriter.create
+background.BackgroundWriter.create = lambda path, meta, waits: create(path, meta)
+os.fsync = lambda descriptor: threading.Event().wait()
+code = main(sys.argv[1:])
+sys.stdout.flush()
+os._exit(code)
+"""
+
+
+def test_a_disk_that_hangs_ends_the_job_safely(tmp_path: Path) -> None:
+    arguments = ["machine", "--profile", "cu270", "--seed", "1", "--run-id", "r", "--json", "--out", "runs"]
+    done = subprocess.run(
+        [sys.executable, "-c", HANGING_JOB, *arguments],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT), "EDMCTL_HOME": str(tmp_path / "home")},
+        capture_output=True,
+        encoding="utf-8",
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 9, done.stderr
+    assert "Traceback" not in done.stderr
+    document = json.loads(done.stdout)
+    assert document["error"]["code"] == "E9009"
+    assert document["run_file"] == "runs/r.h5.partial"
+    assert document["result"]["time_s"] > 0.0

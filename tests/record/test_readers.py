@@ -1,0 +1,213 @@
+"""Other people's programs read a run file: finished, recovered, and while it is written."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+import silx.io
+import xarray as xr
+from nexusformat.nexus import nxload
+from silx.io.nxdata import get_default
+
+from edmctl.record import layout
+from edmctl.record.recovery import recover
+from edmctl.record.rows import TruthMap
+from edmctl.record.writer import RunWriter
+from tests.record.samples import a_meta, fill
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+PLOTS = [table for table in layout.TABLES if table.signal]
+LONG_NAMES = {table.path: {c.name: c.long_name for c in table.columns} for table in layout.TABLES}
+
+
+@pytest.fixture(scope="module")
+def live(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A file with 10,000 rows of the servo whose writer goes on."""
+    writer = RunWriter.create(tmp_path_factory.mktemp("live") / "run.h5", a_meta())
+    fill(writer)
+    writer.truth_map(TruthMap(np.arange(4.0), np.arange(3.0), np.arange(12.0).reshape(3, 4)))
+    writer.flush()
+    yield writer.path
+    writer.finish("done", 0)
+
+
+@pytest.fixture(scope="module")
+def recovered(live: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What is made of the same file when its writer was killed."""
+    left = tmp_path_factory.mktemp("recovered") / "run.h5.partial"
+    shutil.copyfile(live, left)
+    return recover(left).path
+
+
+@pytest.fixture(params=["real_run", "recovered"])
+def path(request: pytest.FixtureRequest) -> Path:
+    found: Path = request.getfixturevalue(request.param)
+    return found
+
+
+def rows(path: Path, name: str) -> int:
+    with h5py.File(path) as file:
+        return int(file[name].shape[0])
+
+
+def test_h5py_finds_a_unit_on_every_dataset(path: Path) -> None:
+    numbers: dict[str, object] = {}
+
+    def visit(name: str, item: h5py.Dataset | h5py.Group) -> None:
+        if isinstance(item, h5py.Dataset):
+            numbers[name] = item.attrs.get("units")
+
+    with h5py.File(path) as file:
+        file.visititems(visit)
+        fields = {name: file[name].dtype.names for name in numbers if file[name].dtype.names}
+        text_or_number = {name: file[name].dtype.kind for name in numbers if name not in fields}
+    assert len(numbers) > 100
+    for name, kind in text_or_number.items():
+        if name != "entry/summary":
+            assert (numbers[name] == "") == (kind == "S"), name
+    for name, columns in fields.items():
+        assert len(list(numbers[name])) == len(columns), name  # type: ignore[call-overload]
+
+
+def test_h5py_gives_str_for_every_attribute_that_is_a_text(path: Path) -> None:
+    odd: list[str] = []
+
+    def visit(name: str, item: h5py.Dataset | h5py.Group) -> None:
+        ours = set(item.attrs) - {"CLASS", "NAME"}  # of HDF5's own dimension scales
+        odd.extend(f"{name}@{key}" for key in ours if isinstance(item.attrs[key], bytes))
+
+    with h5py.File(path) as file:
+        file.visititems(visit)
+    assert odd == []
+
+
+def test_nexusformat_finds_the_default_plot(path: Path) -> None:
+    plot = nxload(path).plottable_data
+    assert plot.nxpath == "/entry/data"
+    assert plot.nxsignal.nxname == "z_sensor"
+    assert plot.nxsignal.attrs["units"] == "um"
+    assert [axis.nxname for axis in plot.nxaxes] == ["time"]
+    assert plot.nxsignal.shape == (rows(path, "/entry/servo/time"),)
+
+
+@pytest.mark.parametrize("table", PLOTS, ids=lambda table: table.path)
+def test_nexusformat_plots_every_group_of_columns(path: Path, table: layout.Table) -> None:
+    group = nxload(path)[table.path]
+    assert group.nxclass == "NXdata"
+    assert group.plottable_data.nxsignal.nxname == table.signal
+    if table.axis:
+        assert [axis.nxname for axis in group.plottable_data.nxaxes] == [table.axis]
+
+
+def test_nexusformat_reads_texts_and_tables(path: Path) -> None:
+    root = nxload(path)
+    with h5py.File(path) as file:
+        assert root["entry/title"].nxvalue == file["entry/title"].asstr()[()]
+        assert root["entry/profile/toml"].nxvalue == file["entry/profile/toml"].asstr()[()].strip()
+        assert root["entry/touches"].nxdata["kind"].tolist() == file["entry/touches"]["kind"].tolist()
+
+
+def test_silx_finds_the_default_plot(path: Path) -> None:
+    with silx.io.open(str(path)) as file:
+        plot = get_default(file)
+        assert plot.is_valid
+        assert plot.is_curve
+        assert plot.signal_dataset_name == "z_sensor"
+        assert plot.signal.attrs["units"] == "um"
+        assert plot.axes_dataset_names == ["time"]
+        assert plot.axes[0].attrs["units"] == "s"
+        assert plot.auxiliary_signals_dataset_names == ["z_model"]
+        assert {signal.attrs["units"] for signal in plot.auxiliary_signals} == {"um"}
+
+
+@pytest.mark.parametrize("table", PLOTS, ids=lambda table: table.path)
+def test_silx_plots_every_group_of_columns(path: Path, table: layout.Table) -> None:
+    with silx.io.open(str(path)) as file:
+        plot = get_default(file[table.path])
+        assert plot.is_valid
+        assert plot.signal_dataset_name == table.signal
+        assert plot.signal_name == LONG_NAMES[table.path][table.signal]
+        assert plot.axes_dataset_names == [table.axis or None]
+        assert plot.auxiliary_signals_dataset_names == list(table.auxiliary)
+
+
+@pytest.mark.parametrize("table", [*PLOTS, layout.SEGMENTS], ids=lambda table: table.path)
+def test_pandas_takes_the_columns_of_a_group(path: Path, table: layout.Table) -> None:
+    with h5py.File(path) as file:
+        frame = pd.DataFrame({name: column[:] for name, column in file[table.path].items()})
+    assert sorted(frame) == sorted(column.name for column in table.columns)
+    assert len(frame) == rows(path, f"{table.path}/{table.columns[0].name}")
+
+
+def test_pandas_takes_compound_tables(path: Path) -> None:
+    with h5py.File(path) as file:
+        touches = pd.DataFrame.from_records(file["/entry/touches"][:])
+    assert list(touches) == [column.name for column in layout.TOUCHES.columns]
+    assert "Z1" in touches["kind"].str.decode("utf-8").tolist()
+    assert touches["z_sensor"].dtype == np.float64
+
+
+@pytest.mark.parametrize("table", [t for t in PLOTS if t.axis], ids=lambda table: table.path)
+def test_xarray_finds_time_and_units(path: Path, table: layout.Table) -> None:
+    with xr.open_dataset(path, engine="h5netcdf", group=table.path, phony_dims="sort") as dataset:
+        assert dict(dataset.sizes) == {"time": rows(path, f"{table.path}/time")}
+        assert list(dataset.coords) == ["time"]
+        assert dataset["time"].attrs["units"] == "s"
+        for column in table.columns:
+            assert dataset[column.name].dims == ("time",)
+            assert dataset[column.name].attrs["units"] == column.units
+
+
+def test_xarray_takes_the_whole_file_for_a_tree(path: Path) -> None:
+    with xr.open_datatree(path, engine="h5netcdf", phony_dims="sort") as tree:
+        assert {table.path for table in PLOTS} <= set(tree.groups)
+
+
+def test_readers_find_the_axes_of_a_map(recovered: Path) -> None:
+    with silx.io.open(str(recovered)) as file:
+        plot = get_default(file["/entry/truth"])
+        assert plot.is_valid
+        assert plot.is_image
+        assert plot.axes_dataset_names == ["y", "x"]
+    assert [axis.nxname for axis in nxload(recovered)["entry/truth"].plottable_data.nxaxes] == ["y", "x"]
+    with xr.open_dataset(recovered, engine="h5netcdf", group="/entry/truth", phony_dims="sort") as dataset:
+        assert dataset["depth"].dims == ("y", "x")
+        assert float(dataset["depth"].sel(y=2.0, x=1.0)) == 9.0
+
+
+@pytest.mark.parametrize(
+    "program",
+    [
+        """import h5py
+with h5py.File(path, "r", swmr=True) as file:
+    print(len(file["/entry/servo/time"]))""",
+        """import silx.io
+from silx.io.nxdata import get_default
+with silx.io.open(path) as file:
+    print(len(get_default(file).signal))""",
+        """import xarray
+options = {"engine": "h5netcdf", "phony_dims": "sort", "driver_kwds": {"swmr": True}}
+with xarray.open_dataset(path, group="/entry/servo", **options) as dataset:
+    print(dataset.sizes["time"])""",
+    ],
+    ids=["h5py", "silx", "xarray"],
+)
+def test_a_file_that_is_being_written_can_be_read(live: Path, program: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", f"path = {str(live)!r}\n{program}"],
+        capture_output=True,
+        encoding="utf-8",
+        timeout=120,
+        check=False,
+    )
+    assert (done.stdout, done.stderr) == ("10000\n", "")

@@ -1,0 +1,12 @@
+"""Codes that are read from a run file."""
+
+from __future__ import annotations
+
+from edmctl.machine.port import EventCode
+from edmctl.procedures.codes import RunEvent
+from edmctl.record.told import Told
+
+
+def test_every_code_that_is_looked_for_is_that_of_its_writer() -> None:
+    written = {code.name: int(code) for code in (*EventCode, *RunEvent)}
+    assert {told.name: int(told) for told in Told} == {told.name: written[told.name] for told in Told}
