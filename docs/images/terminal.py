@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import io
+import html
 import os
 import re
 import tempfile
@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING
 from edmctl.cli.job import Order, carry_out, check
 from edmctl.cli.machine import closing_text
 from edmctl.cli.runfile import RunName
-from edmctl.console.style import PLAIN
+from edmctl.console.live_view import Histories, draw_view
+from edmctl.console.style import PLAIN, Style
 
 if TYPE_CHECKING:
     from edmctl.procedures.results import Progress
@@ -25,24 +26,38 @@ SEED = 2
 RUN_ID = "cu270-20260131T101500.250Z"
 SHOWN_AT_UM = 117.0
 """The moment of the picture: well into the first cut."""
-WIDTH = 100
+WIDTH, HEIGHT = 100, 30
+CELL_W, CELL_H, MARGIN, TOP = 8.4, 19.0, 14.0, 42.0
+FONT_PX = 14
+FONT = "ui-monospace, SFMono-Regular, Menlo, Consolas, 'DejaVu Sans Mono', monospace"
+BACKGROUND, BORDER, TEXT = "#161b22", "#444c56", "#e6edf3"
+"""A card that stands out from a light page and from a dark one."""
+BUTTONS = ("#ff5f57", "#febc2e", "#28c840")
+FAINT = "#9aa4af"
+INKS = {"2": FAINT, "36": "#56b4e9", "90": "#8b949e", "94": "#2f81d8", "33": "#e69f00", "31": "#ff7b54"}
+"""Colours of the live view's inks, for the pulse classes near those of the figures."""
 
 
 class Snapshot:
-    """Keeps the notes up to the moment of the picture, and the state then."""
+    """Keeps the notes up to the moment of the picture, and the live view then."""
 
     def __init__(self) -> None:
         self.notes: list[str] = []
-        self.state: Progress | None = None
+        self.view: list[str] = []
+        self._histories = Histories()
 
     def progress(self, p: Progress) -> None:
-        """Keep the first state past the moment."""
-        if self.state is None and p.depth_um > SHOWN_AT_UM and p.time_left_s > 0:
-            self.state = p
+        """Keep the first view past the moment."""
+        if self.view:
+            return
+        self._histories.take(p)
+        if p.depth_um > SHOWN_AT_UM and p.time_left_s > 0:
+            lines = draw_view(p, self._histories, WIDTH, HEIGHT, Style(colour=True, live=True))
+            self.view = [text for text, _ in lines]
 
     def note(self, text: str) -> None:
         """Keep what was said before it."""
-        if self.state is None:
+        if not self.view:
             self.notes.append(text)
 
 
@@ -64,20 +79,75 @@ def main() -> None:
 
 
 def _picture(snapshot: Snapshot) -> str:
-    from rich.console import Console
-    from rich.text import Text
+    assert snapshot.view
+    command = f"\x1b[1m$ edmctl machine --profile profiles/cu270.toml --seed {SEED}\x1b[0m"
+    lines = [command, *(f"\x1b[2m{note}\x1b[0m" for note in snapshot.notes), *snapshot.view]
+    width, height = WIDTH * CELL_W + 2 * MARGIN, len(lines) * CELL_H + MARGIN + TOP
+    drawn = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {height:g}" role="img">',
+        "<title>edmctl machine: the live view of a run</title>",
+        f"<style>text {{ font: {FONT_PX}px {FONT}; white-space: pre; fill: {TEXT} }}</style>",
+        f'<rect x="0.5" y="0.5" width="{width - 1:g}" height="{height - 1:g}" rx="8" '
+        f'fill="{BACKGROUND}" stroke="{BORDER}"/>',
+    ]
+    for i, colour in enumerate(BUTTONS):
+        drawn.append(f'<circle cx="{22 + 20 * i}" cy="20" r="6" fill="{colour}"/>')
+    for row, line in enumerate(lines):
+        drawn += _drawn_line(line, TOP + row * CELL_H)
+    return "\n".join([*drawn, "</svg>", ""])
 
-    from edmctl.console.live import draw_progress
 
-    assert snapshot.state is not None
-    console = Console(record=True, width=WIDTH, file=io.StringIO(), force_terminal=True, highlight=False)
-    console.print(Text(f"$ edmctl machine --profile profiles/cu270.toml --seed {SEED}", style="bold"))
-    for note in snapshot.notes:
-        console.print(Text(note, style="dim"))
-    console.print(draw_progress(snapshot.state))
-    svg = console.export_svg(title="edmctl", unique_id="edmctl")
-    # The picture shall not load fonts from elsewhere.
-    return re.sub(r"@font-face \{.*?\}\s*", "", svg, flags=re.DOTALL)
+def _drawn_line(line: str, top: float) -> list[str]:
+    """The painted text of one line: words as text, bars and charts as shapes, so that no font can shift them."""
+    drawn: list[str] = []
+    ink, column = "0", 0
+    for part in re.split(r"(\x1b\[[0-9;]*m)", line):
+        if part.startswith("\x1b"):
+            ink = part[2:-1]
+            continue
+        for match in re.finditer(r"█+|▒+|─+|│|[\u2800-\u28ff]+| +|(?:[^ █▒─│\u2800-\u28ff]| (?! ))+", part):
+            run = match[0]
+            if run.strip():
+                drawn.append(_shape(run, MARGIN + (column + match.start()) * CELL_W, top, ink))
+        column += len(part)
+    return drawn
+
+
+def _shape(run: str, left: float, top: float, ink: str) -> str:
+    colour, width = INKS.get(ink, TEXT), len(run) * CELL_W
+    middle = top + CELL_H / 2
+    match run[0]:
+        case "█" | "▒":
+            opacity = ' opacity="0.45"' if run[0] == "▒" else ""
+            return (
+                f'<rect x="{left:g}" y="{top + 3:g}" width="{width:g}" height="{CELL_H - 6:g}" '
+                f'fill="{colour}"{opacity}/>'
+            )
+        case "─":
+            return f'<path d="M{left:g} {middle:g}h{width:g}" stroke="{colour}"/>'
+        case "│":
+            at, height = left + CELL_W / 2, CELL_H - 2
+            return f'<path d="M{at:g} {top + 1:g}v{height:g}" stroke="{colour}" stroke-width="2"/>'
+        case dots if "\u2800" <= dots <= "\u28ff":
+            return _dots(run, left, top, colour)
+    weight = ";font-weight:bold" if ink == "1" else ""
+    return (
+        f'<text x="{left:g}" y="{top + 14:g}" textLength="{width:g}" style="fill:{colour}{weight}">'
+        f"{html.escape(run)}</text>"
+    )
+
+
+def _dots(run: str, left: float, top: float, colour: str) -> str:
+    """Braille cells, the dots of each column as one stroke."""
+    step_w, step_h = CELL_W / 2, CELL_H / 4
+    strokes = []
+    for i, cell in enumerate(run):
+        for side, bits in enumerate(((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))):
+            for level, bit in enumerate(bits):
+                if (ord(cell) - 0x2800) & bit:
+                    x, y = left + (2 * i + side) * step_w, top + level * step_h
+                    strokes.append(f"M{x + 0.5:.5g} {y + step_h / 2:.5g}h{step_w - 1:.4g}")
+    return f'<path d="{"".join(strokes)}" stroke="{colour}" stroke-width="{step_h - 0.6:g}"/>'
 
 
 if __name__ == "__main__":

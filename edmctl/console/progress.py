@@ -171,6 +171,17 @@ def progress_mapping(p: ProgressView) -> dict[str, object]:
         "depth_target_um": p.depth_target_um,
         "displacement_um": p.displacement_um,
         "time_left_s": p.time_left_s,
+        "step": p.step,
+        "feed_um": p.feed_um,
+        "feed_target_um": p.feed_target_um,
+        "feed_um_s": p.feed_um_s,
+        "wear_um": p.wear_um,
+        "wear_u95_um": p.wear_u95_um,
+        "jumps": p.jumps,
+        "jump_period_s": p.jump_period_s,
+        "sites_done": p.sites_done,
+        "sites_total": p.sites_total,
+        "warning": p.warning,
     }
 
 

@@ -1,7 +1,8 @@
-"""Whether a stream wants colour, and whether it can redraw."""
+"""Whether a stream wants colour, whether it can redraw, and whether it shows more than ASCII."""
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING, TextIO
@@ -19,6 +20,12 @@ class Ink(StrEnum):
     GUTTER = "34"
     STRONG = "1"
     FAINT = "2"
+    BAND = "36"
+    SIGNAL = "36"
+    OPEN = "90"
+    NORMAL = "94"
+    ARC = "33"
+    SHORT = "31"
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +34,7 @@ class Style:
 
     colour: bool
     live: bool
+    unicode: bool = True
 
     def paint(self, text: str, ink: Ink) -> str:
         """Return `text` in `ink`, or unchanged where colour is off."""
@@ -49,4 +57,17 @@ def style_of(stream: TextIO, environ: Mapping[str, str]) -> Style:
         colour = True
     else:
         colour = terminal and not dumb
-    return Style(colour=colour, live=terminal and not dumb)
+    return Style(colour=colour, live=terminal and not dumb, unicode=_shows_unicode(stream, environ))
+
+
+def _shows_unicode(stream: TextIO, environ: Mapping[str, str]) -> bool:
+    """By the encoding of the stream and the locale: in the C locale Python writes UTF-8 to any terminal."""
+    encoding = getattr(stream, "encoding", None) or "utf-8"
+    if not encoding.lower().replace("-", "").startswith("utf"):
+        return False
+    if os.name == "nt" or environ.get("PYTHONUTF8") == "1" or environ.get("PYTHONIOENCODING"):
+        return True
+    # Python itself puts LC_CTYPE=C.UTF-8 into the environment of a process in the C locale (PEP 538).
+    named = environ.get("LC_CTYPE", "")
+    locale = environ.get("LC_ALL") or (named if named != "C.UTF-8" else "") or environ.get("LANG")
+    return (locale or "C") not in ("C", "POSIX")

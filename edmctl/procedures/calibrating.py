@@ -198,6 +198,8 @@ class _Listener:
     lost_frames: int = 0
     newest_s: float = 0.0
     displacement_um: float = math.nan
+    low_um: float = math.nan
+    high_um: float = math.nan
 
     def begin(self) -> None:
         self.blocks.clear()
@@ -220,6 +222,7 @@ class _Listener:
         self.lost_frames += block.missing_frames
         self.newest_s = float(block.time_s[-1])
         self.displacement_um = float(block.displacement_um[-1])
+        self.low_um, self.high_um = float(block.displacement_um.min()), float(block.displacement_um.max())
         if not math.isnan(self.begin_s):
             self.tell(Phase.CALIBRATING, self.newest_s)
 
@@ -236,6 +239,8 @@ class _Listener:
                 depth_target_um=math.nan,
                 displacement_um=self.displacement_um,
                 time_left_s=max(0.0, self.begin_s + self.duration_s - time_s),
+                displacement_low_um=self.low_um,
+                displacement_high_um=self.high_um,
             )
         )
 

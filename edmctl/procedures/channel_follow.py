@@ -27,16 +27,17 @@ _Counts = tuple[int, int, int, int]
 
 
 class PassFollower:
-    """Keeps the sums of one pass that begins at `start_s`, and the job's ledger current.
+    """Keeps the sums of the pass `number` that begins at `start_s`, and the job's ledger current.
 
     `counts` are its pulses by class (open, normal, arc, short), `energy_j` their energy, from the mean gap current
     at the plateau voltage of a normal discharge. `displacement_um` is of the newest block. Whoever scans sets
     `depth_um`, `wear_um` and `time_left_s`. `unstable` says why a pass should end.
     """
 
-    def __init__(self, run: Run, start_s: float) -> None:
+    def __init__(self, run: Run, start_s: float, number: int = 0) -> None:
         profile = run.profile
         self._run = run
+        self._step = f"pass {number}" if number else ""
         self._start_s = start_s
         self._machined_before_s = run.ledger.machining_time_s
         self._duty_v = profile.pulse.duty_voltage_v
@@ -54,6 +55,7 @@ class PassFollower:
         self.wear_um = math.nan
         self.time_left_s = math.nan
         self.unstable = ""
+        run.ledger.phase = Phase.MACHINING
 
     @property
     def gap_ratio_mean(self) -> float:
@@ -82,7 +84,8 @@ class PassFollower:
         ledger = self._run.ledger
         ledger.depth_um = self.depth_um
         ledger.machining_time_s = self._machined_before_s + max(0.0, now_s - self._start_s)
-        self._tell(now_s, gap_v, ratios, power_w)
+        self._record(now_s, gap_v, ratios, power_w)
+        self._tell(block, now_s, gap_v, ratios)
 
     def _count(self, block: TelemetryBlock, now_s: float) -> PulseShares:
         """Add the pulses of a block; the shares of the last seconds."""
@@ -98,7 +101,7 @@ class PassFollower:
             self._window.popleft()
         return pulse_shares(*(sum(column) for column in zip(*(c for _, c in self._window), strict=True)))
 
-    def _tell(self, now_s: float, gap_v: float, ratios: PulseShares, power_w: float) -> None:
+    def _record(self, now_s: float, gap_v: float, ratios: PulseShares, power_w: float) -> None:
         self._run.recorder.append_slow(
             SlowRow(
                 time_s=now_s,
@@ -115,6 +118,9 @@ class PassFollower:
                 link_errors=self._run.watch.missing_frames,
             )
         )
+
+    def _tell(self, block: TelemetryBlock, now_s: float, gap_v: float, ratios: PulseShares) -> None:
+        ledger = self._run.ledger
         self._run.observer.progress(
             Progress(
                 phase=Phase.MACHINING,
@@ -123,9 +129,17 @@ class PassFollower:
                 reference_v=self._reference_v,
                 ratios=ratios,
                 depth_um=self.depth_um,
-                depth_target_um=self._run.ledger.depth_target_um,
+                depth_target_um=ledger.depth_target_um,
                 displacement_um=self.displacement_um,
                 time_left_s=self.time_left_s,
+                step=self._step,
+                wear_um=self.wear_um,
+                gap_low_v=float(block.gap_v.min()),
+                gap_high_v=float(block.gap_v.max()),
+                displacement_low_um=float(block.displacement_um.min()),
+                displacement_high_um=float(block.displacement_um.max()),
+                warning=ledger.warning,
+                warned_s=ledger.warned_s,
             )
         )
 

@@ -121,7 +121,7 @@ class Layers:
             return _not_begun(left.limit, len(self._way.points))
         way = self._way.reversed() if len(self.passes) % 2 else self._way
         rest_s = passes_after * way.length_um / self._speed_um_s
-        plan = PassPlan(way, self._speed_um_s, held, uj_per_um, self.since_uj, rest_s)
+        plan = PassPlan(way, self._speed_um_s, held, uj_per_um, self.since_uj, rest_s, len(self.passes) + 1)
         before_s = run.ledger.machining_time_s
         run.ledger.unmeasured_site = run.profile.meta.name
         done = run_pass(run, plan, self.wear, left.seconds, left.limit)

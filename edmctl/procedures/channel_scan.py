@@ -46,7 +46,7 @@ class PassPlan:
     """One pass: which way, how fast, where the tool is held, and what to expect of the wearing energy per length.
 
     `since_uj` is the wearing energy between the last touch of the pad and this pass, `rest_s` the time to machine
-    after it.
+    after it. `number` counts passes from 1; 0 is unknown.
     """
 
     way: Way
@@ -55,6 +55,7 @@ class PassPlan:
     uj_per_um: float
     since_uj: float
     rest_s: float
+    number: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,7 +87,7 @@ class PassResult:
 def run_pass(run: Run, plan: PassPlan, wear: ToolWear, left_s: float, time_limit: str) -> PassResult:
     """Go along the path once; the tool is then held with the pulses off."""
     start_s = run.machine.time_s
-    follower = PassFollower(run, start_s)
+    follower = PassFollower(run, start_s, plan.number)
     feeder = _Feeder(run, plan, wear, follower)
     run.watch.follow(follower.take)
     try:

@@ -108,6 +108,7 @@ class Cutting:
         if height_um >= LEAST_JUMP_UM:
             run.machine.jump(jump_request(run, height_um))
             self.jumps += 1
+            supervisor.jumps, supervisor.last_jump_s = self.jumps, run.machine.time_s
             self._tell_jump(code, reason, height_um)
         supervisor.jumped(code, run.machine.time_s)
 

@@ -22,6 +22,7 @@ from edmctl.procedures.settings import (
     recorded_every,
     telemetry_settings,
 )
+from edmctl.procedures.standing import Standing
 from edmctl.procedures.stop import safe_state_on_error
 from edmctl.procedures.watch import Watch
 from edmctl.record.rows import EventLevel
@@ -60,6 +61,7 @@ def running(
     machine = _with_displacements(machine, job, watch)
     run = Run(machine, job, watch, recorder, observer, ledger, JobJournal(job, ledger))
     watch.guard(LinkWatch(run).take)
+    watch.guard(Standing(run).take)
     if job.setup.sensor.fitted and job.calibration is not None:
         watch.compare(MismatchWatch(run).take)
     try:

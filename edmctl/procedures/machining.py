@@ -32,6 +32,7 @@ from edmctl.procedures.settings import (
     telemetry_settings,
 )
 from edmctl.procedures.sites import machine_sites
+from edmctl.procedures.standing import Standing
 from edmctl.procedures.stop import safe_state_on_error
 from edmctl.procedures.watch import Watch
 from edmctl.record.rows import EventLevel
@@ -78,6 +79,7 @@ def run_job(
     run = Run(machine, job, watch, recorder, observer, ledger, keeper)
     watch.guard(keeper.take)
     watch.guard(LinkWatch(run).take)
+    watch.guard(Standing(run).take)
     if job.setup.sensor.fitted and job.calibration is not None:
         watch.compare(MismatchWatch(run).take)
     try:

@@ -126,7 +126,12 @@ def estimate_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: CutRes
         RunEvent.SITE_ESTIMATED,
         f"Depth {found.depth_um:.2f} ± {found.depth_u95_um:.2f} µm, wear {found.wear_um:.2f} ± "
         f"{found.wear_u95_um:.2f} µm by feed and energy: known well enough without another touch.",
-        {"depth_um": found.depth_um, "wear_um": found.wear_um, "depth_u95_um": found.depth_u95_um},
+        {
+            "depth_um": found.depth_um,
+            "wear_um": found.wear_um,
+            "depth_u95_um": found.depth_u95_um,
+            "wear_u95_um": found.wear_u95_um,
+        },
     )
     off_um = found.depth_um - hole.goal.depth_um
     message = f"Depth {found.depth_um:.2f} µm, {off_um:+.2f} µm from the target."
@@ -143,6 +148,8 @@ def report(run: Run, found: DepthAndWear, gap_um: float, decision: Decision) -> 
         {
             "depth_um": found.depth_um,
             "wear_um": found.wear_um,
+            "depth_u95_um": found.depth_u95_um,
+            "wear_u95_um": found.wear_u95_um,
             "wear_ratio": found.wear_ratio,
             "gap_um": gap_um,
         },

@@ -118,9 +118,14 @@ class JobResult:
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """The state of a job, ten times a second while it machines. Unknown values are NaN.
+    """The state of a job, ten times a second. Unknown values are NaN, unknown numbers 0, unknown words empty.
 
-    `depth_um` is estimated while a cut runs, with the half-width `depth_u95_um` of its 95 % interval.
+    `depth_um` is estimated while a cut runs, with the half-width `depth_u95_um` of its 95 % interval; so is the
+    wear. `feed_um` is their sum; `feed_target_um` is what the job wants of it where it wants no depth. `step` is
+    the cut or pass under way, and `jumps` were made in it, the last one at `last_jump_s`.
+
+    Gap voltage and displacement have been between `…_low_…` and `…_high_…` since the last report. `sites_done` of
+    `sites_total` places are finished. `warning` is the newest one, told at `warned_s`.
     """
 
     phase: Phase
@@ -134,6 +139,23 @@ class Progress:
     time_left_s: float
     depth_u95_um: float = math.nan
     site: str = ""
+    step: str = ""
+    feed_um: float = math.nan
+    feed_target_um: float = math.nan
+    feed_um_s: float = math.nan
+    wear_um: float = math.nan
+    wear_u95_um: float = math.nan
+    gap_low_v: float = math.nan
+    gap_high_v: float = math.nan
+    displacement_low_um: float = math.nan
+    displacement_high_um: float = math.nan
+    jumps: int = 0
+    jump_period_s: float = math.nan
+    last_jump_s: float = math.nan
+    sites_done: int = 0
+    sites_total: int = 0
+    warning: str = ""
+    warned_s: float = math.nan
 
 
 class Observer(Protocol):
@@ -180,7 +202,7 @@ class Ledger:
     `depth_um` is the best present knowledge of the hole under way: estimated while cutting, then measured.
     `open_site` names that hole until its result is in the run file, `unmeasured_site` from the begin of a cut
     until it is measured; `unwritten` names finished holes whose results later touches may still correct.
-    `cut` is the cut under way.
+    `cut` is the cut under way, `phase` what is being done, `warning` what was last warned of, at `warned_s`.
     """
 
     sites: dict[str, SiteResult] = field(default_factory=dict)
@@ -190,10 +212,18 @@ class Ledger:
     unmeasured_site: str = ""
     unwritten: list[str] = field(default_factory=list)
     cut: RunningCut = field(default_factory=lambda: RunningCut())
+    phase: Phase = Phase.MOVING
+    warning: str = ""
+    warned_s: float = math.nan
     time_s: float = 0.0
     machining_time_s: float = 0.0
     link: LinkReport | None = None
     channel: ChannelResult | None = None
+
+    @property
+    def sites_done(self) -> int:
+        """How many places are finished: the one under way may have a first result."""
+        return len(self.sites) - (self.open_site in self.sites)
 
     @property
     def wear_um(self) -> float:

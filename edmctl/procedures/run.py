@@ -52,11 +52,14 @@ class Run:
         self, code: RunEvent, message: str, args: Args, *, level: EventLevel = EventLevel.INFO
     ) -> None:
         """Write a decision or result to the run file and tell the observer."""
+        if level >= EventLevel.WARNING:
+            self.ledger.warning, self.ledger.warned_s = message, self.machine.time_s
         self.recorder.event(self.machine.time_s, code, level, message, args)
         self.observer.note(message)
 
     def begin(self, phase: Phase) -> None:
         """Tell the observer what comes now, with what is known while nothing is machined."""
+        self.ledger.phase = phase
         self.observer.progress(
             Progress(
                 phase=phase,
@@ -69,6 +72,10 @@ class Run:
                 displacement_um=self.watch.displacement_um,
                 time_left_s=math.nan,
                 site=self.site_among_many,
+                sites_done=self.ledger.sites_done,
+                sites_total=len(self.job.sites),
+                warning=self.ledger.warning,
+                warned_s=self.ledger.warned_s,
             )
         )
 

@@ -68,7 +68,8 @@ class Supervisor:
 
     `counts` are the pulses of the cut by class (open, normal, arc, short); `energy_j` is their energy, from the
     mean gap current at the plateau voltage of a normal discharge; `verdict` is set when the cut should end, and
-    `told` says then what was seen. `adapting` holds what machine and generator should be set to.
+    `told` says then what was seen. `adapting` holds what machine and generator should be set to. Whoever jumps sets
+    `jumps` and `last_jump_s`.
     """
 
     def __init__(self, run: Run, plan: CutPlan, start_s: float) -> None:
@@ -100,9 +101,13 @@ class Supervisor:
         self.energy_j = self.sparking_s = 0.0
         self._power_w = 0.0
         self.displacement_um = math.nan
+        self.jumps = 0
+        self.last_jump_s = math.nan
+        self._feed_target_um = plan.feed_um if math.isnan(plan.target_um) else math.nan
         self._deepest_um = -math.inf
         self.verdict: Verdict | None = None
         self.told = ""
+        run.ledger.phase = Phase.MACHINING
 
     @property
     def gap_ratio_mean(self) -> float:
@@ -142,7 +147,8 @@ class Supervisor:
     def take(self, block: TelemetryBlock) -> None:
         """Judge the samples of one slice."""
         now_s = float(block.time_s[-1])
-        gap_v = sum(block.gap_v.tolist()) / len(block.time_s)
+        gaps_v = block.gap_v.tolist()
+        gap_v = sum(gaps_v) / len(gaps_v)
         machining = bool(block.state[0] == block.state[-1] == _MACHINING)
         fresh = self._count(block, now_s)
         if machining:
@@ -169,6 +175,7 @@ class Supervisor:
         self._record(block, gap_v, ratios, feed_um_s, erosion)
         if machining:
             self._look_for_the_end(float(block.actuator_v[-1]), depth_um)
+        heights_um = block.displacement_um.tolist()
         self._run.observer.progress(
             Progress(
                 phase=_PHASE[machining],
@@ -182,6 +189,23 @@ class Supervisor:
                 time_left_s=self._time_left_s(now_s, depth_um),
                 depth_u95_um=COVERAGE * erosion.depth_u_um,
                 site=self._run.site_among_many,
+                step=f"cut {self._plan.number}",
+                feed_um=depth_um + erosion.wear_um,
+                feed_target_um=self._feed_target_um,
+                feed_um_s=feed_um_s,
+                wear_um=erosion.wear_um,
+                wear_u95_um=COVERAGE * erosion.wear_u_um,
+                gap_low_v=min(gaps_v),
+                gap_high_v=max(gaps_v),
+                displacement_low_um=min(heights_um),
+                displacement_high_um=max(heights_um),
+                jumps=self.jumps,
+                jump_period_s=self.adapting.period_s,
+                last_jump_s=self.last_jump_s,
+                sites_done=ledger.sites_done,
+                sites_total=len(self._run.job.sites),
+                warning=ledger.warning,
+                warned_s=ledger.warned_s,
             )
         )
 

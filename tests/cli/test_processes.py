@@ -161,8 +161,10 @@ def test_a_result_that_cannot_be_written_is_an_error(tmp_path: Path) -> None:
     assert "Traceback" not in done.stderr
 
 
-def on_a_terminal(*arguments: str, cwd: Path, **changes: str) -> str:
-    """What a terminal gets to see of stderr."""
+def on_a_terminal(
+    *arguments: str, cwd: Path, stop_at: str = "", stop: signal.Signals = signal.SIGINT, **changes: str
+) -> tuple[int, str]:
+    """Exit code, and what a terminal gets to see of stderr; the signal `stop` is sent once `stop_at` is seen."""
     ours, theirs = pty.openpty()
     with (cwd / "out").open("w") as out:
         process = subprocess.Popen(
@@ -176,18 +178,41 @@ def on_a_terminal(*arguments: str, cwd: Path, **changes: str) -> str:
         except OSError:
             break
         seen += block
+        if stop_at and stop_at in seen.decode(errors="ignore"):
+            process.send_signal(stop)
+            stop_at = ""
     os.close(ours)
-    assert process.wait(timeout=60) == 0
-    return seen.decode()
+    return process.wait(timeout=60), seen.decode()
 
 
 def test_a_terminal_gets_a_picture(tmp_path: Path) -> None:
-    seen = on_a_terminal(
-        "machine", *SHALLOW, "--seed", "1", cwd=tmp_path, TERM="xterm-256color", COLUMNS="100"
-    )
-    assert "━" in seen
-    assert "\x1b[2K" in seen
+    exit_code, seen = on_a_terminal("machine", *SHALLOW, cwd=tmp_path, TERM="xterm", LC_ALL="C.UTF-8")
+    assert exit_code == 0
+    assert "█" in seen
+    assert "\x1b[?25l" in seen
     assert "reference 9.6 V" in seen
+
+
+@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
+def test_a_stopped_job_gives_the_cursor_back(tmp_path: Path, stop: signal.Signals) -> None:
+    exit_code, seen = on_a_terminal(
+        "machine", *SHALLOW, cwd=tmp_path, stop_at="\x1b[?25l", stop=stop, TERM="xterm", LC_ALL="C.UTF-8"
+    )
+    assert exit_code == -stop
+    assert seen.rindex("\x1b[?25h") > seen.rindex("\x1b[?25l")
+    assert seen.rindex("\x1b[?25h") < seen.index("error[")
+
+
+def test_a_terminal_of_the_c_locale_gets_ascii(tmp_path: Path) -> None:
+    _, seen = on_a_terminal("machine", *SHALLOW, "--seed", "1", cwd=tmp_path, TERM="xterm", LC_ALL="C")
+    assert "reference 9.6 V" in seen
+    assert seen.isascii()
+
+
+def test_a_dumb_terminal_gets_lines(tmp_path: Path) -> None:
+    _, seen = on_a_terminal("machine", *SHALLOW, "--seed", "1", cwd=tmp_path, TERM="dumb", LC_ALL="C.UTF-8")
+    assert "reference 9.6 V" in seen
+    assert "\x1b" not in seen
 
 
 def test_ascii_locales_do_not_break_the_output(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 
 import pytest
 
@@ -27,7 +28,30 @@ class Terminal(io.StringIO):
     ],
 )
 def test_stream_and_environment_decide(stream: io.StringIO, environ: dict[str, str], expected: Style) -> None:
-    assert style_of(stream, environ) == expected
+    assert style_of(stream, {**environ, "LANG": "de_DE.UTF-8"}) == expected
+
+
+@pytest.mark.skipif(os.name == "nt", reason="the locale decides on POSIX")
+@pytest.mark.parametrize(
+    ("encoding", "environ", "expected"),
+    [
+        ("utf-8", {"LANG": "en_US.UTF-8"}, True),
+        ("utf-8", {"LANG": "C.UTF-8"}, True),
+        ("utf-8", {"LC_ALL": "en_US.UTF-8", "LANG": "C"}, True),
+        ("utf-8", {"LC_CTYPE": "en_US.UTF-8", "LANG": "C"}, True),
+        ("utf-8", {"LANG": "C"}, False),
+        ("utf-8", {"LC_ALL": "POSIX", "LANG": "en_US.UTF-8"}, False),
+        ("utf-8", {}, False),
+        # Python adds LC_CTYPE itself in the C locale.
+        ("utf-8", {"LANG": "C", "LC_CTYPE": "C.UTF-8"}, False),
+        ("utf-8", {"LANG": "C", "PYTHONUTF8": "1"}, True),
+        ("iso8859-1", {"LANG": "de_DE"}, False),
+        ("ascii", {"LANG": "en_US.UTF-8"}, False),
+    ],
+)
+def test_who_gets_more_than_ascii(encoding: str, environ: dict[str, str], expected: bool) -> None:
+    stream = io.TextIOWrapper(io.BytesIO(), encoding=encoding)
+    assert style_of(stream, environ).unicode is expected
 
 
 def test_paint_leaves_plain_text_alone() -> None:

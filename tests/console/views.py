@@ -27,6 +27,23 @@ class State:
     time_left_s: float = 480.0
     depth_u95_um: float = math.nan
     site: str = ""
+    step: str = ""
+    feed_um: float = math.nan
+    feed_target_um: float = math.nan
+    feed_um_s: float = math.nan
+    wear_um: float = math.nan
+    wear_u95_um: float = math.nan
+    gap_low_v: float = math.nan
+    gap_high_v: float = math.nan
+    displacement_low_um: float = math.nan
+    displacement_high_um: float = math.nan
+    jumps: int = 0
+    jump_period_s: float = math.nan
+    last_jump_s: float = math.nan
+    sites_done: int = 0
+    sites_total: int = 0
+    warning: str = ""
+    warned_s: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)

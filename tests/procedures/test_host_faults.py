@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from typing import TYPE_CHECKING, cast
 
@@ -10,9 +11,10 @@ import pytest
 
 from edmctl.errors import MachineFault
 from edmctl.link.faults import FaultCode
+from edmctl.link.messages import WaveformRead
 from edmctl.machine.port import LinkReport, Machine, MachineState, TelemetryBlock
 from edmctl.procedures.codes import RunEvent
-from edmctl.procedures.link_watch import LinkWatch
+from edmctl.procedures.link_watch import LinkWatch, record_link
 from edmctl.procedures.mismatch import MismatchWatch
 from edmctl.procedures.results import ObjectiveMissed, Phase
 from edmctl.procedures.setup_check import refuse_wrong_setup
@@ -27,7 +29,9 @@ from .test_supervisor import a_slice
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.record.rows import BlackBoxBlock, EventLevel
+    from edmctl.link.wire import Message
+    from edmctl.record.rows import BlackBoxBlock, EventLevel, WaveformBlock
+    from edmctl.simulator.port import Outcome
 
     from .conftest import Done, Shop
 
@@ -97,16 +101,26 @@ def test_ten_damaged_frames_in_a_second_end_the_job_once(shop: OpenShop) -> None
     watch.take(a_slice(2, 50.0))
 
 
-def test_the_line_is_recorded_every_minute_in_an_event_that_holds_all_figures(shop: OpenShop) -> None:
+def test_the_line_is_recorded_every_ten_seconds(shop: OpenShop) -> None:
     s, _, watch = watched(shop)
     for i in range(1250):
         watch.take(a_slice(i, 50.0))
-    records = [args for _, code, _, _, args in s.seen.events if code == RunEvent.LINK]
-    assert len(records) == 2
-    assert len(records[0]) == 11
-    import json
+    times_s = [row.time_s for row in s.seen.links]
+    assert times_s == pytest.approx(10.0 * np.arange(1, len(times_s) + 1), abs=0.11)
+    assert len(times_s) == 12
+    row = s.seen.links[0]
+    for name in ("frames_sent", "lost_frames", "controller_dropped_frames", "rtt_p99_ms", "clock_offset_s"):
+        assert getattr(row, name) == getattr(REPORT, name)
+    assert told(s, RunEvent.LINK) == []
 
-    assert len(json.dumps(dict(records[0]), separators=(",", ":"))) <= 200
+
+def test_the_end_of_a_run_sums_the_line_up_in_an_event_that_holds_all_figures(shop: OpenShop) -> None:
+    s, line = shop(), Line()
+    record_link(replace(s.run(), machine=cast("Machine", line)))
+    (figures,) = [args for _, code, _, _, args in s.seen.events if code == RunEvent.LINK]
+    assert len(figures) == 11
+    assert len(json.dumps(dict(figures), separators=(",", ":"))) <= 200
+    assert len(s.seen.links) == 1
 
 
 def compared(shop: OpenShop) -> tuple[Shop, MismatchWatch, float]:
@@ -199,7 +213,7 @@ def test_a_job_beyond_its_forecast_is_ended_and_measured(
 def test_every_job_tests_the_gap_sensor_and_tells_about_its_line(done: Done) -> None:
     codes = [code for _, code, _, _, _ in done.shop.seen.events]
     assert codes.index(RunEvent.ARMED) < codes.index(RunEvent.SELF_TESTED) < codes.index(RunEvent.STAGE_MOVED)
-    assert codes.count(RunEvent.LINK) >= 2
+    assert codes.count(RunEvent.LINK) == 1
     assert done.result.link is not None
     assert done.result.link.lost_frames == 0
 
@@ -210,14 +224,17 @@ def test_a_dead_gap_sensor_refuses_the_start(shop: OpenShop) -> None:
     with pytest.raises(MachineFault) as caught:
         s.run_job()
     assert caught.value.code == "E63003"
-    assert not any(p.phase is Phase.MOVING for p in s.told.states)
+    assert RunEvent.STAGE_MOVED not in [code for _, code, _, _, _ in s.seen.events]
 
 
 class Box(Seen):
-    """A recorder that also keeps the black box."""
+    """A recorder that also keeps the black box and the waveforms."""
 
     def black_box(self, block: BlackBoxBlock) -> None:
         self.box = block
+
+    def waveforms(self, block: WaveformBlock) -> None:
+        self.gap = block
 
 
 def test_a_latched_fault_brings_the_black_box_into_the_run_file(shop: OpenShop) -> None:
@@ -228,6 +245,11 @@ def test_a_latched_fault_brings_the_black_box_into_the_run_file(shop: OpenShop) 
     assert len(seen.box.time_s) == 2048
     assert seen.box.state[-1] == MachineState.MACHINING
     fault_s = seen.box.time_s[-1]
+    assert seen.gap.time_s[0] < fault_s - 0.02
+    assert seen.gap.time_s[-1] > fault_s + 0.005
+    burning_a = seen.gap.gap_a[(seen.gap.time_s < fault_s) & (seen.gap.gap_a > 0.1)]
+    assert np.median(burning_a) == pytest.approx(0.5, rel=0.1)
+    assert seen.gap.gap_a[seen.gap.time_s > fault_s + 1e-5].max() < 0.01
     retreat = np.concatenate([block.time_s for block in seen.servo])
     assert retreat[-1] > fault_s
     assert RunEvent.LINK in [code for _, code, _, _, _ in seen.events]
@@ -243,6 +265,30 @@ def test_a_fault_of_the_host_has_no_black_box(shop: OpenShop) -> None:
     with pytest.raises(MachineFault):
         s.run_job(seen)
     assert not hasattr(seen, "box")
+    assert not hasattr(seen, "gap")
+
+
+@pytest.mark.parametrize("dies_after", [0, 1, 200])
+def test_a_line_that_dies_while_a_fault_is_read_does_not_hide_the_fault(
+    dies_after: int, shop: OpenShop, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    s, seen, asked = shop(), Box(), [0]
+    execute = s.bench.controller.commands.execute
+
+    def mute(message: Message) -> Outcome:
+        asked[0] += isinstance(message, WaveformRead)
+        s.bench.line.silent = s.bench.line.unplugged = asked[0] > dies_after
+        return execute(message)
+
+    monkeypatch.setattr(s.bench.controller.port, "_execute", mute)
+    s.bench.inject(parse_injection("ESTOP"))
+    with pytest.raises(MachineFault, match="Emergency stop") as caught:
+        s.run_job(seen)
+    assert caught.value.code == "E64001"
+    assert len(seen.box.time_s) == 2048
+    assert not hasattr(seen, "gap")
+    assert asked[0] == dies_after + 1
+    assert seen.events[-1][1] == RunEvent.ENDED_EARLY
 
 
 def test_swings_too_fast_to_learn_from_are_a_precondition(shop: OpenShop) -> None:

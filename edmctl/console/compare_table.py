@@ -1,0 +1,181 @@
+"""Runs side by side: what was set differently, what came out, and whether the difference says anything."""
+
+from __future__ import annotations
+
+import math
+from string import ascii_uppercase
+from typing import TYPE_CHECKING, Protocol
+
+from edmctl.console.style import PLAIN, Style
+from edmctl.console.tables import render_columns
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+AT_ONCE = 3
+"""Runs beside the first that fit into one table on a terminal."""
+MOST_LETTERS = 30
+"""A value longer than this is cut off."""
+_HEADING_TIME = 16
+
+
+class ComparedRunView(Protocol):
+    """A run of the comparison."""
+
+    @property
+    def file(self) -> str: ...
+    @property
+    def title(self) -> str: ...
+    @property
+    def start(self) -> str: ...
+    @property
+    def status(self) -> str: ...
+    @property
+    def simulated(self) -> bool: ...
+    @property
+    def seed(self) -> int | None: ...
+
+
+class SettingView(Protocol):
+    """Something that is not the same in all runs."""
+
+    @property
+    def key(self) -> str: ...
+    @property
+    def units(self) -> str: ...
+    @property
+    def values(self) -> Sequence[str]: ...
+
+
+class AmountView(Protocol):
+    """A quantity in one run, and against the first."""
+
+    @property
+    def value(self) -> float: ...
+    @property
+    def u95(self) -> float: ...
+    @property
+    def difference(self) -> float: ...
+    @property
+    def difference_u95(self) -> float: ...
+    @property
+    def beyond(self) -> bool: ...
+
+
+class QuantityView(Protocol):
+    """One quantity in every run; shown is `factor` times its value."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def decimals(self) -> int: ...
+    @property
+    def factor(self) -> float: ...
+    @property
+    def amounts(self) -> Sequence[AmountView]: ...
+
+
+class ComparisonView(Protocol):
+    """Several runs against the first."""
+
+    @property
+    def runs(self) -> Sequence[ComparedRunView]: ...
+    @property
+    def differs(self) -> Sequence[SettingView]: ...
+    @property
+    def quantities(self) -> Sequence[QuantityView]: ...
+    @property
+    def sites(self) -> Sequence[QuantityView]: ...
+
+
+def letter(number: int) -> str:
+    """Return the name of a run in the table: A, B … Z, A2 …"""
+    turn, index = divmod(number, len(ascii_uppercase))
+    return f"{ascii_uppercase[index]}{turn + 1 if turn else ''}"
+
+
+def render_comparison(comparison: ComparisonView, style: Style = PLAIN) -> str:
+    """Render the runs, what differs, and the quantities: the first run beside three others at a time."""
+    count = len(comparison.runs)
+    blocks = [_runs(comparison.runs, style)]
+    for first in range(1, count, AT_ONCE):
+        shown = [0, *range(first, min(first + AT_ONCE, count))]
+        blocks.append(_settings(comparison.differs, shown, style))
+        for quantities, heading in ((comparison.quantities, "result"), (comparison.sites, "site")):
+            if quantities:
+                blocks.append(_quantities(quantities, shown, heading, style))
+    blocks.append(_reading(comparison))
+    return "\n\n".join(block for block in blocks if block)
+
+
+def _runs(runs: Sequence[ComparedRunView], style: Style) -> str:
+    rows = [
+        [
+            letter(number),
+            run.file,
+            run.start[:_HEADING_TIME].replace("T", " "),
+            run.status + (f", simulated, seed {run.seed}" if run.simulated else ""),
+        ]
+        for number, run in enumerate(runs)
+    ]
+    return render_columns(["", "file", "started", "status"], rows, style, align="<")
+
+
+def _settings(settings: Sequence[SettingView], shown: Sequence[int], style: Style) -> str:
+    rows = [
+        [
+            f"{setting.key}{f', {setting.units}' if setting.units else ''}",
+            *(_short(setting.values[i]) for i in shown),
+        ]
+        for setting in settings
+        if len({setting.values[i] for i in shown}) > 1
+    ]
+    if not rows:
+        return f"Nothing was set differently in {', '.join(letter(i) for i in shown)}."
+    return render_columns(["what differs", *(letter(i) for i in shown)], rows, style)
+
+
+def _quantities(quantities: Sequence[QuantityView], shown: Sequence[int], heading: str, style: Style) -> str:
+    header = [heading, letter(0)]
+    for i in shown[1:]:
+        header += [letter(i), f"{letter(i)} − A"]
+    rows = []
+    for quantity in quantities:
+        row = [quantity.name, _number(quantity, quantity.amounts[0].value, quantity.amounts[0].u95)]
+        for i in shown[1:]:
+            amount = quantity.amounts[i]
+            mark = " *" if amount.beyond else "  "
+            difference = _number(quantity, amount.difference, amount.difference_u95, sign=True)
+            row += [_number(quantity, amount.value, amount.u95), f"{difference}{mark}"]
+        rows.append(row)
+    return render_columns(header, rows, style)
+
+
+def _reading(comparison: ComparisonView) -> str:
+    """How the tables are to be read."""
+    amounts = [amount for quantity in comparison.quantities for amount in quantity.amounts[1:]]
+    if not any(math.isfinite(amount.difference_u95) for amount in amounts):
+        return ""
+    return (
+        "± is half the 95 % interval of what was measured, of a difference that of both runs together.\n"
+        "* marks a difference beyond it. How far repeated runs scatter is not in it."
+    )
+
+
+def _number(quantity: QuantityView, value: float, u95: float, *, sign: bool = False) -> str:
+    if not math.isfinite(value):
+        return "–"
+    text = _decimal(quantity.factor * value, quantity.decimals, sign=sign)
+    if math.isfinite(u95):
+        text += f" ± {_decimal(quantity.factor * u95, quantity.decimals)}"
+    return text
+
+
+def _decimal(value: float, decimals: int, *, sign: bool = False) -> str:
+    # Adding zero takes the sign off a rounded zero.
+    rounded = round(value, decimals) + 0.0
+    return f"{rounded:{'+' if sign and rounded else ''}.{decimals}f}".replace("-", "−")
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= MOST_LETTERS else f"{text[: MOST_LETTERS - 1]}…"
