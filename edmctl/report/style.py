@@ -15,9 +15,10 @@ import numpy as np
 from edmctl.errors import PreconditionError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
@@ -136,5 +137,37 @@ def draw_envelope(
     axes.plot(np.repeat(time, 2), both, color=colour, linewidth=width, label=label)
 
 
+def plain_log_ticks(axis: Axis) -> None:
+    """Label a logarithmic axis of one or two decades with 1, 2, 3, 5 and their multiples by ten, without powers."""
+    from matplotlib.ticker import LogLocator, NullLocator
+
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 3.0, 5.0)))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_locator(NullLocator())
+
+
 class NothingToDraw(Exception):
     """The run holds nothing for this figure. The message is a sentence that says why, and what would change it."""
+
+
+def time_unit(span_s: float) -> tuple[float, str]:
+    """Return seconds per unit and the label of an axis of time that spans so much: in s, min or h."""
+    if span_s < 0.5:
+        return 1e-3, "time (ms)"
+    if span_s <= 300.0:
+        return 1.0, "time (s)"
+    return (60.0, "time (min)") if span_s <= 3.0 * 3600.0 else (3600.0, "time (h)")
+
+
+def letter_panels(panels: Iterable[Axes]) -> None:
+    """Put (a), (b), … above the left end of every panel."""
+    for axes, letter in zip(panels, "abcdefghijklmnopqrstuvwxyz", strict=False):
+        axes.set_title(f"({letter})", loc="left", pad=2.0)
+
+
+def legend_above(axes: Axes, ncols: int = 6) -> None:
+    """Put the legend of a panel above its right end, beside the panel's letter."""
+    axes.legend(
+        loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=ncols, handlelength=1.4, columnspacing=0.9,
+        handletextpad=0.4, borderaxespad=0.0, borderpad=0.2,
+    )  # fmt: skip

@@ -34,13 +34,13 @@ def test_axes_have_units_and_everything_drawn_its_name() -> None:
         "a ring",
         "x (µm)",
         "y (µm)",
-        "depth below the face (µm)",
+        "depth below the face, simulated truth (µm)",
         "length along the path (mm)",
         "depth of the floor (µm)",
-        "path of the tool's axis",
+        "planned path of the tool's axis",
         "start",
         "target 20 ± 2 µm",
-        "floor on the path",
+        "floor on the path, simulated truth",
         "touched by the tool",
     ):
         assert text in texts

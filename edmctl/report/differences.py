@@ -1,0 +1,246 @@
+"""Runs side by side: what was different about them, and whether their results differ beyond uncertainty."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from edmctl.report.numbers import CLASSES, numbers_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from edmctl.record.reader import RunFile
+    from edmctl.report.numbers import RunNumbers
+
+
+@dataclass(frozen=True, slots=True)
+class ComparedRun:
+    """A run of the comparison."""
+
+    file: str
+    run_id: str
+    title: str
+    start: str
+    status: str
+    simulated: bool
+    seed: int | None
+    sites: int
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """Something that is not the same in all runs; `values` has one text a run, empty where a run has none."""
+
+    key: str
+    units: str
+    values: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Amount:
+    """A quantity in one run, and against the first run. What is not known is NaN.
+
+    `difference_u95` combines the uncertainties of both; `beyond` says that the difference is larger.
+    """
+
+    value: float
+    u95: float
+    difference: float
+    difference_u95: float
+    beyond: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """One quantity in every run, in the unit of `key`; what is shown under `name` is `factor` times that."""
+
+    key: str
+    name: str
+    decimals: int
+    factor: float
+    amounts: tuple[Amount, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Shown:
+    """How a quantity is called and shown."""
+
+    key: str
+    name: str
+    decimals: int = 2
+    factor: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Several runs; `sites` has the depths and wears of places that all of them have, where there are several."""
+
+    runs: tuple[ComparedRun, ...]
+    differs: tuple[Setting, ...]
+    quantities: tuple[Quantity, ...]
+    sites: tuple[Quantity, ...]
+
+
+def compare(runs: Sequence[RunFile]) -> Comparison:
+    """Compare open run files with the first of them."""
+    numbers = [numbers_of(run) for run in runs]
+    return Comparison(
+        tuple(_compared(run, len(n.sites)) for run, n in zip(runs, numbers, strict=True)),
+        tuple(_differing(runs)),
+        tuple(_quantities(runs, numbers)),
+        tuple(_places(numbers)),
+    )
+
+
+def _compared(run: RunFile, sites: int) -> ComparedRun:
+    simulated = run.number("/entry/simulated") == 1.0
+    return ComparedRun(
+        str(run.path),
+        run.text("/entry/run_id"),
+        run.text("/entry/title"),
+        run.text("/entry/start_time"),
+        run.text("/entry/status"),
+        simulated,
+        int(run.number("/entry/seed")) if simulated else None,
+        sites,
+    )
+
+
+_TEXTS = (
+    ("machine", "/entry/machine/serial"),
+    ("firmware", "/entry/machine/firmware"),
+    ("protocol", "/entry/machine/protocol"),
+    ("actuator model", "/entry/machine/calibration"),
+    ("edmctl", "/entry/software/version"),
+    ("status", "/entry/status"),
+)
+
+
+def _differing(runs: Sequence[RunFile]) -> list[Setting]:
+    profiles = [run.profile_values() for run in runs]
+    keys = dict.fromkeys(key for values in profiles for key in values)
+    found = [
+        Setting(
+            key,
+            str(next((v[f"{key}_units"] for v in profiles if f"{key}_units" in v), "")),
+            tuple(_text(values.get(key, "")) for values in profiles),
+        )
+        for key in keys
+        if key != "NX_class" and not key.endswith("_units")
+    ]
+    found += [Setting(name, "", tuple(run.text(path) for run in runs)) for name, path in _TEXTS]
+    found.append(Setting("seed", "", tuple(_seed(run) for run in runs)))
+    setups = [run.text("/entry/machine/toml") for run in runs]
+    found += [Setting(f"setup {key}", "", values) for key, values in _setup_lines(setups)]
+    return [setting for setting in found if len(set(setting.values)) > 1]
+
+
+def _text(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _seed(run: RunFile) -> str:
+    seed = int(run.number("/entry/seed"))
+    return str(seed) if seed >= 0 else ""
+
+
+def _setup_lines(texts: Sequence[str]) -> list[tuple[str, tuple[str, ...]]]:
+    """Every value of the setups by its dotted key."""
+    import tomllib
+
+    setups = [dict(_leaves(tomllib.loads(text), "")) for text in texts]
+    keys = dict.fromkeys(key for setup in setups for key in setup)
+    return [(key, tuple(setup.get(key, "") for setup in setups)) for key in keys]
+
+
+def _leaves(table: dict[str, object], prefix: str) -> list[tuple[str, str]]:
+    found: list[tuple[str, str]] = []
+    for key, value in table.items():
+        if isinstance(value, dict):
+            found += _leaves(value, f"{prefix}{key}.")
+        else:
+            found.append((f"{prefix}{key}", _text(value)))
+    return found
+
+
+def _quantities(runs: Sequence[RunFile], numbers: Sequence[RunNumbers]) -> list[Quantity]:
+    mean = "mean " if any(len(n.sites) > 1 for n in numbers) else ""
+    nothing = [math.nan] * len(runs)
+
+    def means(key: str) -> list[float]:
+        return [n.mean(key) for n in numbers]
+
+    def totals(key: str) -> list[float]:
+        return [n.total(key) for n in numbers]
+
+    mrr = [n.mrr_mm3_min for n in numbers]
+    lengths, volumes = [n.wear_ratio_lin for n in numbers], [n.wear_ratio_vol for n in numbers]
+    rows = [
+        (_Shown("depth_um", f"{mean}depth, µm"), means("depth_um"), means("depth_u95_um")),
+        (_Shown("truth_depth_um", f"{mean}true depth (simulated), µm"), means("truth_depth_um"), nothing),
+        (_Shown("wear_um", f"{mean}tool wear, µm"), means("wear_um"), means("wear_u95_um")),
+        (_Shown("truth_wear_um", f"{mean}true wear (simulated), µm"), means("truth_wear_um"), nothing),
+        (_Shown("wear_ratio_lin", "wear ratio, lengths", 3), lengths, [_wear_ratio_u95(n) for n in numbers]),
+        (_Shown("wear_ratio_vol", "wear ratio, volumes", 3), volumes, nothing),
+        (_Shown("feed_um", "feed, µm"), totals("feed_um"), nothing),
+        (_Shown("machining_time_s", "machining time, s", 1), totals("machining_time_s"), nothing),
+        (_Shown("time_s", "whole run, s", 1), [_whole_time_s(run) for run in runs], nothing),
+        (
+            _Shown("mrr_mm3_min", "removal rate, 10⁻³ mm³/min", 3, 1e3),
+            mrr,
+            [rate * _relative_depth_u95(n) for rate, n in zip(mrr, numbers, strict=True)],
+        ),
+        (_Shown("energy_j", "discharge energy, J"), totals("energy_j"), nothing),
+        (_Shown("pulses", "pulses", 0), totals("pulses"), nothing),
+        *(
+            (_Shown(f"ratio_{name}", f"{name}, %", 2, 100.0), [n.ratio(name) for n in numbers], nothing)
+            for name in CLASSES
+        ),
+    ]
+    found = [_quantity(shown, values, u95s) for shown, values, u95s in rows]
+    return [quantity for quantity in found if any(math.isfinite(a.value) for a in quantity.amounts)]
+
+
+def _places(numbers: Sequence[RunNumbers]) -> list[Quantity]:
+    """Depth and wear of the places that all runs have, where there are several in one."""
+    if all(len(n.sites) < 2 for n in numbers):
+        return []
+    by_name = [{site.name: site for site in n.sites} for n in numbers]
+    found = []
+    for name in (site.name for site in numbers[0].sites if all(site.name in sites for sites in by_name)):
+        there = [sites[name] for sites in by_name]
+        depth, wear = _Shown("depth_um", f"{name} depth, µm"), _Shown("wear_um", f"{name} tool wear, µm")
+        found += [
+            _quantity(depth, [site.depth_um for site in there], [site.depth_u95_um for site in there]),
+            _quantity(wear, [site.wear_um for site in there], [site.wear_u95_um for site in there]),
+        ]
+    return found
+
+
+def _quantity(shown: _Shown, values: Sequence[float], u95s: Sequence[float]) -> Quantity:
+    amounts = []
+    for value, u95 in zip(values, u95s, strict=True):
+        difference, u95_of_it = value - values[0], math.hypot(u95, u95s[0])
+        amounts.append(Amount(value, u95, difference, u95_of_it, abs(difference) > u95_of_it))
+    return Quantity(shown.key, shown.name, shown.decimals, shown.factor, tuple(amounts))
+
+
+def _wear_ratio_u95(numbers: RunNumbers) -> float:
+    """Uncertainty of wear over depth. Both have Z3, with opposite signs, so their errors add up."""
+    depth_um, wear_um = numbers.mean("depth_um"), numbers.mean("wear_um")
+    if not depth_um > 0.0 or not math.isfinite(numbers.wear_ratio_lin):
+        return math.nan
+    return (numbers.mean("wear_u95_um") + abs(wear_um / depth_um) * numbers.mean("depth_u95_um")) / depth_um
+
+
+def _relative_depth_u95(numbers: RunNumbers) -> float:
+    """Uncertainty of a removed volume as a share of it: the area of a hole is known better than its depth."""
+    depth_um = numbers.mean("depth_um")
+    return numbers.mean("depth_u95_um") / depth_um if depth_um > 0.0 else math.nan
+
+
+def _whole_time_s(run: RunFile) -> float:
+    time_s = (run.summary() or {}).get("time_s")
+    return float(time_s) if isinstance(time_s, int | float) else math.nan

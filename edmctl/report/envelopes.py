@@ -1,0 +1,182 @@
+"""Long signals as few points, after something was done to every sample: masked by state, or subtracted.
+
+`record.traces` reduces the columns of a file as they are. A figure of one column shows fewer points, and the mean
+of each interval beside its lowest and highest value.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from edmctl.record.reader import RunFile
+
+    Array = NDArray[np.float64]
+    Floats = NDArray[np.floating]
+    Columns = Mapping[str, NDArray[np.generic]]
+
+POINTS = 900
+"""Intervals of a figure one column wide: a pixel each at 300 dpi."""
+BLOCK_ROWS = 1 << 20
+MIN_WORK_S = 1.0
+
+
+class State(IntEnum):
+    """States of the controller, as the protocol numbers them, that figures tell apart."""
+
+    APPROACH = 3
+    MACHINING = 4
+    JUMP = 5
+    TOUCH = 6
+    FAULT = 8
+    ESTOP = 9
+
+
+WORKING = (State.APPROACH, State.MACHINING, State.JUMP, State.TOUCH)
+
+
+@dataclass(frozen=True, slots=True)
+class Envelope:
+    """A signal by intervals of time; ndarrays of shape (n,), NaN where an interval holds no value."""
+
+    time_s: Array
+    low: Array
+    mean: Array
+    high: Array
+    sampled: bool
+    """Whether each interval is one sample."""
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether there is no value at all."""
+        return not bool(np.isfinite(self.mean).any())
+
+
+def envelopes(
+    run: RunFile,
+    path: str,
+    names: Sequence[str],
+    derive: Callable[[Columns], Mapping[str, Floats]],
+    part: tuple[int, int] | None = None,
+    points: int = POINTS,
+) -> dict[str, Envelope]:
+    """Reduce what `derive` makes of the columns `names`, and `time`, to about `points` intervals each.
+
+    `derive` takes blocks of consecutive rows, shape (n,), in their order, and returns signals of that shape.
+    `part` picks rows, from the first to before the second; the file is read block by block.
+    """
+    first, stop = (0, run.rows(path)) if part is None else part
+    every = max(1, -(-(stop - first) // points)) if stop - first > 2 * points else 1
+    rows = max(1, BLOCK_ROWS // every) * every
+    times: list[Array] = []
+    found: dict[str, list[tuple[Array, Array, Array]]] = {}
+    for start in range(first, stop, rows):
+        end = min(start + rows, stop)
+        columns = {name: run.column(path, name, start, end) for name in ("time", *names)}
+        time_s = columns["time"].astype(np.float64, copy=False)
+        starts = np.arange(0, len(time_s), every)
+        times.append(0.5 * (time_s[starts] + time_s[np.minimum(starts + every, len(time_s)) - 1]))
+        for name, values in derive(columns).items():
+            found.setdefault(name, []).append(_reduced(values, starts))
+    time = np.concatenate(times) if times else np.empty(0)
+    return {name: _envelope(time, parts, sampled=every == 1) for name, parts in found.items()}
+
+
+def _envelope(time_s: Array, parts: Sequence[tuple[Array, Array, Array]], *, sampled: bool) -> Envelope:
+    low, mean, high = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return Envelope(time_s, low, mean, high, sampled)
+
+
+def _reduced(values: Floats, starts: NDArray[np.int64]) -> tuple[Array, Array, Array]:
+    known = np.isfinite(values)
+    counts = np.add.reduceat(known.astype(np.int64), starts)
+    sums = np.add.reduceat(np.where(known, values, 0.0), starts, dtype=np.float64)
+    means = np.divide(sums, counts, out=np.full(len(starts), np.nan), where=counts > 0)
+    # fmin and fmax leave NaN out, unless there is nothing else.
+    low, high = np.fmin.reduceat(values, starts), np.fmax.reduceat(values, starts)
+    return low.astype(np.float64), means, high.astype(np.float64)
+
+
+def in_states(values: NDArray[np.generic], state: NDArray[np.generic], states: Sequence[State]) -> Floats:
+    """Return the values while the controller was in one of `states`, NaN elsewhere; shape (n,)."""
+    chosen = np.zeros(256, np.bool_)
+    chosen[list(states)] = True
+    masked: Floats = np.where(chosen[state.astype(np.uint8)], values, np.float32(np.nan))
+    return masked
+
+
+def rows_worked(run: RunFile) -> tuple[int, int]:
+    """Return the rows of `/entry/servo` from the first touch, approach or cut to the last; (0, 0) without any.
+
+    What comes before would take all the room: the test of the generator, which is an approach shorter than a second,
+    and the actuator's conditioning.
+    """
+    rows = run.rows("/entry/servo")
+    enough = MIN_WORK_S * sampling_hz(run)
+    ahead = Spans(WORKING)
+    for start in range(0, rows, BLOCK_ROWS):
+        _take_states(run, ahead, start, min(start + BLOCK_ROWS, rows))
+        if any(end - begin >= enough for begin, end in ahead.joined()):
+            break
+    spans = ahead.joined()
+    if not spans:
+        return 0, 0
+    first = next((begin for begin, end in spans if end - begin >= enough), spans[0][0])
+    for stop in range(rows, 0, -BLOCK_ROWS):
+        back = Spans(WORKING)
+        _take_states(run, back, max(0, stop - BLOCK_ROWS), stop)
+        if back.joined():
+            return int(first), min(int(back.joined()[-1][1]) + 1, rows)
+    return int(first), rows
+
+
+def _take_states(run: RunFile, spans: Spans, start: int, stop: int) -> None:
+    """Hand states to `spans`, with the number of the row in the place of the time."""
+    state = run.column("/entry/servo", "state", start, stop)
+    spans.take(np.arange(start, start + len(state)), state)
+
+
+def sampling_hz(run: RunFile) -> float:
+    """Return how often the servo was sampled; 0 with fewer than two samples."""
+    time_s = run.column("/entry/servo", "time", 0, 200).astype(np.float64)
+    step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
+    return 1.0 / step_s if step_s > 0.0 else 0.0
+
+
+class Spans:
+    """Gathers, block by block, when the controller was in one of some states."""
+
+    def __init__(self, states: Sequence[State]) -> None:
+        self._states = np.array(states, np.uint8)
+        self._was = False
+        self._last_s = np.nan
+        self._edges_s: list[float] = []
+
+    def take(self, time_s: NDArray[np.generic], state: NDArray[np.generic]) -> None:
+        """Take consecutive rows, shape (n,)."""
+        if not len(state):
+            return
+        inside = np.isin(state, self._states)
+        change = np.flatnonzero(np.diff(inside, prepend=self._was))
+        self._edges_s.extend(time_s[change].tolist())
+        self._was = bool(inside[-1])
+        self._last_s = float(time_s[-1])
+
+    def joined(self, within_s: float = 0.0) -> list[tuple[float, float]]:
+        """Return (begin, end) of every span; those with no more than `within_s` between them are one."""
+        edges_s = [*self._edges_s, self._last_s] if self._was else self._edges_s
+        spans: list[tuple[float, float]] = []
+        for begin_s, end_s in zip(edges_s[::2], edges_s[1::2], strict=True):
+            if spans and begin_s - spans[-1][1] <= within_s:
+                spans[-1] = (spans[-1][0], end_s)
+            else:
+                spans.append((begin_s, end_s))
+        return spans

@@ -1,0 +1,205 @@
+"""Depth error of each hole at its place on the work, and in the order of machining, with the tool's wear."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from edmctl.record import layout
+from edmctl.report.style import (
+    BLACK,
+    BLUE,
+    GREY,
+    PAGE_MM,
+    VERMILLION,
+    NothingToDraw,
+    new_figure,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.collections import PatchCollection
+    from matplotlib.figure import Figure
+    from matplotlib.text import Text
+    from numpy.typing import NDArray
+
+    from edmctl.record.reader import RunFile
+
+    Array = NDArray[np.float64]
+
+COLOURS = "PuOr"
+"""Diverging, and told apart by the colour-blind."""
+LABELLED = 36
+"""So many holes have room for their numbers."""
+LEAST_SPAN_UM = 0.5
+"""Colours span at least this, or noise would look like a pattern."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Holes:
+    """Holes in the order of machining: ndarrays of shape (n,), µm; `tolerance_um` is NaN without a target depth."""
+
+    x_um: Array
+    y_um: Array
+    error_um: Array
+    error_u95_um: Array
+    wear_um: Array
+    wear_u95_um: Array
+    tolerance_um: float
+    against: str
+    """What the error is against, in words."""
+
+
+def draw(run: RunFile) -> Figure:
+    """Draw the holes to scale, coloured by depth minus target; where no depth was wanted, minus their mean."""
+    holes = _holes(run)
+    figure = new_figure(82.0, PAGE_MM)
+    grid = figure.add_gridspec(2, 2, width_ratios=[1.25, 1.0], height_ratios=[1.25, 1.0])
+    _draw_map(figure, figure.add_subplot(grid[:, 0]), holes)
+    errors = figure.add_subplot(grid[0, 1])
+    wear = figure.add_subplot(grid[1, 1], sharex=errors)
+    _draw_errors(errors, holes)
+    _draw_wear(wear, holes)
+    figure.align_ylabels([errors, wear])
+    return figure
+
+
+def _holes(run: RunFile) -> _Holes:
+    values = run.profile_values()
+    if "path.kind" in values:
+        raise NothingToDraw("The run made a channel, no holes: `--kind channel` draws it.")
+    rows = run.table(layout.RESULTS.path)
+    rows = rows[np.isfinite(rows["depth"])]
+    if not len(rows):
+        raise NothingToDraw("No hole was measured: the run ended before, or only went through the work.")
+    target_um = values.get("target.depth_um")
+    if isinstance(target_um, int | float):
+        wanted_um, against = float(target_um), f"target {target_um:g} µm"
+        tolerance_um = float(values.get("target.tolerance_um", np.nan))
+    else:
+        wanted_um, tolerance_um = float(rows["depth"].mean()), np.nan
+        against = f"mean {wanted_um:.2f} µm"
+    return _Holes(
+        x_um=rows["x"],
+        y_um=rows["y"],
+        error_um=rows["depth"] - wanted_um,
+        error_u95_um=np.nan_to_num(rows["depth_u95"]),
+        wear_um=rows["wear"],
+        wear_u95_um=np.nan_to_num(rows["wear_u95"]),
+        tolerance_um=tolerance_um,
+        against=against,
+    )
+
+
+def _draw_map(figure: Figure, axes: Axes, holes: _Holes) -> None:
+    from matplotlib.colors import Normalize
+
+    span_um = max(LEAST_SPAN_UM, float(np.abs(holes.error_um).max()))
+    pitch_um = _pitch_um(holes.x_um, holes.y_um)
+    middle_um = [0.5 * float(v.min() + v.max()) for v in (holes.x_um, holes.y_um)]
+    half_um = [0.5 * float(np.ptp(v)) + 0.62 * pitch_um for v in (holes.x_um, holes.y_um)]
+    # A row of holes shall not become a strip that nobody can read.
+    half_um = [max(half, 0.35 * max(half_um)) for half in half_um]
+    axes.set_xlim(middle_um[0] - half_um[0], middle_um[0] + half_um[0])
+    axes.set_ylim(middle_um[1] - half_um[1], middle_um[1] + half_um[1])
+    axes.set_aspect("equal")
+    dots = _discs(axes, holes, 0.42 * pitch_um)
+    dots.set(array=holes.error_um, cmap=COLOURS, norm=Normalize(-span_um, span_um))
+    if len(holes.x_um) <= LABELLED:
+        for number, _ in enumerate(holes.x_um):
+            _label(axes, holes, number, span_um, len(holes.x_um))
+    axes.locator_params(nbins=6)
+    axes.set_xlabel("x (µm)")
+    axes.set_ylabel("y (µm)")
+    axes.set_title("(a)", loc="left", pad=3.0)
+    axes.set_title("discs mark places, not sizes", loc="right", pad=3.0)
+    bar = figure.colorbar(dots, cax=axes.inset_axes((1.03, 0.0, 0.045, 1.0)))
+    bar.set_label(f"depth − {holes.against.partition(' ')[0]} (µm)")
+    bar.outline.set_linewidth(0.6)
+
+
+def _discs(axes: Axes, holes: _Holes, radius_um: float) -> PatchCollection:
+    from matplotlib.collections import PatchCollection
+    from matplotlib.patches import Circle
+
+    circles = [Circle(place, radius_um) for place in zip(holes.x_um, holes.y_um, strict=True)]
+    discs = PatchCollection(circles, edgecolor=BLACK, linewidth=0.5)
+    axes.add_collection(discs)
+    return discs
+
+
+def _label(axes: Axes, holes: _Holes, number: int, span_um: float, count: int) -> Text:
+    error_um = holes.error_um[number]
+    dark = abs(error_um) > 0.6 * span_um
+    return axes.text(
+        holes.x_um[number],
+        holes.y_um[number],
+        f"{number + 1}\n{_signed(error_um)}\n± {holes.error_u95_um[number]:.2f}",
+        ha="center",
+        va="center",
+        fontsize=6.0 if count <= 16 else 4.5,
+        linespacing=1.15,
+        color="white" if dark else BLACK,
+    )
+
+
+def _signed(value: float) -> str:
+    return f"{round(value, 2) + 0.0:+.2f}".replace("-", "−")
+
+
+def _pitch_um(x_um: Array, y_um: Array) -> float:
+    """Distance of the two nearest holes; of a single one any length."""
+    if len(x_um) < 2:
+        return 100.0
+    apart_um = np.hypot(x_um[:, None] - x_um, y_um[:, None] - y_um)
+    others = apart_um[apart_um > 1.0]
+    return float(others.min()) if len(others) else 100.0
+
+
+def _draw_errors(axes: Axes, holes: _Holes) -> None:
+    number = np.arange(1, len(holes.error_um) + 1)
+    if np.isfinite(holes.tolerance_um):
+        axes.axhspan(
+            -holes.tolerance_um,
+            holes.tolerance_um,
+            color="#E8F1F7",
+            linewidth=0.0,
+            label="tolerance",
+            zorder=0,
+        )
+    axes.axhline(0.0, color=GREY, linewidth=0.6)
+    _points(axes, number, holes.error_um, holes.error_u95_um, BLUE, "o")
+    axes.set_ylabel(f"depth − {holes.against.partition(' ')[0]} (µm)")
+    axes.tick_params(axis="x", labelbottom=False)
+    tolerance = f", ± {holes.tolerance_um:g} µm shaded" if np.isfinite(holes.tolerance_um) else ""
+    axes.set_title(f"{holes.against}{tolerance}", loc="right", pad=3.0)
+    axes.set_title("(b)", loc="left", pad=3.0)
+
+
+def _draw_wear(axes: Axes, holes: _Holes) -> None:
+    from matplotlib.ticker import MaxNLocator
+
+    number = np.arange(1, len(holes.wear_um) + 1)
+    _points(axes, number, holes.wear_um, holes.wear_u95_um, VERMILLION, "s")
+    axes.set_ylabel("tool wear (µm)")
+    axes.set_xlabel("hole, in the order of machining; bars: 95 %")
+    axes.xaxis.set_major_locator(MaxNLocator(10, integer=True))
+    axes.set_xlim(0.4, len(number) + 0.6)
+    axes.set_title("(c)", loc="left", pad=3.0)
+
+
+def _points(axes: Axes, number: NDArray[np.int64], values: Array, u95: Array, colour: str, mark: str) -> None:
+    few = len(number) <= 30
+    axes.errorbar(
+        number,
+        values,
+        yerr=u95,
+        fmt=mark,
+        color=colour,
+        markersize=3.4 if few else 2.2,
+        elinewidth=0.8,
+        capsize=2.0 if few else 0.0,
+        capthick=0.8,
+    )

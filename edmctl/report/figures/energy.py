@@ -1,0 +1,118 @@
+"""Energy of the discharges, and the removed volume over the energy that it took."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from edmctl.report.pulse_counts import has_pulses
+from edmctl.report.removal import cumulated, kappa, removal
+from edmctl.report.spark_energies import spark_energies
+from edmctl.report.stretches import cuts_s
+from edmctl.report.style import ARC, BLACK, BLUE, NORMAL, VERMILLION, NothingToDraw, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+    from edmctl.record.reader import RunFile
+    from edmctl.report.removal import Removal
+    from edmctl.report.spark_energies import SparkEnergies
+
+    Array = NDArray[np.float64]
+
+UM3_PER_MM3 = 1e9
+UJ_PER_J = 1e6
+
+
+def draw(run: RunFile) -> Figure:
+    """Draw the histogram of energies, and the volume by measured depths over the energy of all discharges so far."""
+    cuts = cuts_s(run)
+    if not has_pulses(run) or not len(cuts):
+        raise NothingToDraw(
+            'No pulses were recorded while cutting: the run ended before, or its profile says log.pulses = "off".'
+        )
+    found = removal(run)
+    edges_s = np.unique(np.concatenate([cuts[[0, -1], [0, 1]], found.began_s, found.time_s]))
+    energies = spark_energies(run, edges_s)
+    if energies is None:
+        raise NothingToDraw("There was no discharge while cutting: every pulse was open or short.")
+    has_volume = len(found.time_s) > 0
+    figure = new_figure(100.0 if has_volume else 58.0)
+    panels = figure.subplots(1 + has_volume, 1, squeeze=False, height_ratios=[1.0, 1.25][: 1 + has_volume])
+    _draw_histogram(panels[0, 0], energies)
+    if has_volume:
+        _draw_volume(panels[1, 0], found, edges_s, energies.sums_uj)
+        for axes, letter in zip(panels[:, 0], "ab", strict=True):
+            axes.set_title(f"({letter})", loc="left", pad=3.0)
+        figure.align_ylabels()
+    handles, names = [], []
+    for axes in panels[:, 0]:
+        drawn = axes.get_legend_handles_labels()
+        handles += drawn[0]
+        names += drawn[1]
+    figure.legend(handles, names, loc="outside upper center", ncols=2, handlelength=1.8, columnspacing=1.5)
+    return figure
+
+
+def _draw_histogram(axes: Axes, found: SparkEnergies) -> None:
+    total = found.normal.sum() + found.arc.sum()
+    normal, arc = 100.0 * found.normal / total, 100.0 * found.arc / total
+    name = "normal discharges" if found.is_single else "means over blocks"
+    axes.stairs(normal, found.edges_uj, fill=True, color=NORMAL, label=name)
+    if found.arc.any():
+        axes.stairs(normal + arc, found.edges_uj, baseline=normal, fill=True, color=ARC, label="arcs")
+    middle_uj = 0.5 * (found.edges_uj[1:] + found.edges_uj[:-1])
+    mean_uj = float(((found.normal + found.arc) * middle_uj).sum() / total)
+    axes.axvline(mean_uj, color=BLACK, linewidth=0.8, linestyle=(0, (4, 1.5)), label=f"mean {mean_uj:.3g} µJ")
+    axes.set_xlim(0.0, found.edges_uj[-1])
+    axes.set_xlabel("energy per discharge (µJ)")
+    axes.set_ylabel(f"share of discharges\nper {found.edges_uj[1]:.2g} µJ (%)")
+    axes.set_title(f"{int(total):,} discharges".replace(",", "\u202f"), loc="right", pad=3.0)
+
+
+def _draw_volume(axes: Axes, found: Removal, edges_s: Array, sums_uj: Array) -> None:
+    total_uj = np.concatenate([[0.0], np.cumsum(sums_uj)])
+    until_uj = np.interp(found.time_s, edges_s, total_uj)
+    of_hole_uj = until_uj - np.interp(found.began_s, edges_s, total_uj)[found.hole]
+    volume_um3, u95_um3 = cumulated(found)
+    fit = kappa(found, of_hole_uj)
+    if fit is not None:
+        bar = f" ± {fit.u95:.1g}" if fit.u95 > 0.0 else ""
+        end_j = 1.04 * until_uj.max() / UJ_PER_J
+        # µm³/µJ times J is 10⁻³ mm³.
+        axes.plot(
+            [0.0, end_j],
+            [0.0, fit.value * end_j],
+            color=VERMILLION,
+            linewidth=1.0,
+            label=f"κ = {fit.value:.3g}{bar} µm³/µJ",
+        )
+    for touched, face, name in ((True, BLUE, "by touched depth"), (False, "white", "by estimated depth")):
+        rows = found.touched == touched
+        if rows.any():
+            axes.errorbar(
+                until_uj[rows] / UJ_PER_J,
+                volume_um3[rows] / UM3_PER_MM3 * 1e3,
+                yerr=u95_um3[rows] / UM3_PER_MM3 * 1e3,
+                fmt="o",
+                color=BLACK,
+                markerfacecolor=face,
+                markeredgecolor=BLACK if touched else BLUE,
+                markeredgewidth=0.4 if touched else 0.7,
+                markersize=3.6,
+                elinewidth=0.7,
+                capsize=1.8,
+                capthick=0.7,
+                label=name,
+                zorder=4,
+            )
+    axes.set_xlim(left=0.0)
+    axes.set_ylim(bottom=0.0)
+    axes.set_xlabel("energy of all discharges so far (J)")
+    axes.set_ylabel("removed volume\n(10$^{-3}$ mm³)")
+    if fit is not None:
+        holes = "1 touched place" if fit.holes == 1 else f"{fit.holes} touched places"
+        axes.set_title(f"κ from {holes}", loc="right", pad=3.0)

@@ -1,0 +1,200 @@
+"""Mean gap voltage with the servo's reference, and where the tool was, against time.
+
+The displacement is that of Fig. 7 of Muralidhara et al. 2009; the voltage is what their servo goes by.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from edmctl.report.envelopes import Envelope, Spans, State, envelopes, in_states, rows_worked
+from edmctl.report.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    LIGHT,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILLION,
+    NothingToDraw,
+    legend_above,
+    letter_panels,
+    new_figure,
+    time_unit,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+    from edmctl.record.reader import RunFile
+
+    Array = NDArray[np.float64]
+
+PALE = "#BDBDBD"
+HEIGHT_MM = 82.0
+PROBES, PROBE_ROWS = 60, 512
+MIN_RATIO = 0.05
+"""Below, a gap voltage over its share is mostly rounding."""
+SPARKING = (State.APPROACH, State.MACHINING)
+"""Elsewhere the generator is off, and the telemetry repeats the last gap voltage."""
+MARKERS = {"Z1": ("^", GREEN), "Z2": ("v", VERMILLION), "Z3": ("s", PURPLE), "Zr": ("D", ORANGE)}
+
+
+def draw(run: RunFile) -> Figure:
+    """Draw the figure, 85 mm wide. Raises NothingToDraw where the run never touched, approached or cut."""
+    rows = rows_worked(run)
+    if rows[1] - rows[0] < 2:
+        raise NothingToDraw(
+            "The run ended before the first touch or cut, so there is no gap voltage yet; a run that gets "
+            "further has it."
+        )
+    touching = Spans([State.TOUCH])
+
+    def derive(columns: Mapping[str, NDArray[np.generic]]) -> dict[str, NDArray[np.floating]]:
+        state = columns["state"]
+        touching.take(columns["time"], state)
+        gap_v = in_states(columns["v_gap_avg"], state, SPARKING)
+        jumping = state == State.JUMP
+        sensor_um = columns["z_sensor"].astype(np.float32, copy=False)
+        tool_um = np.where(jumping, np.float32(np.nan), sensor_um)
+        return {"gap": gap_v, "tool": tool_um, "all": sensor_um}
+
+    lines = envelopes(run, "/entry/servo", ["v_gap_avg", "z_sensor", "state"], derive, rows)
+    source = "sensor"
+    if lines["all"].is_empty:
+        source = "model"
+        lines |= _by_model(run, rows)
+    figure = new_figure(HEIGHT_MM)
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[1.0, 1.25])
+    time_s = lines["gap"].time_s
+    unit_s, label = time_unit(float(time_s[-1] - time_s[0]))
+    for axes in (upper, lower):
+        for number, (begin_s, end_s) in enumerate(touching.joined(within_s=2.0)):
+            axes.axvspan(
+                begin_s / unit_s,
+                end_s / unit_s,
+                color=LIGHT,
+                linewidth=0.0,
+                label="touching" if number == 0 and axes is upper else "_",
+            )
+    _draw_voltage(upper, run, lines["gap"], rows, unit_s)
+    _draw_tool(lower, run, lines, unit_s, source)
+    lower.set_xlabel(label)
+    lower.set_xlim(time_s[0] / unit_s, time_s[-1] / unit_s)
+    letter_panels((upper, lower))
+    for axes in (upper, lower):
+        legend_above(axes)
+    figure.align_ylabels()
+    return figure
+
+
+def _by_model(run: RunFile, rows: tuple[int, int]) -> dict[str, Envelope]:
+    def derive(columns: Mapping[str, NDArray[np.generic]]) -> dict[str, NDArray[np.floating]]:
+        model_um = columns["z_model"].astype(np.float32, copy=False)
+        return {
+            "tool": np.where(columns["state"] == State.JUMP, np.float32(np.nan), model_um),
+            "all": model_um,
+        }
+
+    return envelopes(run, "/entry/servo", ["z_model", "state"], derive, rows)
+
+
+def _draw_voltage(axes: Axes, run: RunFile, gap: Envelope, rows: tuple[int, int], unit_s: float) -> None:
+    axes.set_ylabel("mean gap voltage (V)")
+    if gap.is_empty:
+        axes.text(0.5, 0.5, "no sparks in this run", transform=axes.transAxes, ha="center", color=GREY)
+        return
+    time = gap.time_s / unit_s
+    if not gap.sampled:
+        axes.fill_between(time, gap.low, gap.high, color=SKY, alpha=0.55, linewidth=0.0, label="range")
+    axes.plot(time, gap.mean, color=BLUE, linewidth=0.7, label="mean" if not gap.sampled else "gap voltage")
+    reference_v = _reference_v(run, gap.time_s, rows)
+    if np.isfinite(reference_v).any():
+        axes.plot(time, reference_v, color=BLACK, linestyle=(0, (3, 1.5)), linewidth=0.8, label="reference")
+    axes.set_ylim(0.0, 1.06 * float(np.nanmax(gap.high)))
+
+
+def _reference_v(run: RunFile, time_s: Array, rows: tuple[int, int]) -> Array:
+    """Return the servo's reference in volts at some times, NaN where there was no cut."""
+    reference_v = np.full(len(time_s), np.nan)
+    slow_s = run.column("/entry/slow", "time").astype(np.float64)
+    share = run.column("/entry/slow", "s_ref").astype(np.float64)
+    open_s, open_v = _open_gap(run, rows)
+    if not len(slow_s) or not len(open_s):
+        return reference_v
+    nearest = np.clip(np.searchsorted(slow_s, time_s), 0, len(slow_s) - 1)
+    # Rows come ten times a second while cutting, so a second without one is none.
+    cutting = np.abs(slow_s[nearest] - time_s) <= max(1.0, 2.0 * float(np.median(np.diff(time_s))))
+    scale_v = open_v[np.clip(np.searchsorted(open_s, time_s), 0, len(open_s) - 1)]
+    reference_v[cutting] = (share[nearest] * scale_v)[cutting]
+    return reference_v
+
+
+def _open_gap(run: RunFile, rows: tuple[int, int]) -> tuple[Array, Array]:
+    """Return times and, at each, the mean voltage of an open gap, of which the reference is a share.
+
+    It changes only with the duty factor, so it is looked at in PROBES places.
+    """
+    times, volts = [], []
+    for start in np.unique(np.linspace(rows[0], max(rows[0], rows[1] - PROBE_ROWS), PROBES, dtype=np.int64)):
+        part = (int(start), min(int(start) + PROBE_ROWS, rows[1]))
+        gap_v, ratio, state, time_s = (
+            run.column("/entry/servo", name, *part).astype(np.float64)
+            for name in ("v_gap_avg", "s", "state", "time")
+        )
+        known = np.isin(state, SPARKING) & (ratio > MIN_RATIO)
+        if known.any():
+            times.append(float(time_s[known].mean()))
+            volts.append(float(np.median(gap_v[known] / ratio[known])))
+    return np.array(times), np.array(volts)
+
+
+def _draw_tool(axes: Axes, run: RunFile, lines: Mapping[str, Envelope], unit_s: float, source: str) -> None:
+    tool, everything = lines["tool"], lines["all"]
+    time = tool.time_s / unit_s
+    jumps = np.isfinite(everything.low) & ~(
+        everything.low >= np.where(np.isnan(tool.low), np.inf, tool.low) - 0.5
+    )
+    if jumps.any():
+        axes.vlines(
+            time[jumps],
+            everything.low[jumps],
+            _top(everything, tool)[jumps],
+            color=PALE,
+            linewidth=0.5,
+            label="jump",
+        )
+    name = "tool" if source == "sensor" else "tool, estimated"
+    if not tool.sampled:
+        axes.fill_between(time, tool.low, tool.high, color=BLUE, linewidth=0.0)
+    axes.plot(time, tool.mean, color=BLUE, linewidth=0.9, label=name)
+    touches = run.table("/entry/touches")
+    column = "z_sensor" if source == "sensor" else "z_model"
+    for kind, (marker, colour) in MARKERS.items():
+        chosen = touches[(touches["kind"] == kind.encode()) & (touches["accepted"] == 1)]
+        if len(chosen):
+            axes.plot(
+                chosen["time"] / unit_s,
+                chosen[column],
+                marker,
+                color=colour,
+                markersize=3.2,
+                markeredgecolor="white",
+                markeredgewidth=0.3,
+                clip_on=False,
+                zorder=3.0,
+                label=kind,
+            )
+    axes.set_ylabel("tool displacement (µm)")
+
+
+def _top(everything: Envelope, tool: Envelope) -> Array:
+    return np.where(np.isnan(tool.mean), everything.high, tool.mean)

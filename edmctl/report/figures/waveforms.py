@@ -1,0 +1,106 @@
+"""Voltage and current of the gap about a fault: all that was kept, and the last pulses before it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from edmctl.record.traces import Traces, traces
+from edmctl.report.envelopes import State
+from edmctl.report.style import (
+    BLACK,
+    BLUE,
+    VERMILLION,
+    NothingToDraw,
+    draw_envelope,
+    letter_panels,
+    new_figure,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+    from edmctl.record.reader import RunFile
+
+    Array = NDArray[np.float64]
+
+PATH = "/entry/waveforms"
+HEIGHT_MM = 112.0
+PERIODS_BEFORE, PERIODS_AFTER = 8.0, 2.0
+"""Pulses in the detail."""
+POINTS = 1500
+
+
+def draw(run: RunFile) -> Figure:
+    """Draw the figure, 85 mm wide. Raises NothingToDraw without waveforms."""
+    time_s = run.column(PATH, "time").astype(np.float64)
+    if len(time_s) < 2:
+        raise NothingToDraw(
+            "The run has no waveforms: the controller keeps those about a fault, and latched none, or keeps none."
+        )
+    fault_s = _fault_s(run, time_s)
+    zero_s = float(time_s[-1]) if fault_s is None else fault_s
+    figure = new_figure(HEIGHT_MM)
+    panels = figure.subplots(4, 1, height_ratios=[1.0, 0.8, 1.0, 0.8])
+    for pair, between_s in ((panels[:2], None), (panels[2:], _detail(run, time_s, zero_s))):
+        _draw_pair(
+            pair, traces(run, PATH, ["v_gap", "i_gap"], between_s, POINTS), zero_s, marked=fault_s is not None
+        )
+    for axes in panels[::2]:
+        axes.sharex(panels[list(panels).index(axes) + 1])
+        axes.tick_params(labelbottom=False)
+    panels[1].set_xlabel("time after the fault (ms)" if fault_s is not None else "time before the end (ms)")
+    panels[3].set_xlabel(panels[1].get_xlabel())
+    letter_panels(panels)
+    figure.align_ylabels()
+    return figure
+
+
+def _fault_s(run: RunFile, time_s: Array) -> float | None:
+    """Return when the controller latched the fault: the end of its black box, or the first sample in fault.
+
+    None where neither lies within the waveforms.
+    """
+    candidates_s = [run.column("/entry/black_box", "time")[-1:].astype(np.float64)]
+    state = run.column("/entry/servo", "state")
+    in_fault = np.flatnonzero((state == State.FAULT) | (state == State.ESTOP))[:1]
+    candidates_s.append(run.column("/entry/servo", "time")[in_fault].astype(np.float64))
+    for found_s in np.concatenate(candidates_s):
+        if time_s[0] <= found_s <= time_s[-1]:
+            return float(found_s)
+    return None
+
+
+def _detail(run: RunFile, time_s: Array, zero_s: float) -> tuple[float, float]:
+    frequency_hz = run.profile_values().get("pulse.frequency_hz", 0.0)
+    if isinstance(frequency_hz, int | float) and frequency_hz > 0.0:
+        period_s = 1.0 / float(frequency_hz)
+    else:
+        period_s = float(time_s[-1] - time_s[0]) / 40.0
+    return zero_s - PERIODS_BEFORE * period_s, zero_s + PERIODS_AFTER * period_s
+
+
+def _draw_pair(panels: NDArray[np.object_], lines: Traces, zero_s: float, *, marked: bool) -> None:
+    for axes, name, colour, label in (
+        (panels[0], "v_gap", BLUE, "voltage (V)"),
+        (panels[1], "i_gap", VERMILLION, "current (A)"),
+    ):
+        time_ms = 1000.0 * (lines.time_s - zero_s)
+        draw_envelope(axes, time_ms, lines.low[name], lines.high[name], colour, width=0.6)
+        axes.set_xlim(time_ms[0], time_ms[-1])
+        axes.margins(y=0.12)
+        axes.set_ylabel(label)
+        if marked:
+            axes.axvline(0.0, color=BLACK, linewidth=0.7, linestyle=(0, (3, 1.5)))
+    if marked:
+        _name_fault(panels[0])
+
+
+def _name_fault(axes: Axes) -> None:
+    axes.annotate(
+        "fault", (0.0, 1.0), xycoords=("data", "axes fraction"), xytext=(0.0, 1.5),
+        textcoords="offset points", ha="center", va="bottom", fontsize=6.5,
+    )  # fmt: skip

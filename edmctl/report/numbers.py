@@ -1,0 +1,158 @@
+"""The figures of a run, site by site and altogether, as its results have them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    import numpy as np
+
+    from edmctl.record.reader import RunFile
+
+CLASSES = ("open", "normal", "arc", "short")
+
+
+@dataclass(frozen=True, slots=True)
+class SiteNumbers:
+    """What is known of one hole, or of a channel. Unknown values are NaN."""
+
+    name: str
+    x_um: float
+    y_um: float
+    z1_um: float
+    z2_um: float
+    z3_um: float
+    depth_um: float
+    depth_u95_um: float
+    wear_um: float
+    wear_u95_um: float
+    feed_um: float
+    depth_model_um: float
+    wear_model_um: float
+    machining_time_s: float
+    cuts: int
+    pulses: int
+    ratios: tuple[float, ...]
+    """Shares of the pulses, as CLASSES."""
+    energy_j: float
+    wear_ratio_lin: float
+    wear_ratio_vol: float
+    mrr_mm3_min: float
+    truth_depth_um: float
+    """What the virtual machine knows of itself; NaN on a real one."""
+    truth_wear_um: float
+
+
+@dataclass(frozen=True, slots=True)
+class RunNumbers:
+    """What is known of a whole run: sums over its sites, means of depth and wear. Unknown values are NaN.
+
+    The uncertainty of a mean is the mean uncertainty: errors of one run have causes in common, and do not cancel.
+    """
+
+    sites: tuple[SiteNumbers, ...]
+
+    def mean(self, name: str) -> float:
+        """Mean of a field of the sites."""
+        return (
+            math.fsum(getattr(site, name) for site in self.sites) / len(self.sites)
+            if self.sites
+            else math.nan
+        )
+
+    def total(self, name: str) -> float:
+        """Sum of a field of the sites."""
+        return math.fsum(getattr(site, name) for site in self.sites) if self.sites else math.nan
+
+    def ratio(self, pulse_class: str) -> float:
+        """Share of a class among the pulses of all sites."""
+        index = CLASSES.index(pulse_class)
+        pulses = self.total("pulses")
+        found = math.fsum(site.ratios[index] * site.pulses for site in self.sites if site.pulses)
+        return found / pulses if pulses > 0 else math.nan
+
+    @property
+    def mrr_mm3_min(self) -> float:
+        """Removed volume over machining time."""
+        return self._per(lambda site: site.mrr_mm3_min * site.machining_time_s, "machining_time_s")
+
+    @property
+    def wear_ratio_lin(self) -> float:
+        """Wear over depth, of holes; NaN for a channel, whose wear has nothing to do with its depth alone."""
+        if not all(math.isfinite(site.wear_ratio_lin) for site in self.sites):
+            return math.nan
+        return self._per(lambda site: site.wear_um, "depth_um")
+
+    @property
+    def wear_ratio_vol(self) -> float:
+        """Tool volume lost over removed volume."""
+        removed = [site.mrr_mm3_min * site.machining_time_s for site in self.sites]
+        whole = math.fsum(removed)
+        if not whole > 0.0:
+            return math.nan
+        return math.fsum(s.wear_ratio_vol * v for s, v in zip(self.sites, removed, strict=True)) / whole
+
+    def _per(self, amount: Callable[[SiteNumbers], float], name: str) -> float:
+        whole = self.total(name)
+        return math.fsum(amount(site) for site in self.sites) / whole if whole > 0.0 else math.nan
+
+
+def numbers_of(run: RunFile) -> RunNumbers:
+    """Read the results of a run; without any, the numbers of no sites."""
+    truths = dict(_truths(run.summary() or {}))
+    return RunNumbers(tuple(_site(row, truths) for row in run.table("/entry/results")))
+
+
+def _truths(summary: Mapping[str, object]) -> Iterator[tuple[str, Mapping[str, object]]]:
+    """The truth of each hole or channel, under the name that a result's row has room for."""
+    sites = summary.get("sites")
+    channel = summary.get("channel")
+    for place in (*(sites if isinstance(sites, list) else ()), channel):
+        if isinstance(place, Mapping) and isinstance(truth := place.get("truth"), Mapping):
+            yield str(place.get("name")), truth
+
+
+def _site(row: np.void, truths: Mapping[str, Mapping[str, object]]) -> SiteNumbers:
+    name = row["site"].decode(errors="ignore")
+    truth = truths.get(name, {})
+    return SiteNumbers(
+        name=name,
+        x_um=float(row["x"]),
+        y_um=float(row["y"]),
+        z1_um=float(row["z1"]),
+        z2_um=float(row["z2"]),
+        z3_um=float(row["z3"]),
+        depth_um=float(row["depth"]),
+        depth_u95_um=float(row["depth_u95"]),
+        wear_um=float(row["wear"]),
+        wear_u95_um=float(row["wear_u95"]),
+        feed_um=float(row["feed"]),
+        depth_model_um=float(row["depth_model"]),
+        wear_model_um=float(row["wear_model"]),
+        machining_time_s=float(row["machining_time"]),
+        cuts=int(row["cuts"]),
+        pulses=int(row["pulses"]),
+        ratios=tuple(float(row[f"r_{name}"]) for name in CLASSES),
+        energy_j=float(row["energy"]),
+        wear_ratio_lin=float(row["wear_ratio_lin"]),
+        wear_ratio_vol=float(row["wear_ratio_vol"]),
+        mrr_mm3_min=float(row["mrr"]),
+        truth_depth_um=_number(truth.get("depth_um")),
+        truth_wear_um=_number(truth.get("wear_um")),
+    )
+
+
+def _number(value: object) -> float:
+    return float(value) if isinstance(value, int | float) else math.nan
+
+
+def target_depths_um(values: Mapping[str, object]) -> tuple[float, float] | None:
+    """Depth and tolerance that a profile asks for; None where it asks for something else."""
+    if values.get("target.kind") != "depth":
+        return None
+    return _number(values.get("target.depth_um")), _number(values.get("target.tolerance_um"))

@@ -1,0 +1,204 @@
+"""One page with all there is to know of a run: HTML that needs nothing but itself, no script and no network."""
+
+from __future__ import annotations
+
+import math
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from edmctl.report import page_tables
+from edmctl.report.numbers import numbers_of, target_depths_um
+from edmctl.report.wording import UNKNOWN, decimal, duration, percent, significant, with_u95
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from edmctl.record.reader import RunFile
+    from edmctl.report.numbers import RunNumbers
+    from edmctl.report.page_tables import PageTable
+    from edmctl.report.pictures import Picture
+
+WIDE_MM = 120.0
+"""Figures wider than this take both columns of the page."""
+PX_PER_MM = 96.0 / 25.4
+
+_CONTENTS = (
+    ("wanted", "Wanted"),
+    ("numbers", "Numbers"),
+    ("figures", "Figures"),
+    ("story", "What happened"),
+    ("source", "Machine and versions"),
+)
+_HEADINGS = dict(_CONTENTS)
+
+
+def render_page(run: RunFile, pictures: Sequence[Picture], story: Sequence[tuple[float, str]]) -> str:
+    """Return the page of an open run file.
+
+    story : time in s and sentence, in order; the first says what was wanted, the last what ended the run
+    """
+    numbers = numbers_of(run)
+    title = run.text("/entry/title") or run.text("/entry/run_id")
+    style = Path(__file__).with_name("page.css").read_text(encoding="utf-8")
+    links = "".join(f'<a href="#{name}">{heading}</a>' for name, heading in _CONTENTS)
+    body = [
+        _section("wanted", [_paragraph(text) for _, text in story[:1]], _wanted(run)),
+        _section("numbers", [_tiles(run, numbers)], page_tables.all_numbers(run)),
+        _section("figures", _figures(pictures)),
+        _section("story", [_story(story[1:])]),
+        _section("source", [_table(page_tables.provenance(run))]),
+    ]
+    return "\n".join(
+        [
+            "<!DOCTYPE html>",
+            '<html lang="en">',
+            "<head>",
+            '<meta charset="utf-8">',
+            '<meta name="viewport" content="width=device-width, initial-scale=1">',
+            '<meta name="generator" content="edmctl">',
+            f"<title>{escape(title)}, {escape(run.text('/entry/run_id'))}</title>",
+            '<link rel="icon" href="data:,">',
+            f"<style>\n{style}</style>",
+            "</head>",
+            "<body>",
+            "<header>",
+            f"<h1>{escape(title)}</h1>",
+            _paragraph(_subtitle(run), "sub"),
+            f'<p><span class="status {"done" if _is_done(run) else "other"}">{escape(_status(run))}</span></p>',
+            *([_paragraph(story[-1][1])] if story and not _is_done(run) else []),
+            f"<nav>{links}</nav>",
+            "</header>",
+            "<main>",
+            *body,
+            "</main>",
+            f"<footer>{_paragraph(f'From {run.path.name} alone. ± is half the 95 % interval.')}</footer>",
+            "</body>",
+            "</html>",
+            "",
+        ]
+    )
+
+
+def _is_done(run: RunFile) -> bool:
+    return run.text("/entry/status") == "done"
+
+
+def _status(run: RunFile) -> str:
+    simulated = " · simulated" if run.number("/entry/simulated") == 1.0 else ""
+    return f"{run.text('/entry/status') or UNKNOWN}{simulated}"
+
+
+def _subtitle(run: RunFile) -> str:
+    time_s = (run.summary() or {}).get("time_s")
+    took = f" · {duration(time_s)}" if isinstance(time_s, int | float) else ""
+    return f"{run.text('/entry/run_id')} · {run.text('/entry/start_time')[:16].replace('T', ' ')}{took}"
+
+
+def _wanted(run: RunFile) -> list[PageTable | str]:
+    """What was changed for the run, and every value behind a line to open."""
+    parts: list[PageTable | str] = []
+    if changed := page_tables.overrides(run):
+        parts.append(changed)
+    if every := page_tables.profile_values(run):
+        parts.append(f"<details><summary>{every.caption}</summary>\n{_table(every)}\n</details>")
+    return parts
+
+
+def _tiles(run: RunFile, numbers: RunNumbers) -> str:
+    """The few numbers that matter most."""
+    tiles = "".join(
+        f"<div><dt>{escape(name)}</dt><dd>{escape(value)}<small>{escape(more)}</small></dd></div>"
+        for name, value, more in _key_numbers(run, numbers)
+    )
+    return f'<dl class="tiles">{tiles}</dl>' if tiles else ""
+
+
+def _key_numbers(run: RunFile, numbers: RunNumbers) -> Iterator[tuple[str, str, str]]:
+    sites = numbers.sites
+    if not sites:
+        return
+    target = target_depths_um(run.profile_values())
+    several = len(sites) > 1
+    of_many = f"mean of {len(sites)} sites" if several else ""
+    wanted = f"wanted {target[0]:g} ± {target[1]:g} µm" if target and not several else of_many
+    yield "depth", f"{with_u95(numbers.mean('depth_um'), numbers.mean('depth_u95_um'))} µm", wanted
+    yield "tool wear", f"{with_u95(numbers.mean('wear_um'), numbers.mean('wear_u95_um'))} µm", of_many
+    if several:
+        depths_um = [site.depth_um for site in sites if math.isfinite(site.depth_um)]
+        yield (
+            "depths",
+            f"{decimal(min(depths_um))} to {decimal(max(depths_um))} µm",
+            "the least and the greatest",
+        )
+    yield "machining", duration(numbers.total("machining_time_s")), "with the servo on"
+    yield "removal rate", f"{significant(numbers.mrr_mm3_min)} mm³/min", "volume over machining time"
+    yield "wear ratio", decimal(numbers.wear_ratio_lin, 3), "wear over depth"
+    yield (
+        "arcs",
+        percent(numbers.ratio("arc"), 2),
+        f"of {numbers.total('pulses'):,.0f} pulses".replace(",", "\u202f"),
+    )
+
+
+def _figures(pictures: Sequence[Picture]) -> list[str]:
+    drawn = [picture for picture in pictures if picture.address]
+    absent = [picture for picture in pictures if not picture.address]
+    parts = (
+        ['<div class="figures">', *(_figure(n, p) for n, p in enumerate(drawn, 1)), "</div>"] if drawn else []
+    )
+    if absent:
+        reasons = "".join(
+            f"<li>{escape(picture.kind.title)}: {escape(picture.why_not)}</li>" for picture in absent
+        )
+        parts.append(f'<details class="absent"><summary>Not drawn</summary>\n<ul>{reasons}</ul>\n</details>')
+    return parts
+
+
+def _figure(number: int, picture: Picture) -> str:
+    kind = picture.kind
+    wide = ' class="wide"' if picture.width_mm > WIDE_MM else ""
+    width, height = (round(mm * PX_PER_MM) for mm in (picture.width_mm, picture.height_mm))
+    source = ", ".join(f"<code>{path}</code>" for path in kind.datasets)
+    return (
+        f'<figure id="{kind.name}"{wide}><img src="{picture.address}" width="{width}" height="{height}" '
+        f'alt="{escape(kind.sees)}">\n'
+        f"<figcaption><b>Fig. {number}: {escape(kind.title)}.</b> {escape(kind.sees)} From {source}.</figcaption>"
+        "</figure>"
+    )
+
+
+def _story(story: Sequence[tuple[float, str]]) -> str:
+    rows = [(duration(time_s), text) for time_s, text in story]
+    return _table(page_tables.PageTable("", ("at", ""), rows, words=True))
+
+
+def _section(name: str, parts: Sequence[str], tables: Sequence[PageTable | str] = ()) -> str:
+    inside = [part for part in parts if part]
+    inside += [part if isinstance(part, str) else _table(part) for part in tables]
+    return "\n".join([f'<section id="{name}">', f"<h2>{_HEADINGS[name]}</h2>", *inside, "</section>"])
+
+
+def _table(table: PageTable) -> str:
+    caption = f"<caption>{escape(table.caption)}</caption>" if table.caption else ""
+    header = ""
+    if any(table.header):
+        cells = "".join(f'<th scope="col">{escape(name)}</th>' for name in table.header)
+        header = f"<thead><tr>{cells}</tr></thead>"
+    rows = "\n".join(
+        f'<tr><th scope="row">{escape(row[0])}</th>'
+        + "".join(f"<td>{escape(cell)}</td>" for cell in row[1:])
+        + "</tr>"
+        for row in table.rows
+    )
+    kind = "words" if table.words else "numbers"
+    note = f'\n<p class="note">{escape(table.note)}</p>' if table.note else ""
+    name = escape(table.caption or "table")
+    return (
+        f'<div class="scroll" tabindex="0" role="group" aria-label="{name}"><table class="{kind}">{caption}{header}'
+        f"<tbody>\n{rows}\n</tbody></table></div>{note}"
+    )
+
+
+def _paragraph(text: str, name: str = "") -> str:
+    return f'<p class="{name}">{escape(text)}</p>' if name else f"<p>{escape(text)}</p>"

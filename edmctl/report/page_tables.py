@@ -1,0 +1,249 @@
+"""The tables of a run's page: wanted, found, touched, pulses, and where it all comes from."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from edmctl.report.numbers import CLASSES, numbers_of
+from edmctl.report.wording import count, decimal, duration, percent, significant, with_u95
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from edmctl.record.reader import RunFile
+    from edmctl.report.numbers import RunNumbers, SiteNumbers
+
+U95_NOTE = "± is half the 95 % interval of what was measured; lengths in µm."
+TRUTH = "truth (simulated)"
+
+_UNITS = {
+    "um_s": "µm/s",
+    "um3_per_uj": "µm³/µJ",
+    "um": "µm",
+    "mm3_min": "mm³/min",
+    "lpm": "L/min",
+    "hz": "Hz",
+}
+_PLAIN_UNITS = {
+    "s": "s",
+    "v": "V",
+    "c": "°C",
+    "ms": "ms",
+    "us": "µs",
+    "ppm": "ppm",
+    "pct": "%",
+    "deg": "°",
+    "j": "J",
+}
+_PRETTY = {"um": "µm", "um/s": "µm/s", "um3/uJ": "µm³/µJ", "us": "µs", "degC": "°C", "mm3/min": "mm³/min"}
+
+
+@dataclass(frozen=True, slots=True)
+class PageTable:
+    """A table. The first column names its rows; `words` says that the others hold words, not numbers."""
+
+    caption: str
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    note: str = ""
+    words: bool = False
+
+
+def results(numbers: RunNumbers) -> PageTable | None:
+    """What was measured, a row for each quantity of one hole, or a row for each of several."""
+    if not numbers.sites:
+        return None
+    if len(numbers.sites) == 1:
+        return _one_site(numbers.sites[0])
+    has_truth = any(math.isfinite(site.truth_depth_um) for site in numbers.sites)
+    header = ["site", "x", "y", "depth", "tool wear", "feed", "machining", "cuts", "wear ratio"]
+    header += ["true depth (simulated)", "true wear (simulated)"] if has_truth else []
+    rows = [
+        [
+            site.name,
+            decimal(site.x_um, 1),
+            decimal(site.y_um, 1),
+            with_u95(site.depth_um, site.depth_u95_um),
+            with_u95(site.wear_um, site.wear_u95_um),
+            decimal(site.feed_um),
+            duration(site.machining_time_s),
+            str(site.cuts),
+            decimal(site.wear_ratio_lin, 3),
+            *([decimal(site.truth_depth_um), decimal(site.truth_wear_um)] if has_truth else []),
+        ]
+        for site in numbers.sites
+    ]
+    return PageTable(
+        "Depth and tool wear of each site", header, rows, f"{U95_NOTE} Wear ratio is wear over depth."
+    )
+
+
+def _one_site(site: SiteNumbers) -> PageTable:
+    has_truth = math.isfinite(site.truth_depth_um)
+    header = [site.name, "measured", "from voltage alone", *([TRUTH] if has_truth else [])]
+
+    def row(name: str, measured: str, model: str = "", truth: float = math.nan) -> list[str]:
+        ending = [decimal(truth) if math.isfinite(truth) else ""] if has_truth else []
+        return [name, measured, model, *ending]
+
+    rows = [
+        row(
+            "depth, Z2 − Z3",
+            with_u95(site.depth_um, site.depth_u95_um),
+            decimal(site.depth_model_um),
+            site.truth_depth_um,
+        ),
+        row(
+            "tool wear, Z3 − Z1",
+            with_u95(site.wear_um, site.wear_u95_um),
+            decimal(site.wear_model_um),
+            site.truth_wear_um,
+        ),
+        row("feed", decimal(site.feed_um)),
+        row("Z1, surface before", decimal(site.z1_um)),
+        row("Z2, bottom", decimal(site.z2_um)),
+        row("Z3, surface after", decimal(site.z3_um)),
+        row(
+            "machining time", f"{duration(site.machining_time_s)} in {site.cuts} cut{'s' * (site.cuts != 1)}"
+        ),
+        row("removal rate (MRR), mm³/min", significant(site.mrr_mm3_min)),
+        row("wear ratio, lengths", decimal(site.wear_ratio_lin, 3)),
+        row("wear ratio, volumes", decimal(site.wear_ratio_vol, 3)),
+        row("discharge energy, J", significant(site.energy_j)),
+    ]
+    return PageTable("Results", header, rows, U95_NOTE)
+
+
+def pulses(numbers: RunNumbers) -> PageTable | None:
+    """How many pulses of which class, for each site and altogether."""
+    if not numbers.total("pulses") > 0:
+        return None
+    rows = [
+        [site.name, count(site.pulses), *(percent(share, 2) for share in site.ratios)]
+        for site in numbers.sites
+    ]
+    if len(rows) > 1:
+        whole = [percent(numbers.ratio(name), 2) for name in CLASSES]
+        rows.append(["all", count(int(numbers.total("pulses"))), *whole])
+    return PageTable("Pulses while machining", ["site", "pulses", *CLASSES], rows)
+
+
+def touches(run: RunFile) -> PageTable | None:
+    """Every reading of surface and bottom."""
+    found = run.table("/entry/touches")
+    if not len(found):
+        return None
+    rows = [
+        [
+            f"{row['kind'].decode(errors='ignore')} {row['site'].decode(errors='ignore')}",
+            duration(float(row["time"])),
+            decimal(float(row["z_sensor"])),
+            decimal(float(row["z_model"])),
+            decimal(float(row["v_cmd"])),
+            str(int(row["n"])),
+            decimal(float(row["sd"])),
+            decimal(float(row["drift"])),
+            "yes" if row["accepted"] else "no",
+        ]
+        for row in found
+    ]
+    header = ["reading", "at", "sensor", "from voltage", "actuator V", "touches", "sd", "drift", "used"]
+    note = "Z1 is the surface before, Z2 the bottom, Z3 the surface after, Zr the face at a place not yet machined. "
+    return PageTable(
+        "Readings by touching", header, rows, f"{note}Lengths in µm; sd is that of a single touch."
+    )
+
+
+def found(run: RunFile) -> PageTable | None:
+    """What a run without sites found, for instance an approach: its result as it stands."""
+    summary = run.summary()
+    rows = [[name, value] for name, value in _leaves(summary or {}, "") if not name.startswith("link ")]
+    return PageTable("What it found", ["quantity", "value"], rows, words=True) if rows else None
+
+
+def _leaves(values: Mapping[str, object], prefix: str) -> Iterator[tuple[str, str]]:
+    """Single values by their name in words, lists left out."""
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            yield from _leaves(value, f"{prefix}{key} ")
+        elif isinstance(value, bool):
+            yield f"{prefix}{key}".replace("_", " "), "yes" if value else "no"
+        elif isinstance(value, int | float):
+            yield _quantity(f"{prefix}{key}"), f"{value:g}".replace("-", "−")
+        elif isinstance(value, str):
+            yield f"{prefix}{key}".replace("_", " "), value
+
+
+def _quantity(key: str) -> str:
+    """A key with its unit in words: `travel_s` is `travel, s`."""
+    for ending, unit in (*_UNITS.items(), *_PLAIN_UNITS.items()):
+        if key.endswith(f"_{ending}"):
+            return f"{key[: -len(ending) - 1]}, {unit}".replace("_", " ")
+    return key.replace("_", " ")
+
+
+def profile_values(run: RunFile) -> PageTable | None:
+    """Every value of the profile in effect; those of the simulator only where it ran."""
+    values = run.profile_values()
+    simulated = run.number("/entry/simulated") == 1.0
+    rows = [
+        [key, str(value), _PRETTY.get(unit, unit) if (unit := str(values.get(f"{key}_units", ""))) else ""]
+        for key, value in values.items()
+        if key != "NX_class" and not key.endswith("_units") and (simulated or not key.startswith("sim."))
+    ]
+    return PageTable("Every value in effect", ["key", "value", "unit"], rows, words=True) if rows else None
+
+
+def overrides(run: RunFile) -> PageTable | None:
+    """What was changed against the profile's own text, for this run."""
+    lines = run.text("/entry/profile/overrides").splitlines()
+    rows = [line.partition(" = ")[::2] for line in lines if line.endswith("--set)")]
+    return PageTable("Changed for this run", ["key", "value"], rows, words=True) if rows else None
+
+
+def provenance(run: RunFile) -> PageTable:
+    """Machine, calibration, versions and seed: what it takes to judge or repeat the run."""
+    seed = int(run.number("/entry/seed"))
+    command = run.text("/entry/command")
+    rows = [
+        ("machine", run.text("/entry/machine/serial")),
+        (
+            "firmware, protocol",
+            f"{run.text('/entry/machine/firmware')}, {run.text('/entry/machine/protocol')}",
+        ),
+        ("simulated", f"yes, seed {seed}" if run.number("/entry/simulated") == 1.0 else "no"),
+        ("actuator model", run.text("/entry/machine/calibration")),
+        (
+            "work",
+            f"{run.text('/entry/sample/material')}, {_length(run.number('/entry/sample/thickness'))} thick",
+        ),
+        ("tool", f"{run.text('/entry/tool/material')}, {_length(run.number('/entry/tool/diameter'))} wide"),
+        ("edmctl", run.text("/entry/software/version")),
+        (
+            "Python, h5py, HDF5",
+            ", ".join(run.text(f"/entry/software/{n}") for n in ("python", "h5py", "hdf5")),
+        ),
+        ("started", run.text("/entry/start_time")),
+        ("ended", run.text("/entry/end_time")),
+        ("by", f"{run.text('/entry/user/name')} on {run.text('/entry/machine/host')}"),
+        ("recipe (SHA-256)", run.text("/entry/profile/recipe_sha256")),
+        ("goes on with", run.text("/entry/parent_run")),
+        ("recovered", run.text("/entry/recovery")),
+        ("command", " ".join(json.loads(command)) if command else ""),
+    ]
+    return PageTable("", ["", ""], [row for row in rows if row[1].strip(", ")], words=True)
+
+
+def _length(um: float) -> str:
+    return f"{um:g} µm" if math.isfinite(um) else "unknown"
+
+
+def all_numbers(run: RunFile) -> list[PageTable]:
+    """The tables of what was found, in the order of the page."""
+    numbers = numbers_of(run)
+    tables = [results(numbers) or found(run), touches(run), pulses(numbers)]
+    return [table for table in tables if table]

@@ -1,0 +1,82 @@
+"""Run files of real jobs on the virtual machine, made once a session: short, and of every kind that is drawn."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl.cli.app import main
+from tests.cli.commands import CU270, ROOT
+from tests.faults.workshop import Workshop
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+SHALLOW = ("--profile", CU270, "--set", "target.depth_um=8")
+ARRAY = (
+    "--profile",
+    str(ROOT / "profiles" / "array-3x3.toml"),
+    "--set",
+    "target.depth_um=5",
+    "--set",
+    "jump.height_um=30",
+    "--set",
+    "measure.touches=2",
+)
+CHANNEL = (
+    "--profile",
+    str(ROOT / "profiles" / "channel-rectangle.toml"),
+    "--set",
+    "target.depth_um=4",
+    "--set",
+    "path.width_um=250",
+    "--set",
+    "path.height_um=250",
+)
+
+
+def _machined(folder: Path, *options: str, exit_code: int = 0, inject: str = "") -> Path:
+    """Run a job in this process, in folders of its own; its run file."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("EDMCTL_PROFILE", "EDMCTL_PORT", "EDMCTL_CALIBRATION"):
+            patch.delenv(name, raising=False)
+        patch.setenv("EDMCTL_HOME", str(folder / "home"))
+        patch.chdir(folder)
+        if inject:
+            patch.setattr("edmctl.simulator.open_bench", Workshop(inject))
+        place = ("--seed", "3", "--out", str(folder), "--run-id", "one", "--quiet")
+        assert main(("machine", *options, *place)) == exit_code
+    return folder / "one.h5"
+
+
+@pytest.fixture(scope="session")
+def run_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the file of one shallow hole in two cuts, sums over blocks of pulses, jumps every 10 s."""
+    return _machined(tmp_path_factory.mktemp("run"), *SHALLOW)
+
+
+@pytest.fixture(scope="session")
+def full_run_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the file of the same hole with every pulse, and the servo at 1 kHz."""
+    full = ("--set", 'log.pulses="full"', "--set", "log.servo_hz=1000.0")
+    return _machined(tmp_path_factory.mktemp("full_run"), *SHALLOW, *full)
+
+
+@pytest.fixture(scope="session")
+def array_run_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the file of nine shallow holes in three rows."""
+    return _machined(tmp_path_factory.mktemp("array_run"), *ARRAY)
+
+
+@pytest.fixture(scope="session")
+def faulted_run_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the file of a hole that ended after 5 s of its first cut, when tool and work were connected."""
+    folder = tmp_path_factory.mktemp("faulted_run")
+    return _machined(folder, *SHALLOW, exit_code=6, inject="WIRE_SHORT@sparks+5")
+
+
+@pytest.fixture(scope="session")
+def channel_run_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the file of a small rectangular channel of two layers."""
+    return _machined(tmp_path_factory.mktemp("channel_run"), *CHANNEL)

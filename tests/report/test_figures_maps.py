@@ -1,0 +1,167 @@
+"""Figures of depth and place: erosion, arrays and channels."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from edmctl.process import path as ways
+from edmctl.record.reader import open_run
+from edmctl.record.rows import TruthMap
+from edmctl.report.figures import array, channel, erosion
+from edmctl.report.planned_path import along, lengths_um, planned_path
+from edmctl.report.style import house_style
+from tests.record.samples import a_site_row
+from tests.report import made_up
+from tests.report.test_figures_pulses import nothing, texts
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from edmctl.record.reader import RunFile
+
+pytest.importorskip("matplotlib")
+
+SQUARE = {
+    "path": {"kind": "rectangle", "x_um": 500.0, "y_um": 100.0, "width_um": 200.0, "height_um": 100.0},
+}
+FLOOR = '{"channel": {"floor": [{"s_um": 50.0, "depth_um": 19.5}, {"s_um": 350.0, "depth_um": 20.5}]}}'
+
+
+def panels(draw: Callable[[RunFile], Figure], path: Path) -> list[Axes]:
+    """Draw, and return the panels."""
+    with open_run(path) as run, house_style():
+        return list(draw(run).axes)
+
+
+def test_a_hole_has_its_estimates_and_its_measured_values(run_file: Path) -> None:
+    told = texts(erosion.draw, run_file)
+    assert {"estimated depth", "its 95 % band", "estimated wear", "measured depth", "measured wear"} <= told
+    assert {"depth and wear (µm)", "target 8 µm", "time since start (s)"} <= told
+
+
+def test_measured_points_stand_at_their_depth_with_their_bars(tmp_path: Path) -> None:
+    from matplotlib.container import ErrorbarContainer
+
+    writer = made_up.new_run(tmp_path)
+    made_up.cut(writer, 0.0)
+    made_up.measured(writer, 30.0, 19.25)
+    depth = panels(erosion.draw, writer.finish("done", 0))[0].containers[0]
+    assert isinstance(depth, ErrorbarContainer)
+    line, _, (bars,) = depth.lines
+    assert np.asarray(line.get_xydata()).tolist() == [[30.0, 19.25]]
+    (bar,) = bars.get_segments()
+    assert bar[:, 1] == pytest.approx([18.85, 19.65])
+
+
+def test_a_run_that_never_cut_has_no_erosion(tmp_path: Path) -> None:
+    assert "Nothing was cut" in nothing(erosion.draw, made_up.new_run(tmp_path).finish("done", 0))
+
+
+def test_each_hole_of_an_array_is_shown_with_its_error(array_run_file: Path) -> None:
+    with open_run(array_run_file) as run:
+        rows = run.table("/entry/results")
+    told = texts(array.draw, array_run_file)
+    signed = {f"{row['depth'] - 5.0:+.2f}".replace("-", "−") for row in rows}
+    assert signed <= told | {"+0.00", "−0.00"}
+    assert {f"± {row['depth_u95']:.2f}" for row in rows} <= told
+    assert {"x (µm)", "y (µm)", "depth − target (µm)", "tool wear (µm)"} <= told
+
+
+@pytest.mark.parametrize("holes", [1, 2, 100])
+def test_colours_are_centred_on_no_error_however_many_holes(tmp_path: Path, holes: int) -> None:
+    writer = made_up.new_run(tmp_path)
+    for k in range(holes):
+        x_um, y_um = 300.0 * (k % 10), 300.0 * (k // 10)
+        writer.site_result(replace(a_site_row(), x_um=x_um, y_um=y_um, depth_um=20.0 + 0.03 * k))
+    map_axes = panels(array.draw, writer.finish("done", 0))[0]
+    (discs,) = map_axes.collections
+    low_um, high_um = discs.get_clim()
+    assert low_um is not None
+    assert high_um is not None
+    assert low_um == -high_um
+    assert np.asarray(discs.get_array()) == pytest.approx(0.03 * np.arange(holes))
+    assert map_axes.get_aspect() == 1.0
+
+
+def test_a_channel_is_no_array_and_a_hole_no_channel(tmp_path: Path, run_file: Path) -> None:
+    path = made_up.new_run(tmp_path, SQUARE).finish("done", 0)
+    assert "--kind channel" in nothing(array.draw, path)
+    assert "not measured" in nothing(channel.draw, path)
+    assert "no channel" in nothing(channel.draw, run_file)
+
+
+@pytest.mark.parametrize(
+    ("table", "way"),
+    [
+        (SQUARE["path"], ways.rectangle(500.0, 100.0, 200.0, 100.0)),
+        ({"kind": "circle", "x_um": 9.0, "y_um": 0.0, "radius_um": 80.0}, ways.circle(9.0, 0.0, 80.0)),
+        (
+            {"kind": "spiral", "x_um": 0.0, "y_um": 5.0, "radius_um": 50.0, "pitch_um": 90.0, "turns": 2.5},
+            ways.spiral(0.0, 5.0, 50.0, 90.0, 2.5),
+        ),
+    ],
+)
+def test_the_planned_path_is_that_of_the_job(
+    tmp_path: Path, table: dict[str, object], way: np.ndarray[tuple[int, int], np.dtype[np.float64]]
+) -> None:
+    with open_run(made_up.new_run(tmp_path, {"path": table}).finish("done", 0)) as run:
+        planned = planned_path(run)
+    assert planned is not None
+    assert planned[[0, -1]] == pytest.approx(way[[0, -1]], abs=1e-9)
+    assert lengths_um(planned)[-1] == pytest.approx(ways.lengths_um(way)[-1], rel=3e-3)
+    s_um = np.linspace(0.0, 0.99, 40)
+    apart_um = [
+        np.array([np.interp(s_um * lengths_um(points)[-1], lengths_um(points), axis) for axis in points.T])
+        for points in (planned, way)
+    ]
+    assert np.abs(apart_um[0] - apart_um[1]).max() < 2.5
+
+
+def test_places_along_a_path_are_evenly_spaced() -> None:
+    s_um, places_um = along(np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0]]), 4.0)
+    assert s_um.tolist() == [0.0, 4.0, 8.0, 12.0, 16.0]
+    assert places_um[-1].tolist() == [10.0, 6.0]
+
+
+def test_a_channel_of_the_virtual_machine_has_its_truth_and_its_touches(channel_run_file: Path) -> None:
+    with open_run(channel_run_file) as run:
+        truth, summary = run.truth_map(), run.summary()
+    assert truth is not None
+    assert summary is not None
+    assert float(np.median(truth.depth_um[truth.depth_um > 2.0])) == pytest.approx(4.0, abs=1.0)
+    told = texts(channel.draw, channel_run_file)
+    assert {"floor on the path, simulated truth", "touched by the tool", "target 4 ± 2 µm"} <= told
+    assert "depth below the face, simulated truth (µm)" in told
+
+
+def test_a_channel_of_a_real_machine_shows_what_was_touched(tmp_path: Path) -> None:
+    writer = made_up.new_run(tmp_path, SQUARE)
+    writer.summary(FLOOR)
+    path = writer.finish("done", 0)
+    told = texts(channel.draw, path)
+    assert "depth below the face, touched (µm)" in told
+    assert not any("truth" in text for text in told)
+    floor = panels(channel.draw, path)[1]
+    touched = next(line for line in floor.get_lines() if line.get_label() == "touched by the tool")
+    assert np.asarray(touched.get_xydata()).tolist() == [[0.05, 19.5], [0.35, 20.5]]
+
+
+def test_the_floor_is_looked_up_under_the_path(tmp_path: Path) -> None:
+    writer = made_up.new_run(tmp_path, SQUARE)
+    x_um, y_um = np.arange(300.0, 701.0, 5.0), np.arange(0.0, 201.0, 5.0)
+    # As deep as x says, so each place of the path has its own depth.
+    writer.truth_map(TruthMap(x_um, y_um, np.tile(0.04 * x_um, (len(y_um), 1))))
+    floor = panels(channel.draw, writer.finish("done", 0))[1]
+    line = next(line for line in floor.get_lines() if "simulated truth" in str(line.get_label()))
+    s_mm, depth_um = np.asarray(line.get_xydata()).T
+    assert depth_um[0] == pytest.approx(16.0)
+    assert depth_um[s_mm == pytest.approx(0.1)] == pytest.approx(20.0)
+    assert depth_um[np.searchsorted(s_mm, 0.2499)] == pytest.approx(24.0)

@@ -1,0 +1,389 @@
+"""Figures of signals over time: what they show of a real run, of a short one, and of one without a sensor."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from functools import cache
+from importlib import import_module
+from itertools import combinations
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+pytest.importorskip("matplotlib")
+
+from edmctl.record.leaves import profile_leaves
+from edmctl.record.reader import open_run
+from edmctl.record.rows import SlowRow, TouchRow, WaveformBlock
+from edmctl.report.envelopes import Spans, State, envelopes, rows_worked
+from edmctl.report.figures.displacement import MachiningError
+from edmctl.report.figures.spectrum import peak_hz, segment_size, welch
+from edmctl.report.style import NothingToDraw, house_style, new_figure, rendered, time_unit
+from tests.report.servo_signals import IDLE, JUMP, MACHINING, TOUCH, a_cut, sites, write_run
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+    from matplotlib.text import Text
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+KINDS = ("gap", "displacement", "steps", "touching", "spectrum")
+
+
+@cache
+def drawn(kind: str, path: Path) -> Figure:
+    """The figure, made in the house's style, once."""
+    with open_run(path) as run, house_style():
+        figure: Figure = import_module(f"edmctl.report.figures.{kind}").draw(run)
+        return figure
+
+
+def texts(figure: Figure) -> list[str]:
+    with house_style():
+        svg = rendered(figure, ".svg")
+    return [(e.text or "").strip() for e in ET.fromstring(svg).iter("{http://www.w3.org/2000/svg}text")]
+
+
+def width_mm(figure: Figure) -> float:
+    return 25.4 * float(figure.get_figwidth())
+
+
+def legend_of(figure: Figure) -> set[str]:
+    legends = [*(axes.get_legend() for axes in figure.axes), *figure.legends]
+    return {text.get_text() for legend in legends if legend is not None for text in legend.get_texts()}
+
+
+def line_called(figure: Figure, label: str) -> tuple[Array, Array]:
+    (found,) = [line for axes in figure.axes for line in axes.get_lines() if line.get_label() == label]
+    return data(found)
+
+
+def data(line: Line2D) -> tuple[Array, Array]:
+    return np.asarray(line.get_xdata(), np.float64), np.asarray(line.get_ydata(), np.float64)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("which", ["run_file", "full_run_file", "array_run_file"])
+def test_real_runs_are_drawn_with_units_on_every_axis_and_no_text_on_another(
+    kind: str, which: str, request: pytest.FixtureRequest
+) -> None:
+    figure = drawn(kind, request.getfixturevalue(which))
+    for axes in figure.axes:
+        if axes.get_ylabel():
+            assert "(" in axes.get_ylabel()
+    assert not overlaps(figure)
+    wide = kind == "steps" and which == "array_run_file"
+    assert width_mm(figure) == pytest.approx(180.0 if wide else 85.0, abs=0.2)
+
+
+def overlaps(figure: Figure) -> list[tuple[str, str]]:
+    """Pairs of texts of a figure whose boxes lie on each other. Fails where one is cut off."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.text import Text
+
+    with house_style():
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()  # type: ignore[no-untyped-call]
+        renderer = canvas.get_renderer()  # type: ignore[no-untyped-call]
+        hidden = {id(label) for axes in figure.axes for label in labels_out_of_sight(axes)}
+        boxes = [
+            (text.get_text(), text.get_window_extent(renderer))
+            for text in figure.findobj(Text)
+            if text.get_visible() and text.get_text().strip() and id(text) not in hidden
+        ]
+    for text, box in boxes:
+        assert figure.bbox.x0 - 1.0 < box.x0 < box.x1 < figure.bbox.x1 + 1.0, f"{text!r} is cut off"
+    shrunk = [(text, box.shrunk(0.98, 0.9)) for text, box in boxes]
+    return [(one, other) for (one, box), (other, its) in combinations(shrunk, 2) if box.overlaps(its)]
+
+
+def labels_out_of_sight(axes: Axes) -> list[Text]:
+    """Labels of ticks that lie outside their axis."""
+    found = []
+    for axis in (axes.xaxis, axes.yaxis):
+        low, high = sorted(axis.get_view_interval())
+        ticks = (*axis.get_major_ticks(), *axis.get_minor_ticks())
+        away = [tick for tick in ticks if not low <= tick.get_loc() <= high]
+        found += [label for tick in away for label in (tick.label1, tick.label2)]
+    return found
+
+
+def test_texts_on_each_other_are_found() -> None:
+    with house_style():
+        figure = new_figure(50.0)
+        axes = figure.subplots()
+        axes.text(0.5, 0.5, "one")
+        axes.text(0.52, 0.5, "another")
+    assert overlaps(figure) == [("one", "another")]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_vector_files_are_made_too(kind: str, run_file: Path) -> None:
+    with house_style():
+        for suffix, magic in ((".svg", b"<?xml"), (".pdf", b"%PDF")):
+            assert rendered(drawn(kind, run_file), suffix).startswith(magic)
+
+
+def test_the_gap_figure_shows_reference_jumps_and_readings(run_file: Path) -> None:
+    figure = drawn("gap", run_file)
+    assert {"mean", "range", "reference", "touching", "tool", "jump", "Z1", "Z2", "Z3"} <= legend_of(figure)
+    _, reference_v = line_called(figure, "reference")
+    # 0.8 of 30 % of 40 V
+    assert np.nanmin(reference_v) == pytest.approx(9.6, abs=0.02)
+    assert np.nanmax(reference_v) == pytest.approx(9.6, abs=0.02)
+    _, gap_v = line_called(figure, "mean")
+    assert np.isnan(gap_v).any()  # no voltage is drawn where the generator is off
+    # The swings of the conditioning would take all the room.
+    assert figure.axes[1].get_ylim()[1] < 100.0
+
+
+def test_a_reference_that_follows_the_duty_factor_is_in_volts(tmp_path: Path) -> None:
+    signals = a_cut(20.0)
+    writer = write_run(tmp_path / "a.h5", signals)
+    for k in range(200):
+        writer.append_slow(
+            SlowRow(0.1 * k, 1.0, 0.8, 0.8 if k < 100 else 0.9, 0.2, 0.7, 0.1, 0.0, 0.0, 0.0, 0.1)
+        )
+    figure = drawn("gap", writer.finish("done", 0))
+    time_s, reference_v = line_called(figure, "reference")
+    assert reference_v[time_s < 9.8] == pytest.approx(9.6, abs=0.01)
+    assert reference_v[time_s > 10.2] == pytest.approx(10.8, abs=0.01)
+
+
+def test_the_error_of_the_estimate_is_that_of_the_results(run_file: Path) -> None:
+    with open_run(run_file) as run:
+        result = run.table("/entry/results")[0]
+    (note,) = [text for text in texts(drawn("displacement", run_file)) if text.startswith("cuts: rms")]
+    words = note.replace(",", "").split()
+    assert float(words[2]) == pytest.approx(float(result["err_feed_rms"]), abs=0.02)
+    assert float(words[7]) == pytest.approx(float(result["err_feed_max"]), abs=0.1)
+    assert float(words[4].strip("(")) == pytest.approx(float(result["err_feed_rms_pct"]), abs=0.2)
+
+
+def test_the_error_counts_while_machining_and_over_a_tenth_of_a_second() -> None:
+    error = MachiningError(100.0)
+    spike = np.zeros(20)
+    spike[3] = 10.0
+    error.take(spike[:7])
+    error.take(spike[7:])
+    error.take(np.full(10, np.nan))
+    assert error.max_um == pytest.approx(1.0)
+    assert error.rms_um == pytest.approx(np.sqrt(0.5))
+
+
+def test_a_run_without_a_sensor_is_drawn_by_its_estimate(tmp_path: Path) -> None:
+    signals = a_cut(20.0)
+    blind = replace(signals, sensor_um=np.full(len(signals.state), np.nan))
+    path = write_run(tmp_path / "a.h5", blind).finish("done", 0)
+    assert "tool, estimated" in legend_of(drawn("gap", path))
+    with pytest.raises(NothingToDraw, match="no displacement sensor"):
+        drawn("displacement", path)
+    assert "actuator voltage\n(V²/Hz)" in [axes.get_ylabel() for axes in drawn("spectrum", path).axes]
+
+
+def test_a_run_without_an_estimate_says_so(tmp_path: Path) -> None:
+    signals = a_cut(20.0)
+    bare = replace(signals, model_um=np.full(len(signals.state), np.nan))
+    path = write_run(tmp_path / "a.h5", bare).finish("done", 0)
+    with pytest.raises(NothingToDraw, match="conditioned or calibrated"):
+        drawn("displacement", path)
+
+
+@pytest.mark.parametrize("kind", [*KINDS, "waveforms"])
+def test_an_empty_run_has_nothing_to_draw_and_says_why(kind: str, tmp_path: Path) -> None:
+    path = write_run(tmp_path / "a.h5").finish("stopped by Ctrl-C", 130)
+    with pytest.raises(NothingToDraw) as nothing:
+        drawn(kind, path)
+    assert str(nothing.value).endswith(".")
+
+
+def test_a_second_of_data_is_enough(tmp_path: Path) -> None:
+    path = write_run(tmp_path / "a.h5", a_cut(1.0)).finish("done", 0)
+    time_s, gap_v = line_called(drawn("gap", path), "gap voltage")
+    assert len(time_s) == 100
+    assert gap_v == pytest.approx(a_cut(1.0).gap_v, abs=1e-5)
+    drawn("displacement", path)
+
+
+def test_a_run_that_ended_in_a_fault_is_drawn_up_to_it(faulted_run_file: Path) -> None:
+    figure = drawn("gap", faulted_run_file)
+    assert figure.axes[1].get_xlim()[1] == pytest.approx(70.5, abs=0.2)
+    with pytest.raises(NothingToDraw, match="No site of this run was measured"):
+        drawn("steps", faulted_run_file)
+    assert "Z1 at cu270-cu" in texts(drawn("touching", faulted_run_file))
+
+
+@pytest.mark.parametrize("count", [1, 3, 4, 12, 13, 60])
+def test_steps_stay_readable_however_many_sites_there_are(count: int, tmp_path: Path) -> None:
+    path = write_run(tmp_path / "a.h5", results=sites(count)).finish("done", 0)
+    figure = drawn("steps", path)
+    assert width_mm(figure) == pytest.approx(85.0 if count <= 3 else 180.0, abs=0.2)
+    assert not overlaps(figure)
+    if count <= 12:
+        assert sum("180.0" in text for text in texts(figure)) == count
+
+
+def test_steps_are_the_readings_and_the_estimate_begins_at_its_own_reading(tmp_path: Path) -> None:
+    writer = write_run(tmp_path / "a.h5", results=sites(1))
+    writer.touch(TouchRow(1.0, "Z1", "A1", 16.0, 50.0, 48.0, 3, 0.1, 0.0, 1.0))
+    figure = drawn("steps", writer.finish("done", 0))
+    assert line_called(figure, "measured")[1].tolist() == [50.0, 50.0, 300.0, 300.0, 120.0, 120.0]
+    # The row's estimate: 178 µm deep, 69 µm of wear.
+    levels = [data(line)[1][0] for line in figure.axes[0].get_lines() if line.get_linestyle() == "--"]
+    assert levels == pytest.approx([48.0, 48.0 + 69.0 + 178.0, 48.0 + 69.0])
+
+
+def test_touching_marks_the_contacts_of_the_last_bottom(run_file: Path) -> None:
+    with open_run(run_file) as run:
+        events = run.table("/entry/events")
+        (bottom,) = run.table("/entry/touches")[run.table("/entry/touches")["kind"] == b"Z2"]
+    contacts_s = [t for t in events["time"][events["code"] == 6] if 95.0 < t <= bottom["time"] + 1e-3]
+    figure = drawn("touching", run_file)
+    upright = [data(line)[0] for line in figure.axes[0].get_lines()]
+    marked_s = [time_s[0] for time_s in upright if time_s[0] == time_s[-1]]
+    assert marked_s == pytest.approx(contacts_s)
+    assert len(marked_s) == 3
+    # The way back to rest is not shown: it would flatten everything else.
+    low_v, high_v = figure.axes[0].get_ylim()
+    assert high_v - low_v < 5.0
+
+
+def test_a_limit_cycle_is_marked_with_its_frequency(tmp_path: Path) -> None:
+    path = write_run(tmp_path / "a.h5", a_cut(120.0, swing_hz=6.25)).finish("done", 0)
+    assert texts(drawn("spectrum", path)).count("6.25 Hz") == 2
+
+
+def test_no_peak_is_marked_in_noise() -> None:
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        spectrum = welch((rng.normal(0.0, 1.0, 1024) for _ in range(8)), 1024, 100.0)
+        assert spectrum is not None
+        assert peak_hz(spectrum) is None
+
+
+def test_the_power_of_a_spectrum_is_that_of_the_signal() -> None:
+    rng = np.random.default_rng(3)
+    spectrum = welch((rng.normal(0.0, 2.0, 1024) for _ in range(200)), 1024, 100.0)
+    assert spectrum is not None
+    assert spectrum.density.sum() * 100.0 / 1024 == pytest.approx(4.0, rel=0.02)
+    time_s = np.arange(1024) / 100.0
+    sine = welch([3.0 * np.sin(2.0 * np.pi * 12.5 * time_s)], 1024, 100.0)
+    assert sine is not None
+    assert sine.density.sum() * 100.0 / 1024 == pytest.approx(4.5, rel=0.01)
+    assert sine.frequency_hz[np.argmax(sine.density)] == 12.5
+
+
+def test_jumps_are_no_part_of_a_spectrum(tmp_path: Path) -> None:
+    calm = a_cut(120.0)
+    jumping = replace(calm, gap_v=calm.gap_v.copy(), sensor_um=calm.sensor_um.copy(), state=calm.state.copy())
+    for start in range(1000, 12000, 1000):
+        jumping.state[start : start + 20] = JUMP
+        jumping.sensor_um[start : start + 20] -= 60.0
+    paths = [write_run(tmp_path / f"{n}.h5", s).finish("done", 0) for n, s in (("a", calm), ("b", jumping))]
+    spectra = [data(drawn("spectrum", path).axes[1].get_lines()[0])[1] for path in paths]
+    highest = [float(density.max()) for density in spectra]
+    assert highest[1] == pytest.approx(highest[0], rel=0.5)
+
+
+def test_a_segment_fits_half_of_the_samples() -> None:
+    assert segment_size([100, 100, 5000], 100.0) == 1024  # no longer than 16 s
+    assert segment_size([150] * 50, 100.0) == 128
+    assert segment_size([20, 20], 100.0) == 0
+
+
+def write_waveforms(path: Path, *, fault: bool) -> Path:
+    writer = write_run(path, leaves=profile_leaves({"pulse": {"frequency_hz": 2000.0}}))
+    time_s = np.arange(0.0, 0.04, 1e-6)
+    on = (time_s % 5e-4) < 1.5e-4
+    writer.waveforms(WaveformBlock(100.0 + time_s, np.where(on, 22.0, 0.0), np.where(on, 0.12, 0.0)))
+    if fault:
+        signals = replace(a_cut(0.02), state=np.array([MACHINING, int(State.FAULT)], np.uint8))
+        writer.append_servo(replace(signals.block(), time_s=np.array([100.0, 100.032])))
+    return writer.finish("machine fault", 6)
+
+
+def test_waveforms_are_counted_from_the_fault(tmp_path: Path) -> None:
+    figure = drawn("waveforms", write_waveforms(tmp_path / "a.h5", fault=True))
+    whole, detail = figure.axes[1], figure.axes[3]
+    assert whole.get_xlim() == pytest.approx((-32.0, 8.0), abs=0.05)
+    assert detail.get_xlim() == pytest.approx((-4.0, 1.0), abs=0.05)  # 8 periods before, 2 after
+    assert {"fault", "voltage (V)", "current (A)", "time after the fault (ms)"} <= set(texts(figure))
+    assert not overlaps(figure)
+    assert width_mm(figure) == pytest.approx(85.0, abs=0.2)
+
+
+def test_the_pulses_of_a_real_short_end_at_the_fault(faulted_run_file: Path) -> None:
+    figure = drawn("waveforms", faulted_run_file)
+    time_ms, current_a = data(figure.axes[3].get_lines()[0])
+    # 120 mA in a plain discharge, and more in a short
+    assert current_a[time_ms < 0.0].max() > 0.1
+    assert current_a[time_ms > 0.1].max() < 0.01
+    assert not overlaps(figure)
+
+
+def test_waveforms_without_a_known_fault_are_counted_from_their_end(tmp_path: Path) -> None:
+    figure = drawn("waveforms", write_waveforms(tmp_path / "a.h5", fault=False))
+    assert figure.axes[1].get_xlim()[1] == pytest.approx(0.0, abs=0.05)
+    assert "fault" not in texts(figure)
+
+
+@pytest.fixture
+def long_run(tmp_path: Path) -> Path:
+    """Ten thousand samples with a single high one, an idle begin, and a touch."""
+    signals = a_cut(100.0)
+    signals.state[:500] = IDLE
+    signals.state[500:1000] = TOUCH
+    signals.gap_v[7777] = 39.0
+    return write_run(tmp_path / "a.h5", signals).finish("done", 0)
+
+
+def test_a_single_high_sample_is_not_lost_in_a_long_run(long_run: Path) -> None:
+    with open_run(long_run) as run:
+        lines = envelopes(
+            run,
+            "/entry/servo",
+            ["v_gap_avg"],
+            lambda c: {"gap": c["v_gap_avg"].astype(np.float32)},
+            points=100,
+        )
+    assert len(lines["gap"].time_s) == 100
+    assert np.nanmax(lines["gap"].high) == 39.0
+    assert lines["gap"].mean == pytest.approx(a_cut(100.0).gap_v.reshape(100, 100).mean(axis=1), abs=0.4)
+
+
+def test_an_interval_of_nothing_but_nan_is_nan(tmp_path: Path) -> None:
+    signals = a_cut(100.0)
+    signals.sensor_um[:150] = np.nan
+    path = write_run(tmp_path / "a.h5", signals).finish("done", 0)
+    with open_run(path) as run:
+        line = envelopes(
+            run, "/entry/servo", ["z_sensor"], lambda c: {"z": c["z_sensor"].astype(np.float32)}, points=100
+        )["z"]
+    assert np.isnan(line.mean[0])
+    assert np.isnan(line.low[0])
+    assert line.mean[1] == pytest.approx(signals.sensor_um[150:200].mean(), abs=1e-3)
+
+
+def test_what_comes_before_the_first_touch_is_left_out(long_run: Path) -> None:
+    with open_run(long_run) as run:
+        assert rows_worked(run) == (500, 10_000)
+
+
+def test_spans_go_on_from_block_to_block() -> None:
+    spans = Spans([State.TOUCH])
+    spans.take(np.arange(4.0), np.array([0, 6, 6, 6]))
+    spans.take(np.arange(4.0, 8.0), np.array([6, 0, 6, 6]))
+    assert spans.joined() == [(1.0, 5.0), (6.0, 7.0)]
+    assert spans.joined(within_s=1.0) == [(1.0, 7.0)]
+
+
+@pytest.mark.parametrize(("span_s", "label"), [(0.1, "ms"), (1.0, "s"), (900.0, "min"), (28_800.0, "h")])
+def test_an_axis_of_time_has_the_unit_of_its_length(span_s: float, label: str) -> None:
+    assert time_unit(span_s)[1] == f"time ({label})"

@@ -1,0 +1,183 @@
+"""The page of a run: whole in itself, sound HTML, with the numbers of the file, and quiet in a browser."""
+
+from __future__ import annotations
+
+import base64
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+from typing import TYPE_CHECKING, ClassVar
+from xml.etree import ElementTree
+
+import pytest
+
+from edmctl.record.reader import open_run
+from edmctl.report.kinds import KINDS, kind_called
+from edmctl.report.page import render_page
+from edmctl.report.pictures import pictures_of
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+STORY = [
+    (0.0, "Wanted was a hole."),
+    (61.0, "It jumped <once> & stopped."),
+    (62.0, "The run came to its end."),
+]
+MOST_BYTES = 5_000_000
+BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+
+
+def page_of(path: Path) -> str:
+    """The page of a run with a short story."""
+    with open_run(path) as run:
+        return render_page(run, pictures_of(run), STORY)
+
+
+@pytest.fixture(scope="module")
+def page(full_run_file: Path) -> str:
+    return page_of(full_run_file)
+
+
+class Elements(HTMLParser):
+    """Every element, with what is wrong about their order."""
+
+    VOID: ClassVar = {"meta", "link", "img", "br"}
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.found: list[tuple[str, dict[str, str | None]]] = []
+        self.open: list[str] = []
+        self.wrong: list[str] = []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.found.append((tag, dict(attrs)))
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        if not self.open or self.open.pop() != tag:
+            self.wrong.append(tag)
+
+    def values(self, name: str) -> list[str]:
+        """The values of an attribute."""
+        return [str(attrs[name]) for _, attrs in self.found if name in attrs]
+
+
+def test_every_element_is_closed_in_order_and_every_name_is_one(page: str) -> None:
+    elements = Elements(page)
+    assert (elements.wrong, elements.open) == ([], [])
+    ids = elements.values("id")
+    assert len(ids) == len(set(ids))
+    assert {link for link in elements.values("href") if link.startswith("#")} <= {f"#{name}" for name in ids}
+
+
+def test_the_page_needs_nothing_but_itself(page: str) -> None:
+    elements = Elements(page)
+    assert not {tag for tag, _ in elements.found} & {"script", "iframe", "object", "base"}
+    assert all(address.startswith("data:") for address in elements.values("src"))
+    assert all(link.startswith(("#", "data:")) for link in elements.values("href"))
+    assert not re.search(r"url\(|@import|https?:", page)
+    assert len(page.encode()) < MOST_BYTES
+
+
+def test_every_figure_is_a_picture_with_words_for_it(page: str) -> None:
+    pictures = [attrs for tag, attrs in Elements(page).found if tag == "img"]
+    assert len(pictures) >= 5
+    for picture in pictures:
+        media_type, _, encoded = str(picture["src"]).removeprefix("data:").partition(";base64,")
+        content = base64.b64decode(encoded, validate=True)
+        if media_type == "image/svg+xml":
+            assert ElementTree.fromstring(content).tag.endswith("svg")
+        else:
+            assert (media_type, content[:8]) == ("image/png", b"\x89PNG\r\n\x1a\n")
+        assert picture["alt"]
+        assert int(str(picture["width"])) > 0
+    assert page.count("<figcaption>") == len(pictures)
+
+
+def test_a_figure_is_drawn_or_the_reason_is_told(page: str) -> None:
+    names = set(Elements(page).values("id"))
+    absent = page.partition("Not drawn<")[2].partition("</details>")[0]
+    assert all(kind.name in names or f"{kind.title}:" in absent for kind in KINDS)
+    assert "channel" not in names
+
+
+def test_the_numbers_are_those_of_the_file(full_run_file: Path, page: str) -> None:
+    with open_run(full_run_file) as run:
+        (row,) = run.table("/entry/results")
+        summary = run.summary() or {}
+        recipe = run.text("/entry/profile/recipe_sha256")
+    assert f"{row['depth']:.2f} ± {row['depth_u95']:.2f} µm" in page
+    assert f"{row['wear']:.2f} ± {row['wear_u95']:.2f} µm" in page
+    sites = summary["sites"]
+    assert isinstance(sites, list)
+    truth_um = sites[0]["truth"]["depth_um"]
+    assert 'truth (simulated)</th></tr></thead><tbody>\n<tr><th scope="row">depth, Z2 − Z3</th>' in page
+    assert f"<td>{truth_um:.2f}</td></tr>" in page
+    assert "wanted 8 ± " in page
+    assert recipe in page
+    assert "yes, seed 3" in page
+
+
+def test_what_a_run_says_is_text_and_no_markup(page: str) -> None:
+    assert "It jumped &lt;once&gt; &amp; stopped." in page
+
+
+def test_several_sites_make_a_table(array_run_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("edmctl.report.pictures.KINDS", ())
+    page = page_of(array_run_file)
+    assert all(f'<th scope="row">hole-{number}</th>' in page for number in range(1, 10))
+    assert "mean of 9 sites" in page
+    assert "true depth (simulated)" in page
+
+
+def test_a_run_that_failed_says_so_at_the_top(
+    faulted_run_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("edmctl.report.pictures.KINDS", ())
+    header = page_of(faulted_run_file).partition("</header>")[0]
+    assert '<span class="status other">machine fault · simulated</span>' in header
+    assert STORY[-1][1] in header
+
+
+def test_a_figure_with_too_much_in_it_is_png(full_run_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("edmctl.report.pictures.KINDS", (kind_called("gap"),))
+    monkeypatch.setattr("edmctl.report.pictures.MOST_SVG_BYTES", 1000)
+    with open_run(full_run_file) as run:
+        (picture,) = pictures_of(run)
+    assert picture.address.startswith("data:image/png;base64,")
+
+
+def console_of(page: Path, folder: Path) -> tuple[list[str], str]:
+    """What a browser complains about, and the page as it understood it."""
+    assert BROWSER
+    flags = (
+        *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
+        *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
+        *("--enable-logging=stderr", "--v=0", f"--user-data-dir={folder}"),
+    )
+    done = subprocess.run(
+        [BROWSER, *flags, "--dump-dom", page.as_uri()],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        encoding="utf-8",
+        timeout=100,
+        check=True,
+    )
+    return [line for line in done.stderr.splitlines() if "CONSOLE" in line], done.stdout
+
+
+@pytest.mark.skipif(BROWSER is None, reason="chromium is not installed")
+def test_a_browser_opens_the_page_without_a_complaint(page: str, tmp_path: Path) -> None:
+    file = tmp_path / "page.html"
+    file.write_text(page, encoding="utf-8")
+    complaints, understood = console_of(file, tmp_path / "browser")
+    assert complaints == []
+    assert understood.count("<figure ") == page.count("<figure ")
+    # The same page with a fault in it: a browser that says nothing about that would prove nothing.
+    file.write_text(page.replace("</body>", '<script src="data:,x("></script></body>'), encoding="utf-8")
+    assert len(console_of(file, tmp_path / "browser")[0]) == 1
