@@ -20,11 +20,11 @@ from edmctl.cli import (
     ports,
     profile,
     reset,
-    run_explain,
     simulate,
 )
 from edmctl.cli.exitcodes import ExitCode, exit_code_table
 from edmctl.cli.outcome import Outcome, Output, finish, interrupted, mutter, unwritable
+from edmctl.cli.run import app as run_files
 from edmctl.cli.signals import SignalArrived, leave, raising_signals
 from edmctl.errors import UsageError
 
@@ -49,7 +49,7 @@ app.command("doctor")(doctor.doctor)
 app.command("ports")(ports.ports)
 app.add_typer(simulate.app, name="simulate")
 app.add_typer(profile.app, name="profile")
-app.add_typer(run_explain.app, name="run")
+app.add_typer(run_files, name="run")
 
 
 _GROUPS = ("profile", "run", "simulate")

@@ -1,4 +1,4 @@
-"""Files that a command leaves: none takes the place of another, and what cannot be written is refused."""
+"""Files that a command leaves: none takes the place of another unasked, and what cannot be written is refused."""
 
 from __future__ import annotations
 
@@ -9,23 +9,57 @@ from edmctl.errors import RunFileError
 if TYPE_CHECKING:
     from pathlib import Path
 
+_ANOTHER = "Choose another name."
 
-def check_free(path: Path) -> None:
+
+def check_free(path: Path, hint: str = _ANOTHER) -> None:
     """Raise RunFileError E9011 when there is something of that name."""
     if path.exists():
-        raise _taken(path)
+        raise _taken(path, hint)
 
 
-def write(path: Path, content: bytes) -> None:
+def write(path: Path, content: bytes, hint: str = _ANOTHER) -> None:
     """Write a file of that name. Raises RunFileError: E9011 it exists, E9012 it cannot be written."""
     from edmctl.record.disk import write_new
 
     try:
         write_new(path, content)
     except FileExistsError:
-        raise _taken(path) from None
+        raise _taken(path, hint) from None
     except OSError as refused:
         raise unwritable(str(path), str(refused.strerror), "Check folder and space.") from refused
+
+
+def replace(path: Path, content: bytes) -> None:
+    """Write a file of that name in place of the one that is there; that stays until the new one is whole.
+
+    Raises RunFileError E9012 where it cannot be written.
+    """
+    new = path.with_name(f".{path.name}.new")
+    try:
+        new.unlink(missing_ok=True)
+        write(new, content)
+        new.replace(path)
+    except OSError as refused:
+        new.unlink(missing_ok=True)
+        raise unwritable(str(path), str(refused.strerror), "Check folder and space.") from refused
+
+
+def check_folder(folder: Path) -> None:
+    """Raise RunFileError E9012 when something else stands where the folder is, or has to be made."""
+    there = next((path for path in (folder, *folder.parents) if path.exists()), folder)
+    if there.exists() and not there.is_dir():
+        raise unwritable(f"into {folder}", f"{there} is not a folder", "Check the path.")
+
+
+def make_folder(folder: Path) -> None:
+    """Make the folder that files are to go into. Raises RunFileError E9012."""
+    from edmctl.record.disk import make_folder as make
+
+    try:
+        make(folder)
+    except OSError as refused:
+        raise unwritable(f"into {folder}", str(refused.strerror), "Check the path.") from refused
 
 
 def unwritable(what: str, why: str, hint: str) -> RunFileError:
@@ -33,7 +67,5 @@ def unwritable(what: str, why: str, hint: str) -> RunFileError:
     return RunFileError(f"Cannot write {what}: {why}.", hint=hint, code="E9012")
 
 
-def _taken(path: Path) -> RunFileError:
-    return RunFileError(
-        f"{path} exists already and is not overwritten.", hint="Choose another name.", code="E9011"
-    )
+def _taken(path: Path, hint: str) -> RunFileError:
+    return RunFileError(f"{path} exists already and is not overwritten.", hint=hint, code="E9011")

@@ -75,6 +75,9 @@ RunIdOption: TypeAlias = Annotated[
 DryRunOption: TypeAlias = Annotated[
     bool, typer.Option("--dry-run", help="Check and forecast the job; touch nothing.")
 ]
+FileArgument: TypeAlias = Annotated[
+    Path, typer.Argument(metavar="FILE", help="A run file, also one of a run that was killed (.h5.partial).")
+]
 JsonOption: TypeAlias = Annotated[
     bool, typer.Option("--json", help="Write one JSON object to stdout, also on failure.")
 ]

@@ -1,15 +1,12 @@
-"""`edmctl run`: look at run files. `explain` tells what a run did, and why."""
+"""`edmctl run explain`: what a run did, and why, in plain sentences."""
 
 import json
 import math
 import sys
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from edmctl.cli.options import DebugOption, JsonOption
+from edmctl.cli.options import DebugOption, FileArgument, JsonOption
 from edmctl.cli.outcome import Outcome, Output, run_command, stream_style
 from edmctl.console.text import duration
 
@@ -17,32 +14,22 @@ if TYPE_CHECKING:
     from edmctl.console.story import Sentence
     from edmctl.record.reader import RunFile
 
-app = typer.Typer(help="Look at run files.", rich_markup_mode=None, add_completion=False)
 
-FileArgument = Annotated[
-    Path, typer.Argument(metavar="FILE", help="A run file, also one of a run that was killed (.h5.partial).")
-]
-
-
-@app.callback()
-def run() -> None:
-    """Look at run files."""
-
-
-@app.command()
 def explain(file: FileArgument, as_json: JsonOption = False, debug: DebugOption = False) -> int:
     """Tell the story of a run in plain sentences: what it did, when, and why."""
 
     def body(outcome: Outcome) -> None:
+        from edmctl.cli.run_opening import unless_killed
         from edmctl.console.story import render_story
-        from edmctl.record.reader import open_run
+        from edmctl.record.doubt import reading
 
-        with open_run(file) as opened:
+        with reading(file) as opened:
             outcome.run_file = file
             outcome.simulated = opened.number("/entry/simulated") == 1.0
             told = sentences_of(opened)
-        outcome.result = {"story": told}
-        outcome.text = render_story(told, stream_style(sys.stdout))
+            outcome.result = {"story": told}
+            outcome.text = render_story(told, stream_style(sys.stdout))
+            unless_killed(opened)
 
     return run_command(Output("run explain", as_json, debug=debug), body)
 
@@ -75,20 +62,20 @@ def sentences_of(opened: "RunFile") -> "list[Sentence]":
     ends.append(_ended(opened, events))
     codes = ("SETTLED", "DONE", "END") if several else ("SETTLED", "END")
     return [
-        Sentence(0.0, _wanted(opened), "WANTED"),
+        Sentence(0.0, wanted(opened), "WANTED"),
         *told,
         *(Sentence(last_s, text, code) for text, code in zip(ends, codes, strict=True) if text),
     ]
 
 
-def events_of(opened: "RunFile") -> list[FileEvent]:
-    """Every event of the file, in the order in which they were written."""
+def events_of(opened: "RunFile", start: int = 0) -> list[FileEvent]:
+    """The events of the file from row `start` on, in the order in which they were written."""
     from edmctl.machine.port import EventCode
     from edmctl.procedures.codes import RunEvent
 
     names = {int(code): code.name for code in (*EventCode, *RunEvent)}
     found = []
-    for row in opened.table("/entry/events"):
+    for row in opened.table("/entry/events", start):
         code = int(row["code"])
         name = names.get(code, str(code))
         args = json.loads(row["args"] or b"{}")
@@ -166,13 +153,13 @@ def _done(opened: "RunFile", events: list[FileEvent]) -> str:
     """How many holes are done, of how many."""
     values = opened.profile_values()
     done = sum(event.code == "TARGET_REACHED" for event in events)
-    wanted = "" if "file" in _kinds(values) else f" of {len(depths_of_holes(values))}"
+    of_how_many = "" if "file" in _kinds(values) else f" of {len(depths_of_holes(values))}"
     parent = opened.text("/entry/parent_run")
     earlier = f" in this run; those before are in {parent}" if parent else ""
-    return f"{done}{wanted} holes reached their target{earlier}."
+    return f"{done}{of_how_many} holes reached their target{earlier}."
 
 
-def _wanted(opened: "RunFile") -> str:
+def wanted(opened: "RunFile") -> str:
     values = opened.profile_values()
     kind = values.get("target.kind")
     depths_um = depths_of_holes(values)

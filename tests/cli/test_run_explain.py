@@ -112,7 +112,8 @@ def test_a_file_without_an_end_is_told_as_far_as_it_goes(here: Here, tmp_path: P
     with h5py.File(partial, "r+") as run:
         run["/entry/end_time"][()] = b""
     said = here("run", "explain", str(partial))
-    assert said.exit_code == 0
+    assert said.exit_code == 9
+    assert "E9008" in said.err
     assert "Cut 1 ended after" in said.out
     assert "was killed, or is still running" in said.out.splitlines()[-1]
 

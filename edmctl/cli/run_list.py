@@ -1,0 +1,94 @@
+"""`edmctl run list`: the runs of a folder in a table."""
+
+import shutil
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from edmctl.cli.options import DebugOption, JsonOption
+from edmctl.cli.outcome import Outcome, Output, run_command, stream_style
+
+if TYPE_CHECKING:
+    from edmctl.record.heads import RunHead, Unreadable
+
+RUNS = Path("runs")
+WORDS = {"E9005": "no run file", "E9006": "of a later version", "E9007": "damaged"}
+
+FolderArgument = Annotated[Path, typer.Argument(metavar="[FOLDER]", help="Where the run files are.")]
+
+
+def list_runs(folder: FolderArgument = RUNS, as_json: JsonOption = False, debug: DebugOption = False) -> int:
+    """List the runs of a folder, the newest last: what became of each, its depth, wear and time."""
+
+    def body(outcome: Outcome) -> None:
+        from edmctl.record.heads import RunHead, Unreadable, heads_of, read_head
+
+        if folder == RUNS and not folder.exists():
+            outcome.result = {"folder": str(folder), "runs": []}
+            outcome.text = f"No runs yet: there is no folder {folder} here."
+            return
+        found: list[RunHead | Unreadable] = list(heads_of(folder)) if folder.is_dir() else [read_head(folder)]
+        found.sort(key=_since)
+        outcome.result = {
+            "folder": str(folder),
+            "runs": [_unread(head) if isinstance(head, Unreadable) else _read(head) for head in found],
+        }
+        outcome.text = _table(found) if found else f"No run files in {folder}."
+
+    return run_command(Output("run list", as_json, debug=debug), body)
+
+
+def _since(head: "RunHead | Unreadable") -> tuple[str, str]:
+    """What the runs are sorted by: their start, of unreadable ones their last change."""
+    from edmctl.record.heads import Unreadable
+
+    if isinstance(head, Unreadable):
+        return _changed(head), head.path.name
+    try:
+        start = datetime.fromisoformat(head.start_time)
+    except ValueError:
+        return "", head.path.name
+    return start.astimezone(UTC).isoformat(), head.path.name
+
+
+def _changed(file: "Unreadable") -> str:
+    return datetime.fromtimestamp(file.changed_s, UTC).isoformat()
+
+
+def _read(head: "RunHead") -> dict[str, object]:
+    from dataclasses import asdict
+
+    return {**asdict(head), "path": str(head.path), "error": None}
+
+
+def _unread(file: "Unreadable") -> dict[str, object]:
+    return {
+        "path": str(file.path),
+        "size_bytes": file.size_bytes,
+        "error": {"code": file.error.code, "message": file.error.message, "hint": file.error.hint},
+    }
+
+
+def _table(found: "list[RunHead | Unreadable]") -> str:
+    from edmctl.console.runs_table import BrokenFile, render_runs
+    from edmctl.record.heads import Unreadable
+
+    rows: list[RunHead | BrokenFile] = []
+    for head in found:
+        if isinstance(head, Unreadable):
+            rows.append(
+                BrokenFile(
+                    head.path.name,
+                    head.size_bytes,
+                    _changed(head),
+                    WORDS.get(head.error.code, head.error.code),
+                    head.error.message,
+                )
+            )
+        else:
+            rows.append(head)
+    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
+    return render_runs(rows, stream_style(sys.stdout), width)

@@ -1,0 +1,127 @@
+"""`edmctl run plot`: figures, and a page with all of them, from a run file alone."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from edmctl.cli.options import DebugOption, JsonOption
+from edmctl.cli.outcome import Outcome, Output, mutter, note, run_command
+
+if TYPE_CHECKING:
+    from edmctl.cli.plot_order import PlotOrder, Target
+    from edmctl.record.reader import RunFile
+
+FileArgument = Annotated[
+    Path, typer.Argument(metavar="FILE", help="A run file, also that of a run that goes on (.h5.partial).")
+]
+KindOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--kind",
+        metavar="KIND",
+        help="One of those below; all figures there is something for without. Repeatable.",
+    ),
+]
+OutOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--out",
+        "-o",
+        metavar="FILE|FOLDER",
+        help="A file by its ending (one figure), or the folder; beside the run file without.",
+    ),
+]
+FormatOption = Annotated[
+    str | None,
+    typer.Option("--format", metavar="FORMAT", help="Of the figures: png (as without), svg or pdf."),
+]
+OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace figures of the same name.")]
+
+LARGE_BYTES = 50_000_000
+"""From this size of the run file on, drawing all its figures takes long enough to say so."""
+
+
+def plot(
+    file: FileArgument,
+    kind: KindOption = None,
+    out: OutOption = None,
+    form: FormatOption = None,
+    overwrite: OverwriteOption = False,
+    as_json: JsonOption = False,
+    debug: DebugOption = False,
+) -> int:
+    """Draw figures of a run, for print or for the screen, or one HTML page with all of them (--kind report)."""
+
+    def body(outcome: Outcome) -> None:
+        from edmctl.cli.plot_order import plot_order
+        from edmctl.cli.run_opening import open_unless_killed, plain_stem
+        from edmctl.report.style import need_matplotlib
+
+        order = plot_order(plain_stem(file), file.parent, kind or [], out, form)
+        need_matplotlib()
+        with open_unless_killed(file) as opened:
+            outcome.run_file = file
+            outcome.simulated = opened.number("/entry/simulated") == 1.0
+            seed = int(opened.number("/entry/seed"))
+            outcome.seed = seed if seed >= 0 else None
+            order.check(overwrite)
+            _draw(outcome, opened, order, overwrite)
+
+    return run_command(Output("run plot", as_json, debug=debug), body)
+
+
+def _draw(outcome: Outcome, opened: "RunFile", order: "PlotOrder", overwrite: bool) -> None:
+    """Draw and write one file after the other, so that what is there stays when a later one fails."""
+    from edmctl.cli import new_files
+    from edmctl.cli.plot_order import REPLACE_HINT
+    from edmctl.errors import PreconditionError
+    from edmctl.report.style import NothingToDraw
+
+    if len(order.targets) > 1 and opened.path.stat().st_size > LARGE_BYTES:
+        note(outcome.output, f"drawing {len(order.targets)} figures of a long run")
+    written: list[dict[str, object]] = []
+    nothing: list[dict[str, object]] = []
+    outcome.result = {"figures": written, "nothing": nothing}
+    for target in order.targets:
+        try:
+            content = _content(opened, target)
+        except NothingToDraw as reason:
+            nothing.append({"kind": target.name, "why": str(reason)})
+            continue
+        new_files.make_folder(target.path.parent)
+        if overwrite:
+            new_files.replace(target.path, content)
+        else:
+            new_files.write(target.path, content, REPLACE_HINT)
+        written.append({"kind": target.name, "file": str(target.path), "bytes": len(content)})
+        outcome.text = "\n".join(f"{entry['kind']:<13} {entry['file']}" for entry in written)
+    if nothing and (order.by_name or not written):
+        raise PreconditionError(
+            " ".join(f"Nothing to draw for {entry['kind']}: {entry['why']}" for entry in nothing),
+            hint="Without --kind, what there is something for is drawn." if written or order.by_name else "",
+            code="E8091",
+        )
+    for entry in nothing:
+        mutter(f"no {entry['kind']}: {entry['why']}\n")
+
+
+def _content(opened: "RunFile", target: "Target") -> bytes:
+    """The bytes of the file. Raises NothingToDraw."""
+    if target.kind is None:
+        return page_of(opened).encode()
+    from edmctl.report.kinds import draw
+    from edmctl.report.style import house_style, rendered
+
+    with house_style():
+        return rendered(draw(target.kind, opened), target.path.suffix.lower())
+
+
+def page_of(opened: "RunFile") -> str:
+    """The page with all figures and numbers of an open run file."""
+    from edmctl.cli.run_explain import sentences_of
+    from edmctl.report.page import render_page
+    from edmctl.report.pictures import pictures_of
+
+    story = [(sentence.time_s, sentence.text) for sentence in sentences_of(opened)]
+    return render_page(opened, pictures_of(opened), story)

@@ -1,0 +1,150 @@
+"""`edmctl run compare`: what was different about runs, and whether their results differ beyond uncertainty."""
+
+from __future__ import annotations
+
+import math
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import h5py
+import pytest
+
+from edmctl.cli.app import main
+from edmctl.console.compare_table import letter
+from tests.cli.commands import SHALLOW
+
+if TYPE_CHECKING:
+    from tests.cli.commands import Here
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """The files of two shallow holes with another servo reference and another seed."""
+    folder = tmp_path_factory.mktemp("recorded")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("EDMCTL_HOME", str(folder / "home"))
+        patch.chdir(folder)
+        for name, seed, reference in (("one", "4", "0.8"), ("two", "5", "0.78")):
+            setting = f"servo.reference={reference}"
+            assert (
+                main(("machine", *SHALLOW, "--set", setting, "--seed", seed, "--run-id", name, "--quiet"))
+                == 0
+            )
+    return folder / "runs" / "one.h5", folder / "runs" / "two.h5"
+
+
+@pytest.fixture
+def runs(recorded: tuple[Path, Path], tmp_path: Path) -> tuple[Path, Path]:
+    """Copies of them in a folder of their own."""
+    one, two = (Path(shutil.copy(path, tmp_path / path.name)) for path in recorded)
+    return one, two
+
+
+def with_depth(path: Path, depth_um: float, u95_um: float) -> None:
+    """Make the measured depth of a run another."""
+    with h5py.File(path, "r+") as file:
+        rows = file["/entry/results"][:]
+        rows["depth"], rows["depth_u95"] = depth_um, u95_um
+        file["/entry/results"][...] = rows
+
+
+def unsealed(source: Path, target: Path) -> Path:
+    """A copy that may be changed: without the check sum behind its end."""
+    with h5py.File(source) as old, h5py.File(target, "w") as new:
+        for name, value in old.attrs.items():
+            new.attrs[name] = value
+        old.copy("entry", new)
+    return target
+
+
+def test_runs_differ_in_what_was_set_and_in_nothing_else(here: Here, runs: tuple[Path, Path]) -> None:
+    said = here("run", "compare", *map(str, runs), "--json")
+    assert said.exit_code == 0, said.err
+    differs = {setting["key"]: setting["values"] for setting in said.document["result"]["differs"]}
+    assert differs == {"servo.reference": ["0.8", "0.78"], "machine": ["SIM-4", "SIM-5"], "seed": ["4", "5"]}
+
+
+@pytest.mark.parametrize(("second_um", "beyond"), [(8.9, False), (9.1, True), (7.1, False), (6.9, True)])
+def test_a_difference_counts_beyond_the_uncertainty_of_both(
+    here: Here, runs: tuple[Path, Path], second_um: float, beyond: bool
+) -> None:
+    one, two = (unsealed(run, run.with_name(f"open-{run.name}")) for run in runs)
+    with_depth(one, 8.0, 0.6)
+    with_depth(two, second_um, 0.8)
+    result = here("run", "compare", str(one), str(two), "--json").document["result"]
+    (depth,) = (quantity for quantity in result["quantities"] if quantity["key"] == "depth_um")
+    first, second = depth["amounts"]
+    assert (first["value"], first["difference"], first["beyond"]) == (8.0, 0.0, False)
+    assert second["difference"] == pytest.approx(second_um - 8.0)
+    assert second["difference_u95"] == pytest.approx(math.hypot(0.6, 0.8))
+    assert second["beyond"] is beyond
+    (row,) = (
+        line
+        for line in here("run", "compare", str(one), str(two)).out.splitlines()
+        if line.startswith("depth,")
+    )
+    assert row.endswith("*") is beyond
+
+
+def test_the_table_names_runs_by_letters(here: Here, runs: tuple[Path, Path]) -> None:
+    one, two = runs
+    lines = here("run", "compare", str(one), str(two), str(one)).out.splitlines()
+    assert [line.split()[:2] for line in lines[1:4]] == [["A", str(one)], ["B", str(two)], ["C", str(one)]]
+    (header,) = (line for line in lines if line.startswith("result "))
+    assert header.split("   ")[-1].strip() == "C − A"
+    (depth,) = (line for line in lines if line.startswith("depth,"))
+    assert depth.count("±") == 5
+    assert max(map(len, lines[4:])) < 120
+
+
+def test_more_than_four_runs_make_another_table(here: Here, runs: tuple[Path, Path]) -> None:
+    out = here("run", "compare", *map(str, (*runs, *runs, *runs))).out
+    assert out.count("\nresult ") == 2
+    assert "F − A" in out
+    assert [letter(number) for number in (0, 25, 26, 52)] == ["A", "Z", "A2", "A3"]
+
+
+def test_truth_is_named_as_such(here: Here, runs: tuple[Path, Path]) -> None:
+    out = here("run", "compare", *map(str, runs)).out
+    assert "true depth (simulated), µm" in out
+
+
+def test_runs_that_were_the_same_differ_in_nothing(here: Here, runs: tuple[Path, Path]) -> None:
+    said = here("run", "compare", str(runs[0]), str(runs[0]))
+    assert "Nothing was set differently in A, B." in said.out
+    assert " *" not in said.out.partition("\n± is")[0]
+
+
+def test_the_figure_is_drawn_into_a_new_file_only(here: Here, runs: tuple[Path, Path]) -> None:
+    figure = runs[0].parent / "both.svg"
+    arguments = ("run", "compare", *map(str, runs), "--out", str(figure))
+    said = here(*arguments)
+    assert said.exit_code == 0, said.err
+    assert said.out.rstrip().endswith(f"Figure {figure}")
+    content = figure.read_bytes()
+    assert b"tool wear" in content
+    again = here(*arguments, "--json")
+    assert (again.exit_code, again.document["error"]["code"]) == (9, "E9011")
+    assert figure.read_bytes() == content
+
+
+@pytest.mark.parametrize(
+    ("arguments", "exit_code", "code"),
+    [
+        (("one.h5",), 2, "E2073"),
+        (("one.h5", "two.h5", "--out", "both.gif"), 2, "E2011"),
+        (("one.h5", "three.h5"), 9, "E9005"),
+    ],
+)
+def test_what_cannot_be_compared_is_refused(
+    here: Here,
+    runs: tuple[Path, Path],
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: tuple[str, ...],
+    exit_code: int,
+    code: str,
+) -> None:
+    monkeypatch.chdir(runs[0].parent)
+    said = here("run", "compare", *arguments, "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (exit_code, code)

@@ -1,0 +1,131 @@
+"""`edmctl run list`: every run of a folder, whatever became of it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl.console.runs_table import render_runs, size, start_utc
+from edmctl.record.heads import read_head
+from tests.cli.run_files import begun, finished, killed
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from tests.cli.commands import Here
+
+
+def test_the_newest_run_stands_last(here: Here, tmp_path: Path) -> None:
+    finished(tmp_path, "a", "2026-03-01T12:00:00+00:00")
+    finished(tmp_path, "b", "2026-01-01T12:00:00+00:00")
+    finished(tmp_path, "c", "2026-02-01T23:30:00-05:00")
+    said = here("run", "list", str(tmp_path))
+    assert (said.exit_code, said.err) == (0, "")
+    lines = said.out.splitlines()[1:4]
+    assert [line.split()[:2] for line in lines] == [
+        ["b", "2026-01-01"],
+        ["c", "2026-02-02"],
+        ["a", "2026-03-01"],
+    ]
+
+
+def test_a_row_says_what_became_of_a_run(here: Here, tmp_path: Path) -> None:
+    finished(tmp_path, "a", status="machine fault")
+    (line,) = here("run", "list", str(tmp_path)).out.splitlines()[1:]
+    for told in ("machine fault (6)", "cu270", "180.00 ± 0.90", "70.00 ± 1.10", "14 min 30 s"):
+        assert told in line
+    (run,) = here("run", "list", str(tmp_path), "--json").document["result"]["runs"]
+    assert run["depth_um"] == 180.0
+    assert run["wear_u95_um"] == 1.1
+    assert (run["sites"], run["seed"], run["simulated"], run["exit_code"]) == (1, 7, True, 6)
+    assert run["error"] is None
+
+
+def test_files_that_cannot_be_read_are_rows_too(here: Here, tmp_path: Path) -> None:
+    finished(tmp_path, "sound")
+    (tmp_path / "empty.h5").touch()
+    (tmp_path / "text.h5").write_text("no HDF5 at all")
+    (tmp_path / "notes.txt").write_text("no run file")
+    cut = finished(tmp_path, "cut")
+    cut.write_bytes(cut.read_bytes()[:5000])
+    (tmp_path / "lost.h5").symlink_to("nowhere")
+    said = here("run", "list", str(tmp_path))
+    assert said.exit_code == 0
+    words = {line.split()[0]: line for line in said.out.splitlines()[1:6]}
+    assert "done" in words["sound"]
+    assert "damaged" in words["cut"]
+    for name in ("empty", "text", "lost"):
+        assert "no run file" in words[name]
+    assert f"{tmp_path / 'empty.h5'} is empty." in said.out
+    runs = here("run", "list", str(tmp_path), "--json").document["result"]["runs"]
+    assert sorted(run["error"]["code"] for run in runs if run["error"]) == [
+        "E9005",
+        "E9005",
+        "E9005",
+        "E9007",
+    ]
+
+
+def test_a_live_run_is_told_from_a_killed_one(here: Here, tmp_path: Path) -> None:
+    writer = begun(tmp_path, "living")
+    killed(tmp_path, "dead")
+    runs = here("run", "list", str(tmp_path), "--json").document["result"]["runs"]
+    writer.finish("done", 0)
+    assert {run["run_id"]: (run["status"], run["exit_code"]) for run in runs} == {
+        "living": ("running", None),
+        "dead": ("interrupted", None),
+    }
+
+
+def test_a_recovered_run_is_listed_once(here: Here, tmp_path: Path) -> None:
+    left = killed(tmp_path, "dead")
+    here("run", "recover", str(left))
+    (run,) = here("run", "list", str(tmp_path), "--json").document["result"]["runs"]
+    assert (run["path"], run["status"]) == (str(tmp_path / "dead.h5"), "recovered")
+
+
+def test_listing_does_not_read_the_rows(here: Here, tmp_path: Path) -> None:
+    path = finished(tmp_path, "a")
+    content = bytearray(path.read_bytes())
+    content[-20] ^= 0x04  # the check sum
+    path.write_bytes(content)
+    (run,) = here("run", "list", str(tmp_path), "--json").document["result"]["runs"]
+    assert run["status"] == "done"
+    assert here("run", "show", str(path)).exit_code == 9
+
+
+def test_without_runs_it_says_so(here: Here, tmp_path: Path) -> None:
+    said = here("run", "list")
+    assert (said.exit_code, said.err) == (0, "")
+    assert "No runs yet" in said.out
+    said = here("run", "list", str(tmp_path))
+    assert said.exit_code == 0
+    assert f"No run files in {tmp_path}." in said.out
+
+
+def test_a_folder_that_is_not_there_is_an_error(here: Here, tmp_path: Path) -> None:
+    said = here("run", "list", str(tmp_path / "typo"), "--json")
+    assert said.exit_code == 9
+    assert said.document["error"]["code"] == "E9005"
+
+
+@pytest.mark.parametrize("columns", [60, 80, 140])
+def test_the_table_fits_the_terminal(tmp_path: Path, columns: int) -> None:
+    heads = [read_head(finished(tmp_path, run_id)) for run_id in ("a", "b")]
+    text = render_runs(heads, columns=columns)
+    assert max(map(len, text.splitlines()[:3])) <= columns
+    assert "180.00 ± 0.90" in text
+    assert ("Not shown" in text) == (columns < 140)
+
+
+def test_a_text_out_of_a_file_cannot_command_the_terminal(tmp_path: Path) -> None:
+    assert start_utc("\x1b[2J") == "?[2J"
+
+
+@pytest.mark.parametrize(
+    ("size_bytes", "text"),
+    [(0, "0 B"), (999, "999 B"), (1000, "1.0 kB"), (215_640, "216 kB"), (2_092_156, "2.1 MB")],
+)
+def test_sizes_are_read_at_a_glance(size_bytes: int, text: str) -> None:
+    assert size(size_bytes) == text

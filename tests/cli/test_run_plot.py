@@ -1,0 +1,257 @@
+"""`edmctl run plot`: which figures go where, what is refused, and what is left alone."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import h5py
+import pytest
+
+from edmctl.cli.app import main
+from edmctl.record.liveness import hold, release
+from edmctl.report.kinds import KINDS, NAMES, Kind, kind_called
+from edmctl.report.style import NothingToDraw, new_figure
+from tests.cli.commands import ROOT, SHALLOW
+from tests.cli.test_start_up import HEAVY, modules_after
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from edmctl.cli.plot_order import Target
+    from edmctl.record.reader import RunFile
+    from tests.cli.commands import Here
+
+PNG, PDF = b"\x89PNG\r\n\x1a\n", b"%PDF"
+SOME = tuple(kind_called(name) for name in ("gap", "laue", "channel"))
+"""Of a run without single pulses and without a path, only the first can be drawn."""
+
+
+def sketch(kind: Kind, _: RunFile) -> Figure:
+    """A figure that is drawn in no time, where there would be one."""
+    if kind in SOME[1:]:
+        raise NothingToDraw(f"There is no {kind.name} in this run.")
+    figure = new_figure(20.0, 20.0)
+    figure.text(0.5, 0.5, kind.name)
+    return figure
+
+
+@pytest.fixture(autouse=True)
+def sketches(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What goes where is the question here; how the figures look is one of `tests/report`."""
+    monkeypatch.setattr("edmctl.report.kinds.draw", sketch)
+    monkeypatch.setattr("edmctl.report.pictures.draw", sketch)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The file of a shallow hole, without pulses."""
+    folder = tmp_path_factory.mktemp("recorded")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("EDMCTL_HOME", str(folder / "home"))
+        patch.chdir(folder)
+        assert main(("machine", *SHALLOW, "--seed", "4", "--run-id", "one", "--quiet")) == 0
+    return folder / "runs" / "one.h5"
+
+
+@pytest.fixture
+def run(recorded: Path, tmp_path: Path) -> Path:
+    """A copy of it in a folder of its own."""
+    return Path(shutil.copy(recorded, tmp_path / "one.h5"))
+
+
+def unfinished(run: Path) -> Path:
+    """The file as its writer leaves it when it is killed."""
+    partial = run.with_name("one.h5.partial")
+    run.rename(partial)
+    with h5py.File(partial, "r+") as file:
+        file["/entry/end_time"][()] = b""
+    return partial
+
+
+def names_in(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_all_that_can_be_drawn_goes_beside_the_run(
+    here: Here, run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("edmctl.cli.plot_order.KINDS", SOME)
+    said = here("run", "plot", str(run))
+    assert said.exit_code == 0, said.err
+    assert names_in(run.parent) == ["one-gap.png", "one.h5"]
+    assert (run.parent / "one-gap.png").read_bytes().startswith(PNG)
+    assert said.out.split() == ["gap", str(run.parent / "one-gap.png")]
+    assert [line.split(":")[0] for line in said.err.splitlines()] == ["no laue", "no channel"]
+
+
+def test_every_kind_but_the_report_is_drawn_without_being_asked_for(
+    here: Here, run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[str] = []
+
+    def content(_: object, target: Target) -> bytes:
+        asked.append(target.name)
+        return b"a figure"
+
+    monkeypatch.setattr("edmctl.cli.run_plot._content", content)
+    assert here("run", "plot", str(run)).exit_code == 0
+    assert asked == [kind.name for kind in KINDS] == list(NAMES[:-1])
+
+
+def test_named_figures_go_into_a_new_folder_in_the_format_that_was_asked_for(here: Here, run: Path) -> None:
+    folder = run.parent / "deep" / "figures"
+    said = here(
+        "run", "plot", str(run), "--kind", "gap", "--kind", "gap", "--format", "svg", "--out", str(folder)
+    )
+    assert said.exit_code == 0, said.err
+    assert names_in(folder) == ["one-gap.svg"]
+    assert b"<svg" in (folder / "one-gap.svg").read_bytes()[:1000]
+
+
+def test_one_figure_goes_into_the_file_that_is_named(here: Here, run: Path) -> None:
+    file = run.parent / "fig7.pdf"
+    said = here("run", "plot", str(run), "--kind", "gap", "-o", str(file), "--json")
+    assert said.exit_code == 0, said.err
+    assert file.read_bytes().startswith(PDF)
+    document = said.document
+    assert (document["command"], document["simulated"], document["seed"]) == ("run plot", True, 4)
+    assert document["run_file"] == str(run)
+    assert document["result"] == {
+        "figures": [{"kind": "gap", "file": str(file), "bytes": file.stat().st_size}],
+        "nothing": [],
+    }
+
+
+def test_a_figure_replaces_none_unless_it_is_told_to(here: Here, run: Path) -> None:
+    there = run.parent / "one-gap.png"
+    there.write_bytes(b"mine")
+    refused = here("run", "plot", str(run), "--kind", "gap", "--json")
+    assert (refused.exit_code, refused.document["error"]["code"]) == (9, "E9011")
+    assert "--overwrite" in refused.document["error"]["hint"]
+    assert there.read_bytes() == b"mine"
+    told = here("run", "plot", str(run), "--kind", "gap", "--overwrite")
+    assert told.exit_code == 0, told.err
+    assert there.read_bytes().startswith(PNG)
+    assert names_in(run.parent) == ["one-gap.png", "one.h5"]
+
+
+def test_nothing_is_drawn_where_one_of_many_is_taken(here: Here, run: Path) -> None:
+    (run.parent / "one-channel.png").write_bytes(b"mine")
+    assert here("run", "plot", str(run)).exit_code == 9
+    assert names_in(run.parent) == ["one-channel.png", "one.h5"]
+
+
+def test_a_figure_that_was_asked_for_and_cannot_be_is_an_error_and_the_others_are_drawn(
+    here: Here, run: Path
+) -> None:
+    said = here("run", "plot", str(run), "--kind", "laue", "--kind", "gap", "--json")
+    document = said.document
+    assert (said.exit_code, document["error"]["code"]) == (8, "E8091")
+    assert "laue" in document["error"]["message"]
+    assert [entry["kind"] for entry in document["result"]["figures"]] == ["gap"]
+    assert [entry["kind"] for entry in document["result"]["nothing"]] == ["laue"]
+    assert names_in(run.parent) == ["one-gap.png", "one.h5"]
+    new = run.parent / "new"
+    assert here("run", "plot", str(run), "--kind", "laue", "--out", str(new)).exit_code == 8
+    assert not new.exists()
+
+
+def test_a_run_with_nothing_to_draw_is_an_error(
+    here: Here, run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("edmctl.cli.plot_order.KINDS", SOME[1:])
+    said = here("run", "plot", str(run))
+    assert (said.exit_code, said.out) == (8, "")
+    assert "E8091" in said.err
+
+
+@pytest.mark.parametrize(
+    ("options", "code"),
+    [
+        (("--kind", "gapp"), "E2070"),
+        (("--kind", "gap", "--kind", "steps", "--out", "two.png"), "E2071"),
+        (("--out", "all.svg"), "E2071"),
+        (("--kind", "gap", "--out", "-"), "E2071"),
+        (("--kind", "gap", "--format", "gif"), "E2072"),
+        (("--kind", "report", "--format", "pdf"), "E2072"),
+        (("--kind", "gap", "--format", "svg", "--out", "one.png"), "E2072"),
+        (("--kind", "gap", "--out", "one.html"), "E2072"),
+        (("--kind", "report", "--out", "one.png"), "E2072"),
+    ],
+)
+def test_what_does_not_fit_together_is_a_usage_error(
+    here: Here, run: Path, options: tuple[str, ...], code: str
+) -> None:
+    said = here("run", "plot", str(run), *options, "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (2, code)
+    assert names_in(run.parent) == ["one.h5"]
+
+
+def test_an_unknown_kind_is_told_the_nearest_and_all(here: Here, run: Path) -> None:
+    hint = here("run", "plot", str(run), "--kind", "wavefroms", "--json").document["error"]["hint"]
+    assert hint.startswith("Did you mean waveforms? ")
+    assert all(name in hint for name in NAMES)
+
+
+def test_help_names_every_kind(here: Here) -> None:
+    out = here("run", "plot", "--help").out
+    assert all(f"  {name} " in out for name in NAMES)
+
+
+def test_the_page_of_instructions_names_every_kind() -> None:
+    page = (ROOT / "docs/how-to.md").read_text(encoding="utf-8")
+    section = page.partition("## Draw a run")[2].partition("\n## ")[0]
+    assert re.findall(r"^\| `(\w+)` \|", section, flags=re.MULTILINE) == list(NAMES)
+
+
+def test_the_file_of_a_killed_run_is_refused(here: Here, run: Path) -> None:
+    partial = unfinished(run)
+    said = here("run", "plot", str(partial), "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (9, "E9008")
+    assert names_in(run.parent) == ["one.h5.partial"]
+
+
+def test_a_live_run_is_drawn_as_far_as_it_goes(here: Here, run: Path) -> None:
+    partial = unfinished(run)
+    lock = hold(partial)
+    try:
+        said = here("run", "plot", str(partial), "--kind", "gap")
+    finally:
+        release(lock)
+    assert said.exit_code == 0, said.err
+    assert (run.parent / "one-gap.png").read_bytes().startswith(PNG)
+
+
+def test_a_file_that_is_no_run_is_refused(here: Here, tmp_path: Path) -> None:
+    other = tmp_path / "other.h5"
+    other.write_bytes(b"no HDF5")
+    said = here("run", "plot", str(other), "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (9, "E9005")
+
+
+def test_a_folder_that_cannot_be_made_is_said(here: Here, run: Path) -> None:
+    (run.parent / "taken").write_bytes(b"")
+    out = str(run.parent / "taken" / "figures")
+    said = here("run", "plot", str(run), "--kind", "gap", "--out", out, "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (9, "E9012")
+    assert said.document["result"] is None
+
+
+def test_the_report_is_one_page(here: Here, run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("edmctl.report.pictures.KINDS", SOME)
+    said = here("run", "plot", str(run), "--kind", "report")
+    assert said.exit_code == 0, said.err
+    page = (run.parent / "one-report.html").read_text(encoding="utf-8")
+    assert page.startswith("<!DOCTYPE html>")
+    assert page.count("<figure") == 1
+    assert "The run came to its end after" in page
+
+
+def test_help_loads_nothing_heavy_and_a_figure_no_pyplot(run: Path, tmp_path: Path) -> None:
+    assert not modules_after(["run", "plot", "--help"], tmp_path) & HEAVY
+    loaded = modules_after(["run", "plot", str(run), "--kind", "gap"], tmp_path)
+    assert "matplotlib" in loaded
+    assert not loaded & {"matplotlib.pyplot", "scipy", "numba", "pydantic"}
