@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.actuator.moves import ramp_by
 from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.resting import rest_and_look
 from edmctl.procedures.results import Phase
 from edmctl.procedures.settings import first_sparks_v
 from edmctl.procedures.stages import move_to
@@ -103,7 +104,7 @@ def find_contact(run: Run, place: Site) -> SurfaceFound:
 def lower_to(run: Run, target_um: float) -> None:
     """Ramp towards a displacement, until just above it, in steps that do not overshoot."""
     for _ in range(_STEPS):
-        run.machine.rest(_SETTLE_S)
+        rest_and_look(run, _SETTLE_S)
         left_um = target_um - run.watch.displacement_um
         if left_um <= _NEAR_UM:
             return

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from edmctl.errors import PreconditionError
 from edmctl.machine.port import Axis
 from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.resting import rest_and_look
 from edmctl.procedures.results import Phase
 from edmctl.procedures.settings import controller_settings
 
@@ -21,6 +22,7 @@ play of the drive always lies on the same side."""
 ROTARY_REPEATABILITY_DEG = 0.1
 """Of the rotary table (Muralidhara et al. 2009, §3.1): a smaller turn is no turn."""
 
+_SETTLE_S = 0.2
 _CREEP_WAIT_S = 60.0
 """Longest wait for the actuator to creep back below the height at which the stages may move."""
 _CREEP_LOOK_S = 1.0
@@ -33,7 +35,7 @@ def retract(run: Run) -> None:
     run.begin(Phase.RETRACTING)
     settings = controller_settings(run.profile, run.setup)
     run.machine.ramp(0.0, settings.retract_v_s)
-    run.machine.rest(0.2)
+    rest_and_look(run, _SETTLE_S)
     end_s = run.machine.time_s + _CREEP_WAIT_S
     while run.watch.displacement_um > settings.safe_z_um - _READING_MARGIN_UM:
         if run.machine.time_s > end_s:
@@ -43,7 +45,7 @@ def retract(run: Run) -> None:
                 hint="Check the zero of the displacement sensor and the actuator's supply.",
                 code="E8020",
             )
-        run.machine.rest(_CREEP_LOOK_S)
+        rest_and_look(run, _CREEP_LOOK_S)
 
 
 def move_to(run: Run, place: Site) -> None:

@@ -117,6 +117,12 @@ class Watch:
         return self._latest
 
     @property
+    def newest_s(self) -> float:
+        """Time of the newest sample; minus infinity before the first."""
+        block = self.latest
+        return -math.inf if block is None else float(block.time_s[-1])
+
+    @property
     def displacement_um(self) -> float:
         """Mean sensor displacement over the newest block; NaN before the first."""
         block = self.latest

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from edmctl.errors import ObjectiveNotReached, PreconditionError
+from edmctl.errors import LinkLost, ObjectiveNotReached, PreconditionError
 from edmctl.machine.port import EventCode, TelemetryFlag
 from edmctl.procedures.approach import ABOVE_BOTTOM_UM, approach_surface, lower_to, raise_by
 from edmctl.procedures.codes import RunEvent
@@ -20,6 +20,9 @@ from .conftest import armed
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from edmctl.machine.port import TelemetryBlock
+    from edmctl.procedures.run import Run
 
     from .conftest import Shop
 
@@ -112,3 +115,46 @@ def test_an_approach_slower_than_erosion_ends_at_the_first_sparks(shop: OpenShop
     move_to(run, s.job.sites[0])
     approach_surface(run)
     assert s.bench.truth()[0].depth_um < 2.0
+
+
+def deaf_after_ramps(s: Shop, run: Run, monkeypatch: pytest.MonkeyPatch, deaf_s: float) -> None:
+    """Let all samples get lost for a while from the beginning of each ramp."""
+    hear, ramp = run.watch.telemetry, s.machine.ramp
+    until_s = 0.0
+
+    def telemetry(block: TelemetryBlock) -> None:
+        if block.time_s[0] > until_s:
+            hear(block)
+
+    def deafening(actuator_v: float, slew_v_s: float) -> None:
+        nonlocal until_s
+        until_s = s.machine.time_s + deaf_s
+        ramp(actuator_v, slew_v_s)
+
+    monkeypatch.setattr(run.watch, "telemetry", telemetry)
+    monkeypatch.setattr(s.machine, "ramp", deafening)
+
+
+def test_a_tool_is_not_lowered_by_samples_from_before_the_last_ramp(
+    shop: OpenShop, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    s = shop()
+    run = armed(s)
+    condition(run)
+    move_to(run, run.job.pad)
+    deaf_after_ramps(s, run, monkeypatch, 2.0)
+    lower_to(run, 30.0)
+    assert run.watch.displacement_um == pytest.approx(30.0, abs=4.0)
+    assert float(s.bench.plant.st[kernel.SENSOR_Z]) < 31.0
+
+
+def test_a_line_without_samples_ends_the_lowering(shop: OpenShop, monkeypatch: pytest.MonkeyPatch) -> None:
+    s = shop()
+    run = armed(s)
+    condition(run)
+    move_to(run, run.job.pad)
+    deaf_after_ramps(s, run, monkeypatch, 1000.0)
+    with pytest.raises(LinkLost) as lost:
+        lower_to(run, 30.0)
+    assert lost.value.code == "E4022"
+    assert float(s.bench.plant.st[kernel.SENSOR_Z]) < 31.0
