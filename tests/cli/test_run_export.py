@@ -36,7 +36,7 @@ def run(tmp_path: Path) -> Path:
     """A run whose servo rows end with numbers that are easily spoilt."""
     writer = begun(tmp_path, "one")
     time_s = 10.0 + 0.1 * np.arange(len(ODD))
-    zeros = np.zeros(len(ODD))
+    zeros = np.zeros(len(ODD), np.int8)
     writer.append_servo(ServoBlock(time_s, ODD, ODD, ODD, ODD, ODD, ODD, zeros, zeros))
     return writer.finish("done", 0)
 

@@ -14,7 +14,7 @@ import pytest
 from edmctl.cli.run_follow import follow_run
 from edmctl.cli.signals import SignalArrived
 from edmctl.errors import RunFileError
-from edmctl.record.rows import ServoBlock, SlowRow
+from edmctl.record.rows import EventLevel, ServoBlock, SlowRow
 from tests.cli.commands import CU270, ROOT, environment
 from tests.cli.run_files import begun, finished, killed
 
@@ -99,7 +99,7 @@ def test_following_ends_with_the_run_and_tells_its_news(tmp_path: Path) -> None:
             return
         writer.append_servo(servo(20.0 + looks))
         writer.append_slow(slow(20.0 + looks))
-        writer.event(20.0 + looks, 130, 1, f"Look {looks}.")
+        writer.event(20.0 + looks, 130, EventLevel.INFO, f"Look {looks}.")
         writer.flush()
 
     seen = Seen()
@@ -117,7 +117,15 @@ def test_following_ends_with_the_run_and_tells_its_news(tmp_path: Path) -> None:
 def servo(time_s: float) -> ServoBlock:
     one = np.ones(1)
     return ServoBlock(
-        one * time_s, one * 20.0, one * 60.0, one * 59.0, one * 9.6, one * 0.8, one * 0.02, one * 1, one * 4
+        one * time_s,
+        one * 20.0,
+        one * 60.0,
+        one * 59.0,
+        one * 9.6,
+        one * 0.8,
+        one * 0.02,
+        one.astype(int),
+        one.astype(int) * 4,
     )
 
 
