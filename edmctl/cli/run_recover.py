@@ -10,15 +10,21 @@ from edmctl.cli.outcome import Outcome, Output, run_command
 from edmctl.errors import Diagnostic, RunFileError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from edmctl.cli.resume import Resumption
     from edmctl.record.recovery import Recovered
 
 FileArgument = Annotated[
-    Path, typer.Argument(metavar="FILE", help="A run file without an end (.h5.partial), or a damaged one.")
+    Path,
+    typer.Argument(
+        metavar="RUN",
+        help="A run file without an end (.h5.partial), or a damaged one; or the id of a run in runs/.",
+    ),
 ]
 OutOption = Annotated[
     Path | None,
-    typer.Option("--out", "-o", metavar="NEW", help="The new file; else FILE without .partial, beside it."),
+    typer.Option("--out", "-o", metavar="FILE", help="The new file; else RUN without .partial, beside it."),
 ]
 
 
@@ -31,41 +37,43 @@ def recover(
     """Make a complete file of a run that was interrupted. The old file stays as it is."""
 
     def body(outcome: Outcome) -> None:
+        from edmctl.cli.run_opening import find_run
         from edmctl.record.reader import open_run
         from edmctl.record.recovery import is_complete
 
-        if is_complete(file):
-            with open_run(file) as opened:
-                outcome.simulated = opened.number("/entry/simulated") == 1.0
-            outcome.run_file = file
-            outcome.result = {"recovered": False, "from": str(file)}
-            outcome.text = f"{file} is complete: there is nothing to recover."
+        path = find_run(file)
+        if is_complete(path):
+            with open_run(path) as opened:
+                outcome.simulated = opened.is_simulated
+            outcome.run_file = path
+            outcome.result = {"recovered": False, "from": str(path)}
+            outcome.text = f"{path} is complete: there is nothing to recover."
             return
-        made = recover_file(file, out)
+        made = recover_file(path, out)
         with open_run(made.path) as opened:
-            outcome.simulated = opened.number("/entry/simulated") == 1.0
+            outcome.simulated = opened.is_simulated
             status = opened.text("/entry/status")
         outcome.run_file = made.path
         outcome.result = {
             "recovered": True,
-            "from": str(file),
+            "from": str(path),
             "status": status,
             "rows": made.rows,
             "lost_rows": made.lost_rows,
+            "unread_rows": made.unread_rows,
         }
-        outcome.text = told(file, made, status)
+        outcome.text = told(path, made, status)
 
     return run_command(Output("run recover", as_json, debug=debug), body)
 
 
 def recover_file(file: Path, out: Path | None = None) -> "Recovered":
-    """Recover `file`, a damaged one in a process of its own. Raises RunFileError."""
-    from edmctl.record.recovery import is_damaged
-    from edmctl.record.recovery import recover as recover_sound
+    """Recover `file`, and save what can be read where it is damaged. Raises RunFileError."""
+    from edmctl.record.recovery import recover as recover_whole
     from edmctl.record.salvage import salvage
 
     try:
-        return salvage(file, out) if is_damaged(file) else recover_sound(file, out)
+        return recover_whole(file, out)
     except RunFileError as error:
         if error.code != "E9007":
             raise
@@ -74,15 +82,22 @@ def recover_file(file: Path, out: Path | None = None) -> "Recovered":
 
 def told(file: Path, made: "Recovered", status: str) -> str:
     """What was recovered, for people."""
-    rows = [f"{count:,} of {_short(table)}".replace(",", " ") for table, count in made.rows.items() if count]
-    lost = [f"{count:,} of {_short(table)}".replace(",", " ") for table, count in made.lost_rows.items()]
     lines = [
         f"Recovered into {made.path}, status `{status}`.",
-        f"Rows: {', '.join(rows) or 'none'}.",
-        f"Rows that were begun or cannot be read: {', '.join(lost)}." if lost else "",
+        f"Rows: {_counted(made.rows) or 'none'}.",
+        f"Rows that were begun or cannot be read: {_counted(made.lost_rows)}." if made.lost_rows else "",
+        f"Not readable, and NaN or 0 in the new file: {_counted(made.unread_rows)}."
+        if made.unread_rows
+        else "",
         f"{file} is as it was; it can be deleted when the new file is what you need.",
     ]
     return "\n".join(filter(None, lines))
+
+
+def _counted(rows: "Mapping[str, int]") -> str:
+    return ", ".join(
+        f"{count:,} of {_short(path)}".replace(",", " ") for path, count in rows.items() if count
+    )
 
 
 def _short(table: str) -> str:

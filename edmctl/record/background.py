@@ -47,6 +47,9 @@ SYNC_INTERVAL_S = 10.0
 GIVE_UP_S = 10.0
 """A job that ended because its disk hangs waits so long for it in the end."""
 
+LOOK_S = 0.5
+"""At the end it is looked so often whether the disk still takes rows."""
+
 _WAKE_BYTES = 1024 * 1024
 """The thread does not sleep on more: far above what comes in half a second of a real run, so that only a virtual
 one, which is a thousand times as fast, wakes it by this."""
@@ -77,6 +80,7 @@ class BackgroundWriter:
         self._failure: BaseException | None = None
         self._accepts = True
         self._hangs = False
+        self._closes = False
         self._thread = threading.Thread(target=self._run, name="run file", daemon=True)
         self._thread.start()
 
@@ -207,8 +211,9 @@ class BackgroundWriter:
 
     def _hung(self) -> RunFileError:
         still_s = time.monotonic() - self._taken_at_s
+        waiting_mb = (self._handed_bytes - self._taken_bytes) / 2**20
         return RunFileError(
-            f"The disk has not taken rows of {self.path} for {still_s:.0f} s: {BACKLOG_BYTES >> 20} MB wait.",
+            f"The disk has not taken rows of {self.path} for {still_s:.0f} s: {waiting_mb:.0f} MB wait.",
             code="E9009",
             hint=f"Record on a disk that keeps up, with --out; what was recorded before is in {self.path}.",
         )
@@ -219,7 +224,16 @@ class BackgroundWriter:
         if self._end is None:
             self._end = status, exit_code
         self._wake.set()
-        self._thread.join(GIVE_UP_S if self._hangs else None)
+        # Closing may take its time; a disk that takes no rows for long is not waited for.
+        left_s = time.monotonic()
+        while self._thread.is_alive():
+            self._thread.join(GIVE_UP_S if self._hangs else LOOK_S)
+            if self._hangs:
+                return
+            if not self._closes and time.monotonic() - max(left_s, self._taken_at_s) > GIVE_UP_S:
+                self._hangs = True
+                self._failure = self._failure or self._hung()
+                return
 
     def _run(self) -> None:
         _leave_signals_to_the_main_thread()
@@ -244,6 +258,7 @@ class BackgroundWriter:
                 unflushed = unsynced = True
                 self._work_off()
             if end is not None:
+                self._closes = True
                 make_lasting(self._writer.finish(*end))
                 return
             # While it is woken all the time, the writer flushes by its own clock.

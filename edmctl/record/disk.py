@@ -130,5 +130,14 @@ def reason(error: Exception) -> str:
     """Return the operating system's own words out of what h5py raised."""
     if isinstance(error, OSError) and error.strerror:
         return error.strerror
-    found = re.search(r"error message = '([^']*)'", str(error))
-    return found.group(1) if found else str(error).splitlines()[0]
+    if (number := error_number(error)) is not None:
+        return os.strerror(number)
+    return str(error).splitlines()[0]
+
+
+def error_number(error: Exception) -> int | None:
+    """Return the number of the operating system's refusal; None where HDF5 itself refused what it read."""
+    if isinstance(error, OSError) and error.errno is not None:
+        return error.errno
+    found = re.search(r"errno = (\d+)", str(error))
+    return int(found.group(1)) if found else None

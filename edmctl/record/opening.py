@@ -11,6 +11,7 @@ from edmctl.errors import RunFileError
 from . import layout
 from .attempts import open_swmr
 from .disk import HDF5_ERRORS, PARTIAL
+from .heaps import are_sound
 from .seal import Seal, look_at_seal
 from .superblock import MAGIC, read_superblock
 
@@ -30,12 +31,14 @@ def open_file(path: Path, *, verify: bool = True) -> h5py.File:
     seal = _seal_of(path) if verify else None
     if seal is Seal.BROKEN:
         raise damaged(path, "its check sum does not fit")
+    if seal is not Seal.WHOLE and not are_sound(path):
+        raise damaged(path, "its texts cannot be read")
     try:
         file = _open(path)
     except HDF5_ERRORS as error:
-        raise damaged(path, str(error).splitlines()[0]) from error
+        raise damaged(path, _too_short(path) or str(error).splitlines()[0]) from error
     try:
-        _check_schema(path, file)
+        refuse_foreign(path, file)
         if seal is Seal.NONE:
             _check_length(path)
     except BaseException:
@@ -92,6 +95,14 @@ def _open(path: Path) -> h5py.File:
     return open_swmr(path) if marked else h5py.File(path, "r")
 
 
+def _too_short(path: Path) -> str:
+    """What is wrong with a file that was cut off; empty where it was not."""
+    end_bytes, size_bytes = read_superblock(path).end_bytes, path.stat().st_size
+    if end_bytes is None or size_bytes >= end_bytes:
+        return ""
+    return f"it is shorter than it says, {size_bytes} of {end_bytes} bytes"
+
+
 def _check_length(path: Path) -> None:
     """A closed file without a seal ends where its data end: what is behind them is what was left of a seal."""
     superblock = read_superblock(path)
@@ -99,7 +110,8 @@ def _check_length(path: Path) -> None:
         raise damaged(path, "its check sum is not whole")
 
 
-def _check_schema(path: Path, file: h5py.File) -> None:
+def refuse_foreign(path: Path, file: h5py.File) -> None:
+    """Raise RunFileError: E9005 it is no run file, E9006 a later version wrote it, E9007 it does not say."""
     try:
         schema = str(file.attrs.get("schema", ""))
     except (*HDF5_ERRORS, KeyError) as error:

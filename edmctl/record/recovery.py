@@ -1,13 +1,13 @@
-"""Makes a complete run file of one that has no end, or that was damaged after it was written.
+"""Makes a complete run file of one that has no end because its writer was killed.
 
-The old file is only read. The new one holds every row that can be read: of a killed writer all that was flushed,
-of a damaged file the rows before the damage. Columns of one group are cut to the shortest, as they were written
-one after another.
+The old file is only read. The new one holds every row that was flushed. Columns of one group are cut to the
+shortest, as they were written one after another.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import os
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
@@ -17,7 +17,7 @@ from edmctl.errors import RunFileError
 from . import layout
 from .closing import CLOSING
 from .compaction import compact
-from .disk import HDF5_ERRORS, PARTIAL, already_there, reason, rename_without_replacing
+from .disk import HDF5_ERRORS, PARTIAL, error_number, reason, rename_without_replacing
 from .liveness import is_live
 from .opening import damaged, open_file
 from .seal import Seal, look_at_seal
@@ -32,16 +32,25 @@ if TYPE_CHECKING:
 RECOVERED = "recovered"
 RECOVERING = ".recovering"
 """Ending of the new file while it is written."""
-_ROWS_AT_ONCE = 1 << 16
+INFLATED = 1100
+"""Rows take at least this part of their size in the file: gzip makes no more of a byte."""
+BROKEN = (*HDF5_ERRORS, KeyError, AttributeError, TypeError)
+"""What h5py raises on files that are not what they were, from which call depends."""
 
 
 @dataclass(frozen=True, slots=True)
 class Recovered:
-    """A new run file at `path`; rows by table, and how many more the old file said it had."""
+    """A new run file at `path`.
+
+    rows : by table, how many are in it
+    lost_rows : by table, how many more the old file had begun or said it had
+    unread_rows : by dataset, how many of the rows could not be read; there it says NaN, or 0 where that is no number
+    """
 
     path: Path
     rows: dict[str, int]
     lost_rows: dict[str, int]
+    unread_rows: dict[str, int] = field(default_factory=dict)
 
 
 def recovered_name(path: Path) -> Path:
@@ -56,11 +65,6 @@ def is_complete(path: Path) -> bool:
     return path.suffix != PARTIAL and _seal_of(path) is Seal.WHOLE
 
 
-def is_damaged(path: Path) -> bool:
-    """Whether the file is not what it was when it was sealed."""
-    return _seal_of(path) is Seal.BROKEN
-
-
 def _seal_of(path: Path) -> Seal:
     try:
         return look_at_seal(path) if path.is_file() else Seal.NONE
@@ -69,91 +73,104 @@ def _seal_of(path: Path) -> Seal:
 
 
 def recover(path: Path, target: Path | None = None) -> Recovered:
-    """Write what can be read of the run file at `path` into a new file; it stays as it is itself.
+    """Write all that a killed writer left at `path` into a new file; the old one stays as it is.
 
     Raises RunFileError: E9001 the new name is taken, E9002 it cannot be written, E9005 this is no run file, E9006 a
-    later version wrote it, E9007 it is damaged beyond recovery, E9014 a process is still writing it.
+    later version wrote it, E9007 a part of it cannot be read (`salvage` copes with that), E9014 a process is still
+    writing it.
     """
     target = target or recovered_name(path)
-    if target.exists():
-        raise already_there(target)
-    with open_file(path, verify=False) as source:
-        if is_live(path):
-            raise RunFileError(
-                f"{path} is still being written by a run that goes on.",
-                code="E9014",
-                hint="Wait for its end; `edmctl run show --follow` shows how it does.",
-            )
+    refuse(path, target)
+    with open_file(path) as source:
         try:
-            found = dict(_found_rows(source))
-            values = _ending(source, path, whole=not is_damaged(path))
-        except HDF5_ERRORS as error:
-            raise damaged(path, reason(error)) from error
-        new = target.with_name(target.name + RECOVERING)
-        try:
-            new.unlink(missing_ok=True)
-            rows = {dataset: part.readable for part in found.values() for dataset in part.datasets}
+            found = dict(_found_rows(source, path.stat().st_size))
+            values = ending(source["/entry/end_time"][()], path)
+            rows = {dataset: part.whole for part in found.values() for dataset in part.datasets}
+            new = temporary(target)
             compact(source, new, rows, values)
-        except HDF5_ERRORS as error:
-            # The operating system's refusals have a number; those of HDF5 are about what it read.
-            if getattr(error, "errno", None) is None:
-                raise damaged(path, reason(error)) from error
-            raise RunFileError(
-                f"Cannot recover {path} into {target}: {reason(error)}.",
-                code="E9002",
-                hint="Check that its folder can be written and has space, or name another file with --out.",
-            ) from error
+        except BROKEN as error:
+            raise _blamed(path, target, error) from error
+    give_name(new, target)
+    lost = {table: part.begun - part.whole for table, part in found.items() if part.begun > part.whole}
+    return Recovered(target, {table: part.whole for table, part in found.items()}, lost)
+
+
+def refuse(path: Path, target: Path) -> None:
+    """Raise RunFileError: E9001 `target` is taken, E9014 a process is writing `path`."""
+    if os.path.lexists(target):
+        raise name_taken(target)
+    if path.is_file() and is_live(path):
+        raise RunFileError(
+            f"{path} is still being written by a run that goes on.",
+            code="E9014",
+            hint="Wait for its end; `edmctl run show --follow` shows how it does.",
+        )
+
+
+def name_taken(target: Path) -> RunFileError:
+    """Return the error for a new file whose name is taken."""
+    return RunFileError(
+        f"{target} exists already and is not overwritten.", code="E9001", hint="Name another file with --out FILE."
+    )
+
+
+def temporary(target: Path) -> Path:
+    """What the new file is called while this process writes it."""
+    return target.with_name(f"{target.name}.{os.getpid()}{RECOVERING}")
+
+
+def give_name(new: Path, target: Path) -> None:
+    """Give the complete file `new` its name. Raises RunFileError E9001 when that was taken meanwhile."""
     try:
         rename_without_replacing(new, target)
     except RunFileError as error:
         new.unlink(missing_ok=True)
-        raise already_there(target) from error
+        raise name_taken(target) from error
+    # What a writer left that died while it closed the file.
     target.with_name(target.name + CLOSING).unlink(missing_ok=True)
-    lost = {table: part.told - part.readable for table, part in found.items() if part.told > part.readable}
-    return Recovered(target, {table: part.readable for table, part in found.items()}, lost)
+
+
+def _blamed(path: Path, target: Path, error: Exception) -> RunFileError:
+    """The old file's damage, or the new one's disk: refusals of the operating system have a number."""
+    if error_number(error) is None:
+        return damaged(path, reason(error))
+    return RunFileError(
+        f"Cannot recover {path} into {target}: {reason(error)}.",
+        code="E9002",
+        hint="Check that its folder can be written and has space, or name another file with --out.",
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class _Rows:
-    """Rows of one table that all its datasets have and that can be read, of those that the file tells."""
+    """Rows of one table that all its datasets have, and those that its longest has."""
 
     datasets: tuple[str, ...]
-    readable: int
-    told: int
+    whole: int
+    begun: int
 
 
-def _found_rows(source: h5py.File) -> Iterator[tuple[str, _Rows]]:
+def _found_rows(source: h5py.File, size_bytes: int) -> Iterator[tuple[str, _Rows]]:
     for table in layout.TABLES:
         if table.path not in source:
             continue
         item = source[table.path]
         datasets = {table.path: item} if table.is_compound else {f"{table.path}/{n}": item[n] for n in item}
-        readable = min(_readable_rows(dataset) for dataset in datasets.values())
-        told = max(dataset.shape[0] for dataset in datasets.values())
-        yield table.path, _Rows(tuple(datasets), readable, told)
+        lengths = [dataset.shape[0] for dataset in datasets.values()]
+        for (name, dataset), length in zip(datasets.items(), lengths, strict=True):
+            if length * dataset.dtype.itemsize > INFLATED * size_bytes:
+                raise ValueError(f"{name} claims {length} rows")
+        yield table.path, _Rows(tuple(datasets), min(lengths), max(lengths))
 
 
-def _readable_rows(dataset: h5py.Dataset) -> int:
-    """Rows before the first part that cannot be read."""
-    rows: int = dataset.shape[0]
-    for start in range(0, rows, _ROWS_AT_ONCE):
-        try:
-            dataset[start : min(start + _ROWS_AT_ONCE, rows)]
-        except HDF5_ERRORS:
-            return start
-    return rows
-
-
-def _ending(source: h5py.File, path: Path, *, whole: bool) -> dict[str, bytes | int]:
-    """What the new file says of its end; the status of a run that came to its own end stays."""
-    values: dict[str, bytes | int] = {}
-    if not source["/entry/end_time"][()]:
+def ending(end_time: bytes, path: Path) -> dict[str, bytes | int]:
+    """What the new file says of its end; that of a run that came to its own end stays."""
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    values: dict[str, bytes | int] = {
+        "/entry/recovery": fit_utf8(f"from {path.name} by edmctl {__version__} at {now}", 160)
+    }
+    if not end_time:
         last_write = datetime.fromtimestamp(path.stat().st_mtime, UTC)
         values["/entry/end_time"] = last_write.isoformat(timespec="milliseconds").encode()
         values["/entry/status"] = RECOVERED.encode()
-    elif not whole:
-        values["/entry/status"] = RECOVERED.encode()
-    if "/entry/recovery" in source:
-        now = datetime.now(UTC).isoformat(timespec="seconds")
-        values["/entry/recovery"] = fit_utf8(f"from {path.name} by edmctl {__version__} at {now}", 160)
     return values

@@ -256,8 +256,10 @@ class RunWriter:
         if self._accepts:
             self._guarded(lambda: self._end(status, exit_code))
             self._accepts = False
-            release(self._lock)
-            close_run(self._partial, self._path)
+            try:
+                close_run(self._partial, self._path)
+            finally:
+                release(self._lock)
         return self._path
 
     def abandon(self, status: str, exit_code: int) -> Path:

@@ -6,17 +6,20 @@ import os
 import random
 import shutil
 import signal
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
 import pytest
 
 from edmctl.errors import RunFileError
-from edmctl.record import layout
+from edmctl.record import layout, recovery
+from edmctl.record.compaction import compact
+from edmctl.record.create import compound_dtype
 from edmctl.record.liveness import is_live
+from edmctl.record.opening import open_file
 from edmctl.record.reader import open_run
-from edmctl.record.recovery import is_complete, is_damaged, recover
+from edmctl.record.recovery import is_complete, recover
 from edmctl.record.salvage import salvage
 from edmctl.record.seal import SEAL_BYTES, Seal, look_at_seal
 from edmctl.record.writer import RunWriter
@@ -164,19 +167,111 @@ def test_a_file_cut_short_anywhere_is_refused(run_path: Path, tmp_path: Path) ->
         assert refusal.value.code in ("E9005", "E9007"), length
 
 
-def test_rows_before_the_damage_come_back(write_run: Callable[[str], Path], tmp_path: Path) -> None:
+def test_a_damaged_column_costs_that_column(write_run: Callable[[str], Path], tmp_path: Path) -> None:
     path = write_run("whole.h5")
     with h5py.File(path) as run:
         chunk = run["/entry/servo/v_cmd"].id.get_chunk_info(0)
     broken = flipped(path, 8 * (chunk.byte_offset + chunk.size // 2), tmp_path / "broken.h5")
-    assert is_damaged(broken)
+    with pytest.raises(RunFileError) as refusal:
+        recover(broken)
+    assert refusal.value.code == "E9007"
     made = salvage(broken)
     assert made.path == tmp_path / "broken.recovered.h5"
-    assert made.lost_rows == {"/entry/servo": 10_000}  # all in one chunk
-    assert made.rows["/entry/pulses/full"] == 300
+    assert made.lost_rows == {}
+    assert made.unread_rows == {"/entry/servo/v_cmd": 10_000}  # all in one chunk
+    with open_run(path) as old, open_run(made.path) as new:
+        assert new.text("/entry/status") == "recovered"
+        assert new.table("/entry/results").tobytes() == old.table("/entry/results").tobytes()
+        assert new.profile_values() == old.profile_values()
+        assert new.summary() == old.summary()
+        assert np.isnan(new.column("/entry/servo", "v_cmd")).all()
+        for name in ("time", "z_sensor", "state"):
+            np.testing.assert_array_equal(new.column("/entry/servo", name), old.column("/entry/servo", name))
+        for scalar in layout.SCALARS:
+            if scalar.dtype == "text" and scalar.source:
+                assert new.text(scalar.path) == old.text(scalar.path), scalar.path
+
+
+def test_rows_whose_time_is_lost_end_the_table(write_run: Callable[[str], Path], tmp_path: Path) -> None:
+    path = write_run("whole.h5")
+    with h5py.File(path) as run:
+        chunk = run["/entry/servo/time"].id.get_chunk_info(0)
+    broken = flipped(path, 8 * (chunk.byte_offset + chunk.size // 2), tmp_path / "broken.h5")
+    made = salvage(broken)
+    assert (made.rows["/entry/servo"], made.lost_rows) == (0, {"/entry/servo": 10_000})
+    assert made.rows["/entry/slow"] == 30
+
+
+@pytest.mark.parametrize("share", [0.35, 0.5, 0.6])
+def test_a_killed_file_that_lost_its_end_gives_what_is_left(killed: Path, share: float) -> None:
+    content = killed.read_bytes()
+    killed.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(RunFileError) as refusal:
+        recover(killed)
+    assert refusal.value.code == "E9007"
+    made = salvage(killed)
+    assert made.rows["/entry/servo"] > 0
     with open_run(made.path) as run:
-        assert run.text("/entry/status") == "recovered"
-        assert run.table("/entry/results")["depth"] == 180.0
+        k = np.arange(run.rows("/entry/servo"))
+        np.testing.assert_array_equal(run.column("/entry/servo", "time"), 0.01 * k)
+
+
+@pytest.mark.parametrize("open_end", [True, False])
+def test_texts_without_an_end_are_found_before_hdf5_goes_through_them(
+    killed: Path, run_path: Path, tmp_path: Path, open_end: bool
+) -> None:
+    content = bytearray((killed if open_end else run_path).read_bytes())
+    heap = content.index(b"GCOL\x01\0\0\0")
+    content[heap + 512 : heap + 4096] = bytes(4096 - 512)
+    broken = tmp_path / ("endless.h5.partial" if open_end else "endless.h5")
+    broken.write_bytes(content)
+    with pytest.raises(RunFileError) as refusal:
+        open_run(broken)
+    assert refusal.value.code == "E9007"
+    with pytest.raises(RunFileError):
+        open_file(broken, verify=False)
+    assert salvage(broken).rows["/entry/servo"] == 10_000
+
+
+def test_a_file_that_claims_more_rows_than_it_can_hold_is_damaged(killed: Path) -> None:
+    made = recover(killed).path
+    with h5py.File(made, "r+") as file:
+        del file["/entry/events"]
+        kind = compound_dtype(layout.EVENTS)
+        file.create_dataset("/entry/events", (10**13,), kind, chunks=(64,), maxshape=(None,))
+    with pytest.raises(RunFileError) as refusal:
+        recover(made)
+    assert refusal.value.code == "E9007"
+    assert salvage(made).rows["/entry/events"] == 0
+
+
+def test_two_recoveries_at_once_do_not_meet(killed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The second begins and ends while the first copies."""
+    first_copy = compact
+
+    def interleaved(*arguments: Any) -> None:
+        monkeypatch.setattr(recovery, "compact", first_copy)
+        monkeypatch.setattr(os, "getpid", lambda: 4242)
+        second = recover(killed)
+        assert look_at_seal(second.path) is Seal.WHOLE
+        first_copy(*arguments)
+
+    monkeypatch.setattr(recovery, "compact", interleaved)
+    with pytest.raises(RunFileError) as refusal:
+        recover(killed)
+    assert refusal.value.code == "E9001"
+    assert look_at_seal(killed.with_suffix("")) is Seal.WHOLE
+    assert sorted(p.name for p in killed.parent.iterdir()) == ["run.h5", "run.h5.partial"]
+
+
+def test_a_full_disk_is_not_called_damage(killed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*arguments: object) -> None:
+        raise OSError("Can't write data (file write failed: errno = 28, error message = 'No space left')")
+
+    monkeypatch.setattr(recovery, "compact", full)
+    with pytest.raises(RunFileError, match="No space left on device") as refusal:
+        recover(killed)
+    assert refusal.value.code == "E9002"
 
 
 @pytest.mark.parametrize("seed", range(4))
