@@ -27,7 +27,8 @@ from edmctl.profile.forecast import Forecast, forecast
 from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Setup
 from edmctl.record.recorder import NullRecorder
-from edmctl.report.height_map import Channel, Floor, HeightMap, draw_channel
+from edmctl.report.height_map import Channel, Floor, HeightMap, channel_figure
+from edmctl.report.style import house_style, rendered
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -121,17 +122,17 @@ HEADER = (
 )
 
 
-def figure(loaded: LoadedProfile, seed: int, done: Done) -> Channel:
+def figure(loaded: LoadedProfile, done: Done) -> Channel:
     """What is drawn of a channel."""
     path, target = loaded.profile.path, loaded.profile.target
     assert path is not None
     assert target.kind == "depth"
     return Channel(
-        title=f"{loaded.profile.meta.description}: virtual machine, seed {seed}",
         work=done.work,
         path_um=way_of_path(path).points,
         floor=done.floor,
         touched=[(place.s_um, place.depth_um) for place in done.channel.floor],
+        touched_u95_um=done.channel.depth_u95_um,
         target_um=target.depth_um,
         tolerance_um=target.tolerance_um,
     )
@@ -160,7 +161,8 @@ def main() -> int:
             print(line(name, seed, target.depth_um, done), flush=True)
             if args.out is not None and seed == args.seed:
                 args.out.mkdir(parents=True, exist_ok=True)
-                picture = draw_channel(figure(loaded, seed, done), "a.png")
+                with house_style():
+                    picture = rendered(channel_figure(figure(loaded, done)), ".png")
                 (args.out / f"{name}.png").write_bytes(picture)
     print(f"bar: {RMS_BAR_UM:g} µm rms along the path: {'met' if met else 'MISSED'}")
     return 0 if met else 1

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 STDOUT = Path("-")
+REPLACE_HINT = "Give another place with -o, or replace it with --overwrite."
 
 
 class Format(StrEnum):
@@ -35,6 +36,7 @@ class ExportOrder:
     stem: str
     file: Path | None = None
     folder: Path | None = None
+    overwrite: bool = False
 
     @property
     def to_stdout(self) -> bool:
@@ -47,10 +49,10 @@ class ExportOrder:
         return (self.folder or Path()) / f"{self.stem}-{table}.{self.form}"
 
     def check_free(self, tables: Sequence[str]) -> None:
-        """Raise RunFileError E9011 when one of the files is there already."""
-        if not self.to_stdout:
+        """Raise RunFileError E9011 when one of the files is there already and is not to be replaced."""
+        if not (self.to_stdout or self.overwrite):
             for table in tables:
-                check_free(self.path_of(table), "Give another place with -o.")
+                check_free(self.path_of(table), REPLACE_HINT)
 
 
 def export_order(
@@ -62,18 +64,26 @@ def export_order(
     out: Path | None,
     *,
     as_json: bool,
+    overwrite: bool = False,
 ) -> ExportOrder:
     """Make sense of the options.
 
     stem : name of the run; beside : its folder; known : the names of all tables
 
-    Raises UsageError: E2080 there is no such table, E2081 no such format, E2082 several tables into one file or to
-    stdout, E2083 --json while the table itself goes to stdout, E2084 the ending of the file is another format's.
+    A name without an ending is a folder, and so is one that is there. Raises UsageError: E2080 there is no such
+    table, E2081 no such format, also by the ending of the file, E2082 several tables into one file or to stdout,
+    E2083 --json while the table itself goes to stdout, E2084 the ending of the file is another format's.
     """
     wanted = tuple(dict.fromkeys(_table(name, known) for name in tables))
     ending = out.suffix.lower().removeprefix(".") if out is not None else ""
     is_file = out is not None and ending in tuple(Format) and not out.is_dir()
     chosen = _format(form, ending if is_file else "")
+    if out is not None and out != STDOUT and ending and not (is_file or out.is_dir()):
+        raise UsageError(
+            f"Tables do not go into {out.name}: no format is called {ending}.",
+            hint=f"Formats: {', '.join(Format)}. A folder needs a name without an ending, or has to be there.",
+            code="E2081",
+        )
     if is_file and ending != chosen:
         raise UsageError(
             f"--format {chosen} does not go into a file called .{ending}.",
@@ -97,8 +107,8 @@ def export_order(
     if to_stdout:
         return ExportOrder(wanted, chosen, stem)
     if is_file:
-        return ExportOrder(wanted, chosen, stem, file=out)
-    return ExportOrder(wanted, chosen, stem, folder=beside if out is None else out)
+        return ExportOrder(wanted, chosen, stem, file=out, overwrite=overwrite)
+    return ExportOrder(wanted, chosen, stem, folder=beside if out is None else out, overwrite=overwrite)
 
 
 def _table(name: str, known: Sequence[str]) -> str:

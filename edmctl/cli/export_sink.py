@@ -65,8 +65,10 @@ class Sink:
 
 
 @contextmanager
-def new_file(path: Path) -> Iterator[Sink]:
+def new_file(path: Path, *, overwrite: bool = False) -> Iterator[Sink]:
     """Give a sink into a new file; when the block fails, none is left.
+
+    overwrite : take the place of a file of that name, which stays until the new one is whole
 
     Raises RunFileError: E9011 there is something of that name, E9012 it cannot be written.
     """
@@ -74,8 +76,11 @@ def new_file(path: Path) -> Iterator[Sink]:
     def told(refused: OSError) -> EdmError:
         return new_files.unwritable(str(path), str(refused.strerror), "Check folder and space.")
 
+    written = path.with_name(f".{path.name}.new") if overwrite else path
     try:
-        file = _opened(path)
+        if overwrite:
+            written.unlink(missing_ok=True)
+        file = _opened(written)
     except FileExistsError:
         new_files.check_free(path)
         raise
@@ -86,11 +91,20 @@ def new_file(path: Path) -> Iterator[Sink]:
         yield sink
         sink.flush()
         file.close()
+        if overwrite:
+            _take_the_place(written, path, told)
     except BaseException:
         with suppress(OSError):
             file.close()
-        path.unlink(missing_ok=True)
+        written.unlink(missing_ok=True)
         raise
+
+
+def _take_the_place(written: Path, path: Path, told: Callable[[OSError], EdmError]) -> None:
+    try:
+        written.replace(path)
+    except OSError as refused:
+        raise told(refused) from refused
 
 
 def _opened(path: Path) -> BinaryIO:

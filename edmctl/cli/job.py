@@ -257,7 +257,8 @@ def truths_of(
     truths = []
     for site in sites:
         hole = min(holes, key=lambda hole: _apart_um(hole, site), default=None)
-        depth_um = hole.depth_um if hole is not None and _apart_um(hole, site) <= SAME_HOLE_UM else math.nan
+        is_it = hole is not None and _apart_um(hole, site) <= SAME_HOLE_UM and not site.through
+        depth_um = hole.depth_um if hole is not None and is_it else math.nan
         truths.append(Truth(depth_um, true_wear.of_site(site.name)))
     return tuple(truths)
 

@@ -76,7 +76,10 @@ DryRunOption: TypeAlias = Annotated[
     bool, typer.Option("--dry-run", help="Check and forecast the job; touch nothing.")
 ]
 FileArgument: TypeAlias = Annotated[
-    Path, typer.Argument(metavar="FILE", help="A run file, also one of a run that was killed (.h5.partial).")
+    Path,
+    typer.Argument(
+        metavar="RUN", help="A run file, also an unfinished one (.h5.partial), or the id of a run in runs/."
+    ),
 ]
 JsonOption: TypeAlias = Annotated[
     bool, typer.Option("--json", help="Write one JSON object to stdout, also on failure.")

@@ -74,11 +74,17 @@ def plot_order(
 
 
 def _paths(stem: str, out: Path, suffixes: dict[str, str], form: str | None) -> Iterator[tuple[str, Path]]:
-    """Where each kind goes; `out` is a file by its ending, otherwise a folder."""
+    """Where each kind goes; `out` is a file by its ending, a folder without one or where it is there."""
     if str(out) == "-":
         raise UsageError("Figures do not go to stdout.", hint="Name a file or a folder.", code="E2071")
     known = {f".{name}" for name in FORMATS} | {PAGE_SUFFIX}
-    if out.suffix.lower() not in known or out.is_dir():
+    if out.suffix and out.suffix.lower() not in known and not out.is_dir():
+        raise UsageError(
+            f"There are no figures in the format of {out.name}.",
+            hint=f"Names end in {', '.join(sorted(known))}; that of a folder that is not there yet has no ending.",
+            code="E2072",
+        )
+    if not out.suffix or out.is_dir():
         yield from ((name, out / f"{stem}-{name}{suffix}") for name, suffix in suffixes.items())
         return
     if len(suffixes) > 1:

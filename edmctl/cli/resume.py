@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 
 from edmctl.cli.resume_checks import refuse_untouchable
 from edmctl.cli.runfile import RunName, run_path
-from edmctl.console.text import plural
 from edmctl.errors import PreconditionError, RunFileError, UsageError
+from edmctl.wording import plural
 
 if TYPE_CHECKING:
     from datetime import datetime

@@ -14,7 +14,11 @@ if TYPE_CHECKING:
     from edmctl.record.reader import RunFile
 
 FilesArgument = Annotated[
-    list[Path], typer.Argument(metavar="FILE FILE...", help="Run files. All are compared with the first.")
+    list[Path],
+    typer.Argument(
+        metavar="RUN RUN...",
+        help="Run files, or ids of runs in runs/. All are compared with the first.",
+    ),
 ]
 OutOption = Annotated[
     Path | None,
@@ -32,7 +36,7 @@ def compare(
 
     def body(outcome: Outcome) -> None:
         from edmctl.cli import new_files
-        from edmctl.cli.run_opening import open_unless_killed
+        from edmctl.cli.run_opening import find_run, reading_unless_killed
         from edmctl.console.compare_table import render_comparison
         from edmctl.errors import UsageError
         from edmctl.report.differences import compare as compared
@@ -47,7 +51,7 @@ def compare(
             check_figure(out.name)
             new_files.check_free(out)
         with ExitStack() as stack:
-            runs = [stack.enter_context(open_unless_killed(file)) for file in files]
+            runs = [stack.enter_context(reading_unless_killed(find_run(file))) for file in files]
             found = compared(runs)
             result: dict[str, object] = {
                 "runs": found.runs,

@@ -8,24 +8,27 @@ from typing import TYPE_CHECKING
 
 from edmctl.cli.options import DebugOption, FileArgument, JsonOption
 from edmctl.cli.outcome import Outcome, Output, run_command, stream_style
-from edmctl.console.text import duration
+from edmctl.wording import duration
 
 if TYPE_CHECKING:
     from edmctl.console.story import Sentence
     from edmctl.record.reader import RunFile
+
+ENDS = ("ENDED_EARLY", "TARGET_MISSED", "SITES_LEFT", "SETUP_WRONG")
+"""Kinds of sentences that say why a run did not come to its end."""
 
 
 def explain(file: FileArgument, as_json: JsonOption = False, debug: DebugOption = False) -> int:
     """Tell the story of a run in plain sentences: what it did, when, and why."""
 
     def body(outcome: Outcome) -> None:
-        from edmctl.cli.run_opening import unless_killed
+        from edmctl.cli.run_opening import find_run, unless_killed
         from edmctl.console.story import render_story
         from edmctl.record.doubt import reading
 
-        with reading(file) as opened:
-            outcome.run_file = file
-            outcome.simulated = opened.number("/entry/simulated") == 1.0
+        with reading(find_run(file)) as opened:
+            outcome.run_file = opened.path
+            outcome.simulated = opened.is_simulated
             told = sentences_of(opened)
             outcome.result = {"story": told}
             outcome.text = render_story(told, stream_style(sys.stdout))
@@ -72,17 +75,15 @@ def events_of(opened: "RunFile", start: int = 0) -> list[FileEvent]:
     """The events of the file from row `start` on, in the order in which they were written."""
     from edmctl.machine.port import EventCode
     from edmctl.procedures.codes import RunEvent
+    from edmctl.record.happened import happened
 
     names = {int(code): code.name for code in (*EventCode, *RunEvent)}
     found = []
-    for row in opened.table("/entry/events", start):
-        code = int(row["code"])
-        name = names.get(code, str(code))
-        args = json.loads(row["args"] or b"{}")
+    for event in happened(opened, start=start):
+        name, args = names.get(event.told, str(event.told)), dict(event.values)
         if name == RunEvent.ENDED_EARLY.name and not args.get("hint"):
             args["hint"] = _hint_of(str(args.get("code", "")))
-        message = row["message"].decode(errors="ignore")
-        found.append(FileEvent(float(row["time"]), name, int(row["level"]), message, args))
+        found.append(FileEvent(event.time_s, name, event.level, event.message, args))
     return found
 
 
@@ -201,10 +202,18 @@ def _ended(opened: "RunFile", events: list[FileEvent]) -> str:
     return f"The run ended with exit code {exit_code} ({opened.text('/entry/status')}){took}{_why(events)}"
 
 
+def trouble_of(sentences: "list[Sentence]") -> str:
+    """What ended a run that did not come to its end, with what to do about it; empty where no sentence says so."""
+    for number, sentence in reversed(list(enumerate(sentences))):
+        if sentence.code in ENDS:
+            after = sentences[number + 1 :][:1]
+            return " ".join([sentence.text, *(hint.text for hint in after if hint.code == "HINT")])
+    return ""
+
+
 def _why(events: list[FileEvent]) -> str:
     """Where the file says what ended a run that did not come to its end."""
-    ends = ("ENDED_EARLY", "TARGET_MISSED", "SITES_LEFT", "SETUP_WRONG")
-    last = next((event for event in reversed(events) if event.code in ends), None)
+    last = next((event for event in reversed(events) if event.code in ENDS), None)
     if last is None:
         return (
             ": it was refused before the machine did anything. The file does not hold the reason; "

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from edmctl.cli.options import DebugOption, FileArgument, JsonOption
-from edmctl.cli.outcome import Outcome, Output, run_command, stream_style
+from edmctl.cli.outcome import Outcome, Output, mutter, run_command, stream_style
 from edmctl.errors import UsageError
 
 if TYPE_CHECKING:
@@ -43,6 +43,9 @@ ExportOutOption = Annotated[
         "else files beside the run file.",
     ),
 ]
+OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace files of the same name.")]
+OTHER_LOG = {"pulses": "blocks", "blocks": "pulses"}
+"""A run logs single pulses, or sums over blocks of them."""
 
 
 def export(
@@ -50,6 +53,7 @@ def export(
     table: TableOption = None,
     form: FormatOption = None,
     out: ExportOutOption = None,
+    overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> int:
@@ -57,23 +61,30 @@ def export(
 
     def body(outcome: Outcome) -> None:
         from edmctl.cli.export_order import Format, export_order
-        from edmctl.cli.run_opening import plain_stem, unless_killed
-        from edmctl.record.doubt import reading
+        from edmctl.cli.run_opening import find_run, plain_stem, reading_unless_killed
         from edmctl.report.export_parquet import need_pyarrow
         from edmctl.report.export_tables import TABLES
 
-        stem = plain_stem(file)
-        order = export_order(stem, file.parent, list(TABLES), table or [], form, out, as_json=as_json)
+        path = find_run(file)
+        order = export_order(
+            plain_stem(path),
+            path.parent,
+            list(TABLES),
+            table or [],
+            form,
+            out,
+            as_json=as_json,
+            overwrite=overwrite,
+        )
         if order.form is Format.PARQUET:
             need_pyarrow()
             if order.to_stdout and sys.stdout.isatty():
                 raise UsageError(
                     "Parquet is nothing for a terminal.", hint="Give a file with -o.", code="E2085"
                 )
-        with reading(file) as opened:
-            unless_killed(opened)
-            outcome.run_file = file
-            outcome.simulated = opened.number("/entry/simulated") == 1.0
+        with reading_unless_killed(path) as opened:
+            outcome.run_file = path
+            outcome.simulated = opened.is_simulated
             _export(outcome, opened, order)
 
     return run_command(Output("run export", as_json, debug=debug), body)
@@ -92,6 +103,10 @@ def _export(outcome: Outcome, opened: "RunFile", order: "ExportOrder") -> None:
     tables = [ExportTable(opened, name, names) for name in order.tables or TABLES]
     if not order.tables:
         tables = [table for table in tables if table.rows]
+    for table in tables:
+        other = OTHER_LOG.get(table.name, "")
+        if other and not table.rows and ExportTable(opened, other, names).rows:
+            mutter(f"There are no {table.name} in this run: it logged {other} (-t {other}).\n")
     if order.to_stdout:
         with stdout() as sink:
             _write(opened, order, tables[0], sink)
@@ -103,7 +118,7 @@ def _export(outcome: Outcome, opened: "RunFile", order: "ExportOrder") -> None:
     outcome.result = {"tables": written}
     for table in tables:
         path = order.path_of(table.name)
-        with new_file(path) as sink:
+        with new_file(path, overwrite=order.overwrite) as sink:
             _write(opened, order, table, sink)
         columns = [column.name for column in table.columns]
         written.append(Exported(table.name, str(path), table.rows, path.stat().st_size, columns))

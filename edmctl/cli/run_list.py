@@ -10,11 +10,11 @@ import typer
 
 from edmctl.cli.options import DebugOption, JsonOption
 from edmctl.cli.outcome import Outcome, Output, run_command, stream_style
+from edmctl.cli.run_opening import RUNS, find_run
 
 if TYPE_CHECKING:
     from edmctl.record.heads import RunHead, Unreadable
 
-RUNS = Path("runs")
 WORDS = {"E9005": "no run file", "E9006": "of a later version", "E9007": "damaged"}
 
 FolderArgument = Annotated[Path, typer.Argument(metavar="[FOLDER]", help="Where the run files are.")]
@@ -30,7 +30,9 @@ def list_runs(folder: FolderArgument = RUNS, as_json: JsonOption = False, debug:
             outcome.result = {"folder": str(folder), "runs": []}
             outcome.text = f"No runs yet: there is no folder {folder} here."
             return
-        found: list[RunHead | Unreadable] = list(heads_of(folder)) if folder.is_dir() else [read_head(folder)]
+        found: list[RunHead | Unreadable] = (
+            list(heads_of(folder)) if folder.is_dir() else [read_head(find_run(folder))]
+        )
         found.sort(key=_since)
         outcome.result = {
             "folder": str(folder),

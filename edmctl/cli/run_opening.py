@@ -1,31 +1,47 @@
-"""Run files that a command goes by: complete ones, and live ones as far as they go."""
+"""Run files that a command goes by: found by path or by the id of a run, complete, or live as far as they go."""
 
 from __future__ import annotations
 
+from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from pathlib import Path
+    from collections.abc import Iterator
 
     from edmctl.record.reader import RunFile
 
-_ENDINGS = (".partial", ".h5")
+RUNS = Path("runs")
+"""Where runs are looked for by their ids."""
+_COMPLETE, _PARTIAL = ".h5", ".partial"
 
 
-def open_unless_killed(path: Path) -> RunFile:
-    """Open a run file that has an end, or whose writer lives.
+def find_run(named: Path) -> Path:
+    """Return the run file that is meant: one at that path, with or without `.partial`, or the run of that id.
+
+    What is not found is returned as it was named, so that opening it says so.
+    """
+    from edmctl.record.following import present_name
+
+    at_path = present_name(named)
+    if at_path.is_file() or named.name != str(named):
+        return at_path
+    file_name = named.name if named.name.endswith((_COMPLETE, _PARTIAL)) else f"{named.name}{_COMPLETE}"
+    of_id = present_name(RUNS / file_name)
+    return of_id if of_id.is_file() else named
+
+
+@contextmanager
+def reading_unless_killed(path: Path) -> Iterator[RunFile]:
+    """Open a run file that has an end, or whose writer lives, for a `with` block that works on what is in it.
 
     Raises RunFileError: E9005–E9007 it cannot be read, E9008 its writer was killed.
     """
-    from edmctl.record.reader import open_run
+    from edmctl.record.doubt import reading
 
-    opened = open_run(path)
-    try:
+    with reading(path) as opened:
         unless_killed(opened)
-    except BaseException:
-        opened.close()
-        raise
-    return opened
+        yield opened
 
 
 def unless_killed(opened: RunFile) -> None:
@@ -38,7 +54,4 @@ def unless_killed(opened: RunFile) -> None:
 
 def plain_stem(path: Path) -> str:
     """Return the name of a run file without the endings that it has while it is written and after."""
-    name = path.name
-    for ending in _ENDINGS:
-        name = name.removesuffix(ending)
-    return name
+    return path.name.removesuffix(_PARTIAL).removesuffix(_COMPLETE)

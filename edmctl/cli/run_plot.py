@@ -1,20 +1,18 @@
 """`edmctl run plot`: figures, and a page with all of them, from a run file alone."""
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from edmctl.cli.options import DebugOption, JsonOption
-from edmctl.cli.outcome import Outcome, Output, mutter, note, run_command
+from edmctl.cli.options import DebugOption, FileArgument, JsonOption
+from edmctl.cli.outcome import Outcome, Output, mutter, run_command
 
 if TYPE_CHECKING:
     from edmctl.cli.plot_order import PlotOrder, Target
     from edmctl.record.reader import RunFile
 
-FileArgument = Annotated[
-    Path, typer.Argument(metavar="FILE", help="A run file, also that of a run that goes on (.h5.partial).")
-]
 KindOption = Annotated[
     list[str] | None,
     typer.Option(
@@ -38,9 +36,6 @@ FormatOption = Annotated[
 ]
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace figures of the same name.")]
 
-LARGE_BYTES = 50_000_000
-"""From this size of the run file on, drawing all its figures takes long enough to say so."""
-
 
 def plot(
     file: FileArgument,
@@ -55,16 +50,16 @@ def plot(
 
     def body(outcome: Outcome) -> None:
         from edmctl.cli.plot_order import plot_order
-        from edmctl.cli.run_opening import open_unless_killed, plain_stem
+        from edmctl.cli.run_opening import find_run, plain_stem, reading_unless_killed
         from edmctl.report.style import need_matplotlib
 
-        order = plot_order(plain_stem(file), file.parent, kind or [], out, form)
+        path = find_run(file)
+        order = plot_order(plain_stem(path), path.parent, kind or [], out, form)
         need_matplotlib()
-        with open_unless_killed(file) as opened:
-            outcome.run_file = file
-            outcome.simulated = opened.number("/entry/simulated") == 1.0
-            seed = int(opened.number("/entry/seed"))
-            outcome.seed = seed if seed >= 0 else None
+        with reading_unless_killed(path) as opened:
+            outcome.run_file = path
+            outcome.simulated = opened.is_simulated
+            outcome.seed = opened.seed
             order.check(overwrite)
             _draw(outcome, opened, order, overwrite)
 
@@ -78,12 +73,12 @@ def _draw(outcome: Outcome, opened: "RunFile", order: "PlotOrder", overwrite: bo
     from edmctl.errors import PreconditionError
     from edmctl.report.style import NothingToDraw
 
-    if len(order.targets) > 1 and opened.path.stat().st_size > LARGE_BYTES:
-        note(outcome.output, f"drawing {len(order.targets)} figures of a long run")
     written: list[dict[str, object]] = []
     nothing: list[dict[str, object]] = []
     outcome.result = {"figures": written, "nothing": nothing}
-    for target in order.targets:
+    for number, target in enumerate(order.targets, start=1):
+        if sys.stderr.isatty():
+            mutter(f"drawing {target.name} ({number} of {len(order.targets)})\n")
         try:
             content = _content(opened, target)
         except NothingToDraw as reason:
@@ -119,9 +114,10 @@ def _content(opened: "RunFile", target: "Target") -> bytes:
 
 def page_of(opened: "RunFile") -> str:
     """The page with all figures and numbers of an open run file."""
-    from edmctl.cli.run_explain import sentences_of
+    from edmctl.cli.run_explain import sentences_of, trouble_of
     from edmctl.report.page import render_page
     from edmctl.report.pictures import pictures_of
 
-    story = [(sentence.time_s, sentence.text) for sentence in sentences_of(opened)]
-    return render_page(opened, pictures_of(opened), story)
+    sentences = sentences_of(opened)
+    story = [(sentence.time_s, sentence.text) for sentence in sentences]
+    return render_page(opened, pictures_of(opened), story, trouble_of(sentences))

@@ -30,9 +30,9 @@ def show(
     output = Output("run show", as_json, events, quiet, debug)
 
     def body(outcome: Outcome) -> None:
-        from edmctl.record.following import present_name
+        from edmctl.cli.run_opening import find_run
 
-        path = present_name(file)
+        path = find_run(file)
         killed: RunFileError | None = None
         if follow:
             from edmctl.cli.run_follow import follow_run

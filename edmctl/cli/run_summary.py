@@ -29,7 +29,10 @@ WARNING_LEVEL = 2
 
 @dataclass(frozen=True, slots=True)
 class Jumps:
-    """The jumps of a run and the times between those of one cut, s; NaN with fewer than two."""
+    """Every jump that the tool made, also those out of a short, and the times between those of one cut, s.
+
+    The times are NaN with fewer than two.
+    """
 
     count: int
     shortest_s: float
@@ -87,13 +90,13 @@ class RunSummary:
 def summary_of(opened: RunFile) -> RunSummary:
     """Read what is told of an open run file, also of one without an end."""
     from edmctl.cli.run_explain import events_of, sentences_of, wanted
-    from edmctl.record.create import NO_EXIT_CODE, NO_SEED
+    from edmctl.record.create import NO_EXIT_CODE
     from edmctl.record.heads import status_of
     from edmctl.report.numbers import numbers_of
 
     numbers, events = numbers_of(opened), events_of(opened)
     summary = opened.summary()
-    exit_code, seed = int(opened.number("/entry/exit_code")), int(opened.number("/entry/seed"))
+    exit_code = int(opened.number("/entry/exit_code"))
     sentences = sentences_of(opened)
     return RunSummary(
         file=str(opened.path),
@@ -109,13 +112,13 @@ def summary_of(opened: RunFile) -> RunSummary:
         status=status_of(opened),
         exit_code=None if exit_code == NO_EXIT_CODE else exit_code,
         recovery=opened.text("/entry/recovery"),
-        simulated=opened.number("/entry/simulated") == 1.0,
-        seed=None if seed == NO_SEED else seed,
+        simulated=opened.is_simulated,
+        seed=opened.seed,
         time_s=_time_s(opened, summary, events),
         machining_time_s=numbers.total("machining_time_s"),
         sites=numbers.sites,
         totals=_totals(numbers),
-        jumps=_jumps(events),
+        jumps=jumps_of(events),
         touches=tuple(_touches(opened)),
         moments=tuple(sentence for sentence in sentences if sentence.code in TIME_LINE),
         warnings=tuple(_warnings(events)),
@@ -158,13 +161,14 @@ def _totals(numbers: RunNumbers) -> Totals:
     )
 
 
-def _jumps(events: Sequence[FileEvent]) -> Jumps:
+def jumps_of(events: Sequence[FileEvent]) -> Jumps:
+    """Count the jumps, whatever asked for them, and the times from one to the next of the same cut."""
     from statistics import median
 
     apart_s: list[float] = []
     count, last_s = 0, math.nan
     for event in events:
-        if event.code == "JUMPED":
+        if event.code == "JUMP_DONE":
             count += 1
             if math.isfinite(last_s):
                 apart_s.append(event.time_s - last_s)

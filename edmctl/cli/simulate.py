@@ -26,8 +26,8 @@ from edmctl.cli.runfile import plain_name
 from edmctl.cli.seeds import seed_to_use
 from edmctl.cli.simulate_actuator import actuator
 from edmctl.cli.simulate_serve import serve
-from edmctl.console.text import plural
 from edmctl.errors import ObjectiveNotReached, UsageError
+from edmctl.wording import plural
 
 if TYPE_CHECKING:
     from edmctl.cli.batch import Task

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from edmctl.console.text import length
 from edmctl.errors import Diagnostic, PreconditionError
+from edmctl.wording import length
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -6,10 +6,10 @@ import math
 from typing import TYPE_CHECKING
 
 from edmctl.cli.site_option import coordinates
-from edmctl.console.text import length
 from edmctl.errors import PreconditionError
 from edmctl.procedures.measure_wear import Bottom
 from edmctl.record.ledger_entries import UNFINISHED
+from edmctl.wording import length
 
 if TYPE_CHECKING:
     from edmctl.record.bookkeeping import Books, ToolAccount

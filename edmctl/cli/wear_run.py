@@ -11,7 +11,6 @@ from edmctl.cli.prepared import logbook_of
 from edmctl.cli.tool_left import refuse_unknown_length
 from edmctl.cli.tool_seen import NAMELESS, Seen, account_of, seen_on
 from edmctl.cli.wear_bottom import bottom_of
-from edmctl.console.text import length
 from edmctl.errors import Diagnostic, PreconditionError
 from edmctl.procedures.measure_wear import (
     LEAST_TOUCHES,
@@ -22,6 +21,7 @@ from edmctl.procedures.measure_wear import (
 )
 from edmctl.record.bookkeeping import Books, ToolAccount, books_of
 from edmctl.record.ledger_entries import ReferenceTouched, RunEnded, ToolChanged, WearMeasured
+from edmctl.wording import length
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 from edmctl.console.model_errors import MODEL_NAMES, ErrorsView
 from edmctl.console.style import PLAIN, Style
 from edmctl.console.tables import render_columns
-from edmctl.console.text import decimal
+from edmctl.wording import decimal
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 from edmctl.console.model_errors import MODEL_NAMES, ErrorsView
 from edmctl.console.style import PLAIN, Style
 from edmctl.console.tables import render_columns
-from edmctl.console.text import count, decimal, duration
+from edmctl.wording import count, decimal, duration, with_u95
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -191,22 +191,19 @@ def _validation(found: FindingsView, ours: FiguresView, style: Style) -> str:
 def _properties(found: IdentificationView) -> list[str]:
     model, bands = found.model, found.bands
     stroke_sd_um = bands.gain_sd_um_per_v * (model.high_v - model.low_v)
-    loop_width = _with_u95(100.0 * bands.loop_width, 100.0 * bands.loop_width_sd)
-    creep = _with_u95(100.0 * bands.gamma_per_decade, 100.0 * bands.gamma_sd_per_decade)
+    loop_width = with_u95(100.0 * bands.loop_width, U95 * 100.0 * bands.loop_width_sd)
+    creep = with_u95(100.0 * bands.gamma_per_decade, U95 * 100.0 * bands.gamma_sd_per_decade)
     mean_um, most_um = U95 * bands.displacement_sd_um, U95 * bands.displacement_sd_max_um
+    stroke = with_u95(model.stroke_um, U95 * stroke_sd_um)
     lines = {
-        "stroke": f"{_with_u95(model.stroke_um, stroke_sd_um)} µm from {model.low_v:.1f} V to {model.high_v:.1f} V",
-        "gain": f"{_with_u95(bands.gain_um_per_v, bands.gain_sd_um_per_v, 4)} µm/V",
+        "stroke": f"{stroke} µm from {model.low_v:.1f} V to {model.high_v:.1f} V",
+        "gain": f"{with_u95(bands.gain_um_per_v, U95 * bands.gain_sd_um_per_v, 4)} µm/V",
         "loop width": f"{loop_width} % of the stroke",
         "creep": f"{creep} % per decade of time",
         "delay": f"{1000.0 * model.delay_s:.2f} ms",
         "displacement": f"± {mean_um:.3f} µm on average, ± {most_um:.3f} µm at most (refits and held-out error)",
     }
     return [f"{name:{_NAME_WIDTH}}{text}" for name, text in lines.items()]
-
-
-def _with_u95(value: float, sd: float, digits: int = 2) -> str:
-    return f"{value:.{digits}f} ± {U95 * sd:.{digits}f}"
 
 
 def _lever_lines(lever: LeverView | None) -> list[str]:

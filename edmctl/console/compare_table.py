@@ -114,7 +114,9 @@ def _runs(runs: Sequence[ComparedRunView], style: Style) -> str:
             letter(number),
             run.file,
             run.start[:_HEADING_TIME].replace("T", " "),
-            run.status + (f", simulated, seed {run.seed}" if run.simulated else ""),
+            run.status
+            + (", simulated" if run.simulated else "")
+            + ("" if run.seed is None else f", seed {run.seed}"),
         ]
         for number, run in enumerate(runs)
     ]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from edmctl.console.runs_table import size
 from edmctl.console.style import PLAIN, Style
 from edmctl.console.tables import render_columns
-from edmctl.console.text import count
+from edmctl.wording import count
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from edmctl.console.style import PLAIN, Style
 from edmctl.console.tables import render_columns
-from edmctl.console.text import count, duration, length, percent, plural
+from edmctl.wording import count, duration, length, percent, plural
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
 from itertools import groupby, pairwise
 from typing import TYPE_CHECKING
 
-from edmctl.console.text import duration, plural
+from edmctl.wording import duration, plural
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
 
 @dataclass(frozen=True, slots=True)
 class Jump:
-    """One jump. `is_flushing`: arcs or shorts have made the period shorter; `arcs` is their share since the last."""
+    """One jump. `is_flushing`: arcs or shorts have made the period shorter.
+
+    `arcs` and `shorts` are their shares since the last jump, NaN where the file does not tell; `asking` are the
+    shares of those of them that asked for this one.
+    """
 
     time_s: float
     is_flushing: bool
     arcs: float
+    shorts: float = math.nan
+    asking: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,16 +45,23 @@ def stretches(jumps: Sequence[Jump]) -> list[Stretch]:
 
 
 def _sentence(group: Sequence[Jump], flushing: bool) -> str:
-    arcs = [jump.arcs for jump in group]
-    mean, most = 100.0 * sum(arcs) / len(arcs), 100.0 * max(arcs)
     why = "as its period asks for"
     if flushing:
-        why = (
-            "because arcs or shorts asked for more flushing: "
-            f"{mean:.1f} % arcs between jumps on average, {most:.1f} % at most"
-        )
-    elif most > 0.0:
-        why += f"; {mean:.1f} % arcs between jumps"
+        most: dict[str, float] = {}
+        for jump in group:
+            for name, share in jump.asking.items():
+                most[name] = max(share, most.get(name, 0.0))
+        why = f"because {' and '.join(most) or 'arcs or shorts'} asked for more flushing"
+        if most:
+            why += ": up to " + " and ".join(f"{100.0 * share:.1f} % {name}" for name, share in most.items())
+            why += " within a second"
+    between = [
+        f"{100.0 * mean:.1f} % {name}"
+        for name in ("arcs", "shorts")
+        if (mean := sum(getattr(jump, name) for jump in group) / len(group)) >= 0.0005
+    ]
+    if between:
+        why += f"; {' and '.join(between)} between jumps" + (" on average" if flushing else "")
     if len(group) == 1:
         return f"It jumped once, {why}."
     times_s = [jump.time_s for jump in group]

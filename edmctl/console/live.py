@@ -11,6 +11,7 @@ from edmctl.console.cells import plain_ascii, render_line
 from edmctl.console.live_view import Histories, draw_view
 from edmctl.console.screen import Screen
 from edmctl.console.style import Ink
+from edmctl.console.tables import wrapped
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -53,9 +54,11 @@ class LiveReporter:
         self._screen.show([(render_line(line, width - 1, self._style), min(width - 1, cells + 24))], width)
 
     def note(self, text: str) -> None:
-        """Print `text` above the picture, where it stays."""
+        """Print `text` above the picture, where it stays; the terminal itself would break it within a word."""
         shown = text if self._style.unicode else plain_ascii(text)
-        self._screen.print_above(self._style.paint(shown, Ink.FAINT))
+        width, _ = self._screen.size()
+        for line in wrapped(shown, width - 1, "  "):
+            self._screen.print_above(self._style.paint(line, Ink.FAINT))
 
     def close(self) -> None:
         """Take the picture away, and leave a line between the notes and the result."""

@@ -15,7 +15,7 @@ from edmctl.console.cells import cells_of, cut, plain_ascii, printable, render_l
 from edmctl.console.progress import depth_words, has_pulses
 from edmctl.console.sparkline import SPAN_S, History, chart
 from edmctl.console.style import Ink, Style
-from edmctl.console.text import duration
+from edmctl.wording import duration
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -46,6 +46,9 @@ class Histories:
 
     def take(self, p: ProgressView) -> None:
         """Add what came since the last report."""
+        for before in p.past:
+            self.displacement_um.take(before.time_s, before.displacement_low_um, before.displacement_high_um)
+            self.gap_v.take(before.time_s, before.gap_low_v, before.gap_high_v)
         low_um, high_um = p.displacement_low_um, p.displacement_high_um
         self.displacement_um.take(p.time_s, low_um, high_um)
         low_v, high_v = (p.gap_low_v, p.gap_high_v) if has_pulses(p.ratios) else (math.nan, math.nan)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Protocol, TextIO
 
 from edmctl.console.jsonout import render_json_line
 from edmctl.console.result_table import render_ratios
-from edmctl.console.text import duration
+from edmctl.wording import duration
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

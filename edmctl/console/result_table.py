@@ -6,8 +6,19 @@ from math import isnan
 from typing import TYPE_CHECKING
 
 from edmctl.console.style import PLAIN, Style
-from edmctl.console.tables import render_columns
-from edmctl.console.text import count, duration, length, percent, plural
+from edmctl.console.tables import render_columns, width_of, wrapped
+from edmctl.wording import (
+    TIP,
+    UNKNOWN,
+    count,
+    decimal,
+    duration,
+    length,
+    percent,
+    plural,
+    printable,
+    with_u95,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -16,11 +27,17 @@ if TYPE_CHECKING:
         ChannelTruthView,
         ChannelView,
         JobView,
+        MeasuredView,
         RatiosView,
         SiteView,
         TruthView,
     )
 
+COLUMNS = 80
+"""Width of a terminal that nobody has made wider."""
+_LABEL = 21
+FIRST_TO_GO = ("feed µm", "stops", "machining")
+"""Columns of a table that is too wide, the dispensable ones first: a feed is depth and wear together."""
 MOST_BLOCKS = 2
 """Sites that are told at length; more make a table."""
 
@@ -30,6 +47,7 @@ def render_job(
     truths: Sequence[TruthView] = (),
     style: Style = PLAIN,
     channel_truth: ChannelTruthView | None = None,
+    columns: int = COLUMNS,
 ) -> str:
     """Render one block per site, one line each where there are many, and a closing line.
 
@@ -38,10 +56,9 @@ def render_job(
         of the voltage alone.
     """
     padded = (*truths, *[None] * (len(job.sites) - len(truths)))
-    pairs = list(zip(job.sites, padded, strict=True))
-    blocks = [_site_block(site, truth, style) for site, truth in pairs]
-    if len(pairs) > MOST_BLOCKS:
-        blocks = [_site_lines(pairs, style)]
+    blocks = render_sites(list(zip(job.sites, padded, strict=True)), style, columns)
+    if len(job.sites) <= MOST_BLOCKS:
+        blocks = [f"{block}\n{_pulses(site, columns)}" for block, site in zip(blocks, job.sites, strict=True)]
     if job.channel is not None:
         blocks.append(_channel_block(job.channel, channel_truth, style))
     worn = "the tool's wear was not measured"
@@ -51,42 +68,62 @@ def render_job(
     return "\n\n".join([*blocks, total])
 
 
-def _site_lines(pairs: Sequence[tuple[SiteView, TruthView | None]], style: Style) -> str:
-    header = ["site", "depth", "tool wear", "feed", "stops", "machining"]
+def render_sites(
+    pairs: Sequence[tuple[MeasuredView, TruthView | None]], style: Style = PLAIN, columns: int = COLUMNS
+) -> list[str]:
+    """Return a block per site, or one table where there are many; what can be done without goes where it is wide."""
+    if len(pairs) > MOST_BLOCKS:
+        return [_site_lines(pairs, style, columns)]
+    return [_site_block(site, truth, style, columns) for site, truth in pairs]
+
+
+def _site_lines(pairs: Sequence[tuple[MeasuredView, TruthView | None]], style: Style, columns: int) -> str:
+    through = sum(site.through for site, _ in pairs)
+    what = TIP if through == len(pairs) else "depth"
+    table: dict[str, list[str]] = {
+        "site": [printable(site.name) for site, _ in pairs],
+        f"{what} µm": [
+            f"{f'{TIP} ' if 0 < through < len(pairs) and site.through else ''}"
+            f"{with_u95(site.depth_um, site.depth_u95_um)}"
+            for site, _ in pairs
+        ],
+        "tool wear µm": [with_u95(site.wear_um, site.wear_u95_um) for site, _ in pairs],
+        "feed µm": [decimal(site.feed_um) for site, _ in pairs],
+        "stops": [str(site.measuring_stops) for site, _ in pairs],
+        "machining": [duration(site.machining_time_s) for site, _ in pairs],
+    }
     if any(truth for _, truth in pairs):
-        header.append("true depth")
-    rows = [
-        [
-            site.name,
-            length(site.depth_um, site.depth_u95_um),
-            length(site.wear_um, site.wear_u95_um),
-            length(site.feed_um),
-            str(site.measuring_stops),
-            duration(site.machining_time_s),
-            *([length(truth.depth_um)] if truth else []),
-        ]
-        for site, truth in pairs
+        table["true µm"] = [decimal(truth.depth_um) if truth else UNKNOWN for _, truth in pairs]
+    for name in FIRST_TO_GO:
+        if width_of(list(table), _rows(table)) > columns:
+            del table[name]
+    return render_columns(list(table), _rows(table), style)
+
+
+def _rows(table: dict[str, list[str]]) -> list[tuple[str, ...]]:
+    return list(zip(*table.values(), strict=True))
+
+
+def _site_block(site: MeasuredView, truth: TruthView | None, style: Style, columns: int) -> str:
+    header = [printable(site.name), "measured", "from voltage"]
+    depth = [
+        TIP if site.through else "depth",
+        length(site.depth_um, site.depth_u95_um),
+        length(site.depth_model_um),
     ]
-    return render_columns(header, rows, style)
-
-
-def _site_block(site: SiteView, truth: TruthView | None, style: Style) -> str:
-    header = [site.name, "measured", "from voltage"]
-    name = "tip below the face" if site.through else "depth"
-    depth = [name, length(site.depth_um, site.depth_u95_um), length(site.depth_model_um)]
     wear = ["tool wear", length(site.wear_um, site.wear_u95_um), length(site.wear_model_um)]
     if truth:
         header.append("truth")
         depth.append(length(truth.depth_um))
         wear.append(length(truth.wear_um))
-    rows = [
-        depth,
-        wear,
+    others = [
         ["feed", length(site.feed_um)],
         ["Z1 surface before", length(site.z1_um)],
         ["Z2 tip at the end" if site.through else "Z2 bottom", length(site.z2_um)],
         ["Z3 surface after", length(site.z3_um)],
     ]
+    # A channel has none of them.
+    rows = [depth, wear, *(row for row in others if row[1] != UNKNOWN)]
     table = render_columns(header, rows, style)
     machining = f"{duration(site.machining_time_s)} in {plural(site.cuts, 'cut')}"
     if site.through:
@@ -95,8 +132,15 @@ def _site_block(site: SiteView, truth: TruthView | None, style: Style) -> str:
         machining += (
             f"; the last {length(site.estimated_um)} were not touched, Z2 and Z3 are where contact would be"
         )
-    pulses = f"{count(site.pulses)}: {render_ratios(site.ratios)}"
-    return "\n".join([table, f"{'machining':21}{machining}", f"{'pulses':21}{pulses}"])
+    return "\n".join([table, _labelled("machining", machining, columns)])
+
+
+def _pulses(site: SiteView, columns: int) -> str:
+    return _labelled("pulses", f"{count(site.pulses)}: {render_ratios(site.ratios)}", columns)
+
+
+def _labelled(label: str, text: str, columns: int) -> str:
+    return "\n".join(wrapped(f"{label:{_LABEL}}{text}", columns, " " * _LABEL))
 
 
 def _channel_block(channel: ChannelView, truth: ChannelTruthView | None, style: Style) -> str:

@@ -7,57 +7,29 @@ import shlex
 import textwrap
 from typing import TYPE_CHECKING, Protocol
 
-from edmctl.console.runs_table import printable, size, start_utc
+from edmctl.console.result_table import render_sites
+from edmctl.console.runs_table import size, start_utc
 from edmctl.console.style import PLAIN, Ink, Style
-from edmctl.console.tables import render_columns
-from edmctl.console.text import count, decimal, duration, length, percent, plural
+from edmctl.console.views import MeasuredView
+from edmctl.wording import count, duration, facts, percent, printable
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from edmctl.console.story import Sentence
+    from edmctl.console.views import TruthView
 
 CLASSES = ("open", "normal", "arc", "short")
-MOST_BLOCKS = 2
-"""Sites that are told at length; more make a table."""
 MOST_MOMENTS = 24
 """Lines of the time line; where there are more, those in the middle are left out."""
 _LABEL = 14
 
 
-class SiteNumbersView(Protocol):
-    """What is known of one hole or channel."""
+class SiteNumbersView(MeasuredView, Protocol):
+    """What is known of one hole or channel; `truth` is None on a real machine."""
 
     @property
-    def name(self) -> str: ...
-    @property
-    def z1_um(self) -> float: ...
-    @property
-    def z2_um(self) -> float: ...
-    @property
-    def z3_um(self) -> float: ...
-    @property
-    def depth_um(self) -> float: ...
-    @property
-    def depth_u95_um(self) -> float: ...
-    @property
-    def wear_um(self) -> float: ...
-    @property
-    def wear_u95_um(self) -> float: ...
-    @property
-    def feed_um(self) -> float: ...
-    @property
-    def depth_model_um(self) -> float: ...
-    @property
-    def wear_model_um(self) -> float: ...
-    @property
-    def machining_time_s(self) -> float: ...
-    @property
-    def cuts(self) -> int: ...
-    @property
-    def truth_depth_um(self) -> float: ...
-    @property
-    def truth_wear_um(self) -> float: ...
+    def truth(self) -> TruthView | None: ...
 
 
 class JumpsView(Protocol):
@@ -148,7 +120,7 @@ def render_run(run: RunView, style: Style = PLAIN, columns: int = 80) -> str:
     parts = [
         style.paint(_wrapped(printable(run.wanted), columns), Ink.STRONG),
         "\n".join(_lines(_head(run), columns)),
-        _sites(run.sites, style),
+        *render_sites([(site, site.truth) for site in run.sites], style, columns),
         "\n".join(_lines(_numbers(run), columns)),
         _moments("time line", run.moments, style, columns, f"edmctl run explain {run.file}"),
         _moments("faults and warnings", run.warnings, style, columns, ""),
@@ -199,17 +171,12 @@ def _numbers(run: RunView) -> list[tuple[str, str]]:
     if jumps.count:
         hopped = str(jumps.count)
         if math.isfinite(jumps.median_s):
-            apart = f"{jumps.shortest_s:.1f} to {jumps.longest_s:.1f} s apart"
-            hopped += f", {apart}, in the median {jumps.median_s:.1f} s"
-    found = "" if run.sites else ", ".join(_facts(run.summary or {}))
+            low, median, high = (f"{s:.1f}" for s in (jumps.shortest_s, jumps.median_s, jumps.longest_s))
+            hopped += (
+                f", {low} s apart" if low == high else f", {low} to {high} s apart, in the median {median} s"
+            )
+    found = "" if run.sites else "; ".join(f"{name} {value}" for name, value in facts(run.summary or {}))
     return [("found", found), ("pulses", pulses), ("removal", removed), ("jumps", hopped)]
-
-
-def _facts(summary: Mapping[str, object]) -> Iterator[str]:
-    """The figures of a result without sites, under the keys that they have in JSON."""
-    for key, value in summary.items():
-        if isinstance(value, int | float) and not isinstance(value, bool):
-            yield f"{key} {value:g}"
 
 
 def _file(run: RunView) -> list[tuple[str, str]]:
@@ -220,42 +187,6 @@ def _file(run: RunView) -> list[tuple[str, str]]:
         ("rows", rows or "none"),
         ("written by", versions),
     ]
-
-
-def _sites(sites: Sequence[SiteNumbersView], style: Style) -> str:
-    if len(sites) > MOST_BLOCKS:
-        return _site_lines(sites, style)
-    return "\n\n".join(_site_block(site, style) for site in sites)
-
-
-def _site_block(site: SiteNumbersView, style: Style) -> str:
-    header = [printable(site.name), "measured", "from voltage"]
-    depth = ["depth", length(site.depth_um, site.depth_u95_um), length(site.depth_model_um)]
-    wear = ["tool wear", length(site.wear_um, site.wear_u95_um), length(site.wear_model_um)]
-    if math.isfinite(site.truth_depth_um) or math.isfinite(site.truth_wear_um):
-        header.append("truth")
-        depth.append(length(site.truth_depth_um))
-        wear.append(length(site.truth_wear_um))
-    z = f"{decimal(site.z1_um)}, {decimal(site.z2_um)}, {decimal(site.z3_um)} µm"
-    rows = [depth, wear, ["feed", length(site.feed_um)], ["Z1, Z2, Z3", z]]
-    machining = f"{duration(site.machining_time_s)} in {plural(site.cuts, 'cut')}"
-    return "\n".join([render_columns(header, rows, style), f"{'machining':{_LABEL}}{machining}"])
-
-
-def _site_lines(sites: Sequence[SiteNumbersView], style: Style) -> str:
-    with_truth = any(math.isfinite(site.truth_depth_um) for site in sites)
-    header = ["site", "depth", "tool wear", "machining", *(["true depth"] if with_truth else [])]
-    rows = [
-        [
-            printable(site.name),
-            length(site.depth_um, site.depth_u95_um),
-            length(site.wear_um, site.wear_u95_um),
-            duration(site.machining_time_s),
-            *([length(site.truth_depth_um)] if with_truth else []),
-        ]
-        for site in sites
-    ]
-    return render_columns(header, rows, style, "<>")
 
 
 def _moments(title: str, moments: Sequence[Sentence], style: Style, columns: int, rest: str) -> str:

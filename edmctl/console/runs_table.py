@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from edmctl.console.style import PLAIN, Ink, Style
 from edmctl.console.tables import render_columns
-from edmctl.console.text import decimal, duration
+from edmctl.wording import duration, printable, with_u95
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -46,6 +45,8 @@ class HeadView(Protocol):
     def tool(self) -> str: ...
     @property
     def sites(self) -> int: ...
+    @property
+    def through(self) -> int: ...
     @property
     def depth_um(self) -> float: ...
     @property
@@ -86,6 +87,9 @@ def render_runs(
         hidden.append(name)
         table = _table(runs, shown, style)
     notes = [
+        "tip: of a hole through a sheet, how far the tip went below the face."
+        if any(map(_through, runs))
+        else "",
         "Depth and wear of several sites are their means." if any(_sites(run) > 1 for run in runs) else "",
         f"Not shown, for want of width: {', '.join(reversed(hidden))}." if hidden else "",
     ]
@@ -101,8 +105,8 @@ def _columns() -> dict[str, Callable[[HeadView], str]]:
         "status": _status,
         "profile": lambda run: printable(run.name),
         "work, tool": lambda run: printable(f"{run.work}, {run.tool}"),
-        "depth µm": lambda run: _with_u95(run.depth_um, run.depth_u95_um),
-        "wear µm": lambda run: _with_u95(run.wear_um, run.wear_u95_um),
+        "depth µm": _depth,
+        "wear µm": lambda run: with_u95(run.wear_um, run.wear_u95_um),
         "sites": lambda run: str(run.sites or "–"),
         "machining": lambda run: duration(run.machining_time_s),
         "seed": lambda run: ("–" if run.seed is None else str(run.seed)) if run.simulated else "real",
@@ -134,13 +138,16 @@ def _status(run: HeadView) -> str:
     return f"{printable(run.status)} ({run.exit_code})" if run.exit_code else printable(run.status)
 
 
+def _depth(run: HeadView) -> str:
+    return f"{'tip ' if run.through else ''}{with_u95(run.depth_um, run.depth_u95_um)}"
+
+
+def _through(run: HeadView | BrokenFile) -> int:
+    return 0 if isinstance(run, BrokenFile) else run.through
+
+
 def _sites(run: HeadView | BrokenFile) -> int:
     return 0 if isinstance(run, BrokenFile) else run.sites
-
-
-def _with_u95(value_um: float, u95_um: float) -> str:
-    known = decimal(value_um)
-    return known if math.isnan(u95_um) or known == "–" else f"{known} ± {decimal(u95_um)}"
 
 
 def _width(table: str) -> int:
@@ -164,8 +171,3 @@ def size(size_bytes: int) -> str:
             break
         value, unit = value / 1000.0, larger
     return f"{value:.0f} {unit}" if unit == "B" or value >= 99.5 else f"{value:.1f} {unit}"
-
-
-def printable(text: str) -> str:
-    """Return a text out of a file without what a terminal would take for a command."""
-    return "".join(letter if letter.isprintable() else "?" for letter in text)

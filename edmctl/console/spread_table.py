@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from edmctl.console.style import PLAIN, Style
 from edmctl.console.tables import render_columns
-from edmctl.console.text import decimal, percent, plural
+from edmctl.wording import decimal, percent, plural
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

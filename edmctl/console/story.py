@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 from edmctl.console.jump_stretches import Jump, stretches
 from edmctl.console.style import PLAIN, Ink, Style
-from edmctl.console.text import duration
+from edmctl.wording import duration
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -105,5 +106,8 @@ def _jump(event: EventView, period_s: float) -> Jump:
         value = event.args.get(name)
         return float(value) if isinstance(value, int | float) else default
 
-    flushing = event.args.get("asked") is True or figure("period_s", period_s) < period_s
-    return Jump(event.time_s, flushing, figure("arcs", 0.0))
+    # Older files say only whether they asked.
+    flushing = bool(event.args.get("asked")) or figure("period_s", period_s) < period_s
+    asking = {name: figure(f"asking_{name}", math.nan) for name in ("arcs", "shorts")}
+    told = {name: share for name, share in asking.items() if math.isfinite(share)}
+    return Jump(event.time_s, flushing, figure("arcs", 0.0), figure("shorts", math.nan), told)

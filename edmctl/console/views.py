@@ -21,6 +21,21 @@ class RatiosView(Protocol):
     def short(self) -> float: ...
 
 
+class ExtremesView(Protocol):
+    """Between what gap voltage and displacement were in a short time up to `time_s`; NaN is unknown."""
+
+    @property
+    def time_s(self) -> float: ...
+    @property
+    def gap_low_v(self) -> float: ...
+    @property
+    def gap_high_v(self) -> float: ...
+    @property
+    def displacement_low_um(self) -> float: ...
+    @property
+    def displacement_high_um(self) -> float: ...
+
+
 class ProgressView(Protocol):
     """The state of a running job."""
 
@@ -67,6 +82,8 @@ class ProgressView(Protocol):
     @property
     def displacement_high_um(self) -> float: ...
     @property
+    def past(self) -> Sequence[ExtremesView]: ...
+    @property
     def jumps(self) -> int: ...
     @property
     def jump_period_s(self) -> float: ...
@@ -82,8 +99,8 @@ class ProgressView(Protocol):
     def warned_s(self) -> float: ...
 
 
-class SiteView(Protocol):
-    """What was reached and measured at one site."""
+class MeasuredView(Protocol):
+    """What was measured at one site."""
 
     @property
     def name(self) -> str: ...
@@ -117,6 +134,11 @@ class SiteView(Protocol):
     def machining_time_s(self) -> float: ...
     @property
     def cuts(self) -> int: ...
+
+
+class SiteView(MeasuredView, Protocol):
+    """What was reached and measured at one site, and the pulses that it took."""
+
     @property
     def pulses(self) -> int: ...
     @property

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from edmctl.console.style import PLAIN, Style
 from edmctl.console.tables import render_columns
-from edmctl.console.text import duration, length
+from edmctl.wording import duration, length
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -42,8 +42,9 @@ class Change:
 class Adapting:
     """Jump period, servo reference and duty of one cut.
 
-    `period_s` is NaN without jumps; `reference` and `duty` are what machine and generator should have now. `changes`
-    collects what was changed until somebody takes it.
+    `period_s` is NaN without jumps; `reference` and `duty` are what machine and generator should have now. `asking`
+    holds the shares of arcs and shorts that ask for the next jump, of those over their limits alone; it is empty
+    when the clock asks. `changes` collects what was changed until somebody takes it.
     """
 
     def __init__(self, profile: Profile, start_s: float) -> None:
@@ -58,6 +59,7 @@ class Adapting:
         self._since_jump = PulseWindow(math.inf)
         self._in_vain = 0
         self._at_once = ""
+        self.asking: dict[str, float] = {}
         self.period_s = math.nan if jump.mode == "off" else jump.period_s
         self.reference, self.duty = self._reference_0, self._duty_0
         self.changes: list[Change] = []
@@ -88,19 +90,20 @@ class Adapting:
         return f"{self.period_s:.3g} s have passed" if now_s - self._last_s >= self.period_s else ""
 
     @property
-    def is_asked_for(self) -> bool:
-        """Whether the gap asks for the next jump, and not the clock."""
-        return bool(self._at_once)
-
-    @property
     def arcs(self) -> float:
         """Share of arcs since the last jump."""
         return self._since_jump.arcs
+
+    @property
+    def shorts(self) -> float:
+        """Share of shorts since the last jump."""
+        return self._since_jump.shorts
 
     def jumped(self, now_s: float) -> None:
         """Count the time from here; see whether jumps at the shortest period help."""
         self._last_s = now_s
         self._at_once = ""
+        self.asking = {}
         arcs = self._since_jump.arcs
         self._since_jump.clear()
         if not self._adaptive or self.period_s > self._jump.period_min_s or arcs <= self._limits.arc_high:
@@ -131,6 +134,9 @@ class Adapting:
     def _flush(self, arcs: float, shorts: float) -> None:
         seen = f"{100 * arcs:.1f} % arcs and {100 * shorts:.1f} % shorts in the last {EVIDENCE_S:g} s"
         self._at_once = seen
+        limits = {"arcs": self._limits.arc_high, "shorts": self._limits.short_high}
+        shares = {"arcs": arcs, "shorts": shorts}
+        self.asking = {name: share for name, share in shares.items() if share > limits[name]}
         self._evidence.clear()
         self._clean.clear()
         self._set_period(max(self._jump.period_min_s, SHORTER * self.period_s), seen, arcs, shorts)

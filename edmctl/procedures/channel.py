@@ -160,8 +160,10 @@ class _Stops:
             f"of {result.working_gap_um:.2f} µm.",
             {
                 "depth_um": result.depth_um,
+                "depth_u95_um": result.depth_u95_um,
                 "floor_sd_um": found.sd_um,
                 "wear_um": result.wear_um,
+                "wear_u95_um": result.wear_u95_um,
                 "gap_um": result.working_gap_um,
             },
         )

@@ -81,7 +81,14 @@ def run_cut(run: Run, plan: CutPlan, time_left: TimeLeft) -> CutResult:
         RunEvent.CUT_PLANNED,
         f"Cut {plan.number}: feed {plan.feed_um:.1f} µm to {plan.z_limit_um:.1f} µm, expecting a gap of "
         f"{plan.gap_um:.2f} µm and {plan.wear_ratio:.3f} µm wear per µm depth.",
-        {"cut": plan.number, "feed_um": plan.feed_um, "z_limit_um": plan.z_limit_um, "gap_um": plan.gap_um},
+        {
+            "cut": plan.number,
+            "feed_um": plan.feed_um,
+            "z_limit_um": plan.z_limit_um,
+            "gap_um": plan.gap_um,
+            "wear_ratio": plan.wear_ratio,
+            **({} if math.isnan(plan.target_um) else {"target_um": plan.target_um}),
+        },
     )
     start_s = run.machine.time_s
     supervisor = Supervisor(run, plan, start_s)

@@ -18,7 +18,7 @@ from edmctl.record.rows import EventLevel
 if TYPE_CHECKING:
     from edmctl.machine.port import MachineEvent
     from edmctl.procedures.planning import CutPlan
-    from edmctl.procedures.run import Run
+    from edmctl.procedures.run import Args, Run
     from edmctl.procedures.supervisor import Supervisor
 
 JUMP_RESERVE_UM = 5.0
@@ -118,11 +118,13 @@ class Cutting:
         if code is not RunEvent.JUMPED:
             run.decide(code, message, {"height_um": height_um})
             return
-        args = {
+        args: Args = {
             "height_um": height_um,
             "period_s": adapting.period_s,
-            "arcs": adapting.arcs,
-            "asked": adapting.is_asked_for,
+            "arcs": round(adapting.arcs, 5),
+            "shorts": round(adapting.shorts, 5),
+            "asked": " and ".join(adapting.asking),
+            **{f"asking_{name}": round(share, 5) for name, share in adapting.asking.items()},
         }
         run.recorder.event(run.machine.time_s, code, EventLevel.DEBUG, message, args)
 

@@ -90,15 +90,19 @@ class Erosion:
     mrr_mm3_min: float
 
 
-def erosion_of(profile: Profile, found: DepthAndWear, machining_time_s: float) -> Erosion:
+def erosion_of(
+    profile: Profile, found: DepthAndWear, machining_time_s: float, *, through: bool = False
+) -> Erosion:
     """Relative wear, linear and volumetric, and material removal rate of a measured hole.
 
-    Volumes are lengths times the tool's face and the hole's section, a side gap wider all round.
+    Volumes are lengths times the tool's face and the hole's section, a side gap wider all round. A hole `through`
+    the sheet is as long as that is thick, however far the tip came out of it.
     """
+    length_um = profile.work.thickness_um if through else found.depth_um
     tool_um2 = tool_area_um2(profile.tool.diameter_um)
     hole_um2 = hole_area_um2(profile.tool.diameter_um, profile.work.side_gap_um)
-    ratio = found.wear_um / found.depth_um if found.depth_um > 0.0 else math.nan
-    removed_um3 = found.depth_um * hole_um2
+    ratio = found.wear_um / length_um if length_um > 0.0 else math.nan
+    removed_um3 = length_um * hole_um2
     return Erosion(
         wear_ratio_lin=ratio,
         wear_ratio_vol=ratio * tool_um2 / hole_um2,

@@ -91,21 +91,25 @@ def next_start(hole: Hole, gap_um: float) -> Start:
     """What a further cut of a measured hole would start from."""
     assert hole.found is not None
     found = hole.found
-    return Start(hole.bottom.z_um, found.depth_u95_um / COVERAGE, gap_um, found.depth_um, found.wear_um)
+    return Start(
+        bottom_um=hole.bottom.z_um,
+        u_um=found.depth_u95_um / COVERAGE,
+        gap_um=gap_um,
+        depth_um=found.depth_um,
+        wear_um=found.wear_um,
+        wear_u_um=found.wear_u95_um / COVERAGE,
+    )
 
 
 def estimate_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: CutResult) -> Decision:
     """End a hole whose last cut need not be measured: what it added is known from feed and energy."""
     live = plan.at(cut.end_displacement_um, energy_of(run.profile.pulse, cut.counts, cut.energy_j))
     worn_um = live.wear_um - plan.start.wear_um
-    wear_u95_um = COVERAGE * live.wear_u_um
-    if hole.found is not None:
-        wear_u95_um = math.hypot(wear_u95_um, hole.found.wear_u95_um)
     found = DepthAndWear(
         depth_um=live.depth_um,
         depth_u95_um=COVERAGE * live.depth_u_um,
         wear_um=live.wear_um,
-        wear_u95_um=wear_u95_um,
+        wear_u95_um=plan.wear_u95_um(live),
         feed_um=live.depth_um + live.wear_um,
         feed_u95_um=COVERAGE * math.hypot(plan.start.u_um, TOUCH_U_UM),
         depth_noise_um=live.depth_u_um,

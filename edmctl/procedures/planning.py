@@ -10,7 +10,7 @@ from edmctl.procedures.estimating import estimate_of
 from edmctl.procedures.goal import Goal, goal_of
 from edmctl.procedures.job import Site
 from edmctl.process.live_erosion import Energy, ErosionEstimate, LiveErosion
-from edmctl.process.next_cut import FIRST_GAP_U_UM, GAP_U_UM, NextCut, next_cut
+from edmctl.process.next_cut import COVERAGE, FIRST_GAP_U_UM, GAP_U_UM, NextCut, next_cut
 
 if TYPE_CHECKING:
     from edmctl.profile.model import Profile
@@ -24,7 +24,7 @@ class Start:
     """What a cut starts from.
 
     The tool would touch the bottom at `bottom_um`, known within `u_um`. `depth_um` and `wear_um` are the hole's so
-    far; `gap_um` is the working gap to expect.
+    far, the wear known within `wear_u_um`; `gap_um` is the working gap to expect.
     """
 
     bottom_um: float
@@ -32,6 +32,7 @@ class Start:
     gap_um: float
     depth_um: float = 0.0
     wear_um: float = 0.0
+    wear_u_um: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,7 +76,10 @@ class CutPlan:
         return max(0.0, displacement_um + self.start.gap_um - self.start.bottom_um)
 
     def at(self, displacement_um: float, energy: Energy | None = None) -> LiveErosion:
-        """Depth and wear of the hole while sparking at a displacement, after discharges of that energy."""
+        """Depth and wear of the hole while sparking at a displacement, after discharges of that energy.
+
+        `wear_u_um` is what this cut adds; see `wear_u95_um` for that of the hole.
+        """
         gap_u_um = GAP_U_UM if self.number > 1 or self.estimate.fits else FIRST_GAP_U_UM
         split = self.estimate.split(self.fed_um(displacement_um), gap_u_um, energy)
         return LiveErosion(
@@ -84,6 +88,10 @@ class CutPlan:
             self.start.wear_um + split.wear_um,
             split.wear_u_um,
         )
+
+    def wear_u95_um(self, live: LiveErosion) -> float:
+        """Half the 95 % interval of the hole's wear in this cut: what was unknown before it counts too."""
+        return COVERAGE * math.hypot(self.start.wear_u_um, live.wear_u_um)
 
     def depth_at(self, displacement_um: float) -> float:
         """Estimated depth while sparking at this displacement, from the expected gap and wear ratio."""

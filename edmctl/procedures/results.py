@@ -40,6 +40,9 @@ class SiteResult:
     bottom was touched, and the pad after it; `estimated_um` is the part of the depth that was cut after the last of
     them, known from feed, energy and wear ratio: then Z2 and Z3 are where contact would be.
 
+    `through`: the hole goes through the sheet. Then `depth_um` is how far the tip went below the face, `z2_um` where
+    it ended, and the hole is as long as the sheet is thick.
+
     `wear_ratio_lin` is wear per depth, `wear_ratio_vol` tool volume per hole volume, both NaN without a depth;
     `energy_j` is mean gap current × plateau voltage of a normal discharge × time, over all cuts.
 
@@ -117,6 +120,17 @@ class JobResult:
 
 
 @dataclass(frozen=True, slots=True)
+class Extremes:
+    """Between what gap voltage and displacement were in a short time up to `time_s`; NaN is unknown."""
+
+    time_s: float
+    gap_low_v: float
+    gap_high_v: float
+    displacement_low_um: float
+    displacement_high_um: float
+
+
+@dataclass(frozen=True, slots=True)
 class Progress:
     """The state of a job, ten times a second. Unknown values are NaN, unknown numbers 0, unknown words empty.
 
@@ -124,7 +138,8 @@ class Progress:
     wear. `feed_um` is their sum; `feed_target_um` is what the job wants of it where it wants no depth. `step` is
     the cut or pass under way, and `jumps` were made in it, the last one at `last_jump_s`.
 
-    Gap voltage and displacement have been between `…_low_…` and `…_high_…` since the last report. `sites_done` of
+    Gap voltage and displacement have been between `…_low_…` and `…_high_…` since the last report; where that is
+    more than a tenth of a second ago, since the last of `past`, which holds what was before. `sites_done` of
     `sites_total` places are finished. `warning` is the newest one, told at `warned_s`.
     """
 
@@ -149,6 +164,7 @@ class Progress:
     gap_high_v: float = math.nan
     displacement_low_um: float = math.nan
     displacement_high_um: float = math.nan
+    past: tuple[Extremes, ...] = ()
     jumps: int = 0
     jump_period_s: float = math.nan
     last_jump_s: float = math.nan

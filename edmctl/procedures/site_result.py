@@ -95,7 +95,7 @@ def site_result(
     through: bool = False,
 ) -> SiteResult:
     """Put together what is known of a hole."""
-    erosion = erosion_of(profile, found, sums.time_s)
+    erosion = erosion_of(profile, found, sums.time_s, through=through)
     counts = sums.counts
     return SiteResult(
         name=site.name,
@@ -171,6 +171,7 @@ def site_row(result: SiteResult) -> SiteRow:
         mrr_mm3_min=result.mrr_mm3_min,
         depth_model_error_um=result.depth_model_um - result.depth_um,
         wear_model_error_um=result.wear_model_um - result.wear_um,
+        through=result.through,
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from edmctl.errors import RunFileError
 
-from .create import NO_EXIT_CODE, NO_SEED
+from .create import NO_EXIT_CODE
 from .disk import PARTIAL
 from .doubt import reading_unverified
 from .layout import RESULTS
@@ -26,12 +26,14 @@ if TYPE_CHECKING:
 
 ENDINGS = (".h5", f".h5{PARTIAL}")
 RUNNING, INTERRUPTED = "running", "interrupted"
-_RESULTS = ("depth", "depth_u95", "wear", "wear_u95", "machining_time")
+_RESULTS = ("depth", "depth_u95", "wear", "wear_u95", "machining_time", "through")
 
 
 @dataclass(frozen=True, slots=True)
 class RunHead:
     """One run file of a folder. Depth and wear are means of its sites; unknown values are NaN or None.
+
+    Of `through` of its sites, holes through a sheet, the depth is how far the tip went below the face.
 
     `status` is `running` while its writer lives, `interrupted` when that was killed, else as the run ended.
     """
@@ -51,6 +53,7 @@ class RunHead:
     work: str
     tool: str
     sites: int
+    through: int
     depth_um: float
     depth_u95_um: float
     wear_um: float
@@ -125,7 +128,7 @@ def _stat(path: Path) -> tuple[int, float]:
 
 
 def _head(run: RunFile) -> RunHead:
-    exit_code, seed = int(run.number("/entry/exit_code")), int(run.number("/entry/seed"))
+    exit_code = int(run.number("/entry/exit_code"))
     results = run.fields(RESULTS.path, _RESULTS)
     return RunHead(
         path=run.path,
@@ -138,11 +141,12 @@ def _head(run: RunFile) -> RunHead:
         end_time=run.text("/entry/end_time"),
         status=status_of(run),
         exit_code=None if exit_code == NO_EXIT_CODE else exit_code,
-        simulated=run.number("/entry/simulated") == 1.0,
-        seed=None if seed == NO_SEED else seed,
+        simulated=run.is_simulated,
+        seed=run.seed,
         work=run.text("/entry/sample/material"),
         tool=run.text("/entry/tool/material"),
         sites=len(results),
+        through=int(np.sum(results["through"])),
         depth_um=_mean(results["depth"]),
         depth_u95_um=_mean(results["depth_u95"]),
         wear_um=_mean(results["wear"]),

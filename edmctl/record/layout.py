@@ -193,6 +193,9 @@ SLOW = Table(
         Column("est_depth", "depth_um", "f4", "um", "estimated depth"),
         Column("est_depth_u95", "depth_u95_um", "f4", "um", "half the 95 % interval of the estimated depth"),
         Column("est_wear", "wear_um", "f4", "um", "estimated tool wear"),
+        Column(
+            "est_wear_u95", "wear_u95_um", "f4", "um", "half the 95 % interval of the estimated tool wear"
+        ),
         Column("jump_period", "jump_period_s", "f4", "s", "jump period; NaN without jumps"),
         Column("p_avg", "power_w", "f4", "W", "mean discharge power"),
         Column("temp_dielectric", "dielectric_c", "f4", "degC", "temperature of the dielectric"),
@@ -294,9 +297,15 @@ RESULTS = Table(
         Column("x", "x_um", "f8", "um", "x of the site"),
         Column("y", "y_um", "f8", "um", "y of the site"),
         Column("z1", "z1_um", "f8", "um", "surface before machining"),
-        Column("z2", "z2_um", "f8", "um", "bottom of the hole"),
+        Column("z2", "z2_um", "f8", "um", "bottom of the hole; where it goes through, the tip at the end"),
         Column("z3", "z3_um", "f8", "um", "surface after machining"),
-        Column("depth", "depth_um", "f8", "um", "depth, z2 − z3"),
+        Column(
+            "depth",
+            "depth_um",
+            "f8",
+            "um",
+            "depth, z2 − z3; where it goes through, tip below the face",
+        ),
         Column("depth_u95", "depth_u95_um", "f8", "um", "95 % uncertainty of the depth"),
         Column("wear", "wear_um", "f8", "um", "tool wear, z3 − z1"),
         Column("wear_u95", "wear_u95_um", "f8", "um", "95 % uncertainty of the wear"),
@@ -317,7 +326,9 @@ RESULTS = Table(
             "J",
             "mean gap current × plateau of a normal discharge × time of all cuts",
         ),
-        Column("wear_ratio_lin", "wear_ratio_lin", "f8", PURE, "wear over depth"),
+        Column(
+            "wear_ratio_lin", "wear_ratio_lin", "f8", PURE, "wear over depth, or over the sheet's thickness"
+        ),
         Column("wear_ratio_vol", "wear_ratio_vol", "f8", PURE, "tool volume lost over hole volume"),
         Column("mrr", "mrr_mm3_min", "f8", "mm3/min", "hole volume over machining time"),
         Column("err_depth", "depth_model_error_um", "f8", "um", "depth_model − depth"),
@@ -342,6 +353,7 @@ RESULTS = Table(
         Column("face", "face_um", "f8", "um", "how much further than the pad the face lies at the site"),
         Column("stops", "measuring_stops", "u2", PURE, "times that bottom and pad were touched"),
         Column("estimated", "estimated_um", "f8", "um", "part of the depth cut after the last touch"),
+        Column("through", "through", "u1", PURE, "1 when the hole goes through the sheet"),
     ),
 )
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from . import layout
+from .chunks import read_rows
 from .opening import open_file
 from .rows import TruthMap
 from .scalars import read_fields, read_number, read_text
@@ -56,6 +57,17 @@ class RunFile:
     def is_finished(self) -> bool:
         """Whether its writer came to the end, or it was recovered; False for a live or killed run."""
         return self.text("/entry/end_time") != ""
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether the virtual machine made the run."""
+        return self.number("/entry/simulated") == 1.0
+
+    @property
+    def seed(self) -> int | None:
+        """The seed of the virtual machine; None on a real one, and where another process served it."""
+        seed = int(self.number("/entry/seed"))
+        return seed if seed >= 0 else None
 
     def refresh(self) -> None:
         """Look at what a live writer has added since."""
@@ -183,7 +195,7 @@ class RunFile:
         return [group[column.name] for column in table.columns if column.name in group]
 
     def _plain(self, column: Column, dataset: h5py.Dataset, start: int, stop: int) -> NDArray[np.generic]:
-        stored: NDArray[Any] = dataset[start:stop]
+        stored: NDArray[Any] = read_rows(dataset, start, stop)
         # A file of version 1 holds the plain values already.
         if column.step == 1.0 or stored.dtype != np.dtype(column.dtype):
             return stored

@@ -76,6 +76,8 @@ class SlowRow:
     """Telemetry frames missing so far."""
     depth_u95_um: float = math.nan
     """Half the 95 % interval of the estimated depth."""
+    wear_u95_um: float = math.nan
+    """Likewise of the estimated tool wear."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,6 +232,8 @@ class SiteRow:
     """Times that the bottom, and the pad after it, were touched."""
     estimated_um: float = 0.0
     """Part of the depth that was cut after the last touch, and is estimated."""
+    through: bool = False
+    """The hole goes through the sheet: `depth` is how far the tip went below the face, `z2` where the tip ended."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -41,10 +41,13 @@ def read_number(file: h5py.File, path: str) -> float:
 
 
 def read_fields(file: h5py.File, path: str, names: Sequence[str]) -> NDArray[np.void]:
-    """Return the fields `names` of a compound table as float64, shape (rows,). Raises what h5py raises."""
+    """Return the fields `names` of a compound table as float64, shape (rows,). Raises what h5py raises.
+
+    A field that an older file does not have is 0.
+    """
     dataset = h5d.open(file.id, path.encode())
     (rows,) = dataset.shape
-    table: NDArray[np.void] = np.empty(rows, [(name, np.float64) for name in names])
+    table: NDArray[np.void] = np.zeros(rows, [(name, np.float64) for name in names])
     if rows:
         dataset.read(h5s.ALL, h5s.ALL, table)
     return table

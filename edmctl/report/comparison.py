@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.record.traces import traces
+from edmctl.report.envelopes import envelopes
 from edmctl.report.numbers import numbers_of, target_depths_um
 from edmctl.report.style import (
     BLACK,
@@ -67,7 +67,9 @@ def draw(runs: Sequence[RunFile], names: Sequence[str]) -> Figure:
     several = any(len(n.sites) > 1 for n in numbers)
     _results(end_depth, names, numbers, "depth")
     _results(end_wear, names, numbers, "wear")
-    end_depth.set_ylabel("depth, mean of sites (µm)" if several else "depth (µm)")
+    names_of_depth = {n.depth_name for n in numbers if n.sites}
+    quantity = names_of_depth.pop() if len(names_of_depth) == 1 else "depth"
+    end_depth.set_ylabel(f"{quantity}, mean of sites (µm)" if several else f"{quantity} (µm)")
     end_wear.set_ylabel("tool wear, mean of sites (µm)" if several else "tool wear (µm)")
     _band(end_depth, runs)
     for axes, letter in zip((depth, end_depth, end_wear), "abc", strict=True):
@@ -81,11 +83,10 @@ def draw(runs: Sequence[RunFile], names: Sequence[str]) -> Figure:
 
 def _depth_line(run: RunFile) -> tuple[Array, Array]:
     """Estimated depth against the time with the servo on, broken where the tool went to another place."""
-    found = traces(run, SLOW, ["est_depth"])
-    if not len(found.time_s):
+    lines = envelopes(run, SLOW, ["est_depth"], lambda rows: {"depth": rows["est_depth"].astype(np.float64)})
+    if not lines:
         return np.empty(0), np.empty(0)
-    low_um, high_um = found.low["est_depth"], found.high["est_depth"]
-    depth_um = np.where(np.isfinite(low_um), 0.5 * (low_um + high_um), np.nan)
+    found, depth_um = lines["depth"], lines["depth"].mean
     steps_s = np.diff(found.time_s, prepend=found.time_s[0])
     usual_s = float(np.median(steps_s[1:])) if len(steps_s) > 1 else 0.0
     steps_s[steps_s > max(PAUSE_S, 3.0 * usual_s)] = usual_s

@@ -60,15 +60,18 @@ class RandomIgnition:
     censored: int
 
 
-def delays(run: RunFile, between_s: tuple[float, float]) -> Delays:
-    """Count normal discharges and open pulses by their delay; `between_s` leaves out what was before and after."""
-    first, last = (int(row) for row in rows_at(run, np.array(between_s)))
+def delays(run: RunFile, cuts_s: Array) -> Delays:
+    """Count normal discharges and open pulses by their delay, within cuts alone, shape (n, 2): begin and end.
+
+    An approach has long delays, as its gap is wide.
+    """
     counts = np.zeros((2, _STEPS), np.int64)
-    for _, columns in pulse_blocks(run, first, last, ("pulse_class", "td")):
-        kind = columns["pulse_class"]
-        rounded = np.rint(columns["td"] / np.float32(STEP_US)).astype(np.int32)
-        for k, wanted in enumerate((NORMAL, OPEN)):
-            counts[k] += np.bincount(rounded[kind == wanted], minlength=_STEPS)
+    for first, stop in rows_at(run, cuts_s.ravel()).reshape(-1, 2).tolist():
+        for _, columns in pulse_blocks(run, first, stop, ("pulse_class", "td")):
+            kind = columns["pulse_class"]
+            rounded = np.rint(columns["td"] / np.float32(STEP_US)).astype(np.int32)
+            for k, wanted in enumerate((NORMAL, OPEN)):
+                counts[k] += np.bincount(rounded[kind == wanted], minlength=_STEPS)
     used = np.flatnonzero(counts.any(axis=0))
     end = int(used[-1]) + 1 if len(used) else 0
     return Delays(counts[0, :end], counts[1, :end])

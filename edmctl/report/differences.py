@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from edmctl.report.numbers import CLASSES, numbers_of
+from edmctl.wording import TIP
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -95,15 +96,14 @@ def compare(runs: Sequence[RunFile]) -> Comparison:
 
 
 def _compared(run: RunFile, sites: int) -> ComparedRun:
-    simulated = run.number("/entry/simulated") == 1.0
     return ComparedRun(
         str(run.path),
         run.text("/entry/run_id"),
         run.text("/entry/title"),
         run.text("/entry/start_time"),
         run.text("/entry/status"),
-        simulated,
-        int(run.number("/entry/seed")) if simulated else None,
+        run.is_simulated,
+        run.seed,
         sites,
     )
 
@@ -131,7 +131,7 @@ def _differing(runs: Sequence[RunFile]) -> list[Setting]:
         if key != "NX_class" and not key.endswith("_units")
     ]
     found += [Setting(name, "", tuple(run.text(path) for run in runs)) for name, path in _TEXTS]
-    found.append(Setting("seed", "", tuple(_seed(run) for run in runs)))
+    found.append(Setting("seed", "", tuple("" if run.seed is None else str(run.seed) for run in runs)))
     setups = [run.text("/entry/machine/toml") for run in runs]
     found += [Setting(f"setup {key}", "", values) for key, values in _setup_lines(setups)]
     return [setting for setting in found if len(set(setting.values)) > 1]
@@ -139,11 +139,6 @@ def _differing(runs: Sequence[RunFile]) -> list[Setting]:
 
 def _text(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def _seed(run: RunFile) -> str:
-    seed = int(run.number("/entry/seed"))
-    return str(seed) if seed >= 0 else ""
 
 
 def _setup_lines(texts: Sequence[str]) -> list[tuple[str, tuple[str, ...]]]:
@@ -166,7 +161,9 @@ def _leaves(table: dict[str, object], prefix: str) -> list[tuple[str, str]]:
 
 
 def _quantities(runs: Sequence[RunFile], numbers: Sequence[RunNumbers]) -> list[Quantity]:
-    mean = "mean " if any(len(n.sites) > 1 for n in numbers) else ""
+    several = any(len(n.sites) > 1 for n in numbers)
+    mean, total = ("mean ", "total ") if several else ("", "")
+    depth = _depth_name([n.depth_name for n in numbers])
     nothing = [math.nan] * len(runs)
 
     def means(key: str) -> list[float]:
@@ -178,28 +175,29 @@ def _quantities(runs: Sequence[RunFile], numbers: Sequence[RunNumbers]) -> list[
     mrr = [n.mrr_mm3_min for n in numbers]
     lengths, volumes = [n.wear_ratio_lin for n in numbers], [n.wear_ratio_vol for n in numbers]
     rows = [
-        (_Shown("depth_um", f"{mean}depth, µm"), means("depth_um"), means("depth_u95_um")),
+        (_Shown("depth_um", f"{mean}{depth}, µm"), means("depth_um"), means("depth_u95_um")),
         (_Shown("truth_depth_um", f"{mean}true depth (simulated), µm"), means("truth_depth_um"), nothing),
         (_Shown("wear_um", f"{mean}tool wear, µm"), means("wear_um"), means("wear_u95_um")),
         (_Shown("truth_wear_um", f"{mean}true wear (simulated), µm"), means("truth_wear_um"), nothing),
         (_Shown("wear_ratio_lin", "wear ratio, lengths", 3), lengths, [_wear_ratio_u95(n) for n in numbers]),
         (_Shown("wear_ratio_vol", "wear ratio, volumes", 3), volumes, nothing),
-        (_Shown("feed_um", "feed, µm"), totals("feed_um"), nothing),
-        (_Shown("machining_time_s", "machining time, s", 1), totals("machining_time_s"), nothing),
+        (_Shown("feed_um", f"{mean}feed, µm"), means("feed_um"), nothing),
+        (_Shown("machining_time_s", f"{total}machining time, s", 1), totals("machining_time_s"), nothing),
         (_Shown("time_s", "whole run, s", 1), [_whole_time_s(run) for run in runs], nothing),
         (
             _Shown("mrr_mm3_min", "removal rate, 10⁻³ mm³/min", 3, 1e3),
             mrr,
-            [rate * _relative_depth_u95(n) for rate, n in zip(mrr, numbers, strict=True)],
+            [rate * _relative_length_u95(n) for rate, n in zip(mrr, numbers, strict=True)],
         ),
-        (_Shown("energy_j", "discharge energy, J"), totals("energy_j"), nothing),
-        (_Shown("pulses", "pulses", 0), totals("pulses"), nothing),
+        (_Shown("energy_j", f"{total}discharge energy, J"), totals("energy_j"), nothing),
+        (_Shown("pulses", f"{total}pulses", 0), totals("pulses"), nothing),
         *(
             (_Shown(f"ratio_{name}", f"{name}, %", 2, 100.0), [n.ratio(name) for n in numbers], nothing)
             for name in CLASSES
         ),
     ]
     found = [_quantity(shown, values, u95s) for shown, values, u95s in rows]
+    found[0] = _of_a_kind(found[0], [n.depth_name for n in numbers])
     return [quantity for quantity in found if any(math.isfinite(a.value) for a in quantity.amounts)]
 
 
@@ -211,9 +209,12 @@ def _places(numbers: Sequence[RunNumbers]) -> list[Quantity]:
     found = []
     for name in (site.name for site in numbers[0].sites if all(site.name in sites for sites in by_name)):
         there = [sites[name] for sites in by_name]
-        depth, wear = _Shown("depth_um", f"{name} depth, µm"), _Shown("wear_um", f"{name} tool wear, µm")
+        ways = [TIP if site.through else "depth" for site in there]
+        depth = _Shown("depth_um", f"{name} {_depth_name(ways)}, µm")
+        wear = _Shown("wear_um", f"{name} tool wear, µm")
+        depths = _quantity(depth, [site.depth_um for site in there], [site.depth_u95_um for site in there])
         found += [
-            _quantity(depth, [site.depth_um for site in there], [site.depth_u95_um for site in there]),
+            _of_a_kind(depths, ways),
             _quantity(wear, [site.wear_um for site in there], [site.wear_u95_um for site in there]),
         ]
     return found
@@ -227,18 +228,44 @@ def _quantity(shown: _Shown, values: Sequence[float], u95s: Sequence[float]) -> 
     return Quantity(shown.key, shown.name, shown.decimals, shown.factor, tuple(amounts))
 
 
+def _depth_name(names: Sequence[str]) -> str:
+    return names[0] if len(set(names)) == 1 else f"depth or {TIP}"
+
+
+def _of_a_kind(quantity: Quantity, kinds: Sequence[str]) -> Quantity:
+    """The quantity without differences between what is not the same: a depth, and a tip below a sheet."""
+    amounts = [
+        amount
+        if kind == kinds[0]
+        else replace(amount, difference=math.nan, difference_u95=math.nan, beyond=False)
+        for amount, kind in zip(quantity.amounts, kinds, strict=True)
+    ]
+    return replace(quantity, amounts=tuple(amounts))
+
+
 def _wear_ratio_u95(numbers: RunNumbers) -> float:
-    """Uncertainty of wear over depth. Both have Z3, with opposite signs, so their errors add up."""
-    depth_um, wear_um = numbers.mean("depth_um"), numbers.mean("wear_um")
-    if not depth_um > 0.0 or not math.isfinite(numbers.wear_ratio_lin):
+    """Uncertainty of wear over length. A depth has Z3 as the wear has, with opposite sign, so their errors add up.
+
+    The thickness of a sheet is taken as the profile has it.
+    """
+    length_um, ratio = numbers.mean("length_um"), numbers.wear_ratio_lin
+    if not length_um > 0.0 or not math.isfinite(ratio):
         return math.nan
-    return (numbers.mean("wear_u95_um") + abs(wear_um / depth_um) * numbers.mean("depth_u95_um")) / depth_um
+    length_u95_um = math.fsum(0.0 if s.through else s.depth_u95_um for s in numbers.sites) / len(
+        numbers.sites
+    )
+    return (numbers.mean("wear_u95_um") + abs(ratio) * length_u95_um) / length_um
 
 
-def _relative_depth_u95(numbers: RunNumbers) -> float:
-    """Uncertainty of a removed volume as a share of it: the area of a hole is known better than its depth."""
-    depth_um = numbers.mean("depth_um")
-    return numbers.mean("depth_u95_um") / depth_um if depth_um > 0.0 else math.nan
+def _relative_length_u95(numbers: RunNumbers) -> float:
+    """Uncertainty of a removed volume as a share of it: the area of a hole is known better than its length.
+
+    NaN of a hole through a sheet, of which nobody says how well its thickness is known.
+    """
+    length_um = numbers.mean("length_um")
+    if not length_um > 0.0 or any(site.through for site in numbers.sites):
+        return math.nan
+    return numbers.mean("depth_u95_um") / length_um
 
 
 def _whole_time_s(run: RunFile) -> float:

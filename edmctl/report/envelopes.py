@@ -1,16 +1,16 @@
-"""Long signals as few points, after something was done to every sample: masked by state, or subtracted.
+"""Long signals as few points: the lowest value, the mean and the highest of each of many intervals.
 
-`record.traces` reduces the columns of a file as they are. A figure of one column shows fewer points, and the mean
-of each interval beside its lowest and highest value.
+Something may be done to every sample first: it is masked by state, or subtracted.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from edmctl.record.told import State
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -27,17 +27,6 @@ POINTS = 900
 """Intervals of a figure one column wide: a pixel each at 300 dpi."""
 BLOCK_ROWS = 1 << 20
 MIN_WORK_S = 1.0
-
-
-class State(IntEnum):
-    """States of the controller, as the protocol numbers them, that figures tell apart."""
-
-    APPROACH = 3
-    MACHINING = 4
-    JUMP = 5
-    TOUCH = 6
-    FAULT = 8
-    ESTOP = 9
 
 
 WORKING = (State.APPROACH, State.MACHINING, State.JUMP, State.TOUCH)
@@ -85,7 +74,7 @@ def envelopes(
         starts = np.arange(0, len(time_s), every)
         times.append(0.5 * (time_s[starts] + time_s[np.minimum(starts + every, len(time_s)) - 1]))
         for name, values in derive(columns).items():
-            found.setdefault(name, []).append(_reduced(values, starts))
+            found.setdefault(name, []).extend(_reduced(values, every))
     time = np.concatenate(times) if times else np.empty(0)
     return {name: _envelope(time, parts, sampled=every == 1) for name, parts in found.items()}
 
@@ -95,21 +84,38 @@ def _envelope(time_s: Array, parts: Sequence[tuple[Array, Array, Array]], *, sam
     return Envelope(time_s, low, mean, high, sampled)
 
 
-def _reduced(values: Floats, starts: NDArray[np.int64]) -> tuple[Array, Array, Array]:
-    known = np.isfinite(values)
-    counts = np.add.reduceat(known.astype(np.int64), starts)
-    sums = np.add.reduceat(np.where(known, values, 0.0), starts, dtype=np.float64)
-    means = np.divide(sums, counts, out=np.full(len(starts), np.nan), where=counts > 0)
+def _reduced(values: Floats, every: int) -> list[tuple[Array, Array, Array]]:
+    """Return the extremes and the means of each `every` values, and of the rest that is not as many."""
+    if every == 1:
+        samples = values.astype(np.float64)
+        return [(samples, np.where(np.isfinite(samples), samples, np.nan), samples)]
+    whole = len(values) // every * every
+    groups = [values[:whole].reshape(-1, every), values[whole:].reshape(1, -1)]
+    return [_extremes(group) for group in groups if group.size]
+
+
+def _extremes(groups: Floats) -> tuple[Array, Array, Array]:
+    """Return lowest value, mean and highest of each row, shape (n, m); only of the values that are known."""
+    known = np.isfinite(groups)
+    counts = np.count_nonzero(known, axis=1)
+    sums = np.where(known, groups, groups.dtype.type(0.0)).sum(axis=1, dtype=np.float64)
+    means = np.divide(sums, counts, out=np.full(len(counts), np.nan), where=counts > 0)
     # fmin and fmax leave NaN out, unless there is nothing else.
-    low, high = np.fmin.reduceat(values, starts), np.fmax.reduceat(values, starts)
+    low, high = np.fmin.reduce(groups, axis=1), np.fmax.reduce(groups, axis=1)
     return low.astype(np.float64), means, high.astype(np.float64)
+
+
+def within(state: NDArray[np.generic], states: Sequence[State]) -> NDArray[np.bool_]:
+    """Return whether the controller was in one of `states`, shape (n,)."""
+    inside: NDArray[np.bool_] = state == states[0]
+    for other in states[1:]:
+        inside |= state == other
+    return inside
 
 
 def in_states(values: NDArray[np.generic], state: NDArray[np.generic], states: Sequence[State]) -> Floats:
     """Return the values while the controller was in one of `states`, NaN elsewhere; shape (n,)."""
-    chosen = np.zeros(256, np.bool_)
-    chosen[list(states)] = True
-    masked: Floats = np.where(chosen[state.astype(np.uint8)], values, np.float32(np.nan))
+    masked: Floats = np.where(within(state, states), values, np.float32(np.nan))
     return masked
 
 
@@ -155,7 +161,7 @@ class Spans:
     """Gathers, block by block, when the controller was in one of some states."""
 
     def __init__(self, states: Sequence[State]) -> None:
-        self._states = np.array(states, np.uint8)
+        self._states = states
         self._was = False
         self._last_s = np.nan
         self._edges_s: list[float] = []
@@ -164,8 +170,10 @@ class Spans:
         """Take consecutive rows, shape (n,)."""
         if not len(state):
             return
-        inside = np.isin(state, self._states)
-        change = np.flatnonzero(np.diff(inside, prepend=self._was))
+        inside = within(state, self._states)
+        change = np.flatnonzero(inside[1:] != inside[:-1]) + 1
+        if inside[0] != self._was:
+            change = np.insert(change, 0, 0)
         self._edges_s.extend(time_s[change].tolist())
         self._was = bool(inside[-1])
         self._last_s = float(time_s[-1])

@@ -22,7 +22,7 @@ def need_pyarrow() -> None:
     except ImportError:
         raise PreconditionError(
             "Parquet needs pyarrow, which is not installed.",
-            hint="`python -m pip install 'edmctl[parquet]'`; --format csv needs nothing.",
+            hint="Install it with `pip install 'edmctl[parquet]'`; --format csv needs nothing.",
             code="E8092",
         ) from None
 

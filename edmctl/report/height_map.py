@@ -17,10 +17,9 @@ from edmctl.report.style import (
     GREY,
     PAGE_MM,
     VERMILLION,
-    house_style,
+    letter_panels,
     new_figure,
-    rendered,
-    suffix_of,
+    shared_legend,
 )
 
 if TYPE_CHECKING:
@@ -59,39 +58,29 @@ class Floor:
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """What is drawn. `path_um` has shape (n, 2); `touched` are (length, depth) of the program's own touches, µm.
+    """What is drawn. `path_um` has shape (n, 2); `touched` are (length, depth) of the program's own touches, µm,
+    and `touched_u95_um` half the 95 % interval of their mean depth, NaN where unknown.
 
     `work` and `floor` are what the virtual machine knows, None of a real one.
     """
 
-    title: str
     work: HeightMap | None
     path_um: Array
     floor: Floor | None
     touched: Sequence[tuple[float, float]]
+    touched_u95_um: float
     target_um: float
     tolerance_um: float
-
-
-def draw_channel(channel: Channel, name: str) -> bytes:
-    """Return the figure, 180 mm wide, as the file `name` would hold it (.png, .svg or .pdf)."""
-    with house_style():
-        return rendered(channel_figure(channel), suffix_of(name))
 
 
 def channel_figure(channel: Channel) -> Figure:
     """Draw the figure, 180 mm wide, within `house_style()`."""
     figure = new_figure(HEIGHT_MM, PAGE_MM)
     left, right = figure.subplots(1, 2, width_ratios=[1.25, 1.0])
-    figure.suptitle(channel.title, fontsize=8.0)
     _draw_map(figure, left, channel)
     _draw_floor(right, channel)
-    handles, names = [], []
-    for axes in (left, right):
-        drawn = axes.get_legend_handles_labels()
-        handles += drawn[0]
-        names += drawn[1]
-    figure.legend(handles, names, loc="outside lower center", ncols=3)
+    letter_panels((left, right))
+    shared_legend(figure, (left, right), ncols=3)
     return figure
 
 
@@ -115,7 +104,6 @@ def _draw_map(figure: Figure, axes: Axes, channel: Channel) -> None:
     axes.locator_params(nbins=6)
     axes.set_xlabel("x (µm)")
     axes.set_ylabel("y (µm)")
-    axes.set_title("(a)", loc="left", pad=3.0)
     axes.grid(visible=False)
     if coloured is not None:
         bar = figure.colorbar(coloured, cax=axes.inset_axes((1.03, 0.0, 0.04, 1.0)))
@@ -184,11 +172,22 @@ def _draw_floor(axes: Axes, channel: Channel) -> None:
         drawn_um.append(channel.floor.depth_um)
     if channel.touched:
         s_um, depth_um = np.array(channel.touched).T
-        axes.plot(s_um / 1000.0, depth_um, "o", color=VERMILLION, markersize=3.5, label="touched by the tool")
+        known = np.isfinite(channel.touched_u95_um)
+        axes.errorbar(
+            s_um / 1000.0,
+            depth_um,
+            yerr=channel.touched_u95_um if known else None,
+            fmt="o",
+            color=VERMILLION,
+            markersize=3.5,
+            elinewidth=0.7,
+            capsize=1.8,
+            capthick=0.7,
+            label="touched by the tool" + (", 95 % of the mean" if known else ""),
+        )
         drawn_um.append(depth_um)
     all_um, edge_um = np.concatenate(drawn_um), 0.1 * BAND_TOLERANCES * tolerance_um
     axes.set_ylim(float(all_um.max()) + edge_um, float(all_um.min()) - edge_um)  # deep is down
     axes.set_xlim(0.0, float(np.hypot(*np.diff(channel.path_um, axis=0).T).sum()) / 1000.0)
     axes.set_xlabel("length along the path (mm)")
     axes.set_ylabel("depth of the floor (µm)")
-    axes.set_title("(b)", loc="left", pad=3.0)

@@ -52,8 +52,9 @@ KINDS = (
     ),
     Kind(
         "touching",
-        "A touch",
-        "Actuator voltage and displacement while the tool touches; contacts are marked.",
+        "Touches",
+        "Actuator voltage and displacement from Z1 to Z3, with the readings, and a zoom on the last set of touches "
+        "of the bottom, with its contacts.",
         ("/entry/servo", "/entry/touches", "/entry/events"),
     ),
     Kind(
@@ -77,19 +78,22 @@ KINDS = (
     Kind(
         "jumps",
         "Electrode jumps and arcs",
-        "When the electrode jumped, how often, and the share of arcs that asked for it.",
+        "When the electrode jumped, how often, and the shares of arcs and shorts that asked for it.",
         ("/entry/events", "/entry/slow"),
     ),
     Kind(
         "energy",
         "Discharge energy",
-        "Energy of the discharges, and the removed volume over the energy that it took.",
+        "Energy of normal discharges and arcs, and the removed volume over it. The discharge energy of the results "
+        "is somewhat more: it counts shorts too, and all charge at the plateau of a normal discharge.",
         ("/entry/pulses", "/entry/results"),
     ),
     Kind(
         "spectrum",
         "Spectrum of the gap servo",
-        "Power spectral density of gap voltage and displacement while machining, without jumps.",
+        "Power spectral density of gap voltage and displacement while machining, without jumps. Rows slower than "
+        "1 kHz are single samples: what is faster than half their rate is folded in. A narrow line is something "
+        "periodic, for instance a stage that moves in steps along a path (speed over step).",
         ("/entry/servo",),
     ),
     Kind(

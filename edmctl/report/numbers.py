@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from edmctl.wording import TIP
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
@@ -15,6 +17,14 @@ if TYPE_CHECKING:
     from edmctl.record.reader import RunFile
 
 CLASSES = ("open", "normal", "arc", "short")
+
+
+@dataclass(frozen=True, slots=True)
+class SiteTruth:
+    """What the virtual machine knows of a place, in µm; NaN where there is none."""
+
+    depth_um: float
+    wear_um: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,9 +53,22 @@ class SiteNumbers:
     wear_ratio_lin: float
     wear_ratio_vol: float
     mrr_mm3_min: float
+    measuring_stops: int
+    estimated_um: float
+    """Part of the depth that was cut after the last touch."""
+    through: bool
+    """The hole goes through the sheet: `depth_um` is how far the tip went below the face, `z2_um` where it ended."""
+    length_um: float
+    """How long the hole is: its depth, or the thickness of the sheet that it goes through."""
     truth_depth_um: float
-    """What the virtual machine knows of itself; NaN on a real one."""
+    """What the virtual machine knows of itself; NaN on a real one, and the depth of a hole through the sheet."""
     truth_wear_um: float
+
+    @property
+    def truth(self) -> SiteTruth | None:
+        """What the virtual machine knows of the place; None where there is none."""
+        known = SiteTruth(self.truth_depth_um, self.truth_wear_um)
+        return known if math.isfinite(known.depth_um) or math.isfinite(known.wear_um) else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +92,14 @@ class RunNumbers:
         """Sum of a field of the sites."""
         return math.fsum(getattr(site, name) for site in self.sites) if self.sites else math.nan
 
+    @property
+    def depth_name(self) -> str:
+        """What `depth_um` is of these sites: a depth, or how far the tip went below the face of a sheet."""
+        through = sum(site.through for site in self.sites)
+        if not through:
+            return "depth"
+        return TIP if through == len(self.sites) else f"depth or {TIP}"
+
     def ratio(self, pulse_class: str) -> float:
         """Share of a class among the pulses of all sites."""
         index = CLASSES.index(pulse_class)
@@ -83,10 +114,10 @@ class RunNumbers:
 
     @property
     def wear_ratio_lin(self) -> float:
-        """Wear over depth, of holes; NaN for a channel, whose wear has nothing to do with its depth alone."""
+        """Wear over the length of the holes; NaN for a channel, whose wear has nothing to do with depth alone."""
         if not all(math.isfinite(site.wear_ratio_lin) for site in self.sites):
             return math.nan
-        return self._per(lambda site: site.wear_um, "depth_um")
+        return self._per(lambda site: site.wear_um, "length_um")
 
     @property
     def wear_ratio_vol(self) -> float:
@@ -105,7 +136,8 @@ class RunNumbers:
 def numbers_of(run: RunFile) -> RunNumbers:
     """Read the results of a run; without any, the numbers of no sites."""
     truths = dict(_truths(run.summary() or {}))
-    return RunNumbers(tuple(_site(row, truths) for row in run.table("/entry/results")))
+    thickness_um = run.number("/entry/sample/thickness")
+    return RunNumbers(tuple(_site(row, truths, thickness_um) for row in run.table("/entry/results")))
 
 
 def _truths(summary: Mapping[str, object]) -> Iterator[tuple[str, Mapping[str, object]]]:
@@ -117,8 +149,9 @@ def _truths(summary: Mapping[str, object]) -> Iterator[tuple[str, Mapping[str, o
             yield str(place.get("name")), truth
 
 
-def _site(row: np.void, truths: Mapping[str, Mapping[str, object]]) -> SiteNumbers:
+def _site(row: np.void, truths: Mapping[str, Mapping[str, object]], thickness_um: float) -> SiteNumbers:
     name = row["site"].decode(errors="ignore")
+    through = bool(_later(row, "through"))
     truth = truths.get(name, {})
     return SiteNumbers(
         name=name,
@@ -142,9 +175,18 @@ def _site(row: np.void, truths: Mapping[str, Mapping[str, object]]) -> SiteNumbe
         wear_ratio_lin=float(row["wear_ratio_lin"]),
         wear_ratio_vol=float(row["wear_ratio_vol"]),
         mrr_mm3_min=float(row["mrr"]),
-        truth_depth_um=_number(truth.get("depth_um")),
+        measuring_stops=int(_later(row, "stops")),
+        estimated_um=_later(row, "estimated"),
+        through=through,
+        length_um=thickness_um if through else float(row["depth"]),
+        truth_depth_um=math.nan if through else _number(truth.get("depth_um")),
         truth_wear_um=_number(truth.get("wear_um")),
     )
+
+
+def _later(row: np.void, name: str) -> float:
+    """A field that files of older versions may not have."""
+    return float(row[name]) if name in (row.dtype.names or ()) else 0.0
 
 
 def _number(value: object) -> float:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.report import page_tables
 from edmctl.report.numbers import numbers_of, target_depths_um
-from edmctl.report.wording import UNKNOWN, decimal, duration, percent, significant, with_u95
+from edmctl.wording import TIP, UNKNOWN, count, decimal, duration, percent, significant, with_u95
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from edmctl.report.page_tables import PageTable
     from edmctl.report.pictures import Picture
 
+NARROW = "\u202f"
+"""A narrow space that a line does not break."""
 WIDE_MM = 120.0
 """Figures wider than this take both columns of the page."""
 PX_PER_MM = 96.0 / 25.4
@@ -33,10 +35,13 @@ _CONTENTS = (
 _HEADINGS = dict(_CONTENTS)
 
 
-def render_page(run: RunFile, pictures: Sequence[Picture], story: Sequence[tuple[float, str]]) -> str:
+def render_page(
+    run: RunFile, pictures: Sequence[Picture], story: Sequence[tuple[float, str]], trouble: str = ""
+) -> str:
     """Return the page of an open run file.
 
     story : time in s and sentence, in order; the first says what was wanted, the last what ended the run
+    trouble : what ended a run that is not done, and what to do about it; empty where nobody has said so
     """
     numbers = numbers_of(run)
     title = run.text("/entry/title") or run.text("/entry/run_id")
@@ -66,7 +71,7 @@ def render_page(run: RunFile, pictures: Sequence[Picture], story: Sequence[tuple
             f"<h1>{escape(title)}</h1>",
             _paragraph(_subtitle(run), "sub"),
             f'<p><span class="status {"done" if _is_done(run) else "other"}">{escape(_status(run))}</span></p>',
-            *([_paragraph(story[-1][1])] if story and not _is_done(run) else []),
+            *([] if _is_done(run) else [_paragraph(trouble or (story[-1][1] if story else ""), "trouble")]),
             f"<nav>{links}</nav>",
             "</header>",
             "<main>",
@@ -85,7 +90,7 @@ def _is_done(run: RunFile) -> bool:
 
 
 def _status(run: RunFile) -> str:
-    simulated = " · simulated" if run.number("/entry/simulated") == 1.0 else ""
+    simulated = " · simulated" if run.is_simulated else ""
     return f"{run.text('/entry/status') or UNKNOWN}{simulated}"
 
 
@@ -122,22 +127,25 @@ def _key_numbers(run: RunFile, numbers: RunNumbers) -> Iterator[tuple[str, str, 
     several = len(sites) > 1
     of_many = f"mean of {len(sites)} sites" if several else ""
     wanted = f"wanted {target[0]:g} ± {target[1]:g} µm" if target and not several else of_many
-    yield "depth", f"{with_u95(numbers.mean('depth_um'), numbers.mean('depth_u95_um'))} µm", wanted
+    if numbers.depth_name == TIP and not several:
+        wanted = f"through the sheet of {sites[0].length_um:g} µm"
+    yield numbers.depth_name, f"{with_u95(numbers.mean('depth_um'), numbers.mean('depth_u95_um'))} µm", wanted
     yield "tool wear", f"{with_u95(numbers.mean('wear_um'), numbers.mean('wear_u95_um'))} µm", of_many
     if several:
         depths_um = [site.depth_um for site in sites if math.isfinite(site.depth_um)]
         yield (
-            "depths",
+            f"{numbers.depth_name}, range",
             f"{decimal(min(depths_um))} to {decimal(max(depths_um))} µm",
             "the least and the greatest",
         )
     yield "machining", duration(numbers.total("machining_time_s")), "with the servo on"
     yield "removal rate", f"{significant(numbers.mrr_mm3_min)} mm³/min", "volume over machining time"
-    yield "wear ratio", decimal(numbers.wear_ratio_lin, 3), "wear over depth"
+    per = "the sheet's thickness" if numbers.depth_name == TIP else "depth"
+    yield "wear ratio", decimal(numbers.wear_ratio_lin, 3), f"wear over {per}"
     yield (
         "arcs",
         percent(numbers.ratio("arc"), 2),
-        f"of {numbers.total('pulses'):,.0f} pulses".replace(",", "\u202f"),
+        f"of {count(int(numbers.total('pulses')), NARROW)} pulses",
     )
 
 
@@ -187,7 +195,10 @@ def _table(table: PageTable) -> str:
         header = f"<thead><tr>{cells}</tr></thead>"
     rows = "\n".join(
         f'<tr><th scope="row">{escape(row[0])}</th>'
-        + "".join(f"<td>{escape(cell)}</td>" for cell in row[1:])
+        + "".join(
+            f'<td data-name="{escape(name)}">{escape(cell)}</td>'
+            for name, cell in zip(table.header[1:], row[1:], strict=False)
+        )
         + "</tr>"
         for row in table.rows
     )

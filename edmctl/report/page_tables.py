@@ -4,15 +4,25 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.report.numbers import CLASSES, numbers_of
-from edmctl.report.wording import count, decimal, duration, percent, significant, with_u95
+from edmctl.wording import (
+    TIP,
+    UNKNOWN,
+    count,
+    decimal,
+    duration,
+    facts,
+    percent,
+    plural,
+    significant,
+    with_u95,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
     from edmctl.record.reader import RunFile
     from edmctl.report.numbers import RunNumbers, SiteNumbers
@@ -20,25 +30,6 @@ if TYPE_CHECKING:
 U95_NOTE = "± is half the 95 % interval of what was measured; lengths in µm."
 TRUTH = "truth (simulated)"
 
-_UNITS = {
-    "um_s": "µm/s",
-    "um3_per_uj": "µm³/µJ",
-    "um": "µm",
-    "mm3_min": "mm³/min",
-    "lpm": "L/min",
-    "hz": "Hz",
-}
-_PLAIN_UNITS = {
-    "s": "s",
-    "v": "V",
-    "c": "°C",
-    "ms": "ms",
-    "us": "µs",
-    "ppm": "ppm",
-    "pct": "%",
-    "deg": "°",
-    "j": "J",
-}
 _PRETTY = {"um": "µm", "um/s": "µm/s", "um3/uJ": "µm³/µJ", "us": "µs", "degC": "°C", "mm3/min": "mm³/min"}
 
 
@@ -59,8 +50,8 @@ def results(numbers: RunNumbers) -> PageTable | None:
         return None
     if len(numbers.sites) == 1:
         return _one_site(numbers.sites[0])
-    has_truth = any(math.isfinite(site.truth_depth_um) for site in numbers.sites)
-    header = ["site", "x", "y", "depth", "tool wear", "feed", "machining", "cuts", "wear ratio"]
+    has_truth = any(site.truth for site in numbers.sites)
+    header = ["site", "x", "y", numbers.depth_name, "tool wear", "feed", "machining", "cuts", "wear ratio"]
     header += ["true depth (simulated)", "true wear (simulated)"] if has_truth else []
     rows = [
         [
@@ -70,29 +61,29 @@ def results(numbers: RunNumbers) -> PageTable | None:
             with_u95(site.depth_um, site.depth_u95_um),
             with_u95(site.wear_um, site.wear_u95_um),
             decimal(site.feed_um),
-            duration(site.machining_time_s),
+            f"{duration(site.machining_time_s)}{', through' if site.through else ''}",
             str(site.cuts),
             decimal(site.wear_ratio_lin, 3),
             *([decimal(site.truth_depth_um), decimal(site.truth_wear_um)] if has_truth else []),
         ]
         for site in numbers.sites
     ]
-    return PageTable(
-        "Depth and tool wear of each site", header, rows, f"{U95_NOTE} Wear ratio is wear over depth."
-    )
+    per = "the thickness of the sheet" if numbers.depth_name == TIP else "depth"
+    return PageTable("What each site has become", header, rows, f"{U95_NOTE} Wear ratio is wear over {per}.")
 
 
 def _one_site(site: SiteNumbers) -> PageTable:
-    has_truth = math.isfinite(site.truth_depth_um)
-    header = [site.name, "measured", "from voltage alone", *([TRUTH] if has_truth else [])]
+    truth = site.truth
+    header = [site.name, "measured", "from voltage alone", *([TRUTH] if truth else [])]
 
-    def row(name: str, measured: str, model: str = "", truth: float = math.nan) -> list[str]:
-        ending = [decimal(truth) if math.isfinite(truth) else ""] if has_truth else []
+    def row(name: str, measured: str, model: str = "", true: float = math.nan) -> list[str]:
+        ending = [decimal(true) if math.isfinite(true) else ""] if truth else []
         return [name, measured, model, *ending]
 
+    cuts = f"{duration(site.machining_time_s)} in {plural(site.cuts, 'cut')}"
     rows = [
         row(
-            "depth, Z2 − Z3",
+            f"{TIP}, Z2 − Z3" if site.through else "depth, Z2 − Z3",
             with_u95(site.depth_um, site.depth_u95_um),
             decimal(site.depth_model_um),
             site.truth_depth_um,
@@ -103,19 +94,18 @@ def _one_site(site: SiteNumbers) -> PageTable:
             decimal(site.wear_model_um),
             site.truth_wear_um,
         ),
+        *([row("hole, as long as the sheet is thick", decimal(site.length_um))] if site.through else []),
         row("feed", decimal(site.feed_um)),
         row("Z1, surface before", decimal(site.z1_um)),
-        row("Z2, bottom", decimal(site.z2_um)),
+        row("Z2, tip at the end" if site.through else "Z2, bottom", decimal(site.z2_um)),
         row("Z3, surface after", decimal(site.z3_um)),
-        row(
-            "machining time", f"{duration(site.machining_time_s)} in {site.cuts} cut{'s' * (site.cuts != 1)}"
-        ),
+        row("machining time", f"{cuts}, through the sheet" if site.through else cuts),
         row("removal rate (MRR), mm³/min", significant(site.mrr_mm3_min)),
         row("wear ratio, lengths", decimal(site.wear_ratio_lin, 3)),
         row("wear ratio, volumes", decimal(site.wear_ratio_vol, 3)),
         row("discharge energy, J", significant(site.energy_j)),
     ]
-    return PageTable("Results", header, rows, U95_NOTE)
+    return PageTable("Results", header, [row for row in rows if {*row[1:]} - {"", UNKNOWN}], U95_NOTE)
 
 
 def pulses(numbers: RunNumbers) -> PageTable | None:
@@ -160,36 +150,14 @@ def touches(run: RunFile) -> PageTable | None:
 
 def found(run: RunFile) -> PageTable | None:
     """What a run without sites found, for instance an approach: its result as it stands."""
-    summary = run.summary()
-    rows = [[name, value] for name, value in _leaves(summary or {}, "") if not name.startswith("link ")]
+    rows = [list(fact) for fact in facts(run.summary() or {})]
     return PageTable("What it found", ["quantity", "value"], rows, words=True) if rows else None
-
-
-def _leaves(values: Mapping[str, object], prefix: str) -> Iterator[tuple[str, str]]:
-    """Single values by their name in words, lists left out."""
-    for key, value in values.items():
-        if isinstance(value, Mapping):
-            yield from _leaves(value, f"{prefix}{key} ")
-        elif isinstance(value, bool):
-            yield f"{prefix}{key}".replace("_", " "), "yes" if value else "no"
-        elif isinstance(value, int | float):
-            yield _quantity(f"{prefix}{key}"), f"{value:g}".replace("-", "−")
-        elif isinstance(value, str):
-            yield f"{prefix}{key}".replace("_", " "), value
-
-
-def _quantity(key: str) -> str:
-    """A key with its unit in words: `travel_s` is `travel, s`."""
-    for ending, unit in (*_UNITS.items(), *_PLAIN_UNITS.items()):
-        if key.endswith(f"_{ending}"):
-            return f"{key[: -len(ending) - 1]}, {unit}".replace("_", " ")
-    return key.replace("_", " ")
 
 
 def profile_values(run: RunFile) -> PageTable | None:
     """Every value of the profile in effect; those of the simulator only where it ran."""
     values = run.profile_values()
-    simulated = run.number("/entry/simulated") == 1.0
+    simulated = run.is_simulated
     rows = [
         [key, str(value), _PRETTY.get(unit, unit) if (unit := str(values.get(f"{key}_units", ""))) else ""]
         for key, value in values.items()
@@ -207,7 +175,7 @@ def overrides(run: RunFile) -> PageTable | None:
 
 def provenance(run: RunFile) -> PageTable:
     """Machine, calibration, versions and seed: what it takes to judge or repeat the run."""
-    seed = int(run.number("/entry/seed"))
+    seed = "" if run.seed is None else f", seed {run.seed}"
     command = run.text("/entry/command")
     rows = [
         ("machine", run.text("/entry/machine/serial")),
@@ -215,7 +183,7 @@ def provenance(run: RunFile) -> PageTable:
             "firmware, protocol",
             f"{run.text('/entry/machine/firmware')}, {run.text('/entry/machine/protocol')}",
         ),
-        ("simulated", f"yes, seed {seed}" if run.number("/entry/simulated") == 1.0 else "no"),
+        ("simulated", f"yes{seed}" if run.is_simulated else "no"),
         ("actuator model", run.text("/entry/machine/calibration")),
         (
             "work",

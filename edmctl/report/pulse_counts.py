@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from edmctl.record import layout
+from edmctl.report.numbers import CLASSES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -22,10 +23,10 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Counts = NDArray[np.int64]
 
-CLASSES = ("open", "normal", "arc", "short")
 OPEN, NORMAL, ARC, SHORT = range(4)
+"""Numbers of the classes, in the order of `numbers.CLASSES`."""
 READ_ROWS = 1 << 20
-_BLOCK_COUNTS = ("n_open", "n_normal", "n_arc", "n_short")
+_BLOCK_COUNTS = tuple(f"n_{name}" for name in CLASSES)
 
 
 def has_every_pulse(run: RunFile) -> bool:

@@ -8,11 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.record import layout
-from edmctl.record.told import Told
-from edmctl.report.happened import happened
 from edmctl.report.planned_path import lengths_um, planned_path
-from edmctl.report.stretches import stretches
+from edmctl.report.told_depths import beginnings_s, told_depths
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -21,9 +18,6 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
     Flags = NDArray[np.bool_]
-
-SAME_HOLE_SHARE = 0.5
-"""A cut that begins at less of the depth that the cut before ended with, begins another hole."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,17 +48,16 @@ class Kappa:
 
 def removal(run: RunFile) -> Removal:
     """Return the volumes of the holes of a run each time that their depth was told."""
-    told = happened(run, Told.SITE_MEASURED, Told.SITE_ESTIMATED, Told.CHANNEL_MEASURED)
+    began_s = beginnings_s(run)
+    told = [depth for depth in told_depths(run, began_s) if math.isfinite(depth.depth_um)]
     section_um2 = _section_um2(run)
-    began_s = _beginnings_s(run)
-    time_s = np.array([event.time_s for event in told])
     return Removal(
         began_s=began_s,
-        time_s=time_s,
-        hole=np.maximum(np.searchsorted(began_s, time_s, side="right") - 1, 0),
-        volume_um3=section_um2 * np.array([event.number("depth_um") for event in told]),
-        volume_u95_um3=section_um2 * np.nan_to_num([event.number("depth_u95_um") for event in told]),
-        touched=np.array([event.told is not Told.SITE_ESTIMATED for event in told], np.bool_),
+        time_s=np.array([depth.time_s for depth in told]),
+        hole=np.array([depth.hole for depth in told], np.int64),
+        volume_um3=section_um2 * np.array([depth.depth_um for depth in told]),
+        volume_u95_um3=section_um2 * np.nan_to_num([depth.depth_u95_um for depth in told]),
+        touched=np.array([depth.touched for depth in told], np.bool_),
     )
 
 
@@ -102,16 +95,3 @@ def _section_um2(run: RunFile) -> float:
     if path_um is None:
         return math.pi / 4.0 * width_um**2
     return width_um * float(lengths_um(path_um)[-1])
-
-
-def _beginnings_s(run: RunFile) -> Array:
-    """When each hole was begun: its first estimate of the depth lies far above the last one of the hole before."""
-    time_s = run.column(layout.SLOW.path, "time").astype(np.float64)
-    depth_um = run.column(layout.SLOW.path, "est_depth").astype(np.float64)
-    began: list[float] = []
-    before_um = math.inf
-    for part in stretches(time_s):
-        if depth_um[part][0] < SAME_HOLE_SHARE * before_um:
-            began.append(float(time_s[part][0]))
-        before_um = float(depth_um[part][-1])
-    return np.array(began)

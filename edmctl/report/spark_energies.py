@@ -50,7 +50,7 @@ class SparkEnergies:
 def spark_energies(run: RunFile, edges_s: Array) -> SparkEnergies | None:
     """Count normal discharges and arcs by their energy, and sum it up between `edges_s`, shape (m + 1,), which rise.
 
-    The energy of a single one is plateau voltage × discharge time × the current of the profile. None where there
+    The energy of a single one is plateau voltage × discharge time × the current at that plateau. None where there
     were no discharges.
     """
     is_single = has_every_pulse(run)
@@ -70,20 +70,22 @@ def spark_energies(run: RunFile, edges_s: Array) -> SparkEnergies | None:
 
 
 def _of_pulses(run: RunFile, edges_s: Array, width_uj: float) -> tuple[Array, Array]:
-    amps = current_a(run)
-    counts, sums_vus = np.zeros(4 * FINE), np.zeros(len(edges_s) - 1)
+    open_v, siemens = _generator(run)
+    counts, sums_uj = np.zeros(4 * FINE), np.zeros(len(edges_s) - 1)
     edges = rows_at(run, edges_s)
     for first, columns in pulse_blocks(run, int(edges[0]), int(edges[-1]), ("pulse_class", "te", "u")):
         kind = columns["pulse_class"] & 3
-        vus = columns["te"] * columns["u"]
-        bins = np.minimum(vus * np.float32(amps / width_uj), FINE - 1).astype(np.int32)
+        plateau_v = columns["u"]
+        amps = np.float32(siemens) * np.maximum(np.float32(open_v) - plateau_v, 0.0)
+        energy_uj = columns["te"] * plateau_v * amps
+        bins = np.minimum(energy_uj * np.float32(1.0 / width_uj), FINE - 1).astype(np.int32)
         counts += np.bincount(FINE * kind.astype(np.int32) + bins, minlength=4 * FINE)
         # An open pulse has no discharge time, so its product is 0 already.
-        vus *= kind != SHORT
+        energy_uj *= kind != SHORT
         starts = np.clip(edges - first, 0, len(kind))
         filled = np.diff(starts) > 0
-        sums_vus[filled] += np.add.reduceat(vus, starts[:-1][filled], dtype=np.float64)
-    return counts.reshape(4, FINE)[[NORMAL, ARC]], amps * sums_vus
+        sums_uj[filled] += np.add.reduceat(energy_uj, starts[:-1][filled], dtype=np.float64)
+    return counts.reshape(4, FINE)[[NORMAL, ARC]], sums_uj
 
 
 def _of_blocks(run: RunFile, edges_s: Array, width_uj: float) -> tuple[Array, Array]:
@@ -100,7 +102,18 @@ def _of_blocks(run: RunFile, edges_s: Array, width_uj: float) -> tuple[Array, Ar
 
 
 def _largest_uj(run: RunFile) -> float:
-    """More than any discharge of these settings can have: the open voltage all through the on-time."""
+    """The most that a discharge of these settings can have: all through the on-time at half the open voltage."""
     values = run.profile_values()
-    open_v, duty, hz = (float(values[f"pulse.{k}"]) for k in ("open_voltage_v", "duty", "frequency_hz"))
-    return open_v * current_a(run) * duty / hz * 1e6
+    open_v, siemens = _generator(run)
+    duty, hz = (float(values[f"pulse.{name}"]) for name in ("duty", "frequency_hz"))
+    return 1.001 * 0.25 * open_v**2 * siemens * duty / hz * 1e6
+
+
+def _generator(run: RunFile) -> tuple[float, float]:
+    """Open voltage, and the conductance of the resistor that makes the current: an arc's plateau lets more through.
+
+    The current of the profile is that at the plateau of a normal discharge.
+    """
+    values = run.profile_values()
+    open_v, plateau_v = (float(values[f"pulse.{name}"]) for name in ("open_voltage_v", "discharge_voltage_v"))
+    return open_v, current_a(run) / max(open_v - plateau_v, 0.1)

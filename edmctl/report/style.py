@@ -38,6 +38,12 @@ SKY, PURPLE, YELLOW = "#56B4E9", "#CC79A7", "#F0E442"
 OPEN, NORMAL, ARC, SHORT = GREY, BLUE, ORANGE, VERMILLION
 """Colours of the pulse classes in every figure."""
 PULSE_COLOURS = {"open": OPEN, "normal": NORMAL, "arc": ARC, "short": SHORT}
+PULSE_HATCHES = {"open": "/////", "normal": "", "arc": "....", "short": "xxxxx"}
+"""Patterns of areas, which tell the classes apart where there is no colour."""
+PULSE_DASHES: dict[str, str | tuple[int, tuple[float, ...]]] = {"arc": "-", "short": (0, (3.0, 1.2))}
+
+READING_MARKS = {"Z1": ("^", GREEN), "Z2": ("v", VERMILLION), "Z3": ("s", PURPLE), "Zr": ("D", ORANGE)}
+"""How readings are marked, by their kind."""
 
 _SETTINGS = {
     "font.family": "sans-serif",
@@ -59,6 +65,7 @@ _SETTINGS = {
     "lines.linewidth": LINE,
     "legend.fontsize": 6.5,
     "legend.frameon": False,
+    "hatch.linewidth": 0.4,
     "path.simplify": True,
     "svg.fonttype": "none",
     "svg.hashsalt": "edmctl",
@@ -137,6 +144,17 @@ def draw_envelope(
     axes.plot(np.repeat(time, 2), both, color=colour, linewidth=width, label=label)
 
 
+def mark_readings(axes: Axes, touches: NDArray[np.void], column: str, unit_s: float) -> None:
+    """Mark the accepted rows of `/entry/touches` at their time and the value of a column."""
+    for kind, (marker, colour) in READING_MARKS.items():
+        chosen = touches[(touches["kind"] == kind.encode()) & (touches["accepted"] == 1)]
+        if len(chosen):
+            axes.plot(
+                chosen["time"] / unit_s, chosen[column], marker, color=colour, markersize=3.2,
+                markeredgecolor="white", markeredgewidth=0.3, clip_on=False, zorder=3.0, label=kind,
+            )  # fmt: skip
+
+
 def plain_log_ticks(axis: Axis) -> None:
     """Label a logarithmic axis of one or two decades with 1, 2, 3, 5 and their multiples by ten, without powers."""
     from matplotlib.ticker import LogLocator, NullLocator
@@ -171,3 +189,15 @@ def legend_above(axes: Axes, ncols: int = 6) -> None:
         loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=ncols, handlelength=1.4, columnspacing=0.9,
         handletextpad=0.4, borderaxespad=0.0, borderpad=0.2,
     )  # fmt: skip
+
+
+def shared_legend(figure: Figure, panels: Iterable[Axes], ncols: int = 2) -> None:
+    """Put one legend of all panels above the figure."""
+    handles, names = [], []
+    for axes in panels:
+        drawn = axes.get_legend_handles_labels()
+        handles += drawn[0]
+        names += drawn[1]
+    figure.legend(
+        handles, names, loc="outside upper center", ncols=ncols, handlelength=1.8, columnspacing=1.5
+    )

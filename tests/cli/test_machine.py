@@ -194,6 +194,7 @@ class Place:
     name: str
     x_um: float
     y_um: float = 0.0
+    through: bool = False
 
 
 def test_the_true_hole_of_a_site_is_the_nearest_and_the_wear_its_own() -> None:
@@ -212,6 +213,8 @@ def test_the_true_hole_of_a_site_is_the_nearest_and_the_wear_its_own() -> None:
     assert math.isnan(truths[2].depth_um)
     (unknown,) = truths_of(sites[:1], (), wear)  # type: ignore[arg-type]
     assert math.isnan(unknown.depth_um)
+    (tip,) = truths_of([Place("a", 0.0, through=True)], holes, wear)  # type: ignore[list-item]
+    assert (math.isnan(tip.depth_um), tip.wear_um) == (True, 7.5)
 
 
 def test_an_option_names_the_port_before_the_environment(here: Here, monkeypatch: pytest.MonkeyPatch) -> None:

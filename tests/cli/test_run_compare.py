@@ -49,6 +49,14 @@ def with_depth(path: Path, depth_um: float, u95_um: float) -> None:
         file["/entry/results"][...] = rows
 
 
+def made_through(path: Path) -> None:
+    """Make the hole of a run one that goes through its work."""
+    with h5py.File(path, "r+") as file:
+        rows = file["/entry/results"][:]
+        rows["through"] = 1
+        file["/entry/results"][...] = rows
+
+
 def unsealed(source: Path, target: Path) -> Path:
     """A copy that may be changed: without the check sum behind its end."""
     with h5py.File(source) as old, h5py.File(target, "w") as new:
@@ -85,6 +93,24 @@ def test_a_difference_counts_beyond_the_uncertainty_of_both(
         if line.startswith("depth,")
     )
     assert row.endswith("*") is beyond
+
+
+def test_a_tip_below_a_sheet_is_not_compared_with_a_depth(here: Here, runs: tuple[Path, Path]) -> None:
+    one, two = (unsealed(run, run.with_name(f"open-{run.name}")) for run in runs)
+    with_depth(one, 8.0, 0.1)
+    with_depth(two, 80.0, 0.1)
+    made_through(two)
+    quantities = here("run", "compare", str(one), str(two), "--json").document["result"]["quantities"]
+    found = {quantity["key"]: quantity for quantity in quantities}
+    assert found["depth_um"]["name"] == "depth or tip below the face, µm"
+    second = found["depth_um"]["amounts"][1]
+    assert (second["value"], second["difference"], second["beyond"]) == (80.0, None, False)
+    with h5py.File(two) as file:
+        thickness_um, wear_um = file["/entry/sample/thickness"][()], file["/entry/results"]["wear"][0]
+    assert found["wear_ratio_lin"]["amounts"][1]["value"] == pytest.approx(wear_um / thickness_um)
+    assert found["mrr_mm3_min"]["amounts"][1]["u95"] is None
+    both = here("run", "compare", str(two), str(two)).out.splitlines()
+    assert [line.split(",")[0] for line in both if line.startswith("tip ")] == ["tip below the face"]
 
 
 def test_the_table_names_runs_by_letters(here: Here, runs: tuple[Path, Path]) -> None:

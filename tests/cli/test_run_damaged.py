@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import random
+import re
 from typing import TYPE_CHECKING
 
 import h5py
@@ -56,6 +57,14 @@ def test_a_file_that_was_cut_anywhere_is_refused(here: Here, tmp_path: Path, see
     for _ in range(8):
         path.write_bytes(content[: chance.randrange(len(content))])
         assert [said.exit_code for said in readings(here, path)][:3] == [9, 9, 9]
+
+
+def test_a_file_that_was_cut_off_is_told_in_plain_words(here: Here, tmp_path: Path) -> None:
+    path = finished(tmp_path, "one")
+    path.write_bytes(path.read_bytes()[:20_000])
+    said = here("run", "show", str(path))
+    assert re.search(r"it is shorter than it says, 20000 of 1\d{5} bytes", said.err)
+    assert "eof" not in said.err
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import h5py
 import pytest
@@ -37,8 +38,18 @@ class Event:
     args: Mapping[str, object] = field(default_factory=dict)
 
 
-def jump(time_s: float, period_s: float, arcs: float, *, asked: bool = False) -> Event:
-    return Event(time_s, "JUMPED", 0, "jump", {"period_s": period_s, "arcs": arcs, "asked": asked})
+def jump(
+    time_s: float,
+    period_s: float,
+    arcs: float,
+    shorts: float = 0.0,
+    asking: Mapping[str, float] | None = None,
+) -> Event:
+    asking = asking or {}
+    args = {"period_s": period_s, "arcs": arcs, "shorts": shorts, "asked": " and ".join(asking)}
+    return Event(
+        time_s, "JUMPED", 0, "jump", {**args, **{f"asking_{name}": share for name, share in asking.items()}}
+    )
 
 
 def machined(here: Here, tmp_path: Path, *overrides: str) -> tuple[int, Path]:
@@ -180,12 +191,12 @@ def test_what_is_no_run_file_is_refused(here: Here, tmp_path: Path, content: byt
 
 def test_jumps_of_one_kind_make_one_sentence_with_their_reason() -> None:
     calm = [jump(10.0 * i, 10.0, 0.012) for i in range(1, 4)]
-    asked = [jump(190.0 + 2.0 * i, 2.0, 0.07, asked=i == 0) for i in range(41)]
+    asked = [jump(190.0 + 2.0 * i, 2.0, 0.01, 0.02, {"shorts": 0.04} if i == 0 else {}) for i in range(41)]
     told = story([*calm, *asked, Event(300.0, "CUT_ENDED", 1, "Cut 1 ended.")], period_s=10.0)
     assert [sentence.text for sentence in told] == [
         "From 10 s to 30 s it jumped 3 times, every 10 s, as its period asks for; 1.2 % arcs between jumps.",
-        "From 3 min 10 s to 4 min 30 s it jumped 41 times, every 2 s, because arcs or shorts asked for more "
-        "flushing: 7.0 % arcs between jumps on average, 7.0 % at most.",
+        "From 3 min 10 s to 4 min 30 s it jumped 41 times, every 2 s, because shorts asked for more flushing: "
+        "up to 4.0 % shorts within a second; 1.0 % arcs and 2.0 % shorts between jumps on average.",
         "Cut 1 ended.",
     ]
 
@@ -222,6 +233,34 @@ def test_a_way_through_a_sheet_ends_by_itself_behind_the_breakthrough(here: Here
     (ended,) = (sentence["text"] for sentence in told if sentence["code"] == "CUT_ENDED")
     assert "(through)" in ended
     assert "wanted was a hole through the sheet of 25 µm" in told[0]["text"]
+    sheet_is_known_by_its_tip(here, tmp_path / "sheet.h5")
+
+
+def sheet_is_known_by_its_tip(here: Here, file: Path) -> None:
+    """The tip's travel is no depth, and the hole is as long as the sheet is thick."""
+    shown = here("run", "show", str(file), "--json")
+    (site,) = shown.document["result"]["sites"]
+    assert site["through"] is True
+    assert site["depth_um"] > 30.0
+    assert site["truth_depth_um"] is None
+    area_mm2 = math.pi / 4.0 * (0.150 + 2.0 * site_gap_mm(shown.document)) ** 2
+    assert site["mrr_mm3_min"] * site["machining_time_s"] / 60.0 == pytest.approx(area_mm2 * 0.025)
+    assert site["wear_ratio_lin"] == pytest.approx(site["wear_um"] / 25.0)
+    assert shown.document["result"]["totals"]["wear_ratio_lin"] == pytest.approx(site["wear_um"] / 25.0)
+    text = here("run", "show", str(file)).out
+    assert "tip below the face" in text
+    assert "Z2 tip at the end" in text
+    assert f"tip {site['depth_um']:.2f} ±" in here("run", "list", str(file)).out
+    compared = here("run", "compare", str(file), str(file)).out
+    assert "tip below the face, µm" in compared
+    exported = here(
+        "run", "export", str(file), "-t", "results", "--format", "csv", "-o", "-"
+    ).out.splitlines()
+    assert "through" in exported[0]
+
+
+def site_gap_mm(document: dict[str, Any]) -> float:
+    return float(document["result"]["profile"]["values"]["work.side_gap_um"]) / 1000.0
 
 
 @pytest.mark.parametrize("name", ["a.h5.partial", "a.h5"])
@@ -230,5 +269,5 @@ def test_a_run_id_leads_to_its_file(here: Here, name: str) -> None:
     file.parent.mkdir()
     file.write_bytes(b"")
     said = here("run", "explain", "a", "--json")
-    assert said.exit_code == 9
-    assert str(file) in said.document["error"]["hint"]
+    assert (said.exit_code, said.document["error"]["code"]) == (9, "E9005")
+    assert str(file) in said.document["error"]["message"]

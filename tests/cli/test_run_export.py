@@ -8,6 +8,7 @@ import io
 import json
 import subprocess
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,15 +18,15 @@ import pytest
 from edmctl.cli.export_sink import new_file
 from edmctl.errors import RunFileError
 from edmctl.record.reader import open_run
-from edmctl.record.rows import ServoBlock
+from edmctl.record.rows import PulseBlockRows, ServoBlock
+from edmctl.record.writer import RunWriter
 from edmctl.report.export_tables import TABLES, ExportTable
 from edmctl.report.export_text import CsvWriter, formatted
 from tests.cli.commands import command, environment
 from tests.cli.run_files import begun, finished, killed
+from tests.record.samples import a_meta
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from tests.cli.commands import Here
 
 ODD = np.array([np.nan, 0.1, -1.1754944e-38, 16777217.0, 1e-7, 3.4028235e38], "f4")
@@ -136,6 +137,8 @@ def test_nothing_is_overwritten(here: Here, run: Path) -> None:
     [
         ("E2080", ["-t", "srevo"]),
         ("E2081", ["--format", "xlsx"]),
+        ("E2081", ["-o", "touches.xlsx"]),
+        ("E2081", ["-t", "touches", "-o", "touches.xlsx", "--format", "csv"]),
         ("E2082", ["-o", "-"]),
         ("E2082", ["-t", "servo", "-t", "slow", "-o", "both.csv"]),
         ("E2083", ["-t", "servo", "--json"]),
@@ -146,6 +149,41 @@ def test_what_cannot_be_meant_is_refused(here: Here, run: Path, code: str, optio
     said = here("run", "export", str(run), *options)
     assert said.exit_code == 2
     assert code in said.err + said.out
+    assert not Path("touches.xlsx").exists()
+
+
+def test_a_folder_that_is_there_may_be_called_anything(here: Here, run: Path, tmp_path: Path) -> None:
+    (tmp_path / "run.v2").mkdir()
+    assert here("run", "export", str(run), "-t", "touches", "-o", str(tmp_path / "run.v2")).exit_code == 0
+    assert (tmp_path / "run.v2" / "one-touches.csv").exists()
+
+
+def test_a_file_is_replaced_where_that_is_wanted_and_stays_where_it_fails(
+    here: Here, run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    there = run.parent / "one-results.csv"
+    there.write_text("mine")
+    assert "--overwrite" in here("run", "export", str(run)).err
+    said = here("run", "export", str(run), "-t", "results", "-o", str(there), "--overwrite")
+    assert (said.exit_code, said.err) == (0, "")
+    assert there.read_text().startswith("site,")
+    there.write_text("mine")
+    monkeypatch.setattr("edmctl.cli.export_sink._opened", lambda path: FullDisk())
+    assert here("run", "export", str(run), "-t", "results", "-o", str(there), "--overwrite").exit_code == 9
+    assert there.read_text() == "mine"
+
+
+def test_a_log_that_the_run_did_not_keep_leads_to_the_one_it_kept(here: Here, tmp_path: Path) -> None:
+    writer = RunWriter.create(tmp_path / "sums.h5", a_meta())
+    counts = np.array([5, 6])
+    writer.append_pulse_blocks(
+        PulseBlockRows(np.array([0.0, 0.01]), counts, counts, counts, counts, counts * 1.0, counts * 2.0)
+    )
+    run = writer.finish("done", 0)
+    said = here("run", "export", str(run), "-t", "pulses")
+    assert (said.exit_code, len(said.out.splitlines())) == (0, 1)
+    assert "-t blocks" in said.err
+    assert here("run", "export", str(run), "-t", "blocks").err == ""
 
 
 def test_the_nearest_table_is_named(here: Here, run: Path) -> None:
@@ -159,7 +197,7 @@ def test_parquet_without_its_library_says_how_to_get_it(
     said = here("run", "export", str(run), "--format", "parquet")
     assert said.exit_code == 8
     assert "E8092" in said.err
-    assert "edmctl[parquet]" in said.err
+    assert "Install it with `pip install 'edmctl[parquet]'`" in said.err
 
 
 def test_a_killed_run_is_refused_and_a_live_one_is_not(here: Here, tmp_path: Path) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import re
 import shutil
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +14,7 @@ import pytest
 
 from edmctl.cli.app import main
 from edmctl.record.liveness import hold, release
+from edmctl.record.seal import SEAL_BYTES
 from edmctl.report.kinds import KINDS, NAMES, Kind, kind_called
 from edmctl.report.style import NothingToDraw, new_figure
 from tests.cli.commands import ROOT, SHALLOW
@@ -27,6 +30,13 @@ if TYPE_CHECKING:
 PNG, PDF = b"\x89PNG\r\n\x1a\n", b"%PDF"
 SOME = tuple(kind_called(name) for name in ("gap", "laue", "channel"))
 """Of a run without single pulses and without a path, only the first can be drawn."""
+
+
+class Terminal(io.StringIO):
+    """A stream that says that people read it."""
+
+    def isatty(self) -> bool:
+        return True
 
 
 def sketch(kind: Kind, _: RunFile) -> Figure:
@@ -179,6 +189,7 @@ def test_a_run_with_nothing_to_draw_is_an_error(
         (("--kind", "report", "--format", "pdf"), "E2072"),
         (("--kind", "gap", "--format", "svg", "--out", "one.png"), "E2072"),
         (("--kind", "gap", "--out", "one.html"), "E2072"),
+        (("--kind", "gap", "--out", "one.jpg"), "E2072"),
         (("--kind", "report", "--out", "one.png"), "E2072"),
     ],
 )
@@ -223,6 +234,36 @@ def test_a_live_run_is_drawn_as_far_as_it_goes(here: Here, run: Path) -> None:
         release(lock)
     assert said.exit_code == 0, said.err
     assert (run.parent / "one-gap.png").read_bytes().startswith(PNG)
+
+
+def test_on_a_terminal_each_figure_is_announced(
+    here: Here, run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("edmctl.cli.plot_order.KINDS", SOME)
+    stderr = Terminal()
+    monkeypatch.setattr(sys, "stderr", stderr)
+    here("run", "plot", str(run))
+    assert [line for line in stderr.getvalue().splitlines() if line.startswith("drawing")] == [
+        "drawing gap (1 of 3)",
+        "drawing laue (2 of 3)",
+        "drawing channel (3 of 3)",
+    ]
+
+
+def test_what_a_damaged_file_brings_about_is_its_own_fault(
+    here: Here, run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> Figure:
+        raise ValueError("a text that is none")
+
+    monkeypatch.setattr("edmctl.report.kinds.draw", fail)
+    monkeypatch.setattr("edmctl.report.differences.compare", fail)
+    commands = (("plot", str(run), "--kind", "gap"), ("compare", str(run), str(run)))
+    found = [here("run", *words, "--json").document["error"]["code"] for words in commands]
+    assert found == ["E1000", "E1000"]
+    run.write_bytes(run.read_bytes()[:-SEAL_BYTES])
+    found = [here("run", *words, "--json").document["error"]["code"] for words in commands]
+    assert found == ["E9007", "E9007"]
 
 
 def test_a_file_that_is_no_run_is_refused(here: Here, tmp_path: Path) -> None:

@@ -61,6 +61,8 @@ def test_a_second_time_is_refused(here: Here, killed: Path) -> None:
     said = here("run", "recover", str(killed))
     assert said.exit_code == 9
     assert "E9001" in said.err
+    assert "--out" in said.err
+    assert "--run-id" not in said.err
 
 
 @pytest.mark.parametrize("content", [b"", b"something else", b"\x89HDF\r\n\x1a\n" + bytes(500)])

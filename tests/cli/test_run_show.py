@@ -6,21 +6,28 @@ import math
 import signal
 import subprocess
 import sys
+from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
+from edmctl.cli.run_explain import FileEvent
 from edmctl.cli.run_follow import follow_run
+from edmctl.cli.run_summary import jumps_of
 from edmctl.cli.signals import SignalArrived
+from edmctl.console.live_view import Histories
 from edmctl.errors import RunFileError
+from edmctl.machine.states import MachineState
+from edmctl.procedures.codes import RunEvent
 from edmctl.record.rows import EventLevel, ServoBlock, SlowRow
+from edmctl.record.writer import RunWriter
 from tests.cli.commands import CU270, ROOT, environment
 from tests.cli.run_files import begun, finished, killed
+from tests.record.samples import a_meta
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from edmctl.console.views import ProgressView
     from tests.cli.commands import Here
 
@@ -104,7 +111,7 @@ def test_following_ends_with_the_run_and_tells_its_news(tmp_path: Path) -> None:
 
     seen = Seen()
     assert follow_run(tmp_path / "living.h5.partial", seen, wait) == tmp_path / "living.h5"
-    assert seen.notes == ["Look 1.", "Look 2.", "Look 3."]
+    assert seen.notes == ['At 1 s: Cut 1: "feed", then touch', "Look 1.", "Look 2.", "Look 3."]
     assert [state.time_s for state in seen.states] == [
         pytest.approx(t) for t in (9.99, 21.0, 22.0, 23.0, 23.0)
     ]
@@ -112,6 +119,74 @@ def test_following_ends_with_the_run_and_tells_its_news(tmp_path: Path) -> None:
     assert newest.depth_um == pytest.approx(11.5)
     assert newest.gap_v == pytest.approx(9.6)
     assert newest.ratios.normal == pytest.approx(0.7)
+
+
+def test_a_look_takes_every_row_since_the_one_before(tmp_path: Path) -> None:
+    writer = RunWriter.create(tmp_path / "fast.h5", a_meta())
+    plan = {"cut": 1, "feed_um": 200.0, "wear_ratio": 0.5, "target_um": 100.0}
+    writer.event(100.0, RunEvent.CUT_PLANNED, EventLevel.INFO, "Cut 1.", plan)
+    looks = 0
+
+    def machine(begin_s: float) -> None:
+        """Ten seconds at 100 Hz with one short dip, the tool going down by 0.3 µm/s."""
+        time_s = begin_s + 0.01 * np.arange(1000)
+        level, state = np.ones(1000), np.full(1000, int(MachineState.MACHINING))
+        gap_v = np.where(np.arange(1000) == 300, 1.5, 9.6)
+        z_um = 60.0 + 0.3 * (time_s - 100.0)
+        writer.append_servo(
+            ServoBlock(time_s, z_um / 3, z_um, z_um, gap_v, level, level, level.astype(int), state)
+        )
+        for now_s in time_s[9::10]:
+            fed_um = 0.3 * (now_s - 100.0)
+            row = SlowRow(now_s, 0.3, 0.8, 0.8, 0.2, 0.7, 0.1, 0.0, fed_um / 1.5, fed_um / 3.0, math.nan)
+            writer.append_slow(replace(row, wear_u95_um=0.7))
+        writer.flush()
+
+    def wait() -> None:
+        nonlocal looks
+        looks += 1
+        if looks < 4:
+            machine(100.0 + 10.0 * looks)
+        else:
+            writer.finish("done", 0)
+
+    machine(100.0)
+    seen, histories = Seen(), Histories()
+    follow_run(tmp_path / "fast.h5.partial", seen, wait)
+    for state in seen.states:
+        histories.take(state)
+    assert histories.gap_v.low == pytest.approx(1.5)
+    assert histories.gap_v.high == pytest.approx(9.6)
+    assert histories.displacement_um.low == pytest.approx(60.0)
+    # 40 s of rows: two thirds of a minute's columns show something, and each of these does.
+    shown = [column is not None for column in histories.gap_v.columns(120, seen.states[-1].time_s)]
+    assert sum(shown) == pytest.approx(80, abs=1)
+    assert "".join("#" if there else "." for there in shown).strip(".").count(".") == 0
+    newest = seen.states[3]
+    assert newest.time_s == pytest.approx(139.99)
+    assert newest.feed_um == pytest.approx(0.3 * 39.99, rel=1e-4)
+    assert newest.wear_u95_um == pytest.approx(0.7)
+    assert newest.depth_target_um == 100.0
+    assert newest.time_left_s == pytest.approx((100.0 - newest.depth_um) * 1.5 / 0.3, rel=1e-3)
+
+
+@pytest.mark.parametrize("command", ["show", "explain", "plot", "export", "compare", "recover", "list"])
+def test_every_command_finds_a_run_by_its_id_and_by_its_coming_name(here: Here, command: str) -> None:
+    Path("runs").mkdir()
+    finished(Path("runs"), "first")
+    writer = begun(Path("runs"), "living")
+    options = {
+        "plot": ("--kind", "touching", "-o", "x.png"),
+        "export": ("-t", "touches"),
+        "compare": ("first",),
+    }
+    said = [
+        here("run", command, name, *options.get(command, ()))
+        for name in ("first", "living", "runs/living.h5")
+    ]
+    writer.finish("done", 0)
+    for one in said:
+        assert "E9005" not in one.err
 
 
 def servo(time_s: float) -> ServoBlock:
@@ -194,3 +269,14 @@ def test_ctrl_c_ends_the_following_and_nothing_else(
     said = here("run", "show", "--follow", str(tmp_path / "living.h5"), "--quiet")
     assert said.exit_code == 130
     assert writer.finish("done", 0) == tmp_path / "living.h5"
+
+
+def test_every_jump_counts_whatever_asked_for_it() -> None:
+    told = (
+        *((60.0, "JUMPED"), (60.5, "JUMP_DONE"), (70.0, "JUMPED"), (70.6, "JUMP_DONE")),
+        *((71.0, "SHORT_RECOVERY"), (71.3, "JUMP_DONE"), (80.0, "CUT_ENDED"), (95.0, "JUMP_DONE")),
+    )
+    found = jumps_of([FileEvent(time_s, code, 0, "", {}) for time_s, code in told])
+    assert found.count == 4
+    assert found.shortest_s == pytest.approx(0.7)
+    assert found.longest_s == pytest.approx(10.1)

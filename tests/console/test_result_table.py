@@ -23,7 +23,7 @@ def test_hardware_has_no_truth() -> None:
 def test_time_cuts_pulses_and_tool_are_told() -> None:
     text = render_job(Job(), [Truth()])
     assert "15 min 02 s in 3 cuts" in text
-    assert "2 010 334: 50.0 % open, 40.0 % normal, 2.0 % arc, 8.0 % short" in text
+    assert "2 010 334: 50.0 % open, 40.0 % normal, 2.0 % arc, 8.0 % short" in " ".join(text.split())
     assert "Whole job 19 min 01 s; the tool is 70.03 µm shorter." in text
 
 
@@ -49,21 +49,41 @@ def test_many_sites_make_a_table_with_a_line_each() -> None:
     assert lines[0].split() == [
         "site",
         "depth",
+        "µm",
         "tool",
         "wear",
+        "µm",
         "feed",
+        "µm",
         "stops",
         "machining",
         "true",
-        "depth",
+        "µm",
     ]
+    assert max(map(len, lines)) <= 80
     assert [line.split()[0] for line in lines[1:10]] == [site.name for site in sites]
     assert "truth" not in render_job(Job(sites=sites))
 
 
+def test_a_wide_terminal_shows_all_columns_and_a_narrow_one_the_results() -> None:
+    sites = tuple(Site(name=f"grid-{i}") for i in range(1, 10))
+    wide, narrow = (
+        render_job(Job(sites=sites), [Truth()] * 9, columns=columns).splitlines() for columns in (120, 60)
+    )
+    assert "feed µm" in wide[0]
+    assert narrow[0].split() == ["site", "depth", "µm", "tool", "wear", "µm", "true", "µm"]
+    assert max(map(len, narrow[:10])) <= 60
+
+
+def test_no_line_of_a_result_is_wider_than_a_terminal() -> None:
+    text = render_job(Job(sites=(Site(estimated_um=12.3, through=True),)), [Truth()])
+    assert max(map(len, text.splitlines())) <= 80
+    assert "8.0 % short" in " ".join(text.split())
+
+
 def test_a_depth_that_was_not_touched_at_the_end_says_so() -> None:
     text = render_job(Job(sites=(Site(estimated_um=12.3),)))
-    assert "the last 12.30 µm were not touched" in text
+    assert "the last 12.30 µm were not touched" in " ".join(text.split())
     assert "not touched" not in render_job(Job())
 
 

@@ -15,6 +15,15 @@ class Ratios:
 
 
 @dataclass(frozen=True, slots=True)
+class Extremes:
+    time_s: float
+    gap_low_v: float = math.nan
+    gap_high_v: float = math.nan
+    displacement_low_um: float = math.nan
+    displacement_high_um: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
 class State:
     phase: str = "cut 1"
     time_s: float = 125.0
@@ -37,6 +46,7 @@ class State:
     gap_high_v: float = math.nan
     displacement_low_um: float = math.nan
     displacement_high_um: float = math.nan
+    past: tuple[Extremes, ...] = ()
     jumps: int = 0
     jump_period_s: float = math.nan
     last_jump_s: float = math.nan

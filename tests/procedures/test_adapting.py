@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING
 
 import pytest
@@ -162,7 +163,17 @@ def test_a_badly_flushed_cut_jumps_more_often_and_says_why(shop: OpenShop) -> No
         return [args for _, code, _, _, args in s.seen.events if code == RunEvent.JUMPED]
 
     assert len(jumps(dirty)) > 3 * len(jumps(clean))
-    assert any(args["asked"] for args in jumps(dirty))
+    limits = dirty.profile.adaptive
+    asked = [args for args in jumps(dirty) if args["asked"]]
+    assert asked
+    for args in asked:
+        names = str(args["asked"]).split(" and ")
+        assert all(
+            float(args[f"asking_{name}"]) > {"arcs": limits.arc_high, "shorts": limits.short_high}[name]
+            for name in names
+        )
+        assert "shorts" in args
+        assert len(json.dumps(args, separators=(",", ":"))) <= 200
     assert min(row.jump_period_s for row in dirty.seen.slow) < 10.0
     assert min(row.jump_period_s for row in clean.seen.slow) == 10.0
     told = [message for _, code, _, message, _ in dirty.seen.events if code == RunEvent.JUMP_PERIOD]

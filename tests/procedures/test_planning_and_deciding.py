@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,7 @@ from edmctl.procedures.job import Site
 from edmctl.procedures.planning import CutPlan, Start, cut_budget, first_plan, learned_gap_um
 from edmctl.process.erosion import hole_area_um2
 from edmctl.process.live_erosion import Energy, ErosionEstimate
+from edmctl.process.next_cut import COVERAGE
 from edmctl.process.wear import DepthAndWear
 from edmctl.profile.load import load_profile
 
@@ -120,6 +122,16 @@ def test_estimates_split_the_feed_by_the_wear_ratio() -> None:
     live = cut.at(cut.z_limit_um)
     assert live.depth_um + live.wear_um == pytest.approx(210.0)
     assert live.depth_u_um > 3.0
+
+
+def test_the_wear_of_a_later_cut_is_no_better_known_than_what_was_measured_before() -> None:
+    start = replace(start_of(), wear_u_um=FOUND.wear_u95_um / COVERAGE)
+    later = CutPlan(2, 40.0, start, learned(), 180.0)
+    live = later.at(290.0)
+    own_u95_um = COVERAGE * live.wear_u_um
+    assert own_u95_um < FOUND.wear_u95_um
+    assert later.wear_u95_um(live) == pytest.approx(math.hypot(FOUND.wear_u95_um, own_u95_um))
+    assert live.depth_u_um >= start.u_um
 
 
 def test_the_working_gap_is_what_touching_adds_to_sparking() -> None:

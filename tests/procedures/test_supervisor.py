@@ -84,6 +84,16 @@ def test_feed_and_time_left_follow_the_tool(watched: tuple[Shop, Supervisor]) ->
     assert s.told.states[-1].time_left_s == pytest.approx((12.0 - there.depth_um) * (1.0 + ratio) / 0.3)
 
 
+def test_the_wear_told_while_cutting_is_as_uncertain_as_at_the_stop_before(shop: OpenShop) -> None:
+    s = shop()
+    measured = Start(50.0, 0.5, s.profile.measure.expected_gap_um, 6.0, 2.0, wear_u_um=1.4)
+    supervisor = Supervisor(s.run(), replace(planned(s), number=2, start=measured), 0.0)
+    for i in range(50):
+        supervisor.take(a_slice(i, 46.6 + 0.03 * i))
+    assert s.told.states[-1].wear_u95_um >= 2.8 * 0.98
+    assert s.seen.slow[-1].wear_u95_um == s.told.states[-1].wear_u95_um
+
+
 def test_ratios_cover_the_last_two_seconds(watched: tuple[Shop, Supervisor]) -> None:
     s, supervisor = watched
     for i in range(30):

@@ -22,7 +22,13 @@ PROFILE = {
     "target": {"kind": "depth", "depth_um": 20.0, "tolerance_um": 2.0},
     "tool": {"diameter_um": 100.0},
     "work": {"side_gap_um": 5.0},
-    "pulse": {"current_a": 0.1, "open_voltage_v": 40.0, "duty": 0.3, "frequency_hz": 2000.0},
+    "pulse": {
+        "current_a": 0.1,
+        "open_voltage_v": 40.0,
+        "discharge_voltage_v": 20.0,
+        "duty": 0.3,
+        "frequency_hz": 2000.0,
+    },
 }
 HZ = 2000.0
 CUT_S = 20.0
@@ -56,11 +62,15 @@ def measured(writer: RunWriter, time_s: float, depth_um: float, told: Told = Tol
 
 
 def pulses(
-    writer: RunWriter, start_s: float, kinds: NDArray[np.integer], delay_us: NDArray[np.floating]
+    writer: RunWriter,
+    start_s: float,
+    kinds: NDArray[np.integer],
+    delay_us: NDArray[np.floating],
+    arc_v: float = 20.0,
 ) -> None:
-    """Pulses of known class and delay at `HZ`, their plateau 20 V."""
+    """Pulses of known class and delay at `HZ`; their plateau is 20 V, that of arcs `arc_v`."""
     discharge_us = np.where(kinds == 0, 0.0, ON_TIME_US - delay_us)
-    plateau_v = np.full(len(kinds), 20.0)
+    plateau_v = np.where(kinds == 2, arc_v, 20.0)
     first = round(start_s * HZ)
     writer.append_pulses(PulseTrain(first, start_s, 1.0 / HZ, kinds, delay_us, discharge_us, plateau_v))
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from edmctl.record.reader import open_run
+from edmctl.record.rows import EventLevel
 from edmctl.record.told import Told
 from edmctl.report.delays import delays, random_ignition
 from edmctl.report.figures import energy, jumps, laue, pulses
@@ -83,8 +84,9 @@ def test_shares_are_those_while_cutting(tmp_path: Path) -> None:
     made_up.blocks(writer, 100.0, (5, 13, 1, 1), 3000.0, 2500)
     made_up.cut(writer, 100.0)
     told = texts(pulses.draw, writer.finish("done", 0))
-    assert {"25.0 %", "65.0 %", "5 %", "(a)", "(b)", "normal", "open", "arc", "short"} <= told
-    assert {"share of pulses (%)", "time since start (s)"} <= told
+    # All with as many decimals, so that they can be compared.
+    assert {"25.00 %", "65.00 %", "5.00 %", "(a)", "(b)", "(c)", "normal", "open", "arc", "short"} <= told
+    assert {"pulses (%)", "shorts (%)", "time (s)"} <= told
 
 
 def test_without_pulses_it_is_told_what_would_change_that(tmp_path: Path) -> None:
@@ -97,7 +99,7 @@ def test_without_pulses_it_is_told_what_would_change_that(tmp_path: Path) -> Non
 
 def test_random_ignition_is_found_with_its_lag_and_mean(random_pulses: Path) -> None:
     with open_run(random_pulses) as run:
-        found = delays(run, (99.0, 200.0))
+        found = delays(run, np.array([[99.0, 200.0]]))
     fit = random_ignition(found)
     assert fit is not None
     assert fit.lag_us == pytest.approx(2.0, abs=0.2)
@@ -108,9 +110,21 @@ def test_random_ignition_is_found_with_its_lag_and_mean(random_pulses: Path) -> 
     assert found.surviving[620] == pytest.approx(np.exp(-1.0), abs=0.02)
 
 
+def test_pulses_between_the_cuts_have_no_part_in_the_delays(tmp_path: Path) -> None:
+    writer = made_up.new_run(tmp_path)
+    for start_s in (0.0, 100.0):
+        made_up.cut(writer, start_s)
+    for start_s, delay_us in ((5.0, 60.0), (50.0, 140.0), (105.0, 60.0)):
+        made_up.pulses(writer, start_s, np.ones(400, np.int64), np.full(400, delay_us))
+    with open_run(writer.finish("done", 0)) as run:
+        found = delays(run, cuts_s(run))
+    assert found.ignited.sum() == 800
+    assert np.flatnonzero(found.ignited).tolist() == [600]
+
+
 def test_open_pulses_and_not_the_ignited_alone_make_the_mean(random_pulses: Path) -> None:
     with open_run(random_pulses) as run:
-        found = delays(run, (99.0, 200.0))
+        found = delays(run, np.array([[99.0, 200.0]]))
     among_ignited_us = 0.1 * (found.ignited * np.arange(len(found.ignited))).sum() / found.ignited.sum()
     assert among_ignited_us < 50.0
 
@@ -137,6 +151,18 @@ def test_energies_of_single_pulses_are_plateau_times_current_times_time(tmp_path
     # 20 V × 0.1 A × 100, 50 and 150 µs; the open pulse and the short have none.
     assert found.sums_uj == pytest.approx([0.0, 200.0, 100.0 + 300.0])
     assert (found.normal.sum(), found.arc.sum()) == (2, 1)
+
+
+def test_an_arc_burns_at_the_current_that_its_lower_plateau_lets_through(tmp_path: Path) -> None:
+    writer = made_up.new_run(tmp_path)
+    made_up.pulses(writer, 10.0, np.array([1, 2]), np.array([50.0, 0.0]), arc_v=15.0)
+    with open_run(writer.finish("done", 0)) as run:
+        found = spark_energies(run, np.array([10.0, 10.0004, 11.0]))
+    assert found is not None
+    # (40 V − 20 V) / 0.1 A is 200 Ω, so an arc at 15 V has 0.125 A all through 150 µs.
+    assert found.sums_uj == pytest.approx([200.0, 15.0 * 0.125 * 150.0], rel=1e-5)
+    (used,) = np.flatnonzero(found.arc)
+    assert found.edges_uj[used] <= 281.25 <= found.edges_uj[used + 1]
 
 
 def test_blocks_stand_at_their_mean_with_all_their_discharges(tmp_path: Path) -> None:
@@ -182,13 +208,42 @@ def test_kappa_of_a_virtual_run_is_that_of_its_process(request: pytest.FixtureRe
     # 0.0424 µm³/µJ, of which the discharges at the wall and arcs take their share.
     assert 0.034 < float(label.split()[2]) < 0.0435
     assert "removed volume" in told
-    assert "energy per discharge (µJ)" in told
+    of = ", mean of a block" if kind == "blocks" else ""
+    assert f"energy per discharge{of} (µJ)" in told
+    value, _, u95 = label.split()[2:5]
+    assert len(value.partition(".")[2]) == len(u95.partition(".")[2])
 
 
 def test_every_jump_is_counted_and_its_period_shown(run_file: Path) -> None:
     told = texts(jumps.draw, run_file)
     assert any(text.endswith(" jumps") for text in told)
     assert {"arcs", "shorts", "jump", "jump period (s)"} <= told
+
+
+def test_a_narrow_range_of_jump_periods_has_an_even_scale_and_a_wide_one_powers(tmp_path: Path) -> None:
+    scales = []
+    for after_s in (5.0, 0.2):
+        writer = made_up.new_run(tmp_path, name=f"{after_s}.h5")
+        made_up.cut(writer, 0.0)
+        for time_s in (5.0, 5.0 + after_s):
+            writer.event(time_s, Told.JUMP_DONE, EventLevel.DEBUG, "JUMP_DONE", {})
+        with open_run(writer.finish("done", 0)) as run, house_style():
+            periods = jumps.draw(run).axes[1]
+        scales.append(periods.get_yscale())
+        low_s, high_s = periods.get_ylim()
+        assert sum(low_s <= tick <= high_s for tick in periods.get_yticks()) >= 3
+    assert scales == ["linear", "log"]
+
+
+def test_classes_are_told_apart_without_colours(tmp_path: Path) -> None:
+    writer = made_up.new_run(tmp_path)
+    made_up.blocks(writer, 0.0, (5, 13, 1, 1), 3000.0, 1000)
+    made_up.cut(writer, 0.0)
+    with open_run(writer.finish("done", 0)) as run, house_style():
+        shares, rare, totals = pulses.draw(run).axes
+        hatches = [{patch.get_hatch() for patch in axes.patches} for axes in (shares, totals)]
+        assert [len(found) for found in hatches] == [4, 4]
+        assert len({str(patch.get_linestyle()) for patch in rare.patches}) == 2
 
 
 def test_a_run_that_does_not_jump_says_why(tmp_path: Path) -> None:

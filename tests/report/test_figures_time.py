@@ -17,9 +17,9 @@ pytest.importorskip("matplotlib")
 from edmctl.record.leaves import profile_leaves
 from edmctl.record.reader import open_run
 from edmctl.record.rows import SlowRow, TouchRow, WaveformBlock
-from edmctl.report.envelopes import Spans, State, envelopes, rows_worked
-from edmctl.report.figures.displacement import MachiningError
-from edmctl.report.figures.spectrum import peak_hz, segment_size, welch
+from edmctl.record.told import State
+from edmctl.report.envelopes import Spans, envelopes, rows_worked
+from edmctl.report.figures.spectrum import line_hz, peak_hz, segment_size, welch
 from edmctl.report.style import NothingToDraw, house_style, new_figure, rendered, time_unit
 from tests.report.servo_signals import IDLE, JUMP, MACHINING, TOUCH, a_cut, sites, write_run
 
@@ -133,7 +133,7 @@ def test_vector_files_are_made_too(kind: str, run_file: Path) -> None:
 
 def test_the_gap_figure_shows_reference_jumps_and_readings(run_file: Path) -> None:
     figure = drawn("gap", run_file)
-    assert {"mean", "range", "reference", "touching", "tool", "jump", "Z1", "Z2", "Z3"} <= legend_of(figure)
+    assert {"mean", "range", "reference", "touching", "sensor", "jump", "Z1", "Z2", "Z3"} <= legend_of(figure)
     _, reference_v = line_called(figure, "reference")
     # 0.8 of 30 % of 40 V
     assert np.nanmin(reference_v) == pytest.approx(9.6, abs=0.02)
@@ -157,35 +157,65 @@ def test_a_reference_that_follows_the_duty_factor_is_in_volts(tmp_path: Path) ->
     assert reference_v[time_s > 10.2] == pytest.approx(10.8, abs=0.01)
 
 
+def error_note(figure: Figure) -> str:
+    (note,) = [text.get_text() for text in figure.axes[1].texts]
+    return note
+
+
 def test_the_error_of_the_estimate_is_that_of_the_results(run_file: Path) -> None:
     with open_run(run_file) as run:
-        result = run.table("/entry/results")[0]
-    (note,) = [text for text in texts(drawn("displacement", run_file)) if text.startswith("cuts: rms")]
-    words = note.replace(",", "").split()
-    assert float(words[2]) == pytest.approx(float(result["err_feed_rms"]), abs=0.02)
-    assert float(words[7]) == pytest.approx(float(result["err_feed_max"]), abs=0.1)
-    assert float(words[4].strip("(")) == pytest.approx(float(result["err_feed_rms_pct"]), abs=0.2)
+        (result,) = run.table("/entry/results")
+    rms = f"rms {result['err_feed_rms']:.2f} µm ({result['err_feed_rms_pct']:.2g} %)"
+    most = f"max {result['err_feed_max']:.2f} µm ({result['err_feed_max_pct']:.2g} % of feed)"
+    figure = drawn("displacement", run_file)
+    assert error_note(figure) == f"{rms}, {most}"
+    texts(figure)  # the second axis follows the first when it is drawn
+    (percent,) = figure.axes[1].child_axes
+    scale = np.diff(percent.get_ylim())[0] / np.diff(figure.axes[1].get_ylim())[0]
+    assert scale == pytest.approx(100.0 / result["feed"])
 
 
-def test_the_error_counts_while_machining_and_over_a_tenth_of_a_second() -> None:
-    error = MachiningError(100.0)
-    spike = np.zeros(20)
-    spike[3] = 10.0
-    error.take(spike[:7])
-    error.take(spike[7:])
-    error.take(np.full(10, np.nan))
-    assert error.max_um == pytest.approx(1.0)
-    assert error.rms_um == pytest.approx(np.sqrt(0.5))
+def test_several_holes_have_the_largest_error_and_no_common_percentage(tmp_path: Path) -> None:
+    holes = [
+        replace(
+            one,
+            feed_model_error_max_um=1.0 + k,
+            feed_model_error_rms_um=0.5,
+            feed_model_error_max_pct=2.0 * k,
+        )
+        for k, one in enumerate(sites(3))
+    ]
+    figure = drawn("displacement", write_run(tmp_path / "a.h5", a_cut(20.0), holes).finish("done", 0))
+    assert error_note(figure).startswith("largest of 3 holes:\nrms 0.50 µm")
+    assert error_note(figure).endswith("max 3.00 µm (4 % of feed)")
+    assert not figure.axes[1].child_axes
+
+
+def test_without_a_result_no_number_is_claimed_for_the_error(faulted_run_file: Path) -> None:
+    axes = drawn("displacement", faulted_run_file).axes[1]
+    assert not axes.texts
+    assert not axes.child_axes
+
+
+def test_the_retreat_from_a_short_is_no_machining(tmp_path: Path) -> None:
+    signals = a_cut(20.0)
+    signals.gap_v[1000:1100] = 0.3
+    signals.model_um[1000:1100] += 30.0
+    figure = drawn("displacement", write_run(tmp_path / "a.h5", signals).finish("done", 0))
+    time_s, error_um = line_called(figure, "machining, mean")
+    assert np.isnan(error_um[(time_s > 10.02) & (time_s < 10.98)]).all()
+    assert np.nanmax(error_um) < 3.0
 
 
 def test_a_run_without_a_sensor_is_drawn_by_its_estimate(tmp_path: Path) -> None:
     signals = a_cut(20.0)
     blind = replace(signals, sensor_um=np.full(len(signals.state), np.nan))
     path = write_run(tmp_path / "a.h5", blind).finish("done", 0)
-    assert "tool, estimated" in legend_of(drawn("gap", path))
+    assert "estimated" in legend_of(drawn("gap", path))
     with pytest.raises(NothingToDraw, match="no displacement sensor"):
         drawn("displacement", path)
-    assert "actuator voltage\n(V²/Hz)" in [axes.get_ylabel() for axes in drawn("spectrum", path).axes]
+    labels = [axes.get_ylabel() for axes in drawn("spectrum", path).axes]
+    assert "power spectral density\nof actuator voltage (V²/Hz)" in labels
 
 
 def test_a_run_without_an_estimate_says_so(tmp_path: Path) -> None:
@@ -217,7 +247,7 @@ def test_a_run_that_ended_in_a_fault_is_drawn_up_to_it(faulted_run_file: Path) -
     assert figure.axes[1].get_xlim()[1] == pytest.approx(70.5, abs=0.2)
     with pytest.raises(NothingToDraw, match="No site of this run was measured"):
         drawn("steps", faulted_run_file)
-    assert "Z1 at cu270-cu" in texts(drawn("touching", faulted_run_file))
+    assert "Touches of Z1: cu270-cu" in texts(drawn("touching", faulted_run_file))
 
 
 @pytest.mark.parametrize("count", [1, 3, 4, 12, 13, 60])
@@ -234,9 +264,10 @@ def test_steps_are_the_readings_and_the_estimate_begins_at_its_own_reading(tmp_p
     writer = write_run(tmp_path / "a.h5", results=sites(1))
     writer.touch(TouchRow(1.0, "Z1", "A1", 16.0, 50.0, 48.0, 3, 0.1, 0.0, 1.0))
     figure = drawn("steps", writer.finish("done", 0))
-    assert line_called(figure, "measured")[1].tolist() == [50.0, 50.0, 300.0, 300.0, 120.0, 120.0]
+    levels_um = [data(line)[1][0] for line in figure.axes[0].get_lines() if line.get_linewidth() == 1.2]
+    assert levels_um == [50.0, 300.0, 120.0]
     # The row's estimate: 178 µm deep, 69 µm of wear.
-    levels = [data(line)[1][0] for line in figure.axes[0].get_lines() if line.get_linestyle() == "--"]
+    levels = [data(line)[1][0] for line in figure.axes[0].get_lines() if line.get_linewidth() == 1.0]
     assert levels == pytest.approx([48.0, 48.0 + 69.0 + 178.0, 48.0 + 69.0])
 
 
@@ -246,18 +277,62 @@ def test_touching_marks_the_contacts_of_the_last_bottom(run_file: Path) -> None:
         (bottom,) = run.table("/entry/touches")[run.table("/entry/touches")["kind"] == b"Z2"]
     contacts_s = [t for t in events["time"][events["code"] == 6] if 95.0 < t <= bottom["time"] + 1e-3]
     figure = drawn("touching", run_file)
-    upright = [data(line)[0] for line in figure.axes[0].get_lines()]
+    zoom = figure.axes[2]
+    upright = [data(line)[0] for line in zoom.get_lines()]
     marked_s = [time_s[0] for time_s in upright if time_s[0] == time_s[-1]]
     assert marked_s == pytest.approx(contacts_s)
     assert len(marked_s) == 3
     # The way back to rest is not shown: it would flatten everything else.
-    low_v, high_v = figure.axes[0].get_ylim()
+    low_v, high_v = zoom.get_ylim()
     assert high_v - low_v < 5.0
+
+
+def test_touching_shows_the_whole_way_from_the_first_surface_to_the_last(run_file: Path) -> None:
+    with open_run(run_file) as run:
+        touches = run.table("/entry/touches")
+    whole = drawn("touching", run_file)
+    for axes, column in ((whole.axes[0], "v_cmd"), (whole.axes[1], "z_sensor")):
+        for row in touches[touches["accepted"] == 1]:
+            kind = row["kind"].decode()
+            (marks,) = [line for line in axes.get_lines() if line.get_label() == kind]
+            time_s, values = data(marks)
+            assert row["time"] in time_s * (60.0 if "min" in whole.axes[1].get_xlabel() else 1.0)
+            assert values[-1] == touches[touches["kind"] == row["kind"]][column][-1]
+    begin, end = whole.axes[1].get_xlim()
+    assert begin < touches["time"][0] < touches["time"][-1] < end
+
+
+def test_a_long_name_of_a_site_lies_on_nothing(tmp_path: Path) -> None:
+    writer = write_run(tmp_path / "a.h5", a_cut(20.0))
+    for k, kind in enumerate(("Z1", "Z2", "Z3")):
+        name = "3141 µm along the path of the left one of two spirals"
+        writer.touch(TouchRow(5.0 + 5.0 * k, kind, name, 16.0, 50.0, 48.0, 3, 0.1, 0.0, 1.0))
+    figure = drawn("touching", writer.finish("done", 0))
+    assert "Touches of Z2: 3141 µm along the path of the left one o…" in texts(figure)
+    assert not overlaps(figure)
 
 
 def test_a_limit_cycle_is_marked_with_its_frequency(tmp_path: Path) -> None:
     path = write_run(tmp_path / "a.h5", a_cut(120.0, swing_hz=6.25)).finish("done", 0)
-    assert texts(drawn("spectrum", path)).count("6.25 Hz") == 2
+    figure = drawn("spectrum", path)
+    assert texts(figure).count("6.25 Hz") == 2
+    assert {"each frequency", "mean over 1/12 octave"} == legend_of(figure)
+
+
+def test_what_is_folded_into_a_spectrum_is_told(run_file: Path, full_run_file: Path) -> None:
+    told = "faster than 50 Hz: folded in"
+    assert told in texts(drawn("spectrum", run_file))
+    assert not any("folded" in text for text in texts(drawn("spectrum", full_run_file)))
+
+
+def test_a_narrow_line_near_the_end_is_named() -> None:
+    rng = np.random.default_rng(3)
+    time_s = np.arange(1024) / 100.0
+    humming = (0.3 * np.sin(2.0 * np.pi * 40.0 * time_s) + rng.normal(0.0, 0.3, 1024) for _ in range(40))
+    spectrum = welch(humming, 1024, 100.0)
+    assert spectrum is not None
+    assert line_hz(spectrum) == pytest.approx(40.0, abs=0.1)
+    assert peak_hz(spectrum) is None
 
 
 def test_no_peak_is_marked_in_noise() -> None:
@@ -266,6 +341,7 @@ def test_no_peak_is_marked_in_noise() -> None:
         spectrum = welch((rng.normal(0.0, 1.0, 1024) for _ in range(8)), 1024, 100.0)
         assert spectrum is not None
         assert peak_hz(spectrum) is None
+        assert line_hz(spectrum) is None
 
 
 def test_the_power_of_a_spectrum_is_that_of_the_signal() -> None:
@@ -317,6 +393,14 @@ def test_waveforms_are_counted_from_the_fault(tmp_path: Path) -> None:
     assert {"fault", "voltage (V)", "current (A)", "time after the fault (ms)"} <= set(texts(figure))
     assert not overlaps(figure)
     assert width_mm(figure) == pytest.approx(85.0, abs=0.2)
+
+
+def test_no_plateau_of_a_waveform_is_above_every_number_of_its_axis(faulted_run_file: Path) -> None:
+    for axes in drawn("waveforms", faulted_run_file).axes:
+        ticks = axes.get_yticks()
+        assert ticks[-1] >= max(data(line)[1].max() for line in axes.get_lines()[:1])
+        low, high = axes.get_ylim()
+        assert sum(low <= tick <= high for tick in ticks) >= 3
 
 
 def test_the_pulses_of_a_real_short_end_at_the_fault(faulted_run_file: Path) -> None:

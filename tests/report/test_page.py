@@ -117,7 +117,7 @@ def test_the_numbers_are_those_of_the_file(full_run_file: Path, page: str) -> No
     assert isinstance(sites, list)
     truth_um = sites[0]["truth"]["depth_um"]
     assert 'truth (simulated)</th></tr></thead><tbody>\n<tr><th scope="row">depth, Z2 − Z3</th>' in page
-    assert f"<td>{truth_um:.2f}</td></tr>" in page
+    assert f'<td data-name="truth (simulated)">{truth_um:.2f}</td></tr>' in page
     assert "wanted 8 ± " in page
     assert recipe in page
     assert "yes, seed 3" in page
@@ -181,3 +181,22 @@ def test_a_browser_opens_the_page_without_a_complaint(page: str, tmp_path: Path)
     # The same page with a fault in it: a browser that says nothing about that would prove nothing.
     file.write_text(page.replace("</body>", '<script src="data:,x("></script></body>'), encoding="utf-8")
     assert len(console_of(file, tmp_path / "browser")[0]) == 1
+
+
+def test_a_page_of_a_run_that_failed_begins_with_the_fault_and_its_remedy(faulted_run_file: Path) -> None:
+    with open_run(faulted_run_file) as run:
+        page = render_page(run, [], STORY, "The <tool> is stuck. Pull it.")
+        without = render_page(run, [], STORY)
+    assert '<p class="trouble">The &lt;tool&gt; is stuck. Pull it.</p>\n<nav>' in page
+    assert f'<p class="trouble">{STORY[-1][1]}</p>\n<nav>' in without
+
+
+def test_a_run_without_sites_says_what_it_found_in_words(faulted_run_file: Path) -> None:
+    page = page_of(faulted_run_file)
+    assert re.search(r"reached, depth estimated</th><td[^>]*>\d+\.\d\d µm<", page)
+    assert "machining time s" not in page
+    assert "calibration" not in page.partition('id="story"')[0].partition('id="numbers"')[2]
+
+
+def test_a_run_that_is_done_has_no_trouble(page: str) -> None:
+    assert 'class="trouble"' not in page

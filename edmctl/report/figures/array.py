@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.record import layout
+from edmctl.report.numbers import numbers_of
 from edmctl.report.style import (
     BLACK,
     BLUE,
@@ -15,8 +15,10 @@ from edmctl.report.style import (
     PAGE_MM,
     VERMILLION,
     NothingToDraw,
+    letter_panels,
     new_figure,
 )
+from edmctl.report.told_depths import was_touched
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,6 +52,8 @@ class _Holes:
     tolerance_um: float
     against: str
     """What the error is against, in words."""
+    touched: NDArray[np.bool_]
+    """Where bottom and pad were touched after the last cut."""
 
 
 def draw(run: RunFile) -> Figure:
@@ -57,11 +61,13 @@ def draw(run: RunFile) -> Figure:
     holes = _holes(run)
     figure = new_figure(82.0, PAGE_MM)
     grid = figure.add_gridspec(2, 2, width_ratios=[1.25, 1.0], height_ratios=[1.25, 1.0])
-    _draw_map(figure, figure.add_subplot(grid[:, 0]), holes)
+    places = figure.add_subplot(grid[:, 0])
+    _draw_map(figure, places, holes)
     errors = figure.add_subplot(grid[0, 1])
     wear = figure.add_subplot(grid[1, 1], sharex=errors)
     _draw_errors(errors, holes)
     _draw_wear(wear, holes)
+    letter_panels((places, errors, wear))
     figure.align_ylabels([errors, wear])
     return figure
 
@@ -70,26 +76,32 @@ def _holes(run: RunFile) -> _Holes:
     values = run.profile_values()
     if "path.kind" in values:
         raise NothingToDraw("The run made a channel, no holes: `--kind channel` draws it.")
-    rows = run.table(layout.RESULTS.path)
-    rows = rows[np.isfinite(rows["depth"])]
-    if not len(rows):
-        raise NothingToDraw("No hole was measured: the run ended before, or only went through the work.")
+    sites = [site for site in numbers_of(run).sites if np.isfinite(site.depth_um)]
+    if not sites:
+        raise NothingToDraw("No hole was measured: the run ended before its first measuring stop.")
+    sites = [site for site in sites if not site.through]
+    if not sites:
+        raise NothingToDraw("The holes go through the sheet: there are no depths to compare.")
+    if len(sites) == 1:
+        raise NothingToDraw("The run made one hole: `--kind steps` and `--kind erosion` draw it.")
+    depth_um = np.array([site.depth_um for site in sites])
     target_um = values.get("target.depth_um")
     if isinstance(target_um, int | float):
         wanted_um, against = float(target_um), f"target {target_um:g} µm"
         tolerance_um = float(values.get("target.tolerance_um", np.nan))
     else:
-        wanted_um, tolerance_um = float(rows["depth"].mean()), np.nan
+        wanted_um, tolerance_um = float(depth_um.mean()), np.nan
         against = f"mean {wanted_um:.2f} µm"
     return _Holes(
-        x_um=rows["x"],
-        y_um=rows["y"],
-        error_um=rows["depth"] - wanted_um,
-        error_u95_um=np.nan_to_num(rows["depth_u95"]),
-        wear_um=rows["wear"],
-        wear_u95_um=np.nan_to_num(rows["wear_u95"]),
+        x_um=np.array([site.x_um for site in sites]),
+        y_um=np.array([site.y_um for site in sites]),
+        error_um=depth_um - wanted_um,
+        error_u95_um=np.nan_to_num([site.depth_u95_um for site in sites]),
+        wear_um=np.array([site.wear_um for site in sites]),
+        wear_u95_um=np.nan_to_num([site.wear_u95_um for site in sites]),
         tolerance_um=tolerance_um,
         against=against,
+        touched=np.array([was_touched(site) for site in sites], np.bool_),
     )
 
 
@@ -113,7 +125,6 @@ def _draw_map(figure: Figure, axes: Axes, holes: _Holes) -> None:
     axes.locator_params(nbins=6)
     axes.set_xlabel("x (µm)")
     axes.set_ylabel("y (µm)")
-    axes.set_title("(a)", loc="left", pad=3.0)
     axes.set_title("discs mark places, not sizes", loc="right", pad=3.0)
     bar = figure.colorbar(dots, cax=axes.inset_axes((1.03, 0.0, 0.045, 1.0)))
     bar.set_label(f"depth − {holes.against.partition(' ')[0]} (µm)")
@@ -150,16 +161,13 @@ def _signed(value: float) -> str:
 
 
 def _pitch_um(x_um: Array, y_um: Array) -> float:
-    """Distance of the two nearest holes; of a single one any length."""
-    if len(x_um) < 2:
-        return 100.0
+    """Distance of the two nearest holes; any length where all are at one place."""
     apart_um = np.hypot(x_um[:, None] - x_um, y_um[:, None] - y_um)
     others = apart_um[apart_um > 1.0]
     return float(others.min()) if len(others) else 100.0
 
 
 def _draw_errors(axes: Axes, holes: _Holes) -> None:
-    number = np.arange(1, len(holes.error_um) + 1)
     if np.isfinite(holes.tolerance_um):
         axes.axhspan(
             -holes.tolerance_um,
@@ -170,36 +178,44 @@ def _draw_errors(axes: Axes, holes: _Holes) -> None:
             zorder=0,
         )
     axes.axhline(0.0, color=GREY, linewidth=0.6)
-    _points(axes, number, holes.error_um, holes.error_u95_um, BLUE, "o")
+    _points(axes, holes.error_um, holes.error_u95_um, holes.touched, BLUE, "o")
     axes.set_ylabel(f"depth − {holes.against.partition(' ')[0]} (µm)")
     axes.tick_params(axis="x", labelbottom=False)
     tolerance = f", ± {holes.tolerance_um:g} µm shaded" if np.isfinite(holes.tolerance_um) else ""
     axes.set_title(f"{holes.against}{tolerance}", loc="right", pad=3.0)
-    axes.set_title("(b)", loc="left", pad=3.0)
 
 
 def _draw_wear(axes: Axes, holes: _Holes) -> None:
     from matplotlib.ticker import MaxNLocator
 
-    number = np.arange(1, len(holes.wear_um) + 1)
-    _points(axes, number, holes.wear_um, holes.wear_u95_um, VERMILLION, "s")
+    _points(axes, holes.wear_um, holes.wear_u95_um, holes.touched, VERMILLION, "s")
     axes.set_ylabel("tool wear (µm)")
     axes.set_xlabel("hole, in the order of machining; bars: 95 %")
-    axes.xaxis.set_major_locator(MaxNLocator(10, integer=True))
-    axes.set_xlim(0.4, len(number) + 0.6)
-    axes.set_title("(c)", loc="left", pad=3.0)
+    if not holes.touched.all():
+        axes.set_title("open: not touched, by feed and energy", loc="right", pad=3.0)
+    axes.xaxis.set_major_locator(MaxNLocator(10, integer=True, min_n_ticks=1))
+    axes.set_xlim(0.4, len(holes.wear_um) + 0.6)
 
 
-def _points(axes: Axes, number: NDArray[np.int64], values: Array, u95: Array, colour: str, mark: str) -> None:
-    few = len(number) <= 30
-    axes.errorbar(
-        number,
-        values,
-        yerr=u95,
-        fmt=mark,
-        color=colour,
-        markersize=3.4 if few else 2.2,
-        elinewidth=0.8,
-        capsize=2.0 if few else 0.0,
-        capthick=0.8,
-    )
+def _points(
+    axes: Axes, values: Array, u95: Array, touched: NDArray[np.bool_], colour: str, mark: str
+) -> None:
+    """Draw values with their bars by the numbers of the holes, open where nothing was touched."""
+    few = len(values) <= 30
+    number = np.arange(1, len(values) + 1)
+    for some, face in ((touched, colour), (~touched, "white")):
+        if not some.any():
+            continue
+        axes.errorbar(
+            number[some],
+            values[some],
+            yerr=u95[some],
+            fmt=mark,
+            color=colour,
+            markerfacecolor=face,
+            markersize=3.4 if few else 2.2,
+            markeredgewidth=0.7,
+            elinewidth=0.8,
+            capsize=2.0 if few else 0.0,
+            capthick=0.8,
+        )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,21 +38,15 @@ def draw(run: RunFile) -> Figure:
     values = run.profile_values()
     return channel_figure(
         Channel(
-            title=_title(run),
             work=work,
             path_um=path_um,
             floor=None if work is None else _floor(work, path_um),
             touched=touched,
+            touched_u95_um=_um(_result(run), "depth_u95_um"),
             target_um=float(values["target.depth_um"]),
             tolerance_um=float(values["target.tolerance_um"]),
         )
     )
-
-
-def _title(run: RunFile) -> str:
-    simulated = f": virtual machine, seed {run.number('/entry/seed'):.0f}"
-    known = run.number("/entry/simulated") and run.number("/entry/seed") >= 0
-    return f"{run.text('/entry/title')}{simulated if known else ''}"
 
 
 def _work(run: RunFile) -> HeightMap | None:
@@ -61,16 +56,22 @@ def _work(run: RunFile) -> HeightMap | None:
     return HeightMap(*(values.astype(np.float64) for values in (truth.x_um, truth.y_um, truth.depth_um)))
 
 
+def _result(run: RunFile) -> Mapping[str, object]:
+    result = (run.summary() or {}).get("channel")
+    return result if isinstance(result, dict) else {}
+
+
 def _touched(run: RunFile) -> list[tuple[float, float]]:
     """Length along the path and depth of the touches of the last measuring stop, µm."""
-    result = (run.summary() or {}).get("channel")
-    if not isinstance(result, dict):
-        return []
-    return [(_um(place, "s_um"), _um(place, "depth_um")) for place in result.get("floor", ())]
+    floor = _result(run).get("floor")
+    return [
+        (_um(place, "s_um"), _um(place, "depth_um")) for place in (floor if isinstance(floor, list) else ())
+    ]
 
 
-def _um(place: Mapping[str, float], name: str) -> float:
-    return float(place[name])
+def _um(place: Mapping[str, object], name: str) -> float:
+    value = place.get(name)
+    return float(value) if isinstance(value, int | float) else math.nan
 
 
 def _floor(work: HeightMap, path_um: Array) -> Floor:

@@ -10,7 +10,19 @@ from edmctl.report.pulse_counts import has_pulses
 from edmctl.report.removal import cumulated, kappa, removal
 from edmctl.report.spark_energies import spark_energies
 from edmctl.report.stretches import cuts_s
-from edmctl.report.style import ARC, BLACK, BLUE, NORMAL, VERMILLION, NothingToDraw, new_figure
+from edmctl.report.style import (
+    ARC,
+    BLACK,
+    BLUE,
+    NORMAL,
+    PULSE_HATCHES,
+    VERMILLION,
+    NothingToDraw,
+    letter_panels,
+    new_figure,
+    shared_legend,
+)
+from edmctl.wording import count, to_its_u95
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,32 +57,37 @@ def draw(run: RunFile) -> Figure:
     _draw_histogram(panels[0, 0], energies)
     if has_volume:
         _draw_volume(panels[1, 0], found, edges_s, energies.sums_uj)
-        for axes, letter in zip(panels[:, 0], "ab", strict=True):
-            axes.set_title(f"({letter})", loc="left", pad=3.0)
+        letter_panels(panels[:, 0])
         figure.align_ylabels()
-    handles, names = [], []
-    for axes in panels[:, 0]:
-        drawn = axes.get_legend_handles_labels()
-        handles += drawn[0]
-        names += drawn[1]
-    figure.legend(handles, names, loc="outside upper center", ncols=2, handlelength=1.8, columnspacing=1.5)
+    shared_legend(figure, panels[:, 0])
     return figure
 
 
 def _draw_histogram(axes: Axes, found: SparkEnergies) -> None:
     total = found.normal.sum() + found.arc.sum()
     normal, arc = 100.0 * found.normal / total, 100.0 * found.arc / total
-    name = "normal discharges" if found.is_single else "means over blocks"
+    name = "normal discharges" if found.is_single else "normal discharges and arcs"
     axes.stairs(normal, found.edges_uj, fill=True, color=NORMAL, label=name)
     if found.arc.any():
-        axes.stairs(normal + arc, found.edges_uj, baseline=normal, fill=True, color=ARC, label="arcs")
+        axes.stairs(
+            normal + arc,
+            found.edges_uj,
+            baseline=normal,
+            fill=True,
+            facecolor=ARC,
+            edgecolor=BLACK,
+            linewidth=0.0,
+            hatch=PULSE_HATCHES["arc"],
+            label="arcs",
+        )
     middle_uj = 0.5 * (found.edges_uj[1:] + found.edges_uj[:-1])
     mean_uj = float(((found.normal + found.arc) * middle_uj).sum() / total)
     axes.axvline(mean_uj, color=BLACK, linewidth=0.8, linestyle=(0, (4, 1.5)), label=f"mean {mean_uj:.3g} µJ")
     axes.set_xlim(0.0, found.edges_uj[-1])
-    axes.set_xlabel("energy per discharge (µJ)")
+    of = "" if found.is_single else ", mean of a block"
+    axes.set_xlabel(f"energy per discharge{of} (µJ)")
     axes.set_ylabel(f"share of discharges\nper {found.edges_uj[1]:.2g} µJ (%)")
-    axes.set_title(f"{int(total):,} discharges".replace(",", "\u202f"), loc="right", pad=3.0)
+    axes.set_title(f"{count(int(total))} discharges", loc="right", pad=3.0)
 
 
 def _draw_volume(axes: Axes, found: Removal, edges_s: Array, sums_uj: Array) -> None:
@@ -80,7 +97,6 @@ def _draw_volume(axes: Axes, found: Removal, edges_s: Array, sums_uj: Array) -> 
     volume_um3, u95_um3 = cumulated(found)
     fit = kappa(found, of_hole_uj)
     if fit is not None:
-        bar = f" ± {fit.u95:.1g}" if fit.u95 > 0.0 else ""
         end_j = 1.04 * until_uj.max() / UJ_PER_J
         # µm³/µJ times J is 10⁻³ mm³.
         axes.plot(
@@ -88,7 +104,7 @@ def _draw_volume(axes: Axes, found: Removal, edges_s: Array, sums_uj: Array) -> 
             [0.0, fit.value * end_j],
             color=VERMILLION,
             linewidth=1.0,
-            label=f"κ = {fit.value:.3g}{bar} µm³/µJ",
+            label=f"κ = {to_its_u95(fit.value, fit.u95)} µm³/µJ",
         )
     for touched, face, name in ((True, BLUE, "by touched depth"), (False, "white", "by estimated depth")):
         rows = found.touched == touched
@@ -111,7 +127,7 @@ def _draw_volume(axes: Axes, found: Removal, edges_s: Array, sums_uj: Array) -> 
             )
     axes.set_xlim(left=0.0)
     axes.set_ylim(bottom=0.0)
-    axes.set_xlabel("energy of all discharges so far (J)")
+    axes.set_xlabel("energy of normal discharges and arcs so far (J)")
     axes.set_ylabel("removed volume\n(10$^{-3}$ mm³)")
     if fit is not None:
         holes = "1 touched place" if fit.holes == 1 else f"{fit.holes} touched places"

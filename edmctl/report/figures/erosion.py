@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.record import layout
-from edmctl.record.told import Told
-from edmctl.report.happened import happened
 from edmctl.report.stretches import MEAN_S, broken, running_mean
 from edmctl.report.style import (
     BLACK,
@@ -18,9 +16,12 @@ from edmctl.report.style import (
     VERMILLION,
     NothingToDraw,
     draw_envelope,
+    letter_panels,
     new_figure,
+    shared_legend,
+    time_unit,
 )
-from edmctl.report.time_axis import time_unit
+from edmctl.report.told_depths import beginnings_s, has_sensor, told_depths
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -30,16 +31,18 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from edmctl.record.reader import RunFile
-    from edmctl.report.happened import Happened
+    from edmctl.report.told_depths import ToldDepth
 
     Array = NDArray[np.float64]
 
 COLUMNS = ("time", "est_depth", "est_depth_u95", "est_wear", "feed_um_s")
-DASHED = (0, (4, 1.5))
+DASHED, DOTTED = (0, (4, 1.5)), (0, (1, 1.5))
 USUAL_PERCENT, HEADROOM = 90.0, 1.6
 """The feed is drawn up to so much above what most of the run stays below."""
 MANY = 30
 """So many measured values get smaller marks."""
+FAR = 3.0
+"""A target so many times as deep as what was drawn is told, not drawn."""
 
 
 def draw(run: RunFile) -> Figure:
@@ -48,34 +51,34 @@ def draw(run: RunFile) -> Figure:
     if not np.isfinite(rows["est_depth"]).any():
         raise NothingToDraw("Nothing was cut: the run ended before its first cut.")
     has_feed = bool(np.isfinite(rows["feed_um_s"]).any())
-    figure = new_figure(88.0 if has_feed else 62.0)
+    figure = new_figure(92.0 if has_feed else 70.0)
     panels = figure.subplots(
-        2 if has_feed else 1, 1, sharex=True, squeeze=False, height_ratios=[1.8, 1.0][: 1 + has_feed]
-    )
-    erosion = panels[0, 0]
-    unit = time_unit(float(rows["time"][-1]))
-    _draw_estimates(erosion, rows, unit.seconds)
-    _draw_measured(erosion, run, unit.seconds)
-    _draw_target(erosion, run)
+        1 + has_feed, 1, sharex=True, squeeze=False, height_ratios=[1.8, 1.0][: 1 + has_feed]
+    )[:, 0]
+    erosion = panels[0]
+    per_s, label = time_unit(float(rows["time"][-1]))
+    _draw_estimates(erosion, rows, per_s)
+    _draw_told(erosion, told_depths(run, beginnings_s(run)), per_s, sensor=has_sensor(run))
+    _draw_wanted(erosion, run)
     erosion.set_ylim(bottom=min(0.0, erosion.get_ylim()[0]))
     erosion.set_ylabel("depth and wear (µm)")
     if has_feed:
-        _draw_feed(panels[1, 0], rows, unit.seconds)
-        for axes, letter in zip(panels[:, 0], "ab", strict=True):
-            axes.set_title(f"({letter})", loc="left", pad=3.0)
+        _draw_feed(panels[1], rows, per_s, label)
+        letter_panels(panels)
         figure.align_ylabels()
-    panels[-1, 0].set_xlabel(unit.label)
-    handles, names = erosion.get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside upper center", ncols=2, handlelength=2.0, columnspacing=1.5)
+    else:
+        erosion.set_title("no feed rate: the tool was fed by layers", loc="left", pad=3.0)
+    panels[-1].set_xlabel(label)
+    shared_legend(figure, [erosion])
     return figure
 
 
-def _draw_estimates(axes: Axes, rows: dict[str, Array], seconds: float) -> None:
+def _draw_estimates(axes: Axes, rows: dict[str, Array], per_s: float) -> None:
     time_s, depth_um, u95_um = rows["time"], rows["est_depth"], rows["est_depth_u95"]
     if np.isfinite(u95_um).any():
         low, high = broken(time_s, depth_um - u95_um), broken(time_s, depth_um + u95_um)
         axes.fill_between(
-            low.time_s / seconds,
+            low.time_s / per_s,
             low.low,
             high.high,
             color=BLUE,
@@ -84,12 +87,12 @@ def _draw_estimates(axes: Axes, rows: dict[str, Array], seconds: float) -> None:
             label="its 95 % band",
         )
     depth = broken(time_s, depth_um)
-    draw_envelope(axes, depth.time_s / seconds, depth.low, depth.high, BLUE, "estimated depth", 1.0)
+    draw_envelope(axes, depth.time_s / per_s, depth.low, depth.high, BLUE, "estimated depth", 1.0)
     if np.isfinite(rows["est_wear"]).any():
         wear = broken(time_s, rows["est_wear"])
         middle = 0.5 * (wear.low + wear.high)
         axes.plot(
-            wear.time_s / seconds,
+            wear.time_s / per_s,
             middle,
             color=VERMILLION,
             linestyle=DASHED,
@@ -98,40 +101,43 @@ def _draw_estimates(axes: Axes, rows: dict[str, Array], seconds: float) -> None:
         )
 
 
-def _draw_measured(axes: Axes, run: RunFile, seconds: float) -> None:
-    measured = happened(run, Told.SITE_MEASURED, Told.CHANNEL_MEASURED)
-    untouched = happened(run, Told.SITE_ESTIMATED)
-    size = 2.4 if len(measured) + len(untouched) > MANY else 3.6
-    _draw_points(axes, measured, "depth", BLUE, "o", size, seconds, "measured depth")
-    _draw_points(axes, measured, "wear", VERMILLION, "s", size, seconds, "measured wear")
-    _draw_points(axes, untouched, "depth", BLUE, "o", size, seconds, "depth without a touch", hollow=True)
-    _draw_points(axes, untouched, "wear", VERMILLION, "s", size, seconds, "wear without a touch", hollow=True)
+def _draw_told(axes: Axes, told: Sequence[ToldDepth], per_s: float, *, sensor: bool) -> None:
+    """Draw depths as discs and wear as squares, full where they were touched."""
+    size = 2.4 if len(told) > MANY else 3.6
+    touched = "measured {}" if sensor else "{} by contact, from voltage"
+    for is_touched, words in ((True, touched), (False, "{} without a touch")):
+        some = [depth for depth in told if depth.touched is is_touched]
+        for name, colour, mark in (("depth", BLUE, "o"), ("wear", VERMILLION, "s")):
+            values = [
+                (one.time_s / per_s, getattr(one, f"{name}_um"), getattr(one, f"{name}_u95_um"))
+                for one in some
+                if np.isfinite(getattr(one, f"{name}_um"))
+            ]
+            if values:
+                _draw_points(axes, values, colour, mark, size, words.format(name), full=is_touched)
 
 
 def _draw_points(
     axes: Axes,
-    found: Sequence[Happened],
-    name: str,
+    values: Sequence[tuple[float, float, float]],
     colour: str,
     mark: str,
     size: float,
-    seconds: float,
     label: str,
     *,
-    hollow: bool = False,
+    full: bool,
 ) -> None:
     """Points with bars of 95 %; older files have none for what was not the last measurement."""
-    if not found:
-        return
+    time, value_um, u95_um = np.array(values).T
     axes.errorbar(
-        [event.time_s / seconds for event in found],
-        [event.number(f"{name}_um") for event in found],
-        yerr=np.nan_to_num([event.number(f"{name}_u95_um") for event in found]),
+        time,
+        value_um,
+        yerr=np.nan_to_num(u95_um),
         fmt=mark,
         color=BLACK,
-        markerfacecolor="white" if hollow else colour,
-        markeredgecolor=colour if hollow else BLACK,
-        markeredgewidth=0.7 if hollow else 0.4,
+        markerfacecolor=colour if full else "white",
+        markeredgecolor=BLACK if full else colour,
+        markeredgewidth=0.4 if full else 0.7,
         markersize=size,
         elinewidth=0.7,
         capsize=1.8,
@@ -141,23 +147,32 @@ def _draw_points(
     )
 
 
-def _draw_target(axes: Axes, run: RunFile) -> None:
-    target_um = run.profile_values().get("target.depth_um")
-    if isinstance(target_um, int | float):
-        axes.axhline(
-            target_um, color=GREY, linewidth=LINE, linestyle=(0, (1, 1.5)), label=f"target {target_um:g} µm"
-        )
+def _draw_wanted(axes: Axes, run: RunFile) -> None:
+    """Draw the target depth, or the sheet where the holes went through it, unless far above."""
+    values = run.profile_values()
+    through = values.get("target.kind") == "through"
+    value_um = run.number("/entry/sample/thickness") if through else values.get("target.depth_um")
+    if not isinstance(value_um, int | float) or not np.isfinite(value_um):
+        return
+    wanted_um = float(value_um)
+    label = f"sheet {wanted_um:g} µm thick" if through else f"target {wanted_um:g} µm"
+    if wanted_um > FAR * axes.get_ylim()[1]:
+        axes.set_title(f"{label}, far above", loc="right", pad=3.0)
+    else:
+        axes.axhline(wanted_um, color=GREY, linewidth=LINE, linestyle=DOTTED, label=label)
 
 
-def _draw_feed(axes: Axes, rows: dict[str, Array], seconds: float) -> None:
-    """The tool closing on its gap at the beginning of a cut is let out of the axes, and told."""
+def _draw_feed(axes: Axes, rows: dict[str, Array], per_s: float, label: str) -> None:
+    """The tool closing on its gap, or free below a sheet, is let out of the axes, and told with its time."""
     mean_um_s = running_mean(rows["time"], rows["feed_um_s"])
     feed = broken(rows["time"], mean_um_s)
-    draw_envelope(axes, feed.time_s / seconds, feed.low, feed.high, BLACK)
+    draw_envelope(axes, feed.time_s / per_s, feed.low, feed.high, BLACK)
     highest, usual = (float(np.nanpercentile(mean_um_s, share)) for share in (100.0, USUAL_PERCENT))
     if highest > HEADROOM * usual > 0.0:
         axes.set_ylim(min(0.0, float(np.nanmin(mean_um_s))), HEADROOM * usual)
-        axes.set_title(f"at the start of a cut up to {highest:.2g} µm/s", loc="right", pad=3.0)
+        at = float(rows["time"][np.nanargmax(mean_um_s)]) / per_s
+        unit = label.partition("(")[2].rstrip(")")
+        axes.set_title(f"up to {highest:.2g} µm/s at {at:.3g} {unit}, cut off", loc="right", pad=3.0)
     else:
         axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
     axes.set_ylabel(f"feed rate, mean\nof {MEAN_S:g} s (µm/s)")

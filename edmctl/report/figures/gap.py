@@ -9,20 +9,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.report.envelopes import Envelope, Spans, State, envelopes, in_states, rows_worked
+from edmctl.record.told import State
+from edmctl.report.envelopes import Envelope, Spans, envelopes, in_states, rows_worked
 from edmctl.report.style import (
     BLACK,
     BLUE,
-    GREEN,
     GREY,
     LIGHT,
-    ORANGE,
-    PURPLE,
     SKY,
-    VERMILLION,
     NothingToDraw,
     legend_above,
     letter_panels,
+    mark_readings,
     new_figure,
     time_unit,
 )
@@ -45,7 +43,6 @@ MIN_RATIO = 0.05
 """Below, a gap voltage over its share is mostly rounding."""
 SPARKING = (State.APPROACH, State.MACHINING)
 """Elsewhere the generator is off, and the telemetry repeats the last gap voltage."""
-MARKERS = {"Z1": ("^", GREEN), "Z2": ("v", VERMILLION), "Z3": ("s", PURPLE), "Zr": ("D", ORANGE)}
 
 
 def draw(run: RunFile) -> Figure:
@@ -172,27 +169,11 @@ def _draw_tool(axes: Axes, run: RunFile, lines: Mapping[str, Envelope], unit_s: 
             linewidth=0.5,
             label="jump",
         )
-    name = "tool" if source == "sensor" else "tool, estimated"
+    name = "sensor" if source == "sensor" else "estimated"
     if not tool.sampled:
         axes.fill_between(time, tool.low, tool.high, color=BLUE, linewidth=0.0)
     axes.plot(time, tool.mean, color=BLUE, linewidth=0.9, label=name)
-    touches = run.table("/entry/touches")
-    column = "z_sensor" if source == "sensor" else "z_model"
-    for kind, (marker, colour) in MARKERS.items():
-        chosen = touches[(touches["kind"] == kind.encode()) & (touches["accepted"] == 1)]
-        if len(chosen):
-            axes.plot(
-                chosen["time"] / unit_s,
-                chosen[column],
-                marker,
-                color=colour,
-                markersize=3.2,
-                markeredgecolor="white",
-                markeredgewidth=0.3,
-                clip_on=False,
-                zorder=3.0,
-                label=kind,
-            )
+    mark_readings(axes, run.table("/entry/touches"), "z_sensor" if source == "sensor" else "z_model", unit_s)
     axes.set_ylabel("tool displacement (µm)")
 
 

@@ -7,21 +7,24 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.record import layout
+from edmctl.record.happened import happened
 from edmctl.record.told import Told
-from edmctl.report.happened import happened
 from edmctl.report.stretches import MEAN_S, broken, cuts_s, running_mean
 from edmctl.report.style import (
-    ARC,
     BLACK,
     BLUE,
     GREY,
-    SHORT,
+    PULSE_COLOURS,
+    PULSE_DASHES,
     NothingToDraw,
     draw_envelope,
+    letter_panels,
     new_figure,
     plain_log_ticks,
+    shared_legend,
+    time_unit,
 )
-from edmctl.report.time_axis import time_unit
+from edmctl.wording import plural
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,6 +35,8 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+RANGE_OF_LOG = 8.0
+"""A narrower range of periods is drawn on an even scale from 0, where it has more than one label."""
 FEW = 400
 """Of so many jumps a column of a journal can show each mark."""
 
@@ -49,34 +54,36 @@ def draw(run: RunFile) -> Figure:
     }
     if not len(slow["time"]):
         raise NothingToDraw("The run has jumps, but no rows of the supervisor beside them.")
-    unit = time_unit(float(slow["time"][-1]))
+    per_s, label = time_unit(float(slow["time"][-1]))
     figure = new_figure(92.0)
     shares, periods = figure.subplots(2, 1, sharex=True, height_ratios=[1.0, 1.0])
-    _draw_shares(shares, slow, at_s, unit.seconds)
-    _draw_periods(periods, slow, at_s, cuts_s(run), unit.seconds)
-    periods.set_xlabel(unit.label)
-    shares.set_title(f"{len(at_s)} jumps", loc="right", pad=3.0)
-    handles, names = [], []
-    for axes, letter in ((shares, "a"), (periods, "b")):
-        axes.set_title(f"({letter})", loc="left", pad=3.0)
-        drawn = axes.get_legend_handles_labels()
-        handles += drawn[0]
-        names += drawn[1]
-    figure.legend(handles, names, loc="outside upper center", ncols=2, handlelength=1.6, columnspacing=1.5)
+    _draw_shares(shares, slow, at_s, per_s)
+    _draw_periods(periods, slow, at_s, cuts_s(run), per_s)
+    periods.set_xlabel(label)
+    shares.set_title(plural(len(at_s), "jump"), loc="right", pad=3.0)
+    letter_panels((shares, periods))
+    shared_legend(figure, (shares, periods))
     figure.align_ylabels()
     return figure
 
 
-def _draw_shares(axes: Axes, slow: dict[str, Array], at_s: Array, seconds: float) -> None:
-    for name, colour, label in (("r_arc", ARC, "arcs"), ("r_short", SHORT, "shorts")):
-        mean = running_mean(slow["time"], 100.0 * slow[name])
+def _draw_shares(axes: Axes, slow: dict[str, Array], at_s: Array, per_s: float) -> None:
+    for name in ("arc", "short"):
+        mean = running_mean(slow["time"], 100.0 * slow[f"r_{name}"])
         line = broken(slow["time"], mean)
-        draw_envelope(axes, line.time_s / seconds, line.low, line.high, colour, label, 1.0)
+        axes.plot(
+            line.time_s / per_s,
+            0.5 * (line.low + line.high),
+            color=PULSE_COLOURS[name],
+            linestyle=PULSE_DASHES[name],
+            linewidth=1.0,
+            label=f"{name}s",
+        )
     top = max(1.0, 1.25 * axes.get_ylim()[1])
     axes.set_ylim(0.0, top)
     if len(at_s) <= FEW:
         axes.plot(
-            at_s / seconds,
+            at_s / per_s,
             np.full(len(at_s), 0.955 * top),
             "|",
             color=BLACK,
@@ -87,16 +94,14 @@ def _draw_shares(axes: Axes, slow: dict[str, Array], at_s: Array, seconds: float
     axes.set_ylabel(f"share of pulses,\nmean of {MEAN_S:g} s (%)")
 
 
-def _draw_periods(axes: Axes, slow: dict[str, Array], at_s: Array, cuts: Array, seconds: float) -> None:
+def _draw_periods(axes: Axes, slow: dict[str, Array], at_s: Array, cuts: Array, per_s: float) -> None:
     since_s = _since_the_last(at_s, cuts)
     period = broken(slow["time"], slow["jump_period"])
     if np.isfinite(period.low).any():
-        draw_envelope(
-            axes, period.time_s / seconds, period.low, period.high, GREY, "jump period in force", 1.2
-        )
+        draw_envelope(axes, period.time_s / per_s, period.low, period.high, GREY, "jump period in force", 1.2)
     size = 2.6 if len(at_s) <= FEW else 1.2
     axes.plot(
-        at_s / seconds,
+        at_s / per_s,
         since_s,
         "o",
         color=BLUE,
@@ -104,8 +109,13 @@ def _draw_periods(axes: Axes, slow: dict[str, Array], at_s: Array, cuts: Array, 
         markeredgewidth=0.0,
         label="time since the jump before",
     )
-    axes.set_yscale("log")
-    plain_log_ticks(axes.yaxis)
+    drawn_s = np.concatenate([since_s, slow["jump_period"]])
+    drawn_s = drawn_s[drawn_s > 0.0]
+    if len(drawn_s) and drawn_s.max() > RANGE_OF_LOG * drawn_s.min():
+        axes.set_yscale("log")
+        plain_log_ticks(axes.yaxis)
+    else:
+        axes.set_ylim(0.0, 1.15 * axes.get_ylim()[1])
     axes.set_ylabel("jump period (s)")
 
 

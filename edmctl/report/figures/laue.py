@@ -12,7 +12,19 @@ import numpy as np
 from edmctl.report.delays import STEP_US, delays, random_ignition
 from edmctl.report.pulse_counts import has_every_pulse
 from edmctl.report.stretches import cuts_s
-from edmctl.report.style import BLACK, NORMAL, OPEN, VERMILLION, NothingToDraw, new_figure, plain_log_ticks
+from edmctl.report.style import (
+    BLACK,
+    NORMAL,
+    OPEN,
+    PULSE_HATCHES,
+    VERMILLION,
+    NothingToDraw,
+    letter_panels,
+    new_figure,
+    plain_log_ticks,
+    shared_legend,
+)
+from edmctl.wording import count, to_its_u95
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,7 +49,7 @@ def draw(run: RunFile) -> Figure:
     cuts = cuts_s(run)
     if not len(cuts):
         raise NothingToDraw("The run ended before the first cut, so no pulse had a gap to ignite in.")
-    found = delays(run, (cuts[0, 0], cuts[-1, 1]))
+    found = delays(run, cuts)
     fit = random_ignition(found)
     if fit is None or fit.ignited < LEAST_PULSES:
         raise NothingToDraw(
@@ -48,12 +60,8 @@ def draw(run: RunFile) -> Figure:
     _draw_histogram(histogram, found)
     _draw_laue(laue, found, fit)
     laue.set_xlabel("ignition delay (µs)")
-    handles, names = [], []
-    for axes in (histogram, laue):
-        drawn = axes.get_legend_handles_labels()
-        handles += drawn[0]
-        names += drawn[1]
-    figure.legend(handles, names, loc="outside upper left", ncols=1, handlelength=1.6)
+    letter_panels((histogram, laue))
+    shared_legend(figure, (histogram, laue), ncols=1)
     figure.align_ylabels()
     return figure
 
@@ -75,13 +83,15 @@ def _draw_histogram(axes: Axes, found: Delays) -> None:
         edges_us[-1] + 1.5 * width_us,
         open_share,
         width=width_us,
-        color=OPEN,
+        facecolor=OPEN,
+        edgecolor="white",
+        linewidth=0.0,
+        hatch=PULSE_HATCHES["open"],
         label=f"open: not ignited within the on-time ({open_share:.1f} %, bar cut off)",
     )
     axes.set_xlim(0.0, edges_us[-1] + 2.5 * width_us)
     axes.set_ylim(0.0, 1.2 * heights.max())
     axes.set_ylabel(f"share of pulses\nper {width_us:.3g} µs (%)")
-    axes.set_title("(a)", loc="left", pad=3.0)
 
 
 def _draw_laue(axes: Axes, found: Delays, fit: RandomIgnition) -> None:
@@ -92,7 +102,7 @@ def _draw_laue(axes: Axes, found: Delays, fit: RandomIgnition) -> None:
     axes.plot(delay_us[shown], surviving[shown], color=BLACK, linewidth=1.2, label="not yet ignited")
     end_us = delay_us[shown][-1]
     line_us = np.array([fit.lag_us, end_us])
-    label = f"random ignition: mean {_with_u95(fit.mean_us, fit.mean_u95_us)} µs after a lag of {fit.lag_us:.1f} µs"
+    label = f"random ignition: mean {to_its_u95(fit.mean_us, fit.mean_u95_us)} µs after a lag of {fit.lag_us:.1f} µs"
     axes.plot(
         line_us,
         np.exp(-(line_us - fit.lag_us) / fit.mean_us),
@@ -105,14 +115,4 @@ def _draw_laue(axes: Axes, found: Delays, fit: RandomIgnition) -> None:
     axes.set_ylim(0.9 * surviving[shown][-1], 1.1)
     plain_log_ticks(axes.yaxis)
     axes.set_ylabel("share not yet ignited")
-    axes.set_title("(b)", loc="left", pad=3.0)
-    axes.set_title(f"{_grouped(fit.ignited)} ignited, {_grouped(fit.censored)} open", loc="right", pad=3.0)
-
-
-def _grouped(number: int) -> str:
-    return f"{number:,}".replace(",", "\u202f")
-
-
-def _with_u95(value: float, u95: float) -> str:
-    decimals = max(0, 1 - int(np.floor(np.log10(u95)))) if u95 > 0.0 else 1
-    return f"{value:.{decimals}f} ± {u95:.{decimals}f}"
+    axes.set_title(f"{count(fit.ignited)} ignited, {count(fit.censored)} open", loc="right", pad=3.0)

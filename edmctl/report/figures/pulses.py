@@ -6,10 +6,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.report.pulse_counts import CLASSES, has_pulses, pulse_counts
+from edmctl.report.numbers import CLASSES
+from edmctl.report.pulse_counts import ARC, SHORT, has_pulses, pulse_counts
 from edmctl.report.stretches import cuts_s
-from edmctl.report.style import PULSE_COLOURS, NothingToDraw, new_figure
-from edmctl.report.time_axis import time_unit
+from edmctl.report.style import (
+    PULSE_COLOURS,
+    PULSE_DASHES,
+    PULSE_HATCHES,
+    NothingToDraw,
+    letter_panels,
+    new_figure,
+    shared_legend,
+    time_unit,
+)
+from edmctl.wording import count, percent
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,7 +35,7 @@ INTERVALS = 160
 
 
 def draw(run: RunFile) -> Figure:
-    """Draw the share of each class in intervals of time and over all; only pulses while cutting count."""
+    """Draw the share of each class in intervals of time, the rare ones again, and over all; only while cutting."""
     cuts = cuts_s(run)
     if not has_pulses(run) or not len(cuts):
         raise NothingToDraw(
@@ -37,12 +47,20 @@ def draw(run: RunFile) -> Figure:
         raise NothingToDraw(
             "No pulses were recorded while cutting: the line lost them all, or the cut was too short."
         )
-    figure = new_figure(86.0)
-    over_time, over_all = figure.subplots(2, 1, height_ratios=[1.5, 1.0])
-    _draw_shares(over_time, edges_s, counts)
+    figure = new_figure(118.0)
+    over_time, rare, over_all = panels = figure.subplots(3, 1, height_ratios=[1.3, 1.0, 1.0])
+    shares = _shares(counts)
+    per_s, label = time_unit(float(edges_s[-1]))
+    _draw_stack(over_time, edges_s / per_s, shares)
+    _draw_rare(rare, edges_s / per_s, shares)
+    for axes in (over_time, rare):
+        axes.set_xlim(edges_s[0] / per_s, edges_s[-1] / per_s)
+    over_time.tick_params(axis="x", labelbottom=False)
+    rare.set_xlabel(label)
     _draw_totals(over_all, counts.sum(axis=0))
-    handles, names = over_time.get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside upper center", ncols=4, handlelength=1.2, columnspacing=1.5)
+    letter_panels(panels)
+    shared_legend(figure, [over_time], ncols=4)
+    figure.align_ylabels()
     return figure
 
 
@@ -59,48 +77,78 @@ def _while_cutting(run: RunFile, edges_s: Array, cuts: Array) -> NDArray[np.int6
     return counts
 
 
-def _draw_shares(axes: Axes, edges_s: Array, counts: NDArray[np.int64]) -> None:
-    unit = time_unit(edges_s[-1])
-    total = counts.sum(axis=1)
-    with np.errstate(invalid="ignore"):
-        shares = np.where(total[:, None] > 0, 100.0 * counts / total[:, None], np.nan)
-    below = np.zeros(len(total))
+def _shares(counts: NDArray[np.int64]) -> Array:
+    """Return percents of each class, shape (n, 4); NaN where there was no pulse."""
+    total = counts.sum(axis=1)[:, None]
+    shares: Array = np.divide(100.0 * counts, total, out=np.full(counts.shape, np.nan), where=total > 0)
+    return shares
+
+
+def _draw_stack(axes: Axes, edges: Array, shares: Array) -> None:
+    below = np.where(np.isnan(shares[:, 0]), np.nan, 0.0)
     for k in _FROM_BELOW:
-        above = below + np.nan_to_num(shares[:, k])
-        top = np.where(total > 0, above, np.nan)
+        name = CLASSES[k]
+        above = below + shares[:, k]
         axes.stairs(
-            top,
-            edges_s / unit.seconds,
-            baseline=np.where(total > 0, below, np.nan),
+            above,
+            edges,
+            baseline=below,
             fill=True,
-            color=PULSE_COLOURS[CLASSES[k]],
+            facecolor=PULSE_COLOURS[name],
+            edgecolor="white",
+            hatch=PULSE_HATCHES[name],
             linewidth=0.0,
-            label=CLASSES[k],
+            label=name,
         )
         below = above
-    axes.set_xlim(edges_s[0] / unit.seconds, edges_s[-1] / unit.seconds)
     axes.set_ylim(0.0, 100.0)
-    axes.set_xlabel(unit.label)
-    axes.set_ylabel("share of pulses (%)")
-    axes.set_title("(a)", loc="left", pad=3.0)
+    axes.set_ylabel("share of\npulses (%)")
+
+
+def _draw_rare(axes: Axes, edges: Array, shares: Array) -> None:
+    """Draw arcs and shorts again, on a scale of their own."""
+    for k in (ARC, SHORT):
+        name = CLASSES[k]
+        axes.stairs(
+            shares[:, k],
+            edges,
+            baseline=None,
+            color=PULSE_COLOURS[name],
+            linestyle=PULSE_DASHES[name],
+            linewidth=1.0,
+        )
+    axes.set_ylim(bottom=0.0)
+    axes.set_ylabel("arcs and\nshorts (%)")
 
 
 def _draw_totals(axes: Axes, totals: NDArray[np.int64]) -> None:
     places = np.arange(len(_FROM_BELOW))
-    shares = 100.0 * totals[list(_FROM_BELOW)] / totals.sum()
+    shares = totals[list(_FROM_BELOW)] / totals.sum()
     names = [CLASSES[k] for k in _FROM_BELOW]
-    axes.bar(places, shares, width=0.62, color=[PULSE_COLOURS[name] for name in names])
+    axes.bar(
+        places,
+        100.0 * shares,
+        width=0.62,
+        color=[PULSE_COLOURS[name] for name in names],
+        edgecolor="white",
+        linewidth=0.0,
+        hatch=[PULSE_HATCHES[name] for name in names],
+    )
     for place, share in zip(places, shares, strict=True):
         axes.annotate(
-            _percent(share), (place, share), (0, 2), textcoords="offset points", ha="center", va="bottom"
+            _percent(share),
+            (place, 100.0 * share),
+            (0, 2),
+            textcoords="offset points",
+            ha="center",
+            va="bottom",
         )
     axes.set_xticks(places, names)
     axes.tick_params(axis="x", length=0.0)
     axes.grid(visible=False, axis="x")
-    axes.set_ylim(0.0, 1.18 * shares.max())
-    axes.set_ylabel("share of pulses (%)")
-    axes.set_title("(b)", loc="left", pad=3.0)
-    axes.set_title(f"{totals.sum():,} pulses".replace(",", "\u202f"), loc="right", pad=3.0)
+    axes.set_ylim(0.0, 125.0 * shares.max())
+    axes.set_ylabel("share of\npulses (%)")
+    axes.set_title(f"{count(int(totals.sum()))} pulses", loc="right", pad=3.0)
 
 
 _FROM_BELOW = (1, 0, 2, 3)
@@ -108,6 +156,7 @@ _FROM_BELOW = (1, 0, 2, 3)
 
 
 def _percent(share: float) -> str:
+    """Two decimals for all, so that they can be compared."""
     if share == 0.0:
         return "none"
-    return "< 0.01 %" if share < 0.01 else f"{share:.3g} %" if share < 10.0 else f"{share:.1f} %"
+    return "< 0.01 %" if share < 0.5e-4 else percent(share, 2)

@@ -2,6 +2,9 @@
 
 A relay servo swings about its reference: its limit cycle is a peak. The estimate is that of Welch (1967): half
 overlapping segments with a Hann window, each freed from its straight line, and averaged.
+
+The controller measures every millisecond. Where fewer rows are recorded they are single samples, without a low-pass:
+what is faster than half their rate is folded into the spectrum, and the figure says so.
 """
 
 from __future__ import annotations
@@ -11,7 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.report.envelopes import BLOCK_ROWS, Spans, State, sampling_hz
+from edmctl.record.told import State
+from edmctl.report.envelopes import BLOCK_ROWS, Spans, sampling_hz
 from edmctl.report.style import (
     BLACK,
     BLUE,
@@ -19,6 +23,7 @@ from edmctl.report.style import (
     NothingToDraw,
     letter_panels,
     new_figure,
+    shared_legend,
 )
 
 if TYPE_CHECKING:
@@ -33,7 +38,9 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Rows = tuple[int, int]
 
-HEIGHT_MM = 88.0
+HEIGHT_MM = 96.0
+UNFOLDED_HZ = 1000.0
+"""How often the controller measures."""
 SETTLED_S = 0.3
 """Left out after a jump, until the servo has found back."""
 LONGEST_S = 16.0
@@ -45,8 +52,11 @@ STANDS_OUT = 4.0
 """A peak is marked from so many times its neighbourhood on (6 dB)."""
 SCATTER = 3.0
 """A mean of few segments scatters: its peaks must be so many relative standard deviations higher."""
+TINY = float(np.finfo(float).tiny)
 OCTAVE = 2.0
 PARTS = 12
+LINE_WIDTH = 1.1
+"""A narrow line is looked for among the frequencies within this factor."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +94,9 @@ def draw(run: RunFile) -> Figure:
     upper.set_title(
         f"{len(segments)} segments of {size / rate_hz:.3g} s, {rate_hz:.4g} Hz", loc="right", pad=2.0
     )
+    if rate_hz < 0.9 * UNFOLDED_HZ:
+        lower.set_title(f"faster than {0.5 * rate_hz:.3g} Hz: folded in", loc="right", pad=2.0)
+    shared_legend(figure, (upper,))
     figure.align_ylabels()
     return figure
 
@@ -167,7 +180,21 @@ def peak_hz(spectrum: Spectrum) -> float | None:
         return None
     # The geometric mean of both sides is on the slope, however steep it is.
     around = [np.sqrt(np.median(density[low[k] : k]) * np.median(density[k + 1 : high[k]])) for k in inside]
-    excess = density[inside] / np.maximum(around, np.finfo(float).tiny)
+    excess = density[inside] / np.maximum(around, TINY)
+    best = int(np.argmax(excess))
+    enough = STANDS_OUT * (1.0 + SCATTER / np.sqrt(spectrum.averaged))
+    return float(frequency_hz[inside[best]]) if excess[best] >= enough else None
+
+
+def line_hz(spectrum: Spectrum) -> float | None:
+    """Return the frequency of the strongest narrow line: something periodic, and no swing of the servo."""
+    frequency_hz, density = spectrum.frequency_hz, spectrum.density
+    low = np.searchsorted(frequency_hz, frequency_hz / LINE_WIDTH)
+    high = np.searchsorted(frequency_hz, frequency_hz * LINE_WIDTH, side="right")
+    inside = np.flatnonzero(high - low >= 2 * SMALLEST)
+    if not len(inside):
+        return None
+    excess = np.array([density[k] / max(np.median(density[low[k] : high[k]]), TINY) for k in inside])
     best = int(np.argmax(excess))
     enough = STANDS_OUT * (1.0 + SCATTER / np.sqrt(spectrum.averaged))
     return float(frequency_hz[inside[best]]) if excess[best] >= enough else None
@@ -183,17 +210,25 @@ def octave_means(spectrum: Spectrum) -> tuple[Array, Array]:
 
 
 def _draw_density(axes: Axes, spectrum: Spectrum | None, colour: str, name: str, unit: str) -> None:
-    axes.set_ylabel(f"{name}\n({unit}²/Hz)")
+    axes.set_ylabel(f"power spectral density\nof {name} ({unit}²/Hz)")
     if spectrum is None:
         return
-    axes.loglog(spectrum.frequency_hz, spectrum.density, color=colour, alpha=0.35, linewidth=0.5)
-    axes.loglog(*octave_means(spectrum), color=colour, linewidth=0.9)
+    axes.loglog(
+        spectrum.frequency_hz, spectrum.density, color=colour, alpha=0.35, linewidth=0.5,
+        label="each frequency",
+    )  # fmt: skip
+    axes.loglog(*octave_means(spectrum), color=colour, linewidth=0.9, label=f"mean over 1/{PARTS} octave")
     axes.set_xlim(spectrum.frequency_hz[0], spectrum.frequency_hz[-1])
-    limit_cycle_hz = peak_hz(spectrum)
-    if limit_cycle_hz is None:
-        return
-    axes.axvline(limit_cycle_hz, color=BLACK, linewidth=0.6, linestyle=(0, (1.5, 1.5)))
+    marked = {peak_hz(spectrum): 3.0, line_hz(spectrum): -3.0}
+    for found_hz, shift in marked.items():
+        if found_hz is not None:
+            _mark(axes, found_hz, shift)
+
+
+def _mark(axes: Axes, found_hz: float, shift: float) -> None:
+    """Write a frequency beside its line, to the right of it or to the left."""
+    axes.axvline(found_hz, color=BLACK, linewidth=0.6, linestyle=(0, (1.5, 1.5)), zorder=0.5)
     axes.annotate(
-        f"{limit_cycle_hz:.3g} Hz", (limit_cycle_hz, 1.0), xycoords=("data", "axes fraction"), xytext=(3.0, -2.0),
-        textcoords="offset points", va="top", fontsize=6.5,
+        f"{found_hz:.3g} Hz", (found_hz, 1.0), xycoords=("data", "axes fraction"), xytext=(shift, -2.0),
+        textcoords="offset points", ha="left" if shift > 0.0 else "right", va="top", fontsize=6.5,
     )  # fmt: skip

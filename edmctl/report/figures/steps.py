@@ -6,10 +6,14 @@ So feed = Z2 − Z1, depth = Z2 − Z3 and wear = Z3 − Z1.
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.report.numbers import numbers_of
 from edmctl.report.style import (
     BLACK,
     BLUE,
@@ -19,18 +23,20 @@ from edmctl.report.style import (
     PAGE_MM,
     VERMILLION,
     NothingToDraw,
-    legend_above,
     new_figure,
+    shared_legend,
 )
+from edmctl.report.told_depths import has_sensor, was_touched
+from edmctl.wording import with_u95
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
     from edmctl.record.reader import RunFile
+    from edmctl.report.numbers import SiteNumbers
 
 HEIGHT_MM = 72.0
 COLUMN_SITES = 3
@@ -40,59 +46,93 @@ NUMBERED_SITES = 12
 NAMED_SITES = 30
 STEP, PITCH = 1.0, 4.4
 """Width of one reading, and distance from site to site, on the horizontal axis."""
-ESTIMATED = "estimated from voltage"
+MEASURED, CONTACT = "measured", "by contact, estimated displacement"
+UNTOUCHED, ESTIMATED = "without a touch", "estimated from voltage"
 QUANTITIES = (("depth", BLUE), ("wear", VERMILLION), ("feed", GREEN))
+
+
+@dataclass(frozen=True, slots=True)
+class _Readings:
+    """Z1, Z2 and Z3 of a site, µm, which of them were touched, and what the voltage alone says of them."""
+
+    site: SiteNumbers
+    z_um: tuple[float, float, float]
+    touched: tuple[bool, bool, bool]
+    model_um: tuple[float, float, float]
 
 
 def draw(run: RunFile) -> Figure:
     """Draw the figure: 85 mm wide up to three sites, else 180 mm. Raises NothingToDraw without a measured site."""
-    results = run.table("/entry/results")
-    known = np.isfinite(results["z1"]) & np.isfinite(results["z2"]) & np.isfinite(results["z3"])
-    sites = results[known]
-    if not len(sites):
+    sensor = has_sensor(run)
+    sites = [
+        site
+        for site in (_readings(run, one) for one in numbers_of(run).sites)
+        if np.isfinite(site.z_um).all()
+    ]
+    if not sites:
         raise NothingToDraw(
             "No site of this run was measured, so there are no readings Z1, Z2 and Z3; a job that reaches its "
             "first measuring stop has them."
         )
-    wide = len(sites) > COLUMN_SITES
-    figure = new_figure(HEIGHT_MM, PAGE_MM if wide else COLUMN_MM)
+    figure = new_figure(HEIGHT_MM, PAGE_MM if len(sites) > COLUMN_SITES else COLUMN_MM)
     axes = figure.subplots()
     for number, site in enumerate(sites):
-        _draw_site(axes, site, number * PITCH, alone=len(sites) == 1)
-        _draw_estimate(axes, _model_um(run, site), number * PITCH)
+        _draw_site(axes, site, number * PITCH, MEASURED if sensor else CONTACT, alone=len(sites) == 1)
+        # Without a sensor the touches are estimates from the voltage themselves.
+        if sensor:
+            _draw_estimate(axes, site.model_um, number * PITCH)
     if len(sites) > 1:
-        _draw_columns(axes, sites)
+        _draw_columns(axes, [site.site for site in sites])
     else:
-        axes.set_xticks([0.5, 1.5, 2.5], ["Z1\nsurface before", "Z2\nbottom", "Z3\nsurface after"])
-        axes.set_title(sites[0]["site"].decode(), loc="left", pad=2.0)
+        bottom = "tip at\nthe end" if sites[0].site.through else "bottom"
+        axes.set_xticks([0.5, 1.5, 2.5], ["Z1\nsurface before", f"Z2\n{bottom}", "Z3\nsurface after"])
+        axes.set_title(sites[0].site.name, loc="left", pad=2.0)
     axes.tick_params(axis="x", length=0.0)
     axes.grid(visible=False, axis="x")
     room = 1.25 if len(sites) == 1 else 0.6  # for the words beside the arrows
     axes.set_xlim(-0.15 if len(sites) == 1 else -0.6, (len(sites) - 1) * PITCH + 3.0 * STEP + room)
     axes.set_ylabel("tool displacement (µm)")
     axes.margins(y=0.12)
-    legend_above(axes)
+    shared_legend(figure, [axes], ncols=3)
     return figure
 
 
-def _model_um(run: RunFile, site: np.void) -> tuple[float, float, float]:
-    """Return Z1, Z2 and Z3 by the estimated displacement: Z1 as touched, and from there by its wear and depth.
+def _readings(run: RunFile, site: SiteNumbers) -> _Readings:
+    """Put together what is known of a site.
 
-    NaN where one of them is unknown: in an array Z1 may follow from the holes before, without a touch.
+    In an array Z1 may follow from the holes before, without a touch. The model has Z1 as touched, and from there Z2
+    and Z3 by its own wear and depth; it is NaN where one of them is unknown.
     """
     touches = run.table("/entry/touches")
-    own = touches[(touches["kind"] == b"Z1") & (touches["site"] == site["site"]) & (touches["accepted"] == 1)]
-    z1_um = float(own["z_model"][-1]) if len(own) else float("nan")
-    z3_um = z1_um + float(site["wear_model"])
-    z2_um = z3_um + float(site["depth_model"])
-    return (z1_um, z2_um, z3_um) if np.isfinite(z2_um) else (float("nan"),) * 3
+    own = touches[(touches["kind"] == b"Z1") & (touches["accepted"] == 1)]
+    own = [row for row in own if row["site"].decode(errors="ignore") == site.name]
+    z1_um = float(own[-1]["z_model"]) if own else math.nan
+    z3_um = z1_um + site.wear_model_um
+    z2_um = z3_um + site.depth_model_um
+    touched = was_touched(site)
+    return _Readings(
+        site=site,
+        z_um=(site.z1_um, site.z2_um, site.z3_um),
+        touched=(bool(own), touched and not site.through, touched),
+        model_um=(z1_um, z2_um, z3_um) if math.isfinite(z2_um) else (math.nan, math.nan, math.nan),
+    )
 
 
-def _draw_site(axes: Axes, site: np.void, left: float, *, alone: bool) -> None:
-    z_um = [float(site[name]) for name in ("z1", "z2", "z3")]
-    edges = left + STEP * np.array([0.0, 1.0, 1.0, 2.0, 2.0, 3.0])
-    first = left == 0.0
-    axes.plot(edges, np.repeat(z_um, 2), color=BLACK, linewidth=1.2, label="measured" if first else "_")
+def _draw_site(axes: Axes, readings: _Readings, left: float, words: str, *, alone: bool) -> None:
+    site, z_um = readings.site, readings.z_um
+    edges = left + STEP * np.arange(4.0)
+    for number, (value_um, touched) in enumerate(zip(z_um, readings.touched, strict=True)):
+        label = words if touched else UNTOUCHED
+        axes.plot(
+            edges[number : number + 2],
+            [value_um, value_um],
+            color=BLACK,
+            linewidth=1.2,
+            linestyle="-" if touched else (0, (1.0, 0.8)),
+            label="_" if label in axes.get_legend_handles_labels()[1] else label,
+        )
+    for edge, ends in zip(edges[1:], pairwise(z_um), strict=False):
+        axes.plot([edge, edge], ends, color=BLACK, linewidth=0.5)
     low, high = left + 0.18 * STEP, left + 3.12 * STEP
     axes.plot([left + 3.0 * STEP, high], [z_um[2], z_um[2]], color=GREY, linewidth=0.5, linestyle=":")
     # Z1 goes on to where depth and wear are measured from it.
@@ -106,14 +146,14 @@ def _draw_site(axes: Axes, site: np.void, left: float, *, alone: bool) -> None:
     ):
         _arrow(axes, at, ends, colour)
         if alone:
+            called = "tip below\nthe face" if name == "depth" and site.through else name
             axes.annotate(
-                _words(site, name),
+                f"{called}\n{_number(site, name)} µm",
                 (at, 0.5 * (ends[0] + ends[1])),
                 xytext=(3.0, 0.0),
                 textcoords="offset points",
                 color=colour,
                 va="center",
-                fontsize=6.5,
             )
 
 
@@ -144,34 +184,33 @@ def _arrow(axes: Axes, at: float, ends: tuple[float, float], colour: str) -> Non
     )
 
 
-def _words(site: np.void, name: str) -> str:
-    value_um = float(site[name])
-    u95_um = float(site[f"{name}_u95"]) if name != "feed" else float("nan")
-    bounds = f" ± {u95_um:.1f}" if np.isfinite(u95_um) else ""
-    return f"{name}\n{value_um:.1f}{bounds} µm"
+def _number(site: SiteNumbers, name: str) -> str:
+    value_um: float = getattr(site, f"{name}_um")
+    u95_um: float = math.nan if name == "feed" else getattr(site, f"{name}_u95_um")
+    return with_u95(value_um, u95_um, 1)
 
 
-def _draw_columns(axes: Axes, sites: NDArray[np.void]) -> None:
+def _draw_columns(axes: Axes, sites: Sequence[SiteNumbers]) -> None:
     """Name the sites below their columns, and give their numbers there."""
     middles = np.arange(len(sites)) * PITCH + 1.5 * STEP
-    names = [site["site"].decode() for site in sites]
+    names = [site.name for site in sites]
     if len(sites) > NUMBERED_SITES:
         every = -(-len(sites) // NAMED_SITES)
         axes.set_xticks(middles[::every], names[::every], rotation=90)
         return
     axes.set_xticks(middles, names)
     axes.tick_params(axis="x", labelsize=6.0)
+    through = all(site.through for site in sites)
     for row, (name, colour) in enumerate(QUANTITIES):
         down = -15.0 - 9.0 * row
         axes.annotate(
-            f"{name} (µm)", (0.0, 0.0), xytext=(-4.0, down), xycoords="axes fraction", textcoords="offset points",
+            "tip below face (µm)" if through and name == "depth" else f"{name} (µm)", (0.0, 0.0),
+            xytext=(-4.0, down), xycoords="axes fraction", textcoords="offset points",
             ha="right", va="center", color=colour, fontsize=6.0,
         )  # fmt: skip
         for middle, site in zip(middles, sites, strict=True):
-            u95_um = float(site[f"{name}_u95"]) if name != "feed" else float("nan")
-            bounds = f" ± {u95_um:.1f}" if np.isfinite(u95_um) else ""
             axes.annotate(
-                f"{float(site[name]):.1f}{bounds}", (middle, 0.0), xytext=(0.0, down),
+                _number(site, name), (middle, 0.0), xytext=(0.0, down),
                 xycoords=("data", "axes fraction"), textcoords="offset points",
                 ha="center", va="center", color=colour, fontsize=6.0,
             )  # fmt: skip

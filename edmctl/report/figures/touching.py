@@ -1,4 +1,4 @@
-"""Actuator voltage and displacement while the tool touches; contacts are marked.
+"""Actuator voltage and displacement from the first surface reading to the last, and a zoom on a set of touches.
 
 Like Fig. 9(a) of Muralidhara et al. 2009: at the contact the voltage peaks, and falls while the tool rests there,
 because the actuator creeps on.
@@ -10,70 +10,137 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.report.envelopes import State
+from edmctl.record.told import State, Told
+from edmctl.report.envelopes import envelopes
 from edmctl.report.style import (
     BLACK,
     BLUE,
     GREY,
     VERMILLION,
     NothingToDraw,
+    draw_envelope,
+    legend_above,
     letter_panels,
+    mark_readings,
     new_figure,
+    time_unit,
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
     from numpy.typing import NDArray
 
     from edmctl.record.reader import RunFile
 
     Array = NDArray[np.float64]
+    Columns = Mapping[str, NDArray[np.generic]]
 
-HEIGHT_MM = 78.0
-CONTACT = 6
-"""Code of the controller's event at a contact."""
+HEIGHT_MM, ZOOM_MM = 152.0, 82.0
 LONGEST_S = 600.0
 """No set of touches takes longer."""
 BEFORE_S, AFTER_S = 2.5, 1.0
 """Shown before the first contact of the set and after the last."""
+LONGEST_NAME = 40
 NEAR_S = 0.7
 """The detail shows so much on both sides of the last contact."""
 
 
 def draw(run: RunFile) -> Figure:
-    """Draw the last accepted touches, of the bottom (Z2) if there are any, 85 mm wide. Raises NothingToDraw."""
-    touch = _chosen(run.table("/entry/touches"))
+    """Draw the last accepted touches, of the bottom (Z2) if there are any, 85 mm wide. Raises NothingToDraw.
+
+    Where there were several readings, those from the last Z1 on are above.
+    """
+    touches = run.table("/entry/touches")
+    touch = _chosen(touches)
     begin_s, end_s, contacts_s = _contacts(run, touch)
     part = _rows_between(run, begin_s, end_s)
     if part[1] - part[0] < 2:
         raise NothingToDraw(
             "The servo signals do not cover the touches of this run, which a whole run file does."
         )
+    sequence = _sequence(touches)
+    whole_part = _rows_of_sequence(run, sequence)
+    heights_mm = [HEIGHT_MM - ZOOM_MM, ZOOM_MM] if whole_part[1] - whole_part[0] > 1 else [ZOOM_MM]
+    figure = new_figure(sum(heights_mm))
+    *above, zoom = figure.subfigures(len(heights_mm), 1, squeeze=False, height_ratios=heights_mm).ravel()
+    for whole in above:
+        _draw_sequence(whole, run, sequence, whole_part)
+    _draw_zoom(zoom, run, part, contacts_s)
+    zoom.suptitle(_title(touch), fontsize=7.0)
+    letter_panels(figure.axes)
+    figure.axes[-3].set_title("last contact", loc="right", pad=2.0)
+    return figure
+
+
+def _title(touch: np.void) -> str:
+    site = touch["site"].decode()
+    return f"Touches of {touch['kind'].decode()}: {site if len(site) <= LONGEST_NAME else site[:LONGEST_NAME] + '…'}"
+
+
+def _sequence(touches: NDArray[np.void]) -> NDArray[np.void]:
+    """Return the accepted readings from the last Z1 on; all of them without one."""
+    accepted = touches[touches["accepted"] == 1]
+    begins = np.flatnonzero(accepted["kind"] == b"Z1")
+    sequence: NDArray[np.void] = accepted[begins[-1] :] if len(begins) else accepted
+    return sequence
+
+
+def _rows_of_sequence(run: RunFile, readings: NDArray[np.void]) -> tuple[int, int]:
+    """Return the rows of `/entry/servo` about several readings; (0, 0) where there are not as many."""
+    if len(readings) < 2:
+        return 0, 0
+    begin_s = _touching_since(run, float(readings["time"][0]))
+    return _rows_between(run, begin_s, float(readings["time"][-1]) + AFTER_S)
+
+
+def _draw_sequence(
+    figure: SubFigure, run: RunFile, readings: NDArray[np.void], part: tuple[int, int]
+) -> None:
+    upper, lower = figure.subplots(2, 1, sharex=True)
+
+    def derive(columns: Columns) -> dict[str, NDArray[np.floating]]:
+        jumping = columns["state"] == State.JUMP
+        return {name: np.where(jumping, np.float32(np.nan), columns[name]) for name in ("v_cmd", place)}
+
+    sensed = bool(np.isfinite(readings["z_sensor"]).any())
+    place = "z_sensor" if sensed else "z_model"
+    lines = envelopes(run, "/entry/servo", ["v_cmd", place, "state"], derive, part)
+    time_s = lines["v_cmd"].time_s
+    unit_s, label = time_unit(float(time_s[-1] - time_s[0]))
+    for axes, name, colour in ((upper, "v_cmd", VERMILLION), (lower, place, GREY if sensed else BLUE)):
+        draw_envelope(axes, time_s / unit_s, lines[name].low, lines[name].high, colour)
+        mark_readings(axes, readings, name, unit_s)
+        axes.locator_params(axis="y", nbins=5)
+    upper.set_ylabel("actuator voltage (V)")
+    lower.set_ylabel("displacement (µm)")
+    lower.set_xlabel(label)
+    lower.set_xlim(time_s[0] / unit_s, time_s[-1] / unit_s)
+    legend_above(upper)
+    figure.align_ylabels()
+
+
+def _draw_zoom(figure: SubFigure, run: RunFile, part: tuple[int, int], contacts_s: Array) -> None:
     columns = {
         name: run.column("/entry/servo", name, *part).astype(np.float64)
         for name in ("time", "v_cmd", "z_sensor", "z_model")
     }
-    figure = new_figure(HEIGHT_MM)
     panels = figure.subplots(2, 2, sharex="col", width_ratios=[1.7, 1.0])
     _draw_column(panels[:, 0], columns, contacts_s, 5)
     near = np.abs(columns["time"] - contacts_s[-1]) <= NEAR_S
     detail = {name: values[near] for name, values in columns.items()}
     detail["time"] = detail["time"] - contacts_s[-1]
     _draw_column(panels[:, 1], detail, np.zeros(1), 3)
-    kind, site = touch["kind"].decode(), touch["site"].decode()
     panels[0, 0].set_ylabel("actuator voltage (V)")
     panels[1, 0].set_ylabel("displacement (µm)")
     panels[1, 0].set_xlabel("time (s)")
     panels[1, 1].set_xlabel("from contact (s)")
-    letter_panels(panels.ravel())
-    panels[0, 0].set_title(f"{kind} at {site}", loc="right", pad=2.0)
-    panels[0, 1].set_title("last contact", loc="right", pad=2.0)
     figure.legend(
-        *panels[1, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3, handlelength=1.8
+        *panels[1, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3, handlelength=1.8
     )
     figure.align_ylabels()
-    return figure
 
 
 def _chosen(touches: NDArray[np.void]) -> np.void:
@@ -92,7 +159,7 @@ def _contacts(run: RunFile, touch: np.void) -> tuple[float, float, Array]:
     """Return what to show, and when the tool touched; the time of the reading is that of its last contact."""
     last_s = float(touch["time"])
     events = run.table("/entry/events")
-    times_s = events["time"][events["code"] == CONTACT].astype(np.float64)
+    times_s = events["time"][events["code"] == Told.TOUCH].astype(np.float64)
     earliest_s = _touching_since(run, last_s)
     times_s = times_s[(times_s >= earliest_s) & (times_s <= last_s + 1e-3)]
     contacts_s = times_s if len(times_s) else np.array([last_s])

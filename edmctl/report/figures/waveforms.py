@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.record.traces import Traces, traces
-from edmctl.report.envelopes import State
+from edmctl.record.told import State
+from edmctl.report.envelopes import Envelope, envelopes, within
 from edmctl.report.style import (
     BLACK,
     BLUE,
@@ -19,6 +19,8 @@ from edmctl.report.style import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
@@ -45,10 +47,10 @@ def draw(run: RunFile) -> Figure:
     zero_s = float(time_s[-1]) if fault_s is None else fault_s
     figure = new_figure(HEIGHT_MM)
     panels = figure.subplots(4, 1, height_ratios=[1.0, 0.8, 1.0, 0.8])
-    for pair, between_s in ((panels[:2], None), (panels[2:], _detail(run, time_s, zero_s))):
-        _draw_pair(
-            pair, traces(run, PATH, ["v_gap", "i_gap"], between_s, POINTS), zero_s, marked=fault_s is not None
-        )
+    near = np.searchsorted(time_s, _detail(run, time_s, zero_s))
+    for pair, part in ((panels[:2], (0, len(time_s))), (panels[2:], (int(near[0]), int(near[1])))):
+        lines = envelopes(run, PATH, ["v_gap", "i_gap"], _as_they_are, part, POINTS)
+        _draw_pair(pair, lines, zero_s, marked=fault_s is not None)
     for axes in panels[::2]:
         axes.sharex(panels[list(panels).index(axes) + 1])
         axes.tick_params(labelbottom=False)
@@ -66,8 +68,9 @@ def _fault_s(run: RunFile, time_s: Array) -> float | None:
     """
     candidates_s = [run.column("/entry/black_box", "time")[-1:].astype(np.float64)]
     state = run.column("/entry/servo", "state")
-    in_fault = np.flatnonzero((state == State.FAULT) | (state == State.ESTOP))[:1]
-    candidates_s.append(run.column("/entry/servo", "time")[in_fault].astype(np.float64))
+    first = int(np.argmax(within(state, (State.FAULT, State.ESTOP)))) if len(state) else 0
+    if len(state) and state[first] in (State.FAULT, State.ESTOP):
+        candidates_s.append(run.column("/entry/servo", "time", first, first + 1).astype(np.float64))
     for found_s in np.concatenate(candidates_s):
         if time_s[0] <= found_s <= time_s[-1]:
             return float(found_s)
@@ -83,15 +86,28 @@ def _detail(run: RunFile, time_s: Array, zero_s: float) -> tuple[float, float]:
     return zero_s - PERIODS_BEFORE * period_s, zero_s + PERIODS_AFTER * period_s
 
 
-def _draw_pair(panels: NDArray[np.object_], lines: Traces, zero_s: float, *, marked: bool) -> None:
+def _as_they_are(columns: Mapping[str, NDArray[np.generic]]) -> dict[str, NDArray[np.floating]]:
+    return {name: columns[name].astype(np.float32, copy=False) for name in ("v_gap", "i_gap")}
+
+
+def _draw_pair(
+    panels: NDArray[np.object_], lines: Mapping[str, Envelope], zero_s: float, *, marked: bool
+) -> None:
+    from matplotlib.ticker import MaxNLocator
+
     for axes, name, colour, label in (
         (panels[0], "v_gap", BLUE, "voltage (V)"),
         (panels[1], "i_gap", VERMILLION, "current (A)"),
     ):
-        time_ms = 1000.0 * (lines.time_s - zero_s)
-        draw_envelope(axes, time_ms, lines.low[name], lines.high[name], colour, width=0.6)
+        line = lines[name]
+        time_ms = 1000.0 * (line.time_s - zero_s)
+        draw_envelope(axes, time_ms, line.low, line.high, colour, width=0.6)
         axes.set_xlim(time_ms[0], time_ms[-1])
         axes.margins(y=0.12)
+        # The axis ends with a number, so that no plateau is above all of them.
+        ticks = MaxNLocator(3, steps=[1, 2, 5, 10], min_n_ticks=3)
+        axes.yaxis.set_major_locator(ticks)
+        axes.set_ylim(top=float(ticks.tick_values(*axes.get_ylim())[-1]))
         axes.set_ylabel(label)
         if marked:
             axes.axvline(0.0, color=BLACK, linewidth=0.7, linestyle=(0, (3, 1.5)))

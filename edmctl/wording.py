@@ -1,0 +1,147 @@
+"""Numbers as people read them, on the terminal, on a page and in a figure.
+
+What is unknown is a dash, a minus is a proper one, and an uncertainty stands behind what it belongs to.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+
+UNKNOWN = "–"
+TIP = "tip below the face"
+"""What is known instead of a depth where a hole goes through the sheet."""
+
+_UNITS = {
+    "um_s": "µm/s",
+    "um3_per_uj": "µm³/µJ",
+    "um": "µm",
+    "mm3_min": "mm³/min",
+    "lpm": "L/min",
+    "hz": "Hz",
+    "s": "s",
+    "v": "V",
+    "c": "°C",
+    "ms": "ms",
+    "us": "µs",
+    "ppm": "ppm",
+    "pct": "%",
+    "deg": "°",
+    "j": "J",
+}
+"""Units as they end keys; a longer ending stands before those that it ends with."""
+_WORDS = {
+    "sd": "standard deviation",
+    "model": "displacement from voltage",
+    "z1": "Z1",
+    "z1 model": "Z1 from voltage",
+    "actuator": "actuator voltage",
+    "travel": "time of travel",
+}
+_TOLD_ELSEWHERE = ("link", "calibration", "time_s", "machining_time_s", "measuring_time_s")
+
+
+def duration(seconds: float) -> str:
+    """Return a time rounded to a second: `47 s`, `15 min 02 s`, `1 h 04 min`."""
+    if not math.isfinite(seconds):
+        return UNKNOWN
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    minutes, rest = divmod(whole, 60)
+    if minutes < 60:
+        return f"{minutes} min {rest:02d} s"
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes:02d} min"
+
+
+def decimal(value: float, decimals: int = 2) -> str:
+    """Return a number with its decimals."""
+    if not math.isfinite(value):
+        return UNKNOWN
+    # Adding zero takes the sign off a rounded zero.
+    return f"{round(value, decimals) + 0.0:.{decimals}f}".replace("-", "−")
+
+
+def with_u95(value: float, u95: float, decimals: int = 2) -> str:
+    """Return a number with half its 95 % interval, where it has one."""
+    if not math.isfinite(value) or not math.isfinite(u95):
+        return decimal(value, decimals)
+    return f"{decimal(value, decimals)} ± {decimal(u95, decimals)}"
+
+
+def to_its_u95(value: float, u95: float) -> str:
+    """Return a number and half its 95 % interval, both with as many decimals as leave two digits of the interval."""
+    if not u95 > 0.0 or not math.isfinite(u95):
+        return significant(value)
+    return with_u95(value, u95, max(0, 1 - math.floor(math.log10(u95))))
+
+
+def length(value_um: float, u95_um: float = math.nan) -> str:
+    """Return a length in µm with two decimals, with its 95 % half-width where it has one."""
+    return f"{with_u95(value_um, u95_um)} µm" if math.isfinite(value_um) else UNKNOWN
+
+
+def significant(value: float, digits: int = 3) -> str:
+    """Return a number with so many digits, in powers of ten where it is very small or very large."""
+    if not math.isfinite(value):
+        return UNKNOWN
+    if value == 0.0:
+        return "0"
+    power = math.floor(math.log10(abs(value)))
+    if -3 <= power <= 5:
+        return decimal(value, max(0, digits - 1 - power))
+    return f"{decimal(value / 10.0**power, digits - 1)}·10{_raised(power)}"
+
+
+def percent(share: float, decimals: int = 1) -> str:
+    """Return a share of one in percent."""
+    return f"{decimal(100.0 * share, decimals)} %" if math.isfinite(share) else UNKNOWN
+
+
+def count(number: int, gap: str = " ") -> str:
+    """Return an integer in groups of three digits, with `gap` between them."""
+    return f"{number:,}".replace(",", gap)
+
+
+def plural(number: int, noun: str) -> str:
+    """Return `1 cut`, `3 cuts`."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def facts(result: Mapping[str, object]) -> Iterator[tuple[str, str]]:
+    """Yield the single values of a result by their names in words, with their units; lists are left out.
+
+    Times of the whole job, the actuator model and the link have places of their own wherever a result is told.
+    """
+    for key, value in result.items():
+        if key in _TOLD_ELSEWHERE:
+            continue
+        if isinstance(value, Mapping):
+            yield from ((f"{_words(key)}, {name}", text) for name, text in facts(value))
+        elif isinstance(value, bool):
+            yield _words(key), "yes" if value else "no"
+        elif isinstance(value, int | float):
+            ending = next((ending for ending in _UNITS if key.endswith(f"_{ending}")), "")
+            text = f"{value:.4g}".replace("-", "−")
+            if isinstance(value, int):
+                text = count(value)
+            elif ending in ("um", "v"):
+                text = decimal(value)
+            yield _words(key.removesuffix(f"_{ending}")), f"{text} {_UNITS.get(ending, '')}".rstrip()
+        elif isinstance(value, str):
+            yield _words(key), printable(value)
+
+
+def _words(key: str) -> str:
+    words = key.replace("_", " ")
+    return _WORDS.get(words, words)
+
+
+def printable(text: str) -> str:
+    """Return a text out of a file without what a terminal would take for a command."""
+    return "".join(letter if letter.isprintable() else "?" for letter in text)
+
+
+def _raised(power: int) -> str:
+    return "".join("⁻" if letter == "-" else "⁰¹²³⁴⁵⁶⁷⁸⁹"[int(letter)] for letter in str(power))

@@ -1,0 +1,70 @@
+"""Numbers as people read them."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from edmctl.wording import (
+    UNKNOWN,
+    count,
+    decimal,
+    duration,
+    facts,
+    length,
+    percent,
+    printable,
+    significant,
+    with_u95,
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (decimal(-0.001), "0.00"),
+        (decimal(-1.5, 1), "−1.5"),
+        (with_u95(1.0, 0.25), "1.00 ± 0.25"),
+        (with_u95(1.0, math.nan), "1.00"),
+        (with_u95(math.nan, 0.2), UNKNOWN),
+        (length(12.345, 0.5), "12.35 ± 0.50 µm"),
+        (length(math.nan, 0.5), UNKNOWN),
+        (percent(0.0294, 2), "2.94 %"),
+        (percent(math.nan), UNKNOWN),
+        (count(1981705), "1 981 705"),
+        (count(1981705, "\u202f"), "1\u202f981\u202f705"),
+        (significant(6.8e-4), "6.80·10⁻⁴"),
+        (significant(0.0), "0"),
+        (duration(902.4), "15 min 02 s"),
+        (duration(math.inf), UNKNOWN),
+        (printable("a\x1b[2Jb"), "a?[2Jb"),
+    ],
+)
+def test_a_number_is_written_in_one_way(text: str, expected: str) -> None:
+    assert text == expected
+
+
+def test_a_result_is_told_in_words_with_units() -> None:
+    result = {
+        "kind": "spark gap",
+        "travel_s": 65.257,
+        "actuator_v": 21.9425,
+        "reference": {"z1_um": 49.499, "z1_model_um": 48.47, "touches": 3, "sd_um": None},
+        "removal_um3_per_uj": -1.25,
+        "feed_um_s": 0.5,
+        "calibration": {"alone": False},
+        "link": {"frames_sent": 1},
+        "time_s": 80.6,
+        "sites": [1],
+    }
+    assert list(facts(result)) == [
+        ("kind", "spark gap"),
+        ("time of travel", "65.26 s"),
+        ("actuator voltage", "21.94 V"),
+        ("reference, Z1", "49.50 µm"),
+        ("reference, Z1 from voltage", "48.47 µm"),
+        ("reference, touches", "3"),
+        ("removal", "−1.25 µm³/µJ"),
+        ("feed", "0.5 µm/s"),
+    ]
