@@ -33,8 +33,22 @@ _UNITS = {
 _WORDS = {
     "sd": "standard deviation",
     "model": "displacement from voltage",
-    "z1": "Z1",
-    "z1 model": "Z1 from voltage",
+    "dielectric": "temperature of the dielectric",
+    "start_um": "jumps begin at",
+    "start_v": "jumps begin at a voltage of",
+    "height mean": "height of the jumps, mean",
+    "height min": "height of the jumps, least",
+    "height max": "height of the jumps, at most",
+    "residual mean": "off its place after a jump, mean",
+    "residual max": "off its place after a jump, at most",
+    "model error mean": "off by voltage, mean",
+    "model error max": "off by voltage, at most",
+    "settling mean": "at rest after, mean",
+    "settling max": "at rest after, at most",
+    "truth": "truth (simulated)",
+    "tool wear total": "tool wear in all",
+    "wanted": "height that was wanted",
+    "ledger": "by the tool's jobs",
     "actuator": "actuator voltage",
     "travel": "time of travel",
 }
@@ -94,6 +108,16 @@ def significant(value: float, digits: int = 3) -> str:
     return f"{decimal(value / 10.0**power, digits - 1)}·10{_raised(power)}"
 
 
+def removal_rate(mm3_min: float) -> str:
+    """Return a removal rate in the power of ten that this machine works in: `0.801 × 10⁻³ mm³/min`."""
+    return f"{decimal(1e3 * mm3_min, 3)} × 10⁻³ mm³/min" if math.isfinite(mm3_min) else UNKNOWN
+
+
+def about(value_um: float, u95_um: float = math.nan) -> str:
+    """Return a length that was estimated: `about 153.1 ± 6.5 µm (estimated)`."""
+    return f"about {with_u95(value_um, u95_um, 1)} µm (estimated)"
+
+
 def percent(share: float, decimals: int = 1) -> str:
     """Return a share of one in percent."""
     return f"{decimal(100.0 * share, decimals)} %" if math.isfinite(share) else UNKNOWN
@@ -112,13 +136,18 @@ def plural(number: int, noun: str) -> str:
 def facts(result: Mapping[str, object]) -> Iterator[tuple[str, str]]:
     """Yield the single values of a result by their names in words, with their units; lists are left out.
 
-    Times of the whole job, the actuator model and the link have places of their own wherever a result is told.
+    Times of the whole job, the actuator model and the link have places of their own wherever a result is told. Half
+    of a 95 % interval stands behind what it belongs to.
     """
     for key, value in result.items():
-        if key in _TOLD_ELSEWHERE:
+        if key in _TOLD_ELSEWHERE or (key.endswith("_u95_um") and _of_u95(key) in result):
             continue
+        u95_um = result.get(f"{key.removesuffix('_um')}_u95_um")
         if isinstance(value, Mapping):
-            yield from ((f"{_words(key)}, {name}", text) for name, text in facts(value))
+            before = "" if key == "summary" else f"{_words(key)}, "
+            yield from ((f"{before}{name}", text) for name, text in facts(value))
+        elif isinstance(value, int | float) and isinstance(u95_um, int | float) and key.endswith("_um"):
+            yield _words(key.removesuffix("_um")), length(float(value), float(u95_um))
         elif isinstance(value, bool):
             yield _words(key), "yes" if value else "no"
         elif isinstance(value, int | float):
@@ -128,14 +157,41 @@ def facts(result: Mapping[str, object]) -> Iterator[tuple[str, str]]:
                 text = count(value)
             elif ending in ("um", "v"):
                 text = decimal(value)
-            yield _words(key.removesuffix(f"_{ending}")), f"{text} {_UNITS.get(ending, '')}".rstrip()
+            yield (
+                _words(key if key in _WORDS else key.removesuffix(f"_{ending}")),
+                f"{text} {_UNITS.get(ending, '')}".rstrip(),
+            )
         elif isinstance(value, str):
             yield _words(key), printable(value)
 
 
+def _of_u95(key: str) -> str:
+    """The key of what an uncertainty belongs to."""
+    return f"{key.removesuffix('_u95_um')}_um"
+
+
 def _words(key: str) -> str:
     words = key.replace("_", " ")
-    return _WORDS.get(words, words)
+    if known := _WORDS.get(key) or _WORDS.get(words):
+        return known
+    if words[:2] in ("z1", "z2", "z3"):
+        words = f"Z{words[1:]}"
+    return f"{words.removesuffix(' model')} from voltage" if words.endswith(" model") else words
+
+
+def named_with_unit(key: str, unit: str) -> str:
+    """Return the name of a value with its unit, where the name does not end with that already."""
+    ending = unit.replace("deg", "").replace("/", "_").lower()
+    if not unit or key.endswith((f"_{ending}", *(f"_{known}" for known in _UNITS))):
+        return key
+    return f"{key}, {unit}"
+
+
+def escaped(text: str) -> str:
+    """Return the name of a file on one line: what cannot be printed becomes its escape sequence."""
+    return "".join(
+        letter if letter.isprintable() else letter.encode("unicode_escape").decode() for letter in text
+    )
 
 
 def printable(text: str) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.cli.options import DebugOption, FileArgument, JsonOption
 from edmctl.cli.outcome import Outcome, Output, run_command, stream_style
-from edmctl.wording import duration
+from edmctl.wording import duration, facts
 
 if TYPE_CHECKING:
     from edmctl.console.story import Sentence
@@ -56,19 +56,27 @@ def sentences_of(opened: "RunFile") -> "list[Sentence]":
     values = opened.profile_values()
     last_s = max((event.time_s for event in events), default=0.0)
     period_s = float(values.get("jump.period_s", 0.0))
-    several = len(depths_of_holes(values)) > 1 or "file" in _kinds(values)
+    makes_holes = _alone(opened, values) is None
+    several = makes_holes and (len(depths_of_holes(values)) > 1 or "file" in _kinds(values))
     told = [*touches_of(opened), *story(events, period_s, names_holes=several)]
     told.sort(key=lambda sentence: sentence.time_s)
-    ends = [_settled(opened, events, holes_of(events))]
-    if several:
-        ends.append(_done(opened, events))
-    ends.append(_ended(opened, events))
-    codes = ("SETTLED", "DONE", "END") if several else ("SETTLED", "END")
+    ends = [
+        ("SETTLED", _settled(opened, events, holes_of(events))),
+        ("DONE", _done(opened, events) if several else ""),
+        ("FOUND", "" if makes_holes else _found(opened)),
+        ("END", _ended(opened, events)),
+    ]
     return [
         Sentence(0.0, wanted(opened), "WANTED"),
         *told,
-        *(Sentence(last_s, text, code) for text, code in zip(ends, codes, strict=True) if text),
+        *(Sentence(last_s, text, code) for code, text in ends if text),
     ]
+
+
+def _found(opened: "RunFile") -> str:
+    """What a command found that makes no hole."""
+    told = "; ".join(f"{name} {value}" for name, value in facts(opened.summary() or {}))
+    return f"Found: {told}." if told else ""
 
 
 def events_of(opened: "RunFile", start: int = 0) -> list[FileEvent]:
@@ -161,7 +169,12 @@ def _done(opened: "RunFile", events: list[FileEvent]) -> str:
 
 
 def wanted(opened: "RunFile") -> str:
+    """What was wanted, by the command and the profile."""
     values = opened.profile_values()
+    name = values.get("meta.name") or opened.text("/entry/title")
+    alone = _alone(opened, values)
+    if alone is not None:
+        return f"{name}: wanted was {alone}."
     kind = values.get("target.kind")
     depths_um = depths_of_holes(values)
     objective = {
@@ -169,13 +182,39 @@ def wanted(opened: "RunFile") -> str:
         "feed": f"a feed of {values.get('target.feed_um', 0):g} µm",
         "through": f"a hole through the sheet of {values.get('work.thickness_um', 0):g} µm",
     }.get(str(kind), "no objective that this version knows")
-    tool = f"{values.get('tool.material', '?')} tool of {values.get('tool.diameter_um', 0):g} µm"
     jumps = {"off": "without jumps", "fixed": f"with a jump every {values.get('jump.period_s', 0):g} s"}
     how = jumps.get(str(values.get("jump.mode")), "with adaptive jumps")
     if len(depths_um) > 1:
         objective = f"{objective} at each of {len(depths_um)} places"
-    name = values.get("meta.name") or opened.text("/entry/title")
-    return f"{name}: wanted was {objective} in {values.get('work.material', '?')} with a {tool}, {how}."
+    return (
+        f"{name}: wanted was {objective} in {values.get('work.material', '?')} with a {_tool(values)}, {how}."
+    )
+
+
+def _alone(opened: "RunFile", values: "dict[str, float | int | str | bool]") -> str | None:
+    """What a command wanted that does one thing and makes no hole; None where it was a whole job."""
+    words = json.loads(opened.text("/entry/command") or "[]")[1:]
+    command = words[0] if words else ""
+    tool = _tool(values)
+    if command == "measure-wear":
+        return (
+            f"to touch the pad with a {tool}, as the reference of its wear"
+            if "--reference" in words
+            else (f"to measure wear: how much shorter a {tool} is, and how deep its hole")
+        )
+    if command == "approach":
+        surface = "surface" if "--contact" in words else "spark gap"
+        return f"to find the {surface} of {values.get('work.material', '?')} with a {tool}"
+    if command == "jump-flush":
+        height_um, period_s = values.get("jump.height_um", 0), values.get("jump.period_s", 0)
+        return (
+            f"to jump {height_um:g} µm every {period_s:g} s with a {tool}, and measure how well it comes back"
+        )
+    return None
+
+
+def _tool(values: "dict[str, float | int | str | bool]") -> str:
+    return f"{values.get('tool.material', '?')} tool of {values.get('tool.diameter_um', 0):g} µm"
 
 
 def _depths(values: "dict[str, float | int | str | bool]", depths_um: list[float]) -> str:
@@ -186,12 +225,16 @@ def _depths(values: "dict[str, float | int | str | bool]", depths_um: list[float
 
 
 def _ended(opened: "RunFile", events: list[FileEvent]) -> str:
+    from edmctl.record.create import NO_EXIT_CODE
+
     if not opened.is_finished:
         return (
             "The file has no end: the program that wrote it was killed, or is still running. "
             "What is above is what had reached the disk."
         )
     exit_code = int(opened.number("/entry/exit_code"))
+    if exit_code == NO_EXIT_CODE:
+        return "The program that wrote the file was killed. What is above is what could be recovered."
     summary = opened.summary() or {}
     machining_s, time_s = summary.get("machining_time_s"), summary.get("time_s")
     took = ""

@@ -54,7 +54,10 @@ class Totals:
 
 @dataclass(frozen=True, slots=True)
 class RunSummary:
-    """Everything that `run show` tells. `rows` are those of each table, `summary` is the result of the command."""
+    """Everything that `run show` tells. `rows` are those of each table, `summary` is the result of the command.
+
+    `est_depth_um` is how deep the hole is that was left without a result; NaN where there is none.
+    """
 
     file: str
     size_bytes: int
@@ -74,6 +77,8 @@ class RunSummary:
     time_s: float
     machining_time_s: float
     sites: tuple[SiteNumbers, ...]
+    est_depth_um: float
+    est_depth_u95_um: float
     totals: Totals
     jumps: Jumps
     touches: tuple[dict[str, object], ...]
@@ -91,6 +96,7 @@ def summary_of(opened: RunFile) -> RunSummary:
     """Read what is told of an open run file, also of one without an end."""
     from edmctl.cli.run_explain import events_of, sentences_of, wanted
     from edmctl.record.create import NO_EXIT_CODE
+    from edmctl.record.estimated import estimated_depth
     from edmctl.record.heads import status_of
     from edmctl.report.numbers import numbers_of
 
@@ -98,6 +104,7 @@ def summary_of(opened: RunFile) -> RunSummary:
     summary = opened.summary()
     exit_code = int(opened.number("/entry/exit_code"))
     sentences = sentences_of(opened)
+    estimated = estimated_depth(opened)
     return RunSummary(
         file=str(opened.path),
         size_bytes=opened.path.stat().st_size,
@@ -117,6 +124,8 @@ def summary_of(opened: RunFile) -> RunSummary:
         time_s=_time_s(opened, summary, events),
         machining_time_s=numbers.total("machining_time_s"),
         sites=numbers.sites,
+        est_depth_um=estimated.depth_um,
+        est_depth_u95_um=estimated.depth_u95_um,
         totals=_totals(numbers),
         jumps=jumps_of(events),
         touches=tuple(_touches(opened)),

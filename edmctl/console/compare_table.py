@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from edmctl.console.style import PLAIN, Style
 from edmctl.console.tables import render_columns
+from edmctl.wording import UNKNOWN, count, escaped, named_with_unit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -112,7 +113,7 @@ def _runs(runs: Sequence[ComparedRunView], style: Style) -> str:
     rows = [
         [
             letter(number),
-            run.file,
+            escaped(run.file),
             run.start[:_HEADING_TIME].replace("T", " "),
             run.status
             + (", simulated" if run.simulated else "")
@@ -126,7 +127,7 @@ def _runs(runs: Sequence[ComparedRunView], style: Style) -> str:
 def _settings(settings: Sequence[SettingView], shown: Sequence[int], style: Style) -> str:
     rows = [
         [
-            f"{setting.key}{f', {setting.units}' if setting.units else ''}",
+            named_with_unit(setting.key, setting.units),
             *(_short(setting.values[i]) for i in shown),
         ]
         for setting in settings
@@ -166,7 +167,7 @@ def _reading(comparison: ComparisonView) -> str:
 
 def _number(quantity: QuantityView, value: float, u95: float, *, sign: bool = False) -> str:
     if not math.isfinite(value):
-        return "–"
+        return UNKNOWN
     text = _decimal(quantity.factor * value, quantity.decimals, sign=sign)
     if math.isfinite(u95):
         text += f" ± {_decimal(quantity.factor * u95, quantity.decimals)}"
@@ -176,8 +177,11 @@ def _number(quantity: QuantityView, value: float, u95: float, *, sign: bool = Fa
 def _decimal(value: float, decimals: int, *, sign: bool = False) -> str:
     # Adding zero takes the sign off a rounded zero.
     rounded = round(value, decimals) + 0.0
+    if not decimals:
+        return f"{'+' if sign and rounded > 0 else ''}{count(int(rounded))}".replace("-", "−")
     return f"{rounded:{'+' if sign and rounded else ''}.{decimals}f}".replace("-", "−")
 
 
 def _short(text: str) -> str:
+    text = escaped(text) or UNKNOWN
     return text if len(text) <= MOST_LETTERS else f"{text[: MOST_LETTERS - 1]}…"

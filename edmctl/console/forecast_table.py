@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from edmctl.console.style import PLAIN, Style
 from edmctl.console.tables import render_columns
-from edmctl.wording import count, duration, length, percent, plural
+from edmctl.wording import count, duration, length, percent, plural, removal_rate
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -75,7 +75,7 @@ def render_forecast(name: str, forecast: ForecastView, style: Style = PLAIN) -> 
         _row("measuring", duration(forecast.measuring_time_s), plural(forecast.stops, "stop")),
         _row("whole job", duration(forecast.time_s)),
         _row("pulses", count(forecast.pulses), f"{forecast.spark_energy_uj:.0f} µJ each at most"),
-        _row("removal rate", f"{1e3 * forecast.mrr_mm3_min:.3f} × 10⁻³ mm³/min"),
+        _row("removal rate", removal_rate(forecast.mrr_mm3_min)),
         _row("jumping", percent(forecast.jump_share), "of the time"),
         _row("servo swing", f"± {forecast.limit_cycle_um:.3f} µm", f"every {cycle_ms:.0f} ms"),
         _row("loop delay", f"{1e3 * forecast.loop_delay_s:.1f} ms"),

@@ -161,7 +161,7 @@ def _channel_block(channel: ChannelView, truth: ChannelTruthView | None, style: 
     return "\n".join([table, f"{'machining':27}{machining}", f"{'pulses':27}{pulses}"])
 
 
-def render_ratios(ratios: RatiosView, decimals: int = 1) -> str:
+def render_ratios(ratios: RatiosView, decimals: int = 2) -> str:
     """Return the shares of the four pulse classes in words."""
     shares = (
         ("open", ratios.open),

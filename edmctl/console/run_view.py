@@ -11,7 +11,7 @@ from edmctl.console.result_table import render_sites
 from edmctl.console.runs_table import size, start_utc
 from edmctl.console.style import PLAIN, Ink, Style
 from edmctl.console.views import MeasuredView
-from edmctl.wording import count, duration, facts, percent, printable
+from edmctl.wording import about, count, duration, facts, percent, printable, removal_rate
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -102,6 +102,10 @@ class RunView(Protocol):
     @property
     def sites(self) -> Sequence[SiteNumbersView]: ...
     @property
+    def est_depth_um(self) -> float: ...
+    @property
+    def est_depth_u95_um(self) -> float: ...
+    @property
     def totals(self) -> TotalsView: ...
     @property
     def jumps(self) -> JumpsView: ...
@@ -161,10 +165,10 @@ def _numbers(run: RunView) -> list[tuple[str, str]]:
     totals, jumps = run.totals, run.jumps
     pulses = removed = ""
     if totals.pulses:
-        shares = ", ".join(f"{percent(totals.ratios[name])} {name}" for name in CLASSES)
+        shares = ", ".join(f"{percent(totals.ratios[name], 2)} {name}" for name in CLASSES)
         pulses = f"{count(totals.pulses)}: {shares}"
         removed = (
-            f"{totals.mrr_mm3_min:.2g} mm³/min with {totals.energy_j:.3g} J; wear ratio "
+            f"{removal_rate(totals.mrr_mm3_min)} with {totals.energy_j:.3g} J; wear ratio "
             f"{percent(totals.wear_ratio_lin)} of the length, {percent(totals.wear_ratio_vol)} of the volume"
         ).replace("nan", "–")
     hopped = ""
@@ -176,7 +180,14 @@ def _numbers(run: RunView) -> list[tuple[str, str]]:
                 f", {low} s apart" if low == high else f", {low} to {high} s apart, in the median {median} s"
             )
     found = "" if run.sites else "; ".join(f"{name} {value}" for name, value in facts(run.summary or {}))
-    return [("found", found), ("pulses", pulses), ("removal", removed), ("jumps", hopped)]
+    left = about(run.est_depth_um, run.est_depth_u95_um) if math.isfinite(run.est_depth_um) else ""
+    return [
+        ("found", found),
+        ("depth so far", left),
+        ("pulses", pulses),
+        ("removal", removed),
+        ("jumps", hopped),
+    ]
 
 
 def _file(run: RunView) -> list[tuple[str, str]]:

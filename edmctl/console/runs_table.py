@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from edmctl.console.style import PLAIN, Ink, Style
 from edmctl.console.tables import render_columns
-from edmctl.wording import duration, printable, with_u95
+from edmctl.wording import decimal, duration, escaped, printable, with_u95
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -52,6 +53,8 @@ class HeadView(Protocol):
     @property
     def depth_u95_um(self) -> float: ...
     @property
+    def est_depth_um(self) -> float: ...
+    @property
     def wear_um(self) -> float: ...
     @property
     def wear_u95_um(self) -> float: ...
@@ -90,17 +93,18 @@ def render_runs(
         "tip: of a hole through a sheet, how far the tip went below the face."
         if any(map(_through, runs))
         else "",
+        "~: how deep the run got, estimated and not measured." if any(map(_is_estimated, runs)) else "",
         "Depth and wear of several sites are their means." if any(_sites(run) > 1 for run in runs) else "",
         f"Not shown, for want of width: {', '.join(reversed(hidden))}." if hidden else "",
     ]
-    wrong = [run.message for run in runs if isinstance(run, BrokenFile)]
+    wrong = [escaped(run.message) for run in runs if isinstance(run, BrokenFile)]
     parts = [table, style.paint("\n".join(filter(None, notes)), Ink.FAINT), "\n".join(wrong)]
     return "\n\n".join(filter(None, parts))
 
 
 def _columns() -> dict[str, Callable[[HeadView], str]]:
     return {
-        "run": lambda run: run.file_name.removesuffix(".h5"),
+        "run": lambda run: escaped(run.file_name.removesuffix(".h5")),
         "start (UTC)": lambda run: start_utc(run.start_time),
         "status": _status,
         "profile": lambda run: printable(run.name),
@@ -126,7 +130,7 @@ def _row(run: HeadView | BrokenFile, columns: dict[str, Callable[[HeadView], str
     if not isinstance(run, BrokenFile):
         return [cell(run) for cell in columns.values()]
     known = {
-        "run": run.file_name.removesuffix(".h5"),
+        "run": escaped(run.file_name.removesuffix(".h5")),
         "start (UTC)": start_utc(run.start_time),
         "status": run.word,
         "size": size(run.size_bytes),
@@ -139,7 +143,13 @@ def _status(run: HeadView) -> str:
 
 
 def _depth(run: HeadView) -> str:
+    if not math.isfinite(run.depth_um) and math.isfinite(run.est_depth_um):
+        return f"~{decimal(run.est_depth_um, 1)}"
     return f"{'tip ' if run.through else ''}{with_u95(run.depth_um, run.depth_u95_um)}"
+
+
+def _is_estimated(run: HeadView | BrokenFile) -> bool:
+    return not isinstance(run, BrokenFile) and _depth(run).startswith("~")
 
 
 def _through(run: HeadView | BrokenFile) -> int:

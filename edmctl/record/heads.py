@@ -13,6 +13,7 @@ from edmctl.errors import RunFileError
 from .create import NO_EXIT_CODE
 from .disk import PARTIAL
 from .doubt import reading_unverified
+from .estimated import estimated_depth
 from .layout import RESULTS
 from .liveness import is_live
 
@@ -33,7 +34,9 @@ _RESULTS = ("depth", "depth_u95", "wear", "wear_u95", "machining_time", "through
 class RunHead:
     """One run file of a folder. Depth and wear are means of its sites; unknown values are NaN or None.
 
-    Of `through` of its sites, holes through a sheet, the depth is how far the tip went below the face.
+    Without sites they are what the run touched, as `measure-wear` does. `est_depth_um` is how deep a hole is that
+    was left without a result. Of `through` of its sites, holes through a sheet, the depth is how far the tip went
+    below the face.
 
     `status` is `running` while its writer lives, `interrupted` when that was killed, else as the run ended.
     """
@@ -56,6 +59,8 @@ class RunHead:
     through: int
     depth_um: float
     depth_u95_um: float
+    est_depth_um: float
+    est_depth_u95_um: float
     wear_um: float
     wear_u95_um: float
     machining_time_s: float
@@ -130,6 +135,8 @@ def _stat(path: Path) -> tuple[int, float]:
 def _head(run: RunFile) -> RunHead:
     exit_code = int(run.number("/entry/exit_code"))
     results = run.fields(RESULTS.path, _RESULTS)
+    touched = {} if len(results) else run.summary() or {}
+    estimated = estimated_depth(run)
     return RunHead(
         path=run.path,
         size_bytes=run.path.stat().st_size,
@@ -147,10 +154,14 @@ def _head(run: RunFile) -> RunHead:
         tool=run.text("/entry/tool/material"),
         sites=len(results),
         through=int(np.sum(results["through"])),
-        depth_um=_mean(results["depth"]),
-        depth_u95_um=_mean(results["depth_u95"]),
-        wear_um=_mean(results["wear"]),
-        wear_u95_um=_mean(results["wear_u95"]),
+        depth_um=_mean(results["depth"]) if len(results) else plain_number(touched.get("depth_um")),
+        depth_u95_um=_mean(results["depth_u95"])
+        if len(results)
+        else plain_number(touched.get("depth_u95_um")),
+        est_depth_um=estimated.depth_um,
+        est_depth_u95_um=estimated.depth_u95_um,
+        wear_um=_mean(results["wear"]) if len(results) else plain_number(touched.get("wear_um")),
+        wear_u95_um=_mean(results["wear_u95"]) if len(results) else plain_number(touched.get("wear_u95_um")),
         machining_time_s=float(np.sum(results["machining_time"])) if len(results) else math.nan,
     )
 
@@ -160,6 +171,11 @@ def status_of(run: RunFile) -> str:
     if run.is_finished:
         return run.text("/entry/status")
     return RUNNING if is_live(run.path) else INTERRUPTED
+
+
+def plain_number(value: object) -> float:
+    """Return a number out of a result object, NaN where there is none."""
+    return float(value) if isinstance(value, int | float) else math.nan
 
 
 def _mean(values: NDArray[np.float64]) -> float:

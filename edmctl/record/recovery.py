@@ -110,7 +110,9 @@ def refuse(path: Path, target: Path) -> None:
 def name_taken(target: Path) -> RunFileError:
     """Return the error for a new file whose name is taken."""
     return RunFileError(
-        f"{target} exists already and is not overwritten.", code="E9001", hint="Name another file with --out FILE."
+        f"{target} exists already and is not overwritten.",
+        code="E9001",
+        hint="Name another file with --out FILE.",
     )
 
 

@@ -21,6 +21,7 @@ from edmctl.report.style import (
     SKY,
     VERMILLION,
     NothingToDraw,
+    mark_below,
     new_figure,
 )
 
@@ -78,6 +79,11 @@ def draw(runs: Sequence[RunFile], names: Sequence[str]) -> Figure:
     handles += end_depth.get_legend_handles_labels()[0]
     labels += end_depth.get_legend_handles_labels()[1]
     figure.legend(handles, labels, loc="outside upper center", ncols=min(len(handles), 8), handlelength=2.6)
+    simulated = [name for name, run in zip(names, runs, strict=True) if run.is_simulated]
+    if simulated:
+        mark_below(
+            figure, "all simulated" if len(simulated) == len(runs) else f"simulated: {', '.join(simulated)}"
+        )
     return figure
 
 

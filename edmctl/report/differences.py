@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from edmctl.record.estimated import estimated_depth
+from edmctl.record.heads import plain_number
 from edmctl.report.numbers import CLASSES, numbers_of
 from edmctl.wording import TIP
 
@@ -167,7 +169,12 @@ def _quantities(runs: Sequence[RunFile], numbers: Sequence[RunNumbers]) -> list[
     nothing = [math.nan] * len(runs)
 
     def means(key: str) -> list[float]:
-        return [n.mean(key) for n in numbers]
+        # A run without sites may have measured a hole all the same, as `measure-wear` does.
+        touched = [{} if n.sites else run.summary() or {} for run, n in zip(runs, numbers, strict=True)]
+        return [
+            n.mean(key) if n.sites else plain_number(found.get(key))
+            for n, found in zip(numbers, touched, strict=True)
+        ]
 
     def totals(key: str) -> list[float]:
         return [n.total(key) for n in numbers]
@@ -176,6 +183,7 @@ def _quantities(runs: Sequence[RunFile], numbers: Sequence[RunNumbers]) -> list[
     lengths, volumes = [n.wear_ratio_lin for n in numbers], [n.wear_ratio_vol for n in numbers]
     rows = [
         (_Shown("depth_um", f"{mean}{depth}, µm"), means("depth_um"), means("depth_u95_um")),
+        (_Shown("est_depth_um", "depth when left (estimated), µm", 1), *_estimates(runs)),
         (_Shown("truth_depth_um", f"{mean}true depth (simulated), µm"), means("truth_depth_um"), nothing),
         (_Shown("wear_um", f"{mean}tool wear, µm"), means("wear_um"), means("wear_u95_um")),
         (_Shown("truth_wear_um", f"{mean}true wear (simulated), µm"), means("truth_wear_um"), nothing),
@@ -241,6 +249,12 @@ def _of_a_kind(quantity: Quantity, kinds: Sequence[str]) -> Quantity:
         for amount, kind in zip(quantity.amounts, kinds, strict=True)
     ]
     return replace(quantity, amounts=tuple(amounts))
+
+
+def _estimates(runs: Sequence[RunFile]) -> tuple[list[float], list[float]]:
+    """How deep each run was where it left a hole without a result, and the uncertainties of that."""
+    found = [estimated_depth(run) for run in runs]
+    return [one.depth_um for one in found], [one.depth_u95_um for one in found]
 
 
 def _wear_ratio_u95(numbers: RunNumbers) -> float:

@@ -34,84 +34,106 @@ KINDS = (
     Kind(
         "gap",
         "Gap voltage and displacement",
-        "Mean gap voltage with the servo reference, and where the tool was, against time; readings are marked.",
+        "(a) Mean gap voltage with the servo reference, and (b) where the tool was, against time; "
+        "grey stretches are those of touching. The range is from the lowest to the highest value "
+        "within a step of the drawing. Z1 is the surface before, Z2 the bottom, Z3 the surface after, "
+        "Zr the face at a place not yet machined.",
         ("/entry/servo", "/entry/slow", "/entry/touches"),
     ),
     Kind(
         "displacement",
         "Estimated and measured displacement",
-        "Tool displacement estimated from the actuator voltage alone beside that of the sensor, and the error "
-        "of the estimate, which counts while machining.",
+        "(a) Tool displacement estimated from the actuator voltage alone beside that of the sensor, "
+        "and (b) the error of the estimate, which counts while machining; rms and max are those of "
+        "the results. The range is from the lowest to the highest value within a step of the drawing.",
         ("/entry/servo", "/entry/results"),
     ),
     Kind(
         "steps",
         "Surface, bottom and surface again",
-        "The readings Z1, Z2 and Z3 of each hole, with the depth, the tool wear and the feed that they give.",
+        "The readings Z1 (surface before), Z2 (bottom) and Z3 (surface after) of each hole, with what "
+        "they give: depth is Z2 − Z3, tool wear Z3 − Z1, feed Z2 − Z1.",
         ("/entry/results", "/entry/touches"),
     ),
     Kind(
         "touching",
         "Touches",
-        "Actuator voltage and displacement from Z1 to Z3, with the readings, and a zoom on the last set of touches "
-        "of the bottom, with its contacts.",
+        "Touching is going towards the work until the contact closes a circuit. Where there are "
+        "several readings, (a) actuator voltage and (b) displacement from Z1 (surface before) over Z2 "
+        "(bottom) to Z3 (surface after), or with Zr (the face at a place not yet machined). In the "
+        "panels below, the last set of touches of the bottom with its contacts, and on the right the "
+        "last contact in detail.",
         ("/entry/servo", "/entry/touches", "/entry/events"),
     ),
     Kind(
         "pulses",
         "Pulse classes",
-        "Shares of open pulses, normal discharges, arcs and shorts against time, and over the whole run.",
+        "Shares of open pulses, normal discharges, arcs and shorts while cutting: (a) against time, "
+        "(b) arcs and shorts again, (c) over all cuts. Pulses are counted by their time; where they "
+        "were summed up in blocks, the controller's own count in the results may differ by those of a "
+        "block.",
         ("/entry/slow", "/entry/pulses"),
     ),
     Kind(
         "laue",
         "Ignition delay",
-        "Distribution of the ignition delays, and their Laue plot: a straight line where ignition is random.",
+        "(a) Distribution of the ignition delays, and (b) their Laue plot, the share of pulses that "
+        "had not ignited after a time: a straight line where ignition is random.",
         ("/entry/pulses/full",),
     ),
     Kind(
         "erosion",
         "Depth, wear and feed",
-        "Estimated depth and tool wear with the measured values, and the feed rate, against time.",
+        "(a) Estimated depth and tool wear with the measured values, and (b) the feed rate, against "
+        "time. Hollow points were not touched: they are by feed and energy, as later touches correct "
+        "them.",
         ("/entry/slow", "/entry/touches", "/entry/results"),
     ),
     Kind(
         "jumps",
         "Electrode jumps and arcs",
-        "When the electrode jumped, how often, and the shares of arcs and shorts that asked for it.",
+        "(a) Shares of arcs and shorts, which ask for jumps, with a mark for each; (b) the jump "
+        "period in force, and the time from each jump to the next of the same cut.",
         ("/entry/events", "/entry/slow"),
     ),
     Kind(
         "energy",
         "Discharge energy",
-        "Energy of normal discharges and arcs, and the removed volume over it. The discharge energy of the results "
-        "is somewhat more: it counts shorts too, and all charge at the plateau of a normal discharge.",
+        "(a) Energy of normal discharges and arcs, and (b) the removed volume over it, by depths that "
+        "were touched and by estimated ones. κ, volume over energy, is that of the last touched point "
+        "of each place; its ± is that of the depth alone, for the width is the tool's and the side "
+        "gap's of the profile. The discharge energy of the results is somewhat more: it counts shorts "
+        "too, and all charge at the plateau of a normal discharge.",
         ("/entry/pulses", "/entry/results"),
     ),
     Kind(
         "spectrum",
         "Spectrum of the gap servo",
-        "Power spectral density of gap voltage and displacement while machining, without jumps. Rows slower than "
-        "1 kHz are single samples: what is faster than half their rate is folded in. A narrow line is something "
-        "periodic, for instance a stage that moves in steps along a path (speed over step).",
+        "Power spectral density of (a) gap voltage and (b) displacement while machining, without "
+        "jumps. Rows slower than 1 kHz are single samples: what is faster than half their rate is "
+        "folded in. A narrow line is something periodic, for instance a stage that moves in steps "
+        "along a path (speed over step).",
         ("/entry/servo",),
     ),
     Kind(
         "waveforms",
         "The gap about a fault",
-        "Voltage and current of the last pulses before a fault and of the first ones after it.",
+        "(a) Voltage and (b) current of the last pulses before a fault and of the first ones after "
+        "it, and (c), (d) those about the fault in detail.",
         ("/entry/waveforms", "/entry/black_box"),
     ),
     Kind(
         "array",
         "Array of holes",
-        "Depth error and tool wear of each hole, at its place on the work.",
+        "(a) Depth error of each hole at its place on the work, under the number of its name; (b) the "
+        "same and (c) the tool wear, in the order of machining.",
         ("/entry/results",),
     ),
     Kind(
         "channel",
         "Channel",
-        "The planned path, the depth of the floor along it and, of a simulated run, the true height map.",
+        "(a) The planned path and (b) the depth of the floor along it; of a simulated run also the "
+        "true height map.",
         ("/entry/summary", "/entry/touches", "/entry/truth"),
     ),
 )
@@ -125,10 +147,15 @@ def kind_called(name: str) -> Kind:
 
 
 def draw(kind: Kind, run: RunFile) -> Figure:
-    """Draw the figure, within `house_style()`. Raises NothingToDraw."""
+    """Draw the figure, within `house_style()`; that of a simulated run says so. Raises NothingToDraw."""
+    from edmctl.report.style import mark_below
+
     module = import_module(f"edmctl.report.figures.{kind.name}")
     make = cast("Callable[[RunFile], Figure]", module.draw)
-    return make(run)
+    figure = make(run)
+    if run.is_simulated:
+        mark_below(figure, "simulated" if run.seed is None else f"simulated, seed {run.seed}")
+    return figure
 
 
 def kinds_table() -> str:

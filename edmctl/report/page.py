@@ -7,9 +7,10 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from edmctl.record.estimated import estimated_depth
 from edmctl.report import page_tables
 from edmctl.report.numbers import numbers_of, target_depths_um
-from edmctl.wording import TIP, UNKNOWN, count, decimal, duration, percent, significant, with_u95
+from edmctl.wording import TIP, UNKNOWN, about, count, decimal, duration, percent, removal_rate, with_u95
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -121,6 +122,13 @@ def _tiles(run: RunFile, numbers: RunNumbers) -> str:
 
 def _key_numbers(run: RunFile, numbers: RunNumbers) -> Iterator[tuple[str, str, str]]:
     sites = numbers.sites
+    estimated = estimated_depth(run)
+    if math.isfinite(estimated.depth_um):
+        yield (
+            "depth so far",
+            about(estimated.depth_um, estimated.depth_u95_um),
+            "of what was left without a result",
+        )
     if not sites:
         return
     target = target_depths_um(run.profile_values())
@@ -139,7 +147,7 @@ def _key_numbers(run: RunFile, numbers: RunNumbers) -> Iterator[tuple[str, str, 
             "the least and the greatest",
         )
     yield "machining", duration(numbers.total("machining_time_s")), "with the servo on"
-    yield "removal rate", f"{significant(numbers.mrr_mm3_min)} mm³/min", "volume over machining time"
+    yield "removal rate", removal_rate(numbers.mrr_mm3_min), "volume over machining time"
     per = "the sheet's thickness" if numbers.depth_name == TIP else "depth"
     yield "wear ratio", decimal(numbers.wear_ratio_lin, 3), f"wear over {per}"
     yield (

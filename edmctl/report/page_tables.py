@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from edmctl.report.numbers import RunNumbers, SiteNumbers
 
 U95_NOTE = "± is half the 95 % interval of what was measured; lengths in µm."
+FEED_NOTE = "Feed is depth and wear together; its ± is at most the sum of theirs."
 TRUTH = "truth (simulated)"
 
 _PRETTY = {"um": "µm", "um/s": "µm/s", "um3/uJ": "µm³/µJ", "us": "µs", "degC": "°C", "mm3/min": "mm³/min"}
@@ -69,7 +70,8 @@ def results(numbers: RunNumbers) -> PageTable | None:
         for site in numbers.sites
     ]
     per = "the thickness of the sheet" if numbers.depth_name == TIP else "depth"
-    return PageTable("What each site has become", header, rows, f"{U95_NOTE} Wear ratio is wear over {per}.")
+    note = f"{U95_NOTE} {FEED_NOTE} Wear ratio is wear over {per}."
+    return PageTable("What each site has become", header, rows, note)
 
 
 def _one_site(site: SiteNumbers) -> PageTable:
@@ -95,17 +97,20 @@ def _one_site(site: SiteNumbers) -> PageTable:
             site.truth_wear_um,
         ),
         *([row("hole, as long as the sheet is thick", decimal(site.length_um))] if site.through else []),
-        row("feed", decimal(site.feed_um)),
+        row("feed, Z2 − Z1", decimal(site.feed_um)),
         row("Z1, surface before", decimal(site.z1_um)),
         row("Z2, tip at the end" if site.through else "Z2, bottom", decimal(site.z2_um)),
         row("Z3, surface after", decimal(site.z3_um)),
         row("machining time", f"{cuts}, through the sheet" if site.through else cuts),
-        row("removal rate (MRR), mm³/min", significant(site.mrr_mm3_min)),
+        row("removal rate (MRR), 10⁻³ mm³/min", decimal(1e3 * site.mrr_mm3_min, 3)),
         row("wear ratio, lengths", decimal(site.wear_ratio_lin, 3)),
         row("wear ratio, volumes", decimal(site.wear_ratio_vol, 3)),
         row("discharge energy, J", significant(site.energy_j)),
     ]
-    return PageTable("Results", header, [row for row in rows if {*row[1:]} - {"", UNKNOWN}], U95_NOTE)
+    shown = [row for row in rows if {*row[1:]} - {"", UNKNOWN}]
+    return PageTable(
+        "Results", header, shown, f"{U95_NOTE} {FEED_NOTE if math.isfinite(site.feed_um) else ''}".rstrip()
+    )
 
 
 def pulses(numbers: RunNumbers) -> PageTable | None:

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 APART_S = 2.0
 """Rows come every 0.1 s, and a jump with its search for the gap takes less than this."""
 
+ROW_S = 0.1
+"""Each row tells of so much before its time."""
+
 MEAN_S = 10.0
 """Rates and shares of a second scatter; their means over this show what they do."""
 
@@ -34,9 +37,9 @@ def stretches(time_s: Array) -> list[slice]:
 
 
 def cuts_s(run: RunFile) -> Array:
-    """Return begin and end of each stretch of cutting, shape (n, 2), s."""
+    """Return begin and end of each stretch of cutting, shape (n, 2), s, with what its first row tells of."""
     time_s = run.column(layout.SLOW.path, "time").astype(np.float64)
-    ends = [(time_s[part][0], time_s[part][-1]) for part in stretches(time_s)]
+    ends = [(max(time_s[part][0] - ROW_S, 0.0), time_s[part][-1]) for part in stretches(time_s)]
     return np.array(ends, np.float64).reshape(-1, 2)
 
 

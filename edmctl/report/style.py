@@ -31,7 +31,11 @@ PNG_DPI = 300
 LINE = 0.8
 """Width of a line that carries data, in points."""
 
+STRIP_MM = 3.0
+"""Height of the words below a figure."""
+
 BLACK, GREY, LIGHT = "#000000", "#999999", "#E5E5E5"
+FAINT = "#6B6B6B"
 BLUE, VERMILLION, GREEN, ORANGE = "#0072B2", "#D55E00", "#009E73", "#E69F00"
 SKY, PURPLE, YELLOW = "#56B4E9", "#CC79A7", "#F0E442"
 
@@ -92,6 +96,19 @@ def new_figure(height_mm: float, width_mm: float = COLUMN_MM) -> Figure:
 
     layout = ConstrainedLayoutEngine(w_pad=0.03, h_pad=0.03, hspace=0.02, wspace=0.02)
     return Figure(figsize=(width_mm / 25.4, height_mm / 25.4), layout=layout)
+
+
+def mark_below(figure: Figure, words: str) -> None:
+    """Write small grey words into a strip of their own below a figure that is drawn already."""
+    width_mm, height_mm = (25.4 * float(inches) for inches in figure.get_size_inches())
+    whole_mm = height_mm + STRIP_MM
+    figure.set_size_inches(width_mm / 25.4, whole_mm / 25.4)
+    layout = figure.get_layout_engine()
+    if layout is not None:
+        layout.set(rect=(0.0, STRIP_MM / whole_mm, 1.0, height_mm / whole_mm))  # type: ignore[call-arg]
+    figure.text(
+        1.0 - 0.8 / width_mm, 0.6 / whole_mm, words, ha="right", va="bottom", fontsize=5.5, color=FAINT
+    )  # fmt: skip
 
 
 def rendered(figure: Figure, suffix: str) -> bytes:

@@ -16,7 +16,7 @@ from edmctl.record import layout
 from edmctl.record.happened import happened
 from edmctl.record.told import Told
 from edmctl.report.numbers import numbers_of
-from edmctl.report.stretches import stretches
+from edmctl.report.stretches import ROW_S, stretches
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -78,7 +78,7 @@ def beginnings_s(run: RunFile) -> Array:
     before_um = math.inf
     for part in stretches(time_s):
         if depth_um[part][0] < SAME_HOLE_SHARE * before_um:
-            began.append(float(time_s[part][0]))
+            began.append(max(float(time_s[part][0]) - ROW_S, 0.0))
         before_um = float(depth_um[part][-1])
     return np.array(began)
 

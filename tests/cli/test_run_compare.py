@@ -131,6 +131,23 @@ def test_more_than_four_runs_make_another_table(here: Here, runs: tuple[Path, Pa
     assert [letter(number) for number in (0, 25, 26, 52)] == ["A", "Z", "A2", "A3"]
 
 
+def test_numbers_are_grouped_and_what_is_unknown_is_a_dash(here: Here, runs: tuple[Path, Path]) -> None:
+    one, two = (unsealed(run, run.with_name(f"open-{run.name}")) for run in runs)
+    with h5py.File(two, "r+") as file:
+        file["/entry/seed"][...] = -1
+        file["/entry/profile/values"].attrs["jump.height_um"] = 61.5
+        rows = file["/entry/results"][:]
+        rows["pulses"] = 1_981_705
+        file["/entry/results"][...] = rows
+    out = here("run", "compare", str(one), str(two)).out.splitlines()
+    (seed,) = (line for line in out if line.startswith("seed "))
+    assert seed.split() == ["seed", "4", "–"]
+    (height,) = (line for line in out if line.startswith("jump.height_um"))
+    assert height.split()[0] == "jump.height_um"
+    (pulses,) = (line for line in out if line.startswith("pulses "))
+    assert "1 981 705" in pulses
+
+
 def test_truth_is_named_as_such(here: Here, runs: tuple[Path, Path]) -> None:
     out = here("run", "compare", *map(str, runs)).out
     assert "true depth (simulated), µm" in out

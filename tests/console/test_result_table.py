@@ -23,7 +23,7 @@ def test_hardware_has_no_truth() -> None:
 def test_time_cuts_pulses_and_tool_are_told() -> None:
     text = render_job(Job(), [Truth()])
     assert "15 min 02 s in 3 cuts" in text
-    assert "2 010 334: 50.0 % open, 40.0 % normal, 2.0 % arc, 8.0 % short" in " ".join(text.split())
+    assert "2 010 334: 50.00 % open, 40.00 % normal, 2.00 % arc, 8.00 % short" in " ".join(text.split())
     assert "Whole job 19 min 01 s; the tool is 70.03 µm shorter." in text
 
 
@@ -78,7 +78,7 @@ def test_a_wide_terminal_shows_all_columns_and_a_narrow_one_the_results() -> Non
 def test_no_line_of_a_result_is_wider_than_a_terminal() -> None:
     text = render_job(Job(sites=(Site(estimated_um=12.3, through=True),)), [Truth()])
     assert max(map(len, text.splitlines())) <= 80
-    assert "8.0 % short" in " ".join(text.split())
+    assert "8.00 % short" in " ".join(text.split())
 
 
 def test_a_depth_that_was_not_touched_at_the_end_says_so() -> None:

@@ -14,6 +14,7 @@ from edmctl.record.reader import open_run
 from edmctl.record.rows import SlowRow, TouchRow, TruthMap
 from edmctl.record.told import Told
 from edmctl.report.figures import array, channel, erosion, steps
+from edmctl.report.figures.array import short_names
 from edmctl.report.planned_path import along, lengths_um, planned_path
 from edmctl.report.removal import removal
 from edmctl.report.style import house_style
@@ -79,7 +80,16 @@ def test_a_hole_that_was_not_touched_stands_at_the_depth_of_its_result(tmp_path:
         told_um = told_depths(run, beginnings_s(run))
     assert [(one.hole, one.touched, one.depth_um) for one in told_um] == [(0, False, 18.6), (1, True, 19.0)]
     assert told_um[0].depth_u95_um == 0.7
-    assert {"depth without a touch", "measured depth"} <= texts(erosion.draw, path)
+    assert {"depth without a touch, corrected later", "measured depth"} <= texts(erosion.draw, path)
+
+
+def test_the_band_of_a_depth_is_named_after_it_and_nothing_is_corrected_by_no_touch(tmp_path: Path) -> None:
+    writer = made_up.new_run(tmp_path)
+    made_up.cut(writer, 0.0)
+    made_up.measured(writer, 30.0, 20.0, Told.SITE_ESTIMATED)
+    _, labels = panels(erosion.draw, writer.finish("done", 0))[0].get_legend_handles_labels()
+    assert labels[:2] == ["estimated depth", "its 95 % band"]
+    assert "depth without a touch" in labels
 
 
 def test_a_hole_through_the_sheet_has_its_wear_and_the_sheet_but_no_depth(tmp_path: Path) -> None:
@@ -172,6 +182,16 @@ def test_each_hole_of_an_array_is_shown_with_its_error(array_run_file: Path) -> 
     assert signed <= told | {"+0.00", "−0.00"}
     assert {f"± {row['depth_u95']:.2f}" for row in rows} <= told
     assert {"x (µm)", "y (µm)", "depth − target (µm)", "tool wear (µm)"} <= told
+
+
+def test_holes_are_called_by_the_numbers_of_their_names(tmp_path: Path) -> None:
+    writer = made_up.new_run(tmp_path)
+    for place, number in enumerate((4, 1, 2)):
+        writer.site_result(replace(a_site_row(), site=f"hole-{number}", x_um=300.0 * place))
+    places, _, wear, *_ = panels(array.draw, writer.finish("done", 0))
+    assert [text.get_text().partition("\n")[0] for text in places.texts] == ["4", "1", "2"]
+    assert [text.get_text() for text in wear.get_xticklabels()] == ["4", "1", "2"]
+    assert short_names(["left-1", "right-1"]) == ["left-1", "right-1"]
 
 
 @pytest.mark.parametrize("holes", [2, 100])

@@ -210,6 +210,7 @@ def test_kappa_of_a_virtual_run_is_that_of_its_process(request: pytest.FixtureRe
     assert "removed volume" in told
     of = ", mean of a block" if kind == "blocks" else ""
     assert f"energy per discharge{of} (µJ)" in told
+    assert any(text.startswith("κ by ") and text.endswith("± of depth alone") for text in told)
     value, _, u95 = label.split()[2:5]
     assert len(value.partition(".")[2]) == len(u95.partition(".")[2])
 
@@ -233,6 +234,28 @@ def test_a_narrow_range_of_jump_periods_has_an_even_scale_and_a_wide_one_powers(
         low_s, high_s = periods.get_ylim()
         assert sum(low_s <= tick <= high_s for tick in periods.get_yticks()) >= 3
     assert scales == ["linear", "log"]
+
+
+def test_the_first_jump_of_a_cut_has_no_jump_before_it() -> None:
+    cuts = np.array([[0.0, 20.0], [100.0, 120.0]])
+    since_s = jumps.since_the_last(np.array([4.0, 9.0, 105.0, 106.5]), cuts)
+    assert since_s == pytest.approx([np.nan, 5.0, np.nan, 1.5], nan_ok=True)
+
+
+def test_a_single_jump_is_one_jump_with_nothing_before_it(tmp_path: Path) -> None:
+    writer = made_up.new_run(tmp_path)
+    made_up.cut(writer, 0.0)
+    writer.event(5.0, Told.JUMP_DONE, EventLevel.DEBUG, "JUMP_DONE", {})
+    told = texts(jumps.draw, writer.finish("done", 0))
+    assert "1 jump" in told
+    assert "time since the jump before" not in told
+
+
+def test_pulses_of_a_cut_are_those_that_its_results_count(full_run_file: Path) -> None:
+    with open_run(full_run_file) as run:
+        (row,) = run.table("/entry/results")
+    whole = f"{row['pulses']:,}".replace(",", " ")
+    assert f"{whole} pulses while cutting" in texts(pulses.draw, full_run_file)
 
 
 def test_classes_are_told_apart_without_colours(tmp_path: Path) -> None:
@@ -259,7 +282,7 @@ def test_a_line_is_broken_between_cuts_and_keeps_its_extremes(tmp_path: Path) ->
     made_up.cut(writer, 100.0)
     with open_run(writer.finish("done", 0)) as run:
         cuts = cuts_s(run)
-    assert cuts == pytest.approx(np.array([[0.0, 19.9], [100.0, 119.9]]))
+    assert cuts == pytest.approx(np.array([[0.0, 19.9], [99.9, 119.9]]))
     time_s = np.concatenate([np.arange(5000), np.arange(9000, 14000)]) * 0.1
     values = np.sin(time_s)
     values[[77, 8000]] = 5.0, -7.0

@@ -20,6 +20,8 @@ from edmctl.record.rows import SlowRow, TouchRow, WaveformBlock
 from edmctl.record.told import State
 from edmctl.report.envelopes import Spans, envelopes, rows_worked
 from edmctl.report.figures.spectrum import line_hz, peak_hz, segment_size, welch
+from edmctl.report.kinds import KINDS as KINDS_OF_FIGURES
+from edmctl.report.kinds import draw, kind_called
 from edmctl.report.style import NothingToDraw, house_style, new_figure, rendered, time_unit
 from tests.report.servo_signals import IDLE, JUMP, MACHINING, TOUCH, a_cut, sites, write_run
 
@@ -113,6 +115,30 @@ def labels_out_of_sight(axes: Axes) -> list[Text]:
         away = [tick for tick in ticks if not low <= tick.get_loc() <= high]
         found += [label for tick in away for label in (tick.label1, tick.label2)]
     return found
+
+
+def test_every_figure_of_a_simulated_run_says_so_with_its_seed(run_file: Path) -> None:
+    said = []
+    with open_run(run_file) as run, house_style():
+        for kind in KINDS_OF_FIGURES:
+            try:
+                figure = draw(kind, run)
+            except NothingToDraw:
+                continue
+            said.append("simulated, seed 3" in [text.get_text() for text in figure.texts])
+            assert not overlaps(figure), kind.name
+    assert len(said) >= 9
+    assert all(said)
+
+
+def test_every_panel_is_named_in_the_caption(run_file: Path) -> None:
+    with open_run(run_file) as run, house_style():
+        for name in ("gap", "displacement", "pulses", "erosion", "jumps", "energy", "spectrum"):
+            kind = kind_called(name)
+            panels = [axes for axes in draw(kind, run).axes if axes.get_title(loc="left").startswith("(")]
+            assert len(panels) >= 2
+            for axes in panels:
+                assert axes.get_title(loc="left") in kind.sees
 
 
 def test_texts_on_each_other_are_found() -> None:
@@ -317,6 +343,11 @@ def test_a_limit_cycle_is_marked_with_its_frequency(tmp_path: Path) -> None:
     figure = drawn("spectrum", path)
     assert texts(figure).count("6.25 Hz") == 2
     assert {"each frequency", "mean over 1/12 octave"} == legend_of(figure)
+
+
+def test_a_spectrum_of_one_segment_is_one_segment(tmp_path: Path) -> None:
+    path = write_run(tmp_path / "a.h5", a_cut(6.0)).finish("done", 0)
+    assert "1 segment of 5.12 s, 100 Hz" in texts(drawn("spectrum", path))
 
 
 def test_what_is_folded_into_a_spectrum_is_told(run_file: Path, full_run_file: Path) -> None:

@@ -133,6 +133,9 @@ def test_several_sites_make_a_table(array_run_file: Path, monkeypatch: pytest.Mo
     assert all(f'<th scope="row">hole-{number}</th>' in page for number in range(1, 10))
     assert "mean of 9 sites" in page
     assert "true depth (simulated)" in page
+    # Eleven columns fit where their names may take two lines.
+    assert ".numbers thead th { white-space: normal;" in page
+    assert "its ± is at most the sum of theirs" in page
 
 
 def test_a_run_that_failed_says_so_at_the_top(

@@ -21,6 +21,8 @@ from edmctl.report.style import (
 from edmctl.report.told_depths import was_touched
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from matplotlib.axes import Axes
     from matplotlib.collections import PatchCollection
     from matplotlib.figure import Figure
@@ -35,6 +37,10 @@ COLOURS = "PuOr"
 """Diverging, and told apart by the colour-blind."""
 LABELLED = 36
 """So many holes have room for their numbers."""
+MOST_TICKS = 16
+"""Of holes below the axis that there is room for."""
+LONGEST_LEVEL = 4
+"""Letters of a name that are written side by side."""
 LEAST_SPAN_UM = 0.5
 """Colours span at least this, or noise would look like a pattern."""
 
@@ -43,6 +49,8 @@ LEAST_SPAN_UM = 0.5
 class _Holes:
     """Holes in the order of machining: ndarrays of shape (n,), µm; `tolerance_um` is NaN without a target depth."""
 
+    names: list[str]
+    """Short ones: of `hole-1`, `hole-2`, … the numbers."""
     x_um: Array
     y_um: Array
     error_um: Array
@@ -93,6 +101,7 @@ def _holes(run: RunFile) -> _Holes:
         wanted_um, tolerance_um = float(depth_um.mean()), np.nan
         against = f"mean {wanted_um:.2f} µm"
     return _Holes(
+        names=short_names([site.name for site in sites]),
         x_um=np.array([site.x_um for site in sites]),
         y_um=np.array([site.y_um for site in sites]),
         error_um=depth_um - wanted_um,
@@ -103,6 +112,13 @@ def _holes(run: RunFile) -> _Holes:
         against=against,
         touched=np.array([was_touched(site) for site in sites], np.bool_),
     )
+
+
+def short_names(names: Sequence[str]) -> list[str]:
+    """Return what tells names apart: their numbers, where they differ in nothing else."""
+    parts = [name.rpartition("-") for name in names]
+    alike = len({head for head, _, _ in parts}) == 1 and all(number.isdecimal() for _, _, number in parts)
+    return [number for _, _, number in parts] if alike else list(names)
 
 
 def _draw_map(figure: Figure, axes: Axes, holes: _Holes) -> None:
@@ -147,7 +163,7 @@ def _label(axes: Axes, holes: _Holes, number: int, span_um: float, count: int) -
     return axes.text(
         holes.x_um[number],
         holes.y_um[number],
-        f"{number + 1}\n{_signed(error_um)}\n± {holes.error_u95_um[number]:.2f}",
+        f"{holes.names[number]}\n{_signed(error_um)}\n± {holes.error_u95_um[number]:.2f}",
         ha="center",
         va="center",
         fontsize=6.0 if count <= 16 else 4.5,
@@ -186,14 +202,15 @@ def _draw_errors(axes: Axes, holes: _Holes) -> None:
 
 
 def _draw_wear(axes: Axes, holes: _Holes) -> None:
-    from matplotlib.ticker import MaxNLocator
-
     _points(axes, holes.wear_um, holes.wear_u95_um, holes.touched, VERMILLION, "s")
     axes.set_ylabel("tool wear (µm)")
     axes.set_xlabel("hole, in the order of machining; bars: 95 %")
     if not holes.touched.all():
         axes.set_title("open: not touched, by feed and energy", loc="right", pad=3.0)
-    axes.xaxis.set_major_locator(MaxNLocator(10, integer=True, min_n_ticks=1))
+    every = -(-len(holes.names) // MOST_TICKS)
+    axes.set_xticks(range(1, len(holes.names) + 1, every), holes.names[::every])
+    if max(map(len, holes.names)) > LONGEST_LEVEL:
+        axes.tick_params(axis="x", labelrotation=90)
     axes.set_xlim(0.4, len(holes.wear_um) + 0.6)
 
 

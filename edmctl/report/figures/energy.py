@@ -130,5 +130,6 @@ def _draw_volume(axes: Axes, found: Removal, edges_s: Array, sums_uj: Array) -> 
     axes.set_xlabel("energy of normal discharges and arcs so far (J)")
     axes.set_ylabel("removed volume\n(10$^{-3}$ mm³)")
     if fit is not None:
-        holes = "1 touched place" if fit.holes == 1 else f"{fit.holes} touched places"
-        axes.set_title(f"κ from {holes}", loc="right", pad=3.0)
+        # The width of the hole is the profile's: nobody measured its share of the uncertainty.
+        points = "the last touched point" if fit.holes == 1 else f"{fit.holes} last touched points"
+        axes.set_title(f"κ by {points}, ± of depth alone", loc="right", pad=3.0)

@@ -75,6 +75,8 @@ def draw(run: RunFile) -> Figure:
 
 def _draw_estimates(axes: Axes, rows: dict[str, Array], per_s: float) -> None:
     time_s, depth_um, u95_um = rows["time"], rows["est_depth"], rows["est_depth_u95"]
+    depth = broken(time_s, depth_um)
+    draw_envelope(axes, depth.time_s / per_s, depth.low, depth.high, BLUE, "estimated depth", 1.0)
     if np.isfinite(u95_um).any():
         low, high = broken(time_s, depth_um - u95_um), broken(time_s, depth_um + u95_um)
         axes.fill_between(
@@ -86,8 +88,6 @@ def _draw_estimates(axes: Axes, rows: dict[str, Array], per_s: float) -> None:
             linewidth=0.0,
             label="its 95 % band",
         )
-    depth = broken(time_s, depth_um)
-    draw_envelope(axes, depth.time_s / per_s, depth.low, depth.high, BLUE, "estimated depth", 1.0)
     if np.isfinite(rows["est_wear"]).any():
         wear = broken(time_s, rows["est_wear"])
         middle = 0.5 * (wear.low + wear.high)
@@ -105,7 +105,8 @@ def _draw_told(axes: Axes, told: Sequence[ToldDepth], per_s: float, *, sensor: b
     """Draw depths as discs and wear as squares, full where they were touched."""
     size = 2.4 if len(told) > MANY else 3.6
     touched = "measured {}" if sensor else "{} by contact, from voltage"
-    for is_touched, words in ((True, touched), (False, "{} without a touch")):
+    corrected = ", corrected later" if _touched_after(told) else ""
+    for is_touched, words in ((True, touched), (False, f"{{}} without a touch{corrected}")):
         some = [depth for depth in told if depth.touched is is_touched]
         for name, colour, mark in (("depth", BLUE, "o"), ("wear", VERMILLION, "s")):
             values = [
@@ -115,6 +116,12 @@ def _draw_told(axes: Axes, told: Sequence[ToldDepth], per_s: float, *, sensor: b
             ]
             if values:
                 _draw_points(axes, values, colour, mark, size, words.format(name), full=is_touched)
+
+
+def _touched_after(told: Sequence[ToldDepth]) -> bool:
+    """Whether something was touched after a value without a touch: that corrects it."""
+    touched_s = [depth.time_s for depth in told if depth.touched]
+    return any(depth.time_s < max(touched_s, default=0.0) for depth in told if not depth.touched)
 
 
 def _draw_points(

@@ -95,20 +95,21 @@ def _draw_shares(axes: Axes, slow: dict[str, Array], at_s: Array, per_s: float) 
 
 
 def _draw_periods(axes: Axes, slow: dict[str, Array], at_s: Array, cuts: Array, per_s: float) -> None:
-    since_s = _since_the_last(at_s, cuts)
+    since_s = since_the_last(at_s, cuts)
     period = broken(slow["time"], slow["jump_period"])
     if np.isfinite(period.low).any():
         draw_envelope(axes, period.time_s / per_s, period.low, period.high, GREY, "jump period in force", 1.2)
     size = 2.6 if len(at_s) <= FEW else 1.2
-    axes.plot(
-        at_s / per_s,
-        since_s,
-        "o",
-        color=BLUE,
-        markersize=size,
-        markeredgewidth=0.0,
-        label="time since the jump before",
-    )
+    if np.isfinite(since_s).any():
+        axes.plot(
+            at_s / per_s,
+            since_s,
+            "o",
+            color=BLUE,
+            markersize=size,
+            markeredgewidth=0.0,
+            label="time since the jump before",
+        )
     drawn_s = np.concatenate([since_s, slow["jump_period"]])
     drawn_s = drawn_s[drawn_s > 0.0]
     if len(drawn_s) and drawn_s.max() > RANGE_OF_LOG * drawn_s.min():
@@ -119,10 +120,9 @@ def _draw_periods(axes: Axes, slow: dict[str, Array], at_s: Array, cuts: Array, 
     axes.set_ylabel("jump period (s)")
 
 
-def _since_the_last(at_s: Array, cuts: Array) -> Array:
-    """Time since the jump before, or since its cut began, shape (n,); NaN for a jump outside of the cuts."""
-    before_s = np.concatenate([[-np.inf], at_s[:-1]])
+def since_the_last(at_s: Array, cuts: Array) -> Array:
+    """Time since the jump before in the same cut, shape (n,); NaN for the first of a cut and outside of cuts."""
     cut = np.searchsorted(cuts[:, 0], at_s, side="right") - 1
-    began_s = np.where(cut >= 0, cuts[np.maximum(cut, 0), 0], np.nan)
-    since_s: Array = at_s - np.fmax(before_s, began_s)
+    since_s: Array = np.diff(at_s, prepend=np.nan)
+    since_s[(cut < 0) | (np.diff(cut, prepend=-1) != 0)] = np.nan
     return since_s

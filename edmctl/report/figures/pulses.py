@@ -148,7 +148,7 @@ def _draw_totals(axes: Axes, totals: NDArray[np.int64]) -> None:
     axes.grid(visible=False, axis="x")
     axes.set_ylim(0.0, 125.0 * shares.max())
     axes.set_ylabel("share of\npulses (%)")
-    axes.set_title(f"{count(int(totals.sum()))} pulses", loc="right", pad=3.0)
+    axes.set_title(f"{count(int(totals.sum()))} pulses while cutting", loc="right", pad=3.0)
 
 
 _FROM_BELOW = (1, 0, 2, 3)

@@ -25,6 +25,7 @@ from edmctl.report.style import (
     new_figure,
     shared_legend,
 )
+from edmctl.wording import plural
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -92,7 +93,9 @@ def draw(run: RunFile) -> Figure:
     lower.set_xlabel("frequency (Hz)")
     letter_panels((upper, lower))
     upper.set_title(
-        f"{len(segments)} segments of {size / rate_hz:.3g} s, {rate_hz:.4g} Hz", loc="right", pad=2.0
+        f"{plural(len(segments), 'segment')} of {size / rate_hz:.3g} s, {rate_hz:.4g} Hz",
+        loc="right",
+        pad=2.0,
     )
     if rate_hz < 0.9 * UNFOLDED_HZ:
         lower.set_title(f"faster than {0.5 * rate_hz:.3g} Hz: folded in", loc="right", pad=2.0)
