@@ -205,7 +205,7 @@ def test_the_same_input_makes_the_same_datasets(write_run: Callable[[str], Path]
             if isinstance(one[path], h5py.Dataset) and one[path].dtype != object:
                 assert str(one[path][()].tolist()) == str(other[path][()].tolist()), path
                 compared += 1
-    assert compared == 110
+    assert compared > 100
 
 
 def test_a_recorder_without_a_file_takes_the_same_calls(tmp_path: Path, meta: RunMeta) -> None:
