@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.cli.app import main
+from edmctl.report import style
 from tests.cli.commands import CU270, ROOT
 from tests.faults.workshop import Workshop
 
@@ -48,6 +49,12 @@ def _machined(folder: Path, *options: str, exit_code: int = 0, inject: str = "")
         place = ("--seed", "3", "--out", str(folder), "--run-id", "one", "--quiet")
         assert main(("machine", *options, *place)) == exit_code
     return folder / "one.h5"
+
+
+@pytest.fixture(autouse=True)
+def _coarse_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Draw at a third of the resolution: where things are does not depend on it, and it takes half the time."""
+    monkeypatch.setattr(style, "PNG_DPI", 100)
 
 
 @pytest.fixture(scope="session")

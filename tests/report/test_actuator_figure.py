@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from edmctl.errors import PreconditionError, UsageError
+from edmctl.report import style
 from edmctl.report.actuator_figure import POINTS, Trial, draw, extremes
-from edmctl.report.style import PNG_DPI, check_figure
+from edmctl.report.style import check_figure
 
 pytest.importorskip("matplotlib")
 
@@ -26,7 +27,7 @@ def trial(title: str = "sine 1 Hz") -> Trial:
 def png_size_mm(content: bytes) -> tuple[float, float]:
     assert content[:8] == b"\x89PNG\r\n\x1a\n"
     width, height = struct.unpack(">II", content[16:24])
-    return 25.4 * width / PNG_DPI, 25.4 * height / PNG_DPI
+    return 25.4 * width / style.PNG_DPI, 25.4 * height / style.PNG_DPI
 
 
 def texts_of(svg: bytes) -> list[str]:
