@@ -20,7 +20,9 @@ if TYPE_CHECKING:
     from edmctl.procedures.run import Run
 
 ABOVE_BOTTOM_UM = 15.0
-"""A later cut is approached fast to this far above the last bottom, then at the approach speed."""
+"""A later cut is approached fast to this far above where the last bottom can be, then at the approach speed."""
+UNKNOWN_SDS = 4.0
+"""Where a surface can be, in standard uncertainties of its height: beyond this once in 16 000 ramps."""
 BEYOND_BOTTOM_UM = 15.0
 """No spark this far beyond the last bottom is a fault."""
 SURFACE_UNCERTAINTY_UM = 10.0
@@ -40,11 +42,15 @@ def approach_surface(run: Run) -> None:
     _approach(run, run.profile.approach.max_travel_um)
 
 
-def approach_bottom(run: Run, bottom_um: float) -> None:
-    """Feed from 0 V to the first sparks at a bottom of known height."""
+def approach_bottom(run: Run, bottom_um: float, bottom_u_um: float) -> None:
+    """Feed from 0 V to the first sparks at a bottom whose height is known within a standard uncertainty.
+
+    The ramp ends above where the bottom can be, and the search goes on to below that.
+    """
     run.begin(Phase.APPROACHING)
-    lower_to(run, bottom_um - ABOVE_BOTTOM_UM)
-    _approach(run, bottom_um - run.watch.displacement_um + BEYOND_BOTTOM_UM)
+    unknown_um = UNKNOWN_SDS * bottom_u_um
+    lower_to(run, bottom_um - ABOVE_BOTTOM_UM - unknown_um)
+    _approach(run, bottom_um - run.watch.displacement_um + BEYOND_BOTTOM_UM + unknown_um)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,8 +9,8 @@ from edmctl.procedures.approach import approach_bottom
 from edmctl.procedures.channel_scan import PassPlan, PassResult, run_pass
 from edmctl.procedures.channel_touch import learned_gap_um
 from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.drift import uncertainty_now
 from edmctl.procedures.job import Site
-from edmctl.procedures.measuring import displacement_uncertainty
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.tool_length import TOUCH_U_UM
 from edmctl.process.channel_wear import ToolWear
@@ -34,6 +34,8 @@ QUIET_SHARE = 0.65
 GAP_GROWTH = 1.25
 """A floor that was evened out lies further from the held tool than a servo would keep it, by this factor until it is
 measured: ignition takes so much more gap for twice the open pulses."""
+FLOOR_U_UM = 1.0
+"""Standard uncertainty of the height of a floor that a pass has left: gap, and what it left uneven [assumed]."""
 SPARE_PASSES = 4
 """A layer may take twice the passes that its volume needs, and these."""
 MOST_TO_EVEN = 8
@@ -67,7 +69,7 @@ class Layers:
     @property
     def wear_u_um(self) -> float:
         """Standard uncertainty of where the tool's face is now: wear since the last stop, and drift."""
-        drift_u_um_per_s = displacement_uncertainty(self._run.job).drift_u_um_per_s
+        drift_u_um_per_s = uncertainty_now(self._run).drift_u_um_per_s
         drift_um = drift_u_um_per_s * (self._run.machine.time_s - self.since_s)
         return math.hypot(self.wear.u_um(self.since_uj), drift_um)
 
@@ -106,7 +108,7 @@ class Layers:
         """Take a measuring stop: wear, wear per energy, the gap that a held tool leaves, the depth."""
         if self.last is None:
             raise ValueError("nothing was cut")
-        drift_u_um_per_s = displacement_uncertainty(self._run.job).drift_u_um_per_s
+        drift_u_um_per_s = uncertainty_now(self._run).drift_u_um_per_s
         wear_um = found.pad.z_um - self._face.z1.z_um
         self.wear.learn(self.since_uj, wear_um, drift_u_um_per_s * (found.pad.time_s - self.since_s))
         self.gap_um = learned_gap_um(*self.last, found, self.wear)
@@ -150,7 +152,9 @@ class Layers:
         x_um, y_um = self._way.at(self._way.length_um if len(self.passes) % 2 else 0.0)
         move_to(self._run, Site("the path's end" if len(self.passes) % 2 else "the path's start", x_um, y_um))
         old = HeldTool(held.pad_um, held.plane, self.depth_um, held.gap_um)
-        approach_bottom(self._run, old.floor_um((x_um, y_um), self.wear.um(self.since_uj)))
+        floor_um = old.floor_um((x_um, y_um), self.wear.um(self.since_uj))
+        floor_u_um = math.hypot(self.wear_u_um, self._face.plane.height_u_um(x_um, y_um), FLOOR_U_UM)
+        approach_bottom(self._run, floor_um, floor_u_um)
         self._engaged = True
 
     def _tell_pass(self, held: HeldTool, done: PassResult) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.procedures.channel_result import FloorPlace, FloorReading
-from edmctl.procedures.face import touch_face
+from edmctl.procedures.face import pad_only, touch_plane
 from edmctl.procedures.job import Site
 from edmctl.procedures.planning import LARGEST_GAP_UM, SMALLEST_GAP_UM
 from edmctl.procedures.stages import move_to
@@ -46,7 +46,9 @@ def touch_untouched(run: Run, way: Way) -> Face:
     move_to(run, run.job.pad)
     z1 = take_reading(run, "Z1", run.profile.meta.name, run.profile.approach.offset_um, OFFSET_UNCERTAINTY_UM)
     candidates = [_place(run, way, s_um) for s_um in even_places(way, FACE_CANDIDATES)]
-    return Face(z1, touch_face(run, candidates, ToolLength(z1)))
+    face = pad_only(run)
+    touch_plane(run, candidates, face, ToolLength(z1))
+    return Face(z1, face.plane)
 
 
 def measure_floor(

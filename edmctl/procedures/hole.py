@@ -7,10 +7,11 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from edmctl.procedures.estimating import energy_of, estimate_of
-from edmctl.procedures.face import pad_only
+from edmctl.procedures.drift import uncertainty_now
+from edmctl.procedures.face import Face, pad_only
 from edmctl.procedures.feed_error import FeedError
 from edmctl.procedures.goal import Goal, goal_of
-from edmctl.procedures.measuring import displacement_uncertainty
+from edmctl.procedures.planning import Start
 from edmctl.procedures.site_result import CutSums, Heights, site_result, site_row
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.tool_length import ToolLength
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from edmctl.procedures.job import Site
     from edmctl.procedures.run import Run
     from edmctl.process.live_erosion import Energy, ErosionEstimate
-    from edmctl.process.plane import Plane
+    from edmctl.process.shared_wear import WearShare
     from edmctl.process.wear import DepthAndWear
 
 OFFSET_UNCERTAINTY_UM = 10.0
@@ -33,19 +34,17 @@ LEFT_UNCERTAINTY_UM = 12.0
 class Known:
     """What a job has learned so far, from hole to hole: tool length, face, removal and wear, working gap.
 
-    `pad_um` is where the pad is expected within `pad_u_um` before the tool has touched it.
-    `plane_fitted` tells a face that was touched from one that is only hoped to be level; `unmeasured` are the holes
-    that were made since the pad was last touched.
+    `pad_um` is where the pad is expected within `pad_u_um` before the tool has touched it. `unmeasured` are the cuts
+    since the pad was last touched.
     """
 
     estimate: ErosionEstimate
-    face: Plane
+    face: Face
     gap_um: float
     tool: ToolLength | None = None
     pad_um: float = math.nan
     pad_u_um: float = OFFSET_UNCERTAINTY_UM
-    plane_fitted: bool = False
-    unmeasured: list[Hole] = field(default_factory=list)
+    unmeasured: list[Unmeasured] = field(default_factory=list)
 
 
 def known_before(run: Run) -> Known:
@@ -125,6 +124,21 @@ class Hole:
         )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Unmeasured:
+    """A cut that no touch followed: its hole, the wear that is expected of it, and what else is unknown.
+
+    `depth_u_um` is of the hole's depth, but for the tool's length; `wear_before_um` is the hole's wear before the
+    cut, known within `wear_before_u_um`.
+    """
+
+    hole: Hole
+    share: WearShare
+    depth_u_um: float
+    wear_before_um: float
+    wear_before_u_um: float
+
+
 def begin_hole(run: Run, site: Site, known: Known) -> Hole:
     """Begin a hole: touch the pad where nothing is known of the tool's length, otherwise go by what is known."""
     if known.tool is None:
@@ -135,29 +149,31 @@ def begin_hole(run: Run, site: Site, known: Known) -> Hole:
 
 def hole_at(run: Run, site: Site, known: Known, z1: SurfaceReading, z1_u_um: float) -> Hole:
     """Return an untouched hole at a site whose tool would have met the pad at `z1`."""
-    face_um = known.face.height_um(site.x_um, site.y_um)
+    face_um = known.face.height_um(site)
     return Hole(
         site=site,
         goal=goal_of(run.profile, site),
         z1=z1,
         z1_u_um=z1_u_um,
         face_um=face_um,
-        face_u_um=known.face.height_u_um(site.x_um, site.y_um),
+        face_u_um=known.face.height_u_um(site),
         estimate=known.estimate if known.estimate.fits == 0 else known.estimate.next_hole(),
         bottom=z1.shifted(face_um),
         pad=z1,
     )
 
 
-def start_u_um(run: Run, hole: Hole, tool: ToolLength) -> float:
-    """Standard uncertainty of a depth that is counted from an untouched face, now: tool, face, and what measures."""
-    known = displacement_uncertainty(run.job)
+def start_of(run: Run, hole: Hole, tool: ToolLength, gap_um: float) -> Start:
+    """What the first cut of an untouched hole starts from: tool, face, and what measures."""
+    known = uncertainty_now(run)
     length_um = hole.goal.feed_um if hole.goal.kind == "feed" else hole.goal.depth_um
-    return math.hypot(
-        tool.u_um(run.machine.time_s, known.drift_u_um_per_s),
-        hole.face_u_um,
-        known.linearity_u_um,
-        known.gain_u_rel * length_um,
+    return Start(
+        bottom_um=hole.surface_um,
+        bottom_u_um=math.hypot(tool.u_um(tool.pad.time_s, 0.0), hole.face_u_um),
+        gap_um=gap_um,
+        time_s=tool.pad.time_s,
+        drift_u_um_per_s=known.drift_u_um_per_s,
+        depth_u_um=math.hypot(known.linearity_u_um, known.gain_u_rel * length_um),
     )
 
 

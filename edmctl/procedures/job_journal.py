@@ -34,7 +34,8 @@ class JobJournal:
 
     def face(self, known: Known) -> None:
         """Note the face that was fitted."""
-        self._slope = (float(known.face.slope[0]), float(known.face.slope[1]))
+        slope = known.face.plane.slope
+        self._slope = (float(slope[0]), float(slope[1]))
 
     def begin_hole(self, hole: Hole, time_s: float, *, begun: bool = False) -> None:
         """A hole whose Z1 is known; `begun` when an earlier run has cut it already."""

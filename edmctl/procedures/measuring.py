@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from edmctl.procedures.job import Job
     from edmctl.procedures.touch import SurfaceReading
     from edmctl.profile.model import Profile
+    from edmctl.profile.setup import Setup
 
 
 ZERO_DRIFT_UM_PER_S = 1.0 / 600.0
@@ -46,25 +47,21 @@ def displacement_uncertainty(job: Job) -> DisplacementUncertainty:
 
 
 def depth_and_wear(
-    job: Job,
+    setup: Setup,
+    known: DisplacementUncertainty,
     z1: SurfaceReading,
     z2: SurfaceReading,
     z3: SurfaceReading,
     *,
-    face_um: float = 0.0,
-    face_u_um: float | None = None,
-    z1_u_um: float = 0.0,
+    face_um: float,
+    face_u_um: float,
+    z1_u_um: float,
 ) -> DepthAndWear:
     """Depth Z2 - Z3, wear Z3 - Z1 and feed Z2 - Z1, with the uncertainties of what measured them.
 
-    `face_um` is how much further than the pad the face lies at the site, by a fitted plane known within `face_u_um`;
-    without a plane the tilt of the setup stands for that. `z1_u_um` is of a Z1 that was not touched right before.
+    `face_um` is how much further than the pad the face lies at the site, known within `face_u_um`; `z1_u_um` is of a
+    Z1 that was not touched right before.
     """
-    profile, setup = job.profile, job.setup
-    known, tilt_u_mrad = displacement_uncertainty(job), setup.surface.tilt_u_mrad
-    repeatability_um = setup.stage.repeatability_um
-    if face_u_um is None:
-        face_u_um = tilt_uncertainty_um(tilt_u_mrad, profile.measure.site_dx_um, repeatability_um)
     return measure(
         z1.reading,
         z2.reading,
@@ -74,7 +71,7 @@ def depth_and_wear(
         drift_u_um_per_s=known.drift_u_um_per_s,
         z1_to_z3_s=z3.time_s - z1.time_s,
         z2_to_z3_s=z3.time_s - z2.time_s,
-        pad_u_um=tilt_uncertainty_um(tilt_u_mrad, 0.0, repeatability_um),
+        pad_u_um=tilt_uncertainty_um(setup.surface.tilt_u_mrad, 0.0, setup.stage.repeatability_um),
         linearity_u_um=known.linearity_u_um,
         height_um=face_um,
         z1_u_um=z1_u_um,

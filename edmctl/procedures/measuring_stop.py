@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from edmctl.procedures.approach import raise_by
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.deciding import Decision, decide
+from edmctl.procedures.drift import uncertainty_now
 from edmctl.procedures.estimating import energy_of
 from edmctl.procedures.measuring import depth_and_wear
 from edmctl.procedures.planning import CutPlan, Start, learned_gap_um
-from edmctl.procedures.settling import settle_unmeasured
+from edmctl.procedures.settling import settle_unmeasured, unmeasured
 from edmctl.procedures.setup_check import refuse_wrong_setup
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.tool_length import TOUCH_U_UM, ToolLength
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
     from edmctl.procedures.hole import Hole, Known
     from edmctl.procedures.run import Args, Run
     from edmctl.procedures.touch import SurfaceReading
+    from edmctl.process.shared_wear import SharedWear
 
 CLEAR_OF_BOTTOM_UM = 60.0
 """Before the bottom is touched the tool rises by this: clear of 20 µm for the contact check."""
@@ -39,13 +42,14 @@ def measure_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: CutResu
     z2 = take_reading(run, "Z2", hole.site.name, end_um + plan.gap_um)
     z3 = touch_pad(run, hole, plan, cut)
     gap_um = learned_gap_um(z2.z_um, end_um)
+    settled = None
     if known.unmeasured:
         live = plan.at(end_um, energy_of(run.profile.pulse, cut.counts, cut.energy_j))
-        settle_unmeasured(run, hole, known, z3, live.wear_um, live.wear_u_um)
-    found = learn(run, hole, known, z2, z3, gap_um)
+        settled = settle_unmeasured(run, hole, known, z3, plan, live)
+    found = learn(run, hole, known, z2, z3, gap_um, settled)
     if plan.number == 1:
         refuse_wrong_setup(run, found)
-    start = next_start(hole, gap_um)
+    start = next_start(run, hole, gap_um)
     decision = decide(run.profile, hole.goal, plan, cut, found, start, known.estimate)
     report(run, found, gap_um, decision)
     return decision
@@ -61,18 +65,30 @@ def touch_pad(run: Run, hole: Hole, plan: CutPlan, cut: CutResult, more_u_um: fl
 
 
 def learn(
-    run: Run, hole: Hole, known: Known, z2: SurfaceReading, z3: SurfaceReading, gap_um: float
+    run: Run,
+    hole: Hole,
+    known: Known,
+    z2: SurfaceReading,
+    z3: SurfaceReading,
+    gap_um: float,
+    settled: SharedWear | None = None,
 ) -> DepthAndWear:
-    """Take the readings of a stop into the ledger, the tool's length and the estimate of what follows."""
+    """Take the readings of a stop into the ledger, the tool's length and the estimate of what follows.
+
+    `settled` is the wear of the hole where the touch tells of several holes at once.
+    """
     found = depth_and_wear(
-        run.job,
+        run.setup,
+        uncertainty_now(run),
         hole.z1,
         z2,
         z3,
         face_um=hole.face_um,
-        face_u_um=hole.face_u_um if known.plane_fitted else None,
+        face_u_um=hole.face_u_um,
         z1_u_um=hole.z1_u_um,
     )
+    if settled is not None:
+        found = replace(found, wear_um=settled.wear_um, wear_u95_um=COVERAGE * settled.wear_u_um)
     hole.stops += 1
     hole.bottom, hole.pad = z2, z3
     hole.report(run, found, gap_um)
@@ -87,15 +103,18 @@ def learn(
     return found
 
 
-def next_start(hole: Hole, gap_um: float) -> Start:
+def next_start(run: Run, hole: Hole, gap_um: float) -> Start:
     """What a further cut of a measured hole would start from."""
     assert hole.found is not None
     found = hole.found
     return Start(
         bottom_um=hole.bottom.z_um,
-        u_um=found.depth_u95_um / COVERAGE,
+        bottom_u_um=TOUCH_U_UM,
         gap_um=gap_um,
+        time_s=hole.bottom.time_s,
+        drift_u_um_per_s=uncertainty_now(run).drift_u_um_per_s,
         depth_um=found.depth_um,
+        depth_u_um=found.depth_u95_um / COVERAGE,
         wear_um=found.wear_um,
         wear_u_um=found.wear_u95_um / COVERAGE,
     )
@@ -103,7 +122,9 @@ def next_start(hole: Hole, gap_um: float) -> Start:
 
 def estimate_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: CutResult) -> Decision:
     """End a hole whose last cut need not be measured: what it added is known from feed and energy."""
-    live = plan.at(cut.end_displacement_um, energy_of(run.profile.pulse, cut.counts, cut.energy_j))
+    now_s = run.machine.time_s
+    energy = energy_of(run.profile.pulse, cut.counts, cut.energy_j)
+    live = plan.at(cut.end_displacement_um, energy, now_s)
     worn_um = live.wear_um - plan.start.wear_um
     found = DepthAndWear(
         depth_um=live.depth_um,
@@ -111,13 +132,12 @@ def estimate_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: CutRes
         wear_um=live.wear_um,
         wear_u95_um=plan.wear_u95_um(live),
         feed_um=live.depth_um + live.wear_um,
-        feed_u95_um=COVERAGE * math.hypot(plan.start.u_um, TOUCH_U_UM),
+        feed_u95_um=COVERAGE * math.hypot(plan.start.u_at(now_s), plan.gap_u_um),
         depth_noise_um=live.depth_u_um,
     )
     assert known.tool is not None
+    known.unmeasured.append(unmeasured(run, hole, known.tool.pad.time_s, plan, live))
     known.tool = known.tool.worn(worn_um, live.wear_u_um)
-    if hole.stops == 0:
-        known.unmeasured.append(hole)
     hole.report(
         run,
         found,

@@ -10,7 +10,15 @@ from edmctl.procedures.estimating import estimate_of
 from edmctl.procedures.goal import Goal, goal_of
 from edmctl.procedures.job import Site
 from edmctl.process.live_erosion import Energy, ErosionEstimate, LiveErosion
-from edmctl.process.next_cut import COVERAGE, FIRST_GAP_U_UM, GAP_U_UM, NextCut, next_cut
+from edmctl.process.next_cut import (
+    COVERAGE,
+    FIRST_GAP_U_UM,
+    GAP_U_UM,
+    NextCut,
+    largest_first_um,
+    next_cut,
+)
+from edmctl.profile.rates import feed_rate_um_s
 
 if TYPE_CHECKING:
     from edmctl.profile.model import Profile
@@ -23,16 +31,28 @@ LARGEST_GAP_UM = 20.0
 class Start:
     """What a cut starts from.
 
-    The tool would touch the bottom at `bottom_um`, known within `u_um`. `depth_um` and `wear_um` are the hole's so
-    far, the wear known within `wear_u_um`; `gap_um` is the working gap to expect.
+    The tool would touch the bottom at `bottom_um`, known within `bottom_u_um` at `time_s` and drifting within
+    `drift_u_um_per_s` since. `depth_um` and `wear_um` are the hole's so far, the wear known within `wear_u_um`;
+    `depth_u_um` is what else is unknown of the depth. `gap_um` is the working gap to expect.
     """
 
     bottom_um: float
-    u_um: float
+    bottom_u_um: float
     gap_um: float
+    time_s: float = 0.0
+    drift_u_um_per_s: float = 0.0
     depth_um: float = 0.0
+    depth_u_um: float = 0.0
     wear_um: float = 0.0
     wear_u_um: float = 0.0
+
+    def bottom_u_at(self, now_s: float) -> float:
+        """Standard uncertainty of where the tool would touch the bottom, at a moment."""
+        return math.hypot(self.bottom_u_um, self.drift_u_um_per_s * max(0.0, now_s - self.time_s))
+
+    def u_at(self, now_s: float) -> float:
+        """Standard uncertainty of a depth that is counted from the bottom at a moment, working gap apart."""
+        return math.hypot(self.bottom_u_at(now_s), self.depth_u_um)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,19 +95,28 @@ class CutPlan:
         """Feed of this cut while sparking at a displacement."""
         return max(0.0, displacement_um + self.start.gap_um - self.start.bottom_um)
 
-    def at(self, displacement_um: float, energy: Energy | None = None) -> LiveErosion:
+    @property
+    def gap_u_um(self) -> float:
+        """Standard uncertainty of the working gap expected."""
+        return GAP_U_UM if self.number > 1 or self.estimate.fits else FIRST_GAP_U_UM
+
+    def at(self, displacement_um: float, energy: Energy | None = None, now_s: float = 0.0) -> LiveErosion:
         """Depth and wear of the hole while sparking at a displacement, after discharges of that energy.
 
         `wear_u_um` is what this cut adds; see `wear_u95_um` for that of the hole.
         """
-        gap_u_um = GAP_U_UM if self.number > 1 or self.estimate.fits else FIRST_GAP_U_UM
-        split = self.estimate.split(self.fed_um(displacement_um), gap_u_um, energy)
+        split = self.estimate.split(self.fed_um(displacement_um), self.gap_u_um, energy)
         return LiveErosion(
             self.start.depth_um + split.depth_um,
-            math.hypot(self.start.u_um, split.depth_u_um),
+            math.hypot(self.start.u_at(now_s), split.depth_u_um),
             self.start.wear_um + split.wear_um,
-            split.wear_u_um,
+            split.wear_ratio_u_um,
+            split.wear_own_u_um,
         )
+
+    def contradicts(self, displacement_um: float, energy: Energy) -> bool:
+        """Whether what was fed cannot have taken that energy by what is believed: then nothing but a touch can tell."""
+        return self.estimate.contradicts(self.fed_um(displacement_um), self.gap_u_um, energy)
 
     def wear_u95_um(self, live: LiveErosion) -> float:
         """Half the 95 % interval of the hole's wear in this cut: what was unknown before it counts too."""
@@ -103,9 +132,13 @@ class CutPlan:
 
 
 def first_plan(
-    profile: Profile, start: Start, goal: Goal | None = None, estimate: ErosionEstimate | None = None
+    profile: Profile,
+    start: Start,
+    goal: Goal | None = None,
+    estimate: ErosionEstimate | None = None,
+    now_s: float = 0.0,
 ) -> CutPlan:
-    """The first cut of a hole: all of a feed or of a way through, of a depth as much as is known of the wear."""
+    """The first cut of a hole, planned at `now_s`: all of a feed or way through, of a depth what is known of the wear."""
     goal = goal or goal_of(profile, Site("", 0.0, 0.0))
     estimate = estimate or estimate_of(profile)
     if goal.kind == "feed":
@@ -121,9 +154,9 @@ def first_plan(
         target_um=goal.depth_um,
         remaining_um=goal.depth_um,
         tolerance_um=goal.tolerance_um,
-        start_u_um=start.u_um,
+        start_u_um=start.u_at(now_s + _cut_s(profile, goal, goal.depth_um, estimate)),
         gap_u_um=FIRST_GAP_U_UM if fresh else GAP_U_UM,
-        largest_um=goal.depth_um * (profile.wear.first_fraction if fresh else 1.0),
+        largest_um=largest_first_um(goal.depth_um, profile.wear.first_fraction, estimate),
         begun=False,
     )
     return _planned(1, cut, start, estimate, goal, profile)
@@ -133,15 +166,21 @@ def following_plan(
     profile: Profile, goal: Goal, last: CutPlan, start: Start, estimate: ErosionEstimate
 ) -> CutPlan:
     """The next cut, from the bottom just touched, with the gap and the estimate just learned."""
+    remaining_um = goal.depth_um - start.depth_um
     cut = next_cut(
         estimate,
         target_um=goal.depth_um,
-        remaining_um=goal.depth_um - start.depth_um,
+        remaining_um=remaining_um,
         tolerance_um=goal.tolerance_um,
-        start_u_um=start.u_um,
+        start_u_um=start.u_at(start.time_s + _cut_s(profile, goal, remaining_um, estimate)),
         begun=True,
     )
     return _planned(last.number + 1, cut, start, estimate, goal, profile)
+
+
+def _cut_s(profile: Profile, goal: Goal, depth_um: float, estimate: ErosionEstimate) -> float:
+    """How long a cut of that depth will take, for what drifts meanwhile."""
+    return depth_um * (1.0 + estimate.wear_ratio) / feed_rate_um_s(profile, goal.depth_um)
 
 
 def _planned(

@@ -38,7 +38,7 @@ def take_up_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Deci
     state = run.job.resumed
     assert state is not None
     if state.slope is not None:
-        known.face = _face(run, state.slope)
+        known.face.plane = _face(run, state.slope)
     hole = _hole(run, site, known, state)
     run.ledger.depth_um = state.depth_um
     run.journal.begin_hole(hole, run.machine.time_s, begun=True)
@@ -55,7 +55,7 @@ def take_up_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Deci
         f"{state.depth_um:.1f} and {state.wear_um:.1f} µm.",
         {"depth_um": found.depth_um, "wear_um": found.wear_um, "expected_um": state.depth_um},
     )
-    start = next_start(hole, known.gap_um)
+    start = next_start(run, hole, known.gap_um)
     last = CutPlan(max(1, hole.sums.number), 0.0, start, known.estimate, hole.goal.depth_um)
     decision = decide(run.profile, hole.goal, last, None, found, start, known.estimate)
     report(run, found, known.gap_um, decision)

@@ -9,14 +9,16 @@ from edmctl.procedures.approach import approach_bottom
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.cut import CutEnd, run_cut
 from edmctl.procedures.deciding import Decision, out_of_time
-from edmctl.procedures.hole import close_site, start_u_um
+from edmctl.procedures.estimating import energy_of
+from edmctl.procedures.hole import close_site, start_of
 from edmctl.procedures.measuring_stop import estimate_hole, measure_hole
-from edmctl.procedures.planning import CutPlan, Start, first_plan
+from edmctl.procedures.planning import CutPlan, first_plan
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.through_hole import end_of_through_hole
 from edmctl.record.rows import EventLevel
 
 if TYPE_CHECKING:
+    from edmctl.procedures.cut import CutResult
     from edmctl.procedures.hole import Hole, Known
     from edmctl.procedures.run import Run
     from edmctl.procedures.time_limits import TimeLimits
@@ -29,8 +31,8 @@ def machine_hole(run: Run, hole: Hole, known: Known, limits: TimeLimits, *, is_l
     hole's result after every cut, so that it is there whatever comes next.
     """
     assert known.tool is not None
-    start = Start(hole.surface_um, start_u_um(run, hole, known.tool), known.gap_um)
-    plan = first_plan(run.profile, start, hole.goal, hole.estimate)
+    start = start_of(run, hole, known.tool, known.gap_um)
+    plan = first_plan(run.profile, start, hole.goal, hole.estimate, run.machine.time_s)
     if is_last and not plan.measured:
         plan = replace(plan, measured=True)
     return cut_to_the_end(run, hole, known, plan, limits)
@@ -50,7 +52,7 @@ def _cut(run: Run, hole: Hole, known: Known, plan: CutPlan, limits: TimeLimits) 
     if limits.left().seconds <= 0.0:
         return _no_time(run, hole, plan, limits)
     move_to(run, hole.site)
-    approach_bottom(run, plan.bottom_um)
+    approach_bottom(run, plan.bottom_um, plan.start.bottom_u_at(run.machine.time_s))
     left = limits.left()
     if left.seconds <= 0.0:
         return _no_time(run, hole, plan, limits)
@@ -63,12 +65,18 @@ def _cut(run: Run, hole: Hole, known: Known, plan: CutPlan, limits: TimeLimits) 
     run.ledger.depth_um = plan.depth_at(cut.end_displacement_um)
     if hole.goal.kind == "through":
         decision = end_of_through_hole(run, hole, known, plan, cut)
-    elif plan.measured or cut.end is not CutEnd.REACHED:
+    elif plan.measured or cut.end is not CutEnd.REACHED or _is_surprising(run, plan, cut):
         decision = measure_hole(run, hole, known, plan, cut)
     else:
         decision = estimate_hole(run, hole, known, plan, cut)
     run.ledger.unmeasured_site = ""
     return decision
+
+
+def _is_surprising(run: Run, plan: CutPlan, cut: CutResult) -> bool:
+    """Whether the energy of a cut does not go with its feed: then a touch has to tell what became of it."""
+    energy = energy_of(run.profile.pulse, cut.counts, cut.energy_j)
+    return plan.contradicts(cut.end_displacement_um, energy)
 
 
 def _no_time(run: Run, hole: Hole, plan: CutPlan, limits: TimeLimits) -> Decision:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.deciding import Decision
-from edmctl.procedures.face import touch_face
+from edmctl.procedures.face import touch_plane, touch_where_unknown
 from edmctl.procedures.goal import goal_of
 from edmctl.procedures.hole import Known, begin_hole, known_before, open_site
 from edmctl.procedures.resuming import take_up_hole
@@ -57,13 +57,23 @@ def machine_sites(run: Run) -> Decision | None:
 
 def _machine_fresh(run: Run, site: Site, known: Known, left: Sequence[Site], limits: TimeLimits) -> Decision:
     hole = begin_hole(run, site, known)
-    wanted = run.profile.array.surface == "plane" and len(left) >= TOUCHES_FOR_A_PLANE
-    if wanted and not known.plane_fitted and known.tool is not None:
-        known.face, known.plane_fitted = touch_face(run, left, known.tool), True
+    if _touch_face(run, site, known, left):
         run.journal.face(known)
         hole = begin_hole(run, site, known)
     run.journal.begin_hole(hole, run.machine.time_s)
     return machine_hole(run, hole, known, limits, is_last=len(left) == 1)
+
+
+def _touch_face(run: Run, site: Site, known: Known, left: Sequence[Site]) -> bool:
+    """Touch the face where its tilt would limit the depths; whether anything was touched."""
+    assert known.tool is not None
+    wanted = run.profile.array.surface == "plane" and len(left) >= TOUCHES_FOR_A_PLANE
+    if wanted and not known.face.touched:
+        touch_plane(run, left, known.face, known.tool)
+        return True
+    if run.profile.target.kind == "through":
+        return False
+    return touch_where_unknown(run, site, known.face, known.tool)
 
 
 def _worn_out(run: Run, known: Known, left: Sequence[Site]) -> Decision | None:

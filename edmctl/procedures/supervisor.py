@@ -159,7 +159,7 @@ class Supervisor:
             self.verdict = Verdict.UNSTABLE
         feed_um_s = self._feed_um_s(now_s)
         energy = energy_of(self._run.profile.pulse, self.counts, self.energy_j)
-        erosion = self._plan.at(self._sparked_at_um(), energy)
+        erosion = self._plan.at(self._sparked_at_um(), energy, now_s)
         depth_um = erosion.depth_um
         self._judge(len(block.time_s) * self._sample_s, fresh, depth_um, sparking=machining)
         ledger = self._run.ledger

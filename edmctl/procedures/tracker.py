@@ -47,6 +47,10 @@ class Tracker:
         self.correction.observe(time_s, self._raw_um(estimated_um), measured_um, self.sd_um, keep_gain=True)
         self.estimator.correct(self.correction.gain, self.correction.offset_um)
 
+    def zero_um(self, estimated_um: float, measured_um: float) -> float:
+        """What the sensor shows at a rest beyond the actuator's own displacement."""
+        return measured_um - self.correction.gain * self._raw_um(estimated_um)
+
     def note(self, estimated_um: float, measured_um: float) -> None:
         """Keep a reading of the hole under way for when it is finished."""
         self._noted.append((self._raw_um(estimated_um), measured_um))

@@ -19,6 +19,7 @@ from edmctl.machine.port import (
     joined,
 )
 from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.drift import Rests
 from edmctl.procedures.feed_error import FeedError
 from edmctl.procedures.trace import Trace
 from edmctl.record.rows import EventLevel, PulseBlockRows, PulseTrain, ServoBlock
@@ -69,6 +70,7 @@ class Watch:
         self._comparer: Callable[[TelemetryBlock, Floats], None] | None = None
         self.missing_frames = 0
         self.feed_error = FeedError()
+        self.rests = Rests()
 
     def estimate_with(self, tracker: Tracker) -> None:
         """From now on estimate the displacement; the tracker has already seen what came so far."""
@@ -82,11 +84,20 @@ class Watch:
 
     def rest(self) -> None:
         """Set the zero of the estimate by the sensor: the tool rests at 0 V, and goes to work from here."""
-        tracker, block = self.tracker(), self._latest
-        if not self._sensor or tracker is None or block is None:
+        zero_um, tracker, block = self.zero_um(), self._tracker, self._latest
+        if math.isnan(zero_um) or tracker is None or block is None:
             return
         middle_s = float(block.time_s.mean())
+        self.rests.note(middle_s, zero_um)
         tracker.rest(middle_s, self._trace.at(middle_s), float(block.displacement_um.mean()))
+
+    def zero_um(self) -> float:
+        """What the sensor shows at this rest at 0 V beyond the actuator's own displacement; NaN where nobody knows."""
+        tracker, block = self.tracker(), self._latest
+        if not self._sensor or tracker is None or block is None:
+            return math.nan
+        middle_s = float(block.time_s.mean())
+        return tracker.zero_um(self._trace.at(middle_s), float(block.displacement_um.mean()))
 
     def estimator(self) -> Estimator | None:
         """The estimator in the state of the newest sample; None without one."""

@@ -28,6 +28,10 @@ LEAST_U_REL = 0.005
 """Nothing is ever known better than this, however often it was measured."""
 LEAST_RATIO = 1e-4
 """A tool that does not wear at all has no logarithm."""
+WIDENING_SDS = 2.0
+"""What a touch says beyond so many standard deviations makes what was believed as uncertain as it was wrong."""
+CONTRADICTION_SDS = 3.0
+"""Beyond this the belief is contradicted: one in 370 by chance."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,12 +48,22 @@ class Energy:
 
 @dataclass(frozen=True, slots=True)
 class LiveErosion:
-    """Estimated depth and wear since the last touch, µm, with standard uncertainties."""
+    """Estimated depth and wear since the last touch, µm, with standard uncertainties.
+
+    That of the wear has a part from the ratio of wear to depth, which errs alike in the holes of one job, and one of
+    its own.
+    """
 
     depth_um: float
     depth_u_um: float
     wear_um: float
-    wear_u_um: float
+    wear_ratio_u_um: float
+    wear_own_u_um: float
+
+    @property
+    def wear_u_um(self) -> float:
+        """Standard uncertainty of the wear."""
+        return math.hypot(self.wear_ratio_u_um, self.wear_own_u_um)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +80,27 @@ class _Known:
         """Depth and wear, from the logarithms of depth per removal and of the arcs' surplus of wear."""
         depth_um = math.exp(self.removal + depth_log)
         return depth_um, depth_um * math.exp(self.ratio + arc_log)
+
+    def sds(self, error_um: float, per_removal: float, per_ratio: float, noise_u_um: float) -> float:
+        """How many standard deviations a length was from what was expected, with these two derivatives."""
+        variance = (
+            self.var_removal * per_removal**2
+            + 2.0 * self.covariance * per_removal * per_ratio
+            + self.var_ratio * per_ratio**2
+        )
+        return abs(error_um) / math.sqrt(variance + noise_u_um**2)
+
+    def widened(self, sds: float, *, removal: bool, ratio: bool) -> _Known:
+        """Return the same, with those of the two less certain that something `sds` away has contradicted."""
+        factor = max(1.0, sds / WIDENING_SDS)
+        of_removal, of_ratio = factor if removal else 1.0, factor if ratio else 1.0
+        return _Known(
+            self.removal,
+            self.ratio,
+            self.var_removal * of_removal**2,
+            self.var_ratio * of_ratio**2,
+            self.covariance * of_removal * of_ratio,
+        )
 
     def seen(self, error_um: float, per_removal: float, per_ratio: float, noise_u_um: float) -> _Known:
         """One Kalman step: a length was `error_um` more than expected, and has these two derivatives."""
@@ -90,6 +125,8 @@ class ErosionEstimate:
     removal_um3_per_uj, removal_u_rel : volume of work per energy of normal discharges, and its relative uncertainty
     wear_ratio, ratio_u_rel : wear length per depth, likewise
     hole_area_um2 : cross-section of the hole
+
+    `contradicted` says that the last touch was far from what was believed of the wear ratio.
     """
 
     def __init__(
@@ -105,6 +142,7 @@ class ErosionEstimate:
         self._known = _Known(math.log(removal_um3_per_uj), ratio, removal_u_rel**2, ratio_u_rel**2, 0.0)
         self._hole_area_um2 = hole_area_um2
         self._fits = 0
+        self.contradicted = False
 
     @property
     def fits(self) -> int:
@@ -143,15 +181,13 @@ class ErosionEstimate:
     def split(self, feed_um: float, feed_u_um: float, energy: Energy | None = None) -> LiveErosion:
         """Depth and wear that make up a feed, with what the energy says of it; without energy by the ratio alone."""
         if feed_um <= 0.0:
-            return LiveErosion(0.0, feed_u_um, 0.0, 0.0)
+            return LiveErosion(0.0, feed_u_um, 0.0, 0.0, 0.0)
         known, arc_log = self._known, math.log(_arc_factor(self._arcs))
         if energy is not None and energy.normal_uj > 0.0:
-            depth_log, arc_log = self._logs(energy)
-            # Lengths are exponentials of the unknowns, so one step starts where the feed already fits.
-            depth_um, wear_um = known.lengths_um(depth_log, arc_log)
-            noise_um = feed_u_um * (depth_um + wear_um) / feed_um
-            error_um = (depth_um + wear_um) * math.log(feed_um / (depth_um + wear_um))
-            known = known.seen(error_um, depth_um + wear_um, wear_um, noise_um)
+            _, arc_log = self._logs(energy)
+            step = self._feed_step(feed_um, feed_u_um, energy)
+            if known.sds(*step) <= CONTRADICTION_SDS:
+                known = known.seen(*step)
         ratio = math.exp(known.ratio + arc_log)
         share = 1.0 / (1.0 + ratio)
         split_u_um = feed_um * ratio * share**2 * math.sqrt(known.var_ratio)
@@ -159,8 +195,25 @@ class ErosionEstimate:
             depth_um=feed_um * share,
             depth_u_um=math.hypot(split_u_um, share * feed_u_um),
             wear_um=feed_um * ratio * share,
-            wear_u_um=math.hypot(split_u_um, ratio * share * feed_u_um),
+            wear_ratio_u_um=split_u_um,
+            wear_own_u_um=ratio * share * feed_u_um,
         )
+
+    def contradicts(self, feed_um: float, feed_u_um: float, energy: Energy) -> bool:
+        """Whether a feed and the energy that it took cannot both be as believed; then `split` goes by the feed alone."""
+        if feed_um <= 0.0 or energy.normal_uj <= 0.0:
+            return False
+        return self._known.sds(*self._feed_step(feed_um, feed_u_um, energy)) > CONTRADICTION_SDS
+
+    def _feed_step(self, feed_um: float, feed_u_um: float, energy: Energy) -> tuple[float, float, float, float]:
+        """Error of a feed against its energy, its derivatives, and its noise.
+
+        Lengths are exponentials of the unknowns, so one step starts where the feed already fits.
+        """
+        depth_um, wear_um = self._known.lengths_um(*self._logs(energy))
+        expected_um = depth_um + wear_um
+        error_um = expected_um * math.log(feed_um / expected_um)
+        return error_um, expected_um, wear_um, feed_u_um * expected_um / feed_um
 
     def fitted(
         self, energy: Energy | None, depth_um: float, depth_u_um: float, wear_um: float, wear_u_um: float
@@ -171,17 +224,25 @@ class ErosionEstimate:
         """
         if depth_um <= 0.0 or (energy is not None and energy.normal_uj <= 0.0):
             return self
-        if energy is None:
-            expected_um = depth_um * self.wear_ratio
-            return self._with(
-                self._known.seen(wear_um - expected_um, 0.0, expected_um, wear_u_um), self._fits + 1
+        known, arcs = self._known, self._arcs
+        arc_log = math.log(_arc_factor(arcs))
+        if energy is not None:
+            depth_log, arc_log = self._logs(energy)
+            arcs = energy.arc_uj / energy.normal_uj
+            expected_um, _ = known.lengths_um(depth_log, arc_log)
+            step = (
+                expected_um * math.log(depth_um / expected_um),
+                expected_um,
+                0.0,
+                depth_u_um * expected_um / depth_um,
             )
-        depth_log, arc_log = self._logs(energy)
-        expected_um, _ = self._known.lengths_um(depth_log, arc_log)
-        error_um = expected_um * math.log(depth_um / expected_um)
-        known = self._known.seen(error_um, expected_um, 0.0, depth_u_um * expected_um / depth_um)
-        expected_um = known.lengths_um(depth_log, arc_log)[1]
-        known = known.seen(wear_um - expected_um, expected_um, expected_um, wear_u_um)
+            known = known.widened(known.sds(*step), removal=True, ratio=False).seen(*step)
+        # The ratio is of two touched lengths, so the energy cannot pull it to where removal was believed to be.
+        expected_um = depth_um * math.exp(known.ratio + arc_log)
+        step = (wear_um - expected_um, 0.0, expected_um, wear_u_um)
+        sds = known.sds(*step)
+        known = known.widened(sds, removal=False, ratio=True)
+        known = known.seen(*step)
         learned = self._with(
             _Known(
                 known.removal,
@@ -192,7 +253,7 @@ class ErosionEstimate:
             ),
             self._fits + 1,
         )
-        learned._arcs = energy.arc_uj / energy.normal_uj
+        learned._arcs, learned.contradicted = arcs, sds > CONTRADICTION_SDS
         return learned
 
     def _with(self, known: _Known, fits: int) -> ErosionEstimate:

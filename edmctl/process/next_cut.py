@@ -44,6 +44,18 @@ def is_done(remaining_um: float, tolerance_um: float, depth_noise_um: float) -> 
     return remaining_um <= max(tolerance_um / 2.0, NOISE_FLOOR_SIGMAS * depth_noise_um)
 
 
+def largest_first_um(target_um: float, first_fraction: float, estimate: ErosionEstimate) -> float:
+    """Deepest first cut of a hole, µm.
+
+    Until a touch has said what removal and wear are, the cut feeds no further than the target is deep: a tool that
+    wears less than the recipe believes, or not at all, does not cut too deep then. A belief that the last touch has
+    contradicted counts as little.
+    """
+    if estimate.fits > 0 and not estimate.contradicted:
+        return target_um
+    return target_um * min(first_fraction, 1.0 / (1.0 + estimate.wear_ratio))
+
+
 def next_cut(
     estimate: ErosionEstimate,
     *,
@@ -65,7 +77,7 @@ def next_cut(
     known = COVERAGE * whole.depth_u_um <= tolerance_um and remaining_um <= largest_um
     if known:
         small = begun and remaining_um <= max(LEAST_FINISH_UM, FINISH_SHARE * target_um)
-        skip = small or (not begun and estimate.fits > 0)
+        skip = small or (not begun and estimate.fits > 0 and not estimate.contradicted)
         return NextCut(whole.depth_um, whole.feed_um, whole.depth_u_um, measured=not skip)
     short_um = max(remaining_um - COVERAGE * whole.depth_u_um, 0.5 * remaining_um)
     return _cut(estimate, min(short_um, largest_um), start_u_um, gap_u_um)

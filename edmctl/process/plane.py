@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 TOUCHES_FOR_A_PLANE = 3
+CONTRADICTION_SDS = 2.0
+"""A face that slopes by more standard deviations than this is not the one that was believed in."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,19 +51,27 @@ def fitted_plane(
     origin_um: tuple[float, float],
     places_um: Sequence[tuple[float, float]],
     heights_um: Sequence[float],
-    touch_u_um: float,
+    touch_u_um: float | Sequence[float],
     tilt_u_mrad: float,
 ) -> Plane:
-    """Fit a plane to heights of places over that of the origin, each with the same standard uncertainty.
+    """Fit a plane to heights of places over that of the origin, with standard uncertainties that are the same or their own.
 
-    The origin was touched as badly as the places, so their heights share its error. What is known of the tilt
-    beforehand keeps places in a line from saying nonsense of the direction across it.
+    The origin was touched as badly as the best of the places, so their heights share its error. What is known of the
+    tilt beforehand keeps places in a line from saying nonsense of the direction across it; a slope beyond
+    `CONTRADICTION_SDS` of that is believed instead, and the face taken to be as badly level as it was found.
     """
-    ways = np.asarray(places_um, dtype=np.float64) - np.asarray(origin_um)
-    count = len(heights_um)
-    noise = touch_u_um**2 * (np.eye(count) + np.ones((count, count)))
+    ways = np.asarray(places_um, dtype=np.float64).reshape(-1, 2) - np.asarray(origin_um)
+    heights = np.asarray(heights_um, dtype=np.float64)
+    count = len(heights)
+    own_u = np.broadcast_to(np.asarray(touch_u_um, dtype=np.float64), (count,))
+    noise = np.diag(own_u**2) + own_u.min(initial=np.inf) ** 2 * np.ones((count, count))
     weights = np.linalg.inv(noise)
-    prior = np.eye(2) / (1e-3 * tilt_u_mrad) ** 2 if tilt_u_mrad > 0.0 else np.eye(2) * 1e18
-    covariance = np.linalg.inv(ways.T @ weights @ ways + prior)
-    slope = covariance @ ways.T @ weights @ np.asarray(heights_um, dtype=np.float64)
+    for _ in range(2):
+        prior = np.eye(2) / (1e-3 * tilt_u_mrad) ** 2 if tilt_u_mrad > 0.0 else np.eye(2) * 1e18
+        covariance = np.linalg.inv(ways.T @ weights @ ways + prior)
+        slope = covariance @ ways.T @ weights @ heights
+        found_mrad = 1e3 * float(np.hypot(*slope))
+        if tilt_u_mrad <= 0.0 or found_mrad <= CONTRADICTION_SDS * tilt_u_mrad:
+            break
+        tilt_u_mrad = found_mrad
     return Plane(origin_um, slope, covariance)

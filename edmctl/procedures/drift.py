@@ -1,0 +1,65 @@
+"""How far the zero of the displacement may drift: what the setup believes, and what the rests at 0 V have shown.
+
+A rest does not tell drift from creep of the actuator, and a drift between tool and work does not show at rest. So
+what was seen only widens what is believed, and no reading is corrected by it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from edmctl.procedures.measuring import DisplacementUncertainty, displacement_uncertainty
+
+if TYPE_CHECKING:
+    from edmctl.procedures.run import Run
+
+LEAST_SPAN_S = 300.0
+"""Over less time than this the error of the actuator model after a deep cut, a few µm, would look like a drift."""
+RECENT_S = 600.0
+"""A drift that has set in lately is looked for over this much time."""
+SHARE = 1.0 / math.sqrt(3.0)
+"""Of a zero that has moved: between nothing of it and all of it may be drift, and a reading is off by that much; the
+root of the mean square of what is uniform between the two."""
+
+
+class Rests:
+    """Zeros of the displacement at every rest at 0 V: what the sensor showed beyond the actuator's own creep."""
+
+    def __init__(self) -> None:
+        self._rests: list[tuple[float, float]] = []
+
+    def note(self, time_s: float, zero_um: float) -> None:
+        """Take a rest."""
+        self._rests.append((time_s, zero_um))
+
+    @property
+    def zero_um(self) -> float:
+        """Zero at the newest rest; NaN before the first."""
+        return self._rests[-1][1] if self._rests else math.nan
+
+    @property
+    def newest_s(self) -> float:
+        """When that was; NaN before the first."""
+        return self._rests[-1][0] if self._rests else math.nan
+
+    def rate_um_s(self) -> float:
+        """Fastest drift that the zeros allow, over the whole job or lately, µm/s; 0 before the second rest."""
+        if len(self._rests) < 2:
+            return 0.0
+        last_s, last_um = self._rests[-1]
+        recent = next(
+            (rest for rest in reversed(self._rests) if last_s - rest[0] >= RECENT_S), self._rests[0]
+        )
+        return max(
+            abs(last_um - zero_um) / max(LEAST_SPAN_S, last_s - time_s)
+            for time_s, zero_um in (self._rests[0], recent)
+        )
+
+
+def uncertainty_now(run: Run) -> DisplacementUncertainty:
+    """What is known of the displacements of a job, with the drift that its rests have shown where that is more."""
+    known = displacement_uncertainty(run.job)
+    seen_um_s = SHARE * run.watch.rests.rate_um_s()
+    return replace(known, drift_u_um_per_s=max(known.drift_u_um_per_s, seen_um_s))

@@ -1,0 +1,102 @@
+"""What one touch of the reference tells of several holes: how the wear since the touch before divides among them.
+
+Each hole is expected to have worn the tool by a share, known badly in the same direction for all (the wear ratio)
+and a little for itself. The tool's length and the drift of the sensor since the touch before make up the one length
+that was touched. All of them are jointly normal, so the touch conditions them at once, and the errors that remain
+stay correlated: a tool that was shorter than expected left every later hole shallower.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+CONTRADICTION_SDS = 2.0
+"""A touch further from the expectation than this makes the expectation as uncertain as it was wrong."""
+
+
+@dataclass(frozen=True, slots=True)
+class WearShare:
+    """Wear that a hole is expected to have taken, µm, and the moment at which it ended, s after the touch before.
+
+    `common_u_um` is the part of its standard uncertainty that has the same sign in all holes, `own_u_um` the rest.
+    """
+
+    wear_um: float
+    common_u_um: float
+    own_u_um: float
+    after_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class SharedWear:
+    """Wear of one hole after the touch, and how far the tip was from where it was taken to be at its end, µm.
+
+    A positive `tip_um` is a tip that stood further back: the hole is as much shallower. `wear_u_um` and `tip_u_um`
+    are standard uncertainties.
+    """
+
+    wear_um: float
+    wear_u_um: float
+    tip_um: float
+    tip_u_um: float
+
+
+def share_wear(
+    shares: Sequence[WearShare],
+    found_um: float,
+    after_s: float,
+    *,
+    touch_u_um: float,
+    drift_u_um_per_s: float,
+) -> tuple[SharedWear, ...]:
+    """Divide what the tool has lost by a touch among the holes since the touch before; in their order.
+
+    Parameters
+    ----------
+    shares : expectations, in order of time
+    found_um : the touch, `after_s` after the one before it, further than that one
+    touch_u_um : standard uncertainty of the difference of both touches, drift apart
+    drift_u_um_per_s : standard uncertainty of a steady drift of what measures
+
+    The wears and the rate of drift are normal with zero mean about their expectation. Where the touch lies beyond
+    `CONTRADICTION_SDS` of what it was expected to be, their covariance is widened to that ratio before.
+    """
+    count = len(shares)
+    common = np.array([share.common_u_um for share in shares])
+    prior = np.zeros((count + 1, count + 1))
+    prior[:count, :count] = np.outer(common, common) + np.diag([share.own_u_um**2 for share in shares])
+    prior[count, count] = drift_u_um_per_s**2
+    seen = np.append(np.ones(count), after_s)
+    error_um = found_um - math.fsum(share.wear_um for share in shares)
+    expected = float(seen @ prior @ seen)
+    allowed_um = CONTRADICTION_SDS * math.hypot(math.sqrt(expected), touch_u_um)
+    prior *= max(1.0, (error_um / allowed_um) ** 2)
+    gain = prior @ seen / (float(seen @ prior @ seen) + touch_u_um**2)
+    mean, covariance = gain * error_um, prior - np.outer(gain, seen @ prior)
+    found = []
+    for i, share in enumerate(shares):
+        tip = np.concatenate([np.ones(i + 1), np.zeros(count - i - 1), [share.after_s]])
+        found.append(
+            SharedWear(
+                wear_um=share.wear_um + float(mean[i]),
+                wear_u_um=_sd(covariance[i, i]),
+                tip_um=float(tip @ mean),
+                tip_u_um=_sd(tip @ covariance @ tip),
+            )
+        )
+    return tuple(found)
+
+
+def _sd(variance: float | Floats) -> float:
+    return math.sqrt(max(0.0, float(variance)))
