@@ -1,4 +1,4 @@
-"""Messages of EDM Link 1.4.
+"""Messages of EDM Link 1.5.
 
 Made from edmlink1.toml by `python -m edmctl.link.generate`; edit that file, not this one.
 Fields carry physical values; the comment beside each says type and size of one count on the wire.
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     import numpy as np
 
 PROTO_MAJOR = 1
-PROTO_MINOR = 4
-SCHEMA_HASH = 0xB4BCAC7C
+PROTO_MINOR = 5
+SCHEMA_HASH = 0x55BBB4D4
 
 _HELLO = Struct("<BBII")
 _HELLO_REPLY = Struct("<BBIIBBBI12sHHHBIBHBBI")
@@ -50,6 +50,7 @@ _GET_PARAM_REPLY = Struct("<i")
 _COMMIT_PROFILE = Struct("<I")
 _PIEZO_SET = Struct("<HI")
 _STAGE_MOVE = Struct("<BiI")
+_SET_ZERO = Struct("<i")
 _APPROACH = Struct("<IIH")
 _SERVO_START = Struct("<HiI")
 _JUMP = Struct("<IIHI")
@@ -895,7 +896,7 @@ class PiezoSetReply:
 
 @dataclass(frozen=True, slots=True)
 class StageMove:
-    """Absolute stage move. ARMED only, tool retracted below safe_z; ends with STAGE_DONE."""
+    """Absolute stage move. ARMED only, tool retracted below safe_z_um; ends with STAGE_DONE."""
 
     ID: ClassVar[int] = 0x11
     NAME: ClassVar[str] = "STAGE_MOVE"
@@ -971,6 +972,52 @@ class StageStopReply:
     def unpack(cls, payload: bytes) -> Self:
         if payload:
             raise wrong_length("STAGE_STOP_REPLY", 0, len(payload))
+        return cls()
+
+
+@dataclass(frozen=True, slots=True)
+class SetZero:
+    """From now until the next ARM safe_z_um counts from this displacement, which is what the host reads with
+    the tool at rest at 0 V. ARMED with the actuator at rest at 0 V; OUT_OF_RANGE where the controller's own
+    reading is more than 5 um away.
+    """
+
+    ID: ClassVar[int] = 0x13
+    NAME: ClassVar[str] = "SET_ZERO"
+
+    zero_um: float  # i32 × 0.001 um
+
+    def pack(self) -> bytes:
+        try:
+            return _SET_ZERO.pack(round(self.zero_um * 1000))
+        except MISFIT as error:
+            raise misfit(self, error) from None
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> Self:
+        if len(payload) != 4:
+            raise wrong_length("SET_ZERO", 4, len(payload))
+        (zero_um,) = _SET_ZERO.unpack(payload)
+        return cls(zero_um / 1000)
+
+    def unpack_reply(self, payload: bytes) -> SetZeroReply:
+        return SetZeroReply.unpack(payload)
+
+
+@dataclass(frozen=True, slots=True)
+class SetZeroReply:
+    """Reply to SET_ZERO."""
+
+    ID: ClassVar[int] = 0x13
+    NAME: ClassVar[str] = "SET_ZERO_REPLY"
+
+    def pack(self) -> bytes:
+        return b""
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> Self:
+        if payload:
+            raise wrong_length("SET_ZERO_REPLY", 0, len(payload))
         return cls()
 
 
@@ -1993,6 +2040,7 @@ REQUESTS: dict[int, type[Message]] = {
     0x10: PiezoSet,
     0x11: StageMove,
     0x12: StageStop,
+    0x13: SetZero,
     0x18: Approach,
     0x19: ServoStart,
     0x1A: ServoStop,
@@ -2026,6 +2074,7 @@ REPLIES: dict[int, type[Message]] = {
     0x10: PiezoSetReply,
     0x11: StageMoveReply,
     0x12: StageStopReply,
+    0x13: SetZeroReply,
     0x18: ApproachReply,
     0x19: ServoStartReply,
     0x1A: ServoStopReply,
@@ -2164,7 +2213,16 @@ PARAMS: dict[str, Param] = {
         20,
         "turns commanded um/s into V/s",
     ),
-    "safe_z_um": Param(4, "safe_z_um", "um", 0.001, 20, -100, 500, "stages may move below this displacement"),
+    "safe_z_um": Param(
+        4,
+        "safe_z_um",
+        "um",
+        0.001,
+        20,
+        -100,
+        500,
+        "stages may move below this displacement, counted from the zero of SET_ZERO",
+    ),
     "retract_v_s": Param(
         5,
         "retract_v_s",

@@ -17,6 +17,7 @@ from edmctl.link.messages import (
     SelfTest,
     ServoStart,
     ServoStop,
+    SetZero,
     StageMove,
     Status,
     TlmStart,
@@ -163,6 +164,10 @@ class LinkMachine:
         self._waits.begin(StageMove(axis, round(1000.0 * target), round(1000.0 * speed)))
         self._waits.event((EventCode.STAGE_DONE,), duration_s)
         self._position[axis] = target
+
+    def set_zero(self, zero_um: float) -> None:
+        """Say what displacement is read at rest at 0 V; the height at which stages may move counts from it."""
+        self._session.request(SetZero(zero_um))
 
     def approach(self, speed_um_s: float, max_travel_um: float, gap_reference_v: float) -> MachineEvent:
         """Advance with pulses until the mean gap voltage falls to the reference; the tool is then held."""

@@ -153,6 +153,12 @@ class Machine(Protocol):
     def move_stage(self, axis: Axis, target: float, speed: float) -> None:
         """Move a stage to `target` µm (rotary: degrees) at `speed` per s. Refused unless retracted."""
 
+    def set_zero(self, zero_um: float) -> None:
+        """Say what displacement is read at rest at 0 V, armed: `safe_z_um` counts from it until the next `arm`.
+
+        Refused where the controller's own reading is more than 5 µm away.
+        """
+
     def approach(self, speed_um_s: float, max_travel_um: float, gap_reference_v: float) -> MachineEvent:
         """Advance with pulses until the mean gap voltage falls to the reference; the tool is then held."""
 

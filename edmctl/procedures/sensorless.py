@@ -193,6 +193,9 @@ class SensorlessMachine:
         """Move a stage. The controller sees 0 µm at 0 V: the caller waits for creep."""
         self._machine.move_stage(axis, target, speed)
 
+    def set_zero(self, zero_um: float) -> None:
+        """Leave the controller's zero alone: its displacements are volts, which are 0 at rest and do not drift."""
+
     def approach(self, speed_um_s: float, max_travel_um: float, gap_reference_v: float) -> MachineEvent:
         """Advance with pulses until the mean gap voltage falls to the reference."""
         here_v = self.tracker.estimator.state.u_v

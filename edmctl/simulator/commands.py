@@ -93,6 +93,7 @@ class Commands:
         if open_inputs := self._c.guards.open_interlocks():
             return Status.INTERLOCK, open_inputs.to_bytes(2, "little")
         self._c.host_heard()
+        self._c.zero_um = 0.0
         self._c.set_state(State.ARMED)
         self._c.injector.note(Trigger.ARM)
         return OK

@@ -47,6 +47,7 @@ class VirtualController:
 
     host_time_scale : controller seconds per second of the host. What watches the host counts by the host's time.
     board : kind of board that it says to be, 0 = virtual. baud : of the line, 0 where it has none.
+    zero_um : displacement that `safe_z_um` counts from, told by the host since it armed.
     """
 
     def __init__(self, plant: Plant) -> None:
@@ -70,6 +71,7 @@ class VirtualController:
         self.baud = self.board = 0
         self.host_time_scale = 1.0
         self.fault = 0
+        self.zero_um = 0.0
         self.disarming = self.pulses_allowed = False
         self._heard_tick = 0
         self._repeat_tick = NEVER

@@ -11,6 +11,7 @@ import pytest
 
 from edmctl.errors import Interrupted, LinkLost, MachineFault, PreconditionError
 from edmctl.link.messages import PARAMS, PROTO_MAJOR, PROTO_MINOR, GetParam
+from edmctl.link.refusal import CommandRefused
 from edmctl.machine.port import (
     Axis,
     ControllerSettings,
@@ -21,6 +22,7 @@ from edmctl.machine.port import (
     TelemetryFlag,
     TouchRequest,
 )
+from edmctl.simulator import kernel as k
 
 from .conftest import PULSES, SETTINGS, TELEMETRY, Heard
 
@@ -281,3 +283,17 @@ def test_the_identity_says_that_the_machine_is_virtual(rig: MakeRig) -> None:
     assert identity.simulated
     assert identity.transport == "sim:"
     assert identity.protocol == f"{PROTO_MAJOR}.{PROTO_MINOR}"
+
+
+def test_stages_move_by_the_zero_of_a_sensor_that_has_drifted(rig: MakeRig) -> None:
+    r = rig()
+    r.ready()
+    r.bench.plant.st[k.WALK] += 40.0
+    r.machine.rest(1.0)
+    with pytest.raises(CommandRefused, match="INTERLOCK"):
+        r.machine.move_stage(Axis.X, -4000.0, 5000.0)
+    with pytest.raises(CommandRefused, match="SET_ZERO: OUT_OF_RANGE"):
+        r.machine.set_zero(0.0)
+    r.machine.set_zero(r.machine.status().displacement_um)
+    r.machine.move_stage(Axis.X, -4000.0, 5000.0)
+    assert r.machine.status().x_um == pytest.approx(-4000.0)

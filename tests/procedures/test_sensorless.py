@@ -136,3 +136,15 @@ def test_a_scanning_tool_is_held_where_the_inverse_puts_it() -> None:
     assert s.bench.plant.st[k.TRUE_Z] == pytest.approx(26.0, abs=1.5)
     assert machine.status().x_um == pytest.approx(x_um - 30.0)
     assert machine.stop_cut().code is EventCode.STOPPED
+
+
+def test_the_zero_of_the_estimate_is_none_of_the_controllers() -> None:
+    s = Shop(calibration=calibrated(), sensor=False)
+    calibration = s.job.calibration
+    assert calibration is not None
+    settings = controller_settings(s.profile, s.job.setup)
+    machine = SensorlessMachine(s.machine, calibration, settings.gain_um_per_v)
+    machine.configure(settings, pulse_settings(s.profile))
+    machine.arm()
+    machine.set_zero(30.0)
+    assert s.bench.controller.zero_um == 0.0
