@@ -122,6 +122,7 @@ class JobLedger:
             y_um=setup.stage.reference_y_um,
             speed_um_s=self.plan.loaded.profile.measure.speed_um_s,
             time_s=z1.z1_time_s,
+            home_um=z1.home_um,
             truth=self.truth,
         )
         self._logbook.append(self._serial, reference)
@@ -138,6 +139,7 @@ class JobLedger:
             status=UNFINISHED,
             depth_um=math.nan,
             wear_um=math.nan,
+            home_um=result.home_um,
         )
         places = [replace(blank, name=name, x_um=x_um, y_um=y_um) for name, x_um, y_um in self._places]
         if self.plan.loaded.profile.path is not None:

@@ -68,6 +68,7 @@ class WearRun:
     _temperature_c: float = math.nan
     _warn: Warn | None = None
     _job: Job | None = None
+    _home_um: float = math.nan
 
     def job(self, held: Held, name: RunName, warn: Warn) -> Job:
         """Return what is measured. Raises what `look` raises."""
@@ -105,8 +106,9 @@ class WearRun:
         """Touch."""
         account = self._account
         assert account is not None
+        self._home_um = run.ledger.home_um
         known = not math.isnan(account.pad_um)
-        expected_um = account.pad_um if known else run.profile.approach.offset_um
+        expected_um = self._home_um + (account.pad_um if known else run.profile.approach.offset_um)
         if self._reference is None:
             # A job that was killed has left the tool anywhere between here and what all of it would have cost.
             half_um = 0.5 * math.fsum(job.wear_um for job in account.killed)
@@ -127,7 +129,9 @@ class WearRun:
             self._logbook.append(serial, self._as_reference(tool, self.touched))
         elif self.found is not None:
             found = self.found
-            measured = WearMeasured(tool, self._run_file, found.z3_after_um, found.wear_um, found.wear_u95_um)
+            measured = WearMeasured(
+                tool, self._run_file, found.z3_after_um, found.wear_um, found.wear_u95_um, self._home_um
+            )
             self._logbook.append(serial, measured)
         self._logbook.append(serial, RunEnded(self._run_file, "done", time_s))
 
@@ -229,6 +233,7 @@ class WearRun:
             speed_um_s=self._job.profile.measure.speed_um_s,
             time_s=touched.time_s,
             temperature_c=self._temperature_c,
+            home_um=self._home_um,
             truth={"tool_wear_um": virtual.tool_wear_um} if virtual else None,
         )
 

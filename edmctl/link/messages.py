@@ -977,9 +977,9 @@ class StageStopReply:
 
 @dataclass(frozen=True, slots=True)
 class SetZero:
-    """From now until the next ARM safe_z_um counts from this displacement, which is what the host reads with
-    the tool at rest at 0 V. ARMED with the actuator at rest at 0 V; OUT_OF_RANGE where the controller's own
-    reading is more than 5 um away.
+    """From now until the next ARM safe_z_um counts from this displacement, which is where the host takes the
+    tool's home at 0 V to be. ARMED with the actuator at rest at 0 V; OUT_OF_RANGE where the controller's own
+    reading is more than 5 um below or 25 um above.
     """
 
     ID: ClassVar[int] = 0x13

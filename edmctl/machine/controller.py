@@ -166,7 +166,7 @@ class LinkMachine:
         self._position[axis] = target
 
     def set_zero(self, zero_um: float) -> None:
-        """Say what displacement is read at rest at 0 V; the height at which stages may move counts from it."""
+        """Say where home is at rest at 0 V; the height at which stages may move counts from it."""
         self._session.request(SetZero(zero_um))
 
     def approach(self, speed_um_s: float, max_travel_um: float, gap_reference_v: float) -> MachineEvent:

@@ -154,9 +154,9 @@ class Machine(Protocol):
         """Move a stage to `target` µm (rotary: degrees) at `speed` per s. Refused unless retracted."""
 
     def set_zero(self, zero_um: float) -> None:
-        """Say what displacement is read at rest at 0 V, armed: `safe_z_um` counts from it until the next `arm`.
+        """Say where home is at rest at 0 V, armed: `safe_z_um` counts from it until the next `arm`.
 
-        Refused where the controller's own reading is more than 5 µm away.
+        Refused where the controller's own reading is more than 5 µm below or 25 µm above it.
         """
 
     def approach(self, speed_um_s: float, max_travel_um: float, gap_reference_v: float) -> MachineEvent:

@@ -32,7 +32,8 @@ _STEEPEST = 1.35
 _SHORT_SHARE = 0.03
 """A step by the actuator model ends short by this share: three times its error, so that it does not overshoot."""
 _NEAR_UM = 3.0
-_SHORT_UM = 1.0
+_SHORT_UM = 1.5
+"""And by this at least: after a long ramp the actuator creeps on by a micrometre."""
 _STEPS = 20
 _SETTLE_S = 0.2
 
@@ -90,10 +91,11 @@ def find_gap(run: Run, place: Site) -> SurfaceFound:
 
 
 def find_contact(run: Run, place: Site) -> SurfaceFound:
-    """Go to a place and touch its surface, which is expected at `approach.offset_um`."""
+    """Go to a place and touch its surface, which is expected at `approach.offset_um` from home."""
     move_to(run, place)
     begin_s = run.machine.time_s
-    found = take_reading(run, "Zr", place.name, run.profile.approach.offset_um, SURFACE_UNCERTAINTY_UM)
+    expected_um = run.ledger.home_um + run.profile.approach.offset_um
+    found = take_reading(run, "Zr", place.name, expected_um, SURFACE_UNCERTAINTY_UM)
     return SurfaceFound(
         kind="contact",
         x_um=place.x_um,

@@ -44,7 +44,8 @@ class Face:
 def touch_untouched(run: Run, way: Way) -> Face:
     """Z1 at the pad, then the face at places of the path: its tilt would otherwise enter the floor."""
     move_to(run, run.job.pad)
-    z1 = take_reading(run, "Z1", run.profile.meta.name, run.profile.approach.offset_um, OFFSET_UNCERTAINTY_UM)
+    expected_um = run.ledger.home_um + run.profile.approach.offset_um
+    z1 = take_reading(run, "Z1", run.profile.meta.name, expected_um, OFFSET_UNCERTAINTY_UM)
     candidates = [_place(run, way, s_um) for s_um in even_places(way, FACE_CANDIDATES)]
     face = pad_only(run)
     touch_plane(run, candidates, face, ToolLength(z1))

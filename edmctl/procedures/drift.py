@@ -15,7 +15,7 @@ from edmctl.procedures.measuring import DisplacementUncertainty, displacement_un
 if TYPE_CHECKING:
     from edmctl.procedures.run import Run
 
-LEAST_SPAN_S = 300.0
+LEAST_SPAN_S = 120.0
 """Over less time than this the error of the actuator model after a deep cut, a few µm, would look like a drift."""
 RECENT_S = 600.0
 """A drift that has set in lately is looked for over this much time."""
@@ -25,10 +25,15 @@ root of the mean square of what is uniform between the two."""
 
 
 class Rests:
-    """Zeros of the displacement at every rest at 0 V: what the sensor showed beyond the actuator's own creep."""
+    """Zeros of the displacement at every rest at 0 V: what the sensor showed beyond the actuator's own creep.
+
+    Zeros count from wherever the actuator model does, so only their differences tell something. `first_um` is the
+    rest before the actuator was conditioned, NaN before there is one.
+    """
 
     def __init__(self) -> None:
         self._rests: list[tuple[float, float]] = []
+        self.first_um = math.nan
 
     def note(self, time_s: float, zero_um: float) -> None:
         """Take a rest."""
@@ -38,6 +43,10 @@ class Rests:
     def zero_um(self) -> float:
         """Zero at the newest rest; NaN before the first."""
         return self._rests[-1][1] if self._rests else math.nan
+
+    def home_um(self, zero_um: float) -> float:
+        """What the sensor shows of a tool at home, by a rest with that zero."""
+        return self.first_um + (zero_um - self._rests[0][1] if self._rests else 0.0)
 
     @property
     def newest_s(self) -> float:

@@ -86,9 +86,7 @@ def touch_where_unknown(run: Run, site: Site, face: Face, tool: ToolLength) -> b
 def touch_plane(run: Run, sites: Sequence[Site], face: Face, tool: ToolLength) -> None:
     """Touch the face at the sites that lie furthest apart, which tell its slope."""
     pad = run.job.pad
-    chosen = spread_out(
-        [(site.x_um, site.y_um) for site in sites], (pad.x_um, pad.y_um), TOUCHES_FOR_A_PLANE
-    )
+    chosen = spread_out([(site.x_um, site.y_um) for site in sites], (pad.x_um, pad.y_um), TOUCHES_FOR_A_PLANE)
     for i in chosen:
         touch_at(run, sites[i], face, tool)
     slope = face.plane.slope

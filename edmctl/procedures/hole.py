@@ -51,7 +51,7 @@ def known_before(run: Run) -> Known:
     """What the recipe and the setup say before the first touch."""
     profile, resumed = run.profile, run.job.resumed
     known = Known(estimate_of(profile), pad_only(run), profile.measure.expected_gap_um)
-    known.pad_um = profile.approach.offset_um
+    known.pad_um = run.ledger.home_um + profile.approach.offset_um
     if resumed is not None and run.ledger.sites:
         known.pad_um = max(site.z3_um for site in run.ledger.sites.values())
         known.pad_u_um = LEFT_UNCERTAINTY_UM

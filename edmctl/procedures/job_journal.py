@@ -103,6 +103,7 @@ class JobJournal:
             z1_touches=hole.z1.reading.touches,
             z1_time_s=before_s + hole.z1.time_s,
             z1_model_um=hole.z1.model_um,
+            home_um=self.ledger.home_um,
             displacement_um=0.0 if math.isnan(cut.displacement_um) else cut.displacement_um,
             depth_um=self.ledger.depth_um,
             wear_um=wear_um,

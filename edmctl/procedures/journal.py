@@ -20,7 +20,7 @@ class JobState:
     way, empty between two; the rest is about it: the pad's height `z1_um` before its first cut (of `z1_touches`
     touches with `z1_sd_um`, at `z1_time_s`), whether a cut has begun, the last displacement and the estimates of
     depth and wear. `counts` (open, normal, arc, short), `energy_j`, `cuts` and `machining_time_s` are the hole's.
-    `time_s` counts from the start of the first run, pauses left out. `slope` is that of the work's face along x and
+    `home_um` is what the sensor shows of a tool at home. `time_s` counts from the start of the first run, pauses left out. `slope` is that of the work's face along x and
     y, None where no plane was fitted.
     """
 
@@ -36,6 +36,7 @@ class JobState:
     z1_touches: int = 0
     z1_time_s: float = 0.0
     z1_model_um: float = 0.0
+    home_um: float = 0.0
     displacement_um: float = 0.0
     depth_um: float = 0.0
     wear_um: float = 0.0

@@ -107,6 +107,7 @@ class JobResult:
 
     `reached` is the hole that was left unmeasured, None in a job that ended in order; `tool_wear_total_um` is
     NaN when nothing was measured. `link` says how the line did, None where the job ended before it was used.
+    `home_um` is what the sensor showed of the tool at home, at the last rest at 0 V.
     """
 
     sites: tuple[SiteResult, ...]
@@ -117,6 +118,7 @@ class JobResult:
     reached: Reached | None = None
     link: LinkReport | None = None
     channel: ChannelResult | None = None
+    home_um: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,7 +220,7 @@ class Ledger:
     `depth_um` is the best present knowledge of the hole under way: estimated while cutting, then measured.
     `open_site` names that hole until its result is in the run file, `unmeasured_site` from the begin of a cut
     until it is measured; `unwritten` names finished holes whose results later touches may still correct.
-    `cut` is the cut under way, `phase` what is being done, `warning` what was last warned of, at `warned_s`.
+    `home_um` is what the sensor showed of the tool at home, at the last rest at 0 V. `cut` is the cut under way, `phase` what is being done, `warning` what was last warned of, at `warned_s`.
     """
 
     sites: dict[str, SiteResult] = field(default_factory=dict)
@@ -235,6 +237,7 @@ class Ledger:
     machining_time_s: float = 0.0
     link: LinkReport | None = None
     channel: ChannelResult | None = None
+    home_um: float = 0.0
 
     @property
     def sites_done(self) -> int:
@@ -267,4 +270,5 @@ class Ledger:
             reached=self.reached,
             link=self.link,
             channel=self.channel,
+            home_um=self.home_um,
         )

@@ -44,8 +44,8 @@ def settle_unmeasured(
 ) -> SharedWear:
     """Correct the cuts since the last touch of the pad, and where `hole` has begun; what that itself has worn.
 
-    `pad` is the new reading, `live` what was expected of `hole`. The results of the others are replaced; they stay
-    estimates, better ones.
+    `pad` is the new reading, `live` what was expected of `hole`, whose Z1 becomes the reading less its own wear. The
+    results of the others are replaced; they stay estimates, better ones.
     """
     assert known.tool is not None
     before, sensed = known.tool.pad, uncertainty_now(run)
@@ -62,7 +62,7 @@ def settle_unmeasured(
         own_um = now.wear_um - cut.share.wear_um
         _correct(run, cut, own_um, shorter_um, now)
         shorter_um += own_um
-    hole.z1 = hole.z1.shifted(shorter_um)
+    hole.z1 = hole.z1.shifted(pad.z_um - found[-1].wear_um - hole.z1.z_um)
     known.unmeasured.clear()
     return found[-1]
 
@@ -72,11 +72,13 @@ def _correct(run: Run, cut: Unmeasured, own_um: float, before_um: float, now: Sh
     hole = cut.hole
     result, found = run.ledger.sites[hole.site.name], hole.found
     assert found is not None
+    z3_um, depth_um = result.z3_um + before_um + own_um, result.depth_um - now.tip_um
     changed = replace(
         result,
         z1_um=result.z1_um + before_um,
-        z3_um=result.z3_um + before_um + own_um,
-        depth_um=result.depth_um - now.tip_um,
+        z2_um=z3_um + result.face_um + depth_um,
+        z3_um=z3_um,
+        depth_um=depth_um,
         depth_u95_um=COVERAGE * math.hypot(cut.depth_u_um, now.tip_u_um),
         wear_um=cut.wear_before_um + now.wear_um,
         wear_u95_um=COVERAGE * math.hypot(cut.wear_before_u_um, now.wear_u_um),

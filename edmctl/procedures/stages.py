@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError
 from edmctl.machine.port import Axis
 from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.drift import uncertainty_now
 from edmctl.procedures.resting import rest_and_look
 from edmctl.procedures.results import Phase
 from edmctl.procedures.settings import controller_settings
@@ -28,24 +30,77 @@ _CREEP_WAIT_S = 60.0
 _CREEP_LOOK_S = 1.0
 _READING_MARGIN_UM = 1.0
 """The controller judges by a reading of its own, so the height must be clear by more than noise."""
+_WORTH_TELLING_UM = 1.0
+"""A home nearer than this to the sensor's zero need not be told to the controller."""
+_SETTLED_UM = 0.2
+"""A rest that falls by less than this in a second has settled."""
+MODEL_ERROR_UM = 12.0
+"""The actuator model is wrong by up to 6 µm in the first second at 0 V after a deep cut; twice that."""
+DRIFT_SDS = 4.0
+"""A drift of more than so many standard deviations is none."""
 
 
 def retract(run: Run) -> None:
-    """Ramp to 0 V, and wait while creep still holds the tool lower than the stages may move at."""
+    """Ramp to 0 V, and wait while creep still holds the tool lower than the stages may move at.
+
+    What counts is the height over home, where the tool rests without creep: the sensor's own zero drifts.
+    """
     run.begin(Phase.RETRACTING)
     settings = controller_settings(run.profile, run.setup)
     run.machine.ramp(0.0, settings.retract_v_s)
     rest_and_look(run, _SETTLE_S)
     end_s = run.machine.time_s + _CREEP_WAIT_S
-    while run.watch.displacement_um > settings.safe_z_um - _READING_MARGIN_UM:
+    while True:
+        home_um = _home_um(run)
+        over_um = run.watch.displacement_um - home_um
+        if over_um <= settings.safe_z_um - _READING_MARGIN_UM:
+            break
         if run.machine.time_s > end_s:
             raise PreconditionError(
-                f"The tool stands at {run.watch.displacement_um:.1f} µm at 0 V; the stages may move below "
+                f"The tool stands {over_um:.1f} µm from home at 0 V; the stages may move below "
                 f"{settings.safe_z_um:.1f} µm only.",
-                hint="Check the zero of the displacement sensor and the actuator's supply.",
+                hint="Check the displacement sensor and the actuator's supply.",
                 code="E8020",
             )
         rest_and_look(run, _CREEP_LOOK_S)
+    run.ledger.home_um = home_um
+    if abs(home_um) > _WORTH_TELLING_UM:
+        run.machine.set_zero(home_um)
+
+
+def _home_um(run: Run) -> float:
+    """What the sensor shows of a tool at home: the rest at 0 V less what the actuator model says of creep.
+
+    Before there is a model it is the rest itself, once that has stopped falling. Raises PreconditionError E8020
+    where a rest lies further from the one before than creep and drift go: then the tool is held by something else.
+    """
+    if not run.setup.sensor.fitted:
+        return 0.0
+    zero_um, rests = run.watch.zero_um(), run.watch.rests
+    if math.isnan(zero_um):
+        rests.first_um = _settled_um(run)
+        return rests.first_um
+    if math.isnan(rests.zero_um):
+        return rests.first_um
+    drift_um = uncertainty_now(run).drift_u_um_per_s * (run.machine.time_s - rests.newest_s)
+    moved_um, most_um = abs(zero_um - rests.zero_um), MODEL_ERROR_UM + DRIFT_SDS * drift_um
+    if moved_um > most_um:
+        raise PreconditionError(
+            f"The rest at 0 V has moved by {moved_um:.1f} µm since the last one; creep and drift account for "
+            f"{most_um:.1f} µm.",
+            hint="Check the displacement sensor, the actuator's supply, and whether something holds the tool.",
+            code="E8020",
+        )
+    return rests.home_um(zero_um)
+
+
+def _settled_um(run: Run) -> float:
+    """The rest at 0 V, after a wait for what creeps there."""
+    end_s, before_um = run.machine.time_s + _CREEP_WAIT_S, math.inf
+    while before_um - run.watch.displacement_um > _SETTLED_UM and run.machine.time_s < end_s:
+        before_um = run.watch.displacement_um
+        rest_and_look(run, _CREEP_LOOK_S)
+    return run.watch.displacement_um
 
 
 def move_to(run: Run, place: Site) -> None:

@@ -205,7 +205,9 @@ class ErosionEstimate:
             return False
         return self._known.sds(*self._feed_step(feed_um, feed_u_um, energy)) > CONTRADICTION_SDS
 
-    def _feed_step(self, feed_um: float, feed_u_um: float, energy: Energy) -> tuple[float, float, float, float]:
+    def _feed_step(
+        self, feed_um: float, feed_u_um: float, energy: Energy
+    ) -> tuple[float, float, float, float]:
         """Error of a feed against its energy, its derivatives, and its noise.
 
         Lengths are exponentials of the unknowns, so one step starts where the feed already fits.
@@ -239,7 +241,11 @@ class ErosionEstimate:
             known = known.widened(known.sds(*step), removal=True, ratio=False).seen(*step)
         # The ratio is of two touched lengths, so the energy cannot pull it to where removal was believed to be.
         expected_um = depth_um * math.exp(known.ratio + arc_log)
-        step = (wear_um - expected_um, 0.0, expected_um, wear_u_um)
+        if wear_um > wear_u_um:
+            # Where the wear is known at all, its logarithm is what the ratio is added to.
+            step = (wear_um * math.log(wear_um / expected_um), 0.0, wear_um, wear_u_um)
+        else:
+            step = (wear_um - expected_um, 0.0, expected_um, wear_u_um)
         sds = known.sds(*step)
         known = known.widened(sds, removal=False, ratio=True)
         known = known.seen(*step)

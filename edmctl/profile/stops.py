@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.process.erosion import hole_area_um2
 from edmctl.process.live_erosion import Energy, ErosionEstimate
-from edmctl.process.next_cut import FIRST_GAP_U_UM, GAP_U_UM, is_done, next_cut
+from edmctl.process.next_cut import FIRST_GAP_U_UM, GAP_U_UM, is_done, largest_first_um, next_cut
 from edmctl.profile.rates import SIDE_DISCHARGE_SHARE, feed_rate_um_s
 
 if TYPE_CHECKING:
@@ -28,6 +28,8 @@ SET_U_UM = 0.10
 """Of the difference of two readings taken one after the other, by their scatter."""
 FACE_U_UM = 0.20
 """Of the face at a place after a plane was fitted to three touches."""
+FACE_LIMIT_UM = 2.0 * READING_U_UM
+"""Of the face at a place where tilt would make it worse: it is touched there then."""
 BETWEEN_S = 60.0
 """From touch to touch besides the machining."""
 
@@ -88,7 +90,11 @@ class _Plan:
         fresh = self._estimate.fits == 0
         before = self._estimate if fresh else self._estimate.next_hole()
         estimate, face_u_um = before, self._face_u_um(away_um)
-        start_u_um = math.hypot(READING_U_UM, self._wear_u_um, self._drift_um(), face_u_um)
+        cut_s = one.depth_um * (1.0 + estimate.wear_ratio) / feed_rate_um_s(self._profile, one.depth_um)
+        sensor = self._setup.sensor
+        sensed_u_um = math.hypot(sensor.linearity_u_um, sensor.gain_u_rel * one.depth_um)
+        drift_um = self._drift_um(cut_s)
+        start_u_um = math.hypot(READING_U_UM, self._wear_u_um, drift_um, face_u_um, sensed_u_um)
         gap_u_um = FIRST_GAP_U_UM if fresh else GAP_U_UM
         cut = next_cut(
             estimate,
@@ -97,7 +103,7 @@ class _Plan:
             tolerance_um=target.tolerance_um,
             start_u_um=start_u_um,
             gap_u_um=gap_u_um,
-            largest_um=one.depth_um * (wear.first_fraction if fresh else 1.0),
+            largest_um=largest_first_um(one.depth_um, wear.first_fraction, estimate),
             begun=False,
         )
         cuts: list[Cut] = []
@@ -137,10 +143,12 @@ class _Plan:
 
     def _face_u_um(self, away_um: float) -> float:
         """Standard uncertainty of the face's height over the pad's."""
-        return FACE_U_UM if self._plane else 1e-3 * self._setup.surface.tilt_u_mrad * away_um
+        tilted_um = 1e-3 * self._setup.surface.tilt_u_mrad * away_um
+        return FACE_U_UM if self._plane else min(tilted_um, FACE_LIMIT_UM)
 
-    def _drift_um(self) -> float:
-        return self._setup.sensor.drift_um_per_s * self._since_s
+    def _drift_um(self, more_s: float = 0.0) -> float:
+        """Drift since the last touch of the pad, now or `more_s` later."""
+        return self._setup.sensor.drift_um_per_s * (self._since_s + more_s)
 
     def _found_u_um(self, depth_um: float, face_u_um: float) -> tuple[float, float]:
         """Standard uncertainties of a measured depth, and of the wear that goes with it."""

@@ -15,6 +15,7 @@ from edmctl.record.ledger_entries import (
     ToolChanged,
     ToolNamed,
     WearMeasured,
+    from_home_um,
 )
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ SAME_PLACE_UM = 1.0
 class ToolAccount:
     """One tool: its reference, where it would touch the pad now, what it has made, and lost by that.
 
-    `pad_um` is NaN before the first touch. `holes` are all of the tool, `since` those after its reference;
+    `pad_um` counts from the tool's home at 0 V and is NaN before the first touch. `holes` are all of the tool, `since` those after its reference;
     `lost_before_um` is what it lost up to then. `reference_at_s` is the machine's time in runs at the reference.
     `killed` are its jobs since its last touch that never ended: what they cost it nobody knows.
     """
@@ -101,7 +102,7 @@ def books_of(lines: Iterable[Line], serial: str) -> Books:
             _take_site(books, entry)
         elif isinstance(entry, WearMeasured):
             account = books.account(entry.tool)
-            account.pad_um = entry.z_um
+            account.pad_um = from_home_um(entry.z_um, entry.home_um)
             account.killed.clear()
         else:
             ended = open_jobs.pop(entry.run_file, None)
@@ -120,7 +121,7 @@ def _take_reference(books: Books, entry: ReferenceTouched, utc_s: float) -> None
     account.reference, account.reference_utc_s = entry, utc_s
     account.reference_at_s = books.runs_s + entry.time_s
     account.lost_before_um = account.lost_um
-    account.pad_um = entry.z_um
+    account.pad_um = from_home_um(entry.z_um, entry.home_um)
     account.since.clear()
     account.killed = [job for job in account.killed if job.run_file == entry.run_file]
 
@@ -142,7 +143,10 @@ def _take_site(books: Books, entry: SiteMachined) -> None:
         holes[:] = [hole for hole in holes if not _same(hole, entry.name, entry.x_um, entry.y_um)]
         holes.append(entry)
     touched = not math.isnan(entry.z3_um)
-    account.pad_um = entry.z3_um if touched else account.pad_um + account.lost_um - worn_before_um
+    if touched:
+        account.pad_um = from_home_um(entry.z3_um, entry.home_um)
+    else:
+        account.pad_um += account.lost_um - worn_before_um
 
 
 def _found(hole: SiteMachined) -> tuple[str, float, float]:

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, TypeAlias
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-VERSION = 1
+VERSION = 2
+"""Since 2 touches of the pad come with `home_um`: what the sensor showed then of a tool at home."""
 UNFINISHED = "unfinished"
 LARGEST = 1e12
 """Of any number in a line: in µm or s it is beyond all machines, and what is reckoned from it stays finite."""
@@ -51,6 +52,7 @@ class ReferenceTouched:
     speed_um_s: float
     time_s: float
     temperature_c: float = math.nan
+    home_um: float = math.nan
     truth: Mapping[str, float] | None = None
 
 
@@ -85,6 +87,7 @@ class SiteMachined:
     z1_um: float = math.nan
     z2_um: float = math.nan
     z3_um: float = math.nan
+    home_um: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +99,7 @@ class WearMeasured:
     z_um: float
     wear_um: float
     wear_u95_um: float
+    home_um: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,6 +172,11 @@ def line_of(row: bytes) -> Line:
     if isinstance(entry, SiteMachined) and entry.status != UNFINISHED and math.isnan(entry.depth_um):
         raise ValueError("its hole is measured, but has no depth_um")
     return Line(serial, _number("utc_s", utc_s), entry)
+
+
+def from_home_um(z_um: float, home_um: float) -> float:
+    """Where a touch was, counted from the tool's home; of lines that do not tell home it is taken to be 0."""
+    return z_um if math.isnan(home_um) else z_um - home_um
 
 
 def _value(name: str, kind: str, raw: object) -> object:

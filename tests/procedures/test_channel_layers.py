@@ -39,7 +39,7 @@ class Engaged:
     def _move(self, _: object, place: Site) -> None:
         self.places.append((place.x_um, place.y_um))
 
-    def _approach(self, _: object, bottom_um: float) -> None:
+    def _approach(self, _: object, bottom_um: float, _bottom_u_um: float) -> None:
         self.bottoms_um.append(bottom_um)
 
 

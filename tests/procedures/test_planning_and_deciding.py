@@ -34,7 +34,7 @@ FOUND = DepthAndWear(
     feed_u95_um=2.0,
     depth_noise_um=0.1,
 )
-SURFACE = Start(bottom_um=50.0, u_um=0.2, gap_um=3.4)
+SURFACE = Start(bottom_um=50.0, bottom_u_um=0.2, gap_um=3.4)
 CUT = CutResult(
     end=CutEnd.REACHED,
     reason="feed reached",
@@ -65,7 +65,7 @@ def learned(found: DepthAndWear = FOUND) -> ErosionEstimate:
 
 
 def start_of(found: DepthAndWear = FOUND) -> Start:
-    return Start(260.0, 0.5, 3.5, found.depth_um, found.wear_um)
+    return Start(260.0, 0.15, 3.5, depth_um=found.depth_um, depth_u_um=0.5, wear_um=found.wear_um)
 
 
 def decision(
@@ -74,11 +74,35 @@ def decision(
     return decide(recipe, goal(recipe), last, cut, found, start_of(found), learned(found))
 
 
-def test_the_first_cut_of_a_depth_stays_short_of_it() -> None:
+def test_the_first_cut_is_not_too_deep_even_of_a_tool_that_does_not_wear() -> None:
     first = first_plan(profile(), SURFACE)
-    assert first.feed_um == pytest.approx(0.85 * 180.0 * 1.389)
+    assert first.feed_um == pytest.approx(180.0)
     assert first.z_limit_um == pytest.approx(50.0 + first.feed_um - 3.4)
     assert first.measured
+    assert first_plan(profile("wear.first_fraction=0.5"), SURFACE).feed_um == pytest.approx(90.0 * 1.389)
+
+
+def test_what_a_touch_has_contradicted_is_not_relied_on_in_the_next_hole() -> None:
+    believed = estimate_of(profile())
+    energy = Energy(100.0 * hole_area_um2(270.0, 8.0) / 0.0424, 0.0)
+    as_believed = believed.fitted(energy, 100.0, 0.3, 38.9, 0.5).next_hole()
+    contradicted = believed.fitted(energy, 100.0, 0.3, 12.0, 0.5).next_hole()
+    shallow = goal(profile(), replace(SITE, depth_um=20.0))
+    assert first_plan(profile(), SURFACE, shallow, as_believed).measured is False
+    again = first_plan(profile(), SURFACE, shallow, contradicted)
+    assert again.measured
+    assert again.feed_um <= 20.0
+
+
+def test_drift_until_the_end_of_a_cut_counts_before_it() -> None:
+    shallow = goal(profile(), replace(SITE, depth_um=20.0))
+    estimate = learned().next_hole()
+    drifting = replace(SURFACE, drift_u_um_per_s=0.02)
+    assert first_plan(profile(), SURFACE, shallow, estimate).measured is False
+    assert first_plan(profile(), drifting, shallow, estimate).measured
+    cut = CutPlan(1, 27.0, drifting, estimate, 20.0)
+    still, later = cut.at(cut.z_limit_um, now_s=0.0), cut.at(cut.z_limit_um, now_s=100.0)
+    assert later.depth_u_um == pytest.approx(math.hypot(still.depth_u_um, 2.0))
 
 
 def test_a_single_cut_goes_for_the_whole_depth() -> None:
@@ -131,7 +155,7 @@ def test_the_wear_of_a_later_cut_is_no_better_known_than_what_was_measured_befor
     own_u95_um = COVERAGE * live.wear_u_um
     assert own_u95_um < FOUND.wear_u95_um
     assert later.wear_u95_um(live) == pytest.approx(math.hypot(FOUND.wear_u95_um, own_u95_um))
-    assert live.depth_u_um >= start.u_um
+    assert live.depth_u_um >= start.u_at(0.0)
 
 
 def test_the_working_gap_is_what_touching_adds_to_sparking() -> None:

@@ -106,3 +106,33 @@ def test_a_tool_that_does_not_wear_has_a_ratio_too() -> None:
 def test_no_feed_is_no_depth() -> None:
     live = fresh().split(0.0, 0.3)
     assert (live.depth_um, live.wear_um) == (0.0, 0.0)
+
+
+def test_a_touch_far_from_what_was_believed_is_believed_instead() -> None:
+    estimate = ErosionEstimate(0.0424, 0.1, 0.337, 0.1, 1.0e4)
+    energy = Energy(20.0 * 1.0e4 / 0.0424, 0.0)
+    found = estimate.fitted(energy, 20.0, 0.3, 2.0, 0.3)
+    assert found.contradicted
+    assert found.wear_ratio == pytest.approx(0.1, abs=0.03)
+    assert abs(found.wear_ratio - 0.1) <= 2.0 * found.wear_ratio * found.wear_ratio_u_rel
+    assert not estimate.fitted(energy, 20.0, 0.3, 6.7, 0.3).contradicted
+
+
+def test_energy_that_does_not_go_with_the_feed_does_not_pull_the_wear_ratio() -> None:
+    estimate = ErosionEstimate(0.0424, 0.1, 0.337, 0.1, 1.0e4)
+    as_believed = Energy(20.0 * 1.0e4 / 0.0424, 0.0)
+    fivefold = Energy(as_believed.normal_uj / 5.0, 0.0)
+    assert not estimate.contradicts(26.7, 0.3, as_believed)
+    assert estimate.contradicts(26.7, 0.3, fivefold)
+    assert estimate.split(26.7, 0.3, fivefold).wear_um == pytest.approx(
+        estimate.split(26.7, 0.3).wear_um, rel=0.05
+    )
+
+
+def test_removal_far_from_what_was_believed_is_learned_without_the_wear_ratio() -> None:
+    estimate = ErosionEstimate(0.0424, 0.1, 0.337, 0.1, 1.0e4)
+    fivefold = Energy(20.0 * 1.0e4 / 0.0424 / 5.0, 0.0)
+    found = estimate.fitted(fivefold, 20.0, 0.2, 6.74, 0.2)
+    assert found.removal_um3_per_uj == pytest.approx(5.0 * 0.0424, rel=0.05)
+    assert found.wear_ratio == pytest.approx(0.337, rel=0.05)
+    assert not found.contradicts(26.74, 0.3, fivefold)
