@@ -140,8 +140,7 @@ def connected(
         session.open(setup.link.hello_s)
         with stopping_signals(stop, session.abort):
             machine = LinkMachine(session, stop)
-            if machine.make_idle():
-                say("the controller was still armed by a host that is gone: pulses off, tool retracted")
+            machine.wait_for_rest()
             yield Bench(machine, virtual, made_by, begin)
 
 

@@ -75,11 +75,10 @@ FAULTS: dict[int, FaultRow] = {
         code=1001,
         name="HOST_SILENT",
         who="controller",
-        detect="no valid frame of the session for watchdog_s while armed",
+        detect="no valid frame of the session for watchdog_s while armed; a new session while armed",
         reaction="retract to 0 V, hold, latch",
         message=(
-            "The controller heard nothing from the host for {watchdog_s} s, switched the pulses off and "
-            "retracted."
+            "The host fell silent for {watchdog_s} s or another took its place: pulses off, tool retracted."
         ),
         hint="Look for a sleeping computer, a killed process or a loose cable.",
         exit_code=6,

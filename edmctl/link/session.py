@@ -312,6 +312,7 @@ class Session:
     def _lose(self, error: LinkLost) -> LinkLost:
         self._is_open = False
         self._next_beat_s = inf
+        self._end_heartbeats()  # the controller may hear what this side does not, and must not be kept going
         self._lost = error
         return error
 

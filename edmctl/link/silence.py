@@ -56,7 +56,7 @@ def fell_silent(name: str, silence_s: float) -> LinkLost:
     """Return the error of a controller that stopped answering in mid-session."""
     return LinkLost(
         f"The controller at {name} fell silent for {1000 * silence_s:.0f} ms.",
-        hint="Check cable and supply; the controller has switched the pulses off by itself.",
+        hint="Check cable and supply; the controller switches the pulses off by itself when it hears nothing.",
         code="E4012",
     )
 

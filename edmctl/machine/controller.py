@@ -42,7 +42,7 @@ from edmctl.machine.orders import (
     TouchRequest,
     settings_by_name,
 )
-from edmctl.machine.recovery import clear_fault, make_idle
+from edmctl.machine.recovery import clear_fault, wait_for_rest
 from edmctl.machine.reports import (
     LinkReport,
     MachineEvent,
@@ -263,9 +263,9 @@ class LinkMachine:
         with suppress(EdmError):
             self._waits.hand_over(everything=True)
 
-    def make_idle(self) -> bool:
-        """Bring a controller that a host left behind to rest; whether it had been left armed."""
-        return make_idle(self._session)
+    def wait_for_rest(self) -> None:
+        """Wait until a tool that retracts from what another host did is back."""
+        wait_for_rest(self._session)
 
     def latched_fault(self) -> FaultLatched | None:
         """The error of starting a job with the fault that the controller holds; None where it holds none."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from edmctl.errors import MachineFault
-from edmctl.link.messages import ClearFault, Disarm, Status
+from edmctl.link.messages import ClearFault, Status
 from edmctl.link.refusal import CommandRefused
 from edmctl.machine.asking import read_status
 from edmctl.machine.faults import (
@@ -19,7 +19,7 @@ from edmctl.machine.faults import (
 from edmctl.machine.states import MachineState
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Mapping
 
     from edmctl.link.session import Session
     from edmctl.machine.reports import MachineStatus
@@ -28,27 +28,19 @@ PATIENCE_S = 5.0
 """A tool that retracts is back by then: 150 V at the slowest retraction in use take 2 s."""
 _LOOK_S = 0.02
 _HELD = (MachineState.FAULT, MachineState.ESTOP)
-_NOT_ARMED = (MachineState.BOOT, MachineState.IDLE, *_HELD)
 
 
-def make_idle(session: Session) -> bool:
-    """Bring a controller to rest with the tool retracted; whether it had been left armed.
+def wait_for_rest(session: Session) -> None:
+    """Wait until the tool is back at 0 V: a latched fault or a DISARM of another host may still be retracting it.
 
-    An armed one is disarmed, one in a fault or starting up is given the time to retract. A latched fault stays.
+    The controller ended what that host left running when this session opened. A latched fault stays.
     """
-    status = read_status(session)
-    if _at_rest(status):
-        return False
-    armed = status.state not in _NOT_ARMED
-    if armed:
-        session.request(Disarm())
-    if not _wait_for(session, _at_rest):
+    if not _is_back(session):
         raise MachineFault(
             f"The controller did not bring the tool back within {PATIENCE_S:.0f} s.",
             hint="Switch the amplifier off, and look at the controller before the next run.",
             code="E6002",
         )
-    return armed
 
 
 def clear_fault(session: Session, code: int, settings: Mapping[str, float]) -> None:
@@ -107,15 +99,15 @@ def _interlock_open(session: Session, code: int) -> InterlockOpen:
     )
 
 
-def _at_rest(status: MachineStatus) -> bool:
-    held = status.state in _HELD and status.actuator_v == 0.0
-    return status.state is MachineState.IDLE or held
-
-
-def _wait_for(session: Session, holds: Callable[[MachineStatus], bool]) -> bool:
+def _is_back(session: Session) -> bool:
     end_s = session.machine_now_s() + PATIENCE_S
-    while not holds(read_status(session)):
+    while not _at_rest(read_status(session)):
         if session.machine_now_s() > end_s:
             return False
         session.pump(_LOOK_S)
     return True
+
+
+def _at_rest(status: MachineStatus) -> bool:
+    held = status.state in _HELD and status.actuator_v == 0.0
+    return status.state is MachineState.IDLE or held

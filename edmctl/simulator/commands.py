@@ -28,7 +28,6 @@ class Commands:
 
     def __init__(self, controller: VirtualController) -> None:
         self._c = controller
-        self._nonce: int | None = None
         self._handlers: dict[type, Callable[..., Outcome]] = {
             m.Hello: self._hello,
             m.Heartbeat: self._heartbeat,
@@ -47,9 +46,7 @@ class Commands:
         return self._handlers[type(message)](message)
 
     def _hello(self, request: m.Hello) -> Outcome:
-        if request.host_nonce != self._nonce:
-            self._nonce = request.host_nonce
-            self._c.telemetry.forget()  # it was the former host's
+        is_served = (request.proto_major, request.schema_hash) == (m.PROTO_MAJOR, m.SCHEMA_HASH)
         reply = m.HelloReply(
             proto_major=m.PROTO_MAJOR,
             proto_minor=m.PROTO_MINOR,
@@ -71,7 +68,7 @@ class Commands:
             clock=m.Clock.DRIVEN if self._c.port.driven else m.Clock.RUNNING,
             baud=self._c.baud,
         )
-        return Status.OK, reply.pack()
+        return Status.OK if is_served else Status.VERSION, reply.pack()
 
     def _heartbeat(self, request: m.Heartbeat) -> Outcome:
         self._c.port.acknowledge(request.last_event)

@@ -54,7 +54,7 @@ class VirtualController:
         self.plant = plant
         self.st, self.ist, self.par = plant.st, plant.ist, plant.par
         self.commands = Commands(self)
-        self.port = DevicePort(self.commands.execute, self.host_heard)
+        self.port = DevicePort(self.commands.execute, self.host_heard, self._host_came)
         self.parameters = Parameters(plant)
         self.motion = Motion(plant)
         self.guards = Guards(plant, self.parameters)
@@ -101,6 +101,13 @@ class VirtualController:
     def host_heard(self) -> None:
         """Feed the watchdog."""
         self._heard_tick = self.tick
+
+    def _host_came(self) -> None:
+        """A session has opened: what another host left running has nobody who watches it any more."""
+        self.telemetry.forget()  # it was the former host's
+        self.host_heard()
+        if self.armed and not self.disarming:
+            self.raise_fault(FaultCode.HOST_SILENT)
 
     def advance(self, ticks: int) -> None:
         """Let `ticks` milliseconds pass."""

@@ -6,7 +6,7 @@ from collections import OrderedDict, deque
 from typing import TYPE_CHECKING
 
 from edmctl.link.frame import ABORT_RUN, Frame, FrameDecoder, encode_frame
-from edmctl.link.messages import REQUESTS, Advance, Heartbeat, Hello, Status
+from edmctl.link.messages import REQUESTS, Advance, GetSchema, Heartbeat, Hello, Status
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -29,15 +29,18 @@ class DevicePort:
 
     `execute` gets each valid command of the session once. A copy of one of the last commands gets the reply that the
     command got; an older copy gets none, for nobody can be waiting for it any more.
-    `heard` is called with each valid frame of the session, before it acts. `urgent` tells that somebody waits for
-    what is to be sent; answers to heartbeats may wait for company. With a `driven` clock ADVANCE needs no session,
-    so that a host whose controller has restarted can wait for the news of it; what there is to send is then `due`
-    with the answer to ADVANCE, and with every answer before the first ADVANCE of a session.
+    `heard` is called with each valid frame of the session, before it acts; `opened` when a HELLO opens a session,
+    before it is answered. HELLO is executed for its reply alone. `urgent` tells that somebody waits for what is to
+    be sent; answers to heartbeats may wait for company. With a `driven` clock ADVANCE needs no session, so that a
+    host whose controller has restarted can wait for the news of it; what there is to send is then `due` with the
+    answer to ADVANCE, to HELLO and to whoever has no session, and with every answer before the first ADVANCE.
     """
 
-    def __init__(self, execute: Callable[[Message], Outcome], heard: Callable[[], None]) -> None:
+    def __init__(
+        self, execute: Callable[[Message], Outcome], heard: Callable[[], None], opened: Callable[[], None]
+    ) -> None:
         self._execute = execute
-        self._heard = heard
+        self._heard, self._opened = heard, opened
         self.driven = False
         self._decoder = FrameDecoder()
         self._out: list[bytes] = []
@@ -47,6 +50,7 @@ class DevicePort:
         self._replies: OrderedDict[tuple[int, int], bytes] = OrderedDict()
         self._unacknowledged: list[tuple[int, bytes]] = []
         self._hello = b""
+        self._welcome: Outcome = (Status.OK, b"")
         self._former_hellos: deque[bytes] = deque(maxlen=HELLOS_KEPT)
         self.begin_session(0)
 
@@ -133,17 +137,11 @@ class DevicePort:
             self._out.append(self._run(frame))
             self.due = True
             return
-        if frame.type_id == Hello.ID and frame.session != 0:
-            # By chance a new host may choose the session byte of the one before; its nonce differs.
-            if (frame.session, frame.payload) != (self._session, self._hello):
-                if frame.payload in self._former_hellos:
-                    # A late copy: it must not open, with an empty memory, what it opened once.
-                    self.rx_drop += 1
-                    return
-                self.begin_session(frame.session)
-                self._hello = frame.payload
-        elif frame.session != self._session or frame.session == 0:
-            self.rx_drop += 1
+        if frame.session == 0 or frame.session != self._session:
+            self._handle_stranger(frame)
+            return
+        if frame.type_id == Hello.ID:
+            self._greet(frame)
             return
         self._heard()
         reply = self._reply_to(frame)
@@ -151,6 +149,37 @@ class DevicePort:
             self._out.append(reply)
             self.urgent = self.urgent or frame.type_id != Heartbeat.ID
             self.due = self.due or self.greeting
+
+    def _handle_stranger(self, frame: Frame) -> None:
+        """Answer what may be asked outside the session: a HELLO, and what a host of another version asks about."""
+        if frame.session != 0 and frame.type_id == Hello.ID:
+            self._greet(frame)
+        elif frame.session != 0 and frame.type_id == GetSchema.ID:
+            self._answer_now(self._run(frame))
+        else:
+            self.rx_drop += 1
+
+    def _greet(self, frame: Frame) -> None:
+        """Answer a HELLO. Only a new one that is answered OK opens a session; no other changes or feeds anything."""
+        if (frame.session, frame.payload) == (self._session, self._hello):
+            self._answer_now(self._encoded(frame, self._welcome))
+            return
+        if frame.payload in self._former_hellos:
+            # A late copy: it must not open, with an empty memory, what it opened once.
+            self.rx_drop += 1
+            return
+        outcome = self._outcome(frame)
+        if outcome[0] == Status.OK:
+            self.begin_session(frame.session)
+            self._hello, self._newest = frame.payload, frame.seq
+            self._opened()
+            outcome = self._welcome = self._outcome(frame)  # what the former host left running has ended
+        self._answer_now(self._encoded(frame, outcome))
+
+    def _answer_now(self, reply: bytes) -> None:
+        """Send an answer that no ADVANCE of a session is waited for with."""
+        self._out.append(reply)
+        self.urgent = self.due = True
 
     def _reply_to(self, frame: Frame) -> bytes | None:
         """Execute the command if it is new; its reply, or None for a copy from too long ago."""
@@ -171,8 +200,11 @@ class DevicePort:
         return reply
 
     def _run(self, frame: Frame) -> bytes:
-        status, payload = self._outcome(frame)
-        return encode_frame(frame.type_id | REPLY_BIT, frame.seq, frame.session, status, payload)
+        return self._encoded(frame, self._outcome(frame))
+
+    @staticmethod
+    def _encoded(frame: Frame, outcome: Outcome) -> bytes:
+        return encode_frame(frame.type_id | REPLY_BIT, frame.seq, frame.session, *outcome)
 
     def _outcome(self, frame: Frame) -> Outcome:
         message_type = REQUESTS.get(frame.type_id)

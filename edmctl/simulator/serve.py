@@ -1,8 +1,9 @@
 """Serves a virtual controller to programs that come through a pty or a socket: the object of `sim:`, the same bytes.
 
 At a speed, the controller's time runs that many times as fast as the clock on the wall, and whatever watches the
-host (watchdog, repetition of events) goes by the wall. Without a speed its clock is driven: time stands still except
-where the host asks for some, so that a run is as fast as both sides can, and always the same run.
+host (watchdog, repetition of events) goes by the wall, also where this process stood still. Without a speed its
+clock is driven: time stands still except where the host asks for some, so that a run is as fast as both sides can,
+and always the same run.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from dataclasses import dataclass
 from time import monotonic
 from typing import TYPE_CHECKING
 
+from edmctl.link.faults import FaultCode
 from edmctl.simulator.damage import LineDamage
 from edmctl.simulator.kernel import TICK_S
 
@@ -25,7 +27,7 @@ if TYPE_CHECKING:
 SLICE_S = 0.004
 """How long the clock waits for bytes before it goes on."""
 MOST_BEHIND_S = 0.25
-"""A computer that was away for longer is not caught up with: to the machine it was a pause of the whole world."""
+"""A clock that is later than this is not caught up with but set back: machine and work have paused."""
 ORPHANED_S = 2.0
 """A driven clock without anybody who drives it goes on by itself after this, until the machine is safe."""
 MOST_WAITING = 65536
@@ -41,7 +43,7 @@ class Traffic:
     """Frames both ways, frames that a client did not fetch, and how the clock kept up with the wall's.
 
     slowest_s : longest time that the controller's clock was late, s.
-    paused_s : time that it was set back by because the computer was too slow, s.
+    paused_s : time that it was set back by because the computer was away or too slow, s.
     """
 
     frames_in: int = 0
@@ -84,28 +86,42 @@ class Server:
         self._controller.port.driven = speed is None
         self._controller.host_time_scale = speed or 1.0
         self._controller.step(0)  # compiles the kernel before anybody waits for it
-        self._heard_s = self._base_s = monotonic()
+        self._heard_s = self._base_s = self._looked_s = monotonic()
         self._base_tick = self._controller.tick
 
     def run(self, is_over: Callable[[], bool]) -> None:
         """Serve until `is_over` says so, or the line is unplugged by an injection."""
-        self._base_s, self._base_tick = monotonic(), self._controller.tick
+        self._base_s = self._looked_s = monotonic()
+        self._base_tick = self._controller.tick
         while not is_over() and not self._line.unplugged:
-            readable = self._wait()
-            if self._speed is not None:
-                self._follow_clock(self._speed)
-            if readable:
-                self._take(self._endpoint.receive())
-            if self._speed is None:
-                self._look_after_orphan()
-            self._transmit()
-            self._each_turn()
+            self.turn()
+
+    def turn(self) -> None:
+        """Look at the line, let time pass, execute what came, send what there is to send."""
+        data = self._endpoint.receive() if self._wait() else b""
+        if self._speed is not None:
+            # Bytes that piled up while nobody looked must not pass for a host that was watched all the time.
+            self._look_after_stall()
+            self._follow_clock(self._speed)
+        self._take(data)
+        if self._speed is None:
+            self._look_after_orphan()
+        self._transmit()
+        self._each_turn()
 
     def _wait(self) -> bool:
         writers = self._endpoint.descriptors()[-1:] if self._waiting else []
         patience_s = _IDLE_S if self._speed is None else 0.0 if self._is_late else SLICE_S
         readable, _, _ = select.select(self._endpoint.descriptors(), writers, [], patience_s)
         return bool(readable)
+
+    def _look_after_stall(self) -> None:
+        """Trip the watchdog of an armed machine where the line was not looked at for the watchdog's time."""
+        now_s = monotonic()
+        away_s, self._looked_s = now_s - self._looked_s, now_s
+        if self._controller.armed and away_s >= self._controller.parameters.watchdog_ticks * TICK_S:
+            self._say(f"this computer was away for {away_s:.1f} s: to the machine its host was silent")
+            self._controller.raise_fault(FaultCode.HOST_SILENT)
 
     def _follow_clock(self, speed: float) -> None:
         """Let the controller's clock catch up with the wall's, in small steps where it is late."""
@@ -115,7 +131,7 @@ class Server:
         if behind_s > MOST_BEHIND_S:
             if not self.traffic.paused_s:
                 self._say(
-                    f"this computer is too slow for {speed:g}x at times: the controller's clock is set back"
+                    f"this computer was away, or is too slow for {speed:g}x: the controller's clock is set back"
                 )
             self.traffic.paused_s += behind_s
             self._base_s += behind_s

@@ -183,19 +183,24 @@ def test_waiting_takes_the_port_over(here: Here) -> None:
     assert "Waiting up to 30 s." in said.err
 
 
-def test_a_controller_that_was_left_armed_is_brought_to_rest_first(here: Here) -> None:
+def test_a_controller_that_was_left_armed_is_stopped_by_the_next_host(here: Here) -> None:
     bench = bench_of_the_profile()
+    job = ("machine", *SHALLOW, "--json", "--run-id")
     with serving(bench) as port:
         session = Session(open_line(port))
         session.open(5.0)
         session.request(Arm(param_crc(default_settings())))
         session.close()
         left = bench.controller.armed
-        said = here("machine", *SHALLOW, "--port", port, "--run-id", "r", "--json", "--events")
+        refused = here(*job, "refused", "--port", port)
+        assert (bench.controller.armed, bench.controller.fault) == (False, 1001)
+        assert here("reset", "--ack", "1001", "--port", port).exit_code == 0
+        done = here(*job, "done", "--port", port)
     assert left
-    assert said.exit_code == 0, said.err
-    assert "still armed by a host that is gone: pulses off, tool retracted" in said.err
-    assert not bench.controller.armed
+    error = refused.document["error"]
+    assert (refused.exit_code, error["code"]) == (8, "E8010")
+    assert f"`edmctl reset --ack 1001 --port {port}`" in error["hint"]
+    assert done.exit_code == 0, done.err
 
 
 def test_a_controller_that_has_been_on_for_long_is_as_good_as_a_new_one(here: Here) -> None:

@@ -1,4 +1,4 @@
-"""L6 to L8, L12 and L13: commands carried out once, whatever the line loses; sessions; restarts."""
+"""L6 to L8 and L13: commands carried out once, whatever the line loses; restarts."""
 
 from __future__ import annotations
 
@@ -156,50 +156,6 @@ def test_l8_a_late_copy_is_not_carried_out(peer: Peer, first_seq: int) -> None:
     assert peer.reply_to(type_id, first_seq, 0.06) is None, peer.story("a late copy was answered", "delivery")
     assert (peer.fresh_beat()["rx_drop"] - before) % 65536 == 1, "a late copy is counted in rx_drop"
     assert staged_is(peer, 6010), peer.story("a late copy of a SET_PARAM was carried out", "delivery")
-
-
-def test_l12_frames_of_the_session_before_are_ignored_in_a_run(peer: Peer) -> None:
-    lead(peer, "machining")
-    peer.ok("TLM_START", period_us=10_000, batch=1)
-    old, old_seq = peer.session, peer.seq
-    peer.hello()
-    before = peer.fresh_beat()["rx_drop"]
-    for number in range(5):
-        peer.send("DISARM", seq=(old_seq + number) % 256, session=old)
-    after = peer.fresh_beat()["rx_drop"]
-    assert (after - before) % 65536 == 5, peer.story("frames of another session are counted", "session")
-    assert peer.state() == "MACHINING", peer.story("a frame of the old session was carried out", "session")
-    peer.pump(0.1)
-    assert not peer.telemetry, peer.story("telemetry of the former host goes on", "session")
-    peer.ok("TLM_START", period_us=10_000, batch=1)
-    assert peer.wait(lambda: peer.telemetry, 0.3), peer.story("no telemetry after TLM_START", "telemetry")
-
-
-def test_l12_a_new_session_forgets_kept_replies_and_events(peer: Peer) -> None:
-    peer.beating = False  # nothing is acknowledged
-    arm(peer)
-    stop = peer.ok("SERVO_STOP")
-    peer.wait(lambda: peer.events, 0.05)
-    assert [e["code"] for e in peer.events] == [EVENT["STOPPED"]]
-    peer.seq = (stop.frame.seq - 1) % 256
-    peer.beating = True
-    peer.hello()
-    assert peer.ok("SERVO_STOP").frame.seq == stop.frame.seq, "a reply of another session is not a kept one"
-    peer.pump(0.3)
-    codes = [e["code"] for e in peer.events]
-    assert codes == [EVENT["STOPPED"]], peer.story("events of the old session came again", "session")
-
-
-def test_l12_a_repeated_hello_of_the_same_session_forgets_nothing(peer: Peer) -> None:
-    nonce = peer.hello().host_nonce
-    first = peer.send("SET_PARAM", param=PARAM.id, value=5000)
-    original = peer.reply_to(layouts.NAMES["SET_PARAM"], first)
-    again = {"proto_major": layouts.MAJOR, "proto_minor": layouts.MINOR, "schema_hash": layouts.schema_hash()}
-    peer.ok("HELLO", host_nonce=nonce, **again)
-    peer.ok("SET_PARAM", param=PARAM.id, value=6000)
-    peer.send("SET_PARAM", seq=first, param=PARAM.id, value=5000)
-    assert peer.reply_to(layouts.NAMES["SET_PARAM"], first) == original
-    assert staged_is(peer, 6000)
 
 
 def test_l13_reboot_is_answered_and_told(peer: Peer) -> None:

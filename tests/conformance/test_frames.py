@@ -231,7 +231,7 @@ def test_l24_what_modem_probes_send_at_open_has_no_effect(peer: Peer) -> None:
     lead(peer, "armed")
     for text in AT_STRINGS:
         peer.write(text)
-    peer.hello()
+    peer.fresh_beat()
     assert not peer.frames, peer.story("a modem string was answered", "line")
     assert not peer.faults
     assert peer.state() == "ARMED"

@@ -37,7 +37,8 @@ ASSUMED_BAUD = 115_200
 def test_l14_a_host_of_another_version_learns_the_controllers(peer: Peer, other: dict[str, int]) -> None:
     reply = peer.hello(**other)
     status = STATUS_NAMES[reply.status]
-    assert status in ("OK", "VERSION"), peer.story(f"status {status} to HELLO", "versions")
+    served = {"proto_major", "schema_hash"}.isdisjoint(other)
+    assert status == ("OK" if served else "VERSION"), peer.story(f"status {status} to HELLO", "versions")
     assert (reply.proto_major, reply.proto_minor) == (layouts.MAJOR, layouts.MINOR)
     assert reply.schema_hash == layouts.schema_hash()
 
@@ -60,6 +61,30 @@ def test_l14_the_schema_of_the_controller_is_that_of_its_hash(peer: Peer) -> Non
     schema = json.loads(text)
     assert (schema["major"], schema["minor"]) == (hello.proto_major, hello.proto_minor)
     assert {m["name"]: m["id"] for m in schema["messages"]} == layouts.COMMANDS | layouts.UNASKED
+
+
+def test_l14_a_host_without_a_session_learns_the_schema_and_nothing_else(peer: Peer) -> None:
+    whole = schema_pages(peer)
+    peer.hello(schema_hash=layouts.schema_hash() ^ 1)
+    assert schema_pages(peer) == whole, peer.story("the schema of a refused HELLO", "versions")
+    for name in ("GET_STATUS", "GET_PARAM", "TLM_START"):
+        seq = peer.send(name)
+        assert peer.reply_to(layouts.NAMES[name], seq, 0.06) is None, peer.story(
+            f"{name} answered", "versions"
+        )
+
+
+def test_l14_asking_for_the_schema_without_a_session_feeds_nothing(peer: Peer) -> None:
+    arm(peer)
+    peer.fresh_beat()
+    type_id = layouts.NAMES["GET_SCHEMA"]
+    peer.beating = False
+    for number in range(10):
+        payload = layouts.REQUESTS[type_id].pack({"offset": 0})
+        peer.send_payload(type_id, payload, session=peer.session % 255 + 1, seq=number)
+        peer.silence(0.03)
+    peer.beating = True
+    assert peer.fault(0.5)["code"] == 1001, peer.story("GET_SCHEMA feeds the watchdog", "versions")
 
 
 def test_l14_pages_behind_the_end_of_the_schema_are_empty(peer: Peer) -> None:

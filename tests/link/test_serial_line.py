@@ -308,4 +308,5 @@ def test_a_controller_that_is_gone_while_its_port_stays_is_missed_soon() -> None
         bench.line.unplugged = True
         with pytest.raises(LinkLost) as lost:
             repeatedly(lambda: session.pump(0.1))
+        assert "heartbeat" not in {thread.name for thread in threading.enumerate()}
     assert lost.value.code == "E4012"

@@ -10,10 +10,12 @@ import pytest
 
 from edmctl.errors import MachineFault, PreconditionError
 from edmctl.link.faults import FaultCode
+from edmctl.link.messages import Disarm
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.faults import FaultLatched, InterlockOpen, NothingLatched, WrongFault
 from edmctl.machine.port import Interlock, MachineState, PulseLog, TelemetryFlag
+from edmctl.simulator import kernel as k
 from edmctl.simulator.bench import MemoryTransport
 from edmctl.simulator.injection import parse_injection
 
@@ -46,36 +48,53 @@ def test_an_idle_controller_is_left_alone(rig: MakeRig) -> None:
     r = rig()
     r.machine.status()
     before_s = r.bench.transport.now_s()
-    assert r.machine.make_idle() is False
+    r.machine.wait_for_rest()
     assert r.bench.transport.now_s() - before_s < 0.002
 
 
-def test_an_armed_controller_whose_host_died_is_disarmed(rig: MakeRig) -> None:
-    r = rig()
-    r.ready()
-    r.machine.ramp(40.0, 200.0)
-    machine = another_host(r)
-    assert machine.status().state is MachineState.ARMED
-    assert machine.make_idle() is True
-    status = machine.status()
-    assert (status.state, status.actuator_v) == (MachineState.IDLE, 0.0)
-
-
-def test_a_cut_whose_host_died_is_ended_with_the_tool_up(rig: MakeRig) -> None:
+def test_a_cut_whose_host_died_has_ended_when_the_next_one_has_said_hello(rig: MakeRig) -> None:
     r = rig()
     r.ready()
     r.sparking()
     r.machine.watch_cut(0.5)
     machine = another_host(r)
-    assert machine.make_idle() is True
-    assert machine.status().state is MachineState.IDLE
-    assert not machine.status().flags & TelemetryFlag.PULSES_ON
+    assert r.bench.plant.ist[k.PULSES_ON] == 0
+    assert (machine.hello.state, machine.hello.fault) == (MachineState.FAULT, 1001)
+    machine.wait_for_rest()
+    status = machine.status()
+    assert (status.state, status.fault, status.actuator_v) == (MachineState.FAULT, 1001, 0.0)
+
+
+def test_the_job_after_a_dead_host_is_refused_with_the_command_that_clears_its_fault(rig: MakeRig) -> None:
+    r = rig()
+    r.ready()
+    r.machine.ramp(40.0, 200.0)
+    machine = another_host(r)
+    machine.wait_for_rest()
+    with pytest.raises(FaultLatched, match="another took its place") as caught:
+        machine.configure(SETTINGS, PULSES)
+    assert caught.value.hint.endswith("`edmctl reset --ack 1001`.")
+    machine.clear_fault(1001)
+    machine.configure(SETTINGS, PULSES)
+    machine.arm()
+
+
+def test_a_disarm_whose_host_died_is_waited_for(rig: MakeRig) -> None:
+    r = rig()
+    r.ready()
+    r.machine.ramp(40.0, 200.0)
+    r.session.request(Disarm())
+    machine = another_host(r)
+    assert machine.status().actuator_v > 0.0
+    machine.wait_for_rest()
+    status = machine.status()
+    assert (status.state, status.fault, status.actuator_v) == (MachineState.IDLE, 0, 0.0)
 
 
 def test_in_a_fault_only_the_retreat_is_waited_for(rig: MakeRig) -> None:
     machine = in_fault(rig())
     assert machine.status().actuator_v > 0.0
-    assert machine.make_idle() is False
+    machine.wait_for_rest()
     status = machine.status()
     assert (status.state, status.fault, status.actuator_v) == (MachineState.FAULT, 4002, 0.0)
 

@@ -19,6 +19,7 @@ from edmctl.link.frame import FrameDecoder, encode_frame
 from edmctl.link.opening import open_line
 from edmctl.link.session import Session
 from edmctl.simulator import BenchConfig, open_bench
+from edmctl.simulator import kernel as k
 from edmctl.simulator.endpoints import Endpoint, PtyEndpoint, SocketEndpoint
 from edmctl.simulator.injection import parse_injection
 from edmctl.simulator.news import News
@@ -352,3 +353,54 @@ def test_a_computer_that_is_too_slow_says_so_once(monkeypatch: pytest.MonkeyPatc
     assert server.traffic.slowest_s > 1.0
     assert server.traffic.paused_s > 8.0
     assert bench.controller.tick < 200
+
+
+def armed_at_a_speed(said: list[str]) -> tuple[Server, PtyEndpoint, int]:
+    """A server at 1x with an armed machine, tool out at 20 V, and its client's file; nothing waits in the line."""
+    bench = open_bench(NEAR, 4)
+    server = Server(bench, endpoint := PtyEndpoint(), 1.0, say=said.append)
+    client = os.open(endpoint.name, os.O_RDWR | os.O_NOCTTY)
+    ramp = encode_frame(m.PiezoSet.ID, 2, 9, 0, m.PiezoSet(20.0, 10_000.0).pack())
+    server._take(HELLO + encode_frame(m.Arm.ID, 1, 9, 0, m.Arm(m.param_crc({})).pack()) + ramp)
+    bench.controller.advance(100)
+    server._transmit()
+    os.read(client, 4096)
+    return server, endpoint, client
+
+
+@pytest.mark.parametrize(("away_s", "trips"), [(0.2, False), (0.3, True), (2.0, True)])
+def test_a_server_that_stood_still_trips_the_watchdog_before_it_reads_what_piled_up(
+    monkeypatch: pytest.MonkeyPatch, away_s: float, trips: bool
+) -> None:
+    said: list[str] = []
+    server, endpoint, client = armed_at_a_speed(said)
+    controller = server._bench.controller
+    now_s = time.monotonic()
+    monkeypatch.setattr("edmctl.simulator.serve.monotonic", lambda: now_s)
+    server.turn()
+    beats = [encode_frame(m.Heartbeat.ID, n, 9, 0, m.Heartbeat(0, 0).pack()) for n in range(40)]
+    os.write(client, b"".join(beats) + encode_frame(m.ServoStop.ID, 3, 9, 0, m.ServoStop().pack()))
+    now_s += away_s
+    server.turn()
+    frames = FrameDecoder(watch_for_abort=False).feed(os.read(client, 8192))
+    (stopped,) = [f.flags for f in frames if f.type_id == m.ServoStop.ID | 0x40]
+    assert (controller.fault == 1001, stopped == m.Status.BAD_STATE, len(said) > 0) == (trips, trips, trips)
+    for _ in range(100):
+        now_s += 0.01
+        os.write(client, beats[0])
+        server.turn()
+    assert controller.armed is not trips
+    assert controller.st.item(k.COMMAND_V) == (0.0 if trips else 20.0)
+    os.close(client)
+    endpoint.close()
+
+
+def test_a_driven_clock_has_no_watchdog_on_the_wall(monkeypatch: pytest.MonkeyPatch) -> None:
+    server, endpoint, client = armed_at_a_speed([])
+    server._speed = None
+    now_s = time.monotonic() + 10.0
+    monkeypatch.setattr("edmctl.simulator.serve.monotonic", lambda: now_s)
+    server.turn()
+    assert server._bench.controller.armed
+    os.close(client)
+    endpoint.close()
