@@ -51,9 +51,11 @@ from edmctl.machine.reports import (
     TelemetryBlock,
     Touch,
     WaveformBatch,
+    joined,
 )
 from edmctl.machine.states import Axis, EventCode, MachineState
 from edmctl.machine.stop import StopRequest
+from edmctl.machine.touching import wrong_touch
 from edmctl.machine.upload import default_settings, set_generator, upload
 from edmctl.machine.waits import CUT_ENDS, GRACE_S, SLOWEST, Waits, touch_time_s
 
@@ -193,12 +195,18 @@ class LinkMachine:
                 touches=request.touches,
             )
         )
-        found: list[Touch] = []
-        while True:
-            event = self._waits.event((EventCode.TOUCH, EventCode.TOUCH_DONE), touch_time_s(request))
-            if event.code is EventCode.TOUCH_DONE:
-                return tuple(found)
-            found.append(Touch(event.time_s, event.displacement_um, event.actuator_v))
+        with self._inbox.gathering() as samples:
+            found: list[Touch] = []
+            while True:
+                event = self._waits.event((EventCode.TOUCH, EventCode.TOUCH_DONE), touch_time_s(request))
+                if event.code is EventCode.TOUCH_DONE:
+                    break
+                if samples and (told := wrong_touch(event, len(found) + 1, request, joined(samples))):
+                    raise impossible(told)
+                found.append(Touch(event.time_s, event.displacement_um, event.actuator_v))
+        if len(found) != request.touches:
+            raise impossible(f"TOUCH_DONE after {len(found)} of {request.touches} touches")
+        return tuple(found)
 
     def start_cut(self, request: CutRequest) -> None:
         """Start the gap servo."""

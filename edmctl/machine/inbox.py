@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from edmctl.link.messages import Event, EventCode, Fault, Log, PulseBlocks, Pulses, Tlm
@@ -19,6 +20,8 @@ from edmctl.machine.pulse_frames import PulseFrames
 from edmctl.machine.stream import SampleStream
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from edmctl.errors import EdmError
     from edmctl.link.session import Session
     from edmctl.machine.orders import TelemetrySettings
@@ -38,8 +41,7 @@ class Inbox:
 
     `events` holds what no wait has taken yet; `news` is set by every event and fault, for the waits to clear. Of
     what cannot be, nothing is handed on: `lie` is the fault of the first of it. `state` is that of the newest
-    sample, and `state_since_s` the time of the first block that ended with it. `samples`, where there is a list,
-    keeps every block.
+    sample, and `state_since_s` the time of the first block that ended with it.
     """
 
     def __init__(self, session: Session, to_seconds: ToSeconds) -> None:
@@ -55,7 +57,7 @@ class Inbox:
         self._block_frames, self._pulse_frames = PulseFrames(session), PulseFrames(session)
         self._malformed = session.statistics.malformed
         self.events: list[MachineEvent] = []
-        self.samples: list[TelemetryBlock] | None = None
+        self._gathered: list[TelemetryBlock] | None = None
         self.fault: Fault | None = None
         self.lie: EdmError | None = None
         self.news = False
@@ -117,6 +119,15 @@ class Inbox:
         """Telemetry is over."""
         self._stream.end()
 
+    @contextmanager
+    def gathering(self) -> Iterator[list[TelemetryBlock]]:
+        """Also keep every block that is handed on."""
+        self._gathered = []
+        try:
+            yield self._gathered
+        finally:
+            self._gathered = None
+
     def doubts(self) -> EdmError | None:
         """The fault of what has come, or has stayed away: the controller lies, or its samples are lost."""
         malformed = self._session.statistics.malformed
@@ -158,8 +169,8 @@ class Inbox:
         self.time_s = float(block.time_s[-1])
         if block.state.item(-1) != self.state:
             self.state, self.state_since_s = block.state.item(-1), self.time_s
-        if self.samples is not None:
-            self.samples.append(block)
+        if self._gathered is not None:
+            self._gathered.append(block)
         listener.telemetry(block)
 
     def _deliver_blocks(self, listener: MachineListener) -> None:
