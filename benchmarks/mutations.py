@@ -15,9 +15,8 @@ from collections import Counter, defaultdict
 from multiprocessing import Pool
 from random import Random
 
-from edmctl.errors import EdmError
 from tests.machine.lying import Lie, name_of
-from tests.procedures.lies import KINDS, Fate, a_lie, every_field, short_job
+from tests.procedures.lies import KINDS, Fate, a_lie, every_field, is_expected, short_job
 
 LEAST_MESSAGES = 5000
 HANG_S = 5.0
@@ -101,11 +100,6 @@ def main() -> int:
         for line in bad[what]:
             print(f"  {line}")
     return int(any(bad.values()) or messages < LEAST_MESSAGES)
-
-
-def is_expected(code: str) -> bool:
-    """Whether a job may end so: without an error, or with one of its own that is no bug."""
-    return not code or (code.startswith("E") and code[1:].isdigit() and code != EdmError.default_code)
 
 
 if __name__ == "__main__":

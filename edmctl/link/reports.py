@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 _COUNTER_WRAP = 1 << 16
 _LAST_EVENT_NO = 0xFFFF
+_FAR_EVENTS = 1000
+"""No controller keeps so many events: a number further from the last one is none."""
 
 MessageT = TypeVar("MessageT")
 
@@ -52,7 +54,6 @@ class Reports:
                 self._statistics.repeated_frames += 1
                 return
         elif isinstance(message, Event | Fault) and not self._is_due(message.event_no):
-            self._statistics.repeated_events += 1
             return
         for callback in self._subscribers.get(type(message), ()):
             callback(message)
@@ -71,7 +72,12 @@ class Reports:
 
     def _is_due(self, event_no: int) -> bool:
         # One after a gap must wait: acknowledging it would acknowledge the lost one before it.
-        if self.last_event and event_no != self.last_event % _LAST_EVENT_NO + 1:
+        ahead = (event_no - self.last_event - 1) % _LAST_EVENT_NO
+        if event_no == 0 or (self.last_event and _FAR_EVENTS < ahead < _LAST_EVENT_NO - _FAR_EVENTS):
+            self._statistics.malformed += 1
+            return False
+        if self.last_event and ahead:
+            self._statistics.repeated_events += 1
             return False
         self.last_event = event_no
         return True

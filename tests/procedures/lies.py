@@ -121,3 +121,8 @@ def a_lie(type_id: int, field: str, frames: int, random: Random) -> Lie:
 def every_field(frames: Counter[int]) -> list[tuple[int, str]]:
     """Each field of each type of frame that a job has brought."""
     return [(type_id, field) for type_id in sorted(frames) for field in fields_of(type_id)]
+
+
+def is_expected(code: str) -> bool:
+    """Whether a job may end so: without an error, or with one of its own that is no bug."""
+    return not code or (code.startswith("E") and code[1:].isdigit() and code != EdmError.default_code)
