@@ -16,7 +16,7 @@ from edmctl.machine.states import EventCode, Interlock, MachineState, PulseClass
 if TYPE_CHECKING:
     from edmctl.errors import EdmError
     from edmctl.link.messages import Event, Fault, GetStatusReply
-    from edmctl.machine.reports import Bytes, Floats, PulseBatch, PulseBlockBatch, TelemetryBlock
+    from edmctl.machine.reports import PulseBatch, PulseBlockBatch, TelemetryBlock
 
 FARTHEST_UM = 2000.0
 """Four times the stroke of the actuator: no displacement sensor reads beyond, not after hours of drift either."""
@@ -46,17 +46,23 @@ def impossible(told: str) -> EdmError:
 
 
 def wrong_block(block: TelemetryBlock) -> str:
-    """Judge samples."""
-    if int(block.state.max()) > _LAST_STATE:
-        return f"samples with state {int(block.state.max())}"
-    if int(np.bitwise_or.reduce(block.flags)) > _FLAGS:
-        return "samples with unknown flags"
-    return (
-        _beyond("samples", "µm", block.displacement_um, -FARTHEST_UM, FARTHEST_UM)
-        or _beyond("samples", "V on the actuator", block.actuator_v, 0.0, GREATEST_V)
-        or _beyond("samples", "V at the gap", block.gap_v, 0.0, GREATEST_GAP_V)
-        or _beyond("samples", "A", block.current_a, 0.0, GREATEST_A)
-    )
+    """Judge samples. Lists of some ten numbers have their extremes sooner than arrays."""
+    state, flags = max(block.state.tobytes()), max(block.flags.tobytes())
+    if state > _LAST_STATE or flags > _FLAGS:
+        return f"samples with state {state} and flags {flags:#04x}"
+    heights_um = block.displacement_um.tolist()
+    farthest_um = max(max(heights_um), -min(heights_um))
+    if farthest_um > FARTHEST_UM:
+        return f"samples at {farthest_um:.0f} µm"
+    for unit, values, most in (
+        ("V on the actuator", block.actuator_v, GREATEST_V),
+        ("V at the gap", block.gap_v, GREATEST_GAP_V),
+        ("A", block.current_a, GREATEST_A),
+    ):
+        greatest = max(values.tolist())
+        if greatest > most:
+            return f"samples with {greatest:.0f} {unit}"
+    return ""
 
 
 def wrong_blocks(batch: PulseBlockBatch, block_pulses: int) -> str:
@@ -120,10 +126,3 @@ def wrong_status(reply: GetStatusReply) -> str:
         if not low <= value <= high:
             return f"a status with {value:.0f} {unit}"
     return ""
-
-
-def _beyond(where: str, unit: str, values: Floats | Bytes, low: float, high: float) -> str:
-    least, most = float(values.min()), float(values.max())
-    if low <= least and most <= high:
-        return ""
-    return f"{where} with {most if most > high else least:.0f} {unit}"
