@@ -15,7 +15,10 @@ _WRAP_32 = 1 << 32
 
 @dataclass(slots=True)
 class Statistics:
-    """Counts since the session opened. `lost_frames` counts telemetry frames by message name, exactly."""
+    """Counts since the session opened. `lost_frames` counts telemetry frames by message name, exactly.
+
+    `malformed` frames had the right check, and said what no controller can say.
+    """
 
     frames_sent: int = 0
     frames_received: int = 0
@@ -25,6 +28,7 @@ class Statistics:
     unknown_types: int = 0
     malformed: int = 0
     repeated_events: int = 0
+    repeated_frames: int = 0
     retries: int = 0
     bytes_received: int = 0
     heartbeats_sent: int = 0
@@ -83,6 +87,11 @@ class ControllerClock:
     def note(self, t_dev_us: int) -> None:
         """Take the controller's full time, as every heartbeat brings it."""
         self._reference_us = t_dev_us
+
+    @property
+    def newest_s(self) -> float:
+        """The newest full time, in seconds."""
+        return self._reference_us / 1_000_000
 
     def seconds(self, t_us: int) -> float:
         """Return controller time in seconds of a time within 35 minutes of the last heartbeat."""

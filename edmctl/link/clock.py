@@ -19,6 +19,8 @@ STRAIGHT_S = 10.0
 """With a shorter history the rate of a normal clock is better known from the crystal than from the fit."""
 CRYSTAL = 0.02
 """A rate this near to one is that of a clock that runs as it should."""
+SLOWEST = 0.01
+"""No clock is taken for slower: a wait by one that stands still would have no end."""
 _REFIT_S = 0.5
 
 
@@ -71,5 +73,6 @@ class ClockFit:
             rate = sum((s[0] - host_s) * (s[1] - machine_s) for s in good) / spread
         if good[-1][0] - good[0][0] < STRAIGHT_S and abs(rate - 1.0) < CRYSTAL:
             rate = 1.0
+        rate = max(rate, SLOWEST)
         squares = sum((s[1] - machine_s - rate * (s[0] - host_s)) ** 2 for s in good)
         return ClockLine(host_s, machine_s, rate, (squares / n) ** 0.5)

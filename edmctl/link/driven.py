@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 PATIENCE_S = 20.0
 """Longest wait, by the computer's clock, for one ADVANCE: the simulator may have to compile itself first."""
+MOST_STILL = 1000
+"""So many answers in a row in which no time has passed are those of a clock that stands."""
 _REPLY = 0x40
 _LEAST_US = 1
 
@@ -34,6 +36,7 @@ class DrivenLine:
         self._seq = 0
         self._decoder = FrameDecoder(watch_for_abort=False)
         self._now_s = 0.0
+        self._still = 0
         self._failure: LinkLost | None = None
 
     def write(self, data: bytes) -> None:
@@ -65,14 +68,24 @@ class DrivenLine:
             data += part
             for frame in self._decoder.feed(part):
                 if frame.type_id == Advance.ID | _REPLY and frame.seq == seq:
-                    self._now_s = _time_s(frame, self.name)
+                    self._note(_time_s(frame, self.name))
                     return data
+        raise self._fail(f"did not let time pass within {PATIENCE_S:.0f} s")
+
+    def _note(self, now_s: float) -> None:
+        """Take the time of an answer; LinkLost where it stands still for good. A restart sets it back."""
+        self._still = self._still + 1 if now_s == self._now_s else 0
+        self._now_s = now_s
+        if self._still > MOST_STILL:
+            raise self._fail(f"lets no time pass in {MOST_STILL} waits")
+
+    def _fail(self, told: str) -> LinkLost:
         self._failure = LinkLost(
-            f"The simulated controller at {self.name} did not let time pass within {PATIENCE_S:.0f} s.",
+            f"The simulated controller at {self.name} {told}.",
             hint="See whether `edmctl simulate serve` still runs, and start it again.",
             code="E4008",
         )
-        raise self._failure
+        return self._failure
 
 
 def _time_s(reply: Frame, name: str) -> float:

@@ -68,6 +68,8 @@ class FaultCode(IntEnum):
     SETUP = 7005
     LOG = 7006
     POWER_LOSS = 7007
+    SAMPLES_LOST = 7008
+    TELEMETRY_WRONG = 7009
 
 
 FAULTS: dict[int, FaultRow] = {
@@ -506,5 +508,45 @@ FAULTS: dict[int, FaultRow] = {
         pulses_off_s=0.005,
         latched=False,
         inject="POWER_LOSS",
+    ),
+    7008: FaultRow(
+        code=7008,
+        name="SAMPLES_LOST",
+        who="host",
+        detect=(
+            "the newest sample is 1 s older than the newest time that the controller has told, while "
+            "telemetry runs"
+        ),
+        reaction="retract, disarm, close the run file",
+        message=(
+            "The controller answers, but its samples do not come any more: nobody knows where the tool "
+            "stands."
+        ),
+        hint="Look at the line with `edmctl doctor`, and at what else keeps the controller busy.",
+        exit_code=4,
+        error="E4022",
+        pulses_off_s=1.2,
+        latched=False,
+        inject="SAMPLES_LOST",
+    ),
+    7009: FaultRow(
+        code=7009,
+        name="TELEMETRY_WRONG",
+        who="host",
+        detect=(
+            "a message with the right check says what no controller can: unknown codes and states, readings "
+            "beyond the hardware, times that contradict each other, a touch that its samples do not show"
+        ),
+        reaction="retract, disarm, close the run file",
+        message="The controller says what cannot be.",
+        hint=(
+            "Nothing that it says can be relied on: restart it, and update its firmware or have its sensors "
+            "looked at if it says so again."
+        ),
+        exit_code=6,
+        error="E67009",
+        pulses_off_s=0.3,
+        latched=False,
+        inject="SAMPLES_FROZEN",
     ),
 }

@@ -28,7 +28,7 @@ class Receiver:
         session: int,
         statistics: Statistics,
         reports: Reports,
-        on_heartbeat: Callable[[HeartbeatReply], None],
+        on_heartbeat: Callable[[HeartbeatReply, int], None],
         on_boot: Callable[[Boot], None],
     ) -> None:
         self._session = session
@@ -101,7 +101,7 @@ class Receiver:
             return
         self.heard = True
         self._statistics.heartbeats_answered += 1
-        self._on_heartbeat(reply)
+        self._on_heartbeat(reply, frame.seq)
 
     def _boot(self, frame: Frame) -> None:
         try:

@@ -1,4 +1,4 @@
-"""Hands on what the controller sends by itself: events once and in order, telemetry gaps counted."""
+"""Hands on what the controller sends by itself: everything once and in order, telemetry gaps counted."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 _COUNTER_WRAP = 1 << 16
 _LAST_EVENT_NO = 0xFFFF
+_FAR_EVENTS = 1000
+"""No controller keeps so many events: a number further from the last one is none."""
 
 MessageT = TypeVar("MessageT")
 
@@ -48,24 +50,34 @@ class Reports:
             self._statistics.malformed += 1
             return
         if isinstance(message, Tlm | PulseBlocks | Pulses):
-            self._count_gap(message)
+            if not self._is_newer(message):
+                self._statistics.repeated_frames += 1
+                return
         elif isinstance(message, Event | Fault) and not self._is_due(message.event_no):
-            self._statistics.repeated_events += 1
             return
         for callback in self._subscribers.get(type(message), ()):
             callback(message)
 
-    def _count_gap(self, message: Tlm | PulseBlocks | Pulses) -> None:
+    def _is_newer(self, message: Tlm | PulseBlocks | Pulses) -> bool:
+        """Whether a frame is none that came before, or was overtaken; counts what is missing before it."""
         kind, counter = type(message), message.counter
         missing = (counter - self._next_counter.get(kind, counter)) % _COUNTER_WRAP
+        if missing >= _COUNTER_WRAP // 2:
+            return False
         self._next_counter[kind] = (counter + 1) % _COUNTER_WRAP
         if missing:
             lost = self._statistics.lost_frames
             lost[message.NAME] = lost.get(message.NAME, 0) + missing
+        return True
 
     def _is_due(self, event_no: int) -> bool:
         # One after a gap must wait: acknowledging it would acknowledge the lost one before it.
-        if self.last_event and event_no != self.last_event % _LAST_EVENT_NO + 1:
+        ahead = (event_no - self.last_event - 1) % _LAST_EVENT_NO
+        if event_no == 0 or (self.last_event and _FAR_EVENTS < ahead < _LAST_EVENT_NO - _FAR_EVENTS):
+            self._statistics.malformed += 1
+            return False
+        if self.last_event and ahead:
+            self._statistics.repeated_events += 1
             return False
         self.last_event = event_no
         return True

@@ -52,11 +52,14 @@ DEADLINE_S = 0.75
 """Longest wait for the reply to a command, all its repetitions included."""
 SILENCE_S = 0.5
 """A controller that leaves heartbeats unanswered for so long is gone."""
+SPARE_S, SPARE_SHARE = 1.0, 1.5
+"""By this, and this share of the time since the last heartbeat, the controller's time may be beyond the expected."""
 FIRST_BEATS, FIRST_BEATS_APART_S = 8, 0.02
 """A live line begins with these, for the clock fit."""
 _LOOK_S, _LAST_LOOK_S = 0.25, 0.05
 # Waits shorter than this are over; a clock need not be able to move by less.
 _CLOCK_TICK_S = 1e-6
+_NEVER_US = -1
 
 ReplyT = TypeVar("ReplyT")
 MessageT = TypeVar("MessageT")
@@ -87,6 +90,9 @@ class Session:
         self._is_open = False
         self._lost: LinkLost | None = None
         self._seq = self._beat_seq = 0
+        self._beats_us = [_NEVER_US] * 256
+        self._knows_pace = False
+        self._heard_at_s = 0.0
         self._next_beat_s = inf
         self._unanswered_since_s = inf
         self._moved_s = 0.0
@@ -174,9 +180,30 @@ class Session:
         """Call `callback` with every message of one type that the controller sends by itself."""
         self._reports.subscribe(message_type, callback)
 
+    def catch_up(self) -> None:
+        """Read and dispatch what waits on a live line; where time is virtual nothing can."""
+        if self.transport.live:
+            now_s = self.transport.now_s()
+            self._step(now_s, now_s)
+
     def seconds(self, t_us: int) -> float:
         """Return controller time in seconds of the 32-bit time that a message just received carries."""
         return self._clock.seconds(t_us)
+
+    @property
+    def heard_s(self) -> float:
+        """Controller time of the newest reply to a heartbeat, in seconds."""
+        return self._clock.newest_s
+
+    @property
+    def latest_s(self) -> float:
+        """Latest controller time that a message read now can carry, in seconds.
+
+        It is that of the newest reply to a heartbeat and what has passed since, with much to spare: a served
+        controller keeps its pace only roughly, and the computer may be late.
+        """
+        rate, since_s = max(1.0, self._rate), self.transport.now_s() - self._heard_at_s
+        return self._clock.newest_s + rate * (SPARE_SHARE * since_s + SPARE_S)
 
     def machine_now_s(self) -> float:
         """Return controller time now, in seconds: by the clock fit on a live line."""
@@ -219,6 +246,7 @@ class Session:
             self._next_beat_s = self.transport.now_s()
         if not self.pump_until(lambda: self.last_heartbeat is not None, DEADLINE_S):
             raise self._lose(no_answer(self.transport.name, "HEARTBEAT", DEADLINE_S))
+        self._knows_pace = True
         if self.transport.live:
             now_s = self.transport.now_s
             self._pulse = HeartbeatThread(
@@ -271,7 +299,8 @@ class Session:
     def _beat(self, now_s: float) -> None:
         with self._writing:
             seq, self._beat_seq = self._beat_seq, (self._beat_seq + 1) & 0xFF
-            self._send(Heartbeat.ID, seq, Heartbeat(int(now_s * 1e6), self._reports.last_event).pack())
+            self._beats_us[seq] = int(now_s * 1e6)
+            self._send(Heartbeat.ID, seq, Heartbeat(self._beats_us[seq], self._reports.last_event).pack())
         # A host that was away itself cannot blame the controller for the silence.
         was_away = now_s - self._next_beat_s > self._heartbeat_s
         self._unanswered_since_s = now_s if was_away else min(self._unanswered_since_s, now_s)
@@ -296,13 +325,27 @@ class Session:
                 self._receiver.heard = False
                 self._unanswered_since_s = inf
 
-    def _on_heartbeat(self, reply: HeartbeatReply) -> None:
+    def _on_heartbeat(self, reply: HeartbeatReply, seq: int) -> None:
+        before, is_ours = self.last_heartbeat, reply.t_host_us == self._beats_us[seq]
+        if is_ours and before is not None and reply.t_host_us < before.t_host_us:
+            return  # overtaken on its way
+        if not (is_ours and self._goes_on(reply, before)):
+            self.statistics.malformed += 1
+            return
         self.last_heartbeat = reply
+        self._heard_at_s = self.transport.now_s()
         self._clock.note(reply.t_dev_us)
         if self.transport.live:
             sent_s, now_s = 1e-6 * reply.t_host_us, self.transport.now_s()
             self._fit.note(sent_s, now_s, 1e-6 * reply.t_dev_us)
             self._round_trips.note(now_s - sent_s)
+
+    def _goes_on(self, reply: HeartbeatReply, before: HeartbeatReply | None) -> bool:
+        """Whether the controller's time goes forward, and no faster than it can."""
+        if before is None:
+            return True
+        too_fast = self._knows_pace and 1e-6 * reply.t_dev_us > self.latest_s
+        return reply.t_dev_us >= before.t_dev_us and not too_fast
 
     def _on_boot(self, boot: Boot) -> None:
         # A controller that boots because the port was opened says so before it answers HELLO.

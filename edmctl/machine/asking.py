@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol, TypeVar
+
+import numpy as np
 
 from edmctl.link.messages import BlackboxRead, BlackboxReadReply, GetStatus, Status, Tlm, WaveformRead
 from edmctl.link.refusal import CommandRefused
 from edmctl.machine.decode import telemetry_block, waveform_batch
+from edmctl.machine.possible import impossible, wrong_block, wrong_status
 from edmctl.machine.reports import MachineIdentity, MachineStatus, TelemetryBlock, WaveformBatch
 from edmctl.machine.states import Interlock, MachineState, TelemetryFlag
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
     from edmctl.link.messages import WaveformReadReply
     from edmctl.link.session import Session
     from edmctl.machine.decode import ToSeconds
@@ -19,9 +24,25 @@ SIMULATED_BOARD = 0
 """Board number of the virtual controller."""
 BLACK_BOX_PERIOD_US = 1000
 """Time between two samples of the black box."""
+BLACK_BOX_SAMPLES, WAVEFORM_SAMPLES = 2048, 65536
+"""The most that a controller keeps about a fault."""
+SLOWEST_WAVEFORM_NS = 1000
 WAVEFORM_PATIENCE_S = 1.0
 """The periods after a fault that waveforms go on for have passed by then."""
 _LOOK_S = 0.01
+
+
+class _Page(Protocol):
+    """A part of what a controller keeps: `n` of `total` samples."""
+
+    @property
+    def n(self) -> int: ...
+
+    @property
+    def total(self) -> int: ...
+
+
+PageT = TypeVar("PageT", bound=_Page)
 
 
 def identity_of(session: Session) -> MachineIdentity:
@@ -37,8 +58,10 @@ def identity_of(session: Session) -> MachineIdentity:
 
 
 def read_status(session: Session) -> MachineStatus:
-    """What the controller sees now."""
+    """What the controller sees now. Raises MachineFault where it says what cannot be."""
     reply = session.request(GetStatus())
+    if told := wrong_status(reply):
+        raise impossible(f"GET_STATUS: {told}")
     return MachineStatus(
         state=MachineState(reply.state),
         fault=reply.fault,
@@ -59,16 +82,32 @@ def read_status(session: Session) -> MachineStatus:
 def read_black_box(session: Session, to_seconds: ToSeconds) -> TelemetryBlock | None:
     """Every sample that the black box holds, oldest first; None where it holds none."""
     pages: list[Tlm] = []
-    offset = 0
-    while True:
-        page = session.request(BlackboxRead(offset))
-        if page.n == 0:
-            break
+    for page in _pages(
+        lambda offset: session.request(BlackboxRead(offset)), BLACK_BOX_SAMPLES, "BLACKBOX_READ"
+    ):
         pages.append(_as_telemetry(page, len(pages)))
-        offset += page.n
-        if offset >= page.total:
-            break
-    return telemetry_block(pages, to_seconds, 0) if pages else None
+    if not pages:
+        return None
+    block = telemetry_block(pages, to_seconds, 0)
+    told = wrong_block(block) or ("samples in disorder" if np.any(np.diff(block.time_s) <= 0.0) else "")
+    if told:
+        raise impossible(f"BLACKBOX_READ: {told}")
+    return block
+
+
+def _pages(ask: Callable[[int], PageT], most: int, name: str) -> Iterator[PageT]:
+    """Ask for page after page until all have come. Raises MachineFault where they contradict each other."""
+    offset, total = 0, -1
+    while True:
+        page = ask(offset)
+        if page.n == 0 and page.total <= offset:
+            return
+        if page.n == 0 or not offset + page.n <= page.total <= most or total not in (-1, page.total):
+            raise impossible(f"{name}: {page.n} of {page.total} samples from {offset} on")
+        yield page
+        offset, total = offset + page.n, page.total
+        if offset == total:
+            return
 
 
 def _as_telemetry(page: BlackboxReadReply, counter: int) -> Tlm:
@@ -85,17 +124,15 @@ def _as_telemetry(page: BlackboxReadReply, counter: int) -> Tlm:
 
 def read_waveforms(session: Session, to_seconds: ToSeconds) -> WaveformBatch | None:
     """Every sample of the gap about the latched fault, oldest first; None where none are held."""
-    pages: list[WaveformReadReply] = []
-    offset = 0
-    while True:
-        page = _page_when_ready(session, offset)
-        if page.n == 0:
-            break
-        pages.append(page)
-        offset += page.n
-        if offset >= page.total:
-            break
-    return waveform_batch(pages, to_seconds) if pages else None
+    pages = list(_pages(lambda offset: _page_when_ready(session, offset), WAVEFORM_SAMPLES, "WAVEFORM_READ"))
+    if not pages:
+        return None
+    times = {(page.t0_us, page.period_ns) for page in pages}
+    if len(times) > 1 or not 0 < pages[0].period_ns <= SLOWEST_WAVEFORM_NS:
+        raise impossible(
+            f"WAVEFORM_READ: samples {pages[0].period_ns} ns apart, from {len(times)} beginnings"
+        )
+    return waveform_batch(pages, to_seconds)
 
 
 def _page_when_ready(session: Session, offset: int) -> WaveformReadReply:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from edmctl.errors import EdmError
+from edmctl.errors import EdmError, LinkLost
 from edmctl.link.messages import (
     Approach,
     Arm,
@@ -42,6 +42,7 @@ from edmctl.machine.orders import (
     TouchRequest,
     settings_by_name,
 )
+from edmctl.machine.possible import impossible
 from edmctl.machine.recovery import clear_fault, wait_for_rest
 from edmctl.machine.reports import (
     LinkReport,
@@ -51,11 +52,13 @@ from edmctl.machine.reports import (
     TelemetryBlock,
     Touch,
     WaveformBatch,
+    joined,
 )
 from edmctl.machine.states import Axis, EventCode, MachineState
 from edmctl.machine.stop import StopRequest
+from edmctl.machine.touching import wrong_touch
 from edmctl.machine.upload import default_settings, set_generator, upload
-from edmctl.machine.waits import GRACE_S, SLOWEST, Waits, touch_time_s
+from edmctl.machine.waits import CUT_ENDS, GRACE_S, SLOWEST, Waits, touch_time_s
 
 if TYPE_CHECKING:
     from edmctl.link.messages import HelloReply
@@ -66,7 +69,8 @@ if TYPE_CHECKING:
 SELF_TEST_S = 1.0
 """A self-test takes no longer: it averages the gap voltage twice for some tenths of a second."""
 
-_CUT_ENDS = (EventCode.CUT_DONE, EventCode.PATH_DONE, EventCode.TIME_UP, EventCode.STOPPED)
+STANDS_WITHIN = 20.0
+"""A stage that nothing has moved tells its place within so many µm (rotary: degrees), however it is measured."""
 
 
 class LinkMachine:
@@ -84,6 +88,7 @@ class LinkMachine:
         self._waits = Waits(session, self._inbox, stop or StopRequest(), default_settings())
         self._origin_s: float | None = None
         self._position: dict[Axis, float] = {}
+        self._stands: dict[Axis, float] = {}
         self._actuator_v = 0.0
 
     @property
@@ -122,13 +127,14 @@ class LinkMachine:
     def start_telemetry(self, settings: TelemetrySettings, listener: MachineListener) -> None:
         """Begin to send samples to `listener`."""
         self._waits.listener = listener
-        self._inbox.restart_telemetry()
+        self._inbox.begin_telemetry(settings)
         self._session.request(TlmStart(settings.period_us, settings.batch, settings.pulse_log))
 
     def stop_telemetry(self) -> None:
         """Send no more samples; what is pending reaches the listener."""
         self._session.request(TlmStop())
         self._waits.hand_over(everything=True)
+        self._inbox.end_telemetry()
 
     def arm(self, *, pulses: bool = True) -> None:
         """Start the watchdog and permit or forbid pulses; from here on the machine may move."""
@@ -140,7 +146,13 @@ class LinkMachine:
 
     def status(self) -> MachineStatus:
         """Ask what the controller sees now."""
-        return read_status(self._session)
+        status = read_status(self._session)
+        places = {Axis.X: status.x_um, Axis.Y: status.y_um, Axis.THETA: status.theta_deg}
+        for axis, stood in self._stands.items():
+            if abs(places[axis] - stood) > STANDS_WITHIN:
+                raise impossible(f"{axis.name} at {places[axis]:.1f}, nothing has moved it from {stood:.1f}")
+        self._stands = places
+        return status
 
     def self_test(self) -> float:
         """Test the gap sensor with the tool retracted; mean gap voltage with the generator on, V."""
@@ -161,9 +173,10 @@ class LinkMachine:
     def move_stage(self, axis: Axis, target: float, speed: float) -> None:
         """Move one stage and wait until it stands; the controller refuses unless the tool is retracted."""
         duration_s = abs(target - self._position.get(axis, 0.0)) / speed
+        self._stands.pop(axis, None)
         self._waits.begin(StageMove(axis, round(1000.0 * target), round(1000.0 * speed)))
         self._waits.event((EventCode.STAGE_DONE,), duration_s)
-        self._position[axis] = target
+        self._position[axis] = self._stands[axis] = target
 
     def set_zero(self, zero_um: float) -> None:
         """Say where home is at rest at 0 V; the height at which stages may move counts from it."""
@@ -187,12 +200,18 @@ class LinkMachine:
                 touches=request.touches,
             )
         )
-        found: list[Touch] = []
-        while True:
-            event = self._waits.event((EventCode.TOUCH, EventCode.TOUCH_DONE), touch_time_s(request))
-            if event.code is EventCode.TOUCH_DONE:
-                return tuple(found)
-            found.append(Touch(event.time_s, event.displacement_um, event.actuator_v))
+        with self._inbox.gathering() as samples:
+            found: list[Touch] = []
+            while True:
+                event = self._waits.event((EventCode.TOUCH, EventCode.TOUCH_DONE), touch_time_s(request))
+                if event.code is EventCode.TOUCH_DONE:
+                    break
+                if samples and (told := wrong_touch(event, len(found) + 1, request, joined(samples))):
+                    raise impossible(told)
+                found.append(Touch(event.time_s, event.displacement_um, event.actuator_v))
+        if len(found) != request.touches:
+            raise impossible(f"TOUCH_DONE after {len(found)} of {request.touches} touches")
+        return tuple(found)
 
     def start_cut(self, request: CutRequest) -> None:
         """Start the gap servo."""
@@ -200,10 +219,12 @@ class LinkMachine:
 
     def start_scan(self, request: ScanRequest) -> None:
         """Start the gap servo with the tool held at its limit; the stages wait for `path_move`."""
+        self._stands.clear()
         self._waits.begin(ScanStart(request.gap_reference_v, request.z_limit_um, request.max_time_s))
 
     def path_move(self, move: PathMove) -> bool:
         """Append a line to the path of a scan; False where the queue is full."""
+        self._stands.clear()
         line = AppendLine(move.x_um, move.y_um, move.speed_um_s, move.z_limit_um, int(move.last))
         try:
             self._session.request(line)
@@ -216,19 +237,19 @@ class LinkMachine:
 
     def watch_cut(self, duration_s: float) -> MachineEvent | None:
         """Let at most `duration_s` of a cut or scan pass; the event that ended it, None while it goes on."""
-        self._waits.slice(duration_s)
-        return self._waits.take(_CUT_ENDS)
+        return self._waits.cut(duration_s)
 
     def stop_cut(self) -> MachineEvent:
         """End a cut or scan: pulses off, tool and stages held."""
         self._session.request(ServoStop())
-        return self._waits.event(_CUT_ENDS, 0.0)
+        return self._waits.event(CUT_ENDS, 0.0)
 
     def jump(self, request: JumpRequest) -> None:
         """Lift the tool to flush the gap, and wait until it is back.
 
         A cut that ends meanwhile is still there for `watch_cut` to report.
         """
+        self._waits.look()
         self._session.request(
             Jump(request.height_um, request.speed_um_s, request.dwell_s, request.clearance_um)
         )
@@ -241,7 +262,7 @@ class LinkMachine:
 
     def disarm(self) -> None:
         """Pulses off, retract to 0 V, idle."""
-        self._waits.begin(Disarm())
+        self._waits.retreat(Disarm())
         self._waits.event((EventCode.MOVE_DONE,), self._retract_time_s())
         self._actuator_v = 0.0
 
@@ -252,16 +273,27 @@ class LinkMachine:
         Stop requests are not heeded here, for this is how they end.
         """
         with suppress(EdmError):
-            state = self.status().state
+            state = self._told_state()
             if state in (MachineState.FAULT, MachineState.ESTOP):
                 # The controller retracts by itself and reports no end of it.
                 self._session.pump(self._retract_time_s())
             elif state is not MachineState.IDLE:
-                self._waits.begin(Disarm())
+                self._waits.retreat(Disarm())
                 self._waits.event_whatever_comes(EventCode.MOVE_DONE, self._retract_time_s() + GRACE_S)
+        with suppress(EdmError):
             self._session.request(TlmStop())
         with suppress(EdmError):
             self._waits.hand_over(everything=True)
+        self._inbox.end_telemetry()
+
+    def _told_state(self) -> MachineState | None:
+        """The state that the controller tells, None where it tells what cannot be. Raises LinkLost."""
+        try:
+            return read_status(self._session).state
+        except LinkLost:
+            raise
+        except EdmError:
+            return None
 
     def wait_for_rest(self) -> None:
         """Wait until a tool that retracts from what another host did is back."""

@@ -2,26 +2,35 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from edmctl.link.messages import Event, EventCode, Fault, Log, PulseBlocks, Pulses, Tlm
 from edmctl.machine.decode import ToSeconds, lost_frames, pulse_batches, pulse_block_batch, telemetry_block
-from edmctl.machine.port import MachineEvent, MachineListener
+from edmctl.machine.port import MachineEvent, MachineListener, MachineState
+from edmctl.machine.possible import (
+    impossible,
+    wrong_block,
+    wrong_blocks,
+    wrong_event,
+    wrong_fault,
+    wrong_pulses,
+)
+from edmctl.machine.pulse_frames import PulseFrames
+from edmctl.machine.stream import SampleStream
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Iterator
+
+    from edmctl.errors import EdmError
+    from edmctl.link.session import Session
+    from edmctl.machine.orders import TelemetrySettings
+    from edmctl.machine.port import TelemetryBlock
 
 _PULSE_FRAMES = 16
 """Pulse frames gathered before they are handed on: they are only recorded, so they may wait."""
-
-_M = TypeVar("_M")
-
-
-class Subscribable(Protocol):
-    """The part of a session that unsolicited messages come from."""
-
-    def subscribe(self, message_type: type[_M], callback: Callable[[_M], None]) -> None:
-        """Call `callback` with every message of this type."""
+OLDEST_EVENT_S = 70.0
+"""A touch is told after its dwell, 65 s at most, and a report that got lost is sent again every 100 ms."""
 
 
 class Inbox:
@@ -30,10 +39,13 @@ class Inbox:
     Nothing but collecting happens inside the session's callbacks, so an error of a listener (a full disk)
     surfaces in the procedure that waits and never in the middle of a frame.
 
-    `events` holds what no wait has taken yet; `news` is set by every event and fault, for the waits to clear.
+    `events` holds what no wait has taken yet; `news` is set by every event and fault, for the waits to clear. Of
+    what cannot be, nothing is handed on: `lie` is the fault of the first of it. `state` is that of the newest
+    sample, and `state_since_s` the time of the first block that ended with it.
     """
 
-    def __init__(self, session: Subscribable, to_seconds: ToSeconds) -> None:
+    def __init__(self, session: Session, to_seconds: ToSeconds) -> None:
+        self._session = session
         self._to_seconds = to_seconds
         self._telemetry: list[Tlm] = []
         self._blocks: list[PulseBlocks] = []
@@ -41,10 +53,16 @@ class Inbox:
         self._logs: list[Log] = []
         self._unheard: list[MachineEvent] = []
         self._telemetry_counter: int | None = None
+        self._stream = SampleStream(session)
+        self._block_frames, self._pulse_frames = PulseFrames(session), PulseFrames(session)
+        self._malformed = session.statistics.malformed
         self.events: list[MachineEvent] = []
+        self._gathered: list[TelemetryBlock] | None = None
         self.fault: Fault | None = None
+        self.lie: EdmError | None = None
         self.news = False
         self.time_s = 0.0
+        self.state, self.state_since_s = int(MachineState.BOOT), 0.0
         session.subscribe(Tlm, self._telemetry.append)
         session.subscribe(PulseBlocks, self._blocks.append)
         session.subscribe(Pulses, self._pulses.append)
@@ -53,6 +71,9 @@ class Inbox:
         session.subscribe(Fault, self._on_fault)
 
     def _on_event(self, message: Event) -> None:
+        if told := wrong_event(message) or self._wrong_time(message):
+            self._doubt(told)
+            return
         event = MachineEvent(
             code=EventCode(message.code),
             time_s=self._to_seconds(message.t_us),
@@ -65,17 +86,55 @@ class Inbox:
         self._unheard.append(event)
 
     def _on_fault(self, message: Fault) -> None:
+        if told := wrong_fault(message):
+            self._doubt(told)
+            return
         self.news = True
         if self.fault is None:
             self.fault = message
+
+    def _wrong_time(self, message: Event) -> str:
+        time_s, heard_s = self._session.seconds(message.t_us), self._session.heard_s
+        if heard_s - OLDEST_EVENT_S <= time_s <= self._session.latest_s:
+            return ""
+        return f"EVENT {EventCode(message.code).name} {time_s - heard_s:+.0f} s from now"
+
+    def _doubt(self, told: str) -> None:
+        self.news = True
+        if self.lie is None:
+            self.lie = impossible(told)
 
     def is_news(self) -> bool:
         """Whether an event or a fault came that a wait must not sleep over."""
         return self.news
 
-    def restart_telemetry(self) -> None:
-        """Take the next telemetry frame as the first."""
+    def begin_telemetry(self, settings: TelemetrySettings) -> None:
+        """Telemetry has been asked for; its next frame is the first."""
         self._telemetry_counter = None
+        self._stream.begin(settings)
+        self._block_frames.begin()
+        self._pulse_frames.begin()
+
+    def end_telemetry(self) -> None:
+        """Telemetry is over."""
+        self._stream.end()
+
+    @contextmanager
+    def gathering(self) -> Iterator[list[TelemetryBlock]]:
+        """Also keep every block that is handed on."""
+        self._gathered = []
+        try:
+            yield self._gathered
+        finally:
+            self._gathered = None
+
+    def doubts(self) -> EdmError | None:
+        """The fault of what has come, or has stayed away: the controller lies, or its samples are lost."""
+        malformed = self._session.statistics.malformed
+        if malformed > self._malformed:
+            self._doubt(f"{malformed - self._malformed} messages that are none, with the right check")
+            self._malformed = malformed
+        return self.lie or self._stream.too_old(self._telemetry)
 
     def deliver(self, listener: MachineListener, *, everything: bool = False) -> None:
         """Hand on what has come in; `everything` also empties the pulse buffers."""
@@ -90,20 +149,50 @@ class Inbox:
         self._logs.clear()
         threshold = 1 if everything else _PULSE_FRAMES
         if len(self._blocks) >= threshold:
-            batch = pulse_block_batch(self._blocks, self._to_seconds)
-            self._blocks.clear()
-            listener.pulse_blocks(batch)
+            self._deliver_blocks(listener)
         if len(self._pulses) >= threshold:
-            batches = pulse_batches(self._pulses, self._to_seconds)
-            self._pulses.clear()
-            for train in batches:
-                listener.pulses(train)
+            self._deliver_pulses(listener)
 
     def _deliver_telemetry(self, listener: MachineListener) -> None:
-        counters = [frame.counter for frame in self._telemetry]
-        missing = lost_frames(self._telemetry_counter, counters)
-        self._telemetry_counter = counters[-1]
-        block = telemetry_block(self._telemetry, self._to_seconds, missing)
+        frames = self._telemetry.copy()
         self._telemetry.clear()
+        if told := self._stream.wrong(frames):
+            self._doubt(told)
+            return
+        counters = [frame.counter for frame in frames]
+        missing = lost_frames(self._telemetry_counter, counters)
+        block = telemetry_block(frames, self._to_seconds, missing)
+        if told := wrong_block(block):
+            self._doubt(told)
+            return
+        self._telemetry_counter = counters[-1]
         self.time_s = float(block.time_s[-1])
+        if block.state.item(-1) != self.state:
+            self.state, self.state_since_s = block.state.item(-1), self.time_s
+        if self._gathered is not None:
+            self._gathered.append(block)
         listener.telemetry(block)
+
+    def _deliver_blocks(self, listener: MachineListener) -> None:
+        frames = self._blocks.copy()
+        self._blocks.clear()
+        if told := self._block_frames.wrong(frames):
+            self._doubt(told)
+            return
+        batch = pulse_block_batch(frames, self._to_seconds)
+        if told := wrong_blocks(batch, frames[0].block_pulses):
+            self._doubt(told)
+            return
+        listener.pulse_blocks(batch)
+
+    def _deliver_pulses(self, listener: MachineListener) -> None:
+        frames = self._pulses.copy()
+        self._pulses.clear()
+        if told := self._pulse_frames.wrong(frames):
+            self._doubt(told)
+            return
+        for train in pulse_batches(frames, self._to_seconds):
+            if told := wrong_pulses(train):
+                self._doubt(told)
+                return
+            listener.pulses(train)

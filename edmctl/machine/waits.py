@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import MachineFault
 from edmctl.machine.faults import fault_error
+from edmctl.machine.possible import impossible
+from edmctl.machine.states import EventCode, MachineState
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -16,7 +18,7 @@ if TYPE_CHECKING:
     from edmctl.link.wire import Request
     from edmctl.machine.inbox import Inbox
     from edmctl.machine.orders import TouchRequest
-    from edmctl.machine.port import EventCode, MachineEvent, MachineListener
+    from edmctl.machine.port import MachineEvent, MachineListener
     from edmctl.machine.stop import StopRequest
 
 SLICE_S = 0.1
@@ -25,6 +27,12 @@ GRACE_S = 5.0
 """How much longer than computed a motion may take before it counts as lost."""
 SLOWEST = 4.0
 """Feeds are commanded in V/s by a mean gain; after a turning point the tool may be this much slower."""
+STANDING_S = 2.0
+"""A motion that has ended for so long, by the samples, and has not told, will not: reports are sent every 100 ms."""
+
+CUT_ENDS = (EventCode.CUT_DONE, EventCode.PATH_DONE, EventCode.TIME_UP, EventCode.STOPPED)
+_CUTTING = (MachineState.MACHINING, MachineState.JUMP)
+_MOVING = (MachineState.APPROACH, MachineState.JUMP, MachineState.TOUCH, MachineState.MOVING)
 
 
 class Waits:
@@ -41,6 +49,7 @@ class Waits:
         self._stop = stop
         self.settings = settings
         self.listener: MachineListener | None = None
+        self._begun_s = 0.0
 
     @property
     def now_s(self) -> float:
@@ -48,9 +57,20 @@ class Waits:
         return self._session.machine_now_s()
 
     def begin(self, command: Request[object]) -> None:
-        """Send a motion command; what earlier motions reported is of no interest to it."""
+        """Send a motion command, where nothing forbids it; what earlier motions reported is of no interest to it."""
+        self.look()
+        self.retreat(command)
+
+    def retreat(self, command: Request[object]) -> None:
+        """Send a command that makes the machine safe, whatever has come in."""
         self._inbox.events.clear()
         self._session.request(command)
+        self._begun_s = self._inbox.time_s
+
+    def look(self) -> None:
+        """Read what waits on the line, and raise what must be raised before the tool or a stage moves."""
+        self._session.catch_up()
+        self._raise_what_came()
 
     def rest(self, duration_s: float) -> None:
         """Let time pass."""
@@ -64,9 +84,15 @@ class Waits:
         inbox.news = False
         self._session.pump_until(inbox.is_news, duration_s)
         self.hand_over()
-        if inbox.fault is not None:
-            raise self._fault_error(inbox.fault)
+        self._raise_what_came()
         self._stop.check()
+
+    def _raise_what_came(self) -> None:
+        """Raise the fault that the controller reported, or that there is in what it says."""
+        if self._inbox.fault is not None:
+            raise self._fault_error(self._inbox.fault)
+        if (found := self._inbox.doubts()) is not None:
+            raise found
 
     def hand_over(self, *, everything: bool = False) -> None:
         """Give the listener what has come in; `everything` also empties the pulse buffers."""
@@ -83,17 +109,35 @@ class Waits:
 
     def event(self, codes: tuple[EventCode, ...], expected_s: float) -> MachineEvent:
         """Wait for one of these events, `expected_s` and some grace at most; MachineFault when none comes."""
-        deadline_s = self.now_s + expected_s + GRACE_S
+        begun_s, deadline_s = self._inbox.time_s, self.now_s + expected_s + GRACE_S
         while (event := self.take(codes)) is None:
-            if self.now_s > deadline_s:
-                wanted = " or ".join(code.name for code in codes)
-                raise MachineFault(
-                    f"The controller did not report {wanted} within {expected_s + GRACE_S:.1f} s.",
-                    hint="The tool was told to retract. Look at the controller's log before the next run.",
-                    code="E6001",
-                )
+            self._refuse_strange(codes)
+            if self.now_s > deadline_s or self._stands_since(begun_s, _MOVING):
+                raise _not_told(codes, f"within {expected_s + GRACE_S:.1f} s")
             self.slice(SLICE_S)
         return event
+
+    def cut(self, duration_s: float) -> MachineEvent | None:
+        """Wait for the end of a cut for one slice; None while it goes on, MachineFault where it has ended untold."""
+        self.slice(duration_s)
+        event = self.take(CUT_ENDS)
+        if event is None:
+            self._refuse_strange(CUT_ENDS)
+            if self._stands_since(self._begun_s, _CUTTING):
+                raise _not_told(CUT_ENDS, f"for {STANDING_S:.0f} s, and nothing sparks any more")
+        return event
+
+    def _refuse_strange(self, codes: tuple[EventCode, ...]) -> None:
+        """Raise where something is reported to have ended that was not under way. A cut may end while it jumps."""
+        for event in self._inbox.events:
+            if event.code not in codes and event.code not in CUT_ENDS:
+                raise impossible(f"{event.code.name} while {codes[0].name} is due")
+
+    def _stands_since(self, begun_s: float, moving: tuple[MachineState, ...]) -> bool:
+        """Whether the samples show, and have for a while, a state that is none of these."""
+        inbox = self._inbox
+        still = inbox.state not in moving
+        return still and inbox.time_s - max(inbox.state_since_s, begun_s) > STANDING_S
 
     def event_whatever_comes(self, code: EventCode, timeout_s: float) -> None:
         """Wait for an event; no fault, stop request or listener comes between."""
@@ -102,6 +146,15 @@ class Waits:
     def _fault_error(self, fault: Fault) -> EdmError:
         where = f" ({fault.displacement_um:.1f} µm, {fault.gap_v:.1f} V at {self._inbox.time_s:.1f} s)"
         return fault_error(fault.code, self.settings, where, port=self._session.transport.name)
+
+
+def _not_told(codes: tuple[EventCode, ...], when: str) -> MachineFault:
+    wanted = " or ".join(code.name for code in codes)
+    return MachineFault(
+        f"The controller did not report {wanted} {when}.",
+        hint="The tool was told to retract. Look at the controller's log before the next run.",
+        code="E6001",
+    )
 
 
 def touch_time_s(request: TouchRequest) -> float:

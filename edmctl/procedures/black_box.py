@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.errors import LinkLost, PreconditionError
+from edmctl.errors import LinkLost, MachineFault, PreconditionError, ProtocolMismatch
 from edmctl.record.rows import BlackBoxBlock, WaveformBlock
 
 if TYPE_CHECKING:
@@ -15,8 +15,11 @@ if TYPE_CHECKING:
 
 
 def record_black_box(run: Run) -> None:
-    """Read what a latched fault froze, where there is one; a line that is dead by now hides nothing."""
-    with suppress(LinkLost, PreconditionError):
+    """Read what a latched fault froze, where there is one.
+
+    A line that is dead by now, or a controller that says what cannot be, hides nothing.
+    """
+    with suppress(LinkLost, ProtocolMismatch, MachineFault, PreconditionError):
         if not run.machine.status().fault:
             return
         _record_samples(run)

@@ -18,6 +18,7 @@ from edmctl.actuator.record import Record
 from edmctl.errors import PreconditionError
 from edmctl.machine.port import joined
 from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.resting import rest_and_look
 from edmctl.procedures.results import Phase
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.tracker import home
@@ -43,7 +44,7 @@ def condition(run: Run, *, pulses: bool = True) -> None:
     record: list[TelemetryBlock] = []
     run.watch.follow(record.append)
     try:
-        run.machine.rest(REST_S)
+        rest_and_look(run, REST_S)
         _swing(run)
         run.machine.disarm()
     finally:

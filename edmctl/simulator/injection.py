@@ -77,6 +77,8 @@ INJECTIONS: dict[str, str] = {
     "WATCHDOG": "sparks+1",
     "BROWN_OUT": "sparks+1",
     "POWER_LOSS": "sparks+1",
+    "SAMPLES_LOST": "sparks+1",
+    "SAMPLES_FROZEN": "sparks+1",
     "SENSOR_DRIFT": "sparks+1",
     "STALL": "sparks+1",
     "WEAR_FAST": "arm+0",

@@ -53,6 +53,8 @@ _PARTS: dict[str, tuple[_Change, ...]] = {
     "DIELECTRIC_FLOW": (("plant", "dielectric_flow_lpm", 0.0),),
     "DIELECTRIC_HOT": (("plant", "dielectric_temperature_c", HOT_C),),
     "HV_SUPPLY": (("plant", "hv_supply_ok", False),),
+    "SAMPLES_LOST": (("telemetry", "lost", True),),
+    "SAMPLES_FROZEN": (("telemetry", "frozen", True),),
     "STALL": (("par", k.KAPPA, 0.0),),
 }
 _RESETS = {
@@ -151,16 +153,19 @@ class Injector:
 
     def _read(self, where: str, key: int | str) -> float:
         if isinstance(key, str):
-            old: float = getattr(self.line if where == "line" else self._c.plant, key)
+            old: float = getattr(self._owner(where), key)
             return old
         return float(getattr(self._c, where)[key])
+
+    def _owner(self, where: str) -> object:
+        return {"line": self.line, "telemetry": self._c.telemetry, "plant": self._c.plant}[where]
 
     def _write(self, where: str, key: int | str, value: float) -> None:
         plant = self._c.plant
         if isinstance(key, int):
             getattr(self._c, where)[key] = value
-        elif where == "line":
-            setattr(self.line, key, value)
+        elif where != "plant":
+            setattr(self._owner(where), key, value)
         elif key == "current_factor":
             plant.set_current_factor(value)
         else:

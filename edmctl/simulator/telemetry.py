@@ -37,7 +37,11 @@ def bytes_per_second(request: TlmStart, pulse_period_ns: int, block_pulses: int)
 
 
 class Telemetry:
-    """Owns the kernel's three output buffers and sends what is in them."""
+    """Owns the kernel's three output buffers and sends what is in them.
+
+    `lost` is a line that carries everything but samples, `frozen` a controller whose samples all have the time of
+    the last one before.
+    """
 
     def __init__(self, plant: Plant, send: Callable[[Message], None], run: Callable[[int], int]) -> None:
         self._plant, self._send, self._run = plant, send, run
@@ -51,6 +55,8 @@ class Telemetry:
         self._tlm_counter = 0
         self._pulse_counter = 0
         self._start_tick = 0
+        self.lost = self.frozen = False
+        self._sent_us = 0
 
     def start(self, request: TlmStart) -> None:
         """Begin a telemetry stream; the period counts from controller time zero."""
@@ -118,7 +124,10 @@ class Telemetry:
             n = min(batch, count - start)
             t0_us = (first_us + start * period * 1000) & 0xFFFFFFFF
             records = data[start * SAMPLE_BYTES : (start + n) * SAMPLE_BYTES]
-            self._send(Tlm(self._tlm_counter, t0_us, period * 1000, n, 0, records))
+            if not self.frozen:
+                self._sent_us = t0_us
+            if not self.lost:
+                self._send(Tlm(self._tlm_counter, self._sent_us, period * 1000, n, 0, records))
             self._tlm_counter = (self._tlm_counter + 1) & 0xFFFF
         self._keep(self.samples, SAMPLE_BYTES, count, pending)
         ist[k.TLM_N] = pending - count

@@ -104,3 +104,33 @@ def test_a_simulator_that_does_not_answer_is_a_lost_link() -> None:
 def test_a_controller_that_says_driven_and_refuses_is_told_so() -> None:
     with pytest.raises(LinkLost, match="refuses ADVANCE"):
         Session(Served(1, refuses=True), Random(1)).open()
+
+
+def test_a_clock_that_stands_still_for_good_is_a_lost_link() -> None:
+    line = Frozen(3, piece=10_000)
+    session = Session(line, Random(1))
+    session.open()
+    line.frozen = True
+    with pytest.raises(LinkLost, match="lets no time pass in 1000 waits") as caught:
+        session.pump(1.0)
+    assert caught.value.code == "E4008"
+
+
+class Frozen(Served):
+    """A controller whose answers to ADVANCE stop telling the time, once `frozen`."""
+
+    frozen = False
+
+    def read(self, timeout_s: float) -> bytes:
+        data = super().read(timeout_s)
+        if not self.frozen:
+            return data
+        parts = [part for part in data.split(b"\0") if part]
+        return b"".join(self._stopped(b"\0" + part + b"\0") for part in parts)
+
+    @staticmethod
+    def _stopped(whole: bytes) -> bytes:
+        (frame,) = FrameDecoder().feed(whole)
+        if frame.type_id != m.Advance.ID | 0x40:
+            return whole
+        return encode_frame(*frame[:4], m.AdvanceReply(12_345).pack())

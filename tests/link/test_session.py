@@ -393,13 +393,58 @@ def test_a_new_start_of_telemetry_is_not_a_gap(line: ScriptedLine, session: Sess
     assert session.statistics.lost_frames == {}
 
 
-def test_controller_time_is_unwrapped_from_32_bits(line: ScriptedLine, session: Session) -> None:
-    for now_us in (2**32 - 40_000, 3 * 2**32 + 5):
-        beat = HeartbeatReply(0, now_us, 1, 0, 0, 0)
-        line.answers[Heartbeat.ID] = lambda frame, beat=beat: reply_to(frame, beat.pack())  # type: ignore[misc]
-        session.pump(0.1)
-        for t_us in (now_us - 10_000, now_us, now_us + 60_000):
-            assert session.seconds(t_us % 2**32) == t_us / 1e6
+def told_time(line: ScriptedLine, t_dev_us: Callable[[], int]) -> None:
+    """Let the controller's clock say what `t_dev_us` does."""
+
+    def answer(frame: Frame) -> bytes:
+        t_host_us = Heartbeat.unpack(frame.payload).t_host_us
+        return reply_to(frame, HeartbeatReply(t_host_us, t_dev_us(), 1, 0, 0, 0).pack())
+
+    line.answers[Heartbeat.ID] = answer
+
+
+@pytest.mark.parametrize("start_us", [2**32 - 40_000, 3 * 2**32 + 5])
+def test_controller_time_is_unwrapped_from_32_bits(start_us: int) -> None:
+    line = ScriptedLine()
+    told_time(line, lambda: start_us + round(1e6 * line.clock_s))
+    session = Session(line, Random(1))
+    session.open()
+    session.pump(0.1)
+    now_us = round(1e6 * session.heard_s)
+    assert start_us < now_us < start_us + 200_000
+    for t_us in (now_us - 10_000, now_us, now_us + 60_000):
+        assert session.seconds(t_us % 2**32) == t_us / 1e6
+
+
+@pytest.mark.parametrize("jump_us", [-1_000_000, 5_000_000, 2**40], ids=["back", "ahead", "far ahead"])
+def test_a_clock_that_jumps_is_not_followed_and_counted(
+    line: ScriptedLine, session: Session, jump_us: int
+) -> None:
+    session.pump(2.0)
+    told_time(line, lambda: round(1e6 * line.clock_s) + jump_us)
+    session.pump(0.2)
+    told_time(line, lambda: round(1e6 * line.clock_s))
+    session.pump(0.2)
+    assert session.statistics.malformed in (3, 4, 5)
+    assert session.heard_s == pytest.approx(line.clock_s, abs=0.1)
+
+
+def test_an_answer_to_no_heartbeat_is_counted(line: ScriptedLine, session: Session) -> None:
+    session.pump(1.0)
+    beat = HeartbeatReply(12_345, round(1e6 * line.clock_s), 1, 0, 0, 0)
+    line.answers[Heartbeat.ID] = lambda frame: reply_to(frame, beat.pack())
+    session.pump(0.07)
+    assert session.statistics.malformed >= 1
+
+
+def test_a_repeated_frame_of_telemetry_is_dropped_and_counted(line: ScriptedLine, session: Session) -> None:
+    seen: list[int] = []
+    session.subscribe(Tlm, lambda frame: seen.append(frame.counter))
+    for counter in (65534, 65535, 65535, 0, 65534, 2, 1):
+        line.send(Tlm(counter, 0, 1000, 0, 0, b""))
+    session.pump(0.1)
+    assert seen == [65534, 65535, 0, 2]
+    assert (session.statistics.repeated_frames, session.statistics.lost_frames) == (3, {"TLM": 1})
 
 
 def test_a_restart_of_the_controller_is_a_lost_link(line: ScriptedLine, session: Session) -> None:

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from edmctl.errors import MachineFault, PreconditionError
+from edmctl.errors import LinkLost, MachineFault, PreconditionError
 from edmctl.machine.port import EventCode, MachineState, PathMove, ScanRequest
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.measuring import displacement_uncertainty
 from edmctl.procedures.sensorless import SensorlessMachine
 from edmctl.procedures.settings import controller_settings, pulse_settings, telemetry_settings
 from edmctl.simulator import kernel as k
+from edmctl.simulator.injection import parse_injection
 
 from .conftest import Done, Shop, calibrated
 
@@ -148,3 +149,14 @@ def test_the_zero_of_the_estimate_is_none_of_the_controllers() -> None:
     machine.arm()
     machine.set_zero(30.0)
     assert s.bench.controller.zero_um == 0.0
+
+
+def test_without_samples_there_is_no_estimate_and_no_cut() -> None:
+    s = Shop(calibration=calibrated(), sensor=False)
+    s.bench.inject(parse_injection("SAMPLES_LOST"))
+    with pytest.raises(LinkLost, match="do not come any more") as caught:
+        s.run_job()
+    assert caught.value.code == "E4022"
+    ((_, lost_tick),) = s.bench.controller.injector.applied
+    assert s.ledger.time_s < lost_tick * k.TICK_S + 5.0
+    assert s.bench.is_safe

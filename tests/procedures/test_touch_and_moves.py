@@ -15,6 +15,7 @@ from edmctl.procedures.conditioning import condition
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch import take_reading
 from edmctl.simulator import kernel
+from edmctl.simulator.injection import parse_injection
 
 from .conftest import armed
 
@@ -148,12 +149,12 @@ def test_a_tool_is_not_lowered_by_samples_from_before_the_last_ramp(
     assert float(s.bench.plant.st[kernel.SENSOR_Z]) < 31.0
 
 
-def test_a_line_without_samples_ends_the_lowering(shop: OpenShop, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_line_without_samples_ends_the_lowering(shop: OpenShop) -> None:
     s = shop()
     run = armed(s)
     condition(run)
     move_to(run, run.job.pad)
-    deaf_after_ramps(s, run, monkeypatch, 1000.0)
+    s.bench.inject(parse_injection(f"SAMPLES_LOST@{s.bench.controller.tick * kernel.TICK_S}"))
     with pytest.raises(LinkLost) as lost:
         lower_to(run, 30.0)
     assert lost.value.code == "E4022"

@@ -1,0 +1,100 @@
+"""The stream of samples that a host relies on: each where the one before says, and none too old.
+
+A frame of telemetry says when its samples were taken, how many frames were sent before it and how many samples were
+left out, and replies to heartbeats say what time it is. All that must agree. `docs/protocol.md` has the rules.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from edmctl.machine.faults import host_fault
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from edmctl.errors import EdmError
+    from edmctl.link.messages import Tlm
+    from edmctl.link.session import Session
+    from edmctl.machine.orders import TelemetrySettings
+
+OLDEST_SAMPLE_S = 1.0
+"""A host whose newest sample is older than this knows too little to go on. Ten frames of 0.1 s in a row are lost by
+then, which a line that loses a fifth of all frames does once in two weeks; a tool at 5 µm/s goes 5 µm meanwhile."""
+_UNTOLD = 255
+"""So many samples left out stand for any number."""
+_WRAP_US = 1 << 32
+
+
+class SampleStream:
+    """Follows the telemetry of one session from `begin` to `end`."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._settings: TelemetrySettings | None = None
+        self._last: Tlm | None = None
+        self._newest_s = 0.0
+
+    def begin(self, settings: TelemetrySettings) -> None:
+        """Telemetry has been asked for: samples are due from now on."""
+        self._settings = settings
+        self._last = None
+        self._newest_s = self._session.heard_s
+
+    def end(self) -> None:
+        """No samples are due any more."""
+        self._settings = None
+
+    def wrong(self, frames: Sequence[Tlm]) -> str:
+        """Take the next frames; what cannot be in them, in words, and nothing where all can."""
+        for frame in frames:
+            if told := self._wrong_frame(frame):
+                return told
+            self._last, self._newest_s = frame, self._end_s(frame)
+        return ""
+
+    def too_old(self, arrived: Sequence[Tlm]) -> EdmError | None:
+        """The fault of samples that have stayed away; None while there are some, or none are due.
+
+        `arrived` are frames that nobody has taken yet.
+        """
+        if self._settings is None:
+            return None
+        newest_s = max(self._newest_s, self._end_s(arrived[-1])) if arrived else self._newest_s
+        age_s = self._session.heard_s - newest_s
+        if age_s <= OLDEST_SAMPLE_S:
+            return None
+        return host_fault("SAMPLES_LOST", f" (the newest is {age_s:.1f} s old)")
+
+    def _wrong_frame(self, frame: Tlm) -> str:
+        settings, last = self._settings, self._last
+        if frame.n == 0:
+            return "TLM without samples"
+        if settings is not None and (frame.period_us != settings.period_us or frame.n > settings.batch):
+            return (
+                f"TLM with {frame.n} samples {frame.period_us} µs apart, asked for were {settings.batch} "
+                f"samples {settings.period_us} µs apart"
+            )
+        ahead_s = self._end_s(frame) - self._session.latest_s
+        if ahead_s > 0.0:
+            return f"samples {ahead_s:.1f} s ahead of the controller's own time"
+        if last is None:
+            behind_s = self._newest_s - self._end_s(frame)
+            return f"first samples of {behind_s:.1f} s before" if behind_s > OLDEST_SAMPLE_S else ""
+        missing = (frame.counter - last.counter - 1) & 0xFFFF
+        due_us = last.t0_us + last.n * frame.period_us
+        skipped_us = _signed_us(frame.t0_us - due_us)
+        most = missing * (settings.batch if settings else 0) + frame.dropped
+        if skipped_us < (missing + frame.dropped - 0.5) * frame.period_us:
+            return f"samples {-1e-3 * skipped_us:.0f} ms before they are due"
+        if frame.dropped < _UNTOLD and skipped_us > (most + 0.5) * frame.period_us:
+            return f"samples {1e-3 * skipped_us:.0f} ms after they were due, {most} of them lost"
+        return ""
+
+    def _end_s(self, frame: Tlm) -> float:
+        return self._session.seconds(frame.t0_us) + 1e-6 * frame.period_us * (frame.n - 1)
+
+
+def _signed_us(difference_us: int) -> int:
+    """A difference of 32-bit times, which start over."""
+    return (difference_us + _WRAP_US // 2) % _WRAP_US - _WRAP_US // 2

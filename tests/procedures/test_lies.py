@@ -1,0 +1,121 @@
+"""A controller that lies in any field of any message: the job ends with a result or with a fault that says so."""
+
+from __future__ import annotations
+
+from random import Random
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl.errors import MachineFault
+from edmctl.link.messages import Event, GetStatus, Heartbeat, Tlm
+from edmctl.link.session import Session
+from edmctl.machine.controller import LinkMachine
+from edmctl.machine.states import EventCode
+from tests.machine.lying import ALL, Lie, LyingLine, name_of
+
+from .lies import KINDS, a_lie, every_field, is_expected, short_job
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from .conftest import Shop
+
+REPLY = 0x40
+LONGEST_WAIT_S = 60.0
+IN_A_TEST = ("TLM", "EVENT", "PULSE_BLOCKS", "HEARTBEAT reply", "GET_STATUS reply", "HELLO reply")
+
+
+def test_every_field_of_what_is_heard_all_the_time_may_lie() -> None:
+    """The whole of it, every message and thousands of lies, is `python -m benchmarks.mutations`."""
+    random = Random(20261122)
+    clean = short_job(3)
+    assert (clean.code, clean.is_inside) == ("", True)
+    fields = [
+        (type_id, field) for type_id, field in every_field(clean.frames) if name_of(type_id) in IN_A_TEST
+    ]
+    assert len(fields) > 100
+    for draw, (type_id, field) in enumerate(random.sample(fields, 32)):
+        lie = a_lie(type_id, field, clean.frames[type_id], random)
+        fate = short_job(3, lie, draw)
+        assert is_expected(fate.code), (lie, fate.code, fate.said)
+        assert fate.safe, lie
+        assert fate.is_inside, (lie, fate)
+        assert fate.machine_s < clean.machine_s + LONGEST_WAIT_S, lie
+
+
+@pytest.mark.parametrize(
+    ("type_id", "field", "value"),
+    [
+        (Tlm.ID, "record state", "greatest"),
+        (Tlm.ID, "record displacement_um", "greatest"),
+        (Tlm.ID, "period_us", "one more"),
+        (Tlm.ID, "t0_us", "a bit"),
+        (Tlm.ID, "t0_us", "zero"),
+        (Tlm.ID, "counter", "one more"),
+        (Tlm.ID, "n", "zero"),
+        (Tlm.ID, "random payload", ""),
+        (Event.ID, "code", "greatest"),
+        (Event.ID, "code", "zero"),
+        (Event.ID, "displacement_um", "least"),
+        (Event.ID, "random payload", ""),
+        (Heartbeat.ID | REPLY, "t_dev_us", "zero"),
+        (Heartbeat.ID | REPLY, "t_dev_us", "greatest"),
+        (Heartbeat.ID | REPLY, "t_host_us", "random"),
+        (GetStatus.ID | REPLY, "state", "greatest"),
+        (GetStatus.ID | REPLY, "interlocks", "greatest"),
+        (GetStatus.ID | REPLY, "x_um", "greatest"),
+    ],
+)
+@pytest.mark.parametrize("frames", [1, ALL], ids=["once", "always"])
+def test_what_cannot_be_is_told_as_such_at_once(type_id: int, field: str, value: str, frames: int) -> None:
+    first = {Tlm.ID: 300, Event.ID: 6, Heartbeat.ID | REPLY: 400, GetStatus.ID | REPLY: 4}[type_id]
+    fate = short_job(3, Lie(type_id, field, value, first, frames))
+    assert fate.lied >= 1
+    assert fate.code == "E67009", fate.said
+    assert fate.after_s < 2.0
+    assert fate.safe
+
+
+def test_doubled_and_late_samples_harm_nothing() -> None:
+    clean = short_job(3)
+    for field, frames in (("twice", ALL), ("twice", 3), ("late", 1)):
+        fate = short_job(3, Lie(Tlm.ID, field, "", 200, frames))
+        assert fate.lied >= 1
+        assert (fate.code, fate.is_inside) == ("", True), fate
+        assert fate.depth_um == pytest.approx(clean.depth_um, abs=0.2)
+
+
+class Touching(LyingLine):
+    """A line on which the touches are told so many µm from where they were."""
+
+    def __init__(self, shop: Shop, shift_um: float) -> None:
+        super().__init__(shop.bench.transport, Lie(Event.ID, "displacement_um", "", 0, ALL), Random(1))
+        self.shift = round(1000.0 * shift_um)
+
+    def _lied(self, payload: bytes, place: object, value: str) -> bytes:
+        event = Event.unpack(payload)
+        if event.code != EventCode.TOUCH:
+            return payload
+        moved = round(1000.0 * event.displacement_um) + self.shift
+        at = len(payload) - 6
+        return payload[:at] + moved.to_bytes(4, "little", signed=True) + payload[at + 4 :]
+
+
+@pytest.mark.parametrize("shift_um", [-20.0, -0.5, 0.5, 8.0])
+def test_a_touch_that_its_samples_do_not_show_is_refused(shop: Callable[..., Shop], shift_um: float) -> None:
+    s = shop()
+    s.session = Session(Touching(s, shift_um), Random(1))
+    s.session.open()
+    s.machine = LinkMachine(s.session, s.stop)
+    with pytest.raises(MachineFault, match="the samples of it at") as caught:
+        s.run_job()
+    assert caught.value.code == "E67009"
+    assert s.bench.is_safe
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_line_that_only_passes_on_changes_nothing(kind: str) -> None:
+    fate = short_job(3, kind=kind)
+    assert fate.lied == 0
+    assert fate.code == ("E64001" if kind == "stopped" else "")
