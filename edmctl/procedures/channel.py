@@ -189,8 +189,9 @@ def _final(run: Run, goal: Goal, result: ChannelResult) -> Decision:
         return Decision(None, message)
     if verdict is Verdict.NOT_SHOWN:
         told = f"{not_shown('The mean depth of the floor', goal, result)}."
-        run.decide(RunEvent.VERDICT, told, {"depth_um": result.depth_um}, level=EventLevel.WARNING)
-        return Decision(None, told, told, REMEDIES[result.depth_basis], NOT_SHOWN_CODE)
+        hint = REMEDIES[result.depth_basis]
+        run.decide(RunEvent.VERDICT, told, {"hint": hint}, level=EventLevel.WARNING)
+        return Decision(None, told, told, hint, NOT_SHOWN_CODE)
     run.decide(RunEvent.TARGET_MISSED, message, {"depth_um": result.depth_um}, level=EventLevel.WARNING)
     return Decision(
         None,

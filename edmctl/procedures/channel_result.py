@@ -38,9 +38,10 @@ class ChannelResult:
     """One channel, measured by touches: `feed = depth + wear`, u95 are half-widths of 95 % intervals.
 
     `depth_um` is the mean over the places of `floor`, `floor_sd_um` their standard deviation; the touches cannot
-    tell roughness below the tool's face. `verdict` is None until the channel is done. `width_um` is planned. `layers` are those cut, `passes` the
-    times that the path was gone along. `energy_j` is mean gap current × plateau voltage of a normal discharge ×
-    time, over all passes; `working_gap_um` the gap between the held tool and the floor that it left.
+    tell roughness below the tool's face. `verdict` is None until the channel is done. `width_um` is planned.
+    `layers` are those cut, `passes` the times that the path was gone along. `energy_j` is mean gap current ×
+    plateau voltage of a normal discharge × time, over all passes; `working_gap_um` the gap between the held tool
+    and the floor that it left.
     """
 
     name: str

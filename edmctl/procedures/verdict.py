@@ -69,17 +69,19 @@ def judge_holes(run: Run, last: Decision | None) -> Decision | None:
         for site in run.ledger.sites.values()
         if site.verdict in (Verdict.MISSED, Verdict.NOT_SHOWN) and site.name != told
     ]
-    for site in doubtful:
-        text = f"{site.name}: {_sentence(run.job, site)}."
-        args: Args = {"site": site.name, "depth_um": site.depth_um, "verdict": str(site.verdict)}
-        run.decide(RunEvent.VERDICT, text, args, level=EventLevel.WARNING)
     if not doubtful:
         return last
+    missed = [site for site in doubtful if site.verdict is Verdict.MISSED]
+    hint = REMEDIES[(missed or doubtful)[0].depth_basis]
+    for site in doubtful:
+        text = f"{site.name}: {_sentence(run.job, site)}."
+        args: Args = {"verdict": str(site.verdict), "depth_um": site.depth_um}
+        if site is doubtful[-1] and last is None:
+            args = {"hint": hint, **args}
+        run.decide(RunEvent.VERDICT, text, args, level=EventLevel.WARNING)
     message = _message(run.job, doubtful)
     if last is not None:
         return replace(last, missed=f"{last.missed} {message}")
-    missed = [site for site in doubtful if site.verdict is Verdict.MISSED]
-    hint = REMEDIES[(missed or doubtful)[0].depth_basis]
     return Decision(None, message, message, hint, *([] if missed else [NOT_SHOWN_CODE]))
 
 
