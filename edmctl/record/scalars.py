@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 _TEXT = h5py.string_dtype()
 _TEXT_TYPE = h5t.py_create(_TEXT)
-_WORD = "S16"
+_WORD = h5py.string_dtype("utf-8", 16)
 """No word of a table is longer."""
 
 
