@@ -17,6 +17,8 @@ GAIN_WALK_PER_SQRT_S = 0.005 / math.sqrt(3600.0)
 """0.5 % in an hour."""
 ZERO_WALK_UM_PER_SQRT_S = 1.0 / math.sqrt(600.0)
 """1 µm in ten minutes."""
+ZERO_DRIFT_UM_PER_S = 1.0 / 600.0
+"""The same as a drift, of an actuator without a sensor."""
 
 
 class SlowCorrection:

@@ -158,6 +158,6 @@ def closing_text(report: "Report", seed: int | None, style: "Style") -> str:
     if report.model:
         lines.append(f"Actuator model: {report.model.text}.")
         if report.model.alone:
-            lines.append("No sensor is fitted: what stands under 'measured' is estimated by that model.")
+            lines.append("No sensor is fitted: every touch was read by that model.")
     made_by = simulated_by(seed) if report.simulated else ""
     return "\n".join([*lines, f"{made_by}Run file {report.run_file}"])

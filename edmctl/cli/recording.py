@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from edmctl.cli.exitcodes import MEANING, ExitCode, error_exit_code
 from edmctl.console.jsonout import render_json
 from edmctl.errors import EdmError, RunFileError
+from edmctl.labels import NOT_SHOWN_CODE, Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -64,4 +65,6 @@ def ending(error: BaseException) -> tuple[str, int]:
     if not isinstance(error, EdmError):
         return "internal error", int(ExitCode.INTERNAL)
     code = error_exit_code(error)
+    if error.code == NOT_SHOWN_CODE:
+        return Verdict.NOT_SHOWN.value, code
     return MEANING[ExitCode(code)].partition(" (")[0], code

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from edmctl.console.story import Sentence
     from edmctl.record.reader import RunFile
 
-ENDS = ("ENDED_EARLY", "TARGET_MISSED", "SITES_LEFT", "SETUP_WRONG")
+ENDS = ("ENDED_EARLY", "TARGET_MISSED", "SITES_LEFT", "SETUP_WRONG", "VERDICT")
 """Kinds of sentences that say why a run did not come to its end."""
 
 
@@ -161,7 +161,8 @@ def _settled(opened: "RunFile", events: list[FileEvent], holes: list[str]) -> st
 def _done(opened: "RunFile", events: list[FileEvent]) -> str:
     """How many holes are done, of how many."""
     values = opened.profile_values()
-    done = sum(event.code == "TARGET_REACHED" for event in events)
+    doubtful = sum(event.code == "VERDICT" for event in events)
+    done = sum(event.code == "TARGET_REACHED" for event in events) - doubtful
     of_how_many = "" if "file" in _kinds(values) else f" of {len(depths_of_holes(values))}"
     parent = opened.text("/entry/parent_run")
     earlier = f" in this run; those before are in {parent}" if parent else ""

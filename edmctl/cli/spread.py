@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from edmctl.cli.job import Truth
+from edmctl.labels import Basis, Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class RunSite:
-    """One hole of a simulated run, measured and true."""
+    """One hole of a simulated run, as it was found and as it truly is."""
 
     name: str
     depth_um: float
@@ -25,16 +26,19 @@ class RunSite:
     wear_um: float
     wear_u95_um: float
     measuring_stops: int
+    depth_basis: Basis
+    wear_basis: Basis
+    verdict: Verdict | None
     truth: Truth
 
     @property
     def depth_error_um(self) -> float:
-        """Measured less true depth."""
+        """Depth as found less true depth."""
         return self.depth_um - self.truth.depth_um
 
     @property
     def wear_error_um(self) -> float:
-        """Measured less true wear."""
+        """Wear as found less true wear."""
         return self.wear_um - self.truth.wear_um
 
 
@@ -54,6 +58,9 @@ class Run:
     wear_um: float = math.nan
     wear_u95_um: float = math.nan
     feed_um: float = math.nan
+    depth_basis: Basis | None = None
+    wear_basis: Basis | None = None
+    verdict: Verdict | None = None
     truth: Truth = field(default_factory=Truth)
     machining_time_s: float = math.nan
     time_s: float = math.nan
@@ -74,18 +81,30 @@ class Spread:
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """Runs that differ in their seed only. `truth` has the spreads of what the plant knows."""
+    """Runs that differ in their seed only. `truth` has the spreads of what the plant knows.
+
+    `spreads` holds depths and wears that were touched, `by_model` those touched without a sensor, `estimated` those
+    that were not touched.
+    """
 
     label: str
     overrides: tuple[str, ...]
     runs: tuple[Run, ...]
     failed: int
     spreads: Mapping[str, Spread]
+    by_model: Mapping[str, Spread]
+    estimated: Mapping[str, Spread]
     truth: Mapping[str, Spread]
     coverage: Mapping[str, float]
 
 
-_SITE_QUANTITIES = ("depth_um", "wear_um", "depth_error_um", "wear_error_um")
+_SITE_QUANTITIES = {
+    "depth_um": "depth_basis",
+    "wear_um": "wear_basis",
+    "depth_error_um": "depth_basis",
+    "wear_error_um": "wear_basis",
+}
+"""Quantities of a hole, and which basis is theirs."""
 _RUN_QUANTITIES = ("machining_time_s", "time_s")
 _TRUE_QUANTITIES = ("depth_um", "wear_um")
 
@@ -106,6 +125,9 @@ def run_of(seed: int, exit_code: int, report: Report) -> Run:
             wear_um=site.wear_um,
             wear_u95_um=site.wear_u95_um,
             measuring_stops=site.measuring_stops,
+            depth_basis=site.depth_basis,
+            wear_basis=site.wear_basis,
+            verdict=site.verdict,
             truth=truth,
         )
         for site, truth in zip(report.job.sites, report.truths, strict=True)
@@ -121,6 +143,9 @@ def run_of(seed: int, exit_code: int, report: Report) -> Run:
         wear_um=site.wear_um,
         wear_u95_um=site.wear_u95_um,
         feed_um=site.feed_um,
+        depth_basis=site.depth_basis,
+        wear_basis=site.wear_basis,
+        verdict=site.verdict,
         truth=truth,
         machining_time_s=report.job.machining_time_s,
         time_s=report.job.time_s,
@@ -131,18 +156,28 @@ def run_of(seed: int, exit_code: int, report: Report) -> Run:
 
 
 def summarize(label: str, overrides: tuple[str, ...], runs: Sequence[Run]) -> Case:
-    """Sum up the runs of one set of values; runs without a measured hole count as failed only."""
-    measured = [run for run in runs if run.sites]
-    sites = [site for run in measured for site in run.sites]
+    """Sum up the runs of one set of values; runs without a hole count as failed only."""
+    made = [run for run in runs if run.sites]
+    sites = [site for run in made for site in run.sites]
     return Case(
         label=label,
         overrides=overrides,
         runs=tuple(runs),
         failed=sum(not run.ok for run in runs),
-        spreads={**_spreads(sites, _SITE_QUANTITIES), **_spreads(measured, _RUN_QUANTITIES)},
+        spreads={**_of_basis(sites, Basis.TOUCHED), **_spreads(made, _RUN_QUANTITIES)},
+        by_model=_of_basis(sites, Basis.MODEL),
+        estimated=_of_basis(sites, Basis.ESTIMATED),
         truth=_spreads([site.truth for site in sites], _TRUE_QUANTITIES),
         coverage=_coverage(sites),
     )
+
+
+def _of_basis(sites: Sequence[RunSite], basis: Basis) -> dict[str, Spread]:
+    """Spreads of what rests on one basis: a depth that was estimated is its target, and scatters by nothing."""
+    found: dict[str, Spread] = {}
+    for key, name in _SITE_QUANTITIES.items():
+        found |= _spreads([site for site in sites if getattr(site, name) is basis], (key,))
+    return found
 
 
 def _spreads(

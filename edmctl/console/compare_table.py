@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from edmctl.console.style import PLAIN, Style
 from edmctl.console.tables import render_columns
+from edmctl.labels import marked, meanings
 from edmctl.wording import UNKNOWN, count, escaped, named_with_unit
 
 if TYPE_CHECKING:
@@ -61,6 +62,8 @@ class AmountView(Protocol):
     def difference_u95(self) -> float: ...
     @property
     def beyond(self) -> bool: ...
+    @property
+    def basis(self) -> str: ...
 
 
 class QuantityView(Protocol):
@@ -144,12 +147,12 @@ def _quantities(quantities: Sequence[QuantityView], shown: Sequence[int], headin
         header += [letter(i), f"{letter(i)} − A"]
     rows = []
     for quantity in quantities:
-        row = [quantity.name, _number(quantity, quantity.amounts[0].value, quantity.amounts[0].u95)]
+        row = [quantity.name, _value(quantity, quantity.amounts[0])]
         for i in shown[1:]:
             amount = quantity.amounts[i]
             mark = " *" if amount.beyond else "  "
             difference = _number(quantity, amount.difference, amount.difference_u95, sign=True)
-            row += [_number(quantity, amount.value, amount.u95), f"{difference}{mark}"]
+            row += [_value(quantity, amount), f"{difference}{mark}"]
         rows.append(row)
     return render_columns(header, rows, style)
 
@@ -159,10 +162,18 @@ def _reading(comparison: ComparisonView) -> str:
     amounts = [amount for quantity in comparison.quantities for amount in quantity.amounts[1:]]
     if not any(math.isfinite(amount.difference_u95) for amount in amounts):
         return ""
-    return (
-        "± is half the 95 % interval of what was measured, of a difference that of both runs together.\n"
-        "* marks a difference beyond it. How far repeated runs scatter is not in it."
+    bases = {a.basis for q in (*comparison.quantities, *comparison.sites) for a in q.amounts}
+    return "\n".join(
+        [
+            "± is half the 95 % interval of a result, of a difference that of both runs together.",
+            "* marks a difference beyond it. How far repeated runs scatter is not in it.",
+            *meanings(bases),
+        ]
     )
+
+
+def _value(quantity: QuantityView, amount: AmountView) -> str:
+    return marked(_number(quantity, amount.value, amount.u95), amount.basis)
 
 
 def _number(quantity: QuantityView, value: float, u95: float, *, sign: bool = False) -> str:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.console.style import PLAIN, Style
 from edmctl.console.tables import render_columns, width_of, wrapped
+from edmctl.labels import Verdict, heading, marked, meanings
 from edmctl.wording import (
     TIP,
     UNKNOWN,
@@ -79,25 +80,30 @@ def render_sites(
 
 def _site_lines(pairs: Sequence[tuple[MeasuredView, TruthView | None]], style: Style, columns: int) -> str:
     through = sum(site.through for site, _ in pairs)
+    bases = {basis for site, _ in pairs for basis in (site.depth_basis, site.wear_basis)}
     what = TIP if through == len(pairs) else "depth"
     table: dict[str, list[str]] = {
         "site": [printable(site.name) for site, _ in pairs],
         f"{what} µm": [
             f"{f'{TIP} ' if 0 < through < len(pairs) and site.through else ''}"
-            f"{with_u95(site.depth_um, site.depth_u95_um)}"
+            f"{marked(with_u95(site.depth_um, site.depth_u95_um), site.depth_basis)}"
             for site, _ in pairs
         ],
-        "tool wear µm": [with_u95(site.wear_um, site.wear_u95_um) for site, _ in pairs],
+        "tool wear µm": [
+            marked(with_u95(site.wear_um, site.wear_u95_um), site.wear_basis) for site, _ in pairs
+        ],
         "feed µm": [decimal(site.feed_um) for site, _ in pairs],
         "stops": [str(site.measuring_stops) for site, _ in pairs],
         "machining": [duration(site.machining_time_s) for site, _ in pairs],
     }
     if any(truth for _, truth in pairs):
         table["true µm"] = [decimal(truth.depth_um) if truth else UNKNOWN for _, truth in pairs]
+    if any(_doubt(site.verdict) for site, _ in pairs):
+        table["verdict"] = [site.verdict or "" for site, _ in pairs]
     for name in FIRST_TO_GO:
         if width_of(list(table), _rows(table)) > columns:
             del table[name]
-    return render_columns(list(table), _rows(table), style)
+    return "\n".join([render_columns(list(table), _rows(table), style), *meanings(bases)])
 
 
 def _rows(table: dict[str, list[str]]) -> list[tuple[str, ...]]:
@@ -105,13 +111,13 @@ def _rows(table: dict[str, list[str]]) -> list[tuple[str, ...]]:
 
 
 def _site_block(site: MeasuredView, truth: TruthView | None, style: Style, columns: int) -> str:
-    header = [printable(site.name), "measured", "from voltage"]
-    depth = [
-        TIP if site.through else "depth",
-        length(site.depth_um, site.depth_u95_um),
-        length(site.depth_model_um),
-    ]
-    wear = ["tool wear", length(site.wear_um, site.wear_u95_um), length(site.wear_model_um)]
+    bases = (site.depth_basis, site.wear_basis)
+    header = [printable(site.name), heading(bases), "from voltage"]
+    depth_um, wear_um = length(site.depth_um, site.depth_u95_um), length(site.wear_um, site.wear_u95_um)
+    if site.depth_basis != site.wear_basis:
+        depth_um, wear_um = marked(depth_um, site.depth_basis), marked(wear_um, site.wear_basis)
+    depth = [TIP if site.through else "depth", depth_um, length(site.depth_model_um)]
+    wear = ["tool wear", wear_um, length(site.wear_model_um)]
     if truth:
         header.append("truth")
         depth.append(length(truth.depth_um))
@@ -132,7 +138,15 @@ def _site_block(site: MeasuredView, truth: TruthView | None, style: Style, colum
         machining += (
             f"; the last {length(site.estimated_um)} were not touched, Z2 and Z3 are where contact would be"
         )
-    return "\n".join([table, _labelled("machining", machining, columns)])
+    lines = [table, _labelled("machining", machining, columns)]
+    if _doubt(site.verdict):
+        lines.append(_labelled("verdict", f"{site.verdict}", columns))
+    return "\n".join([*lines, *(meanings(bases) if site.depth_basis != site.wear_basis else ())])
+
+
+def _doubt(verdict: str | None) -> bool:
+    """Whether a verdict is worth a word: there is one, and the hole is not as it was wanted."""
+    return verdict in (Verdict.MISSED, Verdict.NOT_SHOWN)
 
 
 def _pulses(site: SiteView, columns: int) -> str:
@@ -144,7 +158,7 @@ def _labelled(label: str, text: str, columns: int) -> str:
 
 
 def _channel_block(channel: ChannelView, truth: ChannelTruthView | None, style: Style) -> str:
-    header = [channel.name, "measured"]
+    header = [channel.name, heading((channel.depth_basis, channel.wear_basis))]
     depth = ["depth, mean", length(channel.depth_um, channel.depth_u95_um)]
     floor = ["floor, rms along the path", length(channel.floor_sd_um)]
     wear = ["tool wear", length(channel.wear_um, channel.wear_u95_um)]
@@ -158,7 +172,8 @@ def _channel_block(channel: ChannelView, truth: ChannelTruthView | None, style: 
     made = f"{plural(channel.layers, 'layer')} in {passes}"
     pulses = f"{count(channel.pulses)}: {render_ratios(channel.ratios)}"
     machining = f"{duration(channel.machining_time_s)}, {made}"
-    return "\n".join([table, f"{'machining':27}{machining}", f"{'pulses':27}{pulses}"])
+    lines = [table, f"{'machining':27}{machining}", f"{'pulses':27}{pulses}"]
+    return "\n".join([*lines, f"{'verdict':27}{channel.verdict}"] if _doubt(channel.verdict) else lines)
 
 
 def render_ratios(ratios: RatiosView, decimals: int = 2) -> str:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from edmctl.console.style import PLAIN, Ink, Style
 from edmctl.console.tables import render_columns
+from edmctl.labels import Basis, marked, meanings
 from edmctl.wording import decimal, duration, escaped, printable, with_u95
 
 if TYPE_CHECKING:
@@ -60,6 +61,10 @@ class HeadView(Protocol):
     def wear_u95_um(self) -> float: ...
     @property
     def machining_time_s(self) -> float: ...
+    @property
+    def depth_basis(self) -> str: ...
+    @property
+    def wear_basis(self) -> str: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +98,7 @@ def render_runs(
         "tip: of a hole through a sheet, how far the tip went below the face."
         if any(map(_through, runs))
         else "",
-        "~: how deep the run got, estimated and not measured." if any(map(_is_estimated, runs)) else "",
+        *meanings({basis for run in runs for basis in _bases(run)}),
         "Depth and wear of several sites are their means." if any(_sites(run) > 1 for run in runs) else "",
         f"Not shown, for want of width: {', '.join(reversed(hidden))}." if hidden else "",
     ]
@@ -110,7 +115,7 @@ def _columns() -> dict[str, Callable[[HeadView], str]]:
         "profile": lambda run: printable(run.name),
         "work, tool": lambda run: printable(f"{run.work}, {run.tool}"),
         "depth µm": _depth,
-        "wear µm": lambda run: with_u95(run.wear_um, run.wear_u95_um),
+        "wear µm": lambda run: marked(with_u95(run.wear_um, run.wear_u95_um), run.wear_basis),
         "sites": lambda run: str(run.sites or "–"),
         "machining": lambda run: duration(run.machining_time_s),
         "seed": lambda run: ("–" if run.seed is None else str(run.seed)) if run.simulated else "real",
@@ -144,12 +149,16 @@ def _status(run: HeadView) -> str:
 
 def _depth(run: HeadView) -> str:
     if not math.isfinite(run.depth_um) and math.isfinite(run.est_depth_um):
-        return f"~{decimal(run.est_depth_um, 1)}"
-    return f"{'tip ' if run.through else ''}{with_u95(run.depth_um, run.depth_u95_um)}"
+        return marked(decimal(run.est_depth_um, 1), Basis.ESTIMATED)
+    depth_um = marked(with_u95(run.depth_um, run.depth_u95_um), run.depth_basis)
+    return f"{'tip ' if run.through else ''}{depth_um}"
 
 
-def _is_estimated(run: HeadView | BrokenFile) -> bool:
-    return not isinstance(run, BrokenFile) and _depth(run).startswith("~")
+def _bases(run: HeadView | BrokenFile) -> tuple[str, ...]:
+    if isinstance(run, BrokenFile):
+        return ()
+    left = Basis.ESTIMATED if math.isfinite(run.est_depth_um) and not math.isfinite(run.depth_um) else ""
+    return (run.depth_basis, run.wear_basis, left)
 
 
 def _through(run: HeadView | BrokenFile) -> int:

@@ -27,7 +27,10 @@ class SpreadView(Protocol):
 
 
 class CaseView(Protocol):
-    """Many runs of one set of values; keys carry their unit. `truth` is what the plant knows."""
+    """Many runs of one set of values; keys carry their unit. `truth` is what the plant knows.
+
+    `spreads` are of what was touched, `by_model` of what was touched without a sensor, `estimated` of what was not.
+    """
 
     @property
     def label(self) -> str: ...
@@ -37,6 +40,10 @@ class CaseView(Protocol):
     def failed(self) -> int: ...
     @property
     def spreads(self) -> Mapping[str, SpreadView]: ...
+    @property
+    def by_model(self) -> Mapping[str, SpreadView]: ...
+    @property
+    def estimated(self) -> Mapping[str, SpreadView]: ...
     @property
     def truth(self) -> Mapping[str, SpreadView]: ...
     @property
@@ -63,7 +70,12 @@ def _render_case(case: CaseView, style: Style) -> str:
     header = [f"{case.label}, {plural(len(case.runs), 'run')}", "mean", "sd", "min", "max"]
     rows = [
         [names[key], *(decimal(value) for value in (s.mean, s.sd, s.minimum, s.maximum))]
-        for names, spreads in ((_TRUE_NAMES, case.truth), (_NAMES, case.spreads))
+        for names, spreads in (
+            (_TRUE_NAMES, case.truth),
+            (_NAMES, case.spreads),
+            (_of_basis("by model"), case.by_model),
+            (_of_basis("estimated"), case.estimated),
+        )
         for key, s in spreads.items()
     ]
     lines = [render_columns(header, rows, style)]
@@ -73,6 +85,11 @@ def _render_case(case: CaseView, style: Style) -> str:
     if case.failed:
         lines.append(f"{case.failed} of {plural(len(case.runs), 'run')} failed.")
     return "\n".join(lines)
+
+
+def _of_basis(basis: str) -> dict[str, str]:
+    """The names of quantities that were not touched with a sensor."""
+    return {key: name.replace(",", f" {basis},") for key, name in _NAMES.items()}
 
 
 def _render_overview(cases: Sequence[CaseView], style: Style) -> str:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from edmctl.console.style import PLAIN, Style
 from edmctl.console.tables import render_columns
+from edmctl.labels import heading
 from edmctl.wording import duration, length
 
 if TYPE_CHECKING:
@@ -50,6 +51,8 @@ class WearView(Protocol):
     @property
     def touches(self) -> int: ...
     @property
+    def wear_basis(self) -> str: ...
+    @property
     def wear_um(self) -> float: ...
     @property
     def wear_u95_um(self) -> float: ...
@@ -83,7 +86,7 @@ def render_wear(
 
     ledger_um : sum of the wears of the tool's jobs since its reference; total_um : what it has lost in all
     """
-    header = [name, "measured", "from voltage"]
+    header = [name, heading((found.wear_basis,)), "from voltage"]
     wear = ["tool wear", length(found.wear_um, found.wear_u95_um), length(found.wear_model_um)]
     depth = ["depth", length(found.depth_um, found.depth_u95_um), length(found.depth_model_um)]
     feed = ["feed", length(found.feed_um, found.feed_u95_um), length(found.feed_model_um)]

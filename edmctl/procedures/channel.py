@@ -6,9 +6,9 @@ stop, so the last layers are cut by what was measured and not by what was assume
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
+from edmctl.labels import NOT_SHOWN_CODE, Verdict
 from edmctl.machine.port import host_fault
 from edmctl.procedures.channel_layers import Layers
 from edmctl.procedures.channel_result import ChannelResult, FloorReading, channel_result
@@ -18,6 +18,7 @@ from edmctl.procedures.deciding import Decision
 from edmctl.procedures.goal import Goal, goal_of
 from edmctl.procedures.job import Site
 from edmctl.procedures.tool_length import TOUCH_U_UM
+from edmctl.procedures.verdict import REMEDIES, judged_channel, not_shown
 from edmctl.process import path as ways
 from edmctl.process.layers import layer_depths_um
 from edmctl.process.next_cut import NOISE_FLOOR_SIGMAS
@@ -182,10 +183,15 @@ def _final(run: Run, goal: Goal, result: ChannelResult) -> Decision:
         f"Channel {result.depth_um:.2f} µm deep, {off_um:+.2f} µm from the target, {result.floor_sd_um:.2f} µm rms "
         f"along the path, after {result.layers} layers in {result.passes} passes."
     )
-    squares = math.fsum((place.depth_um - target_um) ** 2 for place in result.floor)
-    if math.sqrt(squares / len(result.floor)) <= tolerance_um:
+    verdict = judged_channel(goal, result).verdict
+    if verdict is Verdict.SHOWN:
         run.decide(RunEvent.TARGET_REACHED, message, {"depth_um": result.depth_um})
         return Decision(None, message)
+    if verdict is Verdict.NOT_SHOWN:
+        told = f"{not_shown('The mean depth of the floor', goal, result)}."
+        hint = REMEDIES[result.depth_basis]
+        run.decide(RunEvent.VERDICT, told, {"hint": hint}, level=EventLevel.WARNING)
+        return Decision(None, told, told, hint, NOT_SHOWN_CODE)
     run.decide(RunEvent.TARGET_MISSED, message, {"depth_um": result.depth_um}, level=EventLevel.WARNING)
     return Decision(
         None,

@@ -6,7 +6,10 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError
 from edmctl.procedures.channel import machine_channel
+from edmctl.procedures.goal import goal_of
+from edmctl.procedures.job import Site
 from edmctl.procedures.time_limits import TimeLimits
+from edmctl.procedures.verdict import judged_channel
 from edmctl.process.erosion import mrr_mm3_min
 from edmctl.record.rows import SiteRow
 
@@ -28,12 +31,17 @@ def machine_path(run: Run) -> Decision | None:
             code="E8054",
         )
 
+    path = run.profile.path
+    assert path is not None
+
     def keep(result: ChannelResult) -> None:
         run.ledger.channel = result
 
     result, decision = machine_channel(run, TimeLimits(run), keep)
     run.ledger.open_site = ""
     if result is not None:
+        result = judged_channel(goal_of(run.profile, Site(result.name, path.x_um, path.y_um)), result)
+        keep(result)
         run.recorder.site_result(_row(run, result))
     return decision if decision.missed else None
 
@@ -67,4 +75,7 @@ def _row(run: Run, result: ChannelResult) -> SiteRow:
         energy_j=result.energy_j,
         mrr_mm3_min=mrr_mm3_min(volume_um3 / result.machining_time_s),
         measuring_stops=result.measuring_stops,
+        depth_basis=result.depth_basis,
+        wear_basis=result.wear_basis,
+        verdict=result.verdict or "",
     )

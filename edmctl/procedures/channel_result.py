@@ -16,6 +16,7 @@ from edmctl.process.wear import TOUCH_PRIOR_DOF, student_97_5, tilt_uncertainty_
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from edmctl.labels import Basis, Verdict
     from edmctl.procedures.channel_scan import PassResult
     from edmctl.procedures.channel_touch import Face
     from edmctl.procedures.job import Job
@@ -37,9 +38,10 @@ class ChannelResult:
     """One channel, measured by touches: `feed = depth + wear`, u95 are half-widths of 95 % intervals.
 
     `depth_um` is the mean over the places of `floor`, `floor_sd_um` their standard deviation; the touches cannot
-    tell roughness below the tool's face. `width_um` is planned, not measured. `layers` are those cut, `passes` the
-    times that the path was gone along. `energy_j` is mean gap current × plateau voltage of a normal discharge ×
-    time, over all passes; `working_gap_um` the gap between the held tool and the floor that it left.
+    tell roughness below the tool's face. `verdict` is None until the channel is done. `width_um` is planned.
+    `layers` are those cut, `passes` the times that the path was gone along. `energy_j` is mean gap current ×
+    plateau voltage of a normal discharge × time, over all passes; `working_gap_um` the gap between the held tool
+    and the floor that it left.
     """
 
     name: str
@@ -62,6 +64,14 @@ class ChannelResult:
     working_gap_um: float
     measuring_stops: int
     floor: tuple[FloorPlace, ...]
+    depth_basis: Basis
+    wear_basis: Basis
+    verdict: Verdict | None = None
+
+    def floor_rms_um(self, depth_um: float) -> float:
+        """Root mean square of what the places of the floor differ from a depth."""
+        squares = math.fsum((place.depth_um - depth_um) ** 2 for place in self.floor)
+        return math.sqrt(squares / len(self.floor))
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +133,8 @@ def channel_result(
         working_gap_um=gap_um,
         measuring_stops=stops,
         floor=found.places,
+        depth_basis=job.touch_basis,
+        wear_basis=job.touch_basis,
     )
 
 

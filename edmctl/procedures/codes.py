@@ -28,6 +28,7 @@ class RunEvent(IntEnum):
     SITE_ESTIMATED = 134
     RESUMED = 135
     SITES_LEFT = 136
+    VERDICT = 137
     ARCING = 140
     SHORTING = 141
     Z_MISMATCH = 142

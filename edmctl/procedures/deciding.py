@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 class Decision:
     """The next cut, or None at the end; then `missed` says why the objective was missed, empty if not.
 
-    `code` is the error code of a miss.
+    `code` is the error code of a miss, `site` the hole that it is about.
     """
 
     plan: CutPlan | None
@@ -29,6 +29,7 @@ class Decision:
     missed: str = ""
     hint: str = ""
     code: str = "E7010"
+    site: str = ""
 
 
 def decide(
@@ -39,10 +40,12 @@ def decide(
     found: DepthAndWear,
     start: Start,
     estimate: ErosionEstimate,
+    *,
+    touch_final: bool = False,
 ) -> Decision:
     """Decide from what was measured after a cut; a further one would start from `start`, with that estimate.
 
-    `cut` is None where an earlier run made it.
+    `cut` is None where an earlier run made it. `touch_final` says that the last cut is measured however small.
     """
     if cut is not None and cut.end is not CutEnd.REACHED:
         return unfinished(goal, cut, found.depth_um, found.feed_um)
@@ -51,7 +54,7 @@ def decide(
     remaining_um = goal.depth_um - found.depth_um
     if last.number >= cut_budget(profile) or is_done(remaining_um, goal.tolerance_um, found.depth_noise_um):
         return _final(goal, last, found)
-    plan = following_plan(profile, goal, last, start, estimate)
+    plan = following_plan(profile, goal, last, start, estimate, touch_final=touch_final)
     after = "measured" if plan.measured else "known well enough not to be measured"
     message = f"{remaining_um:.2f} µm are left: next cut feeds {plan.feed_um:.2f} µm, then {after}."
     return Decision(plan, message)

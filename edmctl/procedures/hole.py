@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from edmctl.labels import Basis
 from edmctl.procedures.estimating import energy_of, estimate_of
 from edmctl.procedures.drift import uncertainty_now
 from edmctl.procedures.face import Face, pad_only
@@ -16,6 +17,7 @@ from edmctl.procedures.site_result import CutSums, Heights, site_result, site_ro
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.tool_length import ToolLength
 from edmctl.procedures.touch import SurfaceReading, take_reading
+from edmctl.procedures.verdict import judged
 
 if TYPE_CHECKING:
     from edmctl.procedures.job import Site
@@ -103,8 +105,14 @@ class Hole:
         worn_um: float = 0.0,
         estimated_um: float = 0.0,
         through: bool = False,
+        depth_basis: Basis | None = None,
+        wear_basis: Basis | None = None,
     ) -> None:
-        """Put its result into the ledger: as touched, or `fed_um` and `worn_um` further on."""
+        """Put its result into the ledger: as touched, or `fed_um` and `worn_um` further on.
+
+        Without another basis depth and wear rest on the touches; the wear does not where Z1 was not touched.
+        """
+        touched = run.job.touch_basis
         self.found = found
         run.ledger.depth_um = found.depth_um
         z1, z2, z3 = self.z1, self.bottom, self.pad
@@ -121,6 +129,8 @@ class Hole:
             zero_drift_um=z3.zero_um - z1.zero_um,
             error=run.watch.feed_error,
             through=through,
+            depth_basis=depth_basis or touched,
+            wear_basis=wear_basis or (Basis.ESTIMATED if self.z1_u_um > 0.0 else touched),
         )
 
 
@@ -199,11 +209,12 @@ def close_site(run: Run, *, settled: bool) -> None:
 
 
 def record_results(run: Run) -> None:
-    """Write the results that are not in the run file yet, that of the hole under way among them."""
+    """Judge and write the results that are not in the run file yet, that of the hole under way among them."""
     ledger = run.ledger
     if ledger.open_site in ledger.sites:
         ledger.unwritten.append(ledger.open_site)
         ledger.open_site = ""
     for name in ledger.unwritten:
+        ledger.sites[name] = judged(run.job, ledger.sites[name])
         run.recorder.site_result(site_row(ledger.sites[name]))
     ledger.unwritten.clear()

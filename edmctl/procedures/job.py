@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from edmctl.labels import Basis
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -51,6 +53,16 @@ class Job:
     resumed: JobState | None = None
     pause_s: float = 0.0
     tool_wear_before_um: float = 0.0
+
+    @property
+    def touch_basis(self) -> Basis:
+        """What a touch of this machine rests on."""
+        return Basis.TOUCHED if self.setup.sensor.fitted else Basis.MODEL
+
+    @property
+    def touches_final(self) -> bool:
+        """Whether the end of every hole is touched: a single hole has no other that would tell of it later."""
+        return len(self.sites) == 1 and self.profile.wear.remeasure == "auto"
 
     @property
     def pad(self) -> Site:

@@ -34,6 +34,7 @@ from edmctl.procedures.settings import (
 from edmctl.procedures.sites import machine_sites
 from edmctl.procedures.standing import Standing
 from edmctl.procedures.stop import safe_state_on_error
+from edmctl.procedures.verdict import judge_holes
 from edmctl.procedures.watch import Watch
 from edmctl.record.rows import EventLevel
 
@@ -87,6 +88,8 @@ def run_job(
             _prepare(run)
             missed = machine_sites(run) if job.profile.path is None else machine_path(run)
             record_results(run)
+            if job.profile.path is None:
+                missed = judge_holes(run, missed)
             run.begin(Phase.RETRACTING)
             machine.disarm()
             machine.stop_telemetry()

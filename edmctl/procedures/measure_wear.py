@@ -23,6 +23,7 @@ from edmctl.record.rows import EventLevel
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from edmctl.labels import Basis
     from edmctl.procedures.run import Run
 
 LEAST_TOUCHES = 3
@@ -71,9 +72,9 @@ class UncertaintyPart:
 class WearResult:
     """What the touches say, by the sensor and (`*_model_um`) by the actuator voltage; u95 are 95 % half-widths.
 
-    Without a hole Z2, depth and feed are NaN. `drift_um` is Z3 after the bottom less Z3 before it. `touches` were
-    made of every Z; `sd_um` are the scatters of Z1, Z2, Z3 before and Z3 after. `budget` holds standard
-    uncertainties.
+    Without a hole Z2, depth and feed are NaN, and no depth has a basis. `drift_um` is Z3 after the bottom less Z3
+    before it. `touches` were made of every Z; `sd_um` are the scatters of Z1, Z2, Z3 before and Z3 after. `budget`
+    holds standard uncertainties.
     """
 
     z1_um: float
@@ -94,6 +95,8 @@ class WearResult:
     depth_model_um: float
     feed_model_um: float
     budget: tuple[UncertaintyPart, ...]
+    depth_basis: Basis | None
+    wear_basis: Basis
     time_s: float
 
 
@@ -188,6 +191,8 @@ def _found(
         wear_model_um=model3_um - reference.model_um,
         depth_model_um=model2_um - model3_um,
         feed_model_um=model2_um - reference.model_um,
+        depth_basis=run.job.touch_basis if hole else None,
+        wear_basis=run.job.touch_basis,
         budget=_budget(known, lengths_um, noise_um, (z1, bottom, z3), (age_s, depth_s), tilt_u_um, pad_u_um),
         time_s=run.machine.time_s,
     )

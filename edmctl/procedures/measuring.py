@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from edmctl.actuator.correction import GAIN_SD_BETWEEN_DAYS
+from edmctl.actuator.correction import GAIN_SD_BETWEEN_DAYS, ZERO_DRIFT_UM_PER_S
 from edmctl.process.erosion import hole_area_um2, mrr_mm3_min, tool_area_um2
 from edmctl.process.wear import DepthAndWear, measure, tilt_uncertainty_um
 
@@ -15,10 +15,6 @@ if TYPE_CHECKING:
     from edmctl.procedures.touch import SurfaceReading
     from edmctl.profile.model import Profile
     from edmctl.profile.setup import Setup
-
-
-ZERO_DRIFT_UM_PER_S = 1.0 / 600.0
-"""Of an actuator without a sensor: thermal drift of 1 µm in ten minutes."""
 
 
 @dataclass(frozen=True, slots=True)

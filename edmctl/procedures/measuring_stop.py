@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from edmctl.labels import Basis
 from edmctl.procedures.approach import raise_by
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.deciding import Decision, decide
@@ -50,7 +51,16 @@ def measure_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: CutResu
     if plan.number == 1:
         refuse_wrong_setup(run, found)
     start = next_start(run, hole, gap_um)
-    decision = decide(run.profile, hole.goal, plan, cut, found, start, known.estimate)
+    decision = decide(
+        run.profile,
+        hole.goal,
+        plan,
+        cut,
+        found,
+        start,
+        known.estimate,
+        touch_final=run.job.touches_final,
+    )
     report(run, found, gap_um, decision)
     return decision
 
@@ -145,6 +155,8 @@ def estimate_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: CutRes
         fed_um=plan.fed_um(cut.end_displacement_um),
         worn_um=worn_um,
         estimated_um=live.depth_um - plan.start.depth_um,
+        depth_basis=Basis.ESTIMATED,
+        wear_basis=Basis.ESTIMATED,
     )
     run.decide(
         RunEvent.SITE_ESTIMATED,

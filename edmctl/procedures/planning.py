@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from edmctl.procedures.estimating import estimate_of
@@ -163,9 +163,18 @@ def first_plan(
 
 
 def following_plan(
-    profile: Profile, goal: Goal, last: CutPlan, start: Start, estimate: ErosionEstimate
+    profile: Profile,
+    goal: Goal,
+    last: CutPlan,
+    start: Start,
+    estimate: ErosionEstimate,
+    *,
+    touch_final: bool = False,
 ) -> CutPlan:
-    """The next cut, from the bottom just touched, with the gap and the estimate just learned."""
+    """The next cut, from the bottom just touched, with the gap and the estimate just learned.
+
+    `touch_final` says that it is measured however small.
+    """
     remaining_um = goal.depth_um - start.depth_um
     cut = next_cut(
         estimate,
@@ -175,7 +184,8 @@ def following_plan(
         start_u_um=start.u_at(start.time_s + _cut_s(profile, goal, remaining_um, estimate)),
         begun=True,
     )
-    return _planned(last.number + 1, cut, start, estimate, goal, profile)
+    planned = _planned(last.number + 1, cut, start, estimate, goal, profile)
+    return replace(planned, measured=True) if touch_final else planned
 
 
 def _cut_s(profile: Profile, goal: Goal, depth_um: float, estimate: ErosionEstimate) -> float:
@@ -186,7 +196,7 @@ def _cut_s(profile: Profile, goal: Goal, depth_um: float, estimate: ErosionEstim
 def _planned(
     number: int, cut: NextCut, start: Start, estimate: ErosionEstimate, goal: Goal, profile: Profile
 ) -> CutPlan:
-    measured = cut.measured or profile.wear.remeasure != "auto"
+    measured = cut.measured or profile.wear.remeasure not in ("auto", "sparing")
     return CutPlan(number, cut.feed_um, start, estimate, goal.depth_um, measured, cut.depth_u_um)
 
 
@@ -200,6 +210,6 @@ def cut_budget(profile: Profile) -> int:
     wear = profile.wear
     if profile.target.kind != "depth" or wear.remeasure == "never":
         return 1
-    if wear.remeasure == "auto":
-        return wear.max_cuts
-    return min(wear.remeasure + 1, wear.max_cuts)
+    if isinstance(wear.remeasure, int):
+        return min(wear.remeasure + 1, wear.max_cuts)
+    return wear.max_cuts

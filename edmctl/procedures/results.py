@@ -9,6 +9,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING, Protocol
 
 from edmctl.errors import ObjectiveNotReached
+from edmctl.labels import Basis, Verdict
 from edmctl.process.pulses import PulseShares
 
 if TYPE_CHECKING:
@@ -34,7 +35,10 @@ class Phase(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class SiteResult:
-    """One hole, measured by touches: `feed = depth + wear`, u95 are half-widths of 95 % intervals.
+    """One hole: `feed = depth + wear`, u95 are half-widths of 95 % intervals.
+
+    `depth_basis` and `wear_basis` say what depth and wear rest on. `verdict` is None until the hole is judged, and
+    where no depth was wanted of it.
 
     `face_um` is how much further than the reference pad the face lies here. `measuring_stops` are the times that the
     bottom was touched, and the pad after it; `estimated_um` is the part of the depth that was cut after the last of
@@ -86,6 +90,9 @@ class SiteResult:
     wear_ratio_vol: float
     mrr_mm3_min: float
     through: bool = False
+    depth_basis: Basis = Basis.TOUCHED
+    wear_basis: Basis = Basis.TOUCHED
+    verdict: Verdict | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,12 +194,20 @@ class Observer(Protocol):
 
 
 def site_result_of(mapping: Mapping[str, object]) -> SiteResult:
-    """Return the result whose fields a journal has kept. Raises TypeError where they are not those of a result."""
+    """Return the result whose fields a journal has kept. Raises TypeError where they are not those of a result.
+
+    What an older journal does not say was touched counts as estimated.
+    """
     values = dict(mapping)
     ratios = values.pop("ratios")
     if not isinstance(ratios, Mapping):
         raise TypeError("ratios have to be a mapping")
-    return SiteResult(**values, ratios=PulseRatios(**ratios))  # type: ignore[arg-type]
+    values["depth_basis"], values["wear_basis"] = (
+        Basis(str(values.get(name, Basis.ESTIMATED))) for name in ("depth_basis", "wear_basis")
+    )
+    verdict = values.pop("verdict", None)
+    judged = None if verdict is None else Verdict(str(verdict))
+    return SiteResult(**values, ratios=PulseRatios(**ratios), verdict=judged)  # type: ignore[arg-type]
 
 
 class ObjectiveMissed(ObjectiveNotReached):

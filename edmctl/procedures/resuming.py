@@ -57,7 +57,16 @@ def take_up_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Deci
     )
     start = next_start(run, hole, known.gap_um)
     last = CutPlan(max(1, hole.sums.number), 0.0, start, known.estimate, hole.goal.depth_um)
-    decision = decide(run.profile, hole.goal, last, None, found, start, known.estimate)
+    decision = decide(
+        run.profile,
+        hole.goal,
+        last,
+        None,
+        found,
+        start,
+        known.estimate,
+        touch_final=run.job.touches_final,
+    )
     report(run, found, known.gap_um, decision)
     if decision.plan is None:
         close_site(run, settled=True)

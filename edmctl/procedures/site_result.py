@@ -12,6 +12,7 @@ from edmctl.process.pulses import pulse_shares
 from edmctl.record.rows import SiteRow
 
 if TYPE_CHECKING:
+    from edmctl.labels import Basis
     from edmctl.procedures.cut import CutResult
     from edmctl.procedures.feed_error import FeedError
     from edmctl.procedures.job import Site
@@ -92,6 +93,8 @@ def site_result(
     estimated_um: float,
     zero_drift_um: float,
     error: FeedError,
+    depth_basis: Basis,
+    wear_basis: Basis,
     through: bool = False,
 ) -> SiteResult:
     """Put together what is known of a hole."""
@@ -131,6 +134,8 @@ def site_result(
         wear_ratio_vol=erosion.wear_ratio_vol,
         mrr_mm3_min=erosion.mrr_mm3_min,
         through=through,
+        depth_basis=depth_basis,
+        wear_basis=wear_basis,
     )
 
 
@@ -172,6 +177,9 @@ def site_row(result: SiteResult) -> SiteRow:
         depth_model_error_um=result.depth_model_um - result.depth_um,
         wear_model_error_um=result.wear_model_um - result.wear_um,
         through=result.through,
+        depth_basis=result.depth_basis,
+        wear_basis=result.wear_basis,
+        verdict=result.verdict or "",
     )
 
 

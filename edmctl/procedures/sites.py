@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from edmctl.procedures.codes import RunEvent
@@ -51,7 +52,8 @@ def machine_sites(run: Run) -> Decision | None:
             decision = _machine_fresh(run, site, known, left[number:], limits)
         run.journal.end_hole()
         if decision.missed:
-            return decision
+            name = f"{site.name}: " if len(run.job.sites) > 1 else ""
+            return replace(decision, missed=f"{name}{decision.missed}", site=site.name)
     return None
 
 

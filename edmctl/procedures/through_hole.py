@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from edmctl.labels import Basis
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.cut import CutEnd
 from edmctl.procedures.deciding import Decision, unfinished
@@ -38,7 +39,7 @@ def end_of_through_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: 
         z1_u_um=hole.z1_u_um,
     )
     known.tool = ToolLength(pad)
-    hole.report(run, found, plan.gap_um, through=cut.through)
+    hole.report(run, found, plan.gap_um, through=cut.through, depth_basis=Basis.ESTIMATED)
     decision = _decision(hole, cut, found)
     code = RunEvent.TARGET_MISSED if decision.missed else RunEvent.TARGET_REACHED
     level = EventLevel.WARNING if decision.missed else EventLevel.INFO

@@ -58,3 +58,4 @@ class Code(StrEnum):
     ARRAY_WEAR = "W3129"
     ARRAY_STROKE = "W3130"
     LAYER = "W3131"
+    NOT_SHOWN = "W3132"

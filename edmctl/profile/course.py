@@ -25,7 +25,7 @@ from edmctl.profile.measuring_time import (
     touch_time_s,
 )
 from edmctl.profile.rates import feed_rate_um_s, machining_share
-from edmctl.profile.stops import planned_cuts
+from edmctl.profile.stops import channel_depth_u95_um, planned_cuts
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -44,7 +44,8 @@ class Course:
 
     `deepest` is its deepest hole or its channel, `lowest_um` how far below the surface as the new tool meets it the
     tool comes to stand, `reaches_um` the same hole by hole, `stops` how often it measures; the cuts of a channel are
-    its passes.
+    its passes. `depth_u95_um` is half the 95 % interval of the depth that is known least in the end, NaN where none
+    is wanted.
     """
 
     machining_s: float
@@ -59,6 +60,7 @@ class Course:
     reaches_um: tuple[float, ...] = ()
     channel_um: float = 0.0
     layers: int = 0
+    depth_u95_um: float = math.nan
 
 
 def course_of(profile: Profile, setup: Setup, places: Sequence[Place]) -> Course:
@@ -113,6 +115,7 @@ def _holes_course(profile: Profile, setup: Setup, places: Sequence[Place]) -> Co
         tool_wear_um=worn_um,
         depth_min_um=min(one.depth_um for one in holes),
         reaches_um=tuple(reaches_um),
+        depth_u95_um=max(planned[-1].depth_u95_um for planned in cuts),
     )
 
 
@@ -137,6 +140,7 @@ def _channel_course(profile: Profile, setup: Setup, path: PathTable) -> Course:
         depth_min_um=whole.depth_um,
         channel_um=whole.length_um,
         layers=whole.layers,
+        depth_u95_um=channel_depth_u95_um(setup, whole.depth_um),
     )
 
 

@@ -28,7 +28,8 @@ class Forecast:
     Times, cuts, measuring stops and pulses are those of the whole job, as is `tool_wear_um`; depth, wear and feed
     are of its deepest hole or of its channel, whose cuts are its passes, `depth_min_um` is that of its shallowest
     hole. `holes_in_reach` are those, in working order, for which the stroke lasts. `limit_cycle_um` is the
-    half-amplitude of the servo's swing; `channel_um` and `layers` are 0 where there is no channel.
+    half-amplitude of the servo's swing; `channel_um` and `layers` are 0 where there is no channel. `depth_u95_um` is
+    half the 95 % interval of the depth that will be known least, NaN where no depth is wanted.
     """
 
     machining_time_s: float
@@ -55,6 +56,7 @@ class Forecast:
     tool_wear_um: float
     channel_um: float
     layers: int
+    depth_u95_um: float
 
 
 def forecast(profile: Profile, setup: Setup, places: Sequence[Place] = ()) -> Forecast:
@@ -93,6 +95,7 @@ def forecast(profile: Profile, setup: Setup, places: Sequence[Place] = ()) -> Fo
         tool_wear_um=course.tool_wear_um,
         channel_um=course.channel_um,
         layers=course.layers,
+        depth_u95_um=course.depth_u95_um,
     )
 
 

@@ -178,10 +178,10 @@ class Wear(Table):
         le=1.0,
         description="standard uncertainty of that before it is measured, relative [assumed]",
     )
-    remeasure: Literal["auto", "never"] | Annotated[int, Field(ge=1, le=20)] = Field(
+    remeasure: Literal["auto", "sparing", "never"] | Annotated[int, Field(ge=1, le=20)] = Field(
         "auto",
-        description="auto: as often as the uncertainty of the depth asks for; never: only at the end; "
-        "n: n times before",
+        description="auto: as often as the uncertainty of the depth asks for, and at the end of a single hole; "
+        "sparing: not there either after a small last cut; never: only at the end; n: n times before",
     )
     first_fraction: float = Field(0.85, ge=0.1, le=1.0, description="share of the depth in the first cut")
     max_cuts: int = Field(5, ge=1, le=20)

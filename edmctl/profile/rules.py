@@ -39,6 +39,7 @@ from edmctl.profile.pulse_rules import (
 )
 from edmctl.profile.target_rules import (
     blind_depth,
+    depth_shown,
     feed_without_remeasuring,
     through_target,
     tolerance,
@@ -84,6 +85,7 @@ RULES: tuple[Callable[[Job], Iterable[Finding]], ...] = (
     array_wear,
     array_stroke,
     layer,
+    depth_shown,
 )
 """Every rule, in order of its number. Rule 12 (one touch speed for Z1, Z2 and Z3) has no key to break it."""
 

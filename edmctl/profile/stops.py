@@ -10,9 +10,17 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from edmctl.actuator.correction import GAIN_SD_BETWEEN_DAYS, ZERO_DRIFT_UM_PER_S
 from edmctl.process.erosion import hole_area_um2
 from edmctl.process.live_erosion import Energy, ErosionEstimate
-from edmctl.process.next_cut import FIRST_GAP_U_UM, GAP_U_UM, is_done, largest_first_um, next_cut
+from edmctl.process.next_cut import (
+    COVERAGE,
+    FIRST_GAP_U_UM,
+    GAP_U_UM,
+    is_done,
+    largest_first_um,
+    next_cut,
+)
 from edmctl.profile.rates import SIDE_DISCHARGE_SHARE, feed_rate_um_s
 
 if TYPE_CHECKING:
@@ -36,10 +44,14 @@ BETWEEN_S = 60.0
 
 @dataclass(frozen=True, slots=True)
 class Cut:
-    """One cut: how far it feeds, and whether a measuring stop follows."""
+    """One cut: how far it feeds, whether a measuring stop follows, and how well the depth is known after it.
+
+    `depth_u95_um` is half the 95 % interval; NaN where no depth is wanted.
+    """
 
     feed_um: float
     measured: bool
+    depth_u95_um: float = math.nan
 
 
 def cut_budget(profile: Profile) -> int:
@@ -47,7 +59,9 @@ def cut_budget(profile: Profile) -> int:
     wear = profile.wear
     if profile.target.kind != "depth" or wear.remeasure == "never":
         return 1
-    return wear.max_cuts if wear.remeasure == "auto" else min(wear.remeasure + 1, wear.max_cuts)
+    if isinstance(wear.remeasure, int):
+        return min(wear.remeasure + 1, wear.max_cuts)
+    return wear.max_cuts
 
 
 def planned_cuts(
@@ -58,9 +72,39 @@ def planned_cuts(
     `plane` says whether the face is touched at three places before.
     """
     plan = _Plan(profile, setup, plane=plane)
-    last = len(holes) - 1
+    last, is_single = len(holes) - 1, len(holes) == 1
     pairs = zip(holes, away_um, strict=True)
-    return [plan.hole(one, way_um, is_last=i == last) for i, (one, way_um) in enumerate(pairs)]
+    return [
+        plan.hole(one, way_um, is_last=i == last, is_single=is_single)
+        for i, (one, way_um) in enumerate(pairs)
+    ]
+
+
+def channel_depth_u95_um(setup: Setup, depth_um: float) -> float:
+    """Half the 95 % interval of a channel's mean depth, whose face is touched along its way."""
+    known = displacement(setup)
+    return COVERAGE * math.hypot(SET_U_UM, FACE_U_UM, known.gain_u_rel * depth_um, known.linearity_u_um)
+
+
+@dataclass(frozen=True, slots=True)
+class Displacement:
+    """Standard uncertainties of a displacement: of its scale, of any one length besides, of its drift."""
+
+    gain_u_rel: float
+    linearity_u_um: float
+    drift_u_um_per_s: float
+
+
+def displacement(setup: Setup) -> Displacement:
+    """What the setup says of its sensor; without one, what a calibration of another day keeps of it at best."""
+    sensor = setup.sensor
+    if sensor.fitted:
+        return Displacement(sensor.gain_u_rel, sensor.linearity_u_um, sensor.drift_um_per_s)
+    return Displacement(
+        math.hypot(sensor.gain_u_rel, GAIN_SD_BETWEEN_DAYS),
+        sensor.linearity_u_um,
+        max(sensor.drift_um_per_s, ZERO_DRIFT_UM_PER_S),
+    )
 
 
 class _Plan:
@@ -70,6 +114,7 @@ class _Plan:
         work, wear, tool = profile.work, profile.wear, profile.tool
         self._profile = profile
         self._setup = setup
+        self._displacement = displacement(setup)
         self._plane = plane
         self._area_um2 = hole_area_um2(tool.diameter_um, work.side_gap_um)
         self._estimate = ErosionEstimate(
@@ -82,17 +127,22 @@ class _Plan:
         self._wear_u_um = 0.0
         self._since_s = BETWEEN_S
 
-    def hole(self, one: Hole, away_um: float, *, is_last: bool) -> list[Cut]:
+    def hole(self, one: Hole, away_um: float, *, is_last: bool, is_single: bool) -> list[Cut]:
         """The cuts of the next hole."""
         target, wear = self._profile.target, self._profile.wear
-        if cut_budget(self._profile) == 1 or target.kind != "depth":
+        if target.kind != "depth":
             return [Cut(one.feed_um, measured=True)]
+        if cut_budget(self._profile) == 1:
+            found_u_um, _ = self._found_u_um(one.depth_um, self._face_u_um(away_um))
+            return [Cut(one.feed_um, measured=True, depth_u95_um=COVERAGE * found_u_um)]
+        counted = wear.remeasure not in ("auto", "sparing")
+        touches_final = counted or (is_single and wear.remeasure == "auto")
         fresh = self._estimate.fits == 0
         before = self._estimate if fresh else self._estimate.next_hole()
         estimate, face_u_um = before, self._face_u_um(away_um)
         cut_s = one.depth_um * (1.0 + estimate.wear_ratio) / feed_rate_um_s(self._profile, one.depth_um)
-        sensor = self._setup.sensor
-        sensed_u_um = math.hypot(sensor.linearity_u_um, sensor.gain_u_rel * one.depth_um)
+        known = self._displacement
+        sensed_u_um = math.hypot(known.linearity_u_um, known.gain_u_rel * one.depth_um)
         drift_um = self._drift_um(cut_s)
         start_u_um = math.hypot(READING_U_UM, self._wear_u_um, drift_um, face_u_um, sensed_u_um)
         gap_u_um = FIRST_GAP_U_UM if fresh else GAP_U_UM
@@ -109,8 +159,10 @@ class _Plan:
         cuts: list[Cut] = []
         depth_um = 0.0
         while True:
-            measured = cut.measured or wear.remeasure != "auto" or (is_last and not cuts)
-            cuts.append(Cut(cut.feed_um, measured))
+            measured = cut.measured or touches_final or (is_last and not cuts)
+            depth_u_um, worn_u_um = self._found_u_um(depth_um + cut.depth_um, face_u_um)
+            known_u_um = depth_u_um if measured else cut.depth_u_um
+            cuts.append(Cut(cut.feed_um, measured, COVERAGE * known_u_um))
             self._since_s += cut.feed_um / feed_rate_um_s(self._profile, one.depth_um)
             if not measured:
                 split = estimate.split(
@@ -119,7 +171,6 @@ class _Plan:
                 self._wear_u_um += split.wear_u_um
                 return cuts
             depth_um += cut.depth_um
-            depth_u_um, worn_u_um = self._found_u_um(depth_um, face_u_um)
             estimate = before.fitted(
                 self._energy(before, depth_um), depth_um, depth_u_um, before.wear_ratio * depth_um, worn_u_um
             )
@@ -148,12 +199,15 @@ class _Plan:
 
     def _drift_um(self, more_s: float = 0.0) -> float:
         """Drift since the last touch of the pad, now or `more_s` later."""
-        return self._setup.sensor.drift_um_per_s * (self._since_s + more_s)
+        return self._displacement.drift_u_um_per_s * (self._since_s + more_s)
 
     def _found_u_um(self, depth_um: float, face_u_um: float) -> tuple[float, float]:
         """Standard uncertainties of a measured depth, and of the wear that goes with it."""
-        sensor = self._setup.sensor
+        known = self._displacement
         wear_um = self._profile.wear.expected_ratio * depth_um
-        depth_u_um = math.hypot(SET_U_UM, sensor.gain_u_rel * depth_um, sensor.linearity_u_um, face_u_um)
-        wear_u_um = math.hypot(SET_U_UM, sensor.gain_u_rel * wear_um, sensor.linearity_u_um, self._drift_um())
+        between_um = known.drift_u_um_per_s * BETWEEN_S
+        depth_u_um = math.hypot(
+            SET_U_UM, known.gain_u_rel * depth_um, known.linearity_u_um, face_u_um, between_um
+        )
+        wear_u_um = math.hypot(SET_U_UM, known.gain_u_rel * wear_um, known.linearity_u_um, self._drift_um())
         return depth_u_um, wear_u_um

@@ -29,6 +29,27 @@ def tolerance(job: Job) -> Iterator[Finding]:
         )
 
 
+def depth_shown(job: Job) -> Iterator[Finding]:
+    """Rule 32: the depth will be known as well as it is wanted."""
+    target = job.profile.target
+    if target.kind != "depth":
+        return
+    u95_um = job.forecast.depth_u95_um
+    if u95_um > target.tolerance_um:
+        remedy = (
+            "place the hole nearer to the pad"
+            if job.setup.sensor.fitted
+            else "fit a displacement sensor: the gain of a calibrated actuator moves by 2.5 % between days"
+        )
+        yield Finding(
+            Code.NOT_SHOWN,
+            ("target", "tolerance_um"),
+            f"the depth cannot be shown: it will be known to about ± {u95_um:.2f} µm, and the tolerance is "
+            f"{target.tolerance_um:g} µm; the job will end with exit code 7",
+            f"permit {rounded_up(u95_um)} µm or more, or {remedy}",
+        )
+
+
 def feed_without_remeasuring(job: Job) -> Iterator[Finding]:
     """Rule 14: a feed target is one cut; only a depth target has something to measure in between."""
     profile = job.profile

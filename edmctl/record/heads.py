@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.errors import RunFileError
+from edmctl.labels import weakest, worst
 
+from .bases import labels_of
 from .create import NO_EXIT_CODE
 from .disk import PARTIAL
 from .doubt import reading_unverified
@@ -38,6 +40,9 @@ class RunHead:
     was left without a result. Of `through` of its sites, holes through a sheet, the depth is how far the tip went
     below the face.
 
+    `depth_basis` and `wear_basis` are those of the site that is known least, `verdict` is that of the worst; empty
+    without sites.
+
     `status` is `running` while its writer lives, `interrupted` when that was killed, else as the run ended.
     """
 
@@ -64,6 +69,9 @@ class RunHead:
     wear_um: float
     wear_u95_um: float
     machining_time_s: float
+    depth_basis: str
+    wear_basis: str
+    verdict: str
 
     @property
     def file_name(self) -> str:
@@ -136,6 +144,7 @@ def _head(run: RunFile) -> RunHead:
     exit_code = int(run.number("/entry/exit_code"))
     results = run.fields(RESULTS.path, _RESULTS)
     touched = {} if len(results) else run.summary() or {}
+    labels = labels_of(run) if len(results) else []
     estimated = estimated_depth(run)
     return RunHead(
         path=run.path,
@@ -163,6 +172,9 @@ def _head(run: RunFile) -> RunHead:
         wear_um=_mean(results["wear"]) if len(results) else plain_number(touched.get("wear_um")),
         wear_u95_um=_mean(results["wear_u95"]) if len(results) else plain_number(touched.get("wear_u95_um")),
         machining_time_s=float(np.sum(results["machining_time"])) if len(results) else math.nan,
+        depth_basis=weakest(one.depth_basis for one in labels) or str(touched.get("depth_basis") or ""),
+        wear_basis=weakest(one.wear_basis for one in labels) or str(touched.get("wear_basis") or ""),
+        verdict=worst(one.verdict for one in labels),
     )
 
 

@@ -354,6 +354,11 @@ RESULTS = Table(
         Column("stops", "measuring_stops", "u2", PURE, "times that bottom and pad were touched"),
         Column("estimated", "estimated_um", "f8", "um", "part of the depth cut after the last touch"),
         Column("through", "through", "u1", PURE, "1 when the hole goes through the sheet"),
+        Column(
+            "depth_basis", "depth_basis", "S9", TEXT, "`touched`, `estimated`, or `model` without a sensor"
+        ),
+        Column("wear_basis", "wear_basis", "S9", TEXT, "the same of the wear"),
+        Column("verdict", "verdict", "S9", TEXT, "`shown`, `missed` or `not shown`; empty for a feed"),
     ),
 )
 

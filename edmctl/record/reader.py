@@ -113,9 +113,9 @@ class RunFile:
         rows: NDArray[np.void] = self._file[path][start:]
         return rows
 
-    def fields(self, path: str, names: Sequence[str]) -> NDArray[np.void]:
-        """Return some fields of a compound table, all of them numbers."""
-        return read_fields(self._file, path, names)
+    def fields(self, path: str, numbers: Sequence[str], words: Sequence[str] = ()) -> NDArray[np.void]:
+        """Return some fields of a compound table: numbers, and words as bytes."""
+        return read_fields(self._file, path, numbers, words)
 
     def text(self, path: str) -> str:
         """Return a text, for instance `/entry/status`; empty where an older file has none."""

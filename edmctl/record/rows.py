@@ -234,6 +234,11 @@ class SiteRow:
     """Part of the depth that was cut after the last touch, and is estimated."""
     through: bool = False
     """The hole goes through the sheet: `depth` is how far the tip went below the face, `z2` where the tip ended."""
+    depth_basis: str = ""
+    """What the depth rests on, a `Basis`."""
+    wear_basis: str = ""
+    verdict: str = ""
+    """A `Verdict`; empty where no depth was wanted."""
 
 
 @dataclass(frozen=True, slots=True)

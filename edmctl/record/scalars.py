@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 _TEXT = h5py.string_dtype()
 _TEXT_TYPE = h5t.py_create(_TEXT)
+_WORD = h5py.string_dtype("utf-8", 16)
+"""No word of a table is longer."""
 
 
 def read_text(file: h5py.File, path: str) -> str:
@@ -40,14 +42,18 @@ def read_number(file: h5py.File, path: str) -> float:
     return float(value)
 
 
-def read_fields(file: h5py.File, path: str, names: Sequence[str]) -> NDArray[np.void]:
-    """Return the fields `names` of a compound table as float64, shape (rows,). Raises what h5py raises.
+def read_fields(
+    file: h5py.File, path: str, numbers: Sequence[str], words: Sequence[str] = ()
+) -> NDArray[np.void]:
+    """Return fields of a compound table, shape (rows,): float64, and bytes of a word. Raises what h5py raises.
 
-    A field that an older file does not have is 0.
+    A field that an older file does not have is 0, or empty.
     """
     dataset = h5d.open(file.id, path.encode())
     (rows,) = dataset.shape
-    table: NDArray[np.void] = np.zeros(rows, [(name, np.float64) for name in names])
+    table: NDArray[np.void] = np.zeros(
+        rows, [*((name, "f8") for name in numbers), *((name, _WORD) for name in words)]
+    )
     if rows:
         dataset.read(h5s.ALL, h5s.ALL, table)
     return table

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.labels import Basis
 from edmctl.report.envelopes import envelopes
 from edmctl.report.numbers import numbers_of, target_depths_um
 from edmctl.report.style import (
@@ -102,7 +103,7 @@ def _depth_line(run: RunFile) -> tuple[Array, Array]:
 
 
 def _results(axes: Axes, names: Sequence[str], numbers: Sequence[RunNumbers], quantity: str) -> None:
-    """One point a run with its 95 % interval."""
+    """One point a run with its 95 % interval, open where it was not touched."""
     for number, of_run in enumerate(numbers):
         axes.errorbar(
             number,
@@ -110,11 +111,16 @@ def _results(axes: Axes, names: Sequence[str], numbers: Sequence[RunNumbers], qu
             yerr=of_run.mean(f"{quantity}_u95_um"),
             fmt="o",
             color=_COLOURS[number % len(_COLOURS)],
+            markerfacecolor="white"
+            if of_run.basis(quantity) == Basis.ESTIMATED
+            else _COLOURS[number % len(_COLOURS)],
             markersize=3.5,
             capsize=2.5,
             elinewidth=LINE,
             capthick=LINE,
         )
+    if any(of_run.basis(quantity) == Basis.ESTIMATED for of_run in numbers):
+        axes.set_title("open: not touched", loc="right", pad=3.0)
     axes.set_xticks(range(len(names)), names)
     axes.set_xlim(-0.6, len(names) - 0.4)
     axes.margins(y=0.15)

@@ -45,7 +45,8 @@ class Setting:
 class Amount:
     """A quantity in one run, and against the first run. What is not known is NaN.
 
-    `difference_u95` combines the uncertainties of both; `beyond` says that the difference is larger.
+    `difference_u95` combines the uncertainties of both; `beyond` says that the difference is larger. `basis` is what
+    a depth or wear rests on, empty for all else.
     """
 
     value: float
@@ -53,6 +54,7 @@ class Amount:
     difference: float
     difference_u95: float
     beyond: bool
+    basis: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +168,7 @@ def _quantities(runs: Sequence[RunFile], numbers: Sequence[RunNumbers]) -> list[
     several = any(len(n.sites) > 1 for n in numbers)
     mean, total = ("mean ", "total ") if several else ("", "")
     depth = _depth_name([n.depth_name for n in numbers])
-    nothing = [math.nan] * len(runs)
+    nothing, nobody = [math.nan] * len(runs), [""] * len(runs)
 
     def means(key: str) -> list[float]:
         # A run without sites may have measured a hole all the same, as `measure-wear` does.
@@ -181,11 +183,13 @@ def _quantities(runs: Sequence[RunFile], numbers: Sequence[RunNumbers]) -> list[
 
     mrr = [n.mrr_mm3_min for n in numbers]
     lengths, volumes = [n.wear_ratio_lin for n in numbers], [n.wear_ratio_vol for n in numbers]
+    depth_shown = _Shown("depth_um", f"{mean}{depth}, µm")
+    wear_shown = _Shown("wear_um", f"{mean}tool wear, µm")
     rows = [
-        (_Shown("depth_um", f"{mean}{depth}, µm"), means("depth_um"), means("depth_u95_um")),
+        (depth_shown, means("depth_um"), means("depth_u95_um")),
         (_Shown("est_depth_um", "depth when left (estimated), µm", 1), *_estimates(runs)),
         (_Shown("truth_depth_um", f"{mean}true depth (simulated), µm"), means("truth_depth_um"), nothing),
-        (_Shown("wear_um", f"{mean}tool wear, µm"), means("wear_um"), means("wear_u95_um")),
+        (wear_shown, means("wear_um"), means("wear_u95_um")),
         (_Shown("truth_wear_um", f"{mean}true wear (simulated), µm"), means("truth_wear_um"), nothing),
         (_Shown("wear_ratio_lin", "wear ratio, lengths", 3), lengths, [_wear_ratio_u95(n) for n in numbers]),
         (_Shown("wear_ratio_vol", "wear ratio, volumes", 3), volumes, nothing),
@@ -204,7 +208,14 @@ def _quantities(runs: Sequence[RunFile], numbers: Sequence[RunNumbers]) -> list[
             for name in CLASSES
         ),
     ]
-    found = [_quantity(shown, values, u95s) for shown, values, u95s in rows]
+    bases = {
+        shown: [
+            n.basis(shown.key) or str((run.summary() or {}).get(shown.key.replace("_um", "_basis"), ""))
+            for run, n in zip(runs, numbers, strict=True)
+        ]
+        for shown in (depth_shown, wear_shown)
+    }
+    found = [_quantity(shown, values, u95s, bases.get(shown, nobody)) for shown, values, u95s in rows]
     found[0] = _of_a_kind(found[0], [n.depth_name for n in numbers])
     return [quantity for quantity in found if any(math.isfinite(a.value) for a in quantity.amounts)]
 
@@ -220,19 +231,29 @@ def _places(numbers: Sequence[RunNumbers]) -> list[Quantity]:
         ways = [TIP if site.through else "depth" for site in there]
         depth = _Shown("depth_um", f"{name} {_depth_name(ways)}, µm")
         wear = _Shown("wear_um", f"{name} tool wear, µm")
-        depths = _quantity(depth, [site.depth_um for site in there], [site.depth_u95_um for site in there])
-        found += [
-            _of_a_kind(depths, ways),
-            _quantity(wear, [site.wear_um for site in there], [site.wear_u95_um for site in there]),
-        ]
+        depths = _quantity(
+            depth,
+            [site.depth_um for site in there],
+            [site.depth_u95_um for site in there],
+            [site.depth_basis for site in there],
+        )
+        wears = _quantity(
+            wear,
+            [site.wear_um for site in there],
+            [site.wear_u95_um for site in there],
+            [site.wear_basis for site in there],
+        )
+        found += [_of_a_kind(depths, ways), wears]
     return found
 
 
-def _quantity(shown: _Shown, values: Sequence[float], u95s: Sequence[float]) -> Quantity:
+def _quantity(
+    shown: _Shown, values: Sequence[float], u95s: Sequence[float], bases: Sequence[str]
+) -> Quantity:
     amounts = []
-    for value, u95 in zip(values, u95s, strict=True):
+    for value, u95, basis in zip(values, u95s, bases, strict=True):
         difference, u95_of_it = value - values[0], math.hypot(u95, u95s[0])
-        amounts.append(Amount(value, u95, difference, u95_of_it, abs(difference) > u95_of_it))
+        amounts.append(Amount(value, u95, difference, u95_of_it, abs(difference) > u95_of_it, basis))
     return Quantity(shown.key, shown.name, shown.decimals, shown.factor, tuple(amounts))
 
 

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from edmctl.labels import weakest
+from edmctl.record.bases import labels_of
 from edmctl.wording import TIP
 
 if TYPE_CHECKING:
@@ -14,6 +16,7 @@ if TYPE_CHECKING:
 
     import numpy as np
 
+    from edmctl.record.bases import Labels
     from edmctl.record.reader import RunFile
 
 CLASSES = ("open", "normal", "arc", "short")
@@ -60,6 +63,11 @@ class SiteNumbers:
     """The hole goes through the sheet: `depth_um` is how far the tip went below the face, `z2_um` where it ended."""
     length_um: float
     """How long the hole is: its depth, or the thickness of the sheet that it goes through."""
+    depth_basis: str
+    """What the depth rests on, a `Basis`."""
+    wear_basis: str
+    verdict: str
+    """A `Verdict`, or empty."""
     truth_depth_um: float
     """What the virtual machine knows of itself; NaN on a real one, and the depth of a hole through the sheet."""
     truth_wear_um: float
@@ -87,6 +95,10 @@ class RunNumbers:
             if self.sites
             else math.nan
         )
+
+    def basis(self, name: str) -> str:
+        """What the mean of a depth or wear rests on: `depth_um` on the weakest `depth_basis`."""
+        return weakest(getattr(site, f"{name.removesuffix('_um')}_basis") for site in self.sites)
 
     def total(self, name: str) -> float:
         """Sum of a field of the sites."""
@@ -137,7 +149,8 @@ def numbers_of(run: RunFile) -> RunNumbers:
     """Read the results of a run; without any, the numbers of no sites."""
     truths = dict(_truths(run.summary() or {}))
     thickness_um = run.number("/entry/sample/thickness")
-    return RunNumbers(tuple(_site(row, truths, thickness_um) for row in run.table("/entry/results")))
+    rows = zip(run.table("/entry/results"), labels_of(run), strict=True)
+    return RunNumbers(tuple(_site(row, labels, truths, thickness_um) for row, labels in rows))
 
 
 def _truths(summary: Mapping[str, object]) -> Iterator[tuple[str, Mapping[str, object]]]:
@@ -149,7 +162,9 @@ def _truths(summary: Mapping[str, object]) -> Iterator[tuple[str, Mapping[str, o
             yield str(place.get("name")), truth
 
 
-def _site(row: np.void, truths: Mapping[str, Mapping[str, object]], thickness_um: float) -> SiteNumbers:
+def _site(
+    row: np.void, labels: Labels, truths: Mapping[str, Mapping[str, object]], thickness_um: float
+) -> SiteNumbers:
     name = row["site"].decode(errors="ignore")
     through = bool(_later(row, "through"))
     truth = truths.get(name, {})
@@ -179,6 +194,9 @@ def _site(row: np.void, truths: Mapping[str, Mapping[str, object]], thickness_um
         estimated_um=_later(row, "estimated"),
         through=through,
         length_um=thickness_um if through else float(row["depth"]),
+        depth_basis=labels.depth_basis,
+        wear_basis=labels.wear_basis,
+        verdict=labels.verdict,
         truth_depth_um=math.nan if through else _number(truth.get("depth_um")),
         truth_wear_um=_number(truth.get("wear_um")),
     )

@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from edmctl.labels import Verdict, heading, marked, meanings
 from edmctl.report.numbers import CLASSES, numbers_of
 from edmctl.wording import (
     TIP,
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from edmctl.record.reader import RunFile
     from edmctl.report.numbers import RunNumbers, SiteNumbers
 
-U95_NOTE = "± is half the 95 % interval of what was measured; lengths in µm."
+U95_NOTE = "± is half the 95 % interval of a result; lengths in µm."
 FEED_NOTE = "Feed is depth and wear together; its ± is at most the sum of theirs."
 TRUTH = "truth (simulated)"
 
@@ -46,7 +47,7 @@ class PageTable:
 
 
 def results(numbers: RunNumbers) -> PageTable | None:
-    """What was measured, a row for each quantity of one hole, or a row for each of several."""
+    """What was found, a row for each quantity of one hole, or a row for each of several."""
     if not numbers.sites:
         return None
     if len(numbers.sites) == 1:
@@ -59,8 +60,8 @@ def results(numbers: RunNumbers) -> PageTable | None:
             site.name,
             decimal(site.x_um, 1),
             decimal(site.y_um, 1),
-            with_u95(site.depth_um, site.depth_u95_um),
-            with_u95(site.wear_um, site.wear_u95_um),
+            marked(with_u95(site.depth_um, site.depth_u95_um), site.depth_basis),
+            marked(with_u95(site.wear_um, site.wear_u95_um), site.wear_basis),
             decimal(site.feed_um),
             f"{duration(site.machining_time_s)}{', through' if site.through else ''}",
             str(site.cuts),
@@ -70,13 +71,22 @@ def results(numbers: RunNumbers) -> PageTable | None:
         for site in numbers.sites
     ]
     per = "the thickness of the sheet" if numbers.depth_name == TIP else "depth"
-    note = f"{U95_NOTE} {FEED_NOTE} Wear ratio is wear over {per}."
+    told = meanings({basis for site in numbers.sites for basis in (site.depth_basis, site.wear_basis)})
+    note = " ".join([U95_NOTE, FEED_NOTE, f"Wear ratio is wear over {per}.", *told])
+    if any(_doubt(site) for site in numbers.sites):
+        header.append("verdict")
+        rows = [[*row, site.verdict] for row, site in zip(rows, numbers.sites, strict=True)]
     return PageTable("What each site has become", header, rows, note)
 
 
 def _one_site(site: SiteNumbers) -> PageTable:
     truth = site.truth
-    header = [site.name, "measured", "from voltage alone", *([TRUTH] if truth else [])]
+    bases = (site.depth_basis, site.wear_basis)
+    header = [site.name, heading(bases), "from voltage alone", *([TRUTH] if truth else [])]
+    depth_um = with_u95(site.depth_um, site.depth_u95_um)
+    wear_um = with_u95(site.wear_um, site.wear_u95_um)
+    if site.depth_basis != site.wear_basis:
+        depth_um, wear_um = marked(depth_um, site.depth_basis), marked(wear_um, site.wear_basis)
 
     def row(name: str, measured: str, model: str = "", true: float = math.nan) -> list[str]:
         ending = [decimal(true) if math.isfinite(true) else ""] if truth else []
@@ -86,13 +96,13 @@ def _one_site(site: SiteNumbers) -> PageTable:
     rows = [
         row(
             f"{TIP}, Z2 − Z3" if site.through else "depth, Z2 − Z3",
-            with_u95(site.depth_um, site.depth_u95_um),
+            depth_um,
             decimal(site.depth_model_um),
             site.truth_depth_um,
         ),
         row(
             "tool wear, Z3 − Z1",
-            with_u95(site.wear_um, site.wear_u95_um),
+            wear_um,
             decimal(site.wear_model_um),
             site.truth_wear_um,
         ),
@@ -106,11 +116,17 @@ def _one_site(site: SiteNumbers) -> PageTable:
         row("wear ratio, lengths", decimal(site.wear_ratio_lin, 3)),
         row("wear ratio, volumes", decimal(site.wear_ratio_vol, 3)),
         row("discharge energy, J", significant(site.energy_j)),
+        row("verdict", site.verdict if _doubt(site) else ""),
     ]
     shown = [row for row in rows if {*row[1:]} - {"", UNKNOWN}]
-    return PageTable(
-        "Results", header, shown, f"{U95_NOTE} {FEED_NOTE if math.isfinite(site.feed_um) else ''}".rstrip()
-    )
+    told = meanings(bases) if site.depth_basis != site.wear_basis else []
+    notes = [U95_NOTE, FEED_NOTE if math.isfinite(site.feed_um) else "", *told]
+    return PageTable("Results", header, shown, " ".join(filter(None, notes)))
+
+
+def _doubt(site: SiteNumbers) -> bool:
+    """Whether a hole is not as it was wanted, or not shown to be."""
+    return site.verdict in (Verdict.MISSED, Verdict.NOT_SHOWN)
 
 
 def pulses(numbers: RunNumbers) -> PageTable | None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.labels import Basis
 from edmctl.record import layout
 from edmctl.record.happened import happened
 from edmctl.record.told import Told
@@ -36,13 +37,14 @@ SAME_HOLE_SHARE = 0.5
 class ToldDepth:
     """Depth and wear of a hole at a time, µm, NaN where unknown: a hole through the sheet has no depth to tell.
 
-    `hole` numbers the holes from 0 in the order in which they were cut; `touched` is whether the values were
-    measured, not taken from feed and energy.
+    `hole` numbers the holes from 0 in the order in which they were cut; `touched` and `wear_touched` are whether
+    depth and wear were touched, not taken from feed and energy.
     """
 
     time_s: float
     hole: int
     touched: bool
+    wear_touched: bool
     depth_um: float
     depth_u95_um: float
     wear_um: float
@@ -55,6 +57,7 @@ def told_depths(run: RunFile, began_s: Array) -> list[ToldDepth]:
         ToldDepth(
             event.time_s,
             _hole(began_s, event.time_s),
+            event.told != Told.SITE_ESTIMATED,
             event.told != Told.SITE_ESTIMATED,
             *(event.number(name) for name in ("depth_um", "depth_u95_um", "wear_um", "wear_u95_um")),
         )
@@ -83,17 +86,6 @@ def beginnings_s(run: RunFile) -> Array:
     return np.array(began)
 
 
-def was_touched(site: SiteNumbers) -> bool:
-    """Whether bottom and pad were touched after the last cut; else the result is by feed and energy."""
-    return site.measuring_stops > 0 and not site.estimated_um > 0.0
-
-
-def has_sensor(run: RunFile) -> bool:
-    """Whether a displacement sensor took the readings; without one they are estimates from the actuator voltage."""
-    touches = run.table(layout.TOUCHES.path)
-    return not len(touches) or bool(np.isfinite(touches["z_sensor"]).any())
-
-
 def _of_results(run: RunFile, sites: Sequence[SiteNumbers], began_s: Array) -> list[ToldDepth]:
     """Results at the last touch of their sites; holes through the sheet have no bottom that was touched."""
     last_s = {
@@ -113,7 +105,8 @@ def _of_results(run: RunFile, sites: Sequence[SiteNumbers], began_s: Array) -> l
 
 def _result(site: SiteNumbers, time_s: float, hole: int) -> ToldDepth:
     values = (site.depth_um, site.depth_u95_um, site.wear_um, site.wear_u95_um)
-    return ToldDepth(time_s, hole, was_touched(site), *values)
+    depth, wear = (basis != Basis.ESTIMATED for basis in (site.depth_basis, site.wear_basis))
+    return ToldDepth(time_s, hole, depth, wear, *values)
 
 
 def _hole(began_s: Array, time_s: float) -> int:

@@ -259,3 +259,23 @@ def test_a_bug_is_one_line_and_debug_shows_where(
     assert len(said.err.splitlines()) == 2
     assert main(["machine", *SHALLOW, "--debug"]) == 1
     assert "Traceback" in capsys.readouterr().err
+
+
+def test_a_depth_that_cannot_be_shown_is_told_before_any_spark_and_afterwards(here: Here) -> None:
+    """A sensor whose scale is known to 20 % leaves 8 µm unknown by more than the tolerance of 2 µm."""
+    Path("coarse.toml").write_text("[sensor]\ngain_u_rel = 0.2\n", encoding="utf-8")
+    job = ("machine", *SHALLOW, "--set", "wear.max_cuts=1", "--setup", "coarse.toml")
+    forecast = here(*job, "--dry-run", "--json")
+    assert forecast.exit_code == 0
+    assert [warning["code"] for warning in forecast.document["warnings"]] == ["W3132"]
+    foretold_um = forecast.document["result"]["forecast"]["depth_u95_um"]
+    said = here(*job, "--seed", "1", "--run-id", "unknown", "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (7, "E7013")
+    assert [warning["code"] for warning in said.document["warnings"]] == ["W3132"]
+    (site,) = said.document["result"]["sites"]
+    assert (site["verdict"], site["depth_basis"], site["wear_basis"]) == ("not shown", "touched", "touched")
+    assert abs(site["depth_um"] - 8.0) <= 2.0 < site["depth_u95_um"]
+    assert site["depth_u95_um"] == pytest.approx(foretold_um, rel=0.25)
+    assert "not shown (7)" in here("run", "list").out
+    assert "not shown to be right" in here("run", "explain", "runs/unknown.h5").out
+    assert "verdict              not shown" in here("run", "show", "runs/unknown.h5").out

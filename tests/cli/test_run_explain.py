@@ -250,7 +250,7 @@ def sheet_is_known_by_its_tip(here: Here, file: Path) -> None:
     text = here("run", "show", str(file)).out
     assert "tip below the face" in text
     assert "Z2 tip at the end" in text
-    assert f"tip {site['depth_um']:.2f} ±" in here("run", "list", str(file)).out
+    assert f"tip ~{site['depth_um']:.2f} ±" in here("run", "list", str(file)).out
     compared = here("run", "compare", str(file), str(file)).out
     assert "tip below the face, µm" in compared
     exported = here(

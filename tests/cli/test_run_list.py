@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pytest
 
 from edmctl.console.runs_table import render_runs, size, start_utc
 from edmctl.record.heads import read_head
+from edmctl.record.writer import RunWriter
 from tests.cli.run_files import begun, finished, killed
+from tests.record.samples import a_meta, a_site_row
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -40,6 +43,21 @@ def test_a_row_says_what_became_of_a_run(here: Here, tmp_path: Path) -> None:
     assert run["wear_u95_um"] == 1.1
     assert (run["sites"], run["seed"], run["simulated"], run["exit_code"]) == (1, 7, True, 6)
     assert run["error"] is None
+
+
+def test_what_was_not_touched_is_marked(here: Here, tmp_path: Path) -> None:
+    bases = {"estimated": "~180.00 ± 0.90", "model": "≈180.00 ± 0.90", "touched": " 180.00 ± 0.90"}
+    for basis in bases:
+        writer = RunWriter.create(tmp_path / f"{basis}.h5", a_meta())
+        writer.site_result(replace(a_site_row(), depth_basis=basis, wear_basis="touched", verdict="shown"))
+        writer.finish("done", 0)
+    said = here("run", "list", str(tmp_path)).out
+    rows = {line.split()[0]: line for line in said.splitlines() if "±" in line}
+    for basis, text in bases.items():
+        assert text in rows[basis]
+        assert " 70.00 ± 1.10" in rows[basis]
+    assert "~ estimated by feed and energy, not touched." in said
+    assert "≈ touched without a sensor" in said
 
 
 def test_files_that_cannot_be_read_are_rows_too(here: Here, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import signal
 import subprocess
 import sys
@@ -62,7 +63,12 @@ def test_a_job_is_shown_with_the_figures_of_its_own_result(here: Here) -> None:
     site = made.document["result"]["sites"][0]
     said = here("run", "show", "runs/one.h5")
     assert (said.exit_code, said.err) == (0, "")
-    assert f"{site['depth_um']:.2f} ± {site['depth_u95_um']:.2f} µm" in said.out
+    depth = re.search(r"^depth +([\d.]+) ± ([\d.]+) µm", said.out, re.MULTILINE)
+    assert depth is not None
+    assert [float(text) for text in depth.groups()] == pytest.approx(
+        [site["depth_um"], site["depth_u95_um"]], abs=0.006
+    )
+    assert (site["depth_basis"], site["verdict"]) == ("touched", "shown")
     assert f"{site['truth']['depth_um']:.2f} µm" in said.out
     assert "wanted was a depth of 8 ± 2 µm in Cu" in said.out
     assert "No faults, no warnings." in said.out

@@ -12,6 +12,7 @@ from edmctl.cli.job import Truth
 from edmctl.cli.spread import Run, RunSite, summarize
 from edmctl.cli.sweep import parse_sweep
 from edmctl.errors import UsageError
+from edmctl.labels import Basis, Verdict
 from tests.cli.commands import SHALLOW, in_process_of_its_own
 
 if TYPE_CHECKING:
@@ -30,8 +31,19 @@ def run(seed: int, depth_um: float, true_um: float, *, ok: bool = True) -> Run:
     )
 
 
-def site(name: str, depth_um: float, true_um: float) -> RunSite:
-    return RunSite(name, depth_um, 1.0, 70.0, 2.0, 2, Truth(true_um, 70.5))
+def site(name: str, depth_um: float, true_um: float, basis: Basis = Basis.TOUCHED) -> RunSite:
+    return RunSite(
+        name=name,
+        depth_um=depth_um,
+        depth_u95_um=1.0,
+        wear_um=70.0,
+        wear_u95_um=2.0,
+        measuring_stops=2,
+        depth_basis=basis,
+        wear_basis=basis,
+        verdict=Verdict.SHOWN,
+        truth=Truth(true_um, 70.5),
+    )
 
 
 def test_all_holes_of_an_array_are_summed_up() -> None:
@@ -40,6 +52,22 @@ def test_all_holes_of_an_array_are_summed_up() -> None:
     assert case.spreads["depth_um"].mean == 20.5
     assert case.truth["depth_um"].minimum == 19.5
     assert case.coverage["depth"] == 0.5
+
+
+def test_a_spread_is_over_values_of_one_basis() -> None:
+    holes = (
+        site("a", 20.1, 20.2),
+        site("b", 19.7, 19.5),
+        *(site(name, 20.0, 20.4, Basis.ESTIMATED) for name in "cd"),
+        site("e", 21.0, 20.4, Basis.MODEL),
+    )
+    case = summarize("array", (), [replace(run(1, 20.0, 20.0), sites=holes)])
+    assert (case.spreads["depth_um"].minimum, case.spreads["depth_um"].maximum) == (19.7, 20.1)
+    assert case.spreads["depth_error_um"].mean == pytest.approx(0.05)
+    assert (case.estimated["depth_um"].mean, case.estimated["depth_um"].sd) == (20.0, 0.0)
+    assert case.estimated["depth_error_um"].mean == pytest.approx(-0.4)
+    assert case.by_model["depth_um"].mean == 21.0
+    assert "depth_um" not in summarize("cu270", (), []).estimated
 
 
 def test_a_case_sums_up_its_runs() -> None:

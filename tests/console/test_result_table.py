@@ -87,6 +87,39 @@ def test_a_depth_that_was_not_touched_at_the_end_says_so() -> None:
     assert "not touched" not in render_job(Job())
 
 
+def test_what_was_not_touched_does_not_stand_under_measured() -> None:
+    def first_lines(depth_basis: str, wear_basis: str) -> str:
+        site = Site(depth_basis=depth_basis, wear_basis=wear_basis)
+        return "\n".join(render_job(Job(sites=(site,))).splitlines()[:3])
+
+    assert "measured" in first_lines("touched", "touched")
+    assert "measured" not in first_lines("estimated", "estimated")
+    assert "by model" in first_lines("model", "model")
+    mixed = first_lines("estimated", "touched")
+    assert "measured" not in mixed
+    assert "~180.21 ± 0.62 µm" in mixed
+    assert "  70.03 ± 0.55 µm" in mixed
+    assert "~ estimated" in render_job(Job(sites=(Site(depth_basis="estimated"),)))
+
+
+def test_a_line_of_many_sites_marks_what_was_not_touched() -> None:
+    sites = (Site(name="a"), Site(name="b", depth_basis="estimated", wear_basis="estimated"), Site(name="c"))
+    text = render_job(Job(sites=sites))
+    rows = {line.split()[0]: line for line in text.splitlines()[1:4]}
+    assert "~180.21 ± 0.62" in rows["b"]
+    assert "~70.03 ± 0.55" in rows["b"]
+    assert "~" not in rows["a"]
+    assert "~ estimated by feed and energy, not touched." in text
+
+
+def test_a_depth_that_is_missed_or_not_shown_says_so() -> None:
+    assert "verdict" not in render_job(Job())
+    assert "verdict              not shown" in render_job(Job(sites=(Site(verdict="not shown"),)))
+    many = render_job(Job(sites=(Site(), Site(), Site(name="bad", verdict="missed"))), columns=120)
+    assert next(line for line in many.splitlines() if line.startswith("bad")).endswith("missed")
+    assert "not shown" in render_job(Job(sites=(), channel=Channel(verdict="not shown")))
+
+
 def test_a_channel_has_its_floor_and_what_is_true_of_it() -> None:
     text = render_job(Job(sites=(), channel=Channel()), (), channel_truth=ChannelTruth())
     assert "25.10 ± 0.60 µm" in text

@@ -23,6 +23,8 @@ class Case:
     spreads: dict[str, Spread] = field(
         default_factory=lambda: {"depth_um": Spread(180.25), "depth_error_um": Spread(0.75)}
     )
+    by_model: dict[str, Spread] = field(default_factory=dict)
+    estimated: dict[str, Spread] = field(default_factory=dict)
     truth: dict[str, Spread] = field(
         default_factory=lambda: {"depth_um": Spread(179.5), "wear_um": Spread(70.0)}
     )
@@ -34,6 +36,14 @@ def test_truth_and_measurement_have_rows_of_their_own() -> None:
     assert "179.50" in rows["true depth"]
     assert "70.00" in rows["true wear"]
     assert "180.25" in rows["depth"]
+
+
+def test_what_was_not_touched_has_rows_of_its_own() -> None:
+    case = Case(spreads={}, estimated={"depth_um": Spread(180.0, 0.0)}, by_model={"wear_um": Spread(71.5)})
+    rows = {line.split(",")[0]: line for line in render_cases([case]).splitlines()}
+    assert "180.00   0.00" in rows["depth estimated"]
+    assert "71.50" in rows["tool wear by model"]
+    assert not {"depth", "tool wear"} & set(rows)
 
 
 def test_an_overview_leads_with_the_truth() -> None:

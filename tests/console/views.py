@@ -65,6 +65,9 @@ class Truth:
 @dataclass(frozen=True, slots=True)
 class Site:
     name: str = "site 1"
+    depth_basis: str = "touched"
+    wear_basis: str = "touched"
+    verdict: str | None = "shown"
     depth_um: float = 180.21
     depth_u95_um: float = 0.62
     wear_um: float = 70.03
@@ -94,6 +97,9 @@ class ChannelTruth:
 @dataclass(frozen=True, slots=True)
 class Channel:
     name: str = "spiral"
+    depth_basis: str = "touched"
+    wear_basis: str = "touched"
+    verdict: str | None = "shown"
     length_um: float = 8123.0
     layers: int = 12
     passes: int = 19

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pytest
 
+from edmctl.labels import Basis, Verdict
 from edmctl.procedures import channel, channel_layers
 from edmctl.procedures.channel import machine_channel, way_of_path
 from edmctl.procedures.channel_layers import wear_of
 from edmctl.procedures.channel_result import ChannelResult, FloorPlace, FloorReading
 from edmctl.procedures.channel_touch import Face
 from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.goal import Goal
 from edmctl.procedures.time_limits import TimeLeft, TimeLimits
 from edmctl.procedures.touch import SurfaceReading
+from edmctl.procedures.verdict import judged_channel
 from edmctl.process.path import even_places
 from edmctl.process.plane import Plane
 from edmctl.process.wear import Reading
@@ -180,6 +184,15 @@ def test_an_uneven_floor_misses_the_objective(make: Callable[..., Made]) -> None
     assert "uneven" in done.decision.missed
     assert done.decision.code == "E7010"
     assert RunEvent.TARGET_MISSED in done.noted.codes
+
+
+def test_a_floor_that_nobody_knows_well_enough_is_not_shown(make: Callable[..., Made]) -> None:
+    done = make()
+    goal = Goal("depth", TARGET_UM, math.nan, 2.0)
+    assert judged_channel(goal, done.found).verdict is Verdict.SHOWN
+    assert judged_channel(goal, replace(done.found, depth_u95_um=2.1)).verdict is Verdict.NOT_SHOWN
+    assert judged_channel(replace(goal, depth_um=TARGET_UM + 3.0), done.found).verdict is Verdict.MISSED
+    assert (done.found.depth_basis, done.found.wear_basis) == (Basis.TOUCHED, Basis.TOUCHED)
 
 
 def test_when_the_time_is_up_what_was_cut_is_measured(make: Callable[..., Made]) -> None:

@@ -34,7 +34,12 @@ def blind() -> Done:
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_depth_and_wear_hold_the_truth_within_their_uncertainty(shop: OpenShop, seed: int) -> None:
-    s = shop(('target={kind="depth",depth_um=40.0}',), seed=seed, calibration=calibrated(seed), sensor=False)
+    s = shop(
+        ('target={kind="depth",depth_um=40.0,tolerance_um=4.0}',),
+        seed=seed,
+        calibration=calibrated(seed),
+        sensor=False,
+    )
     (site,) = s.run_job().sites
     truth_um = s.bench.truth()[0].depth_um
     assert abs(site.depth_um - truth_um) <= site.depth_u95_um

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from edmctl.profile import load_profile
 from edmctl.profile.forecast import Forecast, forecast
 from edmctl.profile.measuring_time import approach_time_s, jumps_time_s, touch_time_s
 from edmctl.profile.rates import RECOVERY_S
-from edmctl.profile.setup import Setup
+from edmctl.profile.setup import Sensor, Setup
 
 
 def forecast_of(name: str, *overrides: str) -> Forecast:
@@ -115,7 +117,26 @@ def test_what_one_hole_teaches_spares_the_others_their_stops() -> None:
 
 
 def test_a_tool_that_hardly_wears_is_measured_once() -> None:
-    assert (forecast_of("w252").cuts, forecast_of("w252").stops) == (2, 1)
+    sparing = forecast_of("w252", "wear.remeasure=sparing")
+    assert (sparing.cuts, sparing.stops) == (2, 1)
+
+
+def test_the_end_of_a_single_hole_is_touched_and_not_that_of_every_hole_of_an_array() -> None:
+    assert (forecast_of("w252").cuts, forecast_of("w252").stops) == (2, 2)
+    assert array_of().stops < array_of("wear.remeasure=1").stops
+    assert array_of("wear.remeasure=sparing").stops == array_of().stops
+
+
+def test_the_interval_of_the_depth_is_foretold() -> None:
+    """Seed 2 of the profile ends with 180.00 ± 1.14 µm."""
+    assert forecast_of("cu270").depth_u95_um == pytest.approx(1.14, abs=0.1)
+    assert math.isnan(forecast_of("foil-through").depth_u95_um)
+
+
+def test_a_machine_without_a_sensor_knows_its_depths_by_the_gain_of_its_calibration() -> None:
+    loaded = load_profile("cu270")
+    bare = Setup(sensor=Sensor(fitted=False))
+    assert forecast(loaded.profile, bare).depth_u95_um == pytest.approx(2.0 * 0.025 * 180.0, rel=0.1)
 
 
 def test_the_way_between_places_takes_its_time() -> None:

@@ -256,6 +256,13 @@ CASES = [
         ("0.57 µm", "3 touches", "0.5 µm", "0.58 µm"),
     ),
     Case(
+        Code.NOT_SHOWN,
+        ("target.tolerance_um=1.3",),
+        ("target.tolerance_um=1",),
+        "target.tolerance_um",
+        ("± 1.1", "1 µm", "exit code 7"),
+    ),
+    Case(
         Code.FILTER,
         ("servo.filter_hz=115",),
         ("servo.filter_hz=116",),
@@ -348,6 +355,7 @@ def test_a_rule_passes_refuses_and_says_its_numbers(case: Case) -> None:
         (Code.PULSE_TIMES, "pulse.frequency_hz", "40000", ()),
         (Code.TOLERANCE, "target.tolerance_um", "0.1", ("measure.max_sd_um=3",)),
         (Code.FILTER, "servo.filter_hz", "200", ()),
+        (Code.NOT_SHOWN, "target.tolerance_um", "1", ()),
         (Code.TOOL_WEAR, "tool.max_wear_um", "10", ()),
         (Code.TIME_LIMIT, "limits.max_time_s", "10", ()),
     ],

@@ -103,7 +103,7 @@ def test_a_hole_through_the_sheet_has_its_wear_and_the_sheet_but_no_depth(tmp_pa
     with open_run(path) as run:
         (told,) = told_depths(run, beginnings_s(run))
         assert len(removal(run).time_s) == 0
-    assert (told.time_s, told.wear_um, told.touched) == (41.0, 200.0, True)
+    assert (told.time_s, told.wear_um, told.touched, told.wear_touched) == (41.0, 200.0, False, True)
     assert np.isnan(told.depth_um)
     words = texts(erosion.draw, path)
     assert {"measured wear", "sheet 1000 µm thick"} <= words

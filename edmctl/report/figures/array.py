@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.labels import Basis
 from edmctl.report.numbers import numbers_of
 from edmctl.report.style import (
     BLACK,
@@ -18,7 +19,6 @@ from edmctl.report.style import (
     letter_panels,
     new_figure,
 )
-from edmctl.report.told_depths import was_touched
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -62,6 +62,8 @@ class _Holes:
     """What the error is against, in words."""
     touched: NDArray[np.bool_]
     """Where bottom and pad were touched after the last cut."""
+    wear_touched: NDArray[np.bool_]
+    """Where the pad was touched before the hole, too."""
 
 
 def draw(run: RunFile) -> Figure:
@@ -110,7 +112,8 @@ def _holes(run: RunFile) -> _Holes:
         wear_u95_um=np.nan_to_num([site.wear_u95_um for site in sites]),
         tolerance_um=tolerance_um,
         against=against,
-        touched=np.array([was_touched(site) for site in sites], np.bool_),
+        touched=np.array([site.depth_basis != Basis.ESTIMATED for site in sites], np.bool_),
+        wear_touched=np.array([site.wear_basis != Basis.ESTIMATED for site in sites], np.bool_),
     )
 
 
@@ -202,10 +205,10 @@ def _draw_errors(axes: Axes, holes: _Holes) -> None:
 
 
 def _draw_wear(axes: Axes, holes: _Holes) -> None:
-    _points(axes, holes.wear_um, holes.wear_u95_um, holes.touched, VERMILLION, "s")
+    _points(axes, holes.wear_um, holes.wear_u95_um, holes.wear_touched, VERMILLION, "s")
     axes.set_ylabel("tool wear (µm)")
     axes.set_xlabel("hole, in the order of machining; bars: 95 %")
-    if not holes.touched.all():
+    if not (holes.touched & holes.wear_touched).all():
         axes.set_title("open: not touched, by feed and energy", loc="right", pad=3.0)
     every = -(-len(holes.names) // MOST_TICKS)
     axes.set_xticks(range(1, len(holes.names) + 1, every), holes.names[::every])

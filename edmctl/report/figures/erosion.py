@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.record import layout
+from edmctl.record.bases import has_sensor
 from edmctl.report.stretches import MEAN_S, broken, running_mean
 from edmctl.report.style import (
     BLACK,
@@ -21,7 +22,7 @@ from edmctl.report.style import (
     shared_legend,
     time_unit,
 )
-from edmctl.report.told_depths import beginnings_s, has_sensor, told_depths
+from edmctl.report.told_depths import beginnings_s, told_depths
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -107,12 +108,14 @@ def _draw_told(axes: Axes, told: Sequence[ToldDepth], per_s: float, *, sensor: b
     touched = "measured {}" if sensor else "{} by contact, from voltage"
     corrected = ", corrected later" if _touched_after(told) else ""
     for is_touched, words in ((True, touched), (False, f"{{}} without a touch{corrected}")):
-        some = [depth for depth in told if depth.touched is is_touched]
-        for name, colour, mark in (("depth", BLUE, "o"), ("wear", VERMILLION, "s")):
+        for name, colour, mark, asked in (
+            ("depth", BLUE, "o", "touched"),
+            ("wear", VERMILLION, "s", "wear_touched"),
+        ):
             values = [
                 (one.time_s / per_s, getattr(one, f"{name}_um"), getattr(one, f"{name}_u95_um"))
-                for one in some
-                if np.isfinite(getattr(one, f"{name}_um"))
+                for one in told
+                if getattr(one, asked) is is_touched and np.isfinite(getattr(one, f"{name}_um"))
             ]
             if values:
                 _draw_points(axes, values, colour, mark, size, words.format(name), full=is_touched)

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.labels import Basis
+from edmctl.record.bases import has_sensor
 from edmctl.report.numbers import numbers_of
 from edmctl.report.style import (
     BLACK,
@@ -26,7 +28,6 @@ from edmctl.report.style import (
     new_figure,
     shared_legend,
 )
-from edmctl.report.told_depths import has_sensor, was_touched
 from edmctl.wording import with_u95
 
 if TYPE_CHECKING:
@@ -109,13 +110,17 @@ def _readings(run: RunFile, site: SiteNumbers) -> _Readings:
     z1_um = float(own[-1]["z_model"]) if own else math.nan
     z3_um = z1_um + site.wear_model_um
     z2_um = z3_um + site.depth_model_um
-    touched = was_touched(site)
     return _Readings(
         site=site,
         z_um=(site.z1_um, site.z2_um, site.z3_um),
-        touched=(bool(own), touched and not site.through, touched),
+        touched=(bool(own), site.depth_basis != Basis.ESTIMATED, _pad_was_touched(site)),
         model_um=(z1_um, z2_um, z3_um) if math.isfinite(z2_um) else (math.nan, math.nan, math.nan),
     )
+
+
+def _pad_was_touched(site: SiteNumbers) -> bool:
+    """Whether Z3 is a touch: that of a hole through the sheet is one, and so is that of a touched depth."""
+    return site.through or site.depth_basis != Basis.ESTIMATED
 
 
 def _draw_site(axes: Axes, readings: _Readings, left: float, words: str, *, alone: bool) -> None:

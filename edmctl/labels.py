@@ -1,0 +1,74 @@
+"""The words that stand beside a result: what it rests on, and whether it is what was wanted."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterable
+
+
+class Basis(StrEnum):
+    """What a depth or a wear rests on, the strongest first.
+
+    `TOUCHED` by the tool, with a displacement sensor; `MODEL` touched likewise where no sensor is fitted, so that
+    the displacement is that of the actuator's model; `ESTIMATED` from feed and energy, without a touch of its own.
+    """
+
+    TOUCHED = "touched"
+    MODEL = "model"
+    ESTIMATED = "estimated"
+
+
+class Verdict(StrEnum):
+    """Whether a hole is what was wanted, the best first.
+
+    `NOT_SHOWN`: its depth lies inside the tolerance, but half the 95 % interval is wider than the tolerance, so that
+    nobody knows. `MISSED`: its depth lies outside.
+    """
+
+    SHOWN = "shown"
+    NOT_SHOWN = "not shown"
+    MISSED = "missed"
+
+
+NOT_SHOWN_CODE = "E7013"
+"""Error of a job with a depth that is not shown, and none that is missed."""
+
+_HEADINGS = {Basis.TOUCHED: "measured", Basis.MODEL: "by model", Basis.ESTIMATED: "estimated"}
+_MARKS = {Basis.MODEL: "≈", Basis.ESTIMATED: "~"}
+_MEANINGS = {
+    Basis.MODEL: "≈ touched without a sensor, by the actuator's model.",
+    Basis.ESTIMATED: "~ estimated by feed and energy, not touched.",
+}
+
+
+def weakest(bases: Iterable[str]) -> str:
+    """Return the basis of a mean: that of its weakest part; empty without any."""
+    return _last(Basis, bases)
+
+
+def worst(verdicts: Iterable[str]) -> str:
+    """Return the verdict over several holes: that of the worst; empty where none was judged."""
+    return _last(Verdict, verdicts)
+
+
+def heading(bases: Collection[str]) -> str:
+    """Return what stands above values of these bases; where they differ, each has its mark."""
+    return _HEADINGS[Basis(next(iter(bases)))] if len(set(bases)) == 1 else "result"
+
+
+def marked(text: str, basis: str) -> str:
+    """Return a value with the mark of its basis before it: none where it was touched, or nobody knows."""
+    return f"{_MARKS[Basis(basis)]}{text}" if basis in _MARKS else text
+
+
+def meanings(bases: Collection[str]) -> list[str]:
+    """Return what the marks of these bases mean."""
+    return [text for basis, text in _MEANINGS.items() if basis in bases]
+
+
+def _last(order: type[Basis] | type[Verdict], words: Iterable[str]) -> str:
+    found = set(words)
+    return next((str(word) for word in reversed(list(order)) if word in found), "")

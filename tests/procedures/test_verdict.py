@@ -1,0 +1,199 @@
+"""What a result rests on, and whether the holes of a job are what was wanted, by value and by interval."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, replace
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl.labels import Basis, Verdict
+from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.goal import Goal
+from edmctl.procedures.hole import record_results
+from edmctl.procedures.results import ObjectiveMissed, site_result_of
+from edmctl.procedures.verdict import judge_holes, judged, verdict_of
+from edmctl.profile.setup import Sensor
+
+from .conftest import Done, Shop, calibrated
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from edmctl.procedures.deciding import Decision
+
+    OpenShop = Callable[..., Shop]
+
+ROW = 'sites=[{kind="grid",x_um=500.0,columns=8,rows=1,dx_um=400.0,dy_um=400.0}]'
+THROUGH = (
+    'target={kind="through",completion_um=20.0}',
+    'work={material="Cu",thickness_um=12.0,kind="through"}',
+)
+COARSE = Sensor(gain_u_rel=0.2)
+"""A sensor whose scale is known so badly that 12 µm are 12 ± 5 µm."""
+
+
+@pytest.fixture(scope="module")
+def row_of_holes() -> Shop:
+    shop = Shop([ROW])
+    shop.run_job()
+    return shop
+
+
+@pytest.mark.parametrize(
+    ("depth_um", "u95_um", "verdict"),
+    [
+        (20.0, 0.5, Verdict.SHOWN),
+        (22.0, 2.0, Verdict.SHOWN),
+        (22.88, 0.96, Verdict.MISSED),
+        (17.9, 8.0, Verdict.MISSED),
+        (19.28, 8.82, Verdict.NOT_SHOWN),
+        (20.0, 2.001, Verdict.NOT_SHOWN),
+        (20.0, math.nan, Verdict.NOT_SHOWN),
+        (math.nan, 0.5, Verdict.MISSED),
+    ],
+)
+def test_a_depth_is_judged_by_its_value_and_then_by_its_interval(
+    depth_um: float, u95_um: float, verdict: Verdict
+) -> None:
+    goal = Goal("depth", 20.0, math.nan, 2.0)
+    assert verdict_of(goal, depth_um, u95_um, through=False) is verdict
+
+
+def test_a_feed_is_not_judged_and_a_way_through_by_being_one() -> None:
+    assert verdict_of(Goal("feed", math.nan, 20.0, math.nan), 3.0, 9.0, through=False) is None
+    way = Goal("through", 50.0, math.nan, 5.0)
+    assert verdict_of(way, 80.0, 9.0, through=True) is Verdict.SHOWN
+    assert verdict_of(way, 50.0, 0.1, through=False) is Verdict.MISSED
+
+
+def test_a_depth_that_nobody_knows_well_enough_ends_the_job_short_of_its_objective(shop: OpenShop) -> None:
+    s = shop(["wear.max_cuts=1"])
+    s.job = replace(s.job, setup=s.job.setup.model_copy(update={"sensor": COARSE}))
+    with pytest.raises(ObjectiveMissed, match=r"not shown to be right: 1\d\.\d\d ± [45]") as caught:
+        s.run_job()
+    assert (caught.value.code, caught.value.exit_code) == ("E7013", 7)
+    assert caught.value.hint
+    (site,) = caught.value.result.sites
+    assert abs(site.depth_um - 12.0) <= 2.0
+    assert site.verdict is Verdict.NOT_SHOWN
+    assert [row.verdict for row in s.seen.sites] == ["not shown"]
+    assert RunEvent.VERDICT in [code for _, code, *_ in s.seen.events]
+    assert s.bench.is_safe
+
+
+def test_a_depth_that_is_right_and_known_is_shown(done: Done) -> None:
+    (site,) = done.result.sites
+    assert (site.verdict, done.shop.seen.sites[0].verdict) == (Verdict.SHOWN, "shown")
+
+
+def after_corrections(shop: Shop, depths: dict[str, tuple[float, float]]) -> Decision | None:
+    """Judge the shop's finished job with other depths of some holes, as later touches may give them."""
+    again = Shop([ROW])
+    again.ledger.sites = dict(shop.ledger.sites)
+    for name, (depth_um, u95_um) in depths.items():
+        again.ledger.sites[name] = replace(
+            shop.ledger.sites[name], depth_um=depth_um, depth_u95_um=u95_um, verdict=None
+        )
+    again.ledger.unwritten = list(again.ledger.sites)
+    run = again.run()
+    record_results(run)
+    for row in again.seen.sites:
+        assert row.verdict == again.ledger.sites[row.site].verdict
+    return judge_holes(run, None)
+
+
+def test_a_hole_that_a_later_touch_finds_outside_ends_the_job_short_of_its_objective(
+    row_of_holes: Shop,
+) -> None:
+    assert after_corrections(row_of_holes, {}) is None
+    second = list(row_of_holes.ledger.sites)[1]
+    decision = after_corrections(row_of_holes, {second: (15.88, 0.96)})
+    assert decision is not None
+    assert decision.code == "E7010"
+    assert f"{second} is 15.88 ± 0.96 µm for 12 ± 2 µm" in decision.missed
+    assert "1 of 8 holes outside the tolerance" in decision.missed
+
+
+def test_a_hole_that_a_later_touch_leaves_unknown_is_not_shown(row_of_holes: Shop) -> None:
+    third = list(row_of_holes.ledger.sites)[2]
+    decision = after_corrections(row_of_holes, {third: (12.4, 3.1)})
+    assert decision is not None
+    assert decision.code == "E7013"
+    assert f"{third} is 12.40 ± 3.10 µm for 12 ± 2 µm" in decision.missed
+    assert "wear.remeasure" in decision.hint
+
+
+def test_many_holes_are_told_in_one_bounded_message_the_missed_ones_first(row_of_holes: Shop) -> None:
+    names = list(row_of_holes.ledger.sites)
+    decision = after_corrections(
+        row_of_holes, {names[0]: (12.0, 4.0), **{name: (20.0, 1.0) for name in names[1:]}}
+    )
+    assert decision is not None
+    assert decision.code == "E7010"
+    assert decision.missed.startswith("7 of 8 holes outside the tolerance")
+    assert "and 2 more" in decision.missed
+    assert f"1 of 8 holes not shown to be right: {names[0]}" in decision.missed
+    assert decision.missed.count("20.00 ± 1.00") == 5
+
+
+def test_what_ended_the_job_stays_its_reason_and_the_others_are_told_behind_it(row_of_holes: Shop) -> None:
+    s = Shop([ROW, "tool.max_wear_um=12.0"])
+    with pytest.raises(ObjectiveMissed) as caught:
+        s.run_job()
+    assert "tool.max_wear_um" in caught.value.message
+    run, first = s.run(), next(iter(s.ledger.sites))
+    worn_out = after_corrections(row_of_holes, {first: (15.88, 0.96)})
+    assert worn_out is not None
+    run.ledger.sites[first] = replace(run.ledger.sites[first], depth_um=15.88, verdict=Verdict.MISSED)
+    both = judge_holes(run, replace(worn_out, missed="The tool is short.", code="E7099"))
+    assert both is not None
+    assert both.missed.startswith("The tool is short. 1 of 8 holes outside the tolerance")
+    assert both.code == "E7099"
+
+
+def test_the_end_of_a_single_hole_is_touched(done: Done) -> None:
+    (site,) = done.result.sites
+    assert (site.depth_basis, site.wear_basis, site.estimated_um) == (Basis.TOUCHED, Basis.TOUCHED, 0.0)
+    assert done.shop.seen.sites[0].depth_basis == "touched"
+
+
+def test_a_sparing_recipe_leaves_a_small_last_cut_estimated_and_says_so(shop: OpenShop) -> None:
+    s = shop(['wear.remeasure="sparing"'])
+    (site,) = s.run_job().sites
+    assert site.estimated_um > 0.0
+    assert (site.depth_basis, site.wear_basis) == (Basis.ESTIMATED, Basis.ESTIMATED)
+
+
+def test_holes_without_a_touch_stay_estimated_after_the_touch_that_corrects_them(row_of_holes: Shop) -> None:
+    sites = list(row_of_holes.ledger.sites.values())
+    untouched = [site for site in sites if not site.measuring_stops]
+    assert untouched
+    assert (
+        {site.depth_basis for site in untouched} == {site.wear_basis for site in untouched} == {"estimated"}
+    )
+    assert sites[-1].depth_basis is Basis.TOUCHED
+    assert [row.depth_basis for row in row_of_holes.seen.sites] == [site.depth_basis for site in sites]
+
+
+def test_without_a_sensor_every_touch_is_by_the_model(shop: OpenShop) -> None:
+    (site,) = shop(calibration=calibrated(), sensor=False).run_job().sites
+    assert (site.depth_basis, site.wear_basis) == (Basis.MODEL, Basis.MODEL)
+
+
+def test_a_hole_through_the_sheet_has_a_touched_wear_and_an_estimated_tip(shop: OpenShop) -> None:
+    """There is no sheet on this bench: the wear is touched all the same, and the way through is missed."""
+    with pytest.raises(ObjectiveMissed) as caught:
+        shop(THROUGH).run_job()
+    (site,) = caught.value.result.sites
+    assert (site.depth_basis, site.wear_basis) == (Basis.ESTIMATED, Basis.TOUCHED)
+    assert site.verdict is Verdict.MISSED
+
+
+def test_a_result_travels_through_a_journal_and_an_older_one_claims_no_touch(done: Done) -> None:
+    (site,) = done.result.sites
+    kept = {**asdict(site), "verdict": None}
+    assert judged(done.shop.job, site_result_of(kept)) == site
+    older = {key: value for key, value in kept.items() if key not in ("depth_basis", "wear_basis", "verdict")}
+    assert site_result_of(older).depth_basis is Basis.ESTIMATED
