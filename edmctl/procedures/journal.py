@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
@@ -19,9 +19,10 @@ class JobState:
     `done` are the results of the finished sites, each a mapping of `SiteResult`'s fields. `site` is the hole under
     way, empty between two; the rest is about it: the pad's height `z1_um` before its first cut (of `z1_touches`
     touches with `z1_sd_um`, at `z1_time_s`), whether a cut has begun, the last displacement and the estimates of
-    depth and wear. `counts` (open, normal, arc, short), `energy_j`, `cuts` and `machining_time_s` are the hole's.
-    `time_s` counts from the start of the first run, pauses left out. `slope` is that of the work's face along x and
-    y, None where no plane was fitted.
+    depth and wear, with the standard uncertainties of depth, wear and feed. `counts` (open, normal, arc, short),
+    `energy_j`, `cuts` and `machining_time_s` are the hole's. `time_s` counts from the start of the first run, pauses
+    left out: those were `pause_s`, NaN where nobody knows; `job_machining_time_s` is the machining in it. `slope` is
+    that of the work's face along x and y, None where no plane was fitted.
     """
 
     phase: str
@@ -38,11 +39,16 @@ class JobState:
     z1_model_um: float = 0.0
     displacement_um: float = 0.0
     depth_um: float = 0.0
+    depth_u_um: float = 0.0
     wear_um: float = 0.0
+    wear_u_um: float = 0.0
+    feed_u_um: float = 0.0
     cuts: int = 0
     counts: tuple[int, int, int, int] = (0, 0, 0, 0)
     energy_j: float = 0.0
     machining_time_s: float = 0.0
+    job_machining_time_s: float = 0.0
+    pause_s: float = 0.0
 
     def as_mapping(self) -> dict[str, object]:
         """Values that JSON holds."""
@@ -52,6 +58,9 @@ class JobState:
 def job_state(mapping: Mapping[str, object]) -> JobState:
     """Return the state that `as_mapping` made. Raises TypeError or ValueError where it is none."""
     values = dict(mapping)
+    missing = [field.name for field in fields(JobState) if field.name not in values]
+    if missing:
+        raise ValueError(f"it has no {', '.join(missing)}")
     done, counts, slope = values.pop("done"), values.pop("counts"), values.pop("slope")
     if not isinstance(done, list | tuple) or not isinstance(counts, list | tuple) or len(counts) != 4:
         raise TypeError("done and counts have to be lists")

@@ -107,6 +107,9 @@ class JobResult:
 
     `reached` is the hole that was left unmeasured, None in a job that ended in order; `tool_wear_total_um` is
     NaN when nothing was measured. `link` says how the line did, None where the job ended before it was used.
+
+    Of a job that was taken up again all times are those of its runs together, `earlier_time_s` of `time_s` in the
+    runs before this one. The pauses between them are left out: they were `pause_s`, NaN where nobody knows.
     """
 
     sites: tuple[SiteResult, ...]
@@ -117,6 +120,8 @@ class JobResult:
     reached: Reached | None = None
     link: LinkReport | None = None
     channel: ChannelResult | None = None
+    earlier_time_s: float = 0.0
+    pause_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,6 +224,7 @@ class Ledger:
     `open_site` names that hole until its result is in the run file, `unmeasured_site` from the begin of a cut
     until it is measured; `unwritten` names finished holes whose results later touches may still correct.
     `cut` is the cut under way, `phase` what is being done, `warning` what was last warned of, at `warned_s`.
+    `time_s` and `machining_time_s` count those of the runs before this one too.
     """
 
     sites: dict[str, SiteResult] = field(default_factory=dict)
@@ -233,6 +239,8 @@ class Ledger:
     warned_s: float = math.nan
     time_s: float = 0.0
     machining_time_s: float = 0.0
+    earlier_time_s: float = 0.0
+    pause_s: float = 0.0
     link: LinkReport | None = None
     channel: ChannelResult | None = None
 
@@ -267,4 +275,6 @@ class Ledger:
             reached=self.reached,
             link=self.link,
             channel=self.channel,
+            earlier_time_s=self.earlier_time_s,
+            pause_s=self.pause_s,
         )

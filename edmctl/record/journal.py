@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 SCHEMA = "edmctl-journal"
-VERSION = 1
+VERSION = 2
 PERIOD_S = 5.0
 """Of the machine's time: so old may the state of a cut be that is not urgent."""
 SUFFIX = ".journal"
