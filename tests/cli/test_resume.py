@@ -15,7 +15,7 @@ from edmctl.errors import LinkLost
 from edmctl.profile.load import load_profile
 from edmctl.record.bench_file import read_bench, write_bench
 from edmctl.record.journal import read_journal, write_journal
-from edmctl.record.logbook import JobBegun, Logbook, ToolChanged, WearMeasured
+from edmctl.record.logbook import JobBegun, Logbook, RunEnded, ToolChanged, WearMeasured
 from edmctl.record.reader import open_run
 from edmctl.simulator.saving import bench_state, restored_bench
 from tests.cli.left_jobs import (
@@ -123,6 +123,37 @@ def test_an_interrupted_job_reaches_its_depth(here: Here, left: Left, how: str) 
     again = here(*RESUME, *BENCH)
     assert (again.exit_code, error_of(again)["code"]) == (8, "E8051")
     assert "a-r1.h5" in str(error_of(again)["message"])
+
+
+def test_the_times_of_all_runs_of_a_job_add_up(here: Here, killed: Path) -> None:
+    before = read_journal(Path("runs/a.journal")).state
+    earlier_s, cut_s = float(before["time_s"]), float(before["machining_time_s"])  # type: ignore[arg-type]
+    with at_time_of_cut(6.0, stop):
+        assert here(*RESUME, *BENCH).exit_code == 130
+    between = read_journal(next(Path("runs").glob("*.journal"))).state
+    said = here(*RESUME, *BENCH)
+    result = said.document["result"]
+    (site,) = result["sites"]
+    assert cut_s > 4.0
+    assert result["machining_time_s"] == pytest.approx(site["machining_time_s"], abs=0.01)
+    assert result["machining_time_s"] > between["job_machining_time_s"] + 1.0 > cut_s + 2.0  # type: ignore[operator]
+    assert result["earlier_time_s"] == between["time_s"]
+    assert earlier_s < result["earlier_time_s"] < result["time_s"]
+    assert result["measuring_time_s"] == result["time_s"] - result["machining_time_s"]
+    assert result["measuring_time_s"] > 0.0
+    assert result["pause_s"] == 0.0
+    ended = [
+        line.entry.time_s for line in Logbook.open(Path("runs")).lines if isinstance(line.entry, RunEnded)
+    ]
+    assert ended[-1] == pytest.approx(result["time_s"] - result["earlier_time_s"])
+    with open_run(Path("runs/a-r2.h5")) as run:
+        assert run.number("/entry/parent_time") == between["time_s"]
+    shown = here("run", "show", "runs/a-r2.h5", "--json").document["result"]
+    assert (shown["time_s"], shown["earlier_time_s"]) == (result["time_s"], result["earlier_time_s"])
+    assert shown["machining_time_s"] < shown["time_s"]
+    assert "before it was taken up after a pause of 0 s" in " ".join(
+        here("run", "show", "runs/a-r2.h5").out.split()
+    )
 
 
 def test_a_resumed_job_can_be_interrupted_and_resumed_again(here: Here, killed: Path) -> None:
