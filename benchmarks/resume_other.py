@@ -136,10 +136,11 @@ def main() -> int:
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(arguments.jobs) as pool:
         seeds = range(arguments.seed, arguments.seed + arguments.count)
-        rows = list(pool.map(lambda seed: one_job(Path(folder), seed, arguments.depth), seeds))
-    rows = [row for row in rows if row.ends]
-    for row in rows:
-        print(row.line())
+        rows = []
+        for row in pool.map(lambda seed: one_job(Path(folder), seed, arguments.depth), seeds):
+            if row.ends:
+                rows.append(row)
+                print(row.line(), flush=True)
     wrong = [row for row in rows if row.ends["as left"] in REFUSED]
     print(f"as it was left: {len(rows) - len(wrong)} of {len(rows)} taken up")
     for how in ("other work", "moved", "tool"):

@@ -68,9 +68,11 @@ def take_up_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Deci
     if run.job.restart_hole:
         _start_again(run, site, known, z3, found)
         return None
-    if not expected.depth_fits(found):
+    tool_fits = expected.tool_fits(found)
+    # An untouched face under a tool that does not fit either is other work: there the hole can be made anew.
+    if not expected.depth_fits(found) or (is_untouched(found) and not tool_fits):
         raise other_work(site, found, expected.estimate, begun=True)
-    if not expected.tool_fits(found):
+    if not tool_fits:
         raise other_tool(found, expected.estimate)
     found = learn(run, hole, known, z2, z3, known.gap_um)
     run.ledger.unmeasured_site = ""
