@@ -52,7 +52,15 @@ _WORDS = {
     "actuator": "actuator voltage",
     "travel": "time of travel",
 }
-_TOLD_ELSEWHERE = ("link", "calibration", "time_s", "machining_time_s", "measuring_time_s")
+_TOLD_ELSEWHERE = (
+    "link",
+    "calibration",
+    "time_s",
+    "machining_time_s",
+    "measuring_time_s",
+    "earlier_time_s",
+    "pause_s",
+)
 
 
 def duration(seconds: float) -> str:
@@ -67,6 +75,12 @@ def duration(seconds: float) -> str:
         return f"{minutes} min {rest:02d} s"
     hours, minutes = divmod(minutes, 60)
     return f"{hours} h {minutes:02d} min"
+
+
+def earlier(time_s: float, pause_s: float) -> str:
+    """Return the time of a job in the runs before it was taken up again, and the pause that is not in it."""
+    paused = f"after a pause of {duration(pause_s)}" if math.isfinite(pause_s) else "after an unknown pause"
+    return f"{duration(time_s)} before it was taken up {paused}"
 
 
 def decimal(value: float, decimals: int = 2) -> str:

@@ -59,7 +59,7 @@ class Where:
 
 
 def _nothing() -> None:
-    """What there is to begin on a machine that no file keeps."""
+    """What there is to begin or to keep on a machine that no file keeps."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,13 +67,15 @@ class Bench:
     """A connected machine, and the virtual bench behind it where that is in this process.
 
     `seed` made the virtual bench; None where it was there before. `begin` puts the profile's tool into a bench that
-    a file keeps, and lets the file be written from then on: a command that is refused before changes nothing.
+    a file keeps, and lets the file be written from then on: a command that is refused before changes nothing. `keep`
+    writes it, where the bench has changed.
     """
 
     machine: LinkMachine
     virtual: VirtualBench | None
     seed: int | None = None
     begin: Callable[[], None] = _nothing
+    keep: Callable[[], None] = _nothing
 
 
 def where_is(option: str | None, setup: Setup, wait_s: float = 0.0) -> Where:
@@ -127,11 +129,11 @@ def connected(
 
     virtual: VirtualBench | None = None
     line: Transport
-    begin = _nothing
+    begin = keep = _nothing
     made_by = where.seed_of(seed)
     with ExitStack() as held:
         if where.in_process:
-            virtual, line, begin = held.enter_context(_virtual(loaded, setup, seed, say, where))
+            virtual, line, begin, keep = held.enter_context(_virtual(loaded, setup, seed, say, where))
         else:
             line = _line(where, setup, say)
         session = Session(line, heartbeat_s=VIRTUAL_BEAT_SHARE * setup.controller.watchdog_s)
@@ -141,7 +143,7 @@ def connected(
         with stopping_signals(stop, session.abort):
             machine = LinkMachine(session, stop)
             machine.wait_for_rest()
-            yield Bench(machine, virtual, made_by, begin)
+            yield Bench(machine, virtual, made_by, begin, keep)
 
 
 def introduction(where: Where, bench: Bench) -> str:
@@ -160,14 +162,14 @@ def introduction(where: Where, bench: Bench) -> str:
 @contextmanager
 def _virtual(
     loaded: LoadedProfile | None, setup: Setup, seed: int, say: Callable[[str], None], where: Where
-) -> Iterator[tuple[VirtualBench, Transport, Callable[[], None]]]:
-    """Give a virtual bench, fresh or that of a file, the line to it, and what `Bench.begin` does."""
+) -> Iterator[tuple[VirtualBench, Transport, Callable[[], None], Callable[[], None]]]:
+    """Give a virtual bench, fresh or that of a file, the line to it, and what `Bench.begin` and `Bench.keep` do."""
     config = bench_config(loaded, setup)
     if where.bench_file is None:
         from edmctl.simulator import open_bench
 
         fresh = open_bench(config, seed)
-        yield fresh, fresh.transport, _nothing
+        yield fresh, fresh.transport, _nothing, _nothing
         return
     from edmctl.cli.kept_bench import fit, kept_line
 
@@ -178,7 +180,7 @@ def _virtual(
                 fit(bench, loaded, config, say)
             line.begin()
 
-        yield bench, line, begin
+        yield bench, line, begin, line.keep_worn
 
 
 def bench_config(loaded: LoadedProfile | None, setup: Setup) -> BenchConfig:

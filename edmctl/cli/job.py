@@ -191,6 +191,8 @@ def carry_out(
             kept.truth = true_wear.as_mapping
             if plan.resumed is not None and plan.resumed.journal.truth is not None:
                 true_wear.go_on_from(plan.resumed.journal.truth)
+                if plan.resumed.restart_hole:
+                    true_wear.leave_hole()
         try:
             _run(held, entries, kept, job, recorder, observer, ledger, journal)
         finally:

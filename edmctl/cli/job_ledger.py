@@ -94,7 +94,7 @@ class JobLedger:
         if self._logbook is None or self.name is None or not self._places:
             return
         run_file = self.name.path.name
-        ended = RunEnded(run_file, status, result.time_s)
+        ended = RunEnded(run_file, status, result.time_s - result.earlier_time_s)
         self._logbook.append(self._serial, *self._sites(result, run_file), ended)
 
     @property

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -35,7 +35,7 @@ def tell_way_on(error: EdmError, plan: Plan, name: RunName | None) -> None:
     from edmctl.cli.resume_checks import refuse_untouchable
 
     try:
-        refuse_untouchable(find_run(str(name.journal), name.path.parent, homed=False), plan)
+        refuse_untouchable(find_run(str(name.journal), name.path.parent), plan)
     except (PreconditionError, RunFileError):
         return
     run = name.run_id if name.path.parent == OUT else str(name.path)
@@ -55,7 +55,6 @@ class Journaling:
     name: RunName | None
     truth: Callable[[], Mapping[str, object] | None] = lambda: None
     _file: JournalFile | None = None
-    _last: JobState | None = None
 
     def refuse(self) -> None:
         """Raise PreconditionError where a run that is to be taken up cannot be, on this machine and tool."""
@@ -88,18 +87,10 @@ class Journaling:
         return job
 
     def keep(self, state: JobState, *, urgent: bool = False) -> None:
-        """Hand a state on, with the last estimates of its hole where it has none.
-
-        That is so between a cut and the touch after it, and until a hole that is taken up again is touched.
-        """
+        """Hand a state on; a bench in a file is written first, so its work is never older than the journal."""
         if self._file is None:
             return
-        last = self._last
-        if last is not None and state.begun and state.site == last.site:
-            state = replace(
-                state, depth_um=state.depth_um or last.depth_um, wear_um=state.wear_um or last.wear_um
-            )
-        self._last = state
+        self.held.bench.keep()
         self._file.keep(state, urgent=urgent)
 
     def end(self) -> None:

@@ -135,11 +135,15 @@ class KeptLine:
     def read(self, timeout_s: float) -> bytes:
         """Let up to `timeout_s` of virtual time pass; bytes of the controller."""
         data = self._line.read(timeout_s)
-        now_s = self._line.now_s()
-        if self._begun and now_s - self._kept_s >= KEEP_S and self._bench.tool_wear_um != self._kept_um:
-            self._kept_s, self._kept_um = now_s, self._bench.tool_wear_um
-            self._keep()
+        if self._line.now_s() - self._kept_s >= KEEP_S:
+            self.keep_worn()
         return data
+
+    def keep_worn(self) -> None:
+        """Write the bench down if its tool has worn since. Raises RunFileError E9024."""
+        if self._begun and self._bench.tool_wear_um != self._kept_um:
+            self._kept_s, self._kept_um = self._line.now_s(), self._bench.tool_wear_um
+            self._keep()
 
     def now_s(self) -> float:
         """Virtual time."""

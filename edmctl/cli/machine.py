@@ -50,6 +50,13 @@ HomedOption = Annotated[
         "--homed", help="With --resume: the stages were homed since the controller was switched on."
     ),
 ]
+RestartHoleOption = Annotated[
+    bool,
+    typer.Option(
+        "--restart-hole",
+        help="With --resume: make the hole that was left from the start, where its face is untouched.",
+    ),
+]
 
 
 def machine(
@@ -65,6 +72,7 @@ def machine(
     new_tool: NewToolOption = False,
     resume: ResumeOption = None,
     homed: HomedOption = False,
+    restart_hole: RestartHoleOption = False,
     out: OutOption = Path("runs"),
     run_id: RunIdOption = None,
     dry_run: DryRunOption = False,
@@ -76,7 +84,8 @@ def machine(
     """Machine a hole to its target depth or feed.
 
     Depth and tool wear are measured by touching the surface before, the bottom, and the surface after. A job
-    that was interrupted goes on with --resume: pad and bottom are touched again, so nothing is taken on trust.
+    that was interrupted goes on with --resume: pad and bottom are touched again, so nothing is taken on trust, and
+    nothing is machined where they are not as they were left.
     """
     output = Output("machine", as_json, events, quiet, debug)
 
@@ -85,13 +94,14 @@ def machine(
 
         if resume is not None:
             refuse_other_options(context)
-            resumption = find_run(resume, out, homed=homed)
+            resumption = find_run(resume, out, homed=homed, restart_hole=restart_hole)
             plan = checked(resumption, port, wait)
             if not dry_run:
                 outcome.warn(recovered_before(resumption))
             name = resumption.name(run_id, datetime.now(UTC))
-        elif homed:
-            raise UsageError("--homed goes with --resume only.", hint="Leave it away.", code="E2050")
+        elif homed or restart_hole:
+            lone = "--homed" if homed else "--restart-hole"
+            raise UsageError(f"{lone} goes with --resume only.", hint="Leave it away.", code="E2050")
         else:
             plan = check(
                 Order(profile, tuple(overrides or ()), setup, port, calibration, allow_model, wait, new_tool)

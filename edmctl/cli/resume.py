@@ -6,6 +6,7 @@ so they need no trust; job, machine, tool and the place of the stages do.
 
 from __future__ import annotations
 
+import math
 import re
 import time
 from dataclasses import dataclass, replace
@@ -37,17 +38,23 @@ _KEPT_ALREADY = {
     "new_tool": "--new-tool",
 }
 _DONE = "done"
+CLOCK_STEP_S = 60.0
+"""A clock may be put right by so much: in that time a zero drifts by 0.1 µm, less than a touch repeats."""
 _ANOTHER_PLACE = "Machine it at another place or on new work."
 
 
 @dataclass(frozen=True, slots=True)
 class Resumption:
-    """An interrupted run, as its journal at `path` tells; `homed` when somebody vouches for the stages' places."""
+    """An interrupted run, as its journal at `path` tells.
+
+    `homed` when somebody vouches for the stages' places, `restart_hole` when the hole that was left is made anew.
+    """
 
     path: Path
     journal: Journal
     state: JobState
     homed: bool
+    restart_hole: bool = False
 
     @property
     def job(self) -> JournalledJob:
@@ -96,8 +103,8 @@ class Resumption:
 
         sites = tuple(Site(*place) for place in self.job.places)
         # The time of a virtual bench in this process stands still between commands.
-        pause_s = 0.0 if in_process else max(0.0, time.time() - self.journal.written_utc_s)
-        return replace(job, sites=sites, resumed=self.state, pause_s=pause_s)
+        pause_s = 0.0 if in_process else _pause_s(self.journal.written_utc_s)
+        return replace(job, sites=sites, resumed=self.state, pause_s=pause_s, restart_hole=self.restart_hole)
 
     def as_mapping(self) -> dict[str, object]:
         """How far it came, for scripts; depth and wear are estimates of the hole that was left."""
@@ -123,6 +130,12 @@ class Resumption:
         return f"{self.job.run_id} has finished {len(done)} of {holes}{begun}. Left: {left}."
 
 
+def _pause_s(written_utc_s: float) -> float:
+    """How long ago a journal was written; infinity where the clock was set back since."""
+    pause_s = time.time() - written_utc_s
+    return max(0.0, pause_s) if pause_s >= -CLOCK_STEP_S else math.inf
+
+
 def refuse_other_options(context: typer.Context) -> None:
     """Raise UsageError E2050 for options that the journal has already. What the environment says does not count."""
     named = [
@@ -133,12 +146,12 @@ def refuse_other_options(context: typer.Context) -> None:
     if named:
         raise UsageError(
             f"--resume goes on with the job as it was; {', '.join(named)} would change it.",
-            hint="Leave that away. --port, --wait, --out, --run-id and --homed go with --resume.",
+            hint="Leave that away. --port, --wait, --out, --run-id, --homed and --restart-hole go with --resume.",
             code="E2050",
         )
 
 
-def find_run(named: str, folder: Path, *, homed: bool) -> Resumption:
+def find_run(named: str, folder: Path, *, homed: bool = False, restart_hole: bool = False) -> Resumption:
     """Return the interrupted run that is meant by a run file, its .partial, its .journal, or a run id in `folder`.
 
     A run that was taken up already stands for the last one that goes on with it.
@@ -165,7 +178,7 @@ def find_run(named: str, folder: Path, *, homed: bool) -> Resumption:
             hint="Take the run up again with the version of edmctl that wrote it.",
             code="E8052",
         ) from error
-    return Resumption(path, journal, state, homed)
+    return Resumption(path, journal, state, homed, restart_hole)
 
 
 def checked(resumption: Resumption, port: str | None, wait_s: float) -> Plan:

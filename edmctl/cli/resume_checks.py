@@ -19,7 +19,7 @@ HOMED_WITHIN_UM = 2.0
 
 
 def refuse_untouchable(resumption: Resumption, plan: Plan) -> None:
-    """Raise PreconditionError E8054 where no touch would tell how far the job came."""
+    """Raise PreconditionError: E8054 no touch would tell how far the job came, E8062 there is no hole to restart."""
     run_id = resumption.job.run_id
     if plan.loaded.profile.path is not None:
         raise PreconditionError(
@@ -34,6 +34,12 @@ def refuse_untouchable(resumption: Resumption, plan: Plan) -> None:
             "nobody knows whether it is.",
             hint="Machine another hole, at another place.",
             code="E8054",
+        )
+    if resumption.restart_hole and not resumption.state.begun:
+        raise PreconditionError(
+            f"{run_id} has begun no hole that could be made anew; the next one is machined from its face anyway.",
+            hint="Leave --restart-hole away.",
+            code="E8062",
         )
 
 

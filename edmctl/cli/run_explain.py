@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.cli.options import DebugOption, FileArgument, JsonOption
 from edmctl.cli.outcome import Outcome, Output, run_command, stream_style
-from edmctl.wording import duration, facts
+from edmctl.wording import duration, earlier, facts
 
 if TYPE_CHECKING:
     from edmctl.console.story import Sentence
@@ -241,6 +241,9 @@ def _ended(opened: "RunFile", events: list[FileEvent]) -> str:
     took = ""
     if isinstance(time_s, int | float) and isinstance(machining_s, int | float):
         took = f" after {duration(time_s)}, {duration(machining_s)} of them machining"
+        earlier_s, pause_s = summary.get("earlier_time_s"), summary.get("pause_s")
+        if isinstance(earlier_s, int | float) and earlier_s:
+            took += f", {earlier(earlier_s, pause_s if isinstance(pause_s, int | float) else math.nan)}"
     if exit_code == 0:
         return f"The run came to its end{took}."
     return f"The run ended with exit code {exit_code} ({opened.text('/entry/status')}){took}{_why(events)}"

@@ -56,6 +56,8 @@ class Totals:
 class RunSummary:
     """Everything that `run show` tells. `rows` are those of each table, `summary` is the result of the command.
 
+    Times are those of the job: `earlier_time_s` of `time_s` passed in the runs that it goes on with, 0 without any.
+    The pauses between them are left out; they were `pause_s`, NaN where nobody knows.
     `est_depth_um` is how deep the hole is that was left without a result; NaN where there is none.
     """
 
@@ -76,6 +78,8 @@ class RunSummary:
     seed: int | None
     time_s: float
     machining_time_s: float
+    earlier_time_s: float
+    pause_s: float
     sites: tuple[SiteNumbers, ...]
     est_depth_um: float
     est_depth_u95_um: float
@@ -123,6 +127,8 @@ def summary_of(opened: RunFile) -> RunSummary:
         seed=opened.seed,
         time_s=_time_s(opened, summary, events),
         machining_time_s=numbers.total("machining_time_s"),
+        earlier_time_s=_earlier_s(opened),
+        pause_s=_pause_s(summary),
         sites=numbers.sites,
         est_depth_um=estimated.depth_um,
         est_depth_u95_um=estimated.depth_u95_um,
@@ -149,13 +155,24 @@ def _software(opened: RunFile) -> dict[str, str]:
 
 
 def _time_s(opened: RunFile, summary: Mapping[str, object] | None, events: Sequence[FileEvent]) -> float:
-    """How long the run took; of one without an end, to its last row."""
+    """How long the job took; of one without an end, to its last row."""
     told = (summary or {}).get("time_s")
     if isinstance(told, int | float):
         return float(told)
     servo = opened.rows("/entry/servo")
     last = opened.column("/entry/servo", "time", servo - 1, servo).tolist() if servo else []
-    return max([*last, *(event.time_s for event in events[-1:])], default=math.nan)
+    return _earlier_s(opened) + max([*last, *(event.time_s for event in events[-1:])], default=math.nan)
+
+
+def _earlier_s(opened: RunFile) -> float:
+    """Time of the job in the runs before; files of older versions do not tell."""
+    earlier_s = opened.number("/entry/parent_time")
+    return earlier_s if math.isfinite(earlier_s) else 0.0
+
+
+def _pause_s(summary: Mapping[str, object] | None) -> float:
+    told = (summary or {}).get("pause_s", 0.0)
+    return float(told) if isinstance(told, int | float) else math.nan
 
 
 def _totals(numbers: RunNumbers) -> Totals:

@@ -91,6 +91,7 @@ def run_meta(
     return RunMeta(
         run_id=name.run_id,
         parent_run=name.parent,
+        parent_time_s=plan.resumed.state.time_s if plan.resumed else 0.0,
         title=profile.meta.description or profile.meta.name,
         start_time=name.start.isoformat(timespec="milliseconds"),
         command=["edmctl", *sys.argv[1:]],

@@ -10,6 +10,8 @@ if TYPE_CHECKING:
 
     from edmctl.procedures.journal import JobState, Journal
     from edmctl.simulator import VirtualBench
+LEFT = "left"
+"""Stands for a hole that was given up; with a number and a space it is the name of no site."""
 
 
 @dataclass(slots=True, eq=False)
@@ -38,6 +40,10 @@ class TrueWear:
         """Count from where the run before began, with the sites that it finished."""
         self.before_um = float(truth["tool_wear_um"])
         self._at_end_um = {str(name): float(wear_um) for name, wear_um in truth["at_end_um"].items()}
+
+    def leave_hole(self) -> None:
+        """What was worn since the last finished site is no site's: its hole is made anew."""
+        self._at_end_um[f"{LEFT} {len(self._at_end_um)}"] = self.bench.tool_wear_um
 
     def of_site(self, name: str) -> float:
         """True wear at a site, up to now where the job has not left it."""

@@ -14,6 +14,7 @@ from edmctl.wording import (
     count,
     decimal,
     duration,
+    earlier,
     length,
     percent,
     plural,
@@ -65,8 +66,9 @@ def render_job(
     worn = "the tool's wear was not measured"
     if not isnan(job.tool_wear_total_um):
         worn = f"the tool is {length(job.tool_wear_total_um)} shorter"
-    total = f"Whole job {duration(job.time_s)}; {worn}."
-    return "\n\n".join([*blocks, total])
+    before = f", {earlier(job.earlier_time_s, job.pause_s)}" if job.earlier_time_s else ""
+    total = f"Whole job {duration(job.time_s)}{before}; {worn}."
+    return "\n\n".join([*blocks, "\n".join(wrapped(total, columns))])
 
 
 def render_sites(

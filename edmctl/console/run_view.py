@@ -11,7 +11,7 @@ from edmctl.console.result_table import render_sites
 from edmctl.console.runs_table import size, start_utc
 from edmctl.console.style import PLAIN, Ink, Style
 from edmctl.console.views import MeasuredView
-from edmctl.wording import about, count, duration, facts, percent, printable, removal_rate
+from edmctl.wording import about, count, duration, earlier, facts, percent, printable, removal_rate
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -90,6 +90,10 @@ class RunView(Protocol):
     @property
     def machining_time_s(self) -> float: ...
     @property
+    def earlier_time_s(self) -> float: ...
+    @property
+    def pause_s(self) -> float: ...
+    @property
     def machine(self) -> Mapping[str, str]: ...
     @property
     def simulated(self) -> bool: ...
@@ -140,6 +144,8 @@ def _head(run: RunView) -> list[tuple[str, str]]:
         times = f" after {duration(run.time_s)}"
         if math.isfinite(run.machining_time_s):
             times += f", {duration(run.machining_time_s)} of them machining"
+        if run.earlier_time_s:
+            times += f", {earlier(run.earlier_time_s, run.pause_s)}"
     code = f" (exit code {run.exit_code})" if run.exit_code else ""
     start = start_utc(run.start_time)
     after = f", going on with {run.parent_run}" if run.parent_run else ""

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from edmctl.procedures.job import Site
+    from edmctl.procedures.journal import FaceTouch
     from edmctl.procedures.run import Run
     from edmctl.procedures.tool_length import ToolLength
 
@@ -37,7 +38,7 @@ class Face:
 
     plane: Plane
     tilt_u_mrad: float
-    touched: list[tuple[float, float, float, float]] = field(default_factory=list)
+    touched: list[FaceTouch] = field(default_factory=list)
 
     def height_um(self, site: Site) -> float:
         """Height of the face at a place over the pad, positive away from the tool."""
@@ -47,9 +48,9 @@ class Face:
         """Standard uncertainty of that."""
         return self.plane.height_u_um(site.x_um, site.y_um)
 
-    def add(self, site: Site, height_um: float, u_um: float) -> None:
-        """Take a touch, and fit the plane anew."""
-        self.touched.append((site.x_um, site.y_um, height_um, u_um))
+    def add(self, *touches: FaceTouch) -> None:
+        """Take touches, and fit the plane anew."""
+        self.touched += touches
         self.plane = fitted_plane(
             self.plane.origin_um,
             [(x_um, y_um) for x_um, y_um, _, _ in self.touched],
@@ -72,7 +73,8 @@ def touch_at(run: Run, site: Site, face: Face, tool: ToolLength) -> None:
     drift_u_um_per_s = uncertainty_now(run).drift_u_um_per_s
     u_um = math.hypot(tool.u_um(run.machine.time_s, drift_u_um_per_s), face.height_u_um(site))
     reading = take_reading(run, KIND, site.name, predicted_um, u_um)
-    face.add(site, reading.z_um - tool.pad_um, tool.u_um(reading.time_s, drift_u_um_per_s))
+    u_um = tool.u_um(reading.time_s, drift_u_um_per_s)
+    face.add((site.x_um, site.y_um, reading.z_um - tool.pad_um, u_um))
 
 
 def touch_where_unknown(run: Run, site: Site, face: Face, tool: ToolLength) -> bool:

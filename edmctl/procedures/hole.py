@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING
 from edmctl.labels import Basis
 from edmctl.procedures.estimating import energy_of, estimate_of
 from edmctl.procedures.drift import uncertainty_now
+from edmctl.procedures.expecting import STANDARD_UNCERTAINTIES
 from edmctl.procedures.face import Face, pad_only
 from edmctl.procedures.feed_error import FeedError
 from edmctl.procedures.goal import Goal, goal_of
+from edmctl.procedures.pausing import drift_u_um
 from edmctl.procedures.planning import Start
 from edmctl.procedures.site_result import CutSums, Heights, site_result, site_row
 from edmctl.procedures.stages import move_to
@@ -29,7 +31,7 @@ if TYPE_CHECKING:
 OFFSET_UNCERTAINTY_UM = 10.0
 """How well the distance to the untouched surface is known before the first touch."""
 LEFT_UNCERTAINTY_UM = 12.0
-"""The same where an earlier run of the job has left the tool: its drift since, and wear that it only estimated."""
+"""The same where an earlier run of the job has left the tool, with wear that it only estimated; without drift."""
 
 
 @dataclass(slots=True, eq=False)
@@ -53,12 +55,17 @@ def known_before(run: Run) -> Known:
     """What the recipe and the setup say before the first touch."""
     profile, resumed = run.profile, run.job.resumed
     known = Known(estimate_of(profile), pad_only(run), profile.measure.expected_gap_um)
-    known.pad_um = run.ledger.home_um + profile.approach.offset_um
-    if resumed is not None and run.ledger.sites:
-        known.pad_um = max(site.z3_um for site in run.ledger.sites.values())
-        known.pad_u_um = LEFT_UNCERTAINTY_UM
-    if resumed is not None and resumed.site:
-        known.pad_um, known.pad_u_um = resumed.z1_um + resumed.wear_um, LEFT_UNCERTAINTY_UM
+    home_um = run.ledger.home_um
+    known.pad_um = home_um + profile.approach.offset_um
+    if resumed is None:
+        return known
+    moved_um = home_um - resumed.home_um
+    left_u_um = LEFT_UNCERTAINTY_UM + STANDARD_UNCERTAINTIES * drift_u_um(run.job) + abs(moved_um)
+    if run.ledger.sites:
+        known.pad_um = max(site.z3_um for site in run.ledger.sites.values()) + moved_um
+        known.pad_u_um = left_u_um
+    if resumed.site:
+        known.pad_um, known.pad_u_um = resumed.z1_um + resumed.wear_um + moved_um, left_u_um
     return known
 
 

@@ -42,7 +42,8 @@ class CalibratedActuator:
 class Job:
     """A recipe, the setup of the machine, the holes to make, and the actuator's calibration where there is one.
 
-    `resumed` is how far an earlier run of this job came, `pause_s` ago. `tool_wear_before_um` is what the tool has
+    `resumed` is how far an earlier run of this job came, `pause_s` ago, infinity where nobody knows; `restart_hole`
+    when the hole that it left is to be made from an untouched face. `tool_wear_before_um` is what the tool has
     lost in earlier jobs, as far as anybody knows.
     """
 
@@ -52,6 +53,7 @@ class Job:
     calibration: CalibratedActuator | None = None
     resumed: JobState | None = None
     pause_s: float = 0.0
+    restart_hole: bool = False
     tool_wear_before_um: float = 0.0
 
     @property

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from edmctl.procedures.journal import PERIOD_S, JobState, Journal, NoJournal
+from edmctl.procedures.estimating import energy_of
+from edmctl.procedures.expecting import Estimate, estimate_in_cut, estimate_left, estimate_touched
+from edmctl.procedures.journal import PERIOD_S, FaceTouch, JobState, Journal, NoJournal
 from edmctl.procedures.results import RunningCut
 
 if TYPE_CHECKING:
@@ -27,15 +29,18 @@ class JobJournal:
     file: Journal = field(default_factory=NoJournal)
     _hole: Hole | None = None
     _plan: CutPlan | None = None
-    _slope: tuple[float, float] | None = None
+    _face: tuple[FaceTouch, ...] = ()
     _begun: bool = False
     _time_s: float = 0.0
     _kept_s: float = 0.0
 
+    def __post_init__(self) -> None:
+        if self.job.resumed is not None:
+            self._face = self.job.resumed.face
+
     def face(self, known: Known) -> None:
-        """Note the face that was fitted."""
-        slope = known.face.plane.slope
-        self._slope = (float(slope[0]), float(slope[1]))
+        """Note what was touched of the face."""
+        self._face = tuple(known.face.touched)
 
     def begin_hole(self, hole: Hole, time_s: float, *, begun: bool = False) -> None:
         """A hole whose Z1 is known; `begun` when an earlier run has cut it already."""
@@ -72,30 +77,23 @@ class JobJournal:
         self.file.keep(self._state(phase), urgent=urgent)
 
     def _state(self, phase: str) -> JobState:
-        hole, before_s = self._hole, self.job.resumed.time_s if self.job.resumed else 0.0
+        hole, before_s = self._hole, self.ledger.earlier_time_s
         open_name = hole.site.name if hole else ""
-        done = tuple(asdict(result) for name, result in self.ledger.sites.items() if name != open_name)
-        if hole is None:
-            return JobState(
-                phase=phase,
-                time_s=before_s + self._time_s,
-                tool=self.job.profile.tool.label,
-                slope=self._slope,
-                done=done,
-            )
-        cut, sums, resumed = self.ledger.cut, hole.sums, self.job.resumed
-        wear_um = resumed.wear_um if hole.interrupted and resumed is not None else 0.0
-        if hole.found is not None:
-            wear_um = hole.found.wear_um
-        if self._plan is not None and not math.isnan(cut.displacement_um):
-            wear_um = self._plan.wear_at(cut.displacement_um)
-        before = sums.counts
-        return JobState(
+        state = JobState(
             phase=phase,
             time_s=before_s + self._time_s,
             tool=self.job.profile.tool.label,
-            slope=self._slope,
-            done=done,
+            face=self._face,
+            done=tuple(asdict(result) for name, result in self.ledger.sites.items() if name != open_name),
+            job_machining_time_s=self.ledger.machining_time_s,
+            pause_s=self.ledger.pause_s,
+        )
+        if hole is None:
+            return state
+        cut, sums, known = self.ledger.cut, hole.sums, self._estimate(hole)
+        before = sums.counts
+        return replace(
+            state,
             site=open_name,
             begun=self._begun,
             z1_um=hole.z1.z_um,
@@ -105,9 +103,12 @@ class JobJournal:
             z1_model_um=hole.z1.model_um,
             home_um=self.ledger.home_um,
             displacement_um=0.0 if math.isnan(cut.displacement_um) else cut.displacement_um,
-            depth_um=self.ledger.depth_um,
-            wear_um=wear_um,
-            cuts=hole.sums.number,
+            depth_um=known.depth_um,
+            depth_u_um=known.depth_u_um,
+            wear_um=known.wear_um,
+            wear_u_um=known.wear_u_um,
+            feed_u_um=known.feed_u_um,
+            cuts=sums.number,
             counts=(
                 before[0] + cut.counts[0],
                 before[1] + cut.counts[1],
@@ -117,3 +118,15 @@ class JobJournal:
             energy_j=sums.energy_j + cut.energy_j,
             machining_time_s=sums.time_s + cut.time_s,
         )
+
+    def _estimate(self, hole: Hole) -> Estimate:
+        """What is known of the hole under way: by the cut, by the last touches, by the run before."""
+        cut = self.ledger.cut
+        if self._plan is not None and not math.isnan(cut.displacement_um):
+            energy = energy_of(self.job.profile.pulse, cut.counts, cut.energy_j)
+            return estimate_in_cut(self._plan, cut.displacement_um, energy, self._time_s)
+        if hole.found is not None:
+            return estimate_touched(hole.found)
+        if hole.interrupted and self.job.resumed is not None:
+            return estimate_left(self.job.resumed)
+        return Estimate()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
@@ -12,6 +12,9 @@ PERIOD_S = 5.0
 """Between two states of a cut: 1.5 µm of feed at 0.3 µm/s, far less than the touch of the bottom looks for."""
 
 
+FaceTouch = tuple[float, float, float, float]
+
+
 @dataclass(frozen=True, slots=True)
 class JobState:
     """How far a job has come, in values that JSON holds.
@@ -19,15 +22,17 @@ class JobState:
     `done` are the results of the finished sites, each a mapping of `SiteResult`'s fields. `site` is the hole under
     way, empty between two; the rest is about it: the pad's height `z1_um` before its first cut (of `z1_touches`
     touches with `z1_sd_um`, at `z1_time_s`), whether a cut has begun, the last displacement and the estimates of
-    depth and wear. `counts` (open, normal, arc, short), `energy_j`, `cuts` and `machining_time_s` are the hole's.
-    `home_um` is what the sensor shows of a tool at home. `time_s` counts from the start of the first run, pauses left out. `slope` is that of the work's face along x and
-    y, None where no plane was fitted.
+    depth and wear, with the standard uncertainties of depth, wear and feed. `counts` (open, normal, arc, short),
+    `energy_j`, `cuts` and `machining_time_s` are the hole's. `home_um` is what the sensor shows of a tool at home.
+    `time_s` counts from the start of the first run, pauses left out: those were `pause_s`, NaN where nobody knows;
+    `job_machining_time_s` is the machining in it. `face` is what was touched of the untouched face: x, y, height over
+    the pad and its standard uncertainty, µm.
     """
 
     phase: str
     time_s: float
     tool: str
-    slope: tuple[float, float] | None = None
+    face: tuple[FaceTouch, ...] = ()
     done: tuple[Mapping[str, object], ...] = ()
     site: str = ""
     begun: bool = False
@@ -39,11 +44,16 @@ class JobState:
     home_um: float = 0.0
     displacement_um: float = 0.0
     depth_um: float = 0.0
+    depth_u_um: float = 0.0
     wear_um: float = 0.0
+    wear_u_um: float = 0.0
+    feed_u_um: float = 0.0
     cuts: int = 0
     counts: tuple[int, int, int, int] = (0, 0, 0, 0)
     energy_j: float = 0.0
     machining_time_s: float = 0.0
+    job_machining_time_s: float = 0.0
+    pause_s: float = 0.0
 
     def as_mapping(self) -> dict[str, object]:
         """Values that JSON holds."""
@@ -53,13 +63,18 @@ class JobState:
 def job_state(mapping: Mapping[str, object]) -> JobState:
     """Return the state that `as_mapping` made. Raises TypeError or ValueError where it is none."""
     values = dict(mapping)
-    done, counts, slope = values.pop("done"), values.pop("counts"), values.pop("slope")
+    missing = [field.name for field in fields(JobState) if field.name not in values]
+    if missing:
+        raise ValueError(f"it has no {', '.join(missing)}")
+    done, counts, face = values.pop("done"), values.pop("counts"), values.pop("face")
     if not isinstance(done, list | tuple) or not isinstance(counts, list | tuple) or len(counts) != 4:
         raise TypeError("done and counts have to be lists")
+    if not isinstance(face, list | tuple) or any(len(touch) != 4 for touch in face):
+        raise TypeError("face has to be a list of touches")
     return JobState(
         **values,  # type: ignore[arg-type]
         done=tuple(dict(site) for site in done),
-        slope=None if slope is None else (float(slope[0]), float(slope[1])),  # type: ignore[index]
+        face=tuple((float(x), float(y), float(height), float(u)) for x, y, height, u in face),
         counts=(int(counts[0]), int(counts[1]), int(counts[2]), int(counts[3])),
     )
 

@@ -15,6 +15,7 @@ from edmctl.procedures.job_journal import JobJournal
 from edmctl.procedures.journal import Journal, NoJournal
 from edmctl.procedures.link_watch import LinkWatch, record_link
 from edmctl.procedures.mismatch import MismatchWatch
+from edmctl.procedures.pausing import told_pause_s
 from edmctl.procedures.results import (
     JobResult,
     Ledger,
@@ -76,6 +77,9 @@ def run_job(
     if job.resumed is not None:
         ledger.sites.update({result.name: result for result in map(site_result_of, job.resumed.done)})
         ledger.unwritten.extend(ledger.sites)
+        ledger.earlier_time_s = job.resumed.time_s
+        ledger.machining_time_s = job.resumed.job_machining_time_s
+        ledger.pause_s = told_pause_s(job)
     keeper = JobJournal(job, ledger, journal or NoJournal())
     run = Run(machine, job, watch, recorder, observer, ledger, keeper)
     watch.guard(keeper.take)
@@ -99,7 +103,7 @@ def run_job(
         _record_end(run, error)
         raise
     finally:
-        ledger.time_s = machine.time_s
+        ledger.time_s = ledger.earlier_time_s + machine.time_s
         ledger.link = machine.link_report()
     if missed is not None:
         raise ObjectiveMissed(missed.missed, hint=missed.hint, result=ledger.result(), code=missed.code)

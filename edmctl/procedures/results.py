@@ -115,6 +115,9 @@ class JobResult:
     `reached` is the hole that was left unmeasured, None in a job that ended in order; `tool_wear_total_um` is
     NaN when nothing was measured. `link` says how the line did, None where the job ended before it was used.
     `home_um` is what the sensor showed of the tool at home, at the last rest at 0 V.
+
+    Of a job that was taken up again all times are those of its runs together, `earlier_time_s` of `time_s` in the
+    runs before this one. The pauses between them are left out: they were `pause_s`, NaN where nobody knows.
     """
 
     sites: tuple[SiteResult, ...]
@@ -126,6 +129,8 @@ class JobResult:
     link: LinkReport | None = None
     channel: ChannelResult | None = None
     home_um: float = 0.0
+    earlier_time_s: float = 0.0
+    pause_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,7 +240,9 @@ class Ledger:
     `depth_um` is the best present knowledge of the hole under way: estimated while cutting, then measured.
     `open_site` names that hole until its result is in the run file, `unmeasured_site` from the begin of a cut
     until it is measured; `unwritten` names finished holes whose results later touches may still correct.
-    `home_um` is what the sensor showed of the tool at home, at the last rest at 0 V. `cut` is the cut under way, `phase` what is being done, `warning` what was last warned of, at `warned_s`.
+    `home_um` is what the sensor showed of the tool at home, at the last rest at 0 V. `cut` is the cut under way,
+    `phase` what is being done, `warning` what was last warned of, at `warned_s`.
+    `time_s` and `machining_time_s` count those of the runs before this one too.
     """
 
     sites: dict[str, SiteResult] = field(default_factory=dict)
@@ -250,6 +257,8 @@ class Ledger:
     warned_s: float = math.nan
     time_s: float = 0.0
     machining_time_s: float = 0.0
+    earlier_time_s: float = 0.0
+    pause_s: float = 0.0
     link: LinkReport | None = None
     channel: ChannelResult | None = None
     home_um: float = 0.0
@@ -286,4 +295,6 @@ class Ledger:
             link=self.link,
             channel=self.channel,
             home_um=self.home_um,
+            earlier_time_s=self.earlier_time_s,
+            pause_s=self.pause_s,
         )

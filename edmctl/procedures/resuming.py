@@ -1,7 +1,8 @@
 """A hole that an earlier run left in the middle: pad and bottom are touched again, then it goes on.
 
 Retraction is certain, because the tool comes back to 0 V without power. So the pad tells how much tool is left, and
-the bottom how deep the hole is; nothing that was estimated before the interruption enters the result.
+the bottom how deep the hole is. What was estimated before the interruption enters no result, but it has to agree:
+otherwise work, place or tool are not those that were left, and nothing is machined.
 """
 
 from __future__ import annotations
@@ -9,44 +10,68 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from edmctl.errors import MachineFault
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.deciding import Decision, decide
+from edmctl.procedures.drift import uncertainty_now
+from edmctl.procedures.expecting import (
+    STANDARD_UNCERTAINTIES,
+    expected_of_finished,
+    expected_of_left,
+    is_untouched,
+)
 from edmctl.procedures.hole import Hole, Known, close_site, hole_at
+from edmctl.procedures.job import Site
+from edmctl.procedures.measuring import depth_and_wear
 from edmctl.procedures.measuring_stop import learn, next_start, report
+from edmctl.procedures.not_left import other_tool, other_work, touched_face
+from edmctl.procedures.pausing import counted_pause_s, drift_u_um
 from edmctl.procedures.planning import CutPlan
 from edmctl.procedures.site import cut_to_the_end
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.tool_length import ToolLength
 from edmctl.procedures.touch import SurfaceReading, take_reading
-from edmctl.process.plane import Plane
-from edmctl.process.wear import Reading
+from edmctl.process.wear import DepthAndWear, Reading
+from edmctl.record.rows import EventLevel
 
 if TYPE_CHECKING:
-    from edmctl.procedures.job import Site
     from edmctl.procedures.journal import JobState
     from edmctl.procedures.run import Run
     from edmctl.procedures.time_limits import TimeLimits
 
-UNKNOWN_UM = 12.0
-"""How far pad and bottom may be from where the journal says: some seconds of a cut, a fault's retreat, drift."""
-UNKNOWN_SHARE = 0.05
-"""And so much of the feed, because the journal's depth is an estimate."""
+BEYOND_UM = 12.0
+"""A touch looks so much further than what would be accepted: a mistake is to be found, not missed."""
+NO_CONTACT = "E62005"
 
 
-def take_up_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Decision:
-    """Measure what the earlier run has left, and cut what is missing."""
+def take_up_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Decision | None:
+    """Measure what the earlier run has left, and cut what is missing; None where the hole is to be made anew.
+
+    Raises PreconditionError: E8060 this is not the hole that was left, E8061 the tool is not, E8062 there is no
+    untouched face for a hole that is to be made anew.
+    """
     state = run.job.resumed
     assert state is not None
-    if state.slope is not None:
-        known.face.plane = _face(run, state.slope)
+    _begin(run, known, state)
     hole = _hole(run, site, known, state)
+    expected = expected_of_left(state, run.profile)
     run.ledger.depth_um = state.depth_um
     run.journal.begin_hole(hole, run.machine.time_s, begun=True)
-    around_um = UNKNOWN_UM + UNKNOWN_SHARE * (state.depth_um + state.wear_um)
-    move_to(run, run.job.pad)
-    z3 = take_reading(run, "Z3", site.name, hole.z1.z_um + state.wear_um, around_um)
-    move_to(run, site)
-    z2 = take_reading(run, "Z2", site.name, z3.z_um + hole.face_um + state.depth_um, around_um)
+    drift_um = STANDARD_UNCERTAINTIES * drift_u_um(run.job)
+    z3 = _touch(
+        run, "Z3", run.job.pad, site.name, hole.z1.z_um + state.wear_um, expected.wear_reach_um + drift_um
+    )
+    z2 = _touch(run, "Z2", site, site.name, z3.z_um + hole.face_um + state.depth_um, expected.depth_reach_um)
+    found = _measured(run, hole, z2, z3)
+    if run.job.restart_hole:
+        _start_again(run, site, known, z3, found)
+        return None
+    tool_fits = expected.tool_fits(found)
+    # An untouched face under a tool that does not fit either is other work: there the hole can be made anew.
+    if not expected.depth_fits(found) or (is_untouched(found) and not tool_fits):
+        raise other_work(site, found, expected.estimate, begun=True)
+    if not tool_fits:
+        raise other_tool(found, expected.estimate)
     found = learn(run, hole, known, z2, z3, known.gap_um)
     run.ledger.unmeasured_site = ""
     run.decide(
@@ -74,6 +99,100 @@ def take_up_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Deci
     return cut_to_the_end(run, hole, known, decision.plan, limits)
 
 
+def look_at_last_hole(run: Run, known: Known) -> None:
+    """Touch the bottom of the hole that was finished last, where none was begun after it: is this that work?
+
+    A hole through the sheet has no bottom, and a job that has finished none nothing to look at. What the touch of
+    the pad tells of the tool needs no comparison: the next hole counts from it. Raises PreconditionError E8060.
+    """
+    state = run.job.resumed
+    if state is None or not run.ledger.sites or run.profile.target.kind == "through":
+        return
+    _begin(run, known, state)
+    move_to(run, run.job.pad)
+    pad = take_reading(run, "Z1", run.job.pad.name, known.pad_um, known.pad_u_um)
+    known.tool = ToolLength(pad)
+    _look_at_finished(run, known, pad)
+
+
+def _look_at_finished(run: Run, known: Known, pad: SurfaceReading) -> None:
+    result = list(run.ledger.sites.values())[-1]
+    site = Site(result.name, result.x_um, result.y_um, result.theta_deg)
+    expected = expected_of_finished(result)
+    hole = hole_at(run, site, known, pad, 0.0)
+    predicted_um = pad.z_um + hole.face_um + result.depth_um
+    bottom = _touch(run, "Z2", site, site.name, predicted_um, expected.depth_reach_um)
+    found = _measured(run, hole, bottom, pad)
+    if not expected.depth_fits(found):
+        raise other_work(site, found, expected.estimate, begun=False)
+    run.decide(
+        RunEvent.RESUMED,
+        f"{site.name}, finished before, is {found.depth_um:.2f} µm deep; {result.depth_um:.2f} µm were expected.",
+        {"depth_um": found.depth_um, "expected_um": result.depth_um},
+    )
+
+
+def _start_again(run: Run, site: Site, known: Known, pad: SurfaceReading, found: DepthAndWear) -> None:
+    """Begin the hole anew where its face is untouched, beside the finished holes that belong to it."""
+    if not is_untouched(found):
+        raise touched_face(site, found)
+    if run.ledger.sites:
+        _look_at_finished(run, known, pad)
+    known.tool = ToolLength(pad)
+    run.ledger.depth_um = 0.0
+    run.decide(
+        RunEvent.RESUMED,
+        f"The face at {site.name} is untouched ({found.depth_um:+.2f} ± {found.depth_u95_um:.2f} µm): the hole is "
+        "made from the start.",
+        {"depth_um": found.depth_um},
+    )
+
+
+def _measured(run: Run, hole: Hole, z2: SurfaceReading, z3: SurfaceReading) -> DepthAndWear:
+    return depth_and_wear(
+        run.setup,
+        uncertainty_now(run),
+        hole.z1,
+        z2,
+        z3,
+        face_um=hole.face_um,
+        face_u_um=hole.face_u_um,
+        z1_u_um=hole.z1_u_um,
+    )
+
+
+def _touch(
+    run: Run, kind: str, place: Site, name: str, predicted_um: float, reach_um: float
+) -> SurfaceReading:
+    """Touch a surface that was left; where none is in reach, say what that may mean."""
+    move_to(run, place)
+    try:
+        return take_reading(run, kind, name, predicted_um, reach_um + BEYOND_UM)
+    except MachineFault as fault:
+        if fault.code == NO_CONTACT:
+            fault.hint += (
+                f" The journal expects contact at {predicted_um:.1f} µm, {place.name}: work, place or tool may not "
+                "be those that were left."
+            )
+        raise
+
+
+def _begin(run: Run, known: Known, state: JobState) -> None:
+    """Take over what was touched of the face, and say what an unknown pause means."""
+    if state.face and not known.face.touched:
+        known.face.add(*state.face)
+    if math.isfinite(run.job.pause_s):
+        return
+    drift_um = 2.0 * drift_u_um(run.job)
+    run.decide(
+        RunEvent.RESUMED,
+        "The clock was set back, so nobody knows how long the job stood still. Depth is touched anew; the wear's "
+        f"interval holds a drift of ± {drift_um:.0f} µm.",
+        {"drift_um": drift_um},
+        level=EventLevel.WARNING,
+    )
+
+
 def _hole(run: Run, site: Site, known: Known, state: JobState) -> Hole:
     """Return the hole as the journal left it; times before this run are negative."""
     z1 = SurfaceReading(
@@ -81,7 +200,7 @@ def _hole(run: Run, site: Site, known: Known, state: JobState) -> Hole:
         reading=Reading(state.z1_um, state.z1_sd_um, state.z1_touches),
         model_um=state.z1_model_um,
         actuator_v=math.nan,
-        time_s=state.z1_time_s - state.time_s - run.job.pause_s,
+        time_s=state.z1_time_s - state.time_s - counted_pause_s(run.job),
         zero_um=math.nan,
     )
     known.tool = ToolLength(z1, state.wear_um)
@@ -91,10 +210,3 @@ def _hole(run: Run, site: Site, known: Known, state: JobState) -> Hole:
     sums.before_counts, sums.before_cuts = state.counts, state.cuts
     sums.before_energy_j, sums.before_time_s = state.energy_j, state.machining_time_s
     return hole
-
-
-def _face(run: Run, slope: tuple[float, float]) -> Plane:
-    import numpy as np
-
-    pad = run.job.pad
-    return Plane((pad.x_um, pad.y_um), np.array(slope), np.zeros((2, 2)))

@@ -10,7 +10,7 @@ from edmctl.procedures.deciding import Decision
 from edmctl.procedures.face import touch_plane, touch_where_unknown
 from edmctl.procedures.goal import goal_of
 from edmctl.procedures.hole import Known, begin_hole, known_before, open_site
-from edmctl.procedures.resuming import take_up_hole
+from edmctl.procedures.resuming import look_at_last_hole, take_up_hole
 from edmctl.procedures.site import machine_hole
 from edmctl.procedures.time_limits import TimeLimits
 from edmctl.process.plane import TOUCHES_FOR_A_PLANE
@@ -41,14 +41,16 @@ def machine_sites(run: Run) -> Decision | None:
     resumed = run.job.resumed
     done = set(run.ledger.sites)
     left = [site for site in sites_in_order(run.job) if site.name not in done]
+    if resumed is not None and not resumed.begun and left:
+        look_at_last_hole(run, known)
     for number, site in enumerate(left):
         worn_out = _worn_out(run, known, left[number:])
         if worn_out is not None:
             return worn_out
         open_site(run, site)
-        if resumed is not None and resumed.begun and resumed.site == site.name:
-            decision = take_up_hole(run, site, known, limits)
-        else:
+        begun = resumed is not None and resumed.begun and resumed.site == site.name
+        decision = take_up_hole(run, site, known, limits) if begun else None
+        if decision is None:
             decision = _machine_fresh(run, site, known, left[number:], limits)
         run.journal.end_hole()
         if decision.missed:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 SCHEMA = "edmctl-journal"
-VERSION = 1
+VERSION = 2
 PERIOD_S = 5.0
 """Of the machine's time: so old may the state of a cut be that is not urgent."""
 SUFFIX = ".journal"
@@ -264,8 +264,8 @@ def _number(value: float | None) -> float:
 
 
 def _with_numbers(state: Mapping[str, object]) -> dict[str, object]:
-    """A state with NaN where the file has null, save for the slope of a face that was not fitted."""
-    return {name: value if name == "slope" else _not_null(value) for name, value in state.items()}
+    """A state with NaN where the file has null."""
+    return {name: _not_null(value) for name, value in state.items()}
 
 
 def _not_null(value: object) -> object:

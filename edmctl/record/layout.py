@@ -115,6 +115,7 @@ SCALARS = (
     Scalar("/entry/title", "title", "text", TEXT, "title"),
     Scalar("/entry/run_id", "run_id", "text", TEXT, "identifier of the run"),
     Scalar("/entry/parent_run", "parent_run", "text", TEXT, "run that was taken up again; empty without"),
+    Scalar("/entry/parent_time", "parent_time_s", "f8", "s", "time of the job in the runs before; 0 without"),
     Scalar("/entry/command", "command", "text", TEXT, "command line, as a JSON list"),
     Scalar("/entry/start_time", "start_time", "text", TEXT, "start, ISO 8601"),
     Scalar("/entry/end_time", "", "S40", TEXT, "end, ISO 8601; empty while running"),

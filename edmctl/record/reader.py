@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -132,8 +133,13 @@ class RunFile:
         return [value.decode() for value in values]
 
     def number(self, path: str) -> float:
-        """Return a number, for instance `/entry/exit_code`."""
-        return read_number(self._file, path)
+        """Return a number, for instance `/entry/exit_code`; NaN where an older file has none."""
+        try:
+            return read_number(self._file, path)
+        except KeyError:
+            if self._file.id.links.exists(path.encode()):
+                raise
+            return math.nan
 
     def profile_values(self) -> dict[str, float | int | str | bool]:
         """Return every profile value by its dotted key, and units by `key_units`."""

@@ -278,6 +278,8 @@ class RunMeta:
     """Of the `[sim]` table in effect."""
     parent_run: str = ""
     """The run that this one goes on with; empty without."""
+    parent_time_s: float = 0.0
+    """Time of the job in the runs before, pauses left out."""
     profile_path: str = ""
     profile_parents: Sequence[SourceText] = ()
     """The files that the profile extends, nearest first."""

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
-import signal
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,37 +12,31 @@ import pytest
 
 from edmctl.cli.app import main
 from edmctl.errors import LinkLost
-from edmctl.procedures.job_journal import JobJournal
 from edmctl.profile.load import load_profile
 from edmctl.record.bench_file import read_bench, write_bench
 from edmctl.record.journal import read_journal, write_journal
-from edmctl.record.logbook import JobBegun, Logbook, ToolChanged, WearMeasured
+from edmctl.record.logbook import JobBegun, Logbook, RunEnded, ToolChanged, WearMeasured
 from edmctl.record.reader import open_run
 from edmctl.simulator.saving import bench_state, restored_bench
-from tests.cli.commands import CU270
+from tests.cli.left_jobs import (
+    BENCH,
+    MACHINE,
+    RESUME,
+    TARGET_UM,
+    TOLERANCE_UM,
+    at_time_of_cut,
+    bench_changed,
+    error_of,
+    snapshot_and_stop,
+    stop,
+)
 from tests.serving import serving
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from edmctl.machine.port import TelemetryBlock
     from edmctl.record.logbook import Entry
     from edmctl.simulator import VirtualBench
     from tests.cli.commands import Here, Said
 
-QUICK = (
-    'target={kind="depth",depth_um=24.0,tolerance_um=1.5}',
-    'jump.mode="off"',
-    "approach.speed_um_s=4.0",
-    "measure.settle_s=0.2",
-    "measure.touches=2",
-    "pulse.current_a=0.5",
-    'log.pulses="off"',
-)
-TARGET_UM, TOLERANCE_UM = 24.0, 1.5
-MACHINE = ("machine", "--profile", CU270, *(word for text in QUICK for word in ("--set", text)))
-BENCH = ("--port", "sim:bench.h5")
-RESUME = ("machine", "--resume", "a", "--json", "--quiet")
 INTO_THE_CUT_S = 8.0
 
 
@@ -57,41 +48,17 @@ class Left:
     killed: Path
 
 
-@contextmanager
-def at_time_of_cut(seconds: float, act: Callable[[], None]) -> Iterator[None]:
-    """Do something once when a cut has gone on for so long."""
-    take = JobJournal.take
-    began_s: list[float] = []
-
-    def watched(journal: JobJournal, block: TelemetryBlock) -> None:
-        take(journal, block)
-        if journal._plan is not None:
-            began_s.append(float(block.time_s[0]))
-            if block.time_s[-1] - began_s[0] > seconds:
-                began_s[0] = float("inf")
-                act()
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(JobJournal, "take", watched)
-        yield
-
-
 @pytest.fixture(scope="module")
 def left(tmp_path_factory: pytest.TempPathFactory) -> Left:
     """One job on a kept bench, interrupted in its first cut."""
     home, killed = tmp_path_factory.mktemp("stopped"), tmp_path_factory.mktemp("snapshot") / "killed"
-
-    def kill_and_stop() -> None:
-        # What a killed process leaves is what is on the disk at that instant.
-        shutil.copytree(home, killed)
-        os.kill(os.getpid(), signal.SIGINT)
 
     with pytest.MonkeyPatch.context() as patch:
         for name in ("EDMCTL_PROFILE", "EDMCTL_PORT", "EDMCTL_CALIBRATION"):
             patch.delenv(name, raising=False)
         patch.setenv("EDMCTL_HOME", str(tmp_path_factory.mktemp("home")))
         patch.chdir(home)
-        with at_time_of_cut(INTO_THE_CUT_S, kill_and_stop):
+        with at_time_of_cut(INTO_THE_CUT_S, snapshot_and_stop(home, killed)):
             assert main([*MACHINE, *BENCH, "--seed", "3", "--run-id", "a", "--quiet"]) == 130
     return Left(home, killed)
 
@@ -101,12 +68,6 @@ def killed(left: Left, here: Here) -> Path:
     """The killed job's folder, for `here` to work in."""
     shutil.copytree(left.killed, Path.cwd(), dirs_exist_ok=True)
     return Path.cwd()
-
-
-def error_of(said: Said) -> dict[str, object]:
-    error: dict[str, object] = said.document["error"]
-    assert error["hint"], error
-    return error
 
 
 def refused(said: Said, code: str) -> str:
@@ -126,12 +87,6 @@ def assert_on_target(said: Said) -> None:
     assert abs(site["wear_um"] - site["truth"]["wear_um"]) <= 1.5
 
 
-def bench_changed(change: Callable[[VirtualBench], None]) -> None:
-    bench = restored_bench(read_bench(Path("bench.h5")))
-    change(bench)
-    write_bench(Path("bench.h5"), bench_state(bench))
-
-
 def ledger_goes_on(*entries: Entry) -> None:
     logbook = Logbook.open(Path("runs"))
     logbook.append(logbook.lines[0].serial, *entries)
@@ -139,7 +94,7 @@ def ledger_goes_on(*entries: Entry) -> None:
 
 def test_a_deep_hole_with_a_worn_tool_is_finished(here: Here) -> None:
     deep = ("--set", 'target={kind="depth",depth_um=180.0,tolerance_um=2.0}')
-    with at_time_of_cut(165.0, lambda: os.kill(os.getpid(), signal.SIGINT)):
+    with at_time_of_cut(165.0, stop):
         assert here(*MACHINE, *deep, *BENCH, "--seed", "3", "--run-id", "a", "--quiet").exit_code == 130
     assert float(read_journal(Path("runs/a.journal")).state["wear_um"]) > 42.0  # type: ignore[arg-type]
     said = here(*RESUME, *BENCH)
@@ -170,8 +125,39 @@ def test_an_interrupted_job_reaches_its_depth(here: Here, left: Left, how: str) 
     assert "a-r1.h5" in str(error_of(again)["message"])
 
 
+def test_the_times_of_all_runs_of_a_job_add_up(here: Here, killed: Path) -> None:
+    before = read_journal(Path("runs/a.journal")).state
+    earlier_s, cut_s = float(before["time_s"]), float(before["machining_time_s"])  # type: ignore[arg-type]
+    with at_time_of_cut(6.0, stop):
+        assert here(*RESUME, *BENCH).exit_code == 130
+    between = read_journal(next(Path("runs").glob("*.journal"))).state
+    said = here(*RESUME, *BENCH)
+    result = said.document["result"]
+    (site,) = result["sites"]
+    assert cut_s > 4.0
+    assert result["machining_time_s"] == pytest.approx(site["machining_time_s"], abs=0.01)
+    assert result["machining_time_s"] > between["job_machining_time_s"] + 1.0 > cut_s + 2.0  # type: ignore[operator]
+    assert result["earlier_time_s"] == between["time_s"]
+    assert earlier_s < result["earlier_time_s"] < result["time_s"]
+    assert result["measuring_time_s"] == result["time_s"] - result["machining_time_s"]
+    assert result["measuring_time_s"] > 0.0
+    assert result["pause_s"] == 0.0
+    ended = [
+        line.entry.time_s for line in Logbook.open(Path("runs")).lines if isinstance(line.entry, RunEnded)
+    ]
+    assert ended[-1] == pytest.approx(result["time_s"] - result["earlier_time_s"])
+    with open_run(Path("runs/a-r2.h5")) as run:
+        assert run.number("/entry/parent_time") == between["time_s"]
+    shown = here("run", "show", "runs/a-r2.h5", "--json").document["result"]
+    assert (shown["time_s"], shown["earlier_time_s"]) == (result["time_s"], result["earlier_time_s"])
+    assert shown["machining_time_s"] < shown["time_s"]
+    assert "before it was taken up after a pause of 0 s" in " ".join(
+        here("run", "show", "runs/a-r2.h5").out.split()
+    )
+
+
 def test_a_resumed_job_can_be_interrupted_and_resumed_again(here: Here, killed: Path) -> None:
-    with at_time_of_cut(2.0, lambda: os.kill(os.getpid(), signal.SIGINT)):
+    with at_time_of_cut(2.0, stop):
         assert here(*RESUME, *BENCH).exit_code == 130
     (journal,) = Path("runs").glob("*.journal")
     assert read_journal(journal).job.parents == ("a",)
@@ -184,10 +170,10 @@ def test_one_that_dies_before_it_touches_keeps_what_was_known(here: Here, killed
     before = read_journal(Path("runs/a.journal")).state
     with pytest.MonkeyPatch.context() as patch:
 
-        def stop(*_: object, **__: object) -> None:
+        def lost(*_: object, **__: object) -> None:
             raise LinkLost("made for this test")
 
-        patch.setattr("edmctl.procedures.resuming.take_reading", stop)
+        patch.setattr("edmctl.procedures.resuming.take_reading", lost)
         assert here(*RESUME, *BENCH).exit_code == 4
     (journal,) = Path("runs").glob("*.journal")
     after = read_journal(journal).state
@@ -198,11 +184,11 @@ def test_one_that_dies_before_it_touches_keeps_what_was_known(here: Here, killed
 def test_one_that_dies_between_a_cut_and_its_touch_knows_the_wear(here: Here) -> None:
     with pytest.MonkeyPatch.context() as patch:
 
-        def stop(*_: object, **__: object) -> None:
+        def lost(*_: object, **__: object) -> None:
             raise LinkLost("made for this test")
 
-        patch.setattr("edmctl.procedures.site.measure_hole", stop)
-        patch.setattr("edmctl.procedures.site.estimate_hole", stop)
+        patch.setattr("edmctl.procedures.site.measure_hole", lost)
+        patch.setattr("edmctl.procedures.site.estimate_hole", lost)
         assert here(*MACHINE, *BENCH, "--seed", "4", "--run-id", "a", "--quiet").exit_code == 4
     state = read_journal(Path("runs/a.journal")).state
     assert state["phase"] == "measuring"
@@ -357,7 +343,7 @@ def test_what_the_journal_has_is_not_said_again(
 
 
 def test_a_fresh_bench_keeps_no_journal(here: Here) -> None:
-    with at_time_of_cut(1.0, lambda: os.kill(os.getpid(), signal.SIGINT)):
+    with at_time_of_cut(1.0, stop):
         assert here(*MACHINE, "--port", "sim:", "--seed", "1", "--run-id", "c", "--quiet").exit_code == 130
     assert list(Path("runs").glob("*.journal")) == []
     said = here("machine", "--resume", "c", "--json")

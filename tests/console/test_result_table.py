@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import pytest
+
 from edmctl.console.result_table import render_job
 from tests.console.views import Channel, ChannelTruth, Job, Site, Truth
 
@@ -127,6 +129,16 @@ def test_a_channel_has_its_floor_and_what_is_true_of_it() -> None:
     assert "0.81 µm from the target" in text
     assert "12 layers in 19 passes" in text
     assert "truth" not in render_job(Job(sites=(), channel=Channel()))
+
+
+@pytest.mark.parametrize(
+    ("pause_s", "words"), [(125.0, "after a pause of 2 min 05 s"), (math.nan, "after an unknown pause")]
+)
+def test_a_job_that_was_taken_up_tells_the_time_before_and_the_pause(pause_s: float, words: str) -> None:
+    text = render_job(Job(earlier_time_s=600.0, pause_s=pause_s))
+    told = " ".join(text.split())
+    assert f"Whole job 19 min 01 s, 10 min 00 s before it was taken up {words}; the tool is" in told
+    assert max(map(len, text.splitlines())) <= 80
 
 
 def test_a_through_hole_has_a_tip_below_the_face_and_no_bottom() -> None:

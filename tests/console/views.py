@@ -119,6 +119,8 @@ class Job:
     channel: Channel | None = None
     time_s: float = 1141.0
     tool_wear_total_um: float = 70.03
+    earlier_time_s: float = 0.0
+    pause_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

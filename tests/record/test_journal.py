@@ -201,7 +201,7 @@ def test_a_later_version_is_named(tmp_path: Path) -> None:
     kept(path).keep(Step(1.0), urgent=True)
     envelope = json.loads(path.read_text(encoding="utf-8"))
     path.write_text(json.dumps({**envelope, "version": 9}), encoding="utf-8")
-    with pytest.raises(PreconditionError, match="version 9, this one knows 1") as refused:
+    with pytest.raises(PreconditionError, match="version 9, this one knows 2") as refused:
         read_journal(path)
     assert refused.value.code == "E8052"
 
