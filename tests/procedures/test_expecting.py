@@ -78,7 +78,7 @@ def test_an_unconfirmed_ratio_is_a_belief_and_the_touched_part_is_not() -> None:
     plan = CutPlan(
         2,
         60.0,
-        Start(200.0, 0.5, 3.0, 100.0, 39.0, 0.4),
+        Start(200.0, 0.15, 3.0, depth_um=100.0, depth_u_um=0.5, wear_um=39.0, wear_u_um=0.4),
         estimate_of(PROFILE).fitted(None, 100.0, 0.3, 39.0, 0.3),
     )
     known = estimate_in_cut(plan, 237.0, energy_of(PROFILE.pulse, (0, 0, 0, 0), 0.0), 0.0)
