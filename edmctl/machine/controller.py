@@ -89,6 +89,7 @@ class LinkMachine:
         self._origin_s: float | None = None
         self._position: dict[Axis, float] = {}
         self._stands: dict[Axis, float] = {}
+        self._scans = False
         self._actuator_v = 0.0
 
     @property
@@ -151,7 +152,8 @@ class LinkMachine:
         for axis, stood in self._stands.items():
             if abs(places[axis] - stood) > STANDS_WITHIN:
                 raise impossible(f"{axis.name} at {places[axis]:.1f}, nothing has moved it from {stood:.1f}")
-        self._stands = places
+        follows = self._scans and status.state in (MachineState.MACHINING, MachineState.JUMP)
+        self._stands = {} if follows else places
         return status
 
     def self_test(self) -> float:
@@ -215,11 +217,13 @@ class LinkMachine:
 
     def start_cut(self, request: CutRequest) -> None:
         """Start the gap servo."""
+        self._scans = False
         self._waits.begin(ServoStart(request.gap_reference_v, request.z_limit_um, request.max_time_s))
 
     def start_scan(self, request: ScanRequest) -> None:
         """Start the gap servo with the tool held at its limit; the stages wait for `path_move`."""
         self._stands.clear()
+        self._scans = True
         self._waits.begin(ScanStart(request.gap_reference_v, request.z_limit_um, request.max_time_s))
 
     def path_move(self, move: PathMove) -> bool:

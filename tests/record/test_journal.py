@@ -57,7 +57,7 @@ class Step:
         return {
             "time_s": self.time_s,
             "depth_um": self.depth_um,
-            "slope": None,
+            "face": [],
             "done": ({"name": "hole 1", "wear": math.nan, "ratios": {"open": math.nan}},),
         }
 
@@ -76,7 +76,7 @@ def test_what_was_kept_is_what_is_read(tmp_path: Path) -> None:
     assert (found.x_um, found.y_um) == (500.0, 1.5)
     assert found.state["time_s"] == 12.5
     assert math.isnan(found.state["depth_um"])  # type: ignore[arg-type]
-    assert found.state["slope"] is None
+    assert found.state["face"] == []
     (site,) = found.state["done"]  # type: ignore[misc]
     assert math.isnan(site["wear"])  # type: ignore[has-type]
     assert math.isnan(site["ratios"]["open"])  # type: ignore[has-type]
@@ -230,7 +230,7 @@ def test_it_lies_beside_the_run_file(tmp_path: Path) -> None:
 def test_equal_journals_are_equal(tmp_path: Path) -> None:
     path = tmp_path / "a.journal"
     whole = Journal(
-        replace(JOB, places=()), {"time_s": 1.0, "slope": None}, 5.0, 1.0, 2.0, {"tool_wear_um": 3.0}
+        replace(JOB, places=()), {"time_s": 1.0, "face": []}, 5.0, 1.0, 2.0, {"tool_wear_um": 3.0}
     )
     write_journal(path, whole)
     assert read_journal(path) == whole

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import multiprocessing
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pytest
@@ -160,7 +161,7 @@ def test_a_last_line_that_nobody_can_read_is_left_out_and_taken_away(tmp_path: P
 
 
 def test_a_line_of_a_later_version_is_told_from_damage(tmp_path: Path) -> None:
-    (tmp_path / FILE_NAME).write_text('{"v": 2, "kind": "dream"}\n', encoding="utf-8")
+    (tmp_path / FILE_NAME).write_text('{"v": 3, "kind": "dream"}\n', encoding="utf-8")
     with pytest.raises(RunFileError) as caught:
         Logbook.open(tmp_path)
     assert caught.value.code == "E9032"
@@ -271,5 +272,23 @@ def test_lines_are_json_that_anybody_reads(tmp_path: Path) -> None:
     Logbook.open(tmp_path).append(SERIAL, site())
     (text,) = (tmp_path / FILE_NAME).read_text(encoding="utf-8").splitlines()
     line = json.loads(text)
-    assert (line["v"], line["kind"], line["serial"], line["tool"]) == (1, "site", SERIAL, "Cu")
+    assert (line["v"], line["kind"], line["serial"], line["tool"]) == (2, "site", SERIAL, "Cu")
     assert line["z3_um"] is None
+
+
+def test_where_a_touch_was_counts_from_home(tmp_path: Path) -> None:
+    book = Logbook.open(tmp_path)
+    book.append(SERIAL, replace(reference(), z_um=80.0, home_um=30.0))
+    assert books_of(book.lines, SERIAL).account("Cu").pad_um == 50.0
+    book.append(SERIAL, replace(site(), z3_um=97.0, home_um=33.0))
+    assert books_of(Logbook.open(tmp_path).lines, SERIAL).account("Cu").pad_um == 64.0
+
+
+def test_lines_of_before_home_was_told_count_from_zero(tmp_path: Path) -> None:
+    Logbook.open(tmp_path).append(SERIAL, reference())
+    file = tmp_path / FILE_NAME
+    line = json.loads(file.read_text(encoding="utf-8"))
+    del line["home_um"]
+    file.write_text(json.dumps({**line, "v": 1}) + "\n", encoding="utf-8")
+    books = books_of(Logbook.open(tmp_path).lines, SERIAL)
+    assert books.account("Cu").pad_um == reference().z_um
