@@ -23,8 +23,8 @@ ABOVE_BOTTOM_UM = 15.0
 """A later cut is approached fast to this far above the last bottom, then at the approach speed."""
 BEYOND_BOTTOM_UM = 15.0
 """No spark this far beyond the last bottom is a fault."""
-SURFACE_UNCERTAINTY_UM = 10.0
-"""How well the gap at 0 V is known before it is touched."""
+SURFACE_U_UM = 3.5
+"""Standard uncertainty of the gap at 0 V before it is touched."""
 _STEEPEST = 1.35
 """Steepest local slope of the actuator over its mean gain, with a margin; so a step never overshoots."""
 _SHORT_SHARE = 0.03
@@ -40,11 +40,11 @@ def approach_surface(run: Run) -> None:
     _approach(run, run.profile.approach.max_travel_um)
 
 
-def approach_bottom(run: Run, bottom_um: float) -> None:
-    """Feed from 0 V to the first sparks at a bottom of known height."""
+def approach_bottom(run: Run, bottom_um: float) -> MachineEvent:
+    """Feed from 0 V to the first sparks at a bottom of known height; they are returned."""
     run.begin(Phase.APPROACHING)
     lower_to(run, bottom_um - ABOVE_BOTTOM_UM)
-    _approach(run, bottom_um - run.watch.displacement_um + BEYOND_BOTTOM_UM)
+    return _approach(run, bottom_um - run.watch.displacement_um + BEYOND_BOTTOM_UM)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +87,7 @@ def find_contact(run: Run, place: Site) -> SurfaceFound:
     """Go to a place and touch its surface, which is expected at `approach.offset_um`."""
     move_to(run, place)
     begin_s = run.machine.time_s
-    found = take_reading(run, "Zr", place.name, run.profile.approach.offset_um, SURFACE_UNCERTAINTY_UM)
+    found = take_reading(run, "Zr", place.name, run.profile.approach.offset_um, SURFACE_U_UM)
     return SurfaceFound(
         kind="contact",
         x_um=place.x_um,

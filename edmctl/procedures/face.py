@@ -40,7 +40,7 @@ def touch_face(run: Run, sites: Sequence[Site], tool: ToolLength) -> Plane:
     for i in chosen:
         move_to(run, sites[i])
         away_um = math.dist(places_um[i], origin_um)
-        reading = take_reading(run, KIND, sites[i].name, tool.pad_um, 3.0 * tilt_u * away_um)
+        reading = take_reading(run, KIND, sites[i].name, tool.pad_um, tilt_u * away_um)
         heights_um.append(reading.z_um - tool.pad_um)
     plane = fitted_plane(
         origin_um, [places_um[i] for i in chosen], heights_um, TOUCH_U_UM, run.setup.surface.tilt_u_mrad

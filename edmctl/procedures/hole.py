@@ -11,21 +11,21 @@ from edmctl.procedures.face import pad_only
 from edmctl.procedures.feed_error import FeedError
 from edmctl.procedures.goal import Goal, goal_of
 from edmctl.procedures.measuring import displacement_uncertainty
+from edmctl.procedures.pad import read_pad
 from edmctl.procedures.site_result import CutSums, Heights, site_result, site_row
-from edmctl.procedures.stages import move_to
 from edmctl.procedures.tool_length import ToolLength
-from edmctl.procedures.touch import SurfaceReading, take_reading
 
 if TYPE_CHECKING:
     from edmctl.procedures.job import Site
     from edmctl.procedures.run import Run
+    from edmctl.procedures.touch import SurfaceReading
     from edmctl.process.live_erosion import Energy, ErosionEstimate
     from edmctl.process.plane import Plane
     from edmctl.process.wear import DepthAndWear
 
-OFFSET_UNCERTAINTY_UM = 10.0
-"""How well the distance to the untouched surface is known before the first touch."""
-LEFT_UNCERTAINTY_UM = 12.0
+OFFSET_U_UM = 3.5
+"""Standard uncertainty of the distance to the untouched surface before the first touch."""
+LEFT_U_UM = 4.0
 """The same where an earlier run of the job has left the tool: its drift since, and wear that it only estimated."""
 
 
@@ -33,7 +33,7 @@ LEFT_UNCERTAINTY_UM = 12.0
 class Known:
     """What a job has learned so far, from hole to hole: tool length, face, removal and wear, working gap.
 
-    `pad_um` is where the pad is expected within `pad_u_um` before the tool has touched it.
+    `pad_um` is where the pad is expected, with the standard uncertainty `pad_u_um`, before the tool has touched it.
     `plane_fitted` tells a face that was touched from one that is only hoped to be level; `unmeasured` are the holes
     that were made since the pad was last touched.
     """
@@ -43,7 +43,7 @@ class Known:
     gap_um: float
     tool: ToolLength | None = None
     pad_um: float = math.nan
-    pad_u_um: float = OFFSET_UNCERTAINTY_UM
+    pad_u_um: float = OFFSET_U_UM
     plane_fitted: bool = False
     unmeasured: list[Hole] = field(default_factory=list)
 
@@ -55,9 +55,9 @@ def known_before(run: Run) -> Known:
     known.pad_um = profile.approach.offset_um
     if resumed is not None and run.ledger.sites:
         known.pad_um = max(site.z3_um for site in run.ledger.sites.values())
-        known.pad_u_um = LEFT_UNCERTAINTY_UM
+        known.pad_u_um = LEFT_U_UM
     if resumed is not None and resumed.site:
-        known.pad_um, known.pad_u_um = resumed.z1_um + resumed.wear_um, LEFT_UNCERTAINTY_UM
+        known.pad_um, known.pad_u_um = resumed.z1_um + resumed.wear_um, LEFT_U_UM
     return known
 
 
@@ -128,8 +128,7 @@ class Hole:
 def begin_hole(run: Run, site: Site, known: Known) -> Hole:
     """Begin a hole: touch the pad where nothing is known of the tool's length, otherwise go by what is known."""
     if known.tool is None:
-        move_to(run, run.job.pad)
-        known.tool = ToolLength(take_reading(run, "Z1", site.name, known.pad_um, known.pad_u_um))
+        known.tool = ToolLength(read_pad(run, "Z1", site.name, known.pad_um, known.pad_u_um))
     return hole_at(run, site, known, known.tool.pad.shifted(known.tool.wear_um), known.tool.wear_u_um)
 
 

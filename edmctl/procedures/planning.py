@@ -13,6 +13,7 @@ from edmctl.process.live_erosion import Energy, ErosionEstimate, LiveErosion
 from edmctl.process.next_cut import COVERAGE, FIRST_GAP_U_UM, GAP_U_UM, NextCut, next_cut
 
 if TYPE_CHECKING:
+    from edmctl.procedures.touch import SurfaceReading
     from edmctl.profile.model import Profile
 
 SMALLEST_GAP_UM = 0.5
@@ -62,6 +63,11 @@ class CutPlan:
         return self.start.gap_um
 
     @property
+    def gap_u_um(self) -> float:
+        """Standard uncertainty of that."""
+        return GAP_U_UM if self.number > 1 or self.estimate.fits else FIRST_GAP_U_UM
+
+    @property
     def wear_ratio(self) -> float:
         """Wear per depth expected."""
         return self.estimate.wear_ratio
@@ -80,8 +86,7 @@ class CutPlan:
 
         `wear_u_um` is what this cut adds; see `wear_u95_um` for that of the hole.
         """
-        gap_u_um = GAP_U_UM if self.number > 1 or self.estimate.fits else FIRST_GAP_U_UM
-        split = self.estimate.split(self.fed_um(displacement_um), gap_u_um, energy)
+        split = self.estimate.split(self.fed_um(displacement_um), self.gap_u_um, energy)
         return LiveErosion(
             self.start.depth_um + split.depth_um,
             math.hypot(self.start.u_um, split.depth_u_um),
@@ -151,9 +156,12 @@ def _planned(
     return CutPlan(number, cut.feed_um, start, estimate, goal.depth_um, measured, cut.depth_u_um)
 
 
-def learned_gap_um(bottom_um: float, end_displacement_um: float) -> float:
-    """The working gap: how much further the tool goes to touch than it went to spark."""
-    return min(max(bottom_um - end_displacement_um, SMALLEST_GAP_UM), LARGEST_GAP_UM)
+def learned_gap_um(plan: CutPlan, bottom: SurfaceReading, end_displacement_um: float) -> float:
+    """The working gap: how much further the tool goes to touch than it went to spark.
+
+    A bottom in doubt teaches none, so the gap stays what it was taken to be.
+    """
+    return plan.gap_um if bottom.doubt_u_um > 0.0 else bottom.z_um - end_displacement_um
 
 
 def cut_budget(profile: Profile) -> int:

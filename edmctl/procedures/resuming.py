@@ -13,6 +13,7 @@ from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.deciding import Decision, decide
 from edmctl.procedures.hole import Hole, Known, close_site, hole_at
 from edmctl.procedures.measuring_stop import learn, next_start, report
+from edmctl.procedures.pad import read_pad
 from edmctl.procedures.planning import CutPlan
 from edmctl.procedures.site import cut_to_the_end
 from edmctl.procedures.stages import move_to
@@ -27,9 +28,10 @@ if TYPE_CHECKING:
     from edmctl.procedures.run import Run
     from edmctl.procedures.time_limits import TimeLimits
 
-UNKNOWN_UM = 12.0
-"""How far pad and bottom may be from where the journal says: some seconds of a cut, a fault's retreat, drift."""
-UNKNOWN_SHARE = 0.05
+UNKNOWN_U_UM = 4.0
+"""Standard uncertainty of where the journal says that pad and bottom are: some seconds of a cut, a fault's retreat,
+drift."""
+UNKNOWN_U_SHARE = 0.02
 """And so much of the feed, because the journal's depth is an estimate."""
 
 
@@ -42,11 +44,10 @@ def take_up_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Deci
     hole = _hole(run, site, known, state)
     run.ledger.depth_um = state.depth_um
     run.journal.begin_hole(hole, run.machine.time_s, begun=True)
-    around_um = UNKNOWN_UM + UNKNOWN_SHARE * (state.depth_um + state.wear_um)
-    move_to(run, run.job.pad)
-    z3 = take_reading(run, "Z3", site.name, hole.z1.z_um + state.wear_um, around_um)
+    u_um = UNKNOWN_U_UM + UNKNOWN_U_SHARE * (state.depth_um + state.wear_um)
+    z3 = read_pad(run, "Z3", site.name, hole.z1.z_um + state.wear_um, u_um)
     move_to(run, site)
-    z2 = take_reading(run, "Z2", site.name, z3.z_um + hole.face_um + state.depth_um, around_um)
+    z2 = take_reading(run, "Z2", site.name, z3.z_um + hole.face_um + state.depth_um, u_um)
     found = learn(run, hole, known, z2, z3, known.gap_um)
     run.ledger.unmeasured_site = ""
     run.decide(

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from edmctl.procedures.approach import approach_bottom
+from edmctl.procedures.bottom import check_first_sparks
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.cut import CutEnd, run_cut
 from edmctl.procedures.deciding import Decision, out_of_time
@@ -50,7 +51,7 @@ def _cut(run: Run, hole: Hole, known: Known, plan: CutPlan, limits: TimeLimits) 
     if limits.left().seconds <= 0.0:
         return _no_time(run, hole, plan, limits)
     move_to(run, hole.site)
-    approach_bottom(run, plan.bottom_um)
+    plan = check_first_sparks(run, plan, approach_bottom(run, plan.bottom_um))
     left = limits.left()
     if left.seconds <= 0.0:
         return _no_time(run, hole, plan, limits)
