@@ -15,6 +15,7 @@ from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.cut import CutEnd
 from edmctl.procedures.stages import retract
 from edmctl.procedures.touch import SurfaceReading, take_reading
+from edmctl.process.next_cut import COVERAGE
 from edmctl.process.touch_check import Deviation, against_sparks, between, is_long, is_short
 from edmctl.record.rows import EventLevel
 
@@ -46,16 +47,20 @@ def read_bottom(run: Run, place: str, plan: CutPlan, cut: CutResult) -> SurfaceR
     end_um, gap_um = cut.end_displacement_um, plan.gap_um
     gap_u_um = plan.gap_u_um if cut.end is CutEnd.REACHED else math.hypot(plan.gap_u_um, UNFINISHED_GAP_U_UM)
     z2 = take_reading(run, "Z2", place, end_um + gap_um, gap_u_um)
-    for _ in range(MORE_LOOKS):
+    for look in range(MORE_LOOKS + 1):
         off = against_sparks(z2.z_um, end_um, gap_um, gap_u_um)
-        if not (is_short(off, gap_um) or is_long(off)):
+        short = is_short(off, gap_um)
+        if not short and (look > 0 or not is_long(off)):
             return z2
+        if look == MORE_LOOKS:
+            break
         _tell(run, z2, off, "It is touched again after the tool was drawn out.")
         wash(run, end_um)
         again = take_reading(run, "Z2", place, end_um + gap_um, gap_u_um)
         z2 = max(z2, again, key=lambda reading: reading.z_um)
-    off = against_sparks(z2.z_um, end_um, gap_um, gap_u_um)
-    return _in_doubt(run, z2, off) if is_short(off, gap_um) else z2
+    middle_um, u_um = between(z2.z_um, end_um, gap_um, gap_u_um)
+    _tell(run, z2, off, f"The bottom is taken to be at {middle_um:.2f} ± {COVERAGE * u_um:.2f} µm.")
+    return replace(z2.shifted(middle_um - z2.z_um), doubt_u_um=u_um)
 
 
 def wash(run: Run, bottom_um: float) -> None:
@@ -84,13 +89,6 @@ def check_first_sparks(run: Run, plan: CutPlan, sparks: MachineEvent) -> CutPlan
     )
     start = replace(plan.start, u_um=math.hypot(plan.start.u_um, 0.5 * off.um))
     return replace(plan, start=start, measured=True)
-
-
-def _in_doubt(run: Run, z2: SurfaceReading, off: Deviation) -> SurfaceReading:
-    """The bottom between what touch and sparks say."""
-    middle_um, u_um = between(z2.z_um, off)
-    _tell(run, z2, off, f"The bottom is taken to be at {middle_um:.2f} ± {2.0 * u_um:.2f} µm.")
-    return replace(z2.shifted(middle_um - z2.z_um), doubt_u_um=u_um)
 
 
 def _tell(run: Run, z2: SurfaceReading, off: Deviation, what_now: str) -> None:

@@ -91,6 +91,8 @@ def learn(
     hole.bottom, hole.pad = z2, z3
     hole.report(run, found, gap_um)
     known.tool, known.gap_um = ToolLength(z3), gap_um
+    if z2.doubt_u_um > 0.0:
+        return found
     known.estimate = hole.estimate.fitted(
         None if hole.interrupted else hole.energy(run),
         found.depth_um,

@@ -65,7 +65,7 @@ class CutPlan:
     @property
     def gap_u_um(self) -> float:
         """Standard uncertainty of that."""
-        return GAP_U_UM if self.number > 1 or self.estimate.fits else FIRST_GAP_U_UM
+        return GAP_U_UM if self.estimate.fits else FIRST_GAP_U_UM
 
     @property
     def wear_ratio(self) -> float:

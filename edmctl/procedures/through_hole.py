@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 def end_of_through_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: CutResult) -> Decision:
     """Measure the wear; the depth is how far the tip went below the face, at least the sheet's thickness."""
-    pad = touch_pad(run, hole, plan, cut, more_u_um=hole.goal.completion_um)
+    pad = touch_pad(run, hole, plan, cut, more_u_um=0.5 * hole.goal.completion_um)
     fed_um = plan.fed_um(cut.end_displacement_um)
     hole.stops += 1
     hole.bottom, hole.pad = hole.z1.shifted(hole.face_um + fed_um), pad

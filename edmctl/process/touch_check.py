@@ -115,14 +115,16 @@ def is_long(bottom: Deviation) -> bool:
     return bottom.sigmas > LONG_SIGMAS
 
 
-def between(short_um: float, deviation: Deviation) -> tuple[float, float]:
-    """Where a bottom is that stays short by a deviation: the best estimate of it, and its standard uncertainty.
+def between(touch_um: float, end_um: float, gap_um: float, gap_u_um: float) -> tuple[float, float]:
+    """Where a bottom is whose touch stays short: the best estimate of it, and its standard uncertainty.
 
-    A chip can only shorten a touch, so the bottom lies between the touch and what the sparks say, with the same
-    chance anywhere (a rectangular distribution, JCGM 100:2008 §4.3.7), and what the sparks say has an uncertainty.
+    A chip can only shorten a touch, and the tool has sparked at `end_um` without being shorted. So the bottom lies
+    between the deeper of these two and what the sparks say, with the same chance anywhere (a rectangular
+    distribution, JCGM 100:2008 §4.3.7), and what the sparks say has an uncertainty of its own.
     """
-    way_um = -deviation.um
-    return short_um + 0.5 * way_um, math.hypot(way_um / math.sqrt(12.0), deviation.u_um)
+    highest_um, deepest_um = max(touch_um, end_um), end_um + gap_um
+    way_um = max(0.0, deepest_um - highest_um)
+    return deepest_um - 0.5 * way_um, math.hypot(way_um / math.sqrt(12.0), gap_u_um)
 
 
 def has_grown(wear: Deviation) -> bool:
