@@ -2,11 +2,12 @@
 
     python benchmarks/chips.py [--seeds 6] [--first-seed 2000] [--deep 2] [--clean 300] [--arrays 12] [--base DIR]
 
-Every chip is injected on a virtual machine under the first touch of a reading: Z1, or Z2 and Z3 of the first or of the
-last measuring stop. The same seed without a chip says how wide the interval is that the chip has to exceed. A chip is
-found where an event or an error tells of it, covered where the stated 95 % intervals hold the plant's truth. Bars: of
-those that shift a result by more than the clean run's interval, 95 % found or covered; at most 1 % of clean holes with
-an alarm; with `--base`, a checkout to compare with, a clean job at most 3 % (180 µm) or 30 s longer.
+Every chip is injected on a virtual machine under the first touch of a reading: Z1, or Z2 and Z3 of the first or of
+the last measuring stop. The same seed without a chip says how wide the interval is that the chip has to exceed. A
+chip is found where an event or an error tells of it, covered where the stated 95 % intervals hold the plant's
+truth. Bars: of those that shift a result by more than the clean run's interval, 95 % found or covered; at most 1 %
+of clean holes with an alarm; with `--base`, a checkout to compare with, a clean job at most 3 % (180 µm) or 30 s
+longer.
 """
 
 from __future__ import annotations
@@ -183,7 +184,8 @@ class Tally:
     def __str__(self) -> str:
         n = max(1, self.harmful)
         return (
-            f"{self.harmful:4d} harmful: {100 * self.found / n:5.1f} % found, {100 * self.covered / n:5.1f} % covered, "
+            f"{self.harmful:4d} harmful: {100 * self.found / n:5.1f} % found, "
+            f"{100 * self.covered / n:5.1f} % covered, "
             f"{self.missed} missed, {self.outside} ended without an error outside their interval "
             f"({self.harmless} harmless)"
         )
@@ -204,7 +206,11 @@ def is_harmful(kind: str, size_um: float, clean: Outcome) -> bool:
     """Whether a chip shifts depth or wear by more than the clean run's interval."""
     assert clean.result is not None
     (site,) = clean.result.sites
-    widths_um = {"Z1": [site.wear_u95_um], "Z2": [site.depth_u95_um], "Z3": [site.wear_u95_um, site.depth_u95_um]}
+    widths_um = {
+        "Z1": [site.wear_u95_um],
+        "Z2": [site.depth_u95_um],
+        "Z3": [site.wear_u95_um, site.depth_u95_um],
+    }
     return size_um > min(widths_um[kind])
 
 
@@ -225,7 +231,9 @@ def chips(seeds: range, depths_um: tuple[float, ...], *, told: bool) -> dict[str
                             tally = tallies.setdefault(f"{kind} {name:<10} {size:<10}", Tally())
                             tally.take(done, harmful=harmful)
                             if told and harmful and not (done.found or done.covered):
-                                print(f"    missed: {depth_um:g} µm, seed {seed}, {kind}, {inject}: {done.told}")
+                                print(
+                                    f"    missed: {depth_um:g} µm, seed {seed}, {kind}, {inject}: {done.told}"
+                                )
     return tallies
 
 
@@ -256,10 +264,20 @@ def times_s(first_seed: int, runs: int, base: str = "") -> dict[str, float]:
     """Median time of whole clean jobs, here or with another checkout's code."""
     if base:
         path = os.environ | {"PYTHONPATH": base}
-        command = [sys.executable, __file__, "--times-only", "--first-seed", str(first_seed), "--runs", str(runs)]
+        command = [
+            sys.executable,
+            __file__,
+            "--times-only",
+            "--first-seed",
+            str(first_seed),
+            "--runs",
+            str(runs),
+        ]
         done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True, env=path)
         return dict(json.loads(done.stdout))
-    jobs = {f"{depth_um:g} µm": ("profiles/cu270.toml", target(depth_um)) for depth_um in (10.0, 40.0, DEEP_UM)}
+    jobs = {
+        f"{depth_um:g} µm": ("profiles/cu270.toml", target(depth_um)) for depth_um in (10.0, 40.0, DEEP_UM)
+    }
     jobs["array 3x3"] = (ARRAY, ())
     jobs["w252 20 µm"] = ("profiles/w252.toml", target(20.0))
     return {
@@ -290,17 +308,19 @@ def main() -> None:
     seeds = range(args.first_seed, args.first_seed + args.seeds)
     deep = range(args.first_seed, args.first_seed + args.deep)
     groups = {
-        "chips, short holes": lambda: chips(seeds, DEPTHS_UM, told=args.missed),
-        "chips, 180 µm": lambda: chips(deep, (DEEP_UM,), told=args.missed),
-        "lies": lambda: lies(seeds),
+        "chips, short holes": chips(seeds, DEPTHS_UM, told=args.missed),
+        "chips, 180 µm": chips(deep, (DEEP_UM,), told=args.missed),
+        "lies": lies(seeds),
     }
-    for title, work in groups.items():
-        tallies = work()
+    for title, tallies in groups.items():
         harmful = sum(tally.harmful for tally in tallies.values())
         missed = sum(tally.missed for tally in tallies.values())
         share = 1.0 - missed / harmful if harmful else 1.0
         met = met and share >= FOUND_BAR
-        print(f"{title}: {100 * share:.1f} % of {harmful} found or covered (bar {100 * FOUND_BAR:g} %)", flush=True)
+        print(
+            f"{title}: {100 * share:.1f} % of {harmful} found or covered (bar {100 * FOUND_BAR:g} %)",
+            flush=True,
+        )
         for name, tally in tallies.items():
             print(f"    {name:<24} {tally}", flush=True)
     holes, alarmed, told = alarms(args.first_seed, args.clean, args.arrays)

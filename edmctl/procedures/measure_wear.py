@@ -32,7 +32,8 @@ MOST_DRIFT_UM = 2.0
 """Between the pad before and after the bottom, minutes apart: more of it, and the wear, which is taken over the
 whole job, is not known any more. Our choice: the tolerance that shipped recipes allow for a depth."""
 PAD_U_UM = 3.5
-"""Standard uncertainty with which the first touch of the pad is foreseen: drift, and a tool that was set anew to the same height."""
+"""Standard uncertainty with which the first touch of the pad is foreseen: drift, and a tool that was set anew to the
+same height."""
 BOTTOM_U_UM = 2.0
 """The same of the bottom: tilt, debris, and the roughness of a spark-eroded floor."""
 
@@ -99,8 +100,7 @@ class WearResult:
 
 
 def touch_pad(run: Run, kind: str, expected_um: float, more_u_um: float = 0.0) -> SurfaceReading:
-    """Touch the reference pad, which is expected at `expected_um`, with `more_u_um` more of
-    standard uncertainty than usual."""
+    """Touch the pad, expected at `expected_um`, with `more_u_um` more of standard uncertainty than usual."""
     return read_pad(run, kind, run.job.pad.name, expected_um, math.hypot(PAD_U_UM, more_u_um))
 
 

@@ -1,7 +1,7 @@
 """The reference pad, touched at two spots: a chip under the tool lies at one of them and not at the other.
 
-The spots are further apart than the tool is wide. Where they do not agree further ones decide: what lies under a tool
-shortens a reading, so the longest reading counts as soon as another spot confirms it.
+The spots are further apart than the tool is wide. Where they do not agree further ones decide: what lies under a
+tool shortens a reading, so the longest reading counts as soon as another spot confirms it.
 """
 
 from __future__ import annotations
@@ -84,7 +84,8 @@ def pad_spots(run: Run) -> tuple[Site, ...]:
     away = math.atan2(-y_um, -x_um)
     angles = (away + math.radians(turn) for turn in SPOT_TURNS_DEG)
     beside = (
-        Site(pad.name, pad.x_um + distance_um * math.cos(a), pad.y_um + distance_um * math.sin(a)) for a in angles
+        Site(pad.name, pad.x_um + distance_um * math.cos(a), pad.y_um + distance_um * math.sin(a))
+        for a in angles
     )
     return (pad, *beside)
 
@@ -107,7 +108,7 @@ def _at_further_spot(
 
 
 def _place_u_um(run: Run, spots: Sequence[Site], found: Sequence[SurfaceReading]) -> float:
-    """Standard uncertainty of the difference between two spots: tilt, drift meanwhile, and a model instead of a sensor."""
+    """Standard uncertainty of the difference between two spots: tilt, drift, and a model instead of a sensor."""
     known = displacement_uncertainty(run.job)
     return math.hypot(
         _tilt_u_um(run, spots),

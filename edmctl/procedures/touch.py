@@ -32,6 +32,7 @@ BEYOND_SIGMAS = 3.0
 ATTEMPTS = 2
 _TELEMETRY_LAG_S = 0.2
 """After this, the samples around the last event have come."""
+_DISTRUST = "Look at sensor and line with `edmctl doctor`; the controller's touches are not to be believed."
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,9 +124,9 @@ def _refusal(run: Run, touches: tuple[Touch, ...], found: SurfaceReading) -> Obj
         samples_um = run.watch.samples_of_touch(touch.time_s)
         if contradicts_samples(touch.displacement_um, samples_um.tolist()):
             return ObjectiveNotReached(
-                f"{found.kind}: a touch says {touch.displacement_um:.2f} µm where the samples of the same moment say "
+                f"{found.kind}: a touch says {touch.displacement_um:.2f} µm where the samples of its dwell say "
                 f"{samples_um.mean() if len(samples_um) else math.nan:.2f} µm.",
-                hint="Look at sensor and line with `edmctl doctor`; the controller's touches are not to be believed.",
+                hint=_DISTRUST,
                 code="E7021",
             )
     if is_constant((found.reading,)):
@@ -144,7 +145,7 @@ def constant(found: SurfaceReading) -> ObjectiveNotReached:
     """What is wrong with touches that repeat to the last digit."""
     return ObjectiveNotReached(
         f"{found.kind}: every touch says {found.z_um:.3f} µm to the last digit, which no sensor does.",
-        hint="Look at sensor and line with `edmctl doctor`; the controller's touches are not to be believed.",
+        hint=_DISTRUST,
         code="E7021",
     )
 
@@ -160,6 +161,8 @@ def _request(run: Run, search: Search) -> TouchRequest:
         dwell_s=measure.dwell_s,
         touches=search.touches,
     )
+
+
 def _reduced(run: Run, kind: str, touches: tuple[Touch, ...]) -> SurfaceReading:
     """Mean of the touches; the model is read at first contact, where the voltage peaks."""
     models_um = [run.watch.model_at(touch.time_s) for touch in touches]

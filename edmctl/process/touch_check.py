@@ -1,9 +1,9 @@
 """Whether a touch can be believed: readings against each other, against what is expected, against the samples.
 
-Every check compares two numbers whose difference should be zero within a standard uncertainty, and doubts beyond so
-many of them (`*_SIGMAS`); the chance that a good touch is doubted is that of the normal distribution. A chip under the
-tool closes contact early: a wrong reading is too short, never too long, so of two readings that differ the longer one
-is nearer to the truth.
+Every check compares two numbers whose difference should be zero within a standard uncertainty, and doubts beyond
+so many of them (`*_SIGMAS`); the chance that a good touch is doubted is that of the normal distribution. A chip
+under the tool closes contact early: a wrong reading is too short, never too long, so of two readings that differ
+the longer one is nearer to the truth.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 SPOT_SIGMAS = 3.0
-"""Two spots of one surface differ by more in 0.3 % of all cases; the third spot that is then touched costs seconds."""
+"""Two spots of one surface differ by more in 0.3 % of cases; the third spot that is then touched takes seconds."""
 SHORT_SIGMAS = 2.0
 """A bottom that is shorter than expected by more is touched again: 2.3 % of all good ones, one side only."""
 LONG_SIGMAS = 3.0
@@ -26,12 +26,12 @@ LONG_SIGMAS = 3.0
 SAMPLE_SIGMAS = 4.0
 """A touch and the samples of its dwell average the same readings: 0.006 %."""
 SAMPLE_U_UM = 0.15
-"""Standard uncertainty of their difference besides the noise of the samples: the ends of the dwell are not the same."""
+"""Standard uncertainty of their difference besides the noise of the samples: the ends of the dwell differ."""
 GROWN_SIGMAS = 4.0
 """A tool that is longer than before the cut by more is not what was touched: 0.003 %."""
 SAME_TOUCHES = 3
-"""So many touches that agree to the last digit are no touches: with a scatter of 0.1 µm and digits of 1 nm it happens
-by chance in one of 10⁵ readings."""
+"""So many touches that agree to the last digit are no touches: with a scatter of 0.1 µm and digits of 1 nm it
+happens by chance in one of 10⁵ readings."""
 SAME_WITHIN_UM = 5e-4
 
 
@@ -91,9 +91,7 @@ def agreeing_spots(spots: Sequence[Reading], place_u_um: float) -> tuple[int, ..
     """
     longest = max(spots, key=lambda spot: spot.mean_um)
     return tuple(
-        i
-        for i, spot in enumerate(spots)
-        if between_spots(longest, spot, place_u_um).sigmas <= SPOT_SIGMAS
+        i for i, spot in enumerate(spots) if between_spots(longest, spot, place_u_um).sigmas <= SPOT_SIGMAS
     )
 
 

@@ -1,8 +1,8 @@
 """Chips that lie on the work: where the tool comes over one, contact closes earlier by the chip's height.
 
-A chip lies at a point under the tool's face, as wide as it is high; a tool that stands further off than its radius and
-half the chip misses it. A loose one may be washed away whenever the tool lifts off it, a firm one stays. Sparks
-strike the nearest point, so they eat the chip before anything else.
+A chip lies at a point under the tool's face, as wide as it is high; a tool that stands further off than its radius
+and half the chip misses it. A loose one may be washed away whenever the tool lifts off it, a firm one stays.
+Sparks strike the nearest point, so they eat the chip before anything else.
 """
 
 from __future__ import annotations

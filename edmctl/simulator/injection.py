@@ -101,8 +101,8 @@ _ALIASES = {row.name: row.inject for row in FAULTS.values() if row.inject.isuppe
 def parse_injection(text: str) -> Injection:
     """Read `NAME` or `NAME@WHEN`; WHEN is seconds, or `arm+`, `touch+` or `sparks+` and seconds.
 
-    NAME is one of INJECTIONS, or the name of a fault, which stands for its usual injection. A chip may be followed by
-    its height in µm (`CHIP_5`), a trigger by a number: `touch3+0` is the third touch from now.
+    NAME is one of INJECTIONS, or the name of a fault, which stands for its usual injection. A chip may be followed
+    by its height in µm (`CHIP_5`), a trigger by a number: `touch3+0` is the third touch from now.
 
     Raises
     ------

@@ -110,7 +110,7 @@ def test_the_supervisor_writes_ten_rows_a_second(done: Done) -> None:
 def test_readings_and_decisions_are_recorded(done: Done) -> None:
     seen = done.shop.seen
     (site,) = done.result.sites
-    assert [touch.kind for touch in seen.touches] == ["Z1"] + ["Z2", "Z3"] * site.measuring_stops
+    assert [touch.kind for touch in seen.touches] == ["Z1"] * 2 + ["Z2", "Z3", "Z3"] * site.measuring_stops
     codes = [code for _, code, _, _, _ in seen.events]
     for code in (RunEvent.CONDITIONED, RunEvent.CUT_PLANNED, RunEvent.CUT_ENDED, RunEvent.TARGET_REACHED):
         assert code in codes
