@@ -14,6 +14,7 @@ from edmctl.procedures.measuring import displacement_uncertainty
 from edmctl.procedures.pad import read_pad
 from edmctl.procedures.site_result import CutSums, Heights, site_result, site_row
 from edmctl.procedures.tool_length import ToolLength
+from edmctl.process.next_cut import FIRST_GAP_U_UM
 
 if TYPE_CHECKING:
     from edmctl.procedures.job import Site
@@ -41,6 +42,7 @@ class Known:
     estimate: ErosionEstimate
     face: Plane
     gap_um: float
+    gap_u_um: float = FIRST_GAP_U_UM
     tool: ToolLength | None = None
     pad_um: float = math.nan
     pad_u_um: float = OFFSET_U_UM

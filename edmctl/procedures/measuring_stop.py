@@ -16,7 +16,7 @@ from edmctl.procedures.planning import CutPlan, Start, learned_gap_um
 from edmctl.procedures.settling import settle_unmeasured
 from edmctl.procedures.setup_check import refuse_wrong_setup
 from edmctl.procedures.tool_length import TOUCH_U_UM, ToolLength
-from edmctl.process.next_cut import COVERAGE
+from edmctl.process.next_cut import COVERAGE, GAP_U_UM
 from edmctl.process.touch_check import Deviation, has_grown
 from edmctl.process.wear import DepthAndWear
 from edmctl.record.rows import EventLevel
@@ -36,14 +36,14 @@ def measure_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: CutResu
     end_um = cut.end_displacement_um
     z2 = read_bottom(run, hole.site.name, plan, cut)
     z3 = touch_pad(run, hole, plan, cut)
-    gap_um = learned_gap_um(plan, z2, end_um)
+    gap_um = learned_gap_um(z2.z_um, end_um)
     if known.unmeasured:
         live = plan.at(end_um, energy_of(run.profile.pulse, cut.counts, cut.energy_j))
         settle_unmeasured(run, hole, known, z3, live.wear_um, live.wear_u_um)
     found = learn(run, hole, known, z2, z3, gap_um)
     if plan.number == 1:
         refuse_wrong_setup(run, found)
-    start = next_start(hole, gap_um)
+    start = next_start(hole, gap_um, known.gap_u_um)
     decision = decide(run.profile, hole.goal, plan, cut, found, start, known.estimate)
     report(run, found, gap_um, decision)
     return decision
@@ -91,6 +91,7 @@ def learn(
     hole.bottom, hole.pad = z2, z3
     hole.report(run, found, gap_um)
     known.tool, known.gap_um = ToolLength(z3), gap_um
+    known.gap_u_um = math.hypot(GAP_U_UM, z2.doubt_u_um)
     if z2.doubt_u_um > 0.0:
         return found
     known.estimate = hole.estimate.fitted(
@@ -103,7 +104,7 @@ def learn(
     return found
 
 
-def next_start(hole: Hole, gap_um: float) -> Start:
+def next_start(hole: Hole, gap_um: float, gap_u_um: float) -> Start:
     """What a further cut of a measured hole would start from."""
     assert hole.found is not None
     found = hole.found
@@ -114,6 +115,7 @@ def next_start(hole: Hole, gap_um: float) -> Start:
         depth_um=found.depth_um,
         wear_um=found.wear_um,
         wear_u_um=found.wear_u95_um / COVERAGE,
+        gap_u_um=gap_u_um,
     )
 
 

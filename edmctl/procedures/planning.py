@@ -10,10 +10,9 @@ from edmctl.procedures.estimating import estimate_of
 from edmctl.procedures.goal import Goal, goal_of
 from edmctl.procedures.job import Site
 from edmctl.process.live_erosion import Energy, ErosionEstimate, LiveErosion
-from edmctl.process.next_cut import COVERAGE, FIRST_GAP_U_UM, GAP_U_UM, NextCut, next_cut
+from edmctl.process.next_cut import COVERAGE, FIRST_GAP_U_UM, NextCut, next_cut
 
 if TYPE_CHECKING:
-    from edmctl.procedures.touch import SurfaceReading
     from edmctl.profile.model import Profile
 
 SMALLEST_GAP_UM = 0.5
@@ -25,7 +24,8 @@ class Start:
     """What a cut starts from.
 
     The tool would touch the bottom at `bottom_um`, known within `u_um`. `depth_um` and `wear_um` are the hole's so
-    far, the wear known within `wear_u_um`; `gap_um` is the working gap to expect.
+    far, the wear known within `wear_u_um`; `gap_um` is the working gap to expect, with the standard uncertainty
+    `gap_u_um`.
     """
 
     bottom_um: float
@@ -34,6 +34,7 @@ class Start:
     depth_um: float = 0.0
     wear_um: float = 0.0
     wear_u_um: float = 0.0
+    gap_u_um: float = FIRST_GAP_U_UM
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,7 +66,7 @@ class CutPlan:
     @property
     def gap_u_um(self) -> float:
         """Standard uncertainty of that."""
-        return GAP_U_UM if self.estimate.fits else FIRST_GAP_U_UM
+        return self.start.gap_u_um
 
     @property
     def wear_ratio(self) -> float:
@@ -127,7 +128,7 @@ def first_plan(
         remaining_um=goal.depth_um,
         tolerance_um=goal.tolerance_um,
         start_u_um=start.u_um,
-        gap_u_um=FIRST_GAP_U_UM if fresh else GAP_U_UM,
+        gap_u_um=start.gap_u_um,
         largest_um=goal.depth_um * (profile.wear.first_fraction if fresh else 1.0),
         begun=False,
     )
@@ -144,6 +145,7 @@ def following_plan(
         remaining_um=goal.depth_um - start.depth_um,
         tolerance_um=goal.tolerance_um,
         start_u_um=start.u_um,
+        gap_u_um=start.gap_u_um,
         begun=True,
     )
     return _planned(last.number + 1, cut, start, estimate, goal, profile)
@@ -156,12 +158,9 @@ def _planned(
     return CutPlan(number, cut.feed_um, start, estimate, goal.depth_um, measured, cut.depth_u_um)
 
 
-def learned_gap_um(plan: CutPlan, bottom: SurfaceReading, end_displacement_um: float) -> float:
-    """The working gap: how much further the tool goes to touch than it went to spark.
-
-    A bottom in doubt teaches none, so the gap stays what it was taken to be.
-    """
-    return plan.gap_um if bottom.doubt_u_um > 0.0 else bottom.z_um - end_displacement_um
+def learned_gap_um(bottom_um: float, end_displacement_um: float) -> float:
+    """The working gap: how much further the tool goes to touch than it went to spark."""
+    return bottom_um - end_displacement_um
 
 
 def cut_budget(profile: Profile) -> int:

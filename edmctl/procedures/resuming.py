@@ -48,7 +48,9 @@ def take_up_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Deci
     z3 = read_pad(run, "Z3", site.name, hole.z1.z_um + state.wear_um, u_um)
     move_to(run, site)
     z2 = take_reading(run, "Z2", site.name, z3.z_um + hole.face_um + state.depth_um, u_um)
+    gap_u_um = known.gap_u_um
     found = learn(run, hole, known, z2, z3, known.gap_um)
+    known.gap_u_um = gap_u_um  # no cut of this run has shown it yet
     run.ledger.unmeasured_site = ""
     run.decide(
         RunEvent.RESUMED,
@@ -56,7 +58,7 @@ def take_up_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Deci
         f"{state.depth_um:.1f} and {state.wear_um:.1f} µm.",
         {"depth_um": found.depth_um, "wear_um": found.wear_um, "expected_um": state.depth_um},
     )
-    start = next_start(hole, known.gap_um)
+    start = next_start(hole, known.gap_um, known.gap_u_um)
     last = CutPlan(max(1, hole.sums.number), 0.0, start, known.estimate, hole.goal.depth_um)
     decision = decide(run.profile, hole.goal, last, None, found, start, known.estimate)
     report(run, found, known.gap_um, decision)

@@ -30,7 +30,8 @@ def machine_hole(run: Run, hole: Hole, known: Known, limits: TimeLimits, *, is_l
     hole's result after every cut, so that it is there whatever comes next.
     """
     assert known.tool is not None
-    start = Start(hole.surface_um, start_u_um(run, hole, known.tool), known.gap_um)
+    u_um = start_u_um(run, hole, known.tool)
+    start = Start(hole.surface_um, u_um, known.gap_um, gap_u_um=known.gap_u_um)
     plan = first_plan(run.profile, start, hole.goal, hole.estimate)
     if is_last and not plan.measured:
         plan = replace(plan, measured=True)

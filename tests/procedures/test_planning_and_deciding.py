@@ -14,11 +14,10 @@ from edmctl.procedures.estimating import energy_of, estimate_of
 from edmctl.procedures.goal import Goal, goal_of
 from edmctl.procedures.job import Site
 from edmctl.procedures.planning import CutPlan, Start, cut_budget, first_plan, learned_gap_um
-from edmctl.procedures.touch import SurfaceReading
 from edmctl.process.erosion import hole_area_um2
 from edmctl.process.live_erosion import Energy, ErosionEstimate
 from edmctl.process.next_cut import COVERAGE
-from edmctl.process.wear import DepthAndWear, Reading
+from edmctl.process.wear import DepthAndWear
 from edmctl.profile.load import load_profile
 
 from .conftest import CU270
@@ -136,13 +135,7 @@ def test_the_wear_of_a_later_cut_is_no_better_known_than_what_was_measured_befor
 
 
 def test_the_working_gap_is_what_touching_adds_to_sparking() -> None:
-    bottom = SurfaceReading("Z2", Reading(260.5, 0.1, 3), math.nan, 80.0, 100.0, math.nan)
-    assert learned_gap_um(plan(), bottom, 257.0) == pytest.approx(3.5)
-
-
-def test_a_bottom_in_doubt_teaches_no_gap() -> None:
-    bottom = SurfaceReading("Z2", Reading(250.0, 0.1, 3), math.nan, 80.0, 100.0, math.nan, doubt_u_um=1.3)
-    assert learned_gap_um(plan(), bottom, 257.0) == plan().gap_um
+    assert learned_gap_um(260.5, 257.0) == pytest.approx(3.5)
 
 
 def test_what_is_left_is_cut_with_the_wear_ratio_measured() -> None:
