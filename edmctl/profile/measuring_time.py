@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -125,7 +126,7 @@ def stop_time_s(
     """
     surface_um = profile.approach.offset_um + wear_um
     bottom_s = 0.5 + reading_time_s(profile, RISE_UM) if bottom else 0.0
-    unknown_um = WEAR_U_SHARE * feed_um + rim_um
+    unknown_um = math.hypot(WEAR_U_SHARE * feed_um, 2.0 * rim_um / math.sqrt(12.0))
     pad_reading_s = reading_time_s(profile, surface_um, unknown_um, RELUCTANCE_TOUCHING)
     return bottom_s + pad_s + pad_reading_s + further_spot_s(profile)
 
