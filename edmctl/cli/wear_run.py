@@ -112,7 +112,7 @@ class WearRun:
         if self._reference is None:
             # A job that was killed has left the tool anywhere between here and what all of it would have cost.
             half_um = 0.5 * math.fsum(job.wear_um for job in account.killed)
-            self.touched = touch_pad(run, "Z1", expected_um + half_um, half_um)
+            self.touched = touch_pad(run, "Z1", expected_um + half_um, 0.5 * half_um)
             return
         self.found = measure_wear(run, self._reference, expected_um, self._bottom)
         refuse_drift(run, self.found)

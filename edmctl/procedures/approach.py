@@ -25,8 +25,8 @@ UNKNOWN_SDS = 4.0
 """Where a surface can be, in standard uncertainties of its height: beyond this once in 16 000 ramps."""
 BEYOND_BOTTOM_UM = 15.0
 """No spark this far beyond the last bottom is a fault."""
-SURFACE_UNCERTAINTY_UM = 10.0
-"""How well the gap at 0 V is known before it is touched."""
+SURFACE_U_UM = 3.5
+"""Standard uncertainty of the gap at 0 V before it is touched."""
 _STEEPEST = 1.35
 """Steepest local slope of the actuator over its mean gain, with a margin; so a step never overshoots."""
 _SHORT_SHARE = 0.03
@@ -43,15 +43,15 @@ def approach_surface(run: Run) -> None:
     _approach(run, run.profile.approach.max_travel_um)
 
 
-def approach_bottom(run: Run, bottom_um: float, bottom_u_um: float) -> None:
+def approach_bottom(run: Run, bottom_um: float, bottom_u_um: float) -> MachineEvent:
     """Feed from 0 V to the first sparks at a bottom whose height is known within a standard uncertainty.
 
-    The ramp ends above where the bottom can be, and the search goes on to below that.
+    The ramp ends above where the bottom can be, and the search goes on to below that. The first sparks are returned.
     """
     run.begin(Phase.APPROACHING)
     unknown_um = UNKNOWN_SDS * bottom_u_um
     lower_to(run, bottom_um - ABOVE_BOTTOM_UM - unknown_um)
-    _approach(run, bottom_um - run.watch.displacement_um + BEYOND_BOTTOM_UM + unknown_um)
+    return _approach(run, bottom_um - run.watch.displacement_um + BEYOND_BOTTOM_UM + unknown_um)
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +95,7 @@ def find_contact(run: Run, place: Site) -> SurfaceFound:
     move_to(run, place)
     begin_s = run.machine.time_s
     expected_um = run.ledger.home_um + run.profile.approach.offset_um
-    found = take_reading(run, "Zr", place.name, expected_um, SURFACE_UNCERTAINTY_UM)
+    found = take_reading(run, "Zr", place.name, expected_um, SURFACE_U_UM)
     return SurfaceFound(
         kind="contact",
         x_um=place.x_um,

@@ -11,6 +11,7 @@ import numpy as np
 from edmctl.procedures.channel_result import FloorPlace, FloorReading
 from edmctl.procedures.face import pad_only, touch_plane
 from edmctl.procedures.job import Site
+from edmctl.procedures.pad import read_pad
 from edmctl.procedures.planning import LARGEST_GAP_UM, SMALLEST_GAP_UM
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.tool_length import ToolLength
@@ -25,11 +26,11 @@ if TYPE_CHECKING:
 
 FACE_CANDIDATES = 24
 """Places of the path among which those for the plane are chosen."""
-OFFSET_UNCERTAINTY_UM = 10.0
-"""How well the distance to the untouched face is known before the first touch."""
-FLOOR_UNCERTAINTY_UM = 2.0
-"""How well the floor is known before it is touched: gap and unevenness."""
-PAD_UNCERTAINTY_SHARE = 0.3
+OFFSET_U_UM = 3.5
+"""Standard uncertainty of the distance to the untouched face before the first touch."""
+FLOOR_U_UM = 1.0
+"""The same of the floor before it is touched: gap and unevenness."""
+PAD_U_SHARE = 0.15
 """Of the wear since the last touch of the pad."""
 
 
@@ -43,9 +44,8 @@ class Face:
 
 def touch_untouched(run: Run, way: Way) -> Face:
     """Z1 at the pad, then the face at places of the path: its tilt would otherwise enter the floor."""
-    move_to(run, run.job.pad)
     expected_um = run.ledger.home_um + run.profile.approach.offset_um
-    z1 = take_reading(run, "Z1", run.profile.meta.name, expected_um, OFFSET_UNCERTAINTY_UM)
+    z1 = read_pad(run, "Z1", run.profile.meta.name, expected_um, OFFSET_U_UM)
     candidates = [_place(run, way, s_um) for s_um in even_places(way, FACE_CANDIDATES)]
     face = pad_only(run)
     touch_plane(run, candidates, face, ToolLength(z1))
@@ -61,15 +61,15 @@ def measure_floor(
     is interpolated: the sensor drifts by as much in these minutes as the floor may be uneven.
     """
     wear_um = wear.um(since_uj)
-    uncertain_um = PAD_UNCERTAINTY_SHARE * wear.per_uj * since_uj
-    before = _touch_pad(run, face.z1.z_um + wear_um, uncertain_um)
+    pad_u_um = PAD_U_SHARE * wear.per_uj * since_uj
+    before = _touch_pad(run, face.z1.z_um + wear_um, pad_u_um)
     touched: list[tuple[float, Site, SurfaceReading]] = []
     for s_um in even_places(plan.way, places):
         place = _place(run, plan.way, s_um)
         height_um = plan.held.floor_um((place.x_um, place.y_um), 0.0) - plan.held.pad_um
         predicted_um = before.z_um + height_um
         move_to(run, place)
-        touched.append((s_um, place, take_reading(run, "Z2", place.name, predicted_um, FLOOR_UNCERTAINTY_UM)))
+        touched.append((s_um, place, take_reading(run, "Z2", place.name, predicted_um, FLOOR_U_UM)))
     after = _touch_pad(run, before.z_um, 0.0)
     floor = tuple(
         FloorPlace(s_um, place.x_um, place.y_um, z2.z_um - _face_at(place, z2, before, after, face))
@@ -78,9 +78,8 @@ def measure_floor(
     return FloorReading(floor, tuple(z2 for _, _, z2 in touched), before, after)
 
 
-def _touch_pad(run: Run, predicted_um: float, uncertain_um: float) -> SurfaceReading:
-    move_to(run, run.job.pad)
-    return take_reading(run, "Z3", run.profile.meta.name, predicted_um, uncertain_um)
+def _touch_pad(run: Run, predicted_um: float, pad_u_um: float) -> SurfaceReading:
+    return read_pad(run, "Z3", run.profile.meta.name, predicted_um, pad_u_um)
 
 
 def _face_at(

@@ -16,6 +16,7 @@ class RunEvent(IntEnum):
     READING = 110
     READING_REJECTED = 111
     FACE_FITTED = 112
+    TOUCH_DOUBTED = 113
     CUT_PLANNED = 120
     CUT_ENDED = 121
     JUMPED = 122

@@ -19,7 +19,7 @@ LEAST_SPAN_S = 120.0
 """Over less time than this the error of the actuator model after a deep cut, a few µm, would look like a drift."""
 RECENT_S = 600.0
 """A drift that has set in lately is looked for over this much time."""
-SHARE = 1.0 / math.sqrt(3.0)
+SHARE_OF_REST = 1.0 / math.sqrt(3.0)
 """Of a zero that has moved: between nothing of it and all of it may be drift, and a reading is off by that much; the
 root of the mean square of what is uniform between the two."""
 
@@ -70,5 +70,5 @@ class Rests:
 def uncertainty_now(run: Run) -> DisplacementUncertainty:
     """What is known of the displacements of a job, with the drift that its rests have shown where that is more."""
     known = displacement_uncertainty(run.job)
-    seen_um_s = SHARE * run.watch.rests.rate_um_s()
+    seen_um_s = SHARE_OF_REST * run.watch.rests.rate_um_s()
     return replace(known, drift_u_um_per_s=max(known.drift_u_um_per_s, seen_um_s))

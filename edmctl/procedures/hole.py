@@ -8,29 +8,29 @@ from typing import TYPE_CHECKING
 
 from edmctl.labels import Basis
 from edmctl.procedures.estimating import energy_of, estimate_of
-from edmctl.procedures.drift import uncertainty_now
-from edmctl.procedures.expecting import STANDARD_UNCERTAINTIES
+from edmctl.procedures.drift import SHARE_OF_REST, uncertainty_now
 from edmctl.procedures.face import Face, pad_only
 from edmctl.procedures.feed_error import FeedError
 from edmctl.procedures.goal import Goal, goal_of
+from edmctl.procedures.pad import read_pad
 from edmctl.procedures.pausing import drift_u_um
 from edmctl.procedures.planning import Start
 from edmctl.procedures.site_result import CutSums, Heights, site_result, site_row
-from edmctl.procedures.stages import move_to
 from edmctl.procedures.tool_length import ToolLength
-from edmctl.procedures.touch import SurfaceReading, take_reading
 from edmctl.procedures.verdict import judged
+from edmctl.process.next_cut import FIRST_GAP_U_UM
 
 if TYPE_CHECKING:
     from edmctl.procedures.job import Site
     from edmctl.procedures.run import Run
+    from edmctl.procedures.touch import SurfaceReading
     from edmctl.process.live_erosion import Energy, ErosionEstimate
     from edmctl.process.shared_wear import WearShare
     from edmctl.process.wear import DepthAndWear
 
-OFFSET_UNCERTAINTY_UM = 10.0
-"""How well the distance to the untouched surface is known before the first touch."""
-LEFT_UNCERTAINTY_UM = 12.0
+OFFSET_U_UM = 3.5
+"""Standard uncertainty of the distance to the untouched surface before the first touch."""
+LEFT_U_UM = 4.0
 """The same where an earlier run of the job has left the tool, with wear that it only estimated; without drift."""
 
 
@@ -38,16 +38,17 @@ LEFT_UNCERTAINTY_UM = 12.0
 class Known:
     """What a job has learned so far, from hole to hole: tool length, face, removal and wear, working gap.
 
-    `pad_um` is where the pad is expected within `pad_u_um` before the tool has touched it. `unmeasured` are the cuts
-    since the pad was last touched.
+    `pad_um` is where the pad is expected, with the standard uncertainty `pad_u_um`, before the tool has touched it;
+    `gap_u_um` is that of the working gap. `unmeasured` are the cuts since the pad was last touched.
     """
 
     estimate: ErosionEstimate
     face: Face
     gap_um: float
+    gap_u_um: float = FIRST_GAP_U_UM
     tool: ToolLength | None = None
     pad_um: float = math.nan
-    pad_u_um: float = OFFSET_UNCERTAINTY_UM
+    pad_u_um: float = OFFSET_U_UM
     unmeasured: list[Unmeasured] = field(default_factory=list)
 
 
@@ -60,7 +61,7 @@ def known_before(run: Run) -> Known:
     if resumed is None:
         return known
     moved_um = home_um - resumed.home_um
-    left_u_um = LEFT_UNCERTAINTY_UM + STANDARD_UNCERTAINTIES * drift_u_um(run.job) + abs(moved_um)
+    left_u_um = math.hypot(LEFT_U_UM, drift_u_um(run.job), SHARE_OF_REST * moved_um)
     if run.ledger.sites:
         known.pad_um = max(site.z3_um for site in run.ledger.sites.values()) + moved_um
         known.pad_u_um = left_u_um
@@ -159,8 +160,7 @@ class Unmeasured:
 def begin_hole(run: Run, site: Site, known: Known) -> Hole:
     """Begin a hole: touch the pad where nothing is known of the tool's length, otherwise go by what is known."""
     if known.tool is None:
-        move_to(run, run.job.pad)
-        known.tool = ToolLength(take_reading(run, "Z1", site.name, known.pad_um, known.pad_u_um))
+        known.tool = ToolLength(read_pad(run, "Z1", site.name, known.pad_um, known.pad_u_um))
     return hole_at(run, site, known, known.tool.pad.shifted(known.tool.wear_um), known.tool.wear_u_um)
 
 
@@ -180,17 +180,19 @@ def hole_at(run: Run, site: Site, known: Known, z1: SurfaceReading, z1_u_um: flo
     )
 
 
-def start_of(run: Run, hole: Hole, tool: ToolLength, gap_um: float) -> Start:
+def start_of(run: Run, hole: Hole, known: Known) -> Start:
     """What the first cut of an untouched hole starts from: tool, face, and what measures."""
-    known = uncertainty_now(run)
+    assert known.tool is not None
+    sensed, tool = uncertainty_now(run), known.tool
     length_um = hole.goal.feed_um if hole.goal.kind == "feed" else hole.goal.depth_um
     return Start(
         bottom_um=hole.surface_um,
         bottom_u_um=math.hypot(tool.u_um(tool.pad.time_s, 0.0), hole.face_u_um),
-        gap_um=gap_um,
+        gap_um=known.gap_um,
         time_s=tool.pad.time_s,
-        drift_u_um_per_s=known.drift_u_um_per_s,
-        depth_u_um=math.hypot(known.linearity_u_um, known.gain_u_rel * length_um),
+        drift_u_um_per_s=sensed.drift_u_um_per_s,
+        depth_u_um=math.hypot(sensed.linearity_u_um, sensed.gain_u_rel * length_um),
+        gap_u_um=known.gap_u_um,
     )
 
 

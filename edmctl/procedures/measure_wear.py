@@ -15,6 +15,7 @@ from edmctl.errors import ObjectiveNotReached
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.job import Site
 from edmctl.procedures.measuring import DisplacementUncertainty, displacement_uncertainty
+from edmctl.procedures.pad import read_pad
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch import SurfaceReading, take_reading
 from edmctl.process.wear import Reading, measure, tilt_uncertainty_um
@@ -31,10 +32,11 @@ LEAST_TOUCHES = 3
 MOST_DRIFT_UM = 2.0
 """Between the pad before and after the bottom, minutes apart: more of it, and the wear, which is taken over the
 whole job, is not known any more. Our choice: the tolerance that shipped recipes allow for a depth."""
-PAD_UNCERTAINTY_UM = 10.0
-"""How well the first touch of the pad is foreseen: drift, and a tool that was set anew to the same height."""
-BOTTOM_UNCERTAINTY_UM = 5.0
-"""How well the bottom is: tilt, debris, and the roughness of a spark-eroded floor."""
+PAD_U_UM = 3.5
+"""Standard uncertainty with which the first touch of the pad is foreseen: drift, and a tool that was set anew to the
+same height."""
+BOTTOM_U_UM = 2.0
+"""The same of the bottom: tilt, debris, and the roughness of a spark-eroded floor."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,9 +103,8 @@ class WearResult:
 
 
 def touch_pad(run: Run, kind: str, expected_um: float, more_u_um: float = 0.0) -> SurfaceReading:
-    """Touch the reference pad, which is expected at `expected_um`, give or take `more_u_um` more than usual."""
-    move_to(run, run.job.pad)
-    return take_reading(run, kind, run.job.pad.name, expected_um, PAD_UNCERTAINTY_UM + more_u_um)
+    """Touch the pad, expected at `expected_um`, with `more_u_um` more of standard uncertainty than usual."""
+    return read_pad(run, kind, run.job.pad.name, expected_um, math.hypot(PAD_U_UM, more_u_um))
 
 
 def measure_wear(run: Run, reference: Reference, expected_um: float, bottom: Bottom | None) -> WearResult:
@@ -113,7 +114,7 @@ def measure_wear(run: Run, reference: Reference, expected_um: float, bottom: Bot
         move_to(run, run.job.parking)
         return _found(run, reference, before, None, touch_pad(run, "Z3", before.z_um), 0.0)
     move_to(run, Site(bottom.name, bottom.x_um, bottom.y_um))
-    z2 = take_reading(run, "Z2", bottom.name, before.z_um + bottom.depth_um, BOTTOM_UNCERTAINTY_UM)
+    z2 = take_reading(run, "Z2", bottom.name, before.z_um + bottom.depth_um, BOTTOM_U_UM)
     after = touch_pad(run, "Z3", before.z_um)
     way_um = math.hypot(bottom.x_um - run.job.pad.x_um, bottom.y_um - run.job.pad.y_um)
     return _found(run, reference, before, z2, after, way_um)

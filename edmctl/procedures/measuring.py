@@ -71,6 +71,7 @@ def depth_and_wear(
         linearity_u_um=known.linearity_u_um,
         height_um=face_um,
         z1_u_um=z1_u_um,
+        doubts_u_um=(z1.doubt_u_um, z2.doubt_u_um, z3.doubt_u_um),
     )
 
 

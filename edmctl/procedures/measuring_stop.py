@@ -6,20 +6,21 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from edmctl.errors import ObjectiveNotReached
 from edmctl.labels import Basis
-from edmctl.procedures.approach import raise_by
+from edmctl.procedures.bottom import read_bottom
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.deciding import Decision, decide
 from edmctl.procedures.drift import uncertainty_now
 from edmctl.procedures.estimating import energy_of
-from edmctl.procedures.measuring import depth_and_wear
+from edmctl.procedures.measuring import depth_and_wear, displacement_uncertainty
+from edmctl.procedures.pad import read_pad
 from edmctl.procedures.planning import CutPlan, Start, learned_gap_um
 from edmctl.procedures.settling import settle_unmeasured, unmeasured
 from edmctl.procedures.setup_check import refuse_wrong_setup
-from edmctl.procedures.stages import move_to
 from edmctl.procedures.tool_length import TOUCH_U_UM, ToolLength
-from edmctl.procedures.touch import take_reading
-from edmctl.process.next_cut import COVERAGE
+from edmctl.process.next_cut import COVERAGE, GAP_U_UM
+from edmctl.process.touch_check import Deviation, has_grown
 from edmctl.process.wear import DepthAndWear
 from edmctl.record.rows import EventLevel
 
@@ -30,17 +31,14 @@ if TYPE_CHECKING:
     from edmctl.procedures.touch import SurfaceReading
     from edmctl.process.shared_wear import SharedWear
 
-CLEAR_OF_BOTTOM_UM = 60.0
-"""Before the bottom is touched the tool rises by this: clear of 20 µm for the contact check."""
-PAD_MARGIN_UM = 1.0
-"""Added to what is uncertain of the pad's place: drift and touch scatter."""
+PAD_U_UM = 0.5
+"""Standard uncertainty of the pad's place besides the wear: drift and touch scatter."""
 
 
 def measure_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: CutResult) -> Decision:
     """Touch bottom and pad after a cut, learn from them, and decide what follows."""
     end_um = cut.end_displacement_um
-    raise_by(run, CLEAR_OF_BOTTOM_UM)
-    z2 = take_reading(run, "Z2", hole.site.name, end_um + plan.gap_um)
+    z2 = read_bottom(run, hole.site.name, plan, cut)
     z3 = touch_pad(run, hole, plan, cut)
     gap_um = learned_gap_um(z2.z_um, end_um)
     settled = None
@@ -50,7 +48,7 @@ def measure_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: CutResu
     found = learn(run, hole, known, z2, z3, gap_um, settled)
     if plan.number == 1:
         refuse_wrong_setup(run, found)
-    start = next_start(run, hole, gap_um)
+    start = next_start(run, hole, gap_um, known.gap_u_um)
     decision = decide(
         run.profile,
         hole.goal,
@@ -66,12 +64,28 @@ def measure_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: CutResu
 
 
 def touch_pad(run: Run, hole: Hole, plan: CutPlan, cut: CutResult, more_u_um: float = 0.0) -> SurfaceReading:
-    """Z3: the pad, with the worn tool."""
-    move_to(run, run.job.pad)
+    """Z3: the pad, with the worn tool. `more_u_um` is a standard uncertainty on top."""
     end_um = cut.end_displacement_um
     live = plan.at(end_um, energy_of(run.profile.pulse, cut.counts, cut.energy_j))
-    around_um = PAD_MARGIN_UM + COVERAGE * (live.wear_u_um + hole.z1_u_um) + more_u_um
-    return take_reading(run, "Z3", hole.site.name, hole.z1.z_um + live.wear_um, around_um)
+    u_um = math.hypot(PAD_U_UM, live.wear_u_um, hole.z1_u_um, more_u_um)
+    z3 = read_pad(run, "Z3", hole.site.name, hole.z1.z_um + live.wear_um, u_um)
+    refuse_grown_tool(run, hole, z3)
+    return z3
+
+
+def refuse_grown_tool(run: Run, hole: Hole, z3: SurfaceReading) -> None:
+    """Raise ObjectiveNotReached E7023 where the pad says that the tool has become longer."""
+    drift_um = displacement_uncertainty(run.job).drift_u_um_per_s * (z3.time_s - hole.z1.time_s)
+    u_um = math.hypot(TOUCH_U_UM, TOUCH_U_UM, hole.z1_u_um, hole.z1.doubt_u_um, z3.doubt_u_um, drift_um)
+    wear = Deviation(z3.z_um - hole.z1.z_um, u_um)
+    if not has_grown(wear):
+        return
+    raise ObjectiveNotReached(
+        f"Z3 = {z3.z_um:.2f} µm: the tool is {-wear.um:.2f} µm longer than before the cut (standard uncertainty "
+        f"{u_um:.2f} µm), which it cannot be.",
+        hint="Clean the face of the tool and the reference pad, and look whether the tool has slipped in its chuck.",
+        code="E7023",
+    )
 
 
 def learn(
@@ -103,6 +117,9 @@ def learn(
     hole.bottom, hole.pad = z2, z3
     hole.report(run, found, gap_um)
     known.tool, known.gap_um = ToolLength(z3), gap_um
+    known.gap_u_um = math.hypot(GAP_U_UM, z2.doubt_u_um)
+    if z2.doubt_u_um > 0.0:
+        return found
     known.estimate = hole.estimate.fitted(
         None if hole.interrupted else hole.energy(run),
         found.depth_um,
@@ -113,7 +130,7 @@ def learn(
     return found
 
 
-def next_start(run: Run, hole: Hole, gap_um: float) -> Start:
+def next_start(run: Run, hole: Hole, gap_um: float, gap_u_um: float) -> Start:
     """What a further cut of a measured hole would start from."""
     assert hole.found is not None
     found = hole.found
@@ -127,6 +144,7 @@ def next_start(run: Run, hole: Hole, gap_um: float) -> Start:
         depth_u_um=found.depth_u95_um / COVERAGE,
         wear_um=found.wear_um,
         wear_u_um=found.wear_u95_um / COVERAGE,
+        gap_u_um=gap_u_um,
     )
 
 

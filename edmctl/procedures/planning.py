@@ -10,14 +10,7 @@ from edmctl.procedures.estimating import estimate_of
 from edmctl.procedures.goal import Goal, goal_of
 from edmctl.procedures.job import Site
 from edmctl.process.live_erosion import Energy, ErosionEstimate, LiveErosion
-from edmctl.process.next_cut import (
-    COVERAGE,
-    FIRST_GAP_U_UM,
-    GAP_U_UM,
-    NextCut,
-    largest_first_um,
-    next_cut,
-)
+from edmctl.process.next_cut import COVERAGE, FIRST_GAP_U_UM, NextCut, largest_first_um, next_cut
 from edmctl.profile.rates import feed_rate_um_s
 
 if TYPE_CHECKING:
@@ -33,7 +26,8 @@ class Start:
 
     The tool would touch the bottom at `bottom_um`, known within `bottom_u_um` at `time_s` and drifting within
     `drift_u_um_per_s` since. `depth_um` and `wear_um` are the hole's so far, the wear known within `wear_u_um`;
-    `depth_u_um` is what else is unknown of the depth. `gap_um` is the working gap to expect.
+    `depth_u_um` is what else is unknown of the depth. `gap_um` is the working gap to expect, with the standard
+    uncertainty `gap_u_um`.
     """
 
     bottom_um: float
@@ -45,6 +39,7 @@ class Start:
     depth_u_um: float = 0.0
     wear_um: float = 0.0
     wear_u_um: float = 0.0
+    gap_u_um: float = FIRST_GAP_U_UM
 
     def bottom_u_at(self, now_s: float) -> float:
         """Standard uncertainty of where the tool would touch the bottom, at a moment."""
@@ -82,6 +77,11 @@ class CutPlan:
         return self.start.gap_um
 
     @property
+    def gap_u_um(self) -> float:
+        """Standard uncertainty of that."""
+        return self.start.gap_u_um
+
+    @property
     def wear_ratio(self) -> float:
         """Wear per depth expected."""
         return self.estimate.wear_ratio
@@ -94,11 +94,6 @@ class CutPlan:
     def fed_um(self, displacement_um: float) -> float:
         """Feed of this cut while sparking at a displacement."""
         return max(0.0, displacement_um + self.start.gap_um - self.start.bottom_um)
-
-    @property
-    def gap_u_um(self) -> float:
-        """Standard uncertainty of the working gap expected."""
-        return GAP_U_UM if self.number > 1 or self.estimate.fits else FIRST_GAP_U_UM
 
     def at(self, displacement_um: float, energy: Energy | None = None, now_s: float = 0.0) -> LiveErosion:
         """Depth and wear of the hole while sparking at a displacement, after discharges of that energy.
@@ -148,14 +143,13 @@ def first_plan(
         return CutPlan(1, feed_um, start, estimate, goal.depth_um)
     if cut_budget(profile) == 1:
         return CutPlan(1, goal.depth_um * (1.0 + estimate.wear_ratio), start, estimate, goal.depth_um)
-    fresh = estimate.fits == 0
     cut = next_cut(
         estimate,
         target_um=goal.depth_um,
         remaining_um=goal.depth_um,
         tolerance_um=goal.tolerance_um,
         start_u_um=start.u_at(now_s + _cut_s(profile, goal, goal.depth_um, estimate)),
-        gap_u_um=FIRST_GAP_U_UM if fresh else GAP_U_UM,
+        gap_u_um=start.gap_u_um,
         largest_um=largest_first_um(goal.depth_um, profile.wear.first_fraction, estimate),
         begun=False,
     )
@@ -182,6 +176,7 @@ def following_plan(
         remaining_um=remaining_um,
         tolerance_um=goal.tolerance_um,
         start_u_um=start.u_at(start.time_s + _cut_s(profile, goal, remaining_um, estimate)),
+        gap_u_um=start.gap_u_um,
         begun=True,
     )
     planned = _planned(last.number + 1, cut, start, estimate, goal, profile)
@@ -202,7 +197,7 @@ def _planned(
 
 def learned_gap_um(bottom_um: float, end_displacement_um: float) -> float:
     """The working gap: how much further the tool goes to touch than it went to spark."""
-    return min(max(bottom_um - end_displacement_um, SMALLEST_GAP_UM), LARGEST_GAP_UM)
+    return bottom_um - end_displacement_um
 
 
 def cut_budget(profile: Profile) -> int:

@@ -25,12 +25,13 @@ from edmctl.procedures.job import Site
 from edmctl.procedures.measuring import depth_and_wear
 from edmctl.procedures.measuring_stop import learn, next_start, report
 from edmctl.procedures.not_left import other_tool, other_work, touched_face
+from edmctl.procedures.pad import read_pad
 from edmctl.procedures.pausing import counted_pause_s, drift_u_um
 from edmctl.procedures.planning import CutPlan
 from edmctl.procedures.site import cut_to_the_end
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.tool_length import ToolLength
-from edmctl.procedures.touch import SurfaceReading, take_reading
+from edmctl.procedures.touch import BEYOND_SIGMAS, SurfaceReading, take_reading
 from edmctl.process.wear import DepthAndWear, Reading
 from edmctl.record.rows import EventLevel
 
@@ -72,7 +73,9 @@ def take_up_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Deci
         raise other_work(site, found, expected.estimate, begun=True)
     if not tool_fits:
         raise other_tool(found, expected.estimate)
+    gap_u_um = known.gap_u_um
     found = learn(run, hole, known, z2, z3, known.gap_um)
+    known.gap_u_um = gap_u_um  # no cut of this run has shown it yet
     run.ledger.unmeasured_site = ""
     run.decide(
         RunEvent.RESUMED,
@@ -80,7 +83,7 @@ def take_up_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Deci
         f"{state.depth_um:.1f} and {state.wear_um:.1f} µm.",
         {"depth_um": found.depth_um, "wear_um": found.wear_um, "expected_um": state.depth_um},
     )
-    start = next_start(run, hole, known.gap_um)
+    start = next_start(run, hole, known.gap_um, known.gap_u_um)
     last = CutPlan(max(1, hole.sums.number), 0.0, start, known.estimate, hole.goal.depth_um)
     decision = decide(
         run.profile,
@@ -109,8 +112,7 @@ def look_at_last_hole(run: Run, known: Known) -> None:
     if state is None or not run.ledger.sites or run.profile.target.kind == "through":
         return
     _begin(run, known, state)
-    move_to(run, run.job.pad)
-    pad = take_reading(run, "Z1", run.job.pad.name, known.pad_um, known.pad_u_um)
+    pad = read_pad(run, "Z1", run.job.pad.name, known.pad_um, known.pad_u_um)
     known.tool = ToolLength(pad)
     _look_at_finished(run, known, pad)
 
@@ -165,9 +167,12 @@ def _touch(
     run: Run, kind: str, place: Site, name: str, predicted_um: float, reach_um: float
 ) -> SurfaceReading:
     """Touch a surface that was left; where none is in reach, say what that may mean."""
-    move_to(run, place)
+    u_um = (reach_um + BEYOND_UM) / BEYOND_SIGMAS
     try:
-        return take_reading(run, kind, name, predicted_um, reach_um + BEYOND_UM)
+        if place == run.job.pad:
+            return read_pad(run, kind, name, predicted_um, u_um)
+        move_to(run, place)
+        return take_reading(run, kind, name, predicted_um, u_um)
     except MachineFault as fault:
         if fault.code == NO_CONTACT:
             fault.hint += (

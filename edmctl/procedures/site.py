@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from edmctl.procedures.approach import approach_bottom
+from edmctl.procedures.bottom import check_first_sparks
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.cut import CutEnd, run_cut
 from edmctl.procedures.deciding import Decision, out_of_time
@@ -31,7 +32,7 @@ def machine_hole(run: Run, hole: Hole, known: Known, limits: TimeLimits, *, is_l
     hole's result after every cut, so that it is there whatever comes next.
     """
     assert known.tool is not None
-    start = start_of(run, hole, known.tool, known.gap_um)
+    start = start_of(run, hole, known)
     plan = first_plan(run.profile, start, hole.goal, hole.estimate, run.machine.time_s)
     if is_last and not plan.measured:
         plan = replace(plan, measured=True)
@@ -52,7 +53,8 @@ def _cut(run: Run, hole: Hole, known: Known, plan: CutPlan, limits: TimeLimits) 
     if limits.left().seconds <= 0.0:
         return _no_time(run, hole, plan, limits)
     move_to(run, hole.site)
-    approach_bottom(run, plan.bottom_um, plan.start.bottom_u_at(run.machine.time_s))
+    bottom_u_um = plan.start.bottom_u_at(run.machine.time_s)
+    plan = check_first_sparks(run, plan, approach_bottom(run, plan.bottom_um, bottom_u_um), bottom_u_um)
     left = limits.left()
     if left.seconds <= 0.0:
         return _no_time(run, hole, plan, limits)

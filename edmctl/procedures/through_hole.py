@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from typing import TYPE_CHECKING
 
 from edmctl.labels import Basis
@@ -24,7 +26,10 @@ if TYPE_CHECKING:
 
 def end_of_through_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: CutResult) -> Decision:
     """Measure the wear; the depth is how far the tip went below the face, at least the sheet's thickness."""
-    pad = touch_pad(run, hole, plan, cut, more_u_um=hole.goal.completion_um)
+    anywhere_u_um = hole.goal.completion_um / math.sqrt(
+        12.0
+    )  # where in the last feed the tool stopped wearing
+    pad = touch_pad(run, hole, plan, cut, more_u_um=anywhere_u_um)
     fed_um = plan.fed_um(cut.end_displacement_um)
     hole.stops += 1
     hole.bottom, hole.pad = hole.z1.shifted(hole.face_um + fed_um), pad

@@ -29,7 +29,7 @@ class ToolLength:
     def u_um(self, now_s: float, drift_u_um_per_s: float) -> float:
         """Standard uncertainty of that, at a moment."""
         drift_um = drift_u_um_per_s * max(0.0, now_s - self.pad.time_s)
-        return math.hypot(TOUCH_U_UM, self.wear_u_um, drift_um)
+        return math.hypot(TOUCH_U_UM, self.pad.doubt_u_um, self.wear_u_um, drift_um)
 
     def worn(self, wear_um: float, wear_u_um: float) -> ToolLength:
         """Return the length after a hole that was not measured; the errors of such holes go the same way."""

@@ -1,7 +1,7 @@
 """A Z reading: several contacts at one place, reduced to their mean.
 
 The tool hunts at contact, so that creep cannot push it into the work, and the sensor is averaged meanwhile
-(Muralidhara et al. 2009, §4).
+(Muralidhara et al. 2009, §4). What a touch says must be what the samples of the same moment say.
 """
 
 from __future__ import annotations
@@ -14,19 +14,25 @@ from edmctl.errors import ObjectiveNotReached, PreconditionError
 from edmctl.machine.port import Touch, TouchRequest
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.results import Phase
+from edmctl.process.touch_check import contradicts_samples, is_constant
 from edmctl.process.wear import Reading, reading_of
 from edmctl.record.rows import EventLevel, TouchRow
 
 if TYPE_CHECKING:
     from edmctl.procedures.run import Run
 
-FAST_LEG_MARGIN_UM = 5.0
+FAST_LEG_MARGIN_UM = 3.0
 """The fast leg ends this far above the predicted contact."""
+FAST_SIGMAS = 2.0
+"""And by so many standard uncertainties of it: a tool that meets the work on that leg comes back slowly."""
 BEYOND_PREDICTION_UM = 15.0
 """No contact this far beyond the predicted one is a fault."""
+BEYOND_SIGMAS = 3.0
+"""And so many of them."""
 ATTEMPTS = 2
 _TELEMETRY_LAG_S = 0.2
 """After this, the samples around the last event have come."""
+_DISTRUST = "Look at sensor and line with `edmctl doctor`; the controller's touches are not to be believed."
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +40,7 @@ class SurfaceReading:
     """Where the tool met a surface: by the sensor (`reading`), and by the model (`model_um`).
 
     Without a sensor both are the model's. `zero_um` is the zero that the model had from the rest before.
+    `doubt_u_um` is a standard uncertainty that comes on top where the touches could not be believed outright.
     """
 
     kind: str
@@ -42,6 +49,7 @@ class SurfaceReading:
     actuator_v: float
     time_s: float
     zero_um: float
+    doubt_u_um: float = 0.0
 
     @property
     def z_um(self) -> float:
@@ -56,52 +64,102 @@ class SurfaceReading:
         return replace(self, reading=reading, model_um=self.model_um + way_um)
 
 
-def take_reading(
-    run: Run, kind: str, place: str, predicted_um: float, uncertainty_um: float = 0.0
-) -> SurfaceReading:
+@dataclass(frozen=True, slots=True)
+class Search:
+    """How a surface is looked for: fast to `fast_to_um`, slowly on to `z_max_um`, `touches` times after a rest."""
+
+    fast_to_um: float
+    z_max_um: float
+    touches: int
+    settle_s: float
+
+
+def search_near(run: Run, predicted_um: float, u_um: float) -> Search:
+    """Where contact is expected at `predicted_um` with a standard uncertainty of `u_um`: as the recipe says."""
+    return Search(
+        fast_to_um=predicted_um - FAST_LEG_MARGIN_UM - FAST_SIGMAS * u_um,
+        z_max_um=predicted_um + BEYOND_PREDICTION_UM + BEYOND_SIGMAS * u_um,
+        touches=run.profile.measure.touches,
+        settle_s=run.profile.measure.settle_s,
+    )
+
+
+def take_reading(run: Run, kind: str, place: str, predicted_um: float, u_um: float = 0.0) -> SurfaceReading:
     """Touch off `measure.touches` times and average; once more when they scatter too much.
 
-    `predicted_um` is where contact is expected, known within `uncertainty_um`. The tool stands at least 20 µm
-    above it, and ends a back-off above it. Raises PreconditionError when the sensor reads contact before.
+    `predicted_um` is where contact is expected, with a standard uncertainty of `u_um`. The tool stands at least
+    20 µm above it, and ends a back-off above it. Raises PreconditionError when the sensor reads contact before.
     """
+    return take_reading_in(run, kind, place, search_near(run, predicted_um, u_um))
+
+
+def take_reading_in(run: Run, kind: str, place: str, search: Search) -> SurfaceReading:
+    """The same, where the search is given."""
     run.begin(Phase.MEASURING)
-    run.machine.rest(run.profile.measure.settle_s)
+    run.machine.rest(search.settle_s)
     if run.watch.in_contact:
         raise PreconditionError(
             f"The contact sensor reads closed at {run.watch.displacement_um:.1f} µm, clear of the surface.",
             hint="Look for a chip between tool and work, or a shorted continuity wire.",
             code="E8021",
         )
-    request = _request(run, predicted_um, uncertainty_um)
     for _ in range(ATTEMPTS):
-        touches = run.machine.touch(request)
+        touches = run.machine.touch(_request(run, search))
         run.machine.rest(_TELEMETRY_LAG_S)
         found = _reduced(run, kind, touches)
-        accepted = found.reading.sd_um <= run.profile.measure.max_sd_um
-        _report(run, place, touches, found, accepted=accepted)
-        if accepted:
+        refused = _refusal(run, touches, found)
+        _report(run, place, touches, found, accepted=refused is None)
+        if refused is None:
             tracker = run.watch.tracker()
             if tracker is not None:
                 tracker.note(found.model_um, found.z_um)
             return found
-    raise ObjectiveNotReached(
-        f"{kind}: the touches scatter by {found.reading.sd_um:.2f} µm, measure.max_sd_um is "
-        f"{run.profile.measure.max_sd_um:.2f} µm.",
+    assert refused is not None
+    raise refused
+
+
+def _refusal(run: Run, touches: tuple[Touch, ...], found: SurfaceReading) -> ObjectiveNotReached | None:
+    """Why a reading is not one, None where it is."""
+    for touch in touches:
+        samples_um = run.watch.samples_of_touch(touch.time_s)
+        if contradicts_samples(touch.displacement_um, samples_um.tolist()):
+            return ObjectiveNotReached(
+                f"{found.kind}: a touch says {touch.displacement_um:.2f} µm where the samples of its dwell say "
+                f"{samples_um.mean() if len(samples_um) else math.nan:.2f} µm.",
+                hint=_DISTRUST,
+                code="E7021",
+            )
+    if is_constant((found.reading,)):
+        return constant(found)
+    most_um = run.profile.measure.max_sd_um
+    if found.reading.sd_um <= most_um:
+        return None
+    return ObjectiveNotReached(
+        f"{found.kind}: the touches scatter by {found.reading.sd_um:.2f} µm, measure.max_sd_um is {most_um:.2f} µm.",
         hint="Clean tool and work, lower measure.speed_um_s, or allow more with measure.max_sd_um.",
         code="E7020",
     )
 
 
-def _request(run: Run, predicted_um: float, uncertainty_um: float) -> TouchRequest:
+def constant(found: SurfaceReading) -> ObjectiveNotReached:
+    """What is wrong with touches that repeat to the last digit."""
+    return ObjectiveNotReached(
+        f"{found.kind}: every touch says {found.z_um:.3f} µm to the last digit, which no sensor does.",
+        hint=_DISTRUST,
+        code="E7021",
+    )
+
+
+def _request(run: Run, search: Search) -> TouchRequest:
     measure = run.profile.measure
     return TouchRequest(
         fast_um_s=measure.fast_um_s,
-        fast_to_um=predicted_um - FAST_LEG_MARGIN_UM - uncertainty_um,
+        fast_to_um=search.fast_to_um,
         speed_um_s=measure.speed_um_s,
-        z_max_um=predicted_um + BEYOND_PREDICTION_UM + uncertainty_um,
+        z_max_um=search.z_max_um,
         back_off_um=measure.back_off_um,
         dwell_s=measure.dwell_s,
-        touches=measure.touches,
+        touches=search.touches,
     )
 
 

@@ -65,6 +65,8 @@ class Watch:
         self._latest: TelemetryBlock | None = None
         self._trace = Trace()
         self._touched: dict[float, float] = {}
+        self._sensed = Trace()
+        self._dwells: dict[float, Floats] = {}
         self._follower: Callable[[TelemetryBlock], None] | None = None
         self._guards: list[Callable[[TelemetryBlock], None]] = []
         self._comparer: Callable[[TelemetryBlock, Floats], None] | None = None
@@ -156,6 +158,10 @@ class Watch:
         self.settle()
         return self._touched[time_s] if time_s in self._touched else self._trace.at(time_s)
 
+    def samples_of_touch(self, time_s: float) -> Floats:
+        """What the sensor read from the first contact of a touch to the end of its dwell; none without a sensor."""
+        return self._dwells.get(time_s, np.zeros(0))
+
     def telemetry(self, block: TelemetryBlock) -> None:
         """Keep the block for the estimator and the recorder, and hand it on."""
         self._latest = block
@@ -183,6 +189,8 @@ class Watch:
             model_um = self._tracker.estimator.advance(block.time_s, block.actuator_v)
             self.feed_error.take(block, model_um)
         self._trace.append(block.time_s, model_um)
+        if self._sensor:
+            self._sensed.append(block.time_s, block.displacement_um)
         self._recorder.append_servo(self._row_block(block, model_um))
         if compared and self._comparer is not None:
             self._comparer(block, model_um)
@@ -231,10 +239,11 @@ class Watch:
         )
 
     def event(self, event: MachineEvent) -> None:
-        """Record; what the model said at a touch is kept, because its reading is asked for much later."""
+        """Record; what model and sensor said at a touch is kept, because its reading is asked for much later."""
         if event.code is EventCode.TOUCH:
             self.settle()
             self._touched[event.time_s] = self._trace.at(event.time_s)
+            self._dwells[event.time_s] = self._sensed.since(event.time_s)
         args = {
             "argument": event.argument,
             "displacement_um": event.displacement_um,

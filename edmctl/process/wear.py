@@ -9,6 +9,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 _NORMAL_97_5 = 1.959963984540054
 TOUCH_SD_PRIOR_UM = 0.2
@@ -58,6 +62,17 @@ def reading_of(touches_um: tuple[float, ...]) -> Reading:
     mean = math.fsum(touches_um) / n
     variance = math.fsum((z - mean) ** 2 for z in touches_um) / (n - 1) if n > 1 else 0.0
     return Reading(mean, math.sqrt(variance), n)
+
+
+def pooled_reading(readings: Sequence[Reading]) -> Reading:
+    """One reading of the touches of several: their mean, and their scatter about it."""
+    n = sum(reading.touches for reading in readings)
+    mean_um = math.fsum(reading.touches * reading.mean_um for reading in readings) / n
+    squares = math.fsum(
+        (reading.touches - 1) * reading.sd_um**2 + reading.touches * (reading.mean_um - mean_um) ** 2
+        for reading in readings
+    )
+    return Reading(mean_um, math.sqrt(squares / (n - 1)) if n > 1 else 0.0, n)
 
 
 def student_97_5(dof: float) -> float:
@@ -118,6 +133,7 @@ def measure(
     linearity_u_um: float = 0.0,
     height_um: float = 0.0,
     z1_u_um: float = 0.0,
+    doubts_u_um: tuple[float, float, float] = (0.0, 0.0, 0.0),
     touch_sd_prior_um: float = TOUCH_SD_PRIOR_UM,
 ) -> DepthAndWear:
     """Depth, wear and feed with 95 % intervals.
@@ -128,7 +144,8 @@ def measure(
     its drift; `tilt_u_um` of the height between pad and site, which enters depth and feed but not wear;
     `pad_u_um` of meeting the same pad again (stage repeatability through tilt). `touch_sd_prior_um` is the
     repeatability of one touch expected beforehand, because three touches alone know it badly. `height_um` is how
-    much further than the pad the face at the site lies, `z1_u_um` what a Z1 that was not touched right before adds.
+    much further than the pad the face at the site lies, `z1_u_um` what a Z1 that was not touched right before adds,
+    `doubts_u_um` what each of the three adds where its touches were in doubt.
     """
     bottom_um = z2.mean_um - height_um
     depth_um, wear_um, feed_um = bottom_um - z3.mean_um, z3.mean_um - z1.mean_um, bottom_um - z1.mean_um
@@ -138,8 +155,11 @@ def measure(
     def sensor_um(length_um: float, seconds: float) -> float:
         return math.hypot(gain_u_rel * length_um, linearity_u_um, drift_u_um_per_s * seconds)
 
-    depth_u95 = noise.u95(depth_noise, (sensor_um(depth_um, z2_to_z3_s), tilt_u_um))
-    wear_u95 = noise.u95(noise.of_difference(z3, z1), (sensor_um(wear_um, z1_to_z3_s), pad_u_um, z1_u_um))
+    doubt1, doubt2, doubt3 = doubts_u_um
+    depth_u95 = noise.u95(depth_noise, (sensor_um(depth_um, z2_to_z3_s), tilt_u_um, doubt2, doubt3))
+    wear_parts = (sensor_um(wear_um, z1_to_z3_s), pad_u_um, z1_u_um, doubt1, doubt3)
+    wear_u95 = noise.u95(noise.of_difference(z3, z1), wear_parts)
     feed_s = z1_to_z3_s - z2_to_z3_s
-    feed_u95 = noise.u95(noise.of_difference(z2, z1), (sensor_um(feed_um, feed_s), tilt_u_um, z1_u_um))
+    feed_parts = (sensor_um(feed_um, feed_s), tilt_u_um, z1_u_um, doubt1, doubt2)
+    feed_u95 = noise.u95(noise.of_difference(z2, z1), feed_parts)
     return DepthAndWear(depth_um, depth_u95, wear_um, wear_u95, feed_um, feed_u95, depth_noise)

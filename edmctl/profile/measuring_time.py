@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -22,9 +23,11 @@ RELUCTANCE_TOUCHING = 1.25
 """The same on average over a fast leg and the slow one after it."""
 RISE_UM = 60.0
 """Before a bottom is touched the tool rises by this."""
-FAST_LEG_MARGIN_UM = 5.0
-OFFSET_U_UM, WEAR_U_SHARE = 10.0, 0.05
+FAST_LEG_MARGIN_UM = 3.0
+OFFSET_U_UM, WEAR_U_SHARE = 7.0, 0.05
 """The slow leg begins earlier by what is unknown: of the first surface, and of the wear as a share of the feed."""
+FURTHER_SPOT_S = 6.5
+"""The pad is touched at a second spot: a move, the way down, and one touch, which is one less at the first spot."""
 SAMPLING_S = 0.4
 """At the end of a reading, for the last samples."""
 FAST_DESCENT_S = 2.0
@@ -75,8 +78,20 @@ def surface_time_s(profile: Profile) -> float:
 
 
 def pad_time_s(profile: Profile) -> float:
-    """One reading of the untouched surface from home: all its touches, s."""
-    return reading_time_s(profile, profile.approach.offset_um, OFFSET_U_UM, RELUCTANCE_TOUCHING)
+    """One reading of the untouched pad from home: all its touches, s."""
+    first_s = reading_time_s(profile, profile.approach.offset_um, OFFSET_U_UM, RELUCTANCE_TOUCHING)
+    return first_s + further_spot_s(profile)
+
+
+def further_spot_s(profile: Profile) -> float:
+    """How much longer a reading takes because the pad is touched at two spots, s."""
+    return FURTHER_SPOT_S - (again_s(profile) if profile.measure.touches > 1 else 0.0)
+
+
+def again_s(profile: Profile) -> float:
+    """One more touch at the same place, s."""
+    measure = profile.measure
+    return measure.back_off_um / measure.speed_um_s + measure.dwell_s
 
 
 def reading_time_s(
@@ -86,9 +101,8 @@ def reading_time_s(
     measure = profile.measure
     slow_um = min(FAST_LEG_MARGIN_UM + unknown_um, way_um)
     down_s = slow_um / measure.speed_um_s + (way_um - slow_um) / measure.fast_um_s
-    again_s = measure.back_off_um / measure.speed_um_s + measure.dwell_s
     rest_s = measure.settle_s + measure.dwell_s + SAMPLING_S
-    return rest_s + reluctance * down_s + (measure.touches - 1) * again_s
+    return rest_s + reluctance * down_s + (measure.touches - 1) * again_s(profile)
 
 
 def descent_time_s(profile: Profile, place_um: float) -> float:
@@ -112,9 +126,9 @@ def stop_time_s(
     """
     surface_um = profile.approach.offset_um + wear_um
     bottom_s = 0.5 + reading_time_s(profile, RISE_UM) if bottom else 0.0
-    unknown_um = WEAR_U_SHARE * feed_um + rim_um
+    unknown_um = math.hypot(WEAR_U_SHARE * feed_um, 2.0 * rim_um / math.sqrt(12.0))
     pad_reading_s = reading_time_s(profile, surface_um, unknown_um, RELUCTANCE_TOUCHING)
-    return bottom_s + pad_s + pad_reading_s
+    return bottom_s + pad_s + pad_reading_s + further_spot_s(profile)
 
 
 def pad_of(setup: Setup) -> Stand:

@@ -156,6 +156,7 @@ class VirtualController:
 
     def _next_deadline(self, now: int) -> int:
         deadline = min(now + SLICE_TICKS, self._repeat_tick, self.injector.next_tick(now))
+        deadline = min(deadline, self.plant.chips.next_tick(now) or NEVER)
         if self.armed:
             deadline = min(deadline, self._heard_tick + self._watchdog_ticks)
         if self.motion.stage:
@@ -165,6 +166,7 @@ class VirtualController:
     def _watch(self, now: int) -> None:
         """Everything that is due by the clock: stage arrival, watchdog, inputs, repetition of events."""
         self.injector.apply_due(now)
+        self.plant.chips.look()
         stage = self.motion.stage
         if self.plant.limit_switch and (stage or self.motion.stages_follow):
             self.raise_fault(FaultCode.STAGE_LIMIT, stage.axis if stage else m.Axis.X)

@@ -24,15 +24,22 @@ class Trigger(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Injection:
-    """Something that will go wrong `seconds` of controller time after `trigger`; `name` is one of INJECTIONS."""
+    """Something that will go wrong `seconds` of controller time after the `nth` next `trigger`.
+
+    `name` is one of INJECTIONS; `size_um` is the height of a chip, NaN for everything else.
+    """
 
     name: str
     trigger: Trigger
     seconds: float
+    nth: int = 1
+    size_um: float = math.nan
 
     def __str__(self) -> str:
-        start = f"{self.trigger.value}+" if self.trigger.value else ""
-        return f"{self.name}@{start}{self.seconds:g}"
+        size = "" if math.isnan(self.size_um) else f"_{self.size_um:g}"
+        which = str(self.nth) if self.nth > 1 else ""
+        start = f"{self.trigger.value}{which}+" if self.trigger.value else ""
+        return f"{self.name}{size}@{start}{self.seconds:g}"
 
 
 @dataclass(slots=True)
@@ -82,8 +89,13 @@ INJECTIONS: dict[str, str] = {
     "SENSOR_DRIFT": "sparks+1",
     "STALL": "sparks+1",
     "WEAR_FAST": "arm+0",
+    "CHIP": "touch+0",
+    "LOOSE_CHIP": "touch+0",
 }
 """Every injection, with its usual time."""
+
+CHIPS = ("CHIP", "LOOSE_CHIP")
+USUAL_CHIP_UM = 8.0
 
 _ALIASES = {row.name: row.inject for row in FAULTS.values() if row.inject.isupper() or "@" in row.inject}
 
@@ -91,7 +103,8 @@ _ALIASES = {row.name: row.inject for row in FAULTS.values() if row.inject.isuppe
 def parse_injection(text: str) -> Injection:
     """Read `NAME` or `NAME@WHEN`; WHEN is seconds, or `arm+`, `touch+` or `sparks+` and seconds.
 
-    NAME is one of INJECTIONS, or the name of a fault, which stands for its usual injection.
+    NAME is one of INJECTIONS, or the name of a fault, which stands for its usual injection. A chip may be followed
+    by its height in µm (`CHIP_5`), a trigger by a number: `touch3+0` is the third touch from now.
 
     Raises
     ------
@@ -99,7 +112,7 @@ def parse_injection(text: str) -> Injection:
         No such name (the message lists them), or WHEN is none of these.
     """
     name, at, when = text.strip().partition("@")
-    name = name.strip().upper()
+    name, size_um = _sized(name.strip().upper())
     if name not in INJECTIONS and name in _ALIASES:
         name, _, usual = _ALIASES[name].partition("@")
         when = when if at else usual
@@ -107,16 +120,33 @@ def parse_injection(text: str) -> Injection:
         raise ValueError(f"no such fault: {name}; there are {', '.join(sorted(INJECTIONS))}")
     if at and not when.strip():
         raise ValueError(f"{text!r} says no time after @")
-    return Injection(name, *_when(when.strip() or INJECTIONS[name]))
+    return Injection(name, *_when(when.strip() or INJECTIONS[name]), size_um)
 
 
-def _when(text: str) -> tuple[Trigger, float]:
-    start, plus, seconds = text.rpartition("+")
+def _sized(name: str) -> tuple[str, float]:
+    """Name and height of a chip; any other name as it is, without one."""
+    kind, _, size = name.rpartition("_")
+    if kind not in CHIPS:
+        return name, USUAL_CHIP_UM if name in CHIPS else math.nan
     try:
-        trigger = Trigger(start.strip().lower()) if plus else Trigger.TIME
-        value = float(seconds)
+        size_um = float(size)
+    except ValueError:
+        size_um = math.nan
+    if not (math.isfinite(size_um) and size_um > 0.0):
+        raise ValueError(f"{size!r} is no height of a chip; say {kind}_{USUAL_CHIP_UM:g} for that many µm")
+    return kind, size_um
+
+
+def _when(text: str) -> tuple[Trigger, float, int]:
+    start, plus, seconds = text.rpartition("+")
+    word = start.strip().lower().rstrip("0123456789")
+    number = start.strip()[len(word) :]
+    try:
+        trigger = Trigger(word) if plus else Trigger.TIME
+        value, nth = float(seconds), int(number or "1")
     except ValueError:
         raise ValueError(f"{text!r} is no time; say SECONDS, arm+S, touch+S or sparks+S") from None
-    if (plus and trigger is Trigger.TIME) or not (math.isfinite(value) and value >= 0.0):
+    counted = nth == 1 or (nth > 1 and trigger in (Trigger.ARM, Trigger.TOUCH))
+    if (plus and trigger is Trigger.TIME) or not (math.isfinite(value) and value >= 0.0 and counted):
         raise ValueError(f"{text!r} is no time; say SECONDS, arm+S, touch+S or sparks+S")
-    return trigger, value
+    return trigger, value, nth

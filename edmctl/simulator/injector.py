@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.link.messages import ResetCause, State
 from edmctl.simulator import kernel as k
-from edmctl.simulator.injection import Injection, LineState, Trigger
+from edmctl.simulator.injection import CHIPS, Injection, LineState, Trigger
 
 if TYPE_CHECKING:
     from edmctl.simulator.controller import VirtualController
@@ -68,6 +68,7 @@ _RESETS = {
 class _Pending:
     injection: Injection
     due_tick: int | None  # None until its trigger has come
+    to_come: int = 1  # of its triggers
 
 
 class Injector:
@@ -89,19 +90,23 @@ class Injector:
         due = None
         if injection.trigger is Trigger.TIME:
             due = self._c.boot_tick + round(injection.seconds / k.TICK_S)
-        self._pending.append(_Pending(injection, due))
+        self._pending.append(_Pending(injection, due, injection.nth))
 
     def clear(self) -> None:
         """Forget what is to come and repair what is broken."""
         self._pending.clear()
         while self._broken:
             self._write(*self._broken.pop())
+        self._c.plant.chips.clear()
 
     def note(self, trigger: Trigger) -> None:
         """Tell that a trigger has come; the seconds of whoever waits for it run from now."""
         now = self._c.tick
         for pending in self._pending:
-            if pending.due_tick is None and pending.injection.trigger is trigger:
+            if pending.due_tick is not None or pending.injection.trigger is not trigger:
+                continue
+            pending.to_come -= 1
+            if pending.to_come == 0:
                 pending.due_tick = now + round(pending.injection.seconds / k.TICK_S)
 
     def next_tick(self, now: int) -> int:
@@ -122,7 +127,7 @@ class Injector:
         for pending in due:
             self._pending.remove(pending)
             self.applied.append((pending.injection, now))
-            self._apply(pending.injection.name, now)
+            self._apply(pending.injection, now)
 
     @property
     def _looks_for_sparks(self) -> bool:
@@ -130,12 +135,14 @@ class Injector:
             p.due_tick is None and p.injection.trigger is Trigger.SPARKS for p in self._pending
         )
 
-    def _apply(self, name: str, now: int) -> None:
-        par = self._c.par
+    def _apply(self, injection: Injection, now: int) -> None:
+        name, par = injection.name, self._c.par
         if name in _RESETS:
             self._c.reset(_RESETS[name])
         elif name == "ABORT_RUN":
             self._c.receive(bytes(ABORT_ZEROS))
+        elif name in CHIPS:
+            self._c.plant.chips.drop(injection.size_um, loose=name == "LOOSE_CHIP")
         elif name == "GAP_SENSOR_HIGH":
             self._break("par", k.GAP_STUCK, par.item(k.OPEN_V))
         elif name == "WEAR_FAST":

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmctl.simulator import kernel as k
+from edmctl.simulator.chips import Chips
 from edmctl.simulator.ground import Ground
 from edmctl.simulator.random_blocks import BLOCK as BLOCK
 from edmctl.simulator.random_blocks import RandomBlocks
@@ -67,6 +68,7 @@ class Plant:
         self.hv_supply_ok = True
         self.tool_lost_um = 0.0  # broken off; not wear
         self.obstacle_um = math.inf  # something that the tool meets there, wherever the stage stands
+        self.chips = Chips(self)
         self.current_factor = 1.0  # of the generator's current, above 1 where its limit has failed
         self.set_generator(130.435, 304.348, 40.0, 0.12, 0.0)
         self.arrive()
@@ -159,7 +161,7 @@ class Plant:
         """Set how far the tool is from what lies under it: the tilted face, nothing, or what should not be there."""
         x, y = self._xy()
         tilt = (self._tilt_mrad[0] * x + self._tilt_mrad[1] * y) * 1e-3
-        surface = self._offset_um + tilt if self.ground.solid else CLEAR_UM
+        surface = self._offset_um + tilt - self.chips.under_tool_um() if self.ground.solid else CLEAR_UM
         self.st[k.SURFACE] = min(surface + self.tool_lost_um, self.obstacle_um)
 
     def _xy(self) -> tuple[float, float]:

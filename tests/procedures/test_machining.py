@@ -110,7 +110,7 @@ def test_the_supervisor_writes_ten_rows_a_second(done: Done) -> None:
 def test_readings_and_decisions_are_recorded(done: Done) -> None:
     seen = done.shop.seen
     (site,) = done.result.sites
-    assert [touch.kind for touch in seen.touches] == ["Z1"] + ["Z2", "Z3"] * site.measuring_stops
+    assert [touch.kind for touch in seen.touches] == ["Z1"] * 2 + ["Z2", "Z3", "Z3"] * site.measuring_stops
     codes = [code for _, code, _, _, _ in seen.events]
     for code in (RunEvent.CONDITIONED, RunEvent.CUT_PLANNED, RunEvent.CUT_ENDED, RunEvent.TARGET_REACHED):
         assert code in codes
@@ -164,13 +164,14 @@ def test_a_feed_target_is_one_cut_to_that_feed(shop: OpenShop) -> None:
     assert site.feed_um == pytest.approx(15.0, abs=1.5)
 
 
-def test_a_wrong_guess_of_the_gap_is_corrected_after_the_first_cut(shop: OpenShop) -> None:
+def test_a_wrong_guess_of_the_gap_is_doubted_first_and_then_corrected(shop: OpenShop) -> None:
+    """A bottom 5 µm above the one expected may be a chip, so one stop alone does not overrule the guess."""
     s = shop(("measure.expected_gap_um=8.0",))
     (site,) = s.run_job().sites
     gaps = [args["gap_um"] for _, code, _, _, args in s.seen.events if code == RunEvent.CUT_PLANNED]
     assert gaps[0] == 8.0
-    assert 2.0 < float(gaps[1]) < 6.0
-    assert 2.0 < site.working_gap_um < 6.0
+    assert 4.0 < float(gaps[1]) < 7.0
+    assert 2.0 < site.working_gap_um < 5.0
 
 
 def test_jumps_happen_on_time_and_are_recorded(shop: OpenShop) -> None:
@@ -239,7 +240,7 @@ def test_no_cut_begins_when_no_time_is_left_for_it(shop: OpenShop) -> None:
 
 
 def test_no_second_cut_begins_when_the_time_is_up_after_the_first(shop: OpenShop) -> None:
-    s = shop(("wear.first_fraction=0.5", "limits.max_time_s=95.0"))
+    s = shop(("wear.first_fraction=0.5", "limits.max_time_s=84.0"))
     with pytest.raises(ObjectiveMissed, match="No time is left for cut 2") as caught:
         s.run_job()
     (site,) = caught.value.result.sites
@@ -315,7 +316,7 @@ def test_a_full_disk_in_the_middle_of_a_cut_ends_retracted(shop: OpenShop) -> No
 
 
 def test_the_time_limit_ends_in_order_with_what_was_reached(shop: OpenShop) -> None:
-    s = shop(("limits.max_time_s=60.0",))
+    s = shop(("limits.max_time_s=52.0",))
     with pytest.raises(ObjectiveMissed) as caught:
         s.run_job()
     (site,) = caught.value.result.sites

@@ -160,7 +160,6 @@ def test_the_wear_of_a_later_cut_is_no_better_known_than_what_was_measured_befor
 
 def test_the_working_gap_is_what_touching_adds_to_sparking() -> None:
     assert learned_gap_um(260.5, 257.0) == pytest.approx(3.5)
-    assert learned_gap_um(250.0, 257.0) == 0.5
 
 
 def test_what_is_left_is_cut_with_the_wear_ratio_measured() -> None:

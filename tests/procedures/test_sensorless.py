@@ -65,7 +65,8 @@ def test_every_displacement_is_the_estimate_and_none_is_recorded_as_a_sensor_s(b
     assert estimates_um.min() == pytest.approx(0.0, abs=1.0)
     assert estimates_um.max() > 300.0  # the conditioning swings
     assert all(math.isnan(touch.displacement_um) for touch in seen.touches)
-    assert site.z1_um == pytest.approx(seen.touches[0].model_um)
+    pad = [touch.model_um for touch in seen.touches if touch.kind == "Z1"]
+    assert min(pad) <= site.z1_um <= max(pad)
     assert site.depth_model_um == pytest.approx(site.depth_um)
     assert math.isnan(site.feed_model_error_max_um)
 

@@ -1,0 +1,342 @@
+"""Whether a touch that is wrong is found: chips under the tool, touches that repeat, are scaled or absurd.
+
+    python benchmarks/chips.py [--seeds 6] [--first-seed 2000] [--deep 2] [--clean 300] [--arrays 12] [--base DIR]
+
+Every chip is injected on a virtual machine under the first touch of a reading: Z1, or Z2 and Z3 of the first or of
+the last measuring stop. The same seed without a chip says how wide the interval is that the chip has to exceed. A
+chip is found where an event or an error tells of it, covered where the stated 95 % intervals hold the plant's
+truth. Bars: of those that shift a result by more than the clean run's interval, 95 % found or covered; at most 1 %
+of clean holes with an alarm; with `--base`, a checkout to compare with, a clean job at most 3 % (180 µm) or 30 s
+longer.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import statistics
+import subprocess
+import sys
+from dataclasses import dataclass, field, replace
+from random import Random
+from typing import TYPE_CHECKING
+
+from edmctl.errors import EdmError
+from edmctl.link.session import Session
+from edmctl.machine.controller import LinkMachine
+from edmctl.machine.stop import StopRequest
+from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.job import job_of
+from edmctl.procedures.machining import run_job
+from edmctl.procedures.results import JobResult, Ledger
+from edmctl.profile.load import load_profile
+from edmctl.profile.setup import Setup
+from edmctl.record.recorder import NullRecorder
+from edmctl.simulator import BenchConfig, open_bench
+from edmctl.simulator.injection import parse_injection
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from edmctl.machine.port import Touch, TouchRequest
+    from edmctl.procedures.results import Progress
+    from edmctl.record.rows import EventLevel, TouchRow
+
+SIZES_UM = (1.0, 2.0, 4.0, 6.0, 9.0, 12.0, 16.0, 20.0)
+DEPTHS_UM = (10.0, 20.0, 40.0)
+DEEP_UM = 180.0
+KINDS = ("Z1", "Z2", "Z3")
+FOUND_BAR, ALARM_BAR = 0.95, 0.01
+DOUBTS = {code for code in RunEvent if code.name in ("TOUCH_DOUBTED", "READING_REJECTED")}
+"""By name, because a checkout to compare with may not have them all."""
+ARRAY = "profiles/array-3x3.toml"
+
+LIES: Mapping[str, Callable[[float], float]] = {
+    "constant": lambda _: 50.0,
+    "times 1.25": lambda z_um: 1.25 * z_um,
+    "absurd": lambda _: 2_147_483.0,
+}
+
+
+class LyingMachine(LinkMachine):
+    """A machine whose touches are spoilt on their way to the host."""
+
+    lie: Callable[[float], float] | None = None
+
+    def touch(self, request: TouchRequest) -> tuple[Touch, ...]:
+        """Touch, and tell something else."""
+        touches = super().touch(request)
+        if self.lie is None:
+            return touches
+        return tuple(replace(touch, displacement_um=self.lie(touch.displacement_um)) for touch in touches)
+
+
+@dataclass(slots=True)
+class Ears(NullRecorder):
+    """Keeps what kind each touch-off was of, and what was doubted."""
+
+    kinds: list[str] = field(default_factory=list)
+    doubts: list[str] = field(default_factory=list)
+
+    def touch(self, row: TouchRow) -> None:
+        """Keep the kind."""
+        self.kinds.append(row.kind)
+
+    def event(
+        self,
+        time_s: float,
+        code: int,
+        level: EventLevel,
+        message: str,
+        args: Mapping[str, float | int | str | bool] | None = None,
+    ) -> None:
+        """Keep doubts."""
+        if code in DOUBTS:
+            self.doubts.append(message)
+
+
+class _Silent:
+    """Nobody watches."""
+
+    def progress(self, p: Progress) -> None:
+        """Nothing."""
+
+    def note(self, text: str) -> None:
+        """Nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """One job: its result or error, what was doubted, and whether its intervals hold the truth."""
+
+    result: JobResult | None
+    error: str
+    doubts: list[str]
+    kinds: list[str]
+    covered: bool
+    told: str
+    time_s: float
+
+    @property
+    def found(self) -> bool:
+        """Whether something was told."""
+        return bool(self.doubts) or self.error[:4] in ("E702", "E802")
+
+
+def perform(profile: str, seed: int, overrides: tuple[str, ...], inject: str = "", lie: str = "") -> Outcome:
+    """Run a job on a fresh virtual machine."""
+    loaded = load_profile(profile, overrides)
+    config = BenchConfig(
+        tool_diameter_um=loaded.profile.tool.diameter_um,
+        theta=loaded.sim.theta,
+        offset_um=loaded.profile.approach.offset_um,
+    )
+    bench = open_bench(config, seed)
+    if inject:
+        bench.inject(parse_injection(inject))
+    session = Session(bench.transport, Random(seed))
+    session.open()
+    machine, ears, ledger = LyingMachine(session, StopRequest()), Ears(), Ledger()
+    machine.lie = LIES.get(lie)
+    job = job_of(loaded.profile, Setup(), loaded.places)
+    error = ""
+    try:
+        run_job(machine, job, recorder=ears, observer=_Silent(), ledger=ledger)
+    except EdmError as failed:
+        error = f"{failed.code} {failed.message}"
+    if not ledger.sites:
+        return Outcome(None, error, ears.doubts, ears.kinds, error != "", error, ledger.time_s)
+    result = ledger.result()
+    covered, told = True, []
+    for site, hole in zip(result.sites, bench.truth(), strict=False):
+        covered = covered and abs(site.depth_um - hole.depth_um) <= site.depth_u95_um
+        told.append(f"{site.depth_um:.2f} ± {site.depth_u95_um:.2f}, true {hole.depth_um:.2f}")
+    if len(result.sites) == 1:
+        site, wear_um = result.sites[0], bench.tool_wear_um
+        covered = covered and abs(site.wear_um - wear_um) <= site.wear_u95_um
+        told.append(f"wear {site.wear_um:.2f} ± {site.wear_u95_um:.2f}, true {wear_um:.2f}")
+    return Outcome(result, error, ears.doubts, ears.kinds, covered, "; ".join(told), ledger.time_s)
+
+
+@dataclass(slots=True)
+class Tally:
+    """Counts of one class of wrong touches."""
+
+    harmful: int = 0
+    found: int = 0
+    covered: int = 0
+    missed: int = 0
+    outside: int = 0
+    harmless: int = 0
+
+    def take(self, outcome: Outcome, *, harmful: bool) -> None:
+        """Count a job."""
+        if not harmful:
+            self.harmless += 1
+            return
+        self.harmful += 1
+        self.found += outcome.found
+        self.covered += outcome.covered
+        self.missed += not (outcome.found or outcome.covered)
+        self.outside += not outcome.covered and not outcome.error
+
+    def __str__(self) -> str:
+        n = max(1, self.harmful)
+        return (
+            f"{self.harmful:4d} harmful: {100 * self.found / n:5.1f} % found, "
+            f"{100 * self.covered / n:5.1f} % covered, "
+            f"{self.missed} missed, {self.outside} ended without an error outside their interval "
+            f"({self.harmless} harmless)"
+        )
+
+
+def target(depth_um: float) -> tuple[str, ...]:
+    """Override the depth."""
+    return (f"target.depth_um={depth_um:g}",)
+
+
+def places_of(kind: str, kinds: list[str]) -> set[int]:
+    """Which touch-offs (from 1) begin a reading of that kind: of the first and of the last stop."""
+    begins = [i + 1 for i, one in enumerate(kinds) if one == kind and (i == 0 or kinds[i - 1] != kind)]
+    return {begins[0], begins[-1]}
+
+
+def is_harmful(kind: str, size_um: float, clean: Outcome) -> bool:
+    """Whether a chip shifts depth or wear by more than the clean run's interval."""
+    assert clean.result is not None
+    (site,) = clean.result.sites
+    widths_um = {
+        "Z1": [site.wear_u95_um],
+        "Z2": [site.depth_u95_um],
+        "Z3": [site.wear_u95_um, site.depth_u95_um],
+    }
+    return size_um > min(widths_um[kind])
+
+
+def chips(seeds: range, depths_um: tuple[float, ...], *, told: bool) -> dict[str, Tally]:
+    """Chips of every size under every reading, firm and loose."""
+    tallies: dict[str, Tally] = {}
+    for depth_um in depths_um:
+        for seed in seeds:
+            clean = perform("profiles/cu270.toml", seed, target(depth_um))
+            for kind in KINDS:
+                for number in places_of(kind, clean.kinds):
+                    for size_um in SIZES_UM:
+                        for name in ("CHIP", "LOOSE_CHIP"):
+                            inject = f"{name}_{size_um:g}@touch{number}+0"
+                            done = perform("profiles/cu270.toml", seed, target(depth_um), inject)
+                            harmful = is_harmful(kind, size_um, clean)
+                            size = "up to 2 µm" if size_um <= 2.0 else "beyond"
+                            tally = tallies.setdefault(f"{kind} {name:<10} {size:<10}", Tally())
+                            tally.take(done, harmful=harmful)
+                            if told and harmful and not (done.found or done.covered):
+                                print(
+                                    f"    missed: {depth_um:g} µm, seed {seed}, {kind}, {inject}: {done.told}"
+                                )
+    return tallies
+
+
+def lies(seeds: range) -> dict[str, Tally]:
+    """Touches that are spoilt on their way."""
+    tallies = {name: Tally() for name in LIES}
+    for seed in seeds:
+        for name, tally in tallies.items():
+            tally.take(perform("profiles/cu270.toml", seed, target(10.0), lie=name), harmful=True)
+    return tallies
+
+
+def alarms(first_seed: int, singles: int, arrays: int) -> tuple[int, int, list[str]]:
+    """Clean holes, holes with an alarm, and what was told of them."""
+    holes, told = 0, []
+    for index in range(singles):
+        done = perform("profiles/cu270.toml", first_seed + index, target(DEPTHS_UM[index % len(DEPTHS_UM)]))
+        holes += 1
+        told += done.doubts[:1] or ([done.error] if done.found else [])
+    for index in range(arrays):
+        done = perform(ARRAY, first_seed + index, ())
+        holes += 0 if done.result is None else len(done.result.sites)
+        told += done.doubts or ([done.error] if done.found else [])
+    return holes, len(told), told
+
+
+def times_s(first_seed: int, runs: int, base: str = "") -> dict[str, float]:
+    """Median time of whole clean jobs, here or with another checkout's code."""
+    if base:
+        path = os.environ | {"PYTHONPATH": base}
+        command = [
+            sys.executable,
+            __file__,
+            "--times-only",
+            "--first-seed",
+            str(first_seed),
+            "--runs",
+            str(runs),
+        ]
+        done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True, env=path)
+        return dict(json.loads(done.stdout))
+    jobs = {
+        f"{depth_um:g} µm": ("profiles/cu270.toml", target(depth_um)) for depth_um in (10.0, 40.0, DEEP_UM)
+    }
+    jobs["array 3x3"] = (ARRAY, ())
+    jobs["w252 20 µm"] = ("profiles/w252.toml", target(20.0))
+    return {
+        name: statistics.median(perform(*job[:1], first_seed + i, job[1]).time_s for i in range(runs))
+        for name, job in jobs.items()
+    }
+
+
+def main() -> None:
+    """Run everything, print the figures, and exit with 1 when a bar was missed."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--seeds", type=int, default=6)
+    parser.add_argument("--first-seed", type=int, default=2000)
+    parser.add_argument("--deep", type=int, default=2, help="seeds at 180 µm")
+    parser.add_argument("--clean", type=int, default=300, help="clean single holes")
+    parser.add_argument("--arrays", type=int, default=12, help="clean arrays of nine")
+    parser.add_argument("--runs", type=int, default=5, help="jobs a median time is of")
+    parser.add_argument("--base", default="", help="a checkout whose clean jobs are compared with")
+    parser.add_argument("--missed", action="store_true", help="tell every chip that was missed")
+    parser.add_argument("--times-only", action="store_true", help="print median times as JSON and end")
+    args = parser.parse_args()
+    if args.times_only:
+        print(json.dumps(times_s(args.first_seed, args.runs)))
+        return
+    met = True
+    seeds = range(args.first_seed, args.first_seed + args.seeds)
+    deep = range(args.first_seed, args.first_seed + args.deep)
+    groups = {
+        "chips, short holes": chips(seeds, DEPTHS_UM, told=args.missed),
+        "chips, 180 µm": chips(deep, (DEEP_UM,), told=args.missed),
+        "lies": lies(seeds),
+    }
+    for title, tallies in groups.items():
+        harmful = sum(tally.harmful for tally in tallies.values())
+        missed = sum(tally.missed for tally in tallies.values())
+        share = 1.0 - missed / harmful if harmful else 1.0
+        met = met and share >= FOUND_BAR
+        print(
+            f"{title}: {100 * share:.1f} % of {harmful} found or covered (bar {100 * FOUND_BAR:g} %)",
+            flush=True,
+        )
+        for name, tally in tallies.items():
+            print(f"    {name:<24} {tally}", flush=True)
+    holes, alarmed, told = alarms(args.first_seed, args.clean, args.arrays)
+    met = met and alarmed <= ALARM_BAR * holes
+    print(f"clean holes: {alarmed} of {holes} with an alarm (bar {100 * ALARM_BAR:g} %)")
+    for text in told:
+        print("   ", text)
+    if args.base:
+        here, there = times_s(args.first_seed, args.runs), times_s(args.first_seed, args.runs, args.base)
+        for name, time_s in here.items():
+            more_s = time_s - there[name]
+            bar_s = 0.03 * there[name] if name.startswith("180") else 30.0
+            met = met and more_s <= bar_s
+            print(f"time of {name:<12} {time_s:7.1f} s, {more_s:+.1f} s (bar {bar_s:+.1f} s)")
+    sys.exit(0 if met else 1)
+
+
+if __name__ == "__main__":
+    main()

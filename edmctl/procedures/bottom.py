@@ -1,0 +1,103 @@
+"""The bottom of a hole, touched and judged by where the tool has just sparked.
+
+A bottom at or above that is impossible, and one that is shorter than the working gap allows has something on it. The
+tool is lifted high so that oil washes it away, and touches again; what stays in doubt widens the interval.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from edmctl.procedures.approach import lower_to, raise_by
+from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.cut import CutEnd
+from edmctl.procedures.stages import retract
+from edmctl.procedures.touch import SurfaceReading, take_reading
+from edmctl.process.next_cut import COVERAGE
+from edmctl.process.touch_check import Deviation, against_sparks, between, is_long, is_short
+from edmctl.record.rows import EventLevel
+
+if TYPE_CHECKING:
+    from edmctl.machine.port import MachineEvent
+    from edmctl.procedures.cut import CutResult
+    from edmctl.procedures.planning import CutPlan
+    from edmctl.procedures.run import Run
+
+CLEAR_OF_BOTTOM_UM = 60.0
+"""Before the bottom is touched the tool rises by this: clear of 20 µm for the contact check."""
+MORE_LOOKS = 2
+"""A bottom in doubt is touched so many times more."""
+WASHING_STROKES = 3
+"""Before each of them the tool is drawn out so many times: what is loose goes with the oil."""
+UNFINISHED_GAP_U_UM = 3.0
+"""Standard uncertainty of the gap where a cut did not end at its limit: the servo swings, and shorts draw back
+[assumed]."""
+FIRST_SPARKS_UM = 1.2
+"""First sparks come this much before the working gap, because they are judged by the first discharges."""
+FIRST_SPARKS_U_UM = 1.5
+"""Standard uncertainty of that [assumed]."""
+FIRST_SPARKS_SIGMAS = 3.0
+
+
+def read_bottom(run: Run, place: str, plan: CutPlan, cut: CutResult) -> SurfaceReading:
+    """Touch the bottom that a cut has left, more often where it is not where it should be."""
+    raise_by(run, CLEAR_OF_BOTTOM_UM)
+    end_um, gap_um = cut.end_displacement_um, plan.gap_um
+    gap_u_um = plan.gap_u_um if cut.end is CutEnd.REACHED else math.hypot(plan.gap_u_um, UNFINISHED_GAP_U_UM)
+    z2 = take_reading(run, "Z2", place, end_um + gap_um, gap_u_um)
+    for look in range(MORE_LOOKS + 1):
+        off = against_sparks(z2.z_um, end_um, gap_um, gap_u_um)
+        short = is_short(off, gap_um)
+        if not short and (look > 0 or not is_long(off)):
+            return z2
+        if look == MORE_LOOKS:
+            break
+        _tell(run, z2, off, "It is touched again after the tool was drawn out.")
+        wash(run, end_um)
+        again = take_reading(run, "Z2", place, end_um + gap_um, gap_u_um)
+        z2 = max(z2, again, key=lambda reading: reading.z_um)
+    middle_um, u_um = between(z2.z_um, end_um, gap_um, gap_u_um)
+    _tell(run, z2, off, f"The bottom is taken to be at {middle_um:.2f} ± {COVERAGE * u_um:.2f} µm.")
+    return replace(z2.shifted(middle_um - z2.z_um), doubt_u_um=u_um)
+
+
+def wash(run: Run, bottom_um: float) -> None:
+    """Draw the tool out of the hole and bring it back above the bottom, again and again."""
+    for _ in range(WASHING_STROKES):
+        retract(run)
+        lower_to(run, bottom_um - CLEAR_OF_BOTTOM_UM)
+
+
+def check_first_sparks(run: Run, plan: CutPlan, sparks: MachineEvent, bottom_u_um: float) -> CutPlan:
+    """Compare where sparks began with the bottom that the cut is planned from; return the plan as it may stand.
+
+    `bottom_u_um` is the standard uncertainty of that bottom's height now.
+    A bottom that contradicts them is less certain by as much, and what is cut from it is measured.
+    """
+    expected_um = plan.bottom_um - plan.gap_um - FIRST_SPARKS_UM
+    u_um = math.hypot(bottom_u_um, plan.gap_u_um, FIRST_SPARKS_U_UM)
+    off = Deviation(sparks.displacement_um - expected_um, u_um)
+    if abs(off.sigmas) <= FIRST_SPARKS_SIGMAS:
+        return plan
+    run.decide(
+        RunEvent.TOUCH_DOUBTED,
+        f"Sparks began at {sparks.displacement_um:.1f} µm, {off.um:+.1f} µm from where the surface at "
+        f"{plan.bottom_um:.1f} µm lets expect them: one of its touches was wrong, so the cut will be measured.",
+        {"kind": "first sparks", "off_um": off.um, "z_um": plan.bottom_um},
+        level=EventLevel.WARNING,
+    )
+    start = replace(plan.start, bottom_u_um=math.hypot(plan.start.bottom_u_um, 0.5 * off.um))
+    return replace(plan, start=start, measured=True)
+
+
+def _tell(run: Run, z2: SurfaceReading, off: Deviation, what_now: str) -> None:
+    way = f"{abs(off.um):.2f} µm {'above' if off.um < 0.0 else 'below'} where the last sparks let expect it"
+    chip = "; something may lie under the tool" if off.um < 0.0 else ""
+    run.decide(
+        RunEvent.TOUCH_DOUBTED,
+        f"Z2 = {z2.z_um:.2f} µm lies {way} (standard uncertainty {off.u_um:.2f} µm){chip}. {what_now}",
+        {"kind": "Z2", "off_um": off.um, "u_um": off.u_um, "z_um": z2.z_um},
+        level=EventLevel.WARNING,
+    )

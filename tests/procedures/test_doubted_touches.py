@@ -1,0 +1,127 @@
+"""Chips under the tool and touches that cannot be true, in whole quick jobs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl.errors import ObjectiveNotReached
+from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.conditioning import condition
+from edmctl.procedures.pad import pad_spots, read_pad, spot_distance_um
+from edmctl.simulator.injection import parse_injection
+
+from .conftest import Shop, armed
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from edmctl.machine.port import Touch, TouchRequest
+
+Z1_TOUCH, Z2_TOUCH, Z3_TOUCH = 1, 3, 4
+"""Which touch-off of a quick job begins the reading."""
+
+
+def doubts(shop: Shop) -> list[str]:
+    """What was told of doubted touches."""
+    return [message for _, code, _, message, _ in shop.seen.events if code == RunEvent.TOUCH_DOUBTED]
+
+
+@pytest.mark.parametrize("size_um", [2.0, 8.0, 18.0])
+@pytest.mark.parametrize("touch", [Z1_TOUCH, Z1_TOUCH + 1, Z3_TOUCH, Z3_TOUCH + 1])
+def test_a_chip_on_the_pad_costs_a_spot_and_no_accuracy(touch: int, size_um: float) -> None:
+    shop = Shop(seed=3001)
+    shop.bench.inject(parse_injection(f"CHIP_{size_um:g}@touch{touch}+0"))
+    (site,) = shop.run_job().sites
+    told = doubts(shop)
+    assert len(told) == (2 if touch < Z2_TOUCH else 1)
+    assert all("3 spots of the pad" in one for one in told)
+    assert abs(site.depth_um - shop.bench.truth()[0].depth_um) <= site.depth_u95_um
+    assert abs(site.wear_um - shop.bench.tool_wear_um) <= site.wear_u95_um
+
+
+@pytest.mark.parametrize("size_um", [3.0, 8.0, 14.0])
+def test_a_chip_that_stays_on_the_bottom_widens_the_interval(size_um: float) -> None:
+    shop = Shop(seed=3002)
+    shop.bench.inject(parse_injection(f"CHIP_{size_um:g}@touch{Z2_TOUCH}+0"))
+    (site,) = shop.run_job().sites
+    assert any("is taken to be at" in told for told in doubts(shop))
+    assert abs(site.depth_um - shop.bench.truth()[0].depth_um) <= site.depth_u95_um
+
+
+def test_a_loose_chip_on_the_bottom_is_washed_away() -> None:
+    shop = Shop(seed=3003)
+    shop.bench.inject(parse_injection(f"LOOSE_CHIP_8@touch{Z2_TOUCH}+0"))
+    (site,) = shop.run_job().sites
+    assert doubts(shop)
+    assert not any("is taken to be at" in told for told in doubts(shop))
+    assert abs(site.depth_um - shop.bench.truth()[0].depth_um) <= site.depth_u95_um
+
+
+def test_a_clean_job_doubts_nothing() -> None:
+    for seed in range(3010, 3016):
+        shop = Shop(seed=seed)
+        shop.run_job()
+        assert doubts(shop) == []
+
+
+@pytest.mark.parametrize(
+    ("lie", "code"),
+    [
+        (lambda _: 50.0, "E7021"),
+        (lambda z_um: 1.25 * z_um, "E7021"),
+        (lambda _: 2_147_483.0, "E7021"),
+    ],
+)
+def test_touches_that_are_not_are_refused(
+    lie: Callable[[float], float], code: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shop = Shop(seed=3004)
+    touch = shop.machine.touch
+
+    def lying(request: TouchRequest) -> tuple[Touch, ...]:
+        return tuple(replace(one, displacement_um=lie(one.displacement_um)) for one in touch(request))
+
+    monkeypatch.setattr(shop.machine, "touch", lying)
+    with pytest.raises(ObjectiveNotReached) as caught:
+        shop.run_job()
+    assert caught.value.code == code
+    assert caught.value.hint
+    assert shop.bench.is_safe
+
+
+def test_spots_of_the_pad_lie_away_from_the_holes_and_apart_by_more_than_the_tool() -> None:
+    shop = Shop()
+    run = shop.run()
+    spots = pad_spots(run)
+    site = shop.job.sites[0]
+    assert spot_distance_um(run) > shop.profile.tool.diameter_um
+    for i, a in enumerate(spots):
+        assert abs(site.x_um - a.x_um) >= abs(site.x_um - spots[0].x_um)
+        for b in spots[i + 1 :]:
+            apart_um = ((a.x_um - b.x_um) ** 2 + (a.y_um - b.y_um) ** 2) ** 0.5
+            assert apart_um > shop.profile.tool.diameter_um
+
+
+def test_a_pad_on_which_no_two_spots_agree_is_refused() -> None:
+    shop = Shop(seed=3005)
+    run = armed(shop)
+    condition(run)
+    for number, size_um in enumerate((20.0, 15.0, 10.0, 5.0), 1):
+        shop.bench.inject(parse_injection(f"CHIP_{size_um:g}@touch{number}+0"))
+    with pytest.raises(ObjectiveNotReached) as caught:
+        read_pad(run, "Z1", "hole", 50.0, 3.0)
+    assert caught.value.code == "E7022"
+    assert "4 spots" in caught.value.message
+
+
+def test_a_pad_reading_has_as_many_touches_as_the_recipe_says() -> None:
+    for touches in (1, 2, 3, 5):
+        shop = Shop((f"measure.touches={touches}",), seed=3006)
+        run = armed(shop)
+        condition(run)
+        found = read_pad(run, "Z1", "hole", 50.0, 3.0)
+        assert found.reading.touches == max(2, touches)
+        assert found.doubt_u_um == 0.0
