@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 
 RATE_HZ = 200.0
 """60 000 samples in five minutes; the fastest swing, of 1 s, has 200 of them."""
-BATCH = 14
-"""Samples in a telemetry frame."""
+BATCH, FRAME_S = 14, 0.1
+"""Samples in a telemetry frame, and how long slow ones wait for it: a host does not go on with none for a second."""
 SAFE_Z_UM = 20.0
 """The stages may move while the tool reads at most this: above every work that a job may start from."""
 READING_MARGIN_UM = 1.0
@@ -113,7 +113,8 @@ def measure_actuator(machine: Machine, setup: Setup, plan: CalibrationPlan, obse
     listener = _Listener(observer, plan.duration_s)
     with safe_state_on_error(machine):
         machine.configure(_settings(setup))
-        machine.start_telemetry(TelemetrySettings(plan.period_us, BATCH, PulseLog.OFF), listener)
+        batch = max(1, min(BATCH, round(FRAME_S / plan.period_s)))
+        machine.start_telemetry(TelemetrySettings(plan.period_us, batch, PulseLog.OFF), listener)
         machine.arm(pulses=False)
         _park(machine, setup, listener)
         listener.begin()

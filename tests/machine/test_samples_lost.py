@@ -177,9 +177,12 @@ def test_a_host_that_was_held_up_reads_what_waits_and_goes_on(
     rig: Callable[[], Rig], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     beats: list[NoThread] = []
-    monkeypatch.setattr(
-        "edmctl.link.session.HeartbeatThread", lambda *args: beats.append(NoThread(*args)) or beats[-1]
-    )
+
+    def make(*args: Callable[[], None]) -> NoThread:
+        beats.append(NoThread(*args))
+        return beats[-1]
+
+    monkeypatch.setattr("edmctl.link.session.HeartbeatThread", make)
     r = rig()
     line = HeldUp(r)
     r.session = Session(line, Random(2))
