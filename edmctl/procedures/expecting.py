@@ -106,7 +106,7 @@ def expected_of_finished(site: SiteResult) -> Expected:
 
 
 def estimate_in_cut(plan: CutPlan, displacement_um: float, energy: Energy, now_s: float) -> Estimate:
-    """In a cut at a moment, by feed and energy; the ratio that divides the feed is a belief that nothing may have confirmed."""
+    """In a cut at a moment, by feed and energy; nothing may have confirmed the ratio that divides the feed."""
     live, start = plan.at(displacement_um, energy, now_s), plan.start
     believed_um = BELIEF_U_REL * (live.wear_um - start.wear_um)
     return Estimate(

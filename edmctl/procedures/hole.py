@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from edmctl.labels import Basis
-from edmctl.procedures.estimating import energy_of, estimate_of
 from edmctl.procedures.drift import SHARE_OF_REST, uncertainty_now
+from edmctl.procedures.estimating import energy_of, estimate_of
 from edmctl.procedures.face import Face, pad_only
 from edmctl.procedures.feed_error import FeedError
 from edmctl.procedures.goal import Goal, goal_of

@@ -25,8 +25,8 @@ class JobState:
     depth and wear, with the standard uncertainties of depth, wear and feed. `counts` (open, normal, arc, short),
     `energy_j`, `cuts` and `machining_time_s` are the hole's. `home_um` is what the sensor shows of a tool at home.
     `time_s` counts from the start of the first run, pauses left out: those were `pause_s`, NaN where nobody knows;
-    `job_machining_time_s` is the machining in it. `face` is what was touched of the untouched face: x, y, height over
-    the pad and its standard uncertainty, µm.
+    `job_machining_time_s` is the machining in it. `face` is what was touched of the untouched face: x, y, height
+    over the pad and its standard uncertainty, µm.
     """
 
     phase: str

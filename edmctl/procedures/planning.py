@@ -110,7 +110,7 @@ class CutPlan:
         )
 
     def contradicts(self, displacement_um: float, energy: Energy) -> bool:
-        """Whether what was fed cannot have taken that energy by what is believed: then nothing but a touch can tell."""
+        """Whether by what is believed the feed cannot have taken that energy: then only a touch can tell."""
         return self.estimate.contradicts(self.fed_um(displacement_um), self.gap_u_um, energy)
 
     def wear_u95_um(self, live: LiveErosion) -> float:
@@ -133,7 +133,7 @@ def first_plan(
     estimate: ErosionEstimate | None = None,
     now_s: float = 0.0,
 ) -> CutPlan:
-    """The first cut of a hole, planned at `now_s`: all of a feed or way through, of a depth what is known of the wear."""
+    """The first cut of a hole, planned at `now_s`: all of a feed or way through, of a depth what is surely too short."""
     goal = goal or goal_of(profile, Site("", 0.0, 0.0))
     estimate = estimate or estimate_of(profile)
     if goal.kind == "feed":

@@ -94,7 +94,7 @@ class Watch:
         tracker.rest(middle_s, self._trace.at(middle_s), float(block.displacement_um.mean()))
 
     def zero_um(self) -> float:
-        """What the sensor shows at this rest at 0 V beyond the actuator's own displacement; NaN where nobody knows."""
+        """What the sensor shows at this rest at 0 V beyond the actuator's own displacement, or NaN."""
         tracker, block = self.tracker(), self._latest
         if not self._sensor or tracker is None or block is None:
             return math.nan

@@ -200,7 +200,7 @@ class ErosionEstimate:
         )
 
     def contradicts(self, feed_um: float, feed_u_um: float, energy: Energy) -> bool:
-        """Whether a feed and the energy that it took cannot both be as believed; then `split` goes by the feed alone."""
+        """Whether a feed and its energy cannot both be as believed; then `split` goes by the feed alone."""
         if feed_um <= 0.0 or energy.normal_uj <= 0.0:
             return False
         return self._known.sds(*self._feed_step(feed_um, feed_u_um, energy)) > CONTRADICTION_SDS

@@ -54,7 +54,7 @@ def fitted_plane(
     touch_u_um: float | Sequence[float],
     tilt_u_mrad: float,
 ) -> Plane:
-    """Fit a plane to heights of places over that of the origin, with standard uncertainties that are the same or their own.
+    """Fit a plane to heights of places over that of the origin, with one standard uncertainty or each its own.
 
     The origin was touched as badly as the best of the places, so their heights share its error. What is known of the
     tilt beforehand keeps places in a line from saying nonsense of the direction across it; a slope beyond

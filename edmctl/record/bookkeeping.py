@@ -31,7 +31,8 @@ SAME_PLACE_UM = 1.0
 class ToolAccount:
     """One tool: its reference, where it would touch the pad now, what it has made, and lost by that.
 
-    `pad_um` counts from the tool's home at 0 V and is NaN before the first touch. `holes` are all of the tool, `since` those after its reference;
+    `pad_um` counts from the tool's home at 0 V, NaN before the first touch. `holes` are all of the tool, `since`
+    those after its reference;
     `lost_before_um` is what it lost up to then. `reference_at_s` is the machine's time in runs at the reference.
     `killed` are its jobs since its last touch that never ended: what they cost it nobody knows.
     """

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 PERIOD_US_MIN, PERIOD_US_MAX = 20.0, 1e6
 OPEN_V_MAX, CURRENT_A_MAX = 300.0, 10.0
 MOST_BELOW_ZERO_UM, MOST_ABOVE_ZERO_UM = 5.0, 25.0
-"""A tool at rest at 0 V reads no further from its home: noise and drift since the host looked are below 1 µm, and after
-a deep cut creep holds it up to 20 µm lower for a while. Another zero is a mistake of the host."""
+"""A tool at rest at 0 V reads no further from its home: noise and drift since the host looked are below 1 µm, and
+after a deep cut creep holds it up to 20 µm lower for a while. Another zero is a mistake of the host."""
 OK: Outcome = (Status.OK, b"")
 
 
