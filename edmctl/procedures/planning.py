@@ -133,7 +133,7 @@ def first_plan(
     estimate: ErosionEstimate | None = None,
     now_s: float = 0.0,
 ) -> CutPlan:
-    """The first cut of a hole, planned at `now_s`: all of a feed or way through, of a depth what is surely too short."""
+    """The first cut of a hole, planned at `now_s`: all of a feed or way through, of a depth what is surely short."""
     goal = goal or goal_of(profile, Site("", 0.0, 0.0))
     estimate = estimate or estimate_of(profile)
     if goal.kind == "feed":

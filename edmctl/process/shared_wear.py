@@ -62,8 +62,8 @@ def share_wear(
 ) -> tuple[SharedWear, ...]:
     """Divide what the tool has lost by a touch among the holes since the touch before; in their order.
 
-    `shares` are the expectations, in order of time; the touch was `found_um` further than the one before it, `after_s`
-    later. `touch_u_um` is the standard uncertainty of the difference of both touches, drift apart, and
+    `shares` are the expectations, in order of time; the touch was `found_um` further than the one before it and
+    `after_s` later. `touch_u_um` is the standard uncertainty of the difference of both touches, drift apart, and
     `drift_u_um_per_s` that of a steady drift of what measures.
 
     The wears and the rate of drift are normal with zero mean about their expectation. Where the touch lies beyond
