@@ -26,6 +26,8 @@ RISE_UM = 60.0
 FAST_LEG_MARGIN_UM = 3.0
 OFFSET_U_UM, WEAR_U_SHARE = 7.0, 0.05
 """The slow leg begins earlier by what is unknown: of the first surface, and of the wear as a share of the feed."""
+RIM_WEAR_SHARE = 0.3
+"""Behind a sheet the tool hardly wears, so the pad is met earlier than expected by this share of the feed there."""
 FURTHER_SPOT_S = 6.5
 """The pad is touched at a second spot: a move, the way down, and one touch, which is one less at the first spot."""
 SAMPLING_S = 0.4
@@ -126,8 +128,9 @@ def stop_time_s(
     """
     surface_um = profile.approach.offset_um + wear_um
     bottom_s = 0.5 + reading_time_s(profile, RISE_UM) if bottom else 0.0
-    unknown_um = math.hypot(WEAR_U_SHARE * feed_um, 2.0 * rim_um / math.sqrt(12.0))
-    pad_reading_s = reading_time_s(profile, surface_um, unknown_um, RELUCTANCE_TOUCHING)
+    early_um = RIM_WEAR_SHARE * rim_um
+    unknown_um = math.hypot(WEAR_U_SHARE * feed_um, 2.0 * rim_um / math.sqrt(12.0)) - early_um
+    pad_reading_s = reading_time_s(profile, surface_um - early_um, unknown_um, RELUCTANCE_TOUCHING)
     return bottom_s + pad_s + pad_reading_s + further_spot_s(profile)
 
 
