@@ -25,7 +25,7 @@ from edmctl.profile.measuring_time import (
     touch_time_s,
 )
 from edmctl.profile.rates import feed_rate_um_s, machining_share
-from edmctl.profile.stops import channel_depth_u95_um, planned_cuts
+from edmctl.profile.stops import FACE_LIMIT_UM, channel_depth_u95_um, planned_cuts
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -89,10 +89,14 @@ def _holes_course(profile: Profile, setup: Setup, places: Sequence[Place]) -> Co
     away_um = [math.hypot(stand.x_um - pad.x_um, stand.y_um - pad.y_um) for stand in stands]
     cuts = planned_cuts(profile, setup, holes, away_um, plane=plane)
     measuring_s = touch_time_s(profile, setup) + (_plane_time_s(profile, setup, stands) if plane else 0.0)
-    worn_um, reaches_um = 0.0, []
+    worn_um, reaches_um, known_stands = 0.0, [], [pad]
     has_bottom = profile.target.kind != "through"
     for one, stand, planned in zip(holes, stands, cuts, strict=True):
         bottom_um = profile.approach.offset_um + worn_um
+        if not plane and has_bottom and is_tilt_limited(setup, stand, known_stands):
+            measuring_s += between_s(here, stand, setup) + reading_time_s(profile, bottom_um)
+            known_stands.append(stand)
+            here = stand
         for cut in planned:
             measuring_s += between_s(here, stand, setup) + descent_time_s(profile, bottom_um)
             bottom_um, here = bottom_um + cut.feed_um, stand
@@ -117,6 +121,12 @@ def _holes_course(profile: Profile, setup: Setup, places: Sequence[Place]) -> Co
         reaches_um=tuple(reaches_um),
         depth_u95_um=max(planned[-1].depth_u95_um for planned in cuts),
     )
+
+
+def is_tilt_limited(setup: Setup, stand: Stand, known: Sequence[Stand]) -> bool:
+    """Whether the face is touched at a place before its hole: it lies too far from where the face is known."""
+    away_um = min(math.hypot(stand.x_um - one.x_um, stand.y_um - one.y_um) for one in known)
+    return 1e-3 * setup.surface.tilt_u_mrad * away_um > FACE_LIMIT_UM
 
 
 def hole_time_s(profile: Profile, one: Hole) -> float:
