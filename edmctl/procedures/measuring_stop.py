@@ -136,7 +136,7 @@ def next_start(run: Run, hole: Hole, gap_um: float, gap_u_um: float) -> Start:
     found = hole.found
     return Start(
         bottom_um=hole.bottom.z_um,
-        bottom_u_um=TOUCH_U_UM,
+        bottom_u_um=math.hypot(TOUCH_U_UM, hole.bottom.doubt_u_um),
         gap_um=gap_um,
         time_s=hole.bottom.time_s,
         drift_u_um_per_s=uncertainty_now(run).drift_u_um_per_s,
