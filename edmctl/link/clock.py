@@ -21,6 +21,8 @@ CRYSTAL = 0.02
 """A rate this near to one is that of a clock that runs as it should."""
 SLOWEST = 0.01
 """No clock is taken for slower: a wait by one that stands still would have no end."""
+SURE = 5
+"""So many heartbeats with short round trips tell the rate of any clock."""
 _REFIT_S = 0.5
 
 
@@ -44,6 +46,7 @@ class ClockFit:
     def __init__(self) -> None:
         self._samples: deque[tuple[float, float, float]] = deque()
         self._line = ClockLine()
+        self._good = 0
         self._fitted_s = -1e9
 
     def note(self, sent_s: float, received_s: float, machine_s: float) -> None:
@@ -56,6 +59,11 @@ class ClockFit:
             self._fitted_s = received_s
 
     @property
+    def is_sure(self) -> bool:
+        """Whether the newest line goes through enough heartbeats to tell the clock's rate."""
+        return self._good >= SURE
+
+    @property
     def line(self) -> ClockLine:
         """The newest fit; before the first heartbeat, that of equal clocks."""
         return self._line
@@ -64,7 +72,7 @@ class ClockFit:
         best_s = min(sample[2] for sample in self._samples)
         limit_s = max(SLOWEST_SHARE * best_s, best_s + LEAST_SPREAD_S)
         good = [sample for sample in self._samples if sample[2] <= limit_s]
-        n = len(good)
+        n = self._good = len(good)
         host_s = sum(sample[0] for sample in good) / n
         machine_s = sum(sample[1] for sample in good) / n
         spread = sum((sample[0] - host_s) ** 2 for sample in good)

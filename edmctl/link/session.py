@@ -91,7 +91,6 @@ class Session:
         self._lost: LinkLost | None = None
         self._seq = self._beat_seq = 0
         self._beats_us = [_NEVER_US] * 256
-        self._knows_pace = False
         self._heard_at_s = 0.0
         self._next_beat_s = inf
         self._unanswered_since_s = inf
@@ -196,12 +195,19 @@ class Session:
         return self._clock.newest_s
 
     @property
+    def _knows_pace(self) -> bool:
+        """Whether enough heartbeats have told how fast the controller's clock goes."""
+        return self._fit.is_sure or not self.transport.live
+
+    @property
     def latest_s(self) -> float:
-        """Latest controller time that a message read now can carry, in seconds.
+        """Latest controller time that a message read now can carry, in seconds; any before its clock's rate is known.
 
         It is that of the newest reply to a heartbeat and what has passed since, with much to spare: a served
         controller keeps its pace only roughly, and the computer may be late.
         """
+        if not self._knows_pace:
+            return inf
         rate, since_s = max(1.0, self._rate), self.transport.now_s() - self._heard_at_s
         return self._clock.newest_s + rate * (SPARE_SHARE * since_s + SPARE_S)
 
@@ -246,7 +252,6 @@ class Session:
             self._next_beat_s = self.transport.now_s()
         if not self.pump_until(lambda: self.last_heartbeat is not None, DEADLINE_S):
             raise self._lose(no_answer(self.transport.name, "HEARTBEAT", DEADLINE_S))
-        self._knows_pace = True
         if self.transport.live:
             now_s = self.transport.now_s
             self._pulse = HeartbeatThread(
@@ -344,8 +349,12 @@ class Session:
         """Whether the controller's time goes forward, and no faster than it can."""
         if before is None:
             return True
-        too_fast = self._knows_pace and 1e-6 * reply.t_dev_us > self.latest_s
-        return reply.t_dev_us >= before.t_dev_us and not too_fast
+        if not self._knows_pace:
+            return reply.t_dev_us >= before.t_dev_us
+        # By when both were sent: a host that was away reads many replies at once.
+        asked_s = 1e-6 * (reply.t_host_us - before.t_host_us)
+        passed_s = 1e-6 * (reply.t_dev_us - before.t_dev_us)
+        return 0.0 <= passed_s <= max(1.0, self._rate) * (SPARE_SHARE * asked_s + SPARE_S)
 
     def _on_boot(self, boot: Boot) -> None:
         # A controller that boots because the port was opened says so before it answers HELLO.
