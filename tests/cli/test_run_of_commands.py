@@ -72,7 +72,7 @@ def test_a_hole_that_was_left_is_told_as_deep_as_estimated(here: Here, tmp_path:
     assert here("run", "show", str(left), "--json").document["result"]["est_depth_u95_um"] == 6.5
     listed = here("run", "list", str(tmp_path)).out
     assert " ~153.1 " in listed
-    assert "\n~: how deep the run got" in listed
+    assert "\n~ estimated by feed and energy, not touched." in listed
     compared = here("run", "compare", str(left), str(left)).out
     (line,) = (line for line in compared.splitlines() if line.startswith("depth "))
     assert line.split("   ")[0] == "depth when left (estimated), µm"

@@ -81,9 +81,10 @@ def _title(touch: np.void) -> str:
 
 
 def _sequence(touches: NDArray[np.void]) -> NDArray[np.void]:
-    """Return the accepted readings from the last Z1 on; all of them without one."""
+    """Return the accepted readings from the last Z1 on, all its spots among them; all of them without one."""
     accepted = touches[touches["accepted"] == 1]
-    begins = np.flatnonzero(accepted["kind"] == b"Z1")
+    surface = accepted["kind"] == b"Z1"
+    begins = np.flatnonzero(surface & ~np.append(False, surface[:-1]))
     sequence: NDArray[np.void] = accepted[begins[-1] :] if len(begins) else accepted
     return sequence
 
