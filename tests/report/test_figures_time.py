@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from functools import cache
@@ -271,8 +272,10 @@ def test_a_second_of_data_is_enough(tmp_path: Path) -> None:
 def test_a_run_that_ended_in_a_fault_is_drawn_up_to_it(faulted_run_file: Path) -> None:
     figure = drawn("gap", faulted_run_file)
     with open_run(faulted_run_file) as run:
-        end_s = float(run.column("/entry/servo", "time")[-1])
-    assert figure.axes[1].get_xlim()[1] == pytest.approx(end_s, abs=0.2)
+        last = run.table("/entry/events")["message"][-1].decode()
+    told = re.search(r"at ([\d.]+) s\)$", last)
+    assert told is not None, last
+    assert figure.axes[1].get_xlim()[1] == pytest.approx(float(told[1]), abs=0.2)
     with pytest.raises(NothingToDraw, match="No site of this run was measured"):
         drawn("steps", faulted_run_file)
     assert "Touches of Z1: cu270-cu" in texts(drawn("touching", faulted_run_file))
