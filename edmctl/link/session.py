@@ -201,7 +201,7 @@ class Session:
 
     @property
     def latest_s(self) -> float:
-        """Latest controller time that a message read now can carry, in seconds; any before its clock's rate is known.
+        """Latest controller time that a message read now can carry, in seconds; infinite before its rate is known.
 
         It is that of the newest reply to a heartbeat and what has passed since, with much to spare: a served
         controller keeps its pace only roughly, and the computer may be late.
