@@ -7,7 +7,7 @@ from dataclasses import fields
 from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError
-from edmctl.link.messages import REQUESTS, Interlocks, Status
+from edmctl.link.messages import REQUESTS, Interlocks, StageMove, Status
 
 if TYPE_CHECKING:
     from edmctl.link.frame import Frame
@@ -29,6 +29,11 @@ _HINTS = {
 }
 
 
+_NOT_RETRACTED = (
+    "Check the zero of the displacement sensor, its drift, and the actuator's supply with `edmctl doctor`."
+)
+
+
 class CommandRefused(PreconditionError):
     """The controller answered a command with a status other than OK; nothing was executed."""
 
@@ -48,6 +53,10 @@ def refusal(command_id: int, reply: Frame) -> CommandRefused:
     request = REQUESTS[command_id]
     detail = _detail(status, command_id, reply.payload)
     message = f"The controller refused {request.NAME}: {status.name}{f' ({detail})' if detail else ''}."
+    if command_id == StageMove.ID and status is Status.INTERLOCK and not detail:
+        detail, hint = "the tool is not retracted by the controller's own reading", _NOT_RETRACTED
+        message = f"The controller refused {request.NAME}: {status.name} ({detail})."
+        return CommandRefused(message, status=status, hint=hint)
     hint = _HINTS.get(status, "This is a fault of the controller's firmware; note what led to it.")
     return CommandRefused(message, status=status, hint=hint)
 

@@ -208,8 +208,8 @@ class Session:
         """
         if not self._knows_pace:
             return inf
-        rate, since_s = max(1.0, self._rate), self.transport.now_s() - self._heard_at_s
-        return self._clock.newest_s + rate * (SPARE_SHARE * since_s + SPARE_S)
+        since_s = self.transport.now_s() - self._heard_at_s
+        return self._clock.newest_s + self.pace * (SPARE_SHARE * since_s + SPARE_S)
 
     def machine_now_s(self) -> float:
         """Return controller time now, in seconds: by the clock fit on a live line."""
@@ -234,6 +234,11 @@ class Session:
     def _rate(self) -> float:
         """Controller seconds per second of the line's clock."""
         return self._fit.line.rate if self.transport.live else 1.0
+
+    @property
+    def pace(self) -> float:
+        """The same, at least 1: how much more of the controller's time passes while a computer is held up."""
+        return max(1.0, self._rate)
 
     @property
     def _last_look_s(self) -> float:
@@ -354,7 +359,7 @@ class Session:
         # By when both were sent: a host that was away reads many replies at once.
         asked_s = 1e-6 * (reply.t_host_us - before.t_host_us)
         passed_s = 1e-6 * (reply.t_dev_us - before.t_dev_us)
-        return 0.0 <= passed_s <= max(1.0, self._rate) * (SPARE_SHARE * asked_s + SPARE_S)
+        return 0.0 <= passed_s <= self.pace * (SPARE_SHARE * asked_s + SPARE_S)
 
     def _on_boot(self, boot: Boot) -> None:
         # A controller that boots because the port was opened says so before it answers HELLO.

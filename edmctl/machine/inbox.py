@@ -132,7 +132,9 @@ class Inbox:
         """The fault of what has come, or has stayed away: the controller lies, or its samples are lost."""
         malformed = self._session.statistics.malformed
         if malformed > self._malformed:
-            self._doubt(f"{malformed - self._malformed} messages that are none, with the right check")
+            self._doubt(
+                f"{malformed - self._malformed} frames with the right checksum say what no message can"
+            )
             self._malformed = malformed
         return self.lie or self._stream.too_old(self._telemetry)
 

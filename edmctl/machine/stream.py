@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 
 OLDEST_SAMPLE_S = 1.0
 """A host whose newest sample is older than this knows too little to go on. Ten frames of 0.1 s in a row are lost by
-then, which a line that loses a fifth of all frames does once in two weeks; a tool at 5 µm/s goes 5 µm meanwhile."""
+then, which a line that loses a fifth of all frames does once in two weeks; a tool at 5 µm/s goes 5 µm meanwhile. Of a
+served controller whose clock runs faster than that on the wall, a second is one on the wall."""
 _UNTOLD = 255
 """So many samples left out stand for any number."""
 _WRAP_US = 1 << 32
@@ -62,7 +63,7 @@ class SampleStream:
             return None
         newest_s = max(self._newest_s, self._end_s(arrived[-1])) if arrived else self._newest_s
         age_s = self._session.heard_s - newest_s
-        if age_s <= OLDEST_SAMPLE_S:
+        if age_s <= OLDEST_SAMPLE_S * self._session.pace:
             return None
         return host_fault("SAMPLES_LOST", f" (the newest is {age_s:.1f} s old)")
 

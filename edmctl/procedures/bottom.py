@@ -17,6 +17,7 @@ from edmctl.procedures.stages import retract
 from edmctl.procedures.touch import SurfaceReading, take_reading
 from edmctl.process.next_cut import COVERAGE
 from edmctl.process.touch_check import Deviation, against_sparks, between, is_long, is_short
+from edmctl.process.wear import TOUCH_SD_PRIOR_UM
 from edmctl.record.rows import EventLevel
 
 if TYPE_CHECKING:
@@ -54,12 +55,13 @@ def read_bottom(run: Run, place: str, plan: CutPlan, cut: CutResult) -> SurfaceR
             return z2
         if look == MORE_LOOKS:
             break
-        _tell(run, z2, off, "It is touched again after the tool was drawn out.")
+        _tell(run, z2, off, "It is touched again.")
         wash(run, end_um)
         again = take_reading(run, "Z2", place, end_um + gap_um, gap_u_um)
-        z2 = max(z2, again, key=lambda reading: reading.z_um)
+        # Nothing under the tool makes a reading longer; of two within their noise the newer one is told.
+        z2 = z2 if z2.z_um > again.z_um + TOUCH_SD_PRIOR_UM else again
     middle_um, u_um = between(z2.z_um, end_um, gap_um, gap_u_um)
-    _tell(run, z2, off, f"The bottom is taken to be at {middle_um:.2f} ± {COVERAGE * u_um:.2f} µm.")
+    _tell(run, z2, off, f"It is taken to be at {middle_um:.2f} ± {COVERAGE * u_um:.2f} µm.")
     return replace(z2.shifted(middle_um - z2.z_um), doubt_u_um=u_um)
 
 
@@ -83,8 +85,8 @@ def check_first_sparks(run: Run, plan: CutPlan, sparks: MachineEvent, bottom_u_u
         return plan
     run.decide(
         RunEvent.TOUCH_DOUBTED,
-        f"Sparks began at {sparks.displacement_um:.1f} µm, {off.um:+.1f} µm from where the surface at "
-        f"{plan.bottom_um:.1f} µm lets expect them: one of its touches was wrong, so the cut will be measured.",
+        f"Sparks began at {sparks.displacement_um:.1f} µm, {off.um:+.1f} µm from where a surface at "
+        f"{plan.bottom_um:.1f} µm puts them: one of its touches was wrong. The cut will be measured.",
         {"kind": "first sparks", "off_um": off.um, "z_um": plan.bottom_um},
         level=EventLevel.WARNING,
     )
@@ -93,11 +95,11 @@ def check_first_sparks(run: Run, plan: CutPlan, sparks: MachineEvent, bottom_u_u
 
 
 def _tell(run: Run, z2: SurfaceReading, off: Deviation, what_now: str) -> None:
-    way = f"{abs(off.um):.2f} µm {'above' if off.um < 0.0 else 'below'} where the last sparks let expect it"
-    chip = "; something may lie under the tool" if off.um < 0.0 else ""
+    way = f"{abs(off.um):.2f} ± {COVERAGE * off.u_um:.2f} µm {'short of' if off.um < 0.0 else 'beyond'}"
+    chip = " (a chip?)" if off.um < 0.0 else ""
     run.decide(
         RunEvent.TOUCH_DOUBTED,
-        f"Z2 = {z2.z_um:.2f} µm lies {way} (standard uncertainty {off.u_um:.2f} µm){chip}. {what_now}",
+        f"Z2 = {z2.z_um:.2f} µm is {way} where the last sparks put the bottom{chip}. {what_now}",
         {"kind": "Z2", "off_um": off.um, "u_um": off.u_um, "z_um": z2.z_um},
         level=EventLevel.WARNING,
     )

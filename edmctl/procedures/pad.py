@@ -132,12 +132,12 @@ def _together(
     shares = [one.reading.touches / touches for one in used]
     usual = tuple(agreeing) == (0, 1)
     if not usual:
-        heights = ", ".join(f"{one.z_um:.2f}" for one in found)
+        left_out = ", ".join(f"{one.z_um:.2f}" for one in found if one not in used)
         counted = " and ".join(f"{one.z_um:.2f}" for one in used)
         run.decide(
             RunEvent.TOUCH_DOUBTED,
-            f"{found[0].kind}: {heights} µm at {len(found)} spots of the pad. Something lay under the tool where it "
-            f"is shorter; {counted} µm count.",
+            f"{found[0].kind}: {counted} µm at two spots of the pad agree. Something lay under the tool at the other, "
+            f"{left_out} µm, which does not count.",
             {"kind": found[0].kind, "shortest_um": min(one.z_um for one in found), "z_um": used[-1].z_um},
             level=EventLevel.WARNING,
         )

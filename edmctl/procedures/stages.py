@@ -117,6 +117,6 @@ def move_to(run: Run, place: Site) -> None:
         run.machine.move_stage(axis, target_um, speed_um_s)
     if abs(place.theta_deg - status.theta_deg) > ROTARY_REPEATABILITY_DEG:
         run.machine.move_stage(Axis.THETA, place.theta_deg, run.setup.stage.rotary_deg_s)
-    message = f"At {place.name} ({place.x_um:.0f}, {place.y_um:.0f}) µm."
+    message = f"At {place.name} ({round(place.x_um)}, {round(place.y_um)}) µm."
     run.decide(RunEvent.STAGE_MOVED, message, {"x_um": place.x_um, "y_um": place.y_um})
     run.watch.rest()

@@ -108,7 +108,7 @@ def take_reading_in(run: Run, kind: str, place: str, search: Search) -> SurfaceR
         run.machine.rest(_TELEMETRY_LAG_S)
         found = _reduced(run, kind, touches)
         refused = _refusal(run, touches, found)
-        _report(run, place, touches, found, accepted=refused is None)
+        _report(run, place, touches, found, "" if refused is None else refused.message)
         if refused is None:
             tracker = run.watch.tracker()
             if tracker is not None:
@@ -177,9 +177,7 @@ def _reduced(run: Run, kind: str, touches: tuple[Touch, ...]) -> SurfaceReading:
     )
 
 
-def _report(
-    run: Run, place: str, touches: tuple[Touch, ...], found: SurfaceReading, *, accepted: bool
-) -> None:
+def _report(run: Run, place: str, touches: tuple[Touch, ...], found: SurfaceReading, refused: str) -> None:
     reading = found.reading
     run.recorder.touch(
         TouchRow(
@@ -193,14 +191,16 @@ def _report(
             sd_um=reading.sd_um,
             drift_um=touches[-1].displacement_um - touches[0].displacement_um,
             speed_um_s=run.profile.measure.speed_um_s,
-            accepted=accepted,
+            accepted=not refused,
         )
     )
-    verdict = "" if accepted else ", which is too much"
+    count = (
+        "1 touch" if reading.touches == 1 else f"{reading.touches} touches within {reading.sd_um:.2f} µm rms"
+    )
+    told = f"{found.kind} = {reading.mean_um:.2f} µm (model {found.model_um:.1f} µm), {count}."
     run.decide(
-        RunEvent.READING if accepted else RunEvent.READING_REJECTED,
-        f"{found.kind} = {reading.mean_um:.2f} µm (model {found.model_um:.1f} µm), {reading.touches} touches "
-        f"within {reading.sd_um:.2f} µm rms{verdict}.",
+        RunEvent.READING_REJECTED if refused else RunEvent.READING,
+        refused or told,
         {"kind": found.kind, "z_um": reading.mean_um, "model_um": found.model_um, "sd_um": reading.sd_um},
-        level=EventLevel.INFO if accepted else EventLevel.WARNING,
+        level=EventLevel.WARNING if refused else EventLevel.INFO,
     )

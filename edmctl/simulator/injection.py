@@ -145,8 +145,8 @@ def _when(text: str) -> tuple[Trigger, float, int]:
         trigger = Trigger(word) if plus else Trigger.TIME
         value, nth = float(seconds), int(number or "1")
     except ValueError:
-        raise ValueError(f"{text!r} is no time; say SECONDS, arm+S, touch+S or sparks+S") from None
+        raise ValueError(f"{text!r} is no time; say SECONDS, arm+S, touch+S, touch3+S or sparks+S") from None
     counted = nth == 1 or (nth > 1 and trigger in (Trigger.ARM, Trigger.TOUCH))
     if (plus and trigger is Trigger.TIME) or not (math.isfinite(value) and value >= 0.0 and counted):
-        raise ValueError(f"{text!r} is no time; say SECONDS, arm+S, touch+S or sparks+S")
+        raise ValueError(f"{text!r} is no time; say SECONDS, arm+S, touch+S, touch3+S or sparks+S")
     return trigger, value, nth
