@@ -157,10 +157,16 @@ class _Jumps:
 
     def job(self, held: "Held", name: "RunName", warn: "Warn") -> "Job":
         """Return the profile's job; nothing of it is done but its jumps."""
+        from edmctl.cli.prepared import logbook_of, with_home
         from edmctl.procedures.job import job_of
+        from edmctl.record.bookkeeping import books_of
 
-        choice = held.choice
-        return job_of(self.plan.loaded.profile, self.plan.setup, (), choice.actuator if choice else None)
+        choice, logbook = held.choice, logbook_of(self.plan, name)
+        job = job_of(self.plan.loaded.profile, self.plan.setup, (), choice.actuator if choice else None)
+        if logbook is None:
+            return job
+        books = books_of(logbook.lines, held.bench.machine.identity.serial)
+        return with_home(job, books, clock=not self.plan.where.in_process)
 
     def act(self, run: "Run") -> None:
         """Jump."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -24,6 +25,10 @@ if TYPE_CHECKING:
     from edmctl.procedures.job import CalibratedActuator, Job
     from edmctl.profile.model import Profile
     from edmctl.record.ledger_entries import SiteMachined
+
+
+UNTOLD_S = 600.0
+"""Added to the age of what the ledger knows: a run that was killed has not told how long it took."""
 
 
 def logbook_of(plan: Plan, name: RunName | None) -> Logbook | None:
@@ -100,8 +105,22 @@ def prepared_job(
     )
     job = job_of(profile, setup, loaded.places, actuator, start_x_um=own[0].x_um if own else x_um)
     own_um = math.fsum(hole.wear_um for hole in own if not math.isnan(hole.wear_um))
+    job = with_home(job, books, clock=not plan.where.in_process)
     job = replace(job, tool_wear_before_um=account.lost_um - own_um)
     return Prepared(job, account, _places(job, radius_um), holes, books)
+
+
+def with_home(job: Job, books: Books, *, clock: bool) -> Job:
+    """Return the job with where the tool's home was last by the ledger, and how long ago: by calendar or runs.
+
+    Of a run that was killed the ledger does not know how long it took, so the age is taken a little too large.
+    """
+    if math.isnan(books.home_um):
+        return job
+    age_s = books.runs_s - books.home_at_s + UNTOLD_S
+    if clock:
+        age_s = max(age_s, time.time() - books.home_utc_s)
+    return replace(job, home_um=books.home_um, home_age_s=age_s)
 
 
 def forewarned(plan: Plan, name: RunName, seen: Seen) -> list[Diagnostic]:

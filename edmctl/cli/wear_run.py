@@ -7,7 +7,7 @@ import time
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
-from edmctl.cli.prepared import logbook_of
+from edmctl.cli.prepared import logbook_of, with_home
 from edmctl.cli.tool_left import refuse_unknown_length
 from edmctl.cli.tool_seen import NAMELESS, Seen, account_of, seen_on
 from edmctl.cli.wear_bottom import bottom_of
@@ -78,7 +78,11 @@ class WearRun:
         profile = self.look(seen_on(held), logbook_of(self.plan, name), warn)
         self._temperature_c = held.bench.machine.status().temperature_c
         choice = held.choice
-        self._job = job_of(profile, self.plan.setup, (), choice.actuator if choice else None)
+        job = job_of(profile, self.plan.setup, (), choice.actuator if choice else None)
+        if self._logbook is not None:
+            books = books_of(self._logbook.lines, held.bench.machine.identity.serial)
+            job = with_home(job, books, clock=not self.plan.where.in_process)
+        self._job = job
         return self._job
 
     def look(self, seen: Seen, logbook: Logbook | None, warn: Warn) -> Profile:

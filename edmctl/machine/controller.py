@@ -107,6 +107,11 @@ class LinkMachine:
         """Controller time of the newest message, in s since the first one of the run."""
         return self._inbox.time_s
 
+    @property
+    def uptime_s(self) -> float:
+        """How long the controller has been on, s: by the newest answer to a heartbeat."""
+        return self._session.heard_s
+
     def _run_seconds(self, t_us: int) -> float:
         seconds = self._session.seconds(t_us)
         if self._origin_s is None:

@@ -117,6 +117,10 @@ class Machine(Protocol):
     def time_s(self) -> float:
         """Controller time of the newest message, in s since the first sample."""
 
+    @property
+    def uptime_s(self) -> float:
+        """How long the controller has been on, s."""
+
     def configure(
         self, settings: ControllerSettings | MotionSettings, pulses: PulseSettings | None = None
     ) -> None:

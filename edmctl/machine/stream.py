@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 OLDEST_SAMPLE_S = 1.0
 """A host whose newest sample is older than this knows too little to go on. Ten frames of 0.1 s in a row are lost by
-then, which a line that loses a fifth of all frames does once in two weeks; a tool at 5 µm/s goes 5 µm meanwhile. Of a
-served controller whose clock runs faster than that on the wall, a second is one on the wall."""
+then, which a line that loses a fifth of all frames does once in two weeks; a tool at 5 µm/s goes 5 µm meanwhile.
+Of a served controller whose clock runs faster than that on the wall, a second is one on the wall."""
 _UNTOLD = 255
 """So many samples left out stand for any number."""
 _WRAP_US = 1 << 32

@@ -15,6 +15,7 @@ from edmctl.actuator.record import Record
 from edmctl.actuator.waveforms import SLEW_V_S, Leg, calibration_legs
 from edmctl.errors import LinkLost, PreconditionError
 from edmctl.machine.port import Axis, MotionSettings, PulseLog, TelemetrySettings, joined
+from edmctl.procedures.drift import first_home_um
 from edmctl.procedures.results import Phase, Progress
 from edmctl.procedures.run import NO_PULSES
 from edmctl.procedures.settings import RETRACT_UM_S
@@ -160,18 +161,24 @@ def _park(machine: Machine, setup: Setup, listener: _Listener) -> None:
     if not ways:
         return
     listener.tell(Phase.MOVING, machine.time_s)
-    _wait_for_creep(machine)
+    _wait_for_creep(machine, setup)
     for axis, target_um in ways:
         machine.move_stage(axis, target_um, stage.speed_um_s)
 
 
-def _wait_for_creep(machine: Machine) -> None:
-    """Wait while creep still holds the tool lower than the stages may move at."""
-    end_s = machine.time_s + CREEP_WAIT_S
-    while (here_um := machine.status().displacement_um) > SAFE_Z_UM - READING_MARGIN_UM:
+def _wait_for_creep(machine: Machine, setup: Setup) -> None:
+    """Wait while creep still holds the tool lower than the stages may move at, counted from home."""
+    end_s, drift_um_per_s = machine.time_s + CREEP_WAIT_S, setup.sensor.drift_um_per_s
+    while True:
+        here_um = machine.status().displacement_um
+        home_um = first_home_um(here_um, 0.0, drift_um_per_s, machine.uptime_s)
+        if here_um - home_um <= SAFE_Z_UM - READING_MARGIN_UM:
+            machine.set_zero(home_um)
+            return
         if machine.time_s > end_s:
             raise PreconditionError(
-                f"The sensor reads {here_um:.1f} µm at 0 V; the stages may move below {SAFE_Z_UM:.1f} µm only.",
+                f"The sensor reads {here_um:.1f} µm at 0 V, {here_um - home_um:.1f} µm more than its drift since "
+                f"the controller came up explains; the stages may move within {SAFE_Z_UM:.1f} µm only.",
                 hint="Check the zero of the displacement sensor and the actuator's supply, or move to the parking "
                 "place by hand.",
                 code="E8020",

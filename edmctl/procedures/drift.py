@@ -19,6 +19,8 @@ LEAST_SPAN_S = 120.0
 """Over less time than this the error of the actuator model after a deep cut, a few µm, would look like a drift."""
 RECENT_S = 600.0
 """A drift that has set in lately is looked for over this much time."""
+DRIFT_SDS = 4.0
+"""A drift of more than so many standard deviations is none."""
 SHARE_OF_REST = 1.0 / math.sqrt(3.0)
 """Of a zero that has moved: between nothing of it and all of it may be drift, and a reading is off by that much; the
 root of the mean square of what is uniform between the two."""
@@ -39,19 +41,13 @@ class Rests:
         """Take a rest."""
         self._rests.append((time_s, zero_um))
 
-    @property
-    def zero_um(self) -> float:
-        """Zero at the newest rest; NaN before the first."""
-        return self._rests[-1][1] if self._rests else math.nan
-
     def home_um(self, zero_um: float) -> float:
         """What the sensor shows of a tool at home, by a rest with that zero."""
         return self.first_um + (zero_um - self._rests[0][1] if self._rests else 0.0)
 
-    @property
-    def newest_s(self) -> float:
-        """When that was; NaN before the first."""
-        return self._rests[-1][0] if self._rests else math.nan
+    def ends(self) -> tuple[tuple[float, float], ...]:
+        """Time and zero of the first and of the newest rest; none before the first."""
+        return (self._rests[0], self._rests[-1]) if self._rests else ()
 
     def rate_um_s(self) -> float:
         """Fastest drift that the zeros allow, over the whole job or lately, µm/s; 0 before the second rest."""
@@ -65,6 +61,15 @@ class Rests:
             abs(last_um - zero_um) / max(LEAST_SPAN_S, last_s - time_s)
             for time_s, zero_um in (self._rests[0], recent)
         )
+
+
+def first_home_um(rest_um: float, expected_um: float, drift_u_um_per_s: float, age_s: float) -> float:
+    """What a first rest at 0 V says of home, where it was expected at `expected_um` `age_s` ago.
+
+    A rest that reads less is believed: nothing pulls a tool beyond home. One that reads more is, as far as the
+    sensor may have drifted since; what is left is a tool that stands out, by creep or by something that is broken.
+    """
+    return min(rest_um, expected_um + DRIFT_SDS * drift_u_um_per_s * age_s)
 
 
 def uncertainty_now(run: Run) -> DisplacementUncertainty:

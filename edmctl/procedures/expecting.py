@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.procedures.journal import PERIOD_S
-from edmctl.process.next_cut import COVERAGE, FIRST_GAP_U_UM
+from edmctl.process.next_cut import COVERAGE
 from edmctl.profile.rates import feed_rate_um_s
 
 if TYPE_CHECKING:
@@ -114,7 +114,7 @@ def estimate_in_cut(plan: CutPlan, displacement_um: float, energy: Energy, now_s
         math.hypot(live.depth_u_um, believed_um),
         live.wear_um,
         math.hypot(start.wear_u_um, live.wear_u_um, believed_um),
-        math.hypot(start.u_at(now_s), FIRST_GAP_U_UM),
+        math.hypot(start.u_at(now_s), plan.gap_u_um),
     )
 
 

@@ -76,7 +76,8 @@ class Hole:
 
     `z1` is where the tool would have met the pad when the hole began, known within `z1_u_um` where it was not
     touched right before; `face_um` is how much further the face lies here. `bottom` and `pad` are the readings of
-    the last measuring stop, the same as `z1` before the first one; `found` is what they say. An `interrupted` hole
+    the last measuring stop, the same as `z1` before the first one; `found` is what they say with what
+    is doubted of it, `touched` without that. An `interrupted` hole
     has had more discharges than anybody counted.
     """
 
@@ -92,6 +93,7 @@ class Hole:
     sums: CutSums = field(default_factory=CutSums)
     stops: int = 0
     found: DepthAndWear | None = None
+    touched: DepthAndWear | None = None
     interrupted: bool = False
 
     @property

@@ -45,6 +45,7 @@ class Job:
     `resumed` is how far an earlier run of this job came, `pause_s` ago, infinity where nobody knows; `restart_hole`
     when the hole that it left is to be made from an untouched face. `tool_wear_before_um` is what the tool has
     lost in earlier jobs, as far as anybody knows.
+    `home_um` is what the sensor showed of a tool at home `home_age_s` ago; NaN is since the controller came up.
     """
 
     profile: Profile
@@ -55,6 +56,8 @@ class Job:
     pause_s: float = 0.0
     restart_hole: bool = False
     tool_wear_before_um: float = 0.0
+    home_um: float = 0.0
+    home_age_s: float = math.nan
 
     @property
     def touch_basis(self) -> Basis:

@@ -11,14 +11,15 @@ from edmctl.labels import Basis
 from edmctl.procedures.bottom import read_bottom
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.deciding import Decision, decide
-from edmctl.procedures.drift import uncertainty_now
+from edmctl.procedures.drift import SHARE_OF_REST, uncertainty_now
 from edmctl.procedures.estimating import energy_of
-from edmctl.procedures.measuring import depth_and_wear, displacement_uncertainty
+from edmctl.procedures.measuring import depth_and_wear
 from edmctl.procedures.pad import read_pad
 from edmctl.procedures.planning import CutPlan, Start, learned_gap_um
 from edmctl.procedures.settling import settle_unmeasured, unmeasured
 from edmctl.procedures.setup_check import refuse_wrong_setup
 from edmctl.procedures.tool_length import TOUCH_U_UM, ToolLength
+from edmctl.process.live_erosion import CONTRADICTION_SDS
 from edmctl.process.next_cut import COVERAGE, GAP_U_UM
 from edmctl.process.touch_check import Deviation, has_grown
 from edmctl.process.wear import DepthAndWear
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from edmctl.procedures.hole import Hole, Known
     from edmctl.procedures.run import Args, Run
     from edmctl.procedures.touch import SurfaceReading
+    from edmctl.process.live_erosion import ErosionEstimate
     from edmctl.process.shared_wear import SharedWear
 
 PAD_U_UM = 0.5
@@ -75,7 +77,7 @@ def touch_pad(run: Run, hole: Hole, plan: CutPlan, cut: CutResult, more_u_um: fl
 
 def refuse_grown_tool(run: Run, hole: Hole, z3: SurfaceReading) -> None:
     """Raise ObjectiveNotReached E7023 where the pad says that the tool has become longer."""
-    drift_um = displacement_uncertainty(run.job).drift_u_um_per_s * (z3.time_s - hole.z1.time_s)
+    drift_um = uncertainty_now(run).drift_u_um_per_s * (z3.time_s - hole.z1.time_s)
     u_um = math.hypot(TOUCH_U_UM, TOUCH_U_UM, hole.z1_u_um, hole.z1.doubt_u_um, z3.doubt_u_um, drift_um)
     wear = Deviation(z3.z_um - hole.z1.z_um, u_um)
     if not has_grown(wear):
@@ -113,13 +115,14 @@ def learn(
     )
     if settled is not None:
         found = replace(found, wear_um=settled.wear_um, wear_u95_um=COVERAGE * settled.wear_u_um)
+    stated = found if settled is not None else with_doubt_of_wear(run, hole, known.estimate, found)
     hole.stops += 1
-    hole.bottom, hole.pad = z2, z3
-    hole.report(run, found, gap_um)
+    hole.bottom, hole.pad, hole.touched = z2, z3, found
+    hole.report(run, stated, gap_um, depth_basis=Basis.ESTIMATED if z2.doubt_u_um > 0.0 else None)
     known.tool, known.gap_um = ToolLength(z3), gap_um
     known.gap_u_um = math.hypot(GAP_U_UM, z2.doubt_u_um)
     if z2.doubt_u_um > 0.0:
-        return found
+        return stated
     known.estimate = hole.estimate.fitted(
         None if hole.interrupted else hole.energy(run),
         found.depth_um,
@@ -127,7 +130,39 @@ def learn(
         found.wear_um,
         found.wear_u95_um / COVERAGE,
     )
-    return found
+    return stated
+
+
+def with_doubt_of_wear(run: Run, hole: Hole, estimate: ErosionEstimate, found: DepthAndWear) -> DepthAndWear:
+    """Widen what a stop found where its wear is not what was believed, until another stop agrees with it.
+
+    A tool that wears otherwise and something that sticks to it look alike. The truth may lie anywhere between the
+    belief and the touch; a tool that seems too long also makes the hole seem too deep.
+    """
+    before_depth_um = before_um = before_u_um = 0.0
+    if hole.touched is not None:
+        before_depth_um, before_um = hole.touched.depth_um, hole.touched.wear_um
+        before_u_um = hole.touched.wear_u95_um / COVERAGE
+    added_um = estimate.wear_ratio * max(0.0, found.depth_um - before_depth_um)
+    off = Deviation(
+        found.wear_um - before_um - added_um,
+        math.hypot(estimate.wear_ratio_u_rel * added_um, before_u_um, found.wear_u95_um / COVERAGE),
+    )
+    if abs(off.sigmas) <= CONTRADICTION_SDS:
+        return found
+    doubt_u95_um = COVERAGE * SHARE_OF_REST * abs(off.um)
+    run.decide(
+        RunEvent.TOUCH_DOUBTED,
+        f"The wear of {found.wear_um:.2f} µm is {off.um:+.2f} µm from what was believed: the belief is wrong, or "
+        "something sticks to the tool. The next stop will tell.",
+        {"kind": "wear", "off_um": off.um, "u_um": off.u_um},
+        level=EventLevel.WARNING,
+    )
+    return replace(
+        found,
+        wear_u95_um=math.hypot(found.wear_u95_um, doubt_u95_um),
+        depth_u95_um=math.hypot(found.depth_u95_um, doubt_u95_um if off.um < 0.0 else 0.0),
+    )
 
 
 def next_start(run: Run, hole: Hole, gap_um: float, gap_u_um: float) -> Start:

@@ -136,7 +136,7 @@ def _together(
         counted = " and ".join(f"{one.z_um:.2f}" for one in used)
         run.decide(
             RunEvent.TOUCH_DOUBTED,
-            f"{found[0].kind}: {counted} µm at two spots of the pad agree. Something lay under the tool at the other, "
+            f"{found[0].kind}: {counted} µm at two spots of the pad agree. Something lay under the tool at another, "
             f"{left_out} µm, which does not count.",
             {"kind": found[0].kind, "shortest_um": min(one.z_um for one in found), "z_um": used[-1].z_um},
             level=EventLevel.WARNING,

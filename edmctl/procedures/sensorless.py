@@ -154,6 +154,11 @@ class SensorlessMachine:
         """Controller time of the newest message."""
         return self._machine.time_s
 
+    @property
+    def uptime_s(self) -> float:
+        """How long the controller has been on, s."""
+        return self._machine.uptime_s
+
     def configure(
         self, settings: ControllerSettings | MotionSettings, pulses: PulseSettings | None = None
     ) -> None:

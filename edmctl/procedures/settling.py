@@ -10,7 +10,7 @@ from edmctl.procedures.drift import uncertainty_now
 from edmctl.procedures.hole import Unmeasured
 from edmctl.procedures.tool_length import TOUCH_U_UM
 from edmctl.process.live_erosion import SCATTER_BETWEEN_HOLES
-from edmctl.process.next_cut import COVERAGE, GAP_U_UM
+from edmctl.process.next_cut import COVERAGE
 from edmctl.process.shared_wear import SharedWear, WearShare, share_wear
 
 if TYPE_CHECKING:
@@ -33,7 +33,9 @@ def unmeasured(run: Run, hole: Hole, pad_s: float, plan: CutPlan, live: LiveEros
     return Unmeasured(
         hole=hole,
         share=WearShare(added_um, live.wear_ratio_u_um, own_u_um, run.machine.time_s - pad_s),
-        depth_u_um=math.hypot(GAP_U_UM, start.depth_u_um, TOUCH_U_UM, hole.face_u_um if from_face else 0.0),
+        depth_u_um=math.hypot(
+            plan.gap_u_um, start.depth_u_um, TOUCH_U_UM, hole.face_u_um if from_face else 0.0
+        ),
         wear_before_um=start.wear_um,
         wear_before_u_um=start.wear_u_um,
     )

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 from edmctl.errors import PreconditionError
 from edmctl.machine.port import Axis
 from edmctl.procedures.codes import RunEvent
-from edmctl.procedures.drift import uncertainty_now
+from edmctl.procedures.drift import DRIFT_SDS, first_home_um
+from edmctl.procedures.measuring import displacement_uncertainty
 from edmctl.procedures.resting import rest_and_look
 from edmctl.procedures.results import Phase
 from edmctl.procedures.settings import controller_settings
@@ -36,8 +37,6 @@ _SETTLED_UM = 0.2
 """A rest that falls by less than this in a second has settled."""
 MODEL_ERROR_UM = 12.0
 """The actuator model is wrong by up to 6 µm in the first second at 0 V after a deep cut; twice that."""
-DRIFT_SDS = 4.0
-"""A drift of more than so many standard deviations is none."""
 
 
 def retract(run: Run) -> None:
@@ -71,26 +70,28 @@ def retract(run: Run) -> None:
 def _home_um(run: Run) -> float:
     """What the sensor shows of a tool at home: the rest at 0 V less what the actuator model says of creep.
 
-    Before there is a model it is the rest itself, once that has stopped falling. Raises PreconditionError E8020
-    where a rest lies further from the one before than creep and drift go: then the tool is held by something else.
+    Before there is a model it is the rest itself, once that has stopped falling, as far as drift can explain it.
+    Raises PreconditionError E8020 where a rest lies further from the first or the newest than creep and drift go:
+    then the tool is held by something else.
     """
     if not run.setup.sensor.fitted:
         return 0.0
     zero_um, rests = run.watch.zero_um(), run.watch.rests
+    drift_u_um_per_s = displacement_uncertainty(run.job).drift_u_um_per_s
     if math.isnan(zero_um):
-        rests.first_um = _settled_um(run)
+        job, up_s = run.job, run.machine.uptime_s
+        age_s = up_s if math.isnan(job.home_age_s) else job.home_age_s
+        rests.first_um = first_home_um(_settled_um(run), job.home_um, drift_u_um_per_s, age_s)
         return rests.first_um
-    if math.isnan(rests.zero_um):
-        return rests.first_um
-    drift_um = uncertainty_now(run).drift_u_um_per_s * (run.machine.time_s - rests.newest_s)
-    moved_um, most_um = abs(zero_um - rests.zero_um), MODEL_ERROR_UM + DRIFT_SDS * drift_um
-    if moved_um > most_um:
-        raise PreconditionError(
-            f"The rest at 0 V has moved by {moved_um:.1f} µm since the last one; creep and drift account for "
-            f"{most_um:.1f} µm.",
-            hint="Check the displacement sensor, the actuator's supply, and whether something holds the tool.",
-            code="E8020",
-        )
+    for before_s, before_um in rests.ends():
+        most_um = MODEL_ERROR_UM + DRIFT_SDS * drift_u_um_per_s * (run.machine.time_s - before_s)
+        if abs(zero_um - before_um) > most_um:
+            raise PreconditionError(
+                f"The rest at 0 V has moved by {abs(zero_um - before_um):.1f} µm in "
+                f"{run.machine.time_s - before_s:.0f} s; creep and drift account for {most_um:.1f} µm.",
+                hint="Check the displacement sensor, the actuator's supply, and whether something holds the tool.",
+                code="E8020",
+            )
     return rests.home_um(zero_um)
 
 
@@ -104,8 +105,18 @@ def _settled_um(run: Run) -> float:
 
 
 def move_to(run: Run, place: Site) -> None:
-    """Retract, then move X and Y to a place; the estimate of the displacement counts from the rest there."""
+    """Retract, then move X and Y to a place; the estimate of the displacement counts from the rest there.
+
+    Raises PreconditionError E8021 where the tool touches something although it is retracted.
+    """
     retract(run)
+    if run.watch.in_contact:
+        raise PreconditionError(
+            f"The contact sensor reads closed at {run.watch.displacement_um:.1f} µm with the tool retracted; "
+            "no stage was moved.",
+            hint="Look whether the tool stands on something, and for a shorted continuity wire.",
+            code="E8021",
+        )
     run.begin(Phase.MOVING)
     status = run.machine.status()
     speed_um_s = run.setup.stage.speed_um_s

@@ -20,7 +20,7 @@ ARC_WEAR = 3.0
 USUAL_ARCS = 0.04
 """Energy of arcs over that of normal discharges in a clean gap (1.5 % of the pulses): what a recipe's wear ratio
 holds, until a hole has shown its own."""
-SCATTER_BETWEEN_HOLES = 0.01
+SCATTER_BETWEEN_HOLES = 0.02
 """Standard deviation of the wear ratio's logarithm from hole to hole [assumed]."""
 REMOVAL_SCATTER = 0.03
 """The same of the volume per energy: more discharges burn at the wall the deeper the hole [assumed]."""

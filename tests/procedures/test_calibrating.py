@@ -136,7 +136,7 @@ def test_a_machine_elsewhere_is_parked_first() -> None:
 def test_a_tool_that_hangs_too_low_is_not_moved(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(calibrating, "SAFE_Z_UM", -50.0)
     rig = Rig(setup=Setup(stage=Stage(park_x_um=-4000.0)))
-    with pytest.raises(PreconditionError, match=r"may move below -50\.0 µm") as refusal:
+    with pytest.raises(PreconditionError, match=r"may move within -50\.0 µm") as refusal:
         rig.measure()
     assert refusal.value.code == "E8020"
     assert rig.machine.status().state is MachineState.IDLE

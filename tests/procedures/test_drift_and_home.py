@@ -8,7 +8,7 @@ import pytest
 
 from edmctl.errors import PreconditionError
 from edmctl.machine.port import Axis
-from edmctl.procedures.drift import LEAST_SPAN_S, SHARE_OF_REST, Rests, uncertainty_now
+from edmctl.procedures.drift import LEAST_SPAN_S, SHARE_OF_REST, Rests, first_home_um, uncertainty_now
 from edmctl.procedures.stages import move_to, retract
 from edmctl.simulator import kernel as k
 from tests.procedures.conftest import Shop, armed
@@ -113,3 +113,60 @@ def test_stages_stand_still_while_the_tool_is_low() -> None:
     run.machine.ramp(40.0, 300.0)
     with pytest.raises(PreconditionError):
         run.machine.move_stage(Axis.X, 0.0, 1000.0)
+
+
+def stand_out(shop: Shop, by_um: float) -> None:
+    """Let the actuator hold the tool that far out although its voltage is 0; the sensor shows it."""
+    shop.bench.plant.par[k.ACTUATOR_ZERO] -= by_um
+
+
+@pytest.mark.parametrize("out_um", [35.0, 60.0])
+def test_a_tool_that_stands_out_at_the_start_is_not_moved(out_um: float) -> None:
+    shop = Shop()
+    stand_out(shop, out_um)
+    before = shop.bench.plant.position_um.copy()
+    with pytest.raises(PreconditionError) as caught:
+        shop.run_job()
+    assert caught.value.code == "E8020"
+    assert (shop.bench.plant.position_um == before).all()
+
+
+def test_a_tool_that_comes_out_little_by_little_is_not_followed() -> None:
+    shop = Shop()
+    run = armed(shop)
+    run.machine.rest(0.5)
+    move_to(run, run.job.parking)
+    run.watch.rests.note(run.machine.time_s, 0.0)
+    zeros_um = [2.0, 6.0, 10.0, 14.0]
+    told_um: list[float] = []
+    run.machine.set_zero = told_um.append  # type: ignore[method-assign]
+
+    def rest_at(zero_um: float) -> None:
+        run.watch.zero_um = lambda: zero_um  # type: ignore[method-assign]
+        retract(run)
+        run.watch.rests.note(run.machine.time_s, zero_um)
+
+    for zero_um in zeros_um[:3]:
+        rest_at(zero_um)
+    with pytest.raises(PreconditionError) as caught:
+        rest_at(zeros_um[3])
+    assert caught.value.code == "E8020"
+    assert max(told_um) < 12.0
+
+
+def test_home_that_was_known_minutes_ago_bounds_what_may_be_drift() -> None:
+    assert first_home_um(60.0, 50.0, 0.0017, 600.0) == pytest.approx(54.08)
+    assert first_home_um(52.0, 50.0, 0.0017, 600.0) == 52.0
+    assert first_home_um(-80.0, 50.0, 0.0017, 600.0) == -80.0
+
+
+def test_a_tool_that_touches_something_at_rest_is_not_moved() -> None:
+    shop = Shop()
+    run = armed(shop)
+    run.machine.rest(0.5)
+    shop.bench.plant.obstacle_um = -1.0
+    shop.bench.plant.set_surface()
+    run.machine.rest(0.5)
+    with pytest.raises(PreconditionError) as caught:
+        move_to(run, run.job.parking)
+    assert caught.value.code == "E8021"
