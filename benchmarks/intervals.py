@@ -229,6 +229,16 @@ def _belief(kind: str, count: int) -> Callable[[Random, int], Case]:
     return make
 
 
+def _both(tolerance_um: float) -> Callable[[Random, int], Case]:
+    def make(random: Random, seed: int) -> Case:
+        theta = math.exp(random.uniform(math.log(0.3), math.log(2.0)))
+        removal = math.exp(random.uniform(math.log(0.3), math.log(5.0)))
+        depth = _depth(random.uniform(12.0, 40.0), tolerance_um)
+        return Case("array-3x3", seed, (depth,), _grid(3, 3), theta=theta, removal=removal)
+
+    return make
+
+
 def _long(tolerance_um: float) -> Callable[[Random, int], Case]:
     def make(random: Random, seed: int) -> Case:
         drift = random.uniform(-WORST_OF_200, WORST_OF_200)
@@ -273,6 +283,8 @@ CLASSES: dict[str, Callable[[Random, int], Case]] = {
     "wear-array": _belief("wear", 6),
     "removal-alone": _belief("removal", 1),
     "removal-array": _belief("removal", 6),
+    "both-tolerance-2": _both(2.0),
+    "both-tolerance-15": _both(15.0),
     "long-tolerance-2": _long(2.0),
     "long-tolerance-15": _long(15.0),
     "long-tolerance-40": _long(40.0),
