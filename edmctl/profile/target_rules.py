@@ -48,8 +48,8 @@ def depth_shown(job: Job) -> Iterator[Finding]:
         yield Finding(
             Code.NOT_SHOWN,
             ("target", "tolerance_um"),
-            f"the depth may not be shown to be right: it will be known to about ± {u95_um:.2f} µm, and the tolerance "
-            f"is {target.tolerance_um:g} µm; the job ends with exit code 7 then",
+            f"the depth may not be shown to be right: it will be known to about ± {u95_um:.2f} µm, and the "
+            f"tolerance is {target.tolerance_um:g} µm; the job ends with exit code 7 then",
             f"permit {rounded_up(SPARE * u95_um)} µm or more, or {remedy}",
         )
 
