@@ -11,7 +11,14 @@ from edmctl.errors import EdmError, Interrupted, LinkLost
 if TYPE_CHECKING:
     from edmctl.cli.doctor_checks import Checks
     from edmctl.machine.controller import LinkMachine
-    from edmctl.machine.port import MachineStatus, MotionSettings
+    from edmctl.machine.port import (
+        MachineEvent,
+        MachineStatus,
+        MotionSettings,
+        PulseBatch,
+        PulseBlockBatch,
+        TelemetryBlock,
+    )
     from edmctl.profile.setup import Setup
 
 QUESTIONS = 100
@@ -22,12 +29,15 @@ FOLLOWS_V = 4.5
 REST_UM = 60.0
 """A displacement at 0 V beyond this is no rest: hysteresis and creep leave 45 µm."""
 GAP_V, GAP_DUTY = 40.0, 0.25
+SAMPLED_S, SAMPLE_PERIOD_US = 0.5, 10_000
+SAMPLES_SHARE = 0.6
+"""Of the samples that are due: the last frame may be on its way, and a fifth of them may be lost."""
 
 
 def look(checks: Checks, machine: LinkMachine, setup: Setup) -> None:
     """Everything that can be seen without moving. Raises LinkLost."""
     checks.take(ok("port", f"{machine.identity.transport} is open"))
-    checks.take(*_identity(machine), _round_trip(machine), _line(machine))
+    checks.take(*_identity(machine), _round_trip(machine), _samples(machine), _line(machine))
     status = machine.status()
     checks.take(*_interlocks(status), _fault(machine), _actuator(status), _sensor(status, setup))
     checks.take(ok("dielectric", f"{status.temperature_c:.1f} °C, {status.flow_lpm:.2f} L/min"))
@@ -124,6 +134,44 @@ def _round_trip(machine: LinkMachine) -> Check:
         fix = "Close what keeps the computer busy; on an FTDI adapter set its latency timer to 1 ms."
         return warn("round trip", f"{told}.", fix)
     return ok("round trip", told)
+
+
+class _Counted:
+    """A listener that counts samples."""
+
+    def __init__(self) -> None:
+        self.samples = 0
+
+    def telemetry(self, block: TelemetryBlock) -> None:
+        """Count."""
+        self.samples += len(block.time_s)
+
+    def pulse_blocks(self, batch: PulseBlockBatch) -> None:
+        """Do nothing."""
+
+    def pulses(self, batch: PulseBatch) -> None:
+        """Do nothing."""
+
+    def event(self, event: MachineEvent) -> None:
+        """Do nothing."""
+
+    def log(self, level: int, text: str) -> None:
+        """Do nothing."""
+
+
+def _samples(machine: LinkMachine) -> Check:
+    """Whether the samples come that every motion is judged by."""
+    from edmctl.machine.port import PulseLog, TelemetrySettings
+
+    counted, wanted = _Counted(), round(SAMPLED_S * 1e6 / SAMPLE_PERIOD_US)
+    machine.start_telemetry(TelemetrySettings(SAMPLE_PERIOD_US, 10, PulseLog.OFF), counted)
+    machine.rest(SAMPLED_S)
+    machine.stop_telemetry()
+    told = f"{counted.samples} of {wanted} in {SAMPLED_S:g} s"
+    if counted.samples < SAMPLES_SHARE * wanted:
+        fix = "Restart the controller, and see that no other program reads the port; without samples no job goes on."
+        return fail("samples", f"Only {told} came.", fix)
+    return ok("samples", told)
 
 
 def _line(machine: LinkMachine) -> Check:

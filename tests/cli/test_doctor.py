@@ -51,6 +51,7 @@ def test_a_sound_machine_has_nothing_that_fails(here: Here) -> None:
         "schema",
         "start",
         "round trip",
+        "samples",
         "line",
         "fault",
         "actuator",
@@ -223,3 +224,11 @@ def test_linux_tells_of_slow_adapters_and_of_modem_manager(system: tuple[Path, P
 def test_a_virtual_machine_has_no_adapter(system: tuple[Path, Path]) -> None:
     assert list(doctor_host.line_settings(None, *system)) == []
     assert list(doctor_host.line_settings("sim:", *system)) == []
+
+
+def test_samples_that_do_not_come_are_told(here: Here, workshop: Workshop) -> None:
+    workshop.bench.inject(parse_injection("SAMPLES_LOST@0"))
+    said = here("doctor", "--json")
+    assert said.exit_code == 8
+    assert found(said)["samples"]["status"] == "fail"
+    assert "0 of 50" in found(said)["samples"]["message"]
