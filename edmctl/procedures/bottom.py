@@ -23,6 +23,8 @@ from edmctl.record.rows import EventLevel
 if TYPE_CHECKING:
     from edmctl.machine.port import MachineEvent
     from edmctl.procedures.cut import CutResult
+    from edmctl.procedures.face import Face
+    from edmctl.procedures.hole import Hole
     from edmctl.procedures.planning import CutPlan
     from edmctl.procedures.run import Run
 
@@ -72,16 +74,20 @@ def wash(run: Run, bottom_um: float) -> None:
         lower_to(run, bottom_um - CLEAR_OF_BOTTOM_UM)
 
 
-def check_first_sparks(run: Run, plan: CutPlan, sparks: MachineEvent, bottom_u_um: float) -> CutPlan:
+def check_first_sparks(
+    run: Run, hole: Hole, face: Face, plan: CutPlan, sparks: MachineEvent, bottom_u_um: float
+) -> CutPlan:
     """Compare where sparks began with the bottom that the cut is planned from; return the plan as it may stand.
 
-    `bottom_u_um` is the standard uncertainty of that bottom's height now.
-    A bottom that contradicts them is less certain by as much, and what is cut from it is measured.
+    `bottom_u_um` is the standard uncertainty of that bottom's height now. A bottom that contradicts them is less
+    certain by as much, and what is cut from it is measured. Where the bottom is the untouched face, no later touch
+    of the hole tells of it: `hole` and `face` keep the doubt. Something that is known to lie there sparks first.
     """
     expected_um = plan.bottom_um - plan.gap_um - FIRST_SPARKS_UM
     u_um = math.hypot(bottom_u_um, plan.gap_u_um, FIRST_SPARKS_U_UM)
     off = Deviation(sparks.displacement_um - expected_um, u_um)
-    if abs(off.sigmas) <= FIRST_SPARKS_SIGMAS:
+    on_top = Deviation(off.um + lying_um(hole, face), u_um)
+    if min(abs(off.sigmas), abs(on_top.sigmas)) <= FIRST_SPARKS_SIGMAS:
         return plan
     run.decide(
         RunEvent.TOUCH_DOUBTED,
@@ -90,8 +96,18 @@ def check_first_sparks(run: Run, plan: CutPlan, sparks: MachineEvent, bottom_u_u
         {"kind": "first sparks", "off_um": off.um, "z_um": plan.bottom_um},
         level=EventLevel.WARNING,
     )
-    start = replace(plan.start, bottom_u_um=math.hypot(plan.start.bottom_u_um, 0.5 * off.um))
+    doubt_u_um = math.hypot(off.um / math.sqrt(3.0), off.u_um)
+    if hole.stops == 0:
+        hole.face_u_um = math.hypot(hole.face_u_um, doubt_u_um)
+        face.doubt(off.um)
+        run.journal.face(face)
+    start = replace(plan.start, bottom_u_um=math.hypot(plan.start.bottom_u_um, doubt_u_um))
     return replace(plan, start=start, measured=True)
+
+
+def lying_um(hole: Hole, face: Face) -> float:
+    """How high something lies on the face where an untouched hole goes."""
+    return face.lying_um.get(hole.site.name, 0.0) if hole.stops == 0 else 0.0
 
 
 def _tell(run: Run, z2: SurfaceReading, off: Deviation, what_now: str) -> None:
