@@ -106,7 +106,7 @@ def touch_at(run: Run, site: Site, face: Face, tool: ToolLength) -> None:
         return
     run.decide(
         RunEvent.TOUCH_DOUBTED,
-        f"{told}; halfway to the pad the face lies {halfway.um:+.2f} µm from that slope. Neither is believed better.",
+        f"{told}; halfway to the pad the face lies {halfway.um:+.2f} µm from that slope. Both stay in doubt.",
         args,
         level=EventLevel.WARNING,
     )
