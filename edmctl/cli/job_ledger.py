@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.cli.prepared import hole_radius_um, logbook_of, prepared_job
 from edmctl.cli.tool_seen import seen_on
+from edmctl.process.next_cut import COVERAGE
 from edmctl.record.ledger_entries import (
     UNFINISHED,
     JobBegun,
@@ -170,6 +171,7 @@ def _machined(place: SiteMachined, found: SiteResult | ChannelResult) -> SiteMac
         place,
         status=DONE,
         depth_um=found.depth_um,
+        depth_u95_um=found.depth_u95_um,
         wear_um=found.wear_um,
         wear_u95_um=found.wear_u95_um,
         z1_um=found.z1_um,
@@ -178,9 +180,16 @@ def _machined(place: SiteMachined, found: SiteResult | ChannelResult) -> SiteMac
     )
 
 
+def _floor_at(place: SiteMachined, found: ChannelResult) -> SiteMachined:
+    """A place of a channel: its floor is as deep as that on average, and as uneven."""
+    u95_um = math.hypot(found.depth_u95_um, COVERAGE * found.floor_sd_um)
+    return replace(_machined(place, found), depth_u95_um=u95_um)
+
+
 def _channel(places: Sequence[SiteMachined], result: JobResult) -> list[SiteMachined]:
     """A channel as a row of holes, the whole wear at the first; none where nothing was cut."""
     if not result.machining_time_s:
         return []
-    first, *others = places if result.channel is None else [_machined(p, result.channel) for p in places]
+    found = result.channel
+    first, *others = places if found is None else [_floor_at(place, found) for place in places]
     return [first, *(replace(place, wear_um=0.0, wear_u95_um=0.0) for place in others)]

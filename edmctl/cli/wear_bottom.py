@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from edmctl.cli.site_option import coordinates
 from edmctl.errors import PreconditionError
 from edmctl.procedures.measure_wear import Bottom
+from edmctl.process.next_cut import COVERAGE
 from edmctl.record.ledger_entries import UNFINISHED
 from edmctl.wording import length
 
@@ -75,4 +77,5 @@ def _told(hole: SiteMachined) -> str:
 
 
 def _bottom(hole: SiteMachined) -> Bottom:
-    return Bottom(hole.name, hole.x_um, hole.y_um, hole.depth_um)
+    known = Bottom(hole.name, hole.x_um, hole.y_um, hole.depth_um)
+    return known if math.isnan(hole.depth_u95_um) else replace(known, depth_u_um=hole.depth_u95_um / COVERAGE)

@@ -238,6 +238,7 @@ class WearRun:
             time_s=touched.time_s,
             temperature_c=self._temperature_c,
             home_um=self._home_um,
+            doubt_u_um=touched.doubt_u_um,
             truth={"tool_wear_um": virtual.tool_wear_um} if virtual else None,
         )
 
@@ -288,4 +289,11 @@ def _aged(reference: ReferenceTouched, account: ToolAccount, books: Books, *, cl
     age_s = books.runs_s - account.reference_at_s
     if clock:
         age_s = max(age_s, time.time() - account.reference_utc_s)
-    return Reference(reference.z_um, reference.sd_um, reference.touches, reference.model_um, age_s)
+    return Reference(
+        z_um=reference.z_um,
+        sd_um=reference.sd_um,
+        touches=reference.touches,
+        model_um=reference.model_um,
+        age_s=age_s,
+        doubt_u_um=reference.doubt_u_um,
+    )

@@ -1,4 +1,4 @@
-"""The bottom of a hole, touched and judged by where the tool has just sparked.
+"""The bottom of a hole, touched and judged by where the tool has just sparked, or by how deep the hole should be.
 
 A bottom at or above that is impossible, and one that is shorter than the working gap allows has something on it. The
 tool is lifted high so that oil washes it away, and touches again; what stays in doubt widens the interval.
@@ -7,7 +7,7 @@ tool is lifted high so that oil washes it away, and touches again; what stays in
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from edmctl.procedures.approach import lower_to, raise_by
@@ -23,6 +23,8 @@ from edmctl.record.rows import EventLevel
 if TYPE_CHECKING:
     from edmctl.machine.port import MachineEvent
     from edmctl.procedures.cut import CutResult
+    from edmctl.procedures.face import Face
+    from edmctl.procedures.hole import Hole
     from edmctl.procedures.planning import CutPlan
     from edmctl.procedures.run import Run
 
@@ -42,27 +44,53 @@ FIRST_SPARKS_U_UM = 1.5
 FIRST_SPARKS_SIGMAS = 3.0
 
 
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """Where a bottom is: `way_um`, known within `u_um`, below what it cannot be above, at `above_um`.
+
+    `told_by` names what says so.
+    """
+
+    above_um: float
+    way_um: float
+    u_um: float
+    told_by: str
+
+    @property
+    def z_um(self) -> float:
+        """Where the tool is expected to touch it."""
+        return self.above_um + self.way_um
+
+
 def read_bottom(run: Run, place: str, plan: CutPlan, cut: CutResult) -> SurfaceReading:
     """Touch the bottom that a cut has left, more often where it is not where it should be."""
     raise_by(run, CLEAR_OF_BOTTOM_UM)
-    end_um, gap_um = cut.end_displacement_um, plan.gap_um
     gap_u_um = plan.gap_u_um if cut.end is CutEnd.REACHED else math.hypot(plan.gap_u_um, UNFINISHED_GAP_U_UM)
-    z2 = take_reading(run, "Z2", place, end_um + gap_um, gap_u_um)
+    return read_expected(
+        run, place, Expected(cut.end_displacement_um, plan.gap_um, gap_u_um, "the last sparks")
+    )
+
+
+def read_expected(run: Run, place: str, expected: Expected) -> SurfaceReading:
+    """Touch a bottom below the tool, more often where it is not where it should be; doubts that stay widen it."""
+    above_um, way_um, u_um = expected.above_um, expected.way_um, expected.u_um
+    z2 = take_reading(run, "Z2", place, expected.z_um, u_um)
     for look in range(MORE_LOOKS + 1):
-        off = against_sparks(z2.z_um, end_um, gap_um, gap_u_um)
-        short = is_short(off, gap_um)
+        off = against_sparks(z2.z_um, above_um, way_um, u_um)
+        short = is_short(off, way_um)
         if not short and (look > 0 or not is_long(off)):
             return z2
         if look == MORE_LOOKS:
             break
-        _tell(run, z2, off, "It is touched again.")
-        wash(run, end_um)
-        again = take_reading(run, "Z2", place, end_um + gap_um, gap_u_um)
+        _tell(run, z2, off, expected.told_by, "It is touched again.")
+        wash(run, above_um)
+        again = take_reading(run, "Z2", place, expected.z_um, u_um)
         # Nothing under the tool makes a reading longer; of two within their noise the newer one is told.
         z2 = z2 if z2.z_um > again.z_um + TOUCH_SD_PRIOR_UM else again
-    middle_um, u_um = between(z2.z_um, end_um, gap_um, gap_u_um)
-    _tell(run, z2, off, f"It is taken to be at {middle_um:.2f} ± {COVERAGE * u_um:.2f} µm.")
-    return replace(z2.shifted(middle_um - z2.z_um), doubt_u_um=u_um)
+    middle_um, doubt_u_um = between(z2.z_um, above_um, way_um, u_um)
+    told = f"It is taken to be at {middle_um:.2f} ± {COVERAGE * doubt_u_um:.2f} µm."
+    _tell(run, z2, off, expected.told_by, told)
+    return replace(z2.shifted(middle_um - z2.z_um), doubt_u_um=doubt_u_um)
 
 
 def wash(run: Run, bottom_um: float) -> None:
@@ -72,16 +100,20 @@ def wash(run: Run, bottom_um: float) -> None:
         lower_to(run, bottom_um - CLEAR_OF_BOTTOM_UM)
 
 
-def check_first_sparks(run: Run, plan: CutPlan, sparks: MachineEvent, bottom_u_um: float) -> CutPlan:
+def check_first_sparks(
+    run: Run, hole: Hole, face: Face, plan: CutPlan, sparks: MachineEvent, bottom_u_um: float
+) -> CutPlan:
     """Compare where sparks began with the bottom that the cut is planned from; return the plan as it may stand.
 
-    `bottom_u_um` is the standard uncertainty of that bottom's height now.
-    A bottom that contradicts them is less certain by as much, and what is cut from it is measured.
+    `bottom_u_um` is the standard uncertainty of that bottom's height now. A bottom that contradicts them is less
+    certain by as much, and what is cut from it is measured. Where the bottom is the untouched face, no later touch
+    of the hole tells of it: `hole` and `face` keep the doubt. Something that is known to lie there sparks first.
     """
     expected_um = plan.bottom_um - plan.gap_um - FIRST_SPARKS_UM
     u_um = math.hypot(bottom_u_um, plan.gap_u_um, FIRST_SPARKS_U_UM)
     off = Deviation(sparks.displacement_um - expected_um, u_um)
-    if abs(off.sigmas) <= FIRST_SPARKS_SIGMAS:
+    on_top = Deviation(off.um + lying_um(hole, face), u_um)
+    if min(abs(off.sigmas), abs(on_top.sigmas)) <= FIRST_SPARKS_SIGMAS:
         return plan
     run.decide(
         RunEvent.TOUCH_DOUBTED,
@@ -90,16 +122,26 @@ def check_first_sparks(run: Run, plan: CutPlan, sparks: MachineEvent, bottom_u_u
         {"kind": "first sparks", "off_um": off.um, "z_um": plan.bottom_um},
         level=EventLevel.WARNING,
     )
-    start = replace(plan.start, bottom_u_um=math.hypot(plan.start.bottom_u_um, 0.5 * off.um))
+    doubt_u_um = math.hypot(off.um / math.sqrt(3.0), off.u_um)
+    if hole.stops == 0:
+        hole.face_u_um = math.hypot(hole.face_u_um, doubt_u_um)
+        face.doubt(off.um)
+        run.journal.face(face)
+    start = replace(plan.start, bottom_u_um=math.hypot(plan.start.bottom_u_um, doubt_u_um))
     return replace(plan, start=start, measured=True)
 
 
-def _tell(run: Run, z2: SurfaceReading, off: Deviation, what_now: str) -> None:
+def lying_um(hole: Hole, face: Face) -> float:
+    """How high something lies on the face where an untouched hole goes."""
+    return face.lying_um.get(hole.site.name, 0.0) if hole.stops == 0 else 0.0
+
+
+def _tell(run: Run, z2: SurfaceReading, off: Deviation, told_by: str, what_now: str) -> None:
     way = f"{abs(off.um):.2f} ± {COVERAGE * off.u_um:.2f} µm {'short of' if off.um < 0.0 else 'beyond'}"
     chip = " (a chip?)" if off.um < 0.0 else ""
     run.decide(
         RunEvent.TOUCH_DOUBTED,
-        f"Z2 = {z2.z_um:.2f} µm is {way} where the last sparks put the bottom{chip}. {what_now}",
+        f"Z2 = {z2.z_um:.2f} µm is {way} where {told_by} put the bottom{chip}. {what_now}",
         {"kind": "Z2", "off_um": off.um, "u_um": off.u_um, "z_um": z2.z_um},
         level=EventLevel.WARNING,
     )

@@ -139,7 +139,7 @@ class _Stops:
         layers.learn(found)
         self._number += 1
         self.result = channel_result(
-            run.job,
+            run,
             self._way.length_um,
             self._face,
             found,

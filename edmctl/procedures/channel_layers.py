@@ -111,7 +111,7 @@ class Layers:
         drift_u_um_per_s = uncertainty_now(self._run).drift_u_um_per_s
         wear_um = found.pad.z_um - self._face.z1.z_um
         self.wear.learn(self.since_uj, wear_um, drift_u_um_per_s * (found.pad.time_s - self.since_s))
-        self.gap_um = learned_gap_um(*self.last, found, self.wear)
+        self.gap_um = learned_gap_um(*self.last, found, self.wear, self.gap_um)
         self.depth_um = found.depth_um
         self.since_uj, self.since_s = 0.0, found.pad.time_s
         self._engaged = False

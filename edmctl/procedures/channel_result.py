@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.procedures.measuring import displacement_uncertainty
+from edmctl.procedures.drift import uncertainty_now
 from edmctl.process.layers import channel_width_um
 from edmctl.process.pulses import PulseShares, pulse_shares
 from edmctl.process.wear import TOUCH_PRIOR_DOF, student_97_5, tilt_uncertainty_um
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from edmctl.labels import Basis, Verdict
     from edmctl.procedures.channel_scan import PassResult
     from edmctl.procedures.channel_touch import Face
-    from edmctl.procedures.job import Job
+    from edmctl.procedures.run import Run
     from edmctl.procedures.touch import SurfaceReading
 
 
@@ -97,7 +97,7 @@ class FloorReading:
 
 
 def channel_result(
-    job: Job,
+    run: Run,
     length_um: float,
     face: Face,
     found: FloorReading,
@@ -108,9 +108,9 @@ def channel_result(
     stops: int,
 ) -> ChannelResult:
     """Reduce a measuring stop and all passes before it."""
-    z1 = face.z1
+    job, z1 = run.job, face.z1
     counts = [sum(column) for column in zip(*(done.counts for done in passes), strict=True)]
-    depth_u95_um, wear_u95_um = _uncertainties(job, face, found)
+    depth_u95_um, wear_u95_um = _uncertainties(run, face, found)
     wear_um = found.pad.z_um - z1.z_um
     return ChannelResult(
         name=job.profile.meta.name,
@@ -138,17 +138,17 @@ def channel_result(
     )
 
 
-def _uncertainties(job: Job, face: Face, found: FloorReading) -> tuple[float, float]:
-    """95 % half-widths of mean depth and wear: touches of floor and pad, sensor, drift, face, stages.
+def _uncertainties(run: Run, face: Face, found: FloorReading) -> tuple[float, float]:
+    """95 % half-widths of mean depth and wear: touches and doubts of floor and pad, sensor, drift, face, stages.
 
     How much the floor varies from place to place counts too, as only some were touched. The pad is touched before
     and after the floor, so a steady drift is no part of the depth.
     """
-    known, z1 = displacement_uncertainty(job), face.z1
+    known, z1, setup = uncertainty_now(run), face.z1, run.setup
     face_u_um = max(face.plane.height_u_um(place.x_um, place.y_um) for place in found.places)
     pads = (z1, found.pad_before, found.pad)
     dof = TOUCH_PRIOR_DOF + sum(r.reading.touches - 1 for r in (*pads, *found.floor))
-    pad_u_um = tilt_uncertainty_um(job.setup.surface.tilt_u_mrad, 0.0, job.setup.stage.repeatability_um)
+    pad_u_um = tilt_uncertainty_um(setup.surface.tilt_u_mrad, 0.0, setup.stage.repeatability_um)
     z1_u_um, before_u_um, after_u_um = (
         max(r.reading.sd_um, TOUCH_LEAST_SD_UM) / math.sqrt(r.reading.touches) for r in pads
     )
@@ -160,6 +160,8 @@ def _uncertainties(job: Job, face: Face, found: FloorReading) -> tuple[float, fl
         known.linearity_u_um,
         face_u_um,
         pad_u_um,
+        math.fsum(z2.doubt_u_um for z2 in found.floor) / len(found.floor),
+        0.5 * (found.pad_before.doubt_u_um + found.pad.doubt_u_um),
     )
     wear_um = found.pad.z_um - z1.z_um
     wear_u_um = math.hypot(
@@ -169,6 +171,8 @@ def _uncertainties(job: Job, face: Face, found: FloorReading) -> tuple[float, fl
         known.linearity_u_um,
         known.drift_u_um_per_s * (found.pad.time_s - z1.time_s),
         pad_u_um,
+        z1.doubt_u_um,
+        found.pad.doubt_u_um,
     )
     factor = student_97_5(dof)
     return factor * depth_u_um, factor * wear_u_um

@@ -3,22 +3,29 @@
 from __future__ import annotations
 
 import math
+import statistics
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.procedures.bottom import Expected, read_expected
 from edmctl.procedures.channel_result import FloorPlace, FloorReading
+from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.face import pad_only, touch_plane
+from edmctl.procedures.grown_tool import refuse_grown_tool
 from edmctl.procedures.job import Site
 from edmctl.procedures.pad import read_pad
-from edmctl.procedures.planning import LARGEST_GAP_UM, SMALLEST_GAP_UM
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.tool_length import ToolLength
 from edmctl.procedures.touch import SurfaceReading, take_reading
 from edmctl.process.path import Way, even_places
+from edmctl.process.touch_check import against_sparks, is_short
+from edmctl.record.rows import EventLevel
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from edmctl.procedures.channel_scan import PassPlan, PassResult
     from edmctl.procedures.run import Run
     from edmctl.process.channel_wear import ToolWear
@@ -32,6 +39,11 @@ FLOOR_U_UM = 1.0
 """The same of the floor before it is touched: gap and unevenness."""
 PAD_U_SHARE = 0.15
 """Of the wear since the last touch of the pad."""
+UNEVEN_U_UM = 0.5
+"""Standard uncertainty of the floor's height at a place over that at others, after it was evened out [assumed]."""
+
+Touched = tuple[float, "Site", "SurfaceReading"]
+"""Length along the path, place and reading of one touch of the floor."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,7 +65,7 @@ def touch_untouched(run: Run, way: Way) -> Face:
 
 
 def measure_floor(
-    run: Run, face: Face, plan: PassPlan, _done: PassResult, wear: ToolWear, since_uj: float, places: int
+    run: Run, face: Face, plan: PassPlan, done: PassResult, wear: ToolWear, since_uj: float, places: int
 ) -> FloorReading:
     """Touch the pad, the floor at places along the path of the pass just done, and the pad again.
 
@@ -62,15 +74,17 @@ def measure_floor(
     """
     wear_um = wear.um(since_uj)
     pad_u_um = PAD_U_SHARE * wear.per_uj * since_uj
-    before = _touch_pad(run, face.z1.z_um + wear_um, pad_u_um)
-    touched: list[tuple[float, Site, SurfaceReading]] = []
+    before = _touch_pad(run, face, face.z1.z_um + wear_um, pad_u_um)
+    touched: list[Touched] = []
     for s_um in even_places(plan.way, places):
         place = _place(run, plan.way, s_um)
         height_um = plan.held.floor_um((place.x_um, place.y_um), 0.0) - plan.held.pad_um
         predicted_um = before.z_um + height_um
         move_to(run, place)
         touched.append((s_um, place, take_reading(run, "Z2", place.name, predicted_um, FLOOR_U_UM)))
-    after = _touch_pad(run, before.z_um, 0.0)
+    if not done.fault:
+        touched = _short_ones_again(run, plan, done, wear, touched)
+    after = _touch_pad(run, face, before.z_um, 0.0)
     floor = tuple(
         FloorPlace(s_um, place.x_um, place.y_um, z2.z_um - _face_at(place, z2, before, after, face))
         for s_um, place, z2 in touched
@@ -78,8 +92,40 @@ def measure_floor(
     return FloorReading(floor, tuple(z2 for _, _, z2 in touched), before, after)
 
 
-def _touch_pad(run: Run, predicted_um: float, pad_u_um: float) -> SurfaceReading:
-    return read_pad(run, "Z3", run.profile.meta.name, predicted_um, pad_u_um)
+def _short_ones_again(
+    run: Run, plan: PassPlan, done: PassResult, wear: ToolWear, touched: Sequence[Touched]
+) -> list[Touched]:
+    """Touch again where the floor is shorter than the other places and the held tool allow.
+
+    The tool was held alike all along, so it left the same gap everywhere but for the floor's unevenness.
+    """
+    ends_um = [_held_um(plan, done, wear, s_um) for s_um, _, _ in touched]
+    gap_um = statistics.median(z2.z_um - end_um for (_, _, z2), end_um in zip(touched, ends_um, strict=True))
+    u_um = math.hypot(UNEVEN_U_UM, wear.u_rel * wear.per_uj * done.wearing_uj)
+    found: list[Touched] = []
+    for (s_um, place, z2), end_um in zip(touched, ends_um, strict=True):
+        off = against_sparks(z2.z_um, end_um, gap_um, u_um)
+        if not is_short(off, gap_um):
+            found.append((s_um, place, z2))
+            continue
+        run.decide(
+            RunEvent.TOUCH_DOUBTED,
+            f"Z2 = {z2.z_um:.2f} µm at {place.name} is {-off.um:.2f} µm short of what the held tool left elsewhere "
+            "(a chip?). It is touched again.",
+            {"kind": "Z2", "off_um": off.um, "u_um": off.u_um, "z_um": z2.z_um},
+            level=EventLevel.WARNING,
+        )
+        move_to(run, place)
+        expected = Expected(end_um, gap_um, u_um, "the held tool and the other places")
+        found.append((s_um, place, read_expected(run, place.name, expected)))
+    return found
+
+
+def _touch_pad(run: Run, face: Face, predicted_um: float, pad_u_um: float) -> SurfaceReading:
+    z1 = face.z1
+    z3 = read_pad(run, "Z3", run.profile.meta.name, predicted_um, pad_u_um)
+    refuse_grown_tool(run, z1.z_um, z3, z3.time_s - z1.time_s, z1.doubt_u_um)
+    return z3
 
 
 def _face_at(
@@ -91,17 +137,30 @@ def _face_at(
     return pad_um + face.plane.height_um(place.x_um, place.y_um)
 
 
-def learned_gap_um(plan: PassPlan, done: PassResult, found: FloorReading, wear: ToolWear) -> float:
+def learned_gap_um(
+    plan: PassPlan, done: PassResult, found: FloorReading, wear: ToolWear, believed_um: float
+) -> float:
     """Mean gap that a pass left between the held tool and the floor, by the wear per energy as now known.
 
-    The tool that touches is shorter than the one that scanned there, by the wear of the rest of the pass.
+    A pass that ended early held the tool nowhere in particular, and touches in doubt say nothing of a gap: then it
+    is what was believed.
     """
-    gaps_um = []
-    for place, z2 in zip(found.places, found.floor, strict=True):
-        held_um = float(np.interp(place.s_um, plan.way.lengths_um, done.limits_um))
-        used_uj = float(np.interp(place.s_um, plan.way.lengths_um, done.used_uj))
-        gaps_um.append(z2.z_um - held_um - wear.per_uj * (done.wearing_uj - used_uj))
-    return min(max(math.fsum(gaps_um) / len(gaps_um), SMALLEST_GAP_UM), LARGEST_GAP_UM)
+    gaps_um = [
+        z2.z_um - _held_um(plan, done, wear, place.s_um)
+        for place, z2 in zip(found.places, found.floor, strict=True)
+        if z2.doubt_u_um == 0.0 and not done.fault
+    ]
+    return math.fsum(gaps_um) / len(gaps_um) if gaps_um else believed_um
+
+
+def _held_um(plan: PassPlan, done: PassResult, wear: ToolWear, s_um: float) -> float:
+    """Where the tool was held at a place, as the tool that touches there would show it.
+
+    That one is shorter, by the wear of the rest of the pass.
+    """
+    held_um = float(np.interp(s_um, plan.way.lengths_um, done.limits_um))
+    used_uj = float(np.interp(s_um, plan.way.lengths_um, done.used_uj))
+    return held_um + wear.per_uj * (done.wearing_uj - used_uj)
 
 
 def _place(run: Run, way: Way, s_um: float) -> Site:

@@ -8,18 +8,19 @@ from typing import TYPE_CHECKING
 
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.drift import uncertainty_now
-from edmctl.procedures.stages import move_to
+from edmctl.procedures.job import Site
+from edmctl.procedures.spots import Spots, beside, read_at_spots, spot_distance_um
 from edmctl.procedures.tool_length import TOUCH_U_UM
-from edmctl.procedures.touch import take_reading
 from edmctl.process.plane import TOUCHES_FOR_A_PLANE, Plane, fitted_plane, unknown_plane
+from edmctl.process.touch_check import Deviation
 from edmctl.process.tour import spread_out
+from edmctl.record.rows import EventLevel
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from edmctl.procedures.job import Site
     from edmctl.procedures.journal import FaceTouch
-    from edmctl.procedures.run import Run
+    from edmctl.procedures.run import Args, Run
     from edmctl.procedures.tool_length import ToolLength
 
 KIND = "Zr"
@@ -27,18 +28,28 @@ KIND = "Zr"
 TILT_LIMIT_UM = 2.0 * TOUCH_U_UM
 """A face whose height is known worse than this at a place is touched there before the hole: a touch knows it better,
 and at 0.3 mrad it takes a millimetre to get there."""
+SPOT_TURNS_DEG = (90.0, -90.0, 150.0, -150.0, 30.0, -30.0, 180.0, 0.0, 120.0, -120.0, 60.0, -60.0)
+"""Directions of the further spots as seen from a place, from that away from the pad: rows of holes lead away from
+it, so beside them comes first."""
+MOST_SPOTS = 4
+STEEP_SIGMAS = 4.0
+"""A touch of the face that is further from what was believed is asked for at another place: 0.006 % of good ones."""
+HALFWAY_SIGMAS = 3.0
+"""A face that is halfway further from a plane through that touch is no plane, or one of the touches is wrong."""
 
 
 @dataclass(slots=True, eq=False)
 class Face:
     """A plane through everything that was touched of the face; `plane` is level where nothing was.
 
-    `touched` holds x, y, height over the pad, and its standard uncertainty but for the reading of the pad, µm.
+    `touched` holds x, y, height over the pad, and its standard uncertainty but for the reading of the pad, µm;
+    `lying_um` by name of the place how high something lies on it.
     """
 
     plane: Plane
     tilt_u_mrad: float
     touched: list[FaceTouch] = field(default_factory=list)
+    lying_um: dict[str, float] = field(default_factory=dict)
 
     def height_um(self, site: Site) -> float:
         """Height of the face at a place over the pad, positive away from the tool."""
@@ -51,6 +62,16 @@ class Face:
     def add(self, *touches: FaceTouch) -> None:
         """Take touches, and fit the plane anew."""
         self.touched += touches
+        self._fit()
+
+    def doubt(self, off_um: float) -> None:
+        """Take all touches to be wrong by up to `off_um`, with the same chance anywhere in between."""
+        u_um = abs(off_um) / math.sqrt(3.0)
+        self.touched = [(x_um, y_um, height, math.hypot(u, u_um)) for x_um, y_um, height, u in self.touched]
+        if self.touched:
+            self._fit()
+
+    def _fit(self) -> None:
         self.plane = fitted_plane(
             self.plane.origin_um,
             [(x_um, y_um) for x_um, y_um, _, _ in self.touched],
@@ -67,14 +88,60 @@ def pad_only(run: Run) -> Face:
 
 
 def touch_at(run: Run, site: Site, face: Face, tool: ToolLength) -> None:
-    """Touch the untouched face at a place."""
-    move_to(run, site)
+    """Touch the untouched face at a place; where it is steeper than anybody believed, halfway to the pad too."""
+    before_u_um = face.height_u_um(site)
+    off, lying_um = _touch(run, site, face, tool)
+    if lying_um > 0.0:
+        face.lying_um[site.name] = lying_um
+    if abs(off.sigmas) <= STEEP_SIGMAS:
+        return
+    pad = run.job.pad
+    away = math.atan2(site.y_um - pad.y_um, site.x_um - pad.x_um)
+    middle = Site(site.name, 0.5 * (site.x_um + pad.x_um), 0.5 * (site.y_um + pad.y_um), site.theta_deg)
+    halfway, _ = _touch(run, beside(run, middle, away + math.radians(SPOT_TURNS_DEG[0])), face, tool)
+    told = f"Zr at {site.name} is {off.um:+.2f} µm from the face as it was known within {before_u_um:.2f} µm"
+    args: Args = {"kind": KIND, "off_um": off.um, "halfway_um": halfway.um, "site": site.name}
+    if abs(halfway.sigmas) <= HALFWAY_SIGMAS:
+        run.decide(RunEvent.FACE_FITTED, f"{told}; a touch halfway to the pad says so too.", args)
+        return
+    run.decide(
+        RunEvent.TOUCH_DOUBTED,
+        f"{told}; halfway to the pad the face lies {halfway.um:+.2f} µm from that slope. Both stay in doubt.",
+        args,
+        level=EventLevel.WARNING,
+    )
+    face.doubt(halfway.um)
+
+
+def _touch(run: Run, site: Site, face: Face, tool: ToolLength) -> tuple[Deviation, float]:
+    """Touch the face at a place and take it in; how far it lies from what was known before, and what lies on it."""
     predicted_um = tool.pad_um + face.height_um(site)
     drift_u_um_per_s = uncertainty_now(run).drift_u_um_per_s
     u_um = math.hypot(tool.u_um(run.machine.time_s, drift_u_um_per_s), face.height_u_um(site))
-    reading = take_reading(run, KIND, site.name, predicted_um, u_um)
-    u_um = tool.u_um(reading.time_s, drift_u_um_per_s)
+    reading = read_at_spots(run, KIND, site.name, face_spots(run, site), predicted_um, u_um)
+    u_um = math.hypot(tool.u_um(reading.time_s, drift_u_um_per_s), reading.doubt_u_um)
+    off = Deviation(reading.z_um - predicted_um, math.hypot(u_um, TOUCH_U_UM, face.height_u_um(site)))
     face.add((site.x_um, site.y_um, reading.z_um - tool.pad_um, u_um))
+    return off, reading.lying_um
+
+
+def face_spots(run: Run, site: Site) -> Spots:
+    """A place and spots beside it, apart by more than the tool, those clear of machined places first."""
+    pad, distance_um = run.job.pad, spot_distance_um(run)
+    away = math.atan2(site.y_um - pad.y_um, site.x_um - pad.x_um)
+    made = [(hole.x_um, hole.y_um) for hole in run.ledger.sites.values()]
+
+    def crowded_um(spot: Site) -> float:
+        nearest_um = min((math.dist(hole, (spot.x_um, spot.y_um)) for hole in made), default=math.inf)
+        return max(0.0, distance_um - nearest_um)
+
+    around = [beside(run, site, away + math.radians(turn)) for turn in SPOT_TURNS_DEG]
+    places = [site]
+    for spot in sorted(around, key=crowded_um):
+        apart_um = min(math.dist((spot.x_um, spot.y_um), (one.x_um, one.y_um)) for one in places)
+        if apart_um > run.profile.tool.diameter_um and len(places) < MOST_SPOTS:
+            places.append(spot)
+    return Spots("face", tuple(places))
 
 
 def touch_where_unknown(run: Run, site: Site, face: Face, tool: ToolLength) -> bool:

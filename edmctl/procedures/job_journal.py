@@ -14,7 +14,8 @@ from edmctl.procedures.results import RunningCut
 if TYPE_CHECKING:
     from edmctl.machine.port import TelemetryBlock
     from edmctl.procedures.cut import CutResult
-    from edmctl.procedures.hole import Hole, Known
+    from edmctl.procedures.face import Face
+    from edmctl.procedures.hole import Hole
     from edmctl.procedures.job import Job
     from edmctl.procedures.planning import CutPlan
     from edmctl.procedures.results import Ledger
@@ -38,9 +39,9 @@ class JobJournal:
         if self.job.resumed is not None:
             self._face = self.job.resumed.face
 
-    def face(self, known: Known) -> None:
+    def face(self, face: Face) -> None:
         """Note what was touched of the face."""
-        self._face = tuple(known.face.touched)
+        self._face = tuple(face.touched)
 
     def begin_hole(self, hole: Hole, time_s: float, *, begun: bool = False) -> None:
         """A hole whose Z1 is known; `begun` when an earlier run has cut it already."""

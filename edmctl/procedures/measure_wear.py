@@ -2,7 +2,7 @@
 
 `wear = Z3 - Z1`, `depth = Z2 - Z3` and `feed = Z2 - Z1 = depth + wear` (Muralidhara et al. 2009, §4). Z3 is the mean
 of the pad before and after the bottom, so that a steady drift takes nothing from the depth; their difference tells
-it.
+it. The bottom is judged by how deep the hole is known to be, and a tool that has grown is refused.
 """
 
 from __future__ import annotations
@@ -12,12 +12,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.errors import ObjectiveNotReached
+from edmctl.procedures.bottom import Expected, read_expected
 from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.drift import uncertainty_now
+from edmctl.procedures.grown_tool import refuse_grown_tool
 from edmctl.procedures.job import Site
-from edmctl.procedures.measuring import DisplacementUncertainty, displacement_uncertainty
 from edmctl.procedures.pad import read_pad
 from edmctl.procedures.stages import move_to
-from edmctl.procedures.touch import SurfaceReading, take_reading
 from edmctl.process.wear import Reading, measure, tilt_uncertainty_um
 from edmctl.record.rows import EventLevel
 
@@ -25,7 +26,9 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from edmctl.labels import Basis
+    from edmctl.procedures.measuring import DisplacementUncertainty
     from edmctl.procedures.run import Run
+    from edmctl.procedures.touch import SurfaceReading
 
 LEAST_TOUCHES = 3
 """Of every Z: the scatter of two says next to nothing."""
@@ -36,28 +39,30 @@ PAD_U_UM = 3.5
 """Standard uncertainty with which the first touch of the pad is foreseen: drift, and a tool that was set anew to the
 same height."""
 BOTTOM_U_UM = 2.0
-"""The same of the bottom: tilt, debris, and the roughness of a spark-eroded floor."""
+"""The same of a bottom whose depth nobody has stated an uncertainty of: debris, and the roughness of its floor."""
 
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """Z1 of the tool before its job, and what is known of it: its touches, and how long ago it was."""
+    """Z1 of the tool before its job, and what is known of it: its touches, how long ago it was, what is in doubt."""
 
     z_um: float
     sd_um: float
     touches: int
     model_um: float
     age_s: float
+    doubt_u_um: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class Bottom:
-    """A hole whose bottom is touched."""
+    """A hole whose bottom is touched, as deep as it is known to be."""
 
     name: str
     x_um: float
     y_um: float
     depth_um: float
+    depth_u_um: float = BOTTOM_U_UM
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,9 +119,13 @@ def measure_wear(run: Run, reference: Reference, expected_um: float, bottom: Bot
         move_to(run, run.job.parking)
         return _found(run, reference, before, None, touch_pad(run, "Z3", before.z_um), 0.0)
     move_to(run, Site(bottom.name, bottom.x_um, bottom.y_um))
-    z2 = take_reading(run, "Z2", bottom.name, before.z_um + bottom.depth_um, BOTTOM_U_UM)
-    after = touch_pad(run, "Z3", before.z_um)
     way_um = math.hypot(bottom.x_um - run.job.pad.x_um, bottom.y_um - run.job.pad.y_um)
+    tilt_u_um = tilt_uncertainty_um(run.setup.surface.tilt_u_mrad, way_um, run.setup.stage.repeatability_um)
+    expected = Expected(
+        before.z_um, bottom.depth_um, math.hypot(bottom.depth_u_um, tilt_u_um), "the job that made it"
+    )
+    z2 = read_expected(run, bottom.name, expected)
+    after = touch_pad(run, "Z3", before.z_um)
     return _found(run, reference, before, z2, after, way_um)
 
 
@@ -147,11 +156,14 @@ def _found(
     z1 = Reading(reference.z_um, reference.sd_um, reference.touches)
     z3 = _mean(before.reading, after.reading)
     bottom = z2.reading if z2 else z3
-    known, setup = displacement_uncertainty(run.job), run.setup
+    known, setup = uncertainty_now(run), run.setup
     tilt_u_um = tilt_uncertainty_um(setup.surface.tilt_u_mrad, way_um, setup.stage.repeatability_um)
     pad_u_um = tilt_uncertainty_um(setup.surface.tilt_u_mrad, 0.0, setup.stage.repeatability_um)
     age_s = reference.age_s + after.time_s
+    refuse_grown_tool(run, reference.z_um, after, age_s)
     depth_s = after.time_s - z2.time_s if z2 else 0.0
+    pad_doubt_um = 0.5 * (before.doubt_u_um + after.doubt_u_um)
+    doubts_u_um = (reference.doubt_u_um, z2.doubt_u_um if z2 else 0.0, pad_doubt_um)
     found = measure(
         z1,
         bottom,
@@ -163,6 +175,7 @@ def _found(
         z2_to_z3_s=depth_s,
         pad_u_um=pad_u_um,
         linearity_u_um=known.linearity_u_um,
+        doubts_u_um=doubts_u_um,
     )
     noise_um = found.depth_noise_um / math.sqrt(1.0 / bottom.touches + 1.0 / z3.touches)
     lengths_um = (found.wear_um, found.depth_um, found.feed_um)
@@ -194,9 +207,18 @@ def _found(
         feed_model_um=model2_um - reference.model_um,
         depth_basis=run.job.touch_basis if hole else None,
         wear_basis=run.job.touch_basis,
-        budget=_budget(known, lengths_um, noise_um, (z1, bottom, z3), (age_s, depth_s), tilt_u_um, pad_u_um),
+        budget=(
+            *_budget(known, lengths_um, noise_um, (z1, bottom, z3), (age_s, depth_s), tilt_u_um, pad_u_um),
+            _doubted(doubts_u_um),
+        ),
         time_s=run.machine.time_s,
     )
+
+
+def _doubted(doubts_u_um: tuple[float, float, float]) -> UncertaintyPart:
+    """What touches in doubt add, of Z1, Z2 and Z3."""
+    z1, z2, z3 = doubts_u_um
+    return UncertaintyPart("touches in doubt", math.hypot(z1, z3), math.hypot(z2, z3), math.hypot(z1, z2))
 
 
 def _mean(a: Reading, b: Reading) -> Reading:

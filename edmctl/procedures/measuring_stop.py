@@ -6,13 +6,13 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from edmctl.errors import ObjectiveNotReached
 from edmctl.labels import Basis
 from edmctl.procedures.bottom import read_bottom
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.deciding import Decision, decide
 from edmctl.procedures.drift import SHARE_OF_REST, uncertainty_now
 from edmctl.procedures.estimating import energy_of
+from edmctl.procedures.grown_tool import refuse_grown_tool
 from edmctl.procedures.measuring import depth_and_wear
 from edmctl.procedures.pad import read_pad
 from edmctl.procedures.planning import CutPlan, Start, learned_gap_um
@@ -21,7 +21,7 @@ from edmctl.procedures.setup_check import refuse_wrong_setup
 from edmctl.procedures.tool_length import TOUCH_U_UM, ToolLength
 from edmctl.process.live_erosion import CONTRADICTION_SDS
 from edmctl.process.next_cut import COVERAGE, GAP_U_UM
-from edmctl.process.touch_check import Deviation, has_grown
+from edmctl.process.touch_check import Deviation
 from edmctl.process.wear import DepthAndWear
 from edmctl.record.rows import EventLevel
 
@@ -71,23 +71,9 @@ def touch_pad(run: Run, hole: Hole, plan: CutPlan, cut: CutResult, more_u_um: fl
     live = plan.at(end_um, energy_of(run.profile.pulse, cut.counts, cut.energy_j))
     u_um = math.hypot(PAD_U_UM, live.wear_u_um, hole.z1_u_um, more_u_um)
     z3 = read_pad(run, "Z3", hole.site.name, hole.z1.z_um + live.wear_um, u_um)
-    refuse_grown_tool(run, hole, z3)
+    before_u_um = math.hypot(hole.z1_u_um, hole.z1.doubt_u_um)
+    refuse_grown_tool(run, hole.z1.z_um, z3, z3.time_s - hole.z1.time_s, before_u_um)
     return z3
-
-
-def refuse_grown_tool(run: Run, hole: Hole, z3: SurfaceReading) -> None:
-    """Raise ObjectiveNotReached E7023 where the pad says that the tool has become longer."""
-    drift_um = uncertainty_now(run).drift_u_um_per_s * (z3.time_s - hole.z1.time_s)
-    u_um = math.hypot(TOUCH_U_UM, TOUCH_U_UM, hole.z1_u_um, hole.z1.doubt_u_um, z3.doubt_u_um, drift_um)
-    wear = Deviation(z3.z_um - hole.z1.z_um, u_um)
-    if not has_grown(wear):
-        return
-    raise ObjectiveNotReached(
-        f"Z3 = {z3.z_um:.2f} µm: the tool is {-wear.um:.2f} µm longer than before the cut (standard uncertainty "
-        f"{u_um:.2f} µm), which it cannot be.",
-        hint="Clean the face of the tool and the reference pad, and look whether the tool has slipped in its chuck.",
-        code="E7023",
-    )
 
 
 def learn(

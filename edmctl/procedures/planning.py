@@ -16,9 +16,6 @@ from edmctl.profile.rates import feed_rate_um_s
 if TYPE_CHECKING:
     from edmctl.profile.model import Profile
 
-SMALLEST_GAP_UM = 0.5
-LARGEST_GAP_UM = 20.0
-
 
 @dataclass(frozen=True, slots=True)
 class Start:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from edmctl.procedures.approach import approach_bottom
-from edmctl.procedures.bottom import check_first_sparks
+from edmctl.procedures.bottom import check_first_sparks, lying_um
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.cut import CutEnd, run_cut
 from edmctl.procedures.deciding import Decision, out_of_time
@@ -54,7 +55,8 @@ def _cut(run: Run, hole: Hole, known: Known, plan: CutPlan, limits: TimeLimits) 
         return _no_time(run, hole, plan, limits)
     move_to(run, hole.site)
     bottom_u_um = plan.start.bottom_u_at(run.machine.time_s)
-    plan = check_first_sparks(run, plan, approach_bottom(run, plan.bottom_um, bottom_u_um), bottom_u_um)
+    sparks = approach_bottom(run, plan.bottom_um, math.hypot(bottom_u_um, 0.5 * lying_um(hole, known.face)))
+    plan = check_first_sparks(run, hole, known.face, plan, sparks, bottom_u_um)
     left = limits.left()
     if left.seconds <= 0.0:
         return _no_time(run, hole, plan, limits)

@@ -62,7 +62,7 @@ def machine_sites(run: Run) -> Decision | None:
 def _machine_fresh(run: Run, site: Site, known: Known, left: Sequence[Site], limits: TimeLimits) -> Decision:
     hole = begin_hole(run, site, known)
     if _touch_face(run, site, known, left):
-        run.journal.face(known)
+        run.journal.face(known.face)
         hole = begin_hole(run, site, known)
     run.journal.begin_hole(hole, run.machine.time_s)
     return machine_hole(run, hole, known, limits, is_last=len(left) == 1)

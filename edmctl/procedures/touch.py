@@ -40,7 +40,8 @@ class SurfaceReading:
     """Where the tool met a surface: by the sensor (`reading`), and by the model (`model_um`).
 
     Without a sensor both are the model's. `zero_um` is the zero that the model had from the rest before.
-    `doubt_u_um` is a standard uncertainty that comes on top where the touches could not be believed outright.
+    `doubt_u_um` is a standard uncertainty that comes on top where the touches could not be believed outright;
+    `lying_um` is how high something lies where the surface was touched first, found by touching beside it.
     """
 
     kind: str
@@ -50,6 +51,7 @@ class SurfaceReading:
     time_s: float
     zero_um: float
     doubt_u_um: float = 0.0
+    lying_um: float = 0.0
 
     @property
     def z_um(self) -> float:

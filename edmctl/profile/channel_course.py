@@ -10,6 +10,7 @@ from edmctl.profile.measuring_time import (
     Stand,
     between_s,
     descent_time_s,
+    face_time_s,
     pad_of,
     pad_time_s,
     reading_time_s,
@@ -55,7 +56,7 @@ def channel_measuring_s(profile: Profile, setup: Setup, path: PathTable) -> floa
     centre, across = Stand(path.x_um, path.y_um), Stand(path.x_um + _across_um(path), path.y_um)
     pad_s, across_s = between_s(pad_of(setup), centre, setup), between_s(centre, across, setup)
     total_s = touch_time_s(profile, setup) + pad_s
-    total_s += FACE_TOUCHES * (across_s + reading_time_s(profile, offset_um))
+    total_s += FACE_TOUCHES * (across_s + face_time_s(profile, offset_um))
     after = stops_after(profile, setup, path)
     for layers in after:
         done = layers / whole.layers

@@ -19,8 +19,8 @@ from edmctl.profile.measuring_time import (
     beside_pad_um,
     between_s,
     descent_time_s,
+    face_time_s,
     pad_of,
-    reading_time_s,
     stop_time_s,
     touch_time_s,
 )
@@ -94,7 +94,7 @@ def _holes_course(profile: Profile, setup: Setup, places: Sequence[Place]) -> Co
     for one, stand, planned in zip(holes, stands, cuts, strict=True):
         bottom_um = profile.approach.offset_um + worn_um
         if not plane and has_bottom and is_tilt_limited(setup, stand, known_stands):
-            measuring_s += between_s(here, stand, setup) + reading_time_s(profile, bottom_um)
+            measuring_s += between_s(here, stand, setup) + face_time_s(profile, bottom_um)
             known_stands.append(stand)
             here = stand
         for cut in planned:
@@ -157,4 +157,4 @@ def _channel_course(profile: Profile, setup: Setup, path: PathTable) -> Course:
 def _plane_time_s(profile: Profile, setup: Setup, stands: Sequence[Stand]) -> float:
     """Touch three places of an array, far apart, before anything is machined."""
     move_s = max(between_s(a, b, setup) for a in stands for b in stands)
-    return PLANE_TOUCHES * (move_s + reading_time_s(profile, profile.approach.offset_um))
+    return PLANE_TOUCHES * (move_s + face_time_s(profile, profile.approach.offset_um))

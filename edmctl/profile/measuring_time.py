@@ -29,7 +29,7 @@ OFFSET_U_UM, WEAR_U_SHARE = 7.0, 0.05
 RIM_WEAR_SHARE = 0.3
 """Behind a sheet the tool hardly wears, so the pad is met earlier than expected by this share of the feed there."""
 FURTHER_SPOT_S = 6.5
-"""The pad is touched at a second spot: a move, the way down, and one touch, which is one less at the first spot."""
+"""Pad and face are touched at a second spot: a move, the way down, and one touch, one less at the first spot."""
 SAMPLING_S = 0.4
 """At the end of a reading, for the last samples."""
 FAST_DESCENT_S = 2.0
@@ -85,8 +85,13 @@ def pad_time_s(profile: Profile) -> float:
     return first_s + further_spot_s(profile)
 
 
+def face_time_s(profile: Profile, way_um: float) -> float:
+    """One reading of the face at a place, expected `way_um` below the tool, s."""
+    return reading_time_s(profile, way_um) + further_spot_s(profile)
+
+
 def further_spot_s(profile: Profile) -> float:
-    """How much longer a reading takes because the pad is touched at two spots, s."""
+    """How much longer a reading takes because pad or face are touched at two spots, s."""
     return FURTHER_SPOT_S - (again_s(profile) if profile.measure.touches > 1 else 0.0)
 
 

@@ -37,7 +37,8 @@ class ToolNamed:
 class ReferenceTouched:
     """Z1: where a tool met the reference pad at `x_um`, `y_um`, by sensor (`z_um`) and actuator model (`model_um`).
 
-    Without a sensor `z_um` is the model's too. `time_s` counts in the run. `truth` is what a virtual bench knows.
+    Without a sensor `z_um` is the model's too. `time_s` counts in the run. `doubt_u_um` is a standard uncertainty on
+    top, of touches that were in doubt; `truth` what a virtual bench knows.
     """
 
     tool: str
@@ -53,6 +54,7 @@ class ReferenceTouched:
     time_s: float
     temperature_c: float = math.nan
     home_um: float = math.nan
+    doubt_u_um: float = 0.0
     truth: Mapping[str, float] | None = None
 
 
@@ -88,6 +90,7 @@ class SiteMachined:
     z2_um: float = math.nan
     z3_um: float = math.nan
     home_um: float = math.nan
+    depth_u95_um: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)

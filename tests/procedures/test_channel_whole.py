@@ -18,6 +18,7 @@ from edmctl.procedures.machining import run_job
 from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Setup
 from edmctl.simulator import BenchConfig, VirtualBench, open_bench
+from edmctl.simulator.injection import parse_injection
 from tests.procedures.channel_bench import CIRCLE
 from tests.procedures.conftest import Seen, Told
 
@@ -67,6 +68,11 @@ class Made:
 @pytest.fixture(scope="module")
 def made() -> Made:
     """Return a quick channel that has run to its end."""
+    return machined()
+
+
+def machined(inject: str = "") -> Made:
+    """Machine a quick channel to its end."""
     loaded = load_profile(CIRCLE, QUICK)
     profile = loaded.profile
     config = BenchConfig(
@@ -75,6 +81,8 @@ def made() -> Made:
         offset_um=profile.approach.offset_um,
     )
     bench = open_bench(config, seed=2)
+    if inject:
+        bench.inject(parse_injection(inject))
     session = Session(bench.transport, Random(1))
     session.open()
     seen = Seen()
@@ -123,3 +131,26 @@ def test_the_story_is_in_the_events(made: Made) -> None:
 def test_the_gap_between_held_tool_and_floor_was_learned(made: Made) -> None:
     assert 2.0 < made.channel.working_gap_um < 7.0
     assert made.channel.ratios.normal > 0.3
+
+
+def doubts(made: Made) -> list[str]:
+    return [message for _, code, _, message, _ in made.seen.events if code == RunEvent.TOUCH_DOUBTED]
+
+
+def test_a_clean_channel_doubts_nothing(made: Made) -> None:
+    assert doubts(made) == []
+
+
+@pytest.mark.parametrize("name", ["CHIP", "LOOSE_CHIP"])
+@pytest.mark.parametrize(
+    "kind",
+    ["Z1", "Zr", "Z2", "Z3"],
+)
+def test_a_chip_under_any_touch_is_told_and_covered(made: Made, kind: str, name: str) -> None:
+    kinds = [row.kind for row in made.seen.touches]
+    number = len(kinds) - kinds[::-1].index(kind)
+    spoilt = machined(f"{name}_9@touch{number}+0")
+    channel = spoilt.channel
+    assert doubts(spoilt)
+    assert abs(channel.depth_um - np.mean(spoilt.floor_um())) < channel.depth_u95_um
+    assert abs(channel.wear_um - spoilt.bench.tool_wear_um) < channel.wear_u95_um

@@ -10,7 +10,8 @@ import pytest
 from edmctl.errors import ObjectiveNotReached
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.conditioning import condition
-from edmctl.procedures.pad import pad_spots, read_pad, spot_distance_um
+from edmctl.procedures.pad import pad_spots, read_pad
+from edmctl.procedures.spots import spot_distance_um
 from edmctl.simulator.injection import parse_injection
 
 from .conftest import Shop, armed

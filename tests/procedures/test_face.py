@@ -7,11 +7,18 @@ import math
 import pytest
 
 from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.face import face_spots
+from edmctl.procedures.results import ObjectiveMissed
 from edmctl.process.plane import fitted_plane, unknown_plane
+from edmctl.simulator.injection import parse_injection
 from tests.procedures.conftest import Shop
 
 TILT_MRAD = 0.6
 """Twice the standard uncertainty that the setup states."""
+SPOTS = 2
+"""Touch-offs of one reading."""
+ZR_TOUCH = 3
+"""Which touch-off of a job begins the reading of the face."""
 
 
 def tilted(*overrides: str, seed: int = 1) -> Shop:
@@ -27,7 +34,7 @@ def test_a_hole_far_from_the_pad_is_as_deep_as_is_stated(away_um: float) -> None
     (hole,) = shop.bench.truth()
     assert abs(site.depth_um - hole.depth_um) <= site.depth_u95_um < 1.6
     assert site.face_um == pytest.approx(1e-3 * TILT_MRAD * away_um, abs=1.0)
-    assert [touch.kind for touch in shop.seen.touches].count("Zr") == 1
+    assert [touch.kind for touch in shop.seen.touches].count("Zr") == SPOTS
 
 
 def test_beside_the_pad_no_touch_is_spent_on_the_face() -> None:
@@ -40,7 +47,7 @@ def test_one_touch_of_the_face_serves_the_places_about_it() -> None:
     far = 'sites=[{kind="grid",name="hole",x_um=6000,y_um=0,columns=2,rows=1,dx_um=400,dy_um=400}]'
     shop = tilted(far)
     shop.run_job()
-    assert [touch.kind for touch in shop.seen.touches].count("Zr") == 1
+    assert [touch.kind for touch in shop.seen.touches].count("Zr") == SPOTS
     holes = shop.bench.truth()
     for site in shop.ledger.sites.values():
         true_um = min(holes, key=lambda h: math.hypot(h.x_um - site.x_um, h.y_um - site.y_um)).depth_um
@@ -61,3 +68,77 @@ def test_a_face_that_slopes_more_than_was_believed_is_believed() -> None:
     found = fitted_plane((0.0, 0.0), [(10_000.0, 0.0)], [20.0], 0.15, 0.3)
     assert found.height_um(10_000.0, 0.0) == pytest.approx(20.0, abs=0.05)
     assert found.height_u_um(0.0, 10_000.0) == pytest.approx(20.0, rel=0.05)
+
+
+def doubts(shop: Shop) -> list[str]:
+    return [message for _, code, _, message, _ in shop.seen.events if code == RunEvent.TOUCH_DOUBTED]
+
+
+@pytest.mark.parametrize("touch", [ZR_TOUCH, ZR_TOUCH + 1])
+@pytest.mark.parametrize("size_um", [3.0, 12.0, 20.0])
+@pytest.mark.parametrize("name", ["CHIP", "LOOSE_CHIP"])
+def test_a_chip_on_the_face_costs_a_spot_and_no_accuracy(name: str, size_um: float, touch: int) -> None:
+    shop = Shop(("measure.site_dx_um=5000",), seed=3101)
+    shop.bench.inject(parse_injection(f"{name}_{size_um:g}@touch{touch}+0"))
+    (site,) = shop.run_job().sites
+    assert any("two spots of the face agree" in told for told in doubts(shop))
+    assert abs(site.depth_um - shop.bench.truth()[0].depth_um) <= site.depth_u95_um < 1.6
+    assert shop.bench.controller.fault == 0
+
+
+def test_spots_of_the_face_are_clear_of_each_other_and_of_machined_places() -> None:
+    shop = Shop(('sites=[{kind="grid",name="hole",x_um=6000,y_um=0,columns=2,rows=1,dx_um=400,dy_um=400}]',))
+    run = shop.run()
+    first, second = shop.job.sites
+    shop.ledger.sites[first.name] = first  # type: ignore[assignment]
+    spots = face_spots(run, second).places
+    tool_um = shop.profile.tool.diameter_um
+    assert spots[0] == second
+    assert len(spots) == 4
+    for i, a in enumerate(spots):
+        assert math.hypot(a.x_um - first.x_um, a.y_um - first.y_um) > tool_um
+        for b in spots[i + 1 :]:
+            assert math.hypot(a.x_um - b.x_um, a.y_um - b.y_um) > tool_um
+
+
+def test_a_steep_face_is_touched_halfway_before_it_is_believed() -> None:
+    shop = Shop(("measure.site_dx_um=5000",), seed=3102)
+    shop.bench.plant._tilt_mrad[:] = 2.5, 0.0
+    (site,) = shop.run_job().sites
+    assert [touch.kind for touch in shop.seen.touches].count("Zr") == 2 * SPOTS
+    assert doubts(shop) == []
+    assert abs(site.depth_um - shop.bench.truth()[0].depth_um) <= site.depth_u95_um < 1.6
+
+
+def move_the_far_face(shop: Shop, by_um: float, after_touches: int = 0) -> None:
+    """Let the work lie lower beyond 4 mm, from a number of touches of the face on."""
+    plant = shop.bench.plant
+    surface_um, arrive = plant._offset_um, plant.arrive
+
+    def stepped() -> None:
+        touched = [row.kind for row in shop.seen.touches].count("Zr")
+        there = plant.position_um[0] > 4000.0 and touched >= after_touches
+        plant._offset_um = surface_um + (by_um if there else 0.0)
+        arrive()
+
+    plant.arrive = stepped  # type: ignore[method-assign]
+
+
+def test_a_step_of_the_face_is_told_and_widens_what_counts_from_it() -> None:
+    shop = Shop(("measure.site_dx_um=5000",), seed=3103)
+    move_the_far_face(shop, 12.0)
+    with pytest.raises(ObjectiveMissed) as caught:
+        shop.run_job()
+    assert caught.value.code == "E7013"
+    assert any("halfway to the pad" in told for told in doubts(shop))
+
+
+def test_first_sparks_that_contradict_the_face_leave_the_depth_unshown() -> None:
+    shop = Shop(("measure.site_dx_um=5000",), seed=3104)
+    move_the_far_face(shop, 9.0, after_touches=SPOTS)
+    with pytest.raises(ObjectiveMissed) as caught:
+        shop.run_job()
+    assert caught.value.code == "E7013"
+    assert any(told.startswith("Sparks began") for told in doubts(shop))
+    (site,) = shop.ledger.sites.values()
+    assert abs(site.depth_um - shop.bench.truth()[0].depth_um) <= site.depth_u95_um

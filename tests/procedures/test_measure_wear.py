@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -10,6 +11,7 @@ import pytest
 
 from edmctl.errors import Interrupted, MachineFault, ObjectiveNotReached, PreconditionError
 from edmctl.procedures.approach import find_contact, find_gap
+from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.harness import running
 from edmctl.procedures.job import Site
 from edmctl.procedures.jump_series import run_jumps
@@ -24,6 +26,7 @@ from edmctl.procedures.measure_wear import (
 )
 from edmctl.procedures.results import Ledger, Phase
 from edmctl.simulator import kernel as k
+from edmctl.simulator.injection import parse_injection
 from tests.procedures.conftest import Shop
 
 if TYPE_CHECKING:
@@ -184,3 +187,48 @@ def test_a_jump_above_home_is_refused(shop: type[Shop]) -> None:
         run_jumps(run, 30.0, 1)
     assert caught.value.code == "E8047"
     assert high.bench.is_safe
+
+
+@pytest.fixture
+def kept() -> tuple[Shop, Reference, Bottom, float]:
+    """A bench with a hole, the tool's reference before it, and where its bottom is known to be."""
+    shop = Shop(seed=3)
+    with ready(shop) as run:
+        z1 = touch_pad(run, "Z1", shop.profile.approach.offset_um)
+    (site,) = shop.run_job().sites
+    reference = Reference(z1.z_um, z1.reading.sd_um, z1.reading.touches, z1.model_um, 300.0)
+    bottom = Bottom(site.name, site.x_um, site.y_um, site.depth_um, 0.5 * site.depth_u95_um)
+    return shop, reference, bottom, z1.z_um + site.wear_um
+
+
+@pytest.mark.parametrize("size_um", [3.0, 8.0, 15.0])
+@pytest.mark.parametrize("name", ["CHIP", "LOOSE_CHIP"])
+def test_a_chip_on_the_bottom_is_told_and_covered(
+    kept: tuple[Shop, Reference, Bottom, float], name: str, size_um: float
+) -> None:
+    shop, reference, bottom, pad_um = kept
+    shop.bench.inject(parse_injection(f"{name}_{size_um:g}@touch3+0"))
+    with ready(shop) as run:
+        found = measure_wear(run, reference, pad_um, bottom)
+    assert any(code == RunEvent.TOUCH_DOUBTED for _, code, *_ in shop.seen.events)
+    (hole,) = shop.bench.truth()
+    assert abs(found.depth_um - hole.depth_um) <= found.depth_u95_um
+    assert abs(found.feed_um - hole.depth_um - shop.bench.tool_wear_um) <= found.feed_u95_um
+
+
+def test_a_doubted_reference_is_part_of_wear_and_feed(kept: tuple[Shop, Reference, Bottom, float]) -> None:
+    shop, reference, bottom, pad_um = kept
+    with ready(shop) as run:
+        found = measure_wear(run, replace(reference, doubt_u_um=2.0), pad_um, bottom)
+    assert found.wear_u95_um > 3.5
+    assert found.feed_u95_um > 3.5
+    assert found.depth_u95_um < 1.5
+
+
+def test_a_tool_that_has_grown_is_refused(kept: tuple[Shop, Reference, Bottom, float]) -> None:
+    shop, reference, _, pad_um = kept
+    grown = replace(reference, z_um=pad_um + 6.0)
+    with pytest.raises(ObjectiveNotReached) as caught, ready(shop) as run:
+        measure_wear(run, grown, pad_um, None)
+    assert caught.value.code == "E7023"
+    assert caught.value.hint

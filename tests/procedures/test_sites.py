@@ -76,7 +76,7 @@ def test_the_wear_is_carried_from_hole_to_hole(array: Shop) -> None:
 
 
 def test_the_face_is_touched_before_an_array(array: Shop) -> None:
-    assert [row.kind for row in array.seen.touches].count("Zr") == 3
+    assert [row.kind for row in array.seen.touches].count("Zr") == 6  # three places, two spots each
     assert any(code == RunEvent.FACE_FITTED for _, code, *_ in array.seen.events)
 
 
