@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.cli.prepared import hole_radius_um, logbook_of, prepared_job
 from edmctl.cli.tool_seen import seen_on
+from edmctl.labels import Basis
 from edmctl.record.ledger_entries import (
     UNFINISHED,
     JobBegun,
@@ -148,21 +149,13 @@ class JobLedger:
 
     def _holes(self, places: Sequence[SiteMachined], result: JobResult) -> list[SiteMachined]:
         """In the order of machining, which is that of the results: the tool is as long as the last one left it."""
-        left = result.reached.site if result.reached else ""
-        ratio = self.plan.loaded.profile.wear.expected_ratio
         begun = {place.name: place for place in places}
-        entries = [
-            _machined(begun.pop(site.name), site)
-            for site in result.sites
-            if site.name != left and site.name in begun
-        ]
-        for place in begun.values():
-            if result.reached and place.name == left:
-                depth_um = result.reached.depth_estimated_um
-                entries.append(replace(place, depth_um=depth_um, wear_um=depth_um * ratio))
-            elif place.name in self._begun:
-                entries.append(place)
-        return entries
+        entries = []
+        for site in result.sites:
+            if site.name in begun:
+                found = _machined(begun.pop(site.name), site)
+                entries.append(found if site.finished else _left(found, site))
+        return [*entries, *(place for place in begun.values() if place.name in self._begun)]
 
 
 def _machined(place: SiteMachined, found: SiteResult | ChannelResult) -> SiteMachined:
@@ -176,6 +169,13 @@ def _machined(place: SiteMachined, found: SiteResult | ChannelResult) -> SiteMac
         z2_um=found.z3_um + found.depth_um,
         z3_um=found.z3_um,
     )
+
+
+def _left(machined: SiteMachined, found: SiteResult) -> SiteMachined:
+    """A hole that is not finished; where it was not touched, nobody has seen those heights."""
+    if found.depth_basis is not Basis.ESTIMATED:
+        return replace(machined, status=UNFINISHED)
+    return replace(machined, status=UNFINISHED, z1_um=math.nan, z2_um=math.nan, z3_um=math.nan)
 
 
 def _channel(places: Sequence[SiteMachined], result: JobResult) -> list[SiteMachined]:
