@@ -77,11 +77,12 @@ class Journaling:
         if self.name is None or not self.plan.where.lasting:
             return job
         from edmctl.procedures.journal import JobState
+        from edmctl.procedures.pausing import after_pause
         from edmctl.record.journal import JournalFile, remove_journal
 
         self._file = JournalFile(self.name.journal, self._job(job), self._stages_um, self.truth)
         tool = job.profile.tool.label
-        self.keep(resumption.state if resumption else JobState(PHASE_BEFORE, 0.0, tool), urgent=True)
+        self.keep(after_pause(job) if resumption else JobState(PHASE_BEFORE, 0.0, tool), urgent=True)
         if resumption is not None and resumption.path != self.name.journal:
             remove_journal(resumption.path)
         return job

@@ -9,11 +9,12 @@ the deeper side what was cut after the journal was written is added.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from edmctl.procedures.journal import PERIOD_S
 from edmctl.process.next_cut import COVERAGE
+from edmctl.process.wear import DepthAndWear
 from edmctl.profile.rates import feed_rate_um_s
 
 if TYPE_CHECKING:
@@ -21,17 +22,20 @@ if TYPE_CHECKING:
     from edmctl.procedures.planning import CutPlan
     from edmctl.procedures.results import SiteResult
     from edmctl.process.live_erosion import Energy
-    from edmctl.process.wear import DepthAndWear
     from edmctl.profile.model import Profile
 
 STANDARD_UNCERTAINTIES = 3.0
 BELIEF_U_REL = 0.25
 """Standard uncertainty of a wear that no touch has confirmed: three of them hold a tool that wears a third as much
 as was believed, and one that wears twice as much."""
+RECIPE_U_REL = 0.5
+"""The same of a wear that goes by the recipe alone: two of them hold a tool that wears twice as much."""
 FASTER = 2.0
 """The last seconds may have cut so many times as fast as the hole on average."""
 FASTEST = 5.0
 """The first seconds of a hole: work that erodes so many times as fast as the recipe believes."""
+SAMPLES_LATE_S = 1.0
+"""A cut without samples is ended after so long at the latest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +47,33 @@ class Estimate:
     wear_um: float = 0.0
     wear_u_um: float = 0.0
     feed_u_um: float = 0.0
+
+    def left(self, unseen_um: float, *, touched: bool) -> Estimate:
+        """The same of a hole that was left: up to `unseen_um` more may have been fed, any of it as likely.
+
+        Where no hole was `touched` before, the recipe alone says how the feed divides.
+        """
+        u_um, feed_um = unseen_um / math.sqrt(3.0), self.depth_um + self.wear_um
+        worn = self.wear_um / feed_um if feed_um > 0.0 else 0.0
+        believed_um = 0.0 if touched else RECIPE_U_REL * self.wear_um
+        return replace(
+            self,
+            depth_u_um=math.hypot(self.depth_u_um, u_um, believed_um),
+            wear_u_um=math.hypot(self.wear_u_um, worn * u_um, believed_um),
+            feed_u_um=math.hypot(self.feed_u_um, u_um),
+        )
+
+    def as_found(self) -> DepthAndWear:
+        """The same as if it had been measured."""
+        return DepthAndWear(
+            depth_um=self.depth_um,
+            depth_u95_um=COVERAGE * self.depth_u_um,
+            wear_um=self.wear_um,
+            wear_u95_um=COVERAGE * self.wear_u_um,
+            feed_um=self.depth_um + self.wear_um,
+            feed_u95_um=COVERAGE * self.feed_u_um,
+            depth_noise_um=self.depth_u_um,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,13 +118,16 @@ def is_untouched(found: DepthAndWear) -> bool:
 
 def expected_of_left(state: JobState, profile: Profile) -> Expected:
     """What to expect of the hole that was left."""
+    left = estimate_left(state)
+    return Expected(left, PERIOD_S * most_um_s(left, state.machining_time_s, profile))
+
+
+def most_um_s(known: Estimate, machining_time_s: float, profile: Profile) -> float:
+    """The most that the last seconds may have fed."""
     by_recipe_um_s = feed_rate_um_s(profile, 0.0)
-    if state.machining_time_s < PERIOD_S:
-        rate_um_s = FASTEST * by_recipe_um_s
-    else:
-        so_far_um_s = (state.depth_um + state.wear_um) / state.machining_time_s
-        rate_um_s = FASTER * max(so_far_um_s, by_recipe_um_s)
-    return Expected(estimate_left(state), PERIOD_S * rate_um_s)
+    if machining_time_s < PERIOD_S:
+        return FASTEST * by_recipe_um_s
+    return FASTER * max((known.depth_um + known.wear_um) / machining_time_s, by_recipe_um_s)
 
 
 def expected_of_finished(site: SiteResult) -> Expected:

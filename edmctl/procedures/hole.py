@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from edmctl.labels import Basis
@@ -21,6 +21,7 @@ from edmctl.procedures.verdict import judged
 from edmctl.process.next_cut import FIRST_GAP_U_UM
 
 if TYPE_CHECKING:
+    from edmctl.procedures.expecting import Estimate
     from edmctl.procedures.job import Site
     from edmctl.procedures.run import Run
     from edmctl.procedures.touch import SurfaceReading
@@ -124,7 +125,7 @@ class Hole:
         """
         touched = run.job.touch_basis
         self.found = found
-        run.ledger.depth_um = found.depth_um
+        run.ledger.depth_um, run.ledger.unmeasured_site = found.depth_um, ""
         z1, z2, z3 = self.z1, self.bottom, self.pad
         run.ledger.sites[self.site.name] = site_result(
             run.profile,
@@ -142,6 +143,23 @@ class Hole:
             depth_basis=depth_basis or touched,
             wear_basis=wear_basis or (Basis.ESTIMATED if self.z1_u_um > 0.0 else touched),
         )
+
+    def report_left(self, run: Run, known: Estimate) -> None:
+        """Put what is known of it into the ledger where the job ends before it is touched."""
+        before = self.found
+        self.sums.add_broken_off(run.ledger.cut)
+        pad_um = self.z1.z_um + known.wear_um
+        self.report(
+            run,
+            known.as_found(),
+            math.nan,
+            fed_um=pad_um + self.face_um + known.depth_um - self.bottom.z_um,
+            worn_um=pad_um - self.pad.z_um,
+            estimated_um=known.depth_um - (before.depth_um if before else 0.0),
+            depth_basis=Basis.ESTIMATED,
+            wear_basis=Basis.ESTIMATED,
+        )
+        run.ledger.unmeasured_site = self.site.name
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -220,12 +238,18 @@ def close_site(run: Run, *, settled: bool) -> None:
 
 
 def record_results(run: Run) -> None:
-    """Judge and write the results that are not in the run file yet, that of the hole under way among them."""
+    """Judge and write the results that are not in the run file yet."""
     ledger = run.ledger
-    if ledger.open_site in ledger.sites:
-        ledger.unwritten.append(ledger.open_site)
-        ledger.open_site = ""
     for name in ledger.unwritten:
         ledger.sites[name] = judged(run.job, ledger.sites[name])
         run.recorder.site_result(site_row(ledger.sites[name]))
     ledger.unwritten.clear()
+
+
+def record_left(run: Run) -> None:
+    """Write what is known of all holes where the job ends early; the one under way is not judged: it may go on."""
+    record_results(run)
+    ledger = run.ledger
+    if ledger.open_site in ledger.sites:
+        ledger.sites[ledger.open_site] = replace(ledger.sites[ledger.open_site], finished=False)
+        run.recorder.site_result(site_row(ledger.sites[ledger.open_site]))

@@ -7,8 +7,17 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from edmctl.procedures.estimating import energy_of
-from edmctl.procedures.expecting import Estimate, estimate_in_cut, estimate_left, estimate_touched
+from edmctl.procedures.expecting import (
+    SAMPLES_LATE_S,
+    Estimate,
+    estimate_in_cut,
+    estimate_left,
+    estimate_touched,
+    expected_of_left,
+    most_um_s,
+)
 from edmctl.procedures.journal import PERIOD_S, FaceTouch, JobState, Journal, NoJournal
+from edmctl.procedures.pausing import after_pause
 from edmctl.procedures.results import RunningCut
 
 if TYPE_CHECKING:
@@ -31,7 +40,10 @@ class JobJournal:
     _hole: Hole | None = None
     _plan: CutPlan | None = None
     _face: tuple[FaceTouch, ...] = ()
+    _ended: Estimate | None = None
     _begun: bool = False
+    _phase: str = ""
+    _samples_late_s: float = 0.0
     _time_s: float = 0.0
     _kept_s: float = 0.0
 
@@ -45,12 +57,12 @@ class JobJournal:
 
     def begin_hole(self, hole: Hole, time_s: float, *, begun: bool = False) -> None:
         """A hole whose Z1 is known; `begun` when an earlier run has cut it already."""
-        self._hole, self._plan, self._begun, self._time_s = hole, None, begun, time_s
+        self._hole, self._plan, self._ended, self._begun, self._time_s = hole, None, None, begun, time_s
         self._keep("measuring")
 
     def begin_cut(self, hole: Hole, plan: CutPlan) -> None:
         """Sparks come next."""
-        self._hole, self._plan, self._begun = hole, plan, True
+        self._hole, self._plan, self._ended, self._begun = hole, plan, None, True
         self.ledger.cut = RunningCut(displacement_um=plan.start.bottom_um - plan.start.gap_um)
         self._keep("machining")
 
@@ -63,18 +75,48 @@ class JobJournal:
 
     def end_cut(self, hole: Hole, cut: CutResult) -> None:
         """The cut has ended, and its sums are the hole's now."""
+        assert self._plan is not None
+        energy = energy_of(self.job.profile.pulse, cut.counts, cut.energy_j)
+        self._ended = estimate_in_cut(self._plan, cut.end_displacement_um, energy, self._time_s)
         hole.sums.cuts.append(cut)
         self.ledger.cut = RunningCut(displacement_um=self.ledger.cut.displacement_um)
-        self._keep("measuring")
         self._plan = None
+        self._keep("measuring")
 
     def end_hole(self) -> None:
         """The hole's result stands in the ledger."""
-        self._hole, self._plan, self._begun = None, None, False
+        self._hole, self._plan, self._ended, self._begun = None, None, None, False
         self._keep("moving")
 
+    def stop(self, time_s: float, *, linked: bool) -> None:
+        """The job ends early at that time: keep the newest times and estimates, at once where the line lives."""
+        self._samples_late_s = (
+            min(max(0.0, time_s - self._time_s), SAMPLES_LATE_S) if linked else SAMPLES_LATE_S
+        )
+        if not self._phase and self.job.resumed is not None:
+            # Nothing was touched yet: what the run before knew stands.
+            state = after_pause(self.job)
+            self.file.keep(replace(state, time_s=state.time_s + time_s), urgent=linked)
+            return
+        self._time_s = max(self._time_s, time_s)
+        self._keep(self._phase or "starting", urgent=linked)
+
+    def left(self) -> tuple[Hole, Estimate] | None:
+        """The hole under way that nobody has touched since its last cut, and what is known of it."""
+        hole = self._hole
+        if hole is None or self.ledger.unmeasured_site != hole.site.name:
+            return None
+        known, resumed, profile = self._estimate(hole), self.job.resumed, self.job.profile
+        unseen_um = 0.0
+        if self._plan is not None:
+            unseen_s = self._samples_late_s + self.job.setup.controller.watchdog_s
+            unseen_um = unseen_s * most_um_s(known, hole.sums.time_s + self.ledger.cut.time_s, profile)
+        elif self._ended is None and resumed is not None:
+            unseen_um = expected_of_left(resumed, profile).unseen_um
+        return hole, known.left(unseen_um, touched=hole.estimate.fits > 0 or hole.stops > 0)
+
     def _keep(self, phase: str, *, urgent: bool = True) -> None:
-        self._kept_s = self._time_s
+        self._kept_s, self._phase = self._time_s, phase
         self.file.keep(self._state(phase), urgent=urgent)
 
     def _state(self, phase: str) -> JobState:
@@ -88,6 +130,7 @@ class JobJournal:
             done=tuple(asdict(result) for name, result in self.ledger.sites.items() if name != open_name),
             job_machining_time_s=self.ledger.machining_time_s,
             pause_s=self.ledger.pause_s,
+            home_um=self.ledger.home_um,
         )
         if hole is None:
             return state
@@ -100,9 +143,10 @@ class JobJournal:
             z1_um=hole.z1.z_um,
             z1_sd_um=hole.z1.reading.sd_um,
             z1_touches=hole.z1.reading.touches,
+            z1_u_um=hole.z1_u_um,
+            z1_doubt_u_um=hole.z1.doubt_u_um,
             z1_time_s=before_s + hole.z1.time_s,
             z1_model_um=hole.z1.model_um,
-            home_um=self.ledger.home_um,
             displacement_um=0.0 if math.isnan(cut.displacement_um) else cut.displacement_um,
             depth_um=known.depth_um,
             depth_u_um=known.depth_u_um,
@@ -126,6 +170,8 @@ class JobJournal:
         if self._plan is not None and not math.isnan(cut.displacement_um):
             energy = energy_of(self.job.profile.pulse, cut.counts, cut.energy_j)
             return estimate_in_cut(self._plan, cut.displacement_um, energy, self._time_s)
+        if self._ended is not None and self.ledger.unmeasured_site == hole.site.name:
+            return self._ended
         if hole.found is not None:
             return estimate_touched(hole.found)
         if hole.interrupted and self.job.resumed is not None:

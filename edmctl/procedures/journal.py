@@ -21,12 +21,13 @@ class JobState:
 
     `done` are the results of the finished sites, each a mapping of `SiteResult`'s fields. `site` is the hole under
     way, empty between two; the rest is about it: the pad's height `z1_um` before its first cut (of `z1_touches`
-    touches with `z1_sd_um`, at `z1_time_s`), whether a cut has begun, the last displacement and the estimates of
-    depth and wear, with the standard uncertainties of depth, wear and feed. `counts` (open, normal, arc, short),
-    `energy_j`, `cuts` and `machining_time_s` are the hole's. `home_um` is what the sensor shows of a tool at home.
-    `time_s` counts from the start of the first run, pauses left out: those were `pause_s`, NaN where nobody knows;
-    `job_machining_time_s` is the machining in it. `face` is what was touched of the untouched face: x, y, height
-    over the pad and its standard uncertainty, µm.
+    touches with `z1_sd_um`, at `z1_time_s`; `z1_u_um` is its standard uncertainty where it was not touched right
+    before the hole, `z1_doubt_u_um` that of touches in doubt), whether a cut has begun, the last displacement and
+    the estimates of depth and wear, with the standard uncertainties of depth, wear and feed. `counts` (open,
+    normal, arc, short), `energy_j`, `cuts` and `machining_time_s` are the hole's. `home_um` is what the sensor
+    shows of a tool at home. `time_s` counts from the start of the first run, pauses left out: those were `pause_s`,
+    NaN where nobody knows; `job_machining_time_s` is the machining in it. `face` is what was touched of the
+    untouched face: x, y, height over the pad and its standard uncertainty, µm.
     """
 
     phase: str
@@ -39,6 +40,8 @@ class JobState:
     z1_um: float = 0.0
     z1_sd_um: float = 0.0
     z1_touches: int = 0
+    z1_u_um: float = 0.0
+    z1_doubt_u_um: float = 0.0
     z1_time_s: float = 0.0
     z1_model_um: float = 0.0
     home_um: float = 0.0

@@ -5,12 +5,12 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from edmctl.errors import EdmError, MachineFault, PreconditionError, RunFileError
+from edmctl.errors import EdmError, LinkLost, MachineFault, PreconditionError, RunFileError
 from edmctl.procedures.black_box import record_black_box
 from edmctl.procedures.channel_job import machine_path
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.conditioning import condition
-from edmctl.procedures.hole import record_results
+from edmctl.procedures.hole import record_left, record_results
 from edmctl.procedures.job_journal import JobJournal
 from edmctl.procedures.journal import Journal, NoJournal
 from edmctl.procedures.link_watch import LinkWatch, record_link
@@ -126,10 +126,16 @@ def _with_displacements(machine: Machine, job: Job, watch: Watch) -> Machine:
 
 
 def _record_end(run: Run, error: EdmError) -> None:
-    """Write down what was reached, what the controller saw, and why it ended.
+    """Keep how far the job came, and write down what was reached, what the controller saw, and why it ended.
 
     A disk that fails now must not hide that reason.
     """
+    with suppress(EdmError):
+        run.journal.stop(run.machine.time_s, linked=not isinstance(error, LinkLost))
+    left = run.journal.left()
+    if left is not None:
+        hole, known = left
+        hole.report_left(run, known)
     reached = run.ledger.reached
     if reached is not None:
         run.observer.note(str(reached))
@@ -138,9 +144,11 @@ def _record_end(run: Run, error: EdmError) -> None:
         record_link(run)
         if isinstance(error, MachineFault):
             record_black_box(run)
-        record_results(run)
+        record_left(run)
         if reached is not None:
             depth: Args = {"site": reached.site, "depth_um": reached.depth_estimated_um}
+            if left is not None:
+                depth = {**depth, "depth_u95_um": reached.depth_estimated_u95_um}
             run.recorder.event(
                 run.machine.time_s, RunEvent.LEFT_UNMEASURED, EventLevel.WARNING, str(reached), depth
             )

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from edmctl.procedures.measuring import displacement_uncertainty
 
 if TYPE_CHECKING:
     from edmctl.procedures.job import Job
+    from edmctl.procedures.journal import JobState
 
 UNCERTAINTIES_IN_STROKE = 3.0
 """A zero that has drifted by the whole stroke could not be touched, so a drift counts for no more than that."""
@@ -36,3 +38,10 @@ def told_pause_s(job: Job) -> float:
     """All pauses of the job so far; NaN where nobody knows."""
     before_s = job.resumed.pause_s if job.resumed else 0.0
     return before_s + job.pause_s if math.isfinite(job.pause_s) else math.nan
+
+
+def after_pause(job: Job) -> JobState:
+    """What the run before left, as long ago as it is now: the pause is in it, for whoever goes on later."""
+    state = job.resumed
+    assert state is not None
+    return replace(state, z1_time_s=state.z1_time_s - counted_pause_s(job), pause_s=told_pause_s(job))

@@ -38,7 +38,8 @@ class SiteResult:
     """One hole: `feed = depth + wear`, u95 are half-widths of 95 % intervals.
 
     `depth_basis` and `wear_basis` say what depth and wear rest on. `verdict` is None until the hole is judged, and
-    where no depth was wanted of it.
+    where no depth was wanted of it. One that is not `finished` was under way when its job ended early: it is not
+    judged, and estimated where nobody has touched it since its last cut.
 
     `face_um` is how much further than the reference pad the face lies here. `measuring_stops` are the times that the
     bottom was touched, and the pad after it; `estimated_um` is the part of the depth that was cut after the last of
@@ -93,15 +94,20 @@ class SiteResult:
     depth_basis: Basis = Basis.TOUCHED
     wear_basis: Basis = Basis.TOUCHED
     verdict: Verdict | None = None
+    finished: bool = True
 
 
 @dataclass(frozen=True, slots=True)
 class Reached:
-    """How deep a hole is that was left in the middle of a cut: estimated, not measured. No target is NaN."""
+    """How deep a hole is that was left in the middle of a cut: estimated, not measured. No target is NaN.
+
+    `depth_estimated_u95_um` is half its 95 % interval, NaN of a channel.
+    """
 
     site: str
     depth_estimated_um: float
     depth_target_um: float
+    depth_estimated_u95_um: float = math.nan
 
     def __str__(self) -> str:
         target = "" if math.isnan(self.depth_target_um) else f" of {self.depth_target_um:.0f} µm"
@@ -238,7 +244,7 @@ class Ledger:
     """What a job has reached so far; still there when the job ends with an error.
 
     `depth_um` is the best present knowledge of the hole under way: estimated while cutting, then measured.
-    `open_site` names that hole until its result is in the run file, `unmeasured_site` from the begin of a cut
+    `open_site` names that hole until it is finished, `unmeasured_site` from the begin of a cut
     until it is measured; `unwritten` names finished holes whose results later touches may still correct.
     `home_um` is what the sensor showed of the tool at home, at the last rest at 0 V. `cut` is the cut under way,
     `phase` what is being done, `warning` what was last warned of, at `warned_s`.
@@ -278,7 +284,9 @@ class Ledger:
         """The hole whose last cut is not measured."""
         if not self.unmeasured_site:
             return None
-        return Reached(self.unmeasured_site, self.depth_um, self.depth_target_um)
+        left = self.sites.get(self.unmeasured_site)
+        u95_um = math.nan if left is None else left.depth_u95_um
+        return Reached(self.unmeasured_site, self.depth_um, self.depth_target_um, u95_um)
 
     def result(self) -> JobResult:
         """The measured sites and the times up to now."""

@@ -56,7 +56,7 @@ def take_up_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Deci
     _begin(run, known, state)
     hole = _hole(run, site, known, state)
     expected = expected_of_left(state, run.profile)
-    run.ledger.depth_um = state.depth_um
+    run.ledger.depth_um, run.ledger.unmeasured_site = state.depth_um, site.name
     run.journal.begin_hole(hole, run.machine.time_s, begun=True)
     drift_um = STANDARD_UNCERTAINTIES * drift_u_um(run.job)
     z3 = _touch(
@@ -76,7 +76,6 @@ def take_up_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Deci
     gap_u_um = known.gap_u_um
     found = learn(run, hole, known, z2, z3, known.gap_um)
     known.gap_u_um = gap_u_um  # no cut of this run has shown it yet
-    run.ledger.unmeasured_site = ""
     run.decide(
         RunEvent.RESUMED,
         f"Taken up again at {found.depth_um:.2f} µm depth and {found.wear_um:.2f} µm wear; the journal expected "
@@ -141,7 +140,7 @@ def _start_again(run: Run, site: Site, known: Known, pad: SurfaceReading, found:
     if run.ledger.sites:
         _look_at_finished(run, known, pad)
     known.tool = ToolLength(pad)
-    run.ledger.depth_um = 0.0
+    run.ledger.depth_um, run.ledger.unmeasured_site = 0.0, ""
     run.decide(
         RunEvent.RESUMED,
         f"The face at {site.name} is untouched ({found.depth_um:+.2f} ± {found.depth_u95_um:.2f} µm): the hole is "
@@ -207,9 +206,10 @@ def _hole(run: Run, site: Site, known: Known, state: JobState) -> Hole:
         actuator_v=math.nan,
         time_s=state.z1_time_s - state.time_s - counted_pause_s(run.job),
         zero_um=math.nan,
+        doubt_u_um=state.z1_doubt_u_um,
     )
     known.tool = ToolLength(z1, state.wear_um)
-    hole = hole_at(run, site, known, z1, 0.0)
+    hole = hole_at(run, site, known, z1, state.z1_u_um)
     hole.interrupted = True
     sums = hole.sums
     sums.before_counts, sums.before_cuts = state.counts, state.cuts

@@ -73,7 +73,6 @@ def _cut(run: Run, hole: Hole, known: Known, plan: CutPlan, limits: TimeLimits) 
         decision = measure_hole(run, hole, known, plan, cut)
     else:
         decision = estimate_hole(run, hole, known, plan, cut)
-    run.ledger.unmeasured_site = ""
     return decision
 
 

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from edmctl.procedures.cut import CutResult
     from edmctl.procedures.feed_error import FeedError
     from edmctl.procedures.job import Site
+    from edmctl.procedures.results import RunningCut
     from edmctl.process.wear import DepthAndWear
     from edmctl.profile.model import Profile
 
@@ -42,13 +43,24 @@ class Heights:
 
 @dataclass(slots=True)
 class CutSums:
-    """What the cuts of a hole add up to. `before_*` are those of an earlier run of the job."""
+    """What the cuts of a hole add up to. `before_*` are those of an earlier run, and one that was broken off."""
 
     cuts: list[CutResult] = field(default_factory=list)
     before_counts: Counts = (0, 0, 0, 0)
     before_energy_j: float = 0.0
     before_time_s: float = 0.0
     before_cuts: int = 0
+
+    def add_broken_off(self, cut: RunningCut) -> None:
+        """Add a cut that came to no end."""
+        if not cut.time_s > 0.0:
+            return
+        opens, normals, arcs, shorts = self.before_counts
+        more = cut.counts
+        self.before_counts = (opens + more[0], normals + more[1], arcs + more[2], shorts + more[3])
+        self.before_energy_j += cut.energy_j
+        self.before_time_s += cut.time_s
+        self.before_cuts += 1
 
     @property
     def number(self) -> int:

@@ -54,7 +54,7 @@ class ToolAccount:
 
     @property
     def worn_u95_um(self) -> float:
-        """Half-width of its 95 % interval; the wears of holes that were left are not in it."""
+        """Half-width of its 95 % interval; holes that were left without any estimate are not in it."""
         return math.hypot(*(_known(hole.wear_u95_um) for hole in self.since))
 
     @property

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 _LAST_ROWS = 100
 """Among so many last rows of the supervisor an estimate is looked for: the very last may have none."""
-_SETTLES = (Told.SITE_MEASURED, Told.SITE_ESTIMATED, Told.CHANNEL_MEASURED)
+_SETTLES = (Told.SITE_MEASURED, Told.SITE_ESTIMATED, Told.CHANNEL_MEASURED, Told.LEFT_UNMEASURED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +49,22 @@ def estimated_depth(run: RunFile) -> Estimated:
     return Estimated(float(depth_um[k]), float(u95_um[k]) if k < len(u95_um) else math.nan)
 
 
+def left_site(run: RunFile) -> str:
+    """Name of the hole that was under way when the job ended, where it has a row of results; else empty."""
+    named = [str(event.values.get("site", "")) for event in happened(run, Told.LEFT_UNMEASURED)]
+    return named[-1] if named else ""
+
+
 def _settled_s(run: RunFile) -> float:
-    """When the last depth was told that became, or may have become, a result."""
-    return max((event.time_s for event in happened(run, *_SETTLES)), default=math.inf)
+    """When the last depth was told that became, or may have become, a result.
+
+    A hole that was left has one where its estimate was told with an interval.
+    """
+    return max(
+        (
+            event.time_s
+            for event in happened(run, *_SETTLES)
+            if event.told != Told.LEFT_UNMEASURED or math.isfinite(event.number("depth_u95_um"))
+        ),
+        default=math.inf,
+    )

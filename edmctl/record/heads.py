@@ -15,7 +15,7 @@ from .bases import labels_of
 from .create import NO_EXIT_CODE
 from .disk import PARTIAL
 from .doubt import reading_unverified
-from .estimated import estimated_depth
+from .estimated import estimated_depth, left_site
 from .layout import RESULTS
 from .liveness import is_live
 
@@ -142,9 +142,14 @@ def _stat(path: Path) -> tuple[int, float]:
 
 def _head(run: RunFile) -> RunHead:
     exit_code = int(run.number("/entry/exit_code"))
-    results = run.fields(RESULTS.path, _RESULTS)
+    results = run.fields(RESULTS.path, _RESULTS, ("site",))
     touched = {} if len(results) else run.summary() or {}
     labels = labels_of(run) if len(results) else []
+    if exit_code and len(results) > 1 and (left := left_site(run)):
+        # A mean tells of holes that are finished, where there are some.
+        finished = [row["site"] != left.encode()[:32] for row in results]
+        labels = [one for one, done in zip(labels, finished, strict=True) if done]
+        results = results[finished]
     estimated = estimated_depth(run)
     return RunHead(
         path=run.path,

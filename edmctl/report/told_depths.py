@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+_TELL = (Told.SITE_MEASURED, Told.SITE_ESTIMATED, Told.CHANNEL_MEASURED, Told.LEFT_UNMEASURED)
+_ESTIMATES = (Told.SITE_ESTIMATED, Told.LEFT_UNMEASURED)
 SAME_HOLE_SHARE = 0.5
 """A cut that begins at less of the depth that the cut before ended with, begins another hole."""
 
@@ -57,11 +59,12 @@ def told_depths(run: RunFile, began_s: Array) -> list[ToldDepth]:
         ToldDepth(
             event.time_s,
             _hole(began_s, event.time_s),
-            event.told != Told.SITE_ESTIMATED,
-            event.told != Told.SITE_ESTIMATED,
+            event.told not in _ESTIMATES,
+            event.told not in _ESTIMATES,
             *(event.number(name) for name in ("depth_um", "depth_u95_um", "wear_um", "wear_u95_um")),
         )
-        for event in happened(run, Told.SITE_MEASURED, Told.SITE_ESTIMATED, Told.CHANNEL_MEASURED)
+        for event in happened(run, *_TELL)
+        if event.told != Told.LEFT_UNMEASURED or math.isfinite(event.number("depth_u95_um"))
     ]
     sites = numbers_of(run).sites
     if not told:

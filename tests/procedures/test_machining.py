@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from edmctl.errors import Interrupted, MachineFault, RunFileError
+from edmctl.labels import Basis
 from edmctl.machine.port import EventCode, MachineState
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.results import ObjectiveMissed, Phase
@@ -191,7 +192,9 @@ def test_an_interrupted_job_ends_retracted_and_keeps_what_it_reached(shop: OpenS
     assert caught.value.signal_number == signal.SIGTERM
     assert_safe(s)
     assert s.ledger.time_s > 20.0
-    assert s.ledger.result().sites == ()
+    (site,) = s.ledger.result().sites
+    assert (site.depth_basis, site.cuts, site.finished) == (Basis.ESTIMATED, 1, False)
+    assert abs(site.depth_um - s.bench.truth()[0].depth_um) <= site.depth_u95_um
 
 
 def test_a_job_stopped_in_the_middle_of_a_cut_says_how_far_it_came(shop: OpenShop) -> None:
@@ -211,7 +214,7 @@ def test_a_job_stopped_in_the_middle_of_a_cut_says_how_far_it_came(shop: OpenSho
     assert result.machining_time_s == pytest.approx(machining_s, abs=0.5)
     assert result.machining_time_s > 2.0
     assert result.measuring_time_s == pytest.approx(result.time_s - machining_s, abs=0.5)
-    assert math.isnan(result.tool_wear_total_um)
+    assert result.tool_wear_total_um == result.sites[0].wear_um > 0.5
     assert result.reached is not None
     assert result.reached.site == s.job.sites[0].name
     assert result.reached.depth_estimated_um == pytest.approx(s.bench.truth()[0].depth_um, abs=1.0)
@@ -262,8 +265,37 @@ def test_an_interrupt_in_the_second_cut_keeps_what_the_first_one_reached(shop: O
         s.run_job()
     (site,) = s.ledger.result().sites
     assert site.depth_um == pytest.approx(5.5, abs=1.5)
+    assert (site.depth_basis, site.verdict, site.finished) == (Basis.TOUCHED, None, False)
     assert [row.depth_um for row in s.seen.sites] == [site.depth_um]
     assert_safe(s)
+
+
+def test_a_fault_in_the_second_cut_leaves_an_estimate_and_no_verdict(shop: OpenShop) -> None:
+    s = shop(("wear.first_fraction=0.5",))
+
+    def look() -> None:
+        p = s.told.states[-1]
+        if p.step == "cut 2" and p.depth_um > 8.0:
+            s.bench.plant.estop = True
+        else:
+            s.told.when[Phase.MACHINING] = look
+
+    s.told.when[Phase.MACHINING] = look
+    with pytest.raises(MachineFault):
+        s.run_job()
+    (site,), (row,) = s.ledger.result().sites, s.seen.sites
+    (hole,) = s.bench.truth()
+    assert hole.depth_um > 7.5
+    assert (site.depth_basis, site.wear_basis, site.verdict) == (Basis.ESTIMATED, Basis.ESTIMATED, None)
+    assert abs(site.depth_um - hole.depth_um) <= site.depth_u95_um < 6.0
+    assert abs(site.wear_um - s.bench.tool_wear_um) <= site.wear_u95_um < 4.0
+    assert site.estimated_um == pytest.approx(site.depth_um - 5.5, abs=1.5)
+    assert (site.cuts, site.measuring_stops) == (2, 1)
+    assert site.machining_time_s == pytest.approx(s.ledger.machining_time_s)
+    assert (row.depth_um, row.depth_basis, row.verdict) == (site.depth_um, Basis.ESTIMATED, "")
+    reached = s.ledger.result().reached
+    assert reached is not None
+    assert (reached.depth_estimated_um, reached.depth_estimated_u95_um) == (site.depth_um, site.depth_u95_um)
 
 
 def test_an_interrupt_while_the_stages_move_ends_idle_too(shop: OpenShop) -> None:
