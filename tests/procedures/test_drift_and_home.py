@@ -139,7 +139,7 @@ def test_a_tool_that_comes_out_little_by_little_is_not_followed() -> None:
     run.watch.rests.note(run.machine.time_s, 0.0)
     zeros_um = [2.0, 6.0, 10.0, 14.0]
     told_um: list[float] = []
-    run.machine.set_zero = told_um.append  # type: ignore[method-assign]
+    run.machine.set_zero = told_um.append  # type: ignore[method-assign,assignment]
 
     def rest_at(zero_um: float) -> None:
         run.watch.zero_um = lambda: zero_um  # type: ignore[method-assign]
