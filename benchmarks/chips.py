@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from edmctl.machine.port import Touch, TouchRequest
     from edmctl.procedures.results import Progress
     from edmctl.record.rows import EventLevel, TouchRow
-    from edmctl.simulator.ground import Hole
+    from edmctl.simulator.bench import HoleTruth
 
 SIZES_UM = (1.0, 2.0, 4.0, 6.0, 9.0, 12.0, 16.0, 20.0)
 DEPTHS_UM = (10.0, 20.0, 40.0)
@@ -180,7 +180,7 @@ def perform(profile: str, seed: int, overrides: tuple[str, ...], inject: str = "
     return Outcome(result, error, ears.doubts, ears.kinds, covered, claimed, "; ".join(told), ledger.time_s)
 
 
-def _hole_at(holes: Sequence[Hole], x_um: float, y_um: float) -> Hole:
+def _hole_at(holes: Sequence[HoleTruth], x_um: float, y_um: float) -> HoleTruth:
     return min(holes, key=lambda hole: math.dist((hole.x_um, hole.y_um), (x_um, y_um)))
 
 
