@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from edmctl.process.path import Way
     from edmctl.profile.model import Profile
 
-HELD_ENOUGH = 0.8
-"""A layer is cut when the tool stood at its limit on this share of the path; the next one takes the rest along."""
 QUIET_SHARE = 0.65
 """A floor is even when so many pulses of a pass found nothing to strike; the servo's own gap has 0.3."""
 GAP_GROWTH = 1.25
@@ -94,7 +92,7 @@ class Layers:
             if done.fault:
                 return done.fault, done.told
             uj_per_um = done.wearing_uj / self._way.length_um
-            if done.held_share >= HELD_ENOUGH:
+            if done.held:
                 break
         else:
             told = f"after {most} passes the tool was held on {100 * done.held_share:.0f} % of the path"

@@ -37,6 +37,8 @@ HELD_WITHIN_UM = 0.4
 """The tool is at its limit when it is this near: noise of the sensor over 0.1 s, and the servo's step."""
 LEARN_OVER_UM = 200.0
 """The energy per length that was expected counts as much as this length of the pass."""
+HELD_ENOUGH = 0.8
+"""A layer is cut when the tool stood at its limit on this share of the path; the next one takes the rest along."""
 TIME_SLACK_S = 2.0
 """The host ends a pass when the time is up; the controller would do so this much later."""
 
@@ -77,6 +79,11 @@ class PassResult:
     used_uj: Floats
     fault: str = ""
     told: str = ""
+
+    @property
+    def held(self) -> bool:
+        """Whether the tool stood at its limit as good as all along."""
+        return not self.fault and self.held_share >= HELD_ENOUGH
 
     @property
     def open_share(self) -> float:

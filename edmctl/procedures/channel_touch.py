@@ -82,7 +82,7 @@ def measure_floor(
         predicted_um = before.z_um + height_um
         move_to(run, place)
         touched.append((s_um, place, take_reading(run, "Z2", place.name, predicted_um, FLOOR_U_UM)))
-    if not done.fault:
+    if done.held:
         touched = _short_ones_again(run, plan, done, wear, touched)
     after = _touch_pad(run, face, before.z_um, 0.0)
     floor = tuple(
@@ -142,13 +142,12 @@ def learned_gap_um(
 ) -> float:
     """Mean gap that a pass left between the held tool and the floor, by the wear per energy as now known.
 
-    A pass that ended early held the tool nowhere in particular, and touches in doubt say nothing of a gap: then it
-    is what was believed.
+    A tool that was not held, and touches in doubt, say nothing of a gap: then it is what was believed.
     """
     gaps_um = [
         z2.z_um - _held_um(plan, done, wear, place.s_um)
         for place, z2 in zip(found.places, found.floor, strict=True)
-        if z2.doubt_u_um == 0.0 and not done.fault
+        if z2.doubt_u_um == 0.0 and done.held
     ]
     return math.fsum(gaps_um) / len(gaps_um) if gaps_um else believed_um
 

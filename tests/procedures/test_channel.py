@@ -104,6 +104,7 @@ def make(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Made]:
         left_s: float = 1e5,
         wear_factor: float = 1.2,
         bump_um: float = 0.0,
+        gap_um: float = 4.6,
         **settings: object,
     ) -> Made:
         machine = ScanningMachine(z_um=44.0, quiet_after=0, **settings)  # type: ignore[arg-type]
@@ -111,7 +112,7 @@ def make(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Made]:
         path = run.profile.path
         assert path is not None
         machine.place_um = way_of_path(path).at(0.0)
-        world = World(machine, wear_factor * wear_of(run.profile).per_uj, bump_um=bump_um)
+        world = World(machine, wear_factor * wear_of(run.profile).per_uj, gap_um, bump_um)
         monkeypatch.setattr(channel, "touch_untouched", lambda *_: Face(reading("Z1", PAD_UM), LEVEL))
         monkeypatch.setattr(channel, "measure_floor", world.measure_floor)
         monkeypatch.setattr(channel_layers, "move_to", lambda *_: None)
@@ -136,6 +137,17 @@ def test_the_depth_is_met_although_gap_and_wear_are_others_than_the_recipe_says(
     assert done.found.depth_um == pytest.approx(TARGET_UM, abs=1.0)
     assert done.found.working_gap_um == pytest.approx(done.world.gap_um, abs=0.2)
     assert RunEvent.TARGET_REACHED in done.noted.codes
+
+
+def test_a_gap_is_learned_however_wide(make: Callable[..., Made]) -> None:
+    done = make("limits.max_time_s=1e6", current_a=0.03, gap_um=24.0)
+    assert done.found.working_gap_um == pytest.approx(24.0, abs=0.2)
+
+
+def test_a_tool_that_was_not_held_teaches_no_gap(make: Callable[..., Made]) -> None:
+    done = make(misses_um=lambda _: 1.0)
+    believed = scanning_run(done.world.machine)[0].profile.measure.expected_gap_um
+    assert done.found.working_gap_um == channel_layers.GAP_GROWTH * believed
 
 
 def test_the_first_stop_comes_early_and_the_last_touches_more_places(make: Callable[..., Made]) -> None:
