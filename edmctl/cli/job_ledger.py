@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from edmctl.cli.prepared import hole_radius_um, logbook_of, prepared_job
 from edmctl.cli.tool_seen import seen_on
-from edmctl.labels import Basis
 from edmctl.record.ledger_entries import (
     UNFINISHED,
     JobBegun,
@@ -154,7 +153,7 @@ class JobLedger:
         for site in result.sites:
             if site.name in begun:
                 found = _machined(begun.pop(site.name), site)
-                entries.append(found if site.finished else _left(found, site))
+                entries.append(found if site.finished else replace(found, status=UNFINISHED))
         return [*entries, *(place for place in begun.values() if place.name in self._begun)]
 
 
@@ -169,13 +168,6 @@ def _machined(place: SiteMachined, found: SiteResult | ChannelResult) -> SiteMac
         z2_um=found.z3_um + found.depth_um,
         z3_um=found.z3_um,
     )
-
-
-def _left(machined: SiteMachined, found: SiteResult) -> SiteMachined:
-    """A hole that is not finished; where it was not touched, nobody has seen those heights."""
-    if found.depth_basis is not Basis.ESTIMATED:
-        return replace(machined, status=UNFINISHED)
-    return replace(machined, status=UNFINISHED, z1_um=math.nan, z2_um=math.nan, z3_um=math.nan)
 
 
 def _channel(places: Sequence[SiteMachined], result: JobResult) -> list[SiteMachined]:
