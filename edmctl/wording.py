@@ -52,6 +52,8 @@ _WORDS = {
     "actuator": "actuator voltage",
     "travel": "time of travel",
 }
+_LINK_ERRORS = "E4"
+"""They share a status, although a machine that lost its power has lost no port."""
 _TOLD_ELSEWHERE = (
     "link",
     "calibration",
@@ -60,6 +62,7 @@ _TOLD_ELSEWHERE = (
     "measuring_time_s",
     "earlier_time_s",
     "pause_s",
+    "home_um",
 )
 
 
@@ -132,6 +135,20 @@ def about(value_um: float, u95_um: float = math.nan) -> str:
     return f"about {with_u95(value_um, u95_um, 1)} µm (estimated)"
 
 
+def ended_as(status: str, error_code: str) -> str:
+    """Return how a run ended: by its status, but where the machine was lost by its error, which says how."""
+    return error_code if error_code.startswith(_LINK_ERRORS) else status
+
+
+def left_at(reached: Mapping[str, object]) -> str:
+    """Return how deep a hole was left, from `reached` of a result: `about 1.86 ± 0.70 of 20 µm (estimated)`."""
+    names = ("depth_estimated_um", "depth_estimated_u95_um", "depth_target_um")
+    known = (reached.get(name) for name in names)
+    depth_um, u95_um, target_um = (float(one) if isinstance(one, int | float) else math.nan for one in known)
+    wanted = f" of {target_um:g}" if math.isfinite(target_um) else ""
+    return f"about {with_u95(depth_um, u95_um)}{wanted} µm (estimated)"
+
+
 def percent(share: float, decimals: int = 1) -> str:
     """Return a share of one in percent."""
     return f"{decimal(100.0 * share, decimals)} %" if math.isfinite(share) else UNKNOWN
@@ -157,7 +174,9 @@ def facts(result: Mapping[str, object]) -> Iterator[tuple[str, str]]:
         if key in _TOLD_ELSEWHERE or (key.endswith("_u95_um") and _of_u95(key) in result):
             continue
         u95_um = result.get(f"{key.removesuffix('_um')}_u95_um")
-        if isinstance(value, Mapping):
+        if isinstance(value, Mapping) and key == "reached":
+            yield "left at", left_at(value)
+        elif isinstance(value, Mapping):
             before = "" if key == "summary" else f"{_words(key)}, "
             yield from ((f"{before}{name}", text) for name, text in facts(value))
         elif isinstance(value, int | float) and isinstance(u95_um, int | float) and key.endswith("_um"):

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from edmctl.cli.prepared import hole_radius_um, logbook_of, prepared_job
 from edmctl.cli.tool_seen import seen_on
-from edmctl.labels import Basis
 from edmctl.process.next_cut import COVERAGE
 from edmctl.record.ledger_entries import (
     UNFINISHED,
@@ -155,7 +154,7 @@ class JobLedger:
         for site in result.sites:
             if site.name in begun:
                 found = _machined(begun.pop(site.name), site)
-                entries.append(found if site.finished else _left(found, site))
+                entries.append(found if site.finished else replace(found, status=UNFINISHED))
         return [*entries, *(place for place in begun.values() if place.name in self._begun)]
 
 
@@ -177,13 +176,6 @@ def _floor_at(place: SiteMachined, found: ChannelResult) -> SiteMachined:
     """A place of a channel: its floor is as deep as that on average, and as uneven."""
     u95_um = math.hypot(found.depth_u95_um, COVERAGE * found.floor_sd_um)
     return replace(_machined(place, found), depth_u95_um=u95_um)
-
-
-def _left(machined: SiteMachined, found: SiteResult) -> SiteMachined:
-    """A hole that is not finished; where it was not touched, nobody has seen those heights."""
-    if found.depth_basis is not Basis.ESTIMATED:
-        return replace(machined, status=UNFINISHED)
-    return replace(machined, status=UNFINISHED, z1_um=math.nan, z2_um=math.nan, z3_um=math.nan)
 
 
 def _channel(places: Sequence[SiteMachined], result: JobResult) -> list[SiteMachined]:

@@ -103,7 +103,7 @@ class Resumption:
 
         sites = tuple(Site(*place) for place in self.job.places)
         # The time of a virtual bench in this process stands still between commands.
-        pause_s = 0.0 if in_process else _pause_s(self.journal.written_utc_s)
+        pause_s = 0.0 if in_process else passed_since_s(self.journal.written_utc_s)
         return replace(job, sites=sites, resumed=self.state, pause_s=pause_s, restart_hole=self.restart_hole)
 
     def as_mapping(self) -> dict[str, object]:
@@ -130,10 +130,10 @@ class Resumption:
         return f"{self.job.run_id} has finished {len(done)} of {holes}{begun}. Left: {left}."
 
 
-def _pause_s(written_utc_s: float) -> float:
-    """How long ago a journal was written; infinity where the clock was set back since."""
-    pause_s = time.time() - written_utc_s
-    return max(0.0, pause_s) if pause_s >= -CLOCK_STEP_S else math.inf
+def passed_since_s(utc_s: float) -> float:
+    """How long ago something was written down; infinity where the clock was set back since."""
+    passed_s = time.time() - utc_s
+    return max(0.0, passed_s) if passed_s >= -CLOCK_STEP_S else math.inf
 
 
 def refuse_other_options(context: typer.Context) -> None:
@@ -224,6 +224,9 @@ def _journal_named(named: str, folder: Path) -> Path:
     for ending in (".h5.partial", ".h5", SUFFIX):
         if given.name.endswith(ending):
             return given.with_name(given.name.removesuffix(ending) + SUFFIX)
+    for ending in (".h5", ".h5.partial", SUFFIX):
+        if len(given.parts) > 1 and given.with_name(given.name + ending).is_file():
+            return given.with_name(given.name + SUFFIX)
     if len(given.parts) > 1 or given.is_file():
         raise UsageError(
             f"--resume {named} is no run file.",

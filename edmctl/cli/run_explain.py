@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.cli.options import DebugOption, FileArgument, JsonOption
 from edmctl.cli.outcome import Outcome, Output, run_command, stream_style
-from edmctl.wording import duration, earlier, facts
+from edmctl.wording import duration, earlier, ended_as, facts
 
 if TYPE_CHECKING:
     from edmctl.console.story import Sentence
@@ -227,6 +227,7 @@ def _depths(values: "dict[str, float | int | str | bool]", depths_um: list[float
 
 def _ended(opened: "RunFile", events: list[FileEvent]) -> str:
     from edmctl.record.create import NO_EXIT_CODE
+    from edmctl.record.happened import error_code_of
 
     if not opened.is_finished:
         return (
@@ -246,7 +247,8 @@ def _ended(opened: "RunFile", events: list[FileEvent]) -> str:
             took += f", {earlier(earlier_s, pause_s if isinstance(pause_s, int | float) else math.nan)}"
     if exit_code == 0:
         return f"The run came to its end{took}."
-    return f"The run ended with exit code {exit_code} ({opened.text('/entry/status')}){took}{_why(events)}"
+    how = ended_as(opened.text("/entry/status"), error_code_of(opened))
+    return f"The run ended with exit code {exit_code} ({how}){took}{_why(events)}"
 
 
 def trouble_of(sentences: "list[Sentence]") -> str:

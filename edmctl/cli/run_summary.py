@@ -73,6 +73,7 @@ class RunSummary:
     end_time: str
     status: str
     exit_code: int | None
+    error_code: str
     recovery: str
     simulated: bool
     seed: int | None
@@ -101,6 +102,7 @@ def summary_of(opened: RunFile) -> RunSummary:
     from edmctl.cli.run_explain import events_of, sentences_of, wanted
     from edmctl.record.create import NO_EXIT_CODE
     from edmctl.record.estimated import estimated_depth
+    from edmctl.record.happened import error_code_of
     from edmctl.record.heads import status_of
     from edmctl.report.numbers import numbers_of
 
@@ -122,6 +124,7 @@ def summary_of(opened: RunFile) -> RunSummary:
         end_time=opened.text("/entry/end_time"),
         status=status_of(opened),
         exit_code=None if exit_code == NO_EXIT_CODE else exit_code,
+        error_code=error_code_of(opened),
         recovery=opened.text("/entry/recovery"),
         simulated=opened.is_simulated,
         seed=opened.seed,

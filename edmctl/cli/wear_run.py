@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
 from edmctl.cli.prepared import logbook_of, with_home
+from edmctl.cli.resume import passed_since_s
 from edmctl.cli.tool_left import refuse_unknown_length
 from edmctl.cli.tool_seen import NAMELESS, Seen, account_of, seen_on
 from edmctl.cli.wear_bottom import bottom_of
@@ -19,6 +19,7 @@ from edmctl.procedures.measure_wear import (
     refuse_drift,
     touch_pad,
 )
+from edmctl.procedures.pausing import counted_pause_s
 from edmctl.record.bookkeeping import Books, ToolAccount, books_of
 from edmctl.record.ledger_entries import ReferenceTouched, RunEnded, ToolChanged, WearMeasured
 from edmctl.wording import length
@@ -118,7 +119,8 @@ class WearRun:
             half_um = 0.5 * math.fsum(job.wear_um for job in account.killed)
             self.touched = touch_pad(run, "Z1", expected_um + half_um, 0.5 * half_um)
             return
-        self.found = measure_wear(run, self._reference, expected_um, self._bottom)
+        age_s = counted_pause_s(replace(run.job, pause_s=self._reference.age_s))
+        self.found = measure_wear(run, replace(self._reference, age_s=age_s), expected_um, self._bottom)
         refuse_drift(run, self.found)
         self._compare(self.found, account)
 
@@ -285,10 +287,13 @@ def _reference_of(account: ToolAccount, logbook: Logbook | None, serial: str) ->
 
 
 def _aged(reference: ReferenceTouched, account: ToolAccount, books: Books, *, clock: bool) -> Reference:
-    """The reference with its age: by the calendar, or by the runs since where time stands still between them."""
+    """The reference with its age: by the calendar, or by the runs since where time stands still between them.
+
+    It is infinite where the clock was set back since.
+    """
     age_s = books.runs_s - account.reference_at_s
     if clock:
-        age_s = max(age_s, time.time() - account.reference_utc_s)
+        age_s = max(age_s, passed_since_s(account.reference_utc_s))
     return Reference(
         z_um=reference.z_um,
         sd_um=reference.sd_um,

@@ -5,16 +5,28 @@ from __future__ import annotations
 import math
 import shlex
 import textwrap
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Protocol
 
 from edmctl.console.result_table import render_sites
 from edmctl.console.runs_table import size, start_utc
 from edmctl.console.style import PLAIN, Ink, Style
 from edmctl.console.views import MeasuredView
-from edmctl.wording import about, count, duration, earlier, facts, percent, printable, removal_rate
+from edmctl.wording import (
+    about,
+    count,
+    duration,
+    earlier,
+    ended_as,
+    facts,
+    left_at,
+    percent,
+    printable,
+    removal_rate,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from edmctl.console.story import Sentence
     from edmctl.console.views import TruthView
@@ -83,6 +95,8 @@ class RunView(Protocol):
     def status(self) -> str: ...
     @property
     def exit_code(self) -> int | None: ...
+    @property
+    def error_code(self) -> str: ...
     @property
     def recovery(self) -> str: ...
     @property
@@ -157,7 +171,7 @@ def _head(run: RunView) -> list[tuple[str, str]]:
     ]
     return [
         ("run", f"{run.run_id}{after}"),
-        ("status", f"{run.status}{code}{times}"),
+        ("status", f"{ended_as(run.status, run.error_code)}{code}{times}"),
         ("recovered", run.recovery),
         ("started", f"{start} UTC"),
         ("machine", ", ".join(filter(None, words))),
@@ -186,10 +200,13 @@ def _numbers(run: RunView) -> list[tuple[str, str]]:
                 f", {low} s apart" if low == high else f", {low} to {high} s apart, in the median {median} s"
             )
     found = "" if run.sites else "; ".join(f"{name} {value}" for name, value in facts(run.summary or {}))
-    left = about(run.est_depth_um, run.est_depth_u95_um) if math.isfinite(run.est_depth_um) else ""
+    so_far = about(run.est_depth_um, run.est_depth_u95_um) if math.isfinite(run.est_depth_um) else ""
+    reached = (run.summary or {}).get("reached")
+    left = left_at(reached) if run.sites and isinstance(reached, Mapping) else ""
     return [
         ("found", found),
-        ("depth so far", left),
+        ("left at", left),
+        ("depth so far", so_far),
         ("pulses", pulses),
         ("removal", removed),
         ("jumps", hopped),

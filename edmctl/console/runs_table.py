@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 from edmctl.console.style import PLAIN, Ink, Style
 from edmctl.console.tables import render_columns
 from edmctl.labels import Basis, marked, meanings
-from edmctl.wording import decimal, duration, escaped, printable, with_u95
+from edmctl.wording import decimal, duration, ended_as, escaped, printable, with_u95
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -37,6 +37,8 @@ class HeadView(Protocol):
     def status(self) -> str: ...
     @property
     def exit_code(self) -> int | None: ...
+    @property
+    def error_code(self) -> str: ...
     @property
     def simulated(self) -> bool: ...
     @property
@@ -144,7 +146,8 @@ def _row(run: HeadView | BrokenFile, columns: dict[str, Callable[[HeadView], str
 
 
 def _status(run: HeadView) -> str:
-    return f"{printable(run.status)} ({run.exit_code})" if run.exit_code else printable(run.status)
+    status = printable(ended_as(run.status, run.error_code))
+    return f"{status} ({run.exit_code})" if run.exit_code else status
 
 
 def _depth(run: HeadView) -> str:

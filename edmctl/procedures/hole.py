@@ -145,7 +145,7 @@ class Hole:
         )
 
     def report_left(self, run: Run, known: Estimate) -> None:
-        """Put what is known of it into the ledger where the job ends before it is touched."""
+        """Put what is known of it into the ledger where the job ends before it is touched; Z2 and Z3 are not."""
         before = self.found
         self.sums.add_broken_off(run.ledger.cut)
         pad_um = self.z1.z_um + known.wear_um
@@ -159,7 +159,9 @@ class Hole:
             depth_basis=Basis.ESTIMATED,
             wear_basis=Basis.ESTIMATED,
         )
-        run.ledger.unmeasured_site = self.site.name
+        ledger, name = run.ledger, self.site.name
+        ledger.sites[name] = replace(ledger.sites[name], z2_um=math.nan, z3_um=math.nan)
+        ledger.unmeasured_site = name
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -51,6 +51,12 @@ def happened(run: RunFile, *wanted: Told, start: int = 0) -> list[Happened]:
     ]
 
 
+def error_code_of(run: RunFile) -> str:
+    """Code of the error that ended a run early; empty where none did, or the file does not tell."""
+    ends = happened(run, Told.ENDED_EARLY)
+    return str(ends[-1].values.get("code", "")) if ends else ""
+
+
 def _values(utf8: bytes) -> Mapping[str, object]:
     """An event whose text was damaged still happened."""
     try:

@@ -16,6 +16,7 @@ from .create import NO_EXIT_CODE
 from .disk import PARTIAL
 from .doubt import reading_unverified
 from .estimated import estimated_depth, left_site
+from .happened import error_code_of
 from .layout import RESULTS
 from .liveness import is_live
 
@@ -43,7 +44,8 @@ class RunHead:
     `depth_basis` and `wear_basis` are those of the site that is known least, `verdict` is that of the worst; empty
     without sites.
 
-    `status` is `running` while its writer lives, `interrupted` when that was killed, else as the run ended.
+    `status` is `running` while its writer lives, `interrupted` when that was killed, else as the run ended;
+    `error_code` is of what ended it early, empty where nothing did.
     """
 
     path: Path
@@ -56,6 +58,7 @@ class RunHead:
     end_time: str
     status: str
     exit_code: int | None
+    error_code: str
     simulated: bool
     seed: int | None
     work: str
@@ -162,6 +165,7 @@ def _head(run: RunFile) -> RunHead:
         end_time=run.text("/entry/end_time"),
         status=status_of(run),
         exit_code=None if exit_code == NO_EXIT_CODE else exit_code,
+        error_code=error_code_of(run) if exit_code else "",
         simulated=run.is_simulated,
         seed=run.seed,
         work=run.text("/entry/sample/material"),

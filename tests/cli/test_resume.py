@@ -15,6 +15,7 @@ from edmctl.errors import LinkLost
 from edmctl.profile.load import load_profile
 from edmctl.record.bench_file import read_bench, write_bench
 from edmctl.record.journal import read_journal, write_journal
+from edmctl.record.ledger_entries import UNFINISHED, SiteMachined
 from edmctl.record.logbook import JobBegun, Logbook, RunEnded, ToolChanged, WearMeasured
 from edmctl.record.reader import open_run
 from edmctl.simulator.saving import bench_state, restored_bench
@@ -156,6 +157,21 @@ def test_the_times_of_all_runs_of_a_job_add_up(here: Here, killed: Path) -> None
     )
 
 
+def test_a_stopped_job_keeps_the_times_of_its_end(left: Left) -> None:
+    state = read_journal(left.stopped / "runs/a.journal").state
+    with open_run(left.stopped / "runs/a.h5") as run:
+        summary = run.summary() or {}
+        (row,) = run.table("/entry/results")
+    assert state["time_s"] == pytest.approx(summary["time_s"], abs=0.5)
+    assert state["job_machining_time_s"] == pytest.approx(summary["machining_time_s"])
+    assert state["depth_um"] == pytest.approx(float(row["depth"]), abs=0.01)
+    assert (row["depth_basis"], row["verdict"]) == (b"estimated", b"")
+    ended = [line.entry for line in Logbook.open(left.stopped / "runs").lines]
+    (hole,) = [entry for entry in ended if isinstance(entry, SiteMachined)]
+    assert (hole.status, hole.depth_um) == (UNFINISHED, pytest.approx(float(row["depth"]), abs=0.01))
+    assert hole.wear_u95_um > 0.1
+
+
 def test_a_resumed_job_can_be_interrupted_and_resumed_again(here: Here, killed: Path) -> None:
     with at_time_of_cut(2.0, stop):
         assert here(*RESUME, *BENCH).exit_code == 130
@@ -197,7 +213,7 @@ def test_one_that_dies_between_a_cut_and_its_touch_knows_the_wear(here: Here) ->
     assert_on_target(here(*RESUME, *BENCH))
 
 
-@pytest.mark.parametrize("named", ["runs/a.h5", "runs/a.h5.partial", "runs/a.journal", "a"])
+@pytest.mark.parametrize("named", ["runs/a.h5", "runs/a.h5.partial", "runs/a.journal", "runs/a", "a"])
 def test_a_run_has_several_names_and_a_dry_run_touches_nothing(here: Here, killed: Path, named: str) -> None:
     before = {file: file.read_bytes() for file in Path().rglob("*") if file.is_file()}
     said = here("machine", "--resume", named, *BENCH, "--dry-run", "--json")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 import signal
@@ -286,3 +287,17 @@ def test_every_jump_counts_whatever_asked_for_it() -> None:
     assert found.count == 4
     assert found.shortest_s == pytest.approx(0.7)
     assert found.longest_s == pytest.approx(10.1)
+
+
+def test_a_hole_that_was_left_and_its_error_are_told_in_words(here: Here, tmp_path: Path) -> None:
+    writer = RunWriter.create(tmp_path / "a.h5", a_meta())
+    writer.event(9.0, RunEvent.ENDED_EARLY, EventLevel.ERROR, "The power came back.", {"code": "E4005"})
+    reached = {"site": "one", "depth_estimated_um": 1.86, "depth_target_um": 20.0}
+    writer.summary(json.dumps({"reached": reached, "home_um": -0.69}))
+    writer.finish("no port, or link lost", 4)
+    said = here("run", "show", str(tmp_path / "a.h5")).out
+    assert "left at about 1.86 of 20 µm (estimated)" in said
+    assert "E4005 (exit code 4)" in said
+    assert "home" not in said
+    assert "E4005 (4)" in here("run", "list", str(tmp_path)).out
+    assert "no port" not in said + here("run", "explain", str(tmp_path / "a.h5")).out

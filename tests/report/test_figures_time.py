@@ -218,8 +218,8 @@ def test_several_holes_have_the_largest_error_and_no_common_percentage(tmp_path:
     assert not figure.axes[1].child_axes
 
 
-def test_without_a_result_no_number_is_claimed_for_the_error(faulted_run_file: Path) -> None:
-    axes = drawn("displacement", faulted_run_file).axes[1]
+def test_without_a_result_no_number_is_claimed_for_the_error(tmp_path: Path) -> None:
+    axes = drawn("displacement", write_run(tmp_path / "a.h5", a_cut(20.0)).finish("done", 0)).axes[1]
     assert not axes.texts
     assert not axes.child_axes
 

@@ -194,11 +194,11 @@ def test_a_page_of_a_run_that_failed_begins_with_the_fault_and_its_remedy(faulte
     assert f'<p class="trouble">{STORY[-1][1]}</p>\n<nav>' in without
 
 
-def test_a_run_without_sites_says_what_it_found_in_words(faulted_run_file: Path) -> None:
-    page = page_of(faulted_run_file)
-    assert re.search(r"reached, depth estimated</th><td[^>]*>\d+\.\d\d µm<", page)
-    assert "machining time s" not in page
-    assert "calibration" not in page.partition('id="story"')[0].partition('id="numbers"')[2]
+def test_a_hole_that_was_left_is_told_by_its_estimate(faulted_run_file: Path) -> None:
+    numbers = page_of(faulted_run_file).partition('id="story"')[0].partition('id="numbers"')[2]
+    assert ">estimated<" in numbers
+    assert re.search(r"<dt>depth</dt><dd>\d+\.\d\d ± \d+\.\d\d µm<", numbers)
+    assert "missed" not in numbers
 
 
 def test_a_run_that_is_done_has_no_trouble(page: str) -> None:
