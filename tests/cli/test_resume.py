@@ -5,12 +5,16 @@ from __future__ import annotations
 import json
 import shutil
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
 from edmctl.cli.app import main
+from edmctl.cli.journaling import tell_way_on
+from edmctl.cli.resume import checked, find_run
+from edmctl.cli.runfile import RunName
 from edmctl.errors import LinkLost
 from edmctl.profile.load import load_profile
 from edmctl.record.bench_file import read_bench, write_bench
@@ -371,3 +375,20 @@ def test_a_ledger_is_no_run(here: Here) -> None:
     error = error_of(here("machine", "--resume", "runs/ledger.jsonl", *BENCH, "--json"))
     assert error["code"] == "E2004"
     assert "no run file" in str(error["message"])
+
+
+@pytest.mark.parametrize("code", ["E4005", "E4010"])
+def test_the_way_on_after_a_restart_homes_the_stages_first(here: Here, killed: Path, code: str) -> None:
+    order = find_run("a", Path("runs"))
+    plan = checked(order, "sim:bench.h5", 0.0)
+    error = LinkLost("made for this test", code=code)
+    tell_way_on(error, plan, RunName("a", Path("runs/a.h5"), datetime.now(UTC)))
+    assert "Go on with `edmctl machine" in error.hint or "ome both stages, then go on" in error.hint
+    assert ("--homed" in error.hint) == (code == "E4005")
+    again = LinkLost("made for this test", code=code)
+    tell_way_on(
+        again,
+        replace(plan, resumed=replace(order, homed=True)),
+        RunName("a", Path("runs/a.h5"), datetime.now(UTC)),
+    )
+    assert "--homed" in again.hint
