@@ -36,7 +36,10 @@ REMEDIES = {
     "or allow more (target.tolerance_um).",
 }
 """What narrows an interval, by what the depth rests on."""
-TOO_SHALLOW = "Allow more cuts (wear.max_cuts) or time (limits.max_time_s); `edmctl run explain` tells why the last cut ended."
+TOO_SHALLOW = (
+    "Allow more cuts (wear.max_cuts) or time (limits.max_time_s); `edmctl run explain` tells why the last cut "
+    "ended."
+)
 TOO_DEEP = "Cut less before the first measuring stop (wear.first_fraction), and check wear.expected_ratio."
 
 
