@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from edmctl.record.journal import JournalFile, JournalledJob
 
 PHASE_BEFORE = "starting"
+RESTARTED = "E4005"
+"""A controller that restarted does not know where its stages are."""
 OUT = Path("runs")
 """Where run files are looked for when --out does not say."""
 
@@ -40,7 +42,11 @@ def tell_way_on(error: EdmError, plan: Plan, name: RunName | None) -> None:
         return
     run = name.run_id if name.path.parent == OUT else str(name.path)
     command = f"edmctl machine --resume {shlex.quote(run)} --port {shlex.quote(plan.where.selector)}"
-    error.hint = f"{error.hint} Go on with `{command}`, before this tool does anything else.".strip()
+    if (plan.resumed is not None and plan.resumed.homed) or error.code == RESTARTED:
+        command += " --homed"
+    first = "home both stages, then go" if error.code == RESTARTED else "go"
+    on = f"{first} on with `{command}`, before this tool does anything else."
+    error.hint = f"{error.hint} {on[0].upper()}{on[1:]}".strip()
 
 
 @dataclass(slots=True, eq=False)

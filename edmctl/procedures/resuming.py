@@ -11,6 +11,7 @@ import math
 from typing import TYPE_CHECKING
 
 from edmctl.errors import MachineFault
+from edmctl.procedures.bottom import MORE_LOOKS, wash
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.deciding import Decision, decide
 from edmctl.procedures.drift import uncertainty_now
@@ -64,6 +65,11 @@ def take_up_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Deci
     )
     z2 = _touch(run, "Z2", site, site.name, z3.z_um + hole.face_um + state.depth_um, expected.depth_reach_um)
     found = _measured(run, hole, z2, z3)
+    for _ in range(0 if run.job.restart_hole else MORE_LOOKS):
+        if found.depth_um >= expected.estimate.depth_um or expected.depth_fits(found):
+            break
+        z2 = _touch_washed(run, site, z2, expected.depth_reach_um)
+        found = _measured(run, hole, z2, z3)
     if run.job.restart_hole:
         _start_again(run, site, known, z3, found)
         return None
@@ -179,6 +185,18 @@ def _touch(
                 "be those that were left."
             )
         raise
+
+
+def _touch_washed(run: Run, site: Site, short: SurfaceReading, reach_um: float) -> SurfaceReading:
+    """Touch a bottom again that seems too near: what lay on it while the job stood still may go with the oil."""
+    run.decide(
+        RunEvent.TOUCH_DOUBTED,
+        f"Z2 = {short.z_um:.2f} µm is nearer than the journal expects (a chip?). It is touched again.",
+        {"kind": "Z2", "z_um": short.z_um},
+        level=EventLevel.WARNING,
+    )
+    wash(run, short.z_um)
+    return _touch(run, "Z2", site, site.name, short.z_um, reach_um)
 
 
 def _begin(run: Run, known: Known, state: JobState) -> None:

@@ -36,6 +36,11 @@ REMEDIES = {
     "or allow more (target.tolerance_um).",
 }
 """What narrows an interval, by what the depth rests on."""
+TOO_SHALLOW = (
+    "Allow more cuts (wear.max_cuts) or time (limits.max_time_s); `edmctl run explain` tells why the last cut "
+    "ended."
+)
+TOO_DEEP = "Cut less before the first measuring stop (wear.first_fraction), and check wear.expected_ratio."
 
 
 def verdict_of(goal: Goal, depth_um: float, depth_u95_um: float, *, through: bool) -> Verdict | None:
@@ -72,7 +77,7 @@ def judge_holes(run: Run, last: Decision | None) -> Decision | None:
     if not doubtful:
         return last
     missed = [site for site in doubtful if site.verdict is Verdict.MISSED]
-    hint = REMEDIES[(missed or doubtful)[0].depth_basis]
+    hint = _remedy(run.job, (missed or doubtful)[0])
     for site in doubtful:
         text = f"{site.name}: {_sentence(run.job, site)}."
         args: Args = {"verdict": str(site.verdict), "depth_um": site.depth_um}
@@ -103,6 +108,16 @@ def not_shown(what: str, goal: Goal, result: ChannelResult | SiteResult) -> str:
 
 def _goal(job: Job, name: str) -> Goal:
     return goal_of(job.profile, next(site for site in job.sites if site.name == name))
+
+
+def _remedy(job: Job, site: SiteResult) -> str:
+    """What to do about a hole: where it is missed, that goes by the side on which it is."""
+    if site.verdict is not Verdict.MISSED:
+        return REMEDIES[site.depth_basis]
+    goal = _goal(job, site.name)
+    if goal.kind == "through":
+        return "Check work.thickness_um; a thicker sheet needs more stroke."
+    return TOO_SHALLOW if site.depth_um < goal.depth_um else TOO_DEEP
 
 
 def _sentence(job: Job, site: SiteResult) -> str:

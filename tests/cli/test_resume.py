@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 import json
+import math
 import shutil
+import time
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
 from edmctl.cli.app import main
+from edmctl.cli.journaling import tell_way_on
+from edmctl.cli.resume import checked, find_run
+from edmctl.cli.runfile import RunName
+from edmctl.cli.wear_run import _aged
 from edmctl.errors import LinkLost
 from edmctl.profile.load import load_profile
 from edmctl.record.bench_file import read_bench, write_bench
+from edmctl.record.bookkeeping import Books, ToolAccount
 from edmctl.record.journal import read_journal, write_journal
-from edmctl.record.ledger_entries import UNFINISHED, SiteMachined
+from edmctl.record.ledger_entries import UNFINISHED, ReferenceTouched, SiteMachined
 from edmctl.record.logbook import JobBegun, Logbook, RunEnded, ToolChanged, WearMeasured
 from edmctl.record.reader import open_run
 from edmctl.simulator.saving import bench_state, restored_bench
@@ -372,3 +380,28 @@ def test_a_ledger_is_no_run(here: Here) -> None:
     error = error_of(here("machine", "--resume", "runs/ledger.jsonl", *BENCH, "--json"))
     assert error["code"] == "E2004"
     assert "no run file" in str(error["message"])
+
+
+@pytest.mark.parametrize("code", ["E4005", "E4010"])
+def test_the_way_on_after_a_restart_homes_the_stages_first(here: Here, killed: Path, code: str) -> None:
+    order = find_run("a", Path("runs"))
+    plan = checked(order, "sim:bench.h5", 0.0)
+    error = LinkLost("made for this test", code=code)
+    name = RunName("a", Path("runs/a.h5"), datetime.now(UTC))
+    tell_way_on(error, plan, name)
+    assert "Go on with `edmctl machine" in error.hint or "ome both stages, then go on" in error.hint
+    assert ("--homed" in error.hint) == (code == "E4005")
+    again = LinkLost("made for this test", code=code)
+    tell_way_on(
+        again,
+        replace(plan, resumed=replace(order, homed=True)),
+        RunName("a", Path("runs/a.h5"), datetime.now(UTC)),
+    )
+    assert "--homed" in again.hint
+
+
+@pytest.mark.parametrize(("ahead_s", "age_s"), [(-100.0, 100.0), (30.0, 0.0), (86_400.0, math.inf)])
+def test_a_reference_from_the_future_has_no_known_age(ahead_s: float, age_s: float) -> None:
+    reference = ReferenceTouched("t", "a.h5", 50.0, 0.1, 3, 48.0, True, 0.0, 0.0, 1.0, 10.0)
+    account = ToolAccount("t", reference, reference_utc_s=time.time() + ahead_s, reference_at_s=0.0)
+    assert _aged(reference, account, Books(), clock=True).age_s == pytest.approx(age_s, abs=5.0)

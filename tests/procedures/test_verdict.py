@@ -197,3 +197,14 @@ def test_a_result_travels_through_a_journal_and_an_older_one_claims_no_touch(don
     assert judged(done.shop.job, site_result_of(kept)) == site
     older = {key: value for key, value in kept.items() if key not in ("depth_basis", "wear_basis", "verdict")}
     assert site_result_of(older).depth_basis is Basis.ESTIMATED
+
+
+@pytest.mark.parametrize(("depth_um", "remedy"), [(9.0, "wear.max_cuts"), (15.0, "wear.first_fraction")])
+def test_the_remedy_of_a_missed_hole_goes_by_its_side(done: Done, depth_um: float, remedy: str) -> None:
+    shop = Shop()
+    (result,) = done.result.sites
+    result = replace(result, depth_um=depth_um, depth_u95_um=0.5)
+    shop.ledger.sites[result.name] = judged(shop.job, result)
+    decision = judge_holes(shop.run(), None)
+    assert decision is not None
+    assert remedy in decision.hint
