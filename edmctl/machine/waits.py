@@ -109,11 +109,12 @@ class Waits:
 
     def event(self, codes: tuple[EventCode, ...], expected_s: float) -> MachineEvent:
         """Wait for one of these events, `expected_s` and some grace at most; MachineFault when none comes."""
-        begun_s, deadline_s = self._inbox.time_s, self.now_s + expected_s + GRACE_S
+        grace_s = GRACE_S * self._session.pace
+        begun_s, deadline_s = self._inbox.time_s, self.now_s + expected_s + grace_s
         while (event := self.take(codes)) is None:
             self._refuse_strange(codes)
             if self.now_s > deadline_s or self._stands_since(begun_s, _MOVING):
-                raise _not_told(codes, f"within {expected_s + GRACE_S:.1f} s")
+                raise _not_told(codes, f"within {expected_s + grace_s:.1f} s")
             self.slice(SLICE_S)
         return event
 
@@ -137,7 +138,8 @@ class Waits:
         """Whether the samples show, and have for a while, a state that is none of these."""
         inbox = self._inbox
         still = inbox.state not in moving
-        return still and inbox.time_s - max(inbox.state_since_s, begun_s) > STANDING_S
+        stood_s = inbox.time_s - max(inbox.state_since_s, begun_s)
+        return still and stood_s > STANDING_S * self._session.pace
 
     def event_whatever_comes(self, code: EventCode, timeout_s: float) -> None:
         """Wait for an event; no fault, stop request or listener comes between."""

@@ -49,7 +49,7 @@ def measure_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: CutResu
         settled = settle_unmeasured(run, hole, known, z3, plan, live)
     found = learn(run, hole, known, z2, z3, gap_um, settled)
     if plan.number == 1:
-        refuse_wrong_setup(run, found)
+        refuse_wrong_setup(run, hole.touched or found)
     start = next_start(run, hole, gap_um, known.gap_u_um)
     decision = decide(
         run.profile,
