@@ -76,6 +76,20 @@ def touch_pad(run: Run, hole: Hole, plan: CutPlan, cut: CutResult, more_u_um: fl
     return z3
 
 
+def measured(run: Run, hole: Hole, z2: SurfaceReading, z3: SurfaceReading) -> DepthAndWear:
+    """What bottom and pad say of a hole, against where it began."""
+    return depth_and_wear(
+        run.setup,
+        uncertainty_now(run),
+        hole.z1,
+        z2,
+        z3,
+        face_um=hole.face_um,
+        face_u_um=hole.face_u_um,
+        z1_u_um=hole.z1_u_um,
+    )
+
+
 def learn(
     run: Run,
     hole: Hole,
@@ -89,16 +103,7 @@ def learn(
 
     `settled` is the wear of the hole where the touch tells of several holes at once.
     """
-    found = depth_and_wear(
-        run.setup,
-        uncertainty_now(run),
-        hole.z1,
-        z2,
-        z3,
-        face_um=hole.face_um,
-        face_u_um=hole.face_u_um,
-        z1_u_um=hole.z1_u_um,
-    )
+    found = measured(run, hole, z2, z3)
     if settled is not None:
         found = replace(found, wear_um=settled.wear_um, wear_u95_um=COVERAGE * settled.wear_u_um)
     stated = found if settled is not None else with_doubt_of_wear(run, hole, known.estimate, found)

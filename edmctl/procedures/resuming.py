@@ -14,7 +14,6 @@ from edmctl.errors import MachineFault
 from edmctl.procedures.bottom import MORE_LOOKS, wash
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.deciding import Decision, decide
-from edmctl.procedures.drift import uncertainty_now
 from edmctl.procedures.expecting import (
     STANDARD_UNCERTAINTIES,
     expected_of_finished,
@@ -23,8 +22,7 @@ from edmctl.procedures.expecting import (
 )
 from edmctl.procedures.hole import Hole, Known, close_site, hole_at
 from edmctl.procedures.job import Site
-from edmctl.procedures.measuring import depth_and_wear
-from edmctl.procedures.measuring_stop import learn, next_start, report
+from edmctl.procedures.measuring_stop import learn, measured, next_start, report
 from edmctl.procedures.not_left import other_tool, other_work, touched_face
 from edmctl.procedures.pad import read_pad
 from edmctl.procedures.pausing import counted_pause_s, drift_u_um
@@ -64,12 +62,12 @@ def take_up_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Deci
         run, "Z3", run.job.pad, site.name, hole.z1.z_um + state.wear_um, expected.wear_reach_um + drift_um
     )
     z2 = _touch(run, "Z2", site, site.name, z3.z_um + hole.face_um + state.depth_um, expected.depth_reach_um)
-    found = _measured(run, hole, z2, z3)
+    found = measured(run, hole, z2, z3)
     for _ in range(0 if run.job.restart_hole else MORE_LOOKS):
         if found.depth_um >= expected.estimate.depth_um or expected.depth_fits(found):
             break
         z2 = _touch_washed(run, site, z2, expected.depth_reach_um)
-        found = _measured(run, hole, z2, z3)
+        found = measured(run, hole, z2, z3)
     if run.job.restart_hole:
         _start_again(run, site, known, z3, found)
         return None
@@ -129,7 +127,7 @@ def _look_at_finished(run: Run, known: Known, pad: SurfaceReading) -> None:
     hole = hole_at(run, site, known, pad, 0.0)
     predicted_um = pad.z_um + hole.face_um + result.depth_um
     bottom = _touch(run, "Z2", site, site.name, predicted_um, expected.depth_reach_um)
-    found = _measured(run, hole, bottom, pad)
+    found = measured(run, hole, bottom, pad)
     if not expected.depth_fits(found):
         raise other_work(site, found, expected.estimate, begun=False)
     run.decide(
@@ -152,19 +150,6 @@ def _start_again(run: Run, site: Site, known: Known, pad: SurfaceReading, found:
         f"The face at {site.name} is untouched ({found.depth_um:+.2f} ± {found.depth_u95_um:.2f} µm): the hole is "
         "made from the start.",
         {"depth_um": found.depth_um},
-    )
-
-
-def _measured(run: Run, hole: Hole, z2: SurfaceReading, z3: SurfaceReading) -> DepthAndWear:
-    return depth_and_wear(
-        run.setup,
-        uncertainty_now(run),
-        hole.z1,
-        z2,
-        z3,
-        face_um=hole.face_um,
-        face_u_um=hole.face_u_um,
-        z1_u_um=hole.z1_u_um,
     )
 
 

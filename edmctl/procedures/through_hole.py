@@ -9,9 +9,7 @@ from edmctl.labels import Basis
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.cut import CutEnd
 from edmctl.procedures.deciding import Decision, unfinished
-from edmctl.procedures.drift import uncertainty_now
-from edmctl.procedures.measuring import depth_and_wear
-from edmctl.procedures.measuring_stop import touch_pad
+from edmctl.procedures.measuring_stop import measured, touch_pad
 from edmctl.procedures.tool_length import ToolLength
 from edmctl.record.rows import EventLevel
 
@@ -32,16 +30,7 @@ def end_of_through_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: 
     fed_um = plan.fed_um(cut.end_displacement_um)
     hole.stops += 1
     hole.bottom, hole.pad = hole.z1.shifted(hole.face_um + fed_um), pad
-    found = depth_and_wear(
-        run.setup,
-        uncertainty_now(run),
-        hole.z1,
-        hole.bottom,
-        pad,
-        face_um=hole.face_um,
-        face_u_um=hole.face_u_um,
-        z1_u_um=hole.z1_u_um,
-    )
+    found = measured(run, hole, hole.bottom, pad)
     known.tool = ToolLength(pad)
     hole.report(run, found, plan.gap_um, through=cut.through, depth_basis=Basis.ESTIMATED)
     decision = _decision(hole, cut, found)
