@@ -1,14 +1,14 @@
 """Whether a touch that is wrong is found: chips under the tool, touches that repeat, are scaled or absurd.
 
-    python benchmarks/chips.py [--seeds 6] [--first-seed 2000] [--deep 2] [--clean 300] [--arrays 12] [--base DIR]
+    python -m benchmarks.chips [--seeds 6] [--first-seed 2000] [--deep 2] [--clean 300] [--arrays 12] [--base DIR]
 
 Every chip is injected on a virtual machine under the first touch of a reading: Z1, Zr, or Z2 and Z3 of the first or
 of the last measuring stop; of holes beside the pad, 5 mm and 15 mm from it, and of an array with a plane. The same
 seed without a chip says how wide the interval is that the chip has to exceed. A chip is found where the stated 95 %
-intervals hold the plant's truth all the same, or the job is refused, or no wrong hole is called shown; what was told
-of it besides counts nothing. Bars: of those that shift a result by more than the clean run's interval, 95 % found;
-at most 1 % of clean holes with an alarm; with `--base`, a checkout to compare with, a clean job at most 3 % (180 µm)
-or 30 s longer.
+intervals of all depths and wears hold the plant's truth all the same, or the job is refused, or a decision tells of
+the doubt. A wrong result that merely misses the target is not found: it has rows of its own. Bars: of those that
+shift a result by more than the clean run's interval, 95 % found; at most 1 % of clean holes with an alarm; with
+`--base`, a checkout to compare with, a clean job at most 3 % (180 µm) or 30 s longer.
 """
 
 from __future__ import annotations
@@ -20,17 +20,18 @@ import os
 import statistics
 import subprocess
 import sys
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from random import Random
 from typing import TYPE_CHECKING
 
+from edmctl.cli.true_wear import TrueWear
 from edmctl.errors import EdmError
-from edmctl.labels import Verdict
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.job import job_of
+from edmctl.procedures.journal import NoJournal
 from edmctl.procedures.machining import run_job
 from edmctl.procedures.results import JobResult, Ledger
 from edmctl.profile.load import load_profile
@@ -42,7 +43,7 @@ from edmctl.simulator.injection import parse_injection
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from edmctl.machine.port import Touch, TouchRequest
+    from edmctl.link.transport import Transport
     from edmctl.procedures.results import Progress
     from edmctl.record.rows import EventLevel, TouchRow
     from edmctl.simulator.bench import HoleTruth
@@ -65,26 +66,15 @@ DOUBTS = {code for code in RunEvent if code.name in ("TOUCH_DOUBTED", "READING_R
 """By name, because a checkout to compare with may not have them all."""
 ARRAY = "profiles/array-3x3.toml"
 
-UNCLAIMED = (Verdict.NOT_SHOWN, Verdict.MISSED)
+JUDGED = ("E7010", "E7013")
+"""Errors of a job that was done and is not what was wanted: they refuse no touch."""
 
 LIES: Mapping[str, Callable[[float], float]] = {
+    "0.5 µm more": lambda z_um: z_um + 0.5,
     "constant": lambda _: 50.0,
     "times 1.25": lambda z_um: 1.25 * z_um,
     "absurd": lambda _: 2_147_483.0,
 }
-
-
-class LyingMachine(LinkMachine):
-    """A machine whose touches are spoilt on their way to the host."""
-
-    lie: Callable[[float], float] | None = None
-
-    def touch(self, request: TouchRequest) -> tuple[Touch, ...]:
-        """Touch, and tell something else."""
-        touches = super().touch(request)
-        if self.lie is None:
-            return touches
-        return tuple(replace(touch, displacement_um=self.lie(touch.displacement_um)) for touch in touches)
 
 
 @dataclass(slots=True)
@@ -123,24 +113,35 @@ class _Silent:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """One job: its result or error, what was doubted, and whether its intervals hold the truth.
-
-    `claimed` says whether a hole outside its interval was called shown.
-    """
+    """One job: its result or error, what was doubted, and whether its intervals hold the truth."""
 
     result: JobResult | None
     error: str
     doubts: list[str]
     kinds: list[str]
     covered: bool
-    claimed: bool
     told: str
     time_s: float
 
     @property
     def alarmed(self) -> bool:
         """Whether something was told."""
-        return bool(self.doubts) or self.error[:4] in ("E702", "E802")
+        return bool(self.doubts) or self.error[:4] in ("E702", "E802", "E670")
+
+    @property
+    def refused(self) -> bool:
+        """Whether the job ended early."""
+        return bool(self.error) and not self.error.startswith(JUDGED)
+
+    @property
+    def found(self) -> bool:
+        """Whether a wrong touch has done no harm that nobody was told of."""
+        return self.covered or self.refused or bool(self.doubts)
+
+    @property
+    def only_judged(self) -> bool:
+        """Whether a wrong result that nobody doubts is not called right either."""
+        return not self.found and bool(self.error)
 
 
 def perform(profile: str, seed: int, overrides: tuple[str, ...], inject: str = "", lie: str = "") -> Outcome:
@@ -154,30 +155,36 @@ def perform(profile: str, seed: int, overrides: tuple[str, ...], inject: str = "
     bench = open_bench(config, seed)
     if inject:
         bench.inject(parse_injection(inject))
-    session = Session(bench.transport, Random(seed))
+    session = Session(_lying(bench.transport, LIES[lie]) if lie else bench.transport, Random(seed))
     session.open()
-    machine, ears, ledger = LyingMachine(session, StopRequest()), Ears(), Ledger()
-    machine.lie = LIES.get(lie)
-    job = job_of(loaded.profile, Setup(), loaded.places)
+    machine, ears, ledger = LinkMachine(session, StopRequest()), Ears(), Ledger()
+    job, wear = job_of(loaded.profile, Setup(), loaded.places), TrueWear(bench, NoJournal())
     error = ""
     try:
-        run_job(machine, job, recorder=ears, observer=_Silent(), ledger=ledger)
+        run_job(machine, job, recorder=ears, observer=_Silent(), ledger=ledger, journal=wear)
     except EdmError as failed:
         error = f"{failed.code} {failed.message}"
     if not ledger.sites:
-        return Outcome(None, error, ears.doubts, ears.kinds, error != "", False, error, ledger.time_s)
+        return Outcome(None, error, ears.doubts, ears.kinds, error != "", error, ledger.time_s)
     result = ledger.result()
-    covered, claimed, told = True, False, []
+    covered, told = True, []
     for site in result.sites:
         hole = _hole_at(bench.truth(), site.x_um, site.y_um)
-        inside = abs(site.depth_um - hole.depth_um) <= site.depth_u95_um
-        told.append(f"{site.depth_um:.2f} ± {site.depth_u95_um:.2f}, true {hole.depth_um:.2f}")
-        if len(result.sites) == 1:
-            inside = inside and abs(site.wear_um - bench.tool_wear_um) <= site.wear_u95_um
-            told.append(f"wear {site.wear_um:.2f} ± {site.wear_u95_um:.2f}, true {bench.tool_wear_um:.2f}")
-        covered = covered and inside
-        claimed = claimed or not (inside or site.verdict in UNCLAIMED)
-    return Outcome(result, error, ears.doubts, ears.kinds, covered, claimed, "; ".join(told), ledger.time_s)
+        worn_um = wear.of_site(site.name)
+        covered = covered and abs(site.depth_um - hole.depth_um) <= site.depth_u95_um
+        covered = covered and abs(site.wear_um - worn_um) <= site.wear_u95_um
+        told.append(
+            f"{site.depth_um:.2f} ± {site.depth_u95_um:.2f}, true {hole.depth_um:.2f}, "
+            f"wear {site.wear_um:.2f} ± {site.wear_u95_um:.2f}, true {worn_um:.2f}"
+        )
+    return Outcome(result, error, ears.doubts, ears.kinds, covered, "; ".join(told), ledger.time_s)
+
+
+def _lying(line: Transport, lie: Callable[[float], float]) -> Transport:
+    """The line with touches that are spoilt on their way; a checkout to compare with may not have it."""
+    from tests.machine.lying import LyingTouches
+
+    return LyingTouches(line, lie)
 
 
 def _hole_at(holes: Sequence[HoleTruth], x_um: float, y_um: float) -> HoleTruth:
@@ -192,6 +199,7 @@ class Tally:
     alarmed: int = 0
     covered: int = 0
     missed: int = 0
+    only_judged: int = 0
     harmless: int = 0
 
     def take(self, outcome: Outcome, *, harmful: bool) -> None:
@@ -202,14 +210,15 @@ class Tally:
         self.harmful += 1
         self.alarmed += outcome.alarmed
         self.covered += outcome.covered
-        self.missed += outcome.claimed
+        self.missed += not outcome.found
+        self.only_judged += outcome.only_judged
 
     def __str__(self) -> str:
         n = max(1, self.harmful)
         return (
             f"{self.harmful:4d} harmful: {100 * self.alarmed / n:5.1f} % told, "
             f"{100 * self.covered / n:5.1f} % covered or without a result, "
-            f"{self.missed} wrong and called shown ({self.harmless} harmless)"
+            f"{self.missed} not found ({self.harmless} harmless)"
         )
 
 
@@ -261,7 +270,7 @@ def chips(seeds: range, jobs: Sequence[tuple[str, ...]], *, told: bool) -> dict[
                             size = "up to 2 µm" if size_um <= 2.0 else "beyond"
                             tally = tallies.setdefault(f"{kind} {name:<10} {size:<10}", Tally())
                             tally.take(done, harmful=harmful)
-                            if told and harmful and done.claimed:
+                            if told and harmful and not done.found:
                                 job = " ".join(overrides)
                                 print(f"    missed: {job}, seed {seed}, {kind}, {inject}: {done.told}")
     return tallies
@@ -355,6 +364,9 @@ def main() -> None:
         )
         for name, tally in tallies.items():
             print(f"    {name:<24} {tally}", flush=True)
+        for name, tally in tallies.items():
+            if tally.only_judged:
+                print(f"    {name:<24} {tally.only_judged} of these not found but that the target is missed")
     holes, alarmed, told = alarms(args.first_seed, args.clean, args.arrays)
     met = met and alarmed <= ALARM_BAR * holes
     print(f"clean holes: {alarmed} of {holes} with an alarm (bar {100 * ALARM_BAR:g} %)")

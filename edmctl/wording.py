@@ -94,6 +94,17 @@ def decimal(value: float, decimals: int = 2) -> str:
     return f"{round(value, decimals) + 0.0:.{decimals}f}".replace("-", "−")
 
 
+def signed(value: float, decimals: int = 2) -> str:
+    """Return a difference with its sign: `+0.24`, `−0.13`; what rounds to nothing has none."""
+    text = decimal(value, decimals)
+    return f"+{text}" if round(value, decimals) > 0.0 else text
+
+
+def coordinates(x_um: float, y_um: float, decimals: int = 0) -> str:
+    """Return where the stages stand: `(−5000, 0) µm`."""
+    return f"({decimal(x_um, decimals)}, {decimal(y_um, decimals)}) µm"
+
+
 def with_u95(value: float, u95: float, decimals: int = 2) -> str:
     """Return a number with half its 95 % interval, where it has one."""
     if not math.isfinite(value) or not math.isfinite(u95):

@@ -9,6 +9,7 @@ import pytest
 from edmctl.wording import (
     UNKNOWN,
     about,
+    coordinates,
     count,
     decimal,
     duration,
@@ -19,6 +20,7 @@ from edmctl.wording import (
     percent,
     printable,
     removal_rate,
+    signed,
     significant,
     with_u95,
 )
@@ -34,6 +36,11 @@ from edmctl.wording import (
         (with_u95(math.nan, 0.2), UNKNOWN),
         (length(12.345, 0.5), "12.35 ± 0.50 µm"),
         (length(math.nan, 0.5), UNKNOWN),
+        (signed(0.24), "+0.24"),
+        (signed(-0.13), "−0.13"),
+        (signed(-0.001), "0.00"),
+        (signed(math.nan), UNKNOWN),
+        (coordinates(-5000.0, -0.2), "(−5000, 0) µm"),
         (percent(0.0294, 2), "2.94 %"),
         (percent(math.nan), UNKNOWN),
         (count(1981705), "1 981 705"),

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING
 
 from edmctl.cli.doctor_checks import Check, fail, ok, warn
 from edmctl.errors import EdmError, Interrupted, LinkLost
+from edmctl.wording import decimal
 
 if TYPE_CHECKING:
     from edmctl.cli.doctor_checks import Checks
+    from edmctl.link.accounting import LinkReport
     from edmctl.machine.controller import LinkMachine
     from edmctl.machine.port import (
         MachineEvent,
@@ -29,6 +31,8 @@ FOLLOWS_V = 4.5
 REST_UM = 60.0
 """A displacement at 0 V beyond this is no rest: hysteresis and creep leave 45 µm."""
 GAP_V, GAP_DUTY = 40.0, 0.25
+SETTLED_S = 0.5
+"""After this the controller has told of frames that a session before this one has left half sent."""
 SAMPLED_S, SAMPLE_PERIOD_US = 0.5, 10_000
 SAMPLES_SHARE = 0.6
 """Of the samples that are due: the last frame may be on its way, and a fifth of them may be lost."""
@@ -37,10 +41,12 @@ SAMPLES_SHARE = 0.6
 def look(checks: Checks, machine: LinkMachine, setup: Setup) -> None:
     """Everything that can be seen without moving. Raises LinkLost."""
     checks.take(ok("port", f"{machine.identity.transport} is open"))
-    checks.take(*_identity(machine), _round_trip(machine), _samples(machine), _line(machine))
+    machine.rest(SETTLED_S)
+    before = machine.link_report()
+    checks.take(*_identity(machine), _round_trip(machine), _samples(machine), _line(machine, before))
     status = machine.status()
     checks.take(*_interlocks(status), _fault(machine), _actuator(status), _sensor(status, setup))
-    checks.take(ok("dielectric", f"{status.temperature_c:.1f} °C, {status.flow_lpm:.2f} L/min"))
+    checks.take(ok("dielectric", f"{decimal(status.temperature_c, 1)} °C, {status.flow_lpm:.2f} L/min"))
 
 
 def test_sensors(checks: Checks, machine: LinkMachine, setup: Setup) -> None:
@@ -174,14 +180,17 @@ def _samples(machine: LinkMachine) -> Check:
     return ok("samples", told)
 
 
-def _line(machine: LinkMachine) -> Check:
+def _line(machine: LinkMachine, before: LinkReport) -> Check:
+    """How the line has done since `before`: half a frame of a session that broke off is older."""
     report = machine.link_report()
-    damaged = report.bad_frames + report.controller_bad_frames
+    here = report.bad_frames - before.bad_frames
+    there = report.controller_bad_frames - before.controller_bad_frames
+    repeated = report.retries - before.retries
     told = (
-        f"{report.frames_sent} frames out, {report.frames_received} in; damaged {report.bad_frames} here and "
-        f"{report.controller_bad_frames} there, {report.retries} repeated"
+        f"{report.frames_sent} frames out, {report.frames_received} in; damaged {here} here and {there} there, "
+        f"{repeated} repeated"
     )
-    if damaged or report.retries:
+    if here or there or repeated:
         fix = (
             "Lay the cable away from the generator, use a shielded one with a ferrite, and check the ground."
         )
@@ -206,7 +215,7 @@ def _fault(machine: LinkMachine) -> Check:
 
 
 def _actuator(status: MachineStatus) -> Check:
-    told = f"{status.actuator_v:.2f} V commanded, the monitor shows {status.monitor_v:.2f} V"
+    told = f"{decimal(status.actuator_v)} V commanded, the monitor shows {decimal(status.monitor_v)} V"
     if abs(status.monitor_v - status.actuator_v) > FOLLOWS_V:
         fix = "Switch the amplifier on, and check its cable to the actuator and its monitor output."
         return fail("actuator", f"{told}.", fix)
@@ -216,7 +225,7 @@ def _actuator(status: MachineStatus) -> Check:
 def _sensor(status: MachineStatus, setup: Setup) -> Check:
     if not setup.sensor.fitted:
         return ok("displacement", "no sensor fitted")
-    told = f"{status.displacement_um:.2f} µm at {status.actuator_v:.2f} V"
+    told = f"{decimal(status.displacement_um)} µm at {decimal(status.actuator_v)} V"
     if status.actuator_v == 0.0 and abs(status.displacement_um) > REST_UM:
         return warn("displacement", f"{told}.", "Check the zero of the displacement sensor and its fixing.")
     return ok("displacement", told)

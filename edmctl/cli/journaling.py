@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.cli.prepared import logbook_of
@@ -23,25 +22,21 @@ if TYPE_CHECKING:
 PHASE_BEFORE = "starting"
 RESTARTED = "E4005"
 """A controller that restarted does not know where its stages are."""
-OUT = Path("runs")
-"""Where run files are looked for when --out does not say."""
 
 
 def tell_way_on(error: EdmError, plan: Plan, name: RunName | None) -> None:
     """Add to the hint of an error how the job goes on, where it left a journal that lets it."""
     if name is None or isinstance(error, ObjectiveNotReached) or not name.journal.exists():
         return
-    import shlex
-
     from edmctl.cli.resume import find_run
     from edmctl.cli.resume_checks import refuse_untouchable
+    from edmctl.cli.way_on import resume_command
 
     try:
         refuse_untouchable(find_run(str(name.journal), name.path.parent), plan)
     except (PreconditionError, RunFileError):
         return
-    run = name.run_id if name.path.parent == OUT else str(name.path)
-    command = f"edmctl machine --resume {shlex.quote(run)} --port {shlex.quote(plan.where.selector)}"
+    command = resume_command(name.path, plan.where.selector)
     if (plan.resumed is not None and plan.resumed.homed) or error.code == RESTARTED:
         command += " --homed"
     first = "home both stages, then go" if error.code == RESTARTED else "go"

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError
-from edmctl.wording import length
+from edmctl.wording import coordinates, length
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -46,7 +46,7 @@ def refuse_taken(
         for hole in holes:
             if math.hypot(hole.x_um - x_um, hole.y_um - y_um) < hole.radius_um + radius_um:
                 raise PreconditionError(
-                    f"{name} at ({x_um:.0f}, {y_um:.0f}) µm would run into {told(hole, folder)}.",
+                    f"{name} at {coordinates(x_um, y_um)} would run into {told(hole, folder)}.",
                     hint="Give it another place, or keep the run files of new work in another folder with --out; "
                     "`edmctl machine --resume` finishes a hole that was interrupted.",
                     code="E8042",
@@ -56,5 +56,5 @@ def refuse_taken(
 def told(hole: SiteMachined, folder: Path) -> str:
     """A hole in words: name, depth, place, and the run file in `folder` that tells of it."""
     depth = "of unknown depth" if math.isnan(hole.depth_um) else f"{length(hole.depth_um)} deep"
-    where = f"({hole.x_um:.0f}, {hole.y_um:.0f}) µm"
+    where = coordinates(hole.x_um, hole.y_um)
     return f"{hole.name}, {depth} at {where}, {hole.status}, recorded in {folder / hole.run_file}"

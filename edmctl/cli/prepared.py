@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from edmctl.cli.places_taken import next_free_x_um, refuse_taken
+from edmctl.cli.resume import passed_since_s
 from edmctl.cli.tool_left import on_worn_tool, refuse_too_short, refuse_unknown_length, refuse_worn_out
 from edmctl.cli.tool_seen import account_of, other_tool
 from edmctl.record.bookkeeping import Books, ToolAccount, books_of
@@ -95,8 +95,10 @@ def prepared_job(
         return Prepared(job, ToolAccount(loaded.profile.tool.label))
     books = books_of(logbook.lines, seen.serial)
     account = account_of(plan, seen, books)
-    # A job taken up again knows its pad from the journal, and the stroke was enough when it began.
-    profile = loaded.profile if resuming else on_worn_tool(loaded.profile, account)
+    left = plan.resumed.state if plan.resumed else None
+    # A job that has touched knows its pad from the journal, and the stroke was enough when it began.
+    touched = left is not None and (left.site or left.done)
+    profile = loaded.profile if touched else on_worn_tool(loaded.profile, account)
     own = [hole for hole in books.holes if hole.run_file in resuming]
     holes = tuple(hole for hole in books.holes if hole not in own)
     stage, radius_um = setup.stage, hole_radius_um(profile)
@@ -113,14 +115,26 @@ def prepared_job(
 def with_home(job: Job, books: Books, *, clock: bool) -> Job:
     """Return the job with where the tool's home was last by the ledger, and how long ago: by calendar or runs.
 
-    Of a run that was killed the ledger does not know how long it took, so the age is taken a little too large.
+    Of a run that was killed the ledger does not know how long it took, so the age is taken a little too large. Where
+    the clock was set back since, nobody knows it, nor where home is.
     """
-    if math.isnan(books.home_um):
+    passed_s = passed_since_s(books.home_utc_s) if clock else 0.0
+    if math.isnan(books.home_um) or math.isinf(passed_s):
         return job
-    age_s = books.runs_s - books.home_at_s + UNTOLD_S
-    if clock:
-        age_s = max(age_s, time.time() - books.home_utc_s)
+    age_s = max(books.runs_s - books.home_at_s + UNTOLD_S, passed_s)
     return replace(job, home_um=books.home_um, home_age_s=age_s)
+
+
+def with_home_left(job: Job) -> Job:
+    """Return the job with where the tool's home was by the journal of the run before, where that is known later.
+
+    A run that was killed has told the ledger no more than its first touch of the pad.
+    """
+    left = job.resumed
+    age_s = left.home_age_s + job.pause_s + UNTOLD_S if left is not None else math.nan
+    if left is None or not math.isfinite(age_s) or age_s >= job.home_age_s:
+        return job
+    return replace(job, home_um=left.home_um, home_age_s=age_s)
 
 
 def forewarned(plan: Plan, name: RunName, seen: Seen) -> list[Diagnostic]:

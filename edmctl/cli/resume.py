@@ -98,13 +98,15 @@ class Resumption:
         return RunName(run_id, run_path(folder, run_id), start, self.job.run_id)
 
     def taken_up(self, job: Job, *, in_process: bool) -> Job:
-        """Return the job with the places of the run before, and how far that came."""
+        """Return the job with the places of the run before, how far that came, and where the tool's home was."""
+        from edmctl.cli.prepared import with_home_left
         from edmctl.procedures.job import Site
 
         sites = tuple(Site(*place) for place in self.job.places)
         # The time of a virtual bench in this process stands still between commands.
         pause_s = 0.0 if in_process else passed_since_s(self.journal.written_utc_s)
-        return replace(job, sites=sites, resumed=self.state, pause_s=pause_s, restart_hole=self.restart_hole)
+        job = replace(job, sites=sites, resumed=self.state, pause_s=pause_s, restart_hole=self.restart_hole)
+        return with_home_left(job)
 
     def as_mapping(self) -> dict[str, object]:
         """How far it came, for scripts; depth and wear are estimates of the hole that was left."""
@@ -125,7 +127,7 @@ class Resumption:
         """The same for people."""
         state, done = self.state, {str(site["name"]) for site in self.state.done}
         left = ", ".join(name for name, *_ in self.job.places if name not in done)
-        begun = f"; it left {state.site} at about {state.depth_um:.1f} µm" if state.begun else ""
+        begun = f"; {state.site} was interrupted at about {state.depth_um:.1f} µm" if state.begun else ""
         holes = plural(len(self.job.places), "hole")
         return f"{self.job.run_id} has finished {len(done)} of {holes}{begun}. Left: {left}."
 
@@ -265,8 +267,9 @@ def _without_journal(path: Path) -> PreconditionError:
         )
     others = sorted(file.name.removesuffix(SUFFIX) for file in folder.glob(f"*{SUFFIX}"))
     which = f"Runs with a journal there: {', '.join(others)}." if others else "No run there has a journal."
+    where = "this folder" if folder == Path() else f"{folder}"
     if not _run_files(run_id, folder):
-        return PreconditionError(f"There is no run {run_id} in {folder}.", hint=which, code="E8050")
+        return PreconditionError(f"There is no run {run_id} in {where}.", hint=which, code="E8050")
     return PreconditionError(
         f"{run_id} has no journal, so nobody knows how far it came.",
         hint="A fresh virtual machine (sim:) is gone with its command and keeps none; jobs on sim:FILE, on a served "
@@ -308,6 +311,6 @@ def _bench_gone(job: JournalledJob, bench_file: str) -> PreconditionError:
         what = "No machine was named, and a fresh virtual one has no work that was begun"
     return PreconditionError(
         f"{what}: {job.run_id} ran on {job.serial} at {job.port}.",
-        hint="Name the machine that has the work: --port sim:FILE, that of a served bench, or hardware.",
+        hint="Name the file of that bench with --port sim:FILE." if bench_file else f"Say --port {job.port}.",
         code="E8058",
     )

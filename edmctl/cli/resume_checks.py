@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError
+from edmctl.wording import coordinates
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -117,10 +118,10 @@ def _not_homed(resumption: Resumption, held: Held, plan: Plan) -> PreconditionEr
     status, journal = held.bench.machine.status(), resumption.journal
     return PreconditionError(
         f"The controller was switched on again since {journal.job.run_id}, and a controller cannot tell whether its "
-        f"stages moved meanwhile. It counts ({status.x_um:.1f}, {status.y_um:.1f}) µm now; the run was last seen at "
-        f"({journal.x_um:.1f}, {journal.y_um:.1f}) µm.",
+        f"stages moved meanwhile. It counts {coordinates(status.x_um, status.y_um, 1)} now; the run was last "
+        f"seen at {coordinates(journal.x_um, journal.y_um, 1)}.",
         hint=f"Home both stages at their references, within {HOMED_WITHIN_UM:g} µm, and say --homed; the tool has "
-        f"to be clear of the work. The pad is at ({plan.setup.stage.reference_x_um:g}, "
-        f"{plan.setup.stage.reference_y_um:g}) µm.",
+        f"to be clear of the work. The pad is at "
+        f"{coordinates(plan.setup.stage.reference_x_um, plan.setup.stage.reference_y_um)}.",
         code="E8057",
     )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.cli.options import DebugOption, FileArgument, JsonOption
 from edmctl.cli.outcome import Outcome, Output, run_command, stream_style
-from edmctl.wording import duration, earlier, ended_as, facts
+from edmctl.wording import duration, earlier, ended_as, facts, with_u95
 
 if TYPE_CHECKING:
     from edmctl.console.story import Sentence
@@ -23,6 +23,7 @@ def explain(file: FileArgument, as_json: JsonOption = False, debug: DebugOption 
 
     def body(outcome: Outcome) -> None:
         from edmctl.cli.run_opening import find_run, unless_killed
+        from edmctl.cli.way_on import command_to_go_on
         from edmctl.console.story import render_story
         from edmctl.record.doubt import reading
 
@@ -32,7 +33,7 @@ def explain(file: FileArgument, as_json: JsonOption = False, debug: DebugOption 
             told = sentences_of(opened)
             outcome.result = {"story": told}
             outcome.text = render_story(told, stream_style(sys.stdout))
-            unless_killed(opened)
+            unless_killed(opened, command_to_go_on(opened.path))
 
     return run_command(Output("run explain", as_json, debug=debug), body)
 
@@ -141,21 +142,34 @@ def touches_of(opened: "RunFile") -> "list[Sentence]":
 def _settled(opened: "RunFile", events: list[FileEvent], holes: list[str]) -> str:
     """Which holes a later touch of the pad gave another depth than feed and energy had."""
     said_um = {
-        hole: depth_um
+        hole: (depth_um, _number(event.args.get("depth_u95_um")))
         for event, hole in zip(events, holes, strict=True)
         if event.code == "SITE_ESTIMATED" and isinstance(depth_um := event.args.get("depth_um"), float)
     }
-    changed = []
+    changed, grew = [], False
     for row in opened.table("/entry/results"):
         name = row["site"].decode(errors="ignore")
-        before_um = next((um for hole, um in said_um.items() if hole.encode()[:32] == row["site"]), None)
-        if before_um is not None and f"{before_um:.2f}" != f"{row['depth']:.2f}":
-            changed.append(f"{name} {row['depth']:.2f} ± {row['depth_u95']:.2f} µm (was {before_um:.2f})")
+        said = next((known for hole, known in said_um.items() if hole.encode()[:32] == row["site"]), None)
+        if said is None:
+            continue
+        before, now = with_u95(*said), with_u95(row["depth"], row["depth_u95"])
+        if before != now:
+            changed.append(f"{name} {now} µm (was {before})")
+            grew |= round(row["depth_u95"], 2) > round(said[1], 2)
     if not changed:
         return ""
-    return (
+    told = (
         f"The touches that came later gave holes that had not been touched new depths: {', '.join(changed)}."
     )
+    why = (
+        "An interval that grew holds that the touch was not quite where it was expected, and that nobody knows how "
+        "the holes share the difference."
+    )
+    return f"{told} {why}" if grew else told
+
+
+def _number(value: object) -> float:
+    return float(value) if isinstance(value, int | float) else math.nan
 
 
 def _done(opened: "RunFile", events: list[FileEvent]) -> str:

@@ -47,12 +47,18 @@ def reading_unless_killed(path: Path) -> Iterator[RunFile]:
         yield opened
 
 
-def unless_killed(opened: RunFile) -> None:
-    """Raise RunFileError E9008 where the writer of an open run file was killed."""
+def unless_killed(opened: RunFile, command: str = "") -> None:
+    """Raise RunFileError E9008 where the writer of an open run file was killed.
+
+    command : how its job goes on, if it does; the run file becomes whole by that as well.
+    """
     from edmctl.record.liveness import interrupted, is_live
 
     if not opened.is_finished and not is_live(opened.path):
-        raise interrupted(opened.path)
+        error = interrupted(opened.path)
+        if command:
+            error.hint = f"Go on with `{command}`."
+        raise error
 
 
 def plain_stem(path: Path) -> str:

@@ -64,7 +64,7 @@ def _tell(outcome: Outcome, path: Path) -> None:
         outcome.simulated, outcome.seed = summary.simulated, summary.seed
         outcome.result = summary
         outcome.text = render_run(summary, stream_style(sys.stdout), _columns())
-        unless_killed(opened)
+        unless_killed(opened, summary.way_on)
 
 
 def _columns() -> int:

@@ -58,6 +58,7 @@ class RunSummary:
 
     Times are those of the job: `earlier_time_s` of `time_s` passed in the runs that it goes on with, 0 without any.
     The pauses between them are left out; they were `pause_s`, NaN where nobody knows.
+    `way_on` is the command that takes up the job; empty where there is nothing to take up.
     `est_depth_um` is how deep the hole is that was left without a result; NaN where there is none.
     """
 
@@ -75,6 +76,7 @@ class RunSummary:
     exit_code: int | None
     error_code: str
     recovery: str
+    way_on: str
     simulated: bool
     seed: int | None
     time_s: float
@@ -100,6 +102,7 @@ class RunSummary:
 def summary_of(opened: RunFile) -> RunSummary:
     """Read what is told of an open run file, also of one without an end."""
     from edmctl.cli.run_explain import events_of, sentences_of, wanted
+    from edmctl.cli.way_on import command_to_go_on
     from edmctl.record.create import NO_EXIT_CODE
     from edmctl.record.estimated import estimated_depth
     from edmctl.record.happened import error_code_of
@@ -126,6 +129,7 @@ def summary_of(opened: RunFile) -> RunSummary:
         exit_code=None if exit_code == NO_EXIT_CODE else exit_code,
         error_code=error_code_of(opened),
         recovery=opened.text("/entry/recovery"),
+        way_on=command_to_go_on(opened.path),
         simulated=opened.is_simulated,
         seed=opened.seed,
         time_s=_time_s(opened, summary, events),

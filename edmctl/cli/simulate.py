@@ -1,6 +1,7 @@
 """`edmctl simulate`: the same job on many virtual machines; its subcommands simulate other things."""
 
 import dataclasses
+import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -200,7 +201,20 @@ def _simulate(outcome: Outcome, batch: "_Batch") -> None:
     ]
     outcome.result = {"runs": batch.runs, "cases": cases}
     outcome.text = render_cases(cases, stream_style(sys.stdout))
-    _refuse_failures(done)
+    _refuse_failures(done, batch)
+
+
+def _single(order: "Order", seed: int) -> str:
+    """The command of one run alone."""
+    words = ["edmctl", "machine", "--seed", str(seed)]
+    for option, value in (
+        ("--profile", order.profile),
+        ("--setup", order.setup),
+        ("--calibration", order.calibration),
+        *(("--set", override) for override in order.overrides),
+    ):
+        words += [option, str(value)] if value is not None else []
+    return shlex.join([*words, *(["--allow-model"] if order.allow_model else [])])
 
 
 def _label(stem: str, order: "Order", orders: int) -> str:
@@ -208,12 +222,12 @@ def _label(stem: str, order: "Order", orders: int) -> str:
     return stem if orders == 1 else order.overrides[-1]
 
 
-def _refuse_failures(runs: list["Run"]) -> None:
-    failed = [run for run in runs if not run.ok]
+def _refuse_failures(runs: list["Run"], batch: "_Batch") -> None:
+    failed = [(batch.cases[number // batch.runs], run) for number, run in enumerate(runs) if not run.ok]
     if failed:
-        first = failed[0]
+        case, first = failed[0]
         raise ObjectiveNotReached(
             f"{len(failed)} of {plural(len(runs), 'run')} failed; the first, with seed {first.seed}: {first.error}",
-            hint=f"Repeat it with `edmctl machine --seed {first.seed}` and the same profile.",
+            hint=f"Repeat it with `{_single(case.order, first.seed)}`.",
             code="E7900",
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from edmctl.cli.way_on import command_to_go_on
 from edmctl.errors import Diagnostic, PreconditionError
 from edmctl.wording import length
 
@@ -56,9 +57,13 @@ def refuse_unknown_length(account: ToolAccount, folder: Path) -> None:
     if not account.killed:
         return
     run_file = folder / account.killed[-1].run_file
+    command = command_to_go_on(run_file)
+    anew = "touch the pad anew with `edmctl measure-wear --reference`."
     raise PreconditionError(
-        f"Nobody knows how long {account.label} is: {run_file} was killed while it machined.",
-        hint=f"Finish it with `edmctl machine --resume {run_file.stem}`, or say `edmctl measure-wear --reference`.",
+        f"How long the tool {account.label} is, nobody knows: {run_file} was killed while it machined.",
+        hint=f"Finish it with `{command}`; to give it up, {anew}"
+        if command
+        else f"{anew[0].upper()}{anew[1:]}",
         code="E8048",
     )
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from edmctl.cli.site_option import coordinates
+from edmctl.cli.way_on import command_to_go_on
 from edmctl.errors import PreconditionError
 from edmctl.procedures.measure_wear import Bottom
 from edmctl.process.next_cut import COVERAGE
@@ -14,6 +15,8 @@ from edmctl.record.ledger_entries import UNFINISHED
 from edmctl.wording import length
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from edmctl.record.bookkeeping import Books, ToolAccount
     from edmctl.record.ledger_entries import SiteMachined
 
@@ -21,8 +24,12 @@ MOST_NAMES = 8
 """More of them nobody reads in a message."""
 
 
-def bottom_of(asked: str | None, books: Books, account: ToolAccount, diameter_um: float) -> Bottom | None:
+def bottom_of(
+    asked: str | None, books: Books, account: ToolAccount, diameter_um: float, folder: Path
+) -> Bottom | None:
     """Return the hole that was asked for, or else the last one that the tool made and measured; None without any.
+
+    `folder` holds the run files.
 
     Raises PreconditionError: E8045 no such hole, or one of unknown depth; E8046 the tool does not go into it.
     """
@@ -38,9 +45,13 @@ def bottom_of(asked: str | None, books: Books, account: ToolAccount, diameter_um
             code="E8045",
         )
     if math.isnan(hole.depth_um):
+        run_file = folder / hole.run_file
+        command = command_to_go_on(run_file)
         raise PreconditionError(
-            f"Nobody knows how deep {hole.name} is: {hole.run_file} ended before it was measured.",
-            hint="Finish it with `edmctl machine --resume`, or name another hole with --site.",
+            f"Nobody knows how deep {hole.name} is: {run_file} ended before it was measured.",
+            hint=f"Finish it with `{command}`, or name another hole with --site."
+            if command
+            else "Name another hole with --site.",
             code="E8045",
         )
     if diameter_um >= 2.0 * hole.radius_um:

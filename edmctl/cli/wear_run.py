@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.cli.prepared import logbook_of, with_home
@@ -99,9 +100,9 @@ class WearRun:
         if not self.is_reference:
             reference = _reference_of(account, logbook, seen.serial)
             self._reference = _aged(reference, account, books, clock=not self.plan.where.in_process)
-            if logbook is not None:
-                refuse_unknown_length(account, logbook.path.parent)
-            self._bottom = bottom_of(self.site, books, account, self._diameter_um())
+            folder = logbook.path.parent if logbook is not None else Path()
+            refuse_unknown_length(account, folder)
+            self._bottom = bottom_of(self.site, books, account, self._diameter_um(), folder)
             profile = self._at_speed_of(reference, warn)
         elif logbook is None:
             warn([_NOT_KEPT])

@@ -114,12 +114,18 @@ def _rows(table: dict[str, list[str]]) -> list[tuple[str, ...]]:
 
 def _site_block(site: MeasuredView, truth: TruthView | None, style: Style, columns: int) -> str:
     bases = (site.depth_basis, site.wear_basis)
-    header = [printable(site.name), heading(bases), "from voltage"]
+    header = [printable(site.name), heading(bases)]
     depth_um, wear_um = length(site.depth_um, site.depth_u95_um), length(site.wear_um, site.wear_u95_um)
     if site.depth_basis != site.wear_basis:
         depth_um, wear_um = marked(depth_um, site.depth_basis), marked(wear_um, site.wear_basis)
-    depth = [TIP if site.through else "depth", depth_um, length(site.depth_model_um)]
-    wear = ["tool wear", wear_um, length(site.wear_model_um)]
+    depth = [TIP if site.through else "depth", depth_um]
+    wear = ["tool wear", wear_um]
+    from_voltage = (length(site.depth_model_um), length(site.wear_model_um))
+    # Lengths by the model alone would stand there twice.
+    if from_voltage != (length(site.depth_um), length(site.wear_um)):
+        header.append("from voltage")
+        depth.append(from_voltage[0])
+        wear.append(from_voltage[1])
     if truth:
         header.append("truth")
         depth.append(length(truth.depth_um))
@@ -137,9 +143,9 @@ def _site_block(site: MeasuredView, truth: TruthView | None, style: Style, colum
     if site.through:
         machining += ", through the sheet"
     if site.estimated_um:
-        machining += (
-            f"; the last {length(site.estimated_um)} were not touched, Z2 and Z3 are where contact would be"
-        )
+        machining += f"; the last {length(site.estimated_um)} were not touched"
+        if length(site.z2_um) != UNKNOWN:
+            machining += ", Z2 and Z3 are where contact would be"
     lines = [table, _labelled("machining", machining, columns)]
     if _doubt(site.verdict):
         lines.append(_labelled("verdict", f"{site.verdict}", columns))

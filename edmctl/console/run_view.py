@@ -100,6 +100,8 @@ class RunView(Protocol):
     @property
     def recovery(self) -> str: ...
     @property
+    def way_on(self) -> str: ...
+    @property
     def time_s(self) -> float: ...
     @property
     def machining_time_s(self) -> float: ...
@@ -172,10 +174,11 @@ def _head(run: RunView) -> list[tuple[str, str]]:
     return [
         ("run", f"{run.run_id}{after}"),
         ("status", f"{ended_as(run.status, run.error_code)}{code}{times}"),
+        ("goes on with", run.way_on),
         ("recovered", run.recovery),
         ("started", f"{start} UTC"),
         ("machine", ", ".join(filter(None, words))),
-        ("calibration", machine["calibration"]),
+        ("calibration", machine["calibration"].removeprefix("calibration ")),
         ("command", shlex.join(run.command)),
         ("changed", "; ".join(line for line in run.overrides if line.endswith(", --set)"))),
     ]

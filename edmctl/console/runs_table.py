@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Protocol
 
 from edmctl.console.style import PLAIN, Ink, Style
-from edmctl.console.tables import render_columns
+from edmctl.console.tables import render_columns, wrapped
 from edmctl.labels import Basis, marked, meanings
 from edmctl.wording import decimal, duration, ended_as, escaped, printable, with_u95
 
@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 FIRST_TO_GO = ("size", "seed", "sites", "work", "machining", "profile", "wear", "start (UTC)")
 """Columns that a narrow terminal does without, one after the other."""
+LEAST_NAME = 11
+"""Letters that are left of the name of a run where there is no room."""
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 _NUMBERS = ("depth µm", "wear µm", "sites", "machining", "size", "seed")
 
@@ -96,6 +98,12 @@ def render_runs(
         shown = {header: cell for header, cell in shown.items() if not header.startswith(name)}
         hidden.append(name)
         table = _table(runs, shown, style)
+    if columns is not None and _width(table) > columns:
+        shown["status"] = _short_status
+        table = _table(runs, shown, style)
+    if columns is not None and (excess := _width(table) - columns) > 0:
+        widest = max(len(_name(run)) for run in runs)
+        table = _table(runs, shown, style, max(LEAST_NAME, widest - excess))
     notes = [
         "tip: of a hole through a sheet, how far the tip went below the face."
         if any(map(_through, runs))
@@ -105,13 +113,14 @@ def render_runs(
         f"Not shown, for want of width: {', '.join(reversed(hidden))}." if hidden else "",
     ]
     wrong = [escaped(run.message) for run in runs if isinstance(run, BrokenFile)]
-    parts = [table, style.paint("\n".join(filter(None, notes)), Ink.FAINT), "\n".join(wrong)]
+    told = [line for note in notes if note for line in (wrapped(note, columns) if columns else [note])]
+    parts = [table, style.paint("\n".join(told), Ink.FAINT), "\n".join(wrong)]
     return "\n\n".join(filter(None, parts))
 
 
 def _columns() -> dict[str, Callable[[HeadView], str]]:
     return {
-        "run": lambda run: escaped(run.file_name.removesuffix(".h5")),
+        "run": _name,
         "start (UTC)": lambda run: start_utc(run.start_time),
         "status": _status,
         "profile": lambda run: printable(run.name),
@@ -126,9 +135,15 @@ def _columns() -> dict[str, Callable[[HeadView], str]]:
 
 
 def _table(
-    runs: Sequence[HeadView | BrokenFile], columns: dict[str, Callable[[HeadView], str]], style: Style
+    runs: Sequence[HeadView | BrokenFile],
+    columns: dict[str, Callable[[HeadView], str]],
+    style: Style,
+    longest_name: int | None = None,
 ) -> str:
+    """The table; names longer than `longest_name` lose their middle."""
     rows = [_row(run, columns) for run in runs]
+    if longest_name is not None:
+        rows = [[_without_middle(name, longest_name), *cells] for name, *cells in rows]
     align = "".join(">" if header in _NUMBERS else "<" for header in columns)
     return render_columns(list(columns), rows, style, align)
 
@@ -137,12 +152,27 @@ def _row(run: HeadView | BrokenFile, columns: dict[str, Callable[[HeadView], str
     if not isinstance(run, BrokenFile):
         return [cell(run) for cell in columns.values()]
     known = {
-        "run": escaped(run.file_name.removesuffix(".h5")),
+        "run": _name(run),
         "start (UTC)": start_utc(run.start_time),
         "status": run.word,
         "size": size(run.size_bytes),
     }
     return [known.get(header, "") for header in columns]
+
+
+def _name(run: HeadView | BrokenFile) -> str:
+    return escaped(run.file_name.removesuffix(".h5"))
+
+
+def _without_middle(name: str, longest: int) -> str:
+    if len(name) <= longest:
+        return name
+    head = (longest - 1) // 2
+    return f"{name[:head]}…{name[head + 1 - longest :]}"
+
+
+def _short_status(run: HeadView) -> str:
+    return f"exit {run.exit_code}" if run.exit_code else _status(run)
 
 
 def _status(run: HeadView) -> str:

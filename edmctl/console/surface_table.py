@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from edmctl.console.style import PLAIN, Style
 from edmctl.console.tables import render_columns
-from edmctl.wording import decimal, duration, length
+from edmctl.wording import coordinates, decimal, duration, length
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -44,7 +44,7 @@ def render_surface(found: SurfaceView, style: Style = PLAIN) -> str:
     ]
     if found.touches:
         rows.append(["touches", f"{found.touches} within {length(found.sd_um)} rms"])
-    place = f"{found.kind} at ({found.x_um:.0f}, {found.y_um:.0f}) µm"
+    place = f"{found.kind} at {coordinates(found.x_um, found.y_um)}"
     return render_columns([place, "measured", "from voltage"], rows, style)
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from edmctl.console.style import PLAIN, Style
 from edmctl.console.tables import render_columns
-from edmctl.labels import heading
+from edmctl.labels import Basis, heading
 from edmctl.wording import duration, length
 
 if TYPE_CHECKING:
@@ -86,10 +86,16 @@ def render_wear(
 
     ledger_um : sum of the wears of the tool's jobs since its reference; total_um : what it has lost in all
     """
-    header = [name, heading((found.wear_basis,)), "from voltage"]
-    wear = ["tool wear", length(found.wear_um, found.wear_u95_um), length(found.wear_model_um)]
-    depth = ["depth", length(found.depth_um, found.depth_u95_um), length(found.depth_model_um)]
-    feed = ["feed", length(found.feed_um, found.feed_u95_um), length(found.feed_model_um)]
+    header = [name, heading((found.wear_basis,))]
+    wear = ["tool wear", length(found.wear_um, found.wear_u95_um)]
+    depth = ["depth", length(found.depth_um, found.depth_u95_um)]
+    feed = ["feed", length(found.feed_um, found.feed_u95_um)]
+    # Lengths by the model alone would stand there twice.
+    if found.wear_basis != Basis.MODEL:
+        header.append("from voltage")
+        wear.append(length(found.wear_model_um))
+        depth.append(length(found.depth_model_um))
+        feed.append(length(found.feed_model_um))
     if truth is not None:
         header.append("truth")
         wear.append(length(truth["wear_um"]))

@@ -77,7 +77,7 @@ FAULTS: dict[int, FaultRow] = {
         code=1001,
         name="HOST_SILENT",
         who="controller",
-        detect="no valid frame of the session for watchdog_s while armed; a new session while armed",
+        detect="no new frame of the session for watchdog_s while armed; a new session while armed",
         reaction="retract to 0 V, hold, latch",
         message=(
             "The host fell silent for {watchdog_s} s or another took its place: pulses off, tool retracted."

@@ -334,7 +334,9 @@ class HelloReply:
 
 @dataclass(frozen=True, slots=True)
 class Heartbeat:
-    """Feeds the watchdog and acknowledges events up to last_event. Never retried."""
+    """Feeds the watchdog if t_host_us is later than in every one before, and acknowledges events up to
+    last_event. Never retried.
+    """
 
     ID: ClassVar[int] = 0x02
     NAME: ClassVar[str] = "HEARTBEAT"

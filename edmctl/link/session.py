@@ -91,7 +91,6 @@ class Session:
         self._lost: LinkLost | None = None
         self._seq = self._beat_seq = 0
         self._beats_us = [_NEVER_US] * 256
-        self._heard_at_s = 0.0
         self._next_beat_s = inf
         self._unanswered_since_s = inf
         self._moved_s = 0.0
@@ -203,12 +202,12 @@ class Session:
     def latest_s(self) -> float:
         """Latest controller time that a message read now can carry, in seconds; infinite before its rate is known.
 
-        It is that of the newest reply to a heartbeat and what has passed since, with much to spare: a served
-        controller keeps its pace only roughly, and the computer may be late.
+        It is that of the newest reply to a heartbeat and what has passed since that was sent, for the reply may
+        have waited long to be read; with much to spare, for a served controller keeps its pace only roughly.
         """
-        if not self._knows_pace:
+        if not self._knows_pace or self.last_heartbeat is None:
             return inf
-        since_s = self.transport.now_s() - self._heard_at_s
+        since_s = self.transport.now_s() - 1e-6 * self.last_heartbeat.t_host_us
         return self._clock.newest_s + self.pace * (SPARE_SHARE * since_s + SPARE_S)
 
     def machine_now_s(self) -> float:
@@ -343,7 +342,6 @@ class Session:
             self.statistics.malformed += 1
             return
         self.last_heartbeat = reply
-        self._heard_at_s = self.transport.now_s()
         self._clock.note(reply.t_dev_us)
         if self.transport.live:
             sent_s, now_s = 1e-6 * reply.t_host_us, self.transport.now_s()

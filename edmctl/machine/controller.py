@@ -90,7 +90,7 @@ class LinkMachine:
         self._position: dict[Axis, float] = {}
         self._stands: dict[Axis, float] = {}
         self._scans = False
-        self._actuator_v = 0.0
+        self._actuator_v = self._zero_um = 0.0
 
     @property
     def identity(self) -> MachineIdentity:
@@ -111,6 +111,11 @@ class LinkMachine:
     def uptime_s(self) -> float:
         """How long the controller has been on, s: by the newest answer to a heartbeat."""
         return self._session.heard_s
+
+    @property
+    def zero_um(self) -> float:
+        """Where the controller takes home to be, µm."""
+        return self._zero_um
 
     def _run_seconds(self, t_us: int) -> float:
         seconds = self._session.seconds(t_us)
@@ -145,6 +150,7 @@ class LinkMachine:
     def arm(self, *, pulses: bool = True) -> None:
         """Start the watchdog and permit or forbid pulses; from here on the machine may move."""
         self._session.request(Arm(param_crc(self._waits.settings)))
+        self._zero_um = 0.0
         self._session.request(PulseEnable(on=int(pulses)))
         status = self.status()
         self._actuator_v = status.actuator_v
@@ -188,6 +194,7 @@ class LinkMachine:
     def set_zero(self, zero_um: float) -> None:
         """Say where home is at rest at 0 V; the height at which stages may move counts from it."""
         self._session.request(SetZero(zero_um))
+        self._zero_um = zero_um
 
     def approach(self, speed_um_s: float, max_travel_um: float, gap_reference_v: float) -> MachineEvent:
         """Advance with pulses until the mean gap voltage falls to the reference; the tool is then held."""

@@ -121,6 +121,10 @@ class Machine(Protocol):
     def uptime_s(self) -> float:
         """How long the controller has been on, s."""
 
+    @property
+    def zero_um(self) -> float:
+        """Where the controller takes home to be: what `set_zero` has said since the newest `arm`, else 0."""
+
     def configure(
         self, settings: ControllerSettings | MotionSettings, pulses: PulseSettings | None = None
     ) -> None:

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 
 from edmctl.procedures.approach import lower_to, raise_by
 from edmctl.procedures.codes import RunEvent
-from edmctl.procedures.cut import CutEnd
 from edmctl.procedures.stages import retract
 from edmctl.procedures.touch import SurfaceReading, take_reading
 from edmctl.process.next_cut import COVERAGE
@@ -21,10 +20,7 @@ from edmctl.process.wear import TOUCH_SD_PRIOR_UM
 from edmctl.record.rows import EventLevel
 
 if TYPE_CHECKING:
-    from edmctl.machine.port import MachineEvent
     from edmctl.procedures.cut import CutResult
-    from edmctl.procedures.face import Face
-    from edmctl.procedures.hole import Hole
     from edmctl.procedures.planning import CutPlan
     from edmctl.procedures.run import Run
 
@@ -37,11 +33,6 @@ WASHING_STROKES = 3
 UNFINISHED_GAP_U_UM = 3.0
 """Standard uncertainty of the gap where a cut did not end at its limit: the servo swings, and shorts draw back
 [assumed]."""
-FIRST_SPARKS_UM = 1.2
-"""First sparks come this much before the working gap, because they are judged by the first discharges."""
-FIRST_SPARKS_U_UM = 1.5
-"""Standard uncertainty of that [assumed]."""
-FIRST_SPARKS_SIGMAS = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +56,7 @@ class Expected:
 def read_bottom(run: Run, place: str, plan: CutPlan, cut: CutResult) -> SurfaceReading:
     """Touch the bottom that a cut has left, more often where it is not where it should be."""
     raise_by(run, CLEAR_OF_BOTTOM_UM)
-    gap_u_um = plan.gap_u_um if cut.end is CutEnd.REACHED else math.hypot(plan.gap_u_um, UNFINISHED_GAP_U_UM)
+    gap_u_um = math.hypot(plan.gap_u_um, 0.0 if cut.is_at_limit else UNFINISHED_GAP_U_UM)
     return read_expected(
         run, place, Expected(cut.end_displacement_um, plan.gap_um, gap_u_um, "the last sparks")
     )
@@ -86,7 +77,9 @@ def read_expected(run: Run, place: str, expected: Expected) -> SurfaceReading:
         wash(run, above_um)
         again = take_reading(run, "Z2", place, expected.z_um, u_um)
         # Nothing under the tool makes a reading longer; of two within their noise the newer one is told.
-        z2 = z2 if z2.z_um > again.z_um + TOUCH_SD_PRIOR_UM else again
+        used, other = (z2, again) if z2.z_um > again.z_um + TOUCH_SD_PRIOR_UM else (again, z2)
+        run.recorder.reject_touch(other.time_s)
+        z2 = used
     middle_um, doubt_u_um = between(z2.z_um, above_um, way_um, u_um)
     told = f"It is taken to be at {middle_um:.2f} ± {COVERAGE * doubt_u_um:.2f} µm."
     _tell(run, z2, off, expected.told_by, told)
@@ -98,42 +91,6 @@ def wash(run: Run, bottom_um: float) -> None:
     for _ in range(WASHING_STROKES):
         retract(run)
         lower_to(run, bottom_um - CLEAR_OF_BOTTOM_UM)
-
-
-def check_first_sparks(
-    run: Run, hole: Hole, face: Face, plan: CutPlan, sparks: MachineEvent, bottom_u_um: float
-) -> CutPlan:
-    """Compare where sparks began with the bottom that the cut is planned from; return the plan as it may stand.
-
-    `bottom_u_um` is the standard uncertainty of that bottom's height now. A bottom that contradicts them is less
-    certain by as much, and what is cut from it is measured. Where the bottom is the untouched face, no later touch
-    of the hole tells of it: `hole` and `face` keep the doubt. Something that is known to lie there sparks first.
-    """
-    expected_um = plan.bottom_um - plan.gap_um - FIRST_SPARKS_UM
-    u_um = math.hypot(bottom_u_um, plan.gap_u_um, FIRST_SPARKS_U_UM)
-    off = Deviation(sparks.displacement_um - expected_um, u_um)
-    on_top = Deviation(off.um + lying_um(hole, face), u_um)
-    if min(abs(off.sigmas), abs(on_top.sigmas)) <= FIRST_SPARKS_SIGMAS:
-        return plan
-    run.decide(
-        RunEvent.TOUCH_DOUBTED,
-        f"Sparks began at {sparks.displacement_um:.1f} µm, {off.um:+.1f} µm from where a surface at "
-        f"{plan.bottom_um:.1f} µm puts them: one of its touches was wrong. The cut will be measured.",
-        {"kind": "first sparks", "off_um": off.um, "z_um": plan.bottom_um},
-        level=EventLevel.WARNING,
-    )
-    doubt_u_um = math.hypot(off.um / math.sqrt(3.0), off.u_um)
-    if hole.stops == 0:
-        hole.face_u_um = math.hypot(hole.face_u_um, doubt_u_um)
-        face.doubt(off.um)
-        run.journal.face(face)
-    start = replace(plan.start, bottom_u_um=math.hypot(plan.start.bottom_u_um, doubt_u_um))
-    return replace(plan, start=start, measured=True)
-
-
-def lying_um(hole: Hole, face: Face) -> float:
-    """How high something lies on the face where an untouched hole goes."""
-    return face.lying_um.get(hole.site.name, 0.0) if hole.stops == 0 else 0.0
 
 
 def _tell(run: Run, z2: SurfaceReading, off: Deviation, told_by: str, what_now: str) -> None:

@@ -1,6 +1,8 @@
 """Tells that a cut has come out at the back of the sheet, from feed, depth and open pulses.
 
 As the bottom opens, less area is left to erode: the tool feeds faster, and more pulses find nothing to strike.
+Where the work erodes nearly as fast as the servo feeds, the feed has no room to rise; there the end of all
+discharges tells.
 """
 
 from __future__ import annotations
@@ -8,12 +10,15 @@ from __future__ import annotations
 import math
 from collections import deque
 
+from edmctl.process.next_cut import COVERAGE
+
 FEED_WINDOW_S = 2.0
 BASE_S = 20.0
 FEED_FACTOR = 1.6
 """The mean feed of the last 2 s is so much of the median of the last 20 s."""
 DEPTH_SHARE = 0.15
-"""The estimated depth is so near to the thickness."""
+"""The depth is so near to the thickness, within what is unknown of it: it is known by feed and a wear that is only
+believed, so a sheet under a tool that wears otherwise gives way at another feed."""
 OPEN_S = 1.0
 OPEN_MORE = 0.10
 """In the last second there were so many more open pulses, as a share of all, than in the last 20 s."""
@@ -24,8 +29,8 @@ FREEZE_S = 0.5
 class Breakthrough:
     """Judges one cut through a sheet of `thickness_um`, slice by slice.
 
-    `at_um` is the displacement at which the sheet broke through, NaN before; the feeds and the shares of open
-    pulses are what was seen last, beside what was usual before.
+    `at_um` is the displacement at which the sheet broke through, NaN before; `told` what was seen then. The feeds
+    and the shares of open pulses are what was seen last, beside what was usual before.
     """
 
     def __init__(self, thickness_um: float) -> None:
@@ -36,21 +41,23 @@ class Breakthrough:
         self._base: deque[tuple[float, float, float]] = deque()
         self._span_s = 0.0
         self.at_um = math.nan
+        self.told = ""
         self.feed_um_s = self.usual_feed_um_s = self.open_share = self.usual_open_share = 0.0
 
-    @property
-    def told(self) -> str:
-        """What was seen."""
-        return (
-            f"Broke through at {self.at_um:.1f} µm: the feed rose from {self.usual_feed_um_s:.2f} to "
-            f"{self.feed_um_s:.2f} µm/s, open pulses from {100 * self.usual_open_share:.0f} to "
-            f"{100 * self.open_share:.0f} %."
-        )
-
     def take(
-        self, duration_s: float, displacement_um: float, depth_um: float, open_share: float, *, sparking: bool
+        self,
+        duration_s: float,
+        displacement_um: float,
+        depth_um: float,
+        depth_u_um: float,
+        open_share: float,
+        *,
+        sparking: bool,
     ) -> bool:
-        """Judge a slice; True once, when the sheet has broken through."""
+        """Judge a slice; True once, when the sheet has broken through.
+
+        `depth_um` is the estimated depth, `depth_u_um` its standard uncertainty.
+        """
         if not sparking:
             self._freeze_s, self._last_um = FREEZE_S, math.nan
             return False
@@ -61,15 +68,30 @@ class Breakthrough:
         if math.isnan(last_um):
             return False
         self._follow(duration_s, (displacement_um - last_um) / duration_s, open_share)
-        if not math.isnan(self.at_um) or self._span_s < 0.5 * BASE_S or not self._is_near(depth_um):
+        if not math.isnan(self.at_um) or self._span_s < 0.5 * BASE_S:
             return False
-        if self._has_opened():
-            self.at_um = displacement_um
-            return True
-        return False
+        if not self._is_near(depth_um, depth_u_um):
+            return False
+        if not self._has_opened():
+            return False
+        self.at_um = displacement_um
+        self.told = (
+            f"Broke through at {self.at_um:.1f} µm: the feed rose from {self.usual_feed_um_s:.2f} to "
+            f"{self.feed_um_s:.2f} µm/s, open pulses from {100 * self.usual_open_share:.0f} to "
+            f"{100 * self.open_share:.0f} %."
+        )
+        return True
 
-    def _is_near(self, depth_um: float) -> bool:
-        return abs(depth_um - self._thickness_um) <= DEPTH_SHARE * self._thickness_um
+    def take_loss(self, spark_um: float, depth_um: float, depth_u_um: float, lost: str) -> bool:
+        """Judge that all discharges have ended, the last one at `spark_um`; whether the sheet has broken through."""
+        if not self._is_near(depth_um, depth_u_um):
+            return False
+        self.at_um, self.told = spark_um, f"Broke through at {spark_um:.1f} µm: {lost}."
+        return True
+
+    def _is_near(self, depth_um: float, depth_u_um: float) -> bool:
+        reach_um = DEPTH_SHARE * self._thickness_um + COVERAGE * depth_u_um
+        return abs(depth_um - self._thickness_um) <= reach_um
 
     def _follow(self, duration_s: float, speed_um_s: float, open_share: float) -> None:
         """Means of feed and open share, exponential ones when they are old enough; and what they were before."""

@@ -10,7 +10,7 @@ import math
 from typing import TYPE_CHECKING
 
 from edmctl.errors import MachineFault
-from edmctl.procedures.approach import ABOVE_BOTTOM_UM, BEYOND_BOTTOM_UM, lower_to
+from edmctl.procedures.approach import ABOVE_BOTTOM_UM, BEYOND_BOTTOM_UM, UNKNOWN_SDS, lower_to
 from edmctl.procedures.codes import RunEvent
 from edmctl.record.rows import EventLevel
 
@@ -61,9 +61,7 @@ class Burns:
 
     def _go_on(self, code: int) -> None:
         run, supervisor = self._run, self._supervisor
-        spark_um = supervisor.displacement_um
-        if math.isnan(spark_um):
-            spark_um = self._plan.bottom_um - self._plan.gap_um
+        spark_um, unknown_um = self._sparked_at(run.machine.time_s)
         run.decide(
             RunEvent.ARC_BURN_RECOVERY,
             f"Burn {self._number} of this cut, at {spark_um:.1f} µm: the tool has retracted, rests and comes back.",
@@ -77,11 +75,23 @@ class Burns:
             self._cutting.tell_changes()
         run.machine.rest(REST_S)
         self._cutting.set_generator()
-        lower_to(run, spark_um - ABOVE_BOTTOM_UM)
-        way_um = spark_um - run.watch.displacement_um + BEYOND_BOTTOM_UM
+        lower_to(run, spark_um - ABOVE_BOTTOM_UM - unknown_um)
+        way_um = spark_um - run.watch.displacement_um + BEYOND_BOTTOM_UM + unknown_um
         first_sparks_v = 0.5 * (self._cutting.open_v + self._cutting.reference_v)
         run.machine.approach(run.profile.approach.speed_um_s, way_um, first_sparks_v)
         self._cutting.start()
+
+    def _sparked_at(self, now_s: float) -> tuple[float, float]:
+        """Where the tool sparked, and how far from there it may find the bottom now.
+
+        Seen by samples of this cut that is the drift since the last of them; without any it is what was planned.
+        """
+        seen_um, plan = self._supervisor.displacement_um, self._plan
+        if math.isnan(seen_um):
+            u_um = math.hypot(plan.start.bottom_u_at(now_s), plan.gap_u_um)
+            return plan.bottom_um - plan.gap_um, UNKNOWN_SDS * u_um
+        since_s = max(0.0, now_s - self._supervisor.seen_s)
+        return seen_um, UNKNOWN_SDS * plan.start.drift_u_um_per_s * since_s
 
 
 def with_a_check(fault: MachineFault, displacement_um: float) -> MachineFault:

@@ -15,7 +15,8 @@ from edmctl.actuator.record import Record
 from edmctl.actuator.waveforms import SLEW_V_S, Leg, calibration_legs
 from edmctl.errors import LinkLost, PreconditionError
 from edmctl.machine.port import Axis, MotionSettings, PulseLog, TelemetrySettings, joined
-from edmctl.procedures.drift import first_home_um
+from edmctl.procedures.drift import DRIFT_SDS, first_home_um
+from edmctl.procedures.home import CREEP_LOOK_S, CREEP_WAIT_S, READING_MARGIN_UM
 from edmctl.procedures.results import Phase, Progress
 from edmctl.procedures.run import NO_PULSES
 from edmctl.procedures.settings import RETRACT_UM_S
@@ -38,9 +39,6 @@ BATCH, FRAME_S = 14, 0.1
 """Samples in a telemetry frame, and how long slow ones wait for it: a host does not go on with none for a second."""
 SAFE_Z_UM = 20.0
 """The stages may move while the tool reads at most this: above every work that a job may start from."""
-READING_MARGIN_UM = 1.0
-"""The controller judges by a reading of its own."""
-CREEP_WAIT_S = 60.0
 REST_S = 1.0
 """Before the first swing: the record starts from a standing actuator."""
 
@@ -168,22 +166,23 @@ def _park(machine: Machine, setup: Setup, listener: _Listener) -> None:
 
 def _wait_for_creep(machine: Machine, setup: Setup) -> None:
     """Wait while creep still holds the tool lower than the stages may move at, counted from home."""
-    end_s, drift_um_per_s = machine.time_s + CREEP_WAIT_S, setup.sensor.drift_um_per_s
+    end_s = machine.time_s + CREEP_WAIT_S
     while True:
         here_um = machine.status().displacement_um
-        home_um = first_home_um(here_um, 0.0, drift_um_per_s, machine.uptime_s)
-        if here_um - home_um <= SAFE_Z_UM - READING_MARGIN_UM:
+        drift_um = DRIFT_SDS * setup.sensor.drift_um_per_s * machine.uptime_s
+        home_um = first_home_um(here_um, 0.0, drift_um)
+        if here_um + drift_um <= SAFE_Z_UM - READING_MARGIN_UM:
             machine.set_zero(home_um)
             return
         if machine.time_s > end_s:
             raise PreconditionError(
-                f"The sensor reads {here_um:.1f} µm at 0 V, {here_um - home_um:.1f} µm more than its drift since "
-                f"the controller came up explains; the stages may move within {SAFE_Z_UM:.1f} µm only.",
-                hint="Check the zero of the displacement sensor and the actuator's supply, or move to the parking "
-                "place by hand.",
+                f"The sensor reads {here_um:.1f} µm at 0 V and may have drifted by {drift_um:.1f} µm since the "
+                f"controller came up; the stages may move within {SAFE_Z_UM:.1f} µm of home only.",
+                hint="Look whether the tool is retracted and free. Then set the displacement sensor to zero, "
+                "home both stages, and restart the controller.",
                 code="E8020",
             )
-        machine.rest(1.0)
+        machine.rest(CREEP_LOOK_S)
 
 
 def _drive(machine: Machine, leg: Leg, start_v: float, period_s: float) -> None:

@@ -23,6 +23,7 @@ from edmctl.process import path as ways
 from edmctl.process.layers import layer_depths_um
 from edmctl.process.next_cut import NOISE_FLOOR_SIGMAS
 from edmctl.record.rows import EventLevel
+from edmctl.wording import length, plural, signed
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -36,6 +37,10 @@ PIECE_UM = 25.0
 """Longest line sent to the stages: the height of its end is planned anew for each."""
 LAYERS_BEFORE_FIRST_STOP = 2
 """Then wear and gap are measured for the first time: early, because both were only assumed."""
+LEAST_SUNK_SHARE = 0.25
+"""A layer that takes more passes than it may, twice what the recipe believes and some, is measured: its work may
+erode slower, or its tool wear less than the energy tells, so that the tool is held too deep to get there. Where the
+floor has not even sunk by this share of the layer, the tool has stopped advancing."""
 PLACES, PLACES_AT_THE_END = 4, 6
 """The floor is touched at so many places."""
 
@@ -75,13 +80,19 @@ def machine_channel(
         depths_um = layer_depths_um(layers.depth_um, goal.depth_um, path.layer_um)
         last = len(depths_um) == 1
         even_out = last or stops.due(len(depths_um) - 1)
+        from_um = layers.depth_um
         fault, told = layers.cut(depths_um[0], len(depths_um) - 1, even_out=even_out)
-        if fault:
-            result = stops.measure(PLACES) if layers.since_uj > 0.0 else stops.result
-            return result, _missed(run, goal, fault, told, result)
-        if not even_out:
+        if not (fault or even_out):
             continue
-        result = stops.measure(PLACES_AT_THE_END if last else PLACES)
+        if not fault:
+            result = stops.measure(PLACES_AT_THE_END if last else PLACES)
+        elif layers.since_uj > 0.0:
+            result = stops.measure(PLACES)
+        else:
+            return stops.result, _missed(run, goal, fault, told, stops.result)
+        sunk_um = result.depth_um - from_um
+        if fault and not (layers.behind and sunk_um >= LEAST_SUNK_SHARE * (depths_um[0] - from_um)):
+            return result, _missed(run, goal, fault, told, result)
         worn_out = _worn_out(run, goal, result)
         if worn_out is not None:
             return result, worn_out
@@ -89,10 +100,11 @@ def machine_channel(
         corrections -= last
         if left_um <= _good_enough_um(goal) or (last and corrections <= 0):
             return result, _final(run, goal, result)
+        ended_early = f" The last layer ended early: {told}." if told else ""
         again = max(1, len(layer_depths_um(result.depth_um, goal.depth_um, path.layer_um)))
         run.decide(
             RunEvent.CUT_DECIDED,
-            f"{left_um:.2f} µm are left, in {again} {'layer' if again == 1 else 'layers'}.",
+            f"{left_um:.2f} µm are left, in {plural(again, 'layer')}.{ended_early}",
             {"left_um": left_um, "layers": again},
         )
 
@@ -156,8 +168,8 @@ class _Stops:
     def _tell(self, found: FloorReading, result: ChannelResult) -> None:
         self._run.decide(
             RunEvent.CHANNEL_MEASURED,
-            f"Floor {result.depth_um:.2f} ± {result.depth_u95_um:.2f} µm deep, {found.sd_um:.2f} µm rms from "
-            f"place to place, wear {result.wear_um:.2f} ± {result.wear_u95_um:.2f} µm; a held tool leaves a gap "
+            f"Floor {length(result.depth_um, result.depth_u95_um)} deep, {found.sd_um:.2f} µm rms from "
+            f"place to place, wear {length(result.wear_um, result.wear_u95_um)}; a held tool leaves a gap "
             f"of {result.working_gap_um:.2f} µm.",
             {
                 "depth_um": result.depth_um,
@@ -180,8 +192,8 @@ def _final(run: Run, goal: Goal, result: ChannelResult) -> Decision:
     tolerance_um, target_um = goal.tolerance_um, goal.depth_um
     off_um = result.depth_um - target_um
     message = (
-        f"Channel {result.depth_um:.2f} µm deep, {off_um:+.2f} µm from the target, {result.floor_sd_um:.2f} µm rms "
-        f"along the path, after {result.layers} layers in {result.passes} passes."
+        f"Channel {result.depth_um:.2f} µm deep, {signed(off_um)} µm from the target, "
+        f"{result.floor_sd_um:.2f} µm rms along the path, after {result.layers} layers in {result.passes} passes."
     )
     verdict = judged_channel(goal, result).verdict
     if verdict is Verdict.SHOWN:
@@ -196,7 +208,7 @@ def _final(run: Run, goal: Goal, result: ChannelResult) -> Decision:
     return Decision(
         None,
         message,
-        f"The floor is {result.depth_um:.2f} µm deep on average, {off_um:+.2f} µm from the target, and "
+        f"The floor is {result.depth_um:.2f} µm deep on average, {signed(off_um)} µm from the target, and "
         f"{result.floor_sd_um:.2f} µm rms uneven; target.tolerance_um is {tolerance_um:.1f} µm.",
         "Use thinner layers (path.layer_um) or a slower scan (path.speed_um_s), or allow more.",
     )

@@ -43,7 +43,8 @@ MOST_TO_EVEN = 8
 class Layers:
     """The channel under way: how deep it is planned so far, how the tool wears, which gap a held tool leaves.
 
-    `since_uj` is the wearing energy since the last measuring stop, at `since_s`; `last` the newest pass.
+    `since_uj` is the wearing energy since the last measuring stop, at `since_s`; `last` the newest pass. `behind`
+    says that the last layer took more passes than it may.
     """
 
     def __init__(self, run: Run, limits: TimeLimits, way: Way, face: Face, speed_um_s: float) -> None:
@@ -61,6 +62,7 @@ class Layers:
         self.since_uj = 0.0
         self.since_s = face.z1.time_s
         self.layers = 0
+        self.behind = False
         self.passes: list[PassResult] = []
         self.last: tuple[PassPlan, PassResult] | None = None
 
@@ -87,6 +89,7 @@ class Layers:
         needed = passes_needed(thickness_um, self._width_um, self._speed_um_s, rate_um3_s)
         uj_per_um = thickness_um * self._width_um / needed / _removal_um3_per_uj(profile)
         most = 2 * needed + SPARE_PASSES
+        self.behind = False
         for _ in range(most):
             done = self._pass(held, uj_per_um, layers_after * needed)
             if done.fault:
@@ -95,6 +98,7 @@ class Layers:
             if done.held:
                 break
         else:
+            self.behind = True
             told = f"after {most} passes the tool was held on {100 * done.held_share:.0f} % of the path"
             return "STALL", told
         self.depth_um, self.layers = depth_um, self.layers + 1

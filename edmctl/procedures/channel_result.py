@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.procedures.drift import uncertainty_now
+from edmctl.procedures.measuring import pad_u_um
 from edmctl.process.layers import channel_width_um
 from edmctl.process.pulses import PulseShares, pulse_shares
-from edmctl.process.wear import TOUCH_PRIOR_DOF, student_97_5, tilt_uncertainty_um
+from edmctl.process.wear import TOUCH_PRIOR_DOF, student_97_5
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -148,7 +149,7 @@ def _uncertainties(run: Run, face: Face, found: FloorReading) -> tuple[float, fl
     face_u_um = max(face.plane.height_u_um(place.x_um, place.y_um) for place in found.places)
     pads = (z1, found.pad_before, found.pad)
     dof = TOUCH_PRIOR_DOF + sum(r.reading.touches - 1 for r in (*pads, *found.floor))
-    pad_u_um = tilt_uncertainty_um(setup.surface.tilt_u_mrad, 0.0, setup.stage.repeatability_um)
+    meeting_u_um = pad_u_um(setup)
     z1_u_um, before_u_um, after_u_um = (
         max(r.reading.sd_um, TOUCH_LEAST_SD_UM) / math.sqrt(r.reading.touches) for r in pads
     )
@@ -159,7 +160,7 @@ def _uncertainties(run: Run, face: Face, found: FloorReading) -> tuple[float, fl
         known.gain_u_rel * found.depth_um,
         known.linearity_u_um,
         face_u_um,
-        pad_u_um,
+        meeting_u_um,
         math.fsum(z2.doubt_u_um for z2 in found.floor) / len(found.floor),
         0.5 * (found.pad_before.doubt_u_um + found.pad.doubt_u_um),
     )
@@ -170,7 +171,7 @@ def _uncertainties(run: Run, face: Face, found: FloorReading) -> tuple[float, fl
         known.gain_u_rel * wear_um,
         known.linearity_u_um,
         known.drift_u_um_per_s * (found.pad.time_s - z1.time_s),
-        pad_u_um,
+        meeting_u_um,
         z1.doubt_u_um,
         found.pad.doubt_u_um,
     )

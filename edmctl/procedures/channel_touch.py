@@ -12,10 +12,10 @@ import numpy as np
 from edmctl.procedures.bottom import Expected, read_expected
 from edmctl.procedures.channel_result import FloorPlace, FloorReading
 from edmctl.procedures.codes import RunEvent
-from edmctl.procedures.face import pad_only, touch_plane
+from edmctl.procedures.face import take_pad, touch_plane, unknown_face
 from edmctl.procedures.grown_tool import refuse_grown_tool
 from edmctl.procedures.job import Site
-from edmctl.procedures.pad import read_pad
+from edmctl.procedures.pad import OFFSET_U_UM, read_pad
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.tool_length import ToolLength
 from edmctl.procedures.touch import SurfaceReading, take_reading
@@ -33,8 +33,6 @@ if TYPE_CHECKING:
 
 FACE_CANDIDATES = 24
 """Places of the path among which those for the plane are chosen."""
-OFFSET_U_UM = 3.5
-"""Standard uncertainty of the distance to the untouched face before the first touch."""
 FLOOR_U_UM = 1.0
 """The same of the floor before it is touched: gap and unevenness."""
 PAD_U_SHARE = 0.15
@@ -59,7 +57,8 @@ def touch_untouched(run: Run, way: Way) -> Face:
     expected_um = run.ledger.home_um + run.profile.approach.offset_um
     z1 = read_pad(run, "Z1", run.profile.meta.name, expected_um, OFFSET_U_UM)
     candidates = [_place(run, way, s_um) for s_um in even_places(way, FACE_CANDIDATES)]
-    face = pad_only(run)
+    face = unknown_face(run)
+    take_pad(run, face, z1)
     touch_plane(run, candidates, face, ToolLength(z1))
     return Face(z1, face.plane)
 
@@ -115,6 +114,7 @@ def _short_ones_again(
             {"kind": "Z2", "off_um": off.um, "u_um": off.u_um, "z_um": z2.z_um},
             level=EventLevel.WARNING,
         )
+        run.recorder.reject_touch(z2.time_s)
         move_to(run, place)
         expected = Expected(end_um, gap_um, u_um, "the held tool and the other places")
         found.append((s_um, place, read_expected(run, place.name, expected)))

@@ -22,6 +22,7 @@ from edmctl.procedures.resting import rest_and_look
 from edmctl.procedures.results import Phase
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.tracker import home
+from edmctl.wording import signed
 
 if TYPE_CHECKING:
     from edmctl.machine.port import TelemetryBlock
@@ -83,7 +84,8 @@ def _start_estimator(run: Run, block: TelemetryBlock) -> None:
         except ValueError as error:
             raise PreconditionError(
                 f"The conditioning swings tell too little of the actuator: {error}.",
-                hint="Lower actuator.conditioning_slew_v_s or raise actuator.conditioning_cycles in the setup.",
+                hint="Lower actuator.conditioning_slew_v_s, or raise actuator.conditioning_cycles or "
+                "controller.telemetry_hz in the setup.",
                 code="E8036",
             ) from error
         tracker, errors = home(model, record, quick.rms_um)
@@ -117,7 +119,7 @@ def _refuse_dead_sensor(record: Record) -> None:
     if slope_um_per_v > LEAST_GAIN_UM_PER_V:
         return
     raise PreconditionError(
-        f"The displacement sensor shows {slope_um_per_v:+.2f} µm per volt while the actuator swings over "
+        f"The displacement sensor shows {signed(slope_um_per_v)} µm per volt while the actuator swings over "
         f"{np.ptp(record.u_v):.0f} V.",
         hint="Check the sensor, its cable and its sign; without one say sensor.fitted = false in the setup.",
         code="E8033",

@@ -12,7 +12,7 @@ from edmctl.machine.port import EventCode, MachineEvent
 from edmctl.procedures.burning import NO_SPARK, Burns, with_a_check
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.cutting import Cutting
-from edmctl.procedures.supervisor import Supervisor, Verdict
+from edmctl.procedures.supervisor import StopReason, Supervisor
 from edmctl.process.pulses import pulse_shares
 from edmctl.record.rows import EventLevel
 
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 WATCH_SLICE_S = 0.1
 STATUS_PERIOD_S = 5.0
 """The dielectric is asked for this often; the controller itself guards it."""
+SPARKLESS_UM = 1.0
+"""A cut that ends so far beyond its last discharge has not cut that way; good cuts end within 0.2 µm of it."""
 
 
 class CutEnd(StrEnum):
@@ -35,14 +37,15 @@ class CutEnd(StrEnum):
     GIVEN_UP = "given up"
 
 
-_ROWS = {Verdict.STALLED: "STALL", Verdict.ENDED: "STROKE_END"}
-"""The fault row of a verdict."""
+_ROWS = {StopReason.STALLED: "STALL", StopReason.ENDED: "STROKE_END"}
+"""The fault row of a reason to stop."""
 
 
 @dataclass(frozen=True, slots=True)
 class CutResult:
     """What a cut did. `counts` are its pulses by class: open, normal, arc, short; `energy_j` as in SiteResult.
 
+    `is_at_limit` says that the tool sparked at the feed limit in the end: its gap to the bottom is a working gap.
     `fault` names the row of the faults that ended it, empty where none did; `told` holds the figures of that.
     `breakthrough_um` is the displacement at which the sheet broke through, NaN where it did not.
     """
@@ -54,6 +57,7 @@ class CutResult:
     counts: tuple[int, int, int, int]
     gap_ratio_mean: float
     energy_j: float
+    is_at_limit: bool
     fault: str = ""
     told: str = ""
     jumps: int = 0
@@ -125,9 +129,9 @@ def _watch_sparks(run: Run, cutting: Cutting, supervisor: Supervisor) -> Machine
         if run.machine.time_s >= next_status_s:
             supervisor.note_status(run.machine.status())
             next_status_s += STATUS_PERIOD_S
-        if supervisor.verdict is not None:
+        if supervisor.stop_reason is not None:
             ended = run.machine.stop_cut()
-            _tell_verdict(run, supervisor)
+            _tell_stop_reason(run, supervisor)
             return ended
         if cutting.is_complete:
             return run.machine.stop_cut()
@@ -137,9 +141,9 @@ def _watch_sparks(run: Run, cutting: Cutting, supervisor: Supervisor) -> Machine
         cutting.jump_if_due()
 
 
-def _tell_verdict(run: Run, supervisor: Supervisor) -> None:
+def _tell_stop_reason(run: Run, supervisor: Supervisor) -> None:
     """Say why the cut was ended: after the pulses are off, because writing takes time."""
-    told = f"{supervisor.verdict}: {supervisor.told}" if supervisor.told else str(supervisor.verdict)
+    told = f"{supervisor.stop_reason}: {supervisor.told}" if supervisor.told else str(supervisor.stop_reason)
     args = {"displacement_um": supervisor.displacement_um}
     run.recorder.event(run.machine.time_s, RunEvent.CUT_GIVEN_UP, EventLevel.WARNING, told, args)
 
@@ -152,22 +156,27 @@ def _result(
     time_s: float,
     time_limit: str,
 ) -> CutResult:
-    """At CUT_DONE the controller's low-passed sensor stood at the limit: that is the displacement."""
+    """At CUT_DONE the controller's low-passed sensor stood at the limit: that is the displacement.
+
+    But for a tool that has come there without sparks.
+    """
     end = {EventCode.CUT_DONE: CutEnd.REACHED, EventCode.TIME_UP: CutEnd.TIME_UP}.get(
         ended.code, CutEnd.GIVEN_UP
     )
-    counts, verdict = supervisor.counts, supervisor.verdict
+    counts, stop_reason = supervisor.counts, supervisor.stop_reason
     at_limit, reason = end is CutEnd.REACHED, end.value
-    if cutting.is_complete and verdict is None:
+    if cutting.is_complete and stop_reason is None:
         end, reason = CutEnd.REACHED, "through"
-    fault, told = ("", "") if verdict is None else (_ROWS.get(verdict, ""), supervisor.told)
+    fault, told = ("", "") if stop_reason is None else (_ROWS.get(stop_reason, ""), supervisor.told)
     if end is CutEnd.TIME_UP:
         fault, told = "TIMEOUT", time_limit
+    end_um = _end_um(plan, supervisor, ended, at_limit=at_limit)
     return CutResult(
         end=end,
-        reason=reason if verdict is None else verdict.value,
+        reason=reason if stop_reason is None else stop_reason.value,
         time_s=time_s,
-        end_displacement_um=plan.z_limit_um if at_limit else ended.displacement_um,
+        end_displacement_um=end_um,
+        is_at_limit=at_limit and end_um == plan.z_limit_um,
         counts=(counts[0], counts[1], counts[2], counts[3]),
         gap_ratio_mean=supervisor.gap_ratio_mean,
         energy_j=supervisor.energy_j,
@@ -176,6 +185,14 @@ def _result(
         jumps=cutting.jumps,
         breakthrough_um=supervisor.breakthrough.at_um,
     )
+
+
+def _end_um(plan: CutPlan, supervisor: Supervisor, ended: MachineEvent, *, at_limit: bool) -> float:
+    end_um = plan.z_limit_um if at_limit else ended.displacement_um
+    sparked_um = supervisor.sparked_at_um
+    if not supervisor.is_through and end_um - sparked_um > SPARKLESS_UM:
+        return sparked_um
+    return end_um
 
 
 def _report(run: Run, plan: CutPlan, result: CutResult) -> None:

@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from edmctl.labels import Verdict
 from edmctl.machine.port import host_fault
 from edmctl.procedures.cut import CutEnd, CutResult
-from edmctl.procedures.planning import CutPlan, Start, cut_budget, following_plan
+from edmctl.procedures.goal import verdict_of
+from edmctl.procedures.planning import CutPlan, Start, following_plan
 from edmctl.process.next_cut import is_done
+from edmctl.profile.stops import cut_budget
+from edmctl.wording import decimal, signed
 
 if TYPE_CHECKING:
     from edmctl.procedures.goal import Goal
     from edmctl.process.live_erosion import ErosionEstimate
     from edmctl.process.wear import DepthAndWear
     from edmctl.profile.model import Profile
+
+
+MOST_RATIO = 5.0
+"""The recipe takes no wear.expected_ratio beyond it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +62,7 @@ def decide(
         return Decision(None, f"Feed {found.feed_um:.2f} µm of {goal.feed_um:.0f} µm.")
     remaining_um = goal.depth_um - found.depth_um
     if last.number >= cut_budget(profile) or is_done(remaining_um, goal.tolerance_um, found.depth_noise_um):
-        return _final(goal, last, found)
+        return _final(profile, goal, last, found)
     plan = following_plan(profile, goal, last, start, estimate, touch_final=touch_final)
     after = "measured" if plan.measured else "known well enough not to be measured"
     message = f"{remaining_um:.2f} µm are left: next cut feeds {plan.feed_um:.2f} µm, then {after}."
@@ -82,16 +91,27 @@ def _missed(row: str, told: str) -> Decision:
     return Decision(None, error.message, error.message, error.hint, error.code)
 
 
-def _final(goal: Goal, last: CutPlan, found: DepthAndWear) -> Decision:
+def _final(profile: Profile, goal: Goal, last: CutPlan, found: DepthAndWear) -> Decision:
     off_um = found.depth_um - goal.depth_um
     cuts = "1 cut" if last.number == 1 else f"{last.number} cuts"
-    message = f"Depth {found.depth_um:.2f} µm, {off_um:+.2f} µm from the target, after {cuts}."
-    if abs(off_um) <= goal.tolerance_um:
+    message = f"Depth {decimal(found.depth_um)} µm, {signed(off_um)} µm from the target, after {cuts}."
+    verdict = verdict_of(goal, found.depth_um, found.depth_u95_um, through=False)
+    if verdict is not Verdict.MISSED:
         return Decision(None, message)
     return Decision(
         None,
         message,
-        f"The depth is {found.depth_um:.2f} µm after {cuts}, {off_um:+.2f} µm from the target; "
+        f"The depth is {decimal(found.depth_um)} µm after {cuts}, {signed(off_um)} µm from the target; "
         f"target.tolerance_um is {goal.tolerance_um:.1f} µm.",
-        f"Allow more cuts with wear.max_cuts, or set wear.expected_ratio to {found.wear_ratio:.3f}, as measured.",
+        remedy(profile, off_um, found.wear_ratio),
     )
+
+
+def remedy(profile: Profile, off_um: float, wear_ratio: float = math.nan) -> str:
+    """What to do about a depth that misses its target by `off_um`; `wear_ratio` is NaN where it was not measured."""
+    if off_um < 0.0:
+        key = "max_cuts" if cut_budget(profile) == profile.wear.max_cuts else "remeasure"
+        return f"Allow more cuts (wear.{key})."
+    if 0.0 < wear_ratio <= MOST_RATIO:
+        return f"Set wear.expected_ratio to {wear_ratio:.3f}, as measured."
+    return "Cut less before the first measuring stop (wear.first_fraction)."

@@ -10,10 +10,12 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from edmctl.procedures.measuring import DisplacementUncertainty, displacement_uncertainty
+from edmctl.procedures.measuring import displacement_uncertainty
+from edmctl.process.wear import share_u
 
 if TYPE_CHECKING:
     from edmctl.procedures.run import Run
+    from edmctl.profile.stops import Displacement
 
 LEAST_SPAN_S = 120.0
 """Over less time than this the error of the actuator model after a deep cut, a few µm, would look like a drift."""
@@ -21,21 +23,21 @@ RECENT_S = 600.0
 """A drift that has set in lately is looked for over this much time."""
 DRIFT_SDS = 4.0
 """A drift of more than so many standard deviations is none."""
-SHARE_OF_REST = 1.0 / math.sqrt(3.0)
-"""Of a zero that has moved: between nothing of it and all of it may be drift, and a reading is off by that much; the
-root of the mean square of what is uniform between the two."""
 
 
 class Rests:
     """Zeros of the displacement at every rest at 0 V: what the sensor showed beyond the actuator's own creep.
 
     Zeros count from wherever the actuator model does, so only their differences tell something. `first_um` is the
-    rest before the actuator was conditioned, NaN before there is one.
+    rest before the actuator was conditioned, at `first_s`, NaN before there is one; `hidden_um` is by how much at
+    most it is too far out.
     """
 
     def __init__(self) -> None:
         self._rests: list[tuple[float, float]] = []
         self.first_um = math.nan
+        self.first_s = math.nan
+        self.hidden_um = 0.0
 
     def note(self, time_s: float, zero_um: float) -> None:
         """Take a rest."""
@@ -63,17 +65,17 @@ class Rests:
         )
 
 
-def first_home_um(rest_um: float, expected_um: float, drift_u_um_per_s: float, age_s: float) -> float:
-    """What a first rest at 0 V says of home, where it was expected at `expected_um` `age_s` ago.
+def first_home_um(rest_um: float, expected_um: float, drift_um: float) -> float:
+    """What a first rest at 0 V says of home, expected at `expected_um` and perhaps drifted by `drift_um` since.
 
     A rest that reads less is believed: nothing pulls a tool beyond home. One that reads more is, as far as the
     sensor may have drifted since; what is left is a tool that stands out, by creep or by something that is broken.
     """
-    return min(rest_um, expected_um + DRIFT_SDS * drift_u_um_per_s * age_s)
+    return min(rest_um, expected_um + drift_um)
 
 
-def uncertainty_now(run: Run) -> DisplacementUncertainty:
+def uncertainty_now(run: Run) -> Displacement:
     """What is known of the displacements of a job, with the drift that its rests have shown where that is more."""
     known = displacement_uncertainty(run.job)
-    seen_um_s = SHARE_OF_REST * run.watch.rests.rate_um_s()
+    seen_um_s = share_u(run.watch.rests.rate_um_s())
     return replace(known, drift_u_um_per_s=max(known.drift_u_um_per_s, seen_um_s))

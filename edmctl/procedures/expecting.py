@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from edmctl.procedures.journal import PERIOD_S
+from edmctl.process.live_erosion import RECIPE_U_REL
 from edmctl.process.next_cut import COVERAGE
-from edmctl.process.wear import DepthAndWear
+from edmctl.process.wear import DepthAndWear, share_u
 from edmctl.profile.rates import feed_rate_um_s
 
 if TYPE_CHECKING:
@@ -28,8 +29,6 @@ STANDARD_UNCERTAINTIES = 3.0
 BELIEF_U_REL = 0.25
 """Standard uncertainty of a wear that no touch has confirmed: three of them hold a tool that wears a third as much
 as was believed, and one that wears twice as much."""
-RECIPE_U_REL = 0.5
-"""The same of a wear that goes by the recipe alone: two of them hold a tool that wears twice as much."""
 FASTER = 2.0
 """The last seconds may have cut so many times as fast as the hole on average."""
 FASTEST = 5.0
@@ -48,18 +47,22 @@ class Estimate:
     wear_u_um: float = 0.0
     feed_u_um: float = 0.0
 
-    def left(self, unseen_um: float, *, touched: bool) -> Estimate:
+    def left(self, unseen_um: float, wear_ratio: float, *, touched: bool) -> Estimate:
         """The same of a hole that was left: up to `unseen_um` more may have been fed, any of it as likely.
 
-        Where no hole was `touched` before, the recipe alone says how the feed divides.
+        Where no hole was `touched` before, the recipe alone says how the feed divides. `wear_ratio` is the wear per
+        depth that is believed, for a hole that shows none yet.
         """
-        u_um, feed_um = unseen_um / math.sqrt(3.0), self.depth_um + self.wear_um
-        worn = self.wear_um / feed_um if feed_um > 0.0 else 0.0
-        believed_um = 0.0 if touched else RECIPE_U_REL * self.wear_um
+        u_um = share_u(unseen_um)
+        ratio = self.wear_um / self.depth_um if self.depth_um > 0.0 else wear_ratio
+        share, believed_um = ratio / (1.0 + ratio), 0.0
+        if not touched:
+            share *= 1.0 + COVERAGE * RECIPE_U_REL
+            believed_um = RECIPE_U_REL * self.wear_um
         return replace(
             self,
             depth_u_um=math.hypot(self.depth_u_um, u_um, believed_um),
-            wear_u_um=math.hypot(self.wear_u_um, worn * u_um, believed_um),
+            wear_u_um=math.hypot(self.wear_u_um, min(share, 1.0) * u_um, believed_um),
             feed_u_um=math.hypot(self.feed_u_um, u_um),
         )
 
@@ -92,6 +95,11 @@ class Expected:
     def wear_reach_um(self) -> float:
         """Likewise of a wear."""
         return STANDARD_UNCERTAINTIES * self.estimate.wear_u_um + self.unseen_um
+
+    @property
+    def feed_reach_um(self) -> float:
+        """Likewise of a feed, depth and wear together."""
+        return STANDARD_UNCERTAINTIES * self.estimate.feed_u_um + self.unseen_um
 
     def depth_fits(self, found: DepthAndWear) -> bool:
         """Whether this can be the hole."""
@@ -143,11 +151,12 @@ def estimate_in_cut(plan: CutPlan, displacement_um: float, energy: Energy, now_s
     """In a cut at a moment, by feed and energy; nothing may have confirmed the ratio that divides the feed."""
     live, start = plan.at(displacement_um, energy, now_s), plan.start
     believed_um = BELIEF_U_REL * (live.wear_um - start.wear_um)
+    share = plan.wear_ratio / (1.0 + plan.wear_ratio)
     return Estimate(
         live.depth_um,
         math.hypot(live.depth_u_um, believed_um),
         live.wear_um,
-        math.hypot(start.wear_u_um, live.wear_u_um, believed_um),
+        math.hypot(start.wear_u_um, live.wear_u_um, believed_um, share * start.bottom_u_at(now_s)),
         math.hypot(start.u_at(now_s), plan.gap_u_um),
     )
 

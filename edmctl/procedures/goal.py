@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from edmctl.labels import Verdict
+
 if TYPE_CHECKING:
     from edmctl.procedures.job import Site
     from edmctl.profile.model import Profile
@@ -52,3 +54,14 @@ def goal_of(profile: Profile, site: Site) -> Goal:
         return Goal("through", profile.work.thickness_um, math.nan, THROUGH_TOLERANCE_UM, completion_um)
     depth_um = target.depth_um if math.isnan(site.depth_um) else site.depth_um
     return Goal("depth", depth_um, math.nan, target.tolerance_um)
+
+
+def verdict_of(goal: Goal, depth_um: float, depth_u95_um: float, *, through: bool) -> Verdict | None:
+    """Judge a depth with half its 95 % interval; a way through by whether it goes `through`, a feed not at all."""
+    if goal.kind == "feed":
+        return None
+    if goal.kind == "through":
+        return Verdict.SHOWN if through else Verdict.MISSED
+    if not abs(depth_um - goal.depth_um) <= goal.tolerance_um:
+        return Verdict.MISSED
+    return Verdict.SHOWN if depth_u95_um <= goal.tolerance_um else Verdict.NOT_SHOWN

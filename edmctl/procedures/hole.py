@@ -7,21 +7,25 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from edmctl.labels import Basis
-from edmctl.procedures.drift import SHARE_OF_REST, uncertainty_now
+from edmctl.procedures.drift import uncertainty_now
 from edmctl.procedures.estimating import energy_of, estimate_of
-from edmctl.procedures.face import Face, pad_only
+from edmctl.procedures.face import Face, take_pad, unknown_face
 from edmctl.procedures.feed_error import FeedError
 from edmctl.procedures.goal import Goal, goal_of
-from edmctl.procedures.pad import read_pad
+from edmctl.procedures.home import pad_from_home_um
+from edmctl.procedures.pad import OFFSET_U_UM, read_pad
 from edmctl.procedures.pausing import drift_u_um
 from edmctl.procedures.planning import Start
 from edmctl.procedures.site_result import CutSums, Heights, site_result, site_row
 from edmctl.procedures.tool_length import ToolLength
 from edmctl.procedures.verdict import judged
-from edmctl.process.next_cut import FIRST_GAP_U_UM
+from edmctl.process.wear import share_u
+from edmctl.process.working_gap import first_gap_u_um
+from edmctl.profile.stops import FACE_LIMIT_UM
 
 if TYPE_CHECKING:
     from edmctl.procedures.expecting import Estimate
+    from edmctl.procedures.first_sparks import DoubtedFace
     from edmctl.procedures.job import Site
     from edmctl.procedures.run import Run
     from edmctl.procedures.touch import SurfaceReading
@@ -29,10 +33,9 @@ if TYPE_CHECKING:
     from edmctl.process.shared_wear import WearShare
     from edmctl.process.wear import DepthAndWear
 
-OFFSET_U_UM = 3.5
-"""Standard uncertainty of the distance to the untouched surface before the first touch."""
 LEFT_U_UM = 4.0
-"""The same where an earlier run of the job has left the tool, with wear that it only estimated; without drift."""
+"""Standard uncertainty of the distance to the pad where an earlier run of the job has left the tool, with wear that
+it only estimated; without drift."""
 
 
 @dataclass(slots=True, eq=False)
@@ -46,7 +49,7 @@ class Known:
     estimate: ErosionEstimate
     face: Face
     gap_um: float
-    gap_u_um: float = FIRST_GAP_U_UM
+    gap_u_um: float
     tool: ToolLength | None = None
     pad_um: float = math.nan
     pad_u_um: float = OFFSET_U_UM
@@ -56,18 +59,12 @@ class Known:
 def known_before(run: Run) -> Known:
     """What the recipe and the setup say before the first touch."""
     profile, resumed = run.profile, run.job.resumed
-    known = Known(estimate_of(profile), pad_only(run), profile.measure.expected_gap_um)
+    gap_u_um = first_gap_u_um(profile.pulse.open_voltage_v)
+    known = Known(estimate_of(profile), unknown_face(run), profile.measure.expected_gap_um, gap_u_um)
     home_um = run.ledger.home_um
-    known.pad_um = home_um + profile.approach.offset_um
-    if resumed is None:
-        return known
-    moved_um = home_um - resumed.home_um
-    left_u_um = math.hypot(LEFT_U_UM, drift_u_um(run.job), SHARE_OF_REST * moved_um)
-    if run.ledger.sites:
-        known.pad_um = max(site.z3_um for site in run.ledger.sites.values()) + moved_um
-        known.pad_u_um = left_u_um
-    if resumed.site:
-        known.pad_um, known.pad_u_um = resumed.z1_um + resumed.wear_um + moved_um, left_u_um
+    known.pad_um = home_um + pad_from_home_um(run)
+    if resumed is not None and (resumed.site or run.ledger.sites):
+        known.pad_u_um = math.hypot(LEFT_U_UM, drift_u_um(run.job), share_u(home_um - resumed.home_um))
     return known
 
 
@@ -78,8 +75,8 @@ class Hole:
     `z1` is where the tool would have met the pad when the hole began, known within `z1_u_um` where it was not
     touched right before; `face_um` is how much further the face lies here. `bottom` and `pad` are the readings of
     the last measuring stop, the same as `z1` before the first one; `found` is what they say with what
-    is doubted of it, `touched` without that. An `interrupted` hole
-    has had more discharges than anybody counted.
+    is doubted of it, `touched` without that; `doubted` are first sparks that have put its face in doubt. An
+    `interrupted` hole has had more discharges than anybody counted.
     """
 
     site: Site
@@ -95,12 +92,18 @@ class Hole:
     stops: int = 0
     found: DepthAndWear | None = None
     touched: DepthAndWear | None = None
+    doubted: DoubtedFace | None = None
     interrupted: bool = False
 
     @property
     def surface_um(self) -> float:
         """Where the tool would have met the untouched face here."""
         return self.z1.z_um + self.face_um
+
+    @property
+    def in_doubt(self) -> bool:
+        """Whether its bottom, or the face that its depth counts from, may have been touched wrongly."""
+        return (self.stops > 0 and self.bottom.doubt_u_um > 0.0) or self.face_u_um > FACE_LIMIT_UM
 
     def energy(self, run: Run) -> Energy:
         """Energy of all its cuts."""
@@ -140,6 +143,7 @@ class Hole:
             zero_drift_um=z3.zero_um - z1.zero_um,
             error=run.watch.feed_error,
             through=through,
+            in_doubt=self.in_doubt,
             depth_basis=depth_basis or touched,
             wear_basis=wear_basis or (Basis.ESTIMATED if self.z1_u_um > 0.0 else touched),
         )
@@ -179,10 +183,15 @@ class Unmeasured:
     wear_before_u_um: float
 
 
+def touch_pad_first(run: Run, name: str, known: Known) -> SurfaceReading:
+    """Z1: the pad before anything else; its two spots may tell of the slope too."""
+    return take_pad(run, known.face, read_pad(run, "Z1", name, known.pad_um, known.pad_u_um))
+
+
 def begin_hole(run: Run, site: Site, known: Known) -> Hole:
     """Begin a hole: touch the pad where nothing is known of the tool's length, otherwise go by what is known."""
     if known.tool is None:
-        known.tool = ToolLength(read_pad(run, "Z1", site.name, known.pad_um, known.pad_u_um))
+        known.tool = ToolLength(touch_pad_first(run, site.name, known))
     return hole_at(run, site, known, known.tool.pad.shifted(known.tool.wear_um), known.tool.wear_u_um)
 
 

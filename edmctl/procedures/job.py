@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from edmctl.profile.places import Place
     from edmctl.profile.setup import Setup
 
+SPOT_MARGIN_UM = 30.0
+"""Between the tool's edges at two spots: wider than a chip that a gap of some µm lets through."""
+
 
 @dataclass(frozen=True, slots=True)
 class Site:
@@ -73,6 +76,11 @@ class Job:
     def pad(self) -> Site:
         """Where the surface is touched before and after a cut."""
         return Site("the reference pad", self.setup.stage.reference_x_um, self.setup.stage.reference_y_um)
+
+    @property
+    def spot_distance_um(self) -> float:
+        """How far spots of one surface are from each other."""
+        return self.profile.tool.diameter_um + SPOT_MARGIN_UM
 
     @property
     def parking(self) -> Site:

@@ -40,6 +40,7 @@ class JobJournal:
     _hole: Hole | None = None
     _plan: CutPlan | None = None
     _face: tuple[FaceTouch, ...] = ()
+    _face_doubt_u_um: float = 0.0
     _ended: Estimate | None = None
     _begun: bool = False
     _phase: str = ""
@@ -50,10 +51,11 @@ class JobJournal:
     def __post_init__(self) -> None:
         if self.job.resumed is not None:
             self._face = self.job.resumed.face
+            self._face_doubt_u_um = self.job.resumed.face_doubt_u_um
 
     def face(self, face: Face) -> None:
-        """Note what was touched of the face."""
-        self._face = tuple(face.touched)
+        """Note what was touched of the face, and what is doubted of it."""
+        self._face, self._face_doubt_u_um = tuple(face.touched), face.doubt_u_um
 
     def begin_hole(self, hole: Hole, time_s: float, *, begun: bool = False) -> None:
         """A hole whose Z1 is known; `begun` when an earlier run has cut it already."""
@@ -96,7 +98,8 @@ class JobJournal:
         if not self._phase and self.job.resumed is not None:
             # Nothing was touched yet: what the run before knew stands.
             state = after_pause(self.job)
-            self.file.keep(replace(state, time_s=state.time_s + time_s), urgent=linked)
+            age_s = state.home_age_s + time_s
+            self.file.keep(replace(state, time_s=state.time_s + time_s, home_age_s=age_s), urgent=linked)
             return
         self._time_s = max(self._time_s, time_s)
         self._keep(self._phase or "starting", urgent=linked)
@@ -113,7 +116,8 @@ class JobJournal:
             unseen_um = unseen_s * most_um_s(known, hole.sums.time_s + self.ledger.cut.time_s, profile)
         elif self._ended is None and resumed is not None:
             unseen_um = expected_of_left(resumed, profile).unseen_um
-        return hole, known.left(unseen_um, touched=hole.estimate.fits > 0 or hole.stops > 0)
+        touched = hole.estimate.fits > 0 or hole.stops > 0
+        return hole, known.left(unseen_um, hole.estimate.wear_ratio, touched=touched)
 
     def _keep(self, phase: str, *, urgent: bool = True) -> None:
         self._kept_s, self._phase = self._time_s, phase
@@ -127,10 +131,12 @@ class JobJournal:
             time_s=before_s + self._time_s,
             tool=self.job.profile.tool.label,
             face=self._face,
+            face_doubt_u_um=self._face_doubt_u_um,
             done=tuple(asdict(result) for name, result in self.ledger.sites.items() if name != open_name),
             job_machining_time_s=self.ledger.machining_time_s,
             pause_s=self.ledger.pause_s,
             home_um=self.ledger.home_um,
+            home_age_s=self._time_s - self.ledger.home_s,
         )
         if hole is None:
             return state

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING, Protocol
 
@@ -11,6 +12,8 @@ if TYPE_CHECKING:
 PERIOD_S = 5.0
 """Between two states of a cut: 1.5 µm of feed at 0.3 µm/s, far less than the touch of the bottom looks for."""
 
+_ADDED = ("home_age_s", "face_doubt_u_um")
+"""Fields that earlier journals do not have."""
 
 FaceTouch = tuple[float, float, float, float]
 
@@ -25,9 +28,10 @@ class JobState:
     before the hole, `z1_doubt_u_um` that of touches in doubt), whether a cut has begun, the last displacement and
     the estimates of depth and wear, with the standard uncertainties of depth, wear and feed. `counts` (open,
     normal, arc, short), `energy_j`, `cuts` and `machining_time_s` are the hole's. `home_um` is what the sensor
-    shows of a tool at home. `time_s` counts from the start of the first run, pauses left out: those were `pause_s`,
-    NaN where nobody knows; `job_machining_time_s` is the machining in it. `face` is what was touched of the
-    untouched face: x, y, height over the pad and its standard uncertainty, µm.
+    showed of a tool at home, `home_age_s` before `time_s`, NaN where nobody knows. `time_s` counts from the start of
+    the first run, pauses left out: those were `pause_s`, NaN where nobody knows; `job_machining_time_s` is the
+    machining in it. `face` is what was touched of the untouched face: x, y, height over the pad and its standard
+    uncertainty, µm; `face_doubt_u_um` is one on top, since something contradicted it.
     """
 
     phase: str
@@ -57,6 +61,8 @@ class JobState:
     machining_time_s: float = 0.0
     job_machining_time_s: float = 0.0
     pause_s: float = 0.0
+    home_age_s: float = math.nan
+    face_doubt_u_um: float = 0.0
 
     def as_mapping(self) -> dict[str, object]:
         """Values that JSON holds."""
@@ -66,7 +72,9 @@ class JobState:
 def job_state(mapping: Mapping[str, object]) -> JobState:
     """Return the state that `as_mapping` made. Raises TypeError or ValueError where it is none."""
     values = dict(mapping)
-    missing = [field.name for field in fields(JobState) if field.name not in values]
+    missing = [
+        field.name for field in fields(JobState) if field.name not in values and field.name not in _ADDED
+    ]
     if missing:
         raise ValueError(f"it has no {', '.join(missing)}")
     done, counts, face = values.pop("done"), values.pop("counts"), values.pop("face")

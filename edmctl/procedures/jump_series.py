@@ -20,6 +20,7 @@ from edmctl.procedures.approach import lower_to
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.results import Phase
 from edmctl.process.jump import duration_s
+from edmctl.wording import signed
 
 if TYPE_CHECKING:
     from edmctl.machine.port import TelemetryBlock
@@ -141,8 +142,8 @@ def _jump(run: Run, number: int) -> JumpMeasured:
     run.machine.rest(max(0.0, begin_s + jump.period_s - run.machine.time_s))
     run.decide(
         RunEvent.JUMP_MEASURED,
-        f"Jump {number}: {found.height_um:.1f} µm high, back within {found.residual_um:+.2f} µm "
-        f"(model {found.residual_model_um:+.2f} µm), at rest after {1e3 * found.settling_s:.0f} ms.",
+        f"Jump {number}: {found.height_um:.1f} µm high, back within {signed(found.residual_um)} µm "
+        f"(model {signed(found.residual_model_um)} µm), at rest after {1e3 * found.settling_s:.0f} ms.",
         {"height_um": found.height_um, "residual_um": found.residual_um, "settling_s": found.settling_s},
     )
     return found

@@ -15,20 +15,23 @@ from edmctl.errors import ObjectiveNotReached
 from edmctl.procedures.bottom import Expected, read_expected
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.drift import uncertainty_now
+from edmctl.procedures.face import take_pad, unknown_face
 from edmctl.procedures.grown_tool import refuse_grown_tool
 from edmctl.procedures.job import Site
+from edmctl.procedures.measuring import pad_u_um
 from edmctl.procedures.pad import read_pad
 from edmctl.procedures.stages import move_to
-from edmctl.process.wear import Reading, measure, tilt_uncertainty_um
+from edmctl.process.wear import Reading, measure
 from edmctl.record.rows import EventLevel
+from edmctl.wording import signed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from edmctl.labels import Basis
-    from edmctl.procedures.measuring import DisplacementUncertainty
     from edmctl.procedures.run import Run
     from edmctl.procedures.touch import SurfaceReading
+    from edmctl.profile.stops import Displacement
 
 LEAST_TOUCHES = 3
 """Of every Z: the scatter of two says next to nothing."""
@@ -117,16 +120,18 @@ def measure_wear(run: Run, reference: Reference, expected_um: float, bottom: Bot
     before = touch_pad(run, "Z3", expected_um)
     if bottom is None:
         move_to(run, run.job.parking)
-        return _found(run, reference, before, None, touch_pad(run, "Z3", before.z_um), 0.0)
-    move_to(run, Site(bottom.name, bottom.x_um, bottom.y_um))
-    way_um = math.hypot(bottom.x_um - run.job.pad.x_um, bottom.y_um - run.job.pad.y_um)
-    tilt_u_um = tilt_uncertainty_um(run.setup.surface.tilt_u_mrad, way_um, run.setup.stage.repeatability_um)
-    expected = Expected(
-        before.z_um, bottom.depth_um, math.hypot(bottom.depth_u_um, tilt_u_um), "the job that made it"
-    )
+        return _found(
+            run, reference, before, None, touch_pad(run, "Z3", before.z_um), 0.0, pad_u_um(run.setup)
+        )
+    face, site = unknown_face(run), Site(bottom.name, bottom.x_um, bottom.y_um)
+    take_pad(run, face, before)
+    face_um, face_u_um = face.height_um(site), math.hypot(face.height_u_um(site), pad_u_um(run.setup))
+    move_to(run, site)
+    depth_u_um = math.hypot(bottom.depth_u_um, face_u_um)
+    expected = Expected(before.z_um + face_um, bottom.depth_um, depth_u_um, "the job that made it")
     z2 = read_expected(run, bottom.name, expected)
     after = touch_pad(run, "Z3", before.z_um)
-    return _found(run, reference, before, z2, after, way_um)
+    return _found(run, reference, before, z2, after, face_um, face_u_um)
 
 
 def refuse_drift(run: Run, found: WearResult) -> None:
@@ -134,7 +139,7 @@ def refuse_drift(run: Run, found: WearResult) -> None:
     if abs(found.drift_um) <= MOST_DRIFT_UM:
         return
     message = (
-        f"Z3 moved by {found.drift_um:+.2f} µm while the hole was measured; at most {MOST_DRIFT_UM:g} µm are "
+        f"Z3 moved by {signed(found.drift_um)} µm while the hole was measured; at most {MOST_DRIFT_UM:g} µm are "
         "allowed."
     )
     run.decide(RunEvent.WEAR_MEASURED, message, {"drift_um": found.drift_um}, level=EventLevel.WARNING)
@@ -151,14 +156,13 @@ def _found(
     before: SurfaceReading,
     z2: SurfaceReading | None,
     after: SurfaceReading,
-    way_um: float,
+    face_um: float,
+    face_u_um: float,
 ) -> WearResult:
     z1 = Reading(reference.z_um, reference.sd_um, reference.touches)
     z3 = _mean(before.reading, after.reading)
     bottom = z2.reading if z2 else z3
-    known, setup = uncertainty_now(run), run.setup
-    tilt_u_um = tilt_uncertainty_um(setup.surface.tilt_u_mrad, way_um, setup.stage.repeatability_um)
-    pad_u_um = tilt_uncertainty_um(setup.surface.tilt_u_mrad, 0.0, setup.stage.repeatability_um)
+    known, meeting_u_um = uncertainty_now(run), pad_u_um(run.setup)
     age_s = reference.age_s + after.time_s
     refuse_grown_tool(run, reference.z_um, after, age_s)
     depth_s = after.time_s - z2.time_s if z2 else 0.0
@@ -169,12 +173,13 @@ def _found(
         bottom,
         z3,
         gain_u_rel=known.gain_u_rel,
-        tilt_u_um=tilt_u_um,
+        tilt_u_um=face_u_um,
         drift_u_um_per_s=known.drift_u_um_per_s,
         z1_to_z3_s=age_s,
         z2_to_z3_s=depth_s,
-        pad_u_um=pad_u_um,
+        pad_u_um=meeting_u_um,
         linearity_u_um=known.linearity_u_um,
+        height_um=face_um,
         doubts_u_um=doubts_u_um,
     )
     noise_um = found.depth_noise_um / math.sqrt(1.0 / bottom.touches + 1.0 / z3.touches)
@@ -203,12 +208,14 @@ def _found(
         feed_um=found.feed_um if hole else math.nan,
         feed_u95_um=found.feed_u95_um if hole else math.nan,
         wear_model_um=model3_um - reference.model_um,
-        depth_model_um=model2_um - model3_um,
+        depth_model_um=model2_um - model3_um - face_um,
         feed_model_um=model2_um - reference.model_um,
         depth_basis=run.job.touch_basis if hole else None,
         wear_basis=run.job.touch_basis,
         budget=(
-            *_budget(known, lengths_um, noise_um, (z1, bottom, z3), (age_s, depth_s), tilt_u_um, pad_u_um),
+            *_budget(
+                known, lengths_um, noise_um, (z1, bottom, z3), (age_s, depth_s), face_u_um, meeting_u_um
+            ),
             _doubted(doubts_u_um),
         ),
         time_s=run.machine.time_s,
@@ -230,7 +237,7 @@ def _mean(a: Reading, b: Reading) -> Reading:
 
 
 def _budget(
-    known: DisplacementUncertainty,
+    known: Displacement,
     lengths_um: tuple[float, float, float],
     noise_um: float,
     readings: Sequence[Reading],
@@ -250,7 +257,7 @@ def _budget(
             noise_um * math.sqrt(z2 + z3),
             noise_um * math.sqrt(z1 + z2),
         ),
-        UncertaintyPart("drift since", drift * age_s, drift * depth_s, drift * (age_s - depth_s)),
+        UncertaintyPart("drift of the sensor", drift * age_s, drift * depth_s, drift * (age_s - depth_s)),
         UncertaintyPart("gain of the sensor", *gains),
         UncertaintyPart("linearity of the sensor", *[known.linearity_u_um] * 3),
         UncertaintyPart("tilt and stages", pad_u_um, tilt_u_um, tilt_u_um),

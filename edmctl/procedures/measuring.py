@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from edmctl.actuator.correction import GAIN_SD_BETWEEN_DAYS, ZERO_DRIFT_UM_PER_S
 from edmctl.process.erosion import hole_area_um2, mrr_mm3_min, tool_area_um2
 from edmctl.process.wear import DepthAndWear, measure, tilt_uncertainty_um
+from edmctl.profile.stops import Displacement
 
 if TYPE_CHECKING:
     from edmctl.procedures.job import Job
@@ -17,16 +18,7 @@ if TYPE_CHECKING:
     from edmctl.profile.setup import Setup
 
 
-@dataclass(frozen=True, slots=True)
-class DisplacementUncertainty:
-    """Standard uncertainties of a displacement: of its scale, of any one length besides, of its drift."""
-
-    gain_u_rel: float
-    linearity_u_um: float
-    drift_u_um_per_s: float
-
-
-def displacement_uncertainty(job: Job) -> DisplacementUncertainty:
+def displacement_uncertainty(job: Job) -> Displacement:
     """What is known of the displacements that a job goes by: the sensor's, or those of a calibrated actuator.
 
     A calibration inherits scale and linearity of the sensor that it was made with. Its gain may have moved by
@@ -34,17 +26,22 @@ def displacement_uncertainty(job: Job) -> DisplacementUncertainty:
     """
     sensor = job.setup.sensor
     if sensor.fitted or job.calibration is None:
-        return DisplacementUncertainty(sensor.gain_u_rel, sensor.linearity_u_um, sensor.drift_um_per_s)
-    return DisplacementUncertainty(
+        return Displacement(sensor.gain_u_rel, sensor.linearity_u_um, sensor.drift_um_per_s)
+    return Displacement(
         gain_u_rel=math.hypot(sensor.gain_u_rel, GAIN_SD_BETWEEN_DAYS),
         linearity_u_um=math.hypot(sensor.linearity_u_um, math.sqrt(2.0) * job.calibration.held_out_rms_um),
         drift_u_um_per_s=max(sensor.drift_um_per_s, ZERO_DRIFT_UM_PER_S),
     )
 
 
+def pad_u_um(setup: Setup) -> float:
+    """Standard uncertainty of meeting the pad again: repeatability of the stages, through its tilt."""
+    return tilt_uncertainty_um(setup.surface.tilt_u_mrad, 0.0, setup.stage.repeatability_um)
+
+
 def depth_and_wear(
     setup: Setup,
-    known: DisplacementUncertainty,
+    known: Displacement,
     z1: SurfaceReading,
     z2: SurfaceReading,
     z3: SurfaceReading,
@@ -67,7 +64,7 @@ def depth_and_wear(
         drift_u_um_per_s=known.drift_u_um_per_s,
         z1_to_z3_s=z3.time_s - z1.time_s,
         z2_to_z3_s=z3.time_s - z2.time_s,
-        pad_u_um=tilt_uncertainty_um(setup.surface.tilt_u_mrad, 0.0, setup.stage.repeatability_um),
+        pad_u_um=pad_u_um(setup),
         linearity_u_um=known.linearity_u_um,
         height_um=face_um,
         z1_u_um=z1_u_um,

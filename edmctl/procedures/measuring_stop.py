@@ -7,11 +7,12 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from edmctl.labels import Basis
-from edmctl.procedures.bottom import read_bottom
+from edmctl.procedures.bottom import UNFINISHED_GAP_U_UM, read_bottom
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.deciding import Decision, decide
-from edmctl.procedures.drift import SHARE_OF_REST, uncertainty_now
+from edmctl.procedures.drift import uncertainty_now
 from edmctl.procedures.estimating import energy_of
+from edmctl.procedures.first_sparks import judge_again
 from edmctl.procedures.grown_tool import refuse_grown_tool
 from edmctl.procedures.measuring import depth_and_wear
 from edmctl.procedures.pad import read_pad
@@ -22,8 +23,9 @@ from edmctl.procedures.tool_length import TOUCH_U_UM, ToolLength
 from edmctl.process.live_erosion import CONTRADICTION_SDS
 from edmctl.process.next_cut import COVERAGE, GAP_U_UM
 from edmctl.process.touch_check import Deviation
-from edmctl.process.wear import DepthAndWear
+from edmctl.process.wear import DepthAndWear, share_u
 from edmctl.record.rows import EventLevel
+from edmctl.wording import decimal, length, signed
 
 if TYPE_CHECKING:
     from edmctl.procedures.cut import CutResult
@@ -35,6 +37,8 @@ if TYPE_CHECKING:
 
 PAD_U_UM = 0.5
 """Standard uncertainty of the pad's place besides the wear: drift and touch scatter."""
+GAP_SETTLES_S = 1.0
+"""A cut that is over before teaches no working gap: its first sparks come 1 µm earlier, the servo follows."""
 
 
 def measure_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: CutResult) -> Decision:
@@ -42,12 +46,17 @@ def measure_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: CutResu
     end_um = cut.end_displacement_um
     z2 = read_bottom(run, hole.site.name, plan, cut)
     z3 = touch_pad(run, hole, plan, cut)
-    gap_um = learned_gap_um(z2.z_um, end_um)
+    gap_um, gap_u_um = plan.gap_um, plan.gap_u_um
+    if cut.time_s >= GAP_SETTLES_S:
+        gap_um = learned_gap_um(z2.z_um, end_um)
+        gap_u_um = math.hypot(GAP_U_UM, 0.0 if cut.is_at_limit else UNFINISHED_GAP_U_UM)
+        if cut.is_at_limit and z2.doubt_u_um == 0.0:
+            judge_again(run, hole, known.face, gap_um)
     settled = None
     if known.unmeasured:
         live = plan.at(end_um, energy_of(run.profile.pulse, cut.counts, cut.energy_j))
         settled = settle_unmeasured(run, hole, known, z3, plan, live)
-    found = learn(run, hole, known, z2, z3, gap_um, settled)
+    found = learn(run, hole, known, z2, z3, (gap_um, gap_u_um), settled)
     if plan.number == 1:
         refuse_wrong_setup(run, hole.touched or found)
     start = next_start(run, hole, gap_um, known.gap_u_um)
@@ -96,11 +105,12 @@ def learn(
     known: Known,
     z2: SurfaceReading,
     z3: SurfaceReading,
-    gap_um: float,
+    gap: tuple[float, float],
     settled: SharedWear | None = None,
 ) -> DepthAndWear:
     """Take the readings of a stop into the ledger, the tool's length and the estimate of what follows.
 
+    `gap` is the working gap to expect from now on, µm, and its standard uncertainty.
     `settled` is the wear of the hole where the touch tells of several holes at once.
     """
     found = measured(run, hole, z2, z3)
@@ -109,9 +119,9 @@ def learn(
     stated = found if settled is not None else with_doubt_of_wear(run, hole, known.estimate, found)
     hole.stops += 1
     hole.bottom, hole.pad, hole.touched = z2, z3, found
-    hole.report(run, stated, gap_um, depth_basis=Basis.ESTIMATED if z2.doubt_u_um > 0.0 else None)
-    known.tool, known.gap_um = ToolLength(z3), gap_um
-    known.gap_u_um = math.hypot(GAP_U_UM, z2.doubt_u_um)
+    hole.report(run, stated, gap[0], depth_basis=Basis.ESTIMATED if z2.doubt_u_um > 0.0 else None)
+    known.tool, known.gap_um = ToolLength(z3), gap[0]
+    known.gap_u_um = math.hypot(gap[1], z2.doubt_u_um)
     if z2.doubt_u_um > 0.0:
         return stated
     known.estimate = hole.estimate.fitted(
@@ -141,11 +151,11 @@ def with_doubt_of_wear(run: Run, hole: Hole, estimate: ErosionEstimate, found: D
     )
     if abs(off.sigmas) <= CONTRADICTION_SDS:
         return found
-    doubt_u95_um = COVERAGE * SHARE_OF_REST * abs(off.um)
+    doubt_u95_um = COVERAGE * share_u(off.um)
     run.decide(
         RunEvent.TOUCH_DOUBTED,
-        f"The wear of {found.wear_um:.2f} µm is {off.um:+.2f} µm from what was believed: the belief is wrong, or "
-        "something sticks to the tool. The next stop will tell.",
+        f"The wear is {decimal(found.wear_um)} µm, {signed(off.um)} µm from what was believed: the belief is wrong, "
+        "or something sticks to the tool. The next stop will tell.",
         {"kind": "wear", "off_um": off.um, "u_um": off.u_um},
         level=EventLevel.WARNING,
     )
@@ -204,8 +214,9 @@ def estimate_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: CutRes
     )
     run.decide(
         RunEvent.SITE_ESTIMATED,
-        f"Depth {found.depth_um:.2f} ± {found.depth_u95_um:.2f} µm, wear {found.wear_um:.2f} ± "
-        f"{found.wear_u95_um:.2f} µm by feed and energy: known well enough without another touch.",
+        f"Depth {length(found.depth_um, found.depth_u95_um)}, "
+        f"wear {length(found.wear_um, found.wear_u95_um)} by feed and energy: known well enough without another "
+        "touch.",
         {
             "depth_um": found.depth_um,
             "wear_um": found.wear_um,
@@ -214,7 +225,7 @@ def estimate_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: CutRes
         },
     )
     off_um = found.depth_um - hole.goal.depth_um
-    message = f"Depth {found.depth_um:.2f} µm, {off_um:+.2f} µm from the target."
+    message = f"Depth {decimal(found.depth_um)} µm, {signed(off_um)} µm from the target."
     run.decide(RunEvent.TARGET_REACHED, message, {"depth_um": found.depth_um})
     return Decision(None, message)
 
@@ -223,8 +234,8 @@ def report(run: Run, found: DepthAndWear, gap_um: float, decision: Decision) -> 
     """Tell what a stop measured, and what follows."""
     run.decide(
         RunEvent.SITE_MEASURED,
-        f"Depth {found.depth_um:.2f} ± {found.depth_u95_um:.2f} µm, wear {found.wear_um:.2f} ± "
-        f"{found.wear_u95_um:.2f} µm, working gap {gap_um:.2f} µm.",
+        f"Depth {length(found.depth_um, found.depth_u95_um)}, "
+        f"wear {length(found.wear_um, found.wear_u95_um)}, working gap {gap_um:.2f} µm.",
         {
             "depth_um": found.depth_um,
             "wear_um": found.wear_um,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError
 from edmctl.process.next_cut import COVERAGE
-from edmctl.wording import with_u95
+from edmctl.wording import coordinates, with_u95
 
 if TYPE_CHECKING:
     from edmctl.procedures.expecting import Estimate
@@ -21,7 +21,7 @@ def other_work(site: Site, found: DepthAndWear, expected: Estimate, *, begun: bo
     else:
         otherwise = "For new work, order the places that are left as a job of their own."
     return PreconditionError(
-        f"{site.name} at ({site.x_um:.0f}, {site.y_um:.0f}) µm is "
+        f"{site.name} at {coordinates(site.x_um, site.y_um)} is "
         f"{with_u95(found.depth_um, found.depth_u95_um)} µm deep; the journal expects "
         f"{with_u95(expected.depth_um, COVERAGE * expected.depth_u_um)} µm.",
         hint="Other work, or other places: put the work back as it was, home the stages and say --homed. "

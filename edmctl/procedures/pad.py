@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from edmctl.procedures.run import Run
     from edmctl.procedures.touch import SurfaceReading
 
+OFFSET_U_UM = 3.5
+"""Standard uncertainty of the distance to the pad before the first touch."""
 SPOT_TURNS_DEG = (0.0, 60.0, -60.0)
 """Directions of the further spots as seen from the pad, from that away from the holes: all are equally far apart."""
 
@@ -22,6 +24,11 @@ def read_pad(run: Run, kind: str, place: str, predicted_um: float, u_um: float) 
     Contact is expected at `predicted_um` with a standard uncertainty of `u_um`. Raises what `read_at_spots` raises.
     """
     return read_at_spots(run, kind, place, Spots("pad", pad_spots(run)), predicted_um, u_um)
+
+
+def pad_middle_um(run: Run) -> tuple[float, float]:
+    """Where a reading of the pad holds: x and y of the middle of its two spots, each by its touches, µm."""
+    return Spots("pad", pad_spots(run)).middle_um(run.profile.measure.touches)
 
 
 def pad_spots(run: Run) -> tuple[Site, ...]:

@@ -44,4 +44,9 @@ def after_pause(job: Job) -> JobState:
     """What the run before left, as long ago as it is now: the pause is in it, for whoever goes on later."""
     state = job.resumed
     assert state is not None
-    return replace(state, z1_time_s=state.z1_time_s - counted_pause_s(job), pause_s=told_pause_s(job))
+    return replace(
+        state,
+        z1_time_s=state.z1_time_s - counted_pause_s(job),
+        pause_s=told_pause_s(job),
+        home_age_s=state.home_age_s + job.pause_s,
+    )

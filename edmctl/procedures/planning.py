@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 from edmctl.procedures.estimating import estimate_of
 from edmctl.procedures.goal import Goal, goal_of
 from edmctl.procedures.job import Site
-from edmctl.process.live_erosion import Energy, ErosionEstimate, LiveErosion
-from edmctl.process.next_cut import COVERAGE, FIRST_GAP_U_UM, NextCut, largest_first_um, next_cut
+from edmctl.process.live_erosion import RECIPE_U_REL, Energy, ErosionEstimate, LiveErosion
+from edmctl.process.next_cut import COVERAGE, NextCut, largest_first_um, next_cut
 from edmctl.profile.rates import feed_rate_um_s
+from edmctl.profile.stops import cut_budget
 
 if TYPE_CHECKING:
     from edmctl.profile.model import Profile
@@ -30,13 +31,13 @@ class Start:
     bottom_um: float
     bottom_u_um: float
     gap_um: float
+    gap_u_um: float
     time_s: float = 0.0
     drift_u_um_per_s: float = 0.0
     depth_um: float = 0.0
     depth_u_um: float = 0.0
     wear_um: float = 0.0
     wear_u_um: float = 0.0
-    gap_u_um: float = FIRST_GAP_U_UM
 
     def bottom_u_at(self, now_s: float) -> float:
         """Standard uncertainty of where the tool would touch the bottom, at a moment."""
@@ -136,7 +137,9 @@ def first_plan(
     if goal.kind == "feed":
         return CutPlan(1, goal.feed_um, start, estimate)
     if goal.kind == "through":
-        feed_um = (goal.depth_um + goal.tolerance_um) * (1.0 + estimate.wear_ratio) + goal.completion_um
+        # The breakthrough ends it: the limit leaves room for a tool that wears more than the recipe says.
+        worst = estimate.wear_ratio * (1.0 + (0.0 if estimate.fits else COVERAGE * RECIPE_U_REL))
+        feed_um = (goal.depth_um + goal.tolerance_um) * (1.0 + worst) + goal.completion_um
         return CutPlan(1, feed_um, start, estimate, goal.depth_um)
     if cut_budget(profile) == 1:
         return CutPlan(1, goal.depth_um * (1.0 + estimate.wear_ratio), start, estimate, goal.depth_um)
@@ -195,13 +198,3 @@ def _planned(
 def learned_gap_um(bottom_um: float, end_displacement_um: float) -> float:
     """The working gap: how much further the tool goes to touch than it went to spark."""
     return bottom_um - end_displacement_um
-
-
-def cut_budget(profile: Profile) -> int:
-    """How many cuts the recipe allows: one without a depth target or without remeasuring."""
-    wear = profile.wear
-    if profile.target.kind != "depth" or wear.remeasure == "never":
-        return 1
-    if isinstance(wear.remeasure, int):
-        return min(wear.remeasure + 1, wear.max_cuts)
-    return wear.max_cuts

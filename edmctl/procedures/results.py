@@ -39,7 +39,8 @@ class SiteResult:
 
     `depth_basis` and `wear_basis` say what depth and wear rest on. `verdict` is None until the hole is judged, and
     where no depth was wanted of it. One that is not `finished` was under way when its job ended early: it is not
-    judged, and estimated where nobody has touched it since its last cut.
+    judged, and estimated where nobody has touched it since its last cut. `in_doubt` says that the touches of its
+    bottom or face were not believed outright: its interval is wider for that.
 
     `face_um` is how much further than the reference pad the face lies here. `measuring_stops` are the times that the
     bottom was touched, and the pad after it; `estimated_um` is the part of the depth that was cut after the last of
@@ -95,6 +96,7 @@ class SiteResult:
     wear_basis: Basis = Basis.TOUCHED
     verdict: Verdict | None = None
     finished: bool = True
+    in_doubt: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,7 +219,7 @@ def site_result_of(mapping: Mapping[str, object]) -> SiteResult:
         Basis(str(values.get(name, Basis.ESTIMATED))) for name in ("depth_basis", "wear_basis")
     )
     verdict = values.pop("verdict", None)
-    judged = None if verdict is None else Verdict(str(verdict))
+    judged = Verdict(verdict) if isinstance(verdict, str) else None
     return SiteResult(**values, ratios=PulseRatios(**ratios), verdict=judged)  # type: ignore[arg-type]
 
 
@@ -246,8 +248,8 @@ class Ledger:
     `depth_um` is the best present knowledge of the hole under way: estimated while cutting, then measured.
     `open_site` names that hole until it is finished, `unmeasured_site` from the begin of a cut
     until it is measured; `unwritten` names finished holes whose results later touches may still correct.
-    `home_um` is what the sensor showed of the tool at home, at the last rest at 0 V. `cut` is the cut under way,
-    `phase` what is being done, `warning` what was last warned of, at `warned_s`.
+    `home_um` is what the sensor showed of the tool at home, at the last rest at 0 V, which was at `home_s`. `cut` is
+    the cut under way, `phase` what is being done, `warning` what was last warned of, at `warned_s`.
     `time_s` and `machining_time_s` count those of the runs before this one too.
     """
 
@@ -268,6 +270,7 @@ class Ledger:
     link: LinkReport | None = None
     channel: ChannelResult | None = None
     home_um: float = 0.0
+    home_s: float = math.nan
 
     @property
     def sites_done(self) -> int:

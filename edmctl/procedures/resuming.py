@@ -20,7 +20,8 @@ from edmctl.procedures.expecting import (
     expected_of_left,
     is_untouched,
 )
-from edmctl.procedures.hole import Hole, Known, close_site, hole_at
+from edmctl.procedures.face import take_pad, touch_beside, unknown_face
+from edmctl.procedures.hole import Hole, Known, close_site, hole_at, touch_pad_first
 from edmctl.procedures.job import Site
 from edmctl.procedures.measuring_stop import learn, measured, next_start, report
 from edmctl.procedures.not_left import other_tool, other_work, touched_face
@@ -33,6 +34,7 @@ from edmctl.procedures.tool_length import ToolLength
 from edmctl.procedures.touch import BEYOND_SIGMAS, SurfaceReading, take_reading
 from edmctl.process.wear import DepthAndWear, Reading
 from edmctl.record.rows import EventLevel
+from edmctl.wording import decimal, length
 
 if TYPE_CHECKING:
     from edmctl.procedures.journal import JobState
@@ -58,9 +60,9 @@ def take_up_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Deci
     run.ledger.depth_um, run.ledger.unmeasured_site = state.depth_um, site.name
     run.journal.begin_hole(hole, run.machine.time_s, begun=True)
     drift_um = STANDARD_UNCERTAINTIES * drift_u_um(run.job)
-    z3 = _touch(
-        run, "Z3", run.job.pad, site.name, hole.z1.z_um + state.wear_um, expected.wear_reach_um + drift_um
-    )
+    z3_um, reach_um = hole.z1.z_um + state.wear_um, expected.wear_reach_um + drift_um
+    z3 = _touch(run, "Z3", run.job.pad, site.name, z3_um, reach_um)
+    _see_face(run, hole, known, z3)
     z2 = _touch(run, "Z2", site, site.name, z3.z_um + hole.face_um + state.depth_um, expected.depth_reach_um)
     found = measured(run, hole, z2, z3)
     for _ in range(0 if run.job.restart_hole else MORE_LOOKS):
@@ -68,6 +70,8 @@ def take_up_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Deci
             break
         z2 = _touch_washed(run, site, z2, expected.depth_reach_um)
         found = measured(run, hole, z2, z3)
+    if not run.ledger.sites and run.profile.target.kind != "through":
+        found = _on_its_own_face(run, hole, known, z2, z3, found)
     if run.job.restart_hole:
         _start_again(run, site, known, z3, found)
         return None
@@ -77,13 +81,12 @@ def take_up_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Deci
         raise other_work(site, found, expected.estimate, begun=True)
     if not tool_fits:
         raise other_tool(found, expected.estimate)
-    gap_u_um = known.gap_u_um
-    found = learn(run, hole, known, z2, z3, known.gap_um)
-    known.gap_u_um = gap_u_um  # no cut of this run has shown it yet
+    # No cut of this run has shown the working gap yet: it stays as it was believed.
+    found = learn(run, hole, known, z2, z3, (known.gap_um, known.gap_u_um))
     run.decide(
         RunEvent.RESUMED,
-        f"Taken up again at {found.depth_um:.2f} µm depth and {found.wear_um:.2f} µm wear; the journal expected "
-        f"{state.depth_um:.1f} and {state.wear_um:.1f} µm.",
+        f"Taken up again at {decimal(found.depth_um)} µm depth and {decimal(found.wear_um)} µm wear; the journal "
+        f"expected {decimal(state.depth_um, 1)} and {decimal(state.wear_um, 1)} µm.",
         {"depth_um": found.depth_um, "wear_um": found.wear_um, "expected_um": state.depth_um},
     )
     start = next_start(run, hole, known.gap_um, known.gap_u_um)
@@ -115,9 +118,34 @@ def look_at_last_hole(run: Run, known: Known) -> None:
     if state is None or not run.ledger.sites or run.profile.target.kind == "through":
         return
     _begin(run, known, state)
-    pad = read_pad(run, "Z1", run.job.pad.name, known.pad_um, known.pad_u_um)
+    pad = touch_pad_first(run, run.job.pad.name, known)
     known.tool = ToolLength(pad)
     _look_at_finished(run, known, pad)
+
+
+def _see_face(run: Run, hole: Hole, known: Known, pad: SurfaceReading) -> None:
+    """Take what the pad tells of the face, and with it where the face is at the hole."""
+    take_pad(run, known.face, pad)
+    hole.face_um, hole.face_u_um = known.face.height_um(hole.site), known.face.height_u_um(hole.site)
+
+
+def _on_its_own_face(
+    run: Run, hole: Hole, known: Known, z2: SurfaceReading, z3: SurfaceReading, found: DepthAndWear
+) -> DepthAndWear:
+    """What was found, with the face as it is beside the hole where this may be other work, of another slope.
+
+    A hole that is hardly begun shows nothing: what the earlier run has touched of the face counts no more then.
+    """
+    touched_face, known.face = known.face, unknown_face(run)
+    _see_face(run, hole, known, z3)
+    if touched_face.touched and is_untouched(measured(run, hole, z2, z3)):
+        touch_beside(run, hole.site, known.face, ToolLength(z3))
+        run.journal.face(known.face)
+        _see_face(run, hole, known, z3)
+        return measured(run, hole, z2, z3)
+    known.face = touched_face
+    _see_face(run, hole, known, z3)
+    return found
 
 
 def _look_at_finished(run: Run, known: Known, pad: SurfaceReading) -> None:
@@ -147,7 +175,7 @@ def _start_again(run: Run, site: Site, known: Known, pad: SurfaceReading, found:
     run.ledger.depth_um, run.ledger.unmeasured_site = 0.0, ""
     run.decide(
         RunEvent.RESUMED,
-        f"The face at {site.name} is untouched ({found.depth_um:+.2f} ± {found.depth_u95_um:.2f} µm): the hole is "
+        f"The face at {site.name} is untouched ({length(found.depth_um, found.depth_u95_um)}): the hole is "
         "made from the start.",
         {"depth_um": found.depth_um},
     )
@@ -180,14 +208,15 @@ def _touch_washed(run: Run, site: Site, short: SurfaceReading, reach_um: float) 
         {"kind": "Z2", "z_um": short.z_um},
         level=EventLevel.WARNING,
     )
+    run.recorder.reject_touch(short.time_s)
     wash(run, short.z_um)
     return _touch(run, "Z2", site, site.name, short.z_um, reach_um)
 
 
 def _begin(run: Run, known: Known, state: JobState) -> None:
     """Take over what was touched of the face, and say what an unknown pause means."""
-    if state.face and not known.face.touched:
-        known.face.add(*state.face)
+    if not known.face.touched:
+        known.face.restore(state.face, state.face_doubt_u_um)
     if math.isfinite(run.job.pause_s):
         return
     drift_um = 2.0 * drift_u_um(run.job)

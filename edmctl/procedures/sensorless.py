@@ -159,6 +159,11 @@ class SensorlessMachine:
         """How long the controller has been on, s."""
         return self._machine.uptime_s
 
+    @property
+    def zero_um(self) -> float:
+        """Where the controller takes home to be: nobody tells it another place."""
+        return self._machine.zero_um
+
     def configure(
         self, settings: ControllerSettings | MotionSettings, pulses: PulseSettings | None = None
     ) -> None:

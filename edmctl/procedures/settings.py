@@ -43,14 +43,17 @@ OPEN_LOST_S = 3.0
 """So long without any discharge, the work or the tool is not where it should be: a healthy gap is open for 14 ms
 at most, and at 5 µm/s the tool advances 15 µm meanwhile (decision 0012)."""
 
+JUMPING = 2.0
+"""A feed through open pulses takes so many times as long as its way does at the servo's speed: jumps go on."""
 _LARGEST_COUNT = 250
 """Pulses per telemetry sample that a count of one byte still holds, with a margin of 2 %."""
 _FRAME_S = 0.1
 """Telemetry frames come this often where the rate allows: the supervisor's 10 Hz."""
 _LARGEST_BATCH = 14
 """Samples of 16 bytes that fit the 240 bytes of one frame."""
-_SLOWEST_HZ = 20.0
-"""Two samples per frame: the slowest that the supervisor can judge by."""
+_JOB_HZ = 100.0
+"""A job needs as many samples, however few are recorded: identification takes 200 of the conditioning swings (some
+seconds), a touch three of its dwell (0.3 s), and a frame is the mean that the supervisor judges by."""
 
 
 def controller_settings(profile: Profile, setup: Setup) -> ControllerSettings:
@@ -58,6 +61,10 @@ def controller_settings(profile: Profile, setup: Setup) -> ControllerSettings:
     servo, actuator, pulse = profile.servo, setup.actuator, profile.pulse
     # Behind the sheet nothing but open pulses is right; before, the host looks (spark_loss.py).
     completion_um = goal_of(profile, Site("", 0.0, 0.0)).completion_um
+    lost_um = profile.limits.open_lost_um
+    if completion_um:
+        # The host sees the breakthrough within one such way of the last spark, and this has to be further on.
+        lost_um = completion_um + 2.0 * lost_um
     return ControllerSettings(
         piezo_max_v=profile.limits.stroke_v_max,
         slew_limit_v_s=actuator.slew_v_s,
@@ -81,8 +88,8 @@ def controller_settings(profile: Profile, setup: Setup) -> ControllerSettings:
         block_pulses=block_pulses(profile),
         short_stuck_s=SHORT_STUCK_S,
         arc_run=ARC_RUN,
-        open_lost_um=completion_um + profile.limits.open_lost_um,
-        open_lost_s=OPEN_LOST_S + completion_um / servo.forward_um_s,
+        open_lost_um=lost_um,
+        open_lost_s=OPEN_LOST_S + (JUMPING * lost_um / servo.forward_um_s if completion_um else 0.0),
         watchdog_s=setup.controller.watchdog_s,
         dielectric_required=profile.flush.required,
         flow_min_lpm=profile.flush.min_flow_lpm,
@@ -109,9 +116,13 @@ def pulse_settings(profile: Profile) -> PulseSettings:
 
 
 def telemetry_settings(profile: Profile, setup: Setup) -> TelemetrySettings:
-    """Sampling for the host: the rate that is logged, or faster where the pulse counts would overflow."""
-    slowest_hz = max(_SLOWEST_HZ, profile.pulse.frequency_hz / _LARGEST_COUNT)
-    rate_hz = min(max(profile.log.servo_hz, slowest_hz), setup.controller.telemetry_hz)
+    """Sampling for the host: a multiple of the rate that is logged which suffices for the job and the pulse counts.
+
+    A setup with a slow line limits it by `controller.telemetry_hz`, whatever the job needs.
+    """
+    slowest_hz = max(_JOB_HZ, profile.pulse.frequency_hz / _LARGEST_COUNT)
+    rate_hz = profile.log.servo_hz * math.ceil(slowest_hz / profile.log.servo_hz)
+    rate_hz = min(rate_hz, setup.controller.telemetry_hz)
     tick_us = setup.controller.servo_period_us
     period_us = tick_us * max(1, round(1e6 / rate_hz / tick_us))
     return TelemetrySettings(

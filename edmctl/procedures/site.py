@@ -7,11 +7,11 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from edmctl.procedures.approach import approach_bottom
-from edmctl.procedures.bottom import check_first_sparks, lying_um
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.cut import CutEnd, run_cut
 from edmctl.procedures.deciding import Decision, out_of_time
 from edmctl.procedures.estimating import energy_of
+from edmctl.procedures.first_sparks import check_first_sparks, lying_um
 from edmctl.procedures.hole import close_site, start_of
 from edmctl.procedures.measuring_stop import estimate_hole, measure_hole
 from edmctl.procedures.planning import CutPlan, first_plan
@@ -77,7 +77,9 @@ def _cut(run: Run, hole: Hole, known: Known, plan: CutPlan, limits: TimeLimits) 
 
 
 def _is_surprising(run: Run, plan: CutPlan, cut: CutResult) -> bool:
-    """Whether the energy of a cut does not go with its feed: then a touch has to tell what became of it."""
+    """Whether a cut lost its sparks, or its energy does not go with its feed: then a touch has to tell."""
+    if cut.end_displacement_um < plan.z_limit_um:
+        return True
     energy = energy_of(run.profile.pulse, cut.counts, cut.energy_j)
     return plan.contradicts(cut.end_displacement_um, energy)
 

@@ -108,6 +108,7 @@ def site_result(
     depth_basis: Basis,
     wear_basis: Basis,
     through: bool = False,
+    in_doubt: bool = False,
 ) -> SiteResult:
     """Put together what is known of a hole."""
     erosion = erosion_of(profile, found, sums.time_s, through=through)
@@ -148,6 +149,7 @@ def site_result(
         through=through,
         depth_basis=depth_basis,
         wear_basis=wear_basis,
+        in_doubt=in_doubt,
     )
 
 

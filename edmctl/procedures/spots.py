@@ -23,7 +23,8 @@ from edmctl.procedures.touch import (
     search_near,
     take_reading_in,
 )
-from edmctl.process.touch_check import agreeing_spots, is_constant
+from edmctl.process.plane import Step
+from edmctl.process.touch_check import agreeing_spots, between_spots, is_constant
 from edmctl.process.wear import pooled_reading, tilt_uncertainty_um
 from edmctl.record.rows import EventLevel
 
@@ -33,8 +34,6 @@ if TYPE_CHECKING:
     from edmctl.procedures.job import Site
     from edmctl.procedures.run import Run
 
-SPOT_MARGIN_UM = 30.0
-"""Between the tool's edges at two spots: wider than a chip that a gap of some µm lets through."""
 SPOT_LEG_UM = 2.0
 """At a further spot the fast leg ends this far above where contact was before."""
 SPOT_SETTLE_S = 0.2
@@ -51,15 +50,24 @@ class Spots:
     surface: str
     places: tuple[Site, ...]
 
+    def middle_um(self, touches: int) -> tuple[float, float]:
+        """Where a reading of so many touches holds that were made at the first two places: x and y, µm."""
+        first, second = self.places[:2]
+        at_first, later = shared_out(touches)
+        share = later / (at_first + later)
+        x_um, y_um = first.x_um, first.y_um
+        return x_um + share * (second.x_um - x_um), y_um + share * (second.y_um - y_um)
 
-def spot_distance_um(run: Run) -> float:
-    """How far spots are from each other."""
-    return run.profile.tool.diameter_um + SPOT_MARGIN_UM
+
+def shared_out(touches: int) -> tuple[int, int]:
+    """How many of the touches of a reading are made at its first place, and at each further one."""
+    later = max(1, touches // 3)
+    return max(1, touches - later), later
 
 
 def beside(run: Run, place: Site, angle: float) -> Site:
     """Return the spot beside a place in a direction, radians."""
-    distance_um = spot_distance_um(run)
+    distance_um = run.job.spot_distance_um
     x_um, y_um = place.x_um + distance_um * math.cos(angle), place.y_um + distance_um * math.sin(angle)
     return replace(place, x_um=x_um, y_um=y_um)
 
@@ -70,28 +78,40 @@ def read_at_spots(
     """Touch a surface at two spots, and at further ones where they do not agree.
 
     Contact is expected at `predicted_um` with a standard uncertainty of `u_um`. There are at least `measure.touches`
-    touches in all. Raises ObjectiveNotReached E7022 where no two spots agree on the longest reading.
+    touches in all. Raises ObjectiveNotReached E7022 where no two spots agree on the longest reading, and E7021 where
+    all touches are the same to the last digit and stay so when the last spot is touched again.
     """
     search = search_near(run, predicted_um, u_um)
-    later = max(1, search.touches // 3)
+    at_first, later = shared_out(search.touches)
     move_to(run, spots.places[0])
-    search = replace(search, touches=max(1, search.touches - later))
+    search = replace(search, touches=at_first)
     found = [take_reading_in(run, kind, place, search)]
     for spot in spots.places[1:]:
         move_to(run, spot)
         found.append(_at_further_spot(run, kind, place, found, replace(search, touches=later)))
-        readings = [one.reading for one in found]
-        if is_constant(readings):
-            raise constant(found[-1])
-        agreeing = agreeing_spots(readings, _place_u_um(run, found))
+        if is_constant([one.reading for one in found]):
+            _tell_constant(run, found[-1])
+            _reject(run, [found[-1]])
+            found[-1] = _at_further_spot(run, kind, place, found, replace(search, touches=later))
+            if is_constant([one.reading for one in found]):
+                _reject(run, found)
+                raise constant(found[-1])
+        agreeing = agreeing_spots([one.reading for one in found], _place_u_um(run, found))
         if len(agreeing) > 1:
-            return _together(run, found, agreeing, spots.surface)
+            return _together(run, found, agreeing, spots)
+    _reject(run, found)
     told = ", ".join(f"{one.z_um:.2f}" for one in found)
     raise ObjectiveNotReached(
         f"{kind}: no two of {len(found)} spots of the {spots.surface} agree on the longest reading: {told} µm.",
         hint=f"Clean tool and work, and look whether the {spots.surface} is flat for a tool's width around there.",
         code="E7022",
     )
+
+
+def _reject(run: Run, readings: Sequence[SurfaceReading]) -> None:
+    """Tell the run file that other readings count instead of these, or none."""
+    for one in readings:
+        run.recorder.reject_touch(one.time_s)
 
 
 def _at_further_spot(
@@ -106,11 +126,23 @@ def _at_further_spot(
     return take_reading_in(run, kind, place, search)
 
 
+def _tell_constant(run: Run, found: SurfaceReading) -> None:
+    run.decide(
+        RunEvent.TOUCH_DOUBTED,
+        f"{found.kind}: every touch says {found.z_um:.3f} µm to the last digit. It is touched again.",
+        {"kind": found.kind, "z_um": found.z_um},
+        level=EventLevel.WARNING,
+    )
+
+
 def _place_u_um(run: Run, found: Sequence[SurfaceReading]) -> float:
     """Standard uncertainty of the difference between two spots: tilt, drift, and a model instead of a sensor."""
+    return math.hypot(_tilt_u_um(run), _sensed_u_um(run, found))
+
+
+def _sensed_u_um(run: Run, found: Sequence[SurfaceReading]) -> float:
     known = uncertainty_now(run)
     return math.hypot(
-        _tilt_u_um(run),
         known.drift_u_um_per_s * (found[-1].time_s - found[0].time_s),
         0.0 if run.setup.sensor.fitted else known.linearity_u_um,
     )
@@ -118,11 +150,13 @@ def _place_u_um(run: Run, found: Sequence[SurfaceReading]) -> float:
 
 def _tilt_u_um(run: Run) -> float:
     setup = run.setup
-    return tilt_uncertainty_um(setup.surface.tilt_u_mrad, spot_distance_um(run), setup.stage.repeatability_um)
+    return tilt_uncertainty_um(
+        setup.surface.tilt_u_mrad, run.job.spot_distance_um, setup.stage.repeatability_um
+    )
 
 
 def _together(
-    run: Run, found: Sequence[SurfaceReading], agreeing: Sequence[int], surface: str
+    run: Run, found: Sequence[SurfaceReading], agreeing: Sequence[int], spots: Spots
 ) -> SurfaceReading:
     """One reading of the spots that agree; others than usual lie a little differently, by the tilt between them."""
     used = [found[i] for i in agreeing]
@@ -130,12 +164,13 @@ def _together(
     shares = [one.reading.touches / touches for one in used]
     usual = tuple(agreeing) == (0, 1)
     if not usual:
+        _reject(run, [one for one in found if one not in used])
         left_out = ", ".join(f"{one.z_um:.2f}" for one in found if one not in used)
         counted = " and ".join(f"{one.z_um:.2f}" for one in used)
         run.decide(
             RunEvent.TOUCH_DOUBTED,
-            f"{found[0].kind}: {counted} µm at two spots of the {surface} agree. Something lay under the tool at "
-            f"the other, {left_out} µm, which does not count.",
+            f"{found[0].kind}: {counted} µm at two spots of the {spots.surface} agree. Something lay under the tool "
+            f"at the other, {left_out} µm, which does not count.",
             {"kind": found[0].kind, "shortest_um": min(one.z_um for one in found), "z_um": used[-1].z_um},
             level=EventLevel.WARNING,
         )
@@ -148,4 +183,11 @@ def _together(
         zero_um=math.fsum(share * one.zero_um for share, one in zip(shares, used, strict=True)),
         doubt_u_um=0.0 if usual else _tilt_u_um(run),
         lying_um=0.0 if 0 in agreeing else reading.mean_um - found[0].z_um,
+        step=_step(run, found, spots) if usual else None,
     )
+
+
+def _step(run: Run, found: Sequence[SurfaceReading], spots: Spots) -> Step:
+    first, second = spots.places[:2]
+    off = between_spots(found[1].reading, found[0].reading, _sensed_u_um(run, found))
+    return Step((second.x_um - first.x_um, second.y_um - first.y_um), off.um, off.u_um)

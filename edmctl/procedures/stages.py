@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError
 from edmctl.machine.port import Axis
 from edmctl.procedures.codes import RunEvent
-from edmctl.procedures.drift import DRIFT_SDS, first_home_um
-from edmctl.procedures.measuring import displacement_uncertainty
+from edmctl.procedures.home import (
+    CLEAR_UM,
+    CREEP_LOOK_S,
+    CREEP_WAIT_S,
+    READING_MARGIN_UM,
+    Home,
+    home_now,
+    most_over_um,
+)
 from edmctl.procedures.resting import rest_and_look
 from edmctl.procedures.results import Phase
 from edmctl.procedures.settings import controller_settings
+from edmctl.wording import coordinates
 
 if TYPE_CHECKING:
     from edmctl.procedures.job import Site
@@ -26,17 +33,10 @@ ROTARY_REPEATABILITY_DEG = 0.1
 """Of the rotary table (Muralidhara et al. 2009, §3.1): a smaller turn is no turn."""
 
 _SETTLE_S = 0.2
-_CREEP_WAIT_S = 60.0
-"""Longest wait for the actuator to creep back below the height at which the stages may move."""
-_CREEP_LOOK_S = 1.0
-_READING_MARGIN_UM = 1.0
-"""The controller judges by a reading of its own, so the height must be clear by more than noise."""
 _WORTH_TELLING_UM = 1.0
-"""A home nearer than this to the sensor's zero need not be told to the controller."""
-_SETTLED_UM = 0.2
-"""A rest that falls by less than this in a second has settled."""
-MODEL_ERROR_UM = 12.0
-"""The actuator model is wrong by up to 6 µm in the first second at 0 V after a deep cut; twice that."""
+"""A home nearer than this to where the controller takes it to be need not be told."""
+TELLABLE_UM = 24.0
+"""The controller takes no home that the tool rests 25 µm from: while creep holds it lower the host waits."""
 
 
 def retract(run: Run) -> None:
@@ -48,60 +48,43 @@ def retract(run: Run) -> None:
     settings = controller_settings(run.profile, run.setup)
     run.machine.ramp(0.0, settings.retract_v_s)
     rest_and_look(run, _SETTLE_S)
-    end_s = run.machine.time_s + _CREEP_WAIT_S
+    end_s = run.machine.time_s + CREEP_WAIT_S
     while True:
-        home_um = _home_um(run)
-        over_um = run.watch.displacement_um - home_um
-        if over_um <= settings.safe_z_um - _READING_MARGIN_UM:
+        home = home_now(run)
+        over_um, most_um = run.watch.displacement_um - home.um, most_over_um(run, home)
+        if over_um <= most_um and _is_told(run, home, over_um):
             break
         if run.machine.time_s > end_s:
-            raise PreconditionError(
-                f"The tool stands {over_um:.1f} µm from home at 0 V; the stages may move below "
-                f"{settings.safe_z_um:.1f} µm only.",
-                hint="Check the displacement sensor and the actuator's supply.",
-                code="E8020",
-            )
-        rest_and_look(run, _CREEP_LOOK_S)
-    run.ledger.home_um = home_um
-    if abs(home_um) > _WORTH_TELLING_UM:
-        run.machine.set_zero(home_um)
+            raise _stands_out(run, home, over_um, most_um if over_um > most_um else TELLABLE_UM)
+        rest_and_look(run, CREEP_LOOK_S)
+    run.ledger.home_um, run.ledger.home_s = home.um, run.machine.time_s
 
 
-def _home_um(run: Run) -> float:
-    """What the sensor shows of a tool at home: the rest at 0 V less what the actuator model says of creep.
-
-    Before there is a model it is the rest itself, once that has stopped falling, as far as drift can explain it.
-    Raises PreconditionError E8020 where a rest lies further from the first or the newest than creep and drift go:
-    then the tool is held by something else.
-    """
-    if not run.setup.sensor.fitted:
-        return 0.0
-    zero_um, rests = run.watch.zero_um(), run.watch.rests
-    drift_u_um_per_s = displacement_uncertainty(run.job).drift_u_um_per_s
-    if math.isnan(zero_um):
-        job, up_s = run.job, run.machine.uptime_s
-        age_s = up_s if math.isnan(job.home_age_s) else job.home_age_s
-        rests.first_um = first_home_um(_settled_um(run), job.home_um, drift_u_um_per_s, age_s)
-        return rests.first_um
-    for before_s, before_um in rests.ends():
-        most_um = MODEL_ERROR_UM + DRIFT_SDS * drift_u_um_per_s * (run.machine.time_s - before_s)
-        if abs(zero_um - before_um) > most_um:
-            raise PreconditionError(
-                f"The rest at 0 V has moved by {abs(zero_um - before_um):.1f} µm in "
-                f"{run.machine.time_s - before_s:.0f} s; creep and drift account for {most_um:.1f} µm.",
-                hint="Check the displacement sensor, the actuator's supply, and whether something holds the tool.",
-                code="E8020",
-            )
-    return rests.home_um(zero_um)
+def _is_told(run: Run, home: Home, over_um: float) -> bool:
+    """Tell the controller where home is if it would take that; whether it lets the stages move as it knows it."""
+    if over_um <= TELLABLE_UM and abs(home.um - run.machine.zero_um) > _WORTH_TELLING_UM:
+        run.machine.set_zero(home.um)
+    safe_z_um = controller_settings(run.profile, run.setup).safe_z_um
+    return run.watch.displacement_um - run.machine.zero_um <= safe_z_um - READING_MARGIN_UM
 
 
-def _settled_um(run: Run) -> float:
-    """The rest at 0 V, after a wait for what creeps there."""
-    end_s, before_um = run.machine.time_s + _CREEP_WAIT_S, math.inf
-    while before_um - run.watch.displacement_um > _SETTLED_UM and run.machine.time_s < end_s:
-        before_um = run.watch.displacement_um
-        rest_and_look(run, _CREEP_LOOK_S)
-    return run.watch.displacement_um
+def _stands_out(run: Run, home: Home, over_um: float, most_um: float) -> PreconditionError:
+    """Why no stage may move: the tool is too far out, or could be for all that is known of the sensor's zero."""
+    if home.hidden_um <= CLEAR_UM:
+        return PreconditionError(
+            f"The tool stands {over_um:.1f} µm from home at 0 V; the stages may move below {most_um:.1f} µm only.",
+            hint="Check the displacement sensor and the actuator's supply.",
+            code="E8020",
+        )
+    pad = run.job.pad
+    return PreconditionError(
+        f"The sensor reads {run.watch.displacement_um:.1f} µm at 0 V and may have drifted so far since its zero was "
+        f"known that the tool could stand {over_um + home.hidden_um:.0f} µm out; the surface is "
+        f"{run.profile.approach.offset_um:.0f} µm from home.",
+        hint="Look whether the tool is retracted and free. Then switch the controller off, home both stages, over "
+        f"the reference pad at {coordinates(pad.x_um, pad.y_um)}, and switch it on again: there a touch tells.",
+        code="E8020",
+    )
 
 
 def move_to(run: Run, place: Site) -> None:
@@ -128,6 +111,6 @@ def move_to(run: Run, place: Site) -> None:
         run.machine.move_stage(axis, target_um, speed_um_s)
     if abs(place.theta_deg - status.theta_deg) > ROTARY_REPEATABILITY_DEG:
         run.machine.move_stage(Axis.THETA, place.theta_deg, run.setup.stage.rotary_deg_s)
-    message = f"At {place.name} ({round(place.x_um)}, {round(place.y_um)}) µm."
+    message = f"At {place.name} {coordinates(place.x_um, place.y_um)}."
     run.decide(RunEvent.STAGE_MOVED, message, {"x_um": place.x_um, "y_um": place.y_um})
     run.watch.rest()

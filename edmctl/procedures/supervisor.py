@@ -15,6 +15,9 @@ from edmctl.procedures.adapting import Adapting
 from edmctl.procedures.breakthrough import Breakthrough
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.estimating import energy_of
+from edmctl.procedures.expecting import estimate_in_cut
+from edmctl.procedures.goal import goal_of
+from edmctl.procedures.job import Site
 from edmctl.procedures.ratio_limits import RatioLimits
 from edmctl.procedures.results import Phase, Progress, PulseRatios, RunningCut
 from edmctl.procedures.settings import OPEN_LOST_S, gap_reference_v, telemetry_settings
@@ -22,6 +25,7 @@ from edmctl.procedures.short_recovery import ShortRecovery
 from edmctl.procedures.spark_loss import SparkLoss
 from edmctl.procedures.stalls import STALL_SHARE, Stall
 from edmctl.procedures.stroke import stroke_left_um
+from edmctl.procedures.watch import NEWEST_S
 from edmctl.process.next_cut import COVERAGE
 from edmctl.process.pulses import pulse_shares
 from edmctl.profile.forecast import forecast
@@ -30,7 +34,7 @@ from edmctl.record.rows import SlowRow
 if TYPE_CHECKING:
     from edmctl.procedures.planning import CutPlan
     from edmctl.procedures.run import Run
-    from edmctl.process.live_erosion import LiveErosion
+    from edmctl.process.live_erosion import Energy, LiveErosion
 
 RATIO_WINDOW_S = 2.0
 """Arcs and shorts are judged over this: a limit that is exceeded so long is told at once (decision 0012)."""
@@ -55,7 +59,7 @@ _PHASE = {True: Phase.MACHINING, False: Phase.JUMPING}
 _Counts = tuple[int, int, int, int]
 
 
-class Verdict(StrEnum):
+class StopReason(StrEnum):
     """Why a cut should not go on."""
 
     STALLED = "the tool has stopped advancing"
@@ -67,7 +71,7 @@ class Supervisor:
     """Follows the telemetry of one cut that begins at `start_s`; keeps its sums, and the job's ledger current.
 
     `counts` are the pulses of the cut by class (open, normal, arc, short); `energy_j` is their energy, from the
-    mean gap current at the plateau voltage of a normal discharge; `verdict` is set when the cut should end, and
+    mean gap current at the plateau voltage of a normal discharge; `stop_reason` is set when the cut should end, and
     `told` says then what was seen. `adapting` holds what machine and generator should be set to. Whoever jumps sets
     `jumps` and `last_jump_s`.
     """
@@ -93,6 +97,7 @@ class Supervisor:
         self._status: MachineStatus | None = None
         self._stall = Stall(self._forecast_feed_um_s)
         self._through = profile.target.kind == "through"
+        self._completion_um = goal_of(profile, Site("", 0.0, 0.0)).completion_um
         self._spark_loss = SparkLoss(profile.limits.open_lost_um, OPEN_LOST_S)
         self.adapting = Adapting(profile, start_s)
         self.shorts = ShortRecovery()
@@ -101,11 +106,13 @@ class Supervisor:
         self.energy_j = self.sparking_s = 0.0
         self._power_w = 0.0
         self.displacement_um = math.nan
+        self.seen_s = math.nan
         self.jumps = 0
         self.last_jump_s = math.nan
         self._feed_target_um = plan.feed_um if math.isnan(plan.target_um) else math.nan
+        self._spark_um = plan.bottom_um - plan.gap_um
         self._deepest_um = -math.inf
-        self.verdict: Verdict | None = None
+        self.stop_reason: StopReason | None = None
         self.told = ""
         run.ledger.phase = Phase.MACHINING
 
@@ -118,6 +125,16 @@ class Supervisor:
     def is_through(self) -> bool:
         """Whether the sheet has broken through."""
         return not math.isnan(self.breakthrough.at_um)
+
+    @property
+    def sparked_at_um(self) -> float:
+        """Where the tool stood at the bottom when it last sparked: not in a retreat, nor below a sheet.
+
+        A tool that feeds without discharges has nothing under it, and makes no hole.
+        """
+        if self.is_through:
+            return self.breakthrough.at_um
+        return max(self._spark_um, self._deepest_um - SWING_UM)
 
     def jump_due(self, now_s: float) -> tuple[RunEvent, str] | None:
         """Which kind of jump is due, and why; None while there is no reason."""
@@ -151,17 +168,22 @@ class Supervisor:
         gap_v = sum(gaps_v) / len(gaps_v)
         machining = bool(block.state[0] == block.state[-1] == _MACHINING)
         fresh = self._count(block, now_s)
+        self._note_sparks(block)
         if machining:
             self._follow_tool(block, gap_v, now_s)
         ratios = pulse_shares(*self._window_counts)
         full = now_s - self._window[0][0] >= 0.9 * RATIO_WINDOW_S
         if self._ratio_limits.take(now_s, ratios, window_is_full=full):
-            self.verdict = Verdict.UNSTABLE
+            self.stop_reason = StopReason.UNSTABLE
         feed_um_s = self._feed_um_s(now_s)
         energy = energy_of(self._run.profile.pulse, self.counts, self.energy_j)
-        erosion = self._plan.at(self._sparked_at_um(), energy, now_s)
+        erosion = self._plan.at(self.sparked_at_um, energy, now_s)
         depth_um = erosion.depth_um
-        self._judge(len(block.time_s) * self._sample_s, fresh, depth_um, sparking=machining)
+        self._judge(len(block.time_s) * self._sample_s, fresh, sparking=machining)
+        if self._through:
+            self._look_for_the_back(
+                len(block.time_s) * self._sample_s, fresh, energy, now_s, sparking=machining
+            )
         ledger = self._run.ledger
         ledger.depth_um = depth_um
         ledger.machining_time_s = self._machined_before_s + max(0.0, now_s - self._start_s)
@@ -170,7 +192,7 @@ class Supervisor:
             (opens, normals, arcs, shorts),
             self.energy_j,
             max(0.0, now_s - self._start_s),
-            self._sparked_at_um(),
+            self.sparked_at_um,
         )
         self._record(block, gap_v, ratios, feed_um_s, erosion)
         if machining:
@@ -209,12 +231,6 @@ class Supervisor:
             )
         )
 
-    def _sparked_at_um(self) -> float:
-        """Where the tool last stood at the bottom: not where it is in a retreat, nor below a sheet."""
-        if self.is_through:
-            return self.breakthrough.at_um
-        return max(self.displacement_um, self._deepest_um - SWING_UM)
-
     def _record(
         self,
         block: TelemetryBlock,
@@ -246,35 +262,55 @@ class Supervisor:
             )
         )
 
+    def _note_sparks(self, block: TelemetryBlock) -> None:
+        """Where the tool sparked last; a host that was held up finds the end of the cut within its block."""
+        sparked = (block.state == _MACHINING) & (block.n_normal + block.n_arc > 0)
+        if not sparked.any():
+            return
+        times_s = block.time_s[sparked]
+        newest = times_s > times_s[-1] - NEWEST_S
+        self._spark_um = float(block.displacement_um[sparked][newest].mean())
+        self._deepest_um = max(self._deepest_um, self._spark_um)
+
     def _follow_tool(self, block: TelemetryBlock, gap_v: float, now_s: float) -> None:
         n = len(block.time_s)
         self._gap_ratio_sum += gap_v / self._duty_v * n
         self._gap_samples += n
         self.displacement_um = sum(block.displacement_um.tolist()) / n
-        self._deepest_um = max(self._deepest_um, self.displacement_um)
+        self.seen_s = now_s
         self._track.append((now_s, self.displacement_um))
         self._begin = self._begin or self._track[0]
         if self._stall.take(now_s, self.displacement_um):
-            self.verdict, self.told = Verdict.STALLED, self._stall.told
+            self.stop_reason, self.told = StopReason.STALLED, self._stall.told
 
-    def _judge(self, duration_s: float, fresh: _Counts, depth_um: float, *, sparking: bool) -> None:
-        """Hand a slice to everybody who may want a jump, another reference, or the end."""
-        opens, normals, arcs, shorts = fresh
-        pulses = opens + normals + arcs + shorts
+    def _judge(self, duration_s: float, fresh: _Counts, *, sparking: bool) -> None:
+        """Hand a slice to everybody who may want a jump or another reference."""
+        _, _, arcs, shorts = fresh
         self.sparking_s += duration_s if sparking else 0.0
-        self.adapting.take(duration_s, pulses, arcs, shorts, sparking=sparking)
-        self.shorts.take(duration_s, pulses, shorts, sparking=sparking)
-        if not self._through or pulses == 0:
+        self.adapting.take(duration_s, sum(fresh), arcs, shorts, sparking=sparking)
+        self.shorts.take(duration_s, sum(fresh), shorts, sparking=sparking)
+
+    def _look_for_the_back(
+        self, duration_s: float, fresh: _Counts, energy: Energy, now_s: float, *, sparking: bool
+    ) -> None:
+        """Whether the sheet has broken through; sparks that are lost where it cannot have are a fault."""
+        opens, pulses = fresh[0], sum(fresh)
+        if pulses == 0:
             return
-        open_share = opens / pulses
-        seen = self.breakthrough
-        if seen.take(duration_s, self.displacement_um, depth_um, open_share, sparking=sparking):
+        plan, seen = self._plan, self.breakthrough
+        # Nothing but the recipe says how the feed divides before the first hole was touched.
+        known = estimate_in_cut(plan, self.sparked_at_um, energy, now_s)
+        known = known.left(0.0, plan.wear_ratio, touched=plan.estimate.fits > 0)
+        depth_um, depth_u_um, share = known.depth_um, known.depth_u_um, opens / pulses
+        found = seen.take(duration_s, self.displacement_um, depth_um, depth_u_um, share, sparking=sparking)
+        if sparking and not self.is_through:
+            lost = self._spark_loss.take(duration_s, self.displacement_um, pulses, opens)
+            found = bool(lost) and seen.take_loss(self._spark_loss.spark_um, depth_um, depth_u_um, lost)
+            if lost and not found:
+                raise host_fault("NO_SPARK", f" ({lost})")
+        if found:
             args = {"displacement_um": seen.at_um, "depth_um": depth_um, "feed_um_s": seen.feed_um_s}
             self._run.decide(RunEvent.BREAKTHROUGH, seen.told, args)
-        elif sparking and not self.is_through:
-            lost = self._spark_loss.take(duration_s, self.displacement_um, pulses, opens)
-            if lost:
-                raise host_fault("NO_SPARK", f" ({lost})")
 
     def _count(self, block: TelemetryBlock, now_s: float) -> _Counts:
         self._power_w = self._plateau_v * sum(block.current_a.tolist()) / len(block.time_s)
@@ -311,8 +347,10 @@ class Supervisor:
         if not feed_um_s > STALL_SHARE * self._forecast_feed_um_s:
             return math.nan
         left_um = self._plan.z_limit_um - self.displacement_um
-        if not (math.isnan(self._plan.target_um) or self._through):
-            left_um = (self._plan.target_um - depth_um) * (1.0 + self._plan.wear_ratio)
+        if self.is_through:
+            left_um = self.breakthrough.at_um + self._completion_um - self.displacement_um
+        elif not math.isnan(self._plan.target_um):
+            left_um = (self._plan.target_um - depth_um) * (1.0 + self._plan.wear_ratio) + self._completion_um
         return max(0.0, left_um) / feed_um_s
 
     def _look_for_the_end(self, actuator_v: float, depth_um: float) -> None:
@@ -335,5 +373,5 @@ class Supervisor:
             self._end(f"{left_um:.1f} µm of stroke are left at {actuator_v:.1f} of {limit_v:.0f} V")
 
     def _end(self, told: str) -> None:
-        if self.verdict is None:
-            self.verdict, self.told = Verdict.ENDED, told
+        if self.stop_reason is None:
+            self.stop_reason, self.told = StopReason.ENDED, told

@@ -27,9 +27,10 @@ def end_of_through_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: 
         12.0
     )  # where in the last feed the tool stopped wearing
     pad = touch_pad(run, hole, plan, cut, more_u_um=anywhere_u_um)
-    fed_um = plan.fed_um(cut.end_displacement_um)
+    # A bottom lies a working gap below the tip; behind the sheet there is none.
+    tip_um = max(cut.end_displacement_um + (0.0 if cut.through else plan.gap_um), hole.surface_um)
     hole.stops += 1
-    hole.bottom, hole.pad = hole.z1.shifted(hole.face_um + fed_um), pad
+    hole.bottom, hole.pad = hole.z1.shifted(tip_um - hole.z1.z_um), pad
     found = measured(run, hole, hole.bottom, pad)
     known.tool = ToolLength(pad)
     hole.report(run, found, plan.gap_um, through=cut.through, depth_basis=Basis.ESTIMATED)

@@ -40,11 +40,11 @@ class TimeLimits:
         job_s = self._run.profile.limits.max_time_s
         whole = TimeLeft(
             job_s - self._run.machine.time_s,
-            f"{self._run.machine.time_s:.0f} s have passed, limits.max_time_s is {job_s:.0f} s",
+            f"limits.max_time_s allows the job {job_s:.0f} s",
         )
         machined_s = self._run.ledger.machining_time_s - self._before_s
         machining = TimeLeft(
             self._machining_s - machined_s,
-            f"{machined_s:.0f} s were machined, {self._machining_s:.0f} s is the most by the forecast",
+            f"the forecast allows {self._machining_s:.0f} s of machining",
         )
         return min(whole, machining, key=lambda left: left.seconds)

@@ -14,12 +14,14 @@ from edmctl.errors import ObjectiveNotReached, PreconditionError
 from edmctl.machine.port import Touch, TouchRequest
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.results import Phase
-from edmctl.process.touch_check import contradicts_samples, is_constant
+from edmctl.process.touch_check import is_constant
 from edmctl.process.wear import Reading, reading_of
 from edmctl.record.rows import EventLevel, TouchRow
+from edmctl.wording import decimal
 
 if TYPE_CHECKING:
     from edmctl.procedures.run import Run
+    from edmctl.process.plane import Step
 
 FAST_LEG_MARGIN_UM = 3.0
 """The fast leg ends this far above the predicted contact."""
@@ -41,7 +43,8 @@ class SurfaceReading:
 
     Without a sensor both are the model's. `zero_um` is the zero that the model had from the rest before.
     `doubt_u_um` is a standard uncertainty that comes on top where the touches could not be believed outright;
-    `lying_um` is how high something lies where the surface was touched first, found by touching beside it.
+    `lying_um` is how high something lies where the surface was touched first, found by touching beside it; `step`
+    tells how much further the second of two spots lies than the first, where both count.
     """
 
     kind: str
@@ -52,6 +55,7 @@ class SurfaceReading:
     zero_um: float
     doubt_u_um: float = 0.0
     lying_um: float = 0.0
+    step: Step | None = None
 
     @property
     def z_um(self) -> float:
@@ -109,7 +113,7 @@ def take_reading_in(run: Run, kind: str, place: str, search: Search) -> SurfaceR
         touches = run.machine.touch(_request(run, search))
         run.machine.rest(_TELEMETRY_LAG_S)
         found = _reduced(run, kind, touches)
-        refused = _refusal(run, touches, found)
+        refused = _refusal(run, found)
         _report(run, place, touches, found, "" if refused is None else refused.message)
         if refused is None:
             tracker = run.watch.tracker()
@@ -120,17 +124,8 @@ def take_reading_in(run: Run, kind: str, place: str, search: Search) -> SurfaceR
     raise refused
 
 
-def _refusal(run: Run, touches: tuple[Touch, ...], found: SurfaceReading) -> ObjectiveNotReached | None:
+def _refusal(run: Run, found: SurfaceReading) -> ObjectiveNotReached | None:
     """Why a reading is not one, None where it is."""
-    for touch in touches:
-        samples_um = run.watch.samples_of_touch(touch.time_s)
-        if contradicts_samples(touch.displacement_um, samples_um.tolist()):
-            return ObjectiveNotReached(
-                f"{found.kind}: a touch says {touch.displacement_um:.2f} µm where the samples of its dwell say "
-                f"{samples_um.mean() if len(samples_um) else math.nan:.2f} µm.",
-                hint=_DISTRUST,
-                code="E7021",
-            )
     if is_constant((found.reading,)):
         return constant(found)
     most_um = run.profile.measure.max_sd_um
@@ -199,7 +194,8 @@ def _report(run: Run, place: str, touches: tuple[Touch, ...], found: SurfaceRead
     count = (
         "1 touch" if reading.touches == 1 else f"{reading.touches} touches within {reading.sd_um:.2f} µm rms"
     )
-    told = f"{found.kind} = {reading.mean_um:.2f} µm (model {found.model_um:.1f} µm), {count}."
+    model = "" if math.isnan(found.model_um) else f" (model {decimal(found.model_um, 1)} µm)"
+    told = f"{found.kind} = {decimal(reading.mean_um)} µm{model}, {count}."
     run.decide(
         RunEvent.READING_REJECTED if refused else RunEvent.READING,
         refused or told,

@@ -35,9 +35,3 @@ class Trace:
         times_s = np.concatenate([block_s for block_s, _ in self._blocks])
         values_um = np.concatenate([block_um for _, block_um in self._blocks])
         return float(np.interp(time_s, times_s, values_um))
-
-    def since(self, time_s: float) -> Floats:
-        """Displacements from a moment on; none where it lies outside the span."""
-        if not self._blocks or time_s < self._blocks[0][0][0]:
-            return np.zeros(0)
-        return np.concatenate([block_um[block_s >= time_s] for block_s, block_um in self._blocks])

@@ -7,13 +7,14 @@ that a hole is judged when nothing can correct it any more.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from edmctl.labels import NOT_SHOWN_CODE, Basis, Verdict
 from edmctl.procedures.codes import RunEvent
-from edmctl.procedures.deciding import Decision
-from edmctl.procedures.goal import goal_of
+from edmctl.procedures.deciding import Decision, remedy
+from edmctl.procedures.goal import goal_of, verdict_of
 from edmctl.record.rows import EventLevel
 from edmctl.wording import length
 
@@ -29,29 +30,13 @@ if TYPE_CHECKING:
 MOST_NAMED = 5
 """So many holes a message names; of the others it says how many they are."""
 REMEDIES = {
-    Basis.TOUCHED: "Place it nearer to the pad, use a sensor that is known better, or allow more "
-    "(target.tolerance_um).",
-    Basis.ESTIMATED: "Let every hole be touched (wear.remeasure = 1), or allow more (target.tolerance_um).",
-    Basis.MODEL: "Fit a displacement sensor, because the gain of a calibrated actuator moves by 2.5 % between days, "
-    "or allow more (target.tolerance_um).",
+    Basis.TOUCHED: "Allow more (target.tolerance_um): touches tell this depth no better.",
+    Basis.ESTIMATED: "Let every hole be touched (wear.remeasure = 1).",
+    Basis.MODEL: "Fit a displacement sensor: the gain of a calibrated actuator moves by 2.5 % between days.",
 }
 """What narrows an interval, by what the depth rests on."""
-TOO_SHALLOW = (
-    "Allow more cuts (wear.max_cuts) or time (limits.max_time_s); `edmctl run explain` tells why the last cut "
-    "ended."
-)
-TOO_DEEP = "Cut less before the first measuring stop (wear.first_fraction), and check wear.expected_ratio."
-
-
-def verdict_of(goal: Goal, depth_um: float, depth_u95_um: float, *, through: bool) -> Verdict | None:
-    """Judge a depth with half its 95 % interval; a way through by whether it goes `through`, a feed not at all."""
-    if goal.kind == "feed":
-        return None
-    if goal.kind == "through":
-        return Verdict.SHOWN if through else Verdict.MISSED
-    if not abs(depth_um - goal.depth_um) <= goal.tolerance_um:
-        return Verdict.MISSED
-    return Verdict.SHOWN if depth_u95_um <= goal.tolerance_um else Verdict.NOT_SHOWN
+IN_DOUBT = "Clean tool and work, and measure the hole again: bottom or face may have been touched wrongly."
+"""What narrows one that is wide because touches were not believed."""
 
 
 def judged(job: Job, result: SiteResult) -> SiteResult:
@@ -113,11 +98,13 @@ def _goal(job: Job, name: str) -> Goal:
 def _remedy(job: Job, site: SiteResult) -> str:
     """What to do about a hole: where it is missed, that goes by the side on which it is."""
     if site.verdict is not Verdict.MISSED:
-        return REMEDIES[site.depth_basis]
+        in_doubt = site.in_doubt and site.depth_basis is not Basis.MODEL
+        return IN_DOUBT if in_doubt else REMEDIES[site.depth_basis]
     goal = _goal(job, site.name)
     if goal.kind == "through":
         return "Check work.thickness_um; a thicker sheet needs more stroke."
-    return TOO_SHALLOW if site.depth_um < goal.depth_um else TOO_DEEP
+    wear_ratio = math.nan if site.wear_basis is Basis.ESTIMATED else site.wear_ratio_lin
+    return remedy(job.profile, site.depth_um - goal.depth_um, wear_ratio)
 
 
 def _sentence(job: Job, site: SiteResult) -> str:

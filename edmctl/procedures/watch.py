@@ -36,6 +36,10 @@ Floats = NDArray[np.float64]
 _GATHERED_BLOCKS = 5
 """Blocks estimated and recorded together: half a second of them in a running cut."""
 
+NEWEST_S = 0.1
+"""Where the tool is now is the mean over this much of the newest samples, a frame's worth of them. A host that was
+held up gets a block of seconds, and the tool has moved in those."""
+
 _DIRECTION = np.zeros((256, 256), dtype=np.int8)
 """Direction of the tool by (state, flags): -1 back, 0 hold, 1 forward."""
 _DIRECTION[MachineState.APPROACH] = 1
@@ -58,15 +62,13 @@ class Watch:
     ) -> None:
         self._recorder = recorder
         self._duty_voltage_v = duty_voltage_v
-        self._every = record_every
+        self._every, self._skip = record_every, 0
         self._sensor = sensor
         self._tracker: Tracker | None = None
         self._fresh: list[TelemetryBlock] = []
         self._latest: TelemetryBlock | None = None
         self._trace = Trace()
         self._touched: dict[float, float] = {}
-        self._sensed = Trace()
-        self._dwells: dict[float, Floats] = {}
         self._follower: Callable[[TelemetryBlock], None] | None = None
         self._guards: list[Callable[[TelemetryBlock], None]] = []
         self._comparer: Callable[[TelemetryBlock, Floats], None] | None = None
@@ -89,17 +91,17 @@ class Watch:
         zero_um, tracker, block = self.zero_um(), self._tracker, self._latest
         if math.isnan(zero_um) or tracker is None or block is None:
             return
-        middle_s = float(block.time_s.mean())
+        middle_s, measured_um = _now(block)
         self.rests.note(middle_s, zero_um)
-        tracker.rest(middle_s, self._trace.at(middle_s), float(block.displacement_um.mean()))
+        tracker.rest(middle_s, self._trace.at(middle_s), measured_um)
 
     def zero_um(self) -> float:
         """What the sensor shows at this rest at 0 V beyond the actuator's own displacement, or NaN."""
         tracker, block = self.tracker(), self._latest
         if not self._sensor or tracker is None or block is None:
             return math.nan
-        middle_s = float(block.time_s.mean())
-        return tracker.zero_um(self._trace.at(middle_s), float(block.displacement_um.mean()))
+        middle_s, measured_um = _now(block)
+        return tracker.zero_um(self._trace.at(middle_s), measured_um)
 
     def estimator(self) -> Estimator | None:
         """The estimator in the state of the newest sample; None without one."""
@@ -137,9 +139,9 @@ class Watch:
 
     @property
     def displacement_um(self) -> float:
-        """Mean sensor displacement over the newest block; NaN before the first."""
+        """Mean sensor displacement over the newest `NEWEST_S`; NaN before the first sample."""
         block = self.latest
-        return math.nan if block is None else float(block.displacement_um.mean())
+        return math.nan if block is None else _now(block)[1]
 
     @property
     def actuator_v(self) -> float:
@@ -157,10 +159,6 @@ class Watch:
         """Estimated displacement at a touch, or at a moment of the last seconds; NaN without an estimator."""
         self.settle()
         return self._touched[time_s] if time_s in self._touched else self._trace.at(time_s)
-
-    def samples_of_touch(self, time_s: float) -> Floats:
-        """What the sensor read from the first contact of a touch to the end of its dwell; none without a sensor."""
-        return self._dwells.get(time_s, np.zeros(0))
 
     def telemetry(self, block: TelemetryBlock) -> None:
         """Keep the block for the estimator and the recorder, and hand it on."""
@@ -189,15 +187,15 @@ class Watch:
             model_um = self._tracker.estimator.advance(block.time_s, block.actuator_v)
             self.feed_error.take(block, model_um)
         self._trace.append(block.time_s, model_um)
-        if self._sensor:
-            self._sensed.append(block.time_s, block.displacement_um)
-        self._recorder.append_servo(self._row_block(block, model_um))
+        rows = self._thinned(self._row_block(block, model_um))
+        if len(rows.time_s):
+            self._recorder.append_servo(rows)
         if compared and self._comparer is not None:
             self._comparer(block, model_um)
 
     def _row_block(self, block: TelemetryBlock, model_um: Floats) -> ServoBlock:
         direction = _DIRECTION[block.state, block.flags]
-        rows = ServoBlock(
+        return ServoBlock(
             time_s=block.time_s,
             actuator_v=block.actuator_v,
             displacement_um=block.displacement_um if self._sensor else np.full_like(model_um, math.nan),
@@ -208,7 +206,24 @@ class Watch:
             direction=direction,
             state=block.state,
         )
-        return rows if self._every == 1 else _thinned(rows, self._every)
+
+    def _thinned(self, rows: ServoBlock) -> ServoBlock:
+        """Each `record_every`-th sample of the run, however it comes in blocks; none where there is none in this."""
+        if self._every == 1:
+            return rows
+        pick = slice(self._skip, None, self._every)
+        self._skip = (self._skip - len(rows.time_s)) % self._every
+        return ServoBlock(
+            time_s=rows.time_s[pick],
+            actuator_v=rows.actuator_v[pick],
+            displacement_um=rows.displacement_um[pick],
+            model_um=rows.model_um[pick],
+            gap_v=rows.gap_v[pick],
+            gap_ratio=rows.gap_ratio[pick],
+            current_a=rows.current_a[pick],
+            direction=rows.direction[pick],
+            state=rows.state[pick],
+        )
 
     def pulse_blocks(self, batch: PulseBlockBatch) -> None:
         """Record."""
@@ -239,11 +254,10 @@ class Watch:
         )
 
     def event(self, event: MachineEvent) -> None:
-        """Record; what model and sensor said at a touch is kept, because its reading is asked for much later."""
+        """Record; what the model said at a touch is kept, because its reading is asked for much later."""
         if event.code is EventCode.TOUCH:
             self.settle()
             self._touched[event.time_s] = self._trace.at(event.time_s)
-            self._dwells[event.time_s] = self._sensed.since(event.time_s)
         args = {
             "argument": event.argument,
             "displacement_um": event.displacement_um,
@@ -259,17 +273,7 @@ class Watch:
         self._recorder.event(time_s, RunEvent.CONTROLLER_LOG, weight, text)
 
 
-def _thinned(rows: ServoBlock, every: int) -> ServoBlock:
-    """Each `every`-th sample, the last of the block among them."""
-    pick = slice((len(rows.time_s) - 1) % every, None, every)
-    return ServoBlock(
-        time_s=rows.time_s[pick],
-        actuator_v=rows.actuator_v[pick],
-        displacement_um=rows.displacement_um[pick],
-        model_um=rows.model_um[pick],
-        gap_v=rows.gap_v[pick],
-        gap_ratio=rows.gap_ratio[pick],
-        current_a=rows.current_a[pick],
-        direction=rows.direction[pick],
-        state=rows.state[pick],
-    )
+def _now(block: TelemetryBlock) -> tuple[float, float]:
+    """Mean time and displacement over the last `NEWEST_S` of a block."""
+    newest = block.time_s > block.time_s[-1] - NEWEST_S
+    return float(block.time_s[newest].mean()), float(block.displacement_um[newest].mean())

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from edmctl.process.live_erosion import ARC_REMOVAL, ARC_WEAR, Energy
+from edmctl.process.live_erosion import ARC_REMOVAL, ARC_WEAR, WIDENING_SDS, Energy
 
 SCATTER_U_REL = 0.02
 """Relative standard deviation of the wear per energy from one stop to the next [assumed]."""
@@ -46,13 +46,16 @@ class ToolWear:
         """Take a measured wear: one Kalman step on the wear per energy, and a new start.
 
         `drift_u_um` is what the displacement may have drifted by since the last one. It belongs to the next cut as
-        wear does, and spoils only what is learned of the rate.
+        wear does, and spoils only what is learned of the rate. A wear further from what was believed than chance
+        allows makes the belief as uncertain as it was wrong.
         """
         expected_um = self.per_uj * since_uj
         if expected_um > 0.0:
             grown_um = wear_um - self._measured_um
             noise_um = math.hypot(math.sqrt(2.0) * self._touch_u_um, drift_u_um)
             prior_um = math.hypot(self.u_rel, SCATTER_U_REL) * expected_um
+            wrong_um = (grown_um - expected_um) / WIDENING_SDS
+            prior_um = max(prior_um, math.sqrt(max(0.0, wrong_um**2 - noise_um**2)))
             gain = prior_um**2 / (prior_um**2 + noise_um**2)
             self.per_uj = max(0.0, self.per_uj * (1.0 + gain * (grown_um - expected_um) / expected_um))
             self.u_rel = math.sqrt(1.0 - gain) * prior_um / expected_um

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 ARC_REMOVAL = 0.3
 """An arc removes this share of the work that a normal discharge of its energy does [assumed]."""
@@ -28,6 +28,11 @@ LEAST_U_REL = 0.005
 """Nothing is ever known better than this, however often it was measured."""
 LEAST_RATIO = 1e-4
 """A tool that does not wear at all has no logarithm."""
+LEAST_BELIEVED = 0.02
+"""A smaller ratio is not believed beside a touch: its uncertainty, which goes with it, would vanish too."""
+RECIPE_U_REL = 0.5
+"""A ratio that no touch has confirmed may be as wrong as ×0.4 to ×2.7 (2 sd), however well a recipe believes to know
+it: tools that wear little wear by as much as a touch errs, and would never contradict it."""
 WIDENING_SDS = 2.0
 """What a touch says beyond so many standard deviations makes what was believed as uncertain as it was wrong."""
 CONTRADICTION_SDS = 3.0
@@ -180,14 +185,14 @@ class ErosionEstimate:
 
     def split(self, feed_um: float, feed_u_um: float, energy: Energy | None = None) -> LiveErosion:
         """Depth and wear that make up a feed, with what the energy says of it; without energy by the ratio alone."""
-        if feed_um <= 0.0:
-            return LiveErosion(0.0, feed_u_um, 0.0, 0.0, 0.0)
+        feed_um = max(0.0, feed_um)
         known, arc_log = self._known, math.log(_arc_factor(self._arcs))
         if energy is not None and energy.normal_uj > 0.0:
             _, arc_log = self._logs(energy)
-            step = self._feed_step(feed_um, feed_u_um, energy)
-            if known.sds(*step) <= CONTRADICTION_SDS:
-                known = known.seen(*step)
+            if feed_um > 0.0:
+                step = self._feed_step(feed_um, feed_u_um, energy)
+                if known.sds(*step) <= CONTRADICTION_SDS:
+                    known = known.seen(*step)
         ratio = math.exp(known.ratio + arc_log)
         share = 1.0 / (1.0 + ratio)
         split_u_um = feed_um * ratio * share**2 * math.sqrt(known.var_ratio)
@@ -240,15 +245,16 @@ class ErosionEstimate:
             )
             known = known.widened(known.sds(*step), removal=True, ratio=False).seen(*step)
         # The ratio is of two touched lengths, so the energy cannot pull it to where removal was believed to be.
-        expected_um = depth_um * math.exp(known.ratio + arc_log)
-        if wear_um > wear_u_um:
-            # Where the wear is known at all, its logarithm is what the ratio is added to.
-            step = (wear_um * math.log(wear_um / expected_um), 0.0, wear_um, wear_u_um)
-        else:
-            step = (wear_um - expected_um, 0.0, expected_um, wear_u_um)
+        step = _wear_step(depth_um * math.exp(known.ratio + arc_log), wear_um, wear_u_um)
         sds = known.sds(*step)
-        known = known.widened(sds, removal=False, ratio=True)
-        known = known.seen(*step)
+        if self._fits == 0:
+            ratio, var_ratio = (
+                max(known.ratio, math.log(LEAST_BELIEVED)),
+                max(known.var_ratio, RECIPE_U_REL**2),
+            )
+            known = replace(known, ratio=ratio, var_ratio=var_ratio)
+            step = _wear_step(depth_um * math.exp(known.ratio + arc_log), wear_um, wear_u_um)
+        known = known.widened(known.sds(*step), removal=False, ratio=True).seen(*step)
         learned = self._with(
             _Known(
                 known.removal,
@@ -272,6 +278,13 @@ class ErosionEstimate:
         arcs = energy.arc_uj / energy.normal_uj
         worked_uj = energy.normal_uj * (1.0 + ARC_REMOVAL * arcs)
         return math.log(worked_uj / self._hole_area_um2), math.log(_arc_factor(arcs))
+
+
+def _wear_step(expected_um: float, wear_um: float, u_um: float) -> tuple[float, float, float, float]:
+    """Error of a touched wear, its derivatives, and its noise; by its logarithm where it is known at all."""
+    if wear_um > u_um:
+        return wear_um * math.log(wear_um / expected_um), 0.0, wear_um, u_um
+    return wear_um - expected_um, 0.0, expected_um, u_um
 
 
 def _arc_factor(arcs: float) -> float:

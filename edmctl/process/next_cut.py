@@ -17,8 +17,6 @@ COVERAGE = 2.0
 """Standard uncertainties in an interval of 95 %."""
 GAP_U_UM = 0.3
 """Standard uncertainty of the working gap that a cut ends with, measured once: servo swing and sensor noise."""
-FIRST_GAP_U_UM = 0.8
-"""The same before any gap of the job was measured [assumed]."""
 NOISE_FLOOR_SIGMAS = 2.0
 """A rest below this many standard deviations of the depth is noise; chasing it only cuts too deep."""
 FINISH_SHARE = 0.08

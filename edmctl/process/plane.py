@@ -42,6 +42,18 @@ class Plane:
         return np.array([x_um - self.origin_um[0], y_um - self.origin_um[1]])
 
 
+@dataclass(frozen=True, slots=True)
+class Step:
+    """How much further one place of a face lies than another, µm, with its standard uncertainty.
+
+    `way_um` leads from the other place to the one.
+    """
+
+    way_um: tuple[float, float]
+    um: float
+    u_um: float
+
+
 def unknown_plane(origin_um: tuple[float, float], tilt_u_mrad: float) -> Plane:
     """Return a face that was touched at one place only: level, as far as anybody knows."""
     return Plane(origin_um, np.zeros(2), np.eye(2) * (1e-3 * tilt_u_mrad) ** 2)
@@ -53,12 +65,14 @@ def fitted_plane(
     heights_um: Sequence[float],
     touch_u_um: float | Sequence[float],
     tilt_u_mrad: float,
+    steps: Sequence[Step] = (),
 ) -> Plane:
     """Fit a plane to heights of places over that of the origin, with one standard uncertainty or each its own.
 
-    The origin was touched as badly as the best of the places, so their heights share its error. What is known of the
-    tilt beforehand keeps places in a line from saying nonsense of the direction across it; a slope beyond
-    `CONTRADICTION_SDS` of that is believed instead, and the face taken to be as badly level as it was found.
+    The origin was touched as badly as the best of the places, so their heights share its error; `steps` have errors
+    of their own. What is known of the tilt beforehand keeps places in a line from saying nonsense of the direction
+    across it; a slope beyond `CONTRADICTION_SDS` of that is believed instead, and the face taken to be as badly
+    level as it was found.
     """
     ways = np.asarray(places_um, dtype=np.float64).reshape(-1, 2) - np.asarray(origin_um)
     heights = np.asarray(heights_um, dtype=np.float64)
@@ -66,10 +80,14 @@ def fitted_plane(
     own_u = np.broadcast_to(np.asarray(touch_u_um, dtype=np.float64), (count,))
     noise = np.diag(own_u**2) + own_u.min(initial=np.inf) ** 2 * np.ones((count, count))
     weights = np.linalg.inv(noise)
+    told, sums = ways.T @ weights @ ways, ways.T @ weights @ heights
+    for step in steps:
+        way = np.asarray(step.way_um) / step.u_um
+        told, sums = told + np.outer(way, way), sums + way * step.um / step.u_um
     for _ in range(2):
         prior = np.eye(2) / (1e-3 * tilt_u_mrad) ** 2 if tilt_u_mrad > 0.0 else np.eye(2) * 1e18
-        covariance = np.linalg.inv(ways.T @ weights @ ways + prior)
-        slope = covariance @ ways.T @ weights @ heights
+        covariance = np.linalg.inv(told + prior)
+        slope = covariance @ sums
         found_mrad = 1e3 * float(np.hypot(*slope))
         if tilt_u_mrad <= 0.0 or found_mrad <= CONTRADICTION_SDS * tilt_u_mrad:
             break

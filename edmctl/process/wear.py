@@ -87,6 +87,15 @@ def student_97_5(dof: float) -> float:
     return z + math.fsum(term / dof ** (k + 1) for k, term in enumerate(terms))
 
 
+def share_u(most: float) -> float:
+    """Standard uncertainty of an error that is some share of `most`, from nothing to all of it as likely.
+
+    In the unit of `most`. The root of the mean square about the end where the error is nothing, because no share of
+    it is corrected. It is the number of an error anywhere within ± `most` about the middle (JCGM 100:2008, §4.3.7).
+    """
+    return abs(most) / math.sqrt(3.0)
+
+
 def tilt_uncertainty_um(tilt_u_mrad: float, distance_um: float, stage_repeatability_um: float = 0.0) -> float:
     """Standard uncertainty in µm of the height between two places on a surface of unknown slope.
 

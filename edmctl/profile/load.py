@@ -19,7 +19,7 @@ from edmctl.profile.model import Profile
 from edmctl.profile.overrides import apply_overrides
 from edmctl.profile.places import places
 from edmctl.profile.read import parse, read_chain, read_source
-from edmctl.profile.rules import in_share_only, violations, with_time_limit
+from edmctl.profile.rules import in_share_only, violations, with_expected_gap, with_time_limit
 from edmctl.profile.setup import Setup
 from edmctl.profile.shipped import find_profile
 from edmctl.profile.sim import ProfileFile, SimSettings
@@ -70,9 +70,10 @@ def load_profile(
     overridden = apply_overrides(chain.table, overrides)
     sources = Sources((*reversed(overridden.sources), *chain.sources), chain.sources[0])
     written = _validated(ProfileFile, overridden.table, sources, machine)
-    found, unread = _places(_recipe(written), path, sources)
-    warnings = _refuse_errors(violations(_recipe(written), machine, found), sources, unread)
-    profile = with_time_limit(in_share_only(_recipe(written)), machine, found)
+    recipe = with_expected_gap(_recipe(written))
+    found, unread = _places(recipe, path, sources)
+    warnings = _refuse_errors(violations(recipe, machine, found), sources, unread)
+    profile = with_time_limit(in_share_only(recipe), machine, found)
     warnings += _refuse_errors(list(time_limit(Job(profile, machine, found))), sources)
     return LoadedProfile(
         profile=profile,

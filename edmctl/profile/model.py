@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from edmctl.process.working_gap import USUAL_GAP_UM
 from edmctl.profile.sites import Array, PathTable, SiteTable
 from edmctl.profile.table import ONE_LINE, Table
 
@@ -236,7 +237,11 @@ class Measure(Table):
     back_off_um: float = Field(5.0, ge=1.0, le=50.0, description="retraction between touches, µm")
     dwell_s: float = Field(0.3, ge=0.05, le=10.0, description="hunting at contact, s")
     expected_gap_um: float = Field(
-        3.4, ge=0.5, le=20.0, description="working gap assumed until the first cut was measured, µm"
+        USUAL_GAP_UM,
+        ge=0.5,
+        le=20.0,
+        description="working gap assumed until the first cut was measured, µm; "
+        "when not given, as much at 40 V and in proportion to the open voltage",
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from edmctl.process.working_gap import usual_gap_um
 from edmctl.profile.adaptive_rules import adaptive_period, adaptive_thresholds
 from edmctl.profile.channel_rules import channel_depth, layer, path_keys, walls
 from edmctl.profile.codes import Code
@@ -99,6 +100,15 @@ def with_time_limit(profile: Profile, setup: Setup, places: tuple[Place, ...] = 
         return profile
     time_s = TIME_LIMIT_FORECASTS * forecast(profile, setup, places).time_s
     return profile.model_copy(update={"limits": limits.model_copy(update={"max_time_s": time_s})})
+
+
+def with_expected_gap(profile: Profile) -> Profile:
+    """Fill in the working gap to expect where none is given, from the open voltage."""
+    measure = profile.measure
+    if "expected_gap_um" in measure.model_fields_set:
+        return profile
+    gap_um = usual_gap_um(profile.pulse.open_voltage_v)
+    return profile.model_copy(update={"measure": measure.model_copy(update={"expected_gap_um": gap_um})})
 
 
 def in_share_only(profile: Profile) -> Profile:

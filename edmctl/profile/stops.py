@@ -15,12 +15,12 @@ from edmctl.process.erosion import hole_area_um2
 from edmctl.process.live_erosion import Energy, ErosionEstimate
 from edmctl.process.next_cut import (
     COVERAGE,
-    FIRST_GAP_U_UM,
     GAP_U_UM,
     is_done,
     largest_first_um,
     next_cut,
 )
+from edmctl.process.working_gap import first_gap_u_um
 from edmctl.profile.rates import SIDE_DISCHARGE_SHARE, feed_rate_um_s
 
 if TYPE_CHECKING:
@@ -37,7 +37,8 @@ SET_U_UM = 0.10
 FACE_U_UM = 0.20
 """Of the face at a place after a plane was fitted to three touches."""
 FACE_LIMIT_UM = 2.0 * READING_U_UM
-"""Of the face at a place where tilt would make it worse: it is touched there then."""
+"""Of the face at a place where tilt would make it worse: it is touched there then, and a touch knows it better. At
+0.3 mrad it takes a millimetre to get there."""
 BETWEEN_S = 60.0
 """From touch to touch besides the machining."""
 
@@ -55,7 +56,7 @@ class Cut:
 
 
 def cut_budget(profile: Profile) -> int:
-    """How many cuts a hole may take."""
+    """How many cuts a hole may take: one without a depth target or without remeasuring."""
     wear = profile.wear
     if profile.target.kind != "depth" or wear.remeasure == "never":
         return 1
@@ -145,7 +146,7 @@ class _Plan:
         sensed_u_um = math.hypot(known.linearity_u_um, known.gain_u_rel * one.depth_um)
         drift_um = self._drift_um(cut_s)
         start_u_um = math.hypot(READING_U_UM, self._wear_u_um, drift_um, face_u_um, sensed_u_um)
-        gap_u_um = FIRST_GAP_U_UM if fresh else GAP_U_UM
+        gap_u_um = first_gap_u_um(self._profile.pulse.open_voltage_v) if fresh else GAP_U_UM
         cut = next_cut(
             estimate,
             target_um=one.depth_um,

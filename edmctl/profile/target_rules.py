@@ -13,44 +13,46 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 
+SPARE = 1.25
+"""A tolerance has to be wider than the forecast of the interval by this: touches scatter from job to job."""
+
+
+def _least_told_um(job: Job) -> float:
+    """The least tolerance that touches which scatter as much as they may can tell."""
+    measure = job.profile.measure
+    return 2.0 * measure.max_sd_um / math.sqrt(measure.touches)
+
+
 def tolerance(job: Job) -> Iterator[Finding]:
     """Rule 11: the tolerance can be told from the scatter of the touches."""
     target, measure = job.profile.target, job.profile.measure
     if target.kind != "depth":
         return
-    least_um = 2.0 * measure.max_sd_um / math.sqrt(measure.touches)
+    least_um = _least_told_um(job)
     if target.tolerance_um < least_um:
         yield Finding(
             Code.TOLERANCE,
             ("target", "tolerance_um"),
             f"tolerance {target.tolerance_um:g} µm is below what {measure.touches} touches of up to "
             f"{measure.max_sd_um:g} µm scatter can tell, {least_um:.2f} µm",
-            f"use at least {rounded_up(least_um)} µm, or more touches",
+            f"use at least {rounded_up(max(least_um, SPARE * job.forecast.depth_u95_um))} µm",
         )
 
 
-SPARE = 1.25
-"""A tolerance has to be wider than the forecast of the interval by this: touches scatter from job to job."""
-
-
 def depth_shown(job: Job) -> Iterator[Finding]:
-    """Rule 32: the depth will be known as well as it is wanted."""
+    """Rule 32: the depth will be known as well as it is wanted; rule 11 speaks first."""
     target = job.profile.target
     if target.kind != "depth":
         return
     u95_um = job.forecast.depth_u95_um
-    if u95_um > target.tolerance_um:
-        remedy = (
-            "place the hole nearer to the pad"
-            if job.setup.sensor.fitted
-            else "fit a displacement sensor: the gain of a calibrated actuator moves by 2.5 % between days"
-        )
+    if _least_told_um(job) <= target.tolerance_um < u95_um:
+        why = "" if job.setup.sensor.fitted else ": without a displacement sensor the gain is known to 2.5 %"
         yield Finding(
             Code.NOT_SHOWN,
             ("target", "tolerance_um"),
             f"the depth may not be shown to be right: it will be known to about ± {u95_um:.2f} µm, and the "
             f"tolerance is {target.tolerance_um:g} µm; the job ends with exit code 7 then",
-            f"permit {rounded_up(SPARE * u95_um)} µm or more, or {remedy}",
+            f"permit {rounded_up(SPARE * u95_um)} µm or more{why}",
         )
 
 

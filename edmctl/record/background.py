@@ -137,6 +137,10 @@ class BackgroundWriter:
         """Append a reading of surface or bottom; it is flushed at once."""
         self._hand_over(lambda: self._writer.touch(row), _ROW_BYTES, at_once=True)
 
+    def reject_touch(self, time_s: float) -> None:
+        """Mark the reading of that time as one that was not used; it is flushed at once."""
+        self._hand_over(lambda: self._writer.reject_touch(time_s), _ROW_BYTES, at_once=True)
+
     def site_result(self, row: SiteRow) -> None:
         """Append the result at a site; it is flushed at once."""
         self._hand_over(lambda: self._writer.site_result(row), _ROW_BYTES, at_once=True)

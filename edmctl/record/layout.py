@@ -284,7 +284,13 @@ TOUCHES = Table(
         Column("sd", "sd_um", "f8", "um", "standard deviation of one touch"),
         Column("drift", "drift_um", "f8", "um", "drift between repeated readings"),
         Column("speed", "speed_um_s", "f8", "um/s", "approach speed"),
-        Column("accepted", "accepted", "u1", PURE, "1 when the reading was used"),
+        Column(
+            "accepted",
+            "accepted",
+            "u1",
+            PURE,
+            "1 when the reading was used, 0 when another one counts instead",
+        ),
     ),
 )
 

@@ -137,4 +137,7 @@ def _nearest(path: Path) -> str:
         finished = folder / f"{path.name}.h5"
         if finished.exists():
             return f"Did you mean {finished}?"
-    return "Check the path."
+    if not path.parent.is_dir():
+        return "Check the path."
+    where = "" if len(path.parts) == 1 else f" {path.parent}"
+    return f"`edmctl run list{where}` tells which there are."

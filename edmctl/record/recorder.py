@@ -46,6 +46,8 @@ class Recorder(Protocol):
 
     def touch(self, row: TouchRow) -> None: ...
 
+    def reject_touch(self, time_s: float) -> None: ...
+
     def site_result(self, row: SiteRow) -> None: ...
 
     def black_box(self, block: BlackBoxBlock) -> None: ...
@@ -85,6 +87,9 @@ class NullRecorder:
         """Forget."""
 
     def touch(self, row: TouchRow) -> None:
+        """Forget."""
+
+    def reject_touch(self, time_s: float) -> None:
         """Forget."""
 
     def site_result(self, row: SiteRow) -> None:

@@ -166,7 +166,7 @@ class LinkRow:
 
 @dataclass(frozen=True, slots=True)
 class TouchRow:
-    """One accepted or rejected set of touches, reduced to one reading."""
+    """One accepted or rejected set of touches, reduced to one reading. Later touches may reject an accepted one."""
 
     time_s: float
     kind: str

@@ -198,6 +198,14 @@ class RunWriter:
             self._touches.add(row)
             self.flush()
 
+    def reject_touch(self, time_s: float) -> None:
+        """Mark the reading of that time as one that was not used, by what was touched after it.
+
+        The mark is on disk when the call returns.
+        """
+        if self._accepts:
+            self._guarded(lambda: self._reject_touch(time_s))
+
     def site_result(self, row: SiteRow) -> None:
         """Append the result at a site and add its wear to the tool's; both are on disk when the call returns."""
         if self._accepts:
@@ -303,6 +311,13 @@ class RunWriter:
     def _sync(self) -> None:
         self._flush()
         os.fsync(self._file.id.get_vfd_handle())
+
+    def _reject_touch(self, time_s: float) -> None:
+        table = self._file[layout.TOUCHES.path]
+        rows = table[:]
+        rows["accepted"][rows["time"] == time_s] = 0
+        table[:] = rows
+        self._file.flush()
 
     def _put_wear(self) -> None:
         self._file["/entry/tool/length_wear_total"][()] = self._wear_um

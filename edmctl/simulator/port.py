@@ -16,11 +16,9 @@ if TYPE_CHECKING:
 
 REPLY_BIT = 0x40
 REPLIES_KEPT = 8
-HELLOS_KEPT = 8
+NONCES_KEPT = 8
 _HALF = 128
 """Commands may run so far ahead of the newest one executed; what lies behind it is a late copy."""
-_UNCOUNTED = (Heartbeat.ID,)
-"""Commands outside the count: they change nothing that a second execution could change again."""
 Outcome = tuple[Status, bytes]
 
 
@@ -29,11 +27,12 @@ class DevicePort:
 
     `execute` gets each valid command of the session once. A copy of one of the last commands gets the reply that the
     command got; an older copy gets none, for nobody can be waiting for it any more.
-    `heard` is called with each valid frame of the session, before it acts; `opened` when a HELLO opens a session,
-    before it is answered. HELLO is executed for its reply alone. `urgent` tells that somebody waits for what is to
-    be sent; answers to heartbeats may wait for company. With a `driven` clock ADVANCE needs no session, so that a
-    host whose controller has restarted can wait for the news of it; what there is to send is then `due` with the
-    answer to ADVANCE, to HELLO and to whoever has no session, and with every answer before the first ADVANCE.
+    `heard` is called with what only a living host sends, before it acts: a new command of the session, and a
+    heartbeat that is newer than all before; `opened` when a HELLO opens a session, before it is answered. HELLO is
+    executed for its reply alone. `urgent` tells that somebody waits for what is to be sent; answers to heartbeats
+    may wait for company. With a `driven` clock ADVANCE needs no session, so that a host whose controller has
+    restarted can wait for the news of it; what there is to send is then `due` with the answer to ADVANCE, to HELLO
+    and to whoever has no session, and with every answer before the first ADVANCE.
     """
 
     def __init__(
@@ -51,11 +50,11 @@ class DevicePort:
         self._unacknowledged: list[tuple[int, bytes]] = []
         self._hello = b""
         self._welcome: Outcome = (Status.OK, b"")
-        self._former_hellos: deque[bytes] = deque(maxlen=HELLOS_KEPT)
+        self._former_nonces: deque[int] = deque(maxlen=NONCES_KEPT)
         self.begin_session(0)
 
     def restart(self) -> None:
-        """Forget, as a reset does, session, counters and the frame begun. Former HELLOs outlast it."""
+        """Forget, as a reset does, session, counters and the frame begun. Nonces of former HELLOs outlast it."""
         self._decoder = FrameDecoder()
         self.rx_drop = 0
         self.begin_session(0)
@@ -63,11 +62,12 @@ class DevicePort:
     def begin_session(self, session: int) -> None:
         """Forget what belonged to the session before; 0 is none."""
         if self._hello:
-            self._former_hellos.append(self._hello)
+            self._former_nonces.append(Hello.unpack(self._hello).host_nonce)
         self._session = session
         self._hello = b""
         self._advanced = False
         self._newest: int | None = None
+        self._newest_beat_us = -1
         self._replies.clear()
         self._unacknowledged.clear()
 
@@ -143,7 +143,6 @@ class DevicePort:
         if frame.type_id == Hello.ID:
             self._greet(frame)
             return
-        self._heard()
         reply = self._reply_to(frame)
         if reply is not None:
             self._out.append(reply)
@@ -164,17 +163,23 @@ class DevicePort:
         if (frame.session, frame.payload) == (self._session, self._hello):
             self._answer_now(self._encoded(frame, self._welcome))
             return
-        if frame.payload in self._former_hellos:
+        outcome = self._outcome(frame)
+        if outcome[0] == Status.OK and self._is_former(frame):
             # A late copy: it must not open, with an empty memory, what it opened once.
             self.rx_drop += 1
             return
-        outcome = self._outcome(frame)
         if outcome[0] == Status.OK:
             self.begin_session(frame.session)
             self._hello, self._newest = frame.payload, frame.seq
             self._opened()
             outcome = self._welcome = self._outcome(frame)  # what the former host left running has ended
         self._answer_now(self._encoded(frame, outcome))
+
+    def _is_former(self, frame: Frame) -> bool:
+        """Whether a whole HELLO carries the nonce of a session, whatever else it says."""
+        nonce = Hello.unpack(frame.payload).host_nonce
+        present = Hello.unpack(self._hello).host_nonce if self._hello else None
+        return nonce == present or nonce in self._former_nonces
 
     def _answer_now(self, reply: bytes) -> None:
         """Send an answer that no ADVANCE of a session is waited for with."""
@@ -183,7 +188,8 @@ class DevicePort:
 
     def _reply_to(self, frame: Frame) -> bytes | None:
         """Execute the command if it is new; its reply, or None for a copy from too long ago."""
-        if frame.type_id in _UNCOUNTED:
+        if frame.type_id == Heartbeat.ID:
+            self._hear_beat(frame)
             return self._run(frame)
         key = (frame.type_id, frame.seq)
         kept = self._replies.get(key)
@@ -192,12 +198,23 @@ class DevicePort:
         if self._newest is not None and not 0 < (frame.seq - self._newest) % 256 < _HALF:
             self.rx_drop += 1
             return None
+        self._heard()
         reply = self._run(frame)
         self._newest = frame.seq
         self._replies[key] = reply
         if len(self._replies) > REPLIES_KEPT:
             self._replies.popitem(last=False)
         return reply
+
+    def _hear_beat(self, frame: Frame) -> None:
+        """Let a heartbeat count that is newer than all before: a line that repeats or delays one is no host."""
+        try:
+            beat = Heartbeat.unpack(frame.payload)
+        except ValueError:
+            return
+        if beat.t_host_us > self._newest_beat_us:
+            self._newest_beat_us = beat.t_host_us
+            self._heard()
 
     def _run(self, frame: Frame) -> bytes:
         return self._encoded(frame, self._outcome(frame))

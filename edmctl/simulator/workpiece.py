@@ -127,6 +127,11 @@ class Footprint:
         (work or self._work).put(self._column, self._row, cells)
 
 
+def compile_loops() -> None:
+    """Compile what a new place of the tool needs, or load it from the cache."""
+    Footprint(Workpiece(1.0), 0.0, 0.0, Tip(1.0, 2.0, 0.0), math.inf).settle(1.0)
+
+
 def _shared(column: int, row: int, size: int) -> Iterator[tuple[tuple[int, int], _Square, _Square]]:
     """Yield each tile that a square of cells shares: its key, the place in the square, the place in the tile."""
     for tile_row in range(row // TILE, (row + size - 1) // TILE + 1):

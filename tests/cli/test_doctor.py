@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, cast
 
 import pytest
 
 from edmctl.cli import doctor_host
 from edmctl.cli.doctor_checks import CheckStatus
+from edmctl.cli.doctor_machine import _line
 from edmctl.errors import ProtocolMismatch
+from edmctl.link.accounting import LinkReport
 from edmctl.link.faults import FaultCode
 from edmctl.link.messages import ResetCause, State
 from edmctl.profile.setup import Sensor, Setup
@@ -20,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    from edmctl.machine.controller import LinkMachine
     from tests.cli.commands import Here, Said
 
 INTERLOCKS = ("emergency stop", "door", "level", "flow", "temperature", "high voltage")
@@ -63,6 +68,14 @@ def test_a_sound_machine_has_nothing_that_fails(here: Here) -> None:
     assert {check["status"] for check in checks.values()} <= {"ok", "warn"}
     assert checks["calibration"]["fix"] == "Run `edmctl calibrate`."
     assert "SIM-1" in checks["controller"]["message"]
+
+
+def test_frames_that_were_damaged_before_the_look_do_not_blame_the_cable() -> None:
+    before = LinkReport(3, 3, 1, 0, 0, 1, 0, 0.1, 0.1, 0.0, 0.0, 0.0)
+    for damaged, status in ((1, "ok"), (2, "warn")):
+        after = replace(before, frames_sent=100, frames_received=100, controller_bad_frames=damaged)
+        machine = cast("LinkMachine", SimpleNamespace(link_report=lambda report=after: report))
+        assert _line(machine, before).status == status
 
 
 def test_people_get_a_line_for_each_check_and_the_fix_below(here: Here) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import signal
 import time
 from pathlib import Path
@@ -12,6 +13,7 @@ import pytest
 
 from edmctl.record.bench_file import bench_lock, read_bench
 from edmctl.record.bookkeeping import books_of
+from edmctl.record.ledger_entries import UNFINISHED
 from edmctl.record.logbook import Logbook, SiteMachined, WearMeasured
 from edmctl.simulator.saving import restored_bench
 from tests.cli.commands import CU270, SHALLOW
@@ -227,10 +229,10 @@ def test_a_refused_command_makes_no_bench_and_no_run_file(here: Here) -> None:
     assert not list(Path().glob("runs/*.h5*"))
 
 
-def begun(radius_um: float = 143.0) -> None:
+def begun(radius_um: float = 143.0, depth_um: float = 20.0, status: str = "done") -> None:
     """Leave a bench and a ledger that tells of one hole at 500,0."""
     here_is = kept()
-    hole = SiteMachined("Cu 270 µm", "old.h5", "first", 500.0, 0.0, radius_um, "done", 20.0, 8.0)
+    hole = SiteMachined("Cu 270 µm", "old.h5", "first", 500.0, 0.0, radius_um, status, depth_um, 8.0)
     Logbook.open(Path("runs")).append(here_is.plant.serial, hole)
 
 
@@ -303,3 +305,11 @@ def test_a_hole_is_named_by_its_run_too(here: Here) -> None:
     said = here("measure-wear", "--site", "nowhere", *KEPT, "--dry-run", "--json")
     assert said.document["error"]["code"] == "E8045"
     assert "first at 500,0 of old" in said.document["error"]["message"]
+
+
+def test_nobody_is_told_to_finish_a_run_that_cannot_go_on(here: Here) -> None:
+    assert here("measure-wear", "--reference", "--profile", CU270, *KEPT, "--seed", "3").exit_code == 0
+    begun(depth_um=math.nan, status=UNFINISHED)
+    error = here("measure-wear", "--site", "first", *KEPT, "--dry-run", "--json").document["error"]
+    assert "how deep first is" in error["message"]
+    assert "--resume" not in error["hint"]

@@ -186,7 +186,8 @@ def on_a_terminal(
 
 
 def test_a_terminal_gets_a_picture(tmp_path: Path) -> None:
-    exit_code, seen = on_a_terminal("machine", *SHALLOW, cwd=tmp_path, TERM="xterm", LC_ALL="C.UTF-8")
+    deep = ("--profile", CU270, "--set", "target.depth_um=120", "--set", 'log.pulses="off"', "--seed", "3")
+    exit_code, seen = on_a_terminal("machine", *deep, cwd=tmp_path, TERM="xterm", LC_ALL="C.UTF-8")
     assert exit_code == 0
     assert "█" in seen
     assert "\x1b[?25l" in seen

@@ -15,11 +15,15 @@ import pytest
 
 from edmctl.cli.app import main
 from edmctl.cli.journaling import tell_way_on
+from edmctl.cli.prepared import UNTOLD_S
 from edmctl.cli.resume import checked, find_run
 from edmctl.cli.runfile import RunName
 from edmctl.cli.wear_run import _aged
 from edmctl.errors import LinkLost
+from edmctl.procedures.job import job_of
+from edmctl.procedures.journal import job_state
 from edmctl.profile.load import load_profile
+from edmctl.profile.setup import Setup
 from edmctl.record.bench_file import read_bench, write_bench
 from edmctl.record.bookkeeping import Books, ToolAccount
 from edmctl.record.journal import read_journal, write_journal
@@ -27,9 +31,11 @@ from edmctl.record.ledger_entries import UNFINISHED, ReferenceTouched, SiteMachi
 from edmctl.record.logbook import JobBegun, Logbook, RunEnded, ToolChanged, WearMeasured
 from edmctl.record.reader import open_run
 from edmctl.simulator.saving import bench_state, restored_bench
+from tests.cli.commands import CU270, ROOT
 from tests.cli.left_jobs import (
     BENCH,
     MACHINE,
+    QUICK,
     RESUME,
     TARGET_UM,
     TOLERANCE_UM,
@@ -46,6 +52,7 @@ if TYPE_CHECKING:
     from edmctl.simulator import VirtualBench
     from tests.cli.commands import Here, Said
 
+ARRAY = str(ROOT / "profiles" / "array-3x3.toml")
 INTO_THE_CUT_S = 8.0
 
 
@@ -112,6 +119,24 @@ def test_a_deep_hole_with_a_worn_tool_is_finished(here: Here) -> None:
     assert abs(site["truth"]["depth_um"] - 180.0) <= 2.0
 
 
+def test_an_array_is_taken_up_whose_finished_holes_were_not_judged_yet(
+    here: Here, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Estimated holes wait for the next touch; a host that is killed before it leaves them without a verdict."""
+    shallow = ("--set", "target.depth_um=8", "--set", 'log.pulses="off"')
+    killed = tmp_path / "killed"
+    with at_time_of_cut(150.0, snapshot_and_stop(Path.cwd(), killed)):
+        machine = ("machine", "--profile", ARRAY, *shallow, *BENCH)
+        assert here(*machine, "--seed", "5", "--run-id", "a", "--quiet").exit_code == 130
+    monkeypatch.chdir(killed)
+    done = read_journal(Path("runs/a.journal")).state["done"]
+    assert len(done) >= 2  # type: ignore[arg-type]
+    assert any(not isinstance(site["verdict"], str) for site in done)  # type: ignore[attr-defined]
+    said = here(*RESUME, *BENCH)
+    assert said.exit_code == 0, said.out
+    assert len(said.document["result"]["sites"]) == 9
+
+
 @pytest.mark.parametrize("how", ["stopped", "killed"])
 def test_an_interrupted_job_reaches_its_depth(here: Here, left: Left, how: str) -> None:
     shutil.copytree(getattr(left, how), Path.cwd(), dirs_exist_ok=True)
@@ -165,6 +190,25 @@ def test_the_times_of_all_runs_of_a_job_add_up(here: Here, killed: Path) -> None
     )
 
 
+def test_home_is_where_the_journal_has_it_when_the_ledger_is_older(here: Here, killed: Path) -> None:
+    resumption = find_run("a", Path("runs"))
+    written_utc_s = read_journal(resumption.path).written_utc_s
+    known = replace(job_of(load_profile(CU270, QUICK).profile, Setup()), home_um=99.0, home_age_s=30000.0)
+    job = resumption.taken_up(known, in_process=False)
+    assert job.home_um == resumption.state.home_um != 0.0
+    assert 0.0 <= resumption.state.home_age_s < 300.0
+    assert UNTOLD_S <= job.home_age_s <= UNTOLD_S + resumption.state.home_age_s + time.time() - written_utc_s
+
+
+def test_a_journal_from_before_homes_had_an_age_is_read(here: Here, killed: Path) -> None:
+    values = dict(read_journal(Path("runs/a.journal")).state)
+    del values["home_age_s"]
+    assert math.isnan(job_state(values).home_age_s)
+    del values["home_um"]
+    with pytest.raises(ValueError, match="home_um"):
+        job_state(values)
+
+
 def test_a_stopped_job_keeps_the_times_of_its_end(left: Left) -> None:
     state = read_journal(left.stopped / "runs/a.journal").state
     with open_run(left.stopped / "runs/a.h5") as run:
@@ -206,6 +250,20 @@ def test_one_that_dies_before_it_touches_keeps_what_was_known(here: Here, killed
     assert_on_target(here(*RESUME, *BENCH))
 
 
+def test_one_that_died_before_any_touch_goes_on_with_a_worn_tool(here: Here) -> None:
+    deep = (*MACHINE, "--set", "target.depth_um=110.0", *BENCH, "--seed", "4")
+    assert here(*deep, "--run-id", "before", "--quiet").exit_code == 0
+    with pytest.MonkeyPatch.context() as patch:
+
+        def lost(*_: object, **__: object) -> None:
+            raise LinkLost("made for this test")
+
+        patch.setattr("edmctl.procedures.hole.read_pad", lost)
+        assert here(*MACHINE, *BENCH, "--run-id", "a", "--quiet").exit_code == 4
+    assert read_journal(Path("runs/a.journal")).state["site"] == ""
+    assert_on_target(here(*RESUME, *BENCH))
+
+
 def test_one_that_dies_between_a_cut_and_its_touch_knows_the_wear(here: Here) -> None:
     with pytest.MonkeyPatch.context() as patch:
 
@@ -231,7 +289,9 @@ def test_a_run_has_several_names_and_a_dry_run_touches_nothing(here: Here, kille
     assert (resumed["run_id"], resumed["done"], resumed["left"]) == ("a", [], ["cu270-cu"])
     assert 0.0 < resumed["depth_um"] < TARGET_UM
     assert {file: file.read_bytes() for file in Path().rglob("*") if file.is_file()} == before
-    assert "cu270-cu at about" in here("machine", "--resume", named, *BENCH, "--dry-run").out
+    assert "cu270-cu was interrupted at about" in here("machine", "--resume", named, *BENCH, "--dry-run").out
+    way_on = "edmctl machine --resume a --port sim:bench.h5"
+    assert f"goes on with  {way_on}" in here("run", "show", "a").out
 
 
 def test_a_restarted_controller_needs_somebody_who_homed_its_stages(here: Here, killed: Path) -> None:

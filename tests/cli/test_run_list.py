@@ -132,9 +132,21 @@ def test_a_folder_that_is_not_there_is_an_error(here: Here, tmp_path: Path) -> N
 def test_the_table_fits_the_terminal(tmp_path: Path, columns: int) -> None:
     heads = [read_head(finished(tmp_path, run_id)) for run_id in ("a", "b")]
     text = render_runs(heads, columns=columns)
-    assert max(map(len, text.splitlines()[:3])) <= columns
+    assert max(map(len, text.splitlines())) <= columns
     assert "180.00 ± 0.90" in text
     assert ("Not shown" in text) == (columns < 140)
+
+
+def test_where_nothing_else_can_go_status_and_names_get_shorter(tmp_path: Path) -> None:
+    name = "measure-wear-20260102T103519.506Z"
+    heads = [
+        replace(read_head(finished(tmp_path, name)), status="objective not reached", exit_code=7),
+        read_head(finished(tmp_path, "a")),
+    ]
+    for columns, shown in ((70, name), (40, "measure…19.506Z")):
+        text = render_runs(heads, columns=columns)
+        assert max(map(len, text.splitlines())) <= columns
+        assert f"{shown}   exit 7" in text
 
 
 def test_a_text_out_of_a_file_cannot_command_the_terminal(tmp_path: Path) -> None:

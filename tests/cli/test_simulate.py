@@ -144,6 +144,8 @@ def test_failing_runs_are_counted_and_told(here: Here) -> None:
     assert said.exit_code == 7
     assert "1 of 1 run failed" in said.err
     assert "1 of 1 run failed." in said.out
+    assert "`edmctl machine --seed 2 --profile " in said.err
+    assert "--set limits.max_time_s=100`." in said.err
 
 
 def test_dry_run_forecasts_every_value_and_runs_nothing(here: Here) -> None:

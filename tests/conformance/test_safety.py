@@ -151,7 +151,94 @@ def test_l11_commands_feed_the_watchdog_as_heartbeats_do(peer: Peer) -> None:
         peer.silence(0.1)
     peer.beating = True
     peer.fresh_beat()
-    assert not peer.faults, peer.story("every valid frame feeds the watchdog", "safe-state-and-watchdog")
+    assert not peer.faults, peer.story("a new command feeds the watchdog", "safe-state-and-watchdog")
+
+
+def beat_at(peer: Peer, t_host_us: int) -> bytes:
+    """A HEARTBEAT of the session with any time of the host."""
+    number = layouts.NAMES["HEARTBEAT"]
+    payload = layouts.REQUESTS[number].pack({"t_host_us": t_host_us, "last_event": peer.last_event})
+    return wire.encode(number, 0, peer.session, payload)
+
+
+def writes_again_and_again(peer: Peer, frame: bytes) -> None:
+    """Send one frame as often as heartbeats are due, from a host that sends nothing else, for 0.4 s."""
+    peer.beating = False
+    for _ in range(8):
+        peer.write(frame)
+        peer.silence(0.05)
+    peer.beating = True
+
+
+@pytest.mark.parametrize("way", ["armed", "machining"])
+def test_l11_a_repeated_heartbeat_is_answered_and_keeps_nothing_alive(peer: Peer, way: str) -> None:
+    lead(peer, way)
+    newest = peer.fresh_beat()
+    at_us = newest["t_dev_us"]
+    writes_again_and_again(peer, beat_at(peer, newest["t_host_us"] + 10))
+    fault = peer.fault(0.5)
+    assert fault["code"] == HOST_SILENT, peer.story("not the watchdog", "safe-state-and-watchdog")
+    late_s = 1e-6 * ((fault["t_us"] - at_us) % 2**32)
+    assert late_s <= WATCHDOG_S + 2 * peer.grain_s, peer.story(
+        f"a repeated HEARTBEAT held the fault off for {late_s:.3f} s", "safe-state-and-watchdog"
+    )
+    assert peer.beat is not None
+    assert peer.beat["t_dev_us"] > at_us, peer.story("a repeated HEARTBEAT was not answered", "delivery")
+    assert_made_safe(peer)
+
+
+def test_l11_heartbeats_that_were_overtaken_keep_nothing_alive(peer: Peer) -> None:
+    """The newest came first; those before it trickle in afterwards, each of them once."""
+    arm(peer)
+    newest_us = peer.fresh_beat()["t_host_us"]
+    peer.beating = False
+    for number in (9, 8, 7, 6, 5, 4, 3, 2, 1):
+        peer.write(beat_at(peer, newest_us + 1000 * number))
+        peer.silence(0.05)
+    peer.beating = True
+    assert peer.fault(0.5)["code"] == HOST_SILENT
+
+
+def test_l11_a_heartbeat_that_is_newer_by_a_microsecond_counts(peer: Peer) -> None:
+    """Copies between them do no harm, and their seq does not matter."""
+    arm(peer)
+    newest_us = peer.fresh_beat()["t_host_us"] + 2**32
+    peer.beating = False
+    for number in range(1, 13):
+        peer.write(beat_at(peer, newest_us))
+        peer.write(beat_at(peer, newest_us + number))
+        peer.silence(0.1)
+        assert not peer.faults, peer.story("a newer HEARTBEAT feeds the watchdog", "safe-state-and-watchdog")
+    peer.beating = True
+
+
+def test_l11_a_repeated_command_keeps_nothing_alive(peer: Peer) -> None:
+    """The kept reply goes out each time. A host that lives sends heartbeats while it repeats."""
+    arm(peer)
+    number, seq = layouts.NAMES["GET_PARAM"], peer.seq
+    peer.seq = (seq + 1) % 256
+    frame = wire.encode(number, seq, peer.session, layouts.REQUESTS[number].pack({"param": 1}))
+    peer.fresh_beat()
+    for _ in range(8):
+        peer.write(frame)
+        peer.pump(0.05)
+    assert not peer.faults, peer.story("repetitions did harm", "delivery")
+    peer.fresh_beat()
+    peer.frames.clear()
+    writes_again_and_again(peer, frame)
+    assert peer.fault(0.5)["code"] == HOST_SILENT
+    answered = [f for f in peer.frames if (f.type_id, f.seq) == (number | wire.REPLY, seq)]
+    assert len(answered) == 8, peer.story("a kept reply was not sent again", "delivery")
+
+
+def test_l11_a_new_session_begins_with_any_host_time(peer: Peer) -> None:
+    """Hosts have clocks of their own: the second one's may be behind the first one's."""
+    peer.write(beat_at(peer, 10**15))
+    peer.pump(0.02)
+    peer.hello()
+    arm(peer)
+    peer.pump(0.6)
+    assert not peer.faults, peer.story("heartbeats of a new session count from its own first", "session")
 
 
 def a_fifth(seed: int) -> Callable[[str, wire.Frame | None], bool]:

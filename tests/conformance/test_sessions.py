@@ -148,7 +148,7 @@ OTHERS: dict[str, tuple[str, Callable[[], bytes]]] = {
 }
 
 
-@pytest.mark.parametrize("kind", [*OTHERS, "former", "repeated"])
+@pytest.mark.parametrize("kind", [*OTHERS, "former", "former_minor", "repeated"])
 def test_l12_no_other_hello_opens_feeds_or_stops_anything(peer: Peer, kind: str) -> None:
     """Only a new HELLO that is answered OK does."""
     former, own = hello_bytes(), hello_bytes()
@@ -158,10 +158,12 @@ def test_l12_no_other_hello_opens_feeds_or_stops_anything(peer: Peer, kind: str)
         session, wanted = peer.session, [STATUS["OK"]]
     else:
         session = peer.session % 255 + 1
-        wanted = [] if kind == "former" else [STATUS[OTHERS[kind][0]]]
+        wanted = [STATUS[OTHERS[kind][0]]] if kind in OTHERS else []
+    minor = hello_bytes(**{**values_of(former), "proto_minor": layouts.MINOR + 1})
+    known = {"former": former, "former_minor": minor, "repeated": own}
 
     def send() -> None:
-        payload = OTHERS[kind][1]() if kind in OTHERS else {"former": former, "repeated": own}[kind]
+        payload = OTHERS[kind][1]() if kind in OTHERS else known[kind]
         peer.send_payload(HELLO, payload, session=session, seq=0)
 
     lead(peer, "machining")

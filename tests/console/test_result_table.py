@@ -104,6 +104,12 @@ def test_what_was_not_touched_does_not_stand_under_measured() -> None:
     assert "~ estimated" in render_job(Job(sites=(Site(depth_basis="estimated"),)))
 
 
+def test_lengths_by_the_model_alone_stand_there_once() -> None:
+    alone = Site(depth_basis="model", wear_basis="model", depth_model_um=180.21, wear_model_um=70.03)
+    assert "from voltage" not in render_job(Job(sites=(alone,)))
+    assert "from voltage" in render_job(Job())
+
+
 def test_a_line_of_many_sites_marks_what_was_not_touched() -> None:
     sites = (Site(name="a"), Site(name="b", depth_basis="estimated", wear_basis="estimated"), Site(name="c"))
     text = render_job(Job(sites=sites))

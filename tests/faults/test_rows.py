@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import threading
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -132,7 +133,7 @@ def test_a_row_is_told_in_time_and_safely_and_the_machine_goes_on_after_it(
     with monkeypatch.context() as patch:
         if row.name == "LOG":
             patch.setattr(writer, "FLUSH_INTERVAL_S", 0.0)
-            patch.setattr(writer, "reserve", full_while_machining(workshop))
+            patch.setattr(writer, "reserve", full_while_machining(workshop, patch))
         said = machine(*WAYS.get(row.name, ()), more=more)
 
     error = said.document["error"]
@@ -172,11 +173,22 @@ def assert_retracts(workshop: Workshop) -> None:
     assert controller.state in (State.IDLE, State.FAULT, State.ESTOP)
 
 
-def full_while_machining(workshop: Workshop) -> Callable[..., None]:
-    """A disk that fills up in the middle of a cut."""
+def full_while_machining(workshop: Workshop, patch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """A disk that fills up in the middle of a cut, which waits for whoever writes to find that out."""
+    is_full, look = threading.Event(), workshop.look
+
+    def is_machining() -> bool:
+        return bool(workshop.bench.controller.state is State.MACHINING)
+
+    def look_and_wait() -> None:
+        look()
+        if is_machining():
+            is_full.wait(0.05)
 
     def reserve(*_: object) -> None:
-        if workshop.bench.controller.state is State.MACHINING:
+        if is_machining():
+            is_full.set()
             raise OSError(errno.ENOSPC, "No space left on device")
 
+    patch.setattr(workshop, "look", look_and_wait)
     return reserve

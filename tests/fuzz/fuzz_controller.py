@@ -116,7 +116,9 @@ class Run:
         elif what < 160:
             self.command(COMMANDS[what % len(COMMANDS)])
         elif what < 200:
-            self.send(m.Heartbeat.ID, m.Heartbeat(0, self.script.byte()).pack())
+            self.send(
+                m.Heartbeat.ID, m.Heartbeat(1000 * self.bench.controller.tick, self.script.byte()).pack()
+            )
             self.bench.controller.advance(1 + what % 50)
         elif what < 226:
             self.bench.controller.advance(1 + self.script.byte())

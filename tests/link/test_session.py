@@ -429,6 +429,20 @@ def test_a_clock_that_jumps_is_not_followed_and_counted(
     assert session.heard_s == pytest.approx(line.clock_s, abs=0.1)
 
 
+def test_a_reply_that_waited_to_be_read_tells_the_time_of_its_heartbeat(
+    line: ScriptedLine, session: Session
+) -> None:
+    def held_up(frame: Frame) -> bytes:
+        beat = Heartbeat.unpack(frame.payload)
+        reply = HeartbeatReply(beat.t_host_us, int(line.clock_s * 1e6), 1, 0, 0, 0).pack()
+        line.clock_s += 10.0  # the host is busy, and events of these seconds come with the reply
+        return reply_to(frame, reply)
+
+    line.answers[Heartbeat.ID] = held_up
+    session.pump(0.2)
+    assert session.latest_s >= line.clock_s
+
+
 def test_an_answer_to_no_heartbeat_is_counted(line: ScriptedLine, session: Session) -> None:
     session.pump(1.0)
     beat = HeartbeatReply(12_345, round(1e6 * line.clock_s), 1, 0, 0, 0)

@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 from functools import lru_cache
+from random import Random
 from typing import TYPE_CHECKING
 
 from cobs import cobs
 
 from edmctl.link.frame import Frame, encode_frame
+from edmctl.link.messages import Event
 from edmctl.link.schema import load_schema
+from edmctl.machine.states import EventCode
 
 if TYPE_CHECKING:
-    from random import Random
+    from collections.abc import Callable
 
     from edmctl.link.transport import Transport
 
@@ -178,3 +181,19 @@ class LyingLine:
             "random": self._random.randint(low, high),
         }[kind]
         return (changed - low) % span + low
+
+
+class LyingTouches(LyingLine):
+    """A line on which every touch is told to be somewhere else, µm."""
+
+    def __init__(self, line: Transport, lie: Callable[[float], float]) -> None:
+        super().__init__(line, Lie(Event.ID, "displacement_um", "", 0, ALL), Random(1))
+        self._spoilt = lie
+
+    def _lied(self, payload: bytes, place: Place, value: str) -> bytes:
+        event = Event.unpack(payload)
+        if event.code != EventCode.TOUCH:
+            return payload
+        told = min(round(1000.0 * self._spoilt(event.displacement_um)), (1 << 31) - 1)
+        at = len(payload) - 6
+        return payload[:at] + told.to_bytes(4, "little", signed=True) + payload[at + 4 :]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from random import Random
@@ -85,6 +85,10 @@ class Seen(NullRecorder):
     def touch(self, row: TouchRow) -> None:
         self.touches.append(row)
 
+    def reject_touch(self, time_s: float) -> None:
+        (i,) = (i for i, row in enumerate(self.touches) if row.time_s == time_s)
+        self.touches[i] = replace(self.touches[i], accepted=False)
+
     def site_result(self, row: SiteRow) -> None:
         self.sites.append(row)
 
@@ -109,8 +113,12 @@ class Told:
         self.notes.append(text)
 
 
+def _as_it_is(config: BenchConfig) -> BenchConfig:
+    return config
+
+
 class Shop:
-    """One virtual bench with everything a job needs."""
+    """One virtual bench with everything a job needs; `changed` makes it another one than the recipe thinks of."""
 
     def __init__(
         self,
@@ -119,6 +127,7 @@ class Shop:
         calibration: CalibratedActuator | None = None,
         *,
         sensor: bool = True,
+        changed: Callable[[BenchConfig], BenchConfig] = _as_it_is,
     ) -> None:
         loaded = load_profile(CU270, (*QUICK, *overrides))
         self.profile = loaded.profile
@@ -128,7 +137,7 @@ class Shop:
             offset_um=self.profile.approach.offset_um,
             sensors=SensorConstants(fitted=sensor),
         )
-        self.bench: VirtualBench = open_bench(config, seed)
+        self.bench: VirtualBench = open_bench(changed(config), seed)
         self.session = Session(self.bench.transport, Random(1))
         self.session.open()
         self.stop = StopRequest()

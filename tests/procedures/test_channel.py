@@ -71,6 +71,7 @@ class World:
             limit_um = float(np.interp(s_um, plan.way.lengths_um, done.limits_um))
             then_um = wear_um - self.per_uj * (done.wearing_uj - used_uj)
             depth_um = limit_um + self.gap_um - PAD_UM - then_um - (self.bump_um if i == places - 1 else 0.0)
+            depth_um -= self.machine.misses_um(self.machine.time_s)
             found.append(FloorPlace(s_um, *plan.way.at(s_um), depth_um))
             floor.append(reading("Z2", PAD_UM + wear_um + depth_um, self.machine.time_s))
         before = reading("Z3", PAD_UM + wear_um, self.machine.time_s)
@@ -220,7 +221,16 @@ def test_without_any_time_there_is_no_result(make: Callable[..., Made]) -> None:
     assert done.decision.missed
 
 
-def test_a_tool_that_is_never_held_ends_the_channel_with_what_was_reached(make: Callable[..., Made]) -> None:
+def test_a_layer_that_takes_longer_than_believed_is_measured_and_the_channel_goes_on(
+    make: Callable[..., Made],
+) -> None:
     done = make(misses_um=lambda _: 1.0)
+    assert done.decision.missed == ""
+    assert done.found.depth_um == pytest.approx(TARGET_UM, abs=1.5)
+    assert done.found.measuring_stops > 5
+
+
+def test_a_tool_that_is_never_held_ends_the_channel_with_what_was_reached(make: Callable[..., Made]) -> None:
+    done = make(misses_um=lambda _: 3.0)
     assert "held on 0 % of the path" in done.decision.missed
     assert done.found.layers == 0

@@ -3,15 +3,34 @@
 from __future__ import annotations
 
 import math
+import signal
+import time
+from dataclasses import replace
+from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.errors import PreconditionError
+from edmctl.cli.prepared import with_home, with_home_left
+from edmctl.errors import EdmError, Interrupted, PreconditionError
+from edmctl.machine.controller import LinkMachine
 from edmctl.machine.port import Axis
-from edmctl.procedures.drift import LEAST_SPAN_S, SHARE_OF_REST, Rests, first_home_um, uncertainty_now
-from edmctl.procedures.stages import move_to, retract
+from edmctl.machine.stop import StopRequest
+from edmctl.procedures.drift import LEAST_SPAN_S, Rests, first_home_um, uncertainty_now
+from edmctl.procedures.home import Home
+from edmctl.procedures.journal import JobState
+from edmctl.procedures.results import Ledger, Phase, site_result_of
+from edmctl.procedures.stages import _is_told, move_to, retract
+from edmctl.process.wear import share_u
+from edmctl.record.bookkeeping import Books
 from edmctl.simulator import kernel as k
 from tests.procedures.conftest import Shop, armed
+from tests.procedures.test_resuming import Kept
+from tests.procedures.test_resuming import left as left_at
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
 
 FAST_UM_S = 0.005
 """Three times what the setup believes of its sensor: the worst of some hundred machines."""
@@ -21,13 +40,34 @@ def drifting(rate_um_s: float, hours: float = 0.0, overrides: tuple[str, ...] = 
     """A shop whose sensor drifts, and has done so for some hours."""
     shop = Shop(overrides)
     shop.bench.plant.par[k.SENSOR_DRIFT] = rate_um_s
-    shop.bench.controller.advance(round(3.6e6 * hours) + 1)
+    return later(shop, hours)
+
+
+def later(shop: Shop, hours: float) -> Shop:
+    """Let an idle machine be some hours older; nothing but the clock and what drifts with it is another."""
+    shop.bench.plant.ist[k.TICK] += round(hours * 3600.0 / k.TICK_S)
+    shop.bench.controller.advance(1)
+    return shop
+
+
+def known_since(shop: Shop, age_s: float) -> Shop:
+    """Let the job know where home was so long ago, as the job ledger does."""
+    rate_um_s = shop.bench.plant.par.item(k.SENSOR_DRIFT)
+    home_um = rate_um_s * (shop.bench.plant.ist.item(k.TICK) * k.TICK_S - age_s)
+    shop.job = replace(shop.job, home_um=home_um, home_age_s=age_s)
+    return shop
+
+
+def over_the_pad(shop: Shop) -> Shop:
+    """Stand over the pad, where every job that touches ends."""
+    for axis in (Axis.X, Axis.Y):
+        shop.bench.plant.stage_lands(axis, 0.0)
     return shop
 
 
 @pytest.mark.parametrize("rate_um_s", [FAST_UM_S, -FAST_UM_S])
 def test_a_sensor_that_has_drifted_for_eight_hours_ends_no_job(rate_um_s: float) -> None:
-    shop = drifting(rate_um_s, hours=8.0)
+    shop = known_since(drifting(rate_um_s, hours=8.0), 1800.0)
     (site,) = shop.run_job().sites
     (hole,) = shop.bench.truth()
     assert abs(site.z1_um - 50.0 - rate_um_s * 8.0 * 3600.0) < 15.0
@@ -36,7 +76,7 @@ def test_a_sensor_that_has_drifted_for_eight_hours_ends_no_job(rate_um_s: float)
 
 
 def test_the_controller_is_told_where_home_is() -> None:
-    shop = drifting(FAST_UM_S, hours=3.0)
+    shop = known_since(drifting(FAST_UM_S, hours=3.0), 1200.0)
     run = armed(shop)
     run.machine.rest(0.5)
     move_to(run, run.job.parking)
@@ -50,6 +90,20 @@ def test_without_drift_the_controller_is_told_nothing() -> None:
     run.machine.rest(0.5)
     move_to(run, run.job.parking)
     assert shop.bench.controller.zero_um == 0.0
+
+
+def test_a_tool_that_creep_holds_low_waits_for_a_controller_that_takes_no_such_home() -> None:
+    """SET_ZERO is refused where the tool rests 25 µm from home; a home told before may still do."""
+    shop = drifting(0.0)
+    run = armed(shop)
+    retract(run)
+    low_um = run.watch.displacement_um
+    for told_um, home_um, wanted_um in ((0.0, -3.0, -3.0), (low_um - 26.0, low_um - 28.0, low_um - 26.0)):
+        run.machine._zero_um = told_um  # type: ignore[attr-defined]
+        assert _is_told(run, Home(home_um), low_um - home_um)
+        assert run.machine.zero_um == wanted_um
+    run.machine._zero_um = low_um - 60.0  # type: ignore[attr-defined]
+    assert not _is_told(run, Home(low_um - 28.0), 28.0)
 
 
 def test_a_rest_that_jumps_is_a_tool_that_is_held() -> None:
@@ -91,7 +145,7 @@ def test_a_drift_that_was_seen_widens_what_the_setup_believes_and_never_narrows_
     run.watch.rests.note(1000.0, 1.0)
     assert uncertainty_now(run).drift_u_um_per_s == believed
     run.watch.rests.note(2000.0, 20.0)
-    assert uncertainty_now(run).drift_u_um_per_s == pytest.approx(SHARE_OF_REST * 13.0 / 1000.0, rel=0.5)
+    assert uncertainty_now(run).drift_u_um_per_s == pytest.approx(share_u(13.0 / 1000.0), rel=0.5)
 
 
 def test_the_wear_of_a_long_array_holds_a_fast_drift() -> None:
@@ -131,6 +185,210 @@ def test_a_tool_that_stands_out_at_the_start_is_not_moved(out_um: float) -> None
     assert (shop.bench.plant.position_um == before).all()
 
 
+@pytest.mark.parametrize("out_um", [35.0, 60.0, 150.0])
+@pytest.mark.parametrize("hours", [4.0, 8.0, 72.0])
+@pytest.mark.parametrize("drift_um_s", [None, 0.0, FAST_UM_S])
+def test_a_tool_that_stands_out_is_not_moved_however_long_the_sensor_may_have_drifted(
+    out_um: float, hours: float, drift_um_s: float | None
+) -> None:
+    shop = Shop()
+    if drift_um_s is not None:
+        shop.bench.plant.par[k.SENSOR_DRIFT] = drift_um_s
+    later(shop, hours)
+    stand_out(shop, out_um)
+    before = shop.bench.plant.position_um.copy()
+    with pytest.raises(PreconditionError, match="could stand") as caught:
+        shop.run_job()
+    assert caught.value.code == "E8020"
+    assert "reference pad" in caught.value.hint
+    assert (shop.bench.plant.position_um == before).all()
+
+
+@pytest.mark.parametrize("out_um", [35.0, 60.0, 150.0])
+@pytest.mark.parametrize("hours", [4.0, 8.0, 72.0])
+def test_a_home_that_was_known_hours_ago_does_not_excuse_a_tool_that_stands_out(
+    out_um: float, hours: float
+) -> None:
+    shop = known_since(drifting(-FAST_UM_S, hours=hours), 3600.0 * hours)
+    stand_out(shop, out_um)
+    before = shop.bench.plant.position_um.copy()
+    with pytest.raises(PreconditionError) as caught:
+        shop.run_job()
+    assert caught.value.code == "E8020"
+    assert (shop.bench.plant.position_um == before).all()
+
+
+@pytest.mark.parametrize("hours", [8.0, 72.0])
+@pytest.mark.parametrize("rate_um_s", [FAST_UM_S, -FAST_UM_S])
+def test_over_the_pad_a_touch_tells_where_home_is(rate_um_s: float, hours: float) -> None:
+    shop = over_the_pad(drifting(rate_um_s, hours=hours))
+    (site,) = shop.run_job().sites
+    (hole,) = shop.bench.truth()
+    assert abs(site.depth_um - hole.depth_um) <= site.depth_u95_um
+    assert shop.ledger.home_um == pytest.approx(rate_um_s * hours * 3600.0, abs=10.0)
+
+
+def test_over_the_pad_a_touch_tells_where_a_controller_just_started_cannot() -> None:
+    shop = over_the_pad(drifting(FAST_UM_S, hours=12.0))
+    shop.job = replace(shop.job, home_um=0.0, home_age_s=10.0)
+    run = armed(shop)
+    run.machine.rest(0.5)
+    retract(run)
+    assert shop.ledger.home_um == pytest.approx(FAST_UM_S * 12.0 * 3600.0, abs=5.0)
+
+
+@pytest.mark.parametrize("hours", [0.0, 4.0])
+def test_a_tool_that_stands_out_over_the_pad_is_never_taken_for_one_at_home(hours: float) -> None:
+    shop = over_the_pad(later(Shop(), hours))
+    stand_out(shop, 42.0)
+    with pytest.raises(PreconditionError) as caught:
+        shop.run_job()
+    assert caught.value.code == "E8020"
+
+
+@pytest.mark.parametrize("out_um", [35.0, 60.0])
+@pytest.mark.parametrize("hours", [4.0, 8.0, 72.0])
+def test_over_the_pad_a_touch_finds_a_tool_that_stands_out(out_um: float, hours: float) -> None:
+    shop = over_the_pad(drifting(-FAST_UM_S, hours=hours))
+    stand_out(shop, out_um)
+    before = shop.bench.plant.position_um.copy()
+    with pytest.raises(EdmError) as caught:
+        shop.run_job()
+    assert caught.value.code == (
+        "E8020" if out_um < 50.0 else "E63003"
+    )  # on the pad the controller sees a short
+    assert (shop.bench.plant.position_um == before).all()
+
+
+TWO_DEEP_HOLES = (
+    'sites=[{kind="grid",name="hole",x_um=500,y_um=0,columns=2,rows=1,dx_um=400,dy_um=400}]',
+    "target.depth_um=100.0",
+    "limits.max_time_s=7200",
+)
+
+
+@lru_cache
+def states_on_a_worn_tool() -> tuple[Shop, tuple[JobState, ...]]:
+    """A shop that has stopped in its second hole, and all states that its journal has kept."""
+    shop, kept = Shop(TWO_DEEP_HOLES), Kept()
+
+    def look() -> None:
+        if shop.told.states[-1].sites_done == 1 and shop.told.states[-1].depth_um > 50.0:
+            shop.stop.request(signal.SIGINT)
+        else:
+            shop.told.when[Phase.MACHINING] = look
+
+    shop.told.when[Phase.MACHINING] = look
+    with pytest.raises(Interrupted):
+        shop.run_job(journal=kept)
+    return shop, tuple(kept.states)
+
+
+def left_between_holes(state: JobState) -> bool:
+    """Whether one hole is done, and none under way."""
+    return len(state.done) == 1 and not state.site
+
+
+def left_in_a_hole(state: JobState) -> bool:
+    """Whether the second hole was under way."""
+    return len(state.done) == 1 and state.begun
+
+
+@pytest.mark.parametrize("when", [left_between_holes, left_in_a_hole])
+@pytest.mark.parametrize("rate_um_s", [FAST_UM_S, -FAST_UM_S])
+def test_the_next_morning_a_worn_tool_over_the_pad_finds_its_home(
+    rate_um_s: float, when: Callable[[JobState], bool]
+) -> None:
+    left, states = states_on_a_worn_tool()
+    state = next(state for state in reversed(states) if when(state))
+    assert left.bench.tool_wear_um > 25.0
+    shop = Shop(TWO_DEEP_HOLES)
+    shop.bench.plant.st[k.WEAR] = state.wear_um + math.fsum(
+        float(str(done["wear_um"])) for done in state.done
+    )
+    over_the_pad(shop)
+    shop.bench.plant.par[k.SENSOR_DRIFT] = rate_um_s
+    later(shop, 12.0)
+    shop.job = replace(shop.job, resumed=state, pause_s=12.0 * 3600.0)
+    run = armed(shop)
+    shop.ledger.sites.update({site.name: site for site in map(site_result_of, state.done)})
+    run.machine.rest(0.5)
+    retract(run)
+    assert shop.ledger.home_um == pytest.approx(rate_um_s * 12.0 * 3600.0, abs=10.0)
+
+
+@pytest.mark.parametrize("rate_um_s", [FAST_UM_S, -FAST_UM_S])
+def test_over_a_place_that_is_not_cut_yet_a_touch_tells_too(rate_um_s: float) -> None:
+    """Stopped above its first hole, before that began; hours later nobody knows the sensor's zero."""
+    shop = Shop()
+    shop.told.when[Phase.APPROACHING] = lambda: shop.stop.request(signal.SIGINT)
+    kept = Kept()
+    with pytest.raises(Interrupted):
+        shop.run_job(journal=kept)
+    assert not kept.states[-1].begun
+    shop.bench.plant.par[k.SENSOR_DRIFT] = rate_um_s
+    later(shop, 6.0)
+    shop.job = replace(shop.job, resumed=kept.states[-1], pause_s=6.0 * 3600.0)
+    shop.ledger, shop.machine = Ledger(), LinkMachine(shop.session, StopRequest())
+    (site,) = shop.run_job().sites
+    (hole,) = shop.bench.truth()
+    assert abs(site.depth_um - hole.depth_um) <= site.depth_u95_um
+
+
+@pytest.mark.parametrize("rate_um_s", [FAST_UM_S, -FAST_UM_S])
+def test_a_run_that_was_killed_between_two_holes_goes_on_by_the_home_of_its_journal(rate_um_s: float) -> None:
+    _, states = states_on_a_worn_tool()
+    state = next(state for state in reversed(states) if left_between_holes(state))
+    assert 0.0 <= state.home_age_s < 600.0
+    shop = known_since(drifting(rate_um_s, hours=10.0, overrides=TWO_DEEP_HOLES), 9.0 * 3600.0)
+    home_um = rate_um_s * 10.0 * 3600.0
+    shop.job = replace(shop.job, resumed=replace(state, home_um=home_um), pause_s=60.0)
+    shop.job = with_home_left(shop.job)
+    run = armed(shop)
+    run.machine.rest(0.5)
+    retract(run)
+    assert shop.ledger.home_um == pytest.approx(home_um, abs=3.0)
+
+
+@pytest.mark.parametrize(
+    ("home_age_s", "pause_s", "known_age_s"),
+    [(math.nan, 60.0, 30000.0), (20.0, math.inf, 30000.0), (20.0, 60.0, 300.0)],
+)
+def test_a_home_of_the_journal_that_is_older_or_unknown_is_not_taken(
+    home_age_s: float, pause_s: float, known_age_s: float
+) -> None:
+    state = JobState("machining", 100.0, "tool", home_um=33.0, home_age_s=home_age_s)
+    job = replace(Shop().job, resumed=state, pause_s=pause_s, home_um=7.0, home_age_s=known_age_s)
+    assert with_home_left(job) is job
+
+
+def test_a_home_of_the_ledger_from_the_future_has_no_age_and_is_not_taken() -> None:
+    """The clock was set back meanwhile: a night may have passed."""
+    job, now_s = Shop().job, time.time()
+    books = Books(home_um=2.0, home_utc_s=now_s - 7200.0, home_at_s=0.0)
+    assert with_home(job, books, clock=True).home_age_s == pytest.approx(7200.0, abs=5.0)
+    books.home_utc_s = now_s + 7200.0
+    assert with_home(job, books, clock=True) is job
+    assert with_home(job, books, clock=False).home_um == 2.0
+
+
+@pytest.mark.parametrize("deeper_um", [0.0, 6.0, 18.0])
+def test_home_by_a_hole_that_was_left_tells_how_much_deeper_that_may_be(deeper_um: float) -> None:
+    shop = Shop()
+    state = left_at(shop, 6.0)
+    shop.bench.plant.par[k.SENSOR_DRIFT] = FAST_UM_S
+    drifted_um = FAST_UM_S * k.TICK_S * shop.bench.plant.ist.item(k.TICK) + FAST_UM_S * 12.0 * 3600.0
+    later(shop, 12.0)
+    believed = replace(state, depth_um=state.depth_um - deeper_um, feed_u_um=deeper_um / 2.0)
+    shop.job = replace(shop.job, resumed=believed, pause_s=12.0 * 3600.0)
+    shop.ledger, shop.machine = Ledger(), LinkMachine(shop.session, StopRequest())
+    run = armed(shop)
+    run.machine.rest(0.5)
+    retract(run)
+    assert abs(shop.ledger.home_um - drifted_um) < 5.0 + run.watch.rests.hidden_um
+    assert deeper_um < run.watch.rests.hidden_um < 3.0 * deeper_um + 15.0
+
+
 def test_a_tool_that_comes_out_little_by_little_is_not_followed() -> None:
     shop = Shop()
     run = armed(shop)
@@ -155,9 +413,9 @@ def test_a_tool_that_comes_out_little_by_little_is_not_followed() -> None:
 
 
 def test_home_that_was_known_minutes_ago_bounds_what_may_be_drift() -> None:
-    assert first_home_um(60.0, 50.0, 0.0017, 600.0) == pytest.approx(54.08)
-    assert first_home_um(52.0, 50.0, 0.0017, 600.0) == 52.0
-    assert first_home_um(-80.0, 50.0, 0.0017, 600.0) == -80.0
+    assert first_home_um(60.0, 50.0, 4.08) == pytest.approx(54.08)
+    assert first_home_um(52.0, 50.0, 4.08) == 52.0
+    assert first_home_um(-80.0, 50.0, 4.08) == -80.0
 
 
 def test_a_tool_that_touches_something_at_rest_is_not_moved() -> None:

@@ -78,7 +78,7 @@ def test_an_unconfirmed_ratio_is_a_belief_and_the_touched_part_is_not() -> None:
     plan = CutPlan(
         2,
         60.0,
-        Start(200.0, 0.15, 3.0, depth_um=100.0, depth_u_um=0.5, wear_um=39.0, wear_u_um=0.4),
+        Start(200.0, 0.15, 3.0, 0.8, depth_um=100.0, depth_u_um=0.5, wear_um=39.0, wear_u_um=0.4),
         estimate_of(PROFILE).fitted(None, 100.0, 0.3, 39.0, 0.3),
     )
     known = estimate_in_cut(plan, 237.0, energy_of(PROFILE.pulse, (0, 0, 0, 0), 0.0), 0.0)
@@ -87,6 +87,12 @@ def test_an_unconfirmed_ratio_is_a_belief_and_the_touched_part_is_not() -> None:
     assert 0.25 * worn_um < known.wear_u_um < 0.35 * worn_um
     assert 0.25 * worn_um < known.depth_u_um < 0.35 * worn_um
     assert known.feed_u_um < 1.0
+
+
+def test_what_was_fed_unseen_is_depth_and_wear_even_of_a_hole_that_has_just_begun() -> None:
+    left = Estimate().left(9.0, 0.5, touched=True)
+    assert left.depth_u_um == pytest.approx(9.0 / math.sqrt(3.0))
+    assert left.wear_u_um == pytest.approx(3.0 / math.sqrt(3.0))
 
 
 def test_a_drift_over_the_pause_hides_no_other_work() -> None:
@@ -129,3 +135,20 @@ def test_a_state_of_an_older_version_is_told_from_one_that_knows_its_uncertainty
     with pytest.raises(ValueError, match="it has no depth_u_um, pause_s"):
         job_state(older)
     assert job_state(LEFT.as_mapping()) == LEFT
+
+
+def test_a_hole_that_was_left_before_it_shows_any_wear_may_have_some() -> None:
+    touched, untouched = (Estimate().left(3.0, 0.4, touched=known) for known in (True, False))
+    u_um = 3.0 / math.sqrt(3.0)
+    assert touched.depth_u_um == pytest.approx(u_um)
+    assert touched.wear_u_um == pytest.approx(u_um * 0.4 / 1.4)
+    assert untouched.wear_u_um > 1.5 * touched.wear_u_um
+
+
+def test_a_bottom_that_is_doubted_makes_the_wear_uncertain_as_well() -> None:
+    sure, doubted = (
+        CutPlan(1, 20.0, Start(50.0, u_um, 3.0, 0.8), estimate_of(PROFILE)) for u_um in (0.3, 6.0)
+    )
+    energy = energy_of(PROFILE.pulse, (0, 0, 0, 0), 0.0)
+    wear_u_um = [estimate_in_cut(plan, 47.0, energy, 0.0).wear_u_um for plan in (sure, doubted)]
+    assert wear_u_um[1] > 1.0 + wear_u_um[0]

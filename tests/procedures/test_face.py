@@ -110,14 +110,14 @@ def test_a_steep_face_is_touched_halfway_before_it_is_believed() -> None:
     assert abs(site.depth_um - shop.bench.truth()[0].depth_um) <= site.depth_u95_um < 1.6
 
 
-def move_the_far_face(shop: Shop, by_um: float, after_touches: int = 0) -> None:
-    """Let the work lie lower beyond 4 mm, from a number of touches of the face on."""
+def move_the_far_face(shop: Shop, by_um: float, after_touches: int = 0, beyond_um: float = 4000.0) -> None:
+    """Let the work lie lower beyond 4 mm or another place, from a number of touches of the face on."""
     plant = shop.bench.plant
     surface_um, arrive = plant._offset_um, plant.arrive
 
     def stepped() -> None:
         touched = [row.kind for row in shop.seen.touches].count("Zr")
-        there = plant.position_um[0] > 4000.0 and touched >= after_touches
+        there = plant.position_um[0] > beyond_um and touched >= after_touches
         plant._offset_um = surface_um + (by_um if there else 0.0)
         arrive()
 

@@ -11,8 +11,7 @@ from edmctl.errors import MachineFault
 from edmctl.link.messages import Event, GetStatus, Heartbeat, Tlm
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
-from edmctl.machine.states import EventCode
-from tests.machine.lying import ALL, Lie, LyingLine, name_of
+from tests.machine.lying import ALL, Lie, LyingTouches, name_of
 
 from .lies import KINDS, a_lie, every_field, is_expected, short_job
 
@@ -86,26 +85,22 @@ def test_doubled_and_late_samples_harm_nothing() -> None:
         assert fate.depth_um == pytest.approx(clean.depth_um, abs=0.2)
 
 
-class Touching(LyingLine):
-    """A line on which the touches are told so many µm from where they were."""
-
-    def __init__(self, shop: Shop, shift_um: float) -> None:
-        super().__init__(shop.bench.transport, Lie(Event.ID, "displacement_um", "", 0, ALL), Random(1))
-        self.shift = round(1000.0 * shift_um)
-
-    def _lied(self, payload: bytes, place: object, value: str) -> bytes:
-        event = Event.unpack(payload)
-        if event.code != EventCode.TOUCH:
-            return payload
-        moved = round(1000.0 * event.displacement_um) + self.shift
-        at = len(payload) - 6
-        return payload[:at] + moved.to_bytes(4, "little", signed=True) + payload[at + 4 :]
-
-
-@pytest.mark.parametrize("shift_um", [-20.0, -0.5, 0.5, 8.0])
-def test_a_touch_that_its_samples_do_not_show_is_refused(shop: Callable[..., Shop], shift_um: float) -> None:
+@pytest.mark.parametrize(
+    "lie",
+    [
+        pytest.param(lambda z_um: z_um - 20.0, id="20 µm less"),
+        pytest.param(lambda z_um: z_um - 0.5, id="0.5 µm less"),
+        pytest.param(lambda z_um: z_um + 0.5, id="0.5 µm more"),
+        pytest.param(lambda z_um: z_um + 8.0, id="8 µm more"),
+        pytest.param(lambda z_um: 1.25 * z_um, id="another scale"),
+        pytest.param(lambda _: 50.0, id="always the same"),
+    ],
+)
+def test_a_touch_that_its_samples_do_not_show_is_refused(
+    shop: Callable[..., Shop], lie: Callable[[float], float]
+) -> None:
     s = shop()
-    s.session = Session(Touching(s, shift_um), Random(1))
+    s.session = Session(LyingTouches(s.bench.transport, lie), Random(1))
     s.session.open()
     s.machine = LinkMachine(s.session, s.stop)
     with pytest.raises(MachineFault, match="the samples of it at") as caught:

@@ -235,7 +235,7 @@ def test_no_cut_begins_when_no_time_is_left_for_it(shop: OpenShop) -> None:
     s = shop(("limits.max_time_s=40.0",))
     with pytest.raises(ObjectiveMissed, match="No time is left for cut 1") as caught:
         s.run_job()
-    assert "limits.max_time_s is 40 s" in caught.value.message
+    assert "limits.max_time_s allows the job 40 s" in caught.value.message
     assert "a depth of 0.00 of 12 µm" in caught.value.message
     assert not any(p.phase is Phase.MACHINING for p in s.told.states)
     assert s.bench.truth() == () or s.bench.truth()[0].depth_um < 1.0

@@ -13,12 +13,13 @@ from edmctl.procedures.deciding import Decision, decide
 from edmctl.procedures.estimating import energy_of, estimate_of
 from edmctl.procedures.goal import Goal, goal_of
 from edmctl.procedures.job import Site
-from edmctl.procedures.planning import CutPlan, Start, cut_budget, first_plan, learned_gap_um
+from edmctl.procedures.planning import CutPlan, Start, first_plan, learned_gap_um
 from edmctl.process.erosion import hole_area_um2
 from edmctl.process.live_erosion import Energy, ErosionEstimate
 from edmctl.process.next_cut import COVERAGE
 from edmctl.process.wear import DepthAndWear
 from edmctl.profile.load import load_profile
+from edmctl.profile.stops import cut_budget
 
 from .conftest import CU270
 
@@ -34,7 +35,7 @@ FOUND = DepthAndWear(
     feed_u95_um=2.0,
     depth_noise_um=0.1,
 )
-SURFACE = Start(bottom_um=50.0, bottom_u_um=0.2, gap_um=3.4)
+SURFACE = Start(bottom_um=50.0, bottom_u_um=0.2, gap_um=3.4, gap_u_um=0.8)
 CUT = CutResult(
     end=CutEnd.REACHED,
     reason="feed reached",
@@ -43,6 +44,7 @@ CUT = CutResult(
     counts=(30, 67, 2, 1),
     gap_ratio_mean=0.8,
     energy_j=200.0,
+    is_at_limit=True,
 )
 SITE = Site("hole", 500.0, 0.0)
 
@@ -65,7 +67,7 @@ def learned(found: DepthAndWear = FOUND) -> ErosionEstimate:
 
 
 def start_of(found: DepthAndWear = FOUND) -> Start:
-    return Start(260.0, 0.15, 3.5, depth_um=found.depth_um, depth_u_um=0.5, wear_um=found.wear_um)
+    return Start(260.0, 0.15, 3.5, 0.8, depth_um=found.depth_um, depth_u_um=0.5, wear_um=found.wear_um)
 
 
 def decision(
@@ -188,8 +190,8 @@ def test_a_depth_in_tolerance_is_the_end() -> None:
 def test_a_depth_short_after_the_last_cut_is_missed() -> None:
     end = decision(profile(), plan(number=5))
     assert end.plan is None
-    assert "-30.00 µm" in end.missed
-    assert "0.400" in end.hint
+    assert "−30.00 µm" in end.missed
+    assert end.hint == "Allow more cuts (wear.max_cuts)."
 
 
 @pytest.mark.parametrize(

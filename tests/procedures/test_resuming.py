@@ -15,6 +15,7 @@ from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.journal import JobState, job_state
 from edmctl.procedures.results import Ledger, Phase, SiteResult
 from edmctl.simulator.injection import parse_injection
+from tests.cli.left_jobs import swap_work
 
 from .conftest import Shop
 
@@ -64,6 +65,19 @@ def test_a_loose_chip_under_the_tool_is_washed_away_before_the_work_is_refused(s
     site = taken_up(shop, state)
     assert any("nearer than the journal expects" in note for note in shop.told.notes)
     assert abs(site.depth_um - shop.bench.truth()[0].depth_um) <= 1.0
+
+
+def test_another_board_does_not_have_the_slope_that_was_touched_before() -> None:
+    """Left after half a micrometre, hole and face look alike; what the face was like is no knowledge then."""
+    shop = Shop(("target.depth_um=8.0", "measure.site_dx_um=5000.0"), seed=3103)
+    state = left(shop, 0.3)
+    assert state.face
+    swap_work(shop.bench)
+    shop.bench.plant._tilt_mrad[:] += 0.6
+    shop.bench.plant.arrive()
+    site = taken_up(shop, state)
+    (hole,) = shop.bench.truth()
+    assert abs(site.depth_um - hole.depth_um) <= site.depth_u95_um
 
 
 def test_an_estimated_z1_stays_an_estimate() -> None:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
 from edmctl.link.messages import PARAMS
 from edmctl.machine.orders import settings_by_name
 from edmctl.machine.port import PulseLog, PulseMode, ServoLaw
+from edmctl.procedures.harness import running
 from edmctl.procedures.settings import (
     controller_settings,
     gap_reference_v,
@@ -19,7 +21,7 @@ from edmctl.procedures.settings import (
 from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Setup
 
-from .conftest import CU270
+from .conftest import CU270, Shop
 
 if TYPE_CHECKING:
     from edmctl.profile.model import Profile
@@ -67,9 +69,18 @@ def test_the_generator_gets_times_of_frequency_and_duty() -> None:
 
 @pytest.mark.parametrize(
     ("hz", "period_us", "batch", "every"),
-    [(100.0, 10_000, 10, 1), (1000.0, 1000, 14, 1), (5.0, 50_000, 2, 4), (20.0, 50_000, 2, 1)],
+    [
+        (100.0, 10_000, 10, 1),
+        (1000.0, 1000, 14, 1),
+        (1.0, 10_000, 10, 100),
+        (5.0, 10_000, 10, 20),
+        (20.0, 10_000, 10, 5),
+        (22.0, 9000, 11, 5),
+        (60.0, 8000, 12, 2),
+        (333.0, 3000, 14, 1),
+    ],
 )
-def test_telemetry_runs_at_the_logged_rate_or_faster(
+def test_telemetry_runs_at_a_multiple_of_the_logged_rate_that_a_job_can_do_with(
     hz: float, period_us: int, batch: int, every: int
 ) -> None:
     recipe = profile(f"log.servo_hz={hz}")
@@ -92,3 +103,15 @@ def test_no_sample_holds_more_pulses_than_its_counts_can() -> None:
 )
 def test_the_recipe_says_which_pulses_are_logged(name: str, log: PulseLog) -> None:
     assert telemetry_settings(profile(f'log.pulses="{name}"'), Setup()).pulse_log is log
+
+
+@pytest.mark.parametrize("hz", [1.0, 5.0, 20.0, 30.0])
+def test_a_log_with_few_rows_leaves_the_job_its_samples(hz: float) -> None:
+    """Conditioning over a small stroke is short, and identifies the actuator from 200 samples or more."""
+    shop = Shop((f"log.servo_hz={hz}", "limits.stroke_v_max=70"))
+    with running(
+        shop.machine, shop.job, shop.ledger, recorder=shop.seen, observer=shop.told, pulses=False
+    ) as run:
+        assert run.watch.estimator() is not None
+    times_s = np.concatenate([rows.time_s for rows in shop.seen.servo])
+    assert np.diff(times_s) == pytest.approx(1.0 / hz, rel=0.1)

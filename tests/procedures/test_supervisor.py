@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +13,7 @@ from edmctl.machine.port import MachineState, TelemetryBlock
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.estimating import energy_of
 from edmctl.procedures.planning import CutPlan, Start, first_plan
-from edmctl.procedures.supervisor import Supervisor, Verdict
+from edmctl.procedures.supervisor import StopReason, Supervisor
 from edmctl.procedures.tracker import Tracker, at_rest
 
 from .conftest import calibrated
@@ -53,7 +53,7 @@ def a_slice(
 
 def planned(s: Shop) -> CutPlan:
     """The first cut from a surface at 50 µm."""
-    return first_plan(s.profile, Start(50.0, 0.5, s.profile.measure.expected_gap_um))
+    return first_plan(s.profile, Start(50.0, 0.5, s.profile.measure.expected_gap_um, 0.8))
 
 
 @pytest.fixture
@@ -86,12 +86,23 @@ def test_feed_and_time_left_follow_the_tool(watched: tuple[Shop, Supervisor]) ->
 
 def test_the_wear_told_while_cutting_is_as_uncertain_as_at_the_stop_before(shop: OpenShop) -> None:
     s = shop()
-    measured = Start(50.0, 0.5, s.profile.measure.expected_gap_um, 6.0, 2.0, wear_u_um=1.4)
+    measured = Start(50.0, 0.5, s.profile.measure.expected_gap_um, 0.8, 6.0, 2.0, wear_u_um=1.4)
     supervisor = Supervisor(s.run(), replace(planned(s), number=2, start=measured), 0.0)
     for i in range(50):
         supervisor.take(a_slice(i, 46.6 + 0.03 * i))
     assert s.told.states[-1].wear_u95_um >= 2.8 * 0.98
     assert s.seen.slow[-1].wear_u95_um == s.told.states[-1].wear_u95_um
+
+
+def test_a_late_block_tells_the_last_spark_by_its_last_samples(watched: tuple[Shop, Supervisor]) -> None:
+    """A host that was held up for a second finds a fast feed and the end of the cut in one block."""
+    _, supervisor = watched
+    late = [a_slice(i, 46.6 + 0.5 * i) for i in range(9)]
+    late.append(a_slice(9, 40.0, state=MachineState.ARMED))
+    names = [f.name for f in fields(TelemetryBlock) if f.name != "missing_frames"]
+    joined = {name: np.concatenate([getattr(block, name) for block in late]) for name in names}
+    supervisor.take(replace(late[0], **joined))  # type: ignore[arg-type]
+    assert supervisor.sparked_at_um == pytest.approx(46.6 + 0.5 * 8)
 
 
 def test_ratios_cover_the_last_two_seconds(watched: tuple[Shop, Supervisor]) -> None:
@@ -109,17 +120,17 @@ def test_a_tool_that_does_not_advance_is_stalled_after_a_minute(watched: tuple[S
     _, supervisor = watched
     for i in range(600):
         supervisor.take(a_slice(i, 60.0))
-    assert supervisor.verdict is None
+    assert supervisor.stop_reason is None
     for i in range(600, 620):
         supervisor.take(a_slice(i, 60.0))
-    assert supervisor.verdict is Verdict.STALLED
+    assert supervisor.stop_reason is StopReason.STALLED
 
 
 def test_a_slow_advance_is_no_stall(deep: tuple[Shop, Supervisor]) -> None:
     _, supervisor = deep
     for i in range(1500):
         supervisor.take(a_slice(i, 60.0 + 0.02 * i))
-    assert supervisor.verdict is None
+    assert supervisor.stop_reason is None
 
 
 def test_arcs_over_the_limit_are_told_once_and_end_the_cut_when_they_stay(
@@ -128,20 +139,20 @@ def test_arcs_over_the_limit_are_told_once_and_end_the_cut_when_they_stay(
     s, supervisor = watched
     for i in range(300):
         supervisor.take(a_slice(i, 50.0 + 0.05 * i, arc=5))
-    assert supervisor.verdict is None
+    assert supervisor.stop_reason is None
     warnings = [code for _, code, _, _, _ in s.seen.events if code == RunEvent.ARCING]
     assert len(warnings) == 1
     assert "limit is 15 %" in s.told.notes[-1]
     for i in range(300, 340):
         supervisor.take(a_slice(i, 50.0 + 0.05 * i, arc=5))
-    assert supervisor.verdict is Verdict.UNSTABLE
+    assert supervisor.stop_reason is StopReason.UNSTABLE
 
 
 def test_a_burst_of_arcs_only_warns(deep: tuple[Shop, Supervisor]) -> None:
     s, supervisor = deep
     for i in range(600):
         supervisor.take(a_slice(i, 50.0 + 0.05 * i, arc=5 if i < 100 else 0))
-    assert supervisor.verdict is None
+    assert supervisor.stop_reason is None
     assert [code for _, code, _, _, _ in s.seen.events].count(RunEvent.ARCING) == 1
 
 
@@ -157,8 +168,8 @@ def test_a_cut_that_goes_on_beyond_its_target_is_ended(watched: tuple[Shop, Supe
         z_um = 50.0 + 0.2 * i
         supervisor.take(a_slice(i, z_um))
         # 3 µm more than the 12 µm wanted.
-        assert (supervisor.verdict is Verdict.ENDED) == (depth_um(z_um) > 15.0)
-        if supervisor.verdict is not None:
+        assert (supervisor.stop_reason is StopReason.ENDED) == (depth_um(z_um) > 15.0)
+        if supervisor.stop_reason is not None:
             break
     assert "of 12.0 µm" in supervisor.told
 
@@ -170,11 +181,11 @@ def test_a_cut_whose_stroke_is_used_up_is_ended_with_the_way_that_is_left(shop: 
     supervisor = Supervisor(run, planned(s), 0.0)
     limit_v = s.profile.limits.stroke_v_max
     for i, actuator_v in enumerate((limit_v - 5.0, limit_v - 2.5, limit_v - 0.5)):
-        assert supervisor.verdict is None
+        assert supervisor.stop_reason is None
         block = replace(a_slice(i, 60.0), actuator_v=np.full(10, actuator_v))
         run.watch.telemetry(block)
         supervisor.take(block)
-    assert supervisor.verdict is Verdict.ENDED
+    assert supervisor.stop_reason is StopReason.ENDED
     assert f"of {limit_v:.0f} V" in supervisor.told
 
 

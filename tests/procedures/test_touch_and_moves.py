@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -41,6 +42,69 @@ def test_a_reading_is_the_mean_of_its_touches_beside_the_model(shop: OpenShop) -
     assert found.reading.touches == 3
     assert found.model_um == pytest.approx(found.z_um, abs=4.0)
     assert s.seen.touches[-1].accepted
+    assert f"(model {found.model_um:.1f} µm)" in s.told.notes[-1]
+
+
+def test_a_touch_before_there_is_a_model_tells_none(shop: OpenShop) -> None:
+    s = shop()
+    run = armed(s)
+    move_to(run, run.job.pad)
+    found = take_reading(run, "Z1", "hole", 50.0, 10.0)
+    assert math.isnan(found.model_um)
+    assert s.told.notes[-1].startswith(f"Z1 = {found.z_um:.2f} µm, ")
+
+
+def held_up(s: Shop, monkeypatch: pytest.MonkeyPatch, held_s: float) -> None:
+    """Let the host be busy elsewhere for so long at every event: what comes meanwhile is read with it."""
+    pump_until = s.session.pump_until
+
+    def late(predicate: Callable[[], bool], timeout_s: float) -> bool:
+        came = pump_until(predicate, timeout_s)
+        if came:
+            pump_until(lambda: False, held_s)
+        return came
+
+    monkeypatch.setattr(s.session, "pump_until", late)
+
+
+@pytest.mark.parametrize("held_s", [0.2, 0.5, 2.0])
+def test_a_touch_is_judged_by_its_dwell_however_late_it_is_heard_of(
+    shop: OpenShop, monkeypatch: pytest.MonkeyPatch, held_s: float
+) -> None:
+    """Samples of the way back, or of the next touch, are in by then."""
+    s = shop(("measure.touches=2",), seed=1101)
+    run = armed(s)
+    condition(run)
+    move_to(run, run.job.pad)
+    held_up(s, monkeypatch, held_s)
+    take_reading(run, "Z1", "hole", 50.0, 10.0)
+    assert [row.accepted for row in s.seen.touches] == [True]
+
+
+def test_where_the_tool_is_now_is_not_where_it_was_while_the_host_was_held_up(
+    shop: OpenShop, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A block of seconds, with the end of a ramp in it, tells the present place by its own end."""
+    s = shop(seed=1102)
+    run = armed(s)
+    condition(run)
+    s.machine.ramp(60.0, 200.0)
+    move_to(run, run.job.parking)
+    at_home_um = run.watch.zero_um()
+    s.machine.ramp(60.0, 200.0)
+    pump_until = s.session.pump_until
+
+    def once_in_a_while(predicate: Callable[[], bool], timeout_s: float) -> bool:
+        pump_until(lambda: False, 0.9)
+        return predicate()
+
+    monkeypatch.setattr(s.session, "pump_until", once_in_a_while)
+    s.machine.ramp(0.0, 200.0)
+    block = run.watch.latest
+    assert block is not None
+    assert block.displacement_um[0] > 50.0
+    assert run.watch.displacement_um == pytest.approx(block.displacement_um[-5:].mean(), abs=0.3)
+    assert run.watch.zero_um() == pytest.approx(at_home_um, abs=2.0)
 
 
 def test_touches_that_scatter_are_rejected_after_one_repeat(shop: OpenShop) -> None:

@@ -10,10 +10,11 @@ import pytest
 
 from edmctl.labels import Basis, Verdict
 from edmctl.procedures.codes import RunEvent
-from edmctl.procedures.goal import Goal
+from edmctl.procedures.deciding import remedy as remedy_of
+from edmctl.procedures.goal import Goal, verdict_of
 from edmctl.procedures.hole import record_results
 from edmctl.procedures.results import ObjectiveMissed, site_result_of
-from edmctl.procedures.verdict import judge_holes, judged, verdict_of
+from edmctl.procedures.verdict import judge_holes, judged
 from edmctl.profile.setup import Sensor
 
 from .conftest import Done, Shop, calibrated
@@ -199,7 +200,9 @@ def test_a_result_travels_through_a_journal_and_an_older_one_claims_no_touch(don
     assert site_result_of(older).depth_basis is Basis.ESTIMATED
 
 
-@pytest.mark.parametrize(("depth_um", "remedy"), [(9.0, "wear.max_cuts"), (15.0, "wear.first_fraction")])
+@pytest.mark.parametrize(
+    ("depth_um", "remedy"), [(9.0, "wear.max_cuts"), (15.0, "Set wear.expected_ratio to ")]
+)
 def test_the_remedy_of_a_missed_hole_goes_by_its_side(done: Done, depth_um: float, remedy: str) -> None:
     shop = Shop()
     (result,) = done.result.sites
@@ -208,3 +211,34 @@ def test_the_remedy_of_a_missed_hole_goes_by_its_side(done: Done, depth_um: floa
     decision = judge_holes(shop.run(), None)
     assert decision is not None
     assert remedy in decision.hint
+
+
+@pytest.mark.parametrize("basis", [Basis.TOUCHED, Basis.ESTIMATED])
+def test_a_hole_whose_touches_are_in_doubt_is_to_be_measured_again(done: Done, basis: Basis) -> None:
+    """Its bottom makes it estimated, its face does not; another touch of the same kind would tell no more."""
+    shop = Shop()
+    (result,) = done.result.sites
+    assert not result.in_doubt
+    result = replace(result, depth_u95_um=3.1, depth_basis=basis, in_doubt=True)
+    shop.ledger.sites[result.name] = judged(shop.job, result)
+    decision = judge_holes(shop.run(), None)
+    assert decision is not None
+    assert "Clean tool and work, and measure the hole again" in decision.hint
+
+
+def test_cutting_more_is_told_by_the_key_that_limits_the_cuts(shop: OpenShop) -> None:
+    once, often = (shop([f"wear.remeasure={cuts}", "wear.max_cuts=3"]).profile for cuts in (1, 9))
+    assert "(wear.remeasure)" in remedy_of(once, -2.0)
+    assert "(wear.max_cuts)" in remedy_of(often, -2.0)
+
+
+@pytest.mark.parametrize(
+    ("wear_ratio", "key"),
+    [
+        (0.337, "wear.expected_ratio to 0.337"),
+        (math.nan, "wear.first_fraction"),
+        (-0.01, "wear.first_fraction"),
+    ],
+)
+def test_a_wear_ratio_that_no_recipe_takes_is_not_advised(done: Done, wear_ratio: float, key: str) -> None:
+    assert key in remedy_of(done.shop.profile, 2.0, wear_ratio)

@@ -49,3 +49,10 @@ def test_drift_belongs_to_the_length_and_not_to_the_rate() -> None:
     drifting.learn(0.02 * KJ, 2.6, 2.0)
     assert drifting.um(0.0) == steady.um(0.0) == 2.6
     assert abs(drifting.per_uj - 1e-7) < 0.2 * abs(steady.per_uj - 1e-7)
+
+
+def test_a_wear_that_chance_does_not_explain_makes_the_belief_as_uncertain_as_it_was_wrong() -> None:
+    wear = tool()
+    wear.learn(0.1 * KJ, 4.0, 1.0)
+    assert wear.per_uj == pytest.approx(0.5e-7, rel=0.2)
+    assert abs(wear.per_uj - 0.4e-7) < 2.0 * wear.u_rel * wear.per_uj

@@ -118,6 +118,20 @@ def test_a_time_limit_not_given_is_three_forecasts() -> None:
     assert 3 * 870 < p.profile.limits.max_time_s < 3 * 1300
 
 
+@pytest.mark.parametrize(("voltage_v", "gap_um"), [(40.0, 3.4), (80.0, 6.8), (30.0, 2.55)])
+def test_a_working_gap_not_given_goes_by_the_open_voltage(voltage_v: float, gap_um: float) -> None:
+    p = load_profile("cu270", (f"pulse.open_voltage_v={voltage_v:g}",)).profile
+    assert p.measure.expected_gap_um == pytest.approx(gap_um)
+    stated = load_profile(
+        "cu270", (f"pulse.open_voltage_v={voltage_v:g}", "measure.expected_gap_um=5")
+    ).profile
+    assert stated.measure.expected_gap_um == 5.0
+
+
+def test_the_usual_voltage_stated_is_the_same_recipe() -> None:
+    assert load_profile("cu270", ("measure.expected_gap_um=3.4",)).sha256 == load_profile("cu270").sha256
+
+
 @pytest.mark.parametrize(
     ("override", "code", "column"),
     [

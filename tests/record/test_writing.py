@@ -127,6 +127,18 @@ def test_touches_are_on_disk_at_once(tmp_path: Path, meta: RunMeta) -> None:
     writer.finish("done", 0)
 
 
+def test_a_reading_that_later_ones_refute_is_marked_at_once(tmp_path: Path, meta: RunMeta) -> None:
+    writer = RunWriter.create(tmp_path / "run.h5", meta)
+    for time_s in (1.5, 2.5, 3.5):
+        writer.touch(TouchRow(time_s, "Z1", "A1", 20.0, 50.0, 49.0, 3, 0.3, 0.0, 1.0))
+    writer.reject_touch(2.5)
+    with open_run(writer.path) as run:
+        assert run.table("/entry/touches")["accepted"].tolist() == [1, 0, 1]
+    writer.touch(TouchRow(4.5, "Z1", "A1", 20.0, 50.0, 49.0, 3, 0.3, 0.0, 1.0))
+    with open_run(writer.finish("done", 0)) as run:
+        assert run.table("/entry/touches")["accepted"].tolist() == [1, 0, 1, 1]
+
+
 def test_events_are_numbered_and_texts_cut_between_characters(tmp_path: Path, meta: RunMeta) -> None:
     writer = RunWriter.create(tmp_path / "run.h5", meta)
     writer.event(0.1, 1, EventLevel.INFO, "x" + "µ" * 100)

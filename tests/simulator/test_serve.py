@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import socket
+import subprocess
+import sys
 import threading
 import time
 from contextlib import contextmanager
@@ -378,16 +380,16 @@ def test_a_server_that_stood_still_trips_the_watchdog_before_it_reads_what_piled
     now_s = time.monotonic()
     monkeypatch.setattr("edmctl.simulator.serve.monotonic", lambda: now_s)
     server.turn()
-    beats = [encode_frame(m.Heartbeat.ID, n, 9, 0, m.Heartbeat(0, 0).pack()) for n in range(40)]
-    os.write(client, b"".join(beats) + encode_frame(m.ServoStop.ID, 3, 9, 0, m.ServoStop().pack()))
+    beats = [encode_frame(m.Heartbeat.ID, n, 9, 0, m.Heartbeat(n, 0).pack()) for n in range(140)]
+    os.write(client, b"".join(beats[:40]) + encode_frame(m.ServoStop.ID, 3, 9, 0, m.ServoStop().pack()))
     now_s += away_s
     server.turn()
     frames = FrameDecoder(watch_for_abort=False).feed(os.read(client, 8192))
     (stopped,) = [f.flags for f in frames if f.type_id == m.ServoStop.ID | 0x40]
     assert (controller.fault == 1001, stopped == m.Status.BAD_STATE, len(said) > 0) == (trips, trips, trips)
-    for _ in range(100):
+    for beat in beats[40:]:
         now_s += 0.01
-        os.write(client, beats[0])
+        os.write(client, beat)
         server.turn()
     assert controller.armed is not trips
     assert controller.st.item(k.COMMAND_V) == (0.0 if trips else 20.0)
@@ -404,3 +406,22 @@ def test_a_driven_clock_has_no_watchdog_on_the_wall(monkeypatch: pytest.MonkeyPa
     assert server._bench.controller.armed
     os.close(client)
     endpoint.close()
+
+
+def test_nothing_is_left_to_compile_when_somebody_waits() -> None:
+    """A compiler in the middle of a job holds the server up for seconds, and its watchdog ends that job."""
+    script = """
+from pathlib import Path
+from edmctl.simulator import BenchConfig, open_bench, kernel, workpiece
+from edmctl.simulator.endpoints import PtyEndpoint
+from edmctl.simulator.serve import Server
+endpoint = PtyEndpoint()
+Server(open_bench(BenchConfig(), 1), endpoint, 1.0)
+endpoint.close()
+functions = {**vars(kernel), **vars(workpiece)}
+cached = {name: f for name, f in functions.items() if hasattr(f, "stats") and f.stats.cache_path}
+del cached["drive"]  # of an actuator alone
+print(len(cached), [name for name, function in cached.items() if not function.signatures])
+"""
+    told = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True).stdout
+    assert told.split(maxsplit=1)[1] == "[]\n", told

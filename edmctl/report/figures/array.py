@@ -19,6 +19,7 @@ from edmctl.report.style import (
     letter_panels,
     new_figure,
 )
+from edmctl.wording import signed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -166,17 +167,13 @@ def _label(axes: Axes, holes: _Holes, number: int, span_um: float, count: int) -
     return axes.text(
         holes.x_um[number],
         holes.y_um[number],
-        f"{holes.names[number]}\n{_signed(error_um)}\n± {holes.error_u95_um[number]:.2f}",
+        f"{holes.names[number]}\n{signed(error_um)}\n± {holes.error_u95_um[number]:.2f}",
         ha="center",
         va="center",
         fontsize=6.0 if count <= 16 else 4.5,
         linespacing=1.15,
         color="white" if dark else BLACK,
     )
-
-
-def _signed(value: float) -> str:
-    return f"{round(value, 2) + 0.0:+.2f}".replace("-", "−")
 
 
 def _pitch_um(x_um: Array, y_um: Array) -> float:

@@ -1,0 +1,92 @@
+"""A working gap that is not as it was believed, in whole quick jobs: it costs a warning and no accuracy."""
+
+from __future__ import annotations
+
+import pytest
+
+from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.results import ObjectiveMissed
+
+from .conftest import Shop
+from .test_face import SPOTS, doubts, move_the_far_face
+from .test_resuming import Kept, left, taken_up
+
+TWO_HOLES = 'sites=[{kind="grid",name="hole",x_um=1000,y_um=0,columns=2,rows=1,dx_um=600,dy_um=600}]'
+
+
+def withdrawn(shop: Shop) -> list[str]:
+    """What was told of doubts that are none any more."""
+    return [message for _, code, _, message, _ in shop.seen.events if code == RunEvent.DOUBT_WITHDRAWN]
+
+
+@pytest.mark.parametrize("voltage_v", [60.0, 80.0, 100.0, 120.0])
+def test_a_higher_open_voltage_alone_puts_nothing_in_doubt(voltage_v: float) -> None:
+    shop = Shop((f"pulse.open_voltage_v={voltage_v:g}",), seed=3201)
+    (site,) = shop.run_job().sites
+    assert doubts(shop) == []
+    assert abs(site.depth_um - shop.bench.truth()[0].depth_um) <= site.depth_u95_um < 1.0
+
+
+@pytest.mark.parametrize("gap_um", [10.0, 14.0, 20.0])
+def test_a_wrong_belief_of_the_gap_is_doubted_until_a_stop_has_measured_it(gap_um: float) -> None:
+    shop = Shop((f"measure.expected_gap_um={gap_um:g}",), seed=3202)
+    (site,) = shop.run_job().sites
+    (told,) = doubts(shop)
+    assert f"or the working gap is not the {gap_um:.1f} µm believed" in told
+    assert len(withdrawn(shop)) == 1
+    assert abs(site.depth_um - shop.bench.truth()[0].depth_um) <= site.depth_u95_um < 1.0
+
+
+@pytest.mark.parametrize(
+    ("voltage_v", "gap_um"),
+    [(40.0, 0.5), (40.0, 6.0), (40.0, 8.0), (100.0, 3.4), (100.0, 6.0), (100.0, 20.0)],
+)
+def test_a_belief_somewhat_wrong_leaves_nothing_in_doubt_at_the_end(voltage_v: float, gap_um: float) -> None:
+    overrides = (f"pulse.open_voltage_v={voltage_v:g}", f"measure.expected_gap_um={gap_um:g}")
+    shop = Shop(overrides, seed=3203)
+    (site,) = shop.run_job().sites
+    assert abs(site.depth_um - shop.bench.truth()[0].depth_um) <= site.depth_u95_um < 1.0
+
+
+def test_a_wrong_belief_of_the_gap_costs_no_hole_of_an_array() -> None:
+    shop = Shop((TWO_HOLES, "measure.expected_gap_um=20"), seed=3204)
+    sites = shop.run_job().sites
+    assert len(withdrawn(shop)) == 1
+    for site, true in zip(sites, shop.bench.truth(), strict=True):
+        assert abs(site.depth_um - true.depth_um) <= site.depth_u95_um < 2.0
+
+
+def test_a_doubt_of_a_face_that_nobody_touched_outlives_the_run() -> None:
+    shop = Shop(seed=3206)
+    move_the_far_face(shop, 9.0, beyond_um=250.0)
+    state = left(shop, 6.0)
+    assert any(told.startswith("Sparks began") for told in doubts(shop))
+    assert state.face == ()
+    assert state.face_doubt_u_um > 3.0
+    with pytest.raises(ObjectiveMissed) as caught:
+        taken_up(shop, state)
+    assert caught.value.code == "E7013"
+    (site,) = shop.ledger.sites.values()
+    assert abs(site.depth_um - shop.bench.truth()[0].depth_um) <= site.depth_u95_um
+
+
+def test_a_doubt_that_is_withdrawn_leaves_the_journal_too() -> None:
+    shop, kept = Shop(("measure.expected_gap_um=20",), seed=3202), Kept()
+    shop.run_job(journal=kept)
+    assert len(withdrawn(shop)) == 1
+    assert max(state.face_doubt_u_um for state in kept.states) > 3.0
+    assert kept.states[-1].face_doubt_u_um == 0.0
+
+
+@pytest.mark.parametrize("gap_um", [3.4, 10.0])
+def test_a_gap_that_does_not_explain_the_first_sparks_withdraws_nothing(gap_um: float) -> None:
+    overrides = ("measure.site_dx_um=5000", f"measure.expected_gap_um={gap_um:g}")
+    shop = Shop(overrides, seed=3205)
+    move_the_far_face(shop, 9.0, after_touches=SPOTS)
+    with pytest.raises(ObjectiveMissed) as caught:
+        shop.run_job()
+    assert caught.value.code == "E7013"
+    assert "Clean tool and work" in caught.value.hint
+    assert withdrawn(shop) == []
+    (site,) = shop.ledger.sites.values()
+    assert abs(site.depth_um - shop.bench.truth()[0].depth_um) <= site.depth_u95_um
