@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -55,12 +56,38 @@ def environment(**changes: str) -> dict[str, str]:
     kept = {k: v for k, v in os.environ.items() if not k.startswith("EDMCTL_")}
     for name in ("NO_COLOR", "FORCE_COLOR"):
         kept.pop(name, None)
-    return {**kept, "PYTHONPATH": str(ROOT), "EDMCTL_HOME": "home", **changes}
+    return {**kept, "PYTHONPATH": str(ROOT), "PYTHONFAULTHANDLER": "1", "EDMCTL_HOME": "home", **changes}
 
 
 def command(*arguments: str) -> list[str]:
     """The command line of `edmctl` in a process of its own."""
     return [sys.executable, "-m", "edmctl", *arguments]
+
+
+def in_a_shell(
+    *arguments: str, cwd: Path, env: dict[str, str], timeout_s: float
+) -> subprocess.CompletedProcess[str]:
+    """Run a shell with all that it starts; past the time all of it ends, not the shell alone.
+
+    Raises AssertionError with what was said until then when it takes longer than `timeout_s`.
+    """
+    with subprocess.Popen(
+        arguments,
+        cwd=cwd,
+        env=env,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        encoding="utf-8",
+        process_group=0,
+    ) as shell:
+        try:
+            out, err = shell.communicate(timeout=timeout_s)
+        except subprocess.TimeoutExpired:
+            os.killpg(shell.pid, signal.SIGABRT)  # a process of Python shows where it was
+            out, err = shell.communicate()
+            raise AssertionError(f"{arguments} took over {timeout_s:g} s:\n{out}\n{err}") from None
+    return subprocess.CompletedProcess(arguments, shell.returncode, out, err)
 
 
 def in_process_of_its_own(*arguments: str, cwd: Path, **changes: str) -> Said:

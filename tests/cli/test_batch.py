@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import json
 import math
-import subprocess
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from tests.cli.commands import ROOT
+from tests.cli.commands import ROOT, in_a_shell
 from tests.cli.test_documents import newcomer
 
 if TYPE_CHECKING:
@@ -35,16 +34,7 @@ def objects(text: str) -> list[dict[str, Any]]:
 def batch(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """The folder where the script has run, and what it wrote to stdout."""
     folder, env = newcomer(tmp_path_factory.mktemp("batch"))
-    done = subprocess.run(
-        ["sh", str(SCRIPT)],
-        cwd=folder,
-        env=env,
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        encoding="utf-8",
-        timeout=300,
-        check=False,
-    )
+    done = in_a_shell("sh", str(SCRIPT), cwd=folder, env=env, timeout_s=240.0)
     assert done.returncode == 0, done.stderr
     assert "Traceback" not in done.stderr
     return folder, done.stdout

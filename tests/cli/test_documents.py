@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.cli.exitcodes import MEANING
-from tests.cli.commands import ROOT, environment
+from tests.cli.commands import ROOT, environment, in_a_shell
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -70,16 +70,7 @@ def failures_of(page: str, home: Path) -> list[str]:
             jobs[-1].terminate()
             jobs.pop().wait(timeout=60)
             continue
-        done = subprocess.run(
-            ["bash", "-c", line],
-            cwd=folder,
-            env=env,
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            encoding="utf-8",
-            timeout=120,
-            check=False,
-        )
+        done = in_a_shell("bash", "-c", line, cwd=folder, env=env, timeout_s=120.0)
         if done.returncode != exit_code or "Traceback" in done.stderr:
             failures.append(f"$ {line}\nexit code {done.returncode}\n{done.stdout}\n{done.stderr}")
     assert not jobs, f"{page} leaves a job in the background"
