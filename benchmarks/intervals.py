@@ -31,7 +31,7 @@ from edmctl.actuator.record import Record
 from edmctl.actuator.waveforms import calibration_legs, sampled
 from edmctl.cli.bench import bench_config
 from edmctl.cli.channel_truth import channel_truth
-from edmctl.cli.prepared import UNTOLD_S, with_home_left
+from edmctl.cli.home_known import UNTOLD_S, with_home_left
 from edmctl.cli.true_wear import TrueWear
 from edmctl.errors import EdmError
 from edmctl.link.session import Session

@@ -157,7 +157,8 @@ class _Jumps:
 
     def job(self, held: "Held", name: "RunName", warn: "Warn") -> "Job":
         """Return the profile's job; nothing of it is done but its jumps."""
-        from edmctl.cli.prepared import logbook_of, with_home
+        from edmctl.cli.home_known import with_home
+        from edmctl.cli.prepared import logbook_of
         from edmctl.procedures.job import job_of
         from edmctl.record.bookkeeping import books_of
 

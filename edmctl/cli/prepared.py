@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+from edmctl.cli.home_known import with_home
 from edmctl.cli.places_taken import next_free_x_um, refuse_taken
-from edmctl.cli.resume import passed_since_s
 from edmctl.cli.tool_left import on_worn_tool, refuse_too_short, refuse_unknown_length, refuse_worn_out
 from edmctl.cli.tool_seen import account_of, other_tool
 from edmctl.record.bookkeeping import Books, ToolAccount, books_of
@@ -25,10 +25,6 @@ if TYPE_CHECKING:
     from edmctl.procedures.job import CalibratedActuator, Job
     from edmctl.profile.model import Profile
     from edmctl.record.ledger_entries import SiteMachined
-
-
-UNTOLD_S = 600.0
-"""Added to the age of what the ledger knows: a run that was killed has not told how long it took."""
 
 
 def logbook_of(plan: Plan, name: RunName | None) -> Logbook | None:
@@ -110,31 +106,6 @@ def prepared_job(
     job = with_home(job, books, clock=not plan.where.in_process)
     job = replace(job, tool_wear_before_um=account.lost_um - own_um)
     return Prepared(job, account, _places(job, radius_um), holes, books)
-
-
-def with_home(job: Job, books: Books, *, clock: bool) -> Job:
-    """Return the job with where the tool's home was last by the ledger, and how long ago: by calendar or runs.
-
-    Of a run that was killed the ledger does not know how long it took, so the age is taken a little too large. Where
-    the clock was set back since, nobody knows it, nor where home is.
-    """
-    passed_s = passed_since_s(books.home_utc_s) if clock else 0.0
-    if math.isnan(books.home_um) or math.isinf(passed_s):
-        return job
-    age_s = max(books.runs_s - books.home_at_s + UNTOLD_S, passed_s)
-    return replace(job, home_um=books.home_um, home_age_s=age_s)
-
-
-def with_home_left(job: Job) -> Job:
-    """Return the job with where the tool's home was by the journal of the run before, where that is known later.
-
-    A run that was killed has told the ledger no more than its first touch of the pad.
-    """
-    left = job.resumed
-    age_s = left.home_age_s + job.pause_s + UNTOLD_S if left is not None else math.nan
-    if left is None or not math.isfinite(age_s) or age_s >= job.home_age_s:
-        return job
-    return replace(job, home_um=left.home_um, home_age_s=age_s)
 
 
 def forewarned(plan: Plan, name: RunName, seen: Seen) -> list[Diagnostic]:

@@ -6,13 +6,13 @@ so they need no trust; job, machine, tool and the place of the stages do.
 
 from __future__ import annotations
 
-import math
 import re
-import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from edmctl.cli.elapsed import passed_since_s
+from edmctl.cli.home_known import with_home_left
 from edmctl.cli.resume_checks import refuse_untouchable
 from edmctl.cli.runfile import RunName, run_path
 from edmctl.errors import PreconditionError, RunFileError, UsageError
@@ -38,8 +38,6 @@ _KEPT_ALREADY = {
     "new_tool": "--new-tool",
 }
 _DONE = "done"
-CLOCK_STEP_S = 60.0
-"""A clock may be put right by so much: in that time a zero drifts by 0.1 µm, less than a touch repeats."""
 _ANOTHER_PLACE = "Machine it at another place or on new work."
 
 
@@ -99,7 +97,6 @@ class Resumption:
 
     def taken_up(self, job: Job, *, in_process: bool) -> Job:
         """Return the job with the places of the run before, how far that came, and where the tool's home was."""
-        from edmctl.cli.prepared import with_home_left
         from edmctl.procedures.job import Site
 
         sites = tuple(Site(*place) for place in self.job.places)
@@ -130,12 +127,6 @@ class Resumption:
         begun = f"; {state.site} was interrupted at about {state.depth_um:.1f} µm" if state.begun else ""
         holes = plural(len(self.job.places), "hole")
         return f"{self.job.run_id} has finished {len(done)} of {holes}{begun}. Left: {left}."
-
-
-def passed_since_s(utc_s: float) -> float:
-    """How long ago something was written down; infinity where the clock was set back since."""
-    passed_s = time.time() - utc_s
-    return max(0.0, passed_s) if passed_s >= -CLOCK_STEP_S else math.inf
 
 
 def refuse_other_options(context: typer.Context) -> None:

@@ -7,8 +7,9 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edmctl.cli.prepared import logbook_of, with_home
-from edmctl.cli.resume import passed_since_s
+from edmctl.cli.elapsed import passed_since_s
+from edmctl.cli.home_known import with_home
+from edmctl.cli.prepared import logbook_of
 from edmctl.cli.tool_left import refuse_unknown_length
 from edmctl.cli.tool_seen import NAMELESS, Seen, account_of, seen_on
 from edmctl.cli.wear_bottom import bottom_of

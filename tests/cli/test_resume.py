@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.cli.app import main
+from edmctl.cli.home_known import UNTOLD_S
 from edmctl.cli.journaling import tell_way_on
-from edmctl.cli.prepared import UNTOLD_S
 from edmctl.cli.resume import checked, find_run
 from edmctl.cli.runfile import RunName
 from edmctl.cli.wear_run import _aged

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.cli.prepared import with_home, with_home_left
+from edmctl.cli.home_known import with_home, with_home_left
 from edmctl.errors import EdmError, Interrupted, PreconditionError
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.port import Axis
