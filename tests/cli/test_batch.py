@@ -34,7 +34,7 @@ def objects(text: str) -> list[dict[str, Any]]:
 def batch(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """The folder where the script has run, and what it wrote to stdout."""
     folder, env = newcomer(tmp_path_factory.mktemp("batch"))
-    done = in_a_shell("sh", str(SCRIPT), cwd=folder, env=env, timeout_s=240.0)
+    done = in_a_shell("sh", str(SCRIPT), cwd=folder, env=env, timeout_s=300.0)
     assert done.returncode == 0, done.stderr
     assert "Traceback" not in done.stderr
     return folder, done.stdout
