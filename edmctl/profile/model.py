@@ -234,7 +234,7 @@ class Measure(Table):
     settle_s: float = Field(1.0, ge=0.0, le=60.0, description="rest before touching, s")
     max_sd_um: float = Field(0.5, gt=0.0, le=10.0, description="scatter of touches that is accepted, µm")
     site_dx_um: float = Field(500.0, ge=0.0, le=50_000.0, description="from the hole to the pad, µm")
-    back_off_um: float = Field(5.0, ge=1.0, le=50.0, description="retraction between touches, µm")
+    back_off_um: float = Field(3.0, ge=1.0, le=50.0, description="retraction between touches, µm")
     dwell_s: float = Field(0.3, ge=0.05, le=10.0, description="hunting at contact, s")
     expected_gap_um: float = Field(
         USUAL_GAP_UM,

@@ -180,6 +180,6 @@ def test_approach_touch_and_jumps_take_their_time_alone() -> None:
     slow = load_profile("cu270", ["approach.speed_um_s=0.5"]).profile
     assert approach_time_s(slow, Setup()) > approach_time_s(profile, Setup()) + 46.0
     more = load_profile("cu270", ["measure.touches=5"]).profile
-    assert touch_time_s(more, Setup()) == pytest.approx(touch_time_s(profile, Setup()) + 2 * 5.3)
+    assert touch_time_s(more, Setup()) == pytest.approx(touch_time_s(profile, Setup()) + 2 * 3.3)
     assert jumps_time_s(profile, 6, 10.0) == 60.0
     assert jumps_time_s(profile, 6, 0.01) == pytest.approx(6 * 0.08)
