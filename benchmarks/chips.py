@@ -125,8 +125,8 @@ class Outcome:
 
     @property
     def alarmed(self) -> bool:
-        """Whether something was told."""
-        return bool(self.doubts) or self.error[:4] in ("E702", "E802", "E670")
+        """Whether something was told of a touch, or the job ended early."""
+        return bool(self.doubts) or self.refused
 
     @property
     def refused(self) -> bool:

@@ -4,6 +4,7 @@ of what the plant knows for every turn of its loop, some milliseconds apart, int
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import time
@@ -92,8 +93,11 @@ def main() -> None:
     bench = open_bench(bench_config(load_profile(profile, tuple(overrides)), Setup()), int(seed))
     controller, ist, st = bench.controller, bench.plant.ist, bench.plant.st
     with Path(file).open("wb", buffering=0) as rows:
+        parent = os.getppid()
 
         def note() -> None:
+            if os.getppid() != parent:
+                raise SystemExit("whoever measures is gone")
             row = (time.monotonic(), ist[k.PULSE_NO], st[k.APPLIED_V], controller.state, controller.fault)
             rows.write(np.array(row, ROW).tobytes())
 

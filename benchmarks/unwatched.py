@@ -32,6 +32,7 @@ from typing import TYPE_CHECKING
 from benchmarks.kills import HOST_SILENT, PULSES_OFF_S, SETUP, wait_for
 from benchmarks.plant_record import Recorded, recorded
 from benchmarks.serving import start
+from edmctl.link.faults import FAULTS, FaultCode
 from edmctl.link.frame import FrameDecoder
 from edmctl.link.messages import State, Tlm
 from edmctl.link.opening import open_line
@@ -51,9 +52,10 @@ QUICK = (
     "target.depth_um=30",
 )
 """The shortest way to sparks."""
-HELLO_S, STALL_S, SAMPLES_S = 0.05, 0.05, 1.5
-"""From HELLO (answered within 20 ms), from the end of the stall, and from the newest sample (judged after 1 s), with
-what the server's turns and the scheduler of the computer add."""
+HELLO_S, STALL_S = 0.05, 0.05
+"""From HELLO (answered within 20 ms) and from the end of the stall, with what the server's turns and the scheduler
+of the computer add."""
+SAMPLES_S = FAULTS[FaultCode.SAMPLES_LOST].pulses_off_s
 WATCH_S = 3.0
 MOST_STARTS = 4
 STARVED_S = 0.04

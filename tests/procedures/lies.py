@@ -30,8 +30,20 @@ SHORT = (
     "pulse.current_a=1.0",
     "wear.max_cuts=1",
 )
-KINDS = {"plain": (), "every pulse": ('log.pulses="full"',), "stopped": ()}
-"""Jobs that bring every kind of message: one whose emergency stop is pressed reads what is kept about a fault."""
+KINDS = {
+    "plain": (),
+    "every pulse": ('log.pulses="full"',),
+    "stopped": (),
+    "jumps": ('jump={mode="fixed",period_s=0.3,height_um=10.0}', "pulse.current_a=0.5"),
+    "channel": (
+        'path={kind="circle",x_um=700.0,y_um=0.0,radius_um=170.0,speed_um_s=400.0,layer_um=2.0}',
+        'target={kind="depth",depth_um=2.0,tolerance_um=5.0}',
+        'jump={mode="off"}',
+        "pulse.current_a=0.36",
+    ),
+}
+"""Jobs that bring nearly every kind of message: one whose emergency stop is pressed reads what is kept about a
+fault. Replies to SERVO_STOP, SET_ZERO and STAGE_STOP, LOG and BOOT do not come."""
 
 
 @dataclass(frozen=True, slots=True)
