@@ -17,16 +17,25 @@ UNTOLD_S = 600.0
 
 
 def with_home(job: Job, books: Books, *, clock: bool) -> Job:
-    """Return the job with where the tool's home was last by the ledger, and how long ago: by calendar or runs.
+    """Return the job with where the tool's home was last by the ledger, how long ago, and how fast it moved before.
 
-    Of a run that was killed the ledger does not know how long it took, so the age is taken a little too large. Where
-    the clock was set back since, nobody knows it, nor where home is.
+    Time goes by calendar or runs. Of a run that was killed the ledger does not know how long it took, so the age is
+    taken a little too large. Where the clock was set back since, nobody knows it, nor where home is.
     """
-    passed_s = passed_since_s(books.home_utc_s) if clock else 0.0
-    if math.isnan(books.home_um) or math.isinf(passed_s):
+    from edmctl.procedures.drift import seen_between_jobs_um_s
+    from edmctl.procedures.measuring import displacement_uncertainty
+
+    if not books.homes:
         return job
-    age_s = max(books.runs_s - books.home_at_s + UNTOLD_S, passed_s)
-    return replace(job, home_um=books.home_um, home_age_s=age_s)
+    last = books.homes[-1]
+    passed_s = passed_since_s(last.utc_s) if clock else 0.0
+    if math.isinf(passed_s):
+        return job
+    age_s = max(books.runs_s - last.at_s + UNTOLD_S, passed_s)
+    drift_u_um_per_s = displacement_uncertainty(job).drift_u_um_per_s
+    seen = [(home.utc_s if clock else home.at_s, home.um) for home in books.homes]
+    drift_um_s = seen_between_jobs_um_s(seen, drift_u_um_per_s)
+    return replace(job, home_um=last.um, home_age_s=age_s, drift_seen_um_s=drift_um_s)
 
 
 def with_home_left(job: Job) -> Job:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -74,14 +75,20 @@ class Journaling:
         """
         resumption = self.plan.resumed
         if resumption is not None:
-            job = resumption.taken_up(job, in_process=self.plan.where.in_process)
+            job = resumption.taken_up(job, self._clock_s())
         if self.name is None or not self.plan.where.lasting:
             return job
         from edmctl.procedures.journal import JobState
         from edmctl.procedures.pausing import after_pause
         from edmctl.record.journal import JournalFile, remove_journal
 
-        self._file = JournalFile(self.name.journal, self._job(job), self._stages_um, self.truth)
+        self._file = JournalFile(
+            self.name.journal,
+            self._job(job),
+            self._stages_um,
+            self.truth,
+            lambda: math.nan if (clock_s := self._clock_s()) is None else clock_s,
+        )
         tool = job.profile.tool.label
         self.keep(after_pause(job) if resumption else JobState(PHASE_BEFORE, 0.0, tool), urgent=True)
         if resumption is not None and resumption.path != self.name.journal:
@@ -99,6 +106,11 @@ class Journaling:
         """The job is done. Raises RunFileError E9040 where the journal cannot be removed."""
         if self._file is not None:
             self._file.remove()
+
+    def _clock_s(self) -> float | None:
+        """The time of a virtual bench in this process."""
+        virtual = self.held.bench.virtual
+        return None if virtual is None else virtual.transport.now_s()
 
     def _stages_um(self) -> tuple[float, float]:
         status = self.held.bench.machine.status()

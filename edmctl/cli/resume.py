@@ -6,6 +6,7 @@ so they need no trust; job, machine, tool and the place of the stages do.
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -95,13 +96,21 @@ class Resumption:
             number += 1
         return RunName(run_id, run_path(folder, run_id), start, self.job.run_id)
 
-    def taken_up(self, job: Job, *, in_process: bool) -> Job:
-        """Return the job with the places of the run before, how far that came, and where the tool's home was."""
+    def taken_up(self, job: Job, clock_s: float | None) -> Job:
+        """Return the job with the places of the run before, how far that came, and where the tool's home was.
+
+        `clock_s` is the time of a virtual bench in this process, None for any other machine. The calendar tells
+        nothing of that bench: it stands still between commands, and each of them lets its own time pass.
+        """
         from edmctl.procedures.job import Site
 
         sites = tuple(Site(*place) for place in self.job.places)
-        # The time of a virtual bench in this process stands still between commands.
-        pause_s = 0.0 if in_process else passed_since_s(self.journal.written_utc_s)
+        if clock_s is None:
+            pause_s = passed_since_s(self.journal.written_utc_s)
+        elif clock_s >= self.journal.clock_s:
+            pause_s = clock_s - self.journal.clock_s
+        else:
+            pause_s = math.inf  # an earlier version kept no clock
         job = replace(job, sites=sites, resumed=self.state, pause_s=pause_s, restart_hole=self.restart_hole)
         return with_home_left(job)
 

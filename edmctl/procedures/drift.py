@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from edmctl.procedures.measuring import displacement_uncertainty
 from edmctl.process.wear import share_u
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from edmctl.procedures.run import Run
     from edmctl.profile.stops import Displacement
 
@@ -21,8 +24,16 @@ LEAST_SPAN_S = 120.0
 """Over less time than this the error of the actuator model after a deep cut, a few µm, would look like a drift."""
 RECENT_S = 600.0
 """A drift that has set in lately is looked for over this much time."""
+HOMES_APART_S = 900.0
+"""Homes of one job and of the next tell of a drift where they lie so far apart."""
+HOMES_ALIKE_UM = 3.0
+"""Homes of one job and of the next differ by so much for creep and for the time that no ledger tells."""
+CREEP_UM = 0.6
+"""What is left of creep in two zeros ten minutes apart, and may hide as much of a drift."""
 DRIFT_SDS = 4.0
 """A drift of more than so many standard deviations is none."""
+Zero = tuple[float, float]
+"""Time, s, and what the sensor shows of a tool at home, µm."""
 
 
 class Rests:
@@ -53,16 +64,38 @@ class Rests:
 
     def rate_um_s(self) -> float:
         """Fastest drift that the zeros allow, over the whole job or lately, µm/s; 0 before the second rest."""
-        if len(self._rests) < 2:
-            return 0.0
-        last_s, last_um = self._rests[-1]
-        recent = next(
-            (rest for rest in reversed(self._rests) if last_s - rest[0] >= RECENT_S), self._rests[0]
-        )
-        return max(
-            abs(last_um - zero_um) / max(LEAST_SPAN_S, last_s - time_s)
-            for time_s, zero_um in (self._rests[0], recent)
-        )
+        return _fastest_um_s(self._rests, RECENT_S)
+
+
+def seen_between_jobs_um_s(homes: Sequence[Zero], drift_u_um_per_s: float) -> float:
+    """Fastest drift that the homes of earlier jobs allow, the oldest first, µm/s; 0 where they lie too close.
+
+    What no drift explains, `drift_u_um_per_s` being its standard uncertainty, is a sensor that was set anew: homes
+    before that tell nothing.
+    """
+    begin = 0
+    for i, ((before_s, before_um), (time_s, um)) in enumerate(pairwise(homes), 1):
+        most_um = HOMES_ALIKE_UM + DRIFT_SDS * drift_u_um_per_s * (time_s - before_s)
+        if time_s < before_s or abs(um - before_um) > most_um:
+            begin = i
+    since = homes[begin:]
+    if len(since) < 2 or since[-1][0] - since[0][0] < HOMES_APART_S:
+        return 0.0
+    return _fastest_um_s(since, HOMES_APART_S)
+
+
+def _fastest_um_s(zeros: Sequence[Zero], recent_s: float) -> float:
+    """Fastest drift from the first zero to the last, and to it from the newest that is `recent_s` old, µm/s."""
+    if len(zeros) < 2:
+        return 0.0
+    last_s, last_um = zeros[-1]
+    recent = next((zero for zero in reversed(zeros) if last_s - zero[0] >= recent_s), zeros[0])
+    rates = []
+    for time_s, zero_um in (zeros[0], recent):
+        span_s = max(LEAST_SPAN_S, last_s - time_s)
+        hidden_um = CREEP_UM if span_s >= RECENT_S else 0.0
+        rates.append((abs(last_um - zero_um) + hidden_um) / span_s)
+    return max(rates)
 
 
 def first_home_um(rest_um: float, expected_um: float, drift_um: float) -> float:
@@ -75,7 +108,7 @@ def first_home_um(rest_um: float, expected_um: float, drift_um: float) -> float:
 
 
 def uncertainty_now(run: Run) -> Displacement:
-    """What is known of the displacements of a job, with the drift that its rests have shown where that is more."""
+    """What is known of the displacements of a job, with the drift that has shown by now where that is more."""
     known = displacement_uncertainty(run.job)
-    seen_um_s = share_u(run.watch.rests.rate_um_s())
+    seen_um_s = share_u(max(run.watch.rests.rate_um_s(), run.job.drift_seen_um_s))
     return replace(known, drift_u_um_per_s=max(known.drift_u_um_per_s, seen_um_s))

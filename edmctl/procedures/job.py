@@ -49,6 +49,7 @@ class Job:
     when the hole that it left is to be made from an untouched face. `tool_wear_before_um` is what the tool has
     lost in earlier jobs, as far as anybody knows.
     `home_um` is what the sensor showed of a tool at home `home_age_s` ago; NaN is since the controller came up.
+    `drift_seen_um_s` is how fast the homes of earlier jobs allow it to move.
     """
 
     profile: Profile
@@ -61,6 +62,7 @@ class Job:
     tool_wear_before_um: float = 0.0
     home_um: float = 0.0
     home_age_s: float = math.nan
+    drift_seen_um_s: float = 0.0
 
     @property
     def touch_basis(self) -> Basis:

@@ -63,21 +63,27 @@ class ToolAccount:
         return self.lost_before_um + self.worn_um
 
 
+@dataclass(frozen=True, slots=True)
+class HomeSeen:
+    """What the sensor showed of a tool at home when the pad was touched, when the runs had taken `at_s`."""
+
+    um: float
+    utc_s: float
+    at_s: float
+
+
 @dataclass(slots=True)
 class Books:
     """One machine: its holes, its tools, the tool last in use ("" before the first), the time that its runs took.
 
-    `home_um` is what the sensor showed of a tool at home when the pad was touched last, NaN before that: at
-    `home_utc_s`, when the runs had taken `home_at_s`.
+    `homes` are all that were seen of the tool's home, the newest last.
     """
 
     holes: list[SiteMachined] = field(default_factory=list)
     tools: dict[str, ToolAccount] = field(default_factory=dict)
     tool: str = ""
     runs_s: float = 0.0
-    home_um: float = math.nan
-    home_utc_s: float = math.nan
-    home_at_s: float = math.nan
+    homes: list[HomeSeen] = field(default_factory=list)
 
     def account(self, label: str) -> ToolAccount:
         """The account of a tool, a new one where nothing is known of it."""
@@ -97,7 +103,7 @@ def books_of(lines: Iterable[Line], serial: str) -> Books:
         if not isinstance(entry, RunEnded):
             books.tool = entry.tool
         if isinstance(entry, ReferenceTouched | SiteMachined | WearMeasured) and math.isfinite(entry.home_um):
-            books.home_um, books.home_utc_s, books.home_at_s = entry.home_um, line.utc_s, books.runs_s
+            books.homes.append(HomeSeen(entry.home_um, line.utc_s, books.runs_s))
         if isinstance(entry, ToolChanged):
             books.tools[entry.tool] = ToolAccount(entry.tool)
         elif isinstance(entry, ToolNamed):

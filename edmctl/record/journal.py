@@ -79,7 +79,8 @@ class JournalledJob:
 class Journal:
     """What a journal holds: the job, its state, when (UTC, s since 1970) and where the stages stood (µm).
 
-    `truth` is what a virtual bench in the same process knew.
+    `truth` is what a virtual bench in the same process knew, and `clock_s` its time: the calendar tells nothing of a
+    bench that stands still between commands. Elsewhere it is NaN.
     """
 
     job: JournalledJob
@@ -88,6 +89,7 @@ class Journal:
     x_um: float
     y_um: float
     truth: Mapping[str, object] | None = None
+    clock_s: float = math.nan
 
 
 class JournalFile:
@@ -98,7 +100,7 @@ class JournalFile:
     path : of the journal, which is replaced
     job : what it is a journal of
     stages_um : asks the machine where its stages stand; only with urgent states, when no cut is going on
-    truth : what a virtual bench knows, at every write
+    truth : what a virtual bench knows, at every write; clock_s : its time
     """
 
     def __init__(
@@ -107,10 +109,11 @@ class JournalFile:
         job: JournalledJob,
         stages_um: Callable[[], tuple[float, float]],
         truth: Callable[[], Mapping[str, object] | None] = lambda: None,
+        clock_s: Callable[[], float] = lambda: math.nan,
     ) -> None:
         self.path = path
         self._job = job
-        self._stages_um, self._truth = stages_um, truth
+        self._stages_um, self._truth, self._clock_s = stages_um, truth, clock_s
         self._at_um = (math.nan, math.nan)
         self._kept_s = -math.inf
 
@@ -126,7 +129,7 @@ class JournalFile:
         x_um, y_um = self._at_um
         write_journal(
             self.path,
-            Journal(self._job, state.as_mapping(), time.time(), x_um, y_um, self._truth()),
+            Journal(self._job, state.as_mapping(), time.time(), x_um, y_um, self._truth(), self._clock_s()),
         )
         self._kept_s = state.time_s
 
@@ -240,6 +243,7 @@ def _journal(data: bytes) -> Journal:
         x_um=_number(content["x_um"]),
         y_um=_number(content["y_um"]),
         truth=content["truth"],
+        clock_s=_number(content.get("clock_s")),
     )
 
 

@@ -175,7 +175,7 @@ def test_the_times_of_all_runs_of_a_job_add_up(here: Here, killed: Path) -> None
     assert earlier_s < result["earlier_time_s"] < result["time_s"]
     assert result["measuring_time_s"] == pytest.approx(result["time_s"] - result["machining_time_s"])
     assert result["measuring_time_s"] > 0.0
-    assert result["pause_s"] == 0.0
+    assert 0.0 <= result["pause_s"] < 2.0  # the tool of a killed job retracts
     ended = [
         line.entry.time_s for line in Logbook.open(Path("runs")).lines if isinstance(line.entry, RunEnded)
     ]
@@ -190,11 +190,17 @@ def test_the_times_of_all_runs_of_a_job_add_up(here: Here, killed: Path) -> None
     )
 
 
+def test_time_that_other_commands_let_pass_on_a_kept_bench_is_a_pause(here: Here, killed: Path) -> None:
+    assert here("calibrate", *BENCH, "--json").exit_code == 0
+    result = here(*RESUME, *BENCH).document["result"]
+    assert 200.0 < result["pause_s"] < 600.0
+
+
 def test_home_is_where_the_journal_has_it_when_the_ledger_is_older(here: Here, killed: Path) -> None:
     resumption = find_run("a", Path("runs"))
     written_utc_s = read_journal(resumption.path).written_utc_s
     known = replace(job_of(load_profile(CU270, QUICK).profile, Setup()), home_um=99.0, home_age_s=30000.0)
-    job = resumption.taken_up(known, in_process=False)
+    job = resumption.taken_up(known, None)
     assert job.home_um == resumption.state.home_um != 0.0
     assert 0.0 <= resumption.state.home_age_s < 300.0
     assert UNTOLD_S <= job.home_age_s <= UNTOLD_S + resumption.state.home_age_s + time.time() - written_utc_s

@@ -16,13 +16,21 @@ from edmctl.errors import EdmError, Interrupted, PreconditionError
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.port import Axis
 from edmctl.machine.stop import StopRequest
-from edmctl.procedures.drift import LEAST_SPAN_S, Rests, first_home_um, uncertainty_now
+from edmctl.procedures.drift import (
+    CREEP_UM,
+    LEAST_SPAN_S,
+    Rests,
+    first_home_um,
+    seen_between_jobs_um_s,
+    uncertainty_now,
+)
 from edmctl.procedures.home import Home
 from edmctl.procedures.journal import JobState
 from edmctl.procedures.results import Ledger, Phase, site_result_of
 from edmctl.procedures.stages import _is_told, move_to, retract
+from edmctl.process.next_cut import COVERAGE
 from edmctl.process.wear import share_u
-from edmctl.record.bookkeeping import Books
+from edmctl.record.bookkeeping import Books, HomeSeen
 from edmctl.simulator import kernel as k
 from tests.procedures.conftest import Shop, armed
 from tests.procedures.test_resuming import Kept
@@ -123,11 +131,11 @@ def test_rests_tell_how_fast_the_zero_may_drift() -> None:
     assert rests.rate_um_s() == 0.0
     rests.note(0.0, 2.0)
     rests.note(1000.0, 7.0)
-    assert rests.rate_um_s() == pytest.approx(0.005)
+    assert rests.rate_um_s() == pytest.approx((5.0 + CREEP_UM) / 1000.0)
     rests.note(2000.0, 7.0)
-    assert rests.rate_um_s() == pytest.approx(0.0025)
+    assert rests.rate_um_s() == pytest.approx((5.0 + CREEP_UM) / 2000.0)
     rests.note(2600.0, 13.0)
-    assert rests.rate_um_s() == pytest.approx(0.01)
+    assert rests.rate_um_s() == pytest.approx((6.0 + CREEP_UM) / 600.0)
 
 
 def test_two_rests_soon_after_each_other_are_no_drift() -> None:
@@ -145,7 +153,7 @@ def test_a_drift_that_was_seen_widens_what_the_setup_believes_and_never_narrows_
     run.watch.rests.note(1000.0, 1.0)
     assert uncertainty_now(run).drift_u_um_per_s == believed
     run.watch.rests.note(2000.0, 20.0)
-    assert uncertainty_now(run).drift_u_um_per_s == pytest.approx(share_u(13.0 / 1000.0), rel=0.5)
+    assert uncertainty_now(run).drift_u_um_per_s == pytest.approx(share_u((19.0 + CREEP_UM) / 1000.0))
 
 
 def test_the_wear_of_a_long_array_holds_a_fast_drift() -> None:
@@ -365,11 +373,39 @@ def test_a_home_of_the_journal_that_is_older_or_unknown_is_not_taken(
 def test_a_home_of_the_ledger_from_the_future_has_no_age_and_is_not_taken() -> None:
     """The clock was set back meanwhile: a night may have passed."""
     job, now_s = Shop().job, time.time()
-    books = Books(home_um=2.0, home_utc_s=now_s - 7200.0, home_at_s=0.0)
+    books = Books(homes=[HomeSeen(2.0, now_s - 7200.0, 0.0)])
     assert with_home(job, books, clock=True).home_age_s == pytest.approx(7200.0, abs=5.0)
-    books.home_utc_s = now_s + 7200.0
+    books.homes = [HomeSeen(2.0, now_s + 7200.0, 0.0)]
     assert with_home(job, books, clock=True) is job
     assert with_home(job, books, clock=False).home_um == 2.0
+
+
+@pytest.mark.parametrize("rate_um_s", [-0.0045, 0.0045])
+def test_a_drift_that_earlier_jobs_show_is_in_the_intervals_from_the_start(rate_um_s: float) -> None:
+    """Either way: creep hides a sensor that drifts back, as it enlarges one that drifts on."""
+    now_s = time.time()
+    homes = [
+        HomeSeen(2.0 + rate_um_s * at_s, now_s - 6000.0 + at_s, at_s)
+        for at_s in (0.0, 1500.0, 3000.0, 4500.0)
+    ]
+    for clock in (True, False):
+        shop = Shop()
+        shop.job = with_home(shop.job, Books(homes=homes, runs_s=4800.0), clock=clock)
+        run = armed(shop)
+        assert COVERAGE * uncertainty_now(run).drift_u_um_per_s >= abs(rate_um_s)
+
+
+def test_homes_of_a_sensor_without_drift_widen_nothing() -> None:
+    homes = [(0.0, 1.0), (1200.0, 0.2), (2400.0, 1.1), (3600.0, 0.4)]
+    assert share_u(seen_between_jobs_um_s(homes, 1.0 / 600.0)) < 1.0 / 600.0
+    assert seen_between_jobs_um_s(homes[:1], 1.0 / 600.0) == 0.0
+    assert seen_between_jobs_um_s([(0.0, 1.0), (300.0, 3.0)], 1.0 / 600.0) == 0.0
+
+
+@pytest.mark.parametrize("break_s", [1000.0, -1000.0])
+def test_a_sensor_that_was_set_anew_or_a_clock_that_was_set_back_is_no_drift(break_s: float) -> None:
+    homes = [(0.0, 80.0), (2000.0, 79.0), (2000.0 + break_s, 0.5), (5000.0, 0.3)]
+    assert seen_between_jobs_um_s(homes, 1.0 / 600.0) < 1.0 / 600.0
 
 
 @pytest.mark.parametrize("deeper_um", [0.0, 6.0, 18.0])
