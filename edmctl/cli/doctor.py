@@ -78,7 +78,7 @@ def _look(
         with machine_at(setup, port, wait_s, lambda text: mutter(text + "\n")) as machine:
             outcome.simulated = machine.identity.simulated
             doctor_machine.look(checks, machine, setup)
-            checks.take(doctor_host.calibration(os.environ, setup, machine.identity.serial))
+            checks.take(doctor_host.calibration(os.environ, setup, machine.identity.serial, port or ""))
             if sensors:
                 mutter("doctor: arming, and making pulses with the tool retracted, for about a second.\n")
                 doctor_machine.test_sensors(checks, machine, setup)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from edmctl import __version__
 from edmctl.cli.doctor_checks import Check, fail, ok, warn
+from edmctl.cli.way_on import on_machine
 from edmctl.errors import EdmError
 
 if TYPE_CHECKING:
@@ -75,13 +76,13 @@ def load(checks: Checks, path: Path | None) -> Setup:
     return setup
 
 
-def calibration(environ: Mapping[str, str], setup: Setup, serial: str) -> Check:
+def calibration(environ: Mapping[str, str], setup: Setup, serial: str, port: str) -> Check:
     """Whether the calibration that a job would use is there, can be read, and is of this machine."""
     from edmctl.profile.calibration import load_calibration
     from edmctl.profile.calibration_place import find_calibration
 
     path = find_calibration(None, environ, setup, serial)
-    remedy = "Run `edmctl calibrate`."
+    remedy = f"Run `{on_machine('edmctl calibrate', port)}`."
     if path is None:
         if setup.sensor.fitted:
             return warn("calibration", f"None of {serial}; a job makes a quick one of its own.", remedy)

@@ -65,7 +65,7 @@ class Prepared:
             stroke_um = forecast(job.profile, job.setup, plan.loaded.places).stroke_um
             refuse_too_short(job.profile, job.setup, stroke_um, account)
         if not resuming:
-            refuse_unknown_length(account, folder)
+            refuse_unknown_length(account, folder, plan.where.selector)
             warnings += refuse_worn_out(job.profile, job.setup, plan.loaded.places, account)
             warnings += other_tool(plan, account, self.books)
         refuse_taken(self.places, hole_radius_um(job.profile), self.holes, folder)

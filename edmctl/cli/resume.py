@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.cli.elapsed import passed_since_s
 from edmctl.cli.home_known import with_home_left
-from edmctl.cli.resume_checks import refuse_untouchable
+from edmctl.cli.resume_checks import refuse_untouchable, refuse_used_tool
 from edmctl.cli.runfile import RunName, run_path
 from edmctl.errors import PreconditionError, RunFileError, UsageError
 from edmctl.wording import plural
@@ -187,9 +187,10 @@ def checked(resumption: Resumption, port: str | None, wait_s: float) -> Plan:
     """Return the plan of the run's own order, on the machine that is named now.
 
     Raises PreconditionError: E8053 profile or setup are not what they were, E8054 the job is one that cannot be
-    taken up, E8058 the virtual bench is gone. Whatever `check` raises.
+    taken up, E8056 its tool was used since, E8058 the virtual bench is gone. Whatever `check` raises.
     """
     from edmctl.cli.job import check
+    from edmctl.record.logbook import Logbook
 
     job = resumption.job
     try:
@@ -203,6 +204,7 @@ def checked(resumption: Resumption, port: str | None, wait_s: float) -> Plan:
     if setup_hash(plan) != job.setup_sha256:
         raise _changed("setup", job.setup or "of the stock machine", "says something else by now", job)
     refuse_untouchable(resumption, plan)
+    refuse_used_tool(resumption, Logbook.open(resumption.path.parent).lines)
     bench_file = plan.where.bench_file
     if not plan.where.lasting or (bench_file is not None and not bench_file.exists()):
         raise _bench_gone(job, str(bench_file) if bench_file else "")

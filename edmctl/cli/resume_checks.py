@@ -77,7 +77,7 @@ def refuse_elsewhere(resumption: Resumption, plan: Plan, held: Held, lines: Sequ
         raise _other_tool(
             f"{virtual.tool_label} is in the machine; {job.run_id} had {resumption.state.tool}."
         )
-    _refuse_used_tool(resumption, serial, lines)
+    refuse_used_tool(resumption, lines)
     if virtual is None and machine.hello.boot_count != job.boots and not resumption.homed:
         raise _not_homed(resumption, held, plan)
 
@@ -91,14 +91,14 @@ def _other_tool(message: str) -> PreconditionError:
     )
 
 
-def _refuse_used_tool(resumption: Resumption, serial: str, lines: Iterable[Line]) -> None:
-    """Look at what the ledger tells of this machine since the run began."""
+def refuse_used_tool(resumption: Resumption, lines: Iterable[Line]) -> None:
+    """Look at what the ledger tells of the machine since the run began. Raises PreconditionError E8056."""
     from edmctl.record.logbook import JobBegun, RunEnded, ToolChanged
 
     tool, own, begun = resumption.state.tool, resumption.run_files, False
     for line in lines:
         entry = line.entry
-        if line.serial != serial or isinstance(entry, RunEnded):
+        if line.serial != resumption.job.serial or isinstance(entry, RunEnded):
             continue
         if isinstance(entry, JobBegun) and entry.run_file in own:
             begun = True

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from edmctl.cli.way_on import command_to_go_on
+from edmctl.cli.way_on import command_to_go_on, on_machine
 from edmctl.errors import Diagnostic, PreconditionError
 from edmctl.wording import length
 
@@ -52,13 +52,13 @@ def refuse_too_short(worn: Profile, setup: Setup, stroke_um: float, account: Too
         )
 
 
-def refuse_unknown_length(account: ToolAccount, folder: Path) -> None:
+def refuse_unknown_length(account: ToolAccount, folder: Path, port: str) -> None:
     """Raise PreconditionError E8048 where a job of the tool was killed, and nobody knows what it took off."""
     if not account.killed:
         return
     run_file = folder / account.killed[-1].run_file
     command = command_to_go_on(run_file)
-    anew = "touch the pad anew with `edmctl measure-wear --reference`."
+    anew = f"touch the pad anew with `{on_machine('edmctl measure-wear --reference', port)}`."
     raise PreconditionError(
         f"How long the tool {account.label} is, nobody knows: {run_file} was killed while it machined.",
         hint=f"Finish it with `{command}`; to give it up, {anew}"

@@ -34,7 +34,12 @@ def command_to_go_on(run_file: Path) -> str:
 def resume_command(run_file: Path, port: str) -> str:
     """Return `edmctl machine --resume RUN --port PORT` for a run file that may have its endings or not."""
     run = plain_stem(run_file) if run_file.parent == RUNS else str(run_file.with_name(plain_stem(run_file)))
-    return f"edmctl machine --resume {shlex.quote(run)} --port {shlex.quote(port)}"
+    return on_machine(f"edmctl machine --resume {shlex.quote(run)}", port)
+
+
+def on_machine(command: str, port: str) -> str:
+    """Return a command as it is typed for the machine at `port`; empty is the one that needs no name."""
+    return f"{command} --port {shlex.quote(port)}" if port else command
 
 
 def _is_live(resumption: Resumption) -> bool:

@@ -12,6 +12,7 @@ from edmctl.cli.home_known import with_home
 from edmctl.cli.prepared import logbook_of
 from edmctl.cli.tool_left import refuse_unknown_length
 from edmctl.cli.tool_seen import NAMELESS, Seen, account_of, seen_on
+from edmctl.cli.way_on import on_machine
 from edmctl.cli.wear_bottom import bottom_of
 from edmctl.errors import Diagnostic, PreconditionError
 from edmctl.procedures.measure_wear import (
@@ -99,10 +100,10 @@ class WearRun:
         account = self._account = self._account_of(seen, books)
         profile = measuring_profile(self.plan.loaded.profile)
         if not self.is_reference:
-            reference = _reference_of(account, logbook, seen.serial)
+            reference = _reference_of(account, logbook, seen.serial, self.plan.where.selector)
             self._reference = _aged(reference, account, books, clock=not self.plan.where.in_process)
             folder = logbook.path.parent if logbook is not None else Path()
-            refuse_unknown_length(account, folder)
+            refuse_unknown_length(account, folder, self.plan.where.selector)
             self._bottom = bottom_of(self.site, books, account, self._diameter_um(), folder)
             profile = self._at_speed_of(reference, warn)
         elif logbook is None:
@@ -268,7 +269,7 @@ _NOT_KEPT = Diagnostic(
 )
 
 
-def _reference_of(account: ToolAccount, logbook: Logbook | None, serial: str) -> ReferenceTouched:
+def _reference_of(account: ToolAccount, logbook: Logbook | None, serial: str, port: str) -> ReferenceTouched:
     """Return the tool's reference. Raises PreconditionError E8041 where it has none."""
     if account.reference is not None:
         return account.reference
@@ -283,7 +284,8 @@ def _reference_of(account: ToolAccount, logbook: Logbook | None, serial: str) ->
     others = f"; it tells of {', '.join(elsewhere)}" if elsewhere else ""
     raise PreconditionError(
         f"There is no reference of {tool} on {serial} in {logbook.path}{others}.",
-        hint="Run `edmctl measure-wear --reference` before the job, or name the folder of its run files with --out.",
+        hint=f"Run `{on_machine('edmctl measure-wear --reference', port)}` before the job, or name the folder of "
+        "its run files with --out.",
         code="E8041",
     )
 

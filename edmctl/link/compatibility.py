@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 # The first ten bytes of a HELLO reply mean the same in every version.
 _FIXED_PART = struct.Struct("<BBII")
 _MOST_NAMED = 8
+_MOST_BYTES = 1 << 20
+"""Of a compressed schema; this program's own has some thousand."""
 
 ReplyT = TypeVar("ReplyT")
 
@@ -60,7 +62,7 @@ def fetch_schema(ask: Ask) -> dict[str, Any]:
         if not reply.n:
             break
         data += reply.records
-        if len(data) >= reply.total:
+        if len(data) >= min(reply.total, _MOST_BYTES):
             break
     try:
         schema = json.loads(zlib.decompress(data))

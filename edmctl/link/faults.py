@@ -473,8 +473,11 @@ FAULTS: dict[int, FaultRow] = {
         who="host",
         detect="wear ratio beyond three times the expected one at the first measured cut",
         reaction="stop before the next cut; retract, disarm, close the run file",
-        message="The tool wears far faster than expected: the polarity or the material is wrong.",
-        hint="Check the polarity of the generator, and tool.material against the tool in the holder.",
+        message="The tool wears far faster than expected: polarity, material or the expected wear is wrong.",
+        hint=(
+            "Check the polarity of the generator, tool.material against the tool in the holder, and "
+            "wear.expected_ratio."
+        ),
         exit_code=6,
         error="E67005",
         pulses_off_s=0.0,

@@ -220,6 +220,8 @@ class LinkMachine:
                 event = self._waits.event((EventCode.TOUCH, EventCode.TOUCH_DONE), touch_time_s(request))
                 if event.code is EventCode.TOUCH_DONE:
                     break
+                if len(found) >= request.touches:
+                    raise impossible(f"more than {request.touches} touches")
                 if samples and (told := wrong_touch(event, len(found) + 1, request, joined(samples))):
                     raise impossible(told)
                 found.append(Touch(event.time_s, event.displacement_um, event.actuator_v))

@@ -30,8 +30,8 @@ def refuse_wrong_setup(run: Run, found: DepthAndWear) -> None:
         return
     error = host_fault(
         "SETUP",
-        f" The first cut has a depth of {found.depth_um:.2f} ± {found.depth_u95_um:.2f} µm and a wear of "
-        f"{found.wear_um:.2f} ± {found.wear_u95_um:.2f} µm; {expected:g} µm per µm were expected.",
+        f" The first cut has a depth of {found.depth_um:.2f} µm and a wear of {found.wear_um:.2f} µm; "
+        f"{expected:g} µm per µm were expected.",
     )
     args = {"depth_um": found.depth_um, "wear_um": found.wear_um, "expected_ratio": expected}
     run.decide(RunEvent.SETUP_WRONG, error.message, args, level=EventLevel.ERROR)

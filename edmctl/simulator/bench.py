@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from edmctl.simulator.injection import Injection, LineState
 
 
-SETTLE_TICKS = 50
+SETTLE_TICKS, MOST_SETTLES = 50, 2000
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,9 +88,15 @@ class VirtualBench:
         self.controller.injector.clear()
 
     def settle(self) -> None:
-        """Let a machine whose host is gone become safe: what the watchdog would do, and the retreat."""
-        while not self.is_safe:
+        """Let a machine whose host is gone become safe: what the watchdog would do, and the retreat.
+
+        Raises RuntimeError where it has not become safe within 100 s: its state cannot be.
+        """
+        for _ in range(MOST_SETTLES):
+            if self.is_safe:
+                return
             self.controller.advance(SETTLE_TICKS)
+        raise RuntimeError("the virtual machine does not come to rest")
 
     @property
     def is_safe(self) -> bool:

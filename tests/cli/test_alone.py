@@ -167,7 +167,7 @@ def test_options_of_a_jump_are_checked_like_the_profile(here: Here) -> None:
 def test_a_wear_needs_a_reference(here: Here) -> None:
     assert "sim:FILE" in failure(here("measure-wear", "--json"), 8, "E8041")["hint"]
     error = failure(here("measure-wear", *KEPT, "--json"), 8, "E8041")
-    assert "`edmctl measure-wear --reference` before the job" in error["hint"]
+    assert "`edmctl measure-wear --reference --port sim:" in error["hint"]
     assert not list(Path("runs").glob("*.partial"))
 
 

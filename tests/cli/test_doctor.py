@@ -202,9 +202,11 @@ def test_a_folder_that_cannot_be_written_fails(tmp_path: Path) -> None:
 
 def test_a_machine_without_sensor_needs_a_calibration(tmp_path: Path) -> None:
     setup = Setup(sensor=Sensor(fitted=False))
-    check = doctor_host.calibration({"EDMCTL_HOME": str(tmp_path)}, setup, "SIM-1")
+    machine = (setup, "SIM-1", "sim:bench.h5")
+    check = doctor_host.calibration({"EDMCTL_HOME": str(tmp_path)}, *machine)
     assert check.status is CheckStatus.FAIL
-    named = doctor_host.calibration({"EDMCTL_CALIBRATION": str(tmp_path / "none.toml")}, setup, "SIM-1")
+    assert check.fix == "Run `edmctl calibrate --port sim:bench.h5`."
+    named = doctor_host.calibration({"EDMCTL_CALIBRATION": str(tmp_path / "none.toml")}, *machine)
     assert named.status is CheckStatus.FAIL
     assert "none.toml" in named.message
 

@@ -364,6 +364,7 @@ def test_a_tool_that_was_changed_or_used_is_refused(
 ) -> None:
     ledger_goes_on(*entries)
     assert words in refused(here(*RESUME, *BENCH), "E8056")
+    assert words in refused(here(*RESUME, *BENCH, "--dry-run"), "E8056")
 
 
 def test_another_tool_in_a_virtual_machine_is_refused(here: Here, killed: Path) -> None:
