@@ -35,6 +35,7 @@ RECIPE_U_REL = 0.5
 it: tools that wear little wear by as much as a touch errs, and would never contradict it."""
 WIDENING_SDS = 2.0
 """What a touch says beyond so many standard deviations makes what was believed as uncertain as it was wrong."""
+_STEPS = 1000
 CONTRADICTION_SDS = 3.0
 """Beyond this the belief is contradicted: one in 370 by chance."""
 
@@ -245,16 +246,16 @@ class ErosionEstimate:
             )
             known = known.widened(known.sds(*step), removal=True, ratio=False).seen(*step)
         # The ratio is of two touched lengths, so the energy cannot pull it to where removal was believed to be.
-        step = _wear_step(depth_um * math.exp(known.ratio + arc_log), wear_um, wear_u_um)
-        sds = known.sds(*step)
+        sds = _sds_of_wear(known, depth_um * math.exp(known.ratio + arc_log), wear_um, wear_u_um)
         if self._fits == 0:
             ratio, var_ratio = (
                 max(known.ratio, math.log(LEAST_BELIEVED)),
                 max(known.var_ratio, RECIPE_U_REL**2),
             )
             known = replace(known, ratio=ratio, var_ratio=var_ratio)
-            step = _wear_step(depth_um * math.exp(known.ratio + arc_log), wear_um, wear_u_um)
-        known = known.widened(known.sds(*step), removal=False, ratio=True).seen(*step)
+        expected_um = depth_um * math.exp(known.ratio + arc_log)
+        known = known.widened(_sds_of_wear(known, expected_um, wear_um, wear_u_um), removal=False, ratio=True)
+        known = known.seen(*_wear_step(known, expected_um, wear_um, wear_u_um))
         learned = self._with(
             _Known(
                 known.removal,
@@ -280,11 +281,36 @@ class ErosionEstimate:
         return math.log(worked_uj / self._hole_area_um2), math.log(_arc_factor(arcs))
 
 
-def _wear_step(expected_um: float, wear_um: float, u_um: float) -> tuple[float, float, float, float]:
-    """Error of a touched wear, its derivatives, and its noise; by its logarithm where it is known at all."""
-    if wear_um > u_um:
-        return wear_um * math.log(wear_um / expected_um), 0.0, wear_um, u_um
-    return wear_um - expected_um, 0.0, expected_um, u_um
+def _sds_of_wear(known: _Known, expected_um: float, wear_um: float, u_um: float) -> float:
+    """How many standard deviations a touched wear is from what was expected: by its logarithm where that is known.
+
+    A long wear that is hardly known, after a pause of hours, contradicts no short one, however far the logarithms
+    are apart.
+    """
+    by_length = known.sds(wear_um - expected_um, 0.0, expected_um, u_um)
+    if wear_um <= u_um:
+        return by_length
+    by_logarithm = known.sds(wear_um * math.log(wear_um / expected_um), 0.0, wear_um, u_um)
+    return min(by_length, by_logarithm) if wear_um > expected_um else by_logarithm
+
+
+def _wear_step(
+    known: _Known, expected_um: float, wear_um: float, u_um: float
+) -> tuple[float, float, float, float]:
+    """Error of a touched wear, its derivatives, and its noise, all about the likeliest wear (iterated Kalman step).
+
+    That lies between what was expected and what was touched: near the touch where it is sharp, near the belief where
+    the touch says little.
+    """
+    way = math.log(max(wear_um, LEAST_RATIO * expected_um) / expected_um)
+
+    def cost(share: float) -> float:
+        log = share * way
+        return log * log / known.var_ratio + ((wear_um - expected_um * math.exp(log)) / u_um) ** 2
+
+    log = way * min((i / _STEPS for i in range(_STEPS + 1)), key=cost)
+    likeliest_um = expected_um * math.exp(log)
+    return wear_um - likeliest_um + likeliest_um * log, 0.0, likeliest_um, u_um
 
 
 def _arc_factor(arcs: float) -> float:

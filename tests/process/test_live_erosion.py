@@ -156,3 +156,19 @@ def test_removal_far_from_what_was_believed_is_learned_without_the_wear_ratio() 
     assert found.removal_um3_per_uj == pytest.approx(5.0 * 0.0424, rel=0.05)
     assert found.wear_ratio == pytest.approx(0.337, rel=0.05)
     assert not found.contradicts(26.74, 0.3, fivefold)
+
+
+def test_a_wear_that_is_hardly_known_teaches_hardly_anything() -> None:
+    """A hole just begun is touched again after hours, in which the sensor has drifted by 26 µm."""
+    belief = fresh()
+    learned = belief.fitted(None, 0.23, 0.26, 26.2, 19.0)
+    assert not learned.contradicted
+    assert learned.wear_ratio == pytest.approx(belief.wear_ratio, rel=0.1)
+
+
+@pytest.mark.parametrize("times", [0.3, 0.7, 1.0, 1.5, 3.0, 10.0])
+def test_a_sharp_touch_is_believed_whatever_was_expected(times: float) -> None:
+    belief = fresh()
+    wear_um = times * belief.wear_ratio * 100.0
+    learned = belief.fitted(None, 100.0, 0.3, wear_um, 0.01 * wear_um)
+    assert learned.wear_ratio == pytest.approx(wear_um / 100.0, rel=0.03)

@@ -118,3 +118,13 @@ def test_depths_come_out_within_two_micrometres_with_three_stops_at_most() -> No
         misses += abs(world.depth_um - 180.0) > 2.0
     assert misses <= 15
     assert most_stops <= 3
+
+
+@pytest.mark.parametrize("wear_um", [40.0, 400.0])
+def test_after_a_contradiction_no_cut_feeds_further_than_what_is_left_is_deep(wear_um: float) -> None:
+    """Where the touch was wrong, the tool wears as little as was believed: then nothing is cut too deep."""
+    learned = estimate().fitted(energy(10.0), 10.0, 0.3, wear_um, 0.5)
+    assert learned.contradicted
+    cut = next_cut(learned, target_um=30.0, remaining_um=20.0, tolerance_um=2.0, start_u_um=0.3, begun=True)
+    assert cut.measured
+    assert cut.feed_um <= 20.0
