@@ -8,7 +8,13 @@ from typing import TYPE_CHECKING
 
 from edmctl.cli.home_known import with_home
 from edmctl.cli.places_taken import next_free_x_um, refuse_taken
-from edmctl.cli.tool_left import on_worn_tool, refuse_too_short, refuse_unknown_length, refuse_worn_out
+from edmctl.cli.tool_left import (
+    left_to_finish,
+    on_worn_tool,
+    refuse_too_short,
+    refuse_unknown_length,
+    refuse_worn_out,
+)
 from edmctl.cli.tool_seen import account_of, other_tool
 from edmctl.record.bookkeeping import Books, ToolAccount, books_of
 from edmctl.record.logbook import Logbook
@@ -68,6 +74,7 @@ class Prepared:
             refuse_unknown_length(account, folder, plan.where.selector)
             warnings += refuse_worn_out(job.profile, job.setup, plan.loaded.places, account)
             warnings += other_tool(plan, account, self.books)
+            warnings += left_to_finish(account, folder)
         refuse_taken(self.places, hole_radius_um(job.profile), self.holes, folder)
         return warnings
 

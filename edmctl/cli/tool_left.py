@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.cli.way_on import command_to_go_on, on_machine
 from edmctl.errors import Diagnostic, PreconditionError
+from edmctl.record.ledger_entries import UNFINISHED
 from edmctl.wording import length
 
 if TYPE_CHECKING:
@@ -92,3 +93,18 @@ def refuse_worn_out(
         hint = f"The job will stop in order before a hole that the tool cannot make. {_NEW}"
         return [Diagnostic("W8110", message, hint, is_warning=True)]
     return []
+
+
+def left_to_finish(account: ToolAccount, folder: Path) -> list[Diagnostic]:
+    """Return a warning (W8115) of each job of the tool that could still be taken up, and not after another job."""
+    runs = dict.fromkeys(hole.run_file for hole in account.holes if hole.status == UNFINISHED)
+    return [
+        Diagnostic(
+            "W8115",
+            f"{folder / run_file} was interrupted and cannot be finished once {account.label} has done another job.",
+            f"Stop this job and finish that one first, with `{command}`.",
+            is_warning=True,
+        )
+        for run_file in runs
+        if (command := command_to_go_on(folder / run_file))
+    ]

@@ -367,6 +367,16 @@ def test_a_tool_that_was_changed_or_used_is_refused(
     assert words in refused(here(*RESUME, *BENCH, "--dry-run"), "E8056")
 
 
+def test_another_job_with_the_tool_is_warned_of_what_it_ends(here: Here, left: Left) -> None:
+    shutil.copytree(left.stopped, Path.cwd(), dirs_exist_ok=True)
+    again = (*MACHINE, *BENCH, "--dry-run", "--json")
+    (warned,) = (w for w in here(*again).document["warnings"] if w["code"] == "W8115")
+    assert "runs/a.h5" in warned["message"]
+    assert "`edmctl machine --resume a --port sim:bench.h5`" in warned["hint"]
+    here(*RESUME, *BENCH)
+    assert "W8115" not in here(*again).out
+
+
 def test_another_tool_in_a_virtual_machine_is_refused(here: Here, killed: Path) -> None:
     bench_changed(lambda bench: bench.fit_tool("W 252 µm", 252.0, bench.plant.config.theta, 0.0))
     assert "W 252 µm is in the machine" in refused(here(*RESUME, *BENCH), "E8056")
