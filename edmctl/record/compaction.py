@@ -87,7 +87,10 @@ class _Copy:
         self._make_scales()
 
     def _copy_members(self, group: h5py.Group, target: h5py.Group, pool: ThreadPoolExecutor) -> None:
-        for name, item in group.items():
+        # By name: h5py's views hold its lock between two items. A thread of the pool that collects garbage as it
+        # starts would wait for that lock, and this one for the thread.
+        for name in list(group):
+            item = group.get(name)
             address = _address(item)
             if address in self._copied:
                 target[name] = self._copied[address]
