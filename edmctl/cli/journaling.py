@@ -83,11 +83,7 @@ class Journaling:
         from edmctl.record.journal import JournalFile, remove_journal
 
         self._file = JournalFile(
-            self.name.journal,
-            self._job(job),
-            self._stages_um,
-            self.truth,
-            lambda: math.nan if (clock_s := self._clock_s()) is None else clock_s,
+            self.name.journal, self._job(job), self._stages_um, self.truth, self._clock_s
         )
         tool = job.profile.tool.label
         self.keep(after_pause(job) if resumption else JobState(PHASE_BEFORE, 0.0, tool), urgent=True)
@@ -107,10 +103,10 @@ class Journaling:
         if self._file is not None:
             self._file.remove()
 
-    def _clock_s(self) -> float | None:
-        """The time of a virtual bench in this process."""
+    def _clock_s(self) -> float:
+        """The time of a virtual bench in this process; NaN of any other machine."""
         virtual = self.held.bench.virtual
-        return None if virtual is None else virtual.transport.now_s()
+        return math.nan if virtual is None else virtual.transport.now_s()
 
     def _stages_um(self) -> tuple[float, float]:
         status = self.held.bench.machine.status()

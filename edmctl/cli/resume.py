@@ -96,16 +96,16 @@ class Resumption:
             number += 1
         return RunName(run_id, run_path(folder, run_id), start, self.job.run_id)
 
-    def taken_up(self, job: Job, clock_s: float | None) -> Job:
+    def taken_up(self, job: Job, clock_s: float) -> Job:
         """Return the job with the places of the run before, how far that came, and where the tool's home was.
 
-        `clock_s` is the time of a virtual bench in this process, None for any other machine. The calendar tells
+        `clock_s` is the time of a virtual bench in this process, NaN for any other machine. The calendar tells
         nothing of that bench: it stands still between commands, and each of them lets its own time pass.
         """
         from edmctl.procedures.job import Site
 
         sites = tuple(Site(*place) for place in self.job.places)
-        if clock_s is None:
+        if math.isnan(clock_s):
             pause_s = passed_since_s(self.journal.written_utc_s)
         elif clock_s >= self.journal.clock_s:
             pause_s = clock_s - self.journal.clock_s

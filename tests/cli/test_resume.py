@@ -200,7 +200,7 @@ def test_home_is_where_the_journal_has_it_when_the_ledger_is_older(here: Here, k
     resumption = find_run("a", Path("runs"))
     written_utc_s = read_journal(resumption.path).written_utc_s
     known = replace(job_of(load_profile(CU270, QUICK).profile, Setup()), home_um=99.0, home_age_s=30000.0)
-    job = resumption.taken_up(known, None)
+    job = resumption.taken_up(known, math.nan)
     assert job.home_um == resumption.state.home_um != 0.0
     assert 0.0 <= resumption.state.home_age_s < 300.0
     assert UNTOLD_S <= job.home_age_s <= UNTOLD_S + resumption.state.home_age_s + time.time() - written_utc_s
