@@ -85,6 +85,7 @@ class SerialLine:
         self._failure: LinkLost | None = None
         self._closed = False
         self._wake_r, self._wake_w = os.pipe()
+        self._number = self._descriptor()
         self._reader = threading.Thread(target=self._read_on, name=f"reader of {name}", daemon=True)
         self._reader.start()
 
@@ -93,8 +94,11 @@ class SerialLine:
         with self._writing:
             self._check()
             try:
-                self._port.write(data)
-            except serial.SerialTimeoutException:
+                if self._number is None:
+                    self._port.write(data)
+                else:
+                    _write_all(self._number, data)
+            except (serial.SerialTimeoutException, TimeoutError):
                 raise self._fail(
                     f"{self.name} takes no more bytes.", "Check that the controller runs, and its cable."
                 ) from None
@@ -126,19 +130,18 @@ class SerialLine:
             self._reader.join()
         # pyserial leaves a socket open whose other end has gone.
         its_socket = getattr(self._port, "_socket", None)
-        with suppress(*FAILURES):
+        with self._writing, suppress(*FAILURES):
+            self._fail(f"The line to {self.name} is closed.", "Open it again.")
             self._port.close()
         if its_socket is not None:
             its_socket.close()
         os.close(self._wake_r)
         os.close(self._wake_w)
-        self._fail(f"The line to {self.name} is closed.", "Open it again.")
 
     def _read_on(self) -> None:
         try:
-            number = self._descriptor()
             while not self._closed:
-                data = self._waiting_bytes() if number is None else self._next_bytes(number)
+                data = self._waiting_bytes() if self._number is None else self._next_bytes(self._number)
                 if data:
                     with self._news:
                         self._arrived += data
@@ -187,3 +190,19 @@ class SerialLine:
                 self._failure = LinkLost(message, hint=hint, code="E4003")
             self._news.notify_all()
             return self._failure
+
+
+def _write_all(number: int, data: bytes) -> None:
+    """Write to a descriptor that does not block; TimeoutError where it takes nothing for `WRITE_TIMEOUT_S`.
+
+    pyserial's own write counts the time in which this computer stood still as the line's, and fails although every
+    byte was taken (its issue 281).
+    """
+    while True:
+        with suppress(BlockingIOError):
+            data = data[os.write(number, data) :]
+        if not data:
+            return
+        _, ready, _ = select.select([], [number], [], WRITE_TIMEOUT_S)
+        if not ready:
+            raise TimeoutError

@@ -166,6 +166,25 @@ def test_a_line_that_takes_nothing_is_lost_soon(terminal: Terminal, monkeypatch:
             line.write(b"x")
 
 
+def test_a_computer_that_stands_still_while_it_writes_has_lost_nothing(
+    terminal: Terminal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    taken = os.write
+
+    def slowly(number: int, data: bytes) -> int:
+        """Come back from a write that took everything only when its time is long over."""
+        length = taken(number, data)
+        sleep(0.05)
+        return length
+
+    monkeypatch.setattr(serial_line, "WRITE_TIMEOUT_S", 0.01)
+    with opened(terminal.name) as line:
+        with monkeypatch.context() as still:
+            still.setattr(os, "write", slowly)
+            line.write(b"all of it")
+        assert os.read(terminal.ours, 100) == b"all of it"
+
+
 @pytest.mark.parametrize("unplugged", [False, True])
 def test_closing_leaves_nothing_behind_and_may_be_done_twice(terminal: Terminal, unplugged: bool) -> None:
     before = resources()
