@@ -52,7 +52,6 @@ from edmctl.machine.reports import (
     TelemetryBlock,
     Touch,
     WaveformBatch,
-    joined,
 )
 from edmctl.machine.states import Axis, EventCode, MachineState
 from edmctl.machine.stop import StopRequest
@@ -220,9 +219,7 @@ class LinkMachine:
                 event = self._waits.event((EventCode.TOUCH, EventCode.TOUCH_DONE), touch_time_s(request))
                 if event.code is EventCode.TOUCH_DONE:
                     break
-                if len(found) >= request.touches:
-                    raise impossible(f"more than {request.touches} touches")
-                if samples and (told := wrong_touch(event, len(found) + 1, request, joined(samples))):
+                if told := wrong_touch(event, len(found) + 1, request, samples):
                     raise impossible(told)
                 found.append(Touch(event.time_s, event.displacement_um, event.actuator_v))
         if len(found) != request.touches:

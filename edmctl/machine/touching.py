@@ -7,9 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.machine.reports import joined
 from edmctl.machine.states import TelemetryFlag
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from edmctl.machine.orders import TouchRequest
     from edmctl.machine.reports import Floats, MachineEvent, TelemetryBlock
 
@@ -41,10 +44,12 @@ def contradicts_samples(told_um: float, seen_um: Floats) -> bool:
     return abs(told_um - float(seen_um.mean())) > ALIKE_SIGMAS * u_um
 
 
-def wrong_touch(event: MachineEvent, number: int, request: TouchRequest, samples: TelemetryBlock) -> str:
+def wrong_touch(
+    event: MachineEvent, number: int, request: TouchRequest, blocks: Sequence[TelemetryBlock]
+) -> str:
     """What in a touch cannot be, in words; nothing where all can.
 
-    `number` of the touches that `request` asked for is due, and `samples` are those of the whole motion so far.
+    `number` of the touches that `request` asked for is due; `blocks` hold the samples of the whole motion so far.
 
     The voltage at first contact lies beyond the last sample before it by no more than the feed goes from one sample
     to the next; 0.1 V more are allowed, 0.003 V were seen. One sample of the dwell at least must show contact.
@@ -54,6 +59,9 @@ def wrong_touch(event: MachineEvent, number: int, request: TouchRequest, samples
     told_um = event.displacement_um
     if told_um > request.z_max_um + BEYOND_UM:
         return f"a touch at {told_um:.1f} µm, {request.z_max_um:.1f} µm was the limit"
+    if not blocks:
+        return ""
+    samples = joined(blocks)
     first = int(np.searchsorted(samples.time_s, event.time_s))
     dwell = slice(first, int(np.searchsorted(samples.time_s, event.time_s + request.dwell_s, side="right")))
     seen_um = samples.displacement_um[dwell]

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 def other_work(site: Site, found: DepthAndWear, expected: Estimate, *, begun: bool) -> PreconditionError:
     """E8060: the touches found no hole of that depth."""
     if begun:
-        otherwise = "On untouched work, --restart-hole makes the hole from its face."
+        otherwise = "On untouched work, --homed --restart-hole makes the hole from its face."
     else:
         otherwise = "For new work, order the places that are left as a job of their own."
     return PreconditionError(
