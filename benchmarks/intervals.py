@@ -31,19 +31,20 @@ from edmctl.actuator.record import Record
 from edmctl.actuator.waveforms import calibration_legs, sampled
 from edmctl.cli.bench import bench_config
 from edmctl.cli.channel_truth import channel_truth
-from edmctl.cli.home_known import UNTOLD_S, with_home_left
+from edmctl.cli.elapsed import Now
+from edmctl.cli.home_known import with_home, with_home_left
 from edmctl.cli.true_wear import TrueWear
 from edmctl.errors import EdmError
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest
-from edmctl.procedures.drift import seen_between_jobs_um_s
 from edmctl.procedures.job import CalibratedActuator, Site, job_of
 from edmctl.procedures.journal import job_state
 from edmctl.procedures.machining import run_job
 from edmctl.procedures.results import Ledger
 from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Sensor, Setup
+from edmctl.record.bookkeeping import Books, HomeSeen
 from edmctl.record.recorder import NullRecorder
 from edmctl.simulator import kernel as k
 from edmctl.simulator import open_bench
@@ -171,7 +172,7 @@ def perform(case: Case) -> Outcome:
     calibration = None if case.sensor else _calibrated(case.seed)
     jobs = [(place,) for place in case.places_um] if case.one_by_one else [case.places_um]
     outcome, ledger = Outcome(), Ledger()
-    pad_um, homes = loaded.profile.approach.offset_um, list[tuple[float, float]]()
+    pad_um, homes = loaded.profile.approach.offset_um, list[HomeSeen]()
     for number, places in enumerate(jobs):
         if number == 0:
             for text in case.injections:
@@ -179,16 +180,14 @@ def perform(case: Case) -> Outcome:
         sites = tuple(Site(f"hole-{i + 1}", x, y) for i, (x, y) in enumerate(places))
         job = replace(job_of(_on(loaded, pad_um), setup, calibration=calibration), sites=sites)
         if number > 0:
-            age_s = ledger.time_s + max(UNTOLD_S, case.between_s)
-            seen_um_s = seen_between_jobs_um_s(homes, setup.sensor.drift_um_per_s)
-            job = replace(job, home_um=ledger.home_um, home_age_s=age_s, drift_seen_um_s=seen_um_s)
+            job = with_home(job, Books(homes=homes), Now(bench.transport.now_s()))
         observer, wear = StopsAt(case.stop_s), TrueWear(bench, Kept(bench))
         ledger, end = _job(bench, job, observer, wear, outcome)
         if case.resumed and end not in JUDGED:
             ledger, end = _taken_up(bench, job, ledger, wear, outcome, case.between_s)
         outcome.holes += _holes(bench, job, ledger, wear, number)
         outcome.ends.append(end)
-        homes.append((bench.transport.now_s(), ledger.home_um))
+        homes.append(HomeSeen(ledger.home_um, math.nan, bench.transport.now_s()))
         touched_um = [site.z3_um - ledger.home_um for site in ledger.sites.values()]
         pad_um = touched_um[-1] if touched_um else pad_um
         bench.controller.advance(round(1000.0 * case.between_s) + 1)

@@ -6,11 +6,13 @@ but the wire.
 
 from __future__ import annotations
 
+import math
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from edmctl.cli.elapsed import CALENDAR, Now
 from edmctl.cli.signals import stopping_signals
 from edmctl.errors import Diagnostic, UsageError
 
@@ -62,20 +64,32 @@ def _nothing() -> None:
     """What there is to begin or to keep on a machine that no file keeps."""
 
 
+def _no_time() -> float:
+    """The time of a bench that no file keeps."""
+    return math.nan
+
+
 @dataclass(frozen=True, slots=True)
 class Bench:
     """A connected machine, and the virtual bench behind it where that is in this process.
 
     `seed` made the virtual bench; None where it was there before. `begin` puts the profile's tool into a bench that
     a file keeps, and lets the file be written from then on: a command that is refused before changes nothing. `keep`
-    writes it, where the bench has changed.
+    writes it where the tool has worn, `keep_all` always; `kept_s` is the time of the bench in its file.
     """
 
     machine: LinkMachine
-    virtual: VirtualBench | None
+    virtual: VirtualBench | None = None
     seed: int | None = None
     begin: Callable[[], None] = _nothing
     keep: Callable[[], None] = _nothing
+    keep_all: Callable[[], None] = _nothing
+    kept_s: Callable[[], float] = _no_time
+
+    @property
+    def now(self) -> Now:
+        """The present, as ages are counted on this machine."""
+        return CALENDAR if self.virtual is None else Now(self.virtual.transport.now_s())
 
 
 def where_is(option: str | None, setup: Setup, wait_s: float = 0.0) -> Where:
@@ -127,13 +141,11 @@ def connected(
     from edmctl.link.session import Session
     from edmctl.machine.controller import LinkMachine
 
-    virtual: VirtualBench | None = None
     line: Transport
-    begin = keep = _nothing
-    made_by = where.seed_of(seed)
+    on: Callable[[LinkMachine], Bench] = Bench
     with ExitStack() as held:
         if where.in_process:
-            virtual, line, begin, keep = held.enter_context(_virtual(loaded, setup, seed, say, where))
+            line, on = held.enter_context(_virtual(loaded, setup, seed, say, where))
         else:
             line = _line(where, setup, say)
         session = Session(line, heartbeat_s=VIRTUAL_BEAT_SHARE * setup.controller.watchdog_s)
@@ -143,7 +155,7 @@ def connected(
         with stopping_signals(stop, session.abort):
             machine = LinkMachine(session, stop)
             machine.wait_for_rest()
-            yield Bench(machine, virtual, made_by, begin, keep)
+            yield on(machine)
 
 
 def introduction(where: Where, bench: Bench) -> str:
@@ -162,14 +174,14 @@ def introduction(where: Where, bench: Bench) -> str:
 @contextmanager
 def _virtual(
     loaded: LoadedProfile | None, setup: Setup, seed: int, say: Callable[[str], None], where: Where
-) -> Iterator[tuple[VirtualBench, Transport, Callable[[], None], Callable[[], None]]]:
-    """Give a virtual bench, fresh or that of a file, the line to it, and what `Bench.begin` and `Bench.keep` do."""
-    config = bench_config(loaded, setup)
+) -> Iterator[tuple[Transport, Callable[[LinkMachine], Bench]]]:
+    """Open a virtual bench, fresh or that of a file: the line to it, and what it is with a machine behind that."""
+    config, made_by = bench_config(loaded, setup), where.seed_of(seed)
     if where.bench_file is None:
         from edmctl.simulator import open_bench
 
         fresh = open_bench(config, seed)
-        yield fresh, fresh.transport, _nothing, _nothing
+        yield fresh.transport, lambda machine: Bench(machine, fresh, made_by)
         return
     from edmctl.cli.kept_bench import fit, kept_line
 
@@ -180,7 +192,10 @@ def _virtual(
                 fit(bench, loaded, config, say)
             line.begin()
 
-        yield bench, line, begin, line.keep_worn
+        yield (
+            line,
+            lambda machine: Bench(machine, bench, made_by, begin, line.keep_worn, line.keep_all, line.kept_s),
+        )
 
 
 def bench_config(loaded: LoadedProfile | None, setup: Setup) -> BenchConfig:

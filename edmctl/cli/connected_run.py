@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from edmctl.cli.runfile import RunName
     from edmctl.errors import Diagnostic
     from edmctl.procedures.results import Observer
+    from edmctl.record.ledger_entries import Entry
+    from edmctl.record.logbook import Logbook
     from edmctl.record.recorder import Recorder
 
     Warn = Callable[[Sequence[Diagnostic]], None]
@@ -37,6 +39,14 @@ class Held:
     choice: Choice | None = None
     run_file: Path | None = None
     error: EdmError | None = None
+
+    def write_down(self, logbook: Logbook, *entries: Entry) -> None:
+        """Add entries to the ledger; a bench in a file is written first, and is never older than they.
+
+        Raises RunFileError where one of them cannot be written.
+        """
+        self.bench.keep_all()
+        logbook.append(self.bench.machine.identity.serial, *entries, bench_s=self.bench.kept_s())
 
 
 def connected_run(

@@ -6,36 +6,32 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from edmctl.cli.elapsed import passed_since_s
-
 if TYPE_CHECKING:
+    from edmctl.cli.elapsed import Now
     from edmctl.procedures.job import Job
     from edmctl.record.bookkeeping import Books
 
-UNTOLD_S = 600.0
-"""Added to the age of what the ledger knows: a run that was killed has not told how long it took."""
+TOLD_LATE_S = 600.0
+"""Added to the age of what ledger and journal know: they tell of a home a while after it was seen."""
 
 
-def with_home(job: Job, books: Books, *, clock: bool) -> Job:
+def with_home(job: Job, books: Books, now: Now) -> Job:
     """Return the job with where the tool's home was last by the ledger, how long ago, and how fast it moved before.
 
-    Time goes by calendar or runs. Of a run that was killed the ledger does not know how long it took, so the age is
-    taken a little too large. Where the clock was set back since, nobody knows it, nor where home is.
+    Where the clock was set back since, nobody knows how long ago that was, nor where home is by now; how fast it
+    moved before is known all the same.
     """
     from edmctl.procedures.drift import seen_between_jobs_um_s
     from edmctl.procedures.measuring import displacement_uncertainty
 
     if not books.homes:
         return job
-    last = books.homes[-1]
-    passed_s = passed_since_s(last.utc_s) if clock else 0.0
-    if math.isinf(passed_s):
-        return job
-    age_s = max(books.runs_s - last.at_s + UNTOLD_S, passed_s)
     drift_u_um_per_s = displacement_uncertainty(job).drift_u_um_per_s
-    seen = [(home.utc_s if clock else home.at_s, home.um) for home in books.homes]
-    drift_um_s = seen_between_jobs_um_s(seen, drift_u_um_per_s)
-    return replace(job, home_um=last.um, home_age_s=age_s, drift_seen_um_s=drift_um_s)
+    seen = [(now.time_of(home.utc_s, home.bench_s), home.um) for home in books.homes]
+    job = replace(job, drift_seen_um_s=seen_between_jobs_um_s(seen, drift_u_um_per_s))
+    last = books.homes[-1]
+    passed_s = now.since_s(last.utc_s, last.bench_s)
+    return job if math.isinf(passed_s) else replace(job, home_um=last.um, home_age_s=passed_s + TOLD_LATE_S)
 
 
 def with_home_left(job: Job) -> Job:
@@ -44,7 +40,7 @@ def with_home_left(job: Job) -> Job:
     A run that was killed has told the ledger no more than its first touch of the pad.
     """
     left = job.resumed
-    age_s = left.home_age_s + job.pause_s + UNTOLD_S if left is not None else math.nan
+    age_s = left.home_age_s + job.pause_s + TOLD_LATE_S if left is not None else math.nan
     if left is None or not math.isfinite(age_s) or age_s >= job.home_age_s:
         return job
     return replace(job, home_um=left.home_um, home_age_s=age_s)

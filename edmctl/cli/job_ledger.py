@@ -76,10 +76,10 @@ class JobLedger:
         if self._logbook is None or self.name is None:
             return
         if self.plan.new_tool:
-            self._logbook.append(self._serial, ToolChanged(self._tool))
+            self.held.write_down(self._logbook, ToolChanged(self._tool))
         radius_um, wear_um = hole_radius_um(self.plan.loaded.profile), self.plan.forecast.tool_wear_um
         begun = JobBegun(self._tool, self.name.path.name, radius_um, self._places, wear_um)
-        self._logbook.append(self._serial, begun)
+        self.held.write_down(self._logbook, begun)
 
     def keep(self, state: JobState, *, urgent: bool = False) -> None:
         """Note the first Z1 and what was cut, and hand the state on."""
@@ -96,11 +96,7 @@ class JobLedger:
             return
         run_file = self.name.path.name
         ended = RunEnded(run_file, status, result.time_s - result.earlier_time_s)
-        self._logbook.append(self._serial, *self._sites(result, run_file), ended)
-
-    @property
-    def _serial(self) -> str:
-        return self.held.bench.machine.identity.serial
+        self.held.write_down(self._logbook, *self._sites(result, run_file), ended)
 
     @property
     def _tool(self) -> str:
@@ -126,7 +122,7 @@ class JobLedger:
             home_um=z1.home_um,
             truth=self.truth,
         )
-        self._logbook.append(self._serial, reference)
+        self.held.write_down(self._logbook, reference)
 
     def _sites(self, result: JobResult, run_file: str) -> list[SiteMachined]:
         """Measured holes, and those that were begun and left; or the channel, place by place."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -75,7 +74,7 @@ class Journaling:
         """
         resumption = self.plan.resumed
         if resumption is not None:
-            job = resumption.taken_up(job, self._clock_s())
+            job = resumption.taken_up(job, self.held.bench.now)
         if self.name is None or not self.plan.where.lasting:
             return job
         from edmctl.procedures.journal import JobState
@@ -83,7 +82,7 @@ class Journaling:
         from edmctl.record.journal import JournalFile, remove_journal
 
         self._file = JournalFile(
-            self.name.journal, self._job(job), self._stages_um, self.truth, self._clock_s
+            self.name.journal, self._job(job), self._stages_um, self.truth, self.held.bench.kept_s
         )
         tool = job.profile.tool.label
         self.keep(after_pause(job) if resumption else JobState(PHASE_BEFORE, 0.0, tool), urgent=True)
@@ -95,18 +94,16 @@ class Journaling:
         """Hand a state on; a bench in a file is written first, so its work is never older than the journal."""
         if self._file is None:
             return
-        self.held.bench.keep()
+        if urgent:
+            self.held.bench.keep_all()
+        else:
+            self.held.bench.keep()
         self._file.keep(state, urgent=urgent)
 
     def end(self) -> None:
         """The job is done. Raises RunFileError E9040 where the journal cannot be removed."""
         if self._file is not None:
             self._file.remove()
-
-    def _clock_s(self) -> float:
-        """The time of a virtual bench in this process; NaN of any other machine."""
-        virtual = self.held.bench.virtual
-        return math.nan if virtual is None else virtual.transport.now_s()
 
     def _stages_um(self) -> tuple[float, float]:
         status = self.held.bench.machine.status()

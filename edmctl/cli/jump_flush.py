@@ -167,7 +167,7 @@ class _Jumps:
         if logbook is None:
             return job
         books = books_of(logbook.lines, held.bench.machine.identity.serial)
-        return with_home(job, books, clock=not self.plan.where.in_process)
+        return with_home(job, books, held.bench.now)
 
     def act(self, run: "Run") -> None:
         """Jump."""

@@ -115,18 +115,22 @@ class KeptLine:
     def __init__(self, bench: VirtualBench, keep: Callable[[], None], path: Path) -> None:
         self._bench, self._line, self._keep = bench, bench.transport, keep
         self.name = f"{self._line.name}{path}"
-        self._kept_s, self._kept_um = self._line.now_s(), bench.tool_wear_um
+        self._kept_s = self._looked_s = self._line.now_s()
+        self._kept_um = bench.tool_wear_um
         self._begun = False
 
     def begin(self) -> None:
         """Write the bench down, from now on. Raises RunFileError E9024 where that is not possible."""
         self._begun = True
-        self._keep()
+        self.keep_all()
 
     def end(self) -> None:
         """Write what the command has made of the bench."""
-        if self._begun:
-            self._keep()
+        self.keep_all()
+
+    def kept_s(self) -> float:
+        """Time of the bench in its file."""
+        return self._kept_s
 
     def write(self, data: bytes) -> None:
         """Hand bytes to the controller."""
@@ -135,15 +139,21 @@ class KeptLine:
     def read(self, timeout_s: float) -> bytes:
         """Let up to `timeout_s` of virtual time pass; bytes of the controller."""
         data = self._line.read(timeout_s)
-        if self._line.now_s() - self._kept_s >= KEEP_S:
+        if self._line.now_s() - self._looked_s >= KEEP_S:
+            self._looked_s = self._line.now_s()
             self.keep_worn()
         return data
 
     def keep_worn(self) -> None:
         """Write the bench down if its tool has worn since. Raises RunFileError E9024."""
         if self._begun and self._bench.tool_wear_um != self._kept_um:
-            self._kept_s, self._kept_um = self._line.now_s(), self._bench.tool_wear_um
+            self.keep_all()
+
+    def keep_all(self) -> None:
+        """Write the bench down. Raises RunFileError E9024."""
+        if self._begun:
             self._keep()
+            self._kept_s, self._kept_um = self._line.now_s(), self._bench.tool_wear_um
 
     def now_s(self) -> float:
         """Virtual time."""

@@ -110,7 +110,7 @@ def prepared_job(
     )
     job = job_of(profile, setup, loaded.places, actuator, start_x_um=own[0].x_um if own else x_um)
     own_um = math.fsum(hole.wear_um for hole in own if not math.isnan(hole.wear_um))
-    job = with_home(job, books, clock=not plan.where.in_process)
+    job = with_home(job, books, seen.now)
     job = replace(job, tool_wear_before_um=account.lost_um - own_um)
     return Prepared(job, account, _places(job, radius_um), holes, books)
 

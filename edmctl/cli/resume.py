@@ -6,13 +6,11 @@ so they need no trust; job, machine, tool and the place of the stages do.
 
 from __future__ import annotations
 
-import math
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edmctl.cli.elapsed import passed_since_s
 from edmctl.cli.home_known import with_home_left
 from edmctl.cli.resume_checks import refuse_untouchable, refuse_used_tool
 from edmctl.cli.runfile import RunName, run_path
@@ -24,6 +22,7 @@ if TYPE_CHECKING:
 
     import typer
 
+    from edmctl.cli.elapsed import Now
     from edmctl.cli.job import Order, Plan
     from edmctl.procedures.job import Job
     from edmctl.procedures.journal import JobState
@@ -96,21 +95,12 @@ class Resumption:
             number += 1
         return RunName(run_id, run_path(folder, run_id), start, self.job.run_id)
 
-    def taken_up(self, job: Job, clock_s: float) -> Job:
-        """Return the job with the places of the run before, how far that came, and where the tool's home was.
-
-        `clock_s` is the time of a virtual bench in this process, NaN for any other machine. The calendar tells
-        nothing of that bench: it stands still between commands, and each of them lets its own time pass.
-        """
+    def taken_up(self, job: Job, now: Now) -> Job:
+        """Return the job with the places of the run before, how far that came, and where the tool's home was."""
         from edmctl.procedures.job import Site
 
         sites = tuple(Site(*place) for place in self.job.places)
-        if math.isnan(clock_s):
-            pause_s = passed_since_s(self.journal.written_utc_s)
-        elif clock_s >= self.journal.clock_s:
-            pause_s = clock_s - self.journal.clock_s
-        else:
-            pause_s = math.inf  # an earlier version kept no clock
+        pause_s = now.since_s(self.journal.written_utc_s, self.journal.clock_s)
         job = replace(job, sites=sites, resumed=self.state, pause_s=pause_s, restart_hole=self.restart_hole)
         return with_home_left(job)
 

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from edmctl.cli.elapsed import CALENDAR, Now
 from edmctl.errors import Diagnostic
 
 if TYPE_CHECKING:
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from edmctl.profile.model import Tool
     from edmctl.record.bookkeeping import Books, ToolAccount
     from edmctl.record.logbook import Logbook
+    from edmctl.simulator.bench import VirtualBench
 
 NAMELESS = "tool"
 """A tool that nobody has named yet: that of a virtual bench that no profile has seen, or of an empty ledger."""
@@ -22,9 +24,10 @@ NAMELESS = "tool"
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """A machine by its serial number, and its tool; "" and NaN where only a virtual bench could tell."""
+    """A machine by its serial number, its present and its tool; "" and NaN where only a virtual bench could tell."""
 
     serial: str
+    now: Now = CALENDAR
     tool: str = ""
     diameter_um: float = math.nan
 
@@ -32,9 +35,7 @@ class Seen:
 def seen_on(held: Held) -> Seen:
     """Return what a connected machine shows."""
     serial, virtual = held.bench.machine.identity.serial, held.bench.virtual
-    if virtual is None:
-        return Seen(serial)
-    return Seen(serial, virtual.tool_label, virtual.plant.config.tool_diameter_um)
+    return Seen(serial) if virtual is None else _seen(virtual)
 
 
 def seen_in_file(where: Where) -> Seen | None:
@@ -45,8 +46,12 @@ def seen_in_file(where: Where) -> Seen | None:
     from edmctl.record.bench_file import read_bench
     from edmctl.simulator.saving import restored_bench
 
-    bench = restored_bench(read_bench(file))
-    return Seen(bench.plant.serial, bench.tool_label, bench.plant.config.tool_diameter_um)
+    return _seen(restored_bench(read_bench(file)))
+
+
+def _seen(bench: VirtualBench) -> Seen:
+    now = Now(bench.transport.now_s())
+    return Seen(bench.plant.serial, now, bench.tool_label, bench.plant.config.tool_diameter_um)
 
 
 def not_seen(where: Where) -> str:

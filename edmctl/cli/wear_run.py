@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edmctl.cli.elapsed import passed_since_s
 from edmctl.cli.home_known import with_home
 from edmctl.cli.prepared import logbook_of
 from edmctl.cli.tool_left import refuse_unknown_length
@@ -32,6 +31,7 @@ if TYPE_CHECKING:
 
     from edmctl.cli.alone import Warn
     from edmctl.cli.connected_run import Held
+    from edmctl.cli.elapsed import Now
     from edmctl.cli.job import Plan
     from edmctl.cli.runfile import RunName
     from edmctl.console.style import Style
@@ -85,7 +85,7 @@ class WearRun:
         job = job_of(profile, self.plan.setup, (), choice.actuator if choice else None)
         if self._logbook is not None:
             books = books_of(self._logbook.lines, held.bench.machine.identity.serial)
-            job = with_home(job, books, clock=not self.plan.where.in_process)
+            job = with_home(job, books, held.bench.now)
         self._job = job
         return self._job
 
@@ -101,7 +101,7 @@ class WearRun:
         profile = measuring_profile(self.plan.loaded.profile)
         if not self.is_reference:
             reference = _reference_of(account, logbook, seen.serial, self.plan.where.selector)
-            self._reference = _aged(reference, account, books, clock=not self.plan.where.in_process)
+            self._reference = _aged(reference, account, seen.now)
             folder = logbook.path.parent if logbook is not None else Path()
             refuse_unknown_length(account, folder, self.plan.where.selector)
             self._bottom = bottom_of(self.site, books, account, self._diameter_um(), folder)
@@ -131,18 +131,18 @@ class WearRun:
         """Write the reference or the wear into the ledger."""
         if self._logbook is None or self._held is None or self._account is None:
             return
-        serial, tool = self._held.bench.machine.identity.serial, self._account.label
+        tool = self._account.label
         if self.touched is not None:
             if self.plan.new_tool:
-                self._logbook.append(serial, ToolChanged(tool))
-            self._logbook.append(serial, self._as_reference(tool, self.touched))
+                self._held.write_down(self._logbook, ToolChanged(tool))
+            self._held.write_down(self._logbook, self._as_reference(tool, self.touched))
         elif self.found is not None:
             found = self.found
             measured = WearMeasured(
                 tool, self._run_file, found.z3_after_um, found.wear_um, found.wear_u95_um, self._home_um
             )
-            self._logbook.append(serial, measured)
-        self._logbook.append(serial, RunEnded(self._run_file, "done", time_s))
+            self._held.write_down(self._logbook, measured)
+        self._held.write_down(self._logbook, RunEnded(self._run_file, "done", time_s))
 
     def result(self) -> Mapping[str, object] | None:
         """What was touched, and what is known of the tool by the ledger."""
@@ -290,19 +290,13 @@ def _reference_of(account: ToolAccount, logbook: Logbook | None, serial: str, po
     )
 
 
-def _aged(reference: ReferenceTouched, account: ToolAccount, books: Books, *, clock: bool) -> Reference:
-    """The reference with its age: by the calendar, or by the runs since where time stands still between them.
-
-    It is infinite where the clock was set back since.
-    """
-    age_s = books.runs_s - account.reference_at_s
-    if clock:
-        age_s = max(age_s, passed_since_s(account.reference_utc_s))
+def _aged(reference: ReferenceTouched, account: ToolAccount, now: Now) -> Reference:
+    """The reference with its age, infinite where nobody knows it."""
     return Reference(
         z_um=reference.z_um,
         sd_um=reference.sd_um,
         touches=reference.touches,
         model_um=reference.model_um,
-        age_s=age_s,
+        age_s=now.since_s(account.reference_utc_s, account.reference_bench_s),
         doubt_u_um=reference.doubt_u_um,
     )

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from edmctl.procedures.measuring import displacement_uncertainty
@@ -70,18 +69,22 @@ class Rests:
 def seen_between_jobs_um_s(homes: Sequence[Zero], drift_u_um_per_s: float) -> float:
     """Fastest drift that the homes of earlier jobs allow, the oldest first, µm/s; 0 where they lie too close.
 
-    What no drift explains, `drift_u_um_per_s` being its standard uncertainty, is a sensor that was set anew: homes
-    before that tell nothing.
+    What no drift explains, `drift_u_um_per_s` being its standard uncertainty, is a sensor that was set anew, and a
+    time that goes back a clock that was: the newest homes that go together and lie far enough apart tell. Homes
+    without a time, NaN, go with no others.
     """
-    begin = 0
-    for i, ((before_s, before_um), (time_s, um)) in enumerate(pairwise(homes), 1):
+    together: list[list[Zero]] = []
+    for time_s, um in homes:
+        before_s, before_um = together[-1][-1] if together else (math.nan, math.nan)
         most_um = HOMES_ALIKE_UM + DRIFT_SDS * drift_u_um_per_s * (time_s - before_s)
-        if time_s < before_s or abs(um - before_um) > most_um:
-            begin = i
-    since = homes[begin:]
-    if len(since) < 2 or since[-1][0] - since[0][0] < HOMES_APART_S:
-        return 0.0
-    return _fastest_um_s(since, HOMES_APART_S)
+        if time_s >= before_s and abs(um - before_um) <= most_um:
+            together[-1].append((time_s, um))
+        else:
+            together.append([(time_s, um)])
+    for since in reversed(together):
+        if since[-1][0] - since[0][0] >= HOMES_APART_S:
+            return _fastest_um_s(since, HOMES_APART_S)
+    return 0.0
 
 
 def _fastest_um_s(zeros: Sequence[Zero], recent_s: float) -> float:

@@ -33,14 +33,14 @@ class ToolAccount:
 
     `pad_um` counts from the tool's home at 0 V, NaN before the first touch. `holes` are all of the tool, `since`
     those after its reference;
-    `lost_before_um` is what it lost up to then. `reference_at_s` is the machine's time in runs at the reference.
+    `lost_before_um` is what it lost up to then. `reference_utc_s` and `reference_bench_s` are when, as in `Line`.
     `killed` are its jobs since its last touch that never ended: what they cost it nobody knows.
     """
 
     label: str
     reference: ReferenceTouched | None = None
     reference_utc_s: float = math.nan
-    reference_at_s: float = math.nan
+    reference_bench_s: float = math.nan
     pad_um: float = math.nan
     lost_before_um: float = 0.0
     holes: list[SiteMachined] = field(default_factory=list)
@@ -65,16 +65,16 @@ class ToolAccount:
 
 @dataclass(frozen=True, slots=True)
 class HomeSeen:
-    """What the sensor showed of a tool at home when the pad was touched, when the runs had taken `at_s`."""
+    """What the sensor showed of a tool at home when the pad was touched, and when, as in `Line`."""
 
     um: float
     utc_s: float
-    at_s: float
+    bench_s: float
 
 
 @dataclass(slots=True)
 class Books:
-    """One machine: its holes, its tools, the tool last in use ("" before the first), the time that its runs took.
+    """One machine: its holes, its tools, the tool last in use ("" before the first).
 
     `homes` are all that were seen of the tool's home, the newest last.
     """
@@ -82,7 +82,6 @@ class Books:
     holes: list[SiteMachined] = field(default_factory=list)
     tools: dict[str, ToolAccount] = field(default_factory=dict)
     tool: str = ""
-    runs_s: float = 0.0
     homes: list[HomeSeen] = field(default_factory=list)
 
     def account(self, label: str) -> ToolAccount:
@@ -103,14 +102,14 @@ def books_of(lines: Iterable[Line], serial: str) -> Books:
         if not isinstance(entry, RunEnded):
             books.tool = entry.tool
         if isinstance(entry, ReferenceTouched | SiteMachined | WearMeasured) and math.isfinite(entry.home_um):
-            books.homes.append(HomeSeen(entry.home_um, line.utc_s, books.runs_s))
+            books.homes.append(HomeSeen(entry.home_um, line.utc_s, line.bench_s))
         if isinstance(entry, ToolChanged):
             books.tools[entry.tool] = ToolAccount(entry.tool)
         elif isinstance(entry, ToolNamed):
             books.tools[entry.tool] = replace(books.account(entry.before), label=entry.tool)
             del books.tools[entry.before]
         elif isinstance(entry, ReferenceTouched):
-            _take_reference(books, entry, line.utc_s)
+            _take_reference(books, entry, line)
         elif isinstance(entry, JobBegun):
             open_jobs[entry.run_file] = entry
             books.account(entry.tool).killed.append(entry)
@@ -122,7 +121,6 @@ def books_of(lines: Iterable[Line], serial: str) -> Books:
             account.killed.clear()
         else:
             ended = open_jobs.pop(entry.run_file, None)
-            books.runs_s += entry.time_s
             if ended is not None:
                 books.account(ended.tool).killed.clear()
     for job in open_jobs.values():
@@ -132,10 +130,10 @@ def books_of(lines: Iterable[Line], serial: str) -> Books:
     return books
 
 
-def _take_reference(books: Books, entry: ReferenceTouched, utc_s: float) -> None:
+def _take_reference(books: Books, entry: ReferenceTouched, line: Line) -> None:
     account = books.account(entry.tool)
-    account.reference, account.reference_utc_s = entry, utc_s
-    account.reference_at_s = books.runs_s + entry.time_s
+    account.reference = entry
+    account.reference_utc_s, account.reference_bench_s = line.utc_s, line.bench_s
     account.lost_before_um = account.lost_um
     account.pad_um = from_home_um(entry.z_um, entry.home_um)
     account.since.clear()

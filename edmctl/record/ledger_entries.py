@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, TypeAlias
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-VERSION = 2
-"""Since 2 touches of the pad come with `home_um`: what the sensor showed then of a tool at home."""
+VERSION = 3
+"""Since 2 touches of the pad come with `home_um`: what the sensor showed then of a tool at home. Since 3 lines of a
+virtual bench have its own time, `bench_s`."""
 UNFINISHED = "unfinished"
 LARGEST = 1e12
 """Of any number in a line: in µm or s it is beyond all machines, and what is reckoned from it stays finite."""
@@ -134,11 +135,15 @@ _KNOWN = {"x_um", "y_um", "radius_um"}
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One entry: of which machine (by its serial number), and when (UTC, s since 1970)."""
+    """One entry: of which machine (by its serial number), and when (UTC, s since 1970).
+
+    `bench_s` is the time of a virtual bench that a file keeps, NaN of any other machine.
+    """
 
     serial: str
     utc_s: float
     entry: Entry
+    bench_s: float = math.nan
 
 
 class LaterVersion(Exception):
@@ -163,7 +168,7 @@ def line_of(row: bytes) -> Line:
     kind = _KINDS.get(values.pop("kind"))
     if kind is None:
         raise ValueError("its kind is unknown")
-    serial, utc_s = values.pop("serial"), values.pop("utc_s")
+    serial, utc_s, bench_s = values.pop("serial"), values.pop("utc_s"), values.pop("bench_s", None)
     if not isinstance(serial, str):
         raise TypeError("its serial is no text")
     known = {field.name: field for field in dataclasses.fields(kind)}
@@ -174,7 +179,8 @@ def line_of(row: bytes) -> Line:
     entry = kind(**fields)  # type: ignore[arg-type]
     if isinstance(entry, SiteMachined) and entry.status != UNFINISHED and math.isnan(entry.depth_um):
         raise ValueError("its hole is measured, but has no depth_um")
-    return Line(serial, _number("utc_s", utc_s), entry)
+    own_s = math.nan if bench_s is None else _number("bench_s", bench_s)
+    return Line(serial, _number("utc_s", utc_s), entry, own_s)
 
 
 def from_home_um(z_um: float, home_um: float) -> float:
@@ -207,6 +213,6 @@ def _number(name: str, raw: object) -> float:
 def text_of(line: Line) -> str:
     """Return the line as it stands in the file, with its end."""
     values = {"v": VERSION, "kind": _NAMES[type(line.entry)], "serial": line.serial, "utc_s": line.utc_s}
-    for name, value in dataclasses.asdict(line.entry).items():
+    for name, value in {"bench_s": line.bench_s, **dataclasses.asdict(line.entry)}.items():
         values[name] = None if isinstance(value, float) and not math.isfinite(value) else value
     return json.dumps(values, ensure_ascii=False, allow_nan=False) + "\n"

@@ -6,6 +6,7 @@ would touch, how much it has lost) follows from reading all lines of a machine i
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from contextlib import contextmanager
@@ -77,14 +78,14 @@ class Logbook:
             ) from refused
         return cls(path, tuple(_lines(path, data)))
 
-    def append(self, serial: str, *entries: Entry) -> None:
-        """Add entries of a machine; they are on the disk when the call returns.
+    def append(self, serial: str, *entries: Entry, bench_s: float = math.nan) -> None:
+        """Add entries of a machine; they are on the disk when the call returns. `bench_s` as in `Line`.
 
         Raises RunFileError E9033 where that is not possible.
         """
         if not entries:
             return
-        new = tuple(Line(serial, time.time(), entry) for entry in entries)
+        new = tuple(Line(serial, time.time(), entry, bench_s) for entry in entries)
         text = "".join(text_of(line) for line in new).encode()
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)

@@ -11,15 +11,18 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.record.bench_file import bench_lock, read_bench
+from edmctl.record import journal
+from edmctl.record.bench_file import bench_lock, read_bench, write_bench
 from edmctl.record.bookkeeping import books_of
 from edmctl.record.ledger_entries import UNFINISHED
 from edmctl.record.logbook import Logbook, SiteMachined, WearMeasured
-from edmctl.simulator.saving import restored_bench
+from edmctl.simulator import kernel as k
+from edmctl.simulator.saving import bench_state, restored_bench
 from tests.cli.commands import CU270, SHALLOW
 from tests.cli.test_processes import read_until, start
 
 if TYPE_CHECKING:
+    from edmctl.record.ledger_entries import Entry
     from edmctl.simulator import VirtualBench
     from tests.cli.commands import Here
 
@@ -59,6 +62,45 @@ def test_the_seed_makes_a_new_bench_and_does_nothing_to_an_old_one(here: Here) -
     (warning,) = said.document["warnings"]
     assert (warning["code"], "bench.h5" in warning["message"]) == ("W4101", True)
     assert kept().plant.serial == "SIM-12"
+
+
+def test_the_file_is_never_older_than_what_is_told_of_the_bench(
+    here: Here, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[tuple[float, float, bool]] = []
+    write_journal, append = journal.write_journal, Logbook.append
+
+    def journal_written(path: Path, content: journal.Journal) -> None:
+        write_journal(path, content)
+        told.append((content.clock_s, kept().transport.now_s(), content.state["phase"] == "machining"))
+
+    def line_written(book: Logbook, serial: str, *entries: Entry, bench_s: float = math.nan) -> None:
+        append(book, serial, *entries, bench_s=bench_s)
+        told.append((bench_s, kept().transport.now_s(), False))
+
+    monkeypatch.setattr(journal, "write_journal", journal_written)
+    monkeypatch.setattr(Logbook, "append", line_written)
+    assert here("machine", *SHALLOW, *KEPT, "--seed", "3").exit_code == 0
+    assert here("measure-wear", *KEPT).exit_code == 0
+    assert len(told) > 10
+    assert [(told_s, file_s) for told_s, file_s, _ in told if not 0.0 <= file_s - told_s <= 0.2] == []
+    assert len({told_s for told_s, _, _ in told}) > 10
+    assert any(cuts for _, _, cuts in told)
+
+
+@pytest.mark.parametrize("lost_s", [-4500.0, 0.0, 4500.0])
+def test_time_that_no_command_tells_of_counts_for_the_age_of_a_reference(here: Here, lost_s: float) -> None:
+    """A sensor that drifts as fast as one in thirty does, and a bench that stood under power."""
+    assert here("measure-wear", "--reference", *KEPT, "--seed", "131039").exit_code == 0
+    bench = kept()
+    bench.plant.par[k.SENSOR_DRIFT] = lost_s and math.copysign(2.0 / 600.0, lost_s)
+    bench.controller.advance(round(1000.0 * abs(lost_s)))
+    write_bench(Path("bench.h5"), bench_state(bench))
+    document = here("measure-wear", *KEPT, "--json").document
+    assert document["exit_code"] == 0
+    result = document["result"]
+    assert abs(result["wear_um"] - result["truth"]["wear_um"]) <= result["wear_u95_um"]
+    assert (result["wear_u95_um"] > 3.0) == (lost_s != 0.0)
 
 
 def test_one_command_at_a_time_and_another_may_wait(here: Here) -> None:

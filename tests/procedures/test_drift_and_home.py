@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.cli.home_known import with_home, with_home_left
+from edmctl.cli.elapsed import CALENDAR, Now
+from edmctl.cli.home_known import TOLD_LATE_S, with_home, with_home_left
 from edmctl.errors import EdmError, Interrupted, PreconditionError
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.port import Axis
@@ -374,10 +375,20 @@ def test_a_home_of_the_ledger_from_the_future_has_no_age_and_is_not_taken() -> N
     """The clock was set back meanwhile: a night may have passed."""
     job, now_s = Shop().job, time.time()
     books = Books(homes=[HomeSeen(2.0, now_s - 7200.0, 0.0)])
-    assert with_home(job, books, clock=True).home_age_s == pytest.approx(7200.0, abs=5.0)
+    assert with_home(job, books, CALENDAR).home_age_s == pytest.approx(7200.0 + TOLD_LATE_S, abs=5.0)
     books.homes = [HomeSeen(2.0, now_s + 7200.0, 0.0)]
-    assert with_home(job, books, clock=True) is job
-    assert with_home(job, books, clock=False).home_um == 2.0
+    assert with_home(job, books, CALENDAR) == job
+    assert with_home(job, books, Now(10.0)).home_age_s == 10.0 + TOLD_LATE_S
+    books.homes = [HomeSeen(2.0, now_s, math.nan)]
+    assert with_home(job, books, Now(10.0)) == job
+
+
+def test_how_fast_home_moved_is_known_where_the_clock_was_set_back_since() -> None:
+    job, now_s = Shop().job, time.time()
+    homes = [HomeSeen(0.0045 * at_s, now_s + at_s, at_s) for at_s in (2000.0, 4000.0, 6000.0)]
+    known = with_home(job, Books(homes=homes), CALENDAR)
+    assert known.drift_seen_um_s >= 0.0045
+    assert math.isnan(known.home_age_s) == math.isnan(job.home_age_s)
 
 
 @pytest.mark.parametrize("rate_um_s", [-0.0045, 0.0045])
@@ -388,9 +399,9 @@ def test_a_drift_that_earlier_jobs_show_is_in_the_intervals_from_the_start(rate_
         HomeSeen(2.0 + rate_um_s * at_s, now_s - 6000.0 + at_s, at_s)
         for at_s in (0.0, 1500.0, 3000.0, 4500.0)
     ]
-    for clock in (True, False):
+    for now in (CALENDAR, Now(4800.0)):
         shop = Shop()
-        shop.job = with_home(shop.job, Books(homes=homes, runs_s=4800.0), clock=clock)
+        shop.job = with_home(shop.job, Books(homes=homes), now)
         run = armed(shop)
         assert COVERAGE * uncertainty_now(run).drift_u_um_per_s >= abs(rate_um_s)
 
@@ -406,6 +417,14 @@ def test_homes_of_a_sensor_without_drift_widen_nothing() -> None:
 def test_a_sensor_that_was_set_anew_or_a_clock_that_was_set_back_is_no_drift(break_s: float) -> None:
     homes = [(0.0, 80.0), (2000.0, 79.0), (2000.0 + break_s, 0.5), (5000.0, 0.3)]
     assert seen_between_jobs_um_s(homes, 1.0 / 600.0) < 1.0 / 600.0
+
+
+@pytest.mark.parametrize("new", [(2000.0, 12.5), (7300.0, 80.0), (math.nan, 12.0)])
+def test_homes_before_a_break_tell_until_those_after_it_do(new: tuple[float, float]) -> None:
+    homes = [(0.0, 0.0), (3600.0, 6.0), (7200.0, 12.0)]
+    before_um_s = seen_between_jobs_um_s(homes, 1.0 / 600.0)
+    assert before_um_s > 0.0015
+    assert seen_between_jobs_um_s([*homes, new], 1.0 / 600.0) == before_um_s
 
 
 @pytest.mark.parametrize("deeper_um", [0.0, 6.0, 18.0])

@@ -161,7 +161,7 @@ def test_a_last_line_that_nobody_can_read_is_left_out_and_taken_away(tmp_path: P
 
 
 def test_a_line_of_a_later_version_is_told_from_damage(tmp_path: Path) -> None:
-    (tmp_path / FILE_NAME).write_text('{"v": 3, "kind": "dream"}\n', encoding="utf-8")
+    (tmp_path / FILE_NAME).write_text('{"v": 4, "kind": "dream"}\n', encoding="utf-8")
     with pytest.raises(RunFileError) as caught:
         Logbook.open(tmp_path)
     assert caught.value.code == "E9032"
@@ -260,19 +260,19 @@ def test_places_of_a_job_that_never_ended_are_taken(tmp_path: Path) -> None:
     assert [hole.name for hole in books_of(book.lines, SERIAL).holes] == ["a"]
 
 
-def test_the_age_of_a_reference_is_the_time_of_the_runs_since(tmp_path: Path) -> None:
-    book = Logbook.open(tmp_path)
-    book.append(SERIAL, RunEnded("before.h5", "done", 1000.0), reference(time_s=40.0))
-    book.append(SERIAL, RunEnded("r.h5", "done", 100.0), RunEnded("later.h5", "done", 200.0))
-    books = books_of(book.lines, SERIAL)
-    assert books.runs_s - books.account("Cu").reference_at_s == 60.0 + 200.0
+def test_the_time_of_a_bench_stands_in_its_lines(tmp_path: Path) -> None:
+    Logbook.open(tmp_path).append(SERIAL, reference(), bench_s=1234.5)
+    Logbook.open(tmp_path).append(SERIAL, replace(site(), home_um=3.0))
+    books = books_of(Logbook.open(tmp_path).lines, SERIAL)
+    assert books.account("Cu").reference_bench_s == 1234.5
+    assert math.isnan(books.homes[-1].bench_s)
 
 
 def test_lines_are_json_that_anybody_reads(tmp_path: Path) -> None:
     Logbook.open(tmp_path).append(SERIAL, site())
     (text,) = (tmp_path / FILE_NAME).read_text(encoding="utf-8").splitlines()
     line = json.loads(text)
-    assert (line["v"], line["kind"], line["serial"], line["tool"]) == (2, "site", SERIAL, "Cu")
+    assert (line["v"], line["kind"], line["serial"], line["tool"]) == (3, "site", SERIAL, "Cu")
     assert line["z3_um"] is None
 
 
