@@ -68,7 +68,9 @@ class JobLedger:
         if self._logbook is not None:
             self.warn(prepared.refuse(self.plan, self._logbook.path.parent, resuming))
             self._places = prepared.places
-            self._wants_reference = prepared.account.reference is None and not resuming
+            left = self.plan.resumed.state if self.plan.resumed else None
+            is_first = left is None or not (left.z1_touches or left.done)
+            self._wants_reference = prepared.account.reference is None and is_first
         return prepared.job
 
     def begin(self) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 import shutil
 import time
 from dataclasses import dataclass, replace
@@ -22,6 +21,7 @@ from edmctl.cli.resume import checked, find_run
 from edmctl.cli.runfile import RunName
 from edmctl.cli.wear_run import _aged
 from edmctl.errors import LinkLost
+from edmctl.machine.controller import LinkMachine
 from edmctl.procedures.job import job_of
 from edmctl.procedures.journal import job_state
 from edmctl.profile.load import load_profile
@@ -50,6 +50,8 @@ from tests.cli.left_jobs import (
 from tests.serving import serving
 
 if TYPE_CHECKING:
+    from edmctl.machine.orders import TouchRequest
+    from edmctl.machine.reports import Touch
     from edmctl.record.logbook import Entry
     from edmctl.simulator import VirtualBench
     from tests.cli.commands import Here, Said
@@ -489,3 +491,20 @@ def test_a_reference_from_the_future_has_no_known_age(ahead_s: float, age_s: flo
     assert _aged(reference, account, CALENDAR).age_s == pytest.approx(age_s, abs=5.0)
     assert _aged(reference, account, Now(500.0)).age_s == (-ahead_s if ahead_s < 0.0 else math.inf)
     assert _aged(reference, replace(account, reference_bench_s=math.nan), Now(500.0)).age_s == math.inf
+
+
+def test_a_job_that_was_stopped_before_its_first_touch_leaves_a_reference_in_the_end(
+    here: Here, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    touch = LinkMachine.touch
+
+    def stopped(machine: LinkMachine, request: TouchRequest) -> tuple[Touch, ...]:
+        stop()
+        return touch(machine, request)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(LinkMachine, "touch", stopped)
+        assert here(*MACHINE, *BENCH, "--seed", "3", "--run-id", "a", "--quiet").exit_code == 130
+    assert here(*RESUME, *BENCH).exit_code == 0
+    measured = here("measure-wear", *BENCH, "--json").document["result"]
+    assert abs(measured["wear_um"] - measured["truth"]["wear_um"]) <= measured["wear_u95_um"]

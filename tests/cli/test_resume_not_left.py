@@ -84,8 +84,11 @@ def test_untouched_work_is_refused_and_made_from_its_face_when_asked(here: Here,
     told = refused(here, "E8060")
     assert f"the journal expects {expected_um:.2f}" in told
     assert "--restart-hole" in told
+    before_um = worn_so_far_um()
     said = here(*RESUME, "--restart-hole", *BENCH)
     assert said.exit_code == 0, said.out
+    truth = said.document["result"]["sites"][0]["truth"]
+    assert truth["wear_um"] == pytest.approx(worn_so_far_um() - before_um, abs=1e-3)
     (site,) = said.document["result"]["sites"]
     assert abs(site["truth"]["depth_um"] - DEEP_UM) <= 2.5
     assert abs(site["depth_um"] - site["truth"]["depth_um"]) <= max(1.0, site["depth_u95_um"])
@@ -103,7 +106,10 @@ def test_a_hole_that_was_begun_is_not_restarted(here: Here) -> None:
     (hole,) = restored_bench(read_bench(Path("bench.h5"))).truth()
     assert "no untouched face" in refused(here, "E8062", "--restart-hole")
     assert restored_bench(read_bench(Path("bench.h5"))).truth() == (hole,)
-    assert here(*RESUME, *BENCH).exit_code == 0
+    said = here(*RESUME, *BENCH)
+    assert said.exit_code == 0
+    (site,) = said.document["result"]["sites"]
+    assert site["truth"]["wear_um"] == pytest.approx(worn_so_far_um(), abs=1e-3)
 
 
 @pytest.mark.parametrize("way_um", [-20.0, 8.0, 25.0])
