@@ -356,7 +356,10 @@ def main() -> None:
     for title, tallies in groups.items():
         harmful = sum(tally.harmful for tally in tallies.values())
         missed = sum(tally.missed for tally in tallies.values())
-        share = 1.0 - missed / harmful if harmful else 1.0
+        if not harmful:
+            print(f"{title}: nothing was shifted, nothing judged", flush=True)
+            continue
+        share = 1.0 - missed / harmful
         met = met and share >= FOUND_BAR
         print(
             f"{title}: {100 * share:.1f} % of {harmful} found (bar {100 * FOUND_BAR:g} %)",

@@ -13,7 +13,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections import Counter, defaultdict
-from multiprocessing import Pool
+from multiprocessing import Pool, TimeoutError
 from random import Random
 
 from tests.machine.lying import Lie, name_of
@@ -78,7 +78,11 @@ def main() -> int:
     with Pool(asked.processes) as pool:
         fates = pool.imap_unordered(run, todo)
         for _ in todo:
-            (seed, lie, draw, kind), fate = fates.next(PATIENCE_S)
+            try:
+                (seed, lie, draw, kind), fate = fates.next(PATIENCE_S)
+            except TimeoutError:
+                bad["hangs"].append(f"a job did not end within {PATIENCE_S:g} s; no other was waited for")
+                break
             clean = plain[seed, kind]
             line = f"seed {seed}, {kind}, draw {draw}: {lie}: {fate.code} {fate.said}"
             messages += fate.lied

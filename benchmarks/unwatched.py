@@ -14,6 +14,7 @@ samples: whether the machine is idle or faulted) with the actuator at 0 V. Exit 
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import random
 import select
@@ -32,6 +33,7 @@ from typing import TYPE_CHECKING
 from benchmarks.kills import HOST_SILENT, PULSES_OFF_S, SETUP, wait_for
 from benchmarks.plant_record import Recorded, recorded
 from benchmarks.serving import start
+from edmctl.errors import EdmError
 from edmctl.link.faults import FAULTS, FaultCode
 from edmctl.link.frame import FrameDecoder
 from edmctl.link.messages import State, Tlm
@@ -57,7 +59,7 @@ HELLO_S, STALL_S = 0.05, 0.05
 of the computer add."""
 SAMPLES_S = FAULTS[FaultCode.SAMPLES_LOST].pulses_off_s
 WATCH_S = 3.0
-MOST_STARTS = 4
+MOST_STARTS = 10
 STARVED_S = 0.04
 """A busy computer lets a host starve before anything is done to it, or the server while it is judged: its loop turns
 every 4 ms otherwise. What that shows is not asked here, and the job is begun again."""
@@ -208,7 +210,10 @@ def _once(home: Path, case: str, number: int) -> Outcome | None:
                 return None
             machine.wait_for_pulses()
             time.sleep(chance.uniform(0.0, 1.0))
-            begin_s = trouble(machine, host, chance, relay)
+            try:
+                begin_s = trouble(machine, host, chance, relay)
+            except EdmError as refused:
+                return Outcome(math.inf, f"{refused.code}: {refused.message}")
             return _judged(machine, begin_s, bar_s, silent=relay is None)
         finally:
             host.kill()

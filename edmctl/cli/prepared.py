@@ -49,9 +49,10 @@ def hole_radius_um(profile: Profile) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Prepared:
-    """A job as it can be done now, where it cuts, the account of its tool, and the holes of other jobs."""
+    """A job as it can be done now, on which machine, where it cuts, the account of its tool, and the other holes."""
 
     job: Job
+    serial: str
     account: ToolAccount
     places: tuple[Place, ...] = ()
     holes: tuple[SiteMachined, ...] = ()
@@ -74,7 +75,7 @@ class Prepared:
             refuse_unknown_length(account, folder, plan.where.selector)
             warnings += refuse_worn_out(job.profile, job.setup, plan.loaded.places, account)
             warnings += other_tool(plan, account, self.books)
-            warnings += left_to_finish(account, folder)
+            warnings += left_to_finish(account.label, self.serial, folder)
         refuse_taken(self.places, hole_radius_um(job.profile), self.holes, folder)
         return warnings
 
@@ -95,7 +96,7 @@ def prepared_job(
     loaded, setup = plan.loaded, plan.setup
     if logbook is None:
         job = job_of(loaded.profile, setup, loaded.places, actuator)
-        return Prepared(job, ToolAccount(loaded.profile.tool.label))
+        return Prepared(job, seen.serial, ToolAccount(loaded.profile.tool.label))
     books = books_of(logbook.lines, seen.serial)
     account = account_of(plan, seen, books)
     left = plan.resumed.state if plan.resumed else None
@@ -112,7 +113,7 @@ def prepared_job(
     own_um = math.fsum(hole.wear_um for hole in own if not math.isnan(hole.wear_um))
     job = with_home(job, books, seen.now)
     job = replace(job, tool_wear_before_um=account.lost_um - own_um)
-    return Prepared(job, account, _places(job, radius_um), holes, books)
+    return Prepared(job, seen.serial, account, _places(job, radius_um), holes, books)
 
 
 def forewarned(plan: Plan, name: RunName, seen: Seen) -> list[Diagnostic]:

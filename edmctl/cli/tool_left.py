@@ -6,8 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from edmctl.cli.way_on import command_to_go_on, on_machine
-from edmctl.errors import Diagnostic, PreconditionError
-from edmctl.record.ledger_entries import UNFINISHED
+from edmctl.errors import Diagnostic, EdmError, PreconditionError
 from edmctl.wording import length
 
 if TYPE_CHECKING:
@@ -95,16 +94,19 @@ def refuse_worn_out(
     return []
 
 
-def left_to_finish(account: ToolAccount, folder: Path) -> list[Diagnostic]:
+def left_to_finish(tool: str, serial: str, folder: Path) -> list[Diagnostic]:
     """Return a warning (W8115) of each job of the tool that could still be taken up, and not after another job."""
-    runs = dict.fromkeys(hole.run_file for hole in account.holes if hole.status == UNFINISHED)
-    return [
-        Diagnostic(
-            "W8115",
-            f"{folder / run_file} was interrupted and cannot be finished once {account.label} has done another job.",
-            f"Stop this job and finish that one first, with `{command}`.",
-            is_warning=True,
-        )
-        for run_file in runs
-        if (command := command_to_go_on(folder / run_file))
-    ]
+    from edmctl.record.journal import SUFFIX, read_journal
+
+    warnings = []
+    for journal in sorted(folder.glob(f"*{SUFFIX}")):
+        run_file = journal.with_suffix(".h5")
+        try:
+            job = read_journal(journal).job
+        except (EdmError, OSError):
+            continue
+        if (job.tool, job.serial) == (tool, serial) and (command := command_to_go_on(run_file)):
+            message = f"{run_file} was interrupted and cannot be finished once {tool} has done another job."
+            hint = f"Stop this job and finish that one first, with `{command}`."
+            warnings.append(Diagnostic("W8115", message, hint, is_warning=True))
+    return warnings

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.cli.home_known import with_home
 from edmctl.cli.prepared import logbook_of
-from edmctl.cli.tool_left import refuse_unknown_length
+from edmctl.cli.tool_left import left_to_finish, refuse_unknown_length
 from edmctl.cli.tool_seen import NAMELESS, Seen, account_of, seen_on
 from edmctl.cli.way_on import on_machine
 from edmctl.cli.wear_bottom import bottom_of
@@ -108,6 +108,8 @@ class WearRun:
             profile = self._at_speed_of(reference, warn)
         elif logbook is None:
             warn([_NOT_KEPT])
+        elif self.plan.new_tool:
+            warn(left_to_finish(account.label, seen.serial, logbook.path.parent))
         return profile
 
     def act(self, run: Run) -> None:

@@ -214,8 +214,8 @@ def estimate_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: CutRes
     )
     run.decide(
         RunEvent.SITE_ESTIMATED,
-        f"Depth {length(found.depth_um, found.depth_u95_um)}, "
-        f"wear {length(found.wear_um, found.wear_u95_um)} by feed and energy: known well enough without another "
+        f"Depth ~{length(found.depth_um, found.depth_u95_um)}, "
+        f"wear ~{length(found.wear_um, found.wear_u95_um)} by feed and energy: known well enough without another "
         "touch.",
         {
             "depth_um": found.depth_um,
@@ -225,7 +225,7 @@ def estimate_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: CutRes
         },
     )
     off_um = found.depth_um - hole.goal.depth_um
-    message = f"Depth {decimal(found.depth_um)} µm, {signed(off_um)} µm from the target."
+    message = f"Depth ~{decimal(found.depth_um)} µm, {signed(off_um)} µm from the target."
     run.decide(RunEvent.TARGET_REACHED, message, {"depth_um": found.depth_um})
     return Decision(None, message)
 

@@ -7,6 +7,7 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from edmctl.labels import marked, weakest
 from edmctl.record.estimated import estimated_depth
 from edmctl.report import page_tables
 from edmctl.report.numbers import numbers_of, target_depths_um
@@ -137,8 +138,10 @@ def _key_numbers(run: RunFile, numbers: RunNumbers) -> Iterator[tuple[str, str, 
     wanted = f"wanted {target[0]:g} ± {target[1]:g} µm" if target and not several else of_many
     if numbers.depth_name == TIP and not several:
         wanted = f"through the sheet of {sites[0].length_um:g} µm"
-    yield numbers.depth_name, f"{with_u95(numbers.mean('depth_um'), numbers.mean('depth_u95_um'))} µm", wanted
-    yield "tool wear", f"{with_u95(numbers.mean('wear_um'), numbers.mean('wear_u95_um'))} µm", of_many
+    for called, name, of_what in ((numbers.depth_name, "depth", wanted), ("tool wear", "wear", of_many)):
+        text = with_u95(numbers.mean(f"{name}_um"), numbers.mean(f"{name}_u95_um"))
+        basis = weakest(getattr(site, f"{name}_basis") for site in sites)
+        yield called, f"{marked(text, basis)} µm", of_what
     if several:
         depths_um = [site.depth_um for site in sites if math.isfinite(site.depth_um)]
         yield (

@@ -377,9 +377,11 @@ def test_a_tool_that_was_changed_or_used_is_refused(
 def test_another_job_with_the_tool_is_warned_of_what_it_ends(here: Here, left: Left) -> None:
     shutil.copytree(left.stopped, Path.cwd(), dirs_exist_ok=True)
     again = (*MACHINE, *BENCH, "--dry-run", "--json")
-    (warned,) = (w for w in here(*again).document["warnings"] if w["code"] == "W8115")
-    assert "runs/a.h5" in warned["message"]
-    assert "`edmctl machine --resume a --port sim:bench.h5`" in warned["hint"]
+    changed = ("measure-wear", "--profile", CU270, "--reference", "--new-tool", *BENCH, "--dry-run", "--json")
+    for command in (again, (*again, "--new-tool"), changed):
+        (warned,) = (w for w in here(*command).document["warnings"] if w["code"] == "W8115")
+        assert "runs/a.h5" in warned["message"]
+        assert "`edmctl machine --resume a --port sim:bench.h5`" in warned["hint"]
     here(*RESUME, *BENCH)
     assert "W8115" not in here(*again).out
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from random import Random
 from typing import TYPE_CHECKING
 
+from edmctl.cli.channel_truth import channel_truth
 from edmctl.errors import EdmError
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
@@ -54,7 +55,7 @@ class Fate:
     lied : messages that came changed
     machine_s, cpu_s : how long it took, by the controller and of the processor's time, for nothing sleeps here
     after_s : time of the controller from the first lie to the end
-    depth_um, u95_um, true_um : of a hole that was made; NaN without
+    depth_um, u95_um, true_um : of a hole or channel that was made; NaN without
     safe : whether the machine came to rest by itself
     """
 
@@ -96,7 +97,7 @@ def short_job(seed: int, lie: Lie | None = None, draw: int = 0, kind: str = "pla
         code, said, result = missed.code, missed.message, missed.result
     except EdmError as error:
         code, said = error.code, error.message
-        result = shop.ledger.result() if shop.ledger.sites else None
+        result = shop.ledger.result() if shop.ledger.sites or shop.ledger.channel else None
     except Exception as error:  # what a job must not end with is what is looked for
         code, said = type(error).__name__, repr(error)
     end_s = bench.transport.now_s()
@@ -105,9 +106,8 @@ def short_job(seed: int, lie: Lie | None = None, draw: int = 0, kind: str = "pla
         if bench.is_safe:
             break
         bench.controller.advance(50)
-    sites = result.sites if result is not None else ()
-    depth_um, u95_um = (sites[0].depth_um, sites[0].depth_u95_um) if sites else (float("nan"), 0.0)
-    holes = bench.truth()
+    made = next((made for made in (*result.sites, result.channel) if made), None) if result else None
+    depth_um, u95_um = (made.depth_um, made.depth_u95_um) if made else (float("nan"), 0.0)
     return Fate(
         code=code,
         lied=line.told,
@@ -116,11 +116,19 @@ def short_job(seed: int, lie: Lie | None = None, draw: int = 0, kind: str = "pla
         after_s=0.0 if line.told_s is None else end_s - line.told_s,
         depth_um=depth_um,
         u95_um=u95_um,
-        true_um=holes[0].depth_um if holes else 0.0,
+        true_um=_true_um(shop),
         safe=bench.is_safe,
         frames=line.counts,
         said=said,
     )
+
+
+def _true_um(shop: Shop) -> float:
+    """True depth of the hole, or of the channel on average, µm."""
+    if shop.job.profile.path is not None:
+        truth = channel_truth(shop.job.profile, shop.bench, shop.bench.tool_wear_um)
+        return truth.depth_um if truth else 0.0
+    return next((hole.depth_um for hole in shop.bench.truth()), 0.0)
 
 
 def a_lie(type_id: int, field: str, frames: int, random: Random) -> Lie:

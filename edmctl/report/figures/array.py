@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.labels import Basis
+from edmctl.labels import Basis, marked
 from edmctl.report.numbers import numbers_of
 from edmctl.report.style import (
     BLACK,
@@ -145,7 +145,8 @@ def _draw_map(figure: Figure, axes: Axes, holes: _Holes) -> None:
     axes.locator_params(nbins=6)
     axes.set_xlabel("x (µm)")
     axes.set_ylabel("y (µm)")
-    axes.set_title("discs mark places, not sizes", loc="right", pad=3.0)
+    untouched = "" if holes.touched.all() else "~ not touched; "
+    axes.set_title(f"{untouched}discs mark places, not sizes", loc="right", pad=3.0)
     bar = figure.colorbar(dots, cax=axes.inset_axes((1.03, 0.0, 0.045, 1.0)))
     bar.set_label(f"depth − {holes.against.partition(' ')[0]} (µm)")
     bar.outline.set_linewidth(0.6)
@@ -164,10 +165,11 @@ def _discs(axes: Axes, holes: _Holes, radius_um: float) -> PatchCollection:
 def _label(axes: Axes, holes: _Holes, number: int, span_um: float, count: int) -> Text:
     error_um = holes.error_um[number]
     dark = abs(error_um) > 0.6 * span_um
+    error = marked(signed(error_um), "" if holes.touched[number] else Basis.ESTIMATED)
     return axes.text(
         holes.x_um[number],
         holes.y_um[number],
-        f"{holes.names[number]}\n{signed(error_um)}\n± {holes.error_u95_um[number]:.2f}",
+        f"{holes.names[number]}\n{error}\n± {holes.error_u95_um[number]:.2f}",
         ha="center",
         va="center",
         fontsize=6.0 if count <= 16 else 4.5,

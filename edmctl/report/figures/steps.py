@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.labels import Basis
+from edmctl.labels import Basis, marked
 from edmctl.record.bases import has_sensor
 from edmctl.report.numbers import numbers_of
 from edmctl.report.style import (
@@ -192,7 +192,8 @@ def _arrow(axes: Axes, at: float, ends: tuple[float, float], colour: str) -> Non
 def _number(site: SiteNumbers, name: str) -> str:
     value_um: float = getattr(site, f"{name}_um")
     u95_um: float = math.nan if name == "feed" else getattr(site, f"{name}_u95_um")
-    return with_u95(value_um, u95_um, 1)
+    basis = site.wear_basis if name == "wear" else site.depth_basis if name == "depth" else ""
+    return marked(with_u95(value_um, u95_um, 1), basis)
 
 
 def _draw_columns(axes: Axes, sites: Sequence[SiteNumbers]) -> None:
