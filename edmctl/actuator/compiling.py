@@ -7,10 +7,13 @@ calls; importing `scipy.linalg` for that answer takes 0.2 s of every process. He
 from __future__ import annotations
 
 import sys
+import threading
+from contextlib import contextmanager, suppress
+from time import monotonic
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
     from types import ModuleType
 
 _F = TypeVar("_F", bound="Callable[..., Any]")
@@ -33,6 +36,36 @@ def _load_numba() -> ModuleType:
 
 _numba = _load_numba()
 
+from numba.core import event  # noqa: E402
+from numba.core.caching import FunctionCache  # noqa: E402
+
+TOLD_EVERY_S = 4.0
+"""Whoever waits for a compiler hears of it so often."""
+_COMPILING = "numba:compile"
+
+_unkept: list[str] = []
+"""Why compiled code is not kept on disk, in words; empty where it is."""
+
+
+class _Kept(FunctionCache):
+    """Compiled code on disk as far as there is a disk: what fails costs time, never the job."""
+
+    def load_overload(self, sig: object, target_context: object) -> object:
+        """Load; None where there is nothing, or a file that was cut short."""
+        try:
+            return super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+        except Exception:  # whatever unpickling makes of it
+            with suppress(OSError):
+                self.flush()  # type: ignore[no-untyped-call]
+            return None
+
+    def save_overload(self, sig: object, data: object) -> None:
+        """Save where the disk takes it."""
+        try:
+            super().save_overload(sig, data)  # type: ignore[no-untyped-call]
+        except OSError as refused:
+            _unkept.append(f"{self.cache_path}: {refused.strerror}")
+
 
 def compiled(function: _F) -> _F:
     """Compile a part of a cached function; frees the GIL, no fastmath, so that plain Python gives the same bits."""
@@ -40,5 +73,63 @@ def compiled(function: _F) -> _F:
 
 
 def cached(function: _F) -> _F:
-    """Compile at the first call like `compiled`, and keep the code on disk beside its file."""
-    return cast("_F", _numba.njit(cache=True, nogil=True, error_model="numpy")(function))
+    """Compile at the first call like `compiled`, and keep the code on disk: beside its file, or for the user."""
+    dispatcher = _numba.njit(nogil=True, error_model="numpy")(function)
+    try:
+        dispatcher._cache = _Kept(dispatcher.py_func)  # type: ignore[no-untyped-call]
+    except RuntimeError:  # numba found no folder that can be written
+        _unkept.append("no folder of the program or the user can be written")
+    return cast("_F", dispatcher)
+
+
+@contextmanager
+def compiling_told(say: Callable[[str], None]) -> Iterator[None]:
+    """Tell `say` of a compilation as it begins and every few seconds, and once where its code is not kept."""
+    teller = _Teller(say)
+    with event.install_listener(_COMPILING, teller):
+        yield
+    if teller.compiled and _unkept:
+        say(
+            f"what was compiled could not be kept ({_unkept[0]}), so every command compiles again: "
+            "set NUMBA_CACHE_DIR to a folder that can be written"
+        )
+
+
+class _Teller(event.Listener):
+    """Hears numba begin and end, functions within functions."""
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self._say = say
+        self._depth = 0
+        self._before_s = self._begin_s = 0.0
+        self._ended = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    @property
+    def compiled(self) -> bool:
+        """Whether anything was."""
+        return self._before_s > 0.0
+
+    def on_start(self, _: event.Event) -> None:
+        """Begin to tell with the outermost function."""
+        self._depth += 1
+        if self._depth > 1:
+            return
+        if not self._before_s:
+            self._say("compiling, once for this installation: some 20 s")
+        self._begin_s = monotonic()
+        self._ended.clear()
+        self._thread = threading.Thread(target=self._tell, name="tells of compiling", daemon=True)
+        self._thread.start()
+
+    def on_end(self, _: event.Event) -> None:
+        """End with it; nobody else writes by then."""
+        self._depth -= 1
+        if self._depth == 0 and self._thread is not None:
+            self._ended.set()
+            self._thread.join()
+            self._before_s += monotonic() - self._begin_s
+
+    def _tell(self) -> None:
+        while not self._ended.wait(TOLD_EVERY_S):
+            self._say(f"still compiling, {self._before_s + monotonic() - self._begin_s:.0f} s so far")

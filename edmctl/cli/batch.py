@@ -57,6 +57,7 @@ def perform_all(tasks: Sequence[Task], reporter: Reporter) -> list[Run]:
     workers = min(len(tasks), _cores())
     if workers == 1:
         return _one_by_one(tasks, reporter)
+    _compile(reporter)
     # A forked child would inherit the threads of numba and BLAS half-way through whatever they do.
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, mp_context=context, initializer=_serve_parent) as pool:
@@ -86,6 +87,17 @@ def perform(task: Task, reporter: Reporter | None = None) -> Run:
         raise report.error
     exit_code = error_exit_code(report.error) if report.error else 0
     return run_of(task.seed, exit_code, report)
+
+
+def _compile(reporter: Reporter) -> None:
+    """Compile once what all workers load then, and say so."""
+    from edmctl.actuator.compiling import compiling_told
+    from edmctl.simulator import BenchConfig, open_bench
+    from edmctl.simulator.workpiece import compile_loops
+
+    with compiling_told(reporter.note):
+        open_bench(BenchConfig(), 0).controller.step(0)
+        compile_loops()
 
 
 def _serve_parent() -> None:

@@ -145,6 +145,9 @@ def connected(
     on: Callable[[LinkMachine], Bench] = Bench
     with ExitStack() as held:
         if where.in_process:
+            from edmctl.actuator.compiling import compiling_told
+
+            held.enter_context(compiling_told(say))
             line, on = held.enter_context(_virtual(loaded, setup, seed, say, where))
         else:
             line = _line(where, setup, say)

@@ -81,7 +81,10 @@ def _not_replaced(path: Path) -> Diagnostic:
 
 def calibrate_files(checked: Checked, reporter: Reporter) -> Calibrated:
     """Fit measured files, and save where a name was given."""
-    findings = _fit([given.record for given in checked.sources], checked, reporter)
+    from edmctl.actuator.compiling import compiling_told
+
+    with compiling_told(reporter.note):
+        findings = _fit([given.record for given in checked.sources], checked, reporter)
     if checked.output is None:
         reporter.note("nothing is saved: --output FILE writes a calibration that `machine` can use")
     else:

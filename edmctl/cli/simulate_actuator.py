@@ -106,6 +106,7 @@ def actuator(
 
 def _try(outcome: Outcome, asked: "list[Waveform]", calibration: Path | None, seed: int) -> "Trial":
     """Get the models and drive every waveform."""
+    from edmctl.actuator.compiling import compiling_told
     from edmctl.cli.actuator_trial import known_model, run_trial
 
     known = None
@@ -115,7 +116,8 @@ def _try(outcome: Outcome, asked: "list[Waveform]", calibration: Path | None, se
     with watching(outcome.output) as reporter:
         if not known:
             reporter.note(f"calibrating the virtual actuator of seed {seed}")
-        trial = run_trial(asked, known, seed)
+        with compiling_told(reporter.note):
+            trial = run_trial(asked, known, seed)
     outcome.warn(trial.doubts)
     return trial
 

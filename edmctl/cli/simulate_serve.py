@@ -130,6 +130,7 @@ def serve(
 
 
 def _serve(outcome: Outcome, order: _Order, link: Path | None, address: tuple[str, int] | None) -> None:
+    from edmctl.actuator.compiling import compiling_told
     from edmctl.cli.kept_bench import kept_bench
     from edmctl.cli.signals import requests_by_signal, stopping_signals
     from edmctl.machine.stop import StopRequest
@@ -141,7 +142,7 @@ def _serve(outcome: Outcome, order: _Order, link: Path | None, address: tuple[st
         _say(outcome.output, text)
 
     stop = StopRequest()
-    with kept_bench(order.bench_file, order.config, order.seed) as (bench, keep):
+    with compiling_told(say), kept_bench(order.bench_file, order.config, order.seed) as (bench, keep):
         if outcome.seed is not None and bench.plant.serial != serial_number(outcome.seed):
             raise UsageError(
                 f"{order.bench_file} keeps {bench.plant.serial}, not the machine of --seed {outcome.seed}.",

@@ -212,7 +212,7 @@ def tabulate(
                 if effective[i, j] <= level:
                     sinking += weights[i, j]
                     sinking_cells += 1
-    table[:, 0] = (math.inf, 1.0, 1.0)
+    table[0, 0], table[1, 0], table[2, 0] = math.inf, 1.0, 1.0
     if face_left == 0:
         return 1.0, math.inf, 1
     all_cells = cells_left if face_left == face else -1
@@ -251,7 +251,7 @@ def tabulate(
         table[1, columns] = 1.0 if sinking_cells == all_cells else share
         table[2, columns] = face / face_left if face_left > 0 else math.inf
         columns += 1
-    table[:, columns] = (math.inf, 1.0, 1.0)
+    table[0, columns], table[1, columns], table[2, columns] = math.inf, 1.0, 1.0
     return now, rarity, columns + 1
 
 
