@@ -36,20 +36,18 @@ class Task:
 
 
 def check_names(tasks: Sequence[Task]) -> None:
-    """Raise RunFileError (E9001) when a run file of `tasks` exists already, before hours of runs find out."""
-    from edmctl.record.disk import partial_path
+    """Raise RunFileError (E9001, E9002) when a run file of `tasks` cannot be, before hours of runs find out."""
+    from edmctl.record.disk import refuse_place
 
     for task in tasks:
         if task.out is None:
             continue
-        path = run_path(task.out, task.run_id)
-        for existing in (path, partial_path(path)):
-            if os.path.lexists(existing):
-                raise RunFileError(
-                    f"Run file {existing} exists already and is not overwritten.",
-                    hint="Choose another folder with --out, or another --seed. Nothing was run.",
-                    code="E9001",
-                )
+        try:
+            refuse_place(run_path(task.out, task.run_id))
+        except RunFileError as refused:
+            if refused.code == "E9001":
+                refused.hint = "Choose another folder with --out, or another --seed. Nothing was run."
+            raise
 
 
 def perform_all(tasks: Sequence[Task], reporter: Reporter) -> list[Run]:

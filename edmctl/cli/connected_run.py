@@ -66,6 +66,10 @@ def connected_run(
 
     Raises LinkLost, ProtocolMismatch and RunFileError where there was no machine to act on.
     """
+    from edmctl.record.disk import refuse_place
+
+    if name is not None:
+        refuse_place(name.path)
     held: Held | None = None
 
     def written(path: Path | None) -> None:

@@ -108,6 +108,20 @@ def _take_name_then_replace(source: Path, target: Path) -> None:
         raise
 
 
+def refuse_place(path: Path) -> None:
+    """Raise RunFileError where no run file can come to be at `path`: E9001 taken, E9002 no folder. Makes nothing."""
+    for existing in (path, partial_path(path)):
+        if os.path.lexists(existing):
+            raise already_there(existing)
+    folder = path.parent
+    while not os.path.lexists(folder):
+        folder = folder.parent
+    if not folder.is_dir():
+        raise cannot_create(path, f"{folder} is not a folder")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise cannot_create(path, f"{folder} cannot be written")
+
+
 def already_there(existing: Path) -> RunFileError:
     """Return the error for a run that exists."""
     return RunFileError(

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import h5py
 import pytest
 
+from edmctl.cli import connected_run
 from edmctl.cli.job import truths_of
 from edmctl.cli.true_wear import TrueWear
 from edmctl.console.jsonout import render_json
@@ -141,12 +142,20 @@ def test_a_run_is_never_overwritten(here: Here) -> None:
     assert Path("runs/r.h5").read_bytes() == b"precious"
 
 
-def test_an_unwritable_folder_is_refused_before_anything_moves(here: Here) -> None:
-    Path("file").write_text("no folder", encoding="utf-8")
-    said = here("machine", *SHALLOW, "--out", "file/runs", "--json")
-    assert said.exit_code == 9
-    assert said.document["error"]["code"] == "E9002"
-    assert "machining" not in said.err
+def test_the_place_of_the_run_file_is_looked_at_before_the_machine(
+    here: Here, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_machine(*_: object) -> None:
+        raise AssertionError("a machine was opened")
+
+    monkeypatch.setattr(connected_run, "connected", no_machine)
+    Path("file").touch()
+    Path("r.h5.partial").touch()
+    for out, run_id, code in (("file", "r", "E9002"), ("file/in/it", "r", "E9002"), (".", "r", "E9001")):
+        said = here("machine", *SHALLOW, "--out", out, "--run-id", run_id, "--json")
+        assert said.exit_code == 9
+        assert said.document["error"]["code"] == code
+    assert {path.name for path in Path().iterdir()} == {"file", "r.h5.partial"}
 
 
 @pytest.mark.parametrize("how", ["option", "environment", "setup"])
