@@ -18,6 +18,8 @@ what to do. Anything else that escapes is a bug (exit 1).
 
 from __future__ import annotations
 
+import shlex
+import sys
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -128,3 +130,8 @@ class Interrupted(EdmError):
     def __init__(self, message: str, *, signal_number: int) -> None:
         super().__init__(message)
         self.signal_number = signal_number
+
+
+def installing(*packages: str) -> str:
+    """Return the command that puts packages where this program runs from, a checkout or an installation alike."""
+    return f"`{shlex.quote(sys.executable or 'python3')} -m pip install {' '.join(packages)}`"

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from edmctl import __version__
 from edmctl.cli.doctor_checks import Check, fail, ok, warn
 from edmctl.cli.way_on import on_machine
-from edmctl.errors import EdmError
+from edmctl.errors import EdmError, installing
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -38,7 +38,7 @@ def versions() -> Check:
         except PackageNotFoundError:
             missing.append(name)
     if missing:
-        return fail("versions", f"Missing: {', '.join(missing)}.", f"Run `pip install {' '.join(missing)}`.")
+        return fail("versions", f"Missing: {', '.join(missing)}.", f"Install them: {installing(*missing)}.")
     return ok("versions", ", ".join(found))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from edmctl.errors import PreconditionError
+from edmctl.errors import PreconditionError, installing
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -22,7 +22,7 @@ def need_pyarrow() -> None:
     except ImportError:
         raise PreconditionError(
             "Parquet needs pyarrow, which is not installed.",
-            hint="Install it with `pip install 'edmctl[parquet]'`; --format csv needs nothing.",
+            hint=f"Install it: {installing('pyarrow')}; --format csv needs nothing.",
             code="E8092",
         ) from None
 

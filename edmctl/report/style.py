@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.errors import PreconditionError, UsageError
+from edmctl.errors import PreconditionError, UsageError, installing
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -142,7 +142,7 @@ def need_matplotlib() -> None:
     if importlib.util.find_spec("matplotlib") is None:
         raise PreconditionError(
             "Figures need matplotlib, which is not installed.",
-            hint="Install it with `pip install 'edmctl[plot]'`.",
+            hint=f"Install it: {installing('matplotlib')}.",
             code="E8090",
         )
 

@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from edmctl.cli.export_sink import new_file
-from edmctl.errors import RunFileError
+from edmctl.errors import RunFileError, installing
 from edmctl.record.reader import open_run
 from edmctl.record.rows import PulseBlockRows, ServoBlock
 from edmctl.record.writer import RunWriter
@@ -197,7 +197,7 @@ def test_parquet_without_its_library_says_how_to_get_it(
     said = here("run", "export", str(run), "--format", "parquet")
     assert said.exit_code == 8
     assert "E8092" in said.err
-    assert "Install it with `pip install 'edmctl[parquet]'`" in said.err
+    assert f"Install it: {installing('pyarrow')}" in said.err
 
 
 def test_a_killed_run_is_refused_and_a_live_one_is_not(here: Here, tmp_path: Path) -> None:

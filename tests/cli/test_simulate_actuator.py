@@ -16,7 +16,7 @@ from edmctl.actuator.waveforms import calibration_legs, sampled
 from edmctl.cli.actuator_csv import command_from
 from edmctl.cli.actuator_trial import run_trial
 from edmctl.cli.actuator_waveforms import Wanted, Waveform, waveforms
-from edmctl.errors import UsageError
+from edmctl.errors import UsageError, installing
 from edmctl.profile.calibration import calibration_of, save_calibration
 from edmctl.profile.calibration_tables import Made
 from edmctl.simulator.actuator import RATE_HZ, VirtualActuator
@@ -247,7 +247,7 @@ def test_a_file_that_exists_stays_as_it_is(option: str, here: Here) -> None:
 def test_a_figure_without_matplotlib_names_the_remedy(here: Here, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     error = refusal(here, "sine", "--plot", "a.png")
-    assert (error["code"], error["hint"]) == ("E8090", "Install it with `pip install 'edmctl[plot]'`.")
+    assert (error["code"], error["hint"]) == ("E8090", f"Install it: {installing('matplotlib')}.")
 
 
 def test_frequencies_and_ranges_as_asked_for() -> None:

@@ -9,7 +9,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 
-from edmctl.errors import PreconditionError, UsageError
+from edmctl.errors import PreconditionError, UsageError, installing
 from edmctl.report import style
 from edmctl.report.actuator_figure import POINTS, Trial, draw, extremes
 from edmctl.report.style import check_figure
@@ -65,7 +65,7 @@ def test_without_matplotlib_the_remedy_is_told(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(PreconditionError) as refused:
         check_figure("a.png")
-    assert refused.value.hint == "Install it with `pip install 'edmctl[plot]'`."
+    assert refused.value.hint == f"Install it: {installing('matplotlib')}."
 
 
 def test_a_long_record_keeps_every_spike_in_few_points() -> None:
