@@ -27,7 +27,7 @@ from edmctl.cli.runfile import plain_name
 from edmctl.cli.seeds import seed_to_use
 from edmctl.cli.simulate_actuator import actuator
 from edmctl.cli.simulate_serve import serve
-from edmctl.errors import ObjectiveNotReached, UsageError
+from edmctl.errors import Diagnostic, ObjectiveNotReached, UsageError
 from edmctl.wording import plural
 
 if TYPE_CHECKING:
@@ -124,6 +124,8 @@ def simulate(
         first_seed = seed_to_use(seed, runs)
         cases = _checked(outcome, _orders(order, sweep, runs))
         batch = _Batch(cases, first_seed, runs, out)
+        if sweep and runs == 1:
+            outcome.warn([_one_machine(first_seed)])
         if out:
             check_names(batch.tasks())
         if dry_run:
@@ -172,6 +174,15 @@ def _checked(outcome: Outcome, orders: list["Order"]) -> list["_Case"]:
         _label(plan.loaded.path.stem, order, len(orders)) for order, plan in zip(orders, plans, strict=True)
     ]
     return [_Case(*parts) for parts in zip(labels, orders, plans, strict=True)]
+
+
+def _one_machine(seed: int) -> Diagnostic:
+    return Diagnostic(
+        "W2003",
+        f"Every value of the sweep runs on the one machine of seed {seed}: its sensor errs alike in all.",
+        "What the runs have in common does not show as a difference; --runs 4 or more shows how machines differ.",
+        is_warning=True,
+    )
 
 
 def _forecast(outcome: Outcome, cases: list["_Case"]) -> None:

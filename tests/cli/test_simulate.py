@@ -161,6 +161,23 @@ def test_dry_run_forecasts_every_value_and_runs_nothing(here: Here) -> None:
     assert list(Path().iterdir()) == []
 
 
+def test_a_sweep_on_one_machine_says_what_its_runs_have_in_common(here: Here) -> None:
+    sweep = (
+        "simulate",
+        *SHALLOW,
+        "--sweep",
+        "servo.reference=0.7:0.8:2",
+        "--seed",
+        "3",
+        "--dry-run",
+        "--json",
+    )
+    (warning,) = here(*sweep, "--runs", "1").document["warnings"]
+    assert warning["code"] == "W2003"
+    assert "seed 3" in warning["message"]
+    assert here(*sweep, "--runs", "2").document["warnings"] == []
+
+
 def test_every_value_of_a_sweep_is_checked_before_the_first_run(here: Here) -> None:
     said = here("simulate", *SHALLOW, "--sweep", "servo.reference=0.5:0.9:3", "--json")
     assert said.exit_code == 3
