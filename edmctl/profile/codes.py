@@ -59,3 +59,4 @@ class Code(StrEnum):
     ARRAY_STROKE = "W3130"
     LAYER = "W3131"
     NOT_SHOWN = "W3132"
+    LESS_THAN_TOLERANCE = "W3133"

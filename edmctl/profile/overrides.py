@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from edmctl.errors import Diagnostic, Location, ProfileError
 from edmctl.profile.codes import Code
 from edmctl.profile.merge import changes, put
+from edmctl.profile.read import decimal_comma
 from edmctl.profile.sources import SET_OPTION, Source
 
 if TYPE_CHECKING:
@@ -50,9 +51,8 @@ def apply_overrides(table: TomlTable, overrides: Sequence[str]) -> Overridden:
             continue
         given = _parse(text)
         if given is None:
-            wrong.append(
-                _diagnostic(text, f"cannot read --set {text}: it is not key=value with a TOML value")
-            )
+            message = f"cannot read --set {text}: it is not key=value with a TOML value"
+            wrong.append(_diagnostic(text, message, decimal_comma(text.partition("=")[2]) or _HINT))
             continue
         path, value = given
         try:

@@ -20,6 +20,7 @@ MOST_PARENTS = 20
 _SYNTAX_PLACE = re.compile(
     r"(?P<what>.*) \(at (?:line (?P<line>\d+), column (?P<column>\d+)|end of document)\)", re.DOTALL
 )
+_DECIMAL_COMMA = re.compile(r"\s*([+-]?\d+),(\d+)\s*(?:#.*)?")
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,8 +51,16 @@ def parse(source: Source) -> TomlTable:
         where, what = _syntax_place(source, str(error))
     except (ValueError, RecursionError):
         where, what = source.start(), "a number is too long or values stand too deep in each other"
-    hint = "texts stand in quotes, a table begins with [name], a key is given once"
+    hint = decimal_comma(where.source_line.partition("=")[2]) or (
+        "texts stand in quotes, a table begins with [name], a key is given once"
+    )
     raise _refusal(Code.SYNTAX, f"not TOML: {what}", hint, where)
+
+
+def decimal_comma(value: str) -> str:
+    """What to write instead of a number with a decimal comma; nothing for any other text."""
+    number = _DECIMAL_COMMA.fullmatch(value)
+    return f"a number has a decimal point, not a comma: {number[1]}.{number[2]}" if number else ""
 
 
 def read_chain(path: Path) -> Chain:

@@ -40,6 +40,7 @@ from edmctl.profile.pulse_rules import (
 )
 from edmctl.profile.target_rules import (
     blind_depth,
+    depth_beyond_tolerance,
     depth_shown,
     feed_without_remeasuring,
     through_target,
@@ -87,6 +88,7 @@ RULES: tuple[Callable[[Job], Iterable[Finding]], ...] = (
     array_stroke,
     layer,
     depth_shown,
+    depth_beyond_tolerance,
 )
 """Every rule, in order of its number. Rule 12 (one touch speed for Z1, Z2 and Z3) has no key to break it."""
 

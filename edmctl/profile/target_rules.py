@@ -56,6 +56,22 @@ def depth_shown(job: Job) -> Iterator[Finding]:
         )
 
 
+def depth_beyond_tolerance(job: Job) -> Iterator[Finding]:
+    """Rule 33: a depth is more than its tolerance; millimetres given for micrometres are not."""
+    target = job.profile.target
+    if target.kind != "depth":
+        return
+    depth_um = min((place.depth_um for place in job.places), default=target.depth_um)
+    if depth_um <= target.tolerance_um:
+        yield Finding(
+            Code.LESS_THAN_TOLERANCE,
+            ("target", "depth_um"),
+            f"a depth of {depth_um:g} µm is no more than its tolerance, {target.tolerance_um:g} µm: "
+            "work that was never touched is as good",
+            f"lengths are in µm, {depth_um:g} mm would be {1000.0 * depth_um:g}; or set a smaller tolerance",
+        )
+
+
 def feed_without_remeasuring(job: Job) -> Iterator[Finding]:
     """Rule 14: a feed target is one cut; only a depth target has something to measure in between."""
     profile = job.profile

@@ -247,6 +247,15 @@ def test_a_syntax_error_has_its_line_and_column(tmp_path: Path) -> None:
     assert found.where.source_line == "duty = = 3"
 
 
+@pytest.mark.parametrize(("written", "meant"), [("0,18", "0.18"), (" -5,0 # comment", "-5.0")])
+def test_a_decimal_comma_is_named(tmp_path: Path, written: str, meant: str) -> None:
+    path = tmp_path / "p.toml"
+    path.write_text(f'extends = "cu270"\n[target]\ndepth_um ={written}\n', encoding="utf-8")
+    (in_file,) = problems(path)
+    (on_line,) = problems("cu270", f"target.depth_um={written}")
+    assert in_file.hint == on_line.hint == f"a number has a decimal point, not a comma: {meant}"
+
+
 def test_a_text_that_ends_too_soon_is_located_at_its_end(tmp_path: Path) -> None:
     path = tmp_path / "p.toml"
     path.write_text("[meta]\nname = [1,", encoding="utf-8")

@@ -256,6 +256,13 @@ CASES = [
         ("0.57 µm", "3 touches", "0.5 µm", "0.58 µm"),
     ),
     Case(
+        Code.LESS_THAN_TOLERANCE,
+        ("target.depth_um=2.1",),
+        ("target.depth_um=2",),
+        "target.depth_um",
+        ("2 µm",),
+    ),
+    Case(
         Code.NOT_SHOWN,
         ("target.tolerance_um=1.3",),
         ("target.tolerance_um=1",),
