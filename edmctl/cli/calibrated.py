@@ -103,6 +103,7 @@ def choose(option: Path | None, setup: Setup, profile: Profile, serial: str) -> 
 def _chosen(path: Path, setup: Setup, profile: Profile, serial: str) -> Choice:
     from edmctl.procedures.job import CalibratedActuator
     from edmctl.profile.calibration import load_calibration
+    from edmctl.profile.read import read_source
 
     calibration = load_calibration(path)
     _refuse_narrow(path, calibration, setup, profile)
@@ -111,7 +112,7 @@ def _chosen(path: Path, setup: Setup, profile: Profile, serial: str) -> Choice:
         actuator=CalibratedActuator(calibration.model(), held_out.rms_um, held_out.max_um),
         used=_used(path, calibration, setup, serial),
         warnings=tuple(_doubts(path, calibration, setup, profile, serial)),
-        text=path.read_text(encoding="utf-8"),
+        text=read_source(path).text,
     )
 
 

@@ -134,6 +134,7 @@ def check(order: Order) -> Plan:
         )
     from edmctl.profile.forecast import forecast
     from edmctl.profile.load import load_profile, load_setup
+    from edmctl.profile.read import read_source
 
     setup = load_setup(order.setup)
     where = where_is(order.port, setup, order.wait_s)
@@ -146,7 +147,7 @@ def check(order: Order) -> Plan:
         simulated=True if where.in_process else None,
         loaded=loaded,
         setup=setup,
-        setup_text=order.setup.read_text(encoding="utf-8") if order.setup else "",
+        setup_text=read_source(order.setup).text if order.setup else "",
         forecast=forecast(loaded.profile, setup, loaded.places),
         calibration=order.calibration,
         new_tool=order.new_tool,

@@ -17,6 +17,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from edmctl.errors import ProfileError, RecordError, RunFileError
+from edmctl.files import open_regular
 from edmctl.profile.calibration_tables import (
     Calibration,
     Figures,
@@ -45,7 +46,8 @@ AGAIN = "Run edmctl calibrate again."
 
 def measured_file(path: Path, samples: int, previous_v: float | None = None) -> MeasuredFile:
     """Name a file of measured data by its content."""
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    with open_regular(path) as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
     return MeasuredFile(name=path.name, sha256=digest, samples=samples, previous_v=previous_v)
 
 
@@ -143,7 +145,6 @@ def _replace(path: Path, content: bytes) -> None:
 
 def _read(path: Path) -> tuple[Source, TomlTable]:
     try:
-        _refuse_endless(path)
         source = read_source(path)
     except (ProfileError, ValueError) as error:
         hint = f"Check the path, or make the file: edmctl calibrate --output {path}."
@@ -154,12 +155,6 @@ def _read(path: Path) -> tuple[Source, TomlTable]:
     except ProfileError as error:
         what = f"{path} is no calibration file: {error.message}"
         raise RecordError(f"{what}.", hint=AGAIN, code="E3641", where=error.where) from error
-
-
-def _refuse_endless(path: Path) -> None:
-    """Raise ValueError for pipes, devices and sockets: reading one may never end."""
-    if path.exists() and not (path.is_file() or path.is_dir()):
-        raise ValueError("it is a pipe, a device or a socket, not a file")
 
 
 def _check_schema(path: Path, source: Source, table: TomlTable) -> None:

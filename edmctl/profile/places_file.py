@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from pydantic import ValidationError
 
 from edmctl.errors import Diagnostic, Location, ProfileError
+from edmctl.files import read_bytes
 from edmctl.profile.codes import Code
 from edmctl.profile.fields import field_at, nearest, permitted
 from edmctl.profile.shipped import is_file
@@ -91,7 +92,7 @@ def _lines(path: Path) -> list[_Line]:
     if not is_file(path):
         raise _unreadable(f"there is no file {name}", "the name is relative to the profile that holds it")
     try:
-        text = path.read_bytes().decode("utf-8-sig")
+        text = read_bytes(path).decode("utf-8-sig")
     except OSError as error:
         raise _unreadable(f"cannot read {name}: {error.strerror}", "check its permissions") from error
     except UnicodeDecodeError as error:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic, Location, ProfileError
+from edmctl.files import read_bytes
 from edmctl.profile.codes import Code
 from edmctl.profile.merge import changes, extend
 from edmctl.profile.shipped import find_shipped, is_file, shipped_names
@@ -35,7 +36,7 @@ class Chain:
 def read_source(path: Path) -> Source:
     """Read a text file. Raises ProfileError when it cannot be read as UTF-8."""
     try:
-        return Source(str(path), path.read_bytes().decode("utf-8"))
+        return Source(str(path), read_bytes(path).decode("utf-8"))
     except OSError as error:
         message, hint = f"cannot read {path}: {error.strerror}", "check the path and its permissions"
     except UnicodeDecodeError as error:

@@ -37,6 +37,13 @@ def is_file(path: Path) -> bool:
         return False
 
 
+def _is_there(path: Path) -> bool:
+    try:
+        return path.is_symlink() or path.exists()
+    except (OSError, ValueError):
+        return False
+
+
 def find_profile(name_or_path: str) -> Path:
     """Path of a profile: a file as given, else a shipped one (`cu270`, `cu270.toml`, `profiles/cu270.toml`).
 
@@ -47,6 +54,8 @@ def find_profile(name_or_path: str) -> Path:
         return given
     if shipped := find_shipped(name_or_path):
         return shipped
+    if _is_there(given):
+        return given  # reading it tells what it is instead
     names = shipped_names()
     close = difflib.get_close_matches(given.stem, names, n=1)
     meant = f"Did you mean {close[0]}? " if close else ""

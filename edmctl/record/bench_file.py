@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import stat
 import time
 from collections.abc import Mapping
 from contextlib import contextmanager, suppress
@@ -19,7 +18,9 @@ import h5py
 import numpy as np
 
 from edmctl.errors import RunFileError
+from edmctl.files import open_regular
 from edmctl.record.disk import HDF5_ERRORS, reason
+from edmctl.record.superblock import MAGIC
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -115,9 +116,9 @@ def write_bench(path: Path, state: State, *, is_own: bool = False) -> None:
 def _check_regular(path: Path) -> None:
     """Refuse a pipe, which would keep HDF5 waiting for ever, a device, which opening may change, and a folder."""
     try:
-        if not stat.S_ISREG(path.stat().st_mode):
-            raise _unreadable(path, "it is no regular file")
-        path.open("rb").close()
+        with open_regular(path) as file:
+            if file.read(len(MAGIC)) != MAGIC:
+                raise _unreadable(path, "it is not an HDF5 file")
     except OSError as refused:
         raise _unreadable(path, refused.strerror or str(refused)) from refused
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from edmctl.actuator.record import Record
 from edmctl.errors import RecordError, RunFileError
+from edmctl.files import RECORD_BYTES, open_regular, read_bytes
 from edmctl.record import disk, layout
 from edmctl.record.delimited import read_delimited
 from edmctl.record.naming import DISPLACEMENT, STACK, TIME, TOOL, VOLTAGE, WANTED, advice, find_columns
@@ -98,9 +99,9 @@ def _read(path: Path, needed: Sequence[str]) -> dict[str, Array]:
 def _content(path: Path) -> bytes:
     """The file's bytes; of HDF5 only its signature."""
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             start = file.read(len(HDF5_SIGNATURE))
-            return start if start == HDF5_SIGNATURE else start + file.read()
+        return start if start == HDF5_SIGNATURE else read_bytes(path, RECORD_BYTES)
     except (OSError, ValueError) as error:
         why = "there is no such file" if isinstance(error, FileNotFoundError) else disk.reason(error)
         raise RecordError(

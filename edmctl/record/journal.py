@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 from edmctl.errors import PreconditionError, RunFileError
+from edmctl.files import read_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -183,7 +184,7 @@ def read_journal(path: Path) -> Journal:
         E8052: it is damaged, or a later version wrote it.
     """
     try:
-        data = path.read_bytes()
+        data = read_bytes(path)
     except FileNotFoundError:
         raise
     except OSError as refused:

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from edmctl.errors import RunFileError
+from edmctl.files import read_bytes
 from edmctl.record.ledger_entries import (
     VERSION,
     Entry,
@@ -44,6 +45,7 @@ __all__ = [
     "WearMeasured",
 ]
 
+LEDGER_BYTES = 200_000_000
 FILE_NAME = "ledger.jsonl"
 LONGEST_WAIT_S = 10.0
 """Another program holds it only while it writes some lines."""
@@ -67,7 +69,7 @@ class Logbook:
         """
         path = folder / FILE_NAME
         try:
-            data = path.read_bytes()
+            data = read_bytes(path, LEDGER_BYTES)
         except FileNotFoundError:
             return cls(path, ())
         except OSError as refused:

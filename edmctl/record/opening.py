@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import h5py
 
 from edmctl.errors import RunFileError
+from edmctl.files import open_regular
 
 from . import layout
 from .attempts import open_swmr
@@ -63,7 +64,7 @@ def _look_at_begin(path: Path) -> None:
             raise RunFileError(f"{path} is no file.", code="E9005", hint=_ANOTHER)
         if path.is_dir():
             raise RunFileError(f"{path} is a folder.", code="E9005", hint=f"Try `edmctl run list {path}`.")
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             begin = file.read(len(MAGIC))
         if not begin:
             raise RunFileError(f"{path} is empty.", code="E9005", hint=_ANOTHER)

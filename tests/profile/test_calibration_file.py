@@ -195,7 +195,7 @@ def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
 
 
 def test_a_folder_is_no_file(tmp_path: Path) -> None:
-    assert "Is a directory" in refused(tmp_path).message
+    assert "it is a folder" in refused(tmp_path).message
 
 
 def test_a_file_that_is_no_toml_is_named_with_its_place(tmp_path: Path) -> None:

@@ -79,13 +79,14 @@ def test_a_pipe_a_folder_and_a_device_are_refused_unopened(tmp_path: Path) -> No
     os.mkfifo(pipe)
     folder.mkdir()
     device.symlink_to(os.devnull)
-    for other in (pipe, folder, device):
+    for other, what in (
+        (pipe, "it is a pipe, a device or a socket"),
+        (folder, "it is a folder"),
+        (device, "it is a pipe, a device or a socket"),
+    ):
         error = refusal(other)
-        assert (error.code, error.message) == (
-            "E9020",
-            f"The bench {other} cannot be read: it is no regular file.",
-        )
-        with pytest.raises(RunFileError, match="no regular file"):
+        assert (error.code, error.message) == ("E9020", f"The bench {other} cannot be read: {what}.")
+        with pytest.raises(RunFileError, match=what):
             write_bench(other, STATE)
     assert pipe.is_fifo()
 

@@ -1,0 +1,51 @@
+"""Files that are read: regular ones, and no longer than they can be meant to be.
+
+A pipe would keep its reader waiting, opening a device may do something, and /dev/zero never ends.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from io import BufferedReader
+    from pathlib import Path
+
+TEXT_BYTES = 10_000_000
+"""Longer than any profile, setup, list of places, calibration or journal."""
+RECORD_BYTES = 200_000_000
+"""Measured data as text, an hour at 1 kHz; longer records stand in HDF5."""
+
+_WITHOUT_WAITING = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0) | getattr(os, "O_BINARY", 0)
+
+
+def open_regular(path: Path) -> BufferedReader:
+    """Open a file for reading. Raises OSError, also for a folder, a pipe or a device, which stays untouched."""
+    _refuse_other(path.stat().st_mode)
+    number = os.open(path, os.O_RDONLY | _WITHOUT_WAITING)
+    try:
+        _refuse_other(os.fstat(number).st_mode)  # it may be another one by now
+        return os.fdopen(number, "rb")
+    except BaseException:
+        os.close(number)
+        raise
+
+
+def read_bytes(path: Path, most_bytes: int = TEXT_BYTES) -> bytes:
+    """Return what a file holds. Raises OSError as `open_regular` does, and EFBIG beyond `most_bytes`."""
+    with open_regular(path) as file:
+        is_longer = os.fstat(file.fileno()).st_size > most_bytes
+        content = b"" if is_longer else file.read(most_bytes + 1)
+    if is_longer or len(content) > most_bytes:
+        raise OSError(errno.EFBIG, f"it is longer than {most_bytes / 1e6:g} MB")
+    return content
+
+
+def _refuse_other(mode: int) -> None:
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, "it is a folder")
+    if not stat.S_ISREG(mode):
+        raise OSError(errno.EINVAL, "it is a pipe, a device or a socket")
