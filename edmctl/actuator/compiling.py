@@ -75,8 +75,10 @@ def compiled(function: _F) -> _F:
 def cached(function: _F) -> _F:
     """Compile at the first call like `compiled`, and keep the code on disk: beside its file, or for the user."""
     dispatcher = _numba.njit(nogil=True, error_model="numpy")(function)
+    if _numba.config.DISABLE_JIT:
+        return function
     try:
-        dispatcher._cache = _Kept(dispatcher.py_func)  # type: ignore[no-untyped-call]
+        dispatcher._cache = _Kept(function)  # type: ignore[no-untyped-call]
     except RuntimeError:  # numba found no folder that can be written
         _unkept.append("no folder of the program or the user can be written")
     return cast("_F", dispatcher)

@@ -24,7 +24,6 @@ from edmctl.cli import (
 )
 from edmctl.cli.exitcodes import ExitCode, exit_code_table
 from edmctl.cli.outcome import Outcome, Output, finish, interrupted, mutter, unwritable
-from edmctl.cli.repeated import refuse_repeated
 from edmctl.cli.run import app as run_files
 from edmctl.cli.signals import SignalArrived, leave, raising_signals
 from edmctl.errors import UsageError
@@ -96,12 +95,10 @@ def _run(arguments: Sequence[str]) -> int:
         command=_command_of(arguments), json="--json" in arguments, events="--events" in arguments
     )
     try:
-        command = typer.main.get_command(app)
-        refuse_repeated(command, arguments)
-        code = command.main(args=list(arguments), prog_name="edmctl", standalone_mode=False)
+        code = typer.main.get_command(app).main(
+            args=list(arguments), prog_name="edmctl", standalone_mode=False
+        )
         sys.stdout.flush()
-    except UsageError as repeated:
-        return finish(Outcome(output), repeated)
     except _ClickError as mistake:
         return finish(Outcome(output), _usage_error(mistake, output.command))
     except SignalArrived as arrived:

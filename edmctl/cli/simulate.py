@@ -46,7 +46,7 @@ RunsOption = Annotated[
     typer.Option("--runs", "-n", metavar="N", min=1, max=MOST_RUNS, help="Runs, with seeds one apart."),
 ]
 SweepOption = Annotated[
-    str | None,
+    list[str] | None,
     typer.Option("--sweep", metavar="KEY=START:STOP:COUNT", help="All runs for each of these values."),
 ]
 OutOption = Annotated[
@@ -122,7 +122,7 @@ def simulate(
         order = Order(profile, tuple(overrides or ()), setup, SIMULATOR, calibration, allow_model)
         outcome.simulated = True
         first_seed = seed_to_use(seed, runs)
-        cases = _checked(outcome, _orders(order, sweep, runs))
+        cases = _checked(outcome, _orders(order, sweep or [], runs))
         batch = _Batch(cases, first_seed, runs, out)
         if sweep and runs == 1:
             outcome.warn([_one_machine(first_seed)])
@@ -148,12 +148,18 @@ def _refuse_options_before(context: typer.Context) -> None:
         context.fail(f"{given[0]} stands before {context.invoked_subcommand!r}; options go after it")
 
 
-def _orders(order: "Order", sweep: str | None, runs: int) -> list["Order"]:
+def _orders(order: "Order", sweeps: list[str], runs: int) -> list["Order"]:
     from edmctl.cli.sweep import parse_sweep
 
-    if sweep is None:
+    if not sweeps:
         return [order]
-    steps = parse_sweep(sweep).overrides()
+    if len(sweeps) > 1:
+        raise UsageError(
+            f"--sweep goes over one key at a time, and {len(sweeps)} are given.",
+            hint="Say one of them with --sweep and each value of the other with --set, in a command of its own.",
+            code="E2003",
+        )
+    steps = parse_sweep(sweeps[0]).overrides()
     if len(steps) * runs > MOST_RUNS:
         raise UsageError(
             f"{len(steps)} values with {plural(runs, 'run')} each are {len(steps) * runs} runs; "

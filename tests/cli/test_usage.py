@@ -25,16 +25,9 @@ MISTAKES = [
     (["simulate", "--profile", "cu270", "--sweep", "servo.reference"], "E2003", "KEY=START:STOP:COUNT"),
     (
         ["simulate", "--sweep", "servo.gain=1:2:3", "--sweep=target.depth_um=8:9:2"],
-        "E2007",
-        "--sweep is given twice",
+        "E2003",
+        "one key at a time",
     ),
-    (["simulate", "-n", "1", "--runs", "2"], "E2007", "--runs is given twice: 1 and 2"),
-    (
-        ["machine", "--profile", "cu270", "--profile", "w252"],
-        "E2007",
-        "--profile is given twice: cu270 and w252",
-    ),
-    (["simulate", "serve", "--seed", "1", "--seed", "2"], "E2007", "--seed is given twice: 1 and 2"),
 ]
 
 
