@@ -222,8 +222,8 @@ def _begin(run: Run, known: Known, state: JobState) -> None:
     drift_um = 2.0 * drift_u_um(run.job)
     run.decide(
         RunEvent.RESUMED,
-        "The clock was set back, so nobody knows how long the job stood still. Depth is touched anew; the wear's "
-        f"interval holds a drift of ± {drift_um:.0f} µm.",
+        "Nobody knows how long the job stood still: a clock was set back, or was not told. Depth is touched anew; "
+        f"the wear's interval holds a drift of ± {drift_um:.0f} µm.",
         {"drift_um": drift_um},
         level=EventLevel.WARNING,
     )
