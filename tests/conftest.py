@@ -3,8 +3,14 @@
 from __future__ import annotations
 
 import signal
+from typing import TYPE_CHECKING
 
 from hypothesis import settings
+
+from edmctl.simulator import BenchConfig, open_bench
+
+if TYPE_CHECKING:
+    import pytest
 
 # A busy machine is no failure, the same tree gives the same examples, and nothing is left in the tree.
 settings.register_profile("edmctl", deadline=None, derandomize=True, database=None)
@@ -15,3 +21,9 @@ for _name in ("SIGINT", "SIGTERM", "SIGHUP"):
     _number = getattr(signal, _name, None)
     if _number is not None and signal.getsignal(_number) is signal.SIG_IGN:
         signal.signal(_number, signal.default_int_handler if _name == "SIGINT" else signal.SIG_DFL)
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Compile once before the workers begin, who would all do it otherwise, and the servers that they wait for."""
+    if getattr(session.config.option, "numprocesses", None):
+        open_bench(BenchConfig(), 0).warm_up()

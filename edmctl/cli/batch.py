@@ -91,11 +91,9 @@ def _compile(reporter: Reporter) -> None:
     """Compile once what all workers load then, and say so."""
     from edmctl.actuator.compiling import compiling_told
     from edmctl.simulator import BenchConfig, open_bench
-    from edmctl.simulator.workpiece import compile_loops
 
     with compiling_told(reporter.note):
-        open_bench(BenchConfig(), 0).controller.step(0)
-        compile_loops()
+        open_bench(BenchConfig(), 0).warm_up()
 
 
 def _serve_parent() -> None:

@@ -152,7 +152,7 @@ def _serve(outcome: Outcome, order: _Order, link: Path | None, address: tuple[st
         for injection in order.injections:
             bench.inject(injection)
         bench.controller.baud = order.baud
-        bench.controller.step(0)  # loads the compiled kernel before anybody can say hello
+        bench.warm_up()  # before anybody can say hello
         endpoint = _endpoint(link, address, outcome.output)
         try:
             news = News(bench, say, keep)

@@ -10,6 +10,7 @@ from edmctl.simulator.controller import VirtualController
 from edmctl.simulator.damage import LineDamage
 from edmctl.simulator.kernel import COMMAND_V, TICK_S, WEAR
 from edmctl.simulator.plant import Plant
+from edmctl.simulator.workpiece import compile_loops
 
 if TYPE_CHECKING:
     from edmctl.simulator.config import BenchConfig
@@ -86,6 +87,11 @@ class VirtualBench:
     def clear_injections(self) -> None:
         """Forget what is still to go wrong and repair what did."""
         self.controller.injector.clear()
+
+    def warm_up(self) -> None:
+        """Compile, or load, all loops that a host can ask for: it takes seconds, and no time of the machine."""
+        self.controller.step(0)
+        compile_loops()
 
     def settle(self) -> None:
         """Let a machine whose host is gone become safe: what the watchdog would do, and the retreat.

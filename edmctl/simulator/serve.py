@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING
 from edmctl.link.faults import FaultCode
 from edmctl.simulator.damage import LineDamage
 from edmctl.simulator.kernel import TICK_S
-from edmctl.simulator.workpiece import compile_loops
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -86,9 +85,7 @@ class Server:
         self.traffic = Traffic()
         self._controller.port.driven = speed is None
         self._controller.host_time_scale = speed or 1.0
-        # Compiled before anybody waits for it: a stall of seconds in the middle of a job trips the watchdog.
-        self._controller.step(0)
-        compile_loops()
+        bench.warm_up()  # a stall of seconds in the middle of a job would trip the watchdog
         self._heard_s = self._base_s = self._looked_s = monotonic()
         self._base_tick = self._controller.tick
 
