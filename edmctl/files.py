@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from io import BufferedReader
     from pathlib import Path
 
-TEXT_BYTES = 10_000_000
-"""Longer than any profile, setup, list of places, calibration or journal."""
+TEXT_BYTES = 2_000_000
+"""Longer than any profile, setup, list of places, calibration or journal; reading it takes a second and 100 MB."""
 RECORD_BYTES = 200_000_000
 """Measured data as text, an hour at 1 kHz; longer records stand in HDF5."""
 

@@ -245,3 +245,8 @@ def printable(text: str) -> str:
 
 def _raised(power: int) -> str:
     return "".join("⁻" if letter == "-" else "⁰¹²³⁴⁵⁶⁷⁸⁹"[int(letter)] for letter in str(power))
+
+
+def shortened(text: str, most: int = 200) -> str:
+    """Return a text that nobody would read to its end without that end."""
+    return text if len(text) <= most else f"{text[: most - 1]}…"

@@ -5,11 +5,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from edmctl.console.style import PLAIN, Ink, Style
+from edmctl.wording import shortened
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from edmctl.errors import Diagnostic, Location
+
+MOST_COLUMNS = 300
+"""Of a source line; a caret further on is not drawn."""
 
 
 def render_diagnostics(diagnostics: Sequence[Diagnostic], style: Style = PLAIN) -> str:
@@ -54,9 +58,9 @@ def _source_lines(where: Location, gutter: int, style: Style, ink: Ink) -> list[
     pad = " " * gutter
     arrow, bar = style.paint("-->", Ink.GUTTER), style.paint("|", Ink.GUTTER)
     lines = [f"{pad}{arrow} {where.file}:{where.line}:{where.column}"]
-    if where.source_line:
+    if where.source_line and where.column <= MOST_COLUMNS:
         number = style.paint(f"{where.line:>{gutter}}", Ink.GUTTER)
-        lines.append(f"{number} {bar} {where.source_line}")
+        lines.append(f"{number} {bar} {shortened(where.source_line, MOST_COLUMNS)}")
         lines.append(f"{pad} {bar} {_indent(where)}{style.paint('^' * _caret_length(where), ink)}")
     return lines
 
@@ -68,5 +72,5 @@ def _indent(where: Location) -> str:
 
 
 def _caret_length(where: Location) -> int:
-    rest = len(where.source_line) - (where.column - 1)
+    rest = min(len(where.source_line), MOST_COLUMNS) - (where.column - 1)
     return max(1, min(where.length, rest))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import islice
 from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic
 from edmctl.profile.codes import Code
 from edmctl.profile.fields import keys_at, keys_of_kind, lists_tables, nearest, permitted_at, table_with_key
 from edmctl.profile.merge import dotted, toml_repr
+from edmctl.wording import shortened
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -36,6 +38,7 @@ _CODES = {
     "string_too_long": Code.OUT_OF_RANGE,
     "string_pattern_mismatch": Code.OUT_OF_RANGE,
 }
+MOST_TOLD = 100
 _TELLING = (Code.OUT_OF_RANGE, Code.NOT_A_CHOICE)
 """Of several complaints about one value (a choice or a number), the most telling comes first."""
 
@@ -58,9 +61,13 @@ def schema_problems(error: ValidationError, model: type[BaseModel], data: TomlTa
 def schema_diagnostics(
     problems: Mapping[KeyPath, Code], model: type[BaseModel], data: TomlTable, sources: Sources
 ) -> list[Diagnostic]:
-    """One diagnostic per wrong key or value, in the order of the file."""
-    found = [_diagnostic(code, path, model, data, sources) for path, code in problems.items()]
-    return sorted(found, key=_place)
+    """One diagnostic per wrong key or value, in the order of the file; of very many only some, and their number."""
+    told = dict(islice(problems.items(), MOST_TOLD))
+    found = sorted((_diagnostic(code, path, model, data, sources) for path, code in told.items()), key=_place)
+    if len(told) < len(problems):
+        message = f"{len(problems) - len(told)} more keys or values are wrong"
+        found.append(Diagnostic(found[-1].code, message, "mend these first"))
+    return found
 
 
 def _place(diagnostic: Diagnostic) -> tuple[str, int, int]:
@@ -117,7 +124,7 @@ def _path(detail: ErrorDetails, data: TomlTable) -> KeyPath:
 def _diagnostic(
     code: Code, path: KeyPath, model: type[BaseModel], data: TomlTable, sources: Sources
 ) -> Diagnostic:
-    name = dotted(path)
+    name = shortened(dotted(path))
     if code == Code.MISSING_KEY:
         message, hint = f"{name} is missing", _hint_missing(path, model)
     elif code == Code.UNKNOWN_KEY:
@@ -125,7 +132,7 @@ def _diagnostic(
     elif code == Code.WRONG_TYPE and isinstance(_value(data, path), dict) and lists_tables(model, path):
         message, hint = f"{name} is one table, not a list of tables", f"write [[{name}]]"
     else:
-        message = f"{name} = {toml_repr(_value(data, path))} {_COMPLAINTS[code]}"
+        message = f"{name} = {shortened(toml_repr(_value(data, path)))} {_COMPLAINTS[code]}"
         allowed = permitted_at(model, path)
         hint = f"write {allowed}" if allowed else ""
     return Diagnostic(code, message, hint, _where(code, path, sources))

@@ -18,9 +18,13 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 MOST_PARENTS = 20
+MOST_KEYS = 20_000
+"""A thousand places with five keys each, and some more."""
+MOST_PARTS = 32
 _SYNTAX_PLACE = re.compile(
     r"(?P<what>.*) \(at (?:line (?P<line>\d+), column (?P<column>\d+)|end of document)\)", re.DOTALL
 )
+_LONG_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]+[ \t]*\.[ \t]*){""" + str(MOST_PARTS) + "}")
 _DECIMAL_COMMA = re.compile(r"\s*([+-]?\d+),(\d+)\s*(?:#.*)?")
 
 
@@ -45,9 +49,19 @@ def read_source(path: Path) -> Source:
 
 
 def parse(source: Source) -> TomlTable:
-    """Parse a TOML text. Raises ProfileError with the place of the syntax error."""
+    """Parse a TOML text. Raises ProfileError with the place of the syntax error, or for more than anybody writes."""
+    long_key = _LONG_KEY.search(source.text)
+    if long_key:
+        line = source.text.count("\n", 0, long_key.start()) + 1
+        message = f"a key has more than {MOST_PARTS} parts"
+        raise _refusal(
+            Code.SYNTAX, message, "tables stand at most three deep", Location(source.name, line, 1)
+        )
     try:
-        return tomllib.loads(source.text)
+        table = tomllib.loads(source.text)
+        if _holds_more(table, MOST_KEYS):
+            raise _refusal(Code.SYNTAX, f"{source.name} holds more than {MOST_KEYS} keys", "split it")
+        return table
     except tomllib.TOMLDecodeError as error:
         where, what = _syntax_place(source, str(error))
     except (ValueError, RecursionError):
@@ -56,6 +70,19 @@ def parse(source: Source) -> TomlTable:
         "texts stand in quotes, a table begins with [name], a key is given once"
     )
     raise _refusal(Code.SYNTAX, f"not TOML: {what}", hint, where)
+
+
+def _holds_more(table: TomlTable, most: int) -> bool:
+    """Whether the tables in a table, and those in lists, have more keys than that."""
+    keys, left = 0, list[object]([table])
+    while left and keys <= most:
+        value = left.pop()
+        if isinstance(value, dict):
+            keys += len(value)
+            left += value.values()
+        elif isinstance(value, list):
+            left += value
+    return keys > most
 
 
 def decimal_comma(value: str) -> str:

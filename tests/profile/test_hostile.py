@@ -6,8 +6,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from edmctl.console.diagnostics import render_diagnostics
 from edmctl.errors import EdmError, ProfileError
 from edmctl.profile import load_profile
+from edmctl.profile.diagnose import MOST_TOLD
 from edmctl.profile.load import load_setup
 from tests.profile.documents import shipped_text
 
@@ -56,3 +58,28 @@ def test_conditioning_is_not_faster_than_the_actuator(tmp_path: Path) -> None:
     path.write_text("[actuator]\nslew_v_s = 50.0\n", encoding="utf-8")
     with pytest.raises(ProfileError, match="60 V/s"):
         load_setup(path)
+
+
+HOSTILE = {
+    "tables": "".join(f"[t{i}]\nx = 1\n" for i in range(5000)),
+    "nested tables": "".join(f"[{'.'.join(['a'] * (i + 1))}]\n" for i in range(40)),
+    "keys": "[servo]\n" + "".join(f"k{i} = 1\n" for i in range(200_000)),
+    "parts": f"{'.'.join('a' * 20_000)} = 1\n",
+    "parts of a header": f"[{'.'.join('a' * 20_000)}]\n",
+    "quoted parts": f"""{".".join(['"a"'] * 20_000)} = 1\n""",
+    "inline": f"x = {'{a = ' * 900}1{'}' * 900}\n",
+    "brackets": f"x = {'[' * 5000}{']' * 5000}\n",
+    "text": f'[meta]\nname = "{"x" * 1_900_000}"\n',
+    "key": f"{'x' * 1_900_000} = 1\n",
+    "places": '[[sites]]\nkind = "point"\nx_um = 1\n' * 60_000,
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_more_than_anybody_writes_is_refused_in_few_words(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "p.toml"
+    path.write_text(f'extends = "cu270"\n{HOSTILE[name]}', encoding="utf-8")
+    with pytest.raises(ProfileError) as refused:
+        load_profile(str(path))
+    assert len(refused.value.diagnostics) <= MOST_TOLD + 1
+    assert len(render_diagnostics(refused.value.diagnostics)) < 100_000
