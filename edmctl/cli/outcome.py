@@ -83,8 +83,10 @@ def finish(outcome: Outcome, error: EdmError | None) -> int:
     try:
         write(sys.stdout, text)
     except OSError as refused:
-        error = unwritable(refused)
-        exit_code = error_exit_code(error)
+        # A terminal that hung up takes nothing either; the signal that told so says more.
+        if not isinstance(error, Interrupted):
+            error = unwritable(refused)
+            exit_code = error_exit_code(error)
     if error:
         complain(outcome.output, error)
     return exit_code
@@ -148,13 +150,18 @@ def stream_style(stream: TextIO) -> Style:
 
 
 def write(stream: TextIO, text: str) -> None:
-    """Write and flush. Nobody reading any more is no failure of the job: the rest goes nowhere."""
+    """Write and flush. Nobody reading any more is no failure of the job: the rest goes nowhere.
+
+    Raises OSError, once: what a stream that takes nothing still holds goes nowhere as well.
+    """
     try:
         stream.write(text)
         stream.flush()
-    except BrokenPipeError:
+    except OSError as refused:
         with suppress(OSError, ValueError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+        if not isinstance(refused, BrokenPipeError):
+            raise
 
 
 def note(output: Output, text: str) -> None:

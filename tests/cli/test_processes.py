@@ -225,3 +225,37 @@ def test_ascii_locales_do_not_break_the_output(tmp_path: Path) -> None:
     )
     assert said.exit_code == 0
     assert "180.00 ?m" in said.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "shown"),
+    [
+        (("machine", "--profile", CU270, "--seed", "1", "--run-id", "r"), b"touch"),
+        (("simulate", "--profile", CU270, "--runs", "2"), b"runs"),
+        (("simulate", "serve"), b"serving"),
+    ],
+)
+def test_a_terminal_that_hangs_up_ends_the_command_by_its_signal(
+    arguments: tuple[str, ...], shown: bytes, tmp_path: Path
+) -> None:
+    ours, theirs = pty.openpty()
+    with subprocess.Popen(
+        command(*arguments),
+        cwd=tmp_path,
+        env=environment(TERM="xterm"),
+        stdin=theirs,
+        stdout=theirs,
+        stderr=theirs,
+        preexec_fn=lambda: os.login_tty(0),  # noqa: PLW1509
+    ) as process:
+        os.close(theirs)
+        seen = b""
+        while shown not in seen:
+            seen += os.read(ours, 65536)
+        os.close(ours)
+        assert process.wait(60) == -signal.SIGHUP
+    run_file = tmp_path / "runs" / "r.h5"
+    if arguments[0] == "machine":
+        with h5py.File(run_file) as file:
+            assert file["/entry/exit_code"][()] == 129
+            assert file["/entry/servo/v_cmd"][-1] == 0.0
