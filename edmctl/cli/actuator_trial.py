@@ -125,7 +125,7 @@ def known_model(path: Path, seed: int) -> tuple[ActuatorModel, list[Diagnostic]]
     from edmctl.profile.calibration import load_calibration
 
     calibration = load_calibration(path)
-    hint = "Say the --seed it was made with, or leave --calibration away."
+    hint = "Say the --seed it was made with, or leave --calibration out."
     own = VirtualActuator(seed).serial
     doubts = calibration_doubts.of_another(path, calibration, own, "this actuator is that of", hint)
     return calibration.model(), doubts + _unaccepted(calibration.quality.problems)

@@ -146,7 +146,7 @@ def _refuse_misplaced(wanted: Wanted) -> None:
             unused, why = periodic, "only sine, square and triangle have cycles"
     for option, value in unused.items():
         if value is not None:
-            raise _refusal(f"{option} does not go with {wanted.shape}: {why}.", f"Leave {option} away.")
+            raise _refusal(f"{option} does not go with {wanted.shape}: {why}.", f"Leave {option} out.")
 
 
 def _refusal(message: str, hint: str) -> UsageError:

@@ -126,8 +126,9 @@ def _prepare_streams(arguments: Sequence[str]) -> None:
 def _usage_error(mistake: Exception, command: str) -> UsageError:
     context = getattr(mistake, "ctx", None)
     path = context.command_path if context else f"edmctl {command}".rstrip()
-    message = mistake.format_message().rstrip(".")  # type: ignore[attr-defined]
-    return UsageError(f"{message}.", hint=f"`{path} --help` lists what there is.")
+    message = mistake.format_message()  # type: ignore[attr-defined]
+    end = "" if message.endswith((".", "?")) else "."
+    return UsageError(f"{message}{end}", hint=f"`{path} --help` lists what there is.")
 
 
 def _command_of(arguments: Sequence[str]) -> str:

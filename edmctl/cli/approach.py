@@ -72,7 +72,7 @@ def approach(
     quiet: QuietOption = False,
     debug: DebugOption = False,
 ) -> int:
-    """Feed the tool from home to the spark gap, say where that is, and retract.
+    """Feed the tool to the spark gap, say where it is, retract.
 
     The feed is the profile's approach speed. With --contact the tool touches the surface by continuity instead.
     """

@@ -100,7 +100,7 @@ def where_is(option: str | None, setup: Setup, wait_s: float = 0.0) -> Where:
     if option is not None and not option.strip():
         raise UsageError(
             "--port names no machine.",
-            hint="Say sim:, sim:FILE, a serial port, socket://HOST:PORT, serial:ID or auto; or leave it away.",
+            hint="Say sim:, sim:FILE, a serial port, socket://HOST:PORT, serial:ID or auto; or leave it out.",
             code="E2006",
         )
     selector = option or setup.port or SIMULATOR
@@ -115,7 +115,7 @@ def seed_warning(where: Where, asked: int | None) -> list[Diagnostic]:
         return []
     if where.in_process:
         message = f"--seed {asked} has no effect on the bench that {where.bench_file} keeps already."
-        hint = "Leave it away, or name a new file for another machine."
+        hint = "Leave it out, or name a new file for another machine."
     else:
         message = f"--seed {asked} has no effect on the controller at {where.selector}."
         hint = "Give the seed to `edmctl simulate serve` where the controller is a virtual one."

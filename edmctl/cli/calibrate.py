@@ -98,7 +98,7 @@ def calibrate(
     quiet: QuietOption = False,
     debug: DebugOption = False,
 ) -> int:
-    """Identify the actuator, and write a calibration that `machine` uses.
+    """Identify the actuator, and write a calibration.
 
     A machine drives its actuator for five minutes beside the work, without pulses, and watches it with the
     displacement sensor. The errors told are on data that the model did not see.

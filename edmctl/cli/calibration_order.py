@@ -172,7 +172,7 @@ def _check_numbers(order: Order) -> None:
     if not all(math.isfinite(volts) for volts in order.previous_v):
         raise UsageError(
             "--previous-voltage is no finite number.",
-            hint="Give volts; leave it away where the actuator had been cycled over the range of the record.",
+            hint="Give volts; leave it out where the actuator had been cycled over the range of the record.",
             code="E2021",
         )
     if order.delay_s is None:
@@ -182,7 +182,7 @@ def _check_numbers(order: Order) -> None:
     if not 0.0 <= order.delay_s <= LONGEST_FIXED_DELAY_S:
         raise UsageError(
             f"--delay {order.delay_s:g} s does not lie between 0 and {LONGEST_FIXED_DELAY_S:g} s.",
-            hint="Give seconds; leave it away to have it found.",
+            hint="Give seconds; leave it out to have it found.",
             code="E2022",
         )
 

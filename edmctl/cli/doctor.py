@@ -32,7 +32,7 @@ def doctor(
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> int:
-    """Check computer, line and machine, and say how to put right what is not.
+    """Check computer, line and machine, and name the remedies.
 
     Nothing moves, but with --sensors.
     """

@@ -87,7 +87,7 @@ def export_order(
     if is_file and ending != chosen:
         raise UsageError(
             f"--format {chosen} does not go into a file called .{ending}.",
-            hint=f"Call it .{chosen}, or leave --format away.",
+            hint=f"Call it .{chosen}, or leave --format out.",
             code="E2084",
         )
     to_stdout = out == STDOUT or (out is None and len(wanted) == 1)

@@ -76,10 +76,10 @@ def jump_flush(
     quiet: QuietOption = False,
     debug: DebugOption = False,
 ) -> int:
-    """Make electrode jumps and report how high they are, and how well and how soon the tool is back.
+    """Make electrode jumps; report their height and the way back.
 
     The tool jumps beside the work, as low as at the end of the profile's job, and without sparks. The sensor is
-    sampled a thousand times a second.
+    sampled a thousand times a second, and tells how well and how soon the tool is back.
     """
 
     def body(outcome: Outcome) -> None:

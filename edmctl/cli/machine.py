@@ -101,7 +101,7 @@ def machine(
             name = resumption.name(run_id, datetime.now(UTC))
         elif homed or restart_hole:
             lone = "--homed" if homed else "--restart-hole"
-            raise UsageError(f"{lone} goes with --resume only.", hint="Leave it away.", code="E2050")
+            raise UsageError(f"{lone} goes with --resume only.", hint="Leave it out.", code="E2050")
         else:
             plan = check(
                 Order(profile, tuple(overrides or ()), setup, port, calibration, allow_model, wait, new_tool)

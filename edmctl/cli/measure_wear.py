@@ -66,10 +66,10 @@ def measure_wear(
     quiet: QuietOption = False,
     debug: DebugOption = False,
 ) -> int:
-    """Touch the pad, the bottom of a hole and the pad again: tool wear, depth and feed since the reference.
+    """Touch pad, hole and pad again: tool wear, depth and feed.
 
-    The reference is the first touch of a tool: that of its first job, or of --reference. It is kept in the job
-    ledger beside the run files. Without a profile the tool last in use is meant.
+    They count from the reference, the first touch of a tool: that of its first job, or of --reference. It is kept in
+    the job ledger beside the run files. Without a profile the tool last in use is meant.
     """
 
     def body(outcome: Outcome) -> None:

@@ -55,7 +55,7 @@ def ports(
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> int:
-    """List the serial ports of this computer, and those that the setup names.
+    """List the serial ports, and those that the setup names.
 
     Nothing is opened but with --probe, and then only ports of known USB ids and those that the setup names.
     """

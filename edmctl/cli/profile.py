@@ -33,7 +33,10 @@ def check(
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> int:
-    """Check profiles, for the machine of a setup file; report every problem."""
+    """Check profiles; report every problem.
+
+    With --setup they are checked for that machine.
+    """
 
     def body(outcome: Outcome) -> None:
         from edmctl.profile.load import load_setup
@@ -80,7 +83,10 @@ def show(
 
 @app.command("list")
 def list_shipped(setup: SetupOption = None, as_json: JsonOption = False, debug: DebugOption = False) -> int:
-    """List the shipped profiles, and what each would take on the machine of a setup file."""
+    """List the shipped profiles, and what each would take.
+
+    With --setup on that machine.
+    """
 
     def body(outcome: Outcome) -> None:
         from edmctl.console.profile_table import render_profiles

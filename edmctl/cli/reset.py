@@ -25,7 +25,7 @@ def reset(
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> int:
-    """Clear a fault that the controller has latched, or tell which one it is.
+    """Clear the latched fault, or tell which one it is.
 
     The fault must be named, so that nobody clears another one than the one that was looked at.
     """

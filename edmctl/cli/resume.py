@@ -138,7 +138,7 @@ def refuse_other_options(context: typer.Context) -> None:
     if named:
         raise UsageError(
             f"--resume goes on with the job as it was; {', '.join(named)} would change it.",
-            hint="Leave that away. --port, --wait, --out, --run-id, --homed and --restart-hole go with --resume.",
+            hint="Leave that out. --port, --wait, --out, --run-id, --homed and --restart-hole go with --resume.",
             code="E2050",
         )
 

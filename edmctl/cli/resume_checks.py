@@ -39,7 +39,7 @@ def refuse_untouchable(resumption: Resumption, plan: Plan) -> None:
     if resumption.restart_hole and not resumption.state.begun:
         raise PreconditionError(
             f"{run_id} has begun no hole that could be made anew; the next one is machined from its face anyway.",
-            hint="Leave --restart-hole away.",
+            hint="Leave --restart-hole out.",
             code="E8062",
         )
 

@@ -32,7 +32,10 @@ def compare(
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> int:
-    """Show what was different about runs, and by how much more than their uncertainty the results differ."""
+    """Show what was different about runs, and by how much.
+
+    Of the results it is told whether they differ by more than their uncertainty.
+    """
 
     def body(outcome: Outcome) -> None:
         from edmctl.cli import new_files

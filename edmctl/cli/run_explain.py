@@ -19,7 +19,10 @@ ENDS = ("ENDED_EARLY", "TARGET_MISSED", "SITES_LEFT", "SETUP_WRONG", "VERDICT")
 
 
 def explain(file: FileArgument, as_json: JsonOption = False, debug: DebugOption = False) -> int:
-    """Tell the story of a run in plain sentences: what it did, when, and why."""
+    """Tell the story of a run in plain sentences.
+
+    What it did, when, and why.
+    """
 
     def body(outcome: Outcome) -> None:
         from edmctl.cli.run_opening import find_run, unless_killed

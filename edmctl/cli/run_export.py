@@ -57,7 +57,10 @@ def export(
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> int:
-    """Write tables of a run as CSV, Parquet or JSON, with the unit of each column in its name."""
+    """Write tables of a run as CSV, Parquet or JSON.
+
+    The name of each column has its unit.
+    """
 
     def body(outcome: Outcome) -> None:
         from edmctl.cli.export_order import Format, export_order

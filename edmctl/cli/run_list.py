@@ -21,7 +21,10 @@ FolderArgument = Annotated[Path, typer.Argument(metavar="[FOLDER]", help="Where 
 
 
 def list_runs(folder: FolderArgument = RUNS, as_json: JsonOption = False, debug: DebugOption = False) -> int:
-    """List the runs of a folder, the newest last: what became of each, its depth, wear and time."""
+    """List the runs of a folder, and what became of them.
+
+    The newest comes last: status, depth, wear and time of each.
+    """
 
     def body(outcome: Outcome) -> None:
         from edmctl.record.heads import RunHead, Unreadable, heads_of, read_head

@@ -46,7 +46,10 @@ def plot(
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> int:
-    """Draw figures of a run, for print or for the screen, or one HTML page with all of them (--kind report)."""
+    """Draw figures of a run, or one page with all of it.
+
+    Figures are for print or for the screen; --kind report makes an HTML page with all of them.
+    """
 
     def body(outcome: Outcome) -> None:
         from edmctl.cli.plot_order import plot_order

@@ -26,7 +26,10 @@ def show(
     quiet: QuietOption = False,
     debug: DebugOption = False,
 ) -> int:
-    """Show one run: what was wanted, what became of it, when, and what the file holds."""
+    """Show one run: what was wanted, and what became of it.
+
+    With times and what the file holds.
+    """
     output = Output("run show", as_json, events, quiet, debug)
 
     def body(outcome: Outcome) -> None:

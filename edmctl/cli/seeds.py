@@ -29,7 +29,7 @@ def seed_to_use(asked: int | None, runs: int = 1) -> int:
         of_runs = f" (of the first of {runs} runs)" if runs > 1 else ""
         raise UsageError(
             f"Seed {asked} does not lie between 0 and {largest}{of_runs}.",
-            hint="Leave --seed away for a random one.",
+            hint="Leave --seed out for a random one.",
             code="E2005",
         )
     return asked

@@ -82,7 +82,7 @@ def actuator(
     quiet: QuietOption = False,
     debug: DebugOption = False,
 ) -> int:
-    """Drive a virtual actuator, and say how well models know where it went.
+    """Drive a virtual actuator, and say how well models follow it.
 
     The models are a straight line, the paper's practice (Maxwell elements without creep, fitted to one slow
     cycle), and edmctl's, calibrated as a machine would be: through the displacement sensor.

@@ -112,11 +112,11 @@ def serve(
 
         outcome.simulated = True
         if link is not None and socket is not None:
-            raise UsageError("--link and --socket exclude each other.", hint="Leave one away.", code="E2040")
+            raise UsageError("--link and --socket exclude each other.", hint="Leave one out.", code="E2040")
         injections, factor, address = _injections(fault), _speed(speed), _address(socket)
         if seconds is not None and not math.isfinite(seconds):
             raise UsageError(
-                f"--for {seconds} is no length of time.", hint="Leave it away for no end.", code="E2045"
+                f"--for {seconds} is no length of time.", hint="Leave it out for no end.", code="E2045"
             )
         settings = load_setup(setup)
         loaded = load_profile(profile, tuple(overrides or ()), setup=settings) if profile else None
@@ -146,7 +146,7 @@ def _serve(outcome: Outcome, order: _Order, link: Path | None, address: tuple[st
         if outcome.seed is not None and bench.plant.serial != serial_number(outcome.seed):
             raise UsageError(
                 f"{order.bench_file} keeps {bench.plant.serial}, not the machine of --seed {outcome.seed}.",
-                hint="Leave --seed away, or take another file for another machine.",
+                hint="Leave --seed out, or take another file for another machine.",
                 code="E2044",
             )
         for injection in order.injections:

@@ -58,7 +58,7 @@ def bottom_of(
         raise PreconditionError(
             f"A tool of {length(diameter_um)} does not go into {hole.name}, which is {length(2.0 * hole.radius_um)} "
             "wide.",
-            hint="Name a hole that this tool made, or leave --site away.",
+            hint="Name a hole that this tool made, or leave --site out.",
             code="E8046",
         )
     return _bottom(hole)

@@ -246,7 +246,7 @@ def test_a_terminal_that_hangs_up_ends_the_command_by_its_signal(
         stdin=theirs,
         stdout=theirs,
         stderr=theirs,
-        preexec_fn=lambda: os.login_tty(0),  # noqa: PLW1509
+        preexec_fn=lambda: os.login_tty(0),
     ) as process:
         os.close(theirs)
         seen = b""

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 MISTAKES = [
     (["machine", "--porfile", "cu270"], "E2000", "No such option: --porfile"),
-    (["machin"], "E2000", "No such command 'machin'"),
+    (["machin"], "E2000", "No such command 'machin'. Did you mean 'machine'?"),
     (["machine", "--seed", "many", "--profile", "cu270"], "E2000", "'many' is not a valid int"),
     (["machine"], "E2002", "No profile was named."),
     (["machine", "--profile", "cu207"], "E2001", "There is no profile 'cu207'"),
@@ -84,3 +84,15 @@ def test_every_error_class_has_an_exit_code_with_a_meaning() -> None:
         classes += error.__subclasses__()
     assert {error.exit_code for error in classes} <= set(MEANING)
     assert set(MEANING) == set(ExitCode)
+
+
+@pytest.mark.parametrize("group", [(), ("profile",), ("run",), ("simulate",)])
+def test_help_on_a_narrow_terminal_is_not_cut(
+    group: tuple[str, ...], here: Here, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    said = here(*group, "--help").out
+    assert "Commands:" in said
+    commands = said.partition("Commands:")[2].partition("Exit codes")[0]
+    assert "..." not in commands
+    assert max(len(line) for line in said.splitlines()) <= 80
