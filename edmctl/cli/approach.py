@@ -120,11 +120,11 @@ def _forewarned_place(
         note(outcome.output, not_seen(plan.where))
         return place
     logbook = Logbook.open(folder)
-    site = _checked_site(prepared_job(plan, seen, None, logbook), place, folder)
+    site = _checked_site(prepared_job(plan, seen, None, logbook), place, folder, plan.where.selector)
     return site.x_um, site.y_um
 
 
-def _checked_site(prepared: "Prepared", place: tuple[float, float] | None, folder: Path) -> "Site":
+def _checked_site(prepared: "Prepared", place: tuple[float, float] | None, folder: Path, port: str) -> "Site":
     """Return the place to approach.
 
     Raises PreconditionError: E8042 a hole is there, E8044 the tool does not reach the surface.
@@ -140,7 +140,7 @@ def _checked_site(prepared: "Prepared", place: tuple[float, float] | None, folde
     site = Site("the place", *place) if place else replace(first, name="the next place")
     own_way_um = job.profile.approach.offset_um + STROKE_RESERVE_UM
     if not math.isnan(prepared.account.pad_um):
-        refuse_too_short(job.profile, job.setup, own_way_um, prepared.account)
+        refuse_too_short(job.profile, job.setup, own_way_um, prepared.account, port)
     refuse_taken([(site.name, site.x_um, site.y_um)], hole_radius_um(job.profile), prepared.holes, folder)
     return site
 
@@ -189,7 +189,7 @@ class _Approach:
 
         actuator = held.choice.actuator if held.choice else None
         prepared = prepared_job(self.plan, seen_on(held), actuator, logbook_of(self.plan, name))
-        self._site = _checked_site(prepared, self.place, name.path.parent)
+        self._site = _checked_site(prepared, self.place, name.path.parent, self.plan.where.selector)
         return prepared.job
 
     def act(self, run: "Run") -> None:

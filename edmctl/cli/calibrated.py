@@ -80,8 +80,10 @@ def look_at_named(option: Path | None, setup: Setup, profile: Profile) -> None:
             _refuse_narrow(named, load_calibration(named), setup, profile)
 
 
-def choose(option: Path | None, setup: Setup, profile: Profile, serial: str) -> Choice:
-    """Find the calibration for the machine with that serial number.
+def choose(
+    option: Path | None, setup: Setup, profile: Profile, serial: str, calibrate: str = "edmctl calibrate"
+) -> Choice:
+    """Find the calibration for the machine with that serial number. `calibrate` is the command that makes one there.
 
     Raises RecordError when one that was found cannot be used, PreconditionError when a machine without a sensor has
     none (E8031) or one that covers too little (E8032).
@@ -93,7 +95,7 @@ def choose(option: Path | None, setup: Setup, profile: Profile, serial: str) -> 
         if not setup.sensor.fitted:
             raise PreconditionError(
                 f"No displacement sensor is fitted, and there is no calibration of {serial}.",
-                hint="Run `edmctl calibrate` once with a borrowed sensor, or name a file with --calibration.",
+                hint=f"Run `{calibrate}` once with a borrowed sensor, or name a file with --calibration.",
                 code="E8031",
             )
         return Choice(None, _without(setup))

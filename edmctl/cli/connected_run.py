@@ -11,6 +11,7 @@ from edmctl.cli.prepared import logbook_of
 from edmctl.cli.recording import recorded
 from edmctl.cli.runfile import run_meta
 from edmctl.cli.tool_seen import name_tool
+from edmctl.cli.way_on import on_machine
 from edmctl.errors import EdmError, RunFileError
 
 if TYPE_CHECKING:
@@ -102,7 +103,14 @@ def _record(
 ) -> None:
     bench = held.bench
     identity = bench.machine.identity
-    choice = held.choice = choose(plan.calibration, plan.setup, plan.loaded.profile, identity.serial)
+    calibrate = (
+        on_machine("edmctl calibrate", plan.where.selector)
+        if plan.where.lasting
+        else f"edmctl calibrate --seed {bench.seed}"
+    )
+    choice = held.choice = choose(
+        plan.calibration, plan.setup, plan.loaded.profile, identity.serial, calibrate
+    )
     if warn is not None:
         warn(choice.warnings)
     act = prepare(held)

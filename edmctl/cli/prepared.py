@@ -70,7 +70,7 @@ class Prepared:
         warnings: list[Diagnostic] = []
         if job.profile.approach is not plan.loaded.profile.approach:
             stroke_um = forecast(job.profile, job.setup, plan.loaded.places).stroke_um
-            refuse_too_short(job.profile, job.setup, stroke_um, account)
+            refuse_too_short(job.profile, job.setup, stroke_um, account, plan.where.selector)
         if not resuming:
             refuse_unknown_length(account, folder, plan.where.selector)
             warnings += refuse_worn_out(job.profile, job.setup, plan.loaded.places, account)

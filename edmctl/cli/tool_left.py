@@ -37,7 +37,7 @@ def on_worn_tool(profile: Profile, account: ToolAccount) -> Profile:
     return profile.model_copy(update={"approach": approach})
 
 
-def refuse_too_short(worn: Profile, setup: Setup, stroke_um: float, account: ToolAccount) -> None:
+def refuse_too_short(worn: Profile, setup: Setup, stroke_um: float, account: ToolAccount, port: str) -> None:
     """Raise PreconditionError E8044 where the actuator does not take the worn tool down by `stroke_um`."""
     from edmctl.profile.forecast import stroke_available_um
 
@@ -46,8 +46,8 @@ def refuse_too_short(worn: Profile, setup: Setup, stroke_um: float, account: Too
         raise PreconditionError(
             f"{account.label} touches the pad at {length(account.pad_um)} by now; a stroke of {length(stroke_um)} "
             f"is needed then, and the actuator has {length(available_um)}.",
-            hint="Set the tool lower and say `edmctl measure-wear --reference`, or change it and say --new-tool. "
-            "Keep run files of another machine or of new work in another folder with --out.",
+            hint=f"Set the tool lower and say `{on_machine('edmctl measure-wear --reference', port)}`, or change it "
+            "and say --new-tool. Keep run files of another machine or of new work in another folder with --out.",
             code="E8044",
         )
 

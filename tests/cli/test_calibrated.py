@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -183,7 +184,11 @@ def test_no_sensor_and_no_swings_before_the_job_is_refused(here: Here, no_sensor
 def test_no_sensor_and_no_calibration_is_refused(here: Here, no_sensor: str) -> None:
     said = machined(here, "--setup", no_sensor, "--allow-model")
     assert (said.exit_code, said.document["error"]["code"]) == (8, "E8031")
+    command = re.search(r"`edmctl (calibrate --seed \d+)`", said.document["error"]["hint"])
+    assert command is not None
     assert list(Path().glob("runs/*")) == []
+    assert here(*command[1].split()).exit_code == 0
+    assert machined(here, "--setup", no_sensor, "--allow-model").exit_code == 0
 
 
 def test_no_sensor_and_too_small_a_calibration_is_refused_with_both_numbers(
