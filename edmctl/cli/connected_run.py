@@ -10,7 +10,7 @@ from edmctl.cli.calibrated import choose
 from edmctl.cli.prepared import logbook_of
 from edmctl.cli.recording import recorded
 from edmctl.cli.runfile import run_meta
-from edmctl.cli.tool_seen import name_tool
+from edmctl.cli.tool_seen import as_found, name_tool
 from edmctl.cli.way_on import on_machine
 from edmctl.errors import EdmError, RunFileError
 
@@ -114,9 +114,10 @@ def _record(
     if warn is not None:
         warn(choice.warnings)
     act = prepare(held)
+    found = as_found(plan, held, logbook_of(plan, name), "measure-wear")
     with recorded(
         name,
-        lambda run: run_meta(run, plan, bench.seed, identity, choice),
+        lambda run: run_meta(run, found, bench.seed, identity, choice),
         lambda: summary(held),
         written,
         waits=plan.where.in_process,

@@ -232,7 +232,16 @@ def _alone(opened: "RunFile", values: "dict[str, float | int | str | bool]") -> 
 
 
 def _tool(values: "dict[str, float | int | str | bool]") -> str:
-    return f"{values.get('tool.material', '?')} tool of {values.get('tool.diameter_um', 0):g} µm"
+    label, diameter_um = values.get("tool.id"), float(values.get("tool.diameter_um", math.nan))
+    if not math.isfinite(diameter_um):
+        return f"tool ({label})"
+    text = f"{values.get('tool.material', '?')} tool of {diameter_um:g} µm"
+    return f"{text} ({label})" if label and not _says(str(label), diameter_um) else text
+
+
+def _says(label: str, diameter_um: float) -> bool:
+    """Whether the label of a tool says no more than its material and diameter."""
+    return label.endswith(f" {diameter_um:g} µm")
 
 
 def _depths(values: "dict[str, float | int | str | bool]", depths_um: list[float]) -> str:

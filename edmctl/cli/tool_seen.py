@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from edmctl.record.logbook import Logbook
     from edmctl.simulator.bench import VirtualBench
 
+_LABEL = re.compile(r"(?P<material>.+) (?P<um>\d+(?:\.\d+)?) µm")
 NAMELESS = "tool"
 """A tool that nobody has named yet: that of a virtual bench that no profile has seen, or of an empty ledger."""
 
@@ -77,6 +79,29 @@ def account_of(plan: Plan, seen: Seen, books: Books) -> ToolAccount:
     if account.reference is None and is_unnamed(seen.tool, seen.diameter_um, tool):
         return replace(books.account(NAMELESS), label=tool.label)
     return account
+
+
+def as_found(plan: Plan, held: Held, logbook: Logbook | None, command: str) -> Plan:
+    """Return the plan as its run file shall tell it: a command without a profile has its own name, and the tool that
+    it found in the machine.
+    """
+    from edmctl.record.bookkeeping import books_of
+
+    if plan.names_tool or plan.resumed is not None:
+        return plan
+    seen, profile = seen_on(held), plan.loaded.profile
+    last = books_of(logbook.lines, seen.serial).tool if logbook is not None else ""
+    label = seen.tool or last or NAMELESS
+    named = _LABEL.fullmatch(label)
+    diameter_um = float(named["um"]) if named else seen.diameter_um
+    tool = {"id": label, "material": named["material"] if named else "?", "diameter_um": diameter_um}
+    found = profile.model_copy(
+        update={
+            "meta": profile.meta.model_copy(update={"name": command, "description": ""}),
+            "tool": profile.tool.model_copy(update=tool),
+        }
+    )
+    return replace(plan, loaded=replace(plan.loaded, profile=found))
 
 
 def other_tool(plan: Plan, account: ToolAccount, books: Books) -> list[Diagnostic]:

@@ -355,3 +355,13 @@ def test_nobody_is_told_to_finish_a_run_that_cannot_go_on(here: Here) -> None:
     error = here("measure-wear", "--site", "first", *KEPT, "--dry-run", "--json").document["error"]
     assert "how deep first is" in error["message"]
     assert "--resume" not in error["hint"]
+
+
+def test_a_command_without_a_profile_is_filed_under_its_own_name_and_the_tool_it_found(here: Here) -> None:
+    assert here("measure-wear", "--reference", "--profile", CU150, *KEPT, "--seed", "3").exit_code == 0
+    assert here("measure-wear", *KEPT, "--run-id", "w").exit_code == 0
+    (run,) = (run for run in here("run", "list", "--json").document["result"]["runs"] if run["run_id"] == "w")
+    assert run["name"] == "measure-wear"
+    told = here("run", "show", "runs/w.h5").out
+    assert "a Cu tool of 150 µm" in told
+    assert "270" not in told
