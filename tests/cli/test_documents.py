@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.cli.exitcodes import MEANING
+from edmctl.simulator import BenchConfig, open_bench
 from tests.cli.commands import ROOT, environment, in_a_shell
 
 if TYPE_CHECKING:
@@ -57,9 +58,8 @@ def newcomer(home: Path) -> tuple[Path, dict[str, str]]:
     return folder, environment(PATH=f"{tools}{os.pathsep}{os.environ['PATH']}")
 
 
-def failures_of(page: str, home: Path) -> list[str]:
-    """Type the commands of a page one after the other; what did not end as the page says."""
-    folder, env = newcomer(home)
+def failures_of(page: str, folder: Path, env: dict[str, str]) -> list[str]:
+    """Type the commands of a page in a folder one after the other; what did not end as the page says."""
     failures: list[str] = []
     jobs: list[subprocess.Popen[bytes]] = []
     for line, exit_code in commands_of(page):
@@ -92,9 +92,10 @@ def _in_background(line: str, folder: Path, env: dict[str, str]) -> subprocess.P
 @pytest.fixture(scope="module")
 def typed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[str]]:
     """The failures of each page. The pages are typed side by side: most of the time is waiting for processes."""
-    homes = [tmp_path_factory.mktemp("newcomer") for _ in PAGES]
+    open_bench(BenchConfig(), 0).warm_up()  # or all of them compile at once
+    newcomers = [newcomer(tmp_path_factory.mktemp("newcomer")) for _ in PAGES]
     with ThreadPoolExecutor(len(PAGES)) as pool:
-        return dict(zip(PAGES, pool.map(failures_of, PAGES, homes), strict=True))
+        return dict(zip(PAGES, pool.map(failures_of, PAGES, *zip(*newcomers, strict=True)), strict=True))
 
 
 @pytest.mark.parametrize("page", PAGES)
