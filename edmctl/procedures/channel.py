@@ -148,6 +148,8 @@ class _Stops:
         if layers.last is None:
             raise ValueError("nothing was cut")
         found = measure_floor(run, self._face, *layers.last, layers.wear, layers.since_uj, places)
+        plan, done = layers.last
+        uneven_um = abs(plan.held.depth_um - layers.depth_um) if done.fault else 0.0
         layers.learn(found)
         self._number += 1
         self.result = channel_result(
@@ -159,6 +161,7 @@ class _Stops:
             layers=layers.layers,
             gap_um=layers.gap_um,
             stops=self._number,
+            uneven_um=uneven_um,
         )
         run.ledger.depth_um, run.ledger.unmeasured_site = found.depth_um, ""
         self._keep(self.result)

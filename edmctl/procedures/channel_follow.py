@@ -31,7 +31,8 @@ class PassFollower:
 
     `counts` are its pulses by class (open, normal, arc, short), `energy_j` their energy, from the mean gap current
     at the plateau voltage of a normal discharge. `displacement_um` is of the newest block. Whoever scans sets
-    `depth_um`, `wear_um` and `time_left_s`. `unstable` says why a pass should end.
+    `depth_um`, `wear_um` and `time_left_s`. `unstable` says why a pass should end,
+    `shorted` that most pulses of the last seconds were shorts.
     """
 
     def __init__(self, run: Run, start_s: float, number: int = 0) -> None:
@@ -55,6 +56,7 @@ class PassFollower:
         self.wear_um = math.nan
         self.time_left_s = math.nan
         self.unstable = ""
+        self.shorted = False
         run.ledger.phase = Phase.MACHINING
 
     @property
@@ -72,6 +74,7 @@ class PassFollower:
         now_s, n = float(block.time_s[-1]), len(block.time_s)
         gap_v = float(block.gap_v.mean())
         ratios = self._count(block, now_s)
+        self.shorted = ratios.short > 0.5
         power_w = self._plateau_v * float(block.current_a.mean())
         self.energy_j += power_w * n * self._sample_s
         if block.state[0] == block.state[-1] == MachineState.MACHINING:

@@ -107,11 +107,16 @@ def channel_result(
     layers: int,
     gap_um: float,
     stops: int,
+    uneven_um: float = 0.0,
 ) -> ChannelResult:
-    """Reduce a measuring stop and all passes before it."""
+    """Reduce a measuring stop and all passes before it.
+
+    After a pass that ended early the floor may be deeper by `uneven_um` where the tool was, which is at none of the
+    places that were touched: so much the mean of the floor may be off.
+    """
     job, z1 = run.job, face.z1
     counts = [sum(column) for column in zip(*(done.counts for done in passes), strict=True)]
-    depth_u95_um, wear_u95_um = _uncertainties(run, face, found)
+    depth_u95_um, wear_u95_um = _uncertainties(run, face, found, uneven_um)
     wear_um = found.pad.z_um - z1.z_um
     return ChannelResult(
         name=job.profile.meta.name,
@@ -139,7 +144,7 @@ def channel_result(
     )
 
 
-def _uncertainties(run: Run, face: Face, found: FloorReading) -> tuple[float, float]:
+def _uncertainties(run: Run, face: Face, found: FloorReading, uneven_um: float) -> tuple[float, float]:
     """95 % half-widths of mean depth and wear: touches and doubts of floor and pad, sensor, drift, face, stages.
 
     How much the floor varies from place to place counts too, as only some were touched. The pad is touched before
@@ -155,6 +160,7 @@ def _uncertainties(run: Run, face: Face, found: FloorReading) -> tuple[float, fl
     )
     depth_u_um = math.hypot(
         found.sd_um / math.sqrt(len(found.floor)),
+        0.5 * uneven_um,
         before_u_um / 2.0,
         after_u_um / 2.0,
         known.gain_u_rel * found.depth_um,

@@ -39,6 +39,8 @@ LEARN_OVER_UM = 200.0
 """The energy per length that was expected counts as much as this length of the pass."""
 HELD_ENOUGH = 0.8
 """A layer is cut when the tool stood at its limit on this share of the path; the next one takes the rest along."""
+STANDS_S = 10.0
+"""Stages that stand for so long over a gap that is not shorted have lost their lines."""
 TIME_SLACK_S = 2.0
 """The host ends a pass when the time is up; the controller would do so this much later."""
 
@@ -123,8 +125,8 @@ def _watch(run: Run, feeder: _Feeder, end_s: float, time_limit: str) -> tuple[Ma
         ended = run.machine.watch_cut(SLICE_S)
         if ended is not None:
             return (ended, "", "") if ended.code is EventCode.PATH_DONE else (ended, "TIMEOUT", time_limit)
-        if feeder.follower.unstable:
-            return run.machine.stop_cut(), "STALL", feeder.follower.unstable
+        if told := feeder.follower.unstable or feeder.stands:
+            return run.machine.stop_cut(), "STALL", told
         if run.machine.time_s >= end_s:
             return run.machine.stop_cut(), "TIMEOUT", time_limit
         try:
@@ -149,12 +151,23 @@ class _Feeder:
         self._here_um = 0.0
         self._slices = self._held_slices = 0
         self._trace: list[tuple[float, float]] = [(0.0, 0.0)]
+        self._moved_s = math.inf
         self.limits_um = np.full(len(plan.way.points), self._limit_um(0))
 
     @property
     def held_share(self) -> float:
         """Share of the slices, while the tool moved, in which it stood at its limit."""
         return self._held_slices / self._slices if self._slices else 0.0
+
+    @property
+    def stands(self) -> str:
+        """What is wrong with stages that have stood still for long; nothing while they move."""
+        stood = self._run.machine.time_s - self._moved_s > STANDS_S
+        return (
+            f"the stages stood still for {STANDS_S:.0f} s, {self._here_um:.0f} µm along the path"
+            if stood
+            else ""
+        )
 
     def used_uj(self) -> Floats:
         """Wearing energy of the pass when the tool was at each point, shape (n,)."""
@@ -167,7 +180,10 @@ class _Feeder:
         way, follower = self._plan.way, self.follower
         status = self._run.machine.status()
         ahead_um = self._plan.speed_um_s * LOOK_AHEAD_S
-        self._here_um = way.length_at(status.x_um, status.y_um, self._here_um, 2.0 * ahead_um)
+        before_um = self._here_um
+        self._here_um = way.length_at(status.x_um, status.y_um, before_um, 2.0 * ahead_um)
+        if self._here_um != before_um or follower.shorted or not self._sent:
+            self._moved_s = self._run.machine.time_s
         below_um = follower.displacement_um - float(np.interp(self._here_um, way.lengths_um, self.limits_um))
         held = below_um >= -HELD_WITHIN_UM
         self._tell(below_um)

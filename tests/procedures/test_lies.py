@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.errors import MachineFault
-from edmctl.link.messages import Event, GetStatus, Heartbeat, Tlm
+from edmctl.link.messages import Event, GetStatus, Heartbeat, PathMove, Tlm
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from tests.machine.lying import ALL, Lie, LyingTouches, name_of
@@ -114,3 +114,14 @@ def test_a_line_that_only_passes_on_changes_nothing(kind: str) -> None:
     fate = short_job(3, kind=kind)
     assert fate.lied == 0
     assert fate.code == ("E64001" if kind == "stopped" else "")
+
+
+@pytest.mark.parametrize("first", [1, 4, 12])
+def test_stages_that_stand_because_their_lines_were_never_taken_end_the_channel_soon(first: int) -> None:
+    """A controller that says OK to lines for which its queue has no room."""
+    plain = short_job(3, kind="channel")
+    fate = short_job(3, Lie(PathMove.ID | REPLY, "status", "zero", first, ALL), kind="channel")
+    assert fate.code == "E7010"
+    assert "stood still" in fate.said
+    assert fate.machine_s < plain.machine_s + 30.0
+    assert fate.is_inside, (fate.depth_um, fate.u95_um, fate.true_um)
