@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.cli.prepared import hole_radius_um, logbook_of, prepared_job
 from edmctl.cli.tool_seen import seen_on
+from edmctl.labels import Basis
 from edmctl.process.next_cut import COVERAGE
 from edmctl.record.ledger_entries import (
     UNFINISHED,
@@ -54,7 +55,7 @@ class JobLedger:
     _places: tuple[Place, ...] = ()
     _z1: JobState | None = None
     _wants_reference: bool = False
-    _begun: set[str] = field(default_factory=set)
+    _begun: dict[str, JobState] = field(default_factory=dict)
 
     def job(self, resuming: Collection[str] = ()) -> Job:
         """Return the job as it can be done now; `resuming` as in `prepared_job`. Nothing is written down yet.
@@ -89,7 +90,7 @@ class JobLedger:
             self._z1 = state
             self._keep_reference(state)
         if state.begun:
-            self._begun.add(state.site)
+            self._begun[state.site] = state
         self.journal.keep(state, urgent=urgent)
 
     def close(self, result: JobResult, status: str) -> None:
@@ -153,7 +154,19 @@ class JobLedger:
             if site.name in begun:
                 found = _machined(begun.pop(site.name), site)
                 entries.append(found if site.finished else replace(found, status=UNFINISHED))
-        return [*entries, *(place for place in begun.values() if place.name in self._begun)]
+        left = (_left(place, self._begun[name]) for name, place in begun.items() if name in self._begun)
+        return [*entries, *left]
+
+
+def _left(place: SiteMachined, state: JobState) -> SiteMachined:
+    """A hole that this run has not looked at, by the journal: what an earlier one has left of it."""
+    return replace(
+        place,
+        depth_um=state.depth_um,
+        depth_u95_um=COVERAGE * state.depth_u_um,
+        wear_um=state.wear_um,
+        wear_u95_um=COVERAGE * state.wear_u_um,
+    )
 
 
 def _machined(place: SiteMachined, found: SiteResult | ChannelResult) -> SiteMachined:
@@ -173,7 +186,8 @@ def _machined(place: SiteMachined, found: SiteResult | ChannelResult) -> SiteMac
 def _floor_at(place: SiteMachined, found: ChannelResult) -> SiteMachined:
     """A place of a channel: its floor is as deep as that on average, and as uneven."""
     u95_um = math.hypot(found.depth_u95_um, COVERAGE * found.floor_sd_um)
-    return replace(_machined(place, found), depth_u95_um=u95_um)
+    status = UNFINISHED if found.depth_basis is Basis.ESTIMATED else DONE
+    return replace(_machined(place, found), depth_u95_um=u95_um, status=status)
 
 
 def _channel(places: Sequence[SiteMachined], result: JobResult) -> list[SiteMachined]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from edmctl.labels import NOT_SHOWN_CODE, Verdict
 from edmctl.machine.port import host_fault
 from edmctl.procedures.channel_layers import Layers
-from edmctl.procedures.channel_result import ChannelResult, FloorReading, channel_result
+from edmctl.procedures.channel_result import ChannelResult, FloorReading, channel_left, channel_result
 from edmctl.procedures.channel_touch import measure_floor, touch_untouched
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.deciding import Decision
@@ -75,9 +75,20 @@ def machine_channel(
     face = touch_untouched(run, way)
     layers = Layers(run, limits, way, face, path.speed_um_s)
     stops = _Stops(run, goal, way, face, layers, keep)
+    try:
+        return _cut_down(run, goal, layers, stops, path.layer_um)
+    except BaseException:
+        stops.leave()
+        raise
+
+
+def _cut_down(
+    run: Run, goal: Goal, layers: Layers, stops: _Stops, layer_um: float
+) -> tuple[ChannelResult | None, Decision]:
+    """Cut layer by layer, and measure where that is due, to the end."""
     corrections = run.profile.wear.max_cuts
     while True:
-        depths_um = layer_depths_um(layers.depth_um, goal.depth_um, path.layer_um)
+        depths_um = layer_depths_um(layers.depth_um, goal.depth_um, layer_um)
         last = len(depths_um) == 1
         even_out = last or stops.due(len(depths_um) - 1)
         from_um = layers.depth_um
@@ -101,7 +112,7 @@ def machine_channel(
         if left_um <= _good_enough_um(goal) or (last and corrections <= 0):
             return result, _final(run, goal, result)
         ended_early = f" The last layer ended early: {told}." if told else ""
-        again = max(1, len(layer_depths_um(result.depth_um, goal.depth_um, path.layer_um)))
+        again = max(1, len(layer_depths_um(result.depth_um, goal.depth_um, layer_um)))
         run.decide(
             RunEvent.CUT_DECIDED,
             f"{left_um:.2f} µm are left, in {plural(again, 'layer')}.{ended_early}",
@@ -167,6 +178,13 @@ class _Stops:
         self._keep(self.result)
         self._tell(found, self.result)
         return self.result
+
+    def leave(self) -> None:
+        """Keep by estimate what was cut since the last stop, where the channel is left before the next."""
+        run, layers = self._run, self._layers
+        if self.result is not None and run.ledger.unmeasured_site:
+            wear_um = layers.wear.um(layers.since_uj)
+            self._keep(channel_left(self.result, run.ledger.depth_um, wear_um, len(layers.passes)))
 
     def _tell(self, found: FloorReading, result: ChannelResult) -> None:
         self._run.decide(

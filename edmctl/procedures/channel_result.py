@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.labels import Basis
 from edmctl.procedures.drift import uncertainty_now
 from edmctl.procedures.measuring import pad_u_um
 from edmctl.process.layers import channel_width_um
@@ -17,7 +18,7 @@ from edmctl.process.wear import TOUCH_PRIOR_DOF, student_97_5
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from edmctl.labels import Basis, Verdict
+    from edmctl.labels import Verdict
     from edmctl.procedures.channel_scan import PassResult
     from edmctl.procedures.channel_touch import Face
     from edmctl.procedures.run import Run
@@ -141,6 +142,29 @@ def channel_result(
         floor=found.places,
         depth_basis=job.touch_basis,
         wear_basis=job.touch_basis,
+    )
+
+
+def channel_left(measured: ChannelResult, depth_um: float, wear_um: float, passes: int) -> ChannelResult:
+    """A channel that was cut on to about `depth_um` since it was measured, and then left, by estimate.
+
+    `wear_um` is the wear by the energy of whole passes; since the stop the tool has lost as much per depth as before
+    at least. Whatever was not touched may be wrong by all of it.
+    """
+    cut_um = depth_um - measured.depth_um
+    ratio = measured.wear_um / measured.depth_um if measured.depth_um > 0.0 else 0.0
+    worn_um = max(wear_um - measured.wear_um, ratio * cut_um, 0.0)
+    return replace(
+        measured,
+        passes=passes,
+        depth_um=depth_um,
+        depth_u95_um=math.hypot(measured.depth_u95_um, cut_um),
+        wear_um=measured.wear_um + worn_um,
+        wear_u95_um=math.hypot(measured.wear_u95_um, worn_um),
+        feed_um=depth_um + measured.wear_um + worn_um,
+        z3_um=math.nan,
+        depth_basis=Basis.ESTIMATED,
+        wear_basis=Basis.ESTIMATED,
     )
 
 

@@ -305,7 +305,7 @@ class Ledger:
             reached=self.reached,
             link=self.link,
             channel=self.channel,
-            home_um=self.home_um,
+            home_um=self.home_um if math.isfinite(self.home_s) else math.nan,
             earlier_time_s=self.earlier_time_s,
             pause_s=self.pause_s,
         )

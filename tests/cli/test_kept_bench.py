@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import signal
 import time
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from edmctl.procedures.channel_follow import PassFollower
 from edmctl.record import journal
 from edmctl.record.bench_file import bench_lock, read_bench, write_bench
 from edmctl.record.bookkeeping import books_of
@@ -22,6 +24,7 @@ from tests.cli.commands import CU270, SHALLOW
 from tests.cli.test_processes import read_until, start
 
 if TYPE_CHECKING:
+    from edmctl.machine.reports import TelemetryBlock
     from edmctl.record.ledger_entries import Entry
     from edmctl.simulator import VirtualBench
     from tests.cli.commands import Here
@@ -365,3 +368,29 @@ def test_a_command_without_a_profile_is_filed_under_its_own_name_and_the_tool_it
     told = here("run", "show", "runs/w.h5").out
     assert "a Cu tool of 150 µm" in told
     assert "270" not in told
+
+
+@pytest.mark.parametrize("stop_s", [420.0, 900.0])
+def test_a_channel_that_is_stopped_is_told_by_estimate(
+    here: Here, monkeypatch: pytest.MonkeyPatch, stop_s: float
+) -> None:
+    take, asked = PassFollower.take, list[float]()
+
+    def watched(follower: PassFollower, block: TelemetryBlock) -> None:
+        take(follower, block)
+        if block.time_s[-1] > stop_s and not asked:
+            asked.append(stop_s)
+            os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr(PassFollower, "take", watched)
+    said = here("machine", "--profile", "channel-spiral", *KEPT, "--seed", "4", "--json", "--quiet")
+    assert said.exit_code == 130
+    channel = said.document["result"]["channel"]
+    assert (channel["depth_basis"], channel["wear_basis"]) == ("estimated", "estimated")
+    for name in ("depth", "wear"):
+        off_um = channel[f"{name}_um"] - channel["truth"][f"{name}_um"]
+        assert abs(off_um) <= channel[f"{name}_u95_um"]
+    books = books_of(Logbook.open(Path("runs")).lines, "SIM-4")
+    assert {hole.status for hole in books.holes} == {UNFINISHED}
+    (tool,) = books.tools.values()
+    assert tool.worn_um == pytest.approx(channel["wear_um"], abs=0.01)

@@ -27,7 +27,7 @@ from edmctl.procedures.journal import job_state
 from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Setup
 from edmctl.record.bench_file import read_bench, write_bench
-from edmctl.record.bookkeeping import ToolAccount
+from edmctl.record.bookkeeping import ToolAccount, books_of
 from edmctl.record.journal import read_journal, write_journal
 from edmctl.record.ledger_entries import UNFINISHED, ReferenceTouched, SiteMachined
 from edmctl.record.logbook import JobBegun, Logbook, RunEnded, ToolChanged, WearMeasured
@@ -510,3 +510,29 @@ def test_a_job_that_was_stopped_before_its_first_touch_leaves_a_reference_in_the
     assert here(*RESUME, *BENCH).exit_code == 0
     measured = here("measure-wear", *BENCH, "--json").document["result"]
     assert abs(measured["wear_um"] - measured["truth"]["wear_um"]) <= measured["wear_u95_um"]
+
+
+def test_a_run_that_is_stopped_before_it_looks_forgets_nothing(
+    here: Here, left: Left, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(left.stopped, Path.cwd(), dirs_exist_ok=True)
+    lines = Logbook.open(Path("runs")).lines
+    before = books_of(lines, lines[0].serial)
+    (tool,) = before.tools.values()
+    assert tool.worn_um > 1.0
+
+    def stopped(machine: LinkMachine, *, pulses: bool = True) -> None:
+        arm(machine, pulses=pulses)
+        stop()
+
+    arm = LinkMachine.arm
+    with monkeypatch.context() as patch:
+        patch.setattr(LinkMachine, "arm", stopped)
+        assert here(*RESUME, *BENCH).exit_code == 130
+    after = books_of(Logbook.open(Path("runs")).lines, lines[0].serial)
+    (same,) = after.tools.values()
+    assert same.worn_um == pytest.approx(tool.worn_um, abs=0.5)
+    assert same.worn_u95_um > 0.0
+    assert same.pad_um == pytest.approx(tool.pad_um, abs=0.5)
+    assert [home.um for home in after.homes] == [home.um for home in before.homes]
+    assert_on_target(here(*RESUME, *BENCH))
