@@ -114,7 +114,8 @@ def _record(
     if warn is not None:
         warn(choice.warnings)
     act = prepare(held)
-    found = as_found(plan, held, logbook_of(plan, name), "measure-wear")
+    logbook = logbook_of(plan, name)
+    found = as_found(plan, held, logbook, "measure-wear")
     with recorded(
         name,
         lambda run: run_meta(run, found, bench.seed, identity, choice),
@@ -124,7 +125,7 @@ def _record(
     ) as recorder:
         into = f", into {name.path}" if name else ""
         observer.note(f"{introduction(plan.where, bench)}{into}")
-        name_tool(plan, held, logbook_of(plan, name))
+        name_tool(plan, held, logbook)
         bench.begin()
         if plan.new_tool and bench.virtual is not None:
             bench.virtual.new_tool()

@@ -78,11 +78,10 @@ class JobLedger:
         """Before the machine moves: a job that is killed leaves a word about its places."""
         if self._logbook is None or self.name is None:
             return
-        if self.plan.new_tool:
-            self.held.write_down(self._logbook, ToolChanged(self._tool))
+        changed = [ToolChanged(self._tool)] if self.plan.new_tool else []
         radius_um, wear_um = hole_radius_um(self.plan.loaded.profile), self.plan.forecast.tool_wear_um
         begun = JobBegun(self._tool, self.name.path.name, radius_um, self._places, wear_um)
-        self.held.write_down(self._logbook, begun)
+        self.held.write_down(self._logbook, *changed, begun)
 
     def keep(self, state: JobState, *, urgent: bool = False) -> None:
         """Note the first Z1 and what was cut, and hand the state on."""

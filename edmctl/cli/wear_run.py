@@ -23,7 +23,7 @@ from edmctl.procedures.measure_wear import (
 )
 from edmctl.procedures.pausing import counted_pause_s
 from edmctl.record.bookkeeping import Books, ToolAccount, books_of
-from edmctl.record.ledger_entries import ReferenceTouched, RunEnded, ToolChanged, WearMeasured
+from edmctl.record.ledger_entries import Entry, ReferenceTouched, RunEnded, ToolChanged, WearMeasured
 from edmctl.wording import length
 
 if TYPE_CHECKING:
@@ -133,18 +133,19 @@ class WearRun:
         """Write the reference or the wear into the ledger."""
         if self._logbook is None or self._held is None or self._account is None:
             return
-        tool = self._account.label
+        tool, entries = self._account.label, list[Entry]()
         if self.touched is not None:
             if self.plan.new_tool:
-                self._held.write_down(self._logbook, ToolChanged(tool))
-            self._held.write_down(self._logbook, self._as_reference(tool, self.touched))
+                entries.append(ToolChanged(tool))
+            entries.append(self._as_reference(tool, self.touched))
         elif self.found is not None:
             found = self.found
-            measured = WearMeasured(
-                tool, self._run_file, found.z3_after_um, found.wear_um, found.wear_u95_um, self._home_um
+            entries.append(
+                WearMeasured(
+                    tool, self._run_file, found.z3_after_um, found.wear_um, found.wear_u95_um, self._home_um
+                )
             )
-            self._held.write_down(self._logbook, measured)
-        self._held.write_down(self._logbook, RunEnded(self._run_file, "done", time_s))
+        self._held.write_down(self._logbook, *entries, RunEnded(self._run_file, "done", time_s))
 
     def result(self) -> Mapping[str, object] | None:
         """What was touched, and what is known of the tool by the ledger."""
