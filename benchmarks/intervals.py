@@ -400,6 +400,18 @@ def _interrupted(random: Random, seed: int) -> Case:
     )
 
 
+def _channel_left(random: Random, seed: int) -> Case:
+    """Channels that a person or a fault ends between two stops; only those that were looked at say a depth."""
+    case = _beliefs("channel-circle")(random, seed)
+    fault = random.choice(("", "", "ESTOP", "STALL", "CARBON"))
+    when_s = random.uniform(200.0, 1000.0)
+    return replace(
+        case,
+        injections=(f"{fault}@{when_s:.0f}",) if fault else (),
+        stop_s=math.inf if fault else when_s,
+    )
+
+
 CLASSES: dict[str, Callable[[Random, int], Case]] = {
     "near-0.5mm-180": _far(500.0, 180.0),
     "near-0.5mm-15": _far(500.0, 15.0),
@@ -425,6 +437,7 @@ CLASSES: dict[str, Callable[[Random, int], Case]] = {
     "faulted": _faulted,
     "interrupted": _interrupted,
     "channel-beliefs": _beliefs("channel-circle"),
+    "channel-left": _channel_left,
     "through-beliefs": _beliefs("foil-through"),
     "sensorless-beliefs": _beliefs("array-3x3", sensor=False),
 }
@@ -436,6 +449,8 @@ JUDGED = ("ok", "E7010", "E7013")
 """How a job ends whose holes were all judged: right, missed, not shown."""
 TIME_LIMIT = "E7012"
 """A job may take three times its forecast: work that erodes less than a third as fast as believed ends there."""
+MAY_END = ("faulted", "channel-left")
+"""Classes whose jobs end early and are not taken up again."""
 COLLISION = "E62007"
 LEFT = -1
 """Number of a hole that was under way when its job was left."""
@@ -517,7 +532,8 @@ def main() -> None:
             for case, outcome in zip(todo, outcomes, strict=True):
                 collisions += outcome.ends.count(COLLISION) if SHORTED not in _kind(case) else 0
             _tell_kinds(todo, outcomes)
-            lost += sum(end not in (*JUDGED, TIME_LIMIT) for end in ends) if name != "faulted" else 0
+            if name not in MAY_END:
+                lost += sum(end not in (*JUDGED, TIME_LIMIT) for end in ends)
             for case, outcome in zip(todo, outcomes, strict=True):
                 held["depth"] += [hole.depth_held for hole in outcome.holes]
                 held["wear"] += [hole.wear_held for hole in outcome.holes]
