@@ -111,6 +111,20 @@ class CutPlan:
         """Whether by what is believed the feed cannot have taken that energy: then only a touch can tell."""
         return self.estimate.contradicts(self.fed_um(displacement_um), self.gap_u_um, energy)
 
+    def stated_u95_um(self, live: LiveErosion) -> tuple[float, float]:
+        """Half the 95 % intervals of depth and wear as they are told in a cut.
+
+        Until a touch has confirmed the recipe's ratio, how the feed of this cut divides is as unknown as any recipe's.
+        """
+        unconfirmed_um = 0.0
+        if self.estimate.fits == 0:
+            worn_um = live.wear_um - self.start.wear_um
+            unconfirmed_um = COVERAGE * RECIPE_U_REL * worn_um / (1.0 + self.wear_ratio)
+        return (
+            math.hypot(COVERAGE * live.depth_u_um, unconfirmed_um),
+            math.hypot(self.wear_u95_um(live), unconfirmed_um),
+        )
+
     def wear_u95_um(self, live: LiveErosion) -> float:
         """Half the 95 % interval of the hole's wear in this cut: what was unknown before it counts too."""
         return COVERAGE * math.hypot(self.start.wear_u_um, live.wear_u_um)

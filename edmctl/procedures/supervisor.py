@@ -26,7 +26,6 @@ from edmctl.procedures.spark_loss import SparkLoss
 from edmctl.procedures.stalls import STALL_SHARE, Stall
 from edmctl.procedures.stroke import stroke_left_um
 from edmctl.procedures.watch import NEWEST_S
-from edmctl.process.next_cut import COVERAGE
 from edmctl.process.pulses import pulse_shares
 from edmctl.profile.forecast import forecast
 from edmctl.record.rows import SlowRow
@@ -198,6 +197,7 @@ class Supervisor:
         if machining:
             self._look_for_the_end(float(block.actuator_v[-1]), depth_um)
         heights_um = block.displacement_um.tolist()
+        depth_u95_um, wear_u95_um = self._plan.stated_u95_um(erosion)
         self._run.observer.progress(
             Progress(
                 phase=_PHASE[machining],
@@ -209,14 +209,14 @@ class Supervisor:
                 depth_target_um=self._plan.target_um,
                 displacement_um=self.displacement_um,
                 time_left_s=self._time_left_s(now_s, depth_um),
-                depth_u95_um=COVERAGE * erosion.depth_u_um,
+                depth_u95_um=depth_u95_um,
                 site=self._run.site_among_many,
                 step=f"cut {self._plan.number}",
                 feed_um=depth_um + erosion.wear_um,
                 feed_target_um=self._feed_target_um,
                 feed_um_s=feed_um_s,
                 wear_um=erosion.wear_um,
-                wear_u95_um=self._plan.wear_u95_um(erosion),
+                wear_u95_um=wear_u95_um,
                 gap_low_v=min(gaps_v),
                 gap_high_v=max(gaps_v),
                 displacement_low_um=min(heights_um),
@@ -240,6 +240,7 @@ class Supervisor:
         erosion: LiveErosion,
     ) -> None:
         status = self._status
+        depth_u95_um, wear_u95_um = self._plan.stated_u95_um(erosion)
         self._run.recorder.append_slow(
             SlowRow(
                 time_s=float(block.time_s[-1]),
@@ -251,9 +252,9 @@ class Supervisor:
                 ratio_arc=ratios.arc,
                 ratio_short=ratios.short,
                 depth_um=erosion.depth_um,
-                depth_u95_um=COVERAGE * erosion.depth_u_um,
+                depth_u95_um=depth_u95_um,
                 wear_um=erosion.wear_um,
-                wear_u95_um=self._plan.wear_u95_um(erosion),
+                wear_u95_um=wear_u95_um,
                 jump_period_s=self.adapting.period_s,
                 power_w=self._power_w,
                 dielectric_c=math.nan if status is None else status.temperature_c,

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import pytest
@@ -13,10 +14,13 @@ from edmctl.procedures.job import Site
 from edmctl.procedures.journal import NoJournal
 from edmctl.procedures.results import ObjectiveMissed
 
+from .conftest import Told
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.simulator import BenchConfig
+    from edmctl.procedures.results import Progress
+    from edmctl.simulator import BenchConfig, VirtualBench
 
     from .conftest import Shop
 
@@ -57,3 +61,36 @@ def test_a_belief_that_is_wrong_costs_no_truth(
         held.append(abs(site.depth_um - hole.depth_um) <= site.depth_u95_um)
         held.append(abs(site.wear_um - wear.of_site(site.name)) <= site.wear_u95_um)
     assert held.count(False) <= round((1.0 - LEAST_HELD) * len(held))
+
+
+@dataclass(slots=True)
+class Compared(Told):
+    """Holds what is told during a cut against the plant."""
+
+    bench: VirtualBench | None = None
+    depths: list[bool] = field(default_factory=list)
+    wears: list[bool] = field(default_factory=list)
+
+    def progress(self, p: Progress) -> None:
+        assert self.bench is not None
+        holes = self.bench.truth()
+        if holes and math.isfinite(p.depth_u95_um):
+            self.depths.append(abs(p.depth_um - holes[-1].depth_um) <= p.depth_u95_um)
+            self.wears.append(abs(p.wear_um - self.bench.tool_wear_um) <= p.wear_u95_um)
+
+
+@pytest.mark.parametrize("theta", [0.3, 0.5, 1.5, 2.0])
+def test_what_is_told_during_a_cut_holds_before_any_touch_has_confirmed_the_belief(
+    shop: Callable[..., Shop], theta: float
+) -> None:
+    s = shop(
+        ('target={kind="depth",depth_um=30.0,tolerance_um=2.0}',),
+        SEED,
+        changed=lambda config: replace(config, theta=theta * config.theta),
+    )
+    s.told = told = Compared(bench=s.bench)
+    with suppress(ObjectiveMissed):
+        s.run_job()
+    assert len(told.depths) > 100
+    assert told.depths.count(True) >= LEAST_HELD * len(told.depths)
+    assert told.wears.count(True) >= LEAST_HELD * len(told.wears)
