@@ -114,7 +114,7 @@ class CutPlan:
     def stated_u95_um(self, live: LiveErosion) -> tuple[float, float]:
         """Half the 95 % intervals of depth and wear as they are told in a cut.
 
-        Until a touch has confirmed the recipe's ratio, how the feed of this cut divides is as unknown as any recipe's.
+        How the feed of this cut divides is as unknown as any recipe's, until a touch has confirmed it.
         """
         unconfirmed_um = 0.0
         if self.estimate.fits == 0:
