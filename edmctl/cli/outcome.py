@@ -83,10 +83,12 @@ def finish(outcome: Outcome, error: EdmError | None) -> int:
     try:
         write(sys.stdout, text)
     except OSError as refused:
-        # A terminal that hung up takes nothing either; the signal that told so says more.
-        if not isinstance(error, Interrupted):
-            error = unwritable(refused)
-            exit_code = error_exit_code(error)
+        lost = unwritable(refused)
+        if error is None:
+            error, exit_code = lost, error_exit_code(lost)
+        elif not isinstance(error, Interrupted):
+            # Why the job ended says more than where its result could not go, and a signal more than both.
+            complain(outcome.output, lost)
     if error:
         complain(outcome.output, error)
     return exit_code

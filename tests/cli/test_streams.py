@@ -25,6 +25,7 @@ if TYPE_CHECKING:
         ("--help >&-", 0),
         ("profile check cu >&- 2>&-", 3),
         ("machine --porfile 2> /dev/full", 2),
+        ("profile check cu --json > /dev/full", 3),
     ],
 )
 def test_streams_that_take_nothing_are_no_crash(line: str, exit_code: int, tmp_path: Path) -> None:
@@ -40,6 +41,8 @@ def test_streams_that_take_nothing_are_no_crash(line: str, exit_code: int, tmp_p
 
     assert "Traceback" not in done.stderr
     assert done.returncode == exit_code
+    if exit_code == 3 and "2>" not in line:
+        assert done.stderr.rindex("error[E9010]") < done.stderr.rindex("error[E2001]")
 
 
 def test_the_last_seed_fits_the_run_file_too() -> None:
