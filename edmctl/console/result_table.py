@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import isnan
+from math import isfinite, isnan
 from typing import TYPE_CHECKING
 
 from edmctl.console.style import PLAIN, Style
@@ -136,6 +136,8 @@ def _site_block(site: MeasuredView, truth: TruthView | None, style: Style, colum
         ["Z2 tip at the end" if site.through else "Z2 bottom", length(site.z2_um)],
         ["Z3 surface after", length(site.z3_um)],
     ]
+    if isfinite(site.face_um) and length(site.face_um) != length(0.0):
+        others.append(["face below the pad", length(site.face_um)])
     # A channel has none of them.
     rows = [depth, wear, *(row for row in others if row[1] != UNKNOWN)]
     table = render_columns(header, rows, style)

@@ -40,6 +40,8 @@ class SiteNumbers:
     z1_um: float
     z2_um: float
     z3_um: float
+    face_um: float
+    """How much further than the reference pad the face lies here."""
     depth_um: float
     depth_u95_um: float
     wear_um: float
@@ -175,6 +177,7 @@ def _site(
         z1_um=float(row["z1"]),
         z2_um=float(row["z2"]),
         z3_um=float(row["z3"]),
+        face_um=_later(row, "face"),
         depth_um=float(row["depth"]),
         depth_u95_um=float(row["depth_u95"]),
         wear_um=float(row["wear"]),

@@ -35,6 +35,12 @@ def test_each_site_has_its_block() -> None:
     assert text.count("Z2 bottom") == 2
 
 
+def test_a_face_at_another_height_makes_the_rows_add_up() -> None:
+    below = render_job(Job(sites=(Site(face_um=1.5),)))
+    assert "face below the pad 1.50 µm" in " ".join(below.split())
+    assert "face below" not in render_job(Job(sites=(Site(face_um=0.001),)))
+
+
 def test_columns_are_aligned() -> None:
     lines = render_job(Job(), [Truth()]).splitlines()[:3]
     assert {line.index("µm") for line in lines[1:]} == {lines[1].index("µm")}

@@ -76,6 +76,7 @@ class Site:
     z1_um: float = 53.1
     z2_um: float = 303.34
     z3_um: float = 123.13
+    face_um: float = 0.0
     measuring_stops: int = 3
     estimated_um: float = 0.0
     through: bool = False
