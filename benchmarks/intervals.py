@@ -64,8 +64,8 @@ if TYPE_CHECKING:
 
 PROFILES = Path(__file__).parents[1] / "profiles"
 DRIFT_SD_UM_S = 1.0 / 600.0
-WORST_OF_200 = 2.8
-"""Standard deviations of the largest of 200 normal draws, on average."""
+WORST_OF_200 = 3.0
+"""Standard deviations of the largest of 200 normal draws on either side, on average."""
 
 
 @dataclass(frozen=True)
@@ -285,7 +285,7 @@ def _hole(said: SiteResult | ChannelResult, depth_um: float, wear_um: float, num
         wear_um,
         said.measuring_stops,
         number,
-        getattr(said, "finished", True),
+        said.finished,
     )
 
 
@@ -365,6 +365,24 @@ def _long(tolerance_um: float) -> Callable[[Random, int], Case]:
     return make
 
 
+def _drifting(profile: str, deepest_um: float) -> Callable[[Random, int], Case]:
+    """One hole or channel on a machine whose sensor drifts up to the worst of 200."""
+
+    def make(random: Random, seed: int) -> Case:
+        drift = random.uniform(-WORST_OF_200, WORST_OF_200)
+        depth_um = math.exp(random.uniform(math.log(4.0), math.log(deepest_um)))
+        overrides = (_depth(depth_um), "limits.max_time_s=20000.0")
+        return Case(profile, seed, overrides, drift=drift)
+
+    return make
+
+
+def _drifting_array(random: Random, seed: int) -> Case:
+    """Drift and a tool that wears otherwise than believed, together."""
+    drift = random.uniform(-WORST_OF_200, WORST_OF_200)
+    return replace(_belief("wear", 6)(random, seed), drift=drift)
+
+
 def _kept(random: Random, seed: int) -> Case:
     overrides = (_depth(10.0), 'jump.mode="off"')
     places = tuple((500.0 * (i + 1), 0.0) for i in range(60))
@@ -434,6 +452,9 @@ CLASSES: dict[str, Callable[[Random, int], Case]] = {
     "long-tolerance-2": _long(2.0),
     "long-tolerance-15": _long(15.0),
     "long-tolerance-40": _long(40.0),
+    "drift-alone": _drifting("cu270", 180.0),
+    "drift-channel": _drifting("channel-circle", 20.0),
+    "drift-wear-array": _drifting_array,
     "faulted": _faulted,
     "interrupted": _interrupted,
     "channel-beliefs": _beliefs("channel-circle"),

@@ -221,8 +221,8 @@ def _whereabouts(done: "Calibrated", checked: "Checked", seed: int | None) -> st
     again = _again(checked.where, seed)
     saved = f"{made_by}{'Replaced' if done.replaced else 'Saved in'} {done.path}"
     if not done.is_own:
-        return f"{saved}: `edmctl machine{again} --calibration {done.path}` uses it."
+        return f"{saved}: `edmctl machine --profile PROFILE{again} --calibration {done.path}` uses it."
     other = os.environ.get(CALIBRATION_VARIABLE) or checked.setup.actuator.calibration
     if other:
         return f"{saved}; `edmctl machine` uses {other}, which the environment or the setup names."
-    return f"{saved}: `edmctl machine{again}` uses it on {done.serial} from now on."
+    return f"{saved}: `edmctl machine --profile PROFILE{again}` uses it on {done.serial} from now on."

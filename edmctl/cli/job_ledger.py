@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from edmctl.cli.prepared import hole_radius_um, logbook_of, prepared_job
 from edmctl.cli.tool_seen import seen_on
-from edmctl.labels import Basis
 from edmctl.process.next_cut import COVERAGE
 from edmctl.record.ledger_entries import (
     UNFINISHED,
@@ -184,9 +183,11 @@ def _machined(place: SiteMachined, found: SiteResult | ChannelResult) -> SiteMac
 
 def _floor_at(place: SiteMachined, found: ChannelResult) -> SiteMachined:
     """A place of a channel: its floor is as deep as that on average, and as uneven."""
-    u95_um = math.hypot(found.depth_u95_um, COVERAGE * found.floor_sd_um)
-    status = UNFINISHED if found.depth_basis is Basis.ESTIMATED else DONE
-    return replace(_machined(place, found), depth_u95_um=u95_um, status=status)
+    floor_sd_um = found.floor_sd_um if found.floor else 0.0
+    u95_um = math.hypot(found.depth_u95_um, COVERAGE * floor_sd_um)
+    return replace(
+        _machined(place, found), depth_u95_um=u95_um, status=DONE if found.finished else UNFINISHED
+    )
 
 
 def _channel(places: Sequence[SiteMachined], result: JobResult) -> list[SiteMachined]:

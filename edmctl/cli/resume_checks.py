@@ -96,6 +96,8 @@ def refuse_used_tool(resumption: Resumption, lines: Iterable[Line]) -> None:
     from edmctl.record.logbook import JobBegun, RunEnded, ToolChanged
 
     tool, own, begun = resumption.state.tool, resumption.run_files, False
+    lines = tuple(lines)
+    idle = _idle_runs(lines)
     for line in lines:
         entry = line.entry
         if line.serial != resumption.job.serial or isinstance(entry, RunEnded):
@@ -110,8 +112,17 @@ def refuse_used_tool(resumption: Resumption, lines: Iterable[Line]) -> None:
             raise _other_tool(
                 f"{entry.tool} was in the machine since {resumption.job.run_id}, and not {tool}."
             )
-        elif isinstance(entry, JobBegun):
+        elif isinstance(entry, JobBegun) and entry.run_file not in idle:
             raise _other_tool(f"{tool} has machined {entry.run_file} since {resumption.job.run_id} was left.")
+
+
+def _idle_runs(lines: Iterable[Line]) -> set[str]:
+    """Run files of jobs that came to their end, refused or stopped, before they sparked anywhere."""
+    from edmctl.record.logbook import RunEnded, SiteMachined
+
+    entries = [line.entry for line in lines]
+    sparked = {entry.run_file for entry in entries if isinstance(entry, SiteMachined)}
+    return {entry.run_file for entry in entries if isinstance(entry, RunEnded)} - sparked
 
 
 def _not_homed(resumption: Resumption, held: Held, plan: Plan) -> PreconditionError:

@@ -122,7 +122,7 @@ def _site_block(site: MeasuredView, truth: TruthView | None, style: Style, colum
     wear = ["tool wear", wear_um]
     from_voltage = (length(site.depth_model_um), length(site.wear_model_um))
     # Lengths by the model alone would stand there twice.
-    if from_voltage != (length(site.depth_um), length(site.wear_um)):
+    if from_voltage not in ((length(site.depth_um), length(site.wear_um)), (UNKNOWN, UNKNOWN)):
         header.append("from voltage")
         depth.append(from_voltage[0])
         wear.append(from_voltage[1])

@@ -183,8 +183,11 @@ class _Stops:
         """Keep by estimate what was cut since the last stop, where the channel is left before the next."""
         run, layers = self._run, self._layers
         if self.result is not None and run.ledger.unmeasured_site:
-            wear_um = layers.wear.um(layers.since_uj)
-            self._keep(channel_left(self.result, run.ledger.depth_um, wear_um, len(layers.passes)))
+            depth_um, wear_um = run.ledger.depth_um, layers.wear.um(layers.since_uj)
+            left = channel_left(
+                self.result, layers.passes, layers=layers.layers, depth_um=depth_um, wear_um=wear_um
+            )
+            self._keep(left)
 
     def _tell(self, found: FloorReading, result: ChannelResult) -> None:
         self._run.decide(

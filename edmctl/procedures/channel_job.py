@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError
@@ -41,9 +42,16 @@ def machine_path(run: Run) -> Decision | None:
     run.ledger.open_site = ""
     if result is not None:
         result = judged_channel(goal_of(run.profile, Site(result.name, path.x_um, path.y_um)), result)
-        keep(result)
+        keep(replace(result, finished=True))
         run.recorder.site_result(_row(run, result))
     return decision if decision.missed else None
+
+
+def record_left_channel(run: Run) -> None:
+    """Write what is known of a channel that was looked at, where its job ends early."""
+    channel = run.ledger.channel
+    if channel is not None and not channel.finished:
+        run.recorder.site_result(_row(run, channel))
 
 
 def _row(run: Run, result: ChannelResult) -> SiteRow:

@@ -40,10 +40,11 @@ class ChannelResult:
     """One channel, measured by touches: `feed = depth + wear`, u95 are half-widths of 95 % intervals.
 
     `depth_um` is the mean over the places of `floor`, `floor_sd_um` their standard deviation; the touches cannot
-    tell roughness below the tool's face. `verdict` is None until the channel is done. `width_um` is planned.
-    `layers` are those cut, `passes` the times that the path was gone along. `energy_j` is mean gap current ×
-    plateau voltage of a normal discharge × time, over all passes; `working_gap_um` the gap between the held tool
-    and the floor that it left.
+    tell roughness below the tool's face. One that is not `finished` was under way when its job ended early; if it
+    was cut on since its last stop, it is estimated and `floor` is empty. `verdict` is None until the channel is
+    done. `width_um` is planned. `layers` are those cut, `passes` the times that the path was gone along. `energy_j`
+    is mean gap current × plateau voltage of a normal discharge × time, over all passes; `working_gap_um` the gap
+    between the held tool and the floor that it left.
     """
 
     name: str
@@ -69,6 +70,7 @@ class ChannelResult:
     depth_basis: Basis
     wear_basis: Basis
     verdict: Verdict | None = None
+    finished: bool = False
 
     def floor_rms_um(self, depth_um: float) -> float:
         """Root mean square of what the places of the floor differ from a depth."""
@@ -116,7 +118,7 @@ def channel_result(
     places that were touched: so much the mean of the floor may be off.
     """
     job, z1 = run.job, face.z1
-    counts = [sum(column) for column in zip(*(done.counts for done in passes), strict=True)]
+    counts, time_s, energy_j = _sums(passes)
     depth_u95_um, wear_u95_um = _uncertainties(run, face, found, uneven_um)
     wear_um = found.pad.z_um - z1.z_um
     return ChannelResult(
@@ -133,10 +135,10 @@ def channel_result(
         feed_um=found.depth_um + wear_um,
         z1_um=z1.z_um,
         z3_um=found.pad.z_um,
-        machining_time_s=math.fsum(done.time_s for done in passes),
+        machining_time_s=time_s,
         pulses=sum(counts),
         ratios=pulse_shares(*counts),
-        energy_j=math.fsum(done.energy_j for done in passes),
+        energy_j=energy_j,
         working_gap_um=gap_um,
         measuring_stops=stops,
         floor=found.places,
@@ -145,27 +147,43 @@ def channel_result(
     )
 
 
-def channel_left(measured: ChannelResult, depth_um: float, wear_um: float, passes: int) -> ChannelResult:
+def channel_left(
+    measured: ChannelResult, passes: Sequence[PassResult], *, layers: int, depth_um: float, wear_um: float
+) -> ChannelResult:
     """A channel that was cut on to about `depth_um` since it was measured, and then left, by estimate.
 
     `wear_um` is the wear by the energy of whole passes; since the stop the tool has lost as much per depth as before
-    at least. Whatever was not touched may be wrong by all of it.
+    at least. Whatever was not touched may be wrong by all of it. A pass that was broken off is in no sum.
     """
     cut_um = depth_um - measured.depth_um
     ratio = measured.wear_um / measured.depth_um if measured.depth_um > 0.0 else 0.0
     worn_um = max(wear_um - measured.wear_um, ratio * cut_um, 0.0)
+    counts, time_s, energy_j = _sums(passes)
     return replace(
         measured,
-        passes=passes,
+        layers=layers,
+        passes=len(passes),
         depth_um=depth_um,
         depth_u95_um=math.hypot(measured.depth_u95_um, cut_um),
+        floor_sd_um=math.nan,
         wear_um=measured.wear_um + worn_um,
         wear_u95_um=math.hypot(measured.wear_u95_um, worn_um),
         feed_um=depth_um + measured.wear_um + worn_um,
         z3_um=math.nan,
+        machining_time_s=time_s,
+        pulses=sum(counts),
+        ratios=pulse_shares(*counts),
+        energy_j=energy_j,
+        floor=(),
         depth_basis=Basis.ESTIMATED,
         wear_basis=Basis.ESTIMATED,
     )
+
+
+def _sums(passes: Sequence[PassResult]) -> tuple[list[int], float, float]:
+    """Pulses by class, time in s and energy in J of passes."""
+    counts = [sum(column) for column in zip(*(done.counts for done in passes), strict=True)]
+    return counts, math.fsum(done.time_s for done in passes), math.fsum(done.energy_j for done in passes)
 
 
 def _uncertainties(run: Run, face: Face, found: FloorReading, uneven_um: float) -> tuple[float, float]:

@@ -182,7 +182,7 @@ class _Feeder:
         ahead_um = self._plan.speed_um_s * LOOK_AHEAD_S
         before_um = self._here_um
         self._here_um = way.length_at(status.x_um, status.y_um, before_um, 2.0 * ahead_um)
-        if self._here_um != before_um or follower.shorted or not self._sent:
+        if self._here_um != before_um or follower.shorted or math.isinf(self._moved_s):
             self._moved_s = self._run.machine.time_s
         below_um = follower.displacement_um - float(np.interp(self._here_um, way.lengths_um, self.limits_um))
         held = below_um >= -HELD_WITHIN_UM

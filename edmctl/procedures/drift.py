@@ -29,6 +29,9 @@ HOMES_ALIKE_UM = 3.0
 """Homes of one job and of the next differ by so much for creep and for the time that no ledger tells."""
 CREEP_UM = 0.6
 """What is left of creep in two zeros ten minutes apart, and may hide as much of a drift."""
+CREEP_SHARE = 0.01
+"""Creep on top that the actuator model leaves in a rest, per way that the tool was driven since the first one: it
+holds the tool lower for minutes, and hides a drift that goes the other way [assumed]."""
 DRIFT_SDS = 4.0
 """A drift of more than so many standard deviations is none."""
 Zero = tuple[float, float]
@@ -45,6 +48,7 @@ class Rests:
 
     def __init__(self) -> None:
         self._rests: list[tuple[float, float]] = []
+        self._reached_um = 0.0
         self.first_um = math.nan
         self.first_s = math.nan
         self.hidden_um = 0.0
@@ -52,6 +56,11 @@ class Rests:
     def note(self, time_s: float, zero_um: float) -> None:
         """Take a rest."""
         self._rests.append((time_s, zero_um))
+
+    def reach(self, displacement_um: float) -> None:
+        """The tool has been driven so far: as much may have crept."""
+        if self._rests:
+            self._reached_um = max(self._reached_um, displacement_um)
 
     def home_um(self, zero_um: float) -> float:
         """What the sensor shows of a tool at home, by a rest with that zero."""
@@ -61,9 +70,14 @@ class Rests:
         """Time and zero of the first and of the newest rest; none before the first."""
         return (self._rests[0], self._rests[-1]) if self._rests else ()
 
+    @property
+    def _crept_um(self) -> float:
+        """How much lower creep may hold the tool at the newest rest than at the first."""
+        return CREEP_UM + CREEP_SHARE * self._reached_um if self._reached_um else 0.0
+
     def rate_um_s(self) -> float:
         """Fastest drift that the zeros allow, over the whole job or lately, µm/s; 0 before the second rest."""
-        return _fastest_um_s(self._rests, RECENT_S)
+        return _fastest_um_s(self._rests, RECENT_S, self._crept_um)
 
 
 def seen_between_jobs_um_s(homes: Sequence[Zero], drift_u_um_per_s: float) -> float:
@@ -87,17 +101,24 @@ def seen_between_jobs_um_s(homes: Sequence[Zero], drift_u_um_per_s: float) -> fl
     return 0.0
 
 
-def _fastest_um_s(zeros: Sequence[Zero], recent_s: float) -> float:
-    """Fastest drift from the first zero to the last, and to it from the newest that is `recent_s` old, µm/s."""
+def _fastest_um_s(zeros: Sequence[Zero], recent_s: float, crept_um: float = 0.0) -> float:
+    """Fastest drift from the first zero to the last, and to it from the newest that is `recent_s` old, µm/s.
+
+    Up to `crept_um` of what the zeros show may be creep, which hides as much of a drift the other way.
+    """
     if len(zeros) < 2:
         return 0.0
     last_s, last_um = zeros[-1]
     recent = next((zero for zero in reversed(zeros) if last_s - zero[0] >= recent_s), zeros[0])
     rates = []
     for time_s, zero_um in (zeros[0], recent):
-        span_s = max(LEAST_SPAN_S, last_s - time_s)
-        hidden_um = CREEP_UM if span_s >= RECENT_S else 0.0
-        rates.append((abs(last_um - zero_um) + hidden_um) / span_s)
+        span_s, seen_um = last_s - time_s, last_um - zero_um
+        most_um = abs(seen_um)
+        if span_s >= LEAST_SPAN_S / 2.0:
+            most_um = max(most_um, abs(seen_um - crept_um))
+        if span_s >= RECENT_S:
+            most_um = max(most_um, abs(seen_um) + CREEP_UM)
+        rates.append(most_um / max(LEAST_SPAN_S, span_s))
     return max(rates)
 
 

@@ -149,7 +149,10 @@ class Hole:
         )
 
     def report_left(self, run: Run, known: Estimate) -> None:
-        """Put what is known of it into the ledger where the job ends before it is touched; Z2 and Z3 are not."""
+        """Put what is known of it into the ledger where the job ends before it is touched.
+
+        Z2 and Z3 are not known then, and the actuator's model has nothing of its own to say of it.
+        """
         before = self.found
         self.sums.add_broken_off(run.ledger.cut)
         pad_um = self.z1.z_um + known.wear_um
@@ -164,7 +167,13 @@ class Hole:
             wear_basis=Basis.ESTIMATED,
         )
         ledger, name = run.ledger, self.site.name
-        ledger.sites[name] = replace(ledger.sites[name], z2_um=math.nan, z3_um=math.nan)
+        ledger.sites[name] = replace(
+            ledger.sites[name],
+            z2_um=math.nan,
+            z3_um=math.nan,
+            depth_model_um=math.nan,
+            wear_model_um=math.nan,
+        )
         ledger.unmeasured_site = name
 
 

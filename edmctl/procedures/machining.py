@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import EdmError, LinkLost, MachineFault, PreconditionError, RunFileError
 from edmctl.procedures.black_box import record_black_box
-from edmctl.procedures.channel_job import machine_path
+from edmctl.procedures.channel_job import machine_path, record_left_channel
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.conditioning import condition
 from edmctl.procedures.hole import record_left, record_results
@@ -145,6 +145,7 @@ def _record_end(run: Run, error: EdmError) -> None:
         if isinstance(error, MachineFault):
             record_black_box(run)
         record_left(run)
+        record_left_channel(run)
         if reached is not None:
             depth: Args = {"site": reached.site, "depth_um": reached.depth_estimated_um}
             if left is not None:

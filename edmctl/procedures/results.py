@@ -284,10 +284,10 @@ class Ledger:
 
     @property
     def reached(self) -> Reached | None:
-        """The hole whose last cut is not measured."""
+        """The hole or channel whose last cut is not measured."""
         if not self.unmeasured_site:
             return None
-        left = self.sites.get(self.unmeasured_site)
+        left = self.sites.get(self.unmeasured_site, self.channel)
         u95_um = math.nan if left is None else left.depth_u95_um
         return Reached(self.unmeasured_site, self.depth_um, self.depth_target_um, u95_um)
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from edmctl.errors import MachineFault
+from edmctl.errors import MachineFault, PreconditionError
 from edmctl.procedures.bottom import MORE_LOOKS, wash
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.deciding import Decision, decide
@@ -78,9 +78,9 @@ def take_up_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Deci
     tool_fits = expected.tool_fits(found)
     # An untouched face under a tool that does not fit either is other work: there the hole can be made anew.
     if not expected.depth_fits(found) or (is_untouched(found) and not tool_fits):
-        raise other_work(site, found, expected.estimate, begun=True)
+        raise _refused(run, other_work(site, found, expected.estimate, begun=True))
     if not tool_fits:
-        raise other_tool(found, expected.estimate)
+        raise _refused(run, other_tool(found, expected.estimate))
     # No cut of this run has shown the working gap yet: it stays as it was believed.
     found = learn(run, hole, known, z2, z3, (known.gap_um, known.gap_u_um))
     run.decide(
@@ -121,6 +121,12 @@ def look_at_last_hole(run: Run, known: Known) -> None:
     pad = touch_pad_first(run, run.job.pad.name, known)
     known.tool = ToolLength(pad)
     _look_at_finished(run, known, pad)
+
+
+def _refused(run: Run, error: PreconditionError) -> PreconditionError:
+    """The error of work or a tool that was not left: what the journal estimates is no result of this run then."""
+    run.ledger.depth_um, run.ledger.unmeasured_site = math.nan, ""
+    return error
 
 
 def _see_face(run: Run, hole: Hole, known: Known, pad: SurfaceReading) -> None:
@@ -168,7 +174,7 @@ def _look_at_finished(run: Run, known: Known, pad: SurfaceReading) -> None:
 def _start_again(run: Run, site: Site, known: Known, pad: SurfaceReading, found: DepthAndWear) -> None:
     """Begin the hole anew where its face is untouched, beside the finished holes that belong to it."""
     if not is_untouched(found):
-        raise touched_face(site, found)
+        raise _refused(run, touched_face(site, found))
     if run.ledger.sites:
         _look_at_finished(run, known, pad)
     known.tool = ToolLength(pad)

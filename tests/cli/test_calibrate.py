@@ -175,7 +175,8 @@ def test_the_machines_own_file_is_replaced(here: Here, quick: None, home: Path) 
     own = home / "calibration" / "SIM-3.toml"
     assert f"Saved in {own}: " in here("calibrate", "--seed", "3").out
     own.write_text("an older one", encoding="utf-8")
-    replaced = f"Simulated, seed 3. Replaced {own}: `edmctl machine --seed 3` uses it on SIM-3 from now on."
+    way = "`edmctl machine --profile PROFILE --seed 3` uses it on SIM-3 from now on"
+    replaced = f"Simulated, seed 3. Replaced {own}: {way}."
     assert here("calibrate", "--seed", "3").out.splitlines()[-1] == replaced
     assert load_calibration(own).serial == "SIM-3"
 
@@ -343,7 +344,7 @@ def test_several_validation_files_count_by_their_samples_and_worst_error(here: H
 
 def test_an_output_is_a_calibration_of_these_files(here: Here, files: Files) -> None:
     said = here("calibrate", "--from", str(files.fit), "--previous-voltage", "0", "--output", "a.toml")
-    assert "Saved in a.toml: `edmctl machine --calibration a.toml` uses it." in said.out
+    assert "Saved in a.toml: `edmctl machine --profile PROFILE --calibration a.toml` uses it." in said.out
     made = load_calibration(Path("a.toml")).made
     assert (made.serial, made.simulated) == (None, False)
     (source,) = made.records

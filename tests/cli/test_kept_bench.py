@@ -390,6 +390,14 @@ def test_a_channel_that_is_stopped_is_told_by_estimate(
     for name in ("depth", "wear"):
         off_um = channel[f"{name}_um"] - channel["truth"][f"{name}_um"]
         assert abs(off_um) <= channel[f"{name}_u95_um"]
+    # Sums are of all passes, and the floor of an earlier depth is no floor of this one.
+    assert 0.0 < 1.0 - channel["machining_time_s"] / said.document["result"]["machining_time_s"] < 0.2
+    assert channel["floor"] == []
+    assert channel["layers"] >= 2
+    shown = here("run", "show", str(next(Path("runs").glob("*.h5"))), "--json").document["result"]
+    assert [(site["depth_um"], site["depth_basis"]) for site in shown["sites"]] == [
+        (pytest.approx(channel["depth_um"]), "estimated")
+    ]
     books = books_of(Logbook.open(Path("runs")).lines, "SIM-4")
     assert {hole.status for hole in books.holes} == {UNFINISHED}
     (tool,) = books.tools.values()

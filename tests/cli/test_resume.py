@@ -374,6 +374,13 @@ def test_a_tool_that_was_changed_or_used_is_refused(
     assert words in refused(here(*RESUME, *BENCH, "--dry-run"), "E8056")
 
 
+def test_a_job_that_was_refused_before_it_sparked_has_used_no_tool(here: Here, killed: Path) -> None:
+    ledger_goes_on(
+        JobBegun("Cu 270 µm", "b.h5", 150.0, (("x", 3000.0, 0.0),)), RunEnded("b.h5", "precondition", 12.0)
+    )
+    assert here(*RESUME, *BENCH, "--dry-run").exit_code == 0
+
+
 def test_another_job_with_the_tool_is_warned_of_what_it_ends(here: Here, left: Left) -> None:
     shutil.copytree(left.stopped, Path.cwd(), dirs_exist_ok=True)
     again = (*MACHINE, *BENCH, "--dry-run", "--json")

@@ -66,6 +66,10 @@ def refused(here: Here, code: str, *more: str) -> str:
     error = error_of(said)
     assert (error["code"], said.exit_code) == (code, 8), error
     assert worn_so_far_um() == worn_um
+    # What the journal estimates of a hole that is not there is no result of this run.
+    if (result := said.document["result"]) is not None:
+        assert state["site"] not in [site["name"] for site in result["sites"]]
+        assert result["reached"] is None
     (after,) = Path("runs").glob("*.journal")
     for name in ("site", "begun", "depth_um", "depth_u_um", "wear_um", "wear_u_um", "feed_u_um", "counts"):
         assert read_journal(after).state[name] == state[name], name

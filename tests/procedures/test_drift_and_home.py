@@ -13,11 +13,13 @@ import pytest
 
 from edmctl.cli.elapsed import CALENDAR, Now
 from edmctl.cli.home_known import TOLD_LATE_S, with_home, with_home_left
+from edmctl.cli.true_wear import TrueWear
 from edmctl.errors import EdmError, Interrupted, PreconditionError
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.port import Axis
 from edmctl.machine.stop import StopRequest
 from edmctl.procedures.drift import (
+    CREEP_SHARE,
     CREEP_UM,
     LEAST_SPAN_S,
     Rests,
@@ -26,7 +28,7 @@ from edmctl.procedures.drift import (
     uncertainty_now,
 )
 from edmctl.procedures.home import Home
-from edmctl.procedures.journal import JobState
+from edmctl.procedures.journal import JobState, NoJournal
 from edmctl.procedures.results import Ledger, Phase, site_result_of
 from edmctl.procedures.stages import _is_told, move_to, retract
 from edmctl.process.next_cut import COVERAGE
@@ -144,6 +146,35 @@ def test_two_rests_soon_after_each_other_are_no_drift() -> None:
     rests.note(0.0, 0.0)
     rests.note(1.0, 0.5)
     assert rests.rate_um_s() == pytest.approx(0.5 / LEAST_SPAN_S)
+
+
+def test_creep_after_a_long_way_may_hide_a_drift_the_other_way() -> None:
+    rests = Rests()
+    rests.reach(300.0)  # conditioning, before the first rest
+    rests.note(0.0, 0.0)
+    rests.reach(100.0)
+    rests.note(300.0, -0.5)
+    crept_um = CREEP_UM + 100.0 * CREEP_SHARE
+    assert rests.rate_um_s() == pytest.approx((0.5 + crept_um) / 300.0)
+    rests.note(400.0, crept_um)
+    assert rests.rate_um_s() == pytest.approx(crept_um / 400.0)
+
+
+@pytest.mark.parametrize("rate_um_s", [-FAST_UM_S, FAST_UM_S])
+@pytest.mark.parametrize("depth_um", [10.0, 40.0])
+def test_the_wear_of_one_hole_holds_with_the_worst_drift_of_hundreds_of_machines(
+    depth_um: float, rate_um_s: float
+) -> None:
+    held = []
+    for seed in (21, 22, 23, 24):
+        target = f'target={{kind="depth",depth_um={depth_um},tolerance_um=2.0}}'
+        shop = Shop((target,), seed)
+        shop.bench.plant.par[k.SENSOR_DRIFT] = rate_um_s
+        wear = TrueWear(shop.bench, NoJournal())
+        shop.run_job(journal=wear)
+        (site,) = shop.ledger.sites.values()
+        held.append(abs(site.wear_um - wear.of_site(site.name)) <= site.wear_u95_um)
+    assert held.count(False) == 0
 
 
 def test_a_drift_that_was_seen_widens_what_the_setup_believes_and_never_narrows_it() -> None:

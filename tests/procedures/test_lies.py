@@ -125,3 +125,11 @@ def test_stages_that_stand_because_their_lines_were_never_taken_end_the_channel_
     assert "stood still" in fate.said
     assert fate.machine_s < plain.machine_s + 30.0
     assert fate.is_inside, (fate.depth_um, fate.u95_um, fate.true_um)
+
+
+@pytest.mark.parametrize("first", [0, 5])
+def test_stages_that_stand_because_their_lines_are_refused_end_the_channel_soon(first: int) -> None:
+    plain = short_job(3, kind="channel")
+    fate = short_job(3, Lie(PathMove.ID | REPLY, "status", "one more", first, ALL), kind="channel")
+    assert fate.code in ("E7010", "E8100"), fate.said
+    assert fate.machine_s < plain.machine_s + 30.0
