@@ -14,11 +14,13 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from edmctl.cli.job import Report
+    from edmctl.procedures.channel_result import ChannelResult
+    from edmctl.procedures.results import SiteResult
 
 
 @dataclass(frozen=True, slots=True)
 class RunSite:
-    """One hole of a simulated run, as it was found and as it truly is."""
+    """One hole or channel of a simulated run, as it was found and as it truly is."""
 
     name: str
     depth_um: float
@@ -46,7 +48,8 @@ class RunSite:
 class Run:
     """One simulated run; what was not reached is NaN. `calibration` says in words what its actuator model was.
 
-    Depth, wear and feed are those of the first hole; `sites` has all of them.
+    Depth, wear and feed are those of the first hole or of the channel; `sites` has all of them. `cuts` of a channel
+    are its passes.
     """
 
     seed: int
@@ -113,7 +116,8 @@ def run_of(seed: int, exit_code: int, report: Report) -> Run:
     """Reduce a report to one row."""
     message = report.error.message if report.error else None
     model = report.model.text if report.model else ""
-    if not report.job.sites or not report.truths:
+    made, channel = _made(report), report.job.channel
+    if not made:
         return Run(
             seed, report.error is None, exit_code, message, time_s=report.job.time_s, calibration=model
         )
@@ -130,9 +134,9 @@ def run_of(seed: int, exit_code: int, report: Report) -> Run:
             verdict=site.verdict,
             truth=truth,
         )
-        for site, truth in zip(report.job.sites, report.truths, strict=True)
+        for site, truth in made
     )
-    site, truth = report.job.sites[0], report.truths[0]
+    site, truth = made[0]
     return Run(
         seed=seed,
         ok=report.error is None,
@@ -149,14 +153,22 @@ def run_of(seed: int, exit_code: int, report: Report) -> Run:
         truth=truth,
         machining_time_s=report.job.machining_time_s,
         time_s=report.job.time_s,
-        cuts=sum(one.cuts for one in report.job.sites),
+        cuts=channel.passes if channel else sum(one.cuts for one in report.job.sites),
         calibration=model,
         sites=sites,
     )
 
 
+def _made(report: Report) -> list[tuple[SiteResult | ChannelResult, Truth]]:
+    """What was made, with what the plant knows of it."""
+    channel, truth = report.job.channel, report.channel_truth
+    if channel is not None:
+        return [(channel, Truth(truth.depth_um, truth.wear_um) if truth else Truth())]
+    return list(zip(report.job.sites, report.truths, strict=True)) if report.truths else []
+
+
 def summarize(label: str, overrides: tuple[str, ...], runs: Sequence[Run]) -> Case:
-    """Sum up the runs of one set of values; runs without a hole count as failed only."""
+    """Sum up the runs of one set of values; those that made nothing count as failed only."""
     made = [run for run in runs if run.sites]
     sites = [site for run in made for site in run.sites]
     return Case(
@@ -193,7 +205,7 @@ def _spread(values: Sequence[float]) -> Spread:
 
 
 def _coverage(sites: Sequence[RunSite]) -> dict[str, float]:
-    """Share of holes whose 95 % interval held the truth, where there is one."""
+    """Share of holes and channels whose 95 % interval held the truth, where there is one."""
     held = {
         "depth": [abs(s.depth_error_um) <= s.depth_u95_um for s in sites if math.isfinite(s.depth_error_um)],
         "wear": [abs(s.wear_error_um) <= s.wear_u95_um for s in sites if math.isfinite(s.wear_error_um)],

@@ -182,3 +182,15 @@ def test_every_value_of_a_sweep_is_checked_before_the_first_run(here: Here) -> N
     said = here("simulate", *SHALLOW, "--sweep", "servo.reference=0.5:0.9:3", "--json")
     assert said.exit_code == 3
     assert "servo.reference=0.5" in said.err
+
+
+def test_channels_are_summed_up_like_holes(here: Here) -> None:
+    quick = ("--set", "target.depth_um=4", "--set", "path.radius_um=150")
+    said = here("simulate", "--profile", "channel-circle", *quick, "--runs", "2", "--seed", "9200", "--json")
+    case = said.document["result"]["cases"][0]
+    assert set(case["spreads"]) >= {"depth_um", "wear_um", "machining_time_s"}
+    assert case["coverage"]["depth"] == 1.0
+    for made in case["runs"]:
+        assert abs(made["depth_um"] - made["truth"]["depth_um"]) <= made["depth_u95_um"]
+        assert made["cuts"] > 2
+        assert [one["name"] for one in made["sites"]] == ["channel-circle"]
