@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from edmctl.cli import completion
 from edmctl.cli.bench import seed_warning
 from edmctl.cli.options import (
     AllowModelOption,
@@ -41,7 +42,10 @@ if TYPE_CHECKING:
 ResumeOption = Annotated[
     str | None,
     typer.Option(
-        "--resume", metavar="RUN", help="Go on with a run that was interrupted: its file, or its id in --out."
+        "--resume",
+        metavar="RUN",
+        help="Go on with a run that was interrupted: its file, or its id in --out.",
+        autocompletion=completion.unfinished,
     ),
 ]
 HomedOption = Annotated[

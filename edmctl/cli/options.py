@@ -7,6 +7,8 @@ from typing import Annotated, TypeAlias
 
 import typer
 
+from edmctl.cli import completion
+
 ProfileOption: TypeAlias = Annotated[
     str | None,
     typer.Option(
@@ -15,6 +17,7 @@ ProfileOption: TypeAlias = Annotated[
         metavar="NAME|FILE",
         envvar="EDMCTL_PROFILE",
         help="The job: a TOML file, or the name of a shipped profile.",
+        autocompletion=completion.profiles,
     ),
 ]
 SetOption: TypeAlias = Annotated[
@@ -23,6 +26,7 @@ SetOption: TypeAlias = Annotated[
         "--set",
         metavar="KEY=VALUE",
         help="Override one profile value, e.g. servo.reference=0.82. Repeatable.",
+        autocompletion=completion.keys,
     ),
 ]
 SetupOption: TypeAlias = Annotated[
@@ -37,6 +41,7 @@ PortOption: TypeAlias = Annotated[
         envvar="EDMCTL_PORT",
         help="Which machine: sim: (as without), sim:FILE (a virtual one that is kept there), a serial port, "
         "socket://HOST:PORT, serial:ID, auto.",
+        autocompletion=completion.ports,
     ),
 ]
 WaitOption: TypeAlias = Annotated[
@@ -78,7 +83,9 @@ DryRunOption: TypeAlias = Annotated[
 FileArgument: TypeAlias = Annotated[
     Path,
     typer.Argument(
-        metavar="RUN", help="A run file, also an unfinished one (.h5.partial), or the id of a run in runs/."
+        metavar="RUN",
+        help="A run file, also an unfinished one (.h5.partial), or the id of a run in runs/.",
+        autocompletion=completion.runs,
     ),
 ]
 JsonOption: TypeAlias = Annotated[

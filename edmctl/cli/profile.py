@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from edmctl.cli import completion
 from edmctl.cli.options import DebugOption, JsonOption, SetOption, SetupOption
 from edmctl.cli.outcome import Outcome, Output, run_command, stream_style
 from edmctl.console.toml_view import render_toml
@@ -21,8 +22,18 @@ app = typer.Typer(
     add_completion=False,
 )
 
-FilesArgument = Annotated[list[str], typer.Argument(metavar="NAME|FILE...", help="Files, or shipped names.")]
-FileArgument = Annotated[str, typer.Argument(metavar="NAME|FILE", help="A file, or a shipped name.")]
+FilesArgument = Annotated[
+    list[str],
+    typer.Argument(
+        metavar="NAME|FILE...", help="Files, or shipped names.", autocompletion=completion.profiles
+    ),
+]
+FileArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="NAME|FILE", help="A file, or a shipped name.", autocompletion=completion.profiles
+    ),
+]
 
 
 @app.command()

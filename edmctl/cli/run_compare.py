@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from edmctl.cli import completion
 from edmctl.cli.options import DebugOption, JsonOption
 from edmctl.cli.outcome import Outcome, Output, run_command, stream_style
 
@@ -18,6 +19,7 @@ FilesArgument = Annotated[
     typer.Argument(
         metavar="RUN RUN...",
         help="Run files, or ids of runs in runs/. All are compared with the first.",
+        autocompletion=completion.runs,
     ),
 ]
 OutOption = Annotated[

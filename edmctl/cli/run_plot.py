@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from edmctl.cli import completion
 from edmctl.cli.options import DebugOption, FileArgument, JsonOption
 from edmctl.cli.outcome import Outcome, Output, mutter, run_command
 
@@ -19,6 +20,7 @@ KindOption = Annotated[
         "--kind",
         metavar="KIND",
         help="One of those below; all figures there is something for without. Repeatable.",
+        autocompletion=completion.figures,
     ),
 ]
 OutOption = Annotated[

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from edmctl.cli import completion
 from edmctl.cli.options import DebugOption, JsonOption
 from edmctl.cli.outcome import Outcome, Output, run_command
 from edmctl.errors import Diagnostic, RunFileError
@@ -20,6 +21,7 @@ FileArgument = Annotated[
     typer.Argument(
         metavar="RUN",
         help="A run file without an end (.h5.partial), or a damaged one; or the id of a run in runs/.",
+        autocompletion=completion.unfinished,
     ),
 ]
 OutOption = Annotated[

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from edmctl.cli import completion
 from edmctl.cli.bench import SIMULATOR
 from edmctl.cli.options import (
     AllowModelOption,
@@ -47,7 +48,12 @@ RunsOption = Annotated[
 ]
 SweepOption = Annotated[
     list[str] | None,
-    typer.Option("--sweep", metavar="KEY=START:STOP:COUNT", help="All runs for each of these values."),
+    typer.Option(
+        "--sweep",
+        metavar="KEY=START:STOP:COUNT",
+        help="All runs for each of these values.",
+        autocompletion=completion.keys,
+    ),
 ]
 OutOption = Annotated[
     Path | None, typer.Option("--out", metavar="DIR", help="Write a run file of each run; none without.")

@@ -1,0 +1,63 @@
+"""What a shell is offered for a half-written word."""
+
+from __future__ import annotations
+
+import subprocess
+from typing import TYPE_CHECKING
+
+import pytest
+
+from tests.cli.commands import command, environment
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+
+def offered(line: str, cwd: Path) -> Sequence[str]:
+    """What bash would show after TAB at the end of a line."""
+    done = subprocess.run(
+        command(),
+        cwd=cwd,
+        env=environment(
+            _EDMCTL_COMPLETE="complete_bash", COMP_WORDS=line, COMP_CWORD=str(len(line.split(" ")) - 1)
+        ),
+        capture_output=True,
+        encoding="utf-8",
+        check=False,
+    )
+    assert not done.stderr
+    return done.stdout.split("\n")
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("edmctl machine --profile cu", ["cu150", "cu270"]),
+        ("edmctl profile show w", ["w252"]),
+        ("edmctl machine --set target.dep", ["target.depth_um="]),
+        ("edmctl simulate --sweep servo.refe", ["servo.reference=", "servo.reference_v="]),
+        ("edmctl doctor --port si", ["sim:"]),
+        ("edmctl run plot r --kind ero", ["erosion"]),
+        ("edmctl machine --profile nothing-like-it", []),
+    ],
+)
+def test_words_are_offered(line: str, words: list[str], tmp_path: Path) -> None:
+    assert [word for word in offered(line, tmp_path) if word] == words
+
+
+def test_runs_are_offered_by_their_ids_unless_a_shell_could_take_them_for_more(tmp_path: Path) -> None:
+    folder = tmp_path / "runs"
+    folder.mkdir()
+    for name in (
+        "good-1.h5",
+        "left.h5.partial",
+        "gone.journal",
+        "$(touch hacked).h5",
+        "two words.h5",
+        "`x`.h5",
+    ):
+        (folder / name).touch()
+    assert [word for word in offered("edmctl run show ", tmp_path) if word] == ["good-1"]
+    assert sorted(word for word in offered("edmctl machine --resume ", tmp_path) if word) == ["gone", "left"]
+    assert not (tmp_path / "hacked").exists()
