@@ -198,7 +198,7 @@ def _one_machine(seed: int) -> Diagnostic:
 
 
 def _forecast(outcome: Outcome, cases: list["_Case"]) -> None:
-    from edmctl.console.forecast_table import render_forecast
+    from edmctl.console.forecast_table import render_forecasts
 
     outcome.result = {
         "cases": [
@@ -207,7 +207,7 @@ def _forecast(outcome: Outcome, cases: list["_Case"]) -> None:
         ]
     }
     style = stream_style(sys.stdout)
-    outcome.text = "\n\n".join(render_forecast(case.label, case.plan.forecast, style) for case in cases)
+    outcome.text = render_forecasts([(case.label, case.plan.forecast) for case in cases], style)
 
 
 def _simulate(outcome: Outcome, batch: "_Batch") -> None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from edmctl.console.style import PLAIN, Style
 from edmctl.console.tables import render_columns
-from edmctl.wording import count, duration, length, percent, plural, removal_rate
+from edmctl.wording import count, decimal, duration, length, percent, plural, removal_rate
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -81,6 +81,26 @@ def render_forecast(name: str, forecast: ForecastView, style: Style = PLAIN) -> 
         _row("loop delay", f"{1e3 * forecast.loop_delay_s:.1f} ms"),
     ]
     return render_columns([name, "forecast", ""], rows, style, align="<><")
+
+
+def render_forecasts(named: Sequence[tuple[str, ForecastView]], style: Style = PLAIN) -> str:
+    """Render the forecasts of several jobs: all of a single one, otherwise a row for each."""
+    if len(named) == 1:
+        return render_forecast(*named[0], style)
+    header = ("", "depth µm", "tool wear µm", "stroke µm", "machining", "whole job", "10⁻³ mm³/min")
+    rows = [
+        (
+            name,
+            decimal(forecast.depth_um),
+            decimal(forecast.tool_wear_um),
+            decimal(forecast.stroke_um),
+            duration(forecast.machining_time_s),
+            duration(forecast.time_s),
+            decimal(1e3 * forecast.mrr_mm3_min, 3),
+        )
+        for name, forecast in named
+    ]
+    return render_columns(header, rows, style)
 
 
 def _work(forecast: ForecastView) -> list[Sequence[str]]:

@@ -152,7 +152,12 @@ def test_dry_run_forecasts_every_value_and_runs_nothing(here: Here) -> None:
     arguments = ("simulate", "--profile", "cu270", "--dry-run", "--sweep", "target.depth_um=100:120:2")
     said = here(*arguments)
     assert said.exit_code == 0
-    assert said.out.count("whole job") == 2
+    header, *rows = said.out.splitlines()
+    assert "whole job" in header
+    assert [row.split()[:2] for row in rows] == [
+        ["target.depth_um=100", "100.00"],
+        ["target.depth_um=120", "120.00"],
+    ]
     result = here(*arguments, "--out", "runs", "--json").document["result"]
     assert [(c["label"], c["forecast"]["depth_um"]) for c in result["cases"]] == [
         ("target.depth_um=100", 100.0),
