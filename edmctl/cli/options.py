@@ -89,7 +89,10 @@ FileArgument: TypeAlias = Annotated[
     ),
 ]
 JsonOption: TypeAlias = Annotated[
-    bool, typer.Option("--json", help="Write one JSON object to stdout, also on failure.")
+    bool,
+    typer.Option(
+        "--json", help="Write one JSON object to stdout, also on failure; a single line in files and pipes."
+    ),
 ]
 EventsOption: TypeAlias = Annotated[bool, typer.Option("--events", help="Progress as JSON lines on stderr.")]
 QuietOption: TypeAlias = Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")]

@@ -79,7 +79,9 @@ def finish(outcome: Outcome, error: EdmError | None) -> int:
     exit_code = error_exit_code(error) if error else int(ExitCode.DONE)
     text = outcome.text + "\n" if outcome.text else ""
     if outcome.output.json:
-        text = render_json(_document(exit_code, outcome, error))
+        document = _document(exit_code, outcome, error)
+        # A file of results has one a line; a person reads indented ones.
+        text = render_json(document) if sys.stdout.isatty() else render_json_line(document)
     try:
         write(sys.stdout, text)
     except OSError as refused:

@@ -7,15 +7,17 @@ from string import ascii_uppercase
 from typing import TYPE_CHECKING, Protocol
 
 from edmctl.console.style import PLAIN, Style
-from edmctl.console.tables import render_columns
+from edmctl.console.tables import render_columns, width_of
 from edmctl.labels import marked, meanings
 from edmctl.wording import UNKNOWN, count, escaped, named_with_unit
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
-AT_ONCE = 3
-"""Runs beside the first that fit into one table on a terminal."""
+MOST_BESIDE = 4
+"""More runs than these have a row each: beside one another they would not fit on a terminal."""
+ROW_COLUMNS = 116
+"""A table with a row a run is as wide as this at most; what does not fit makes another."""
 MOST_LETTERS = 30
 """A value longer than this is cut off."""
 _HEADING_TIME = 16
@@ -99,17 +101,53 @@ def letter(number: int) -> str:
 
 
 def render_comparison(comparison: ComparisonView, style: Style = PLAIN) -> str:
-    """Render the runs, what differs, and the quantities: the first run beside three others at a time."""
-    count = len(comparison.runs)
+    """Render the runs, what differs, and the quantities: a few runs beside each other, many below each other."""
     blocks = [_runs(comparison.runs, style)]
-    for first in range(1, count, AT_ONCE):
-        shown = [0, *range(first, min(first + AT_ONCE, count))]
-        blocks.append(_settings(comparison.differs, shown, style))
+    if len(comparison.runs) > MOST_BESIDE:
+        blocks += _row_a_run(comparison, style)
+    else:
+        blocks.append(_settings(comparison, style))
         for quantities, heading in ((comparison.quantities, "result"), (comparison.sites, "site")):
             if quantities:
-                blocks.append(_quantities(quantities, shown, heading, style))
+                blocks.append(_quantities(quantities, heading, style))
     blocks.append(_reading(comparison))
     return "\n\n".join(block for block in blocks if block)
+
+
+def _row_a_run(comparison: ComparisonView, style: Style) -> list[str]:
+    """Tables with a row for each run and a column for each setting and quantity, as many tables as they need."""
+    settings = {
+        named_with_unit(setting.key, setting.units): [_short(value) for value in setting.values]
+        for setting in comparison.differs
+    }
+    quantities = {
+        quantity.name: [f"{_value(quantity, amount)}{_mark(amount)}" for amount in quantity.amounts]
+        for quantity in (*comparison.quantities, *comparison.sites)
+    }
+    letters = [letter(number) for number in range(len(comparison.runs))]
+    tables: list[dict[str, list[str]]] = []
+    for name, cells in (settings | quantities).items():
+        if not tables or _width_of({**tables[-1], name: cells}) > ROW_COLUMNS:
+            tables.append({"": letters})
+        tables[-1][name] = cells
+    same = [] if settings else [_nothing_differs(letters)]
+    return [*same, *(render_columns(list(table), _transposed(table), style) for table in tables)]
+
+
+def _width_of(table: Mapping[str, Sequence[str]]) -> int:
+    return width_of(list(table), _transposed(table))
+
+
+def _transposed(table: Mapping[str, Sequence[str]]) -> list[tuple[str, ...]]:
+    return list(zip(*table.values(), strict=True))
+
+
+def _mark(amount: AmountView) -> str:
+    return " *" if amount.beyond else "  "
+
+
+def _nothing_differs(letters: Sequence[str]) -> str:
+    return f"Nothing was set differently in {', '.join(letters)}."
 
 
 def _runs(runs: Sequence[ComparedRunView], style: Style) -> str:
@@ -127,32 +165,26 @@ def _runs(runs: Sequence[ComparedRunView], style: Style) -> str:
     return render_columns(["", "file", "started", "status"], rows, style, align="<")
 
 
-def _settings(settings: Sequence[SettingView], shown: Sequence[int], style: Style) -> str:
+def _settings(comparison: ComparisonView, style: Style) -> str:
+    letters = [letter(number) for number in range(len(comparison.runs))]
     rows = [
-        [
-            named_with_unit(setting.key, setting.units),
-            *(_short(setting.values[i]) for i in shown),
-        ]
-        for setting in settings
-        if len({setting.values[i] for i in shown}) > 1
+        [named_with_unit(setting.key, setting.units), *map(_short, setting.values)]
+        for setting in comparison.differs
     ]
-    if not rows:
-        return f"Nothing was set differently in {', '.join(letter(i) for i in shown)}."
-    return render_columns(["what differs", *(letter(i) for i in shown)], rows, style)
+    return render_columns(["what differs", *letters], rows, style) if rows else _nothing_differs(letters)
 
 
-def _quantities(quantities: Sequence[QuantityView], shown: Sequence[int], heading: str, style: Style) -> str:
+def _quantities(quantities: Sequence[QuantityView], heading: str, style: Style) -> str:
     header = [heading, letter(0)]
-    for i in shown[1:]:
-        header += [letter(i), f"{letter(i)} − A"]
+    for number in range(1, len(quantities[0].amounts)):
+        header += [letter(number), f"{letter(number)} − A"]
     rows = []
     for quantity in quantities:
-        row = [quantity.name, _value(quantity, quantity.amounts[0])]
-        for i in shown[1:]:
-            amount = quantity.amounts[i]
-            mark = " *" if amount.beyond else "  "
+        first, *others = quantity.amounts
+        row = [quantity.name, _value(quantity, first)]
+        for amount in others:
             difference = _number(quantity, amount.difference, amount.difference_u95, sign=True)
-            row += [_value(quantity, amount), f"{difference}{mark}"]
+            row += [_value(quantity, amount), f"{difference}{_mark(amount)}"]
         rows.append(row)
     return render_columns(header, rows, style)
 
@@ -166,7 +198,7 @@ def _reading(comparison: ComparisonView) -> str:
     return "\n".join(
         [
             "± is half the 95 % interval of a result, of a difference that of both runs together.",
-            "* marks a difference beyond it. How far repeated runs scatter is not in it.",
+            "* marks a difference from A beyond it. How far repeated runs scatter is not in it.",
             *meanings(bases),
         ]
     )

@@ -19,17 +19,6 @@ ROUNDING_UM = 0.0021
 """The JSON object keeps three decimals."""
 
 
-def objects(text: str) -> list[dict[str, Any]]:
-    """All JSON objects of a text, one after the other."""
-    decoder, found, at = json.JSONDecoder(), [], 0
-    while at < len(text.rstrip()):
-        document, at = decoder.raw_decode(text, at)
-        found.append(document)
-        while at < len(text) and text[at].isspace():
-            at += 1
-    return found
-
-
 @pytest.fixture(scope="module")
 def batch(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """The folder where the script has run, and what it wrote to stdout."""
@@ -43,15 +32,14 @@ def batch(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
 @pytest.fixture(scope="module")
 def sites(batch: tuple[Path, str]) -> list[dict[str, Any]]:
     """The holes of the script."""
-    text = (batch[0] / "results.jsonl").read_text(encoding="utf-8")
-    return [site for document in objects(text) for site in document["result"]["sites"]]
+    lines = (batch[0] / "results.jsonl").read_text(encoding="utf-8").splitlines()
+    return [site for line in lines for site in json.loads(line)["result"]["sites"]]
 
 
 @pytest.fixture(scope="module")
 def measured(batch: tuple[Path, str]) -> dict[str, Any]:
     """What the last command of the script found."""
-    text = batch[1]
-    document = json.loads(text[text.index("\n{\n") :])
+    document = json.loads(batch[1].splitlines()[-1])
     assert document["command"] == "measure-wear"
     result: dict[str, Any] = document["result"]
     return result
