@@ -55,9 +55,10 @@ def ports(
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> int:
-    """List the serial ports, and those that the setup names.
+    """List the serial ports, those that the setup names, and virtual ones.
 
-    Nothing is opened but with --probe, and then only ports of known USB ids and those that the setup names.
+    Nothing is opened but with --probe, and then only ports of known USB ids, those that the setup names, and
+    those that `edmctl simulate serve` serves.
     """
 
     def body(outcome: Outcome) -> None:
@@ -73,17 +74,21 @@ def ports(
 
 def port_rows(setup: "Setup", *, probe: bool) -> list[PortRow]:
     """Look at every port that is listed or named in the setup; with `probe` ask those that may be asked."""
+    from edmctl.cli.served import served_ports
     from edmctl.link import ports as link_ports
 
     link = setup.link
     named = _named(setup)
     known = link_ports.probable_ports(link.usb_ids, named)
-    asked = link_ports.probe(known, link.baud, link.hello_s) if probe else []
+    served = [
+        port for port in served_ports() if not any(link_ports.same_port(port.device, k.device) for k in known)
+    ]
+    asked = link_ports.probe([*known, *served], link.baud, link.hello_s) if probe else []
     answers = {answer.port.device: answer for answer in asked}
     devices = {port.device for port in known}
     listed = link_ports.listed_ports()
     here = {port.device for port in listed}
-    every = [*listed, *(port for port in known if port.device not in here)]
+    every = [*listed, *(port for port in (*known, *served) if port.device not in here)]
     return [_row(port, named, port.device in devices, answers.get(port.device)) for port in every]
 
 

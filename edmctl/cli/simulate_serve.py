@@ -132,6 +132,7 @@ def serve(
 def _serve(outcome: Outcome, order: _Order, link: Path | None, address: tuple[str, int] | None) -> None:
     from edmctl.actuator.compiling import compiling_told
     from edmctl.cli.kept_bench import kept_bench
+    from edmctl.cli.served import announced
     from edmctl.cli.signals import requests_by_signal, stopping_signals
     from edmctl.machine.stop import StopRequest
     from edmctl.simulator.news import News
@@ -156,7 +157,11 @@ def _serve(outcome: Outcome, order: _Order, link: Path | None, address: tuple[st
         endpoint = _endpoint(link, address, outcome.output)
         try:
             news = News(bench, say, keep)
-            with stopping_signals(stop, endpoint.close), requests_by_signal(REPAIR_SIGNAL) as repair_asked:
+            with (
+                announced(endpoint.name, bench.plant.serial),
+                stopping_signals(stop, endpoint.close),
+                requests_by_signal(REPAIR_SIGNAL) as repair_asked,
+            ):
                 say(_ready(bench, endpoint, order.speed))
 
                 def look_around() -> None:

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 NOTHING = (
-    "This computer lists no serial ports, and the setup names none.\n"
+    "This computer lists no serial ports, the setup names none, and nobody serves a virtual one.\n"
     "Plug the controller in, or try the virtual one: `edmctl simulate serve --link edm`, then --port edm."
 )
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+import signal
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -15,11 +17,10 @@ from edmctl.link.ports import PortInfo
 from edmctl.profile.setup import Link
 from edmctl.simulator import BenchConfig, open_bench
 from tests.cli.commands import ROOT
+from tests.cli.test_processes import read_until, start
 from tests.serving import serving
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from tests.cli.commands import Here, Said
 
 MEGA = PortInfo("/dev/ttyACM77", "Arduino Mega", "2341:0042", "7573")
@@ -63,7 +64,7 @@ def ports_of(said: Said) -> list[dict[str, Any]]:
 def test_nothing_at_all_is_no_error(here: Here) -> None:
     said = here("ports", "--probe")
     assert (said.exit_code, said.err) == (0, "")
-    assert said.out.startswith("This computer lists no serial ports, and the setup names none.")
+    assert said.out.startswith("This computer lists no serial ports")
     assert "edmctl simulate serve" in said.out
     assert ports_of(here("ports", "--json")) == []
 
@@ -155,3 +156,34 @@ def test_the_page_names_every_error_of_the_line() -> None:
     assert used
     explained = set(re.findall(r"^\| (E40[0-9]{2}) \|", page, flags=re.MULTILINE))
     assert used <= explained
+
+
+def test_a_virtual_controller_that_is_served_is_listed_until_it_ends(
+    here: Here, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("EDMCTL_HOME", "home")
+    server = start("simulate", "serve", "--seed", "7", "--link", "edm", cwd=Path.cwd())
+    assert server.stderr is not None
+    read_until(server.stderr, "serving SIM-7")
+    (row,) = ports_of(here("ports", "--json"))
+    assert Path(row["device"]).resolve() == Path("edm").resolve()
+    assert "virtual controller SIM-7" in row["description"]
+    assert not row["known"]
+    (probed,) = ports_of(here("ports", "--probe", "--json"))
+    assert probed["controller"]["serial"] == "SIM-7"
+    server.send_signal(signal.SIGINT)
+    server.communicate(timeout=60)
+    assert ports_of(here("ports", "--json")) == []
+
+
+def test_what_a_killed_server_has_left_is_forgotten(here: Here, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("EDMCTL_HOME", "home")
+    folder = Path("home/served")
+    folder.mkdir(parents=True)
+    for name, text in (
+        ("999999999.json", '{"port": "/dev/pts/1", "serial": "SIM-1"}'),
+        ("1.json", "nonsense"),
+    ):
+        (folder / name).write_text(text, encoding="utf-8")
+    assert ports_of(here("ports", "--json")) == []
+    assert list(folder.iterdir()) == []

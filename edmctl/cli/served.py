@@ -1,0 +1,74 @@
+"""Virtual controllers that this user serves: a note for each, so that `ports` can list what no system lists."""
+
+from __future__ import annotations
+
+import json
+import os
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from edmctl.link.ports import PortInfo
+from edmctl.profile.calibration_place import data_folder
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+
+@contextmanager
+def announced(port: str, serial: str) -> Iterator[None]:
+    """Note that a port is served, for a `with` block; where nothing can be written nobody is told."""
+    note = _folder() / f"{os.getpid()}.json"
+    with suppress(OSError):
+        note.parent.mkdir(parents=True, exist_ok=True)
+        where = port if "://" in port else str(Path(port).absolute())
+        note.write_text(json.dumps({"port": where, "serial": serial}), encoding="utf-8")
+    try:
+        yield
+    finally:
+        with suppress(OSError):
+            note.unlink()
+            note.parent.rmdir()  # unless others serve too
+            note.parent.parent.rmdir()  # unless anything else is kept there
+
+
+def served_ports() -> list[PortInfo]:
+    """Return the ports that living processes of this user serve; notes that a killed one has left are removed."""
+    found = []
+    with suppress(OSError):
+        for note in sorted(_folder().glob("*.json")):
+            told = _read(note)
+            if told is None or not _lives(note.stem):
+                with suppress(OSError):
+                    note.unlink()
+            else:
+                found.append(
+                    PortInfo(told[0], f"virtual controller {told[1]}, served by process {note.stem}")
+                )
+    return found
+
+
+def _folder() -> Path:
+    return data_folder(os.environ) / "served"
+
+
+def _read(note: Path) -> tuple[str, str] | None:
+    from edmctl.files import read_bytes
+
+    try:
+        told = json.loads(read_bytes(note))
+        return str(told["port"]), str(told["serial"])
+    except (OSError, ValueError, TypeError, KeyError):
+        return None
+
+
+def _lives(number: str) -> bool:
+    if not number.isdigit():
+        return False
+    try:
+        os.kill(int(number), 0)
+    except PermissionError:
+        return True
+    except (OSError, OverflowError):
+        return False
+    return True
