@@ -33,6 +33,8 @@ class Verdict(StrEnum):
     MISSED = "missed"
 
 
+PAD = "the reference pad"
+"""Name of the place where every Z1 and Z3 is touched, in tables beside names of holes."""
 NOT_SHOWN_CODE = "E7013"
 """Error of a job with a depth that is not shown, and none that is missed."""
 

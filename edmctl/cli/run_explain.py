@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.cli.options import DebugOption, FileArgument, JsonOption
 from edmctl.cli.outcome import Outcome, Output, run_command, stream_style
+from edmctl.labels import PAD
 from edmctl.wording import duration, earlier, ended_as, facts, with_u95
 
 if TYPE_CHECKING:
@@ -130,7 +131,7 @@ def touches_of(opened: "RunFile") -> "list[Sentence]":
         where = {
             "Z1": "the pad",
             "Z2": f"the bottom of {site}",
-            "Z3": f"the pad after {site}",
+            "Z3": site if site == PAD else f"the pad after {site}",
             "Zr": f"the face at {site}",
         }.get(kind, site)
         z_um = row["z_model"] if math.isnan(row["z_sensor"]) else row["z_sensor"]

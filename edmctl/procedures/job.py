@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from edmctl.labels import Basis
+from edmctl.labels import PAD, Basis
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -77,7 +77,7 @@ class Job:
     @property
     def pad(self) -> Site:
         """Where the surface is touched before and after a cut."""
-        return Site("the reference pad", self.setup.stage.reference_x_um, self.setup.stage.reference_y_um)
+        return Site(PAD, self.setup.stage.reference_x_um, self.setup.stage.reference_y_um)
 
     @property
     def spot_distance_um(self) -> float:

@@ -367,6 +367,7 @@ def test_a_command_without_a_profile_is_filed_under_its_own_name_and_the_tool_it
     assert run["name"] == "measure-wear"
     told = here("run", "show", "runs/w.h5").out
     assert "a Cu tool of 150 µm" in told
+    assert "Touched the reference pad at" in told
     assert "270" not in told
 
 
