@@ -221,9 +221,17 @@ def bench_config(loaded: LoadedProfile | None, setup: Setup) -> BenchConfig:
 
 
 def _line(where: Where, setup: Setup, say: Callable[[str], None]) -> Transport:
+    from edmctl.cli.secret_file import secret_of
     from edmctl.link.opening import open_selector
 
     link = setup.link
     return open_selector(
-        where.selector, link.usb_ids, link.candidates, link.baud, link.hello_s, where.wait_s, say
+        where.selector,
+        link.usb_ids,
+        link.candidates,
+        link.baud,
+        link.hello_s,
+        where.wait_s,
+        say,
+        secret_of(link.secret_file) if where.selector.startswith("socket://") else b"",
     )

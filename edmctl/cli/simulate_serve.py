@@ -1,6 +1,7 @@
 """`edmctl simulate serve`: a virtual controller that other programs reach as they reach a real one."""
 
 import math
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -41,6 +42,16 @@ LinkOption = Annotated[
 SocketOption = Annotated[
     str | None,
     typer.Option("--socket", metavar="HOST:PORT", help="Serve on a socket instead; port 0 takes any."),
+]
+RemoteOption = Annotated[
+    bool,
+    typer.Option("--allow-remote", help="Let other computers reach the socket; only with a secret file."),
+]
+SecretOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--secret-file", metavar="FILE", help="Take only clients of the socket that know what is in it."
+    ),
 ]
 SpeedOption = Annotated[
     str,
@@ -83,6 +94,15 @@ class _Order:
     seconds: float | None
 
 
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """A socket to serve on, and the secret that its clients have to know; empty for none."""
+
+    host: str
+    port: int
+    secret: bytes
+
+
 def serve(
     profile: ProfileOption = None,
     overrides: SetOption = None,
@@ -90,6 +110,8 @@ def serve(
     seed: SeedOption = None,
     link: LinkOption = None,
     socket: SocketOption = None,
+    allow_remote: RemoteOption = False,
+    secret_file: SecretOption = None,
     speed: SpeedOption = "1",
     baud: BaudOption = 500_000,
     bench: BenchOption = None,
@@ -113,7 +135,8 @@ def serve(
         outcome.simulated = True
         if link is not None and socket is not None:
             raise UsageError("--link and --socket exclude each other.", hint="Leave one out.", code="E2040")
-        injections, factor, address = _injections(fault), _speed(speed), _address(socket)
+        injections, factor = _injections(fault), _speed(speed)
+        place = _place(socket, secret_file, allow_remote=allow_remote)
         if seconds is not None and not math.isfinite(seconds):
             raise UsageError(
                 f"--for {seconds} is no length of time.", hint="Leave it out for no end.", code="E2045"
@@ -124,12 +147,12 @@ def serve(
         # A bench that was kept is the machine that it is, whatever seed would make another.
         outcome.seed = used_seed if seed is not None or bench is None or not bench.exists() else None
         order = _Order(bench_config(loaded, settings), used_seed, factor, baud, injections, bench, seconds)
-        _serve(outcome, order, link, address)
+        _serve(outcome, order, link, place)
 
     return run_command(output, body)
 
 
-def _serve(outcome: Outcome, order: _Order, link: Path | None, address: tuple[str, int] | None) -> None:
+def _serve(outcome: Outcome, order: _Order, link: Path | None, place: _Place | None) -> None:
     from edmctl.actuator.compiling import compiling_told
     from edmctl.cli.kept_bench import kept_bench
     from edmctl.cli.served import announced
@@ -154,7 +177,7 @@ def _serve(outcome: Outcome, order: _Order, link: Path | None, address: tuple[st
             bench.inject(injection)
         bench.controller.baud = order.baud
         bench.warm_up()  # before anybody can say hello
-        endpoint = _endpoint(link, address, outcome.output)
+        endpoint = _endpoint(link, place, outcome.output)
         try:
             news = News(bench, say, keep)
             with (
@@ -193,11 +216,12 @@ def _is_over(bench: "VirtualBench", stop: "StopRequest", seconds: float | None) 
     return is_over
 
 
-def _endpoint(link: Path | None, address: tuple[str, int] | None, output: Output) -> "Endpoint":
-    from edmctl.simulator.endpoints import PtyEndpoint, SocketEndpoint
+def _endpoint(link: Path | None, place: _Place | None, output: Output) -> "Endpoint":
+    from edmctl.simulator.endpoints import PtyEndpoint
+    from edmctl.simulator.socket_endpoint import SocketEndpoint
 
-    if address is not None:
-        return SocketEndpoint(*address, lambda text: _say(output, text))
+    if place is not None:
+        return SocketEndpoint(place.host, place.port, lambda text: _say(output, text), place.secret)
     return PtyEndpoint(link)
 
 
@@ -254,9 +278,32 @@ def _speed(text: str) -> float | None:
     return factor
 
 
-def _address(text: str | None) -> tuple[str, int] | None:
+def _place(text: str | None, secret_file: Path | None, *, allow_remote: bool) -> _Place | None:
+    """Where to serve a socket, and with which secret; None without one."""
+    from edmctl.cli.secret_file import read_secret
+    from edmctl.simulator.socket_endpoint import is_loopback
+
     if text is None:
+        if allow_remote or secret_file is not None:
+            raise UsageError(
+                "--allow-remote and --secret-file are about a socket, and none is served.",
+                hint="Say --socket HOST:PORT too, or leave them out.",
+                code="E2046",
+            )
         return None
+    host, port = _address(text)
+    secret = b"" if secret_file is None else read_secret(secret_file)
+    with suppress(OSError):  # a host that does not exist is told when it is served
+        if not is_loopback(host) and not (allow_remote and secret):
+            raise UsageError(
+                f"Other computers would reach {text}: whoever connects drives the machine.",
+                hint="Serve on 127.0.0.1, or say --allow-remote and --secret-file FILE.",
+                code="E2046",
+            )
+    return _Place(host, port, secret)
+
+
+def _address(text: str) -> tuple[str, int]:
     host, _, port = text.rpartition(":")
     if not port.isascii() or not port.isdigit() or int(port) > 65535:
         raise UsageError(
@@ -264,7 +311,7 @@ def _address(text: str | None) -> tuple[str, int] | None:
             hint="Say --socket 127.0.0.1:7000, or port 0 for any.",
             code="E2042",
         )
-    return host or "127.0.0.1", int(port)
+    return host.strip("[]") or "127.0.0.1", int(port)
 
 
 def _injections(texts: list[str] | None) -> tuple["Injection", ...]:

@@ -11,12 +11,15 @@ from time import monotonic, sleep
 from typing import TYPE_CHECKING
 
 from edmctl.errors import LinkLost
+from edmctl.link.gate import GateBusy, pass_gate
 from edmctl.link.holder import holder_of
 from edmctl.link.ports import find, listed_ports
 from edmctl.link.serial_line import FAILURES, SerialLine, open_port, reason_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+
+    from serial import Serial
 
 DEFAULT_BAUD = 500_000
 _LOOK_AGAIN_S = 0.1
@@ -37,24 +40,35 @@ class PortAbsent(LinkLost):
 
 
 def open_line(
-    url: str, baud: int = DEFAULT_BAUD, wait_s: float = 0.0, say: Callable[[str], None] | None = None
+    url: str,
+    baud: int = DEFAULT_BAUD,
+    wait_s: float = 0.0,
+    say: Callable[[str], None] | None = None,
+    secret: bytes = b"",
 ) -> SerialLine:
     """Open a serial device or a pyserial URL for this program alone.
 
     url : device path, COM port, or URL such as socket://HOST:PORT
     wait_s : a port that is held or not there yet is tried again for so long, after a word to `say`
+    secret : answers the challenge of a socket that asks for one
 
-    Raises LinkLost: PortAbsent E4001, PortBusy E4006, E4002 for what is no port, E4004 without permission.
+    Raises LinkLost: PortAbsent E4001, PortBusy E4006, E4002 for what is no port, E4004 without permission, E4023
+    without the secret that a socket asks for.
     """
     _check(url)
     end_s = monotonic() + wait_s
     told = False
     while True:
         try:
-            return SerialLine(url, open_port(url, baud))
+            port = open_port(url, baud)
+            if url.startswith("socket://"):
+                _pass_gate(url, port, secret)
+            return SerialLine(url, port)
+        except GateBusy as busy:
+            error: LinkLost = busy
         except FAILURES as failure:
             error = _explain(url, failure)
-        if not isinstance(error, PortBusy | PortAbsent) or monotonic() >= end_s:
+        if not isinstance(error, PortBusy | PortAbsent | GateBusy) or monotonic() >= end_s:
             raise error
         if say is not None and not told:
             told = True
@@ -70,13 +84,14 @@ def open_selector(
     hello_s: float,
     wait_s: float = 0.0,
     say: Callable[[str], None] | None = None,
+    secret: bytes = b"",
 ) -> SerialLine:
     """Open what a selector means: `auto` and `serial:ID` are looked for, and waited for like any other port.
 
     Raises what `open_line` and `find` raise.
     """
     if selector != "auto" and not selector.startswith("serial:"):
-        return open_line(selector, baud, wait_s, say)
+        return open_line(selector, baud, wait_s, say, secret)
     end_s = monotonic() + wait_s
     told = False
     while True:
@@ -90,7 +105,15 @@ def open_selector(
                 told = True
                 say(f"{error.message} Waiting up to {wait_s:g} s.")
         sleep(min(_LOOK_AGAIN_S, max(0.0, end_s - monotonic())))
-    return open_line(url, baud, max(0.0, end_s - monotonic()), None if told else say)
+    return open_line(url, baud, max(0.0, end_s - monotonic()), None if told else say, secret)
+
+
+def _pass_gate(url: str, port: Serial, secret: bytes) -> None:
+    try:
+        pass_gate(url, port, secret)
+    except LinkLost:
+        port.close()
+        raise
 
 
 def _check(url: str) -> None:

@@ -16,6 +16,7 @@ from time import monotonic
 import serial
 
 from edmctl.errors import LinkLost
+from edmctl.link import gate
 
 try:
     import termios
@@ -45,6 +46,9 @@ def open_port(url: str, baud: int) -> serial.Serial:
         do_not_open=True,
     )
     port.dtr = port.rts = True
+    if url.startswith("socket://"):
+        # Opening would throw away what a server has said first.
+        port.reset_input_buffer = lambda: None  # type: ignore[method-assign]
     port.open()
     with suppress(*FAILURES, AttributeError, NotImplementedError):
         port.set_low_latency_mode(True)
@@ -139,10 +143,16 @@ class SerialLine:
         os.close(self._wake_w)
 
     def _read_on(self) -> None:
+        heard = False
         try:
             while not self._closed:
                 data = self._waiting_bytes() if self._number is None else self._next_bytes(self._number)
                 if data:
+                    if not heard and data.startswith(gate.GREETING):
+                        # A gate that spoke later than anybody waited for.
+                        self._fail_with(gate.closed(self.name, gate.words_of(data.partition(b"\n")[0])))
+                        return
+                    heard = True
                     with self._news:
                         self._arrived += data
                         self._news.notify_all()
@@ -185,9 +195,12 @@ class SerialLine:
         )
 
     def _fail(self, message: str, hint: str) -> LinkLost:
+        return self._fail_with(LinkLost(message, hint=hint, code="E4003"))
+
+    def _fail_with(self, error: LinkLost) -> LinkLost:
         with self._news:
             if self._failure is None:
-                self._failure = LinkLost(message, hint=hint, code="E4003")
+                self._failure = error
             self._news.notify_all()
             return self._failure
 

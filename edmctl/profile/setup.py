@@ -89,6 +89,9 @@ class Link(Table):
     candidates: list[str] = Field(
         [], description="further ports that `auto` and `serial:ID` may ask, such as a UART header"
     )
+    secret_file: str | None = Field(
+        None, min_length=1, description="file with the secret that a socket of another computer asks for"
+    )
 
 
 class Setup(Table):

@@ -1,19 +1,15 @@
-"""Where a served controller can be reached: a pty under a name, or a loopback socket."""
+"""Where a served controller can be reached, and the pty under a name that usually is it."""
 
 from __future__ import annotations
 
 import contextlib
 import os
 import select
-import socket
 import tty
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 from edmctl.errors import LinkLost
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 _MOST_READ = 65536
 
@@ -33,6 +29,9 @@ class Endpoint(Protocol):
 
     def transmit(self, data: bytes) -> int:
         """Send what the line takes; the number of bytes that it took."""
+
+    def heard(self) -> None:
+        """The client has sent a valid frame."""
 
     def has_client(self) -> bool:
         """Whether somebody is connected, as far as can be told."""
@@ -88,6 +87,9 @@ class PtyEndpoint:
         except BlockingIOError:
             return 0
 
+    def heard(self) -> None:
+        """Do nothing: a terminal has whoever opens it."""
+
     def has_client(self) -> bool:
         """Whether somebody has the device open: a terminal that nobody holds reports that it was hung up."""
         os.close(self._theirs)
@@ -114,90 +116,6 @@ class PtyEndpoint:
         for number in (self._ours, self._theirs):
             with contextlib.suppress(OSError):
                 os.close(number)
-
-
-class SocketEndpoint:
-    """A TCP socket. A second client is turned away while the first one is there.
-
-    Raises LinkLost E4021 where the address cannot be taken.
-    """
-
-    def __init__(self, host: str, port: int, say: Callable[[str], None] = lambda _: None) -> None:
-        self._say = say
-        self._client: socket.socket | None = None
-        try:
-            self._listener = socket.create_server((host, port))
-        except (OSError, UnicodeError, TypeError) as error:
-            reason = getattr(error, "strerror", None) or "no such host"
-            raise LinkLost(
-                f"Cannot serve on {host}:{port}: {reason}.", hint="Take another host or port.", code="E4021"
-            ) from error
-        self._listener.setblocking(False)
-        address = self._listener.getsockname()
-        self._name = f"socket://{address[0]}:{address[1]}"
-
-    @property
-    def name(self) -> str:
-        """The URL for `--port`."""
-        return self._name
-
-    def descriptors(self) -> list[int]:
-        """The listener, and the client where there is one."""
-        return [s.fileno() for s in (self._listener, self._client) if s is not None]
-
-    def receive(self) -> bytes:
-        """Take a client or turn it away; return what the present one has sent."""
-        self._accept()
-        if self._client is None:
-            return b""
-        try:
-            data = self._client.recv(_MOST_READ)
-        except BlockingIOError:
-            return b""
-        except OSError:
-            data = b""
-        if not data:
-            self._drop_client()
-        return data
-
-    def transmit(self, data: bytes) -> int:
-        """Send as much as the socket takes; without a client all of it goes nowhere."""
-        if self._client is None:
-            return len(data)
-        try:
-            return self._client.send(data)
-        except BlockingIOError:
-            return 0
-        except OSError:
-            self._drop_client()
-            return len(data)
-
-    def has_client(self) -> bool:
-        """Whether a client is connected."""
-        return self._client is not None
-
-    def close(self) -> None:
-        """Hang up and stop listening."""
-        self._drop_client()
-        self._listener.close()
-
-    def _accept(self) -> None:
-        try:
-            client, address = self._listener.accept()
-        except OSError:
-            return
-        if self._client is not None:
-            client.close()
-            self._say(f"turned away a second client, {address[0]}:{address[1]}")
-            return
-        client.setblocking(False)
-        client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._client = client
-
-    def _drop_client(self) -> None:
-        if self._client is not None:
-            self._client.close()
-            self._client = None
 
 
 def _publish(link: Path, device: str) -> None:

@@ -46,6 +46,7 @@ class DevicePort:
         self.urgent = self.due = False
         self._event_no = 0
         self.rx_drop = 0
+        self.rx_frames = 0  # commands that came whole, whoever sent them
         self._replies: OrderedDict[tuple[int, int], bytes] = OrderedDict()
         self._unacknowledged: list[tuple[int, bytes]] = []
         self._hello = b""
@@ -132,6 +133,7 @@ class DevicePort:
             # An echo of what the controller sent must not feed its watchdog.
             self.rx_drop += 1
             return
+        self.rx_frames += 1
         if self.driven and frame.type_id == Advance.ID:
             self._advanced = True
             self._out.append(self._run(frame))

@@ -98,7 +98,8 @@ class Server:
 
     def turn(self) -> None:
         """Look at the line, let time pass, execute what came, send what there is to send."""
-        data = self._endpoint.receive() if self._wait() else b""
+        self._wait()
+        data = self._endpoint.receive()
         if self._speed is not None:
             # Bytes that piled up while nobody looked must not pass for a host that was watched all the time.
             self._look_after_stall()
@@ -109,11 +110,10 @@ class Server:
         self._transmit()
         self._each_turn()
 
-    def _wait(self) -> bool:
+    def _wait(self) -> None:
         writers = self._endpoint.descriptors()[-1:] if self._waiting else []
         patience_s = _IDLE_S if self._speed is None else 0.0 if self._is_late else SLICE_S
-        readable, _, _ = select.select(self._endpoint.descriptors(), writers, [], patience_s)
-        return bool(readable)
+        select.select(self._endpoint.descriptors(), writers, [], patience_s)
 
     def _look_after_stall(self) -> None:
         """Trip the watchdog of an armed machine where the line was not looked at for the watchdog's time."""
@@ -149,8 +149,11 @@ class Server:
         self._count_frames(data)
         # One by one: what a frame or a run of zeros brings about comes before the frame behind it, however the
         # bytes were read.
+        before = self._controller.port.rx_frames
         for part in _PARTS.findall(data):
             self._controller.receive(self._damage.to(part))
+        if self._controller.port.rx_frames != before:
+            self._endpoint.heard()
         if self._controller.port.greeting:
             # An answer before the first ADVANCE counts as one that was waited for.
             self._controller.host_wait.wait(0.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import signal
 import subprocess
+from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 import pytest
@@ -16,8 +17,6 @@ from edmctl.record.bench_file import bench_lock
 from tests.cli.commands import CU270, command, environment
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from tests.cli.commands import Here
 
 SERVE = ("simulate", "serve")
@@ -159,3 +158,49 @@ def test_a_file_in_the_place_of_the_link_stays(here: Here, tmp_path: Path) -> No
     assert said.exit_code == 4
     assert "Cannot make the link" in said.err
     assert taken.read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("options", "code"),
+    [
+        (("--socket", "0.0.0.0:0"), "E2046"),
+        (("--socket", "0.0.0.0:0", "--allow-remote"), "E2046"),
+        (("--socket", "[::]:0", "--allow-remote"), "E2046"),
+        (("--allow-remote",), "E2046"),
+        (("--socket", "127.0.0.1:0", "--secret-file", "none"), "E2047"),
+        (("--socket", "127.0.0.1:0", "--secret-file", "short"), "E2047"),
+        (("--socket", "127.0.0.1:0", "--secret-file", "open"), "E2047"),
+    ],
+)
+def test_a_socket_that_others_reach_needs_a_secret_that_nobody_reads(
+    here: Here, options: tuple[str, ...], code: str
+) -> None:
+    for name, text, mode in (("short", "abc", 0o600), ("open", "a" * 32, 0o644)):
+        Path(name).write_text(text, encoding="utf-8")
+        Path(name).chmod(mode)
+    said = here(*SERVE, *options, "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (2, code)
+
+
+def test_a_command_finds_the_secret_in_its_environment_or_setup(
+    here: Here, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    secret = tmp_path / "secret"
+    secret.write_text("a secret of more than sixteen bytes\n", encoding="utf-8")
+    secret.chmod(0o600)
+    server = start(
+        tmp_path, "--seed", "3", "--socket", "127.0.0.1:0", "--secret-file", "secret", "--speed", "max"
+    )
+    port = ready(server.stderr).split(" on ")[1].split(" ")[0]
+    try:
+        refused = here("reset", "--port", port, "--json")
+        assert (refused.exit_code, refused.document["error"]["code"]) == (4, "E4023")
+        setup = tmp_path / "setup.toml"
+        setup.write_text(f'[link]\nsecret_file = "{secret}"\n', encoding="utf-8")
+        assert here("reset", "--port", port, "--setup", str(setup), "--json").exit_code == 0
+        monkeypatch.setenv("EDMCTL_SECRET_FILE", str(secret))
+        assert here("reset", "--port", port, "--json").exit_code == 0
+    finally:
+        server.send_signal(signal.SIGINT)
+        out, err = server.communicate(timeout=30)
+    assert "sixteen" not in out + err

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING, Any
@@ -16,16 +16,18 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from edmctl.errors import LinkLost
+from edmctl.link import gate
 from edmctl.link import messages as m
 from edmctl.link.frame import FrameDecoder, encode_frame
 from edmctl.link.opening import open_line
 from edmctl.link.session import Session
-from edmctl.simulator import BenchConfig, open_bench
+from edmctl.simulator import BenchConfig, open_bench, socket_endpoint
 from edmctl.simulator import kernel as k
-from edmctl.simulator.endpoints import Endpoint, PtyEndpoint, SocketEndpoint
+from edmctl.simulator.endpoints import Endpoint, PtyEndpoint
 from edmctl.simulator.injection import parse_injection
 from edmctl.simulator.news import News
 from edmctl.simulator.serve import Server
+from edmctl.simulator.socket_endpoint import SocketEndpoint
 from tests.serving import serving
 
 if TYPE_CHECKING:
@@ -143,7 +145,7 @@ def test_a_socket_has_one_client_at_a_time_and_then_the_next() -> None:
             (reply,) = replies(lambda: first.recv(4096))
             assert m.HelloReply.unpack(reply.payload).host_nonce == 77
             with client_of(endpoint) as second:
-                assert second.recv(100) == b""
+                assert second.makefile("rb").read() == gate.line_of(gate.BUSY)
             first.sendall(HELLO)
             assert replies(lambda: first.recv(4096))
         assert until(lambda: not endpoint.has_client())
@@ -151,7 +153,87 @@ def test_a_socket_has_one_client_at_a_time_and_then_the_next() -> None:
             third.sendall(HELLO)
             assert replies(lambda: third.recv(4096))
     assert len(said) == 1
-    assert "second client" in said[0]
+    assert "(busy), 1 in all" in said[0]
+
+
+def test_only_a_client_that_is_silent_makes_room_for_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench, said = open_bench(NEAR, 4), list[str]()
+    endpoint = SocketEndpoint("127.0.0.1", 0, said.append)
+    with running(Server(bench, endpoint, 1.0), endpoint), client_of(endpoint) as silent:
+        assert until(endpoint.has_client)
+        monkeypatch.setattr(socket_endpoint, "SILENT_S", 0.2)
+        time.sleep(0.3)
+        silent.sendall(b"\0no frame at all\0")
+        with client_of(endpoint) as second:
+            second.sendall(HELLO)
+            assert replies(lambda: second.recv(4096))
+            assert silent.recv(100) == b""
+    assert "silent for" in said[0]
+
+
+def test_a_thousand_connections_keep_nobody_from_the_machine() -> None:
+    bench, said = open_bench(NEAR, 4), list[str]()
+    endpoint = SocketEndpoint("127.0.0.1", 0, said.append)
+    with running(Server(bench, endpoint, 1.0), endpoint), client_of(endpoint) as first, ExitStack() as others:
+        first.sendall(HELLO)
+        assert replies(lambda: first.recv(4096))
+        for _ in range(1000):
+            others.enter_context(client_of(endpoint))
+            first.sendall(HELLO)
+        assert replies(lambda: first.recv(4096))
+    assert len(said) <= 12
+
+
+SECRET = b"what nobody on the way has read"
+
+
+def open_secretly(endpoint: SocketEndpoint, secret: bytes) -> Session:
+    session = Session(open_line(endpoint.name, secret=secret), Random(1))
+    session.open()
+    return session
+
+
+def test_a_socket_with_a_secret_takes_who_knows_it_and_nobody_else() -> None:
+    bench, said = open_bench(NEAR, 4), list[str]()
+    endpoint = SocketEndpoint("127.0.0.1", 0, said.append, SECRET)
+    with running(Server(bench, endpoint, 1.0), endpoint):
+        for secret, told in ((b"", "asks for a secret"), (b"another secret entirely", "refused the secret")):
+            with pytest.raises(LinkLost, match=told) as refused:
+                open_secretly(endpoint, secret)
+            assert refused.value.code == "E4023"
+        with client_of(endpoint) as rude:
+            rude.sendall(HELLO)
+            with client_of(endpoint) as half_open:
+                session = open_secretly(endpoint, SECRET)
+                assert session.hello.serial == "SIM-4"
+                with pytest.raises(LinkLost, match="another client") as busy:
+                    open_line(endpoint.name, secret=SECRET)
+                assert busy.value.code == "E4006"
+                session.close()
+                assert half_open.recv(100).startswith(gate.GREETING + gate.CHALLENGE)
+            seen = rude.makefile("rb").read()
+            assert seen.endswith(gate.line_of(gate.REFUSED))
+    assert SECRET not in b"".join(text.encode() for text in said) + seen
+
+
+def test_strangers_at_the_gate_are_few_and_do_not_stay(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = open_bench(NEAR, 4)
+    endpoint = SocketEndpoint("127.0.0.1", 0, secret=SECRET)
+    with running(Server(bench, endpoint, 1.0), endpoint), ExitStack() as others:
+        strangers = [others.enter_context(client_of(endpoint)) for _ in range(40)]
+        assert until(lambda: len(endpoint.descriptors()) == 1 + socket_endpoint.MOST_AT_GATE)
+        monkeypatch.setattr(socket_endpoint, "GATE_S", 0.1)
+        assert until(lambda: len(endpoint.descriptors()) == 1)
+        for stranger in strangers:
+            assert stranger.makefile("rb").read().splitlines()[-1].startswith(gate.GREETING)
+        open_secretly(endpoint, SECRET).close()
+
+
+def test_only_this_computer_is_loopback() -> None:
+    assert socket_endpoint.is_loopback("127.0.0.1")
+    assert socket_endpoint.is_loopback("localhost")
+    assert not socket_endpoint.is_loopback("0.0.0.0")
+    assert not socket_endpoint.is_loopback("::")
 
 
 def test_a_client_that_does_not_read_loses_whole_frames_and_blocks_nothing() -> None:

@@ -1,0 +1,39 @@
+"""The secret that both ends of a socket know, from a file of its own."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from edmctl.errors import UsageError
+from edmctl.files import read_bytes
+from edmctl.link.gate import LEAST_SECRET
+
+SECRET_VARIABLE = "EDMCTL_SECRET_FILE"
+
+
+def secret_of(named: str | None) -> bytes:
+    """Return the secret in $EDMCTL_SECRET_FILE, else in the file of that name; empty where neither is named."""
+    path = os.environ.get(SECRET_VARIABLE) or named
+    return read_secret(Path(path).expanduser()) if path else b""
+
+
+def read_secret(path: Path) -> bytes:
+    """Return what a secret file holds, without blanks about it.
+
+    Raises UsageError E2047: it cannot be read, others may read it, or it is too short.
+    """
+    try:
+        secret, mode = read_bytes(path).strip(), path.stat().st_mode
+    except OSError as error:
+        raise _unfit(f"Cannot read the secret file {path}: {error.strerror}.") from error
+    if os.name == "posix" and mode & 0o077:
+        raise _unfit(f"Others may read the secret file {path}.", f"`chmod 600 {path}`")
+    if len(secret) < LEAST_SECRET:
+        raise _unfit(f"The secret in {path} is shorter than {LEAST_SECRET} bytes.")
+    return secret
+
+
+def _unfit(message: str, remedy: str = "") -> UsageError:
+    made = "`(umask 077; openssl rand -hex 32 > FILE)` makes one; the computers at both ends need the same."
+    return UsageError(message, hint=remedy or made, code="E2047")
