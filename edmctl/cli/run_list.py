@@ -27,15 +27,21 @@ def list_runs(folder: FolderArgument = RUNS, as_json: JsonOption = False, debug:
     """
 
     def body(outcome: Outcome) -> None:
+        from edmctl.errors import RunFileError
         from edmctl.record.heads import RunHead, Unreadable, heads_of, read_head
 
         if folder == RUNS and not folder.exists():
             outcome.result = {"folder": str(folder), "runs": []}
             outcome.text = f"No runs yet: there is no folder {folder} here."
             return
-        found: list[RunHead | Unreadable] = (
-            list(heads_of(folder)) if folder.is_dir() else [read_head(find_run(folder))]
-        )
+        named = folder if folder.is_dir() else find_run(folder)
+        if not named.exists():
+            raise RunFileError(
+                f"There is neither a folder nor a run {folder}.",
+                hint="Give the folder that the runs were written to (--out), or the id of a run in runs/.",
+                code="E9005",
+            )
+        found: list[RunHead | Unreadable] = list(heads_of(named)) if folder.is_dir() else [read_head(named)]
         found.sort(key=_since)
         outcome.result = {
             "folder": str(folder),

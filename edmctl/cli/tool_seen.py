@@ -41,13 +41,19 @@ def seen_on(held: Held) -> Seen:
 
 
 def seen_in_file(where: Where) -> Seen | None:
-    """Return what the file of a kept bench shows; None where there is none to read."""
+    """Return what the file of a kept bench shows; None where there is none to read.
+
+    Raises RunFileError: those of `read_bench`, E9024 there is no folder where it could be kept.
+    """
     file = where.bench_file
-    if file is None or not file.exists():
+    if file is None:
         return None
-    from edmctl.record.bench_file import read_bench
+    from edmctl.record.bench_file import read_bench, refuse_place
     from edmctl.simulator.saving import restored_bench
 
+    refuse_place(file)
+    if not file.exists():
+        return None
     return _seen(restored_bench(read_bench(file)))
 
 

@@ -12,6 +12,9 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 
+LEAST_BEYOND_UM = 0.1
+
+
 class ForecastView(Protocol):
     """Expected course of a job: of one hole, of several (`holes`), or of a channel (`channel_um` above 0)."""
 
@@ -107,6 +110,8 @@ def _work(forecast: ForecastView) -> list[Sequence[str]]:
     """What is made, and what it costs the tool."""
     depth, wear = length(forecast.depth_um), length(forecast.wear_um)
     feed = length(forecast.feed_um)
+    beyond_um = forecast.feed_um - forecast.depth_um - forecast.wear_um
+    beyond = f", {length(beyond_um)} of it behind the sheet" if beyond_um > LEAST_BEYOND_UM else ""
     if forecast.channel_um > 0.0:
         return [
             _row("channel", length(forecast.channel_um), plural(forecast.layers, "layer")),
@@ -117,7 +122,7 @@ def _work(forecast: ForecastView) -> list[Sequence[str]]:
     rows = [
         _row("depth", depth),
         _row("tool wear", wear),
-        _row("feed", feed, f"{forecast.feed_rate_um_s:.3f} µm/s"),
+        _row("feed", feed, f"{forecast.feed_rate_um_s:.3f} µm/s{beyond}"),
     ]
     if forecast.holes == 1:
         return rows

@@ -7,6 +7,7 @@ file is written beside its place and put there at once; while a program uses it,
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 import time
@@ -63,6 +64,12 @@ def bench_lock(path: Path, wait_s: float = 0.0) -> Iterator[None]:
         with suppress(OSError):
             lock.unlink()
         os.close(descriptor)
+
+
+def refuse_place(path: Path) -> None:
+    """Raise RunFileError E9024 where no bench can be kept because there is no folder for it."""
+    if not path.resolve().parent.is_dir():
+        raise _unwritable(path, FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT)))
 
 
 def read_bench(path: Path) -> State:

@@ -403,3 +403,9 @@ def test_a_channel_that_is_stopped_is_told_by_estimate(
     assert {hole.status for hole in books.holes} == {UNFINISHED}
     (tool,) = books.tools.values()
     assert tool.worn_um == pytest.approx(channel["wear_um"], abs=0.01)
+
+
+def test_a_dry_run_is_refused_as_the_job_would_be_where_no_bench_can_be_kept(here: Here) -> None:
+    for more in ((), ("--dry-run",)):
+        said = here("machine", *SHALLOW, "--port", "sim:nosuch/b.h5", "--json", *more)
+        assert (said.exit_code, said.document["error"]["code"]) == (9, "E9024")

@@ -159,3 +159,9 @@ def test_a_text_out_of_a_file_cannot_command_the_terminal(tmp_path: Path) -> Non
 )
 def test_sizes_are_read_at_a_glance(size_bytes: int, text: str) -> None:
     assert size(size_bytes) == text
+
+
+def test_a_folder_that_is_not_there_is_named_as_such(here: Here) -> None:
+    said = here("run", "list", "nowhere", "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (9, "E9005")
+    assert "neither a folder nor a run nowhere" in said.document["error"]["message"]
