@@ -12,7 +12,7 @@ from edmctl.cli.recording import recorded
 from edmctl.cli.runfile import run_meta
 from edmctl.cli.tool_seen import as_found, name_tool
 from edmctl.cli.way_on import on_machine
-from edmctl.errors import EdmError, RunFileError
+from edmctl.errors import Diagnostic, EdmError, RunFileError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from edmctl.cli.calibrated import Choice
     from edmctl.cli.job import Plan
     from edmctl.cli.runfile import RunName
-    from edmctl.errors import Diagnostic
     from edmctl.procedures.results import Observer
     from edmctl.record.ledger_entries import Entry
     from edmctl.record.logbook import Logbook
@@ -68,9 +67,12 @@ def connected_run(
     Raises LinkLost, ProtocolMismatch and RunFileError where there was no machine to act on.
     """
     from edmctl.record.disk import refuse_place
+    from edmctl.record.locks import are_known
 
     if name is not None:
         refuse_place(name.path)
+        if warn is not None and not are_known(name.path.parent):
+            warn([_no_locks(name.path.parent)])
     held: Held | None = None
 
     def written(path: Path | None) -> None:
@@ -130,3 +132,13 @@ def _record(
         if plan.new_tool and bench.virtual is not None:
             bench.virtual.new_tool()
         act(recorder)
+
+
+def _no_locks(folder: Path) -> Diagnostic:
+    return Diagnostic(
+        "W9002",
+        f"The file system of {folder} knows no locks: files that name host and process stand in their stead.",
+        "One that a computer left behind when it went off has to be removed by hand (ls -a shows .*.lock); "
+        "--out names a folder on another disk.",
+        is_warning=True,
+    )

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 import h5py
 from h5py import h5f, h5p
 
+from . import locks
+
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
@@ -28,6 +30,8 @@ def open_swmr(path: Path) -> h5py.File:
     limit = _limit()
     if limit is not None:
         limit(plist.id, ATTEMPTS)
+    if not locks.are_known(path.parent):
+        plist.set_file_locking(False, True)
     flags = h5f.ACC_RDONLY | h5f.ACC_SWMR_READ
     return h5py.File(h5f.open(str(path).encode(), flags, plist))
 

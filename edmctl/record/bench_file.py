@@ -12,7 +12,7 @@ import hashlib
 import os
 import time
 from collections.abc import Mapping
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from typing import TYPE_CHECKING
 
 import h5py
@@ -20,6 +20,7 @@ import numpy as np
 
 from edmctl.errors import RunFileError
 from edmctl.files import open_regular
+from edmctl.record import locks
 from edmctl.record.disk import HDF5_ERRORS, reason
 from edmctl.record.superblock import MAGIC
 
@@ -47,23 +48,19 @@ def bench_lock(path: Path, wait_s: float = 0.0) -> Iterator[None]:
     Raises RunFileError: E9023 it is in use, E9024 nothing can be written there.
     """
     lock = path.resolve().with_name(f".{path.resolve().name}.lock")
-    try:
-        descriptor = _locked(lock, time.monotonic() + wait_s)
-    except BlockingIOError:
-        raise RunFileError(
-            f"The bench {path} is in use by another program.",
-            hint="Let the other program end (--wait SECONDS waits for it), or take another file.",
-            code="E9023",
-        ) from None
-    except OSError as refused:
-        raise _unwritable(path, refused) from refused
-    try:
+    with ExitStack() as held:
+        try:
+            _locked(lock, time.monotonic() + wait_s, held)
+        except BlockingIOError as busy:
+            told = f" ({busy.strerror})" if busy.strerror and str(lock.parent) in busy.strerror else ""
+            raise RunFileError(
+                f"The bench {path} is in use by another program{told}.",
+                hint="Let the other program end (--wait SECONDS waits for it), or take another file.",
+                code="E9023",
+            ) from None
+        except OSError as refused:
+            raise _unwritable(path, refused) from refused
         yield
-    finally:
-        # Still locked: whoever takes the name from now on makes a new file.
-        with suppress(OSError):
-            lock.unlink()
-        os.close(descriptor)
 
 
 def refuse_place(path: Path) -> None:
@@ -79,7 +76,7 @@ def read_bench(path: Path) -> State:
     """
     _check_regular(path)
     try:
-        with h5py.File(path, "r") as file:
+        with h5py.File(path, "r", locking=locks.of_hdf5(path)) as file:
             kind, schema = file.attrs.get("kind"), file.attrs.get("schema")
             if isinstance(kind, str) and kind == KIND and isinstance(schema, np.integer):
                 if schema > SCHEMA:
@@ -130,31 +127,37 @@ def _check_regular(path: Path) -> None:
         raise _unreadable(path, refused.strerror or str(refused)) from refused
 
 
-def _locked(lock: Path, until_s: float) -> int:
-    """Open and lock the file; BlockingIOError where somebody still has it at that time."""
+def _locked(lock: Path, until_s: float, held: ExitStack) -> None:
+    """Open and lock the file until `held` is left; BlockingIOError where somebody still has it at that time."""
     while True:
         try:
-            return _locked_now(lock)
+            _locked_now(lock, held)
         except BlockingIOError:
             if time.monotonic() >= until_s:
                 raise
             time.sleep(_RETRY_S)
+        else:
+            return
 
 
-def _locked_now(lock: Path) -> int:
-    import fcntl
-
+def _locked_now(lock: Path, held: ExitStack) -> None:
     while True:
-        descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        with ExitStack() as mine:
+            descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+            mine.callback(os.close, descriptor)
+            mine.enter_context(locks.exclusive(descriptor, lock.with_name(f"{lock.name}.by")))
             # The one who had it before may have taken it away meanwhile.
             if lock.exists() and os.path.samestat(os.fstat(descriptor), lock.stat()):
-                return descriptor
-        except BaseException:
-            os.close(descriptor)
-            raise
-        os.close(descriptor)
+                held.enter_context(mine.pop_all())
+                held.callback(
+                    _take_away, lock
+                )  # still locked: whoever takes the name from now on makes a new file
+                return
+
+
+def _take_away(lock: Path) -> None:
+    with suppress(OSError):
+        lock.unlink()
 
 
 def _image(state: State) -> bytes:

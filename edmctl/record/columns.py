@@ -16,6 +16,8 @@ from edmctl.record.delimited import read_delimited
 from edmctl.record.naming import DISPLACEMENT, STACK, TIME, TOOL, VOLTAGE, WANTED, advice, find_columns
 from edmctl.record.reader import open_run
 
+from . import locks
+
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
@@ -121,7 +123,7 @@ def _read_hdf5(path: Path, needed: Sequence[str]) -> dict[str, Array]:
 def _read_foreign(path: Path, needed: Sequence[str]) -> dict[str, Array]:
     """Read what another program wrote, or `write_columns`."""
     try:
-        with h5py.File(path, "r") as file:
+        with h5py.File(path, "r", locking=locks.of_hdf5(path)) as file:
             group = _only_group(path, file, needed)
             names = list(group)
             found = find_columns(names, needed)

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import h5py
 import numpy as np
 
+from . import locks
 from .seal import seal
 
 if TYPE_CHECKING:
@@ -48,7 +49,8 @@ def compact(
     the place of those of the source. Raises what h5py raises; then there is no `target`.
     """
     try:
-        with h5py.File(target, "x", libver=("earliest", "v110")) as file:
+        form = {"libver": ("earliest", "v110"), "locking": locks.of_hdf5(target)}
+        with h5py.File(target, "x", **form) as file:
             _Copy(source, file, rows or {}).run()
             for path, value in (values or {}).items():
                 file[path][()] = value

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import os
 import time
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
 
 from edmctl.errors import RunFileError
@@ -28,6 +28,7 @@ from edmctl.record.ledger_entries import (
     line_of,
     text_of,
 )
+from edmctl.record.locks import exclusive
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -132,22 +133,19 @@ def _lines(path: Path, data: bytes) -> Iterator[Line]:
 @contextmanager
 def _locked(path: Path) -> Iterator[int]:
     """Open the ledger for appending while nobody else does."""
-    import fcntl
-
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o666)
     until_s = time.monotonic() + LONGEST_WAIT_S
-    try:
+    with ExitStack() as held:
+        held.callback(os.close, descriptor)
         while True:
             try:
-                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                held.enter_context(exclusive(descriptor, path.with_name(f".{path.name}.lock")))
                 break
             except BlockingIOError:
                 if time.monotonic() > until_s:
                     raise
                 time.sleep(_RETRY_S)
         yield descriptor
-    finally:
-        os.close(descriptor)
 
 
 def _mend_end(descriptor: int) -> None:

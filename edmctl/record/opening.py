@@ -9,7 +9,7 @@ import h5py
 from edmctl.errors import RunFileError
 from edmctl.files import open_regular
 
-from . import layout
+from . import layout, locks
 from .attempts import open_swmr
 from .disk import HDF5_ERRORS, PARTIAL
 from .heaps import are_sound
@@ -93,7 +93,7 @@ def _open(path: Path) -> h5py.File:
     # A live or killed writer leaves the file marked as open; SWMR readers are made for that. They do not see that
     # a file was cut short, so all others must do without.
     marked = read_superblock(path).open_for_writing
-    return open_swmr(path) if marked else h5py.File(path, "r")
+    return open_swmr(path) if marked else h5py.File(path, "r", locking=locks.of_hdf5(path))
 
 
 def _too_short(path: Path) -> str:

@@ -21,7 +21,7 @@ import numpy as np
 
 from edmctl.errors import RunFileError
 
-from . import layout
+from . import layout, locks
 from .compaction import compact
 from .create import LIBRARY_VERSIONS, empty_run_file
 from .disk import reason, write_new
@@ -105,7 +105,9 @@ def _opened(path: Path, copy: Path) -> h5py.File:
         path = copy
     from .attempts import open_swmr
 
-    return open_swmr(path) if read_superblock(path).open_for_writing else h5py.File(path, "r")
+    if read_superblock(path).open_for_writing:
+        return open_swmr(path)
+    return h5py.File(path, "r", locking=locks.of_hdf5(path))
 
 
 def _poured(source: h5py.File, path: Path, target: Path) -> Recovered:
@@ -117,7 +119,7 @@ def _poured(source: h5py.File, path: Path, target: Path) -> Recovered:
     end_time: bytes = _value(source, "/entry/end_time", b"")
     write_new(raw, empty_run_file(_meta(source)))
     try:
-        with h5py.File(raw, "r+", libver=LIBRARY_VERSIONS) as file:
+        with h5py.File(raw, "r+", libver=LIBRARY_VERSIONS, locking=locks.of_hdf5(raw)) as file:
             for scalar in layout.SCALARS:
                 if not scalar.source and scalar.dtype not in ("text", "texts", "json"):
                     with suppress(*BROKEN):

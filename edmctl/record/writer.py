@@ -20,7 +20,7 @@ import numpy as np
 
 from edmctl.errors import RunFileError
 
-from . import layout
+from . import layout, locks
 from .closing import close_run
 from .create import LIBRARY_VERSIONS, empty_run_file
 from .disk import (
@@ -132,7 +132,13 @@ class RunWriter:
         except OSError as error:
             raise cannot_create(path, reason(error)) from error
         try:
-            file = h5py.File(partial, "r+", libver=LIBRARY_VERSIONS, rdcc_nbytes=CHUNK_CACHE_BYTES)
+            file = h5py.File(
+                partial,
+                "r+",
+                libver=LIBRARY_VERSIONS,
+                rdcc_nbytes=CHUNK_CACHE_BYTES,
+                locking=locks.of_hdf5(partial),
+            )
             file.swmr_mode = True
         except HDF5_ERRORS as error:
             raise cannot_create(path, reason(error)) from error

@@ -1,0 +1,130 @@
+"""Disks without locks: everything runs, and two programs are kept apart all the same."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import json
+import os
+import shutil
+import socket
+import subprocess
+from contextlib import nullcontext
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl.errors import RunFileError
+from edmctl.record import locks
+from edmctl.record.bench_file import bench_lock
+from edmctl.record.ledger_entries import ToolChanged
+from edmctl.record.logbook import Logbook
+from tests.cli.commands import SHALLOW, command, environment
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+WITHOUT_LOCKS = """
+#define _GNU_SOURCE
+#include <dlfcn.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <stdarg.h>
+int flock(int fd, int op) { errno = ENOLCK; return -1; }
+int fcntl64(int fd, int cmd, ...) {
+    va_list all;
+    va_start(all, cmd);
+    void *what = va_arg(all, void *);
+    va_end(all);
+    if (cmd == F_SETLK || cmd == F_SETLKW || cmd == F_OFD_SETLK || cmd == F_OFD_SETLKW) {
+        errno = ENOLCK;
+        return -1;
+    }
+    int (*real)(int, int, void *) = dlsym(RTLD_NEXT, "fcntl64");
+    return real(fd, cmd, what);
+}
+int fcntl(int fd, int cmd, ...) {
+    va_list all;
+    va_start(all, cmd);
+    void *what = va_arg(all, void *);
+    va_end(all);
+    return fcntl64(fd, cmd, what);
+}
+"""
+
+
+@pytest.fixture
+def no_locks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A file system that answers as NFS does without its lock service."""
+
+    def refuse(*_: object) -> None:
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    monkeypatch.setattr(fcntl, "flock", refuse)
+
+
+def test_a_disk_with_locks_is_known_as_one(tmp_path: Path) -> None:
+    assert locks.are_known(tmp_path / "runs" / "of today")
+    assert locks.of_hdf5(tmp_path / "a.h5") is None
+
+
+@pytest.mark.usefixtures("no_locks")
+def test_without_locks_a_bench_is_still_one_programs(tmp_path: Path) -> None:
+    assert not locks.are_known(tmp_path)
+    assert locks.of_hdf5(tmp_path / "a.h5") is False
+    with bench_lock(tmp_path / "b.h5"):
+        with pytest.raises(RunFileError, match="in use") as busy, bench_lock(tmp_path / "b.h5"):
+            pass
+        assert busy.value.code == "E9023"
+        assert f"{socket.gethostname()} {os.getpid()}" in str(busy.value)
+    with bench_lock(tmp_path / "b.h5"):
+        pass
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.usefixtures("no_locks")
+@pytest.mark.parametrize(("host", "is_taken"), [(socket.gethostname(), True), ("another-computer", False)])
+def test_only_a_lock_of_this_computer_whose_process_is_gone_is_taken_away(
+    host: str, is_taken: bool, tmp_path: Path
+) -> None:
+    (tmp_path / ".b.h5.lock.by").write_text(f"{host} 999999999", encoding="utf-8")
+    refused = nullcontext() if is_taken else pytest.raises(RunFileError, match="another-computer 999999999")
+    with refused, bench_lock(tmp_path / "b.h5"):
+        pass
+
+
+@pytest.mark.usefixtures("no_locks")
+def test_without_locks_the_ledger_keeps_every_line(tmp_path: Path) -> None:
+    for tool in ("one", "two"):
+        Logbook.open(tmp_path).append("SIM-1", ToolChanged(tool))
+    entries = [line.entry for line in Logbook.open(tmp_path).lines]
+    assert entries == [ToolChanged("one"), ToolChanged("two")]
+    assert [path.name for path in tmp_path.iterdir()] == ["ledger.jsonl"]
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler to take the locks away with")
+def test_a_job_runs_and_is_listed_where_no_call_of_the_system_locks(tmp_path: Path) -> None:
+    (tmp_path / "nolock.c").write_text(WITHOUT_LOCKS, encoding="utf-8")
+    subprocess.run(
+        ["cc", "-shared", "-fPIC", "-o", "nolock.so", "nolock.c", "-ldl"], cwd=tmp_path, check=True
+    )
+
+    def run(*arguments: str) -> dict[str, object]:
+        done = subprocess.run(
+            command(*arguments, "--json"),
+            cwd=tmp_path,
+            env=environment(LD_PRELOAD=str(tmp_path / "nolock.so")),
+            capture_output=True,
+            encoding="utf-8",
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        document: dict[str, object] = json.loads(done.stdout)
+        return document
+
+    for name in ("a", "b"):
+        told = run("machine", *SHALLOW, "--seed", "1", "--run-id", name, "--port", "sim:k.h5", "--quiet")
+        assert "W9002" in str(told["warnings"])
+    listed = run("run", "list")
+    assert str(listed["result"]).count("'status': 'done'") == 2
+    assert not [path.name for path in tmp_path.rglob(".*")]
