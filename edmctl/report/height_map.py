@@ -1,7 +1,8 @@
 """A channel as a picture: the planned path on the height map of the work, and the floor along it.
 
-Depths run in one hue from light (the face) to dark (deep), which reads the same printed in grey. A height map is
-known of the virtual machine only; without one the places that the tool touched stand in its stead.
+Colours tell how far the floor lies from its target, light where it lies right, over one tolerance to both sides or
+as far as it goes. A height map is known of the virtual machine only; without one the places that the tool touched
+stand in its stead.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 from edmctl.report.style import (
     BLACK,
     BLUE,
+    DEVIATIONS,
     GREY,
     PAGE_MM,
     VERMILLION,
@@ -27,12 +29,17 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
 
 HEIGHT_MM = 92.0
+FACE = "#EEEEEE"
+"""What was not cut."""
+FLOOR_SHARE = 0.5
+"""What is less than so deep is wall or face, and has no target."""
 MARGIN = 0.06
 """Of the map, shown about it."""
 BAND_TOLERANCES = 1.6
@@ -88,12 +95,9 @@ def _draw_map(figure: Figure, axes: Axes, channel: Channel) -> None:
     from matplotlib.patheffects import withStroke
 
     if channel.work is None:
-        coloured, label = _draw_touches(axes, channel), "depth below the face, touched (µm)"
+        coloured, label = _draw_touches(axes, channel), "depth − target, touched (µm)"
     else:
-        coloured, label = (
-            _draw_work(axes, channel, channel.work),
-            "depth below the face, simulated truth (µm)",
-        )
+        coloured, label = _draw_work(axes, channel, channel.work), "depth − target, simulated truth (µm)"
     outline = [withStroke(linewidth=1.8, foreground="white")]
     xs, ys = channel.path_um.T
     axes.plot(
@@ -114,17 +118,16 @@ def _draw_map(figure: Figure, axes: Axes, channel: Channel) -> None:
 def _draw_work(axes: Axes, channel: Channel, work: HeightMap) -> ScalarMappable:
     x_um, y_um, depth_um = work.x_um, work.y_um, work.depth_um
     half_x, half_y = (x_um[1] - x_um[0]) / 2.0, (y_um[1] - y_um[0]) / 2.0
+    cut = _within(depth_um > FLOOR_SHARE * min(channel.target_um, float(depth_um.max())))
     image = axes.imshow(
-        depth_um,
-        cmap="Blues",
-        vmin=0.0,
-        vmax=max(float(depth_um.max()), channel.target_um),
+        np.where(cut, depth_um - channel.target_um, np.nan),
+        cmap=DEVIATIONS,
+        norm=_deviations(channel, depth_um if channel.floor is None else channel.floor.depth_um),
         origin="lower",
         extent=(x_um[0] - half_x, x_um[-1] + half_x, y_um[0] - half_y, y_um[-1] + half_y),
         interpolation="nearest",
     )
-    # The map ends where the cut does; the untouched face goes on about it.
-    axes.set_facecolor(image.get_cmap()(0.0))
+    axes.set_facecolor(FACE)
     margin_um = MARGIN * max(x_um[-1] - x_um[0], y_um[-1] - y_um[0])
     axes.set_xlim(x_um[0] - margin_um, x_um[-1] + margin_um)
     axes.set_ylim(y_um[0] - margin_um, y_um[-1] + margin_um)
@@ -141,15 +144,28 @@ def _draw_touches(axes: Axes, channel: Channel) -> ScalarMappable | None:
     return axes.scatter(
         x_um,
         y_um,
-        c=depth_um,
-        cmap="Blues",
-        vmin=min(float(depth_um.min()), channel.target_um - channel.tolerance_um),
-        vmax=max(float(depth_um.max()), channel.target_um + channel.tolerance_um),
+        c=depth_um - channel.target_um,
+        cmap=DEVIATIONS,
+        norm=_deviations(channel, depth_um),
         s=22.0,
         edgecolor=BLACK,
         linewidth=0.5,
         zorder=4,
     )
+
+
+def _within(cut: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return what was cut but for its rim, whose cells are half wall."""
+    about = np.pad(cut, 1)
+    return cut & about[:-2, 1:-1] & about[2:, 1:-1] & about[1:-1, :-2] & about[1:-1, 2:]
+
+
+def _deviations(channel: Channel, floor_um: Array) -> Normalize:
+    """A scale symmetric about the target, over the tolerance at least."""
+    from matplotlib.colors import Normalize
+
+    span_um = max(channel.tolerance_um, float(np.abs(floor_um - channel.target_um).max()))
+    return Normalize(-span_um, span_um)
 
 
 def _draw_floor(axes: Axes, channel: Channel) -> None:

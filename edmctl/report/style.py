@@ -41,6 +41,8 @@ SKY, PURPLE, YELLOW = "#56B4E9", "#CC79A7", "#F0E442"
 
 OPEN, NORMAL, ARC, SHORT = GREY, BLUE, ORANGE, VERMILLION
 """Colours of the pulse classes in every figure."""
+DEVIATIONS = "PuOr"
+"""Diverging colours for what is too deep or not deep enough, told apart by the colour-blind."""
 PULSE_COLOURS = {"open": OPEN, "normal": NORMAL, "arc": ARC, "short": SHORT}
 PULSE_HATCHES = {"open": "/////", "normal": "", "arc": "....", "short": "xxxxx"}
 """Patterns of areas, which tell the classes apart where there is no colour."""

@@ -265,7 +265,7 @@ def test_a_channel_of_the_virtual_machine_has_its_truth_and_its_touches(channel_
         "touched by the tool, 95 % of the mean",
         "target 4 ± 2 µm",
     } <= told
-    assert "depth below the face, simulated truth (µm)" in told
+    assert "depth − target, simulated truth (µm)" in told
 
 
 def test_a_channel_of_a_real_machine_shows_what_was_touched(tmp_path: Path) -> None:
@@ -275,7 +275,7 @@ def test_a_channel_of_a_real_machine_shows_what_was_touched(tmp_path: Path) -> N
     writer.summary(FLOOR)
     path = writer.finish("done", 0)
     told = texts(channel.draw, path)
-    assert "depth below the face, touched (µm)" in told
+    assert "depth − target, touched (µm)" in told
     assert not any("truth" in text for text in told)
     floor = panels(channel.draw, path)[1]
     (touched,) = floor.containers

@@ -39,7 +39,7 @@ def test_axes_have_units_and_everything_drawn_its_name() -> None:
     for text in (
         "x (µm)",
         "y (µm)",
-        "depth below the face, simulated truth (µm)",
+        "depth − target, simulated truth (µm)",
         "length along the path (mm)",
         "depth of the floor (µm)",
         "planned path of the tool's axis",
@@ -63,3 +63,14 @@ def test_a_floor_far_from_the_target_is_still_within_the_axes() -> None:
         if t.isdigit()
     ]
     assert any(tick in range(29, 33) for tick in ticks)
+
+
+def test_colours_are_symmetric_about_the_target_and_the_rim_has_none() -> None:
+    with house_style():
+        axes = channel_figure(channel(21.0)).axes[0]
+    (image,) = axes.get_images()
+    assert image.norm.vmin == -image.norm.vmax == -2.0
+    shown = np.ma.filled(image.get_array(), np.nan)
+    assert np.isfinite(shown).any()
+    assert not np.isfinite(shown[[0, -1]]).any()
+    assert float(np.nanmin(shown)) >= -2.0

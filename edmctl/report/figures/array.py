@@ -12,6 +12,7 @@ from edmctl.report.numbers import numbers_of
 from edmctl.report.style import (
     BLACK,
     BLUE,
+    DEVIATIONS,
     GREY,
     PAGE_MM,
     VERMILLION,
@@ -34,8 +35,6 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-COLOURS = "PuOr"
-"""Diverging, and told apart by the colour-blind."""
 LABELLED = 36
 """So many holes have room for their numbers."""
 MOST_TICKS = 16
@@ -43,7 +42,7 @@ MOST_TICKS = 16
 LONGEST_LEVEL = 4
 """Letters of a name that are written side by side."""
 LEAST_SPAN_UM = 0.5
-"""Colours span at least this, or noise would look like a pattern."""
+"""Where no tolerance says how far colours span, they span at least this, or noise would look like a pattern."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +127,8 @@ def short_names(names: Sequence[str]) -> list[str]:
 def _draw_map(figure: Figure, axes: Axes, holes: _Holes) -> None:
     from matplotlib.colors import Normalize
 
-    span_um = max(LEAST_SPAN_UM, float(np.abs(holes.error_um).max()))
+    least_um = holes.tolerance_um if np.isfinite(holes.tolerance_um) else LEAST_SPAN_UM
+    span_um = max(least_um, float(np.abs(holes.error_um).max()))
     pitch_um = _pitch_um(holes.x_um, holes.y_um)
     middle_um = [0.5 * float(v.min() + v.max()) for v in (holes.x_um, holes.y_um)]
     half_um = [0.5 * float(np.ptp(v)) + 0.62 * pitch_um for v in (holes.x_um, holes.y_um)]
@@ -138,7 +138,7 @@ def _draw_map(figure: Figure, axes: Axes, holes: _Holes) -> None:
     axes.set_ylim(middle_um[1] - half_um[1], middle_um[1] + half_um[1])
     axes.set_aspect("equal")
     dots = _discs(axes, holes, 0.42 * pitch_um)
-    dots.set(array=holes.error_um, cmap=COLOURS, norm=Normalize(-span_um, span_um))
+    dots.set(array=holes.error_um, cmap=DEVIATIONS, norm=Normalize(-span_um, span_um))
     if len(holes.x_um) <= LABELLED:
         for number, _ in enumerate(holes.x_um):
             _label(axes, holes, number, span_um, len(holes.x_um))

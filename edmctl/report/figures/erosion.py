@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-COLUMNS = ("time", "est_depth", "est_depth_u95", "est_wear", "feed_um_s")
+COLUMNS = ("time", "est_depth", "est_depth_u95", "est_wear", "est_wear_u95", "feed_um_s")
 DASHED, DOTTED = (0, (4, 1.5)), (0, (1, 1.5))
 USUAL_PERCENT, HEADROOM = 90.0, 1.6
 """The feed is drawn up to so much above what most of the run stays below."""
@@ -75,20 +75,10 @@ def draw(run: RunFile) -> Figure:
 
 
 def _draw_estimates(axes: Axes, rows: dict[str, Array], per_s: float) -> None:
-    time_s, depth_um, u95_um = rows["time"], rows["est_depth"], rows["est_depth_u95"]
-    depth = broken(time_s, depth_um)
+    time_s = rows["time"]
+    depth = broken(time_s, rows["est_depth"])
     draw_envelope(axes, depth.time_s / per_s, depth.low, depth.high, BLUE, "estimated depth", 1.0)
-    if np.isfinite(u95_um).any():
-        low, high = broken(time_s, depth_um - u95_um), broken(time_s, depth_um + u95_um)
-        axes.fill_between(
-            low.time_s / per_s,
-            low.low,
-            high.high,
-            color=BLUE,
-            alpha=0.25,
-            linewidth=0.0,
-            label="its 95 % band",
-        )
+    _draw_band(axes, rows, "est_depth", per_s, BLUE)
     if np.isfinite(rows["est_wear"]).any():
         wear = broken(time_s, rows["est_wear"])
         middle = 0.5 * (wear.low + wear.high)
@@ -100,6 +90,24 @@ def _draw_estimates(axes: Axes, rows: dict[str, Array], per_s: float) -> None:
             linewidth=1.0,
             label="estimated wear",
         )
+        _draw_band(axes, rows, "est_wear", per_s, VERMILLION)
+
+
+def _draw_band(axes: Axes, rows: dict[str, Array], name: str, per_s: float, colour: str) -> None:
+    """Draw the 95 % interval of an estimate where it is known; files of older versions have none of wear."""
+    value_um, u95_um = rows[name], rows[f"{name}_u95"]
+    if len(u95_um) != len(value_um) or not np.isfinite(u95_um).any():
+        return
+    low, high = broken(rows["time"], value_um - u95_um), broken(rows["time"], value_um + u95_um)
+    axes.fill_between(
+        low.time_s / per_s,
+        low.low,
+        high.high,
+        color=colour,
+        alpha=0.25,
+        linewidth=0.0,
+        label="its 95 % band",
+    )
 
 
 def _draw_told(axes: Axes, told: Sequence[ToldDepth], per_s: float, *, sensor: bool) -> None:
