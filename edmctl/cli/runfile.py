@@ -92,7 +92,7 @@ def run_meta(
         run_id=name.run_id,
         parent_run=name.parent,
         parent_time_s=plan.resumed.state.time_s if plan.resumed else 0.0,
-        title=profile.meta.description or profile.meta.name,
+        title=_title(loaded),
         start_time=name.start.isoformat(timespec="milliseconds"),
         command=["edmctl", *sys.argv[1:]],
         host=socket.gethostname(),
@@ -119,6 +119,15 @@ def run_meta(
         tool_material=profile.tool.material,
         tool_diameter_um=profile.tool.diameter_um,
     )
+
+
+def _title(loaded: LoadedProfile) -> str:
+    """The description of the job, where it is its own: one that is inherited or overridden speaks of another job."""
+    meta = loaded.profile.meta
+    described = {"target", "tool", "work", "path", "sites"}
+    changed = {override.partition("=")[0].partition(".")[0].strip() for override in loaded.overrides}
+    is_own = meta.description in loaded.text and not described & changed
+    return meta.description if meta.description and is_own else meta.name
 
 
 def _parents(loaded: LoadedProfile) -> tuple[SourceText, ...]:

@@ -16,6 +16,7 @@ from edmctl.cli.job import truths_of
 from edmctl.cli.true_wear import TrueWear
 from edmctl.console.jsonout import render_json
 from edmctl.procedures.journal import JobState, NoJournal
+from edmctl.record.reader import open_run
 from edmctl.simulator.bench import HoleTruth, VirtualBench
 from tests.cli.commands import CU270, SHALLOW, Said, in_process_of_its_own
 
@@ -288,3 +289,14 @@ def test_a_depth_that_cannot_be_shown_is_told_before_any_spark_and_afterwards(he
     assert "not shown (7)" in here("run", "list").out
     assert "not shown to be right" in here("run", "explain", "runs/unknown.h5").out
     assert "verdict              not shown" in here("run", "show", "runs/unknown.h5").out
+
+
+@pytest.mark.parametrize(
+    ("options", "title"),
+    [((), "Cu 270 µm on Cu, 180 µm deep"), (("--set", "target.depth_um=5"), "cu270-cu")],
+)
+def test_the_title_of_a_run_speaks_of_no_other_job(here: Here, options: tuple[str, ...], title: str) -> None:
+    quick = ("--set", "limits.max_time_s=60", "--seed", "1", "--run-id", "t", "--quiet")
+    here("machine", "--profile", "cu270", *options, *quick)
+    with open_run(Path("runs/t.h5")) as run:
+        assert run.text("/entry/title") == title
