@@ -148,6 +148,7 @@ def _head(run: RunFile) -> RunHead:
     results = run.fields(RESULTS.path, _RESULTS, ("site",))
     touched = {} if len(results) else run.summary() or {}
     labels = labels_of(run) if len(results) else []
+    machining_time_s = float(np.sum(results["machining_time"])) if len(results) else math.nan
     if exit_code and len(results) > 1 and (left := left_site(run)):
         # A mean tells of holes that are finished, where there are some.
         finished = [row["site"] != left.encode()[:32] for row in results]
@@ -180,7 +181,7 @@ def _head(run: RunFile) -> RunHead:
         est_depth_u95_um=estimated.depth_u95_um,
         wear_um=_mean(results["wear"]) if len(results) else plain_number(touched.get("wear_um")),
         wear_u95_um=_mean(results["wear_u95"]) if len(results) else plain_number(touched.get("wear_u95_um")),
-        machining_time_s=float(np.sum(results["machining_time"])) if len(results) else math.nan,
+        machining_time_s=machining_time_s,
         depth_basis=weakest(one.depth_basis for one in labels) or str(touched.get("depth_basis") or ""),
         wear_basis=weakest(one.wear_basis for one in labels) or str(touched.get("wear_basis") or ""),
         verdict=worst(one.verdict for one in labels),
