@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from edmctl.cli.connected_run import Held
     from edmctl.cli.job import Plan
     from edmctl.cli.resume import Resumption
-    from edmctl.record.logbook import Line
+    from edmctl.record.logbook import JobBegun, Line
 
 HOMED_WITHIN_UM = 2.0
 """The side gap of a hole leaves so much room to a tool that comes back into it."""
@@ -96,11 +96,10 @@ def refuse_used_tool(resumption: Resumption, lines: Iterable[Line]) -> None:
     from edmctl.record.logbook import JobBegun, RunEnded, ToolChanged
 
     tool, own, begun = resumption.state.tool, resumption.run_files, False
-    lines = tuple(lines)
-    idle = _idle_runs(lines)
-    for line in lines:
+    lines = tuple(line for line in lines if line.serial == resumption.job.serial)
+    for number, line in enumerate(lines):
         entry = line.entry
-        if line.serial != resumption.job.serial or isinstance(entry, RunEnded):
+        if isinstance(entry, RunEnded):
             continue
         if isinstance(entry, JobBegun) and entry.run_file in own:
             begun = True
@@ -112,17 +111,22 @@ def refuse_used_tool(resumption: Resumption, lines: Iterable[Line]) -> None:
             raise _other_tool(
                 f"{entry.tool} was in the machine since {resumption.job.run_id}, and not {tool}."
             )
-        elif isinstance(entry, JobBegun) and entry.run_file not in idle:
+        elif isinstance(entry, JobBegun) and not _was_idle(entry, lines[number + 1 :]):
             raise _other_tool(f"{tool} has machined {entry.run_file} since {resumption.job.run_id} was left.")
 
 
-def _idle_runs(lines: Iterable[Line]) -> set[str]:
-    """Run files of jobs that came to their end, refused or stopped, before they sparked anywhere."""
+def _was_idle(begun: JobBegun, later: Sequence[Line]) -> bool:
+    """Whether a job came to its end, refused or stopped, before it cut anywhere, by the lines after its begin."""
+    from edmctl.record.logbook import JobBegun as Begun
     from edmctl.record.logbook import RunEnded, SiteMachined
 
-    entries = [line.entry for line in lines]
-    sparked = {entry.run_file for entry in entries if isinstance(entry, SiteMachined)}
-    return {entry.run_file for entry in entries if isinstance(entry, RunEnded)} - sparked
+    for line in later:
+        entry = line.entry
+        if isinstance(entry, Begun | SiteMachined):
+            return False
+        if isinstance(entry, RunEnded):
+            return entry.run_file == begun.run_file
+    return False
 
 
 def _not_homed(resumption: Resumption, held: Held, plan: Plan) -> PreconditionError:

@@ -183,9 +183,15 @@ class _Stops:
         """Keep by estimate what was cut since the last stop, where the channel is left before the next."""
         run, layers = self._run, self._layers
         if self.result is not None and run.ledger.unmeasured_site:
-            depth_um, wear_um = run.ledger.depth_um, layers.wear.um(layers.since_uj)
+            # A short may have pulled the tool back; the floor stays where it is.
+            run.ledger.depth_um = max(run.ledger.depth_um, layers.depth_um, self.result.depth_um)
             left = channel_left(
-                self.result, layers.passes, layers=layers.layers, depth_um=depth_um, wear_um=wear_um
+                self.result,
+                layers.passes,
+                layers=layers.layers,
+                depth_um=run.ledger.depth_um,
+                most_um=max(run.ledger.depth_um, layers.aim_um),
+                wear_um=layers.wear.um(layers.since_uj),
             )
             self._keep(left)
 

@@ -39,7 +39,7 @@ def machine_path(run: Run) -> Decision | None:
         run.ledger.channel = result
 
     result, decision = machine_channel(run, TimeLimits(run), keep)
-    run.ledger.open_site = ""
+    run.ledger.open_site = run.ledger.unmeasured_site = ""
     if result is not None:
         result = judged_channel(goal_of(run.profile, Site(result.name, path.x_um, path.y_um)), result)
         keep(replace(result, finished=True))

@@ -43,8 +43,8 @@ MOST_TO_EVEN = 8
 class Layers:
     """The channel under way: how deep it is planned so far, how the tool wears, which gap a held tool leaves.
 
-    `since_uj` is the wearing energy since the last measuring stop, at `since_s`; `last` the newest pass. `behind`
-    says that the last layer took more passes than it may.
+    `since_uj` is the wearing energy since the last measuring stop, at `since_s`; `last` the newest pass. `aim_um` is
+    how deep the layer under way is meant to be, `behind` says that it took more passes than it may.
     """
 
     def __init__(self, run: Run, limits: TimeLimits, way: Way, face: Face, speed_um_s: float) -> None:
@@ -58,7 +58,7 @@ class Layers:
         self._engaged = False
         self.wear = wear_of(profile)
         self.gap_um = GAP_GROWTH * profile.measure.expected_gap_um
-        self.depth_um = 0.0
+        self.depth_um = self.aim_um = 0.0
         self.since_uj = 0.0
         self.since_s = face.z1.time_s
         self.layers = 0
@@ -81,7 +81,7 @@ class Layers:
         left = self._limits.left()
         if left.seconds <= 0.0:
             return "TIMEOUT", left.limit
-        thickness_um = depth_um - self.depth_um
+        self.aim_um, thickness_um = depth_um, depth_um - self.depth_um
         held = HeldTool(self._face.z1.z_um, self._face.plane, depth_um, self.gap_um)
         self._engage(held)
         profile = self._run.profile

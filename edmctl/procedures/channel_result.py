@@ -148,14 +148,21 @@ def channel_result(
 
 
 def channel_left(
-    measured: ChannelResult, passes: Sequence[PassResult], *, layers: int, depth_um: float, wear_um: float
+    measured: ChannelResult,
+    passes: Sequence[PassResult],
+    *,
+    layers: int,
+    depth_um: float,
+    most_um: float,
+    wear_um: float,
 ) -> ChannelResult:
     """A channel that was cut on to about `depth_um` since it was measured, and then left, by estimate.
 
-    `wear_um` is the wear by the energy of whole passes; since the stop the tool has lost as much per depth as before
-    at least. Whatever was not touched may be wrong by all of it. A pass that was broken off is in no sum.
+    It may be as deep as `most_um` in places. `wear_um` is the wear by the energy of whole passes; since the stop the
+    tool has lost as much per depth as before at least. Whatever was not touched may be wrong by all of it. A pass
+    that was broken off is in no sum.
     """
-    cut_um = depth_um - measured.depth_um
+    cut_um = max(most_um, depth_um) - measured.depth_um
     ratio = measured.wear_um / measured.depth_um if measured.depth_um > 0.0 else 0.0
     worn_um = max(wear_um - measured.wear_um, ratio * cut_um, 0.0)
     counts, time_s, energy_j = _sums(passes)

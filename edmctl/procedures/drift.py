@@ -48,7 +48,7 @@ class Rests:
 
     def __init__(self) -> None:
         self._rests: list[tuple[float, float]] = []
-        self._reached_um = 0.0
+        self._low_um, self._high_um = math.inf, -math.inf
         self.first_um = math.nan
         self.first_s = math.nan
         self.hidden_um = 0.0
@@ -57,10 +57,10 @@ class Rests:
         """Take a rest."""
         self._rests.append((time_s, zero_um))
 
-    def reach(self, displacement_um: float) -> None:
-        """The tool has been driven so far: as much may have crept."""
+    def reach(self, low_um: float, high_um: float) -> None:
+        """The tool has been between these displacements: the longer its way, the more may have crept."""
         if self._rests:
-            self._reached_um = max(self._reached_um, displacement_um)
+            self._low_um, self._high_um = min(self._low_um, low_um), max(self._high_um, high_um)
 
     def home_um(self, zero_um: float) -> float:
         """What the sensor shows of a tool at home, by a rest with that zero."""
@@ -73,7 +73,7 @@ class Rests:
     @property
     def _crept_um(self) -> float:
         """How much lower creep may hold the tool at the newest rest than at the first."""
-        return CREEP_UM + CREEP_SHARE * self._reached_um if self._reached_um else 0.0
+        return CREEP_UM + CREEP_SHARE * max(0.0, self._high_um - self._low_um)
 
     def rate_um_s(self) -> float:
         """Fastest drift that the zeros allow, over the whole job or lately, µm/s; 0 before the second rest."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
@@ -148,7 +149,7 @@ def _record_end(run: Run, error: EdmError) -> None:
         record_left_channel(run)
         if reached is not None:
             depth: Args = {"site": reached.site, "depth_um": reached.depth_estimated_um}
-            if left is not None:
+            if math.isfinite(reached.depth_estimated_u95_um):
                 depth = {**depth, "depth_u95_um": reached.depth_estimated_u95_um}
             run.recorder.event(
                 run.machine.time_s, RunEvent.LEFT_UNMEASURED, EventLevel.WARNING, str(reached), depth

@@ -190,11 +190,12 @@ def estimate_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: CutRes
     energy = energy_of(run.profile.pulse, cut.counts, cut.energy_j)
     live = plan.at(cut.end_displacement_um, energy, now_s)
     worn_um = live.wear_um - plan.start.wear_um
+    depth_u95_um, wear_u95_um = plan.stated_u95_um(live)
     found = DepthAndWear(
         depth_um=live.depth_um,
-        depth_u95_um=COVERAGE * live.depth_u_um,
+        depth_u95_um=depth_u95_um,
         wear_um=live.wear_um,
-        wear_u95_um=plan.wear_u95_um(live),
+        wear_u95_um=wear_u95_um,
         feed_um=live.depth_um + live.wear_um,
         feed_u95_um=COVERAGE * math.hypot(plan.start.u_at(now_s), plan.gap_u_um),
         depth_noise_um=live.depth_u_um,

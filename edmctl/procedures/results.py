@@ -101,9 +101,9 @@ class SiteResult:
 
 @dataclass(frozen=True, slots=True)
 class Reached:
-    """How deep a hole is that was left in the middle of a cut: estimated, not measured. No target is NaN.
+    """How deep a hole or channel is that was left in the middle of a cut: estimated, not measured. No target is NaN.
 
-    `depth_estimated_u95_um` is half its 95 % interval, NaN of a channel.
+    `depth_estimated_u95_um` is half its 95 % interval, NaN of a channel that was not touched before.
     """
 
     site: str

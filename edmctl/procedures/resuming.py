@@ -163,7 +163,7 @@ def _look_at_finished(run: Run, known: Known, pad: SurfaceReading) -> None:
     bottom = _touch(run, "Z2", site, site.name, predicted_um, expected.depth_reach_um)
     found = measured(run, hole, bottom, pad)
     if not expected.depth_fits(found):
-        raise other_work(site, found, expected.estimate, begun=False)
+        raise _refused(run, other_work(site, found, expected.estimate, begun=False))
     run.decide(
         RunEvent.RESUMED,
         f"{site.name}, finished before, is {found.depth_um:.2f} µm deep; {result.depth_um:.2f} µm were expected.",

@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+import signal
+from dataclasses import dataclass, field
 from random import Random
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
+from edmctl.cli.bench import bench_config
+from edmctl.cli.channel_truth import channel_truth
+from edmctl.errors import EdmError
+from edmctl.labels import Basis
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
+from edmctl.machine.stop import StopRequest
 from edmctl.procedures.channel import way_of_path
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.job import job_of
 from edmctl.procedures.machining import run_job
+from edmctl.procedures.results import Ledger, Phase, Progress
 from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Setup
 from edmctl.simulator import BenchConfig, VirtualBench, open_bench
@@ -154,3 +162,40 @@ def test_a_chip_under_any_touch_is_told_and_covered(made: Made, kind: str, name:
     assert doubts(spoilt)
     assert abs(channel.depth_um - np.mean(spoilt.floor_um())) < channel.depth_u95_um
     assert abs(channel.wear_um - spoilt.bench.tool_wear_um) < channel.wear_u95_um
+
+
+@dataclass(slots=True)
+class Shorts(Told):
+    """Closes the contact once the channel was touched, and asks to stop soon after."""
+
+    bench: VirtualBench | None = None
+    ledger: Ledger = field(default_factory=Ledger)
+    request: StopRequest = field(default_factory=StopRequest)
+    since_s: float = math.inf
+
+    def progress(self, p: Progress) -> None:
+        assert self.bench is not None
+        if math.isinf(self.since_s) and self.ledger.channel is not None and p.phase is Phase.MACHINING:
+            self.since_s = p.time_s
+            self.bench.inject(parse_injection("WIRE_SHORT@0"))
+        if p.time_s > self.since_s + 1.5:
+            self.request.request(signal.SIGINT)
+
+
+@pytest.mark.parametrize("seed", [3, 4, 5])
+def test_a_channel_that_is_left_while_the_gap_is_shorted_is_no_shallower_than_it_was_touched(
+    seed: int,
+) -> None:
+    loaded = load_profile(CIRCLE, QUICK)
+    bench = open_bench(bench_config(loaded, Setup()), seed)
+    session, told = Session(bench.transport, Random(1)), Shorts(bench=bench)
+    session.open()
+    machine, job = LinkMachine(session, told.request), job_of(loaded.profile, Setup())
+    with pytest.raises(EdmError):
+        run_job(machine, job, recorder=Seen(), observer=told, ledger=told.ledger)
+    left, truth = told.ledger.channel, channel_truth(loaded.profile, bench, bench.tool_wear_um)
+    assert left is not None
+    assert truth is not None
+    assert left.depth_basis is Basis.ESTIMATED
+    assert left.depth_um > 1.0
+    assert abs(left.depth_um - truth.depth_um) <= left.depth_u95_um

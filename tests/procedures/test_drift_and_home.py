@@ -150,9 +150,10 @@ def test_two_rests_soon_after_each_other_are_no_drift() -> None:
 
 def test_creep_after_a_long_way_may_hide_a_drift_the_other_way() -> None:
     rests = Rests()
-    rests.reach(300.0)  # conditioning, before the first rest
+    rests.reach(-60.0, 300.0)  # conditioning, before the first rest
     rests.note(0.0, 0.0)
-    rests.reach(100.0)
+    rests.reach(-60.0, 0.0)  # of a bench that has drifted for hours
+    rests.reach(0.0, 40.0)
     rests.note(300.0, -0.5)
     crept_um = CREEP_UM + 100.0 * CREEP_SHARE
     assert rests.rate_um_s() == pytest.approx((0.5 + crept_um) / 300.0)
