@@ -221,7 +221,7 @@ def bench_config(loaded: LoadedProfile | None, setup: Setup) -> BenchConfig:
 
 
 def _line(where: Where, setup: Setup, say: Callable[[str], None]) -> Transport:
-    from edmctl.cli.secret_file import secret_of
+    from edmctl.cli.secret_file import asks_for_secret, secret_of
     from edmctl.link.opening import open_selector
 
     link = setup.link
@@ -233,5 +233,5 @@ def _line(where: Where, setup: Setup, say: Callable[[str], None]) -> Transport:
         link.hello_s,
         where.wait_s,
         say,
-        secret_of(link.secret_file) if where.selector.startswith("socket://") else b"",
+        secret_of(link.secret_file) if asks_for_secret(where.selector, *link.candidates) else b"",
     )

@@ -74,6 +74,7 @@ def ports(
 
 def port_rows(setup: "Setup", *, probe: bool) -> list[PortRow]:
     """Look at every port that is listed or named in the setup; with `probe` ask those that may be asked."""
+    from edmctl.cli.secret_file import asks_for_secret, secret_of
     from edmctl.cli.served import served_ports
     from edmctl.link import ports as link_ports
 
@@ -83,7 +84,10 @@ def port_rows(setup: "Setup", *, probe: bool) -> list[PortRow]:
     served = [
         port for port in served_ports() if not any(link_ports.same_port(port.device, k.device) for k in known)
     ]
-    asked = link_ports.probe([*known, *served], link.baud, link.hello_s) if probe else []
+    every_known = [*known, *served]
+    may_ask = probe and asks_for_secret(*(port.device for port in every_known))
+    secret = secret_of(link.secret_file) if may_ask else b""
+    asked = link_ports.probe(every_known, link.baud, link.hello_s, secret) if probe else []
     answers = {answer.port.device: answer for answer in asked}
     devices = {port.device for port in known}
     listed = link_ports.listed_ports()

@@ -123,11 +123,17 @@ def run_meta(
 
 def _title(loaded: LoadedProfile) -> str:
     """The description of the job, where it is its own: one that is inherited or overridden speaks of another job."""
+    import tomllib
+
+    from edmctl.profile.sources import SET_OPTION
+
     meta = loaded.profile.meta
-    described = {"target", "tool", "work", "path", "sites"}
-    changed = {override.partition("=")[0].partition(".")[0].strip() for override in loaded.overrides}
-    is_own = meta.description in loaded.text and not described & changed
-    return meta.description if meta.description and is_own else meta.name
+    changed = {line.partition(" ")[0] for line in loaded.overrides if line.endswith(f", {SET_OPTION})")}
+    own = tomllib.loads(loaded.text).get("meta", {}).get("description")
+    if "meta.description" in changed:
+        return meta.description or meta.name
+    is_another = {key.partition(".")[0] for key in changed} & {"target", "tool", "work", "path", "sites"}
+    return meta.description if meta.description == own and own and not is_another else meta.name
 
 
 def _parents(loaded: LoadedProfile) -> tuple[SourceText, ...]:

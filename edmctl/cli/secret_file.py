@@ -12,10 +12,15 @@ from edmctl.link.gate import LEAST_SECRET
 SECRET_VARIABLE = "EDMCTL_SECRET_FILE"
 
 
+def asks_for_secret(*ports: str) -> bool:
+    """Whether one of the ports may ask for a secret."""
+    return any(port.lower().startswith("socket://") for port in ports)
+
+
 def secret_of(named: str | None) -> bytes:
     """Return the secret in $EDMCTL_SECRET_FILE, else in the file of that name; empty where neither is named."""
     path = os.environ.get(SECRET_VARIABLE) or named
-    return read_secret(Path(path).expanduser()) if path else b""
+    return read_secret(Path(os.path.expanduser(path))) if path else b""  # noqa: PTH111 - knows every user, or none
 
 
 def read_secret(path: Path) -> bytes:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import glob
 import json
 import os
+import socket
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,7 +20,7 @@ if TYPE_CHECKING:
 @contextmanager
 def announced(port: str, serial: str) -> Iterator[None]:
     """Note that a port is served, for a `with` block; where nothing can be written nobody is told."""
-    note = _folder() / f"{os.getpid()}.json"
+    note = _folder() / f"{socket.gethostname()}-{os.getpid()}.json"
     with suppress(OSError):
         note.parent.mkdir(parents=True, exist_ok=True)
         where = port if "://" in port else str(Path(port).absolute())
@@ -36,9 +38,10 @@ def served_ports() -> list[PortInfo]:
     """Return the ports that living processes of this user serve; notes that a killed one has left are removed."""
     found = []
     with suppress(OSError):
-        for note in sorted(_folder().glob("*.json")):
-            told = _read(note)
-            if told is None or not _lives(note.stem):
+        # A home may be that of several computers: what another one serves is neither here nor gone.
+        for note in sorted(_folder().glob(f"{glob.escape(socket.gethostname())}-*.json")):
+            told, number = _read(note), note.stem.rpartition("-")[2]
+            if told is None or not _lives(number):
                 with suppress(OSError):
                     note.unlink()
             else:
@@ -63,7 +66,7 @@ def _read(note: Path) -> tuple[str, str] | None:
 
 
 def _lives(number: str) -> bool:
-    if not number.isdigit():
+    if not (number.isascii() and number.isdigit()):
         return False
     try:
         os.kill(int(number), 0)

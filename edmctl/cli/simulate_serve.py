@@ -1,7 +1,6 @@
 """`edmctl simulate serve`: a virtual controller that other programs reach as they reach a real one."""
 
 import math
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -281,7 +280,7 @@ def _speed(text: str) -> float | None:
 def _place(text: str | None, secret_file: Path | None, *, allow_remote: bool) -> _Place | None:
     """Where to serve a socket, and with which secret; None without one."""
     from edmctl.cli.secret_file import read_secret
-    from edmctl.simulator.socket_endpoint import is_loopback
+    from edmctl.simulator.socket_endpoint import address_of, is_loopback
 
     if text is None:
         if allow_remote or secret_file is not None:
@@ -293,14 +292,14 @@ def _place(text: str | None, secret_file: Path | None, *, allow_remote: bool) ->
         return None
     host, port = _address(text)
     secret = b"" if secret_file is None else read_secret(secret_file)
-    with suppress(OSError):  # a host that does not exist is told when it is served
-        if not is_loopback(host) and not (allow_remote and secret):
-            raise UsageError(
-                f"Other computers would reach {text}: whoever connects drives the machine.",
-                hint="Serve on 127.0.0.1, or say --allow-remote and --secret-file FILE.",
-                code="E2046",
-            )
-    return _Place(host, port, secret)
+    address = address_of(host)  # what is judged is what is served on, whatever the name stands for later
+    if not is_loopback(address) and not (allow_remote and secret):
+        raise UsageError(
+            f"Other computers would reach {text}: whoever connects drives the machine.",
+            hint="Serve on 127.0.0.1, or say --allow-remote and --secret-file FILE.",
+            code="E2046",
+        )
+    return _Place(address, port, secret)
 
 
 def _address(text: str) -> tuple[str, int]:

@@ -29,7 +29,7 @@ LEAST_SECRET = 16
 """Bytes of a secret: a shorter one is guessed from one overheard answer."""
 SILENT_SERVER_S = 0.1
 """So long a client looks whether the server speaks first; one that has a secret waits for the challenge."""
-CHALLENGE_S = 3.0
+CHALLENGE_S = 1.0
 
 
 class GateClosed(LinkLost):
@@ -64,6 +64,8 @@ def pass_gate(name: str, port: Serial, secret: bytes) -> None:
 
     Raises LinkLost: GateBusy E4006, GateClosed E4023 without the right secret.
     """
+    if os.name != "posix":  # a socket is no file there that could be looked at twice
+        return
     with socket.socket(fileno=os.dup(port.fileno())) as line:
         told = _next_line(line, CHALLENGE_S if secret else SILENT_SERVER_S)
         if not told:
@@ -87,7 +89,8 @@ def closed(name: str, words: list[bytes]) -> LinkLost:
             f"{name} asks for a secret.",
             hint="Name the file that holds it: EDMCTL_SECRET_FILE, or link.secret_file in the setup.",
         )
-    return GateClosed(f"{name} refused the secret.", hint="Both ends need the same secret file.")
+    told = "refused the secret" if words[:1] == [REFUSED] else "closed its gate without a word of why"
+    return GateClosed(f"{name} {told}.", hint="Both ends need the same secret file.")
 
 
 def _next_line(line: socket.socket, patience_s: float) -> list[bytes]:

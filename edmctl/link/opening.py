@@ -61,7 +61,7 @@ def open_line(
     while True:
         try:
             port = open_port(url, baud)
-            if url.startswith("socket://"):
+            if url.lower().startswith("socket://"):
                 _pass_gate(url, port, secret)
             return SerialLine(url, port)
         except GateBusy as busy:
@@ -96,7 +96,7 @@ def open_selector(
     told = False
     while True:
         try:
-            url = find(selector, usb_ids, candidates, baud, hello_s)
+            url = find(selector, usb_ids, candidates, baud, hello_s, secret)
             break
         except LinkLost as error:
             if error.code != PortAbsent.default_code or monotonic() >= end_s:

@@ -74,17 +74,26 @@ def same_port(name: str, other: str) -> bool:
     return "://" not in name + other and os.path.realpath(name) == os.path.realpath(other)
 
 
-def probe(ports: Sequence[PortInfo], baud: int, hello_s: float = HELLO_S) -> list[Answer]:
-    """Say hello at each port, all at the same time."""
+def probe(
+    ports: Sequence[PortInfo], baud: int, hello_s: float = HELLO_S, secret: bytes = b""
+) -> list[Answer]:
+    """Say hello at each port, all at the same time; `secret` for sockets that ask for one."""
     from concurrent.futures import ThreadPoolExecutor
 
     if not ports:
         return []
     with ThreadPoolExecutor(len(ports)) as pool:
-        return list(pool.map(lambda port: _ask(port, baud, hello_s), ports))
+        return list(pool.map(lambda port: _ask(port, baud, hello_s, secret), ports))
 
 
-def find(selector: str, usb_ids: Iterable[str], candidates: Iterable[str], baud: int, hello_s: float) -> str:
+def find(
+    selector: str,
+    usb_ids: Iterable[str],
+    candidates: Iterable[str],
+    baud: int,
+    hello_s: float,
+    secret: bytes = b"",
+) -> str:
     """Return the device that `auto` or `serial:ID` means.
 
     Raises LinkLost E4001 where none is found, E4007 where `auto` finds several.
@@ -101,8 +110,8 @@ def find(selector: str, usb_ids: Iterable[str], candidates: Iterable[str], baud:
         on_usb = [port.device for port in listed_ports() if port.usb_serial == wanted]
         if len(on_usb) == 1:
             return on_usb[0]
-        return _by_controller(wanted, probe(probable_ports(usb_ids, candidates), baud, hello_s))
-    answers = probe(probable_ports(usb_ids, candidates), baud, hello_s)
+        return _by_controller(wanted, probe(probable_ports(usb_ids, candidates), baud, hello_s, secret))
+    answers = probe(probable_ports(usb_ids, candidates), baud, hello_s, secret)
     there = [answer for answer in answers if answer.hello]
     if len(there) == 1:
         return there[0].port.device
@@ -138,12 +147,12 @@ def _seen(answers: Sequence[Answer]) -> str:
     )
 
 
-def _ask(port: PortInfo, baud: int, hello_s: float) -> Answer:
+def _ask(port: PortInfo, baud: int, hello_s: float, secret: bytes) -> Answer:
     from edmctl.link.opening import open_line
     from edmctl.link.session import Session
 
     try:
-        session = Session(open_line(port.device, baud))
+        session = Session(open_line(port.device, baud, secret=secret))
         try:
             return Answer(port, session.open(hello_s))
         finally:

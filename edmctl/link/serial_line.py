@@ -46,13 +46,13 @@ def open_port(url: str, baud: int) -> serial.Serial:
         do_not_open=True,
     )
     port.dtr = port.rts = True
-    if url.startswith("socket://"):
+    if url.lower().startswith("socket://"):
         # Opening would throw away what a server has said first.
         port.reset_input_buffer = lambda: None  # type: ignore[method-assign]
     port.open()
     with suppress(*FAILURES, AttributeError, NotImplementedError):
         port.set_low_latency_mode(True)
-    if url.startswith("socket://"):
+    if url.lower().startswith("socket://"):
         # Small frames must not wait for the acknowledgement of the one before.
         with suppress(*FAILURES), socket.socket(fileno=os.dup(port.fileno())) as same:
             same.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

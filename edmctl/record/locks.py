@@ -1,7 +1,8 @@
 """Locks that also hold where the file system knows none: network disks without a lock service answer ENOLCK.
 
-There a lock is a file that only one can make, with host and process of who did. One whose process is gone is taken
-away; of another computer's nobody here can tell, and it stays until it is removed by hand.
+There a lock is a file that only one can make, with computer and process of who did. One whose process is gone is
+taken away; of another computer's, or of one that has restarted since, nobody here can tell, and it stays until it is
+removed by hand.
 """
 
 from __future__ import annotations
@@ -9,40 +10,55 @@ from __future__ import annotations
 import errno
 import os
 import socket
+import tempfile
+import time
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
+
+from edmctl.files import read_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
 
+UNWRITTEN_S = 10.0
+"""A lock that still says nothing after so long was left by whoever was killed, or met a full disk, as it made it."""
 _UNKNOWN = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP)
 
 
 def are_known(folder: Path) -> bool:
-    """Whether the file system of a folder knows locks; a folder that is not there yet is its parent's."""
-    try:
-        import fcntl
-    except ImportError:  # Windows, whose locks HDF5 knows
-        return True
+    """Whether files in a folder, or in its parent until it is there, can be locked; yes where nobody can tell."""
     while not folder.is_dir() and folder != folder.parent:
         folder = folder.parent
-    try:
-        descriptor = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
-    except OSError:
-        return True
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except OSError as error:
-        return error.errno not in _UNKNOWN
-    finally:
-        os.close(descriptor)
+    # Network disks lock folders by themselves: only a file tells.
+    with suppress(OSError), tempfile.NamedTemporaryFile(prefix=".edmctl-", dir=folder) as file:
+        return _takes_lock(file.fileno())
     return True
 
 
 def of_hdf5(path: Path) -> bool | None:
     """What h5py is told of locks for a file at `path`: its own way where there are any, none where there are not."""
-    return None if are_known(path.parent) else False
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | getattr(os, "O_NONBLOCK", 0))
+    except OSError:
+        return None if are_known(path.parent) else False
+    try:
+        return None if _takes_lock(descriptor) else False
+    finally:
+        os.close(descriptor)
+
+
+def _takes_lock(descriptor: int) -> bool:
+    try:
+        import fcntl
+    except ImportError:  # Windows, whose locks HDF5 knows
+        return True
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        fcntl.flock(descriptor, fcntl.LOCK_UN)
+    except OSError as error:
+        return error.errno not in _UNKNOWN
+    return True
 
 
 @contextmanager
@@ -66,50 +82,76 @@ def exclusive(descriptor: int, path: Path) -> Iterator[None]:
 
 @contextmanager
 def _named(path: Path) -> Iterator[None]:
-    me = f"{socket.gethostname()} {os.getpid()}"
-    for _ in range(2):
+    me = _name_of(os.getpid())
+    try:
+        _make(path, me)
+    except FileExistsError:
+        _take_away_left(path)
         try:
             _make(path, me)
-            break
         except FileExistsError:
-            _take_away_left(path)
-    else:
-        raise BlockingIOError(
-            errno.EWOULDBLOCK, f"{path} says that {_told(path) or 'another program'} has it"
-        )
+            raise BlockingIOError(
+                errno.EWOULDBLOCK, f"{path} says that {_told(path) or 'another program'} has it"
+            ) from None
     try:
         yield
     finally:
         with suppress(OSError):
-            path.unlink()
+            if _told(path) == me:
+                path.unlink()
 
 
 def _make(path: Path, text: str) -> None:
     descriptor = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_CLOEXEC, 0o666)
     try:
         os.write(descriptor, text.encode())
+    except OSError:
+        path.unlink(missing_ok=True)
+        raise
     finally:
         os.close(descriptor)
 
 
 def _take_away_left(path: Path) -> None:
-    """Remove a lock of this computer whose process is gone; by another name first, as two may try at once."""
-    told = _told(path)
-    host, _, number = told.rpartition(" ")
-    if host != socket.gethostname() or not number.isdigit() or _lives(int(number)):
-        return
-    aside = path.with_name(f"{path.name}.{os.getpid()}")
+    """Remove a lock whose process is gone. Only one program at a time may, so that none removes a new one."""
+    clearing = path.with_name(f"{path.name}.clearing")
     with suppress(OSError):
-        path.rename(aside)
-        if _told(aside) == told:
-            aside.unlink()
-        else:  # somebody was quicker, and this is a new one
-            aside.rename(path)
+        if _is_old(clearing):
+            clearing.unlink()
+        _make(clearing, _name_of(os.getpid()))
+        try:
+            told = _told(path)
+            if _is_gone(told) if told else _is_old(path):
+                path.unlink()
+        finally:
+            clearing.unlink()
+
+
+def _is_old(path: Path) -> bool:
+    try:
+        return time.time() - path.stat().st_mtime > UNWRITTEN_S
+    except OSError:
+        return False
+
+
+def _name_of(number: int) -> str:
+    """Computer, its present start, the room of its process numbers, number and start of a process."""
+    with suppress(OSError, IndexError):
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+        began = Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[19]
+        return f"{socket.gethostname()} {boot} {Path('/proc/self/ns/pid').readlink()} {number} {began}"
+    return f"{socket.gethostname()} - - {number} -"
+
+
+def _is_gone(told: str) -> bool:
+    """Whether a name of a process is of this computer, and of none that lives."""
+    *where, number, _ = told.split(" ") if told.count(" ") == 4 else ["", "", ""]
+    if where != _name_of(os.getpid()).split(" ")[:3] or not (number.isascii() and number.isdigit()):
+        return False
+    return not _lives(int(number)) or _name_of(int(number)) != told
 
 
 def _told(path: Path) -> str:
-    from edmctl.files import read_bytes
-
     try:
         return read_bytes(path).decode(errors="replace")
     except OSError:

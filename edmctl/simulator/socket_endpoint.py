@@ -55,7 +55,8 @@ class SocketEndpoint:
         self._turned_away = 0
         self._at_gate: list[_AtGate] = []
         try:
-            self._listener = socket.create_server((host, port))
+            family = socket.AF_INET6 if ":" in host else socket.AF_INET
+            self._listener = socket.create_server((host, port), family=family)
         except (OSError, UnicodeError, TypeError) as error:
             reason = getattr(error, "strerror", None) or "no such host"
             raise LinkLost(
@@ -63,7 +64,8 @@ class SocketEndpoint:
             ) from error
         self._listener.setblocking(False)
         address = self._listener.getsockname()
-        self._name = f"socket://{address[0]}:{address[1]}"
+        shown = f"[{address[0]}]" if ":" in address[0] else address[0]
+        self._name = f"socket://{shown}:{address[1]}"
 
     @property
     def name(self) -> str:
@@ -81,18 +83,9 @@ class SocketEndpoint:
 
     def receive(self) -> bytes:
         """Take clients or turn them away; return what the present one has sent."""
+        data = self._received()  # a client that has gone keeps nobody out
         self._accept()
         self._look_at_gate()
-        if self._client is None:
-            return b""
-        try:
-            data = self._client.recv(_MOST_READ)
-        except BlockingIOError:
-            return b""
-        except OSError:
-            data = b""
-        if not data:
-            self._drop_client()
         return data
 
     def transmit(self, data: bytes) -> int:
@@ -119,6 +112,19 @@ class SocketEndpoint:
         self._at_gate.clear()
         self._listener.close()
 
+    def _received(self) -> bytes:
+        if self._client is None:
+            return b""
+        try:
+            data = self._client.recv(_MOST_READ)
+        except BlockingIOError:
+            return b""
+        except OSError:
+            data = b""
+        if not data:
+            self._drop_client()
+        return data
+
     def _accept(self) -> None:
         for _ in range(_MOST_A_TURN):
             try:
@@ -127,9 +133,12 @@ class SocketEndpoint:
                 return
             client.setblocking(False)
             address = f"{host}:{port}"
-            if self._is_busy() or len(self._at_gate) >= MOST_AT_GATE:
+            if self._is_busy():
                 self._turn_away(client, address, gate.BUSY)
             elif self._secret:
+                if len(self._at_gate) >= MOST_AT_GATE:  # the oldest has had the longest time to answer
+                    oldest = self._at_gate.pop(0)
+                    self._turn_away(oldest.client, oldest.address, gate.REFUSED)
                 number = secrets.token_hex(16).encode()
                 _tell(client, gate.line_of(gate.CHALLENGE, number))
                 self._at_gate.append(_AtGate(client, address, number, monotonic()))
@@ -185,10 +194,20 @@ class SocketEndpoint:
             self._client = None
 
 
-def is_loopback(host: str) -> bool:
-    """Whether only this computer reaches a host's address. Raises OSError where there is no such host."""
-    found = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
-    return all(ip_address(address[4][0]).is_loopback for address in found)
+def address_of(host: str) -> str:
+    """Return the address that a host's name stands for now. Raises LinkLost E4021 where there is none."""
+    try:
+        found = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
+        return str(found[0][4][0])
+    except (OSError, UnicodeError, ValueError) as error:
+        raise LinkLost(
+            f"Cannot serve on {host}: no such host.", hint="Take another host.", code="E4021"
+        ) from error
+
+
+def is_loopback(address: str) -> bool:
+    """Whether only this computer reaches an address."""
+    return ip_address(address.partition("%")[0]).is_loopback
 
 
 def _tell(client: socket.socket, line: bytes) -> None:

@@ -293,10 +293,15 @@ def test_a_depth_that_cannot_be_shown_is_told_before_any_spark_and_afterwards(he
 
 @pytest.mark.parametrize(
     ("options", "title"),
-    [((), "Cu 270 µm on Cu, 180 µm deep"), (("--set", "target.depth_um=5"), "cu270-cu")],
+    [
+        (("cu270",), "Cu 270 µm on Cu, 180 µm deep"),
+        (("w252",), "W 252 µm on Cu, 240 µm deep"),
+        (("cu270", "--set", "target.depth_um=5"), "cu270-cu"),
+        (("cu270", "--set", "target.depth_um=5", "--set", 'meta.description="mine"'), "mine"),
+    ],
 )
 def test_the_title_of_a_run_speaks_of_no_other_job(here: Here, options: tuple[str, ...], title: str) -> None:
     quick = ("--set", "limits.max_time_s=60", "--seed", "1", "--run-id", "t", "--quiet")
-    here("machine", "--profile", "cu270", *options, *quick)
+    here("machine", "--profile", *options, *quick)
     with open_run(Path("runs/t.h5")) as run:
         assert run.text("/entry/title") == title

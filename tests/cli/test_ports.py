@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import signal
+import socket
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -181,9 +182,10 @@ def test_what_a_killed_server_has_left_is_forgotten(here: Here, monkeypatch: pyt
     folder = Path("home/served")
     folder.mkdir(parents=True)
     for name, text in (
-        ("999999999.json", '{"port": "/dev/pts/1", "serial": "SIM-1"}'),
-        ("1.json", "nonsense"),
+        (f"{socket.gethostname()}-999999999.json", '{"port": "/dev/pts/1", "serial": "SIM-1"}'),
+        (f"{socket.gethostname()}-1.json", "nonsense"),
+        ("another computer-1.json", '{"port": "/dev/pts/1", "serial": "SIM-1"}'),
     ):
         (folder / name).write_text(text, encoding="utf-8")
     assert ports_of(here("ports", "--json")) == []
-    assert list(folder.iterdir()) == []
+    assert [path.name for path in folder.iterdir()] == ["another computer-1.json"]

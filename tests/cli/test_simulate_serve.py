@@ -198,6 +198,10 @@ def test_a_command_finds_the_secret_in_its_environment_or_setup(
         setup = tmp_path / "setup.toml"
         setup.write_text(f'[link]\nsecret_file = "{secret}"\n', encoding="utf-8")
         assert here("reset", "--port", port, "--setup", str(setup), "--json").exit_code == 0
+        setup.write_text(f'[link]\nsecret_file = "{secret}"\ncandidates = ["{port}"]\n', encoding="utf-8")
+        assert here("reset", "--port", "auto", "--setup", str(setup), "--json").exit_code == 0
+        probed = here("ports", "--probe", "--setup", str(setup), "--json").document["result"]["ports"]
+        assert [row["controller"]["serial"] for row in probed if row["controller"]] == ["SIM-3"]
         monkeypatch.setenv("EDMCTL_SECRET_FILE", str(secret))
         assert here("reset", "--port", port, "--json").exit_code == 0
     finally:

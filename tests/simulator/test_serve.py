@@ -230,10 +230,22 @@ def test_strangers_at_the_gate_are_few_and_do_not_stay(monkeypatch: pytest.Monke
 
 
 def test_only_this_computer_is_loopback() -> None:
-    assert socket_endpoint.is_loopback("127.0.0.1")
-    assert socket_endpoint.is_loopback("localhost")
-    assert not socket_endpoint.is_loopback("0.0.0.0")
+    assert socket_endpoint.is_loopback(socket_endpoint.address_of("localhost"))
+    assert not socket_endpoint.is_loopback(socket_endpoint.address_of("0.0.0.0"))
     assert not socket_endpoint.is_loopback("::")
+    for nobody in ("a..b", ".", "no such host"):
+        with pytest.raises(LinkLost, match="no such host"):
+            socket_endpoint.address_of(nobody)
+
+
+def test_whoever_comes_back_at_once_is_not_kept_out_by_itself() -> None:
+    endpoint = SocketEndpoint("127.0.0.1", 0)
+    with running(Server(open_bench(NEAR, 4), endpoint, None), endpoint):
+        for _ in range(40):
+            with client_of(endpoint) as client:
+                client.sendall(HELLO)
+                (reply,) = replies(lambda client=client: client.recv(4096))  # type: ignore[misc]
+                assert m.HelloReply.unpack(reply.payload).host_nonce == 77
 
 
 def test_a_client_that_does_not_read_loses_whole_frames_and_blocks_nothing() -> None:
