@@ -143,14 +143,24 @@ def _under_the_tool(run: Run) -> _Under | None:
     )
     if away_um <= run.job.spot_distance_um + known_um:
         return _Under(pad_from_home_um(run), left.wear_reach_um, 0.0)
+    slope_um = STANDARD_UNCERTAINTIES * 1e-3 * run.setup.surface.tilt_u_mrad * away_um
     site = next((s for s in run.job.sites if math.dist(here, (s.x_um, s.y_um)) <= known_um), None)
+    if resumed is not None and site is None and _is_on_a_spot(run, here):
+        return _Under(pad_from_home_um(run), left.wear_reach_um + slope_um, slope_um)
     if resumed is None or site is None or site.name in run.ledger.sites:
         return None
-    slope_um = STANDARD_UNCERTAINTIES * 1e-3 * run.setup.surface.tilt_u_mrad * away_um
     depth_um, feed_reach_um = (
         (resumed.depth_um, left.feed_reach_um) if site.name == resumed.site else (0.0, 0.0)
     )
     return _Under(pad_from_home_um(run) + depth_um, feed_reach_um + slope_um, feed_reach_um + slope_um)
+
+
+def _is_on_a_spot(run: Run, here: tuple[float, float]) -> bool:
+    """Whether the tool stands where the face is touched a second time, beside a place and over no hole."""
+    known_um = run.setup.stage.repeatability_um
+    away_um = [math.dist(here, (site.x_um, site.y_um)) for site in run.job.sites]
+    least_um = run.job.spot_distance_um
+    return any(abs(um - least_um) <= known_um for um in away_um) and min(away_um) >= least_um - known_um
 
 
 def _home_by_touch(run: Run, rest_um: float, under: _Under) -> Home:

@@ -27,7 +27,8 @@ from edmctl.procedures.drift import (
     seen_between_jobs_um_s,
     uncertainty_now,
 )
-from edmctl.procedures.home import Home
+from edmctl.procedures.home import Home, _is_on_a_spot
+from edmctl.procedures.job import Site
 from edmctl.procedures.journal import JobState, NoJournal
 from edmctl.procedures.results import Ledger, Phase, site_result_of
 from edmctl.procedures.stages import _is_told, move_to, retract
@@ -515,3 +516,16 @@ def test_a_tool_that_touches_something_at_rest_is_not_moved() -> None:
     with pytest.raises(PreconditionError) as caught:
         move_to(run, run.job.parking)
     assert caught.value.code == "E8021"
+
+
+def test_a_spot_beside_a_place_is_known_face_and_nothing_else_is() -> None:
+    shop = Shop()
+    shop.job = replace(shop.job, sites=(Site("a", 500.0, 0.0), Site("b", 1100.0, 0.0)))
+    beside_um, run = shop.job.spot_distance_um, shop.run()
+    assert _is_on_a_spot(run, (500.0, beside_um))
+    assert _is_on_a_spot(run, (1100.0, -beside_um))
+    assert not _is_on_a_spot(run, (500.0, 0.0))
+    assert not _is_on_a_spot(run, (500.0, 0.5 * beside_um))
+    assert not _is_on_a_spot(run, (-5000.0, 0.0))
+    shop.job = replace(shop.job, sites=(*shop.job.sites, Site("c", 500.0, beside_um + 20.0)))
+    assert not _is_on_a_spot(shop.run(), (500.0, beside_um))
