@@ -55,7 +55,7 @@ def ports(
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> int:
-    """List the serial ports, those that the setup names, and virtual ones.
+    """List serial ports, those of the setup, and virtual ones.
 
     Nothing is opened but with --probe, and then only ports of known USB ids, those that the setup names, and
     those that `edmctl simulate serve` serves.
