@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.link.ports import PortInfo
 from edmctl.profile.calibration_place import data_folder
+from edmctl.record.locks import is_alive
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -41,7 +42,7 @@ def served_ports() -> list[PortInfo]:
         # A home may be that of several computers: what another one serves is neither here nor gone.
         for note in sorted(_folder().glob(f"{glob.escape(socket.gethostname())}-*.json")):
             told, number = _read(note), note.stem.rpartition("-")[2]
-            if told is None or not _lives(number):
+            if told is None or not (number.isascii() and number.isdigit() and is_alive(int(number))):
                 with suppress(OSError):
                     note.unlink()
             else:
@@ -63,15 +64,3 @@ def _read(note: Path) -> tuple[str, str] | None:
         return str(told["port"]), str(told["serial"])
     except (OSError, ValueError, TypeError, KeyError):
         return None
-
-
-def _lives(number: str) -> bool:
-    if not (number.isascii() and number.isdigit()):
-        return False
-    try:
-        os.kill(int(number), 0)
-    except PermissionError:
-        return True
-    except (OSError, OverflowError):
-        return False
-    return True

@@ -148,7 +148,7 @@ def _is_gone(told: str) -> bool:
     *where, number, _ = told.split(" ") if told.count(" ") == 4 else ["", "", ""]
     if where != _name_of(os.getpid()).split(" ")[:3] or not (number.isascii() and number.isdigit()):
         return False
-    return not _lives(int(number)) or _name_of(int(number)) != told
+    return not is_alive(int(number)) or _name_of(int(number)) != told
 
 
 def _told(path: Path) -> str:
@@ -158,7 +158,8 @@ def _told(path: Path) -> str:
         return ""
 
 
-def _lives(number: int) -> bool:
+def is_alive(number: int) -> bool:
+    """Whether this computer has a process of that number."""
     try:
         os.kill(number, 0)
     except PermissionError:
