@@ -165,15 +165,17 @@ def test_a_virtual_controller_that_is_served_is_listed_until_it_ends(
     monkeypatch.setenv("EDMCTL_HOME", "home")
     server = start("simulate", "serve", "--seed", "7", "--link", "edm", cwd=Path.cwd())
     assert server.stderr is not None
-    read_until(server.stderr, "serving SIM-7")
-    (row,) = ports_of(here("ports", "--json"))
-    assert Path(row["device"]).resolve() == Path("edm").resolve()
-    assert "virtual controller SIM-7" in row["description"]
-    assert not row["known"]
-    (probed,) = ports_of(here("ports", "--probe", "--json"))
-    assert probed["controller"]["serial"] == "SIM-7"
-    server.send_signal(signal.SIGINT)
-    server.communicate(timeout=60)
+    try:
+        read_until(server.stderr, "serving SIM-7")
+        (row,) = ports_of(here("ports", "--json"))
+        assert Path(row["device"]).resolve() == Path("edm").resolve()
+        assert "virtual controller SIM-7" in row["description"]
+        assert not row["known"]
+        (probed,) = ports_of(here("ports", "--probe", "--json"))
+        assert probed["controller"]["serial"] == "SIM-7"
+    finally:
+        server.send_signal(signal.SIGINT)
+        server.communicate(timeout=60)
     assert ports_of(here("ports", "--json")) == []
 
 
