@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from edmctl.cli.connected_run import Held
     from edmctl.cli.job import Plan
     from edmctl.cli.resume import Resumption
-    from edmctl.record.logbook import JobBegun, Line
+    from edmctl.record.logbook import Line
 
 HOMED_WITHIN_UM = 2.0
 """The side gap of a hole leaves so much room to a tool that comes back into it."""
@@ -111,21 +111,20 @@ def refuse_used_tool(resumption: Resumption, lines: Iterable[Line]) -> None:
             raise _other_tool(
                 f"{entry.tool} was in the machine since {resumption.job.run_id}, and not {tool}."
             )
-        elif isinstance(entry, JobBegun) and not _was_idle(entry, lines[number + 1 :]):
+        elif isinstance(entry, JobBegun) and not _was_idle(entry.run_file, lines[number + 1 :]):
             raise _other_tool(f"{tool} has machined {entry.run_file} since {resumption.job.run_id} was left.")
 
 
-def _was_idle(begun: JobBegun, later: Sequence[Line]) -> bool:
+def _was_idle(run_file: str, later: Sequence[Line]) -> bool:
     """Whether a job came to its end, refused or stopped, before it cut anywhere, by the lines after its begin."""
-    from edmctl.record.logbook import JobBegun as Begun
-    from edmctl.record.logbook import RunEnded, SiteMachined
+    from edmctl.record.logbook import JobBegun, RunEnded, SiteMachined
 
     for line in later:
         entry = line.entry
-        if isinstance(entry, Begun | SiteMachined):
+        if isinstance(entry, JobBegun | SiteMachined):
             return False
         if isinstance(entry, RunEnded):
-            return entry.run_file == begun.run_file
+            return entry.run_file == run_file
     return False
 
 

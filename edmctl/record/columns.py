@@ -11,12 +11,10 @@ import numpy as np
 from edmctl.actuator.record import Record
 from edmctl.errors import RecordError, RunFileError
 from edmctl.files import RECORD_BYTES, open_regular, read_bytes
-from edmctl.record import disk, layout
+from edmctl.record import disk, layout, locks
 from edmctl.record.delimited import read_delimited
 from edmctl.record.naming import DISPLACEMENT, STACK, TIME, TOOL, VOLTAGE, WANTED, advice, find_columns
 from edmctl.record.reader import open_run
-
-from . import locks
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

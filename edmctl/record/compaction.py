@@ -49,8 +49,7 @@ def compact(
     the place of those of the source. Raises what h5py raises; then there is no `target`.
     """
     try:
-        form = {"libver": ("earliest", "v110"), "locking": locks.of_hdf5(target)}
-        with h5py.File(target, "x", **form) as file:
+        with h5py.File(target, "x", libver=("earliest", "v110"), locking=locks.of_hdf5(target)) as file:
             _Copy(source, file, rows or {}).run()
             for path, value in (values or {}).items():
                 file[path][()] = value

@@ -115,15 +115,10 @@ class SocketEndpoint:
     def _received(self) -> bytes:
         if self._client is None:
             return b""
-        try:
-            data = self._client.recv(_MOST_READ)
-        except BlockingIOError:
-            return b""
-        except OSError:
-            data = b""
-        if not data:
+        data = _said_by(self._client, _MOST_READ)
+        if data == b"":
             self._drop_client()
-        return data
+        return data or b""
 
     def _accept(self) -> None:
         for _ in range(_MOST_A_TURN):
@@ -150,12 +145,7 @@ class SocketEndpoint:
 
     def _look_at_gate(self) -> None:
         for waiting in tuple(self._at_gate):
-            try:
-                more = waiting.client.recv(gate.LONGEST_LINE)
-            except BlockingIOError:
-                more = None
-            except OSError:
-                more = b""
+            more = _said_by(waiting.client, gate.LONGEST_LINE)
             waiting.said += more or b""
             is_over = more == b"" or monotonic() - waiting.since_s > GATE_S
             if b"\n" not in waiting.said and len(waiting.said) < gate.LONGEST_LINE and not is_over:
@@ -208,6 +198,16 @@ def address_of(host: str) -> str:
 def is_loopback(address: str) -> bool:
     """Whether only this computer reaches an address."""
     return ip_address(address.partition("%")[0]).is_loopback
+
+
+def _said_by(client: socket.socket, most: int) -> bytes | None:
+    """What a client has sent: None where nothing has come, b"" where it is gone."""
+    try:
+        return client.recv(most)
+    except BlockingIOError:
+        return None
+    except OSError:
+        return b""
 
 
 def _tell(client: socket.socket, line: bytes) -> None:
