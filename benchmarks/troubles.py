@@ -1,7 +1,8 @@
 """Troubles of the line: `python -m benchmarks.troubles`.
 
 `edmctl machine` over a pty at the pace of a real machine: what it says, and how long after the trouble it has ended.
-Each must be a clear error within 2 s. Exit code 1 where one is not.
+Each must be a clear error within 2 s, and a disk that stands still for 2 s under journal and ledger none. Exit code 1
+where that is not so.
 """
 
 from __future__ import annotations
@@ -25,6 +26,17 @@ if TYPE_CHECKING:
 
 BAR_S = 2.0
 QUICK = ("-p", "cu270", "--set", "target.depth_um=8", "--json", "--quiet")
+SLOW_DISK = """
+import os, time
+sync = os.fsync
+def slow_sync(number):
+    if any(name in os.readlink(f"/proc/self/fd/{number}") for name in ("journal", "ledger")):
+        time.sleep(2.0)
+    sync(number)
+os.fsync = slow_sync
+from edmctl.__main__ import main
+main()
+"""
 AT = b"AT\r\nATZ\r\nAT+CGMI\r\n+++ATH\r\n"
 _ERROR = "error"
 
@@ -82,6 +94,23 @@ def injected(report: Report, home: Path, fault: str, name: str, wanted: int) -> 
     report.line(name, time.monotonic() - begin_s, code, wanted, document, err)
     server.terminate()
     server.communicate()
+
+
+def slow_disk(report: Report, home: Path) -> None:
+    """Machine on a disk that takes 2 s for each sync of journal and ledger (Linux)."""
+    with served(home, "-p", "cu270", "--speed", "1", name="slow") as link:
+        done = subprocess.run(
+            [sys.executable, "-c", SLOW_DISK, "machine", "--port", str(link), *QUICK],
+            cwd=home,
+            env=environment(home),
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+    report.well = report.well and done.returncode == 0
+    told = done.stderr.strip()[-80:] or "no harm"
+    print(f"{'a disk that takes 2 s for a sync':34}          exit {done.returncode}  {told}")
 
 
 def killed_server(report: Report, home: Path) -> None:
@@ -148,6 +177,7 @@ def main() -> int:
         injected(report, home, "POWER_LOSS@arm+1", "controller loses power in mid-job", 4)
         injected(report, home, "SILENCE@arm+1", "frames of the host get lost", 6)
         killed_server(report, home)
+        slow_disk(report, home)
         for says, name in (
             (b"Grbl 1.1h ['$' for help]\r\n", "another device answers"),
             (b"", "nobody answers"),

@@ -13,6 +13,7 @@ from edmctl.cli.runfile import run_meta
 from edmctl.cli.tool_seen import as_found, name_tool
 from edmctl.cli.way_on import on_machine
 from edmctl.errors import Diagnostic, EdmError, RunFileError
+from edmctl.record.disk_thread import DiskThread
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -36,6 +37,7 @@ class Held:
     """What a command has in hand as it goes, and in the end: `run_file` as it is called then, the expected error."""
 
     bench: Bench
+    disk: DiskThread
     choice: Choice | None = None
     run_file: Path | None = None
     error: EdmError | None = None
@@ -46,7 +48,8 @@ class Held:
         Raises RunFileError where one of them cannot be written.
         """
         self.bench.keep_all()
-        logbook.append(self.bench.machine.identity.serial, *entries, bench_s=self.bench.kept_s())
+        serial, bench_s = self.bench.machine.identity.serial, self.bench.kept_s()
+        self.disk.run(logbook.path, lambda: logbook.append(serial, *entries, bench_s=bench_s))
 
 
 def connected_run(
@@ -81,11 +84,14 @@ def connected_run(
 
     try:
         with connected(plan.tool_for(), plan.setup, seed, observer.note, plan.where) as bench:
-            held = Held(bench)
+            disk = DiskThread(bench.machine.attend if bench.machine.is_live else None)
+            held = Held(bench, disk)
             try:
                 _record(plan, observer, name, warn, prepare, summary, held, written)
             except EdmError as expected:
                 held.error = expected
+            finally:
+                disk.close()
     except RunFileError as unkept:
         if held is None:
             raise

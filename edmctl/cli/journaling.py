@@ -82,7 +82,12 @@ class Journaling:
         from edmctl.record.journal import JournalFile, remove_journal
 
         self._file = JournalFile(
-            self.name.journal, self._job(job), self._stages_um, self.truth, self.held.bench.kept_s
+            self.name.journal,
+            self._job(job),
+            self._stages_um,
+            self.truth,
+            self.held.bench.kept_s,
+            self.held.disk,
         )
         tool = job.profile.tool.label
         self.keep(after_pause(job) if resumption else JobState(PHASE_BEFORE, 0.0, tool), urgent=True)

@@ -60,6 +60,8 @@ from edmctl.machine.upload import default_settings, set_generator, upload
 from edmctl.machine.waits import CUT_ENDS, GRACE_S, SLOWEST, Waits, touch_time_s
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from edmctl.link.messages import HelloReply
     from edmctl.link.session import Session
     from edmctl.machine.faults import FaultLatched
@@ -67,6 +69,9 @@ if TYPE_CHECKING:
 
 SELF_TEST_S = 1.0
 """A self-test takes no longer: it averages the gap voltage twice for some tenths of a second."""
+
+ATTEND_S = 0.1
+"""So long at a time the line is read while something else is waited for."""
 
 STANDS_WITHIN = 20.0
 """A stage that nothing has moved tells its place within so many µm (rotary: degrees), however it is measured."""
@@ -320,6 +325,18 @@ class LinkMachine:
         if status.state not in (MachineState.FAULT, MachineState.ESTOP):
             return None
         return latched_error(status.fault, self._waits.settings, self._session.transport.name)
+
+    def attend(self, is_done: Callable[[], bool]) -> bool:
+        """Read the line while something else is waited for, a short while at most: the controller hears its host.
+
+        What comes meanwhile is heard, and raised by the next wait. Only on a live line: virtual time would pass.
+        """
+        return self._session.pump_until(is_done, ATTEND_S)
+
+    @property
+    def is_live(self) -> bool:
+        """Whether the machine's time passes by itself, and not only while the host waits for it."""
+        return self._session.transport.live
 
     def clear_fault(self, code: int) -> None:
         """Clear the latched fault, once the tool has retracted.

@@ -8,7 +8,6 @@ disk likes: h5py, `posix_fallocate` and `fsync` let other threads run while they
 from __future__ import annotations
 
 import contextlib
-import signal
 import threading
 import time
 from collections import deque
@@ -18,6 +17,7 @@ from edmctl.errors import RunFileError
 
 from . import layout
 from .disk import make_lasting
+from .disk_thread import GIVE_UP_S, leave_signals_to_the_main_thread
 from .rows import EventLevel
 from .writer import FLUSH_INTERVAL_S, RunWriter
 
@@ -44,9 +44,6 @@ BACKLOG_BYTES = 64 * 1024 * 1024
 0.15 MB/s here). A network share that is away for a minute costs nothing, and a run of 8 h stays below 300 MB."""
 SYNC_INTERVAL_S = 10.0
 """A power cut loses at most the rows of this time, plus what the disk takes to keep them."""
-GIVE_UP_S = 10.0
-"""A job that ended because its disk hangs waits so long for it in the end."""
-
 LOOK_S = 0.5
 """At the end it is looked so often whether the disk still takes rows."""
 
@@ -56,7 +53,6 @@ one, which is a thousand times as fast, wakes it by this."""
 _VALUE_BYTES = 8
 _ROW_BYTES = 1024
 """Counted for whatever is handed over as a single row."""
-_STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 
 
 class BackgroundWriter:
@@ -240,7 +236,7 @@ class BackgroundWriter:
                 return
 
     def _run(self) -> None:
-        _leave_signals_to_the_main_thread()
+        leave_signals_to_the_main_thread()
         try:
             self._write_until_the_end()
         except BaseException as error:
@@ -286,9 +282,3 @@ class BackgroundWriter:
 def _size(table: layout.Table, rows: int) -> int:
     """Memory of a block: its arrays are of 8 bytes a value at most."""
     return _VALUE_BYTES * len(table.columns) * rows
-
-
-def _leave_signals_to_the_main_thread() -> None:
-    """Python handles them there, and only a signal that arrives there ends its waiting."""
-    if hasattr(signal, "pthread_sigmask"):
-        signal.pthread_sigmask(signal.SIG_BLOCK, _STOPPING)

@@ -142,7 +142,8 @@ def cannot_create(path: Path, why: str) -> RunFileError:
 
 def reason(error: Exception) -> str:
     """Return the operating system's own words out of what h5py raised."""
-    if isinstance(error, OSError) and error.strerror:
+    told_by_hdf5 = "errno = " in str(error)
+    if isinstance(error, OSError) and error.strerror and not told_by_hdf5:
         return error.strerror
     if (number := error_number(error)) is not None:
         return os.strerror(number)

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from edmctl.errors import PreconditionError, RunFileError
 from edmctl.files import read_bytes
+from edmctl.record.disk_thread import DiskThread
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -102,6 +103,7 @@ class JournalFile:
     job : what it is a journal of
     stages_um : asks the machine where its stages stand; only with urgent states, when no cut is going on
     truth : what a virtual bench knows, at every write; clock_s : its time
+    disk : writes it
     """
 
     def __init__(
@@ -111,27 +113,37 @@ class JournalFile:
         stages_um: Callable[[], tuple[float, float]],
         truth: Callable[[], Mapping[str, object] | None] = lambda: None,
         clock_s: Callable[[], float] = lambda: math.nan,
+        disk: DiskThread | None = None,
     ) -> None:
         self.path = path
         self._job = job
         self._stages_um, self._truth, self._clock_s = stages_um, truth, clock_s
+        self._disk = disk or DiskThread()
         self._at_um = (math.nan, math.nan)
         self._kept_s = -math.inf
 
     def keep(self, state: State, *, urgent: bool = False) -> None:
         """Take a state: an urgent one is on the disk when the call returns, others every `PERIOD_S` at most.
 
-        Raises RunFileError E9040 where it cannot be written.
+        Raises RunFileError: E9040 where it cannot be written, E9009 where the disk hangs. Of a state that is not
+        urgent the next call tells.
         """
         if not urgent and state.time_s - self._kept_s < PERIOD_S:
             return
         if urgent:
             self._at_um = self._stages_um()
         x_um, y_um = self._at_um
-        write_journal(
-            self.path,
-            Journal(self._job, state.as_mapping(), time.time(), x_um, y_um, self._truth(), self._clock_s()),
+        journal = Journal(
+            self._job, state.as_mapping(), time.time(), x_um, y_um, self._truth(), self._clock_s()
         )
+
+        def write() -> None:
+            write_journal(self.path, journal)
+
+        if urgent:
+            self._disk.run(self.path, write)
+        elif not self._disk.start(write):
+            return
         self._kept_s = state.time_s
 
     def remove(self) -> None:

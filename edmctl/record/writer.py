@@ -304,7 +304,7 @@ class RunWriter:
                 f"Cannot write {self._partial}: {reason(error)}.",
                 code="E9003",
                 hint=f"Free some space or choose another folder with --out; "
-                f"what was recorded before is in {self._partial}.",
+                f"`edmctl run recover {self._partial}` then saves what was recorded before.",
             )
             raise self._failure from error
 

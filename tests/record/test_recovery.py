@@ -264,12 +264,22 @@ def test_two_recoveries_at_once_do_not_meet(killed: Path, monkeypatch: pytest.Mo
     assert sorted(p.name for p in killed.parent.iterdir()) == ["run.h5", "run.h5.partial"]
 
 
-def test_a_full_disk_is_not_called_damage(killed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+TOLD_BY_HDF5 = (
+    "Can't close file (file write failed: time = now\n, errno = 28, error message = 'No', buf = 0x55e2)"
+)
+
+
+@pytest.mark.parametrize(
+    "error", [OSError(TOLD_BY_HDF5), OSError(28, TOLD_BY_HDF5), RuntimeError(TOLD_BY_HDF5)]
+)
+def test_a_full_disk_is_not_called_damage(
+    killed: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
     def full(*arguments: object) -> None:
-        raise OSError("Can't write data (file write failed: errno = 28, error message = 'No space left')")
+        raise error
 
     monkeypatch.setattr(recovery, "compact", full)
-    with pytest.raises(RunFileError, match="No space left on device") as refusal:
+    with pytest.raises(RunFileError, match=r"run\.h5: No space left on device\.$") as refusal:
         recover(killed)
     assert refusal.value.code == "E9002"
 

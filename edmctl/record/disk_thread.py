@@ -1,0 +1,119 @@
+"""Writes that have to be on the disk before a job goes on, in a thread: meanwhile the line to the machine is read.
+
+Sparks and moves wait until what comes before them is safe, and a disk may stand still for seconds. Meanwhile the
+caller attends to the machine, so that it hears of its host.
+"""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from typing import TYPE_CHECKING
+
+from edmctl.errors import RunFileError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+GIVE_UP_S = 10.0
+"""A disk that has not answered for so long hangs, and the job ends safely."""
+PROMPT_S = 0.05
+"""A write usually takes less, and nothing else is done so long."""
+_STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+
+
+class DiskThread:
+    """Runs one write at a time.
+
+    Parameters
+    ----------
+    attend : keeps a live machine company until its argument holds or some tenths of a second are over. None where
+        the machine's time stands while the host does something else: there writes run in the caller's thread
+    """
+
+    def __init__(self, attend: Callable[[Callable[[], bool]], object] | None = None) -> None:
+        self._attend = attend
+        self._writing: _Write | None = None
+
+    def run(self, path: Path, write: Callable[[], None]) -> None:
+        """Return when `write`, of the file at `path`, has run; what it raises comes out here.
+
+        Raises RunFileError E9009 where the disk hangs.
+        """
+        if self._attend is None:
+            write()
+            return
+        self._wait(path)
+        mine = self._writing = _Write(write)
+        self._wait(path)
+        mine.check()
+
+    def start(self, write: Callable[[], None]) -> bool:
+        """Begin a write that nothing waits for; False where the one before is still under way.
+
+        What that one raised comes out here.
+        """
+        if self._attend is None:
+            write()
+            return True
+        if self._writing is not None:
+            if not self._writing.is_over():
+                return False
+            before, self._writing = self._writing, None
+            before.check()
+        self._writing = _Write(write)
+        return True
+
+    def close(self) -> None:
+        """Wait for a write that is under way; not for ever where the disk hangs. Nobody asks for its outcome."""
+        if self._writing is not None:
+            self._writing.join(GIVE_UP_S)
+
+    def _wait(self, path: Path) -> None:
+        assert self._attend is not None
+        writing, begun_s = self._writing, time.monotonic()
+        if writing is not None:
+            writing.join(PROMPT_S)
+        while writing is not None and not writing.is_over():
+            if time.monotonic() - begun_s > GIVE_UP_S:
+                raise RunFileError(
+                    f"The disk has not answered for {GIVE_UP_S:.0f} s: {path} is not written.",
+                    code="E9009",
+                    hint="Keep run files on a disk that keeps up, with --out.",
+                )
+            self._attend(writing.is_over)
+        self._writing = None
+
+
+class _Write:
+    """A write in a thread of its own, and what it raised."""
+
+    def __init__(self, write: Callable[[], None]) -> None:
+        self._write = write
+        self._failure: BaseException | None = None
+        self._thread = threading.Thread(target=self._run, name="disk", daemon=True)
+        self._thread.start()
+        self.join = self._thread.join
+
+    def is_over(self) -> bool:
+        return not self._thread.is_alive()
+
+    def check(self) -> None:
+        """Raise what it raised."""
+        if self._failure is not None:
+            raise self._failure
+
+    def _run(self) -> None:
+        leave_signals_to_the_main_thread()
+        try:
+            self._write()
+        except BaseException as error:
+            self._failure = error
+
+
+def leave_signals_to_the_main_thread() -> None:
+    """Python handles them there, and only a signal that arrives there ends its waiting."""
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_BLOCK, _STOPPING)

@@ -1,0 +1,109 @@
+"""Writes beside the line: it is attended to while the disk stands still, and the job waits for what it must."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl.errors import RunFileError
+from edmctl.record import disk_thread
+from edmctl.record.disk_thread import DiskThread
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+PATH = Path("a.journal")
+LONG_S = 30.0
+
+
+class Line:
+    """A line to a machine, and a disk that stands still until the line was attended to so many times."""
+
+    def __init__(self) -> None:
+        self.attended, self.frees_at = 0, 5
+        self.free = threading.Event()
+
+    def attend(self, is_done: Callable[[], bool]) -> None:
+        self.attended += 1
+        if self.attended >= self.frees_at:
+            self.free.set()
+
+    def write(self) -> None:
+        assert self.free.wait(LONG_S)
+
+
+@pytest.fixture
+def line(monkeypatch: pytest.MonkeyPatch) -> Iterator[Line]:
+    monkeypatch.setattr(disk_thread, "PROMPT_S", 0.0)
+    line = Line()
+    yield line
+    line.free.set()
+    for thread in threading.enumerate():
+        if thread.name == "disk":
+            thread.join(LONG_S)
+
+
+def test_the_line_is_attended_to_until_the_disk_has_it(line: Line) -> None:
+    disk = DiskThread(line.attend)
+    disk.run(PATH, line.write)
+    assert line.attended >= line.frees_at
+    assert "disk" not in {thread.name for thread in threading.enumerate()}
+
+
+def test_what_nothing_waits_for_is_left_out_while_the_disk_stands(line: Line) -> None:
+    disk, written = DiskThread(line.attend), list[int]()
+    assert disk.start(line.write)
+    assert not disk.start(lambda: written.append(1))
+    line.free.set()
+    disk.close()
+    assert disk.start(lambda: written.append(2))
+    disk.close()
+    assert written == [2]
+
+
+def test_writes_keep_their_order(line: Line) -> None:
+    disk, written = DiskThread(line.attend), list[int]()
+
+    def slowly() -> None:
+        line.write()
+        written.append(1)
+
+    disk.start(slowly)
+    disk.run(PATH, lambda: written.append(2))
+    assert written == [1, 2]
+
+
+def refused() -> None:
+    raise OSError(28, "No space left on device")
+
+
+def test_what_a_write_raises_comes_out(line: Line) -> None:
+    disk = DiskThread(line.attend)
+    with pytest.raises(OSError, match="No space left"):
+        disk.run(PATH, refused)
+    assert disk.start(refused)
+    disk.close()
+    with pytest.raises(OSError, match="No space left"):
+        disk.start(lambda: None)
+    assert disk.start(lambda: None)
+
+
+def test_a_disk_that_hangs_ends_the_job(line: Line, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(disk_thread, "GIVE_UP_S", 0.05)
+    line.frees_at = 10**12
+    disk = DiskThread(line.attend)
+    with pytest.raises(RunFileError, match=r"a\.journal is not written") as hung:
+        disk.run(PATH, line.write)
+    assert hung.value.code == "E9009"
+    disk.close()
+
+
+def test_where_time_stands_still_nothing_runs_beside(line: Line) -> None:
+    ran_in = list[int]()
+    disk = DiskThread()
+    disk.run(PATH, lambda: ran_in.append(threading.get_ident()))
+    assert disk.start(lambda: ran_in.append(threading.get_ident()))
+    assert ran_in == [threading.get_ident()] * 2
