@@ -1,8 +1,8 @@
 """Troubles of the line: `python -m benchmarks.troubles`.
 
 `edmctl machine` over a pty at the pace of a real machine: what it says, and how long after the trouble it has ended.
-Each must be a clear error within 2 s, and a disk that stands still for 2 s under journal and ledger none. Exit code 1
-where that is not so.
+Each must be a clear error within 2 s, and a disk that stands still for 2 s under journal and ledger none.
+Exit code 1 where that is not so.
 """
 
 from __future__ import annotations
