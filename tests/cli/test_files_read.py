@@ -28,6 +28,8 @@ READERS = {
     "waveform": ("simulate", "actuator", "csv", "--from", "FILE"),
     "model": ("simulate", "actuator", "sine", "--calibration", "FILE"),
     "served": ("simulate", "serve", "--bench", "FILE", "--for", "0"),
+    "served secret": ("simulate", "serve", "--socket", ":0", "--secret-file", "FILE", "--for", "0"),
+    "secret": ("doctor", "--port", "socket://localhost:9", "--setup", "secret.toml"),
     "doctor": ("doctor", "--setup", "FILE"),
     "run show": ("run", "show", "FILE"),
     "run follow": ("run", "show", "FILE", "--follow"),
@@ -57,21 +59,27 @@ def made(kind: str) -> str:
     return name
 
 
+def name_in_files(name: str) -> None:
+    """Write the files that name another one."""
+    for file, text in {
+        "child.toml": f'extends = "{name}"\n',
+        "array.toml": f'extends = "cu270"\n[[sites]]\nkind = "file"\npath = "{name}"\n',
+        "secret.toml": f'[link]\nsecret_file = "{name}"\n',
+    }.items():
+        Path(file).write_text(text, encoding="utf-8")
+
+
+def is_refused(reader: str, kind: str) -> bool:
+    """Whether that cannot be used: a bench that is not there is made."""
+    return not (kind == "vanished" and reader in {"bench", "served"})
+
+
 @pytest.mark.parametrize(
-    ("reader", "kind"),
-    [
-        (reader, kind)
-        for reader in READERS
-        for kind in KINDS
-        if not (kind == "vanished" and reader in {"bench", "served"})  # there it becomes a new one
-    ],
+    ("reader", "kind"), [(reader, kind) for reader in READERS for kind in KINDS if is_refused(reader, kind)]
 )
 def test_what_is_no_file_is_refused(here: Here, reader: str, kind: str) -> None:
     name = made(kind)
-    Path("child.toml").write_text(f'extends = "{name}"\n', encoding="utf-8")
-    Path("array.toml").write_text(
-        f'extends = "cu270"\n[[sites]]\nkind = "file"\npath = "{name}"\n', encoding="utf-8"
-    )
+    name_in_files(name)
     before = {path: path.lstat().st_size for path in Path().iterdir()}
     said = here(*(argument.replace("FILE", name) for argument in READERS[reader]))
     assert said.exit_code in {2, 3, 8, 9}, (said.out, said.err)
