@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 
     from edmctl.machine.stop import StopRequest
 
-_SHOW_CURSOR = "\r\n\x1b[?25h"
+_SHOW_CURSOR = "\r\x1b[K\x1b[?25h"
+"""In the place of the line that the terminal has written ^C into."""
 _STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 
 

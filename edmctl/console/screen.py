@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 HIDE_CURSOR, SHOW_CURSOR = "\x1b[?25l", "\x1b[?25h"
 _BEGIN, _END = "\x1b[?2026h", "\x1b[?2026l"
 """Terminals that know it show everything between these at once; the others skip it."""
-_TO_LINE_END, _TO_SCREEN_END = "\x1b[K", "\x1b[J"
+_TO_LINE_END, _LINE, _TO_SCREEN_END = "\x1b[K", "\x1b[2K", "\x1b[J"
 _USUAL = (80, 24)
 
 
@@ -45,10 +45,8 @@ class Screen:
     def show(self, lines: Sequence[tuple[str, int]], width: int) -> None:
         """Draw `lines`, each with the cells it takes, in the place of those before. `width` is the terminal's."""
         hide = "" if self._lines else HIDE_CURSOR
-        back = self._back(width)
-        if self._lines and width != self._width:
-            # What the terminal has wrapped stays joined in its memory until it is erased.
-            back += _TO_SCREEN_END
+        # What the terminal has wrapped stays joined in its memory until it is erased.
+        back = self._back(width) if width == self._width else self._erased(width)
         self._lines, self._cells = [text for text, _ in lines], [cells for _, cells in lines]
         self._width = width
         self._write(f"{_BEGIN}{hide}{back}{self._block()}{_END}")
@@ -58,19 +56,30 @@ class Screen:
         if not self._lines:
             self._write(f"{text}\n")
             return
-        back = self._back(self.size()[0])
-        self._write(f"{_BEGIN}{back}{_TO_SCREEN_END}{text}\n{self._block()}{_END}")
+        self._write(f"{_BEGIN}{self._erased(self.size()[0])}{text}\n{self._block()}{_END}")
 
     def close(self) -> None:
         """Take the block away, and give the cursor back."""
         if self._lines:
-            self._write(f"{self._back(self.size()[0])}{_TO_SCREEN_END}{SHOW_CURSOR}")
+            self._write(f"{self._erased(self.size()[0])}{SHOW_CURSOR}")
             self._lines, self._cells = [], []
 
     def _back(self, width: int) -> str:
-        """Go to the begin of the block. A terminal that became narrower has wrapped its lines."""
-        rows = sum(max(1, -(-cells // width)) for cells in self._cells[:-1])
-        return f"\r\x1b[{rows}A" if rows else "\r"
+        """Go to the begin of the block."""
+        return _up(self._rows(self._cells[:-1], width))
+
+    def _erased(self, width: int) -> str:
+        """Go to the begin of the block and erase it.
+
+        Line by line: tmux keeps a screen that is erased as a whole, and the block would stand above itself.
+        """
+        rows = self._rows(self._cells, width)
+        return self._back(width) + f"{_LINE}\x1b[B" * (rows - 1) + _LINE + _up(rows - 1) if rows else "\r"
+
+    @staticmethod
+    def _rows(cells: Sequence[int], width: int) -> int:
+        """Rows that lines take on a terminal, which wraps them where it became narrower."""
+        return sum(max(1, -(-count // width)) for count in cells)
 
     def _block(self) -> str:
         return f"{_TO_LINE_END}\n".join(self._lines) + f"{_TO_SCREEN_END}\r"
@@ -79,3 +88,7 @@ class Screen:
         with suppress(OSError, ValueError):
             self._stream.write(text)
             self._stream.flush()
+
+
+def _up(rows: int) -> str:
+    return f"\r\x1b[{rows}A" if rows > 0 else "\r"

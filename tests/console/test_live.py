@@ -172,6 +172,12 @@ def test_a_closed_terminal_does_not_stop_the_job() -> None:
     reporter.close()
 
 
+def erased(rows: int) -> str:
+    """What goes to the begin of a block of so many rows, and blanks them one by one."""
+    up = f"\r\x1b[{rows - 1}A"
+    return up + "\x1b[2K\x1b[B" * (rows - 1) + "\x1b[2K" + up
+
+
 def test_the_picture_vanishes_notes_stay_and_the_cursor_is_back() -> None:
     out = io.StringIO()
     reporter = LiveReporter(out, PLAIN_VIEW, clock=lambda: 0.0)
@@ -180,8 +186,8 @@ def test_the_picture_vanishes_notes_stay_and_the_cursor_is_back() -> None:
     reporter.close()
     text = out.getvalue()
     assert text.startswith("\x1b[?2026h\x1b[?25l")
-    assert "\x1b[JZ1 done\n" in text
-    assert text.endswith("\x1b[J\x1b[?25h\n")
+    assert f"{erased(6)}Z1 done\n" in text
+    assert text.endswith(f"{erased(6)}\x1b[?25h\n")
 
 
 def test_every_picture_is_one_write_that_blanks_nothing() -> None:
@@ -217,9 +223,10 @@ def test_a_narrower_terminal_is_cleared_of_what_it_wrapped(monkeypatch: pytest.M
     rows = [len(re.sub(r"\x1b\[[?0-9;]*[a-zA-Z]", "", line)) for line in first.split("\n")]
     width, clock.now_s = 40, 0.1
     reporter.progress(FULL)
-    wrapped = sum(max(1, math.ceil(cells / 40)) for cells in rows[:-1])
+    wrapped = sum(max(1, math.ceil(cells / 40)) for cells in rows)
     assert wrapped > len(rows)
-    assert f"\r\x1b[{wrapped}A\x1b[J" in out.parts[1]
+    assert f"\r\x1b[{wrapped - math.ceil(rows[-1] / 40)}A\x1b[2K" in out.parts[1]
+    assert f"\x1b[2K\r\x1b[{wrapped - 1}A" in out.parts[1]
 
 
 def test_runs_are_counted_in_a_bar() -> None:
