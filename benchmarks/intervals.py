@@ -75,7 +75,8 @@ class Case:
     `places_um` are x and y of the holes of every job, all at once or, with `one_by_one`, a job each. `theta` and
     `removal` are the plant's wear and removal over what the recipe believes; `drift` is in standard deviations of
     the drawn machines. `injections` go wrong in the first job. A job that ends early, by them or by a request at
-    `stop_s`, is taken up again after `between_s` where it is `resumed`.
+    `stop_s`, is taken up again after `between_s` where it is `resumed`. From `change_s` on the tool wears `change`
+    times as much.
     """
 
     profile: str
@@ -91,6 +92,8 @@ class Case:
     sensor: bool = True
     stop_s: float = math.inf
     resumed: bool = False
+    change_s: float = math.inf
+    change: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -149,13 +152,18 @@ class Kept:
     """A journal that keeps the newest state as its file would, and how far below the face the tip went at a site."""
 
     bench: VirtualBench
+    case: Case
     state: Mapping[str, object] = field(default_factory=dict)
     tips_um: dict[str, float] = field(default_factory=dict)
     _face_um: dict[str, float] = field(default_factory=dict)
+    _changed: bool = False
 
     def keep(self, state: JobState, *, urgent: bool = False) -> None:
         """Take a state; a cut begins over work that is still there, and ends with the tool held."""
         self.state = json.loads(json.dumps(state.as_mapping()))
+        if state.time_s >= self.case.change_s and not self._changed:
+            self._changed = True
+            self.bench.plant.par[k.THETA] *= self.case.change
         st = self.bench.plant.st
         if state.phase == "machining":
             self._face_um.setdefault(state.site, st[k.SURFACE])
@@ -181,7 +189,7 @@ def perform(case: Case) -> Outcome:
         job = replace(job_of(_on(loaded, pad_um), setup, calibration=calibration), sites=sites)
         if number > 0:
             job = with_home(job, Books(homes=homes), Now(bench.transport.now_s()))
-        observer, wear = StopsAt(case.stop_s), TrueWear(bench, Kept(bench))
+        observer, wear = StopsAt(case.stop_s), TrueWear(bench, Kept(bench, case))
         ledger, end = _job(bench, job, observer, wear, outcome)
         if case.resumed and end not in JUDGED:
             ledger, end = _taken_up(bench, job, ledger, wear, outcome, case.between_s)
@@ -402,6 +410,13 @@ def _faulted(random: Random, seed: int) -> Case:
     return Case("array-3x3", seed, (_depth(20.0),), _grid(3, 2), injections=(when,))
 
 
+def _changing(random: Random, seed: int) -> Case:
+    """A tool that wears otherwise from somewhere in an array on, while few holes are touched."""
+    change_s, change = random.uniform(150.0, 500.0), math.exp(random.uniform(math.log(0.5), math.log(2.0)))
+    depth = _depth(20.0, random.choice((2.0, 5.0, 15.0)))
+    return Case("array-3x3", seed, (depth,), _grid(3, 3), change_s=change_s, change=change)
+
+
 def _interrupted(random: Random, seed: int) -> Case:
     """Holes that are left by a person or a fault, and taken up again minutes or hours later."""
     fault = random.choice(("", "ESTOP", "WIRE_SHORT", "SILENCE"))
@@ -427,6 +442,7 @@ def _channel_left(random: Random, seed: int) -> Case:
         case,
         injections=(f"{fault}@{when_s:.0f}",) if fault else (),
         stop_s=math.inf if fault else when_s,
+        drift=random.uniform(-WORST_OF_200, WORST_OF_200),
     )
 
 
@@ -455,6 +471,7 @@ CLASSES: dict[str, Callable[[Random, int], Case]] = {
     "drift-alone": _drifting("cu270", 180.0),
     "drift-channel": _drifting("channel-circle", 20.0),
     "drift-wear-array": _drifting_array,
+    "wear-changes": _changing,
     "faulted": _faulted,
     "interrupted": _interrupted,
     "channel-beliefs": _beliefs("channel-circle"),

@@ -46,6 +46,20 @@ _MEANINGS = {
 }
 
 
+_OPEN = {Basis.MODEL: "by the actuator's model", Basis.ESTIMATED: "not touched"}
+
+
+def is_open(basis: str) -> bool:
+    """Whether a mark in a figure is drawn open: the value was not touched with a sensor. Old files do not say."""
+    return basis in _OPEN
+
+
+def open_marks(bases: Iterable[str]) -> str:
+    """Return what open marks of these bases mean; empty where there are none."""
+    words = " or ".join(text for basis, text in reversed(_OPEN.items()) if basis in set(bases))
+    return f"open: {words}" if words else ""
+
+
 def weakest(bases: Iterable[str]) -> str:
     """Return the basis of a mean: that of its weakest part; empty without any."""
     return _last(Basis, bases)

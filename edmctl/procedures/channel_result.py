@@ -159,12 +159,14 @@ def channel_left(
     """A channel that was cut on to about `depth_um` since it was measured, and then left, by estimate.
 
     It may be as deep as `most_um` in places. `wear_um` is the wear by the energy of whole passes; since the stop the
-    tool has lost as much per depth as before at least. Whatever was not touched may be wrong by all of it. A pass
-    that was broken off is in no sum.
+    tool has lost as much per depth as before at least. Whatever was not touched may be wrong by all of it, and by as
+    much per depth as the stop was wrong; a tool does not lose more than it cuts. A pass that was broken off is in no
+    sum.
     """
     cut_um = max(most_um, depth_um) - measured.depth_um
-    ratio = measured.wear_um / measured.depth_um if measured.depth_um > 0.0 else 0.0
-    worn_um = max(wear_um - measured.wear_um, ratio * cut_um, 0.0)
+    per_um = 1.0 / measured.depth_um if measured.depth_um > 0.0 else 0.0
+    worn_um = max(wear_um - measured.wear_um, measured.wear_um * per_um * cut_um, 0.0)
+    missed_um = cut_um * min(measured.wear_u95_um * per_um, 1.0) if per_um else cut_um
     counts, time_s, energy_j = _sums(passes)
     return replace(
         measured,
@@ -174,7 +176,7 @@ def channel_left(
         depth_u95_um=math.hypot(measured.depth_u95_um, cut_um),
         floor_sd_um=math.nan,
         wear_um=measured.wear_um + worn_um,
-        wear_u95_um=math.hypot(measured.wear_u95_um, worn_um),
+        wear_u95_um=math.hypot(measured.wear_u95_um + missed_um, worn_um),
         feed_um=depth_um + measured.wear_um + worn_um,
         z3_um=math.nan,
         machining_time_s=time_s,

@@ -65,6 +65,7 @@ def settle_unmeasured(
         _correct(run, cut, own_um, shorter_um, now)
         shorter_um += own_um
     hole.z1 = hole.z1.shifted(pad.z_um - found[-1].wear_um - hole.z1.z_um)
+    hole.z1_u_um = max(hole.z1_u_um, found[-1].wear_u_um)
     known.unmeasured.clear()
     return found[-1]
 

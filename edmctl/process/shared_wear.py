@@ -24,6 +24,11 @@ if TYPE_CHECKING:
 CONTRADICTION_SDS = 2.0
 """A touch further from the expectation than this makes the expectation as uncertain as it was wrong."""
 
+MOST_ALONE = 8
+"""Of more holes than these it is unlikely that just one has changed."""
+LEAST_WEAR_UM = 1e-3
+"""Even a hole that is expected to have worn nothing may have."""
+
 
 @dataclass(frozen=True, slots=True)
 class WearShare:
@@ -67,7 +72,10 @@ def share_wear(
     `drift_u_um_per_s` that of a steady drift of what measures.
 
     The wears and the rate of drift are normal with zero mean about their expectation. Where the touch lies beyond
-    `CONTRADICTION_SDS` of what it was expected to be, their covariance is widened to that ratio before.
+    `CONTRADICTION_SDS` of what it was expected to be, their covariance is widened to that ratio before. And what
+    touches, drift and single holes do not explain may be of all holes, of the last ones or of one: a tool may wear
+    otherwise at any time. So half of it is added to what each hole does for itself (`MOST_ALONE` holes at most), and
+    all of it may be that of one.
     """
     count = len(shares)
     common = np.array([share.common_u_um for share in shares])
@@ -78,7 +86,12 @@ def share_wear(
     error_um = found_um - math.fsum(share.wear_um for share in shares)
     expected = float(seen @ prior @ seen)
     allowed_um = CONTRADICTION_SDS * math.hypot(math.sqrt(expected), touch_u_um)
-    prior *= max(1.0, (error_um / allowed_um) ** 2)
+    widening = max(1.0, (error_um / allowed_um) ** 2)
+    prior *= widening
+    own = widening * math.fsum(share.own_u_um**2 for share in shares)
+    unexplained = max(0.0, error_um**2 - own - prior[count, count] * after_s**2 - touch_u_um**2)
+    squares = np.array([max(share.wear_um, LEAST_WEAR_UM) ** 2 for share in shares])
+    prior[np.diag_indices(count)] += 0.25 * unexplained * min(count, MOST_ALONE) * squares / squares.sum()
     gain = prior @ seen / (float(seen @ prior @ seen) + touch_u_um**2)
     mean, covariance = gain * error_um, prior - np.outer(gain, seen @ prior)
     found = []

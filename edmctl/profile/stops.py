@@ -162,7 +162,9 @@ class _Plan:
         while True:
             measured = cut.measured or touches_final or (is_last and not cuts)
             depth_u_um, worn_u_um = self._found_u_um(depth_um + cut.depth_um, face_u_um)
-            known_u_um = depth_u_um if measured else cut.depth_u_um
+            # A later touch of the pad corrects what was not measured, by its own uncertainty.
+            settled_u_um = math.hypot(start_u_um, gap_u_um, READING_U_UM) if cuts else 0.0
+            known_u_um = depth_u_um if measured else max(cut.depth_u_um, settled_u_um)
             cuts.append(Cut(cut.feed_um, measured, COVERAGE * known_u_um))
             self._since_s += cut.feed_um / feed_rate_um_s(self._profile, one.depth_um)
             if not measured:

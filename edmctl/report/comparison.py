@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.labels import Basis
+from edmctl.labels import is_open, open_marks
 from edmctl.report.envelopes import envelopes
 from edmctl.report.numbers import numbers_of, target_depths_um
 from edmctl.report.style import (
@@ -103,7 +103,8 @@ def _depth_line(run: RunFile) -> tuple[Array, Array]:
 
 
 def _results(axes: Axes, names: Sequence[str], numbers: Sequence[RunNumbers], quantity: str) -> None:
-    """One point a run with its 95 % interval, open where it was not touched."""
+    """One point a run with its 95 % interval, open where it was not touched with a sensor."""
+    bases = [of_run.basis(quantity) for of_run in numbers]
     for number, of_run in enumerate(numbers):
         axes.errorbar(
             number,
@@ -111,16 +112,13 @@ def _results(axes: Axes, names: Sequence[str], numbers: Sequence[RunNumbers], qu
             yerr=of_run.mean(f"{quantity}_u95_um"),
             fmt="o",
             color=_COLOURS[number % len(_COLOURS)],
-            markerfacecolor="white"
-            if of_run.basis(quantity) == Basis.ESTIMATED
-            else _COLOURS[number % len(_COLOURS)],
+            markerfacecolor="white" if is_open(bases[number]) else _COLOURS[number % len(_COLOURS)],
             markersize=3.5,
             capsize=2.5,
             elinewidth=LINE,
             capthick=LINE,
         )
-    if any(of_run.basis(quantity) == Basis.ESTIMATED for of_run in numbers):
-        axes.set_title("open: not touched", loc="right", pad=3.0)
+    axes.set_title(open_marks(bases), loc="right", pad=3.0)
     axes.set_xticks(range(len(names)), names)
     axes.set_xlim(-0.6, len(names) - 0.4)
     axes.margins(y=0.15)

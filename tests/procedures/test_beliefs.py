@@ -13,6 +13,7 @@ from edmctl.cli.true_wear import TrueWear
 from edmctl.procedures.job import Site
 from edmctl.procedures.journal import NoJournal
 from edmctl.procedures.results import ObjectiveMissed
+from edmctl.simulator import kernel as k
 
 from .conftest import Told
 
@@ -61,6 +62,39 @@ def test_a_belief_that_is_wrong_costs_no_truth(
         held.append(abs(site.depth_um - hole.depth_um) <= site.depth_u95_um)
         held.append(abs(site.wear_um - wear.of_site(site.name)) <= site.wear_u95_um)
     assert held.count(False) <= round((1.0 - LEAST_HELD) * len(held))
+
+
+@dataclass(slots=True)
+class Changing(Told):
+    """Lets the tool wear otherwise from the hole of that number on."""
+
+    bench: VirtualBench | None = None
+    hole: str = ""
+    change: float = 1.0
+
+    def progress(self, p: Progress) -> None:
+        assert self.bench is not None
+        if p.site == self.hole and self.change != 1.0:
+            self.bench.plant.par[k.THETA] *= self.change
+            self.change = 1.0
+
+
+@pytest.mark.parametrize("change", [0.5, 2.0])
+@pytest.mark.parametrize("hole", ["hole-3", "hole-5", "hole-7"])
+def test_a_tool_that_wears_otherwise_from_some_hole_on_is_held(
+    shop: Callable[..., Shop], hole: str, change: float
+) -> None:
+    s = shop(('target={kind="depth",depth_um=20.0,tolerance_um=15.0}',), SEED)
+    s.job = replace(s.job, sites=tuple(Site(f"hole-{i + 1}", 500.0 + 400.0 * i, 0.0) for i in range(7)))
+    s.told = told = Changing(bench=s.bench, hole=hole, change=change)
+    wear = TrueWear(s.bench, NoJournal())
+    with suppress(ObjectiveMissed):
+        s.run_job(journal=wear)
+    assert told.change == 1.0
+    for site in s.ledger.sites.values():
+        (true,) = (one for one in s.bench.truth() if abs(one.x_um - site.x_um) < 8.0)
+        assert abs(site.depth_um - true.depth_um) <= 1.1 * site.depth_u95_um, site
+        assert abs(site.wear_um - wear.of_site(site.name)) <= 1.1 * site.wear_u95_um, site
 
 
 @dataclass(slots=True)

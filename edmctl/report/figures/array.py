@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.labels import Basis, marked
+from edmctl.labels import Basis, is_open, marked, open_marks
 from edmctl.report.numbers import numbers_of
 from edmctl.report.style import (
     BLACK,
@@ -35,6 +35,10 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+_MARKS = {
+    Basis.MODEL: marked(" by model", Basis.MODEL),
+    Basis.ESTIMATED: marked(" not touched", Basis.ESTIMATED),
+}
 LABELLED = 36
 """So many holes have room for their numbers."""
 MOST_TICKS = 16
@@ -60,10 +64,8 @@ class _Holes:
     tolerance_um: float
     against: str
     """What the error is against, in words."""
-    touched: NDArray[np.bool_]
-    """Where bottom and pad were touched after the last cut."""
-    wear_touched: NDArray[np.bool_]
-    """Where the pad was touched before the hole, too."""
+    depth_basis: list[str]
+    wear_basis: list[str]
 
 
 def draw(run: RunFile) -> Figure:
@@ -112,8 +114,8 @@ def _holes(run: RunFile) -> _Holes:
         wear_u95_um=np.nan_to_num([site.wear_u95_um for site in sites]),
         tolerance_um=tolerance_um,
         against=against,
-        touched=np.array([site.depth_basis != Basis.ESTIMATED for site in sites], np.bool_),
-        wear_touched=np.array([site.wear_basis != Basis.ESTIMATED for site in sites], np.bool_),
+        depth_basis=[site.depth_basis for site in sites],
+        wear_basis=[site.wear_basis for site in sites],
     )
 
 
@@ -145,8 +147,8 @@ def _draw_map(figure: Figure, axes: Axes, holes: _Holes) -> None:
     axes.locator_params(nbins=6)
     axes.set_xlabel("x (µm)")
     axes.set_ylabel("y (µm)")
-    untouched = "" if holes.touched.all() else "~ not touched; "
-    axes.set_title(f"{untouched}discs mark places, not sizes", loc="right", pad=3.0)
+    marks = [text for basis, text in _MARKS.items() if basis in holes.depth_basis]
+    axes.set_title("; ".join([*marks, "discs mark places, not sizes"]), loc="right", pad=3.0)
     bar = figure.colorbar(dots, cax=axes.inset_axes((1.03, 0.0, 0.045, 1.0)))
     bar.set_label(f"depth − {holes.against.partition(' ')[0]} (µm)")
     bar.outline.set_linewidth(0.6)
@@ -165,7 +167,7 @@ def _discs(axes: Axes, holes: _Holes, radius_um: float) -> PatchCollection:
 def _label(axes: Axes, holes: _Holes, number: int, span_um: float, count: int) -> Text:
     error_um = holes.error_um[number]
     dark = abs(error_um) > 0.6 * span_um
-    error = marked(signed(error_um), "" if holes.touched[number] else Basis.ESTIMATED)
+    error = marked(signed(error_um), holes.depth_basis[number])
     return axes.text(
         holes.x_um[number],
         holes.y_um[number],
@@ -196,7 +198,7 @@ def _draw_errors(axes: Axes, holes: _Holes) -> None:
             zorder=0,
         )
     axes.axhline(0.0, color=GREY, linewidth=0.6)
-    _points(axes, holes.error_um, holes.error_u95_um, holes.touched, BLUE, "o")
+    _points(axes, holes.error_um, holes.error_u95_um, holes.depth_basis, BLUE, "o")
     axes.set_ylabel(f"depth − {holes.against.partition(' ')[0]} (µm)")
     axes.tick_params(axis="x", labelbottom=False)
     tolerance = f", ± {holes.tolerance_um:g} µm shaded" if np.isfinite(holes.tolerance_um) else ""
@@ -204,11 +206,10 @@ def _draw_errors(axes: Axes, holes: _Holes) -> None:
 
 
 def _draw_wear(axes: Axes, holes: _Holes) -> None:
-    _points(axes, holes.wear_um, holes.wear_u95_um, holes.wear_touched, VERMILLION, "s")
+    _points(axes, holes.wear_um, holes.wear_u95_um, holes.wear_basis, VERMILLION, "s")
     axes.set_ylabel("tool wear (µm)")
     axes.set_xlabel("hole, in the order of machining; bars: 95 %")
-    if not (holes.touched & holes.wear_touched).all():
-        axes.set_title("open: not touched, by feed and energy", loc="right", pad=3.0)
+    axes.set_title(open_marks([*holes.depth_basis, *holes.wear_basis]), loc="right", pad=3.0)
     every = -(-len(holes.names) // MOST_TICKS)
     axes.set_xticks(range(1, len(holes.names) + 1, every), holes.names[::every])
     if max(map(len, holes.names)) > LONGEST_LEVEL:
@@ -216,13 +217,12 @@ def _draw_wear(axes: Axes, holes: _Holes) -> None:
     axes.set_xlim(0.4, len(holes.wear_um) + 0.6)
 
 
-def _points(
-    axes: Axes, values: Array, u95: Array, touched: NDArray[np.bool_], colour: str, mark: str
-) -> None:
-    """Draw values with their bars by the numbers of the holes, open where nothing was touched."""
+def _points(axes: Axes, values: Array, u95: Array, bases: Sequence[str], colour: str, mark: str) -> None:
+    """Draw values with their bars by the numbers of the holes, open where they were not touched with a sensor."""
     few = len(values) <= 30
     number = np.arange(1, len(values) + 1)
-    for some, face in ((touched, colour), (~touched, "white")):
+    hollow = np.array([is_open(basis) for basis in bases], np.bool_)
+    for some, face in ((~hollow, colour), (hollow, "white")):
         if not some.any():
             continue
         axes.errorbar(
