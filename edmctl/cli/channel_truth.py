@@ -20,9 +20,10 @@ STEP_UM = 5.0
 
 @dataclass(frozen=True, slots=True)
 class ChannelTruth:
-    """Mean depth of the floor under the path, its rms error against the target, and the tool's wear, µm."""
+    """Mean depth of the floor under the path, its scatter, its rms error against the target, the tool's wear, µm."""
 
     depth_um: float
+    floor_sd_um: float
     floor_error_rms_um: float
     wear_um: float
 
@@ -43,7 +44,7 @@ def channel_truth(profile: Profile, bench: VirtualBench, wear_um: float) -> Chan
     rows = np.rint((places[:, 1] - y_um[0]) / (y_um[1] - y_um[0])).astype(np.int64)
     floor_um = depth_um[np.clip(rows, 0, len(y_um) - 1), np.clip(columns, 0, len(x_um) - 1)]
     error_um = math.sqrt(float(np.mean((floor_um - target.depth_um) ** 2)))
-    return ChannelTruth(float(floor_um.mean()), error_um, wear_um)
+    return ChannelTruth(float(floor_um.mean()), float(floor_um.std()), error_um, wear_um)
 
 
 def keep_truth_map(recorder: Recorder, bench: VirtualBench) -> None:

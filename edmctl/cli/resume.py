@@ -261,7 +261,8 @@ def _without_journal(path: Path) -> PreconditionError:
     which = f"Runs with a journal there: {', '.join(others)}." if others else "No run there has a journal."
     where = "this folder" if folder == Path() else f"{folder}"
     if not _run_files(run_id, folder):
-        return PreconditionError(f"There is no run {run_id} in {where}.", hint=which, code="E8050")
+        hint = f"{which} --out names another folder."
+        return PreconditionError(f"There is no run {run_id} in {where}.", hint=hint, code="E8050")
     return PreconditionError(
         f"{run_id} has no journal, so nobody knows how far it came.",
         hint="A fresh virtual machine (sim:) is gone with its command and keeps none; jobs on sim:FILE, on a served "

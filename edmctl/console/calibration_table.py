@@ -203,7 +203,10 @@ def _properties(found: IdentificationView) -> list[str]:
         "delay": f"{1000.0 * model.delay_s:.2f} ms",
         "displacement": f"± {mean_um:.3f} µm on average, ± {most_um:.3f} µm at most (refits and held-out error)",
     }
-    return [f"{name:{_NAME_WIDTH}}{text}" for name, text in lines.items()]
+    by_sensor = (
+        "All of it on the scale of the sensor: how far that is off (`sensor.gain_u_rel`) is in none of the ±."
+    )
+    return [*(f"{name:{_NAME_WIDTH}}{text}" for name, text in lines.items()), by_sensor]
 
 
 def _lever_lines(lever: LeverView | None) -> list[str]:

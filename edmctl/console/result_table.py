@@ -170,12 +170,12 @@ def _labelled(label: str, text: str, columns: int) -> str:
 def _channel_block(channel: ChannelView, truth: ChannelTruthView | None, style: Style) -> str:
     header = [channel.name, heading((channel.depth_basis, channel.wear_basis))]
     depth = ["depth, mean", length(channel.depth_um, channel.depth_u95_um)]
-    floor = ["floor, rms along the path", length(channel.floor_sd_um)]
+    floor = ["floor, rms about its mean", length(channel.floor_sd_um)]
     wear = ["tool wear", length(channel.wear_um, channel.wear_u95_um)]
     if truth:
         header.append("truth")
         depth.append(length(truth.depth_um))
-        floor.append(f"{length(truth.floor_error_rms_um)} from the target")
+        floor.append(length(truth.floor_sd_um))
         wear.append(length(truth.wear_um))
     table = render_columns(header, [depth, floor, wear, ["length", length(channel.length_um)]], style)
     passes = "1 pass" if channel.passes == 1 else f"{channel.passes} passes"

@@ -12,6 +12,7 @@ from edmctl.console.result_table import render_sites
 from edmctl.console.runs_table import size, start_utc
 from edmctl.console.style import PLAIN, Ink, Style
 from edmctl.console.views import MeasuredView
+from edmctl.labels import marked, weakest
 from edmctl.wording import (
     about,
     count,
@@ -190,9 +191,12 @@ def _numbers(run: RunView) -> list[tuple[str, str]]:
     if totals.pulses:
         shares = ", ".join(f"{percent(totals.ratios[name], 2)} {name}" for name in CLASSES)
         pulses = f"{count(totals.pulses)}: {shares}"
+        depth = weakest(site.depth_basis for site in run.sites)
+        both = weakest([depth, *(site.wear_basis for site in run.sites)])
         removed = (
-            f"{removal_rate(totals.mrr_mm3_min)} with {totals.energy_j:.3g} J; wear ratio "
-            f"{percent(totals.wear_ratio_lin)} of the length, {percent(totals.wear_ratio_vol)} of the volume"
+            f"{marked(removal_rate(totals.mrr_mm3_min), depth)} with {totals.energy_j:.3g} J; wear ratio "
+            f"{marked(percent(totals.wear_ratio_lin), both)} of the length, "
+            f"{marked(percent(totals.wear_ratio_vol), both)} of the volume"
         ).replace("nan", "–")
     hopped = ""
     if jumps.count:

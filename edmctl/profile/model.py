@@ -184,7 +184,12 @@ class Wear(Table):
         description="auto: as often as the uncertainty of the depth asks for, and at the end of a single hole; "
         "sparing: not there either after a small last cut; never: only at the end; n: n times before",
     )
-    first_fraction: float = Field(0.85, ge=0.1, le=1.0, description="share of the depth in the first cut")
+    first_fraction: float = Field(
+        0.85,
+        ge=0.1,
+        le=1.0,
+        description="share of the depth in the first cut, which feeds no further than the depth",
+    )
     max_cuts: int = Field(5, ge=1, le=20)
 
 

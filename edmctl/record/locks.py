@@ -11,7 +11,6 @@ import errno
 import os
 import socket
 import tempfile
-import time
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -122,16 +121,26 @@ def _take_away_left(path: Path) -> None:
         try:
             told = _told(path)
             if _is_gone(told) if told else _is_old(path):
-                path.unlink()
+                _remove(path, told)
         finally:
             clearing.unlink()
 
 
+def _remove(path: Path, told: str) -> None:
+    """Remove a lock that says this, and none that somebody has made in its place meanwhile."""
+    aside = path.with_name(f"{path.name}.{os.getpid()}")
+    path.rename(aside)
+    if _told(aside) == told:
+        aside.unlink()
+    else:
+        aside.rename(path)
+
+
 def _is_old(path: Path) -> bool:
-    try:
-        return time.time() - path.stat().st_mtime > UNWRITTEN_S
-    except OSError:
-        return False
+    """Whether nobody has written it for long, by the clock of its disk, which may be another computer's."""
+    with suppress(OSError), tempfile.NamedTemporaryFile(prefix=".edmctl-", dir=path.parent) as file:
+        return os.fstat(file.fileno()).st_mtime - path.stat().st_mtime > UNWRITTEN_S
+    return False
 
 
 def _name_of(number: int) -> str:
@@ -148,7 +157,11 @@ def _is_gone(told: str) -> bool:
     *where, number, _ = told.split(" ") if told.count(" ") == 4 else ["", "", ""]
     if where != _name_of(os.getpid()).split(" ")[:3] or not (number.isascii() and number.isdigit()):
         return False
-    return not is_alive(int(number)) or _name_of(int(number)) != told
+    if not is_alive(int(number)):
+        return True
+    now = _name_of(int(number))
+    # Of other people's processes not every computer tells when they began.
+    return now != told and not now.endswith(" -")
 
 
 def _told(path: Path) -> str:

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from edmctl.labels import weakest
 from edmctl.record.estimated import estimated_depth
 from edmctl.record.heads import plain_number
 from edmctl.report.numbers import CLASSES, numbers_of
@@ -215,6 +216,12 @@ def _quantities(runs: Sequence[RunFile], numbers: Sequence[RunNumbers]) -> list[
         ]
         for shown in (depth_shown, wear_shown)
     }
+    # What is reckoned from both is worth what the weaker of them is.
+    both = [weakest(pair) for pair in zip(*bases.values(), strict=True)]
+    bases |= {
+        shown: both for shown, _, _ in rows if shown.key in ("wear_ratio_lin", "wear_ratio_vol", "feed_um")
+    }
+    bases |= {shown: bases[depth_shown] for shown, _, _ in rows if shown.key == "mrr_mm3_min"}
     found = [_quantity(shown, values, u95s, bases.get(shown, nobody)) for shown, values, u95s in rows]
     found[0] = _of_a_kind(found[0], [n.depth_name for n in numbers])
     return [quantity for quantity in found if any(math.isfinite(a.value) for a in quantity.amounts)]

@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from edmctl.labels import Verdict, heading, marked, meanings
+from edmctl.labels import Verdict, heading, marked, meanings, weakest
 from edmctl.report.numbers import CLASSES, numbers_of
 from edmctl.wording import (
     TIP,
@@ -62,10 +62,10 @@ def results(numbers: RunNumbers) -> PageTable | None:
             decimal(site.y_um, 1),
             marked(with_u95(site.depth_um, site.depth_u95_um), site.depth_basis),
             marked(with_u95(site.wear_um, site.wear_u95_um), site.wear_basis),
-            decimal(site.feed_um),
+            marked(decimal(site.feed_um), _weaker(site)),
             f"{duration(site.machining_time_s)}{', through' if site.through else ''}",
             str(site.cuts),
-            decimal(site.wear_ratio_lin, 3),
+            marked(decimal(site.wear_ratio_lin, 3), _weaker(site)),
             *([decimal(site.truth_depth_um), decimal(site.truth_wear_um)] if has_truth else []),
         ]
         for site in numbers.sites
@@ -79,14 +79,21 @@ def results(numbers: RunNumbers) -> PageTable | None:
     return PageTable("What each site has become", header, rows, note)
 
 
+def _weaker(site: SiteNumbers) -> str:
+    """What a value that depth and wear enter rests on: the weaker of both."""
+    return weakest((site.depth_basis, site.wear_basis))
+
+
 def _one_site(site: SiteNumbers) -> PageTable:
     truth = site.truth
     bases = (site.depth_basis, site.wear_basis)
     header = [site.name, heading(bases), "from voltage alone", *([TRUTH] if truth else [])]
     depth_um = with_u95(site.depth_um, site.depth_u95_um)
     wear_um = with_u95(site.wear_um, site.wear_u95_um)
+    of_depth = of_both = ""
     if site.depth_basis != site.wear_basis:
         depth_um, wear_um = marked(depth_um, site.depth_basis), marked(wear_um, site.wear_basis)
+        of_depth, of_both = site.depth_basis, _weaker(site)
 
     def row(name: str, measured: str, model: str = "", true: float = math.nan) -> list[str]:
         ending = [decimal(true) if math.isfinite(true) else ""] if truth else []
@@ -107,14 +114,14 @@ def _one_site(site: SiteNumbers) -> PageTable:
             site.truth_wear_um,
         ),
         *([row("hole, as long as the sheet is thick", decimal(site.length_um))] if site.through else []),
-        row("feed, Z2 − Z1", decimal(site.feed_um)),
+        row("feed, Z2 − Z1", marked(decimal(site.feed_um), of_both)),
         row("Z1, surface before", decimal(site.z1_um)),
         row("Z2, tip at the end" if site.through else "Z2, bottom", decimal(site.z2_um)),
         row("Z3, surface after", decimal(site.z3_um)),
         row("machining time", f"{cuts}, through the sheet" if site.through else cuts),
-        row("removal rate (MRR), 10⁻³ mm³/min", decimal(1e3 * site.mrr_mm3_min, 3)),
-        row("wear ratio, lengths", decimal(site.wear_ratio_lin, 3)),
-        row("wear ratio, volumes", decimal(site.wear_ratio_vol, 3)),
+        row("removal rate (MRR), 10⁻³ mm³/min", marked(decimal(1e3 * site.mrr_mm3_min, 3), of_depth)),
+        row("wear ratio, lengths", marked(decimal(site.wear_ratio_lin, 3), of_both)),
+        row("wear ratio, volumes", marked(decimal(site.wear_ratio_vol, 3), of_both)),
         row("discharge energy, J", significant(site.energy_j)),
         row("verdict", site.verdict if _doubt(site) else ""),
     ]

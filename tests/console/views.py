@@ -91,7 +91,7 @@ class Site:
 @dataclass(frozen=True, slots=True)
 class ChannelTruth:
     depth_um: float = 24.7
-    floor_error_rms_um: float = 0.81
+    floor_sd_um: float = 0.81
     wear_um: float = 40.0
 
 

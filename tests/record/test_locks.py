@@ -161,3 +161,23 @@ def test_a_number_that_another_process_has_by_now_is_no_owner(tmp_path: Path) ->
     (tmp_path / ".b.h5.lock.by").write_text(" ".join([*mine, "1"]), encoding="utf-8")
     with bench_lock(tmp_path / "b.h5"):
         pass
+
+
+def test_a_process_of_whom_nothing_is_told_may_live(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With hidepid, /proc does not show the processes of others."""
+    name_of, computer = locks._name_of, locks._name_of(os.getpid()).split()[:3]
+
+    def hidden(number: int) -> str:
+        return name_of(number) if number == os.getpid() else f"{computer[0]} - - {number} -"
+
+    monkeypatch.setattr(locks, "_name_of", hidden)
+    assert not locks._is_gone(" ".join([*computer, "1", "17"]))
+
+
+def test_a_lock_that_was_made_anew_meanwhile_stays(tmp_path: Path) -> None:
+    lock = tmp_path / "x.lock"
+    lock.write_text("new")
+    locks._remove(lock, "old")
+    assert lock.read_text() == "new"
+    locks._remove(lock, "new")
+    assert list(tmp_path.iterdir()) == []

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.report.numbers import CLASSES
-from edmctl.report.pulse_counts import ARC, SHORT, has_pulses, pulse_counts
+from edmctl.report.pulse_counts import ARC, SHORT, has_every_pulse, has_pulses, pulse_counts
 from edmctl.report.stretches import cuts_s
 from edmctl.report.style import (
     PULSE_COLOURS,
@@ -57,7 +57,7 @@ def draw(run: RunFile) -> Figure:
         axes.set_xlim(edges_s[0] / per_s, edges_s[-1] / per_s)
     over_time.tick_params(axis="x", labelbottom=False)
     rare.set_xlabel(label)
-    _draw_totals(over_all, counts.sum(axis=0))
+    _draw_totals(over_all, counts.sum(axis=0), every=has_every_pulse(run))
     letter_panels(panels)
     shared_legend(figure, [over_time], ncols=4)
     figure.align_ylabels()
@@ -121,7 +121,7 @@ def _draw_rare(axes: Axes, edges: Array, shares: Array) -> None:
     axes.set_ylabel("arcs and\nshorts (%)")
 
 
-def _draw_totals(axes: Axes, totals: NDArray[np.int64]) -> None:
+def _draw_totals(axes: Axes, totals: NDArray[np.int64], *, every: bool) -> None:
     places = np.arange(len(_FROM_BELOW))
     shares = totals[list(_FROM_BELOW)] / totals.sum()
     names = [CLASSES[k] for k in _FROM_BELOW]
@@ -148,7 +148,10 @@ def _draw_totals(axes: Axes, totals: NDArray[np.int64]) -> None:
     axes.grid(visible=False, axis="x")
     axes.set_ylim(0.0, 125.0 * shares.max())
     axes.set_ylabel("share of\npulses (%)")
-    axes.set_title(f"{count(int(totals.sum()))} pulses while cutting", loc="right", pad=3.0)
+    # Blocks of pulses lie partly before or after a cut.
+    total = int(totals.sum())
+    words = count(total) if every else f"about {count(round(total, 3 - len(str(total))))}"
+    axes.set_title(f"{words} pulses while cutting", loc="right", pad=3.0)
 
 
 _FROM_BELOW = (1, 0, 2, 3)
