@@ -63,6 +63,8 @@ class JobLedger:
         """
         self._logbook = logbook_of(self.plan, self.name)
         held = self.held
+        if self._logbook is not None and held.bench.seed is not None:
+            self.warn(_of_another_bench(self._logbook, held.bench.machine.identity.serial))
         actuator = held.choice.actuator if held.choice else None
         prepared = prepared_job(self.plan, seen_on(held), actuator, self._logbook, resuming)
         if self._logbook is not None:
@@ -154,6 +156,23 @@ class JobLedger:
                 entries.append(found if site.finished else replace(found, status=UNFINISHED))
         left = (_left(place, self._begun[name]) for name, place in begun.items() if name in self._begun)
         return [*entries, *left]
+
+
+def _of_another_bench(logbook: Logbook, serial: str) -> list[Diagnostic]:
+    """A warning where the ledger knows a machine of that number although it is new."""
+    if all(line.serial != serial for line in logbook.lines):
+        return []
+    from edmctl.errors import Diagnostic
+
+    return [
+        Diagnostic(
+            "W8116",
+            f"The bench is new, and the ledger {logbook.path} knows another {serial}: its holes and the wear of its "
+            "tools count for this one.",
+            "Keep the runs of a new bench in another folder (--out), or give it another --seed.",
+            is_warning=True,
+        )
+    ]
 
 
 def _left(place: SiteMachined, state: JobState) -> SiteMachined:

@@ -281,6 +281,15 @@ def begun(radius_um: float = 143.0, depth_um: float = 20.0, status: str = "done"
     Logbook.open(Path("runs")).append(here_is.plant.serial, hole)
 
 
+def test_a_new_bench_is_told_that_the_ledger_is_of_another(here: Here) -> None:
+    assert here("measure-wear", "--reference", *KEPT, "--seed", "3", "--quiet").exit_code == 0
+    begun()
+    Path("bench.h5").unlink()
+    there = ("--set", 'sites=[{kind="point",name="there",x_um=520,y_um=0}]')  # refused: no job is needed here
+    said = here("machine", "--profile", CU150, *KEPT, "--seed", "3", *there, "--json")
+    assert "W8116" in {warning["code"] for warning in said.document["warnings"]}, said.out
+
+
 def test_a_refused_job_leaves_tool_and_run_id_as_they_were(here: Here) -> None:
     assert here("approach", "--profile", CU270, "--contact", *KEPT, "--seed", "3").exit_code == 0
     begun()
