@@ -24,6 +24,7 @@ from edmctl.report.style import (
     NothingToDraw,
     mark_below,
     new_figure,
+    time_unit,
 )
 
 if TYPE_CHECKING:
@@ -58,12 +59,12 @@ def draw(runs: Sequence[RunFile], names: Sequence[str]) -> Figure:
     figure = new_figure(HEIGHT_MM, PAGE_MM)
     depth, end_depth, end_wear = figure.subplots(1, 3, width_ratios=[2.0, 1.0, 1.0])
     longest_s = max((time_s[-1] for time_s, _ in lines if len(time_s)), default=0.0)
-    per, unit = (60.0, "min") if longest_s > 180.0 else (1.0, "s")
+    per, label = time_unit(longest_s)
     for number, (name, (time_s, depth_um)) in enumerate(zip(names, lines, strict=True)):
         colour, dash = _COLOURS[number % len(_COLOURS)], _DASHES[number % len(_DASHES)]
         if len(time_s):
             depth.plot(time_s / per, depth_um, color=colour, linestyle=dash, linewidth=LINE, label=name)
-    depth.set_xlabel(f"time machining ({unit})")
+    depth.set_xlabel(label.replace("time", "time machining"))
     depth.set_ylabel("estimated depth (µm)")
     depth.margins(x=0.02)
     several = any(len(n.sites) > 1 for n in numbers)

@@ -14,6 +14,7 @@ from edmctl.report.style import (
     ARC,
     BLACK,
     BLUE,
+    GREY,
     NORMAL,
     PULSE_HATCHES,
     VERMILLION,
@@ -56,7 +57,8 @@ def draw(run: RunFile) -> Figure:
     panels = figure.subplots(1 + has_volume, 1, squeeze=False, height_ratios=[1.0, 1.25][: 1 + has_volume])
     _draw_histogram(panels[0, 0], energies)
     if has_volume:
-        _draw_volume(panels[1, 0], found, edges_s, energies.sums_uj)
+        believed = float(run.profile_values()["work.removal_um3_per_uj"])
+        _draw_volume(panels[1, 0], found, edges_s, energies.sums_uj, believed)
         letter_panels(panels[:, 0])
         figure.align_ylabels()
     shared_legend(figure, panels[:, 0])
@@ -90,15 +92,24 @@ def _draw_histogram(axes: Axes, found: SparkEnergies) -> None:
     axes.set_title(f"{count(int(total))} discharges", loc="right", pad=3.0)
 
 
-def _draw_volume(axes: Axes, found: Removal, edges_s: Array, sums_uj: Array) -> None:
+def _draw_volume(axes: Axes, found: Removal, edges_s: Array, sums_uj: Array, expected: float) -> None:
+    """Draw volume over energy; `expected` is what the profile believes of both, µm³/µJ."""
     total_uj = np.concatenate([[0.0], np.cumsum(sums_uj)])
     until_uj = np.interp(found.time_s, edges_s, total_uj)
     of_hole_uj = until_uj - np.interp(found.began_s, edges_s, total_uj)[found.hole]
     volume_um3, u95_um3 = cumulated(found)
     fit = kappa(found, of_hole_uj)
+    end_j = 1.04 * until_uj.max() / UJ_PER_J
+    # µm³/µJ times J is 10⁻³ mm³.
+    axes.plot(
+        [0.0, end_j],
+        [0.0, expected * end_j],
+        color=GREY,
+        linewidth=1.0,
+        linestyle=(0, (4, 1.5)),
+        label=f"profile: κ = {expected:.3g}",
+    )
     if fit is not None:
-        end_j = 1.04 * until_uj.max() / UJ_PER_J
-        # µm³/µJ times J is 10⁻³ mm³.
         axes.plot(
             [0.0, end_j],
             [0.0, fit.value * end_j],
