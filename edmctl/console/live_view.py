@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.console.bars import PULSE_INKS, depth_bar, pulse_bar
 from edmctl.console.cells import cells_of, cut, plain_ascii, printable, render_line
-from edmctl.console.progress import depth_words, has_pulses
+from edmctl.console.progress import depth_words, has_pulses, while_cutting
 from edmctl.console.sparkline import SPAN_S, History, chart
 from edmctl.console.style import Ink, Style
 from edmctl.wording import duration
@@ -235,7 +235,7 @@ def _feed(p: ProgressView) -> list[list[Span]]:
     if math.isfinite(p.feed_um_s):
         feed.append(f"{p.feed_um_s + 0.0:.2f} µm/s".replace("-", "−"))
     u95 = f" ± {p.wear_u95_um:.1f}" if math.isfinite(p.wear_u95_um) else ""
-    wear = f"{p.wear_um:.1f}{u95} µm" if math.isfinite(p.wear_um) else ""
+    wear = f"{while_cutting(p)}{p.wear_um:.1f}{u95} µm" if math.isfinite(p.wear_um) else ""
     if not feed:
         return [_row("wear", [], [(wear, None)])] if wear else []
     if wear:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Protocol, TextIO
 
 from edmctl.console.jsonout import render_json_line
 from edmctl.console.result_table import render_ratios
+from edmctl.labels import Basis, marked
 from edmctl.wording import duration
 
 if TYPE_CHECKING:
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
     from edmctl.console.views import ProgressView, RatiosView
 
+SPARKING = ("machining", "jumping")
 PASSING_PHASE = "jumping"
 """Comes and goes every few seconds of machining, so it is no news of its own."""
 LINE_EVERY_S = 30.0
@@ -143,7 +145,12 @@ def depth_words(p: ProgressView) -> str:
     """Return the depth, and the target where it is a depth: a feed target has none."""
     u95 = f" ± {p.depth_u95_um:.1f}" if math.isfinite(p.depth_u95_um) else ""
     of_target = f" of {p.depth_target_um:.1f}" if math.isfinite(p.depth_target_um) else ""
-    return f"{p.depth_um:.1f}{u95}{of_target} µm"
+    return f"{while_cutting(p)}{p.depth_um:.1f}{u95}{of_target} µm"
+
+
+def while_cutting(p: ProgressView) -> str:
+    """Return the mark of depth and wear in a cut: estimated, until the next touch."""
+    return marked("", Basis.ESTIMATED) if p.phase in SPARKING else ""
 
 
 def phase_words(p: ProgressView) -> str:

@@ -77,7 +77,7 @@ def test_everything_that_is_known_is_shown() -> None:
         "2.1 to 12.0 V in 60 s",
         "at 110.0 µm",
         "101.3 to 110.5 µm in 60 s",
-        "66.7 µm, 0.31 µm/s, tool wear 24.5 ± 1.3 µm",
+        "66.7 µm, 0.31 µm/s, tool wear ~24.5 ± 1.3 µm",
         "12 in this cut, every 10 s, the last 4 s ago",
         "warning 14 s ago: 27 % arcs",
     ):

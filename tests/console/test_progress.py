@@ -7,7 +7,7 @@ import json
 import math
 from dataclasses import replace
 
-from edmctl.console.progress import EventReporter, LineReporter, progress_line
+from edmctl.console.progress import EventReporter, LineReporter, depth_words, progress_line
 from tests.console.views import Ratios, State
 
 
@@ -108,3 +108,8 @@ def test_the_uncertainty_and_the_place_are_told_where_they_are_known() -> None:
     assert "cut 1 grid-4" in line
     assert "± 2.3 of" in line
     assert "±" not in progress_line(State())
+
+
+def test_depth_and_wear_in_a_cut_are_estimates_and_say_so() -> None:
+    cutting, touching = State(phase="machining"), State(phase="measuring")
+    assert depth_words(cutting) == f"~{depth_words(touching)}"
