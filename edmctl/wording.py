@@ -82,6 +82,8 @@ def duration(seconds: float) -> str:
 
 def earlier(time_s: float, pause_s: float) -> str:
     """Return the time of a job in the runs before it was taken up again, and the pause that is not in it."""
+    if time_s < 0.5 and pause_s < 0.5:
+        return "taken up before it had begun"
     paused = f"after a pause of {duration(pause_s)}" if math.isfinite(pause_s) else "after an unknown pause"
     return f"{duration(time_s)} before it was taken up {paused}"
 

@@ -91,7 +91,7 @@ def render_jumps(series: JumpSeriesView, style: Style = PLAIN) -> str:
         table,
         *more,
         f"Height {length(s.height_mean_um)} on average, {length(s.height_max_um)} at most; residual "
-        f"{length(s.residual_mean_um)}, at most {length(s.residual_max_um)}; the model is off it by "
+        f"{length(s.residual_mean_um)}, at most {length(s.residual_max_um)}; the model is off the residual by "
         f"{length(s.model_error_mean_um)}, at most {length(s.model_error_max_um)}; settled after "
         f"{_ms(s.settling_mean_s)}, at most {_ms(s.settling_max_s)}.",
     ]
