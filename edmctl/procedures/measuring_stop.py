@@ -55,7 +55,7 @@ def measure_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: CutResu
     settled = None
     if known.unmeasured:
         live = plan.at(end_um, energy_of(run.profile.pulse, cut.counts, cut.energy_j))
-        settled = settle_unmeasured(run, hole, known, z3, plan, live)
+        settled = settle_unmeasured(run, hole, known, z3, plan, cut, live)
     found = learn(run, hole, known, z2, z3, (gap_um, gap_u_um), settled)
     if plan.number == 1:
         refuse_wrong_setup(run, hole.touched or found)
@@ -201,7 +201,7 @@ def estimate_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: CutRes
         depth_noise_um=live.depth_u_um,
     )
     assert known.tool is not None
-    known.unmeasured.append(unmeasured(run, hole, known.tool.pad.time_s, plan, live))
+    known.unmeasured.append(unmeasured(run, hole, known.tool.pad.time_s, plan, cut, live))
     known.tool = known.tool.worn(worn_um, live.wear_u_um)
     hole.report(
         run,

@@ -111,6 +111,10 @@ class CutPlan:
         """Whether by what is believed the feed cannot have taken that energy: then only a touch can tell."""
         return self.estimate.contradicts(self.fed_um(displacement_um), self.gap_u_um, energy)
 
+    def off_by_energy_um(self, displacement_um: float, energy: Energy) -> float:
+        """Wear of this cut by feed and energy less that by the ratio; 0 where chance may make them so different."""
+        return self.estimate.off_by_energy_um(self.fed_um(displacement_um), self.gap_u_um, energy)
+
     def stated_u95_um(self, live: LiveErosion) -> tuple[float, float]:
         """Half the 95 % intervals of depth and wear as they are told in a cut.
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from edmctl.procedures.drift import uncertainty_now
+from edmctl.procedures.estimating import energy_of
 from edmctl.procedures.hole import Unmeasured
 from edmctl.procedures.tool_length import TOUCH_U_UM
 from edmctl.process.live_erosion import SCATTER_BETWEEN_HOLES
@@ -14,6 +15,7 @@ from edmctl.process.next_cut import COVERAGE
 from edmctl.process.shared_wear import SharedWear, WearShare, share_wear
 
 if TYPE_CHECKING:
+    from edmctl.procedures.cut import CutResult
     from edmctl.procedures.hole import Hole, Known
     from edmctl.procedures.planning import CutPlan
     from edmctl.procedures.run import Run
@@ -21,14 +23,19 @@ if TYPE_CHECKING:
     from edmctl.process.live_erosion import LiveErosion
 
 
-def unmeasured(run: Run, hole: Hole, pad_s: float, plan: CutPlan, live: LiveErosion) -> Unmeasured:
+def unmeasured(
+    run: Run, hole: Hole, pad_s: float, plan: CutPlan, cut: CutResult, live: LiveErosion
+) -> Unmeasured:
     """What is to be remembered of a cut just made that no touch follows; the pad was last touched at `pad_s`.
 
-    The ratio of wear to depth errs alike in all cuts of a job, working gap and scatter do not.
+    The ratio of wear to depth errs alike in all cuts of a job; working gap and scatter do not, nor does wear that
+    the energy of this cut contradicts.
     """
     start = plan.start
     added_um = live.wear_um - start.wear_um
-    own_u_um = math.hypot(SCATTER_BETWEEN_HOLES * added_um, live.wear_own_u_um)
+    energy = energy_of(run.profile.pulse, cut.counts, cut.energy_j)
+    off_um = plan.off_by_energy_um(cut.end_displacement_um, energy)
+    own_u_um = math.hypot(SCATTER_BETWEEN_HOLES * added_um, live.wear_own_u_um, off_um)
     from_face = hole.stops == 0
     return Unmeasured(
         hole=hole,
@@ -42,27 +49,33 @@ def unmeasured(run: Run, hole: Hole, pad_s: float, plan: CutPlan, live: LiveEros
 
 
 def settle_unmeasured(
-    run: Run, hole: Hole, known: Known, pad: SurfaceReading, plan: CutPlan, live: LiveErosion
+    run: Run,
+    hole: Hole,
+    known: Known,
+    pad: SurfaceReading,
+    plan: CutPlan,
+    cut: CutResult,
+    live: LiveErosion,
 ) -> SharedWear:
     """Correct the cuts since the last touch of the pad, and where `hole` has begun; what that itself has worn.
 
-    `pad` is the new reading, `live` what was expected of `hole`, whose Z1 becomes the reading less its own wear. The
-    results of the others are replaced; they stay estimates, better ones.
+    `pad` is the new reading, `live` what was expected of `hole` after `cut`; its Z1 becomes the reading less its own
+    wear. The results of the others are replaced; they stay estimates, better ones.
     """
     assert known.tool is not None
     before, sensed = known.tool.pad, uncertainty_now(run)
-    cuts = [*known.unmeasured, unmeasured(run, hole, before.time_s, plan, live)]
+    cuts = [*known.unmeasured, unmeasured(run, hole, before.time_s, plan, cut, live)]
     found = share_wear(
-        [cut.share for cut in cuts],
+        [one.share for one in cuts],
         pad.z_um - before.z_um,
         pad.time_s - before.time_s,
         touch_u_um=math.hypot(TOUCH_U_UM * math.sqrt(2.0), sensed.linearity_u_um),
         drift_u_um_per_s=sensed.drift_u_um_per_s,
     )
     shorter_um = 0.0
-    for cut, now in zip(known.unmeasured, found, strict=False):
-        own_um = now.wear_um - cut.share.wear_um
-        _correct(run, cut, own_um, shorter_um, now)
+    for earlier, now in zip(known.unmeasured, found, strict=False):
+        own_um = now.wear_um - earlier.share.wear_um
+        _correct(run, earlier, own_um, shorter_um, now)
         shorter_um += own_um
     hole.z1 = hole.z1.shifted(pad.z_um - found[-1].wear_um - hole.z1.z_um)
     hole.z1_u_um = max(hole.z1_u_um, found[-1].wear_u_um)

@@ -211,6 +211,16 @@ class ErosionEstimate:
             return False
         return self._known.sds(*self._feed_step(feed_um, feed_u_um, energy)) > CONTRADICTION_SDS
 
+    def off_by_energy_um(self, feed_um: float, feed_u_um: float, energy: Energy) -> float:
+        """Wear by feed and energy less that by the ratio; 0 where chance may make them so different."""
+        if feed_um <= 0.0 or energy.normal_uj <= 0.0:
+            return 0.0
+        if self._known.sds(*self._feed_step(feed_um, feed_u_um, energy)) <= WIDENING_SDS:
+            return 0.0
+        depth_log, arc_log = self._logs(energy)
+        depth_um, wear_um = self._known.lengths_um(depth_log, arc_log)
+        return feed_um - depth_um - feed_um * wear_um / (depth_um + wear_um)
+
     def _feed_step(
         self, feed_um: float, feed_u_um: float, energy: Energy
     ) -> tuple[float, float, float, float]:

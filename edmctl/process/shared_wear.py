@@ -74,8 +74,8 @@ def share_wear(
     The wears and the rate of drift are normal with zero mean about their expectation. Where the touch lies beyond
     `CONTRADICTION_SDS` of what it was expected to be, their covariance is widened to that ratio before. And what
     touches, drift and single holes do not explain may be of all holes, of the last ones or of one: a tool may wear
-    otherwise at any time. So half of it is added to what each hole does for itself (`MOST_ALONE` holes at most), and
-    all of it may be that of one.
+    otherwise at any time. So half of it is added to what each hole does for itself: of `MOST_ALONE` holes at most,
+    among more it is less, and never more than the wear that is expected.
     """
     count = len(shares)
     common = np.array([share.common_u_um for share in shares])
@@ -91,7 +91,8 @@ def share_wear(
     own = widening * math.fsum(share.own_u_um**2 for share in shares)
     unexplained = max(0.0, error_um**2 - own - prior[count, count] * after_s**2 - touch_u_um**2)
     squares = np.array([max(share.wear_um, LEAST_WEAR_UM) ** 2 for share in shares])
-    prior[np.diag_indices(count)] += 0.25 * unexplained * min(count, MOST_ALONE) * squares / squares.sum()
+    alone = 0.25 * unexplained * min(count, MOST_ALONE) * squares / squares.sum()
+    prior[np.diag_indices(count)] += np.minimum(alone, squares)
     gain = prior @ seen / (float(seen @ prior @ seen) + touch_u_um**2)
     mean, covariance = gain * error_um, prior - np.outer(gain, seen @ prior)
     found = []

@@ -11,7 +11,7 @@ import threading
 import time
 from typing import TYPE_CHECKING
 
-from edmctl.errors import RunFileError
+from edmctl.errors import EdmError, LinkLost, RunFileError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -36,10 +36,13 @@ class DiskThread:
     def __init__(self, attend: Callable[[Callable[[], bool]], object] | None = None) -> None:
         self._attend = attend
         self._writing: _Write | None = None
+        self._line_is_lost = self._hangs = False
+        self._heard: EdmError | None = None
 
     def run(self, path: Path, write: Callable[[], None]) -> None:
         """Return when `write`, of the file at `path`, has run; what it raises comes out here.
 
+        What the machine's line raises meanwhile comes out after it; of a lost line the machine's next call tells.
         Raises RunFileError E9009 where the disk hangs.
         """
         if self._attend is None:
@@ -49,6 +52,9 @@ class DiskThread:
         mine = self._writing = _Write(write)
         self._wait(path)
         mine.check()
+        if self._heard is not None:
+            heard, self._heard = self._heard, None
+            raise heard
 
     def start(self, write: Callable[[], None]) -> bool:
         """Begin a write that nothing waits for; False where the one before is still under way.
@@ -68,23 +74,40 @@ class DiskThread:
 
     def close(self) -> None:
         """Wait for a write that is under way; not for ever where the disk hangs. Nobody asks for its outcome."""
-        if self._writing is not None:
+        if self._writing is not None and not self._hangs:
             self._writing.join(GIVE_UP_S)
 
     def _wait(self, path: Path) -> None:
-        assert self._attend is not None
         writing, begun_s = self._writing, time.monotonic()
-        if writing is not None:
+        if writing is None:
+            return
+        if not self._hangs:
             writing.join(PROMPT_S)
-        while writing is not None and not writing.is_over():
-            if time.monotonic() - begun_s > GIVE_UP_S:
+        while not writing.is_over():
+            if self._hangs or time.monotonic() - begun_s > GIVE_UP_S:
+                self._hangs = True
                 raise RunFileError(
                     f"The disk has not answered for {GIVE_UP_S:.0f} s: {path} is not written.",
                     code="E9009",
                     hint="Keep run files on a disk that keeps up, with --out.",
                 )
+            self._attend_to(writing)
+        # While the line was read, a further write may have begun.
+        if self._writing is writing:
+            self._writing = None
+
+    def _attend_to(self, writing: _Write) -> None:
+        """Read the line for a while, or wait where there is none any more."""
+        assert self._attend is not None
+        if self._line_is_lost or self._heard is not None:
+            writing.join(PROMPT_S)
+            return
+        try:
             self._attend(writing.is_over)
-        self._writing = None
+        except LinkLost:
+            self._line_is_lost = True
+        except EdmError as heard:
+            self._heard = heard
 
 
 class _Write:

@@ -126,7 +126,7 @@ class JournalFile:
         """Take a state: an urgent one is on the disk when the call returns, others every `PERIOD_S` at most.
 
         Raises RunFileError: E9040 where it cannot be written, E9009 where the disk hangs. Of a state that is not
-        urgent the next call tells.
+        urgent the next such call tells.
         """
         if not urgent and state.time_s - self._kept_s < PERIOD_S:
             return

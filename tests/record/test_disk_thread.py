@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import threading
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.errors import RunFileError
+from edmctl.errors import LinkLost, MachineFault, RunFileError
 from edmctl.record import disk_thread
 from edmctl.record.disk_thread import DiskThread
 
@@ -98,7 +99,12 @@ def test_a_disk_that_hangs_ends_the_job(line: Line, monkeypatch: pytest.MonkeyPa
     with pytest.raises(RunFileError, match=r"a\.journal is not written") as hung:
         disk.run(PATH, line.write)
     assert hung.value.code == "E9009"
+    begun_s = time.monotonic()
+    monkeypatch.setattr(disk_thread, "GIVE_UP_S", LONG_S)
+    with pytest.raises(RunFileError, match="is not written"):
+        disk.run(PATH, line.write)
     disk.close()
+    assert time.monotonic() - begun_s < LONG_S
 
 
 def test_where_time_stands_still_nothing_runs_beside(line: Line) -> None:
@@ -107,3 +113,50 @@ def test_where_time_stands_still_nothing_runs_beside(line: Line) -> None:
     disk.run(PATH, lambda: ran_in.append(threading.get_ident()))
     assert disk.start(lambda: ran_in.append(threading.get_ident()))
     assert ran_in == [threading.get_ident()] * 2
+
+
+def test_a_line_that_is_lost_meanwhile_stops_no_write(line: Line) -> None:
+    def lost(_: Callable[[], bool]) -> None:
+        line.free.set()
+        raise LinkLost("gone")
+
+    disk, written = DiskThread(lost), list[int]()
+    disk.start(line.write)
+    disk.run(PATH, lambda: written.append(1))
+    disk.run(PATH, lambda: written.append(2))
+    assert written == [1, 2]
+
+
+def test_what_the_line_tells_meanwhile_comes_out_after_the_write(line: Line) -> None:
+    def faulted(_: Callable[[], bool]) -> None:
+        line.free.set()
+        raise MachineFault("a fault")
+
+    disk, written = DiskThread(faulted), list[int]()
+    disk.start(line.write)
+    with pytest.raises(MachineFault, match="a fault"):
+        disk.run(PATH, lambda: written.append(1))
+    assert written == [1]
+    disk.run(PATH, lambda: written.append(2))
+
+
+def test_a_write_that_begins_while_the_line_is_read_is_waited_for_by_the_next(line: Line) -> None:
+    disk, written, later = DiskThread(None), list[int](), Line()
+
+    def periodic() -> None:
+        later.write()
+        written.append(2)
+
+    def attend(is_done: Callable[[], bool]) -> None:
+        line.free.set()
+        while not is_done():
+            pass
+        if not written:
+            written.append(1)
+            assert disk.start(periodic)
+        later.free.set()
+
+    disk._attend = attend
+    disk.run(PATH, line.write)
+    disk.run(PATH, lambda: written.append(3))
+    assert written == [1, 2, 3]
