@@ -48,7 +48,8 @@ class DiskThread:
         if self._attend is None:
             write()
             return
-        self._wait(path)
+        while self._writing is not None:
+            self._wait(path)
         mine = self._writing = _Write(write)
         self._wait(path)
         mine.check()
@@ -92,6 +93,7 @@ class DiskThread:
                     hint="Keep run files on a disk that keeps up, with --out.",
                 )
             self._attend_to(writing)
+        self._hangs = False
         # While the line was read, a further write may have begun.
         if self._writing is writing:
             self._writing = None

@@ -160,3 +160,19 @@ def test_a_write_that_begins_while_the_line_is_read_is_waited_for_by_the_next(li
     disk.run(PATH, line.write)
     disk.run(PATH, lambda: written.append(3))
     assert written == [1, 2, 3]
+
+
+def test_a_disk_that_comes_back_takes_what_is_left(line: Line, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(disk_thread, "GIVE_UP_S", 0.05)
+    line.frees_at = 10**12
+    disk, written = DiskThread(line.attend), list[int]()
+    with pytest.raises(RunFileError, match="is not written"):
+        disk.run(PATH, line.write)
+    line.free.set()
+    for thread in threading.enumerate():
+        if thread.name == "disk":
+            thread.join(LONG_S)
+    monkeypatch.setattr(disk_thread, "GIVE_UP_S", LONG_S)
+    monkeypatch.setattr(disk_thread, "PROMPT_S", 0.01)
+    disk.run(PATH, lambda: written.append(1))
+    assert written == [1]
