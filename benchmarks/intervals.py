@@ -6,8 +6,9 @@ Every class is a way to be wrong: holes far from the pad, arrays, jobs on one be
 are not what the recipe believes (of holes, channels, ways through a sheet and jobs without a sensor) or that change
 in mid-job, sensors that drift, jobs that are left in the middle and taken up again. Each job runs on a virtual
 machine in this process, by the same procedures as `edmctl machine`, and is judged by the plant's truth; faulted jobs
-count with what they left in the ledger. Bars: 92 % of all holes and 85 % of every class, no collision in a ramp, no job lost to drift, and
-half the interval of a measured hole of 180 µm at most 1.3 µm at 0.5 mm and 1.6 µm at 15 mm (medians).
+count with what they left in the ledger. Bars: 92 % of all holes and 85 % of every class, no collision in a ramp, no
+job lost to drift, and half the interval of a measured hole of 180 µm at most 1.3 µm at 0.5 mm and 1.6 µm at 15 mm
+(medians).
 """
 
 from __future__ import annotations
