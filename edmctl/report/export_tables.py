@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.record import layout
+from edmctl.report.numbers import numbers_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -61,6 +62,17 @@ class ExportColumn:
         return self.dtype.kind == "O"
 
 
+_TRUTH = [
+    ExportColumn(
+        "truth_depth_um", np.dtype("f8"), "um", "depth on the virtual machine; NaN where nobody knows"
+    ),
+    ExportColumn(
+        "truth_wear_um", np.dtype("f8"), "um", "wear on the virtual machine; NaN where nobody knows"
+    ),
+]
+"""Beside the results of simulated runs."""
+
+
 class ExportTable:
     """One table of an open run file. What a live writer adds meanwhile is not seen.
 
@@ -76,6 +88,9 @@ class ExportTable:
             len(run.table(self._table.path)) if self._table.is_compound else run.rows(self._table.path)
         )
         self.columns = _columns(self._table)
+        self._has_truth = self._table is layout.RESULTS and run.is_simulated
+        if self._has_truth:
+            self.columns += _TRUTH
 
     def blocks(self) -> Iterator[Block]:
         """Yield the rows, a large number at a time: one array per column, texts as `str`."""
@@ -98,6 +113,9 @@ class ExportTable:
         if self._table is layout.EVENTS:
             codes = rows["code"].tolist()
             block.insert(3, np.array([self._code_names.get(code, str(code)) for code in codes], object))
+        if self._has_truth:
+            sites = numbers_of(self._run).sites[: len(rows)]
+            block += [np.array([getattr(site, column.name) for site in sites]) for column in _TRUTH]
         yield block
 
 

@@ -22,7 +22,7 @@ from edmctl.record.rows import PulseBlockRows, ServoBlock
 from edmctl.record.writer import RunWriter
 from edmctl.report.export_tables import TABLES, ExportTable
 from edmctl.report.export_text import CsvWriter, formatted
-from tests.cli.commands import command, environment
+from tests.cli.commands import CU270, command, environment
 from tests.cli.run_files import begun, finished, killed
 from tests.record.samples import a_meta
 
@@ -67,6 +67,15 @@ def test_pulses_have_their_times_and_plain_units(here: Here, run: Path) -> None:
     with open_run(run) as opened:
         assert [float(cell) for cell in columns["time_s"]] == opened.pulse_times_s().tolist()
     assert [float(cell) for cell in columns["td_us"][:4]] == pytest.approx([0.0, 0.1, 0.2, 0.3])
+
+
+def test_results_of_a_simulated_run_have_its_truth(here: Here) -> None:
+    options = ("--set", "target.depth_um=8", "--set", "target.tolerance_um=2", "--json")
+    document = here("machine", "--profile", CU270, *options, "--seed", "4").document
+    columns = columns_of(here("run", "export", document["run_file"], "-t", "results").out)
+    (site,) = document["result"]["sites"]
+    assert [float(cell) for cell in columns["truth_depth_um"]] == [site["truth"]["depth_um"]]
+    assert [float(cell) for cell in columns["truth_wear_um"]] == [site["truth"]["wear_um"]]
 
 
 def test_texts_with_commas_and_quotes_stay_one_cell(here: Here, run: Path) -> None:
