@@ -43,8 +43,10 @@ KINDS = {
         "pulse.current_a=0.36",
     ),
 }
-"""Jobs that bring nearly every kind of message: one whose emergency stop is pressed reads what is kept about a
-fault. Replies to SERVO_STOP, SET_ZERO and STAGE_STOP, LOG and BOOT do not come."""
+"""Jobs that bring most kinds of message: one whose emergency stop is pressed reads what is kept about a fault.
+
+No reply comes to ADVANCE, CLEAR_FAULT, GET_PARAM, GET_SCHEMA, REBOOT, SERVO_STOP and STAGE_STOP, no LOG, no BOOT.
+"""
 
 
 @dataclass(frozen=True, slots=True)
