@@ -11,13 +11,12 @@ import argparse
 import json
 import shutil
 import statistics
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
 from resource import RUSAGE_CHILDREN, getrusage
 
-from benchmarks.serving import environment
+from benchmarks.serving import start
 
 BAR = 1.25
 JOB = ("machine", "-p", "cu270", "--port", "sim:bench.h5", "--set", "target.depth_um=8", "--quiet")
@@ -27,15 +26,10 @@ PITCH_UM = 500.0
 def took_s(home: Path, *arguments: str) -> float:
     """Processor time of a command, s. Raises where it fails."""
     before = getrusage(RUSAGE_CHILDREN)
-    subprocess.run(
-        [sys.executable, "-m", "edmctl", *arguments],
-        cwd=home,
-        env=environment(home),
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        check=True,
-    )
+    process = start(home, *arguments)
+    _, err = process.communicate()
+    if process.returncode != 0:
+        raise RuntimeError(err)
     after = getrusage(RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.cli.prepared import hole_radius_um, logbook_of, prepared_job
 from edmctl.cli.tool_seen import seen_on
+from edmctl.errors import Diagnostic
 from edmctl.process.next_cut import COVERAGE
 from edmctl.record.ledger_entries import (
     UNFINISHED,
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from edmctl.cli.job import Plan
     from edmctl.cli.places_taken import Place
     from edmctl.cli.runfile import RunName
-    from edmctl.errors import Diagnostic
     from edmctl.procedures.channel_result import ChannelResult
     from edmctl.procedures.job import Job
     from edmctl.procedures.journal import JobState, Journal
@@ -162,8 +162,6 @@ def _of_another_bench(logbook: Logbook, serial: str) -> list[Diagnostic]:
     """A warning where the ledger knows a machine of that number although it is new."""
     if all(line.serial != serial for line in logbook.lines):
         return []
-    from edmctl.errors import Diagnostic
-
     return [
         Diagnostic(
             "W8116",

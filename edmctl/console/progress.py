@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
     from edmctl.console.views import ProgressView, RatiosView
 
-SPARKING = ("machining", "jumping")
 PASSING_PHASE = "jumping"
 """Comes and goes every few seconds of machining, so it is no news of its own."""
+_IN_A_CUT = ("machining", PASSING_PHASE)
 LINE_EVERY_S = 30.0
 EVENT_EVERY_S = 1.0
 
@@ -150,7 +150,7 @@ def depth_words(p: ProgressView) -> str:
 
 def while_cutting(p: ProgressView) -> str:
     """Return the mark of depth and wear in a cut: estimated, until the next touch."""
-    return marked("", Basis.ESTIMATED) if p.phase in SPARKING else ""
+    return marked("", Basis.ESTIMATED) if p.phase in _IN_A_CUT else ""
 
 
 def phase_words(p: ProgressView) -> str:
