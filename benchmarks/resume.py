@@ -28,6 +28,7 @@ from threading import Timer
 from typing import TYPE_CHECKING
 
 from benchmarks.serving import environment, result, served, start
+from edmctl.cli.channel_truth import channel_truth
 from edmctl.record.bench_file import read_bench
 from edmctl.simulator.saving import restored_bench
 
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from typing import Any, NoReturn
 
     from edmctl.machine.port import TelemetryBlock
+    from edmctl.profile.model import Profile
 
 BAR, HELD_BAR = 0.95, 0.85
 LEAST_TOLERANCE_UM, TOLERANCE_SHARE = 1.5, 0.01
@@ -168,7 +170,7 @@ def kill_and_resume(home: Path, options: tuple[str, ...], seed: int, takes_s: fl
             elif code:
                 done.wrong = f"exit {code}: {err[-300:]}"
             break
-    _take(done, document, home / f"{name}.bench.h5")
+    _take(done, document, home / f"{name}.bench.h5", options)
     return done
 
 
@@ -189,7 +191,7 @@ def lose_power(home: Path, options: tuple[str, ...], seed: int, sparks_s: float)
                 code, document, err = result(start(home, "machine", *resume, "--homed"))
         if code and not done.wrong:
             done.wrong = f"exit {code}: {err[-300:]}"
-    _take(done, document, home / f"{name}.bench.h5")
+    _take(done, document, home / f"{name}.bench.h5", options)
     return done
 
 
@@ -214,15 +216,23 @@ def _summary(home: Path, name: str) -> dict[str, Any]:
         return run.summary() or {}
 
 
-def _take(done: Finished, document: dict[str, Any], bench_file: Path) -> None:
+def _take(done: Finished, document: dict[str, Any], bench_file: Path, options: tuple[str, ...]) -> None:
     """Put what was measured beside what the plant knows."""
+    profile = _profile(options)
+    target = profile.target
+    done.target_um = target.depth_um if target.kind == "depth" else profile.work.thickness_um
     if done.wrong:
         return
-    (site,) = document["result"]["sites"]
-    done.measured_um, done.u95_um = site["depth_um"], site["depth_u95_um"]
-    done.wear_um, done.wear_u95_um = site["wear_um"], site["wear_u95_um"]
+    found = document["result"]["channel"] or document["result"]["sites"][0]
+    done.measured_um, done.u95_um = found["depth_um"], found["depth_u95_um"]
+    done.wear_um, done.wear_u95_um = found["wear_um"], found["wear_u95_um"]
     bench = restored_bench(read_bench(bench_file))
-    done.true_um, done.true_wear_um = max(hole.depth_um for hole in bench.truth()), bench.tool_wear_um
+    done.true_wear_um = bench.tool_wear_um
+    if found.get("through"):
+        # The depth is how far the tip went: what counts is that the sheet is open.
+        done.measured_um, done.u95_um = done.target_um, 0.0
+    channel = channel_truth(profile, bench, done.true_wear_um)
+    done.true_um = channel.depth_um if channel else max(hole.depth_um for hole in bench.truth())
 
 
 def main() -> int:
@@ -249,8 +259,8 @@ def main() -> int:
             pool.submit(lose_power, home, options, 1000 + seed, chance.uniform(2.0, 80.0))
             for seed in range(arguments.seed, arguments.seed + arguments.power)
         ]
-        killed = [_with_target(job.result(), options) for job in jobs]
-        lost = [_with_target(job.result(), options) for job in powers]
+        killed = [job.result() for job in jobs]
+        lost = [job.result() for job in powers]
     _tell("hosts killed", killed)
     _tell("controllers without power", lost)
     every = [*killed, *lost]
@@ -258,12 +268,10 @@ def main() -> int:
     return 0 if good == every and _share(every) >= BAR and min(_held(good)) >= HELD_BAR else 1
 
 
-def _with_target(done: Finished, options: tuple[str, ...]) -> Finished:
+def _profile(options: tuple[str, ...]) -> Profile:
     from edmctl.profile.load import load_profile
 
-    target = load_profile(options[0], options[1:]).profile.target
-    done.target_um = getattr(target, "depth_um", math.nan)
-    return done
+    return load_profile(options[0], options[1:]).profile
 
 
 def _share(rows: list[Finished]) -> float:

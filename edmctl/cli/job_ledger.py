@@ -143,7 +143,7 @@ class JobLedger:
         )
         places = [replace(blank, name=name, x_um=x_um, y_um=y_um) for name, x_um, y_um in self._places]
         if self.plan.loaded.profile.path is not None:
-            return _channel(places, result)
+            return _channel(places, result, next(iter(self._begun.values()), None))
         return self._holes(places, result)
 
     def _holes(self, places: Sequence[SiteMachined], result: JobResult) -> list[SiteMachined]:
@@ -207,10 +207,16 @@ def _floor_at(place: SiteMachined, found: ChannelResult) -> SiteMachined:
     )
 
 
-def _channel(places: Sequence[SiteMachined], result: JobResult) -> list[SiteMachined]:
-    """A channel as a row of holes, the whole wear at the first; none where nothing was cut."""
+def _channel(places: Sequence[SiteMachined], result: JobResult, left: JobState | None) -> list[SiteMachined]:
+    """A channel as a row of holes, the whole wear at the first; none where nothing was cut.
+
+    One that no run has measured is by the journal.
+    """
     if not result.machining_time_s:
         return []
     found = result.channel
-    first, *others = places if found is None else [_floor_at(place, found) for place in places]
+    if found is not None:
+        first, *others = [_floor_at(place, found) for place in places]
+    else:
+        first, *others = [_left(place, left) for place in places] if left is not None else places
     return [first, *(replace(place, wear_um=0.0, wear_u95_um=0.0) for place in others)]

@@ -48,7 +48,7 @@ def refuse_taken(
                 raise PreconditionError(
                     f"{name} at {coordinates(x_um, y_um)} would run into {told(hole, folder)}.",
                     hint="Give it another place, or keep the run files of new work in another folder with --out; "
-                    "`edmctl machine --resume` finishes an interrupted hole, but no channel.",
+                    "`edmctl machine --resume` finishes an interrupted hole or channel.",
                     code="E8042",
                 )
 

@@ -124,6 +124,8 @@ class Resumption:
         state, done = self.state, {str(site["name"]) for site in self.state.done}
         left = ", ".join(name for name, *_ in self.job.places if name not in done)
         begun = f"; {state.site} was interrupted at about {state.depth_um:.1f} µm" if state.begun else ""
+        if state.channel:
+            return f"{self.job.run_id} machines a channel{begun}."
         holes = plural(len(self.job.places), "hole")
         return f"{self.job.run_id} has finished {len(done)} of {holes}{begun}. Left: {left}."
 
@@ -176,8 +178,8 @@ def find_run(named: str, folder: Path, *, homed: bool = False, restart_hole: boo
 def checked(resumption: Resumption, port: str | None, wait_s: float) -> Plan:
     """Return the plan of the run's own order, on the machine that is named now.
 
-    Raises PreconditionError: E8053 profile or setup are not what they were, E8054 the job is one that cannot be
-    taken up, E8056 its tool was used since, E8058 the virtual bench is gone. Whatever `check` raises.
+    Raises PreconditionError: E8053 profile or setup are not what they were, E8054 the journal tells nothing of its
+    channel, E8056 its tool was used since, E8058 the virtual bench is gone. Whatever `check` raises.
     """
     from edmctl.cli.job import check
     from edmctl.record.logbook import Logbook

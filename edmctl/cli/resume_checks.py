@@ -20,21 +20,20 @@ HOMED_WITHIN_UM = 2.0
 
 
 def refuse_untouchable(resumption: Resumption, plan: Plan) -> None:
-    """Raise PreconditionError: E8054 no touch would tell how far the job came, E8062 there is no hole to restart."""
-    run_id = resumption.job.run_id
-    if plan.loaded.profile.path is not None:
+    """Raise PreconditionError: E8054 the journal tells nothing of its channel, E8062 there is no hole to restart."""
+    run_id, state = resumption.job.run_id, resumption.state
+    is_channel = plan.loaded.profile.path is not None
+    if is_channel and state.channel is None:
         raise PreconditionError(
-            f"{run_id} machines a channel. How far along its way each layer came is not measured, so nobody "
-            "knows where its floor is.",
+            f"{run_id} machines a channel, and the edmctl that wrote its journal kept nothing of channels.",
             hint="Machine the channel anew on fresh work.",
             code="E8054",
         )
-    if plan.loaded.profile.target.kind == "through" and resumption.state.begun:
+    if is_channel and resumption.restart_hole:
         raise PreconditionError(
-            f"{run_id} was making a hole through the sheet. A touch finds no bottom in one that is open, and "
-            "nobody knows whether it is.",
-            hint="Machine another hole, at another place.",
-            code="E8054",
+            f"{run_id} machines a channel, and --restart-hole makes holes anew.",
+            hint="Leave --restart-hole out; on fresh work, order the channel as a job of its own.",
+            code="E8062",
         )
     if resumption.restart_hole and not resumption.state.begun:
         raise PreconditionError(

@@ -6,12 +6,24 @@ stop, so the last layers are cut by what was measured and not by what was assume
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
+from edmctl.errors import MachineFault
 from edmctl.labels import NOT_SHOWN_CODE, Verdict
 from edmctl.machine.port import host_fault
 from edmctl.procedures.channel_layers import Layers
 from edmctl.procedures.channel_result import ChannelResult, FloorReading, channel_left, channel_result
+from edmctl.procedures.channel_resuming import (
+    channel_begun,
+    channel_state,
+    face_left,
+    go_on_from,
+    refuse_other_channel,
+    stops_left,
+    unknown_of_left,
+    with_journal_hint,
+)
 from edmctl.procedures.channel_touch import measure_floor, touch_untouched
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.deciding import Decision
@@ -29,6 +41,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from edmctl.procedures.channel_touch import Face
+    from edmctl.procedures.journal import JobState
     from edmctl.procedures.run import Run
     from edmctl.procedures.time_limits import TimeLimits
     from edmctl.profile.sites import PathTable
@@ -72,10 +85,15 @@ def machine_channel(
     goal = goal_of(run.profile, Site(run.profile.meta.name, path.x_um, path.y_um))
     run.ledger.depth_um, run.ledger.open_site = 0.0, run.profile.meta.name
     run.ledger.depth_target_um = goal.depth_um
-    face = touch_untouched(run, way)
+    left = channel_begun(run)
+    face = touch_untouched(run, way) if left is None else face_left(run, left)
     layers = Layers(run, limits, way, face, path.speed_um_s)
     stops = _Stops(run, goal, way, face, layers, keep)
     try:
+        if left is not None:
+            ended = _ended(run, goal, stops.take_up(left), last=False)
+            if ended is not None:
+                return stops.result, ended
         return _cut_down(run, goal, layers, stops, path.layer_um)
     except BaseException:
         stops.leave()
@@ -104,20 +122,28 @@ def _cut_down(
         sunk_um = result.depth_um - from_um
         if fault and not (layers.behind and sunk_um >= LEAST_SUNK_SHARE * (depths_um[0] - from_um)):
             return result, _missed(run, goal, fault, told, result)
-        worn_out = _worn_out(run, goal, result)
-        if worn_out is not None:
-            return result, worn_out
-        left_um = goal.depth_um - result.depth_um
         corrections -= last
-        if left_um <= _good_enough_um(goal) or (last and corrections <= 0):
-            return result, _final(run, goal, result)
+        ended = _ended(run, goal, result, last=last and corrections <= 0)
+        if ended is not None:
+            return result, ended
         ended_early = f" The last layer ended early: {told}." if told else ""
+        left_um = goal.depth_um - result.depth_um
         again = max(1, len(layer_depths_um(result.depth_um, goal.depth_um, layer_um)))
         run.decide(
             RunEvent.CUT_DECIDED,
             f"{left_um:.2f} µm are left, in {plural(again, 'layer')}.{ended_early}",
             {"left_um": left_um, "layers": again},
         )
+
+
+def _ended(run: Run, goal: Goal, result: ChannelResult, *, last: bool) -> Decision | None:
+    """The end after a measuring stop, at the target or `last` or with a worn tool; None where more is to be cut."""
+    worn_out = _worn_out(run, goal, result)
+    if worn_out is not None:
+        return worn_out
+    if last or goal.depth_um - result.depth_um <= _good_enough_um(goal):
+        return _final(run, goal, result)
+    return None
 
 
 class _Stops:
@@ -139,8 +165,11 @@ class _Stops:
         self._layers = layers
         self._keep = keep
         self._number = 0
-        self._layers_before = 0
+        self._learned = False
         self.result: ChannelResult | None = None
+        layers.keep = partial(self._keep_state, "machining")
+        if channel_begun(run) is None:
+            self._keep_state("measuring")
 
     def due(self, layers_after: int) -> bool:
         """Whether to measure after the next layer, with so many left after it.
@@ -148,36 +177,72 @@ class _Stops:
         After the second layer for wear and gap; whenever the tool's face is no longer known to half the tolerance;
         and before the last layer, which is to end at the target, where it is not known to a quarter.
         """
-        if self._number == 0 and self._layers.layers + 1 >= LAYERS_BEFORE_FIRST_STOP:
+        if not self._learned and self._layers.layers + 1 >= LAYERS_BEFORE_FIRST_STOP:
             return True
         unknown = self._layers.wear_u_um / self._goal.tolerance_um
         return unknown > 0.5 or (layers_after == 1 and unknown > 0.25)
 
     def measure(self, places: int) -> ChannelResult:
         """Touch floor and pad, learn from them, and keep the result."""
-        run, layers = self._run, self._layers
+        layers = self._layers
         if layers.last is None:
             raise ValueError("nothing was cut")
-        found = measure_floor(run, self._face, *layers.last, layers.wear, layers.since_uj, places)
         plan, done = layers.last
+        found = measure_floor(self._run, self._face, plan, done, layers.wear, layers.since_uj, places)
         uneven_um = abs(plan.held.depth_um - layers.depth_um) if done.fault else 0.0
         layers.learn(found)
-        self._number += 1
-        self.result = channel_result(
-            run,
+        self._learned |= done.held
+        return self._keep_result(found, self._result(found, uneven_um))
+
+    def take_up(self, left: JobState) -> ChannelResult:
+        """Touch floor and pad where an earlier run has left them, and keep the result; its journal stands till then.
+
+        Raises PreconditionError E8060, E8061 where they are not as they were left.
+        """
+        run, layers = self._run, self._layers
+        self._number, self._learned = stops_left(left)
+        plan, done = go_on_from(run, left, layers, self._way)
+        unknown = unknown_of_left(run, left)
+        try:
+            found = measure_floor(run, self._face, plan, done, layers.wear, 0.0, PLACES_AT_THE_END, unknown)
+        except MachineFault as fault:
+            raise with_journal_hint(fault) from fault
+        uneven_um = layers.aim_um - layers.depth_um
+        refuse_other_channel(run, left, self._face, self._result(found, 0.0), uneven_um)
+        layers.take_up(found)
+        return self._keep_result(found, self._result(found, uneven_um))
+
+    def _result(self, found: FloorReading, uneven_um: float) -> ChannelResult:
+        layers = self._layers
+        return channel_result(
+            self._run,
             self._way.length_um,
             self._face,
             found,
-            layers.passes,
+            layers.sums,
             layers=layers.layers,
             gap_um=layers.gap_um,
-            stops=self._number,
+            stops=self._number + 1,
             uneven_um=uneven_um,
         )
-        run.ledger.depth_um, run.ledger.unmeasured_site = found.depth_um, ""
-        self._keep(self.result)
-        self._tell(found, self.result)
-        return self.result
+
+    def _keep_result(self, found: FloorReading, result: ChannelResult) -> ChannelResult:
+        self._number += 1
+        self.result = result
+        self._run.ledger.depth_um, self._run.ledger.unmeasured_site = found.depth_um, ""
+        self._keep(result)
+        self._keep_state("measuring")
+        self._tell(found, result)
+        return result
+
+    def _keep_state(self, phase: str) -> None:
+        """Write down how far the channel has come, for a run that goes on with it."""
+        self._run.journal.channel(self._state, phase, self._run.machine.time_s)
+
+    def _state(self, state: JobState, now_s: float) -> JobState:
+        return channel_state(
+            self._run, self._face, self._layers, self._number, learned=self._learned, state=state, now_s=now_s
+        )
 
     def leave(self) -> None:
         """Keep by estimate what was cut since the last stop, where the channel is left before the next."""
@@ -187,7 +252,7 @@ class _Stops:
             run.ledger.depth_um = max(run.ledger.depth_um, layers.depth_um, self.result.depth_um)
             left = channel_left(
                 self.result,
-                layers.passes,
+                layers.sums,
                 layers=layers.layers,
                 depth_um=run.ledger.depth_um,
                 most_um=max(run.ledger.depth_um, layers.aim_um),

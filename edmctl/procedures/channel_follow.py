@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from edmctl.machine.port import MachineState, TelemetryBlock
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.estimating import energy_of
-from edmctl.procedures.results import Phase, Progress
+from edmctl.procedures.results import Phase, Progress, RunningCut
 from edmctl.procedures.settings import gap_reference_v, telemetry_settings
 from edmctl.process.channel_wear import wearing_uj
 from edmctl.process.pulses import PulseShares, pulse_shares
@@ -86,7 +86,10 @@ class PassFollower:
         self._look_at(RunEvent.SHORTING, "shorts", ratios.short, limits.short_ratio, now_s)
         ledger = self._run.ledger
         ledger.depth_um = self.depth_um
-        ledger.machining_time_s = self._machined_before_s + max(0.0, now_s - self._start_s)
+        cut_s = max(0.0, now_s - self._start_s)
+        ledger.machining_time_s = self._machined_before_s + cut_s
+        opens, normals, arcs, shorts = self.counts
+        ledger.cut = RunningCut((opens, normals, arcs, shorts), self.energy_j, cut_s, self.displacement_um)
         self._record(now_s, gap_v, ratios, power_w)
         self._tell(block, now_s, gap_v, ratios)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from edmctl.errors import PreconditionError
 from edmctl.procedures.channel import machine_channel
 from edmctl.procedures.goal import goal_of
 from edmctl.procedures.job import Site
@@ -23,15 +22,8 @@ if TYPE_CHECKING:
 def machine_path(run: Run) -> Decision | None:
     """Machine the channel of the recipe; the decision where it missed its objective, None where it did not.
 
-    Raises PreconditionError E8054 where an earlier run has begun it: nobody knows how far its floor is even.
+    Raises PreconditionError E8060, E8061 where it is not the channel, or the tool, that an earlier run has left.
     """
-    if run.job.resumed is not None:
-        raise PreconditionError(
-            "A channel cannot be taken up again: its floor has a step where the run before ended.",
-            hint="Machine a new channel beside it, or one with target.depth_um below what is there.",
-            code="E8054",
-        )
-
     path = run.profile.path
     assert path is not None
 

@@ -6,11 +6,13 @@ import math
 from typing import TYPE_CHECKING
 
 from edmctl.procedures.approach import approach_bottom
+from edmctl.procedures.channel_result import PassSums
 from edmctl.procedures.channel_scan import PassPlan, PassResult, run_pass
 from edmctl.procedures.channel_touch import learned_gap_um
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.drift import uncertainty_now
 from edmctl.procedures.job import Site
+from edmctl.procedures.results import RunningCut
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.tool_length import TOUCH_U_UM
 from edmctl.process.channel_wear import ToolWear
@@ -20,6 +22,8 @@ from edmctl.profile.rates import SIDE_DISCHARGE_SHARE, removal_um3_s
 from edmctl.record.rows import EventLevel
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from edmctl.procedures.channel_result import FloorReading
     from edmctl.procedures.channel_touch import Face
     from edmctl.procedures.run import Run
@@ -44,7 +48,8 @@ class Layers:
     """The channel under way: how deep it is planned so far, how the tool wears, which gap a held tool leaves.
 
     `since_uj` is the wearing energy since the last measuring stop, at `since_s`; `last` the newest pass. `aim_um` is
-    how deep the layer under way is meant to be, `behind` says that it took more passes than it may.
+    how deep the layer under way is meant to be, `behind` says that it took more passes than it may. `keep` writes
+    down how far the channel has come, before every pass.
     """
 
     def __init__(self, run: Run, limits: TimeLimits, way: Way, face: Face, speed_um_s: float) -> None:
@@ -52,7 +57,7 @@ class Layers:
         self._run = run
         self._limits = limits
         self._way = way
-        self._face = face
+        self.face = face
         self._width_um = channel_width_um(profile.tool.diameter_um, profile.work.side_gap_um)
         self._speed_um_s = speed_um_s
         self._engaged = False
@@ -63,7 +68,8 @@ class Layers:
         self.since_s = face.z1.time_s
         self.layers = 0
         self.behind = False
-        self.passes: list[PassResult] = []
+        self.sums = PassSums()
+        self.keep: Callable[[], None] = lambda: None
         self.last: tuple[PassPlan, PassResult] | None = None
 
     @property
@@ -82,7 +88,7 @@ class Layers:
         if left.seconds <= 0.0:
             return "TIMEOUT", left.limit
         self.aim_um, thickness_um = depth_um, depth_um - self.depth_um
-        held = HeldTool(self._face.z1.z_um, self._face.plane, depth_um, self.gap_um)
+        held = HeldTool(self.face.z1.z_um, self.face.plane, depth_um, self.gap_um)
         self._engage(held)
         profile = self._run.profile
         rate_um3_s = removal_um3_s(profile, depth_um)
@@ -111,9 +117,20 @@ class Layers:
         if self.last is None:
             raise ValueError("nothing was cut")
         drift_u_um_per_s = uncertainty_now(self._run).drift_u_um_per_s
-        wear_um = found.pad.z_um - self._face.z1.z_um
+        wear_um = found.pad.z_um - self.face.z1.z_um
         self.wear.learn(self.since_uj, wear_um, drift_u_um_per_s * (found.pad.time_s - self.since_s))
         self.gap_um = learned_gap_um(*self.last, found, self.wear, self.gap_um)
+        self._start_from(found)
+
+    def take_up(self, found: FloorReading) -> None:
+        """Take the first measuring stop after an earlier run: its last seconds of sparks are in no sum.
+
+        So it tells where tool and floor are, and nothing of wear per energy or of the gap.
+        """
+        self.wear.restart(found.pad.z_um - self.face.z1.z_um)
+        self._start_from(found)
+
+    def _start_from(self, found: FloorReading) -> None:
         self.depth_um = found.depth_um
         self.since_uj, self.since_s = 0.0, found.pad.time_s
         self._engaged = False
@@ -123,14 +140,16 @@ class Layers:
         run, left = self._run, self._limits.left()
         if left.seconds <= 0.0:
             return _not_begun(left.limit, len(self._way.points))
-        way = self._way.reversed() if len(self.passes) % 2 else self._way
+        way = self._way.reversed() if self.sums.passes % 2 else self._way
         rest_s = passes_after * way.length_um / self._speed_um_s
-        plan = PassPlan(way, self._speed_um_s, held, uj_per_um, self.since_uj, rest_s, len(self.passes) + 1)
+        plan = PassPlan(way, self._speed_um_s, held, uj_per_um, self.since_uj, rest_s, self.sums.passes + 1)
         before_s = run.ledger.machining_time_s
         run.ledger.unmeasured_site = run.profile.meta.name
+        self.keep()
         done = run_pass(run, plan, self.wear, left.seconds, left.limit)
         run.ledger.machining_time_s = before_s + done.time_s
-        self.passes.append(done)
+        self.sums.add(done)
+        run.ledger.cut = RunningCut()
         self.last = (plan, done)
         self.since_uj += done.wearing_uj
         self._tell_pass(held, done)
@@ -151,22 +170,22 @@ class Layers:
         """Go to where the next pass begins, and down to the first sparks, unless the tool is still there."""
         if self._engaged:
             return
-        x_um, y_um = self._way.at(self._way.length_um if len(self.passes) % 2 else 0.0)
-        move_to(self._run, Site("the path's end" if len(self.passes) % 2 else "the path's start", x_um, y_um))
+        x_um, y_um = self._way.at(self._way.length_um if self.sums.passes % 2 else 0.0)
+        move_to(self._run, Site("the path's end" if self.sums.passes % 2 else "the path's start", x_um, y_um))
         old = HeldTool(held.pad_um, held.plane, self.depth_um, held.gap_um)
         floor_um = old.floor_um((x_um, y_um), self.wear.um(self.since_uj))
-        floor_u_um = math.hypot(self.wear_u_um, self._face.plane.height_u_um(x_um, y_um), FLOOR_U_UM)
+        floor_u_um = math.hypot(self.wear_u_um, self.face.plane.height_u_um(x_um, y_um), FLOOR_U_UM)
         approach_bottom(self._run, floor_um, floor_u_um)
         self._engaged = True
 
     def _tell_pass(self, held: HeldTool, done: PassResult) -> None:
         self._run.decide(
             RunEvent.PASS_ENDED,
-            f"Pass {len(self.passes)} at {held.depth_um:.2f} µm took {done.time_s:.0f} s: held on "
+            f"Pass {self.sums.passes} at {held.depth_um:.2f} µm took {done.time_s:.0f} s: held on "
             f"{100 * done.held_share:.0f} % of the path, {100 * done.open_share:.0f} % of the pulses open"
             f"{f'; ended early, {done.told}' if done.fault else ''}.",
             {
-                "pass": len(self.passes),
+                "pass": self.sums.passes,
                 "depth_um": held.depth_um,
                 "time_s": done.time_s,
                 "held": done.held_share,

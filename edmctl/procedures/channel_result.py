@@ -16,8 +16,6 @@ from edmctl.process.pulses import PulseShares, pulse_shares
 from edmctl.process.wear import TOUCH_PRIOR_DOF, student_97_5
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from edmctl.labels import Verdict
     from edmctl.procedures.channel_scan import PassResult
     from edmctl.procedures.channel_touch import Face
@@ -78,6 +76,24 @@ class ChannelResult:
         return math.sqrt(squares / len(self.floor))
 
 
+@dataclass(slots=True)
+class PassSums:
+    """What all passes have done together, those of earlier runs of the job too: pulses by class, J and s."""
+
+    passes: int = 0
+    counts: tuple[int, int, int, int] = (0, 0, 0, 0)
+    energy_j: float = 0.0
+    time_s: float = 0.0
+
+    def add(self, done: PassResult) -> None:
+        """Take one more pass."""
+        a, b = self.counts, done.counts
+        self.passes += 1
+        self.counts = (a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3])
+        self.energy_j += done.energy_j
+        self.time_s += done.time_s
+
+
 @dataclass(frozen=True, slots=True)
 class FloorReading:
     """The touches of one measuring stop: the pad, the floor at places of the path, and the pad again."""
@@ -105,7 +121,7 @@ def channel_result(
     length_um: float,
     face: Face,
     found: FloorReading,
-    passes: Sequence[PassResult],
+    sums: PassSums,
     *,
     layers: int,
     gap_um: float,
@@ -118,7 +134,6 @@ def channel_result(
     places that were touched: so much the mean of the floor may be off.
     """
     job, z1 = run.job, face.z1
-    counts, time_s, energy_j = _sums(passes)
     depth_u95_um, wear_u95_um = _uncertainties(run, face, found, uneven_um)
     wear_um = found.pad.z_um - z1.z_um
     return ChannelResult(
@@ -126,7 +141,7 @@ def channel_result(
         length_um=length_um,
         width_um=channel_width_um(job.profile.tool.diameter_um, job.profile.work.side_gap_um),
         layers=layers,
-        passes=len(passes),
+        passes=sums.passes,
         depth_um=found.depth_um,
         depth_u95_um=depth_u95_um,
         floor_sd_um=found.sd_um,
@@ -135,10 +150,10 @@ def channel_result(
         feed_um=found.depth_um + wear_um,
         z1_um=z1.z_um,
         z3_um=found.pad.z_um,
-        machining_time_s=time_s,
-        pulses=sum(counts),
-        ratios=pulse_shares(*counts),
-        energy_j=energy_j,
+        machining_time_s=sums.time_s,
+        pulses=sum(sums.counts),
+        ratios=pulse_shares(*sums.counts),
+        energy_j=sums.energy_j,
         working_gap_um=gap_um,
         measuring_stops=stops,
         floor=found.places,
@@ -149,7 +164,7 @@ def channel_result(
 
 def channel_left(
     measured: ChannelResult,
-    passes: Sequence[PassResult],
+    sums: PassSums,
     *,
     layers: int,
     depth_um: float,
@@ -167,11 +182,10 @@ def channel_left(
     per_um = 1.0 / measured.depth_um if measured.depth_um > 0.0 else 0.0
     worn_um = max(wear_um - measured.wear_um, measured.wear_um * per_um * cut_um, 0.0)
     missed_um = cut_um * min(measured.wear_u95_um * per_um, 1.0) if per_um else cut_um
-    counts, time_s, energy_j = _sums(passes)
     return replace(
         measured,
         layers=layers,
-        passes=len(passes),
+        passes=sums.passes,
         depth_um=depth_um,
         depth_u95_um=math.hypot(measured.depth_u95_um, cut_um),
         floor_sd_um=math.nan,
@@ -179,20 +193,14 @@ def channel_left(
         wear_u95_um=math.hypot(measured.wear_u95_um + missed_um, worn_um),
         feed_um=depth_um + measured.wear_um + worn_um,
         z3_um=math.nan,
-        machining_time_s=time_s,
-        pulses=sum(counts),
-        ratios=pulse_shares(*counts),
-        energy_j=energy_j,
+        machining_time_s=sums.time_s,
+        pulses=sum(sums.counts),
+        ratios=pulse_shares(*sums.counts),
+        energy_j=sums.energy_j,
         floor=(),
         depth_basis=Basis.ESTIMATED,
         wear_basis=Basis.ESTIMATED,
     )
-
-
-def _sums(passes: Sequence[PassResult]) -> tuple[list[int], float, float]:
-    """Pulses by class, time in s and energy in J of passes."""
-    counts = [sum(column) for column in zip(*(done.counts for done in passes), strict=True)]
-    return counts, math.fsum(done.time_s for done in passes), math.fsum(done.energy_j for done in passes)
 
 
 def _uncertainties(run: Run, face: Face, found: FloorReading, uneven_um: float) -> tuple[float, float]:
@@ -217,6 +225,7 @@ def _uncertainties(run: Run, face: Face, found: FloorReading, uneven_um: float) 
         known.gain_u_rel * found.depth_um,
         known.linearity_u_um,
         face_u_um,
+        face.doubt_u_um,
         meeting_u_um,
         math.fsum(z2.doubt_u_um for z2 in found.floor) / len(found.floor),
         0.5 * (found.pad_before.doubt_u_um + found.pad.doubt_u_um),

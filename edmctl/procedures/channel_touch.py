@@ -44,12 +44,27 @@ Touched = tuple[float, "Site", "SurfaceReading"]
 """Length along the path, place and reading of one touch of the floor."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class Face:
-    """The untouched face: the pad before the channel, and a plane through it and places of the path."""
+    """The untouched face: the pad before the channel, and a plane through it and places of the path.
+
+    `doubt_u_um` is a standard uncertainty on top of the plane's, since something contradicted it.
+    """
 
     z1: SurfaceReading
     plane: Plane
+    doubt_u_um: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Unknown:
+    """Standard uncertainties, µm, that come on top where an earlier run has left a channel."""
+
+    pad_u_um: float = 0.0
+    floor_u_um: float = 0.0
+
+
+NOTHING = Unknown()
 
 
 def touch_untouched(run: Run, way: Way) -> Face:
@@ -60,30 +75,40 @@ def touch_untouched(run: Run, way: Way) -> Face:
     face = unknown_face(run)
     take_pad(run, face, z1)
     touch_plane(run, candidates, face, ToolLength(z1))
-    return Face(z1, face.plane)
+    run.journal.face(face)
+    return Face(z1, face.plane, face.doubt_u_um)
 
 
 def measure_floor(
-    run: Run, face: Face, plan: PassPlan, done: PassResult, wear: ToolWear, since_uj: float, places: int
+    run: Run,
+    face: Face,
+    plan: PassPlan,
+    done: PassResult,
+    wear: ToolWear,
+    since_uj: float,
+    places: int,
+    unknown: Unknown = NOTHING,
 ) -> FloorReading:
     """Touch the pad, the floor at places along the path of the pass just done, and the pad again.
 
-    `since_uj` is the wearing energy since the pad was touched last. Between the two readings of the pad its height
-    is interpolated: the sensor drifts by as much in these minutes as the floor may be uneven.
+    `since_uj` is the wearing energy since the pad was touched last, `unknown` what else nobody knows of pad and
+    floor. Between the two readings of the pad its height is interpolated: the sensor drifts by as much in these
+    minutes as the floor may be uneven.
     """
     wear_um = wear.um(since_uj)
-    pad_u_um = PAD_U_SHARE * wear.per_uj * since_uj
-    before = _touch_pad(run, face, face.z1.z_um + wear_um, pad_u_um)
+    pad_u_um = math.hypot(PAD_U_SHARE * wear.per_uj * since_uj, unknown.pad_u_um)
+    floor_u_um = math.hypot(FLOOR_U_UM, unknown.floor_u_um)
+    before = _touch_pad(run, face, face.z1.z_um + wear_um, pad_u_um, unknown)
     touched: list[Touched] = []
     for s_um in even_places(plan.way, places):
         place = _place(run, plan.way, s_um)
         height_um = plan.held.floor_um((place.x_um, place.y_um), 0.0) - plan.held.pad_um
         predicted_um = before.z_um + height_um
         move_to(run, place)
-        touched.append((s_um, place, take_reading(run, "Z2", place.name, predicted_um, FLOOR_U_UM)))
+        touched.append((s_um, place, take_reading(run, "Z2", place.name, predicted_um, floor_u_um)))
     if done.held:
         touched = _short_ones_again(run, plan, done, wear, touched)
-    after = _touch_pad(run, face, before.z_um, 0.0)
+    after = _touch_pad(run, face, before.z_um, 0.0, unknown)
     floor = tuple(
         FloorPlace(s_um, place.x_um, place.y_um, z2.z_um - _face_at(place, z2, before, after, face))
         for s_um, place, z2 in touched
@@ -121,10 +146,14 @@ def _short_ones_again(
     return found
 
 
-def _touch_pad(run: Run, face: Face, predicted_um: float, pad_u_um: float) -> SurfaceReading:
+def _touch_pad(
+    run: Run, face: Face, predicted_um: float, pad_u_um: float, unknown: Unknown
+) -> SurfaceReading:
+    """Z3. Whether the tool is the one that an earlier run has left is asked with what is found of the floor."""
     z1 = face.z1
     z3 = read_pad(run, "Z3", run.profile.meta.name, predicted_um, pad_u_um)
-    refuse_grown_tool(run, z1.z_um, z3, z3.time_s - z1.time_s, z1.doubt_u_um)
+    if unknown is NOTHING:
+        refuse_grown_tool(run, z1.z_um, z3, z3.time_s - z1.time_s, z1.doubt_u_um)
     return z3
 
 

@@ -110,9 +110,20 @@ class Expected:
         """Whether this can be the tool that made it, where it was left."""
         known = self.estimate
         more_um = found.feed_um - known.depth_um - known.wear_um
-        return self._fits(found.wear_um - known.wear_um, known.wear_u_um, found.wear_u95_um) and self._fits(
-            more_um, known.feed_u_um, found.feed_u95_um
-        )
+        return self.wear_fits(found) and self._fits(more_um, known.feed_u_um, found.feed_u95_um)
+
+    def wear_fits(self, found: DepthAndWear) -> bool:
+        """The same by the wear alone, where no bottom tells of the feed."""
+        known = self.estimate
+        return self._fits(found.wear_um - known.wear_um, known.wear_u_um, found.wear_u95_um)
+
+    def through_at_most(self, thickness_um: float) -> Expected:
+        """The same of a hole through a sheet: behind it the tool is fed on and neither cuts nor wears."""
+        known = self.estimate
+        if known.depth_um <= thickness_um:
+            return self
+        wear_um = known.wear_um * thickness_um / known.depth_um
+        return replace(self, estimate=replace(known, depth_um=thickness_um, wear_um=wear_um))
 
     def _fits(self, more_um: float, known_u_um: float, found_u95_um: float) -> bool:
         reach_um = STANDARD_UNCERTAINTIES * math.hypot(known_u_um, found_u95_um / COVERAGE)

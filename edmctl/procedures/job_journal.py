@@ -21,6 +21,8 @@ from edmctl.procedures.pausing import after_pause
 from edmctl.procedures.results import RunningCut
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from edmctl.machine.port import TelemetryBlock
     from edmctl.procedures.cut import CutResult
     from edmctl.procedures.face import Face
@@ -30,14 +32,19 @@ if TYPE_CHECKING:
     from edmctl.procedures.results import Ledger
 
 
+MACHINING = "machining"
+"""The phase in which the state is kept every few seconds."""
+
+
 @dataclass(slots=True, eq=False)
 class JobJournal:
-    """Puts the state of a job together from its ledger and the hole under way."""
+    """Puts the state of a job together from its ledger and the hole or channel under way."""
 
     job: Job
     ledger: Ledger
     file: Journal = field(default_factory=NoJournal)
     _hole: Hole | None = None
+    _channel: Callable[[JobState, float], JobState] | None = None
     _plan: CutPlan | None = None
     _face: tuple[FaceTouch, ...] = ()
     _face_doubt_u_um: float = 0.0
@@ -57,6 +64,10 @@ class JobJournal:
         """Note what was touched of the face, and what is doubted of it."""
         self._face, self._face_doubt_u_um = tuple(face.touched), face.doubt_u_um
 
+    def doubt_face(self, u_um: float) -> None:
+        """The face is less certain by a standard uncertainty."""
+        self._face_doubt_u_um = math.hypot(self._face_doubt_u_um, u_um)
+
     def begin_hole(self, hole: Hole, time_s: float, *, begun: bool = False) -> None:
         """A hole whose Z1 is known; `begun` when an earlier run has cut it already."""
         self._hole, self._plan, self._ended, self._begun, self._time_s = hole, None, None, begun, time_s
@@ -66,14 +77,19 @@ class JobJournal:
         """Sparks come next."""
         self._hole, self._plan, self._ended, self._begun = hole, plan, None, True
         self.ledger.cut = RunningCut(displacement_um=plan.start.bottom_um - plan.start.gap_um)
-        self._keep("machining")
+        self._keep(MACHINING)
+
+    def channel(self, told: Callable[[JobState, float], JobState], phase: str, time_s: float) -> None:
+        """A channel is under way in a phase: `told` adds what is known of it at a time of the run, s, to a state."""
+        self._channel, self._time_s = told, time_s
+        self._keep(phase)
 
     def take(self, block: TelemetryBlock) -> None:
         """Hear the samples of the run; every few seconds of a cut its state is kept."""
         self._time_s = float(block.time_s[-1])
-        if self._plan is None or self._time_s - self._kept_s < PERIOD_S:
+        if self._phase != MACHINING or self._time_s - self._kept_s < PERIOD_S:
             return
-        self._keep("machining", urgent=False)
+        self._keep(MACHINING, urgent=False)
 
     def end_cut(self, hole: Hole, cut: CutResult) -> None:
         """The cut has ended, and its sums are the hole's now."""
@@ -138,6 +154,8 @@ class JobJournal:
             home_um=self.ledger.home_um,
             home_age_s=self._time_s - self.ledger.home_s,
         )
+        if self._channel is not None:
+            return self._channel(state, self._time_s)
         if hole is None:
             return state
         cut, sums, known = self.ledger.cut, hole.sums, self._estimate(hole)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 PERIOD_S = 5.0
 """Between two states of a cut: 1.5 µm of feed at 0.3 µm/s, far less than the touch of the bottom looks for."""
 
-_ADDED = ("home_age_s", "face_doubt_u_um")
+_ADDED = ("home_age_s", "face_doubt_u_um", "channel")
 """Fields that earlier journals do not have."""
 
 FaceTouch = tuple[float, float, float, float]
@@ -31,7 +31,8 @@ class JobState:
     showed of a tool at home, `home_age_s` before `time_s`, NaN where nobody knows. `time_s` counts from the start of
     the first run, pauses left out: those were `pause_s`, NaN where nobody knows; `job_machining_time_s` is the
     machining in it. `face` is what was touched of the untouched face: x, y, height over the pad and its standard
-    uncertainty, µm; `face_doubt_u_um` is one on top, since something contradicted it.
+    uncertainty, µm; `face_doubt_u_um` is one on top, since something contradicted it. `channel` is what a channel
+    has to know besides, empty before it is begun and for holes, None in the journal of an earlier version.
     """
 
     phase: str
@@ -63,6 +64,7 @@ class JobState:
     pause_s: float = 0.0
     home_age_s: float = math.nan
     face_doubt_u_um: float = 0.0
+    channel: Mapping[str, float] | None = field(default_factory=dict)
 
     def as_mapping(self) -> dict[str, object]:
         """Values that JSON holds."""
@@ -72,12 +74,13 @@ class JobState:
 def job_state(mapping: Mapping[str, object]) -> JobState:
     """Return the state that `as_mapping` made. Raises TypeError or ValueError where it is none."""
     values = dict(mapping)
-    missing = [
-        field.name for field in fields(JobState) if field.name not in values and field.name not in _ADDED
-    ]
+    missing = [one.name for one in fields(JobState) if one.name not in values and one.name not in _ADDED]
     if missing:
         raise ValueError(f"it has no {', '.join(missing)}")
     done, counts, face = values.pop("done"), values.pop("counts"), values.pop("face")
+    channel = values.pop("channel", None)
+    if not isinstance(channel, dict | None):
+        raise TypeError("channel has to be a mapping")
     if not isinstance(done, list | tuple) or not isinstance(counts, list | tuple) or len(counts) != 4:
         raise TypeError("done and counts have to be lists")
     if not isinstance(face, list | tuple) or any(len(touch) != 4 for touch in face):
@@ -87,6 +90,7 @@ def job_state(mapping: Mapping[str, object]) -> JobState:
         done=tuple(dict(site) for site in done),
         face=tuple((float(x), float(y), float(height), float(u)) for x, y, height, u in face),
         counts=(int(counts[0]), int(counts[1]), int(counts[2]), int(counts[3])),
+        channel=None if channel is None else {name: float(value) for name, value in channel.items()},
     )
 
 

@@ -155,10 +155,7 @@ def first_plan(
     if goal.kind == "feed":
         return CutPlan(1, goal.feed_um, start, estimate)
     if goal.kind == "through":
-        # The breakthrough ends it: the limit leaves room for a tool that wears more than the recipe says.
-        worst = estimate.wear_ratio * (1.0 + (0.0 if estimate.fits else COVERAGE * RECIPE_U_REL))
-        feed_um = (goal.depth_um + goal.tolerance_um) * (1.0 + worst) + goal.completion_um
-        return CutPlan(1, feed_um, start, estimate, goal.depth_um)
+        return through_plan(1, start, goal, estimate)
     if cut_budget(profile) == 1:
         return CutPlan(1, goal.depth_um * (1.0 + estimate.wear_ratio), start, estimate, goal.depth_um)
     cut = next_cut(
@@ -172,6 +169,16 @@ def first_plan(
         begun=False,
     )
     return _planned(1, cut, start, estimate, goal, profile)
+
+
+def through_plan(number: int, start: Start, goal: Goal, estimate: ErosionEstimate) -> CutPlan:
+    """All that is left of a way through the sheet.
+
+    The breakthrough ends it: the limit leaves room for a tool that wears more than the recipe says.
+    """
+    worst = estimate.wear_ratio * (1.0 + (0.0 if estimate.fits else COVERAGE * RECIPE_U_REL))
+    left_um = max(0.0, goal.depth_um - start.depth_um) + goal.tolerance_um
+    return CutPlan(number, left_um * (1.0 + worst) + goal.completion_um, start, estimate, goal.depth_um)
 
 
 def following_plan(

@@ -16,6 +16,8 @@ from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.deciding import Decision, decide
 from edmctl.procedures.expecting import (
     STANDARD_UNCERTAINTIES,
+    Estimate,
+    Expected,
     expected_of_finished,
     expected_of_left,
     is_untouched,
@@ -31,7 +33,7 @@ from edmctl.procedures.planning import CutPlan
 from edmctl.procedures.site import cut_to_the_end
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.tool_length import ToolLength
-from edmctl.procedures.touch import BEYOND_SIGMAS, SurfaceReading, take_reading
+from edmctl.procedures.touch import BEYOND_SIGMAS, NO_CONTACT, SurfaceReading, take_reading
 from edmctl.process.wear import DepthAndWear, Reading
 from edmctl.record.rows import EventLevel
 from edmctl.wording import decimal, length
@@ -43,7 +45,6 @@ if TYPE_CHECKING:
 
 BEYOND_UM = 12.0
 """A touch looks so much further than what would be accepted: a mistake is to be found, not missed."""
-NO_CONTACT = "E62005"
 
 
 def take_up_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Decision | None:
@@ -54,15 +55,8 @@ def take_up_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Deci
     """
     state = run.job.resumed
     assert state is not None
-    _begin(run, known, state)
-    hole = _hole(run, site, known, state)
     expected = expected_of_left(state, run.profile)
-    run.ledger.depth_um, run.ledger.unmeasured_site = state.depth_um, site.name
-    run.journal.begin_hole(hole, run.machine.time_s, begun=True)
-    drift_um = STANDARD_UNCERTAINTIES * drift_u_um(run.job)
-    z3_um, reach_um = hole.z1.z_um + state.wear_um, expected.wear_reach_um + drift_um
-    z3 = _touch(run, "Z3", run.job.pad, site.name, z3_um, reach_um)
-    _see_face(run, hole, known, z3)
+    hole, z3 = touch_pad_left(run, site, known, expected)
     z2 = _touch(run, "Z2", site, site.name, z3.z_um + hole.face_um + state.depth_um, expected.depth_reach_um)
     found = measured(run, hole, z2, z3)
     for _ in range(0 if run.job.restart_hole else MORE_LOOKS):
@@ -78,17 +72,12 @@ def take_up_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Deci
     tool_fits = expected.tool_fits(found)
     # An untouched face under a tool that does not fit either is other work: there the hole can be made anew.
     if not expected.depth_fits(found) or (is_untouched(found) and not tool_fits):
-        raise _refused(run, other_work(site, found, expected.estimate, begun=True))
+        raise refused(run, other_work(site, found, expected.estimate, begun=True))
     if not tool_fits:
-        raise _refused(run, other_tool(found, expected.estimate))
+        raise refused(run, other_tool(found, expected.estimate))
     # No cut of this run has shown the working gap yet: it stays as it was believed.
     found = learn(run, hole, known, z2, z3, (known.gap_um, known.gap_u_um))
-    run.decide(
-        RunEvent.RESUMED,
-        f"Taken up again at {decimal(found.depth_um)} µm depth and {decimal(found.wear_um)} µm wear; the journal "
-        f"expected {decimal(state.depth_um, 1)} and {decimal(state.wear_um, 1)} µm.",
-        {"depth_um": found.depth_um, "wear_um": found.wear_um, "expected_um": state.depth_um},
-    )
+    tell_taken_up(run, expected.estimate, found.depth_um, found.wear_um)
     start = next_start(run, hole, known.gap_um, known.gap_u_um)
     last = CutPlan(max(1, hole.sums.number), 0.0, start, known.estimate, hole.goal.depth_um)
     decision = decide(
@@ -123,7 +112,32 @@ def look_at_last_hole(run: Run, known: Known) -> None:
     _look_at_finished(run, known, pad)
 
 
-def _refused(run: Run, error: PreconditionError) -> PreconditionError:
+def touch_pad_left(run: Run, site: Site, known: Known, expected: Expected) -> tuple[Hole, SurfaceReading]:
+    """Take the hole as the journal tells of it, and touch the pad (Z3)."""
+    state = run.job.resumed
+    assert state is not None
+    _begin(run, known, state)
+    hole = _hole(run, site, known, state)
+    run.ledger.depth_um, run.ledger.unmeasured_site = state.depth_um, site.name
+    run.journal.begin_hole(hole, run.machine.time_s, begun=True)
+    z3_um = hole.z1.z_um + expected.estimate.wear_um
+    reach_um = expected.wear_reach_um + STANDARD_UNCERTAINTIES * drift_u_um(run.job)
+    z3 = _touch(run, "Z3", run.job.pad, site.name, z3_um, reach_um)
+    _see_face(run, hole, known, z3)
+    return hole, z3
+
+
+def tell_taken_up(run: Run, expected: Estimate, depth_um: float, wear_um: float) -> None:
+    """Say from where the job goes on."""
+    run.decide(
+        RunEvent.RESUMED,
+        f"Taken up again at {decimal(depth_um)} µm depth and {decimal(wear_um)} µm wear; the journal expected "
+        f"{decimal(expected.depth_um, 1)} and {decimal(expected.wear_um, 1)} µm.",
+        {"depth_um": depth_um, "wear_um": wear_um, "expected_um": expected.depth_um},
+    )
+
+
+def refused(run: Run, error: PreconditionError) -> PreconditionError:
     """The error of work or a tool that was not left: what the journal estimates is no result of this run then."""
     run.ledger.depth_um, run.ledger.unmeasured_site = math.nan, ""
     return error
@@ -163,7 +177,7 @@ def _look_at_finished(run: Run, known: Known, pad: SurfaceReading) -> None:
     bottom = _touch(run, "Z2", site, site.name, predicted_um, expected.depth_reach_um)
     found = measured(run, hole, bottom, pad)
     if not expected.depth_fits(found):
-        raise _refused(run, other_work(site, found, expected.estimate, begun=False))
+        raise refused(run, other_work(site, found, expected.estimate, begun=False))
     run.decide(
         RunEvent.RESUMED,
         f"{site.name}, finished before, is {found.depth_um:.2f} µm deep; {result.depth_um:.2f} µm were expected.",
@@ -174,7 +188,7 @@ def _look_at_finished(run: Run, known: Known, pad: SurfaceReading) -> None:
 def _start_again(run: Run, site: Site, known: Known, pad: SurfaceReading, found: DepthAndWear) -> None:
     """Begin the hole anew where its face is untouched, beside the finished holes that belong to it."""
     if not is_untouched(found):
-        raise _refused(run, touched_face(site, found))
+        raise refused(run, touched_face(site, found))
     if run.ledger.sites:
         _look_at_finished(run, known, pad)
     known.tool = ToolLength(pad)
@@ -223,6 +237,11 @@ def _begin(run: Run, known: Known, state: JobState) -> None:
     """Take over what was touched of the face, and say what an unknown pause means."""
     if not known.face.touched:
         known.face.restore(state.face, state.face_doubt_u_um)
+    tell_unknown_pause(run)
+
+
+def tell_unknown_pause(run: Run) -> None:
+    """Say what it means that nobody knows how long the job stood still."""
     if math.isfinite(run.job.pause_s):
         return
     drift_um = 2.0 * drift_u_um(run.job)
@@ -235,9 +254,9 @@ def _begin(run: Run, known: Known, state: JobState) -> None:
     )
 
 
-def _hole(run: Run, site: Site, known: Known, state: JobState) -> Hole:
-    """Return the hole as the journal left it; times before this run are negative."""
-    z1 = SurfaceReading(
+def surface_left(run: Run, state: JobState) -> SurfaceReading:
+    """Return Z1 as the journal tells it; times before this run are negative."""
+    return SurfaceReading(
         kind="Z1",
         reading=Reading(state.z1_um, state.z1_sd_um, state.z1_touches),
         model_um=state.z1_model_um,
@@ -246,6 +265,11 @@ def _hole(run: Run, site: Site, known: Known, state: JobState) -> Hole:
         zero_um=math.nan,
         doubt_u_um=state.z1_doubt_u_um,
     )
+
+
+def _hole(run: Run, site: Site, known: Known, state: JobState) -> Hole:
+    """Return the hole as the journal left it."""
+    z1 = surface_left(run, state)
     known.tool = ToolLength(z1, state.wear_um)
     hole = hole_at(run, site, known, z1, state.z1_u_um)
     hole.interrupted = True

@@ -11,6 +11,7 @@ from edmctl.procedures.face import touch_plane, touch_where_unknown
 from edmctl.procedures.goal import goal_of
 from edmctl.procedures.hole import Known, begin_hole, known_before, open_site
 from edmctl.procedures.resuming import look_at_last_hole, take_up_hole
+from edmctl.procedures.resuming_through import take_up_through_hole
 from edmctl.procedures.site import machine_hole
 from edmctl.procedures.time_limits import TimeLimits
 from edmctl.process.plane import TOUCHES_FOR_A_PLANE
@@ -49,7 +50,7 @@ def machine_sites(run: Run) -> Decision | None:
             return worn_out
         open_site(run, site)
         begun = resumed is not None and resumed.begun and resumed.site == site.name
-        decision = take_up_hole(run, site, known, limits) if begun else None
+        decision = _take_up(run, site, known, limits) if begun else None
         if decision is None:
             decision = _machine_fresh(run, site, known, left[number:], limits)
         run.journal.end_hole()
@@ -57,6 +58,13 @@ def machine_sites(run: Run) -> Decision | None:
             name = f"{site.name}: " if len(run.job.sites) > 1 else ""
             return replace(decision, missed=f"{name}{decision.missed}", site=site.name)
     return None
+
+
+def _take_up(run: Run, site: Site, known: Known, limits: TimeLimits) -> Decision | None:
+    """Go on with the hole that an earlier run has begun; None where it is to be made anew."""
+    if run.profile.target.kind == "through" and not run.job.restart_hole:
+        return take_up_through_hole(run, site, known, limits)
+    return take_up_hole(run, site, known, limits)
 
 
 def _machine_fresh(run: Run, site: Site, known: Known, left: Sequence[Site], limits: TimeLimits) -> Decision:

@@ -31,6 +31,8 @@ BEYOND_PREDICTION_UM = 15.0
 """No contact this far beyond the predicted one is a fault."""
 BEYOND_SIGMAS = 3.0
 """And so many of them."""
+NO_CONTACT = "E62005"
+"""No contact up to the end of a search."""
 ATTEMPTS = 2
 _TELEMETRY_LAG_S = 0.2
 """After this, the samples around the last event have come."""

@@ -42,6 +42,10 @@ class ToolWear:
         """Standard uncertainty of that."""
         return math.hypot(self._touch_u_um, self.u_rel * self.per_uj * since_uj)
 
+    def restart(self, wear_um: float) -> None:
+        """Take a measured wear that says nothing of the wear per energy: a new start."""
+        self._measured_um = wear_um
+
     def learn(self, since_uj: float, wear_um: float, drift_u_um: float) -> None:
         """Take a measured wear: one Kalman step on the wear per energy, and a new start.
 

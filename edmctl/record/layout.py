@@ -35,6 +35,8 @@ class Column:
     long_name: str
     step: float = 1.0
     """What is stored is the value over this step, rounded; `units` then names both, for instance `0.1 us`."""
+    earlier: str = ""
+    """Its name in files of earlier versions, where that was another one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -338,8 +340,17 @@ RESULTS = Table(
         ),
         Column("wear_ratio_vol", "wear_ratio_vol", "f8", PURE, "tool volume lost over hole volume"),
         Column("mrr", "mrr_mm3_min", "f8", "mm3/min", "hole volume over machining time"),
-        Column("err_depth", "depth_model_error_um", "f8", "um", "depth_model − depth"),
-        Column("err_wear", "wear_model_error_um", "f8", "um", "wear_model − wear"),
+        Column(
+            "depth_model_error",
+            "depth_model_error_um",
+            "f8",
+            "um",
+            "depth_model − depth",
+            earlier="err_depth",
+        ),
+        Column(
+            "wear_model_error", "wear_model_error_um", "f8", "um", "wear_model − wear", earlier="err_wear"
+        ),
         Column(
             "zero_drift",
             "zero_drift_um",

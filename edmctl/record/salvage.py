@@ -219,7 +219,7 @@ def _pour_table(
     for name in names:
         target = file[table.path + name]
         target.resize((rows,))
-        bad = _pour(found[name], target, rows)
+        bad = _pour(found[name], target, rows, table)
         if bad and not _is_absent(source, table, name):
             unread[table.path + name] = bad
     told: int = max(lengths.values())
@@ -265,7 +265,7 @@ def _read(dataset: h5py.Dataset, start: int, stop: int) -> NDArray[np.generic] |
     return None
 
 
-def _pour(dataset: h5py.Dataset | None, target: h5py.Dataset, rows: int) -> int:
+def _pour(dataset: h5py.Dataset | None, target: h5py.Dataset, rows: int, table: Table) -> int:
     """Copy rows, and put NaN or 0 where none can be read; returns how many those are."""
     unknown = np.nan if target.dtype.kind == "f" else np.zeros((), target.dtype)
     there, good = 0, 0
@@ -273,11 +273,26 @@ def _pour(dataset: h5py.Dataset | None, target: h5py.Dataset, rows: int) -> int:
         there = min(rows, dataset.shape[0])
         for start, stop in _pieces(dataset, there):
             values = _read(dataset, start, stop)
-            target[start:stop] = unknown if values is None else values
+            target[start:stop] = unknown if values is None else _fitted(values, target.dtype, table)
             good += 0 if values is None else stop - start
     if there < rows:
         target[there:rows] = unknown
     return rows - good
+
+
+def _fitted(values: NDArray[Any], dtype: np.dtype[Any], table: Table) -> NDArray[Any]:
+    """Rows of a compound dataset with the columns of this version; numbers that an earlier one had not are NaN."""
+    there = values.dtype.names
+    if there is None or there == dtype.names:
+        return values
+    rows: NDArray[Any] = np.zeros(values.shape, dtype)
+    for column in table.columns:
+        name = column.name if column.name in there else column.earlier
+        if name in there:
+            rows[column.name] = values[name]
+        elif dtype[column.name].kind == "f":
+            rows[column.name] = np.nan
+    return rows
 
 
 def main() -> None:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from edmctl.procedures.job_journal import MACHINING as MACHINING_PHASE
 from edmctl.procedures.job_journal import JobJournal
 from edmctl.record.bench_file import read_bench, write_bench
 from edmctl.simulator import kernel as k
@@ -43,16 +44,35 @@ RESUME = ("machine", "--resume", "a", "--json", "--quiet")
 @contextmanager
 def at_time_of_cut(seconds: float, act: Callable[[], None]) -> Iterator[None]:
     """Do something once when a cut has gone on for so long."""
-    take = JobJournal.take
     began_s: list[float] = []
 
+    def is_time(journal: JobJournal, block: TelemetryBlock) -> bool:
+        if journal._phase != MACHINING_PHASE:
+            return False
+        began_s.append(float(block.time_s[0]))
+        return float(block.time_s[-1]) - began_s[0] > seconds
+
+    with _once(is_time, act):
+        yield
+
+
+@contextmanager
+def at_time_of_run(seconds: float, act: Callable[[], None]) -> Iterator[None]:
+    """Do something once when a job has gone on for so long."""
+    with _once(lambda _, block: float(block.time_s[-1]) > seconds, act):
+        yield
+
+
+@contextmanager
+def _once(is_time: Callable[[JobJournal, TelemetryBlock], bool], act: Callable[[], None]) -> Iterator[None]:
+    take, done = JobJournal.take, False
+
     def watched(journal: JobJournal, block: TelemetryBlock) -> None:
+        nonlocal done
         take(journal, block)
-        if journal._plan is not None:
-            began_s.append(float(block.time_s[0]))
-            if block.time_s[-1] - began_s[0] > seconds:
-                began_s[0] = float("inf")
-                act()
+        if not done and is_time(journal, block):
+            done = True
+            act()
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(JobJournal, "take", watched)

@@ -246,4 +246,4 @@ def test_a_site_keeps_its_energy_ratios_and_model_errors(run_path: Path) -> None
         0.34,
         0.7,
     )
-    assert (row["err_depth"], row["err_wear"]) == (-2.0, -1.0)
+    assert (row["depth_model_error"], row["wear_model_error"]) == (-2.0, -1.0)

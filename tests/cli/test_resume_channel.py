@@ -1,0 +1,196 @@
+"""`edmctl machine --resume`: channels and holes through a sheet, which have more to tell than one bottom."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl.record.bench_file import read_bench
+from edmctl.record.journal import read_journal
+from edmctl.record.ledger_entries import SiteMachined
+from edmctl.record.logbook import Logbook
+from edmctl.simulator.saving import restored_bench
+from tests.cli.commands import ROOT
+from tests.cli.left_jobs import (
+    BENCH,
+    RESUME,
+    at_time_of_cut,
+    at_time_of_run,
+    bench_changed,
+    error_of,
+    lengthen_tool,
+    snapshot_and_stop,
+    stop,
+    swap_work,
+)
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from edmctl.record.journal import Journal
+    from tests.cli.commands import Here
+
+CHANNEL = (
+    "machine",
+    *("--profile", str(ROOT / "profiles" / "channel-circle.toml")),
+    *("--set", "path.radius_um=150", "--set", "target.depth_um=6", "--set", 'log.pulses="off"'),
+)
+DEPTH_UM, TOLERANCE_UM = 6.0, 2.0
+FOIL = (
+    "machine",
+    *("--profile", str(ROOT / "profiles" / "foil-through.toml")),
+    *("--set", 'log.pulses="off"'),
+)
+
+
+def left_at(here: Here, order: tuple[str, ...], seconds: float) -> Journal:
+    """Leave a job that was killed so long after its first cut began; the journal that reached the disk."""
+    home, snapshot = Path.cwd(), Path.cwd().with_name(f"{Path.cwd().name}-killed")
+    with at_time_of_cut(seconds, snapshot_and_stop(home, snapshot)):
+        assert here(*order, *BENCH, "--seed", "4", "--run-id", "a", "--quiet").exit_code == 130
+    for entry in home.iterdir():
+        shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
+    shutil.copytree(snapshot, home, dirs_exist_ok=True)
+    shutil.rmtree(snapshot)
+    return read_journal(Path("runs/a.journal"))
+
+
+def worn_um() -> float:
+    """What the virtual tool has lost by now."""
+    return restored_bench(read_bench(Path("bench.h5"))).tool_wear_um
+
+
+def refused(here: Here, code: str) -> str:
+    """Go on, and return the words of a refusal that has sparked nothing and leaves the journal as it was."""
+    before, worn_before_um = read_journal(Path("runs/a.journal")).state, worn_um()
+    said = here(*RESUME, *BENCH)
+    error = error_of(said)
+    assert (error["code"], said.exit_code) == (code, 8), error
+    assert worn_um() == worn_before_um
+    (journal,) = Path("runs").glob("*.journal")
+    after = read_journal(journal).state
+    for name in ("site", "begun", "depth_um", "depth_u_um", "wear_um", "wear_u_um", "counts", "channel"):
+        assert after[name] == before[name], name
+    journal.rename("runs/a.journal")
+    return f"{error['message']} {error['hint']}"
+
+
+def channel_of(document: dict[str, Any]) -> dict[str, Any]:
+    """The finished channel of a result, which is as deep as it says and as it was to be."""
+    channel: dict[str, Any] = document["result"]["channel"]
+    truth = channel["truth"]
+    assert channel["finished"]
+    assert abs(truth["depth_um"] - DEPTH_UM) <= TOLERANCE_UM
+    assert abs(channel["depth_um"] - truth["depth_um"]) <= channel["depth_u95_um"]
+    assert abs(channel["wear_um"] - truth["wear_um"]) <= channel["wear_u95_um"]
+    return channel
+
+
+@pytest.mark.parametrize("seconds", [2.0, 45.0, 130.0, 160.0])
+def test_a_channel_is_finished_wherever_it_was_left(here: Here, seconds: float) -> None:
+    journal = left_at(here, CHANNEL, seconds)
+    assert journal.state["begun"]
+    dry = here(*RESUME, *BENCH, "--dry-run").document["result"]["resumed"]
+    assert dry["left"] == ["channel-circle"]
+    said = here(*RESUME, *BENCH)
+    assert said.exit_code == 0, said.out
+    channel = channel_of(said.document)
+    assert channel["passes"] > journal.state["cuts"]
+    assert channel["pulses"] > sum(journal.state["counts"])  # type: ignore[call-overload]
+    assert channel["machining_time_s"] > journal.state["machining_time_s"]
+    assert not list(Path("runs").glob("*.journal"))
+    lines = [line.entry for line in Logbook.open(Path("runs")).lines]
+    rows = [entry for entry in lines if isinstance(entry, SiteMachined) and entry.run_file == "a-r1.h5"]
+    assert rows[0].wear_um == pytest.approx(channel["wear_um"], abs=1e-3)
+    assert rows[0].depth_um == pytest.approx(channel["depth_um"], abs=1e-3)
+
+
+def test_a_channel_that_was_left_before_its_first_pass_is_made_from_its_face(here: Here) -> None:
+    with at_time_of_run(40.0, stop):
+        assert here(*CHANNEL, *BENCH, "--seed", "4", "--run-id", "a", "--quiet").exit_code == 130
+    assert not read_journal(Path("runs/a.journal")).state["begun"]
+    said = here(*RESUME, *BENCH)
+    assert said.exit_code == 0, said.out
+    channel_of(said.document)
+
+
+def test_a_channel_may_be_interrupted_again_and_again(here: Here) -> None:
+    left_at(here, CHANNEL, 30.0)
+    home = Path.cwd()
+    for number in (1, 2):
+        snapshot = home.with_name(f"{home.name}-killed-{number}")
+        with at_time_of_cut(20.0, snapshot_and_stop(home, snapshot)):
+            assert here(*RESUME, *BENCH).exit_code == 130
+        for entry in home.iterdir():
+            shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
+        shutil.copytree(snapshot, home, dirs_exist_ok=True)
+        shutil.rmtree(snapshot)
+    said = here(*RESUME, *BENCH)
+    assert said.exit_code == 0, said.out
+    channel_of(said.document)
+
+
+def test_other_work_under_a_channel_is_refused(here: Here) -> None:
+    left_at(here, CHANNEL, 130.0)
+    bench_changed(swap_work)
+    assert "Other work, or other places" in refused(here, "E8060")
+
+
+def test_a_channel_that_is_hardly_begun_may_be_on_other_work_and_is_told_wider(here: Here) -> None:
+    left_at(here, CHANNEL, 2.0)
+    own = channel_of(here(*CHANNEL, "--seed", "4", "--json", "--quiet").document)
+    bench_changed(swap_work)
+    taken_up = channel_of(here(*RESUME, *BENCH).document)
+    assert taken_up["depth_u95_um"] > 1.1 * own["depth_u95_um"]
+
+
+@pytest.mark.parametrize("way_um", [-25.0, 20.0])
+def test_another_tool_in_a_channel_is_refused(here: Here, way_um: float) -> None:
+    left_at(here, CHANNEL, 130.0)
+    bench_changed(lengthen_tool(way_um))
+    refused(here, "E8061")
+
+
+def test_no_channel_is_restarted(here: Here) -> None:
+    left_at(here, CHANNEL, 30.0)
+    error = error_of(here(*RESUME, *BENCH, "--restart-hole"))
+    assert error["code"] == "E8062"
+    assert "makes holes anew" in str(error["message"])
+
+
+@pytest.mark.parametrize("seconds", [5.0, 40.0, 66.0, 75.0, 95.0])
+def test_a_hole_through_a_sheet_is_finished_wherever_it_was_left(here: Here, seconds: float) -> None:
+    """In the sheet, as it opens, and behind it."""
+    assert left_at(here, FOIL, seconds).state["begun"]
+    said = here(*RESUME, *BENCH)
+    assert said.exit_code == 0, said.out
+    (site,) = said.document["result"]["sites"]
+    assert site["through"]
+    (hole,) = restored_bench(read_bench(Path("bench.h5"))).truth()
+    assert hole.depth_um == pytest.approx(50.0, abs=0.1)
+    assert abs(site["wear_um"] - site["truth"]["wear_um"]) <= site["wear_u95_um"]
+
+
+def test_another_sheet_is_refused(here: Here) -> None:
+    left_at(here, FOIL, 75.0)
+    bench_changed(swap_work)
+    assert "Other work, or other places" in refused(here, "E8060")
+
+
+def test_a_sheet_that_is_open_where_it_cannot_be_is_refused(here: Here) -> None:
+    """The stages stand over another hole, or the sheet is gone: the journal knows of 10 µm."""
+    left_at(here, FOIL, 10.0)
+
+    def open_it(bench: Any) -> None:
+        bench.plant.leave()
+        for cells in bench.plant.ground.work.tiles.values():
+            cells[cells > 0.0] = 50.0
+        for hole in bench.plant.ground.holes:
+            hole.depth_um = 50.0
+        bench.plant.arrive()
+
+    bench_changed(open_it)
+    refused(here, "E8060")
