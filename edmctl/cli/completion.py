@@ -6,13 +6,14 @@ Names go through the shell: only those that no shell can take for anything else 
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-_PLAIN = re.compile(r"[\w./:@%+=-]+", re.ASCII)
-"""A name that means itself in every shell."""
+_PLAIN = re.compile(r"[\w./][\w./:@%+=-]*", re.ASCII)
+"""A name that means itself in every shell, and no option to a command."""
 
 
 def profiles(incomplete: str) -> list[str]:
@@ -61,11 +62,12 @@ def unfinished(incomplete: str) -> list[str]:
 def _ids(ending: str) -> list[str]:
     from edmctl.cli.run_opening import RUNS
 
-    try:
-        found = sorted(RUNS.glob(f"*{ending}"), key=lambda path: path.stat().st_mtime, reverse=True)
-    except OSError:
-        return []
-    return [path.name.removesuffix(ending) for path in found]
+    found: list[tuple[float, str]] = []
+    with suppress(OSError):
+        for path in RUNS.glob(f"*{ending}"):
+            with suppress(OSError):  # gone meanwhile, or a link that leads nowhere
+                found.append((path.stat().st_mtime, path.name.removesuffix(ending)))
+    return [name for _, name in sorted(found, reverse=True)]
 
 
 def _offered(names: Iterable[str], incomplete: str) -> list[str]:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from edmctl.cli.completion import ports
+from edmctl.link.ports import PortInfo
 from tests.cli.commands import command, environment
 
 if TYPE_CHECKING:
@@ -56,8 +58,22 @@ def test_runs_are_offered_by_their_ids_unless_a_shell_could_take_them_for_more(t
         "$(touch hacked).h5",
         "two words.h5",
         "`x`.h5",
+        "-rf.h5",
+        "--out=x.h5",
+        "=ls.h5",
+        "@x.h5",
+        "%1.h5",
+        "red\x1b[31m.h5",
+        "two\nlines.h5",
     ):
         (folder / name).touch()
+    (folder / "away.h5").symlink_to("nowhere")
     assert [word for word in offered("edmctl run show ", tmp_path) if word] == ["good-1"]
     assert sorted(word for word in offered("edmctl machine --resume ", tmp_path) if word) == ["gone", "left"]
     assert not (tmp_path / "hacked").exists()
+
+
+def test_ports_are_offered_likewise(monkeypatch: pytest.MonkeyPatch) -> None:
+    names = ("/dev/ttyUSB0", "/dev/$(touch hacked)", "/dev/two words", "/dev/a\nb", "/dev/\x1b[31m", "-x")
+    monkeypatch.setattr("edmctl.link.ports.listed_ports", lambda: [PortInfo(name) for name in names])
+    assert [name for name in ports("") if name.startswith(("/dev", "-"))] == ["/dev/ttyUSB0"]
