@@ -1,6 +1,9 @@
 """What a shell offers for a half-written word: profiles, keys, ports, figures and runs.
 
 Names go through the shell: only those that no shell can take for anything else are offered.
+
+A shell adds a blank behind the one word that is left. Where a value comes next, words with one are offered too, so
+that what they share is put in, and nothing behind it.
 """
 
 from __future__ import annotations
@@ -10,7 +13,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
 _PLAIN = re.compile(r"[\w./][\w./:@%+=-]*", re.ASCII)
 """A name that means itself in every shell, and no option to a command."""
@@ -24,22 +27,39 @@ def profiles(incomplete: str) -> list[str]:
 
 
 def keys(incomplete: str) -> list[str]:
-    """Keys of a profile with their tables, `target.depth_um=`; a value comes after them."""
-    from edmctl.profile.fields import keys_at
+    """Keys that can be set, with their tables, `target.depth_um=`; of one that is left alone, its values too."""
+    from edmctl.profile.fields import choices_at
     from edmctl.profile.model import Profile
 
-    def below(path: tuple[str, ...]) -> list[str]:
-        inner = keys_at(Profile, path)
-        return [name for key in inner for name in below((*path, key))] if inner else [f"{'.'.join(path)}="]
+    return _keys(incomplete, lambda path: choices_at(Profile, path) or ["VALUE"])
 
-    return _offered(below(()), incomplete)
+
+def swept(incomplete: str) -> list[str]:
+    """Keys to sweep; of one that is left alone, how a sweep is written."""
+    return _keys(incomplete, lambda _: ["START:STOP:COUNT"])
+
+
+def _keys(incomplete: str, values: Callable[[tuple[str, ...]], list[str]]) -> list[str]:
+    from edmctl.profile.fields import keys_at, lists_tables
+    from edmctl.profile.model import Profile
+
+    def below(path: tuple[str, ...]) -> list[tuple[str, ...]]:
+        inner = [] if lists_tables(Profile, path) else keys_at(Profile, path)
+        return [found for key in inner for found in below((*path, key))] if inner else [path]
+
+    found = {f"{'.'.join(path)}=": path for path in below(())}
+    left = [key for key in found if key.startswith(incomplete) or incomplete.startswith(key)]
+    if len(left) == 1:
+        left += [f"{left[0]}{value}" for value in values(found[left[0]])]
+    return _offered(left, incomplete)
 
 
 def ports(incomplete: str) -> list[str]:
     """Virtual machines, serial ports of this computer, and `auto`."""
     from edmctl.link.ports import listed_ports
 
-    return _offered(("auto", "sim:", "socket://", *(port.device for port in listed_ports())), incomplete)
+    devices = (port.device for port in listed_ports())
+    return _offered(("auto", "sim:", "socket://", "socket://HOST:PORT", *devices), incomplete)
 
 
 def figures(incomplete: str) -> list[str]:

@@ -52,7 +52,7 @@ SweepOption = Annotated[
         "--sweep",
         metavar="KEY=START:STOP:COUNT",
         help="All runs for each of these values.",
-        autocompletion=completion.keys,
+        autocompletion=completion.swept,
     ),
 ]
 OutOption = Annotated[

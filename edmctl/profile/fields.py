@@ -38,6 +38,19 @@ def permitted_at(model: type[BaseModel], path: KeyPath) -> str:
     return " or ".join(words) if len(found) > 1 and len(words) > 1 else permitted(found[0]) if found else ""
 
 
+def choices_at(model: type[BaseModel], path: KeyPath) -> list[str]:
+    """Words of which one may be written at a key path; empty where it takes a number or any text."""
+    return list(dict.fromkeys(word for info in _fields_at(model, path) for word in _choices(info.annotation)))
+
+
+def _choices(annotation: object) -> list[str]:
+    if annotation is bool:
+        return ["true", "false"]
+    if get_origin(annotation) is Literal:
+        return [str(value) for value in get_args(annotation)]
+    return [word for argument in get_args(annotation) for word in _choices(argument)]
+
+
 def keys_at(model: type[BaseModel], path: KeyPath) -> list[str]:
     """Keys that the table at a path may hold; empty when there is no such table."""
     tables = [model]

@@ -162,6 +162,9 @@ def untouched(folder: Path) -> bool:
         ("run show \x1b*", ["run", "show", "good-1"]),
         ("machine --resume \x1b*", ["machine", "--resume", "left.1"]),
         ("machine --profile '$(touch hacked)\x1b*'", ["machine", "--profile", "$(touch hacked)"]),
+        ("machine --set target.dep\t7", ["machine", "--set", "target.depth_um=7"]),
+        ("machine --set jump.mo\toff", ["machine", "--set", "jump.mode=off"]),
+        ("doctor --port soc\tpc:7000", ["doctor", "--port", "socket://pc:7000"]),
         ("profile sh\tw25\t--json", ["profile", "show", "w252", "--json"]),
     ],
 )
@@ -186,6 +189,7 @@ def test_files_with_hostile_names_are_quoted_by_the_shell(shell: Shell) -> None:
         ("edmctl machine --resume ", ["left.1"]),
         ("edmctl machine --resume (touch hacked", []),
         ("edmctl machine --profile '$(touch hacked)", []),
+        ("edmctl machine --set target.dep", ["target.depth_um=", "target.depth_um=VALUE"]),
     ],
 )
 def test_fish_is_offered_the_same(line: str, words: list[str], tmp_path: Path) -> None:
