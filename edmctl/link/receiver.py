@@ -20,7 +20,8 @@ REPLY = 0x40
 class Receiver:
     """Takes the bytes of one session and counts what does not belong to it.
 
-    `heard` becomes true with every sign of life of the controller; whoever looks sets it back.
+    `heard` becomes true with every sign of life of the controller; whoever looks sets it back. `others` is whether
+    frames of another session have come since.
     """
 
     def __init__(
@@ -39,7 +40,7 @@ class Receiver:
         self._decoder = FrameDecoder(watch_for_abort=False)
         self._inbox: deque[Frame] = deque()
         self._waiting: dict[tuple[int, int], Frame | None] = {}
-        self.heard = False
+        self.heard = self.others = False
 
     def expect(self, type_id: int, seq: int) -> None:
         """Keep the reply to this command when it comes."""
@@ -77,14 +78,15 @@ class Receiver:
             return
         if frame.session != self._session:
             counts.other_session += 1
+            self.others = True
             return
         if kind == Heartbeat.ID | REPLY:
             self._heartbeat(frame)
         elif kind in UNSOLICITED:
-            self.heard = True
+            self._hear()
             self._reports.take(frame)
         elif (kind, frame.seq) in self._waiting:
-            self.heard = True
+            self._hear()
             self._waiting[kind, frame.seq] = frame
         elif kind == Advance.ID | REPLY:
             return  # the driven line has seen it
@@ -93,13 +95,16 @@ class Receiver:
         else:
             counts.unknown_types += 1
 
+    def _hear(self) -> None:
+        self.heard, self.others = True, False
+
     def _heartbeat(self, frame: Frame) -> None:
         try:
             reply = HeartbeatReply.unpack(frame.payload)
         except ValueError:
             self._statistics.malformed += 1
             return
-        self.heard = True
+        self._hear()
         self._statistics.heartbeats_answered += 1
         self._on_heartbeat(reply, frame.seq)
 

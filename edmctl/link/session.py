@@ -35,7 +35,7 @@ from edmctl.link.receiver import Receiver
 from edmctl.link.refusal import CommandRefused, refusal
 from edmctl.link.reports import Reports
 from edmctl.link.roundtrip import LONGEST_S, RoundTrips
-from edmctl.link.silence import fell_silent, no_answer, other_host, restarted, unanswered
+from edmctl.link.silence import fell_silent, no_answer, other_host, restarted, taken_over, unanswered
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -171,7 +171,7 @@ class Session:
                 now_s = self.transport.now_s()
                 self._step(now_s, now_s + self._last_look_s)
             if self._is_silent():
-                raise self._lose(fell_silent(self.transport.name, SILENCE_S))
+                raise self._give_up(fell_silent(self.transport.name, SILENCE_S))
         return True
 
     def subscribe(self, message_type: type[MessageT], callback: Callable[[MessageT], None]) -> None:
@@ -287,7 +287,7 @@ class Session:
                     self._step(now_s, now_s + self._last_look_s)
                     if (frame := self._receiver.reply(message.ID, seq)) is not None:
                         break
-                    raise self._lose(unanswered(self.transport.name, message, patience_s, self.statistics))
+                    raise self._give_up(unanswered(self.transport.name, message, patience_s, self.statistics))
                 if again_s - now_s < _CLOCK_TICK_S:
                     wait_s = min(LONGEST_S, 2.0 * wait_s)
                     again_s, repeated = now_s + wait_s, True
@@ -363,6 +363,11 @@ class Session:
         # A controller that boots because the port was opened says so before it answers HELLO.
         if self._is_open:
             raise self._lose(restarted(self.transport.name, boot))
+
+    def _give_up(self, silence: LinkLost) -> LinkLost:
+        """Lose a controller that is silent, or that talks to somebody else by now."""
+        is_taken = self._is_open and self._receiver.others
+        return self._lose(taken_over(self.transport.name) if is_taken else silence)
 
     def _lose(self, error: LinkLost) -> LinkLost:
         self._is_open = False

@@ -70,6 +70,15 @@ def other_host(name: str) -> LinkLost:
     )
 
 
+def taken_over(name: str) -> LinkLost:
+    """Return the error of a controller that has become another host's in mid-session."""
+    return LinkLost(
+        f"Another host has opened a session with the controller at {name}.",
+        hint="Close the other program; the controller has made the machine safe by itself.",
+        code="E4013",
+    )
+
+
 def restarted(name: str, boot: Boot) -> LinkLost:
     """Return the error of a controller that restarted in mid-session."""
     cause = _CAUSES.get(boot.reset_cause, f"reset cause {boot.reset_cause}")

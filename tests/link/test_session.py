@@ -335,6 +335,34 @@ def test_a_silent_controller_is_noticed_while_pumping(line: ScriptedLine, sessio
     assert 0.5 < line.clock_s - start_s < 0.7
 
 
+def test_a_controller_that_talks_to_another_host_is_told_from_a_silent_one(
+    line: ScriptedLine, session: Session
+) -> None:
+    line.deaf_to = {Heartbeat.ID}
+    line.send(Log(1, "to another"), session=line.session ^ 0x10)
+    with pytest.raises(LinkLost, match="Another host has opened a session") as lost:
+        session.pump(10.0)
+    assert lost.value.code == "E4013"
+
+
+def test_a_command_that_another_host_has_cut_off_says_so(line: ScriptedLine, session: Session) -> None:
+    line.deaf_to = {PiezoSet.ID, Heartbeat.ID}
+    line.send(Log(1, "to another"), session=line.session ^ 0x10)
+    with pytest.raises(LinkLost) as lost:
+        session.request(PiezoSet(1.0, 1.0))
+    assert lost.value.code == "E4013"
+
+
+def test_what_a_former_session_left_on_the_line_is_not_another_host(
+    line: ScriptedLine, session: Session
+) -> None:
+    line.send(Log(1, "old"), session=line.session ^ 0x10)
+    session.pump(0.1)
+    line.deaf_to = {Heartbeat.ID}
+    with pytest.raises(LinkLost, match="fell silent"):
+        session.pump(10.0)
+
+
 def test_a_host_that_slept_does_not_blame_the_controller(line: ScriptedLine, session: Session) -> None:
     line.deaf_to = {Heartbeat.ID}
     session.pump(0.1)
