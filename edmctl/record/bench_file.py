@@ -22,6 +22,7 @@ from edmctl.errors import RunFileError
 from edmctl.files import open_regular
 from edmctl.record import locks
 from edmctl.record.disk import HDF5_ERRORS, reason
+from edmctl.record.hdf5 import image_of, open_hdf5
 from edmctl.record.superblock import MAGIC
 
 if TYPE_CHECKING:
@@ -76,7 +77,7 @@ def read_bench(path: Path) -> State:
     """
     _check_regular(path)
     try:
-        with h5py.File(path, "r", locking=locks.of_hdf5(path)) as file:
+        with open_hdf5(path) as file:
             kind, schema = file.attrs.get("kind"), file.attrs.get("schema")
             if isinstance(kind, str) and kind == KIND and isinstance(schema, np.integer):
                 if schema > SCHEMA:
@@ -161,13 +162,13 @@ def _take_away(lock: Path) -> None:
 
 
 def _image(state: State) -> bytes:
-    """Bytes of the file, built in memory because HDF5 does not survive a disk that fills up."""
-    with h5py.File("bench", "w", driver="core", backing_store=False) as file:
+    """Bytes of the file."""
+
+    def fill(file: h5py.File) -> None:
         file.attrs.update({"kind": KIND, "schema": SCHEMA, _HASH: _hash_of(state)})
         _write_group(file.create_group("state"), state)
-        file.flush()
-        image: bytes = file.id.get_file_image()
-    return image
+
+    return image_of(fill)
 
 
 def _write_group(group: h5py.Group, state: State) -> None:

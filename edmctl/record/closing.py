@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import h5py
-
 from edmctl.errors import RunFileError
 
-from . import locks
 from .compaction import compact
 from .disk import HDF5_ERRORS, cannot_name, rename_without_replacing
+from .hdf5 import open_hdf5
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -28,7 +26,7 @@ def close_run(partial: Path, path: Path) -> None:
     try:
         closing.unlink(missing_ok=True)
         # Every chunk is read once: a cache would keep up to 8 MB of each dataset.
-        with h5py.File(partial, "r", rdcc_nbytes=0, locking=locks.of_hdf5(partial)) as source:
+        with open_hdf5(partial, rdcc_nbytes=0) as source:
             compact(source, closing)
     except HDF5_ERRORS:
         # Better large than lost: the disk may not have room for a second file.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from typing import TYPE_CHECKING
 
 import h5py
@@ -11,8 +10,9 @@ import numpy as np
 from edmctl.actuator.record import Record
 from edmctl.errors import RecordError, RunFileError
 from edmctl.files import RECORD_BYTES, open_regular, read_bytes
-from edmctl.record import disk, layout, locks
+from edmctl.record import disk, layout
 from edmctl.record.delimited import read_delimited
+from edmctl.record.hdf5 import image_of, open_hdf5
 from edmctl.record.naming import DISPLACEMENT, STACK, TIME, TOOL, VOLTAGE, WANTED, advice, find_columns
 from edmctl.record.reader import open_run
 
@@ -121,7 +121,7 @@ def _read_hdf5(path: Path, needed: Sequence[str]) -> dict[str, Array]:
 def _read_foreign(path: Path, needed: Sequence[str]) -> dict[str, Array]:
     """Read what another program wrote, or `write_columns`."""
     try:
-        with h5py.File(path, "r", locking=locks.of_hdf5(path)) as file:
+        with open_hdf5(path) as file:
             group = _only_group(path, file, needed)
             names = list(group)
             found = find_columns(names, needed)
@@ -188,9 +188,9 @@ def _csv(columns: Mapping[str, NDArray[np.generic]]) -> bytes:
 
 
 def _hdf5(columns: Mapping[str, NDArray[np.generic]]) -> bytes:
-    memory = io.BytesIO()
-    with h5py.File(memory, "w") as file:
+    def fill(file: h5py.File) -> None:
         for name, values in columns.items():
             dataset = file.create_dataset(name, data=values)
             dataset.attrs["units"] = UNITS.get(name.rpartition("_")[2], layout.PURE)
-    return memory.getvalue()
+
+    return image_of(fill)

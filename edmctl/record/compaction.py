@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import h5py
 import numpy as np
 
-from . import locks
+from .hdf5 import open_hdf5
 from .seal import seal
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def compact(
     the place of those of the source. Raises what h5py raises; then there is no `target`.
     """
     try:
-        with h5py.File(target, "x", libver=("earliest", "v110"), locking=locks.of_hdf5(target)) as file:
+        with open_hdf5(target, "x", libver=("earliest", "v110")) as file:
             _Copy(source, file, rows or {}).run()
             for path, value in (values or {}).items():
                 file[path][()] = value

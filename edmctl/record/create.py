@@ -14,6 +14,7 @@ import h5py
 import numpy as np
 
 from . import layout
+from .hdf5 import image_of
 from .layout import PURE, TEXT, Grid, Scalar, Table
 
 if TYPE_CHECKING:
@@ -37,15 +38,8 @@ _ONE = h5py.h5s.create(h5py.h5s.SCALAR)
 
 
 def empty_run_file(meta: RunMeta) -> bytes:
-    """Return the bytes of a run file without rows.
-
-    It is built in memory, because HDF5 does not survive a disk that fills up while it creates objects.
-    """
-    with h5py.File("empty", "w", driver="core", backing_store=False, libver=LIBRARY_VERSIONS) as file:
-        _build_tree(file, meta)
-        file.flush()
-        image: bytes = file.id.get_file_image()
-    return image
+    """Return the bytes of a run file without rows."""
+    return image_of(lambda file: _build_tree(file, meta), libver=LIBRARY_VERSIONS)
 
 
 def _build_tree(file: h5py.File, meta: RunMeta) -> None:

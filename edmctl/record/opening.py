@@ -4,20 +4,21 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import h5py
-
 from edmctl.errors import RunFileError
 from edmctl.files import open_regular
 
-from . import layout, locks
+from . import layout
 from .attempts import open_swmr
 from .disk import HDF5_ERRORS, PARTIAL
+from .hdf5 import open_hdf5
 from .heaps import are_sound
 from .seal import Seal, look_at_seal
 from .superblock import MAGIC, read_superblock
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    import h5py
 
 _ANOTHER = "Give a file that a run has written (.h5 or .h5.partial)."
 
@@ -35,7 +36,7 @@ def open_file(path: Path, *, verify: bool = True) -> h5py.File:
     if seal is not Seal.WHOLE and not are_sound(path):
         raise damaged(path, "its texts cannot be read")
     try:
-        file = _open(path)
+        file = open_unjudged(path)
     except HDF5_ERRORS as error:
         raise damaged(path, _too_short(path) or str(error).splitlines()[0]) from error
     try:
@@ -89,11 +90,12 @@ def _unreadable(path: Path, error: OSError) -> RunFileError:
     )
 
 
-def _open(path: Path) -> h5py.File:
+def open_unjudged(path: Path) -> h5py.File:
+    """Open the run file at `path`, live or not, without a look at what it holds. Raises what h5py raises."""
     # A live or killed writer leaves the file marked as open; SWMR readers are made for that. They do not see that
     # a file was cut short, so all others must do without.
     marked = read_superblock(path).open_for_writing
-    return open_swmr(path) if marked else h5py.File(path, "r", locking=locks.of_hdf5(path))
+    return open_swmr(path) if marked else open_hdf5(path)
 
 
 def _too_short(path: Path) -> str:

@@ -21,12 +21,13 @@ import numpy as np
 
 from edmctl.errors import RunFileError
 
-from . import layout, locks
+from . import layout
 from .compaction import compact
 from .create import LIBRARY_VERSIONS, empty_run_file
 from .disk import reason, write_new
+from .hdf5 import open_hdf5
 from .heaps import are_sound, end_at_breaks
-from .opening import refuse_foreign
+from .opening import open_unjudged, refuse_foreign
 from .recovery import (
     BROKEN,
     INFLATED,
@@ -103,11 +104,7 @@ def _opened(path: Path, copy: Path) -> h5py.File:
                 file.truncate(end_bytes)
         end_at_breaks(copy)
         path = copy
-    from .attempts import open_swmr
-
-    if read_superblock(path).open_for_writing:
-        return open_swmr(path)
-    return h5py.File(path, "r", locking=locks.of_hdf5(path))
+    return open_unjudged(path)
 
 
 def _poured(source: h5py.File, path: Path, target: Path) -> Recovered:
@@ -119,7 +116,7 @@ def _poured(source: h5py.File, path: Path, target: Path) -> Recovered:
     end_time: bytes = _value(source, "/entry/end_time", b"")
     write_new(raw, empty_run_file(_meta(source)))
     try:
-        with h5py.File(raw, "r+", libver=LIBRARY_VERSIONS, locking=locks.of_hdf5(raw)) as file:
+        with open_hdf5(raw, "r+", libver=LIBRARY_VERSIONS) as file:
             for scalar in layout.SCALARS:
                 if not scalar.source and scalar.dtype not in ("text", "texts", "json"):
                     with suppress(*BROKEN):

@@ -15,12 +15,11 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
-import h5py
 import numpy as np
 
 from edmctl.errors import RunFileError
 
-from . import layout, locks
+from . import layout
 from .closing import close_run
 from .create import LIBRARY_VERSIONS, empty_run_file
 from .disk import (
@@ -33,6 +32,7 @@ from .disk import (
     reason,
     write_new,
 )
+from .hdf5 import open_hdf5
 from .liveness import hold, release
 from .rows import EventLevel
 from .segments import Segments
@@ -42,6 +42,8 @@ from .stores import BlockStore, CompoundStore, RowStore, Store
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
+
+    import h5py
 
     from .rows import (
         BlackBoxBlock,
@@ -132,13 +134,7 @@ class RunWriter:
         except OSError as error:
             raise cannot_create(path, reason(error)) from error
         try:
-            file = h5py.File(
-                partial,
-                "r+",
-                libver=LIBRARY_VERSIONS,
-                rdcc_nbytes=CHUNK_CACHE_BYTES,
-                locking=locks.of_hdf5(partial),
-            )
+            file = open_hdf5(partial, "r+", libver=LIBRARY_VERSIONS, rdcc_nbytes=CHUNK_CACHE_BYTES)
             file.swmr_mode = True
         except HDF5_ERRORS as error:
             raise cannot_create(path, reason(error)) from error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import errno
 import fcntl
 import json
@@ -10,7 +11,7 @@ import shutil
 import socket
 import subprocess
 from contextlib import nullcontext
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
@@ -20,9 +21,6 @@ from edmctl.record.bench_file import bench_lock
 from edmctl.record.ledger_entries import ToolChanged
 from edmctl.record.logbook import Logbook
 from tests.cli.commands import SHALLOW, command, environment
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 WITHOUT_LOCKS = """
 #define _GNU_SOURCE
@@ -111,6 +109,17 @@ def test_without_locks_the_ledger_keeps_every_line(tmp_path: Path) -> None:
     entries = [line.entry for line in Logbook.open(tmp_path).lines]
     assert entries == [ToolChanged("one"), ToolChanged("two")]
     assert [path.name for path in tmp_path.iterdir()] == ["ledger.jsonl"]
+
+
+def test_every_file_is_opened_where_locks_are_thought_of() -> None:
+    sources = Path(locks.__file__).parents[1].rglob("*.py")
+    bare = [
+        path.name
+        for path in sources
+        for call in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(call, ast.Call) and ast.unparse(call.func) == "h5py.File"
+    ]
+    assert sorted(bare) == ["attempts.py", "hdf5.py", "hdf5.py"]
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler to take the locks away with")
