@@ -53,7 +53,7 @@ def bench_lock(path: Path, wait_s: float = 0.0) -> Iterator[None]:
         try:
             _locked(lock, time.monotonic() + wait_s, held)
         except BlockingIOError as busy:
-            told = f" ({busy.strerror})" if busy.strerror and str(lock.parent) in busy.strerror else ""
+            told = f" ({busy.strerror})" if isinstance(busy, locks.Held) else ""
             raise RunFileError(
                 f"The bench {path} is in use by another program{told}.",
                 hint="Let the other program end (--wait SECONDS waits for it), or take another file.",

@@ -25,6 +25,14 @@ UNWRITTEN_S = 10.0
 _UNKNOWN = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP)
 
 
+class Held(BlockingIOError):
+    """Another program has the lock that the name `lock` is; `by` is what the file says of who that is."""
+
+    def __init__(self, lock: Path, by: str) -> None:
+        super().__init__(errno.EWOULDBLOCK, f"{lock} says that {by or 'another program'} has it")
+        self.lock, self.by = lock, by
+
+
 def are_known(folder: Path) -> bool:
     """Whether files in a folder, or in its parent until it is there, can be locked; yes where nobody can tell."""
     while not folder.is_dir() and folder != folder.parent:
@@ -64,7 +72,8 @@ def _takes_lock(descriptor: int) -> bool:
 def exclusive(descriptor: int, path: Path) -> Iterator[None]:
     """Lock an open file for a `with` block, or in its stead the name `path`, where no locks are known.
 
-    Raises BlockingIOError where another has it, OSError where neither can be done.
+    Raises BlockingIOError where another has it, which is `Held` where the name is the lock; OSError where neither
+    can be done.
     """
     import fcntl
 
@@ -89,9 +98,7 @@ def _named(path: Path) -> Iterator[None]:
         try:
             _make(path, me)
         except FileExistsError:
-            raise BlockingIOError(
-                errno.EWOULDBLOCK, f"{path} says that {_told(path) or 'another program'} has it"
-            ) from None
+            raise Held(path, _told(path)) from None
     try:
         yield
     finally:

@@ -88,6 +88,16 @@ def test_without_locks_a_bench_is_still_one_programs(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("no_locks")
+def test_a_name_that_is_taken_tells_who_has_it(tmp_path: Path) -> None:
+    name = tmp_path / "x.lock"
+    with locks.exclusive(0, name):
+        with pytest.raises(locks.Held, match="says that") as held, locks.exclusive(0, name):
+            pass
+        assert held.value.errno == errno.EWOULDBLOCK
+        assert (held.value.lock, held.value.by) == (name, locks._name_of(os.getpid()))
+
+
+@pytest.mark.usefixtures("no_locks")
 @pytest.mark.parametrize(("host", "is_taken"), [(socket.gethostname(), True), ("another-computer", False)])
 def test_only_a_lock_of_this_computer_whose_process_is_gone_is_taken_away(
     host: str, is_taken: bool, tmp_path: Path
