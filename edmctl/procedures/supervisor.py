@@ -19,7 +19,7 @@ from edmctl.procedures.expecting import estimate_in_cut
 from edmctl.procedures.goal import goal_of
 from edmctl.procedures.job import Site
 from edmctl.procedures.ratio_limits import RatioLimits
-from edmctl.procedures.results import Phase, Progress, PulseRatios, RunningCut
+from edmctl.procedures.results import Phase, Progress, RunningCut
 from edmctl.procedures.settings import OPEN_LOST_S, gap_reference_v, telemetry_settings
 from edmctl.procedures.short_recovery import ShortRecovery
 from edmctl.procedures.spark_loss import SparkLoss
@@ -33,7 +33,7 @@ from edmctl.record.rows import SlowRow
 if TYPE_CHECKING:
     from edmctl.procedures.planning import CutPlan
     from edmctl.procedures.run import Run
-    from edmctl.process.live_erosion import Energy, LiveErosion
+    from edmctl.process.live_erosion import Energy
 
 RATIO_WINDOW_S = 2.0
 """Arcs and shorts are judged over this: a limit that is exceeded so long is told at once (decision 0012)."""
@@ -193,69 +193,61 @@ class Supervisor:
             max(0.0, now_s - self._start_s),
             self.sparked_at_um,
         )
-        self._record(block, gap_v, ratios, feed_um_s, erosion)
-        if machining:
-            self._look_for_the_end(float(block.actuator_v[-1]), depth_um)
         heights_um = block.displacement_um.tolist()
         depth_u95_um, wear_u95_um = self._plan.stated_u95_um(erosion)
-        self._run.observer.progress(
-            Progress(
-                phase=_PHASE[machining],
-                time_s=now_s,
-                gap_v=gap_v,
-                reference_v=self._reference_v,
-                ratios=ratios,
-                depth_um=depth_um,
-                depth_target_um=self._plan.target_um,
-                displacement_um=self.displacement_um,
-                time_left_s=self._time_left_s(now_s, depth_um),
-                depth_u95_um=depth_u95_um,
-                site=self._run.site_among_many,
-                step=f"cut {self._plan.number}",
-                feed_um=depth_um + erosion.wear_um,
-                feed_target_um=self._feed_target_um,
-                feed_um_s=feed_um_s,
-                wear_um=erosion.wear_um,
-                wear_u95_um=wear_u95_um,
-                gap_low_v=min(gaps_v),
-                gap_high_v=max(gaps_v),
-                displacement_low_um=min(heights_um),
-                displacement_high_um=max(heights_um),
-                jumps=self.jumps,
-                jump_period_s=self.adapting.period_s,
-                last_jump_s=self.last_jump_s,
-                sites_done=ledger.sites_done,
-                sites_total=len(self._run.job.sites),
-                warning=ledger.warning,
-                warned_s=ledger.warned_s,
-            )
+        progress = Progress(
+            phase=_PHASE[machining],
+            time_s=now_s,
+            gap_v=gap_v,
+            reference_v=self._reference_v,
+            ratios=ratios,
+            depth_um=depth_um,
+            depth_target_um=self._plan.target_um,
+            displacement_um=self.displacement_um,
+            time_left_s=self._time_left_s(now_s, depth_um),
+            depth_u95_um=depth_u95_um,
+            site=self._run.site_among_many,
+            step=f"cut {self._plan.number}",
+            feed_um=depth_um + erosion.wear_um,
+            feed_target_um=self._feed_target_um,
+            feed_um_s=feed_um_s,
+            wear_um=erosion.wear_um,
+            wear_u95_um=wear_u95_um,
+            gap_low_v=min(gaps_v),
+            gap_high_v=max(gaps_v),
+            displacement_low_um=min(heights_um),
+            displacement_high_um=max(heights_um),
+            jumps=self.jumps,
+            jump_period_s=self.adapting.period_s,
+            last_jump_s=self.last_jump_s,
+            sites_done=ledger.sites_done,
+            sites_total=len(self._run.job.sites),
+            warning=ledger.warning,
+            warned_s=ledger.warned_s,
         )
+        self._record(progress)
+        if machining:
+            self._look_for_the_end(float(block.actuator_v[-1]), depth_um)
+        self._run.observer.progress(progress)
 
-    def _record(
-        self,
-        block: TelemetryBlock,
-        gap_v: float,
-        ratios: PulseRatios,
-        feed_um_s: float,
-        erosion: LiveErosion,
-    ) -> None:
-        status = self._status
-        depth_u95_um, wear_u95_um = self._plan.stated_u95_um(erosion)
+    def _record(self, progress: Progress) -> None:
+        """What is shown is recorded, with the power and the state of the dielectric."""
+        status, ratios = self._status, progress.ratios
         self._run.recorder.append_slow(
             SlowRow(
-                time_s=float(block.time_s[-1]),
-                feed_um_s=feed_um_s,
-                gap_ratio=gap_v / self._duty_v,
+                time_s=progress.time_s,
+                feed_um_s=progress.feed_um_s,
+                gap_ratio=progress.gap_v / self._duty_v,
                 gap_ratio_ref=self._reference_v / self._duty_v,
                 ratio_open=ratios.open,
                 ratio_normal=ratios.normal,
                 ratio_arc=ratios.arc,
                 ratio_short=ratios.short,
-                depth_um=erosion.depth_um,
-                depth_u95_um=depth_u95_um,
-                wear_um=erosion.wear_um,
-                wear_u95_um=wear_u95_um,
-                jump_period_s=self.adapting.period_s,
+                depth_um=progress.depth_um,
+                depth_u95_um=progress.depth_u95_um,
+                wear_um=progress.wear_um,
+                wear_u95_um=progress.wear_u95_um,
+                jump_period_s=progress.jump_period_s,
                 power_w=self._power_w,
                 dielectric_c=math.nan if status is None else status.temperature_c,
                 flow_lpm=math.nan if status is None else status.flow_lpm,
