@@ -6,13 +6,12 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from edmctl.procedures.job import TOLD_LATE_S
+
 if TYPE_CHECKING:
     from edmctl.cli.elapsed import Now
     from edmctl.procedures.job import Job
     from edmctl.record.bookkeeping import Books
-
-TOLD_LATE_S = 600.0
-"""Added to the age of what ledger and journal know: they tell of a home a while after it was seen."""
 
 
 def with_home(job: Job, books: Books, now: Now) -> Job:

@@ -26,18 +26,24 @@ NAMELESS = "tool"
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """A machine by its serial number, its present and its tool; "" and NaN where only a virtual bench could tell."""
+    """A machine by its serial number, its present and its tool; "" and NaN where only a virtual bench could tell.
+
+    `is_new` says that it is a virtual bench which this command has made: its serial number is news to everybody.
+    """
 
     serial: str
     now: Now = CALENDAR
     tool: str = ""
     diameter_um: float = math.nan
+    is_new: bool = False
 
 
 def seen_on(held: Held) -> Seen:
     """Return what a connected machine shows."""
-    serial, virtual = held.bench.machine.identity.serial, held.bench.virtual
-    return Seen(serial) if virtual is None else _seen(virtual)
+    bench = held.bench
+    if bench.virtual is None:
+        return Seen(bench.machine.identity.serial)
+    return replace(_seen(bench.virtual), is_new=bench.seed is not None)
 
 
 def seen_in_file(where: Where) -> Seen | None:

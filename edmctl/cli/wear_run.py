@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from edmctl.cli.alone import Warn
+    from edmctl.cli.bench import Where
     from edmctl.cli.connected_run import Held
     from edmctl.cli.elapsed import Now
     from edmctl.cli.job import Plan
@@ -100,7 +101,7 @@ class WearRun:
         account = self._account = self._account_of(seen, books)
         profile = measuring_profile(self.plan.loaded.profile)
         if not self.is_reference:
-            reference = _reference_of(account, logbook, seen.serial, self.plan.where.selector)
+            reference = _reference_of(account, logbook, seen, self.plan.where)
             self._reference = _aged(reference, account, seen.now)
             folder = logbook.path.parent if logbook is not None else Path()
             refuse_unknown_length(account, folder, self.plan.where.selector)
@@ -272,7 +273,9 @@ _NOT_KEPT = Diagnostic(
 )
 
 
-def _reference_of(account: ToolAccount, logbook: Logbook | None, serial: str, port: str) -> ReferenceTouched:
+def _reference_of(
+    account: ToolAccount, logbook: Logbook | None, seen: Seen, where: Where
+) -> ReferenceTouched:
     """Return the tool's reference. Raises PreconditionError E8041 where it has none."""
     if account.reference is not None:
         return account.reference
@@ -282,13 +285,22 @@ def _reference_of(account: ToolAccount, logbook: Logbook | None, serial: str, po
             hint="Say --port sim:FILE for one that stays, and `edmctl measure-wear --reference` before the job.",
             code="E8041",
         )
+    touch = f"`{on_machine('edmctl measure-wear --reference', where.selector)}`"
+    elsewhere = sorted({line.serial for line in logbook.lines} - {seen.serial})
+    if seen.is_new:
+        others = f" The job ledger {logbook.path} tells of {', '.join(elsewhere)}." if elsewhere else ""
+        raise PreconditionError(
+            f"There is no reference: {where.bench_file} does not exist, and a new bench has touched nothing before."
+            f"{others}",
+            hint=f"Name the file of the bench that the job ran on (--port sim:FILE), or run {touch} before a job.",
+            code="E8041",
+        )
     tool = "the tool" if account.label == NAMELESS else account.label
-    elsewhere = sorted({line.serial for line in logbook.lines} - {serial})
+    machine = seen.serial if where.bench_file is None else f"{seen.serial}, the bench of {where.bench_file},"
     others = f"; it tells of {', '.join(elsewhere)}" if elsewhere else ""
     raise PreconditionError(
-        f"There is no reference of {tool} on {serial} in {logbook.path}{others}.",
-        hint=f"Run `{on_machine('edmctl measure-wear --reference', port)}` before the job, or name the folder of "
-        "its run files with --out.",
+        f"There is no reference of {tool} on {machine} in {logbook.path}{others}.",
+        hint=f"Run {touch} before the job, or name the folder of its run files with --out.",
         code="E8041",
     )
 

@@ -17,15 +17,14 @@ if TYPE_CHECKING:
 def other_work(site: Site, found: DepthAndWear, expected: Estimate, *, begun: bool) -> PreconditionError:
     """E8060: the touches found no hole of that depth."""
     if begun:
-        otherwise = "On untouched work, --homed --restart-hole makes the hole from its face."
+        otherwise = "On untouched work, --restart-hole makes the hole from its face."
     else:
         otherwise = "For new work, order the places that are left as a job of their own."
     return PreconditionError(
         f"{site.name} at {coordinates(site.x_um, site.y_um)} is "
         f"{with_u95(found.depth_um, found.depth_u95_um)} µm deep; the journal expects "
         f"{with_u95(expected.depth_um, COVERAGE * expected.depth_u_um)} µm.",
-        hint="Other work, or other places: put the work back as it was, home the stages and say --homed. "
-        f"{otherwise}",
+        hint=f"Other work, or other places: put the work back as it was, and home the stages. {otherwise}",
         code="E8060",
     )
 

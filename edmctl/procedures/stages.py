@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError
@@ -16,10 +17,11 @@ from edmctl.procedures.home import (
     home_now,
     most_over_um,
 )
+from edmctl.procedures.job import TOLD_LATE_S
 from edmctl.procedures.resting import rest_and_look
 from edmctl.procedures.results import Phase
 from edmctl.procedures.settings import controller_settings
-from edmctl.wording import coordinates
+from edmctl.wording import coordinates, duration
 
 if TYPE_CHECKING:
     from edmctl.procedures.job import Site
@@ -35,6 +37,11 @@ ROTARY_REPEATABILITY_DEG = 0.1
 _SETTLE_S = 0.2
 _WORTH_TELLING_UM = 1.0
 """A home nearer than this to where the controller takes it to be need not be told."""
+_OF_ANOTHER_BENCH = (
+    "A virtual controller that is served anew without --bench is another machine, though with the number of the one "
+    "before where the seed is the same. Keep its runs in another folder (--out), or serve it with another --seed; "
+    "with --bench FILE it stays the same machine."
+)
 TELLABLE_UM = 24.0
 """The controller takes no home that the tool rests 25 µm from: while creep holds it lower the host waits."""
 
@@ -71,20 +78,39 @@ def _is_told(run: Run, home: Home, over_um: float) -> bool:
 def _stands_out(run: Run, home: Home, over_um: float, most_um: float) -> PreconditionError:
     """Why no stage may move: the tool is too far out, or could be for all that is known of the sensor's zero."""
     if home.hidden_um <= CLEAR_UM:
-        return PreconditionError(
-            f"The tool stands {over_um:.1f} µm from home at 0 V; the stages may move below {most_um:.1f} µm only.",
-            hint="Check the displacement sensor and the actuator's supply.",
-            code="E8020",
+        message = (
+            f"The tool stands {over_um:.1f} µm from home at 0 V; the stages may move below {most_um:.1f} µm "
+            "only."
         )
+        hint = "Check the displacement sensor and the actuator's supply."
+    else:
+        message = (
+            f"The sensor reads {run.watch.displacement_um:.1f} µm at 0 V and may have drifted so far since its zero "
+            f"was known that the tool could stand {over_um + home.hidden_um:.0f} µm out; the surface is "
+            f"{run.profile.approach.offset_um:.0f} µm from home."
+        )
+        hint = _over_the_pad(run)
+    if _was_started_since(run):
+        message += (
+            f" The controller was started {duration(run.machine.uptime_s)} ago; home was known before that."
+        )
+        hint = _OF_ANOTHER_BENCH if run.machine.identity.simulated else _over_the_pad(run)
+    return PreconditionError(message, hint=hint, code="E8020")
+
+
+def _over_the_pad(run: Run) -> str:
+    """How a touch tells where home is."""
     pad = run.job.pad
-    return PreconditionError(
-        f"The sensor reads {run.watch.displacement_um:.1f} µm at 0 V and may have drifted so far since its zero was "
-        f"known that the tool could stand {over_um + home.hidden_um:.0f} µm out; the surface is "
-        f"{run.profile.approach.offset_um:.0f} µm from home.",
-        hint="Look whether the tool is retracted and free. Then switch the controller off, home both stages, over "
-        f"the reference pad at {coordinates(pad.x_um, pad.y_um)}, and switch it on again: there a touch tells.",
-        code="E8020",
+    return (
+        "Look whether the tool is retracted and free. Then switch the controller off, home both stages, over the "
+        f"reference pad at {coordinates(pad.x_um, pad.y_um)}, and switch it on again: there a touch tells."
     )
+
+
+def _was_started_since(run: Run) -> bool:
+    """Whether the controller came up after the home that this job began with was seen."""
+    before_the_job_s = run.machine.uptime_s - run.machine.time_s
+    return math.isnan(run.ledger.home_s) and before_the_job_s < run.job.home_age_s - TOLD_LATE_S
 
 
 def move_to(run: Run, place: Site) -> None:

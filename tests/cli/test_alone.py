@@ -174,7 +174,17 @@ def test_a_wear_needs_a_reference(here: Here) -> None:
 def test_the_reference_of_another_machine_is_none(here: Here) -> None:
     assert here("measure-wear", "--reference", *KEPT, "--seed", "1", "--quiet").exit_code == 0
     other = ("measure-wear", "--port", "sim:other.h5", "--seed", "2", "--json")
-    assert "SIM-1" in failure(here(*other), 8, "E8041")["message"]
+    error = failure(here(*other), 8, "E8041")
+    assert "other.h5 does not exist" in error["message"]
+    assert "tells of SIM-1." in error["message"]
+    assert "SIM-2" not in error["message"]
+    assert "--port sim:FILE" in error["hint"]
+
+
+def test_a_bench_without_a_reference_is_named_by_its_file(here: Here) -> None:
+    assert here("approach", "--profile", CU270, "--contact", *KEPT, "--seed", "1", "--quiet").exit_code == 0
+    error = failure(here("measure-wear", *KEPT, "--json"), 8, "E8041")
+    assert "SIM-1, the bench of " in error["message"]
 
 
 def test_a_new_tool_has_lost_nothing_yet(here: Here) -> None:

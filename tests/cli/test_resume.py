@@ -15,14 +15,13 @@ import pytest
 
 from edmctl.cli.app import main
 from edmctl.cli.elapsed import CALENDAR, Now
-from edmctl.cli.home_known import TOLD_LATE_S
 from edmctl.cli.journaling import tell_way_on
 from edmctl.cli.resume import checked, find_run
 from edmctl.cli.runfile import RunName
 from edmctl.cli.wear_run import _aged
 from edmctl.errors import LinkLost
 from edmctl.machine.controller import LinkMachine
-from edmctl.procedures.job import job_of
+from edmctl.procedures.job import TOLD_LATE_S, job_of
 from edmctl.procedures.journal import job_state
 from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Setup

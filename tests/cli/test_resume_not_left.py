@@ -88,6 +88,7 @@ def test_untouched_work_is_refused_and_made_from_its_face_when_asked(here: Here,
     told = refused(here, "E8060")
     assert f"the journal expects {expected_um:.2f}" in told
     assert "--restart-hole" in told
+    assert "--homed" not in told
     before_um = worn_so_far_um()
     said = here(*RESUME, "--restart-hole", *BENCH)
     assert said.exit_code == 0, said.out

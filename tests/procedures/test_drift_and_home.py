@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.cli.elapsed import CALENDAR, Now
-from edmctl.cli.home_known import TOLD_LATE_S, with_home, with_home_left
+from edmctl.cli.home_known import with_home, with_home_left
 from edmctl.cli.true_wear import TrueWear
 from edmctl.errors import EdmError, Interrupted, PreconditionError
 from edmctl.machine.controller import LinkMachine
@@ -28,7 +28,7 @@ from edmctl.procedures.drift import (
     uncertainty_now,
 )
 from edmctl.procedures.home import Home, _is_on_a_spot
-from edmctl.procedures.job import Site
+from edmctl.procedures.job import TOLD_LATE_S, Site
 from edmctl.procedures.journal import JobState, NoJournal
 from edmctl.procedures.results import Ledger, Phase, site_result_of
 from edmctl.procedures.stages import _is_told, move_to, retract
@@ -257,7 +257,26 @@ def test_a_home_that_was_known_hours_ago_does_not_excuse_a_tool_that_stands_out(
     with pytest.raises(PreconditionError) as caught:
         shop.run_job()
     assert caught.value.code == "E8020"
+    assert "was started" not in caught.value.message
     assert (shop.bench.plant.position_um == before).all()
+
+
+@pytest.mark.parametrize(("home_um", "age_s"), [(-100.0, 60.0), (0.0, 20_000.0)])
+@pytest.mark.parametrize("simulated", [True, False])
+def test_a_controller_that_was_started_since_home_was_known_is_told(
+    monkeypatch: pytest.MonkeyPatch, *, simulated: bool, home_um: float, age_s: float
+) -> None:
+    shop = Shop()
+    shop.job = replace(shop.job, home_um=home_um, home_age_s=age_s + TOLD_LATE_S)
+    run = armed(shop)
+    run.machine.rest(0.5)
+    monkeypatch.setattr(LinkMachine, "identity", replace(run.machine.identity, simulated=simulated))
+    with pytest.raises(
+        PreconditionError, match=r"was started 1 min 0\d s ago; home was known before"
+    ) as caught:
+        retract(run)
+    assert caught.value.code == "E8020"
+    assert ("--bench FILE" if simulated else "there a touch tells") in caught.value.hint
 
 
 @pytest.mark.parametrize("hours", [8.0, 72.0])
