@@ -99,6 +99,7 @@ def main() -> int:
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         same = same_job(Path(folder), arguments.seed)
+    with tempfile.TemporaryDirectory() as folder:  # the other knows of a tool that has lost its length
         minute = one_minute(Path(folder), arguments.seed, arguments.seconds)
     return 0 if same and minute else 1
 
