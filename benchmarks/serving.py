@@ -43,11 +43,10 @@ def result(process: subprocess.Popen[str]) -> tuple[int, dict[str, Any], str]:
 
 
 @contextmanager
-def served(home: Path, *options: str, name: str = "edm") -> Iterator[Path]:
-    """Serve a virtual controller on `home/name` while the block runs."""
-    link = home / name
-    server = subprocess.Popen(
-        [sys.executable, "-m", "edmctl", "simulate", "serve", "--link", str(link), "--quiet", *options],
+def server(home: Path, *options: str) -> Iterator[subprocess.Popen[bytes]]:
+    """Serve a virtual controller while the block runs; it need not be ready yet when the block begins."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "edmctl", "simulate", "serve", "--quiet", *options],
         cwd=home,
         env=environment(home),
         stdin=subprocess.DEVNULL,
@@ -55,15 +54,23 @@ def served(home: Path, *options: str, name: str = "edm") -> Iterator[Path]:
         stderr=subprocess.DEVNULL,
     )
     try:
+        yield process
+    finally:
+        process.terminate()
+        process.wait(timeout=30)
+
+
+@contextmanager
+def served(home: Path, *options: str, name: str = "edm") -> Iterator[Path]:
+    """Serve a virtual controller on `home/name` while the block runs."""
+    link = home / name
+    with server(home, "--link", str(link), *options) as process:
         end_s = time.monotonic() + READY_S
         while not link.exists():
-            if server.poll() is not None or time.monotonic() > end_s:
+            if process.poll() is not None or time.monotonic() > end_s:
                 raise RuntimeError("the server did not start")
             time.sleep(0.05)
         yield link
-    finally:
-        server.terminate()
-        server.wait(timeout=30)
 
 
 def cpu_s(pid: int) -> float:
