@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from edmctl.cli.options import DebugOption, JsonOption, PortOption, SetupOption, WaitOption
+from edmctl.cli.options import DebugOption, JsonOption, PortOption, QuietOption, SetupOption, WaitOption
 from edmctl.cli.outcome import Outcome, Output, mutter, run_command, stream_style
 
 if TYPE_CHECKING:
@@ -30,6 +30,7 @@ def doctor(
     sensors: SensorsOption = False,
     out: OutOption = Path("runs"),
     as_json: JsonOption = False,
+    quiet: QuietOption = False,
     debug: DebugOption = False,
 ) -> int:
     """Check computer, line and machine, and name the remedies.
@@ -51,7 +52,7 @@ def doctor(
         if error or (error := checks.error()):
             raise error
 
-    return run_command(Output("doctor", as_json, debug=debug), body)
+    return run_command(Output("doctor", as_json, quiet=quiet, debug=debug), body)
 
 
 def _look(
@@ -68,6 +69,10 @@ def _look(
     from edmctl.cli.machine_at import machine_at
     from edmctl.errors import EdmError, Interrupted, LinkLost, ProtocolMismatch
 
+    def say(text: str) -> None:
+        if not outcome.output.quiet:
+            mutter(f"{text}\n")
+
     port, wait_s = place
     checks.take(doctor_host.versions())
     checks.take(doctor_host.run_folder(out))
@@ -75,12 +80,12 @@ def _look(
     selector = port or setup.port
     checks.take(*doctor_host.line_settings(selector))
     try:
-        with machine_at(setup, port, wait_s, lambda text: mutter(text + "\n")) as machine:
+        with machine_at(setup, port, wait_s, say) as machine:
             outcome.simulated = machine.identity.simulated
             doctor_machine.look(checks, machine, setup)
             checks.take(doctor_host.calibration(os.environ, setup, machine.identity.serial, port or ""))
             if sensors:
-                mutter("doctor: arming, and making pulses with the tool retracted, for about a second.\n")
+                say("doctor: arming, and making pulses with the tool retracted, for about a second.")
                 doctor_machine.test_sensors(checks, machine, setup)
     except ProtocolMismatch as error:
         checks.fail("protocol", error)

@@ -139,6 +139,7 @@ def test_the_gap_sensor_is_tested_on_demand_and_said_so_before(here: Here, works
     assert said.exit_code == 0, said.err
     assert found(said)["gap sensor"]["message"].startswith("10.00 V of 10.00 V")
     assert "making pulses" in said.err
+    assert "making pulses" not in here("doctor", "--sensors", "--quiet").err
     assert workshop.bench.controller.state is State.IDLE
 
 

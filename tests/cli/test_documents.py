@@ -103,6 +103,17 @@ def test_every_command_of_a_page_works(page: str, typed: dict[str, list[str]]) -
     assert typed[page] == []
 
 
+def test_readme_and_tutorial_name_no_run_alike() -> None:
+    """Newcomers type both in one folder."""
+    readme, tutorial = (
+        {word for line, _ in commands_of(page) for word in re.findall(r"--run-id (\S+)", line)}
+        for page in ("README.md", "docs/tutorial.md")
+    )
+    assert readme
+    assert tutorial
+    assert not readme & tutorial
+
+
 def test_no_page_with_commands_is_left_out() -> None:
     assert [page for page in ALL_PAGES if commands_of(page)] == sorted(PAGES)
 

@@ -122,6 +122,15 @@ def test_without_runs_it_says_so(here: Here, tmp_path: Path) -> None:
     assert f"No run files in {tmp_path}." in said.out
 
 
+def test_the_folder_has_the_name_that_it_has_where_runs_are_made(here: Here, tmp_path: Path) -> None:
+    finished(tmp_path, "a")
+    said = here("run", "list", "--out", str(tmp_path))
+    assert (said.exit_code, said.out) == (0, here("run", "list", str(tmp_path)).out)
+    said = here("run", "list", "elsewhere", "--out", str(tmp_path), "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (2, "E2063")
+    assert "elsewhere" in said.document["error"]["message"]
+
+
 def test_a_folder_that_is_not_there_is_an_error(here: Here, tmp_path: Path) -> None:
     said = here("run", "list", str(tmp_path / "typo"), "--json")
     assert said.exit_code == 9
