@@ -100,10 +100,13 @@ def calibration(environ: Mapping[str, str], setup: Setup, serial: str, port: str
 
 def line_settings(selector: str | None, sys: Path = _SYS, proc: Path = _PROC) -> Sequence[Check]:
     """What Linux tells about a serial port: the wait of an FTDI adapter, and ModemManager, which types into it."""
-    if selector is None or not selector.startswith("/dev/"):
+    from edmctl.link.ports import is_adapter
+
+    device = os.path.realpath(selector or "")
+    if selector is None or not device.startswith("/dev/") or not is_adapter(device):
         return ()
     checks: list[Check] = []
-    latency = sys / "bus" / "usb-serial" / "devices" / Path(selector).name / "latency_timer"
+    latency = sys / "bus" / "usb-serial" / "devices" / Path(device).name / "latency_timer"
     with suppress(OSError, ValueError):
         wait_ms = int(latency.read_text())
         if wait_ms > LOW_LATENCY_MS:

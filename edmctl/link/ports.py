@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -13,6 +14,8 @@ if TYPE_CHECKING:
 
     from edmctl.link.messages import HelloReply
 
+_PTY = re.compile(r"/dev/(pts/|ttys\d|pty)")
+"""Of Linux, macOS and BSD."""
 HELLO_S = 1.5
 """A board that resets when its port is opened needs about this long to come up."""
 
@@ -72,6 +75,11 @@ def same_port(name: str, other: str) -> bool:
     if name == other:
         return True
     return "://" not in name + other and os.path.realpath(name) == os.path.realpath(other)
+
+
+def is_adapter(name: str) -> bool:
+    """Whether a name, which may be a symbolic link, is that of a serial port: no pty, no socket, no `sim:`."""
+    return "://" not in name and not name.startswith("sim:") and not _PTY.match(os.path.realpath(name))
 
 
 def probe(

@@ -10,7 +10,7 @@ import pytest
 
 from edmctl.cli import doctor_host
 from edmctl.cli.doctor_checks import CheckStatus
-from edmctl.cli.doctor_machine import _line
+from edmctl.cli.doctor_machine import _line, _round_trip
 from edmctl.errors import ProtocolMismatch
 from edmctl.link.accounting import LinkReport
 from edmctl.link.faults import FaultCode
@@ -237,9 +237,29 @@ def test_linux_tells_of_slow_adapters_and_of_modem_manager(system: tuple[Path, P
     assert [(check.name, check.status.value) for check in checks] == [("latency timer", "ok")]
 
 
-def test_a_virtual_machine_has_no_adapter(system: tuple[Path, Path]) -> None:
-    assert list(doctor_host.line_settings(None, *system)) == []
-    assert list(doctor_host.line_settings("sim:", *system)) == []
+def test_an_adapter_is_known_by_every_name_of_its_port(system: tuple[Path, Path], tmp_path: Path) -> None:
+    (tmp_path / "edm").symlink_to("/dev/ttyUSB0")
+    assert doctor_host.line_settings(str(tmp_path / "edm"), *system)[0].name == "latency timer"
+
+
+def test_a_virtual_machine_has_no_adapter(system: tuple[Path, Path], tmp_path: Path) -> None:
+    (tmp_path / "edm").symlink_to("/dev/pts/0")
+    for port in (None, "sim:", "/dev/pts/0", str(tmp_path / "edm"), "socket://127.0.0.1:7321"):
+        assert list(doctor_host.line_settings(port, *system)) == []
+
+
+@pytest.mark.parametrize(
+    ("port", "is_told"),
+    [("/dev/ttyUSB0", True), ("COM3", True), ("/dev/pts/0", False), ("sim:", False), ("socket://a:1", False)],
+)
+def test_a_slow_line_is_blamed_on_an_adapter_where_there_is_one(
+    monkeypatch: pytest.MonkeyPatch, port: str, is_told: bool
+) -> None:
+    monkeypatch.setattr("edmctl.cli.doctor_machine.SLOW_S", -1.0)
+    machine = SimpleNamespace(identity=SimpleNamespace(transport=port), status=lambda: None)
+    check = _round_trip(cast("LinkMachine", machine))
+    assert check.status is CheckStatus.WARN
+    assert ("FTDI" in check.fix) == is_told
 
 
 def test_samples_that_do_not_come_are_told(here: Here, workshop: Workshop) -> None:
