@@ -70,8 +70,17 @@ def channel_measuring_s(profile: Profile, setup: Setup, path: PathTable) -> floa
 
 def passes_per_layer(profile: Profile, path: PathTable, whole: Channel) -> float:
     """How often the tool passes on average until the sparks have taken a layer away, at least once."""
-    erosion_s = whole.volume_um3 / whole.layers / removal_um3_s(profile, whole.depth_um)
-    return max(1.0, LAST_PASS_SHARE * erosion_s * path.speed_um_s / whole.length_um)
+    return max(1.0, _sparks_of_layer_s(profile, whole) * path.speed_um_s / whole.length_um)
+
+
+def waiting_speed_um_s(profile: Profile, path: PathTable) -> float:
+    """The speed of a scan whose single pass just takes a layer away, µm/s: a slower one only takes longer."""
+    whole = channel(profile, path)
+    return whole.length_um / _sparks_of_layer_s(profile, whole)
+
+
+def _sparks_of_layer_s(profile: Profile, whole: Channel) -> float:
+    return LAST_PASS_SHARE * whole.volume_um3 / whole.layers / removal_um3_s(profile, whole.depth_um)
 
 
 def pass_time_s(profile: Profile, path: PathTable, whole: Channel) -> float:

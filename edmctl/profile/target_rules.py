@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from edmctl.profile.channel_course import waiting_speed_um_s
 from edmctl.profile.codes import Code
 from edmctl.profile.findings import Finding, Job, rounded_up
 from edmctl.profile.forecast import depth_and_wear_um
@@ -139,9 +140,16 @@ def time_limit(job: Job) -> Iterator[Finding]:
     """Rule 20: the job can end within its time limit."""
     limit_s, time_s = job.profile.limits.max_time_s, job.forecast.time_s
     if limit_s < time_s:
+        hint = f"permit {3.0 * time_s:.0f} s, three times the forecast"
+        path = job.profile.path
+        if path is not None and path.speed_um_s < (least_um_s := waiting_speed_um_s(job.profile, path)):
+            hint = (
+                f"raise path.speed_um_s from {path.speed_um_s:g} to {rounded_up(least_um_s)} µm/s or more, where a "
+                f"pass takes no longer than its sparks; or {hint}"
+            )
         yield Finding(
             Code.TIME_LIMIT,
             ("limits", "max_time_s"),
             f"the job takes about {time_s:.0f} s, more than max_time_s {limit_s:g} s",
-            f"permit {3.0 * time_s:.0f} s, three times the forecast",
+            hint,
         )

@@ -51,6 +51,27 @@ def test_a_job_makes_holes_or_a_channel() -> None:
     assert Code.SITES_OR_PATH in codes("circle", "sites=[{x_um=500}]")
 
 
+@pytest.mark.parametrize(("speed_um_s", "is_slow"), [(5, True), (39, True), (41, False), (200, False)])
+def test_a_scan_that_is_slower_than_its_sparks_is_named_where_time_is_short(
+    speed_um_s: int, is_slow: bool
+) -> None:
+    short = ("limits.max_time_s=1000", f"path.speed_um_s={speed_um_s}")
+    (found,) = problems("channel-circle", *short)
+    assert found.code == Code.TIME_LIMIT
+    assert (f"raise path.speed_um_s from {speed_um_s} to 40 µm/s" in found.hint) == is_slow
+    assert "three times the forecast" in found.hint
+
+
+def test_no_scan_takes_less_time_than_one_as_fast_as_its_sparks() -> None:
+    least_um_s, *others = (
+        forecast(
+            load_profile("channel-circle", [f"path.speed_um_s={speed}"]).profile, Setup()
+        ).machining_time_s
+        for speed in (40, 10, 20, 30)
+    )
+    assert all(time_s > least_um_s for time_s in others)
+
+
 def test_a_channel_has_a_depth() -> None:
     assert Code.TARGET_KIND in codes("circle", 'target={kind="feed",feed_um=30}')
 
