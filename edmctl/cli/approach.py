@@ -86,7 +86,9 @@ def approach(
         outcome.warn(plan.loaded.warnings)
         place = _place(site)
         if dry_run:
-            _tell_plan(outcome, plan, _forewarned_place(outcome, plan, place, out), contact=contact)
+            _tell_plan(
+                outcome, plan, _forewarned_place(outcome, plan, place, out, contact=contact), contact=contact
+            )
         else:
             perform(outcome, plan, _Approach(plan, place, contact=contact), Asked(out, run_id, seed))
 
@@ -105,7 +107,7 @@ def _place(text: str | None) -> tuple[float, float] | None:
 
 
 def _forewarned_place(
-    outcome: Outcome, plan: "Plan", place: tuple[float, float] | None, folder: Path
+    outcome: Outcome, plan: "Plan", place: tuple[float, float] | None, folder: Path, *, contact: bool
 ) -> tuple[float, float] | None:
     """Return where the tool would go, as far as ledger and bench tell. Raises what the approach would."""
     from edmctl.cli.outcome import note
@@ -120,16 +122,20 @@ def _forewarned_place(
         note(outcome.output, not_seen(plan.where))
         return place
     logbook = Logbook.open(folder)
-    site = _checked_site(prepared_job(plan, seen, None, logbook), place, folder, plan.where.selector)
+    prepared = prepared_job(plan, seen, None, logbook)
+    site = _checked_site(prepared, place, folder, plan.where.selector, contact=contact)
     return site.x_um, site.y_um
 
 
-def _checked_site(prepared: "Prepared", place: tuple[float, float] | None, folder: Path, port: str) -> "Site":
+def _checked_site(
+    prepared: "Prepared", place: tuple[float, float] | None, folder: Path, port: str, *, contact: bool
+) -> "Site":
     """Return the place to approach.
 
-    Raises PreconditionError: E8042 a hole is there, E8044 the tool does not reach the surface.
+    Raises PreconditionError: E8042 a hole is there, or the pad where sparks would be made, E8044 the tool does not
+    reach the surface.
     """
-    from edmctl.cli.places_taken import refuse_taken
+    from edmctl.cli.places_taken import refuse_pad, refuse_taken
     from edmctl.cli.prepared import hole_radius_um
     from edmctl.cli.tool_left import refuse_too_short
     from edmctl.procedures.job import Site
@@ -141,6 +147,8 @@ def _checked_site(prepared: "Prepared", place: tuple[float, float] | None, folde
     own_way_um = job.profile.approach.offset_um + STROKE_RESERVE_UM
     if not math.isnan(prepared.account.pad_um):
         refuse_too_short(job.profile, job.setup, own_way_um, prepared.account, port)
+    if not contact:
+        refuse_pad((site.name, site.x_um, site.y_um), job)
     refuse_taken([(site.name, site.x_um, site.y_um)], hole_radius_um(job.profile), prepared.holes, folder)
     return site
 
@@ -189,7 +197,9 @@ class _Approach:
 
         actuator = held.choice.actuator if held.choice else None
         prepared = prepared_job(self.plan, seen_on(held), actuator, logbook_of(self.plan, name))
-        self._site = _checked_site(prepared, self.place, name.path.parent, self.plan.where.selector)
+        self._site = _checked_site(
+            prepared, self.place, name.path.parent, self.plan.where.selector, contact=self.contact
+        )
         return prepared.job
 
     def act(self, run: "Run") -> None:

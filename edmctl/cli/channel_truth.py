@@ -32,7 +32,7 @@ def channel_truth(profile: Profile, bench: VirtualBench, wear_um: float) -> Chan
     """Look along the path in the height map; None where the recipe has no path or nothing was cut."""
     import numpy as np
 
-    from edmctl.procedures.channel import way_of_path
+    from edmctl.procedures.channel_way import way_of_path
 
     path, target = profile.path, profile.target
     x_um, y_um, depth_um = bench.truth_map()

@@ -221,12 +221,15 @@ def _run(
     ledger: Ledger,
     journal: Journal,
 ) -> None:
-    """Run the job, and write down in the job ledger that it begins and what it came to."""
+    """Run the job, and write down in the job ledger that it begins and what it came to.
+
+    Its journal comes first: whoever finds a job in the ledger can go on with it.
+    """
     from edmctl.cli.job_ledger import DONE
     from edmctl.procedures.machining import run_job
 
-    entries.begin()
     job = kept.begin(job)
+    entries.begin()
     try:
         run_job(held.bench.machine, job, recorder=recorder, observer=observer, ledger=ledger, journal=journal)
     except BaseException as error:

@@ -6,12 +6,14 @@ import math
 from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError
+from edmctl.profile.findings import PAD_MARGIN_UM
 from edmctl.wording import coordinates, length
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from pathlib import Path
 
+    from edmctl.procedures.job import Job
     from edmctl.record.ledger_entries import SiteMachined
 
 WALL_UM = 50.0
@@ -51,6 +53,21 @@ def refuse_taken(
                     "`edmctl machine --resume` finishes an interrupted hole or channel.",
                     code="E8042",
                 )
+
+
+def refuse_pad(place: Place, job: Job) -> None:
+    """Raise PreconditionError E8042 where sparks would be made on the pad, which all touches count from."""
+    name, x_um, y_um = place
+    tool, pad = job.profile.tool, job.pad
+    clear_um = tool.diameter_um + job.profile.work.side_gap_um + PAD_MARGIN_UM
+    away_um = math.hypot(x_um - pad.x_um, y_um - pad.y_um)
+    if away_um < clear_um:
+        raise PreconditionError(
+            f"{name} at {coordinates(x_um, y_um, 1)} is {length(away_um)} from the reference pad; sparks there "
+            "would spoil what Z1 and Z3 are touched on.",
+            hint=f"Keep {clear_um:.0f} µm away, or touch it with --contact.",
+            code="E8042",
+        )
 
 
 def told(hole: SiteMachined, folder: Path) -> str:

@@ -126,9 +126,9 @@ def _places(job: Job, radius_um: float) -> tuple[Place, ...]:
     """Axes of all holes; of a channel, points on its way that lie so close that nothing fits between them."""
     if job.profile.path is None:
         return tuple((site.name, site.x_um, site.y_um) for site in job.sites)
-    from edmctl.procedures.channel import PIECE_UM, way_of_path
+    from edmctl.procedures.channel_way import PIECE_UM, way_of_path
 
     stride = max(1, int(radius_um // PIECE_UM))
-    points = [*way_of_path(job.profile.path).points[::stride]]
-    # A closed way ends where it began.
-    return tuple(dict.fromkeys((job.profile.meta.name, float(x_um), float(y_um)) for x_um, y_um in points))
+    way = way_of_path(job.profile.path)
+    points = way.points[:-1] if way.closed else way.points
+    return tuple((job.profile.meta.name, float(x_um), float(y_um)) for x_um, y_um in points[::stride])

@@ -36,7 +36,14 @@ def reset(
         from edmctl.profile.load import load_setup
 
         settings = load_setup(setup)
-        lasting = where_is(port, settings).lasting
+        where = where_is(port, settings)
+        lasting = where.lasting
+        if (file := where.bench_file) is not None and not file.exists():
+            raise PreconditionError(
+                f"There is no bench {file}, and a new one holds no fault.",
+                hint="Name the machine that holds the fault with --port or EDMCTL_PORT.",
+                code="E8013",
+            )
         with machine_at(settings, port, wait, lambda text: mutter(text + "\n")) as machine:
             outcome.simulated = machine.identity.simulated
             _clear(outcome, machine, ack, lasting=lasting)
@@ -53,6 +60,8 @@ def _clear(outcome: Outcome, machine: "LinkMachine", ack: int | None, *, lasting
         if latched:
             raise latched
         outcome.text = "The controller holds no fault."
+        if not lasting:
+            outcome.text += " It is a fresh virtual machine, because none was named: --port names another."
         return
     try:
         machine.clear_fault(ack)

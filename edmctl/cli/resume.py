@@ -157,13 +157,11 @@ def find_run(named: str, folder: Path, *, homed: bool = False, restart_hole: boo
     from edmctl.record.journal import read_journal
 
     path = _journal_named(named, folder)
+    later = _continued(path)
     try:
-        journal = read_journal(path)
+        path, journal = later or (path, read_journal(path))
     except FileNotFoundError:
-        later = _continued(path)
-        if later is None:
-            raise _without_journal(path) from None
-        path, journal = later
+        raise _without_journal(path) from None
     try:
         state = job_state(journal.state)
     except (TypeError, ValueError, KeyError) as error:
@@ -265,10 +263,12 @@ def _without_journal(path: Path) -> PreconditionError:
     if not _run_files(run_id, folder):
         hint = f"{which} --out names another folder."
         return PreconditionError(f"There is no run {run_id} in {where}.", hint=hint, code="E8050")
+    left = [file for file in _run_files(run_id, folder) if file.suffix == ".partial"]
+    recover = f" `edmctl run recover {left[-1]}` tells whether it had come to its end." if left else ""
     return PreconditionError(
         f"{run_id} has no journal, so nobody knows how far it came.",
         hint="A fresh virtual machine (sim:) is gone with its command and keeps none; jobs on sim:FILE, on a served "
-        f"bench and on hardware do. {which}",
+        f"bench and on hardware do. {which}{recover}",
         code="E8050",
     )
 
@@ -277,7 +277,10 @@ def _run_files(run_id: str, folder: Path) -> list[Path]:
     """The run's own file and those that go on with it, finished or not."""
     own = [folder / f"{run_id}.h5", folder / f"{run_id}.h5.partial"]
     first = re.sub(r"-r\d+$", "", run_id)
-    return [*(file for file in own if file.exists()), *sorted(folder.glob(f"{first}-r[0-9]*.h5"))]
+    later = sorted(
+        file for ending in (".h5", ".h5.partial") for file in folder.glob(f"{first}-r[0-9]*{ending}")
+    )
+    return [*(file for file in own if file.exists()), *later]
 
 
 def _status(file: Path) -> str:

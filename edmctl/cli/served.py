@@ -46,9 +46,7 @@ def served_ports() -> list[PortInfo]:
                 with suppress(OSError):
                     note.unlink()
             else:
-                found.append(
-                    PortInfo(told[0], f"virtual controller {told[1]}, served by process {note.stem}")
-                )
+                found.append(PortInfo(told[0], f"virtual controller {told[1]}, served by process {number}"))
     return found
 
 

@@ -314,4 +314,5 @@ def _aged(reference: ReferenceTouched, account: ToolAccount, now: Now) -> Refere
         model_um=reference.model_um,
         age_s=now.since_s(account.reference_utc_s, account.reference_bench_s),
         doubt_u_um=reference.doubt_u_um,
+        home_um=reference.home_um,
     )

@@ -65,7 +65,7 @@ def render_job(
         blocks.append(_channel_block(job.channel, channel_truth, style))
     worn = "the tool's wear was not measured"
     if not isnan(job.tool_wear_total_um):
-        worn = f"the tool is {length(job.tool_wear_total_um)} shorter"
+        worn = f"the tool is {length(max(0.0, job.tool_wear_total_um))} shorter"
     before = f", {earlier(job.earlier_time_s, job.pause_s)}" if job.earlier_time_s else ""
     total = f"Whole job {duration(job.time_s)}{before}; {worn}."
     return "\n\n".join([*blocks, "\n".join(wrapped(total, columns))])

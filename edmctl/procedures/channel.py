@@ -25,13 +25,13 @@ from edmctl.procedures.channel_resuming import (
     with_journal_hint,
 )
 from edmctl.procedures.channel_touch import measure_floor, touch_untouched
+from edmctl.procedures.channel_way import way_of_path
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.deciding import Decision
 from edmctl.procedures.goal import Goal, goal_of
 from edmctl.procedures.job import Site
 from edmctl.procedures.tool_length import TOUCH_U_UM
 from edmctl.procedures.verdict import REMEDIES, judged_channel, not_shown
-from edmctl.process import path as ways
 from edmctl.process.layers import layer_depths_um
 from edmctl.process.next_cut import NOISE_FLOOR_SIGMAS
 from edmctl.record.rows import EventLevel
@@ -44,10 +44,8 @@ if TYPE_CHECKING:
     from edmctl.procedures.journal import JobState
     from edmctl.procedures.run import Run
     from edmctl.procedures.time_limits import TimeLimits
-    from edmctl.profile.sites import PathTable
+    from edmctl.process.path import Way
 
-PIECE_UM = 25.0
-"""Longest line sent to the stages: the height of its end is planned anew for each."""
 LAYERS_BEFORE_FIRST_STOP = 2
 """Then wear and gap are measured for the first time: early, because both were only assumed."""
 LEAST_SUNK_SHARE = 0.25
@@ -56,18 +54,6 @@ erode slower, or its tool wear less than the energy tells, so that the tool is h
 floor has not even sunk by this share of the layer, the tool has stopped advancing."""
 PLACES, PLACES_AT_THE_END = 4, 6
 """The floor is touched at so many places."""
-
-
-def way_of_path(path: PathTable) -> ways.Way:
-    """Way of the tool's axis of a `[path]` table, whose sizes the rules have found complete."""
-    if path.kind == "rectangle":
-        points = ways.rectangle(path.x_um, path.y_um, path.width_um or 0.0, path.height_um or 0.0)
-    elif path.kind == "circle":
-        points = ways.circle(path.x_um, path.y_um, path.radius_um or 0.0)
-    else:
-        inner_um, pitch_um = path.radius_um or 0.0, path.pitch_um or 0.0
-        points = ways.spiral(path.x_um, path.y_um, inner_um, pitch_um, path.turns or 0.0)
-    return ways.way_of(points, PIECE_UM)
 
 
 def machine_channel(
@@ -153,7 +139,7 @@ class _Stops:
         self,
         run: Run,
         goal: Goal,
-        way: ways.Way,
+        way: Way,
         face: Face,
         layers: Layers,
         keep: Callable[[ChannelResult], None],

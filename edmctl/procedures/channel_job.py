@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -63,8 +64,8 @@ def _row(run: Run, result: ChannelResult) -> SiteRow:
         wear_um=result.wear_um,
         wear_u95_um=result.wear_u95_um,
         feed_um=result.feed_um,
-        depth_model_um=float("nan"),
-        wear_model_um=float("nan"),
+        depth_model_um=math.nan,
+        wear_model_um=math.nan,
         machining_time_s=result.machining_time_s,
         cuts=result.passes,
         pulses=result.pulses,
@@ -73,7 +74,7 @@ def _row(run: Run, result: ChannelResult) -> SiteRow:
         ratio_arc=result.ratios.arc,
         ratio_short=result.ratios.short,
         energy_j=result.energy_j,
-        mrr_mm3_min=mrr_mm3_min(volume_um3 / result.machining_time_s),
+        mrr_mm3_min=mrr_mm3_min(volume_um3 / time_s) if (time_s := result.machining_time_s) else math.nan,
         measuring_stops=result.measuring_stops,
         depth_basis=result.depth_basis,
         wear_basis=result.wear_basis,

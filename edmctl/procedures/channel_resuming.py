@@ -19,9 +19,17 @@ from edmctl.procedures.channel_scan import PassPlan, PassResult
 from edmctl.procedures.channel_touch import FLOOR_U_UM, Face, Unknown
 from edmctl.procedures.drift import uncertainty_now
 from edmctl.procedures.estimating import energy_of
-from edmctl.procedures.expecting import BELIEF_U_REL, STANDARD_UNCERTAINTIES, expected_of_left, is_untouched
+from edmctl.procedures.expecting import (
+    BELIEF_U_REL,
+    FASTER,
+    STANDARD_UNCERTAINTIES,
+    Expected,
+    estimate_left,
+    is_untouched,
+)
 from edmctl.procedures.face import unknown_face
 from edmctl.procedures.job import Site
+from edmctl.procedures.journal import PERIOD_S
 from edmctl.procedures.not_left import other_tool, other_work
 from edmctl.procedures.pausing import drift_u_um
 from edmctl.procedures.resuming import (
@@ -45,6 +53,8 @@ if TYPE_CHECKING:
     from edmctl.procedures.journal import JobState
     from edmctl.procedures.run import Run
     from edmctl.process.path import Way
+FACE_SD_UM = 0.5
+"""A floor that differs by more from place to place is no untouched face."""
 
 
 def channel_state(
@@ -125,10 +135,11 @@ def go_on_from(run: Run, state: JobState, layers: Layers, way: Way) -> tuple[Pas
     layers.wear.per_uj, layers.wear.u_rel = left["wear_per_uj"], left["wear_u_rel"]
     layers.wear.restart(state.wear_um)
     run.ledger.depth_um, run.ledger.unmeasured_site = state.depth_um, run.profile.meta.name
-    z1_um, plane, nothing = layers.face.z1.z_um, layers.face.plane, np.zeros(len(way.points))
-    held = HeldTool(z1_um, plane, layers.aim_um, layers.gap_um)
+    held = HeldTool(layers.face.z1.z_um, layers.face.plane, layers.aim_um, layers.gap_um)
+    limits_um = np.array([held.z_um((float(x), float(y)), state.wear_um) for x, y in way.points])
     plan = PassPlan(way, 0.0, held, uj_per_um=0.0, since_uj=0.0, rest_s=0.0)
-    return plan, PassResult(0.0, 0.0, math.nan, (0, 0, 0, 0), 0.0, 0.0, nothing, nothing)
+    nothing = np.zeros(len(way.points))
+    return plan, PassResult(0.0, 0.0, math.nan, (0, 0, 0, 0), 0.0, 0.0, limits_um, nothing)
 
 
 def stops_left(state: JobState) -> tuple[int, bool]:
@@ -137,13 +148,23 @@ def stops_left(state: JobState) -> tuple[int, bool]:
     return int(left["stops"]), bool(left["gap_learned"])
 
 
+def expected_of_channel(state: JobState) -> Expected:
+    """What to expect of the channel that was left: a held tool cuts no deeper in the last seconds than its layer."""
+    left = _channel(state)
+    unseen_um = left["aim_um"] - left["depth_um"]
+    if state.machining_time_s >= PERIOD_S:
+        unseen_um = FASTER * PERIOD_S * (state.depth_um + state.wear_um) / state.machining_time_s
+    return Expected(estimate_left(state), unseen_um)
+
+
 def unknown_of_left(run: Run, state: JobState) -> Unknown:
     """How far pad and floor may be from where they are expected, so that a mistake is found and not missed."""
-    expected = expected_of_left(state, run.profile)
+    expected, left = expected_of_channel(state), _channel(state)
     drift_um = STANDARD_UNCERTAINTIES * drift_u_um(run.job)
     return Unknown(
         pad_u_um=(expected.wear_reach_um + drift_um + BEYOND_UM) / BEYOND_SIGMAS,
         floor_u_um=(expected.depth_reach_um + BEYOND_UM) / BEYOND_SIGMAS,
+        step_u_um=share_u(0.5 * (left["aim_um"] - left["depth_um"])),
     )
 
 
@@ -161,7 +182,7 @@ def refuse_other_channel(
 
     Raises PreconditionError E8060, E8061 where it cannot.
     """
-    expected = expected_of_left(state, run.profile)
+    expected = expected_of_channel(state)
     depth_u95_um = math.hypot(result.depth_u95_um, uneven_um)
     found = DepthAndWear(
         depth_um=result.depth_um,
@@ -172,7 +193,9 @@ def refuse_other_channel(
         feed_u95_um=math.hypot(depth_u95_um, result.wear_u95_um),
         depth_noise_um=result.depth_u95_um / COVERAGE,
     )
-    untouched = is_untouched(replace(found, depth_u95_um=result.depth_u95_um))
+    untouched = (
+        is_untouched(replace(found, depth_u95_um=result.depth_u95_um)) and result.floor_sd_um < FACE_SD_UM
+    )
     tool_fits, error = expected.tool_fits(found), None
     if not expected.depth_fits(found) or (untouched and not tool_fits):
         path = run.profile.path

@@ -58,10 +58,14 @@ class Face:
 
 @dataclass(frozen=True, slots=True)
 class Unknown:
-    """Standard uncertainties, µm, that come on top where an earlier run has left a channel."""
+    """Standard uncertainties, µm, that come on top where an earlier run has left a channel.
+
+    `step_u_um` is of the floor from place to place.
+    """
 
     pad_u_um: float = 0.0
     floor_u_um: float = 0.0
+    step_u_um: float = 0.0
 
 
 NOTHING = Unknown()
@@ -106,8 +110,8 @@ def measure_floor(
         predicted_um = before.z_um + height_um
         move_to(run, place)
         touched.append((s_um, place, take_reading(run, "Z2", place.name, predicted_um, floor_u_um)))
-    if done.held:
-        touched = _short_ones_again(run, plan, done, wear, touched)
+    if done.held or unknown is not NOTHING:
+        touched = _short_ones_again(run, plan, done, wear, touched, unknown.step_u_um)
     after = _touch_pad(run, face, before.z_um, 0.0, unknown)
     floor = tuple(
         FloorPlace(s_um, place.x_um, place.y_um, z2.z_um - _face_at(place, z2, before, after, face))
@@ -117,7 +121,12 @@ def measure_floor(
 
 
 def _short_ones_again(
-    run: Run, plan: PassPlan, done: PassResult, wear: ToolWear, touched: Sequence[Touched]
+    run: Run,
+    plan: PassPlan,
+    done: PassResult,
+    wear: ToolWear,
+    touched: Sequence[Touched],
+    step_u_um: float,
 ) -> list[Touched]:
     """Touch again where the floor is shorter than the other places and the held tool allow.
 
@@ -125,7 +134,7 @@ def _short_ones_again(
     """
     ends_um = [_held_um(plan, done, wear, s_um) for s_um, _, _ in touched]
     gap_um = statistics.median(z2.z_um - end_um for (_, _, z2), end_um in zip(touched, ends_um, strict=True))
-    u_um = math.hypot(UNEVEN_U_UM, wear.u_rel * wear.per_uj * done.wearing_uj)
+    u_um = math.hypot(UNEVEN_U_UM, step_u_um, wear.u_rel * wear.per_uj * done.wearing_uj)
     found: list[Touched] = []
     for (s_um, place, z2), end_um in zip(touched, ends_um, strict=True):
         off = against_sparks(z2.z_um, end_um, gap_um, u_um)

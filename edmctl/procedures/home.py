@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError
+from edmctl.procedures.channel_way import is_on_way, way_of_path
 from edmctl.procedures.drift import DRIFT_SDS, first_home_um
 from edmctl.procedures.expecting import STANDARD_UNCERTAINTIES, Estimate, Expected, expected_of_left
 from edmctl.procedures.measuring import displacement_uncertainty
@@ -128,7 +129,7 @@ class _Under:
 
 
 def _under_the_tool(run: Run) -> _Under | None:
-    """What is known of what the tool stands over: the pad, the hole that was left, a place that is not cut yet.
+    """What is known of what the tool stands over: the pad, what was left, a place that is not cut yet.
 
     How far the tool is clear of the pad a touch there tells whatever the tool has lost. The bottom of a hole is an
     estimate: the pad is as far as the touch, less a feed that nobody has measured.
@@ -144,6 +145,12 @@ def _under_the_tool(run: Run) -> _Under | None:
     if away_um <= run.job.spot_distance_um + known_um:
         return _Under(pad_from_home_um(run), left.wear_reach_um, 0.0)
     slope_um = STANDARD_UNCERTAINTIES * 1e-3 * run.setup.surface.tilt_u_mrad * away_um
+    path = run.profile.path
+    if path is not None:
+        if resumed is None or not is_on_way(way_of_path(path), here, known_um):
+            return None
+        depth_um, reach_um = (resumed.depth_um, left.feed_reach_um) if resumed.begun else (0.0, 0.0)
+        return _Under(pad_from_home_um(run) + depth_um, reach_um + slope_um, reach_um + slope_um)
     site = next((s for s in run.job.sites if math.dist(here, (s.x_um, s.y_um)) <= known_um), None)
     if resumed is not None and site is None and _is_on_a_spot(run, here):
         return _Under(pad_from_home_um(run), left.wear_reach_um + slope_um, slope_um)

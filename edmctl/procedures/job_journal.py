@@ -177,7 +177,7 @@ class JobJournal:
             wear_um=known.wear_um,
             wear_u_um=known.wear_u_um,
             feed_u_um=known.feed_u_um,
-            cuts=sums.number,
+            cuts=sums.number + (self._plan is not None),
             counts=(
                 before[0] + cut.counts[0],
                 before[1] + cut.counts[1],

@@ -14,14 +14,15 @@ from typing import TYPE_CHECKING
 from edmctl.errors import ObjectiveNotReached
 from edmctl.procedures.bottom import Expected, read_expected
 from edmctl.procedures.codes import RunEvent
-from edmctl.procedures.drift import uncertainty_now
+from edmctl.procedures.drift import CREEP_SHARE, CREEP_UM, uncertainty_now
 from edmctl.procedures.face import take_pad, unknown_face
 from edmctl.procedures.grown_tool import refuse_grown_tool
 from edmctl.procedures.job import Site
-from edmctl.procedures.measuring import pad_u_um
+from edmctl.procedures.measuring import displacement_uncertainty, pad_u_um
 from edmctl.procedures.pad import read_pad
 from edmctl.procedures.stages import move_to
-from edmctl.process.wear import Reading, measure
+from edmctl.procedures.tool_length import TOUCH_U_UM
+from edmctl.process.wear import Reading, measure, share_u
 from edmctl.record.rows import EventLevel
 from edmctl.wording import signed
 
@@ -47,7 +48,10 @@ BOTTOM_U_UM = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """Z1 of the tool before its job, and what is known of it: its touches, how long ago it was, what is in doubt."""
+    """Z1 of the tool before its job, and what is known of it: its touches, how long ago it was, what is in doubt.
+
+    `home_um` is what the sensor showed of a tool at home then, NaN where nobody knows.
+    """
 
     z_um: float
     sd_um: float
@@ -55,6 +59,7 @@ class Reference:
     model_um: float
     age_s: float
     doubt_u_um: float = 0.0
+    home_um: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,12 +122,12 @@ def touch_pad(run: Run, kind: str, expected_um: float, more_u_um: float = 0.0) -
 
 def measure_wear(run: Run, reference: Reference, expected_um: float, bottom: Bottom | None) -> WearResult:
     """Touch the pad, where it is expected at `expected_um`, then the bottom of a hole, then the pad again."""
+    home = run.ledger.home_um, run.ledger.home_s
     before = touch_pad(run, "Z3", expected_um)
     if bottom is None:
         move_to(run, run.job.parking)
-        return _found(
-            run, reference, before, None, touch_pad(run, "Z3", before.z_um), 0.0, pad_u_um(run.setup)
-        )
+        after = touch_pad(run, "Z3", before.z_um)
+        return _found(run, reference, home, before, None, after, 0.0, pad_u_um(run.setup))
     face, site = unknown_face(run), Site(bottom.name, bottom.x_um, bottom.y_um)
     take_pad(run, face, before)
     face_um, face_u_um = face.height_um(site), math.hypot(face.height_u_um(site), pad_u_um(run.setup))
@@ -131,7 +136,7 @@ def measure_wear(run: Run, reference: Reference, expected_um: float, bottom: Bot
     expected = Expected(before.z_um + face_um, bottom.depth_um, depth_u_um, "the job that made it")
     z2 = read_expected(run, bottom.name, expected)
     after = touch_pad(run, "Z3", before.z_um)
-    return _found(run, reference, before, z2, after, face_um, face_u_um)
+    return _found(run, reference, home, before, z2, after, face_um, face_u_um)
 
 
 def refuse_drift(run: Run, found: WearResult) -> None:
@@ -153,6 +158,7 @@ def refuse_drift(run: Run, found: WearResult) -> None:
 def _found(
     run: Run,
     reference: Reference,
+    home: tuple[float, float],
     before: SurfaceReading,
     z2: SurfaceReading | None,
     after: SurfaceReading,
@@ -163,8 +169,11 @@ def _found(
     z3 = _mean(before.reading, after.reading)
     bottom = z2.reading if z2 else z3
     known, meeting_u_um = uncertainty_now(run), pad_u_um(run.setup)
-    age_s = reference.age_s + after.time_s
-    refuse_grown_tool(run, reference.z_um, after, age_s)
+    refuse_grown_tool(run, reference.z_um, after, reference.age_s + after.time_s)
+    deepest_um = max(after.z_um, bottom.mean_um)
+    seen_um_s = (abs(after.z_um - before.z_um) + TOUCH_U_UM) / max(1.0, after.time_s - before.time_s)
+    since_um = min(known.drift_u_um_per_s, seen_um_s) * (after.time_s - home[1])
+    age_s = _drifting_s(run, reference, home[0], after.time_s, since_um, deepest_um, known.drift_u_um_per_s)
     depth_s = after.time_s - z2.time_s if z2 else 0.0
     pad_doubt_um = 0.5 * (before.doubt_u_um + after.doubt_u_um)
     doubts_u_um = (reference.doubt_u_um, z2.doubt_u_um if z2 else 0.0, pad_doubt_um)
@@ -220,6 +229,30 @@ def _found(
         ),
         time_s=run.machine.time_s,
     )
+
+
+def _drifting_s(
+    run: Run,
+    reference: Reference,
+    home_um: float,
+    now_s: float,
+    since_um: float,
+    deepest_um: float,
+    drift_u_um_per_s: float,
+) -> float:
+    """For how long the displacement may have drifted at its rate since the reference, s.
+
+    What the homes of then and now differ by bounds the drift between them, creep after a way to `deepest_um` apart.
+    A rate that the rests of some minutes have shown, creep for the most part, is not to be taken for that of hours.
+    `since_um` is what may have drifted since `home_um` was seen.
+    """
+    age_s, moved_um = reference.age_s + now_s, abs(home_um - reference.home_um)
+    if not drift_u_um_per_s or not math.isfinite(moved_um + since_um):
+        return age_s
+    believed_um = displacement_uncertainty(run.job).drift_u_um_per_s * age_s
+    crept_um = CREEP_UM + CREEP_SHARE * max(0.0, deepest_um - home_um)
+    between_um = max(believed_um, share_u(moved_um + crept_um))
+    return min(age_s, math.hypot(between_um, since_um) / drift_u_um_per_s)
 
 
 def _doubted(doubts_u_um: tuple[float, float, float]) -> UncertaintyPart:

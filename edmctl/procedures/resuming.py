@@ -35,6 +35,7 @@ from edmctl.procedures.stages import move_to
 from edmctl.procedures.tool_length import ToolLength
 from edmctl.procedures.touch import BEYOND_SIGMAS, NO_CONTACT, SurfaceReading, take_reading
 from edmctl.process.wear import DepthAndWear, Reading
+from edmctl.profile.stops import cut_budget
 from edmctl.record.rows import EventLevel
 from edmctl.wording import decimal, length
 
@@ -79,7 +80,9 @@ def take_up_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Deci
     found = learn(run, hole, known, z2, z3, (known.gap_um, known.gap_u_um))
     tell_taken_up(run, expected.estimate, found.depth_um, found.wear_um)
     start = next_start(run, hole, known.gap_um, known.gap_u_um)
-    last = CutPlan(max(1, hole.sums.number), 0.0, start, known.estimate, hole.goal.depth_um)
+    # A cut that was broken off does not use up what the hole may still take.
+    number = max(1, min(hole.sums.number, cut_budget(run.profile) - 1))
+    last = CutPlan(number, 0.0, start, known.estimate, hole.goal.depth_um)
     decision = decide(
         run.profile,
         hole.goal,
@@ -112,8 +115,10 @@ def look_at_last_hole(run: Run, known: Known) -> None:
     _look_at_finished(run, known, pad)
 
 
-def touch_pad_left(run: Run, site: Site, known: Known, expected: Expected) -> tuple[Hole, SurfaceReading]:
-    """Take the hole as the journal tells of it, and touch the pad (Z3)."""
+def touch_pad_left(
+    run: Run, site: Site, known: Known, expected: Expected, more_um: float = 0.0
+) -> tuple[Hole, SurfaceReading]:
+    """Take the hole as the journal tells of it, and touch the pad (Z3), which may lie `more_um` further."""
     state = run.job.resumed
     assert state is not None
     _begin(run, known, state)
@@ -121,7 +126,7 @@ def touch_pad_left(run: Run, site: Site, known: Known, expected: Expected) -> tu
     run.ledger.depth_um, run.ledger.unmeasured_site = state.depth_um, site.name
     run.journal.begin_hole(hole, run.machine.time_s, begun=True)
     z3_um = hole.z1.z_um + expected.estimate.wear_um
-    reach_um = expected.wear_reach_um + STANDARD_UNCERTAINTIES * drift_u_um(run.job)
+    reach_um = expected.wear_reach_um + STANDARD_UNCERTAINTIES * drift_u_um(run.job) + more_um
     z3 = _touch(run, "Z3", run.job.pad, site.name, z3_um, reach_um)
     _see_face(run, hole, known, z3)
     return hole, z3

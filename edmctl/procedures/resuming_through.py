@@ -39,12 +39,15 @@ def take_up_through_hole(run: Run, site: Site, known: Known, limits: TimeLimits)
     """
     state, goal = run.job.resumed, goal_of(run.profile, site)
     assert state is not None
-    expected = expected_of_left(state, run.profile).through_at_most(goal.depth_um)
-    hole, pad = touch_pad_left(run, site, known, expected)
+    expected = expected_of_left(state, run.profile)
+    opened = expected.through_at_most(goal.depth_um)
+    # Behind the sheet a tool does not wear, although its feed was divided as if it did.
+    not_worn_um = expected.estimate.wear_um - opened.estimate.wear_um
+    hole, pad = touch_pad_left(run, site, known, opened, not_worn_um)
     least_um = max(0.0, expected.estimate.depth_um - expected.depth_reach_um - BEYOND_UM)
     bottom = touch_bottom_or_none(run, hole, pad, pad.z_um + hole.face_um + least_um)
     if bottom is None:
-        return _open(run, hole, known, pad, expected)
+        return _open(run, hole, known, pad, opened)
     found = measured(run, hole, bottom, pad)
     if not expected.depth_fits(found):
         raise refused(run, other_work(site, found, expected.estimate, begun=True))
@@ -59,8 +62,7 @@ def take_up_through_hole(run: Run, site: Site, known: Known, limits: TimeLimits)
 
 def _open(run: Run, hole: Hole, known: Known, pad: SurfaceReading, expected: Expected) -> Decision:
     """The end of a hole that was open when it was looked at again."""
-    goal, sums = hole.goal, hole.sums
-    sums.before_cuts = max(1, sums.before_cuts)  # the one that was interrupted
+    goal = hole.goal
     tip_um = pad.z_um + hole.face_um + goal.depth_um + goal.completion_um
     hole.stops += 1
     hole.bottom, hole.pad = hole.z1.shifted(tip_um - hole.z1.z_um), pad
@@ -70,7 +72,8 @@ def _open(run: Run, hole: Hole, known: Known, pad: SurfaceReading, expected: Exp
     if not expected.wear_fits(found):
         raise refused(run, other_tool(found, expected.estimate))
     known.tool = ToolLength(pad)
-    tell_taken_up(run, expected.estimate, found.depth_um, found.wear_um)
+    # The tip went further than the sheet is thick: what is taken up is an open hole.
+    tell_taken_up(run, expected.estimate, goal.depth_um, found.wear_um)
     hole.report(run, found, known.gap_um, through=True, depth_basis=Basis.ESTIMATED)
     decision = Decision(None, told_through(goal, found))
     run.decide(RunEvent.TARGET_REACHED, decision.message, {"depth_um": found.depth_um})

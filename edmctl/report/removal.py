@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -58,6 +58,27 @@ def removal(run: RunFile) -> Removal:
         volume_um3=section_um2 * np.array([depth.depth_um for depth in told]),
         volume_u95_um3=section_um2 * np.nan_to_num([depth.depth_u95_um for depth in told]),
         touched=np.array([depth.touched for depth in told], np.bool_),
+    )
+
+
+def in_this_run(found: Removal, energy_uj: Array) -> Removal:
+    """Return the volumes less what earlier runs of the job had removed: that was told before any spark of this one.
+
+    energy_uj : ndarray, shape (n,), energy spent on the hole of each row until then
+    """
+    before = {int(hole): k for k, hole in reversed(list(enumerate(found.hole))) if energy_uj[k] <= 0.0}
+    kept = np.array([k not in before.values() for k in range(len(found.hole))], np.bool_)
+    earlier_um3 = np.array([found.volume_um3[before[h]] if h in before else 0.0 for h in found.hole.tolist()])
+    earlier_u95_um3 = np.array(
+        [found.volume_u95_um3[before[h]] if h in before else 0.0 for h in found.hole.tolist()]
+    )
+    return replace(
+        found,
+        time_s=found.time_s[kept],
+        hole=found.hole[kept],
+        volume_um3=(found.volume_um3 - earlier_um3)[kept],
+        volume_u95_um3=np.hypot(found.volume_u95_um3, earlier_u95_um3)[kept],
+        touched=found.touched[kept],
     )
 
 

@@ -7,12 +7,13 @@ import shutil
 import signal
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from edmctl.procedures.job_journal import MACHINING as MACHINING_PHASE
 from edmctl.procedures.job_journal import JobJournal
+from edmctl.procedures.run import Run
 from edmctl.record.bench_file import read_bench, write_bench
 from edmctl.simulator import kernel as k
 from edmctl.simulator.saving import bench_state, restored_bench
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from edmctl.machine.port import TelemetryBlock
+    from edmctl.procedures.codes import RunEvent
     from edmctl.simulator import VirtualBench
     from tests.cli.commands import Said
 
@@ -60,6 +62,21 @@ def at_time_of_cut(seconds: float, act: Callable[[], None]) -> Iterator[None]:
 def at_time_of_run(seconds: float, act: Callable[[], None]) -> Iterator[None]:
     """Do something once when a job has gone on for so long."""
     with _once(lambda _, block: float(block.time_s[-1]) > seconds, act):
+        yield
+
+
+@contextmanager
+def at_event(code: RunEvent, act: Callable[[], None]) -> Iterator[None]:
+    """Do something when a job decides this."""
+    decide = Run.decide
+
+    def watched(run: Run, decided: RunEvent, *args: Any, **more: Any) -> None:
+        decide(run, decided, *args, **more)
+        if decided is code:
+            act()
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Run, "decide", watched)
         yield
 
 

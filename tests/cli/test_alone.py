@@ -155,6 +155,13 @@ def test_an_approach_goes_where_it_is_told(here: Here) -> None:
     assert (said.document["result"]["x_um"], said.document["result"]["y_um"]) == (700.0, -300.0)
 
 
+@pytest.mark.parametrize("place", ["0,0", "0.7,0", "200,-200"])
+def test_no_sparks_are_made_on_the_pad(here: Here, place: str) -> None:
+    where = ("approach", "--profile", CU270, "--site", place, "--json")
+    assert "reference pad" in failure(here(*where), 8, "E8042")["message"]
+    assert here(*where, "--contact").exit_code == 0
+
+
 def test_jumps_in_a_hurry_are_refused(here: Here) -> None:
     fast = ("jump-flush", "--profile", CU270, "--period-s", "1.2", "--json")
     assert "--period-s 1.4" in failure(here(*fast), 2, "E2060")["hint"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -25,7 +26,18 @@ def faulty(here: Here, monkeypatch: pytest.MonkeyPatch) -> Workshop:
 
 def test_a_fresh_virtual_machine_holds_nothing(here: Here) -> None:
     said = here("reset")
-    assert (said.exit_code, said.out) == (0, "The controller holds no fault.\n")
+    assert (said.exit_code, said.out) == (
+        0,
+        "The controller holds no fault. It is a fresh virtual machine, because none was named: --port names "
+        "another.\n",
+    )
+
+
+def test_a_bench_that_is_not_there_is_not_made(here: Here) -> None:
+    said = here("reset", "--port", "sim:typo.h5", "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (8, "E8013")
+    assert not Path("typo.h5").exists()
+    assert "none was named" in here("reset").out
 
 
 def test_a_fault_of_no_machine_cannot_be_cleared(here: Here) -> None:

@@ -8,15 +8,23 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from edmctl.errors import RunFileError
+from edmctl.procedures.channel_way import way_of_path
+from edmctl.procedures.codes import RunEvent
+from edmctl.profile.load import load_profile
 from edmctl.record.bench_file import read_bench
-from edmctl.record.journal import read_journal
+from edmctl.record.bookkeeping import books_of
+from edmctl.record.journal import read_journal, write_journal
 from edmctl.record.ledger_entries import SiteMachined
 from edmctl.record.logbook import Logbook
+from edmctl.simulator import kernel as k
+from edmctl.simulator.chips import Chip
 from edmctl.simulator.saving import restored_bench
 from tests.cli.commands import ROOT
 from tests.cli.left_jobs import (
     BENCH,
     RESUME,
+    at_event,
     at_time_of_cut,
     at_time_of_run,
     bench_changed,
@@ -30,7 +38,9 @@ from tests.cli.left_jobs import (
 if TYPE_CHECKING:
     from typing import Any
 
+    from edmctl.process.path import Way
     from edmctl.record.journal import Journal
+    from edmctl.simulator import VirtualBench
     from tests.cli.commands import Here
 
 CHANNEL = (
@@ -56,6 +66,13 @@ def left_at(here: Here, order: tuple[str, ...], seconds: float) -> Journal:
     shutil.copytree(snapshot, home, dirs_exist_ok=True)
     shutil.rmtree(snapshot)
     return read_journal(Path("runs/a.journal"))
+
+
+def way_of_channel() -> Way:
+    """The way of the channel's tool."""
+    path = load_profile("channel-circle", ("path.radius_um=150",)).profile.path
+    assert path is not None
+    return way_of_path(path)
 
 
 def worn_um() -> float:
@@ -131,6 +148,91 @@ def test_a_channel_may_be_interrupted_again_and_again(here: Here) -> None:
     said = here(*RESUME, *BENCH)
     assert said.exit_code == 0, said.out
     channel_of(said.document)
+
+
+@pytest.mark.parametrize("hours", [1.6, 10.0])
+def test_a_channel_that_stood_for_hours_is_taken_up(here: Here, hours: float) -> None:
+    """By then the sensor may have drifted by more than the tool is clear: what is under the tool is touched."""
+    left_at(here, CHANNEL, 20.0)
+
+    def wait(bench: VirtualBench) -> None:
+        bench.plant.par[k.SENSOR_DRIFT] = 0.0
+        bench.plant.ist[k.TICK] += int(hours * 3600.0 / k.TICK_S)
+
+    bench_changed(wait)
+    said = here(*RESUME, *BENCH)
+    assert said.exit_code == 0, said.out
+    channel_of(said.document)
+
+
+def test_a_stop_right_after_the_take_up_is_a_stop(here: Here) -> None:
+    """No pulse of the channel was counted by then."""
+    left_at(here, CHANNEL, 0.0)
+    with at_event(RunEvent.RESUMED, stop):
+        said = here(*RESUME, *BENCH)
+    assert said.exit_code == 130, said.out
+    assert here(*RESUME, *BENCH).exit_code == 0
+
+
+@pytest.mark.parametrize("height_um", [6.0, 10.0, 18.0])
+def test_a_chip_on_the_floor_spoils_no_channel(here: Here, height_um: float) -> None:
+    left_at(here, CHANNEL, 130.0)
+
+    def drop(bench: VirtualBench) -> None:
+        bench.plant.leave()
+        x_um, y_um = way_of_channel().at(78.5)
+        bench.plant.chips.lying.append(Chip(x_um, y_um, height_um, 0.5))
+        bench.plant.arrive()
+
+    bench_changed(drop)
+    said = here(*RESUME, *BENCH)
+    assert said.exit_code == 0, said.out
+    assert channel_of(said.document)["depth_u95_um"] < 1.0
+
+
+def test_the_books_have_the_wear_of_every_channel(here: Here) -> None:
+    """Also of a ring whose last point is its first but for rounding."""
+    for radius_um, run_id in ((150, "a"), (155, "b")):
+        order = (*CHANNEL, "--set", f"path.radius_um={radius_um}", "--seed", "4", "--run-id", run_id)
+        said = here(*order, "--port", f"sim:{run_id}.h5", "--out", run_id, "--json", "--quiet")
+        lines = Logbook.open(Path(run_id)).lines
+        (account,) = books_of(lines, lines[0].serial).tools.values()
+        assert account.lost_um == pytest.approx(said.document["result"]["channel"]["wear_um"], abs=1e-3)
+
+
+def test_a_resume_that_fails_before_anything_moves_can_be_said_again(
+    here: Here, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    left_at(here, CHANNEL, 60.0)
+
+    def full(*_: object, **__: object) -> None:
+        raise RunFileError("The disk is full.", hint="Make room.", code="E9030")
+
+    for place in ("edmctl.record.journal.write_journal", "edmctl.record.logbook.Logbook.append"):
+        with monkeypatch.context() as patch:
+            patch.setattr(place, full)
+            assert here(*RESUME, *BENCH).exit_code == 9
+    said = here(*RESUME, *BENCH)
+    assert said.exit_code == 0, said.out
+    channel_of(said.document)
+
+
+def test_a_journal_that_was_not_removed_yet_stands_for_the_newer_one(here: Here) -> None:
+    journal = left_at(here, CHANNEL, 60.0)
+    with at_time_of_cut(10.0, stop):
+        assert here(*RESUME, *BENCH).exit_code == 130
+    write_journal(Path("runs/a.journal"), journal)
+    said = here(*RESUME, *BENCH)
+    assert said.exit_code == 0, said.out
+    assert said.document["run_file"] == "runs/a-r2.h5"
+
+
+def test_a_job_that_was_done_but_not_closed_is_recovered(here: Here) -> None:
+    left_at(here, CHANNEL, 60.0)
+    Path("runs/a.journal").unlink()
+    error = error_of(here(*RESUME, *BENCH))
+    assert error["code"] == "E8050"
+    assert "`edmctl run recover runs/a.h5.partial`" in str(error["hint"])
 
 
 def test_other_work_under_a_channel_is_refused(here: Here) -> None:

@@ -11,10 +11,11 @@ import pytest
 
 from edmctl.labels import Basis, Verdict
 from edmctl.procedures import channel, channel_layers
-from edmctl.procedures.channel import machine_channel, way_of_path
+from edmctl.procedures.channel import machine_channel
 from edmctl.procedures.channel_layers import wear_of
 from edmctl.procedures.channel_result import ChannelResult, FloorPlace, FloorReading
 from edmctl.procedures.channel_touch import Face
+from edmctl.procedures.channel_way import way_of_path
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.goal import Goal
 from edmctl.procedures.time_limits import TimeLeft, TimeLimits

@@ -18,7 +18,7 @@ from edmctl.labels import Basis
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest
-from edmctl.procedures.channel import way_of_path
+from edmctl.procedures.channel_way import way_of_path
 from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.job import job_of
 from edmctl.procedures.machining import run_job

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.report.pulse_counts import has_pulses
-from edmctl.report.removal import cumulated, kappa, removal
+from edmctl.report.removal import cumulated, in_this_run, kappa, removal
 from edmctl.report.spark_energies import spark_energies
 from edmctl.report.stretches import cuts_s
 from edmctl.report.style import (
@@ -52,6 +52,9 @@ def draw(run: RunFile) -> Figure:
     energies = spark_energies(run, edges_s)
     if energies is None:
         raise NothingToDraw("There was no discharge while cutting: every pulse was open or short.")
+    is_resumed = bool(run.text("/entry/parent_run"))
+    if is_resumed:
+        found = in_this_run(found, _of_hole_uj(found, edges_s, energies.sums_uj))
     has_volume = len(found.time_s) > 0
     figure = new_figure(100.0 if has_volume else 58.0)
     panels = figure.subplots(1 + has_volume, 1, squeeze=False, height_ratios=[1.0, 1.25][: 1 + has_volume])
@@ -59,6 +62,8 @@ def draw(run: RunFile) -> Figure:
     if has_volume:
         believed = float(run.profile_values()["work.removal_um3_per_uj"])
         _draw_volume(panels[1, 0], found, edges_s, energies.sums_uj, believed)
+        if is_resumed:
+            panels[1, 0].set_ylabel("volume removed by\nthis run (10$^{-3}$ mm³)")
         letter_panels(panels[:, 0])
         figure.align_ylabels()
     shared_legend(figure, panels[:, 0])
@@ -92,13 +97,19 @@ def _draw_histogram(axes: Axes, found: SparkEnergies) -> None:
     axes.set_title(f"{count(int(total))} discharges", loc="right", pad=3.0)
 
 
+def _of_hole_uj(found: Removal, edges_s: Array, sums_uj: Array) -> Array:
+    """Energy spent on the hole of each row until then, shape (n,)."""
+    total_uj = np.concatenate([[0.0], np.cumsum(sums_uj)])
+    begun_uj = np.interp(found.began_s, edges_s, total_uj)[found.hole]
+    spent_uj: Array = np.maximum(0.0, np.interp(found.time_s, edges_s, total_uj) - begun_uj)
+    return spent_uj
+
+
 def _draw_volume(axes: Axes, found: Removal, edges_s: Array, sums_uj: Array, expected: float) -> None:
     """Draw volume over energy; `expected` is what the profile believes of both, µm³/µJ."""
-    total_uj = np.concatenate([[0.0], np.cumsum(sums_uj)])
-    until_uj = np.interp(found.time_s, edges_s, total_uj)
-    of_hole_uj = until_uj - np.interp(found.began_s, edges_s, total_uj)[found.hole]
+    until_uj = np.interp(found.time_s, edges_s, np.concatenate([[0.0], np.cumsum(sums_uj)]))
     volume_um3, u95_um3 = cumulated(found)
-    fit = kappa(found, of_hole_uj)
+    fit = kappa(found, _of_hole_uj(found, edges_s, sums_uj))
     end_j = 1.04 * until_uj.max() / UJ_PER_J
     # µm³/µJ times J is 10⁻³ mm³.
     axes.plot(

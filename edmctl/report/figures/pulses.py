@@ -57,7 +57,8 @@ def draw(run: RunFile) -> Figure:
         axes.set_xlim(edges_s[0] / per_s, edges_s[-1] / per_s)
     over_time.tick_params(axis="x", labelbottom=False)
     rare.set_xlabel(label)
-    _draw_totals(over_all, counts.sum(axis=0), every=has_every_pulse(run))
+    of_run = " of this run" if run.text("/entry/parent_run") else ""
+    _draw_totals(over_all, counts.sum(axis=0), of_run, every=has_every_pulse(run))
     letter_panels(panels)
     shared_legend(figure, [over_time], ncols=4)
     figure.align_ylabels()
@@ -121,7 +122,7 @@ def _draw_rare(axes: Axes, edges: Array, shares: Array) -> None:
     axes.set_ylabel("arcs and\nshorts (%)")
 
 
-def _draw_totals(axes: Axes, totals: NDArray[np.int64], *, every: bool) -> None:
+def _draw_totals(axes: Axes, totals: NDArray[np.int64], of_run: str, *, every: bool) -> None:
     places = np.arange(len(_FROM_BELOW))
     shares = totals[list(_FROM_BELOW)] / totals.sum()
     names = [CLASSES[k] for k in _FROM_BELOW]
@@ -151,7 +152,7 @@ def _draw_totals(axes: Axes, totals: NDArray[np.int64], *, every: bool) -> None:
     # Blocks of pulses lie partly before or after a cut.
     total = int(totals.sum())
     words = count(total) if every else f"about {count(round(total, 3 - len(str(total))))}"
-    axes.set_title(f"{words} pulses while cutting", loc="right", pad=3.0)
+    axes.set_title(f"{words} pulses while cutting{of_run}", loc="right", pad=3.0)
 
 
 _FROM_BELOW = (1, 0, 2, 3)
