@@ -8,6 +8,7 @@ import threading
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from multiprocessing import util
 from typing import TYPE_CHECKING
 
 from edmctl.cli.exitcodes import ExitCode, error_exit_code
@@ -69,6 +70,8 @@ def perform_all(tasks: Sequence[Task], reporter: Reporter) -> list[Run]:
             pool.shutdown(wait=False, cancel_futures=True)
             for child in multiprocessing.active_children():
                 child.kill()
+            # The process may die of a signal: what its queues hold would be found and told by Python's tracker.
+            util._run_finalizers(0)  # type: ignore[attr-defined]
             raise
         return [future.result() for future in futures]
 

@@ -40,7 +40,8 @@ class Chain:
 def read_source(path: Path) -> Source:
     """Read a text file. Raises ProfileError when it cannot be read as UTF-8."""
     try:
-        return Source(str(path), read_bytes(path).decode("utf-8"))
+        # Some editors put a mark of the byte order before the text.
+        return Source(str(path), read_bytes(path).decode("utf-8").removeprefix("\ufeff"))
     except OSError as error:
         message, hint = f"cannot read {path}: {error.strerror}", "check the path and its permissions"
     except UnicodeDecodeError as error:

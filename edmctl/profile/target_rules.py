@@ -18,6 +18,10 @@ SPARE = 1.25
 """A tolerance has to be wider than the forecast of the interval by this: touches scatter from job to job."""
 
 
+LEAST_SHEET_UM = 1.0
+"""Nobody makes holes through less; the thinnest foils that are sold are some µm."""
+
+
 def _least_told_um(job: Job) -> float:
     """The least tolerance that touches which scatter as much as they may can tell."""
     measure = job.profile.measure
@@ -60,16 +64,29 @@ def depth_shown(job: Job) -> Iterator[Finding]:
 def depth_beyond_tolerance(job: Job) -> Iterator[Finding]:
     """Rule 33: a depth is more than its tolerance; millimetres given for micrometres are not."""
     target = job.profile.target
+    in_mm = "lengths are in µm, {0:g} mm would be {1:g}"
+    if target.kind == "through" and (sheet_um := job.profile.work.thickness_um) < LEAST_SHEET_UM:
+        yield Finding(
+            Code.LESS_THAN_TOLERANCE,
+            ("work", "thickness_um"),
+            f"a sheet of {sheet_um:g} µm is thinner than a foil of {LEAST_SHEET_UM:g} µm",
+            in_mm.format(sheet_um, 1000.0 * sheet_um),
+        )
     if target.kind != "depth":
         return
-    depth_um = min((place.depth_um for place in job.places), default=target.depth_um)
+    own = [place for place in job.places if math.isfinite(place.depth_um)]
+    shallow = min(own, key=lambda place: place.depth_um, default=None)
+    depth_um = target.depth_um if shallow is None else shallow.depth_um
+    if len(own) < len(job.places) and target.depth_um < depth_um:
+        shallow, depth_um = None, target.depth_um
     if depth_um <= target.tolerance_um:
         yield Finding(
             Code.LESS_THAN_TOLERANCE,
-            ("target", "depth_um"),
+            ("target", "depth_um") if shallow is None else ("sites", shallow.entry),
             f"a depth of {depth_um:g} µm is no more than its tolerance, {target.tolerance_um:g} µm: "
             "work that was never touched is as good",
-            f"lengths are in µm, {depth_um:g} mm would be {1000.0 * depth_um:g}; or set a smaller tolerance",
+            f"{in_mm.format(depth_um, 1000.0 * depth_um)}; or set a smaller tolerance",
+            None if shallow is None else shallow.where,
         )
 
 

@@ -207,6 +207,13 @@ def test_a_stopped_job_gives_the_cursor_back(tmp_path: Path, stop: signal.Signal
     assert seen.rindex("\x1b[?25h") < seen.index("error[")
 
 
+def test_a_stopped_batch_leaves_no_word_of_its_workers(tmp_path: Path) -> None:
+    many = ("simulate", "--profile", CU270, "--runs", "40", *SHALLOW[2:])
+    exit_code, seen = on_a_terminal(*many, cwd=tmp_path, stop_at="0 of 40", stop=signal.SIGTERM, TERM="dumb")
+    assert exit_code == -signal.SIGTERM
+    assert "leaked" not in seen
+
+
 def test_a_terminal_of_the_c_locale_gets_ascii(tmp_path: Path) -> None:
     _, seen = on_a_terminal("machine", *DEEP, cwd=tmp_path, TERM="xterm", LC_ALL="C")
     assert "reference 9.6 V" in seen

@@ -374,6 +374,16 @@ def test_the_number_in_the_hint_cures_it(code: Code, key: str, value: str, other
     assert code not in {d.code for d in problems("cu270", *others, f"{key}={number[0]}")}
 
 
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [("array-3x3", "target.depth_um=0.02"), ("foil-through", "work.thickness_um=0.05")],
+)
+def test_millimetres_are_told_of_arrays_and_sheets_too(name: str, change: str) -> None:
+    codes = [warning.code for warning in load_profile(name, (change,)).warnings]
+    assert Code.LESS_THAN_TOLERANCE in codes
+    assert Code.LESS_THAN_TOLERANCE not in [warning.code for warning in load_profile(name).warnings]
+
+
 def test_every_code_of_a_rule_is_tested_here() -> None:
     elsewhere = {Code.PATH_KEYS, Code.SITES_OR_PATH, Code.SITES, Code.OVERLAP}
     elsewhere |= {Code.ARRAY_WEAR, Code.ARRAY_STROKE, Code.LAYER}

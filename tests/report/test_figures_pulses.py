@@ -14,7 +14,7 @@ from edmctl.record.told import Told
 from edmctl.report.delays import delays, random_ignition
 from edmctl.report.figures import energy, jumps, laue, pulses
 from edmctl.report.pulse_counts import pulse_counts, rows_at
-from edmctl.report.removal import cumulated, kappa, removal
+from edmctl.report.removal import cumulated, in_this_run, kappa, removal
 from edmctl.report.spark_energies import spark_energies
 from edmctl.report.stretches import broken, cuts_s, running_mean
 from edmctl.report.style import NothingToDraw, house_style, rendered
@@ -198,6 +198,22 @@ def test_kappa_is_the_volume_of_touched_holes_over_their_energy(tmp_path: Path) 
     assert fit.holes == 1
     assert fit.value == pytest.approx(20.0 * section_um2 / 4e6)
     assert fit.u95 == pytest.approx(0.4 * section_um2 / 4e6)
+
+
+def test_kappa_of_a_resumed_run_is_of_what_it_removed_itself(tmp_path: Path) -> None:
+    """What an earlier run of the job had cut was touched before any spark of this one."""
+    writer = made_up.new_run(tmp_path)
+    made_up.measured(writer, 5.0, 12.0)
+    made_up.cut(writer, 40.0, 12.0, 20.0)
+    made_up.measured(writer, 65.0, 20.0)
+    with open_run(writer.finish("done", 0)) as run:
+        found = in_this_run(removal(run), np.array([0.0, 2e6]))
+    section_um2 = np.pi / 4.0 * 110.0**2
+    assert found.time_s.tolist() == [65.0]
+    fit = kappa(found, np.array([2e6]))
+    assert fit is not None
+    assert fit.value == pytest.approx(8.0 * section_um2 / 2e6)
+    assert fit.u95 == pytest.approx(0.4 * np.sqrt(2.0) * section_um2 / 2e6)
 
 
 @pytest.mark.parametrize("kind", ["blocks", "full"])
