@@ -33,7 +33,7 @@ from edmctl.procedures.job import Site
 from edmctl.procedures.tool_length import TOUCH_U_UM
 from edmctl.procedures.verdict import REMEDIES, judged_channel, not_shown
 from edmctl.process.layers import layer_depths_um
-from edmctl.process.next_cut import NOISE_FLOOR_SIGMAS
+from edmctl.process.next_cut import COVERAGE, NOISE_FLOOR_SIGMAS
 from edmctl.record.rows import EventLevel
 from edmctl.wording import length, plural, signed
 
@@ -215,6 +215,7 @@ class _Stops:
     def _keep_result(self, found: FloorReading, result: ChannelResult) -> ChannelResult:
         self._number += 1
         self.result = result
+        self._layers.measured_u_um = result.wear_u95_um / COVERAGE
         self._run.ledger.depth_um, self._run.ledger.unmeasured_site = found.depth_um, ""
         self._keep(result)
         self._keep_state("measuring")

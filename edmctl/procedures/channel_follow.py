@@ -31,7 +31,7 @@ class PassFollower:
 
     `counts` are its pulses by class (open, normal, arc, short), `energy_j` their energy, from the mean gap current
     at the plateau voltage of a normal discharge. `displacement_um` is of the newest block. Whoever scans sets
-    `depth_um`, `wear_um` and `time_left_s`. `unstable` says why a pass should end,
+    `depth_um`, `wear_um`, `wear_u95_um` and `time_left_s`. `unstable` says why a pass should end,
     `shorted` that most pulses of the last seconds were shorts.
     """
 
@@ -53,7 +53,7 @@ class PassFollower:
         self.energy_j = 0.0
         self.displacement_um = math.nan
         self.depth_um = run.ledger.depth_um
-        self.wear_um = math.nan
+        self.wear_um = self.wear_u95_um = math.nan
         self.time_left_s = math.nan
         self.unstable = ""
         self.shorted = False
@@ -120,6 +120,7 @@ class PassFollower:
                 ratio_short=ratios.short,
                 depth_um=self.depth_um,
                 wear_um=self.wear_um,
+                wear_u95_um=self.wear_u95_um,
                 power_w=power_w,
                 link_errors=self._run.watch.missing_frames,
             )
@@ -140,6 +141,7 @@ class PassFollower:
                 time_left_s=self.time_left_s,
                 step=self._step,
                 wear_um=self.wear_um,
+                wear_u95_um=self.wear_u95_um,
                 gap_low_v=float(block.gap_v.min()),
                 gap_high_v=float(block.gap_v.max()),
                 displacement_low_um=float(block.displacement_um.min()),

@@ -47,9 +47,10 @@ MOST_TO_EVEN = 8
 class Layers:
     """The channel under way: how deep it is planned so far, how the tool wears, which gap a held tool leaves.
 
-    `since_uj` is the wearing energy since the last measuring stop, at `since_s`; `last` the newest pass. `aim_um` is
-    how deep the layer under way is meant to be, `behind` says that it took more passes than it may. `keep` writes
-    down how far the channel has come, before every pass.
+    `since_uj` is the wearing energy since the last measuring stop, at `since_s`, `measured_u_um` the standard
+    uncertainty of the wear measured then; `last` the newest pass. `aim_um` is how deep the layer under way is to
+    be, `behind` says that it took more passes than it may. `keep` writes down how far the channel has come, before
+    every pass.
     """
 
     def __init__(self, run: Run, limits: TimeLimits, way: Way, face: Face, speed_um_s: float) -> None:
@@ -66,6 +67,7 @@ class Layers:
         self.depth_um = self.aim_um = 0.0
         self.since_uj = 0.0
         self.since_s = face.z1.time_s
+        self.measured_u_um = 0.0
         self.layers = 0
         self.behind = False
         self.sums = PassSums()
@@ -75,9 +77,13 @@ class Layers:
     @property
     def wear_u_um(self) -> float:
         """Standard uncertainty of where the tool's face is now: wear since the last stop, and drift."""
+        return math.hypot(self.wear.u_um(self.since_uj), self._drift_um)
+
+    @property
+    def _drift_um(self) -> float:
+        """Standard uncertainty by which the displacement may have drifted since the last stop."""
         drift_u_um_per_s = uncertainty_now(self._run).drift_u_um_per_s
-        drift_um = drift_u_um_per_s * (self._run.machine.time_s - self.since_s)
-        return math.hypot(self.wear.u_um(self.since_uj), drift_um)
+        return drift_u_um_per_s * (self._run.machine.time_s - self.since_s)
 
     def cut(self, depth_um: float, layers_after: int, *, even_out: bool) -> tuple[str, str]:
         """Cut a layer down to `depth_um`; with `even_out` go on until hardly any spark is left.
@@ -142,7 +148,16 @@ class Layers:
             return _not_begun(left.limit, len(self._way.points))
         way = self._way.reversed() if self.sums.passes % 2 else self._way
         rest_s = passes_after * way.length_um / self._speed_um_s
-        plan = PassPlan(way, self._speed_um_s, held, uj_per_um, self.since_uj, rest_s, self.sums.passes + 1)
+        plan = PassPlan(
+            way,
+            self._speed_um_s,
+            held,
+            uj_per_um,
+            self.since_uj,
+            rest_s,
+            self.sums.passes + 1,
+            math.hypot(self.measured_u_um, self._drift_um),
+        )
         before_s = run.ledger.machining_time_s
         run.ledger.unmeasured_site = run.profile.meta.name
         self.keep()

@@ -17,6 +17,7 @@ from edmctl.errors import PreconditionError
 from edmctl.machine.port import EventCode, PathMove, ScanRequest
 from edmctl.procedures.channel_follow import PassFollower
 from edmctl.procedures.settings import gap_reference_v
+from edmctl.process.next_cut import COVERAGE
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -50,7 +51,8 @@ class PassPlan:
     """One pass: which way, how fast, where the tool is held, and what to expect of the wearing energy per length.
 
     `since_uj` is the wearing energy between the last touch of the pad and this pass, `rest_s` the time to machine
-    after it. `number` counts passes from 1; 0 is unknown.
+    after it. `number` counts passes from 1; 0 is unknown. `wear_u_um` is the standard uncertainty of the wear before
+    the pass, but for what that energy leaves unknown.
     """
 
     way: Way
@@ -60,6 +62,7 @@ class PassPlan:
     since_uj: float
     rest_s: float
     number: int = 0
+    wear_u_um: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -221,5 +224,7 @@ class _Feeder:
         plan, follower = self._plan, self.follower
         if not math.isnan(below_um):
             follower.depth_um = max(0.0, plan.held.depth_um + min(0.0, below_um))
-        follower.wear_um = self._wear.um(plan.since_uj + follower.wearing_uj)
+        used_uj = plan.since_uj + follower.wearing_uj
+        follower.wear_um = self._wear.um(used_uj)
+        follower.wear_u95_um = COVERAGE * math.hypot(plan.wear_u_um, self._wear.u_um(used_uj))
         follower.time_left_s = plan.rest_s + (plan.way.length_um - self._here_um) / plan.speed_um_s

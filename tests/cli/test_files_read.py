@@ -24,6 +24,7 @@ READERS = {
     "extended": ("profile", "check", "child.toml"),
     "places": ("profile", "check", "array.toml"),
     "record": ("calibrate", "--from", "FILE"),
+    "lever": ("calibrate", "--lever", "FILE"),
     "validation": ("calibrate", "--from", "FILE", "--validate", "FILE"),
     "waveform": ("simulate", "actuator", "csv", "--from", "FILE"),
     "model": ("simulate", "actuator", "sine", "--calibration", "FILE"),
