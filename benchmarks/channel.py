@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.cli.bench import connected
+from edmctl.jobs.bench import connected
 from edmctl.procedures.channel_way import way_of_path
 from edmctl.procedures.job import job_of
 from edmctl.procedures.machining import run_job

@@ -24,8 +24,8 @@ from dataclasses import dataclass, field
 from random import Random
 from typing import TYPE_CHECKING
 
-from edmctl.cli.true_wear import TrueWear
 from edmctl.errors import EdmError
+from edmctl.jobs.true_wear import TrueWear
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest

@@ -30,12 +30,12 @@ from typing import TYPE_CHECKING
 from edmctl.actuator.identification import identify
 from edmctl.actuator.record import Record
 from edmctl.actuator.waveforms import calibration_legs, sampled
-from edmctl.cli.bench import bench_config
-from edmctl.cli.channel_truth import channel_truth
-from edmctl.cli.elapsed import Now
-from edmctl.cli.home_known import with_home, with_home_left
-from edmctl.cli.true_wear import TrueWear
 from edmctl.errors import EdmError
+from edmctl.jobs.bench import bench_config
+from edmctl.jobs.channel_truth import channel_truth
+from edmctl.jobs.elapsed import Now
+from edmctl.jobs.home_known import with_home, with_home_left
+from edmctl.jobs.true_wear import TrueWear
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest

@@ -50,8 +50,10 @@ class Kept:
 
 def states_of_a_run(folder: Path) -> list[Progress]:
     """All states of the main job, to a shallow depth."""
-    from edmctl.cli.job import Order, carry_out, check
-    from edmctl.cli.runfile import RunName
+    from edmctl.jobs.checking import check
+    from edmctl.jobs.job import carry_out
+    from edmctl.jobs.plan import Order
+    from edmctl.jobs.runfile import RunName
 
     kept = Kept()
     plan = check(Order(profile="cu270", overrides=("target.depth_um=20",), setup=None, port=None))

@@ -1,3 +1,25 @@
-"""Controller for a micro-EDM machine whose tool hangs on an amplified piezo actuator."""
+"""Controller for a micro-EDM machine whose tool hangs on an amplified piezo actuator.
 
-__version__ = "0.1.0"
+The names below are loaded when they are used; `edmctl.api` tells of them.
+"""
+
+from typing import TYPE_CHECKING
+
+from edmctl.version import __version__
+
+if TYPE_CHECKING:
+    from edmctl.api import Machine, connect, forecast, load_profile, open_run, simulate
+
+__all__ = ["Machine", "__version__", "connect", "forecast", "load_profile", "open_run", "simulate"]
+
+
+def __getattr__(name: str) -> object:
+    if name not in __all__:
+        raise AttributeError(f"module 'edmctl' has no attribute {name!r}")
+    from edmctl import api
+
+    return getattr(api, name)
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *__all__]

@@ -24,7 +24,7 @@ def main() -> None:
 
 def _says_version() -> bool:
     """Write the version; False where stdout takes none, which `run` knows how to report."""
-    from edmctl import __version__
+    from edmctl.version import __version__
 
     try:
         sys.stdout.write(f"edmctl {__version__}\n")

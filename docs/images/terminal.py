@@ -11,11 +11,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edmctl.cli.job import Order, carry_out, check
 from edmctl.cli.machine import closing_text
-from edmctl.cli.runfile import RunName
 from edmctl.console.live_view import Histories, draw_view
 from edmctl.console.style import PLAIN, Style
+from edmctl.jobs.checking import check
+from edmctl.jobs.job import carry_out
+from edmctl.jobs.plan import Order
+from edmctl.jobs.runfile import RunName
 
 if TYPE_CHECKING:
     from edmctl.procedures.results import Progress

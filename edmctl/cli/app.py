@@ -22,11 +22,11 @@ from edmctl.cli import (
     reset,
     simulate,
 )
-from edmctl.cli.exitcodes import ExitCode, exit_code_table
 from edmctl.cli.outcome import Outcome, Output, finish, interrupted, mutter, unwritable
 from edmctl.cli.run import app as run_files
 from edmctl.cli.signals import SignalArrived, leave, raising_signals
 from edmctl.errors import UsageError
+from edmctl.exitcodes import ExitCode, exit_code_table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -65,7 +65,7 @@ def edmctl(
 ) -> None:
     """Controller for a micro-EDM machine with a piezo-driven tool."""
     if version:
-        from edmctl import __version__
+        from edmctl.version import __version__
 
         sys.stdout.write(f"edmctl {__version__}\n")
         raise typer.Exit

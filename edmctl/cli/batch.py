@@ -11,19 +11,22 @@ from datetime import UTC, datetime
 from multiprocessing import util
 from typing import TYPE_CHECKING
 
-from edmctl.cli.exitcodes import ExitCode, error_exit_code
-from edmctl.cli.job import Order, carry_out, check
-from edmctl.cli.runfile import name_run, run_path
+from edmctl.cli.shell import shell
 from edmctl.cli.signals import ignore_signals
-from edmctl.cli.spread import Run, run_of
 from edmctl.console.progress import QuietReporter
 from edmctl.errors import Interrupted, RunFileError
+from edmctl.exitcodes import ExitCode, error_exit_code
+from edmctl.jobs.checking import check
+from edmctl.jobs.job import carry_out
+from edmctl.jobs.runfile import name_run, run_path
+from edmctl.jobs.spread import Run, run_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
     from edmctl.console.progress import Reporter
+    from edmctl.jobs.plan import Order
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +84,7 @@ def perform(task: Task, reporter: Reporter | None = None) -> Run:
 
     A run that fails is a result too. A stop (Interrupted) or a disk that refuses (RunFileError) is raised.
     """
-    plan = check(task.order)
+    plan = check(task.order, shell())
     name = name_run(task.out, task.run_id, plan.loaded, datetime.now(UTC)) if task.out else None
     report = carry_out(plan, task.seed, reporter or QuietReporter(), name)
     if isinstance(report.error, Interrupted | RunFileError):

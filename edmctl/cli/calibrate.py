@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from edmctl.cli.bench import seed_warning
 from edmctl.cli.options import (
     DebugOption,
     DryRunOption,
@@ -20,13 +19,15 @@ from edmctl.cli.options import (
     WaitOption,
 )
 from edmctl.cli.outcome import Outcome, Output, run_command, stream_style, watching
-from edmctl.cli.seeds import seed_to_use, simulated_by
+from edmctl.cli.shell import shell
 from edmctl.cli.signals import ignore_signals
+from edmctl.jobs.bench import seed_warning
+from edmctl.jobs.seeds import seed_to_use, simulated_by
 
 if TYPE_CHECKING:
-    from edmctl.cli.bench import Where
-    from edmctl.cli.calibration_order import Checked, Given
-    from edmctl.cli.calibration_run import Calibrated
+    from edmctl.jobs.calibration_order import Checked, Given
+    from edmctl.jobs.calibration_run import Calibrated
+    from edmctl.jobs.plan import Where
 
 FromOption = Annotated[
     list[Path] | None,
@@ -105,7 +106,7 @@ def calibrate(
     """
 
     def body(outcome: Outcome) -> None:
-        from edmctl.cli.calibration_order import Order, check
+        from edmctl.jobs.calibration_order import Order, check
 
         used_seed = seed_to_use(seed)
         checked = check(
@@ -120,7 +121,8 @@ def calibrate(
                 setup=setup,
                 port=port,
                 wait_s=wait,
-            )
+            ),
+            shell(),
         )
         outcome.simulated = checked.simulated
         outcome.warn([*checked.doubts, *seed_warning(checked.where, seed)])
@@ -182,8 +184,8 @@ def _tell_lever(outcome: Outcome, checked: "Checked") -> None:
 
 
 def _run(outcome: Outcome, checked: "Checked", seed: int) -> None:
-    from edmctl.cli.calibration_run import calibrate_files, calibrate_machine
     from edmctl.console.calibration_table import render_calibration
+    from edmctl.jobs.calibration_run import calibrate_files, calibrate_machine
 
     with watching(outcome.output) as reporter:
         if checked.plan is None:

@@ -9,10 +9,11 @@ import typer
 
 from edmctl.cli.options import DebugOption, JsonOption, PortOption, QuietOption, SetupOption, WaitOption
 from edmctl.cli.outcome import Outcome, Output, mutter, run_command, stream_style
+from edmctl.cli.shell import shell
 
 if TYPE_CHECKING:
-    from edmctl.cli.doctor_checks import Checks
     from edmctl.errors import EdmError
+    from edmctl.jobs.doctor_checks import Checks
 
 OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder of the run files.")]
 SensorsOption = Annotated[
@@ -39,8 +40,8 @@ def doctor(
     """
 
     def body(outcome: Outcome) -> None:
-        from edmctl.cli.doctor_checks import Checks
         from edmctl.console.doctor_table import render_checks
+        from edmctl.jobs.doctor_checks import Checks
 
         checks = Checks()
         error = None
@@ -65,9 +66,9 @@ def _look(
     sensors: bool,
 ) -> "EdmError | None":
     """Do every check that can be done; the error of the line or the protocol, if that is what fails."""
-    from edmctl.cli import doctor_host, doctor_machine
-    from edmctl.cli.machine_at import machine_at
     from edmctl.errors import EdmError, Interrupted, LinkLost, ProtocolMismatch
+    from edmctl.jobs import doctor_host, doctor_machine
+    from edmctl.jobs.machine_at import machine_at
 
     def say(text: str) -> None:
         if not outcome.output.quiet:
@@ -80,7 +81,7 @@ def _look(
     selector = port or setup.port
     checks.take(*doctor_host.line_settings(selector))
     try:
-        with machine_at(setup, port, wait_s, say) as machine:
+        with machine_at(setup, port, wait_s, say, shell()) as machine:
             outcome.simulated = machine.identity.simulated
             doctor_machine.look(checks, machine, setup)
             checks.take(doctor_host.calibration(os.environ, setup, machine.identity.serial, port or ""))

@@ -8,8 +8,8 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edmctl.cli.new_files import check_free
 from edmctl.errors import UsageError
+from edmctl.jobs.new_files import check_free
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -7,9 +7,9 @@ import sys
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, BinaryIO
 
-from edmctl.cli import new_files
 from edmctl.cli.outcome import unwritable
 from edmctl.errors import EdmError
+from edmctl.jobs import new_files
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -1,7 +1,6 @@
 """`edmctl jump-flush`: electrode jumps in free space, measured one by one."""
 
 import sys
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -25,19 +24,11 @@ from edmctl.cli.options import (
     WaitOption,
 )
 from edmctl.cli.outcome import Outcome, Output, run_command, stream_style
-from edmctl.errors import UsageError
+from edmctl.cli.shell import shell
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from edmctl.cli.alone import Warn
-    from edmctl.cli.connected_run import Held
-    from edmctl.cli.job import Plan
-    from edmctl.cli.runfile import RunName
     from edmctl.console.style import Style
-    from edmctl.procedures.job import Job
-    from edmctl.procedures.jump_series import JumpSeries
-    from edmctl.procedures.run import Run
+    from edmctl.jobs.plan import Plan
 
 MOST_JUMPS = 1000
 
@@ -83,49 +74,39 @@ def jump_flush(
     """
 
     def body(outcome: Outcome) -> None:
-        from edmctl.cli.alone import Asked, perform
-        from edmctl.cli.job import Order, check
+        from edmctl.cli.procedure_output import Asked, perform_told
+        from edmctl.console.jump_table import render_jumps
+        from edmctl.jobs.checking import check
+        from edmctl.jobs.jumps import JUMPS_ALONE, Jumps, refuse_hurry
+        from edmctl.jobs.plan import Order
 
         changes = [
             f"jump.{key}={value!r}"
             for key, value in (("height_um", height_um), ("speed_um_s", speed), ("period_s", period_s))
             if value is not None
         ]
-        # Jumps at a fixed period, whatever a job does about them, and every sample of them.
-        everything = (*(overrides or ()), *changes, 'jump.mode="fixed"', "log.servo_hz=1000")
-        plan = check(Order(profile, everything, setup, port, calibration, allow_model, wait))
+        everything = (*(overrides or ()), *changes, *JUMPS_ALONE)
+        plan = check(Order(profile, everything, setup, port, calibration, allow_model, wait), shell())
         outcome.simulated = plan.simulated
         outcome.warn(plan.loaded.warnings)
-        _refuse_hurry(plan)
+        refuse_hurry(plan)
         if dry_run:
             _tell_plan(outcome, plan, count)
         else:
-            perform(outcome, plan, _Jumps(plan, count), Asked(out, run_id, seed))
+            jumps = Jumps(plan, count)
+
+            def render(style: "Style") -> str:
+                assert jumps.series is not None
+                return render_jumps(jumps.series, style)
+
+            perform_told(outcome, plan, jumps, Asked(out, run_id, seed), render)
 
     return run_command(Output("jump-flush", as_json, events, quiet, debug), body)
 
 
-def _refuse_hurry(plan: "Plan") -> None:
-    """Raise UsageError E2060 where the jumps follow so fast that the tool is never seen at rest."""
-    from edmctl.procedures.jump_series import least_period_s
-
-    jump = plan.loaded.profile.jump
-    least_s = least_period_s(jump.height_um, jump.speed_um_s, jump.dwell_s)
-    if jump.period_s < least_s:
-        raise UsageError(
-            f"A jump every {jump.period_s:g} s leaves no time to see the tool come to rest.",
-            hint=f"Take --period-s {least_s:.1f} or more.",
-            code="E2060",
-        )
-
-
-def _depth_um(plan: "Plan") -> float:
-    """Displacement at the end of the job."""
-    return plan.loaded.profile.approach.offset_um + plan.forecast.feed_um
-
-
 def _tell_plan(outcome: Outcome, plan: "Plan", count: int) -> None:
     from edmctl.console.jump_table import render_jump_plan
+    from edmctl.jobs.jumps import end_um
     from edmctl.procedures.jump_series import SETTLE_AT_DEPTH_S
     from edmctl.profile.measuring_time import conditioning_time_s, jumps_time_s
 
@@ -138,53 +119,8 @@ def _tell_plan(outcome: Outcome, plan: "Plan", count: int) -> None:
         "speed_um_s": jump.speed_um_s,
         "dwell_s": jump.dwell_s,
         "period_s": jump.period_s,
-        "from_um": _depth_um(plan),
+        "from_um": end_um(plan),
         "time_s": before_s + jumps_time_s(profile, count, jump.period_s),
     }
     outcome.result = {"forecast": forecast}
     outcome.text = render_jump_plan(forecast, stream_style(sys.stdout))
-
-
-@dataclass(slots=True)
-class _Jumps:
-    """One series of jumps."""
-
-    plan: "Plan"
-    count: int
-    series: "JumpSeries | None" = None
-    name: str = "jump-flush"
-    pulses: bool = False
-
-    def job(self, held: "Held", name: "RunName", warn: "Warn") -> "Job":
-        """Return the profile's job; nothing of it is done but its jumps."""
-        from edmctl.cli.home_known import with_home
-        from edmctl.cli.prepared import logbook_of
-        from edmctl.procedures.job import job_of
-        from edmctl.record.bookkeeping import books_of
-
-        choice, logbook = held.choice, logbook_of(self.plan, name)
-        job = job_of(self.plan.loaded.profile, self.plan.setup, (), choice.actuator if choice else None)
-        if logbook is None:
-            return job
-        books = books_of(logbook.lines, held.bench.machine.identity.serial)
-        return with_home(job, books, held.bench.now)
-
-    def act(self, run: "Run") -> None:
-        """Jump."""
-        from edmctl.procedures.jump_series import run_jumps
-
-        self.series = run_jumps(run, _depth_um(self.plan), self.count)
-
-    def close(self, time_s: float) -> None:
-        """Nothing was touched: there is nothing to keep."""
-
-    def result(self) -> "Mapping[str, object] | None":
-        """Every jump, and the summary."""
-        return asdict(self.series) if self.series else None
-
-    def render(self, style: "Style") -> str:
-        """The same as a table."""
-        from edmctl.console.jump_table import render_jumps
-
-        assert self.series is not None
-        return render_jumps(self.series, style)

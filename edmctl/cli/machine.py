@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from edmctl.cli import completion
-from edmctl.cli.bench import seed_warning
 from edmctl.cli.options import (
     AllowModelOption,
     CalibrationOption,
@@ -28,16 +27,19 @@ from edmctl.cli.options import (
     WaitOption,
 )
 from edmctl.cli.outcome import Outcome, Output, note, run_command, stream_style, watching
-from edmctl.cli.resume import checked, find_run, refuse_other_options
 from edmctl.cli.run_recover import recovered_before
-from edmctl.cli.runfile import RunName, name_run
-from edmctl.cli.seeds import seed_to_use, simulated_by
+from edmctl.cli.shell import shell
 from edmctl.cli.signals import ignore_signals
 from edmctl.errors import UsageError
+from edmctl.jobs.bench import seed_warning
+from edmctl.jobs.resume import checked, find_run, name_of_resumed
+from edmctl.jobs.runfile import RunName, name_run
+from edmctl.jobs.seeds import seed_to_use, simulated_by
 
 if TYPE_CHECKING:
-    from edmctl.cli.job import Plan, Report
     from edmctl.console.style import Style
+    from edmctl.jobs.job import Report
+    from edmctl.jobs.plan import Plan
 
 ResumeOption = Annotated[
     str | None,
@@ -61,6 +63,16 @@ RestartHoleOption = Annotated[
         help="With --resume: make the hole that was left from the start, where its face is untouched.",
     ),
 ]
+
+_KEPT_ALREADY = {
+    "profile": "--profile",
+    "overrides": "--set",
+    "setup": "--setup",
+    "seed": "--seed",
+    "calibration": "--calibration",
+    "allow_model": "--allow-model",
+    "new_tool": "--new-tool",
+}
 
 
 def machine(
@@ -94,21 +106,23 @@ def machine(
     output = Output("machine", as_json, events, quiet, debug)
 
     def body(outcome: Outcome) -> None:
-        from edmctl.cli.job import Order, check
+        from edmctl.jobs.checking import check
+        from edmctl.jobs.plan import Order
 
         if resume is not None:
-            refuse_other_options(context)
+            _refuse_other_options(context)
             resumption = find_run(resume, out, homed=homed, restart_hole=restart_hole)
-            plan = checked(resumption, port, wait)
+            plan = checked(resumption, port, wait, shell())
             if not dry_run:
                 outcome.warn(recovered_before(resumption))
-            name = resumption.name(run_id, datetime.now(UTC))
+            name = name_of_resumed(resumption, run_id, datetime.now(UTC))
         elif homed or restart_hole:
             lone = "--homed" if homed else "--restart-hole"
             raise UsageError(f"{lone} goes with --resume only.", hint="Leave it out.", code="E2050")
         else:
             plan = check(
-                Order(profile, tuple(overrides or ()), setup, port, calibration, allow_model, wait, new_tool)
+                Order(profile, tuple(overrides or ()), setup, port, calibration, allow_model, wait, new_tool),
+                shell(),
             )
             name = name_run(out, run_id, plan.loaded, datetime.now(UTC))
         outcome.simulated = plan.simulated
@@ -127,8 +141,8 @@ def machine(
 
 def _forewarn(outcome: Outcome, plan: "Plan", name: RunName) -> None:
     """Say what ledger and bench make of the job. Raises what would refuse it."""
-    from edmctl.cli.prepared import forewarned
-    from edmctl.cli.tool_seen import not_seen, seen_in_file
+    from edmctl.jobs.prepared import forewarned
+    from edmctl.jobs.tool_seen import not_seen, seen_in_file
 
     if not plan.where.lasting:
         return
@@ -147,7 +161,7 @@ def _forecast(outcome: Outcome, plan: "Plan") -> None:
 
 
 def _run(outcome: Outcome, plan: "Plan", name: RunName, seed: int) -> None:
-    from edmctl.cli.job import carry_out
+    from edmctl.jobs.job import carry_out
 
     outcome.seed = plan.where.seed_of(seed)
     with watching(outcome.output) as reporter:
@@ -175,3 +189,18 @@ def closing_text(report: "Report", seed: int | None, style: "Style") -> str:
             lines.append("No sensor is fitted: every touch was read by that model.")
     made_by = simulated_by(seed) if report.simulated else ""
     return "\n".join([*lines, f"{made_by}Run file {report.run_file}"])
+
+
+def _refuse_other_options(context: typer.Context) -> None:
+    """Raise UsageError E2050 for options that the journal has already. What the environment says does not count."""
+    named = [
+        option
+        for name, option in _KEPT_ALREADY.items()
+        if getattr(context.get_parameter_source(name), "name", "") == "COMMANDLINE"
+    ]
+    if named:
+        raise UsageError(
+            f"--resume goes on with the job as it was; {', '.join(named)} would change it.",
+            hint="Leave that out. --port, --wait, --out, --run-id, --homed and --restart-hole go with --resume.",
+            code="E2050",
+        )

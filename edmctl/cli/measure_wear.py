@@ -26,11 +26,13 @@ from edmctl.cli.options import (
     WaitOption,
 )
 from edmctl.cli.outcome import Outcome, Output, note, run_command, stream_style
+from edmctl.cli.shell import shell
 from edmctl.errors import UsageError
 
 if TYPE_CHECKING:
-    from edmctl.cli.job import Plan
-    from edmctl.cli.wear_run import WearRun
+    from edmctl.console.style import Style
+    from edmctl.jobs.plan import Plan
+    from edmctl.jobs.wear import WearRun
 
 TOUCHES_LIKE = "cu270"
 """The shipped profile by which a tool is touched when none is named."""
@@ -73,9 +75,10 @@ def measure_wear(
     """
 
     def body(outcome: Outcome) -> None:
-        from edmctl.cli.alone import Asked, perform
-        from edmctl.cli.job import Order, check
-        from edmctl.cli.wear_run import WearRun
+        from edmctl.cli.procedure_output import Asked, perform_told
+        from edmctl.jobs.checking import check
+        from edmctl.jobs.plan import Order
+        from edmctl.jobs.wear import WearRun
 
         if new_tool and not reference:
             raise UsageError(
@@ -93,21 +96,33 @@ def measure_wear(
             wait,
             new_tool,
         )
-        plan = replace(check(order), names_tool=profile is not None)
+        plan = replace(check(order, shell()), names_tool=profile is not None)
         outcome.simulated = plan.simulated
         outcome.warn(plan.loaded.warnings)
         if dry_run:
             _forewarn(outcome, plan, WearRun(plan, site, is_reference=reference), out)
             _tell_plan(outcome, plan, reference=reference)
         else:
-            perform(outcome, plan, WearRun(plan, site, is_reference=reference), Asked(out, run_id, seed))
+            run = WearRun(plan, site, is_reference=reference)
+            perform_told(outcome, plan, run, Asked(out, run_id, seed), lambda style: _rendered(run, style))
 
     return run_command(Output("measure-wear", as_json, events, quiet, debug), body)
 
 
+def _rendered(run: "WearRun", style: "Style") -> str:
+    from edmctl.console.wear_table import render_reference, render_wear
+
+    label = run.account.label
+    if run.touched is not None:
+        return render_reference(label, run.touched.reading, run.touched.model_um, style)
+    assert run.found is not None
+    name = run.bottom.name if run.bottom else label
+    return render_wear(name, run.found, run.account.worn_um, run.total_um, run.truth, style)
+
+
 def _forewarn(outcome: Outcome, plan: "Plan", run: "WearRun", folder: Path) -> None:
     """Say what ledger and bench make of the touches. Raises what would refuse them."""
-    from edmctl.cli.tool_seen import not_seen, seen_in_file
+    from edmctl.jobs.tool_seen import not_seen, seen_in_file
     from edmctl.record.logbook import Logbook
 
     if not plan.where.lasting:
@@ -120,8 +135,8 @@ def _forewarn(outcome: Outcome, plan: "Plan", run: "WearRun", folder: Path) -> N
 
 
 def _tell_plan(outcome: Outcome, plan: "Plan", *, reference: bool) -> None:
-    from edmctl.cli.wear_run import measuring_profile
     from edmctl.console.wear_table import render_wear_plan
+    from edmctl.jobs.wear import measuring_profile
     from edmctl.profile.measuring_time import move_time_s, park_to_pad_um, reading_time_s, touch_time_s
 
     profile, setup = measuring_profile(plan.loaded.profile), plan.setup

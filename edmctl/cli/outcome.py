@@ -9,13 +9,13 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TextIO
 
-from edmctl.cli.exitcodes import ExitCode, error_exit_code
 from edmctl.cli.signals import SignalArrived, ignore_signals, signal_name
 from edmctl.console.diagnostics import render_diagnostics, summary_line
-from edmctl.console.jsonout import SCHEMA, render_json, render_json_line
 from edmctl.console.reporters import reporter_for
 from edmctl.console.style import Style, style_of
 from edmctl.errors import Diagnostic, EdmError, Interrupted, MachineFault, ProfileError, RunFileError
+from edmctl.exitcodes import ExitCode, error_exit_code
+from edmctl.jsonout import SCHEMA, render_json, render_json_line
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence

@@ -6,8 +6,8 @@ import difflib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from edmctl.cli import new_files
 from edmctl.errors import UsageError
+from edmctl.jobs import new_files
 from edmctl.report.kinds import KINDS, NAMES, REPORT, Kind, kind_called
 
 if TYPE_CHECKING:

@@ -9,10 +9,12 @@ import typer
 
 from edmctl.cli.options import DebugOption, JsonOption, SetupOption
 from edmctl.cli.outcome import Outcome, Output, run_command, stream_style
+from edmctl.cli.shell import shell
 
 if TYPE_CHECKING:
     from edmctl.link.messages import HelloReply
-    from edmctl.link.ports import Answer, PortInfo
+    from edmctl.link.ports import PortInfo
+    from edmctl.link.probing import Answer
     from edmctl.profile.setup import Setup
 
 ProbeOption = Annotated[
@@ -74,9 +76,10 @@ def ports(
 
 def port_rows(setup: "Setup", *, probe: bool) -> list[PortRow]:
     """Look at every port that is listed or named in the setup; with `probe` ask those that may be asked."""
-    from edmctl.cli.secret_file import asks_for_secret, secret_of
     from edmctl.cli.served import served_ports
+    from edmctl.jobs.secret_file import asks_for_secret, secret_of
     from edmctl.link import ports as link_ports
+    from edmctl.link import probing
 
     link = setup.link
     named = _named(setup)
@@ -86,8 +89,8 @@ def port_rows(setup: "Setup", *, probe: bool) -> list[PortRow]:
     ]
     every_known = [*known, *served]
     may_ask = probe and asks_for_secret(*(port.device for port in every_known))
-    secret = secret_of(link.secret_file) if may_ask else b""
-    asked = link_ports.probe(every_known, link.baud, link.hello_s, secret) if probe else []
+    secret = secret_of(link.secret_file, shell().environ) if may_ask else b""
+    asked = probing.probe(every_known, link.baud, link.hello_s, secret) if probe else []
     answers = {answer.port.device: answer for answer in asked}
     devices = {port.device for port in known}
     listed = link_ports.listed_ports()

@@ -6,6 +6,7 @@ import typer
 
 from edmctl.cli.options import DebugOption, JsonOption, PortOption, SetupOption, WaitOption
 from edmctl.cli.outcome import Outcome, Output, mutter, run_command
+from edmctl.cli.shell import shell
 from edmctl.errors import PreconditionError
 
 if TYPE_CHECKING:
@@ -31,8 +32,8 @@ def reset(
     """
 
     def body(outcome: Outcome) -> None:
-        from edmctl.cli.bench import where_is
-        from edmctl.cli.machine_at import machine_at
+        from edmctl.jobs.machine_at import machine_at
+        from edmctl.jobs.plan import where_is
         from edmctl.profile.load import load_setup
 
         settings = load_setup(setup)
@@ -44,7 +45,7 @@ def reset(
                 hint="Name the machine that holds the fault with --port or EDMCTL_PORT.",
                 code="E8013",
             )
-        with machine_at(settings, port, wait, lambda text: mutter(text + "\n")) as machine:
+        with machine_at(settings, port, wait, lambda text: mutter(text + "\n"), shell()) as machine:
             outcome.simulated = machine.identity.simulated
             _clear(outcome, machine, ack, lasting=lasting)
 

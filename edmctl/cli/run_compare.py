@@ -40,10 +40,10 @@ def compare(
     """
 
     def body(outcome: Outcome) -> None:
-        from edmctl.cli import new_files
-        from edmctl.cli.run_opening import find_run, reading_unless_killed
         from edmctl.console.compare_table import render_comparison
         from edmctl.errors import UsageError
+        from edmctl.jobs import new_files
+        from edmctl.jobs.run_opening import find_run, reading_unless_killed
         from edmctl.report.differences import compare as compared
 
         if len(files) < 2:

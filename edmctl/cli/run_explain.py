@@ -26,9 +26,9 @@ def explain(file: FileArgument, as_json: JsonOption = False, debug: DebugOption 
     """
 
     def body(outcome: Outcome) -> None:
-        from edmctl.cli.run_opening import find_run, unless_killed
-        from edmctl.cli.way_on import command_to_go_on
         from edmctl.console.story import render_story
+        from edmctl.jobs.run_opening import find_run, unless_killed
+        from edmctl.jobs.way_on import command_to_go_on
         from edmctl.record.doubt import reading
 
         with reading(find_run(file)) as opened:

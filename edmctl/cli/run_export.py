@@ -64,7 +64,7 @@ def export(
 
     def body(outcome: Outcome) -> None:
         from edmctl.cli.export_order import Format, export_order
-        from edmctl.cli.run_opening import find_run, plain_stem, reading_unless_killed
+        from edmctl.jobs.run_opening import find_run, plain_stem, reading_unless_killed
         from edmctl.report.export_parquet import need_pyarrow
         from edmctl.report.export_tables import TABLES
 
@@ -96,8 +96,8 @@ def export(
 def _export(outcome: Outcome, opened: "RunFile", order: "ExportOrder") -> None:
     """Write one table after the other, so that what is there stays when a later one fails."""
     from edmctl.cli.export_sink import new_file, stdout
-    from edmctl.cli.new_files import make_folder
     from edmctl.console.export_table import Exported, render_export
+    from edmctl.jobs.new_files import make_folder
     from edmctl.machine.port import EventCode
     from edmctl.procedures.codes import RunEvent
     from edmctl.report.export_tables import TABLES, ExportTable

@@ -6,8 +6,8 @@ import math
 import time
 from typing import TYPE_CHECKING
 
-from edmctl.cli.run_samples import PULSES_S, SampleReader
 from edmctl.console.story import PAD
+from edmctl.jobs.run_samples import PULSES_S, SampleReader
 from edmctl.wording import duration
 
 if TYPE_CHECKING:

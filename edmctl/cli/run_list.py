@@ -10,8 +10,8 @@ import typer
 
 from edmctl.cli.options import DebugOption, JsonOption
 from edmctl.cli.outcome import Outcome, Output, run_command, stream_style
-from edmctl.cli.run_opening import RUNS, find_run
 from edmctl.errors import RunFileError, UsageError
+from edmctl.jobs.run_opening import RUNS, find_run
 
 if TYPE_CHECKING:
     from edmctl.record.heads import RunHead, Unreadable

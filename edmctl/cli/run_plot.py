@@ -55,7 +55,7 @@ def plot(
 
     def body(outcome: Outcome) -> None:
         from edmctl.cli.plot_order import plot_order
-        from edmctl.cli.run_opening import find_run, plain_stem, reading_unless_killed
+        from edmctl.jobs.run_opening import find_run, plain_stem, reading_unless_killed
         from edmctl.report.style import need_matplotlib
 
         path = find_run(file)
@@ -73,9 +73,9 @@ def plot(
 
 def _draw(outcome: Outcome, opened: "RunFile", order: "PlotOrder", overwrite: bool) -> None:
     """Draw and write one file after the other, so that what is there stays when a later one fails."""
-    from edmctl.cli import new_files
     from edmctl.cli.plot_order import REPLACE_HINT
     from edmctl.errors import PreconditionError
+    from edmctl.jobs import new_files
     from edmctl.report.style import NothingToDraw
 
     written: list[dict[str, object]] = []

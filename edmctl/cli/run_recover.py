@@ -13,7 +13,7 @@ from edmctl.errors import Diagnostic, RunFileError
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from edmctl.cli.resume import Resumption
+    from edmctl.jobs.plan import Resumption
     from edmctl.record.recovery import Recovered
 
 FileArgument = Annotated[
@@ -39,7 +39,7 @@ def recover(
     """Make a complete file of a run that was interrupted. The old file stays as it is."""
 
     def body(outcome: Outcome) -> None:
-        from edmctl.cli.run_opening import find_run
+        from edmctl.jobs.run_opening import find_run
         from edmctl.record.reader import open_run
         from edmctl.record.recovery import is_complete
 

@@ -33,7 +33,7 @@ def show(
     output = Output("run show", as_json, events, quiet, debug)
 
     def body(outcome: Outcome) -> None:
-        from edmctl.cli.run_opening import find_run
+        from edmctl.jobs.run_opening import find_run
 
         path = find_run(file)
         killed: RunFileError | None = None
@@ -56,9 +56,9 @@ def show(
 
 def _tell(outcome: Outcome, path: Path) -> None:
     """Leave the summary as the result. Raises RunFileError E9008 when the writer was killed."""
-    from edmctl.cli.run_opening import unless_killed
     from edmctl.cli.run_summary import summary_of
     from edmctl.console.run_view import render_run
+    from edmctl.jobs.run_opening import unless_killed
     from edmctl.record.doubt import reading
 
     with reading(path) as opened:

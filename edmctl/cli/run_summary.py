@@ -102,7 +102,7 @@ class RunSummary:
 def summary_of(opened: RunFile) -> RunSummary:
     """Read what is told of an open run file, also of one without an end."""
     from edmctl.cli.run_explain import events_of, sentences_of, wanted
-    from edmctl.cli.way_on import command_to_go_on
+    from edmctl.jobs.way_on import command_to_go_on
     from edmctl.record.create import NO_EXIT_CODE
     from edmctl.record.estimated import estimated_depth
     from edmctl.record.happened import error_code_of

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from edmctl.cli import completion
-from edmctl.cli.bench import SIMULATOR
 from edmctl.cli.options import (
     AllowModelOption,
     CalibrationOption,
@@ -24,17 +23,19 @@ from edmctl.cli.options import (
     SetupOption,
 )
 from edmctl.cli.outcome import Outcome, Output, run_command, stream_style, watching
-from edmctl.cli.runfile import plain_name
-from edmctl.cli.seeds import seed_to_use
+from edmctl.cli.shell import shell
 from edmctl.cli.simulate_actuator import actuator
 from edmctl.cli.simulate_serve import serve
 from edmctl.errors import Diagnostic, ObjectiveNotReached, UsageError
+from edmctl.jobs.plan import SIMULATOR
+from edmctl.jobs.runfile import plain_name
+from edmctl.jobs.seeds import seed_to_use
 from edmctl.wording import plural
 
 if TYPE_CHECKING:
     from edmctl.cli.batch import Task
-    from edmctl.cli.job import Order, Plan
-    from edmctl.cli.spread import Run
+    from edmctl.jobs.plan import Order, Plan
+    from edmctl.jobs.spread import Run
 
 MOST_RUNS = 100_000
 
@@ -123,7 +124,7 @@ def simulate(
 
     def body(outcome: Outcome) -> None:
         from edmctl.cli.batch import check_names
-        from edmctl.cli.job import Order
+        from edmctl.jobs.plan import Order
 
         order = Order(profile, tuple(overrides or ()), setup, SIMULATOR, calibration, allow_model)
         outcome.simulated = True
@@ -155,7 +156,7 @@ def _refuse_options_before(context: typer.Context) -> None:
 
 
 def _orders(order: "Order", sweeps: list[str], runs: int) -> list["Order"]:
-    from edmctl.cli.sweep import parse_sweep
+    from edmctl.jobs.sweep import parse_sweep
 
     if not sweeps:
         return [order]
@@ -178,9 +179,9 @@ def _orders(order: "Order", sweeps: list[str], runs: int) -> list["Order"]:
 
 def _checked(outcome: Outcome, orders: list["Order"]) -> list["_Case"]:
     """Check every order before anything runs; raises ProfileError, UsageError, LinkLost."""
-    from edmctl.cli.job import check
+    from edmctl.jobs.checking import check
 
-    plans = [check(order) for order in orders]
+    plans = [check(order, shell()) for order in orders]
     outcome.warn(dict.fromkeys(warning for plan in plans for warning in plan.loaded.warnings))
     labels = [
         _label(plan.loaded.path.stem, order, len(orders)) for order, plan in zip(orders, plans, strict=True)
@@ -212,8 +213,8 @@ def _forecast(outcome: Outcome, cases: list["_Case"]) -> None:
 
 def _simulate(outcome: Outcome, batch: "_Batch") -> None:
     from edmctl.cli.batch import perform_all
-    from edmctl.cli.spread import summarize
     from edmctl.console.spread_table import render_cases
+    from edmctl.jobs.spread import summarize
 
     with watching(outcome.output) as reporter:
         reporter.note(f"simulating {batch}")

@@ -9,11 +9,11 @@ import typer
 
 from edmctl.cli.options import DebugOption, JsonOption, QuietOption, SeedOption
 from edmctl.cli.outcome import Outcome, Output, run_command, stream_style, watching
-from edmctl.cli.seeds import seed_to_use
+from edmctl.jobs.seeds import seed_to_use
 
 if TYPE_CHECKING:
-    from edmctl.cli.actuator_trial import Trial
-    from edmctl.cli.actuator_waveforms import Waveform
+    from edmctl.jobs.actuator_trial import Trial
+    from edmctl.jobs.actuator_waveforms import Waveform
 
 
 class Shape(StrEnum):
@@ -89,8 +89,8 @@ def actuator(
     """
 
     def body(outcome: Outcome) -> None:
-        from edmctl.cli.actuator_files import check_outputs
-        from edmctl.cli.actuator_waveforms import Wanted, waveforms
+        from edmctl.jobs.actuator_files import check_outputs
+        from edmctl.jobs.actuator_waveforms import Wanted, waveforms
 
         outcome.simulated = True
         used_seed = seed_to_use(seed)
@@ -107,7 +107,7 @@ def actuator(
 def _try(outcome: Outcome, asked: "list[Waveform]", calibration: Path | None, seed: int) -> "Trial":
     """Get the models and drive every waveform."""
     from edmctl.actuator.compiling import compiling_told
-    from edmctl.cli.actuator_trial import known_model, run_trial
+    from edmctl.jobs.actuator_trial import known_model, run_trial
 
     known = None
     if calibration:
@@ -124,8 +124,8 @@ def _try(outcome: Outcome, asked: "list[Waveform]", calibration: Path | None, se
 
 def _report(outcome: Outcome, trial: "Trial", plot: Path | None, data: Path | None) -> None:
     """Say the figures; then write the files, so that a full disk leaves the figures known."""
-    from edmctl.cli.actuator_files import write_data, write_figure
     from edmctl.console.actuator_table import render_actuator
+    from edmctl.jobs.actuator_files import write_data, write_figure
 
     result: dict[str, object] = {**trial.as_mapping(), "plot_file": None, "data_file": None}
     outcome.result = result

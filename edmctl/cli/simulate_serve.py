@@ -17,8 +17,8 @@ from edmctl.cli.options import (
     SetupOption,
 )
 from edmctl.cli.outcome import Outcome, Output, mutter, run_command
-from edmctl.cli.seeds import seed_to_use
 from edmctl.errors import UsageError
+from edmctl.jobs.seeds import seed_to_use
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -128,7 +128,7 @@ def serve(
     output = Output("simulate serve", as_json, quiet=quiet, debug=debug)
 
     def body(outcome: Outcome) -> None:
-        from edmctl.cli.bench import bench_config
+        from edmctl.jobs.bench import bench_config
         from edmctl.profile.load import load_profile, load_setup
 
         outcome.simulated = True
@@ -153,9 +153,9 @@ def serve(
 
 def _serve(outcome: Outcome, order: _Order, link: Path | None, place: _Place | None) -> None:
     from edmctl.actuator.compiling import compiling_told
-    from edmctl.cli.kept_bench import kept_bench
     from edmctl.cli.served import announced
     from edmctl.cli.signals import requests_by_signal, stopping_signals
+    from edmctl.jobs.kept_bench import kept_bench
     from edmctl.machine.stop import StopRequest
     from edmctl.simulator.news import News
     from edmctl.simulator.plant import serial_number
@@ -279,7 +279,7 @@ def _speed(text: str) -> float | None:
 
 def _place(text: str | None, secret_file: Path | None, *, allow_remote: bool) -> _Place | None:
     """Where to serve a socket, and with which secret; None without one."""
-    from edmctl.cli.secret_file import read_secret
+    from edmctl.jobs.secret_file import read_secret
     from edmctl.simulator.socket_endpoint import address_of, is_loopback
 
     if text is None:

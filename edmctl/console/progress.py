@@ -9,8 +9,8 @@ import math
 import time
 from typing import TYPE_CHECKING, Protocol, TextIO
 
-from edmctl.console.jsonout import render_json_line
 from edmctl.console.result_table import render_ratios
+from edmctl.jsonout import render_json_line
 from edmctl.labels import Basis, marked
 from edmctl.wording import duration
 

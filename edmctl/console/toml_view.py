@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, TypeAlias
 
 from edmctl.console.style import PLAIN, Ink, Style
+from edmctl.toml_text import Scalar, toml_scalar
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-Scalar: TypeAlias = bool | int | float | str
 Values: TypeAlias = "Mapping[str, Scalar]"
 
 _COMMENT_COLUMN = 36
@@ -44,12 +43,3 @@ def _block(header: str, table: str, values: Values, comments: Mapping[str, str],
             line = line.ljust(_COMMENT_COLUMN) + style.paint(f" # {comment}", Ink.FAINT)
         lines.append(line)
     return "\n".join(lines)
-
-
-def toml_scalar(value: Scalar) -> str:
-    """Return a scalar as TOML writes it; a JSON string is a TOML basic string."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)
-    return repr(value)

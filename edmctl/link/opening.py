@@ -13,16 +13,16 @@ from typing import TYPE_CHECKING
 from edmctl.errors import LinkLost
 from edmctl.link.gate import GateBusy, pass_gate
 from edmctl.link.holder import holder_of
-from edmctl.link.ports import find, listed_ports
+from edmctl.link.ports import listed_ports
 from edmctl.link.serial_line import FAILURES, SerialLine, open_port, reason_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
     from serial import Serial
 
 DEFAULT_BAUD = 500_000
-_LOOK_AGAIN_S = 0.1
+LOOK_AGAIN_S = 0.1
 _BUSY = (errno.EAGAIN, errno.EBUSY, errno.EWOULDBLOCK)
 _ABSENT = (errno.ENOENT, errno.ENXIO, errno.ENODEV)
 
@@ -73,39 +73,7 @@ def open_line(
         if say is not None and not told:
             told = True
             say(f"{error.message} Waiting up to {wait_s:g} s.")
-        sleep(min(_LOOK_AGAIN_S, max(0.0, end_s - monotonic())))
-
-
-def open_selector(
-    selector: str,
-    usb_ids: Sequence[str],
-    candidates: Sequence[str],
-    baud: int,
-    hello_s: float,
-    wait_s: float = 0.0,
-    say: Callable[[str], None] | None = None,
-    secret: bytes = b"",
-) -> SerialLine:
-    """Open what a selector means: `auto` and `serial:ID` are looked for, and waited for like any other port.
-
-    Raises what `open_line` and `find` raise.
-    """
-    if selector != "auto" and not selector.startswith("serial:"):
-        return open_line(selector, baud, wait_s, say, secret)
-    end_s = monotonic() + wait_s
-    told = False
-    while True:
-        try:
-            url = find(selector, usb_ids, candidates, baud, hello_s, secret)
-            break
-        except LinkLost as error:
-            if error.code != PortAbsent.default_code or monotonic() >= end_s:
-                raise
-            if say is not None and not told:
-                told = True
-                say(f"{error.message} Waiting up to {wait_s:g} s.")
-        sleep(min(_LOOK_AGAIN_S, max(0.0, end_s - monotonic())))
-    return open_line(url, baud, max(0.0, end_s - monotonic()), None if told else say, secret)
+        sleep(min(LOOK_AGAIN_S, max(0.0, end_s - monotonic())))
 
 
 def _pass_gate(url: str, port: Serial, secret: bytes) -> None:

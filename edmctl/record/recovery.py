@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
-from edmctl import __version__
 from edmctl.errors import RunFileError
+from edmctl.version import __version__
 
 from . import layout
 from .closing import CLOSING

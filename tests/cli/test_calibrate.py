@@ -18,10 +18,10 @@ from edmctl.actuator.identification import identify
 from edmctl.actuator.record import Record
 from edmctl.actuator.validation import validate
 from edmctl.actuator.waveforms import calibration_legs, jump_train, sampled, triangle
-from edmctl.cli import calibrated, calibration_run
 from edmctl.cli.app import main
 from edmctl.cli.signals import SignalArrived
 from edmctl.errors import Interrupted
+from edmctl.jobs import calibrated, calibration_run
 from edmctl.profile.calibration import load_calibration
 from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Setup
@@ -105,7 +105,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Files:
 @pytest.fixture
 def files(written: Files, monkeypatch: pytest.MonkeyPatch) -> Files:
     """The measured files, and fits that spare most of the work of telling how sure they are."""
-    monkeypatch.setattr("edmctl.cli.calibration_fit.identify", partial(identify, folds=2, resamples=0))
+    monkeypatch.setattr("edmctl.jobs.calibration_fit.identify", partial(identify, folds=2, resamples=0))
     return written
 
 
@@ -152,7 +152,7 @@ def test_progress_is_told_in_plain_lines(run: Run) -> None:
 
 def test_the_file_is_the_one_that_the_machine_uses(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("EDMCTL_HOME", str(run.home))
-    choice = calibrated.choose(None, Setup(), load_profile(CU270, ()).profile, f"SIM-{SEED}")
+    choice = calibrated.choose(None, os.environ, Setup(), load_profile(CU270, ()).profile, f"SIM-{SEED}")
     assert choice.used.path == run.result["calibration_file"]
     assert choice.used.path == str(run.home / "calibration" / "SIM-3.toml")
     assert (choice.used.accepted, choice.warnings) == (True, ())
@@ -283,7 +283,7 @@ def fail_to_fit(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
     def failing(*_: object, **__: object) -> NoReturn:
         raise error
 
-    monkeypatch.setattr("edmctl.cli.calibration_fit.identify", failing)
+    monkeypatch.setattr("edmctl.jobs.calibration_fit.identify", failing)
 
 
 def no_space(*_: object) -> NoReturn:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.cli.exitcodes import MEANING
+from edmctl.exitcodes import MEANING
 from edmctl.simulator import BenchConfig, open_bench
 from tests.cli.commands import ROOT, environment, in_a_shell
 

@@ -234,8 +234,8 @@ def test_the_ledger_tells_of_the_holes_in_the_order_they_were_made(here: Here) -
 def test_a_bench_that_cannot_be_kept_in_the_end_does_not_hide_the_result(
     here: Here, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from edmctl.cli.kept_bench import KeptLine
     from edmctl.errors import RunFileError
+    from edmctl.jobs.kept_bench import KeptLine
 
     def full(line: KeptLine) -> None:
         raise RunFileError("Cannot keep the bench: no space.", hint="Make room.", code="E9024")

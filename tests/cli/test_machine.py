@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 import h5py
 import pytest
 
-from edmctl.cli import connected_run
-from edmctl.cli.job import truths_of
-from edmctl.cli.true_wear import TrueWear
-from edmctl.console.jsonout import render_json
+from edmctl.jobs import connected_run
+from edmctl.jobs.job import truths_of
+from edmctl.jobs.true_wear import TrueWear
+from edmctl.jsonout import render_json
 from edmctl.procedures.journal import JobState, NoJournal
 from edmctl.record.reader import open_run
 from edmctl.simulator.bench import HoleTruth, VirtualBench
@@ -256,13 +256,13 @@ def test_an_open_interlock_is_a_precondition(here: Here) -> None:
 def test_a_bug_is_one_line_and_debug_shows_where(
     here: Here, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from edmctl.cli import job
     from edmctl.cli.app import main
+    from edmctl.jobs import checking
 
-    def broken(order: object) -> None:
+    def broken(*_: object) -> None:
         raise ZeroDivisionError("made for this test")
 
-    monkeypatch.setattr(job, "check", broken)
+    monkeypatch.setattr(checking, "check", broken)
     said = here("machine", *SHALLOW, "--json")
     assert said.exit_code == 1
     assert said.document["error"]["message"] == "Internal error: ZeroDivisionError: made for this test"

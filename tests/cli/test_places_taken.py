@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edmctl.cli.places_taken import WALL_UM, next_free_x_um, refuse_taken
 from edmctl.errors import PreconditionError
+from edmctl.jobs.places_taken import WALL_UM, next_free_x_um, refuse_taken
 from edmctl.record.ledger_entries import SiteMachined
 
 

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.cli.app import main
-from edmctl.cli.elapsed import CALENDAR, Now
-from edmctl.cli.journaling import tell_way_on
-from edmctl.cli.resume import checked, find_run
-from edmctl.cli.runfile import RunName
-from edmctl.cli.wear_run import _aged
 from edmctl.errors import LinkLost
+from edmctl.jobs.elapsed import CALENDAR, Now
+from edmctl.jobs.journaling import tell_way_on
+from edmctl.jobs.resume import checked, find_run, taken_up
+from edmctl.jobs.runfile import RunName
+from edmctl.jobs.wear import _aged
 from edmctl.machine.controller import LinkMachine
 from edmctl.procedures.job import TOLD_LATE_S, job_of
 from edmctl.procedures.journal import job_state
@@ -202,7 +202,7 @@ def test_home_is_where_the_journal_has_it_when_the_ledger_is_older(here: Here, k
     resumption = find_run("a", Path("runs"))
     written_utc_s = read_journal(resumption.path).written_utc_s
     known = replace(job_of(load_profile(CU270, QUICK).profile, Setup()), home_um=99.0, home_age_s=30000.0)
-    job = resumption.taken_up(known, CALENDAR)
+    job = taken_up(resumption, known, CALENDAR)
     assert job.home_um == resumption.state.home_um != 0.0
     assert 0.0 <= resumption.state.home_age_s < 300.0
     assert (

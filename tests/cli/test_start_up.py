@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl import __version__
+from edmctl.version import __version__
 from tests.cli.commands import environment, in_process_of_its_own
 
 if TYPE_CHECKING:

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.cli.seeds import seed_to_use
-from edmctl.cli.spread import Spread, _spread
-from edmctl.cli.sweep import parse_sweep
 from edmctl.errors import UsageError
+from edmctl.jobs.seeds import seed_to_use
+from edmctl.jobs.spread import Spread, _spread
+from edmctl.jobs.sweep import parse_sweep
 from tests.cli.commands import command, environment
 
 if TYPE_CHECKING:

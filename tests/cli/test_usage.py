@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl import __version__
-from edmctl.cli.exitcodes import MEANING, ExitCode
 from edmctl.errors import EdmError
+from edmctl.exitcodes import MEANING, ExitCode
+from edmctl.version import __version__
 
 if TYPE_CHECKING:
     from tests.cli.commands import Here

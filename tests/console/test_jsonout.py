@@ -9,7 +9,7 @@ from enum import IntEnum, StrEnum
 
 import pytest
 
-from edmctl.console.jsonout import render_json, render_json_line, to_json_value
+from edmctl.jsonout import render_json, render_json_line, to_json_value
 
 
 @dataclass(frozen=True, slots=True)

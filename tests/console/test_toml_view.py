@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import tomllib
+from typing import TYPE_CHECKING
 
-from edmctl.console.toml_view import Scalar, render_toml
+from edmctl.console.toml_view import render_toml
+
+if TYPE_CHECKING:
+    from edmctl.toml_text import Scalar
 
 TABLES: dict[str, dict[str, Scalar]] = {
     "meta": {"schema": 1, "name": 'quote " back \\ tab \t µ'},

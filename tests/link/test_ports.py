@@ -13,8 +13,9 @@ from serial.tools import list_ports
 from edmctl.errors import LinkLost
 from edmctl.link import opening
 from edmctl.link import ports as link_ports
-from edmctl.link.opening import open_line, open_selector
-from edmctl.link.ports import PortInfo, find, listed_ports, probable_ports, probe
+from edmctl.link.opening import open_line
+from edmctl.link.ports import PortInfo, listed_ports, probable_ports
+from edmctl.link.probing import find, open_selector, probe
 from edmctl.simulator import BenchConfig, open_bench
 from tests.serving import serving
 

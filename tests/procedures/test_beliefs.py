@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.cli.true_wear import TrueWear
+from edmctl.jobs.true_wear import TrueWear
 from edmctl.procedures.job import Site
 from edmctl.procedures.journal import NoJournal
 from edmctl.procedures.results import ObjectiveMissed

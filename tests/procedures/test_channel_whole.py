@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from edmctl.cli.bench import bench_config
-from edmctl.cli.channel_truth import channel_truth
 from edmctl.errors import EdmError
+from edmctl.jobs.bench import bench_config
+from edmctl.jobs.channel_truth import channel_truth
 from edmctl.labels import Basis
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.cli.elapsed import CALENDAR, Now
-from edmctl.cli.home_known import with_home, with_home_left
-from edmctl.cli.true_wear import TrueWear
 from edmctl.errors import EdmError, Interrupted, PreconditionError
+from edmctl.jobs.elapsed import CALENDAR, Now
+from edmctl.jobs.home_known import with_home, with_home_left
+from edmctl.jobs.true_wear import TrueWear
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.port import Axis
 from edmctl.machine.stop import StopRequest

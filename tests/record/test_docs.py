@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 import pytest
 
-from edmctl.cli.exitcodes import MEANING
+from edmctl.exitcodes import MEANING
 from edmctl.labels import Verdict
 from edmctl.record import layout
 from edmctl.record.documentation import replace_between_markers

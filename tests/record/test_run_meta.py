@@ -7,9 +7,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edmctl.cli.calibrated import Choice, ModelUsed
-from edmctl.cli.job import Order, check
-from edmctl.cli.runfile import name_run, run_meta
+from edmctl.jobs.calibrated import Choice, ModelUsed
+from edmctl.jobs.checking import check
+from edmctl.jobs.plan import Order
+from edmctl.jobs.runfile import name_run, run_meta
 from edmctl.machine.port import MachineIdentity
 from edmctl.profile.setup import Setup
 

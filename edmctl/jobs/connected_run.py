@@ -1,0 +1,133 @@
+"""What every command that moves the machine does around its procedure: connect, choose a calibration, record."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from edmctl.errors import Diagnostic, EdmError, RunFileError
+from edmctl.jobs.bench import connected, introduction
+from edmctl.jobs.calibrated import choose
+from edmctl.jobs.prepared import logbook_of
+from edmctl.jobs.recording import recorded
+from edmctl.jobs.runfile import run_meta
+from edmctl.jobs.session import Held
+from edmctl.jobs.tool_seen import as_found, name_tool
+from edmctl.jobs.way_on import on_machine
+from edmctl.record.disk_thread import DiskThread
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from pathlib import Path
+
+    from edmctl.jobs.plan import Plan
+    from edmctl.jobs.runfile import RunName
+    from edmctl.procedures.results import Observer
+    from edmctl.record.recorder import Recorder
+
+    Warn = Callable[[Sequence[Diagnostic]], None]
+    Act = Callable[[Recorder], None]
+
+
+def connected_run(
+    plan: Plan,
+    seed: int,
+    observer: Observer,
+    name: RunName | None,
+    warn: Warn | None,
+    prepare: Callable[[Held], Act],
+    summary: Callable[[Held], Mapping[str, object]],
+) -> Held:
+    """Connect to the machine of `plan`, and act on it with a recorder into the run file `name`.
+
+    `prepare` refuses what cannot be done, or returns what does it; until then no file is made and no tool changed.
+    `seed` makes a virtual bench that is not there yet. `warn` is told what is doubtful about the calibration before
+    anything moves; `summary` becomes the result in the run file. Expected errors come back with what was reached.
+
+    Raises LinkLost, ProtocolMismatch and RunFileError where there was no machine to act on.
+    """
+    from edmctl.record.disk import refuse_place
+    from edmctl.record.locks import are_known
+
+    if name is not None:
+        refuse_place(name.path)
+        if warn is not None and not are_known(name.path.parent):
+            warn([_no_locks(name.path.parent)])
+    held: Held | None = None
+
+    def written(path: Path | None) -> None:
+        assert held is not None
+        held.run_file = path
+
+    try:
+        with connected(
+            plan.tool_for(), plan.setup, seed, observer.note, plan.where, plan.surroundings
+        ) as bench:
+            disk = DiskThread(bench.machine.attend if bench.machine.is_live else None)
+            held = Held(bench, disk)
+            try:
+                _record(plan, observer, name, warn, prepare, summary, held, written)
+            except EdmError as expected:
+                held.error = expected
+            finally:
+                disk.close()
+    except RunFileError as unkept:
+        if held is None:
+            raise
+        held.error = held.error or unkept
+    return held
+
+
+def _record(
+    plan: Plan,
+    observer: Observer,
+    name: RunName | None,
+    warn: Warn | None,
+    prepare: Callable[[Held], Act],
+    summary: Callable[[Held], Mapping[str, object]],
+    held: Held,
+    written: Callable[[Path | None], None],
+) -> None:
+    bench = held.bench
+    identity = bench.machine.identity
+    calibrate = (
+        on_machine("edmctl calibrate", plan.where.selector)
+        if plan.where.lasting
+        else f"edmctl calibrate --seed {bench.seed}"
+    )
+    choice = held.choice = choose(
+        plan.calibration,
+        plan.surroundings.environ,
+        plan.setup,
+        plan.loaded.profile,
+        identity.serial,
+        calibrate,
+    )
+    if warn is not None:
+        warn(choice.warnings)
+    act = prepare(held)
+    logbook = logbook_of(plan, name)
+    found = as_found(plan, held, logbook, "measure-wear")
+    with recorded(
+        name,
+        lambda run: run_meta(run, found, bench.seed, identity, choice),
+        lambda: summary(held),
+        written,
+        waits=plan.where.in_process,
+    ) as recorder:
+        into = f", into {name.path}" if name else ""
+        observer.note(f"{introduction(plan.where, bench)}{into}")
+        name_tool(plan, held, logbook)
+        bench.begin()
+        if plan.new_tool and bench.virtual is not None:
+            bench.virtual.new_tool()
+        act(recorder)
+
+
+def _no_locks(folder: Path) -> Diagnostic:
+    return Diagnostic(
+        "W9002",
+        f"The file system of {folder} knows no locks: files that name host and process stand in their stead.",
+        "One that a computer left behind when it went off has to be removed by hand (ls -a shows .*.lock); "
+        "--out names a folder on another disk.",
+        is_warning=True,
+    )

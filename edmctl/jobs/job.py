@@ -1,0 +1,248 @@
+"""One job from an order to a result: what `machine` does once and `simulate` many times."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from contextlib import suppress
+from dataclasses import dataclass
+from html import escape
+from itertools import zip_longest
+from typing import TYPE_CHECKING
+
+from edmctl.errors import RunFileError
+from edmctl.jobs.connected_run import connected_run
+from edmctl.jobs.recording import ending
+from edmctl.jsonout import to_json_value
+from edmctl.wording import length
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    import pandas
+
+    from edmctl.errors import Diagnostic, EdmError
+    from edmctl.jobs.calibrated import ModelUsed
+    from edmctl.jobs.channel_truth import ChannelTruth
+    from edmctl.jobs.job_ledger import JobLedger
+    from edmctl.jobs.journaling import Journaling
+    from edmctl.jobs.plan import Plan
+    from edmctl.jobs.runfile import RunName
+    from edmctl.jobs.session import Held
+    from edmctl.jobs.true_wear import TrueWear
+    from edmctl.jsonout import JsonValue
+    from edmctl.procedures.channel_result import ChannelResult
+    from edmctl.procedures.job import Job
+    from edmctl.procedures.journal import Journal
+    from edmctl.procedures.results import JobResult, Ledger, Observer, SiteResult
+    from edmctl.record.recorder import Recorder
+    from edmctl.simulator.bench import HoleTruth
+
+
+SAME_HOLE_UM = 50.0
+"""Farther away no hole is the site's: many times what the stages miss a place by, less than two holes lie apart."""
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """A hole as the plant knows it; NaN where there is none."""
+
+    depth_um: float = math.nan
+    wear_um: float = math.nan
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class Report:
+    """What a job reached, whether it ended well or with `error`.
+
+    `truths` has one entry per site, and none on any machine but a virtual one in this process.
+
+    `model` says where its estimated displacements come from, None where the job ended before that was known.
+    `run_file` is the run's own file as it is called now, if it has one.
+    """
+
+    simulated: bool
+    job: JobResult
+    truths: tuple[Truth, ...]
+    error: EdmError | None
+    run_file: Path | None
+    model: ModelUsed | None
+    channel_truth: ChannelTruth | None = None
+
+    @property
+    def sites(self) -> tuple[SiteResult, ...]:
+        """The holes, in the order of machining."""
+        return self.job.sites
+
+    @property
+    def channel(self) -> ChannelResult | None:
+        """The channel, if the job makes one."""
+        return self.job.channel
+
+    def __repr__(self) -> str:
+        made = self.channel or (self.sites[0] if self.sites else None)
+        found = [] if made is None else [f"depth {length(made.depth_um, made.depth_u95_um)}"]
+        holes = [f"{len(self.sites)} holes"] if len(self.sites) > 1 else []
+        error = [f"{self.error.code}: {self.error.message}"] if self.error else []
+        return f"<Report: {', '.join([*holes, *found, *error]) or 'nothing reached'}>"
+
+    def _repr_html_(self) -> str:
+        """The holes, or the channel, as a table for a notebook."""
+        rows = [
+            f"<tr><td>{escape(one.name)}</td><td>{length(one.depth_um, one.depth_u95_um)}</td>"
+            f"<td>{length(one.wear_um, one.wear_u95_um)}</td><td>{one.depth_basis}</td>"
+            f"<td>{one.verdict or ''}</td></tr>"
+            for one in (self.sites if self.channel is None else [self.channel])
+        ]
+        error = f"<p>{escape(self.error.code)}: {escape(self.error.message)}</p>" if self.error else ""
+        head = "<tr><th>site</th><th>depth</th><th>tool wear</th><th>basis</th><th>verdict</th></tr>"
+        return f"<table>{head}{''.join(rows)}</table>{error}"
+
+    def to_dict(self) -> dict[str, JsonValue]:
+        """Return the same values as `--json` tells under `result`, rounded alike."""
+        return {name: to_json_value(value, name) for name, value in self.as_mapping().items()}
+
+    def to_frame(self) -> pandas.DataFrame:
+        """Return one row a hole, with units in the names of the columns. Raises ImportError without pandas."""
+        import pandas as pd
+
+        return pd.json_normalize(self.to_dict()["sites"], sep="_")
+
+    def raise_for_error(self) -> None:
+        """Raise the error that ended the job, if one did."""
+        if self.error is not None:
+            raise self.error
+
+    def as_mapping(self) -> dict[str, object]:
+        """Return the `result` of the JSON object."""
+        mapping = dataclasses.asdict(self.job)
+        mapping["calibration"] = dataclasses.asdict(self.model) if self.model else None
+        mapping["sites"] = [
+            {**site, "truth": dataclasses.asdict(truth) if truth else None}
+            for site, truth in zip_longest(mapping["sites"], self.truths)
+        ]
+        if mapping["channel"] is not None:
+            mapping["channel"]["truth"] = (
+                dataclasses.asdict(self.channel_truth) if self.channel_truth else None
+            )
+        return mapping
+
+
+def carry_out(
+    plan: Plan,
+    seed: int,
+    observer: Observer,
+    name: RunName | None,
+    warn: Callable[[Sequence[Diagnostic]], None] | None = None,
+) -> Report:
+    """Run the job on the machine that the plan names, into the run file `name` where there is one.
+
+    `seed` is that of a virtual bench that is not there yet.
+
+    `warn` is told what is doubtful about calibration and tool before anything moves. Expected errors come back in
+    the report, with what was reached until then.
+    """
+    from edmctl.jobs.job_ledger import JobLedger
+    from edmctl.jobs.journaling import Journaling, tell_way_on
+    from edmctl.jobs.true_wear import TrueWear
+    from edmctl.procedures.results import Ledger
+
+    ledger = Ledger()
+    true_wear: TrueWear | None = None
+
+    def prepare(held: Held) -> Callable[[Recorder], None]:
+        kept = Journaling(plan, held, name)
+        entries = JobLedger(plan, held, name, kept, warn or (lambda _: None))
+        kept.refuse()
+        job = entries.job(plan.resumed.run_files if plan.resumed else ())
+        return lambda recorder: act(held, entries, kept, job, recorder)
+
+    def act(held: Held, entries: JobLedger, kept: Journaling, job: Job, recorder: Recorder) -> None:
+        nonlocal true_wear
+        journal: Journal = entries
+        if held.bench.virtual:
+            journal = true_wear = TrueWear(held.bench.virtual, entries)
+            entries.truth = {"tool_wear_um": true_wear.before_um}
+            kept.truth = true_wear.as_mapping
+            if plan.resumed is not None and plan.resumed.journal.truth is not None:
+                true_wear.go_on_from(plan.resumed.journal.truth)
+                if plan.resumed.restart_hole:
+                    true_wear.leave_hole()
+        try:
+            _run(held, entries, kept, job, recorder, observer, ledger, journal)
+        finally:
+            if held.bench.virtual and plan.loaded.profile.path is not None:
+                from edmctl.jobs.channel_truth import keep_truth_map
+
+                keep_truth_map(recorder, held.bench.virtual)
+
+    def summary(held: Held) -> dict[str, object]:
+        return _report(plan, held, ledger, true_wear).as_mapping()
+
+    held = connected_run(plan, seed, observer, name, warn, prepare, summary)
+    if held.error is not None:
+        tell_way_on(held.error, plan, name)
+    return _report(plan, held, ledger, true_wear)
+
+
+def _run(
+    held: Held,
+    entries: JobLedger,
+    kept: Journaling,
+    job: Job,
+    recorder: Recorder,
+    observer: Observer,
+    ledger: Ledger,
+    journal: Journal,
+) -> None:
+    """Run the job, and write down in the job ledger that it begins and what it came to.
+
+    Its journal comes first: whoever finds a job in the ledger can go on with it.
+    """
+    from edmctl.jobs.job_ledger import DONE
+    from edmctl.procedures.machining import run_job
+
+    job = kept.begin(job)
+    entries.begin()
+    try:
+        run_job(held.bench.machine, job, recorder=recorder, observer=observer, ledger=ledger, journal=journal)
+    except BaseException as error:
+        with suppress(RunFileError):
+            entries.close(ledger.result(), ending(error)[0])
+        raise
+    entries.close(ledger.result(), DONE)
+    kept.end()
+
+
+def _report(plan: Plan, held: Held, ledger: Ledger, true_wear: TrueWear | None) -> Report:
+    virtual, job = held.bench.virtual, ledger.result()
+    truths = truths_of(job.sites, virtual.truth(), true_wear) if virtual and true_wear else ()
+    simulated = held.bench.machine.identity.simulated
+    used = held.choice.used if held.choice else None
+    channel = None
+    if virtual and true_wear and job.channel is not None:
+        from edmctl.jobs.channel_truth import channel_truth
+
+        channel = channel_truth(plan.loaded.profile, virtual, virtual.tool_wear_um - true_wear.before_um)
+    return Report(simulated, job, truths, held.error, held.run_file, used, channel)
+
+
+def truths_of(
+    sites: Sequence[SiteResult], holes: Sequence[HoleTruth], true_wear: TrueWear
+) -> tuple[Truth, ...]:
+    """The true hole of each site, in µm: the nearest one, and what the tool lost while it was made.
+
+    A hole through the sheet has no depth that a tip below the face could be compared with.
+    """
+    truths = []
+    for site in sites:
+        hole = min(holes, key=lambda hole: _apart_um(hole, site), default=None)
+        is_it = hole is not None and _apart_um(hole, site) <= SAME_HOLE_UM and not site.through
+        depth_um = hole.depth_um if hole is not None and is_it else math.nan
+        truths.append(Truth(depth_um, true_wear.of_site(site.name)))
+    return tuple(truths)
+
+
+def _apart_um(hole: HoleTruth, site: SiteResult) -> float:
+    return math.hypot(hole.x_um - site.x_um, hole.y_um - site.y_um)

@@ -1,0 +1,172 @@
+"""What is asked for, on which machine, and what checking made of it: plain values that all of a job speaks of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from edmctl.errors import UsageError
+from edmctl.jobs.surroundings import NONE, Surroundings
+from edmctl.wording import plural
+
+if TYPE_CHECKING:
+    from edmctl.procedures.journal import JobState
+    from edmctl.profile.forecast import Forecast
+    from edmctl.profile.load import LoadedProfile
+    from edmctl.profile.setup import Setup
+    from edmctl.record.journal import Journal, JournalledJob
+
+SIMULATOR = "sim:"
+
+
+@dataclass(frozen=True, slots=True)
+class Where:
+    """Which machine: the selector of its port, and how long to wait for the port."""
+
+    selector: str = SIMULATOR
+    wait_s: float = 0.0
+
+    @property
+    def in_process(self) -> bool:
+        """Whether it is a virtual bench in this process, whose truth is known."""
+        return self.selector.startswith(SIMULATOR)
+
+    @property
+    def bench_file(self) -> Path | None:
+        """Where a virtual bench is kept between commands; None for a fresh one and for every other machine."""
+        if not self.in_process or self.selector == SIMULATOR:
+            return None
+        return Path(self.selector.removeprefix(SIMULATOR)).expanduser()
+
+    @property
+    def lasting(self) -> bool:
+        """Whether the machine is still there after the command; a fresh virtual bench is not."""
+        return self.selector != SIMULATOR
+
+    def seed_of(self, seed: int) -> int | None:
+        """Return the seed that will make the machine; None for one that is there already."""
+        file = self.bench_file
+        return seed if self.in_process and (file is None or not file.exists()) else None
+
+
+FRESH = Where()
+"""A virtual machine that is gone with the command."""
+
+
+def where_is(option: str | None, setup: Setup, wait_s: float = 0.0) -> Where:
+    """Return the machine that the option (or its environment variable), else the setup, else nobody names.
+
+    Raises UsageError E2006 for a name of nothing.
+    """
+    if option is not None and not option.strip():
+        raise UsageError(
+            "--port names no machine.",
+            hint="Say sim:, sim:FILE, a serial port, socket://HOST:PORT, serial:ID or auto; or leave it out.",
+            code="E2006",
+        )
+    selector = option or setup.port or SIMULATOR
+    if selector == SIMULATOR.rstrip(":"):
+        selector = SIMULATOR
+    return Where(selector, wait_s)
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """What the command line asks for, in plain values that travel to worker processes."""
+
+    profile: str | None
+    overrides: tuple[str, ...]
+    setup: Path | None
+    port: str | None
+    calibration: Path | None = None
+    allow_model: bool = False
+    wait_s: float = 0.0
+    new_tool: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Resumption:
+    """An interrupted run, as its journal at `path` tells.
+
+    `homed` when somebody vouches for the stages' places, `restart_hole` when the hole that was left is made anew.
+    """
+
+    path: Path
+    journal: Journal
+    state: JobState
+    homed: bool
+    restart_hole: bool = False
+
+    @property
+    def job(self) -> JournalledJob:
+        """Which job it was."""
+        return self.journal.job
+
+    @property
+    def run_files(self) -> tuple[str, ...]:
+        """Names of the run files of this job so far."""
+        return tuple(f"{run_id}.h5" for run_id in self.job.family)
+
+    def order(self, port: str | None, wait_s: float) -> Order:
+        """Return the order that the job came from, on the machine that is named now."""
+        job = self.job
+        return Order(
+            profile=job.profile,
+            overrides=job.overrides,
+            setup=Path(job.setup) if job.setup else None,
+            port=port,
+            calibration=Path(job.calibration) if job.calibration else None,
+            allow_model=job.allow_model,
+            wait_s=wait_s,
+        )
+
+    def as_mapping(self) -> dict[str, object]:
+        """How far it came, for scripts; depth and wear are estimates of the hole that was left."""
+        state = self.state
+        done = [str(site["name"]) for site in state.done]
+        return {
+            "run_id": self.job.run_id,
+            "journal": str(self.path),
+            "done": done,
+            "left": [name for name, *_ in self.job.places if name not in done],
+            "site": state.site if state.begun else None,
+            "depth_um": state.depth_um if state.begun else None,
+            "wear_um": state.wear_um if state.begun else None,
+            "time_s": state.time_s,
+        }
+
+    def told(self) -> str:
+        """The same for people."""
+        state, done = self.state, {str(site["name"]) for site in self.state.done}
+        left = ", ".join(name for name, *_ in self.job.places if name not in done)
+        begun = f"; {state.site} was interrupted at about {state.depth_um:.1f} µm" if state.begun else ""
+        if state.channel:
+            return f"{self.job.run_id} machines a channel{begun}."
+        holes = plural(len(self.job.places), "hole")
+        return f"{self.job.run_id} has finished {len(done)} of {holes}{begun}. Left: {left}."
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A checked order. `simulated` is None where only the machine itself will tell, once it is connected.
+
+    `new_tool` says that the electrode was changed. Without `names_tool` the machine's tool is taken as it is.
+    """
+
+    order: Order
+    where: Where
+    simulated: bool | None
+    loaded: LoadedProfile
+    setup: Setup
+    setup_text: str
+    forecast: Forecast
+    calibration: Path | None = None
+    new_tool: bool = False
+    names_tool: bool = True
+    resumed: Resumption | None = None
+    surroundings: Surroundings = NONE
+
+    def tool_for(self) -> LoadedProfile | None:
+        """What goes onto a virtual bench; None where a bench that is kept stays as it is."""
+        return self.loaded if self.names_tool or self.where.bench_file is None else None

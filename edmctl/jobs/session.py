@@ -1,0 +1,73 @@
+"""A machine that is connected, and what a command has in hand as it goes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from edmctl.jobs.elapsed import CALENDAR, Now
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from edmctl.errors import EdmError
+    from edmctl.jobs.calibrated import Choice
+    from edmctl.machine.controller import LinkMachine
+    from edmctl.record.disk_thread import DiskThread
+    from edmctl.record.ledger_entries import Entry
+    from edmctl.record.logbook import Logbook
+    from edmctl.simulator import VirtualBench
+
+
+def _nothing() -> None:
+    """What there is to begin or to keep on a machine that no file keeps."""
+
+
+def _no_time() -> float:
+    """The time of a bench that no file keeps."""
+    return math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class Bench:
+    """A connected machine, and the virtual bench behind it where that is in this process.
+
+    `seed` made the virtual bench; None where it was there before. `begin` puts the profile's tool into a bench that
+    a file keeps, and lets the file be written from then on: a command that is refused before changes nothing. `keep`
+    writes it where the tool has worn, `keep_all` always; `kept_s` is the time of the bench in its file.
+    """
+
+    machine: LinkMachine
+    virtual: VirtualBench | None = None
+    seed: int | None = None
+    begin: Callable[[], None] = _nothing
+    keep: Callable[[], None] = _nothing
+    keep_all: Callable[[], None] = _nothing
+    kept_s: Callable[[], float] = _no_time
+
+    @property
+    def now(self) -> Now:
+        """The present, as ages are counted on this machine."""
+        return CALENDAR if self.virtual is None else Now(self.virtual.transport.now_s())
+
+
+@dataclass(slots=True)
+class Held:
+    """What a command has in hand as it goes, and in the end: `run_file` as it is called then, the expected error."""
+
+    bench: Bench
+    disk: DiskThread
+    choice: Choice | None = None
+    run_file: Path | None = None
+    error: EdmError | None = None
+
+    def write_down(self, logbook: Logbook, *entries: Entry) -> None:
+        """Add entries to the ledger; a bench in a file is written first, and is never older than they.
+
+        Raises RunFileError where one of them cannot be written.
+        """
+        self.bench.keep_all()
+        serial, bench_s = self.bench.machine.identity.serial, self.bench.kept_s()
+        self.disk.run(logbook.path, lambda: logbook.append(serial, *entries, bench_s=bench_s))

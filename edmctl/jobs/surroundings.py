@@ -1,0 +1,46 @@
+"""What a job is told of the program that runs it; it looks at no terminal, shell or signal by itself."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from edmctl.machine.stop import StopRequest
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from contextlib import AbstractContextManager
+
+
+def _unguarded(stop: StopRequest, abort: Callable[[], None]) -> AbstractContextManager[None]:
+    return nullcontext()
+
+
+def _nothing() -> None:
+    """What there is to do once a result stands."""
+
+
+def _silent_stop(say: Callable[[str], None]) -> StopRequest:
+    return StopRequest()
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """The program around a job.
+
+    `command` is kept in run files; `environ` names calibrations and secrets as environment variables do. `stop`
+    makes the request to stop of a machine, which may say a word when it is honoured; while the machine is connected
+    `guard` is entered with that request and with what ends the session at once. `settled` is called when a result
+    stands: a stop could only cut off how it is kept.
+    """
+
+    command: tuple[str, ...] = ("edmctl",)
+    environ: Mapping[str, str] = field(default_factory=dict)
+    stop: Callable[[Callable[[str], None]], StopRequest] = _silent_stop
+    guard: Callable[[StopRequest, Callable[[], None]], AbstractContextManager[None]] = _unguarded
+    settled: Callable[[], None] = _nothing
+
+
+NONE = Surroundings()
+"""A program that says nothing of itself."""
