@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+    from sys import UnraisableHookArgs
     from types import FrameType
     from typing import NoReturn
 
@@ -39,15 +40,40 @@ def signal_name(number: int) -> str:
     return signal.Signals(number).name
 
 
+_lost: list[int] = []
+"""Signals whose exception a callback of a library has swallowed: Python can only tell of it."""
+
+
 @contextmanager
 def raising_signals() -> Iterator[None]:
-    """While nothing moves: turn a signal into `SignalArrived`."""
+    """While nothing moves: turn a signal into `SignalArrived`.
+
+    One that comes while a library calls back, as LLVM does for every function it loads, is raised as soon as a
+    machine may move, or at the end.
+    """
 
     def handle(number: int, frame: FrameType | None) -> None:
         raise SignalArrived(number)
 
-    with _handling(handle):
-        yield
+    def note(unraisable: UnraisableHookArgs) -> None:
+        if isinstance(unraisable.exc_value, SignalArrived):
+            _lost.append(unraisable.exc_value.signal_number)
+        else:
+            before(unraisable)
+
+    before, sys.unraisablehook = sys.unraisablehook, note
+    _lost.clear()
+    try:
+        with _handling(handle):
+            yield
+            _raise_lost()
+    finally:
+        sys.unraisablehook = before
+
+
+def _raise_lost() -> None:
+    if _lost:
+        raise SignalArrived(_lost.pop(0))
 
 
 @contextmanager
@@ -67,6 +93,7 @@ def stopping_signals(stop: StopRequest, abort: Callable[[], None]) -> Iterator[N
         die_of(number)
 
     with _handling(handle):
+        _raise_lost()
         yield
 
 

@@ -207,6 +207,33 @@ def test_a_stopped_job_gives_the_cursor_back(tmp_path: Path, stop: signal.Signal
     assert seen.rindex("\x1b[?25h") < seen.index("error[")
 
 
+def test_a_signal_that_a_callback_swallows_is_not_lost(tmp_path: Path) -> None:
+    """LLVM calls back for every function that is loaded, and what is raised there Python can only tell of."""
+    code = (
+        "import ctypes, os, signal\n"
+        "from edmctl.cli.signals import SignalArrived, raising_signals, stopping_signals\n"
+        "from edmctl.machine.stop import StopRequest\n"
+        "@ctypes.CFUNCTYPE(None)\n"
+        "def callback():\n"
+        "    os.kill(os.getpid(), signal.SIGTERM)\n"
+        "for guarded in (True, False):\n"
+        "    try:\n"
+        "        with raising_signals():\n"
+        "            callback()\n"
+        "            print('going on')\n"
+        "            if guarded:\n"
+        "                with stopping_signals(StopRequest(), lambda: None):\n"
+        "                    print('serving')\n"
+        "    except SignalArrived as arrived:\n"
+        "        print(arrived.signal_number)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment(), capture_output=True, encoding="utf-8", check=True
+    )
+    assert done.stdout.split("\n") == ["going on", "15", "going on", "15", ""]
+    assert done.stderr == ""
+
+
 def test_a_stopped_batch_leaves_no_word_of_its_workers(tmp_path: Path) -> None:
     many = ("simulate", "--profile", CU270, "--runs", "40", *SHALLOW[2:])
     exit_code, seen = on_a_terminal(*many, cwd=tmp_path, stop_at="0 of 40", stop=signal.SIGTERM, TERM="dumb")
