@@ -113,10 +113,14 @@ def _forewarned_place(
     """Return where the tool would go, as far as ledger and bench tell. Raises what the approach would."""
     from edmctl.cli.outcome import note
     from edmctl.jobs.approach import checked_site
+    from edmctl.jobs.places_taken import refuse_pad
     from edmctl.jobs.prepared import prepared_job
     from edmctl.jobs.tool_seen import not_seen, seen_in_file
+    from edmctl.procedures.job import job_of
     from edmctl.record.logbook import Logbook
 
+    if place is not None and not contact:
+        refuse_pad(("the place", *place), job_of(plan.loaded.profile, plan.setup))
     if not plan.where.lasting:
         return place
     seen = seen_in_file(plan.where)

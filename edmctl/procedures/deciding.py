@@ -51,17 +51,20 @@ def decide(
     estimate: ErosionEstimate,
     *,
     touch_final: bool = False,
+    broken_cuts: int = 0,
 ) -> Decision:
     """Decide from what was measured after a cut; a further one would start from `start`, with that estimate.
 
-    `cut` is None where an earlier run made it. `touch_final` says that the last cut is measured however small.
+    `cut` is None where an earlier run made it. `touch_final` says that the last cut is measured however small;
+    `broken_cuts` of the hole's came to no end and do not count.
     """
     if cut is not None and cut.end is not CutEnd.REACHED:
         return unfinished(goal, cut, found.depth_um, found.feed_um)
     if goal.kind == "feed" and cut is not None:
         return Decision(None, f"Feed {found.feed_um:.2f} µm of {goal.feed_um:.0f} µm.")
     remaining_um = goal.depth_um - found.depth_um
-    if last.number >= cut_budget(profile) or is_done(remaining_um, goal.tolerance_um, found.depth_noise_um):
+    done = is_done(remaining_um, goal.tolerance_um, found.depth_noise_um)
+    if done or last.number >= cut_budget(profile) + broken_cuts:
         return _final(profile, goal, last, found)
     plan = following_plan(profile, goal, last, start, estimate, touch_final=touch_final)
     after = "measured" if plan.measured else "known well enough not to be measured"

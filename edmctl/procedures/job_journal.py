@@ -178,6 +178,7 @@ class JobJournal:
             wear_u_um=known.wear_u_um,
             feed_u_um=known.feed_u_um,
             cuts=sums.number + (self._plan is not None),
+            broken_cuts=sums.broken_cuts + (self._plan is not None),
             counts=(
                 before[0] + cut.counts[0],
                 before[1] + cut.counts[1],

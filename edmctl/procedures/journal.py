@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 PERIOD_S = 5.0
 """Between two states of a cut: 1.5 µm of feed at 0.3 µm/s, far less than the touch of the bottom looks for."""
 
-_ADDED = ("home_age_s", "face_doubt_u_um", "channel")
+_ADDED = ("home_age_s", "face_doubt_u_um", "channel", "broken_cuts")
 """Fields that earlier journals do not have."""
 
 FaceTouch = tuple[float, float, float, float]
@@ -27,12 +27,13 @@ class JobState:
     touches with `z1_sd_um`, at `z1_time_s`; `z1_u_um` is its standard uncertainty where it was not touched right
     before the hole, `z1_doubt_u_um` that of touches in doubt), whether a cut has begun, the last displacement and
     the estimates of depth and wear, with the standard uncertainties of depth, wear and feed. `counts` (open,
-    normal, arc, short), `energy_j`, `cuts` and `machining_time_s` are the hole's. `home_um` is what the sensor
-    showed of a tool at home, `home_age_s` before `time_s`, NaN where nobody knows. `time_s` counts from the start of
-    the first run, pauses left out: those were `pause_s`, NaN where nobody knows; `job_machining_time_s` is the
-    machining in it. `face` is what was touched of the untouched face: x, y, height over the pad and its standard
-    uncertainty, µm; `face_doubt_u_um` is one on top, since something contradicted it. `channel` is what a channel
-    has to know besides, empty before it is begun and for holes, None in the journal of an earlier version.
+    normal, arc, short), `energy_j`, `cuts`, of which `broken_cuts` came to no end, and `machining_time_s` are the
+    hole's. `home_um` is what the sensor showed of a tool at home, `home_age_s` before `time_s`, NaN where nobody
+    knows. `time_s` counts from the start of the first run, pauses left out: those were `pause_s`, NaN where nobody
+    knows; `job_machining_time_s` is the machining in it. `face` is what was touched of the untouched face: x, y,
+    height over the pad and its standard uncertainty, µm; `face_doubt_u_um` is one on top, since something
+    contradicted it. `channel` is what a channel has to know besides, empty before it is begun and for holes, None in
+    the journal of an earlier version.
     """
 
     phase: str
@@ -57,6 +58,7 @@ class JobState:
     wear_u_um: float = 0.0
     feed_u_um: float = 0.0
     cuts: int = 0
+    broken_cuts: int = 0
     counts: tuple[int, int, int, int] = (0, 0, 0, 0)
     energy_j: float = 0.0
     machining_time_s: float = 0.0

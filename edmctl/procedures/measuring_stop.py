@@ -69,6 +69,7 @@ def measure_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: CutResu
         start,
         known.estimate,
         touch_final=run.job.touches_final,
+        broken_cuts=hole.sums.broken_cuts,
     )
     report(run, found, gap_um, decision)
     return decision

@@ -35,7 +35,6 @@ from edmctl.procedures.stages import move_to
 from edmctl.procedures.tool_length import ToolLength
 from edmctl.procedures.touch import BEYOND_SIGMAS, NO_CONTACT, SurfaceReading, take_reading
 from edmctl.process.wear import DepthAndWear, Reading
-from edmctl.profile.stops import cut_budget
 from edmctl.record.rows import EventLevel
 from edmctl.wording import decimal, length
 
@@ -80,9 +79,7 @@ def take_up_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Deci
     found = learn(run, hole, known, z2, z3, (known.gap_um, known.gap_u_um))
     tell_taken_up(run, expected.estimate, found.depth_um, found.wear_um)
     start = next_start(run, hole, known.gap_um, known.gap_u_um)
-    # A cut that was broken off does not use up what the hole may still take.
-    number = max(1, min(hole.sums.number, cut_budget(run.profile) - 1))
-    last = CutPlan(number, 0.0, start, known.estimate, hole.goal.depth_um)
+    last = CutPlan(max(1, hole.sums.number), 0.0, start, known.estimate, hole.goal.depth_um)
     decision = decide(
         run.profile,
         hole.goal,
@@ -92,6 +89,7 @@ def take_up_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Deci
         start,
         known.estimate,
         touch_final=run.job.touches_final,
+        broken_cuts=hole.sums.broken_cuts,
     )
     report(run, found, known.gap_um, decision)
     if decision.plan is None:
@@ -279,6 +277,6 @@ def _hole(run: Run, site: Site, known: Known, state: JobState) -> Hole:
     hole = hole_at(run, site, known, z1, state.z1_u_um)
     hole.interrupted = True
     sums = hole.sums
-    sums.before_counts, sums.before_cuts = state.counts, state.cuts
+    sums.before_counts, sums.before_cuts, sums.broken_cuts = state.counts, state.cuts, state.broken_cuts
     sums.before_energy_j, sums.before_time_s = state.energy_j, state.machining_time_s
     return hole

@@ -50,6 +50,8 @@ class CutSums:
     before_energy_j: float = 0.0
     before_time_s: float = 0.0
     before_cuts: int = 0
+    broken_cuts: int = 0
+    """So many of them came to no end: they do not use up what a hole may still take."""
 
     def add_broken_off(self, cut: RunningCut) -> None:
         """Add a cut that came to no end."""
@@ -61,6 +63,7 @@ class CutSums:
         self.before_energy_j += cut.energy_j
         self.before_time_s += cut.time_s
         self.before_cuts += 1
+        self.broken_cuts += 1
 
     @property
     def number(self) -> int:

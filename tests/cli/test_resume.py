@@ -21,6 +21,7 @@ from edmctl.jobs.resume import checked, find_run, taken_up
 from edmctl.jobs.runfile import RunName
 from edmctl.jobs.wear import _aged
 from edmctl.machine.controller import LinkMachine
+from edmctl.procedures.codes import RunEvent
 from edmctl.procedures.job import TOLD_LATE_S, job_of
 from edmctl.procedures.journal import job_state
 from edmctl.profile.load import load_profile
@@ -40,6 +41,7 @@ from tests.cli.left_jobs import (
     RESUME,
     TARGET_UM,
     TOLERANCE_UM,
+    at_event,
     at_time_of_cut,
     bench_changed,
     error_of,
@@ -540,3 +542,26 @@ def test_a_run_that_is_stopped_before_it_looks_forgets_nothing(
     assert same.pad_um == pytest.approx(tool.pad_um, abs=0.5)
     assert [home.um for home in after.homes] == [home.um for home in before.homes]
     assert_on_target(here(*RESUME, *BENCH))
+
+
+@pytest.mark.parametrize(
+    ("change", "at_s"), [('wear.remeasure="never"', INTO_THE_CUT_S), ("wear.max_cuts=1", INTO_THE_CUT_S)]
+)
+def test_a_hole_of_one_cut_that_was_broken_off_is_finished(here: Here, change: str, at_s: float) -> None:
+    with at_time_of_cut(at_s, stop):
+        order = (*MACHINE, "--set", change, "--set", "target.tolerance_um=6", *BENCH)
+        assert here(*order, "--seed", "3", "--run-id", "a", "--quiet").exit_code == 130
+    said = here(*RESUME, *BENCH)
+    assert said.exit_code == 0, said.out
+    (site,) = said.document["result"]["sites"]
+    assert site["cuts"] == 2
+
+
+def test_cuts_that_came_to_their_end_count_in_every_run(here: Here) -> None:
+    few = ("wear.max_cuts=2", "wear.expected_ratio=0.7", "wear.first_fraction=0.5")
+    with at_event(RunEvent.SITE_MEASURED, stop):
+        order = (*MACHINE, *(word for text in few for word in ("--set", text)), *BENCH)
+        assert here(*order, "--seed", "3", "--run-id", "a", "--quiet").exit_code == 130
+    assert read_journal(Path("runs/a.journal")).state["cuts"] == 1
+    (site,) = here(*RESUME, *BENCH).document["result"]["sites"]
+    assert site["cuts"] == 2
