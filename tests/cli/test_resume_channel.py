@@ -6,6 +6,7 @@ import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
 from edmctl.errors import RunFileError
@@ -17,6 +18,7 @@ from edmctl.record.bookkeeping import books_of
 from edmctl.record.journal import read_journal, write_journal
 from edmctl.record.ledger_entries import SiteMachined
 from edmctl.record.logbook import Logbook
+from edmctl.record.reader import open_run
 from edmctl.simulator import kernel as k
 from edmctl.simulator.chips import Chip
 from edmctl.simulator.saving import restored_bench
@@ -123,6 +125,10 @@ def test_a_channel_is_finished_wherever_it_was_left(here: Here, seconds: float) 
     rows = [entry for entry in lines if isinstance(entry, SiteMachined) and entry.run_file == "a-r1.h5"]
     assert rows[0].wear_um == pytest.approx(channel["wear_um"], abs=1e-3)
     assert rows[0].depth_um == pytest.approx(channel["depth_um"], abs=1e-3)
+    with open_run(Path("runs/a-r1.h5")) as run:
+        worn_um, u95_um = (run.column("/entry/slow", name) for name in ("est_wear", "est_wear_u95"))
+    assert np.isfinite(worn_um).any()
+    assert (np.isfinite(u95_um) == np.isfinite(worn_um)).all()
 
 
 def test_a_channel_that_was_left_before_its_first_pass_is_made_from_its_face(here: Here) -> None:
