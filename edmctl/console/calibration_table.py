@@ -7,13 +7,11 @@ from typing import TYPE_CHECKING, Protocol
 from edmctl.console.model_errors import MODEL_NAMES, ErrorsView
 from edmctl.console.style import PLAIN, Style
 from edmctl.console.tables import render_columns
-from edmctl.wording import count, decimal, duration, with_u95
+from edmctl.wording import U95, count, decimal, duration, with_u95
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-U95 = 1.96
-"""Half-width of a 95 % interval, in standard uncertainties."""
 SMALL_RANGE_UM = 100.0
 """Errors on a smaller range are told to the nanometre."""
 _NAME_WIDTH = 15

@@ -11,6 +11,7 @@ from edmctl.errors import Diagnostic, RecordError, RunFileError, UsageError
 from edmctl.jobs import new_files
 from edmctl.jobs.plan import Where, where_is
 from edmctl.jobs.surroundings import NONE, Surroundings
+from edmctl.wording import U95
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,8 +30,6 @@ LONGEST_NAME = 200
 LARGEST = 1e30
 """Instruments write 9.9e37 where they read nothing, and squares of 1e155 are beyond all numbers."""
 REFITS = ("zero", "gain")
-U95 = 1.96
-"""Half a 95 % interval of many samples, in standard deviations."""
 
 
 @dataclass(frozen=True, slots=True)

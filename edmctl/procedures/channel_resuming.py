@@ -30,11 +30,10 @@ from edmctl.procedures.expecting import (
 from edmctl.procedures.face import unknown_face
 from edmctl.procedures.job import Site
 from edmctl.procedures.journal import PERIOD_S
-from edmctl.procedures.not_left import other_tool, other_work
 from edmctl.procedures.pausing import drift_u_um
 from edmctl.procedures.resuming import (
     BEYOND_UM,
-    refused,
+    refuse_other,
     surface_left,
     tell_taken_up,
     tell_unknown_pause,
@@ -196,16 +195,10 @@ def refuse_other_channel(
     untouched = (
         is_untouched(replace(found, depth_u95_um=result.depth_u95_um)) and result.floor_sd_um < FACE_SD_UM
     )
-    tool_fits, error = expected.tool_fits(found), None
-    if not expected.depth_fits(found) or (untouched and not tool_fits):
-        path = run.profile.path
-        assert path is not None
-        site = Site(result.name, path.x_um, path.y_um)
-        error = other_work(site, found, expected.estimate, begun=False)
-    elif not tool_fits:
-        error = other_tool(found, expected.estimate)
-    if error is not None:
-        raise refused(run, error)
+    path = run.profile.path
+    assert path is not None
+    site = Site(result.name, path.x_um, path.y_um)
+    refuse_other(run, site, expected, found, untouched=untouched, begun=False)
     if untouched:
         # Hardly begun, or on other work, whose face is not the one that was touched but for what the floor shows.
         doubt_u_um = math.hypot(share_u(found.depth_um), found.depth_noise_um)

@@ -69,12 +69,7 @@ def take_up_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Deci
     if run.job.restart_hole:
         _start_again(run, site, known, z3, found)
         return None
-    tool_fits = expected.tool_fits(found)
-    # An untouched face under a tool that does not fit either is other work: there the hole can be made anew.
-    if not expected.depth_fits(found) or (is_untouched(found) and not tool_fits):
-        raise refused(run, other_work(site, found, expected.estimate, begun=True))
-    if not tool_fits:
-        raise refused(run, other_tool(found, expected.estimate))
+    refuse_other(run, site, expected, found, untouched=is_untouched(found))
     # No cut of this run has shown the working gap yet: it stays as it was believed.
     found = learn(run, hole, known, z2, z3, (known.gap_um, known.gap_u_um))
     tell_taken_up(run, expected.estimate, found.depth_um, found.wear_um)
@@ -138,6 +133,26 @@ def tell_taken_up(run: Run, expected: Estimate, depth_um: float, wear_um: float)
         f"{decimal(expected.depth_um, 1)} and {decimal(expected.wear_um, 1)} µm.",
         {"depth_um": depth_um, "wear_um": wear_um, "expected_um": expected.depth_um},
     )
+
+
+def refuse_other(
+    run: Run,
+    site: Site,
+    expected: Expected,
+    found: DepthAndWear,
+    *,
+    untouched: bool = False,
+    begun: bool = True,
+) -> None:
+    """Raise PreconditionError E8060, E8061 where the touches found other work than was left, or another tool.
+
+    An untouched face under a tool that does not fit either is other work: there a hole can be made anew.
+    """
+    tool_fits = expected.tool_fits(found)
+    if not expected.depth_fits(found) or (untouched and not tool_fits):
+        raise refused(run, other_work(site, found, expected.estimate, begun=begun))
+    if not tool_fits:
+        raise refused(run, other_tool(found, expected.estimate))
 
 
 def refused(run: Run, error: PreconditionError) -> PreconditionError:

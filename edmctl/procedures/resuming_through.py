@@ -17,7 +17,7 @@ from edmctl.procedures.hole import close_site
 from edmctl.procedures.measuring_stop import learn, measured, next_start
 from edmctl.procedures.not_left import other_tool, other_work
 from edmctl.procedures.planning import through_plan
-from edmctl.procedures.resuming import BEYOND_UM, refused, tell_taken_up, touch_pad_left
+from edmctl.procedures.resuming import BEYOND_UM, refuse_other, refused, tell_taken_up, touch_pad_left
 from edmctl.procedures.site import cut_to_the_end
 from edmctl.procedures.through_hole import told_through, touch_bottom_or_none
 from edmctl.procedures.tool_length import ToolLength
@@ -49,10 +49,7 @@ def take_up_through_hole(run: Run, site: Site, known: Known, limits: TimeLimits)
     if bottom is None:
         return _open(run, hole, known, pad, opened)
     found = measured(run, hole, bottom, pad)
-    if not expected.depth_fits(found):
-        raise refused(run, other_work(site, found, expected.estimate, begun=True))
-    if not expected.tool_fits(found):
-        raise refused(run, other_tool(found, expected.estimate))
+    refuse_other(run, site, expected, found)
     found = learn(run, hole, known, bottom, pad, (known.gap_um, known.gap_u_um))
     tell_taken_up(run, expected.estimate, found.depth_um, found.wear_um)
     start = next_start(run, hole, known.gap_um, known.gap_u_um)

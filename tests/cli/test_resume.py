@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
+import os
 import shutil
 import time
 from dataclasses import dataclass, replace
@@ -565,3 +567,24 @@ def test_cuts_that_came_to_their_end_count_in_every_run(here: Here) -> None:
     assert read_journal(Path("runs/a.journal")).state["cuts"] == 1
     (site,) = here(*RESUME, *BENCH).document["result"]["sites"]
     assert site["cuts"] == 2
+
+
+@pytest.mark.parametrize("jump_s", [7200.0, -7200.0, -3.8e8])
+def test_a_clock_that_jumps_in_mid_run_changes_nothing(
+    here: Here, monkeypatch: pytest.MonkeyPatch, jump_s: float
+) -> None:
+    now_s = time.time
+    with at_time_of_cut(INTO_THE_CUT_S, lambda: monkeypatch.setattr(time, "time", lambda: now_s() + jump_s)):
+        assert_on_target(here(*MACHINE, *BENCH, "--seed", "3", "--json", "--quiet"))
+
+
+def test_a_disk_that_turns_read_only_in_mid_run_ends_the_job_safely(
+    here: Here, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def read_only(_: int) -> None:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    with at_time_of_cut(INTO_THE_CUT_S, lambda: monkeypatch.setattr(os, "fsync", read_only)):
+        said = here(*MACHINE, *BENCH, "--seed", "3", "--run-id", "a", "--json", "--quiet")
+    assert said.exit_code == 9, said.out
+    assert "Read-only file system" in str(error_of(said)["message"])
