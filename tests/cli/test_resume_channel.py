@@ -269,6 +269,21 @@ def test_no_channel_is_restarted(here: Here) -> None:
     assert "makes holes anew" in str(error["message"])
 
 
+def test_a_sheet_that_is_thicker_than_believed_is_no_other_tool(here: Here) -> None:
+    """Its bottom lies deeper than the believed back, and the tool is worn by all that was cut."""
+    thick = ("approach", *FOIL[1:], "--set", "work.thickness_um=70", "--contact", "--seed", "4")
+    assert here(*thick, *BENCH, "--quiet").exit_code == 0
+    state = left_at(here, FOIL, 104.0).state
+    assert float(state["depth_um"]) > 53.0  # type: ignore[arg-type]
+    said = here(*RESUME, *BENCH)
+    # Cut through at 70 µm: the sparks end where the recipe knows of no back. Then it is found open.
+    assert said.exit_code == 6, said.out
+    assert error_of(said)["code"] == "E63005"
+    said = here(*RESUME, *BENCH)
+    assert said.exit_code == 0, said.out
+    assert said.document["result"]["sites"][0]["through"]
+
+
 @pytest.mark.parametrize("seconds", [5.0, 40.0, 66.0, 75.0, 95.0])
 def test_a_hole_through_a_sheet_is_finished_wherever_it_was_left(here: Here, seconds: float) -> None:
     """In the sheet, as it opens, and behind it."""
