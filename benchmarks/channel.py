@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.jobs.bench import connected
-from edmctl.procedures.channel_way import way_of_path
+from edmctl.jobs.connect import connected
+from edmctl.procedures.channel.way import way_of_path
 from edmctl.procedures.job import job_of
 from edmctl.procedures.machining import run_job
 from edmctl.profile.forecast import Forecast, forecast
@@ -33,7 +33,7 @@ from edmctl.report.style import house_style, rendered
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from edmctl.procedures.channel_result import ChannelResult
+    from edmctl.procedures.channel.result import ChannelResult
     from edmctl.procedures.results import JobResult, Progress
     from edmctl.process.path import Way
     from edmctl.profile.load import LoadedProfile

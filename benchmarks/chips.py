@@ -25,13 +25,13 @@ from random import Random
 from typing import TYPE_CHECKING
 
 from edmctl.errors import EdmError
-from edmctl.jobs.true_wear import TrueWear
+from edmctl.jobs.truth.wear import TrueWear
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest
-from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job import job_of
-from edmctl.procedures.journal import NoJournal
+from edmctl.procedures.job_state import NoJournal
 from edmctl.procedures.machining import run_job
 from edmctl.procedures.results import JobResult, Ledger
 from edmctl.profile.load import load_profile

@@ -31,22 +31,22 @@ from edmctl.actuator.identification import identify
 from edmctl.actuator.record import Record
 from edmctl.actuator.waveforms import calibration_legs, sampled
 from edmctl.errors import EdmError
-from edmctl.jobs.bench import bench_config
-from edmctl.jobs.channel_truth import channel_truth
-from edmctl.jobs.elapsed import Now
-from edmctl.jobs.home_known import with_home, with_home_left
-from edmctl.jobs.true_wear import TrueWear
+from edmctl.jobs.connect import bench_config
+from edmctl.jobs.ledger.elapsed import Now
+from edmctl.jobs.ledger.last_home import with_home, with_home_left
+from edmctl.jobs.truth.channel import channel_truth
+from edmctl.jobs.truth.wear import TrueWear
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest
 from edmctl.procedures.job import CalibratedActuator, Site, job_of
-from edmctl.procedures.journal import job_state
+from edmctl.procedures.job_state import job_state
 from edmctl.procedures.machining import run_job
 from edmctl.procedures.results import Ledger
 from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Sensor, Setup
-from edmctl.record.bookkeeping import Books, HomeSeen
 from edmctl.record.recorder import NullRecorder
+from edmctl.record.tool_account import Books, HomeSeen
 from edmctl.simulator import kernel as k
 from edmctl.simulator import open_bench
 from edmctl.simulator.actuator import VirtualActuator
@@ -55,9 +55,9 @@ from edmctl.simulator.injection import parse_injection
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
-    from edmctl.procedures.channel_result import ChannelResult
+    from edmctl.procedures.channel.result import ChannelResult
     from edmctl.procedures.job import Job
-    from edmctl.procedures.journal import JobState
+    from edmctl.procedures.job_state import JobState
     from edmctl.procedures.results import Progress, SiteResult
     from edmctl.profile.load import LoadedProfile
     from edmctl.profile.model import Profile

@@ -53,7 +53,7 @@ def states_of_a_run(folder: Path) -> list[Progress]:
     from edmctl.jobs.checking import check
     from edmctl.jobs.job import carry_out
     from edmctl.jobs.plan import Order
-    from edmctl.jobs.runfile import RunName
+    from edmctl.jobs.run_header import RunName
 
     kept = Kept()
     plan = check(Order(profile="cu270", overrides=("target.depth_um=20",), setup=None, port=None))

@@ -81,7 +81,7 @@ class Recorded:
 
 def main() -> None:
     """Serve until killed."""
-    from edmctl.jobs.bench import bench_config
+    from edmctl.jobs.connect import bench_config
     from edmctl.profile.load import load_profile
     from edmctl.profile.setup import Setup
     from edmctl.simulator import kernel as k

@@ -28,7 +28,7 @@ from threading import Timer
 from typing import TYPE_CHECKING
 
 from benchmarks.serving import environment, result, served, start
-from edmctl.jobs.channel_truth import channel_truth
+from edmctl.jobs.truth.channel import channel_truth
 from edmctl.record.bench_file import read_bench
 from edmctl.simulator.saving import restored_bench
 
@@ -99,7 +99,7 @@ class Finished:
 def die_at(time_s: float, arguments: list[str]) -> NoReturn:
     """Be `edmctl` with these arguments, and die by SIGKILL when the time of the run has come to `time_s`."""
     from edmctl.cli.app import run
-    from edmctl.procedures.job_journal import JobJournal
+    from edmctl.procedures.state_keeper import JobJournal
 
     take = JobJournal.take
 

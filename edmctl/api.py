@@ -21,9 +21,9 @@ from typing import TYPE_CHECKING, Self
 from edmctl.jobs.checking import check
 from edmctl.jobs.job import carry_out
 from edmctl.jobs.plan import SIMULATOR, Order, where_is
-from edmctl.jobs.resume import name_of_resumed
-from edmctl.jobs.runfile import name_run
-from edmctl.jobs.seeds import seed_to_use
+from edmctl.jobs.resume.selection import name_of_resumed
+from edmctl.jobs.run_header import name_run
+from edmctl.jobs.simulate.seeds import seed_to_use
 from edmctl.jobs.surroundings import Surroundings
 from edmctl.toml_text import toml_value
 
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from edmctl.jobs.job import Report
     from edmctl.jobs.plan import Plan
     from edmctl.jobs.procedure_command import Performed, Procedure
-    from edmctl.jobs.runfile import RunName
+    from edmctl.jobs.run_header import RunName
     from edmctl.machine.stop import StopRequest
     from edmctl.procedures.results import Observer, Progress
     from edmctl.profile.forecast import Forecast
@@ -128,7 +128,7 @@ class Machine:
 
         Raises PreconditionError E8050 to E8062 where nobody knows how far it came, and what `machine` raises.
         """
-        from edmctl.jobs.resume import checked, find_run
+        from edmctl.jobs.resume.selection import checked, find_run
 
         resumption = find_run(run, Path(out), homed=homed, restart_hole=restart_hole)
         plan = checked(resumption, self.port, self._wait_s, _surroundings(stop))
@@ -168,7 +168,7 @@ class Machine:
         stop: StopRequest | None = None,
     ) -> Performed:
         """Make electrode jumps beside the work, without sparks, and measure them. Raises as `machine`."""
-        from edmctl.jobs.jumps import JUMPS_ALONE, Jumps, refuse_hurry
+        from edmctl.jobs.jump_flush import JUMPS_ALONE, Jumps, refuse_hurry
 
         order = self._order(profile, (*_texts(overrides), *JUMPS_ALONE))
         plan = check(order, _surroundings(stop))
@@ -193,7 +193,7 @@ class Machine:
         `site` names another hole of the ledger in `out`. Raises as `machine`; E8041 there is no reference, E8045 no
         such hole.
         """
-        from edmctl.jobs.wear import WearRun
+        from edmctl.jobs.wear.measure import WearRun
 
         plan = check(self._order(profile, overrides, new_tool=new_tool), _surroundings(stop))
         return self._perform(plan, WearRun(plan, site, is_reference=reference), out, run_id, observer)

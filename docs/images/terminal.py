@@ -11,13 +11,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edmctl.cli.machine import closing_text
+from edmctl.cli.commands.machine import closing_text
 from edmctl.console.live_view import Histories, draw_view
 from edmctl.console.style import PLAIN, Style
 from edmctl.jobs.checking import check
 from edmctl.jobs.job import carry_out
 from edmctl.jobs.plan import Order
-from edmctl.jobs.runfile import RunName
+from edmctl.jobs.run_header import RunName
 
 if TYPE_CHECKING:
     from edmctl.procedures.results import Progress

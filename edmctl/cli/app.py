@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
-from edmctl.cli import (
+from edmctl.cli.commands import (
     approach,
     calibrate,
     doctor,
@@ -20,11 +20,11 @@ from edmctl.cli import (
     ports,
     profile,
     reset,
-    simulate,
 )
 from edmctl.cli.outcome import Outcome, Output, finish, interrupted, mutter, unwritable
-from edmctl.cli.run import app as run_files
+from edmctl.cli.run.app import app as run_files
 from edmctl.cli.signals import SignalArrived, leave, raising_signals
+from edmctl.cli.simulate import seeds as simulate
 from edmctl.errors import UsageError
 from edmctl.exitcodes import ExitCode, exit_code_table
 

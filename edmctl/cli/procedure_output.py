@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 from edmctl.cli.outcome import stream_style, watching
 from edmctl.cli.signals import ignore_signals
-from edmctl.jobs.bench import seed_warning
+from edmctl.jobs.connect import seed_warning
 from edmctl.jobs.procedure_command import name_of, perform
-from edmctl.jobs.seeds import seed_to_use, simulated_by
+from edmctl.jobs.simulate.seeds import seed_to_use, simulated_by
 
 if TYPE_CHECKING:
     from collections.abc import Callable

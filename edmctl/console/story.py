@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
-from edmctl.console.jump_stretches import Jump, stretches
+from edmctl.console.jump_intervals import Jump, stretches
 from edmctl.console.style import PLAIN, Ink, Style
 from edmctl.wording import duration
 

@@ -6,26 +6,26 @@ import math
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
-from edmctl.jobs.places_taken import refuse_pad, refuse_taken
-from edmctl.jobs.prepared import hole_radius_um, logbook_of, prepared_job
-from edmctl.jobs.tool_left import refuse_too_short
-from edmctl.jobs.tool_seen import seen_on
-from edmctl.procedures.approach import find_contact, find_gap
+from edmctl.jobs.job_preparation import hole_radius_um, logbook_of, prepared_job
+from edmctl.jobs.ledger.places_taken import refuse_pad, refuse_taken
+from edmctl.jobs.ledger.tool_identity import seen_on
+from edmctl.jobs.ledger.tool_life import refuse_too_short
 from edmctl.procedures.job import Site
+from edmctl.procedures.touch.approach import find_contact, find_gap
 from edmctl.profile.forecast import STROKE_RESERVE_UM
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
+    from edmctl.jobs.job_preparation import Prepared
     from edmctl.jobs.plan import Plan
-    from edmctl.jobs.prepared import Prepared
     from edmctl.jobs.procedure_command import Warn
-    from edmctl.jobs.runfile import RunName
+    from edmctl.jobs.run_header import RunName
     from edmctl.jobs.session import Held
-    from edmctl.procedures.approach import SurfaceFound
     from edmctl.procedures.job import Job
     from edmctl.procedures.run import Run
+    from edmctl.procedures.touch.approach import SurfaceFound
 
 
 def checked_site(

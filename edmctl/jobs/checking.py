@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from edmctl.errors import UsageError
-from edmctl.jobs.calibrated import look_at_named, refuse_unasked
+from edmctl.jobs.calibration.selection import look_at_named, refuse_unasked
 from edmctl.jobs.plan import Plan, where_is
 from edmctl.jobs.surroundings import NONE, Surroundings
 

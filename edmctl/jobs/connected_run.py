@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic, EdmError, RunFileError
-from edmctl.jobs.bench import connected, introduction
-from edmctl.jobs.calibrated import choose
-from edmctl.jobs.prepared import logbook_of
+from edmctl.jobs.calibration.selection import choose
+from edmctl.jobs.connect import connected, introduction
+from edmctl.jobs.job_preparation import logbook_of
+from edmctl.jobs.ledger.tool_identity import as_found, name_tool
 from edmctl.jobs.recording import recorded
-from edmctl.jobs.runfile import run_meta
+from edmctl.jobs.resume.way_on import on_machine
+from edmctl.jobs.run_header import run_meta
 from edmctl.jobs.session import Held
-from edmctl.jobs.tool_seen import as_found, name_tool
-from edmctl.jobs.way_on import on_machine
 from edmctl.record.disk_thread import DiskThread
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from edmctl.jobs.plan import Plan
-    from edmctl.jobs.runfile import RunName
+    from edmctl.jobs.run_header import RunName
     from edmctl.procedures.results import Observer
     from edmctl.record.recorder import Recorder
 

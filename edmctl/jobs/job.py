@@ -23,18 +23,18 @@ if TYPE_CHECKING:
     import pandas
 
     from edmctl.errors import Diagnostic, EdmError
-    from edmctl.jobs.calibrated import ModelUsed
-    from edmctl.jobs.channel_truth import ChannelTruth
-    from edmctl.jobs.job_ledger import JobLedger
-    from edmctl.jobs.journaling import Journaling
+    from edmctl.jobs.calibration.selection import ModelUsed
+    from edmctl.jobs.ledger.job_ledger import JobLedger
     from edmctl.jobs.plan import Plan
-    from edmctl.jobs.runfile import RunName
+    from edmctl.jobs.resume.checkpoint import Journaling
+    from edmctl.jobs.run_header import RunName
     from edmctl.jobs.session import Held
-    from edmctl.jobs.true_wear import TrueWear
+    from edmctl.jobs.truth.channel import ChannelTruth
+    from edmctl.jobs.truth.wear import TrueWear
     from edmctl.jsonout import JsonValue
-    from edmctl.procedures.channel_result import ChannelResult
+    from edmctl.procedures.channel.result import ChannelResult
     from edmctl.procedures.job import Job
-    from edmctl.procedures.journal import Journal
+    from edmctl.procedures.job_state import Journal
     from edmctl.procedures.results import JobResult, Ledger, Observer, SiteResult
     from edmctl.record.recorder import Recorder
     from edmctl.simulator.bench import HoleTruth
@@ -143,9 +143,9 @@ def carry_out(
     `warn` is told what is doubtful about calibration and tool before anything moves. Expected errors come back in
     the report, with what was reached until then.
     """
-    from edmctl.jobs.job_ledger import JobLedger
-    from edmctl.jobs.journaling import Journaling, tell_way_on
-    from edmctl.jobs.true_wear import TrueWear
+    from edmctl.jobs.ledger.job_ledger import JobLedger
+    from edmctl.jobs.resume.checkpoint import Journaling, tell_way_on
+    from edmctl.jobs.truth.wear import TrueWear
     from edmctl.procedures.results import Ledger
 
     ledger = Ledger()
@@ -173,7 +173,7 @@ def carry_out(
             _run(held, entries, kept, job, recorder, observer, ledger, journal)
         finally:
             if held.bench.virtual and plan.loaded.profile.path is not None:
-                from edmctl.jobs.channel_truth import keep_truth_map
+                from edmctl.jobs.truth.channel import keep_truth_map
 
                 keep_truth_map(recorder, held.bench.virtual)
 
@@ -200,7 +200,7 @@ def _run(
 
     Its journal comes first: whoever finds a job in the ledger can go on with it.
     """
-    from edmctl.jobs.job_ledger import DONE
+    from edmctl.jobs.ledger.job_ledger import DONE
     from edmctl.procedures.machining import run_job
 
     job = kept.begin(job)
@@ -222,7 +222,7 @@ def _report(plan: Plan, held: Held, ledger: Ledger, true_wear: TrueWear | None) 
     used = held.choice.used if held.choice else None
     channel = None
     if virtual and true_wear and job.channel is not None:
-        from edmctl.jobs.channel_truth import channel_truth
+        from edmctl.jobs.truth.channel import channel_truth
 
         channel = channel_truth(plan.loaded.profile, virtual, virtual.tool_wear_um - true_wear.before_um)
     return Report(simulated, job, truths, held.error, held.run_file, used, channel)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from edmctl.jobs.bench import connected
+from edmctl.jobs.connect import connected
 from edmctl.jobs.plan import where_is
-from edmctl.jobs.seeds import seed_to_use
+from edmctl.jobs.simulate.seeds import seed_to_use
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -11,7 +11,7 @@ from edmctl.jobs.surroundings import NONE, Surroundings
 from edmctl.wording import plural
 
 if TYPE_CHECKING:
-    from edmctl.procedures.journal import JobState
+    from edmctl.procedures.job_state import JobState
     from edmctl.profile.forecast import Forecast
     from edmctl.profile.load import LoadedProfile
     from edmctl.profile.setup import Setup

@@ -7,16 +7,16 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Protocol
 
 from edmctl.jobs.connected_run import connected_run
-from edmctl.jobs.runfile import name_run
+from edmctl.jobs.run_header import name_run
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from edmctl.errors import Diagnostic, EdmError
-    from edmctl.jobs.calibrated import ModelUsed
+    from edmctl.jobs.calibration.selection import ModelUsed
     from edmctl.jobs.plan import Plan
-    from edmctl.jobs.runfile import RunName
+    from edmctl.jobs.run_header import RunName
     from edmctl.jobs.session import Held
     from edmctl.machine.controller import LinkMachine
     from edmctl.procedures.job import Job
@@ -87,8 +87,8 @@ def perform(
     Expected errors come back with what was reached. Raises LinkLost, ProtocolMismatch and RunFileError where there
     was no machine to act on.
     """
-    from edmctl.procedures.harness import running
     from edmctl.procedures.results import Ledger
+    from edmctl.procedures.single_procedure import running
 
     ledger = Ledger()
 

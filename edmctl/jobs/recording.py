@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
     from pathlib import Path
 
-    from edmctl.jobs.runfile import RunName
+    from edmctl.jobs.run_header import RunName
     from edmctl.record.recorder import Recorder
     from edmctl.record.rows import RunMeta
 

@@ -40,7 +40,7 @@ def reading_unless_killed(path: Path) -> Iterator[RunFile]:
 
     Raises RunFileError: E9005–E9007 it cannot be read, E9008 its writer was killed.
     """
-    from edmctl.record.doubt import reading
+    from edmctl.record.safe_reading import reading
 
     with reading(path) as opened:
         unless_killed(opened)

@@ -6,18 +6,18 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from edmctl.jobs.elapsed import CALENDAR, Now
+from edmctl.jobs.ledger.elapsed import CALENDAR, Now
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
     from edmctl.errors import EdmError
-    from edmctl.jobs.calibrated import Choice
+    from edmctl.jobs.calibration.selection import Choice
     from edmctl.machine.controller import LinkMachine
     from edmctl.record.disk_thread import DiskThread
+    from edmctl.record.ledger import Logbook
     from edmctl.record.ledger_entries import Entry
-    from edmctl.record.logbook import Logbook
     from edmctl.simulator import VirtualBench
 
 

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from edmctl.actuator.model import ActuatorModel
-    from edmctl.procedures.journal import JobState
+    from edmctl.procedures.job_state import JobState
     from edmctl.profile.model import Profile
     from edmctl.profile.places import Place
     from edmctl.profile.setup import Setup

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from edmctl.actuator.moves import jump_volts
 from edmctl.errors import LinkLost, PreconditionError
 from edmctl.machine.port import JumpRequest, MachineState, joined
-from edmctl.procedures.approach import lower_to
-from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.results import Phase
+from edmctl.procedures.touch.approach import lower_to
 from edmctl.process.jump import duration_s
 from edmctl.wording import signed
 

@@ -7,16 +7,20 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from edmctl.errors import EdmError, LinkLost, MachineFault, PreconditionError, RunFileError
-from edmctl.procedures.black_box import record_black_box
-from edmctl.procedures.channel_job import machine_path, record_left_channel
-from edmctl.procedures.codes import RunEvent
-from edmctl.procedures.conditioning import condition
-from edmctl.procedures.hole import record_left, record_results
-from edmctl.procedures.job_journal import JobJournal
-from edmctl.procedures.journal import Journal, NoJournal
-from edmctl.procedures.link_watch import LinkWatch, record_link
-from edmctl.procedures.mismatch import MismatchWatch
-from edmctl.procedures.pausing import told_pause_s
+from edmctl.procedures.actuator.conditioning import condition
+from edmctl.procedures.actuator.sensorless import SensorlessMachine
+from edmctl.procedures.channel.job import machine_path, record_left_channel
+from edmctl.procedures.event_codes import RunEvent
+from edmctl.procedures.hole.hole import record_left, record_results
+from edmctl.procedures.hole.interruption import told_pause_s
+from edmctl.procedures.hole.sites import machine_sites
+from edmctl.procedures.hole.verdict import judge_holes
+from edmctl.procedures.job_state import Journal, NoJournal
+from edmctl.procedures.monitoring.black_box import record_black_box
+from edmctl.procedures.monitoring.idle_monitor import Standing
+from edmctl.procedures.monitoring.link_quality import LinkWatch, record_link
+from edmctl.procedures.monitoring.sensor_mismatch import MismatchWatch
+from edmctl.procedures.monitoring.watch import Watch
 from edmctl.procedures.results import (
     JobResult,
     Ledger,
@@ -26,18 +30,14 @@ from edmctl.procedures.results import (
     site_result_of,
 )
 from edmctl.procedures.run import Args, Run
-from edmctl.procedures.sensorless import SensorlessMachine
 from edmctl.procedures.settings import (
     controller_settings,
     pulse_settings,
     recorded_every,
     telemetry_settings,
 )
-from edmctl.procedures.sites import machine_sites
-from edmctl.procedures.standing import Standing
+from edmctl.procedures.state_keeper import JobJournal
 from edmctl.procedures.stop import safe_state_on_error
-from edmctl.procedures.verdict import judge_holes
-from edmctl.procedures.watch import Watch
 from edmctl.record.rows import EventLevel
 
 if TYPE_CHECKING:

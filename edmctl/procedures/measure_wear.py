@@ -12,16 +12,16 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.errors import ObjectiveNotReached
-from edmctl.procedures.bottom import Expected, read_expected
-from edmctl.procedures.codes import RunEvent
-from edmctl.procedures.drift import uncertainty_now
-from edmctl.procedures.face import take_pad, unknown_face
-from edmctl.procedures.grown_tool import refuse_grown_tool
+from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job import Site
-from edmctl.procedures.measuring import displacement_uncertainty, pad_u_um
-from edmctl.procedures.pad import read_pad
+from edmctl.procedures.monitoring.drift import uncertainty_now
 from edmctl.procedures.stages import move_to
-from edmctl.procedures.tool_length import TOUCH_U_UM
+from edmctl.procedures.touch.bottom import Expected, read_expected
+from edmctl.procedures.touch.grown_tool import refuse_grown_tool
+from edmctl.procedures.touch.reference_pad import read_pad
+from edmctl.procedures.touch.site_readings import displacement_uncertainty, pad_u_um
+from edmctl.procedures.touch.surface_plane import take_pad, unknown_face
+from edmctl.procedures.touch.tool_length import TOUCH_U_UM
 from edmctl.process.wear import Reading, measure, share_u
 from edmctl.record.rows import EventLevel
 from edmctl.wording import signed
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 
     from edmctl.labels import Basis
     from edmctl.procedures.run import Run
-    from edmctl.procedures.touch import SurfaceReading
-    from edmctl.profile.stops import Displacement
+    from edmctl.procedures.touch.reading import SurfaceReading
+    from edmctl.profile.measuring_stops import Displacement
 
 LEAST_TOUCHES = 3
 """Of every Z: the scatter of two says next to nothing."""

@@ -14,7 +14,7 @@ from edmctl.process.pulses import PulseShares
 
 if TYPE_CHECKING:
     from edmctl.machine.port import LinkReport
-    from edmctl.procedures.channel_result import ChannelResult
+    from edmctl.procedures.channel.result import ChannelResult
 
 PulseRatios = PulseShares
 """Share of the pulses in each class: open, normal, arc, short."""

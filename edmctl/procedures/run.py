@@ -13,10 +13,10 @@ from edmctl.record.rows import EventLevel
 
 if TYPE_CHECKING:
     from edmctl.machine.port import Machine
-    from edmctl.procedures.codes import RunEvent
+    from edmctl.procedures.event_codes import RunEvent
     from edmctl.procedures.job import Job
-    from edmctl.procedures.job_journal import JobJournal
-    from edmctl.procedures.watch import Watch
+    from edmctl.procedures.monitoring.watch import Watch
+    from edmctl.procedures.state_keeper import JobJournal
     from edmctl.profile.model import Profile
     from edmctl.profile.setup import Setup
     from edmctl.record.recorder import Recorder

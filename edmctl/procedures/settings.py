@@ -13,7 +13,7 @@ from edmctl.machine.port import (
     ServoLaw,
     TelemetrySettings,
 )
-from edmctl.procedures.goal import goal_of
+from edmctl.procedures.hole.target import goal_of
 from edmctl.procedures.job import Site
 
 if TYPE_CHECKING:

@@ -7,8 +7,12 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError
 from edmctl.machine.port import Axis
-from edmctl.procedures.codes import RunEvent
-from edmctl.procedures.home import (
+from edmctl.procedures.event_codes import RunEvent
+from edmctl.procedures.job import TOLD_LATE_S
+from edmctl.procedures.resting import rest_and_look
+from edmctl.procedures.results import Phase
+from edmctl.procedures.settings import controller_settings
+from edmctl.procedures.touch.home import (
     CLEAR_UM,
     CREEP_LOOK_S,
     CREEP_WAIT_S,
@@ -17,10 +21,6 @@ from edmctl.procedures.home import (
     home_now,
     most_over_um,
 )
-from edmctl.procedures.job import TOLD_LATE_S
-from edmctl.procedures.resting import rest_and_look
-from edmctl.procedures.results import Phase
-from edmctl.procedures.settings import controller_settings
 from edmctl.wording import coordinates, duration
 
 if TYPE_CHECKING:

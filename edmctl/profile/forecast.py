@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.process.erosion import mrr_mm3_min, pulse_energy_uj
 from edmctl.profile.amounts import channel, hole
-from edmctl.profile.course import course_of
+from edmctl.profile.job_sequence import course_of
 from edmctl.profile.rates import feed_rate_um_s, removal_um3_s, servo_loop, time_share_of_jumps
 
 if TYPE_CHECKING:

@@ -13,10 +13,10 @@ from pydantic import BaseModel, ValidationError
 from edmctl.errors import Diagnostic, ProfileError
 from edmctl.profile.codes import Code
 from edmctl.profile.diagnose import rule_diagnostics, schema_diagnostics, schema_problems
-from edmctl.profile.draft import draft
 from edmctl.profile.findings import Job
 from edmctl.profile.model import Profile
 from edmctl.profile.overrides import apply_overrides
+from edmctl.profile.partial_profile import draft
 from edmctl.profile.places import places
 from edmctl.profile.read import parse, read_chain, read_source
 from edmctl.profile.rules import in_share_only, violations, with_expected_gap, with_time_limit

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 from edmctl.profile.amounts import hole
 from edmctl.profile.codes import Code
-from edmctl.profile.course import working_order
 from edmctl.profile.findings import PAD_MARGIN_UM, WALL_UM, Finding, Job, rounded_up
 from edmctl.profile.forecast import STROKE_RESERVE_UM, stroke_available_um
+from edmctl.profile.job_sequence import working_order
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -8,7 +8,6 @@ from edmctl.process.working_gap import usual_gap_um
 from edmctl.profile.adaptive_rules import adaptive_period, adaptive_thresholds
 from edmctl.profile.channel_rules import channel_depth, layer, path_keys, walls
 from edmctl.profile.codes import Code
-from edmctl.profile.draft import lacks_value, without
 from edmctl.profile.findings import Finding, Job
 from edmctl.profile.forecast import forecast
 from edmctl.profile.motion_rules import (
@@ -23,6 +22,7 @@ from edmctl.profile.motion_rules import (
     stroke,
     through_stroke,
 )
+from edmctl.profile.partial_profile import lacks_value, without
 from edmctl.profile.place_rules import (
     array_stroke,
     array_wear,
@@ -124,7 +124,7 @@ def in_share_only(profile: Profile) -> Profile:
 def violations(profile: Profile, setup: Setup, places: tuple[Place, ...] = ()) -> list[Finding]:
     """Every violated rule, warnings included, in order.
 
-    Rules that need a value which a draft lacks (see `edmctl.profile.draft`) are left out.
+    Rules that need a value which a draft lacks (see `edmctl.profile.partial_profile`) are left out.
     """
     once = _held(reference_stated_once, Job(profile, setup))
     shaped = _held(path_keys, Job(profile, setup))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from edmctl.profile.channel_course import waiting_speed_um_s
+from edmctl.profile.channel_sequence import waiting_speed_um_s
 from edmctl.profile.codes import Code
 from edmctl.profile.findings import Finding, Job, rounded_up
 from edmctl.profile.forecast import depth_and_wear_um

@@ -14,18 +14,17 @@ from collections import deque
 from typing import TYPE_CHECKING
 
 from edmctl.errors import RunFileError
-
-from . import layout
-from .disk import make_lasting
-from .disk_thread import GIVE_UP_S, leave_signals_to_the_main_thread
-from .rows import EventLevel
-from .writer import FLUSH_INTERVAL_S, RunWriter
+from edmctl.record import layout
+from edmctl.record.disk import make_lasting
+from edmctl.record.disk_thread import GIVE_UP_S, leave_signals_to_the_main_thread
+from edmctl.record.rows import EventLevel
+from edmctl.record.writer import FLUSH_INTERVAL_S, RunWriter
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
-    from .rows import (
+    from edmctl.record.rows import (
         BlackBoxBlock,
         LinkRow,
         PulseBlockRows,

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.labels import Basis
-
-from .layout import RESULTS, TOUCHES
+from edmctl.record.layout import RESULTS, TOUCHES
 
 if TYPE_CHECKING:
-    from .reader import RunFile
+    from edmctl.record.reader import RunFile
 
 _NUMBERS = ("stops", "estimated", "through")
 _WORDS = ("depth_basis", "wear_basis", "verdict")

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import h5py
 import numpy as np
 
-from .disk import HDF5_ERRORS
+from edmctl.record.disk import HDF5_ERRORS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

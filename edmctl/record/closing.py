@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from edmctl.errors import RunFileError
-
-from .compaction import compact
-from .disk import HDF5_ERRORS, cannot_name, rename_without_replacing
-from .hdf5 import open_hdf5
+from edmctl.record.compaction import compact
+from edmctl.record.disk import HDF5_ERRORS, cannot_name, rename_without_replacing
+from edmctl.record.hdf5 import open_hdf5
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING
 import h5py
 import numpy as np
 
-from .hdf5 import open_hdf5
-from .seal import seal
+from edmctl.record.checksum import seal
+from edmctl.record.hdf5 import open_hdf5
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

@@ -13,16 +13,16 @@ from typing import TYPE_CHECKING
 import h5py
 import numpy as np
 
-from . import layout
-from .hdf5 import image_of
-from .layout import PURE, TEXT, Grid, Scalar, Table
+from edmctl.record import layout
+from edmctl.record.hdf5 import image_of
+from edmctl.record.layout import PURE, TEXT, Grid, Scalar, Table
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from .rows import RunMeta
+    from edmctl.record.rows import RunMeta
 
 
 RUNNING = "running"

@@ -9,10 +9,10 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from . import layout
+from edmctl.record import layout
 
 if TYPE_CHECKING:
-    from .layout import Table
+    from edmctl.record.layout import Table
 
 BEGIN = "<!-- layout: begin -->"
 END = "<!-- layout: end -->"

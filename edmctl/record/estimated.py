@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .happened import happened
-from .layout import RESULTS, SLOW
-from .told import Told
+from edmctl.record.event_names import Told
+from edmctl.record.event_reader import happened
+from edmctl.record.layout import RESULTS, SLOW
 
 if TYPE_CHECKING:
-    from .reader import RunFile
+    from edmctl.record.reader import RunFile
 
 _LAST_ROWS = 100
 """Among so many last rows of the supervisor an estimate is looked for: the very last may have none."""

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from .closing import CLOSING
-from .disk import PARTIAL, partial_path
-from .doubt import reading
-from .liveness import interrupted, is_live
+from edmctl.record.closing import CLOSING
+from edmctl.record.disk import PARTIAL, partial_path
+from edmctl.record.liveness import interrupted, is_live
+from edmctl.record.safe_reading import reading
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from .reader import RunFile
+    from edmctl.record.reader import RunFile
 
 LONGEST_CLOSING_LOOKS = 240
 """How often to look for the final name of a file that is being compressed."""

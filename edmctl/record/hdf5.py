@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import h5py
 
-from . import locks
+from edmctl.record import locks
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -6,8 +6,8 @@ import json
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from .layout import PURE, TEXT
-from .rows import Leaf
+from edmctl.record.layout import PURE, TEXT
+from edmctl.record.rows import Leaf
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

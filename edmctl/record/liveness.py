@@ -14,8 +14,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from edmctl.errors import RunFileError
-
-from .disk import PARTIAL
+from edmctl.record.disk import PARTIAL
 
 if TYPE_CHECKING:
     from pathlib import Path

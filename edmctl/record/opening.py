@@ -6,14 +6,13 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import RunFileError
 from edmctl.files import open_regular
-
-from . import layout
-from .attempts import open_swmr
-from .disk import HDF5_ERRORS, PARTIAL
-from .hdf5 import open_hdf5
-from .heaps import are_sound
-from .seal import Seal, look_at_seal
-from .superblock import MAGIC, read_superblock
+from edmctl.record import layout
+from edmctl.record.checksum import Seal, look_at_seal
+from edmctl.record.disk import HDF5_ERRORS, PARTIAL
+from edmctl.record.hdf5 import open_hdf5
+from edmctl.record.hdf5_heap_check import are_sound
+from edmctl.record.superblock import MAGIC, read_superblock
+from edmctl.record.swmr_open import open_swmr
 
 if TYPE_CHECKING:
     from pathlib import Path

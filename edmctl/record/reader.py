@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from . import layout
-from .chunks import read_rows
-from .opening import open_file
-from .rows import TruthMap
-from .scalars import read_fields, read_number, read_text
+from edmctl.record import layout
+from edmctl.record.chunks import read_rows
+from edmctl.record.opening import open_file
+from edmctl.record.rows import TruthMap
+from edmctl.record.scalars import read_fields, read_number, read_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import h5py
     from numpy.typing import NDArray
 
-    from .layout import Column, Table
+    from edmctl.record.layout import Column, Table
 
 TABLES = {table.path: table for table in layout.TABLES}
 BLOCK_ROWS = 1 << 18

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from .rows import (
+    from edmctl.record.rows import (
         BlackBoxBlock,
         EventLevel,
         LinkRow,

@@ -12,16 +12,15 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 from edmctl.errors import RunFileError
+from edmctl.record import layout
+from edmctl.record.checksum import Seal, look_at_seal
+from edmctl.record.closing import CLOSING
+from edmctl.record.compaction import compact
+from edmctl.record.disk import HDF5_ERRORS, PARTIAL, error_number, reason, rename_without_replacing
+from edmctl.record.liveness import is_live
+from edmctl.record.opening import damaged, open_file
+from edmctl.record.stores import fit_utf8
 from edmctl.version import __version__
-
-from . import layout
-from .closing import CLOSING
-from .compaction import compact
-from .disk import HDF5_ERRORS, PARTIAL, error_number, reason, rename_without_replacing
-from .liveness import is_live
-from .opening import damaged, open_file
-from .seal import Seal, look_at_seal
-from .stores import fit_utf8
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

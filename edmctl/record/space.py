@@ -12,7 +12,7 @@ import os
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from .superblock import read_superblock
+from edmctl.record.superblock import read_superblock
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Protocol
 import h5py
 import numpy as np
 
-from .create import compound_dtype
+from edmctl.record.create import compound_dtype
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from .layout import Table
+    from edmctl.record.layout import Table
 
 CHUNKS_PER_WRITE = 4
 """A store writes when this many chunks wait: fewer and larger calls into HDF5. The flush does not wait."""

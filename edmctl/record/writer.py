@@ -18,11 +18,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.errors import RunFileError
-
-from . import layout
-from .closing import close_run
-from .create import LIBRARY_VERSIONS, empty_run_file
-from .disk import (
+from edmctl.record import layout
+from edmctl.record.closing import close_run
+from edmctl.record.create import LIBRARY_VERSIONS, empty_run_file
+from edmctl.record.disk import (
     HDF5_ERRORS,
     already_there,
     cannot_create,
@@ -32,12 +31,12 @@ from .disk import (
     reason,
     write_new,
 )
-from .hdf5 import open_hdf5
-from .liveness import hold, release
-from .rows import EventLevel
-from .segments import Segments
-from .space import give_back, reserve
-from .stores import BlockStore, CompoundStore, RowStore, Store
+from edmctl.record.hdf5 import open_hdf5
+from edmctl.record.liveness import hold, release
+from edmctl.record.rows import EventLevel
+from edmctl.record.segments import Segments
+from edmctl.record.space import give_back, reserve
+from edmctl.record.stores import BlockStore, CompoundStore, RowStore, Store
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -45,7 +44,7 @@ if TYPE_CHECKING:
 
     import h5py
 
-    from .rows import (
+    from edmctl.record.rows import (
         BlackBoxBlock,
         LinkRow,
         PulseBlockRows,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.record.told import State
+from edmctl.record.event_names import State
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.report.depth_history import beginnings_s, told_depths
 from edmctl.report.planned_path import lengths_um, planned_path
-from edmctl.report.told_depths import beginnings_s, told_depths
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

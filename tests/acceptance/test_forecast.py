@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.jobs.bench import bench_config
+from edmctl.jobs.connect import bench_config
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.procedures.job import job_of

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from edmctl.procedures.job_journal import MACHINING as MACHINING_PHASE
-from edmctl.procedures.job_journal import JobJournal
 from edmctl.procedures.run import Run
+from edmctl.procedures.state_keeper import MACHINING as MACHINING_PHASE
+from edmctl.procedures.state_keeper import JobJournal
 from edmctl.record.bench_file import read_bench, write_bench
 from edmctl.simulator import kernel as k
 from edmctl.simulator.saving import bench_state, restored_bench
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from edmctl.machine.port import TelemetryBlock
-    from edmctl.procedures.codes import RunEvent
+    from edmctl.procedures.event_codes import RunEvent
     from edmctl.simulator import VirtualBench
     from tests.cli.commands import Said
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.jobs.bench import bench_config
+from edmctl.jobs.connect import bench_config
 from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Setup
 from edmctl.simulator import kernel as k

@@ -13,8 +13,8 @@ import h5py
 import pytest
 
 from edmctl.cli.app import main
+from edmctl.record.ledger import Logbook
 from edmctl.record.ledger_entries import ReferenceTouched, SiteMachined
-from edmctl.record.logbook import Logbook
 from edmctl.simulator import BenchConfig, VirtualBench
 from tests.cli.commands import CU270, SHALLOW
 from tests.cli.test_processes import read_until, start

@@ -21,7 +21,8 @@ from edmctl.actuator.waveforms import calibration_legs, jump_train, sampled, tri
 from edmctl.cli.app import main
 from edmctl.cli.signals import SignalArrived
 from edmctl.errors import Interrupted
-from edmctl.jobs import calibrated, calibration_run
+from edmctl.jobs.calibration import run as calibration_run
+from edmctl.jobs.calibration import selection as calibrated
 from edmctl.profile.calibration import load_calibration
 from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Setup
@@ -105,7 +106,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Files:
 @pytest.fixture
 def files(written: Files, monkeypatch: pytest.MonkeyPatch) -> Files:
     """The measured files, and fits that spare most of the work of telling how sure they are."""
-    monkeypatch.setattr("edmctl.jobs.calibration_fit.identify", partial(identify, folds=2, resamples=0))
+    monkeypatch.setattr("edmctl.jobs.calibration.fit.identify", partial(identify, folds=2, resamples=0))
     return written
 
 
@@ -187,7 +188,7 @@ def test_a_calibration_in_use_is_not_replaced_by_one_that_is_not_accepted(
     here("calibrate", "--seed", "3")
     own = home / "calibration" / "SIM-3.toml"
     before = own.read_bytes()
-    from edmctl.procedures import calibrating
+    from edmctl.procedures.actuator import calibration as calibrating
 
     shaky = calibrating.measure_actuator().record  # type: ignore[call-arg]
     y_um = shaky.y_um + 8.0 * np.random.default_rng(1).standard_normal(len(shaky.y_um))
@@ -226,7 +227,7 @@ def test_without_a_sensor_a_machine_is_not_calibrated(here: Here) -> None:
 @pytest.fixture
 def quick(files: Files, monkeypatch: pytest.MonkeyPatch) -> None:
     """Spare the five minutes: the machine measures what stands in a file."""
-    from edmctl.procedures import calibrating
+    from edmctl.procedures.actuator import calibration as calibrating
 
     done = calibrating.Measured(read_record(files.fit), 0)
     monkeypatch.setattr(calibrating, "measure_actuator", lambda *_: done)
@@ -283,7 +284,7 @@ def fail_to_fit(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
     def failing(*_: object, **__: object) -> NoReturn:
         raise error
 
-    monkeypatch.setattr("edmctl.jobs.calibration_fit.identify", failing)
+    monkeypatch.setattr("edmctl.jobs.calibration.fit.identify", failing)
 
 
 def no_space(*_: object) -> NoReturn:
@@ -293,7 +294,7 @@ def no_space(*_: object) -> NoReturn:
 def test_lost_telemetry_is_doubtful(
     here: Here, files: Files, quick: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from edmctl.procedures import calibrating
+    from edmctl.procedures.actuator import calibration as calibrating
 
     done = calibrating.Measured(read_record(files.fit), 2)
     monkeypatch.setattr(calibrating, "measure_actuator", lambda *_: done)
@@ -488,7 +489,7 @@ def test_an_output_that_exists_stays_as_it_is(here: Here, files: Files) -> None:
 def test_a_home_that_cannot_be_written_is_noticed_before_anything_moves(
     here: Here, home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from edmctl.procedures import calibrating
+    from edmctl.procedures.actuator import calibration as calibrating
 
     home.rmdir()
     home.write_text("no folder", encoding="utf-8")

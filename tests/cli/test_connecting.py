@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.jobs.bench import bench_config
+from edmctl.jobs.connect import bench_config
 from edmctl.link.messages import Arm, param_crc
 from edmctl.link.opening import open_line
 from edmctl.link.session import Session

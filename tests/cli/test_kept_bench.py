@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.procedures.channel_follow import PassFollower
+from edmctl.procedures.channel.follow import PassFollower
 from edmctl.record import journal
 from edmctl.record.bench_file import bench_lock, read_bench, write_bench
-from edmctl.record.bookkeeping import books_of
+from edmctl.record.ledger import Logbook, SiteMachined, WearMeasured
 from edmctl.record.ledger_entries import UNFINISHED
-from edmctl.record.logbook import Logbook, SiteMachined, WearMeasured
+from edmctl.record.tool_account import books_of
 from edmctl.simulator import kernel as k
 from edmctl.simulator.saving import bench_state, restored_bench
 from tests.cli.commands import CU270, SHALLOW
@@ -235,7 +235,7 @@ def test_a_bench_that_cannot_be_kept_in_the_end_does_not_hide_the_result(
     here: Here, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from edmctl.errors import RunFileError
-    from edmctl.jobs.kept_bench import KeptLine
+    from edmctl.jobs.persistent_simulator import KeptLine
 
     def full(line: KeptLine) -> None:
         raise RunFileError("Cannot keep the bench: no space.", hint="Make room.", code="E9024")

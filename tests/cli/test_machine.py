@@ -13,9 +13,9 @@ import pytest
 
 from edmctl.jobs import connected_run
 from edmctl.jobs.job import truths_of
-from edmctl.jobs.true_wear import TrueWear
+from edmctl.jobs.truth.wear import TrueWear
 from edmctl.jsonout import render_json
-from edmctl.procedures.journal import JobState, NoJournal
+from edmctl.procedures.job_state import JobState, NoJournal
 from edmctl.record.reader import open_run
 from edmctl.simulator.bench import HoleTruth, VirtualBench
 from tests.cli.commands import CU270, SHALLOW, Said, in_process_of_its_own

@@ -17,23 +17,23 @@ import pytest
 
 from edmctl.cli.app import main
 from edmctl.errors import LinkLost
-from edmctl.jobs.elapsed import CALENDAR, Now
-from edmctl.jobs.journaling import tell_way_on
-from edmctl.jobs.resume import checked, find_run, taken_up
-from edmctl.jobs.runfile import RunName
-from edmctl.jobs.wear import _aged
+from edmctl.jobs.ledger.elapsed import CALENDAR, Now
+from edmctl.jobs.resume.checkpoint import tell_way_on
+from edmctl.jobs.resume.selection import checked, find_run, taken_up
+from edmctl.jobs.run_header import RunName
+from edmctl.jobs.wear.measure import _aged
 from edmctl.machine.controller import LinkMachine
-from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job import TOLD_LATE_S, job_of
-from edmctl.procedures.journal import job_state
+from edmctl.procedures.job_state import job_state
 from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Setup
 from edmctl.record.bench_file import read_bench, write_bench
-from edmctl.record.bookkeeping import ToolAccount, books_of
 from edmctl.record.journal import read_journal, write_journal
+from edmctl.record.ledger import JobBegun, Logbook, RunEnded, ToolChanged, WearMeasured
 from edmctl.record.ledger_entries import UNFINISHED, ReferenceTouched, SiteMachined
-from edmctl.record.logbook import JobBegun, Logbook, RunEnded, ToolChanged, WearMeasured
 from edmctl.record.reader import open_run
+from edmctl.record.tool_account import ToolAccount, books_of
 from edmctl.simulator.saving import bench_state, restored_bench
 from tests.cli.commands import CU270, ROOT
 from tests.cli.left_jobs import (
@@ -55,7 +55,7 @@ from tests.serving import serving
 if TYPE_CHECKING:
     from edmctl.machine.orders import TouchRequest
     from edmctl.machine.reports import Touch
-    from edmctl.record.logbook import Entry
+    from edmctl.record.ledger import Entry
     from edmctl.simulator import VirtualBench
     from tests.cli.commands import Here, Said
 
@@ -258,7 +258,7 @@ def test_one_that_dies_before_it_touches_keeps_what_was_known(here: Here, killed
         def lost(*_: object, **__: object) -> None:
             raise LinkLost("made for this test")
 
-        patch.setattr("edmctl.procedures.resuming.take_reading", lost)
+        patch.setattr("edmctl.procedures.hole.resuming.take_reading", lost)
         assert here(*RESUME, *BENCH).exit_code == 4
     (journal,) = Path("runs").glob("*.journal")
     after = read_journal(journal).state
@@ -274,7 +274,7 @@ def test_one_that_died_before_any_touch_goes_on_with_a_worn_tool(here: Here) -> 
         def lost(*_: object, **__: object) -> None:
             raise LinkLost("made for this test")
 
-        patch.setattr("edmctl.procedures.hole.read_pad", lost)
+        patch.setattr("edmctl.procedures.hole.hole.read_pad", lost)
         assert here(*MACHINE, *BENCH, "--run-id", "a", "--quiet").exit_code == 4
     assert read_journal(Path("runs/a.journal")).state["site"] == ""
     assert_on_target(here(*RESUME, *BENCH))
@@ -286,8 +286,8 @@ def test_one_that_dies_between_a_cut_and_its_touch_knows_the_wear(here: Here) ->
         def lost(*_: object, **__: object) -> None:
             raise LinkLost("made for this test")
 
-        patch.setattr("edmctl.procedures.site.measure_hole", lost)
-        patch.setattr("edmctl.procedures.site.estimate_hole", lost)
+        patch.setattr("edmctl.procedures.hole.site.measure_hole", lost)
+        patch.setattr("edmctl.procedures.hole.site.estimate_hole", lost)
         assert here(*MACHINE, *BENCH, "--seed", "4", "--run-id", "a", "--quiet").exit_code == 4
     state = read_journal(Path("runs/a.journal")).state
     assert state["phase"] == "measuring"

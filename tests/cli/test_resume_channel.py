@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from edmctl.errors import RunFileError
-from edmctl.procedures.channel_way import way_of_path
-from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.channel.way import way_of_path
+from edmctl.procedures.event_codes import RunEvent
 from edmctl.profile.load import load_profile
 from edmctl.record.bench_file import read_bench
-from edmctl.record.bookkeeping import books_of
 from edmctl.record.journal import read_journal, write_journal
+from edmctl.record.ledger import Logbook
 from edmctl.record.ledger_entries import SiteMachined
-from edmctl.record.logbook import Logbook
 from edmctl.record.reader import open_run
+from edmctl.record.tool_account import books_of
 from edmctl.simulator import kernel as k
 from edmctl.simulator.chips import Chip
 from edmctl.simulator.saving import restored_bench
@@ -214,7 +214,7 @@ def test_a_resume_that_fails_before_anything_moves_can_be_said_again(
     def full(*_: object, **__: object) -> None:
         raise RunFileError("The disk is full.", hint="Make room.", code="E9030")
 
-    for place in ("edmctl.record.journal.write_journal", "edmctl.record.logbook.Logbook.append"):
+    for place in ("edmctl.record.journal.write_journal", "edmctl.record.ledger.Logbook.append"):
         with monkeypatch.context() as patch:
             patch.setattr(place, full)
             assert here(*RESUME, *BENCH).exit_code == 9

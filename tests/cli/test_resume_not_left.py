@@ -163,7 +163,7 @@ def test_between_two_holes_a_job_goes_on(here: Here) -> None:
 
 def leave_between(here: Here) -> None:
     """Stop an array when its first hole is finished and the second one not begun."""
-    from edmctl.procedures.job_journal import JobJournal
+    from edmctl.procedures.state_keeper import JobJournal
 
     end_hole = JobJournal.end_hole
 

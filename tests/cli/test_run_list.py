@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.console.runs_table import render_runs, size, start_utc
-from edmctl.record.heads import read_head
+from edmctl.record.run_index import read_head
 from edmctl.record.writer import RunWriter
 from tests.cli.run_files import begun, finished, killed
 from tests.record.samples import a_meta, a_site_row

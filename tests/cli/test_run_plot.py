@@ -13,8 +13,8 @@ import h5py
 import pytest
 
 from edmctl.cli.app import main
+from edmctl.record.checksum import SEAL_BYTES
 from edmctl.record.liveness import hold, release
-from edmctl.record.seal import SEAL_BYTES
 from edmctl.report.kinds import KINDS, NAMES, Kind, kind_called
 from edmctl.report.style import NothingToDraw, new_figure
 from tests.cli.commands import ROOT, SHALLOW
@@ -23,7 +23,7 @@ from tests.cli.test_start_up import HEAVY, modules_after
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from edmctl.cli.plot_order import Target
+    from edmctl.cli.run.plot_request import Target
     from edmctl.record.reader import RunFile
     from tests.cli.commands import Here
 
@@ -88,7 +88,7 @@ def names_in(folder: Path) -> list[str]:
 def test_all_that_can_be_drawn_goes_beside_the_run(
     here: Here, run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("edmctl.cli.plot_order.KINDS", SOME)
+    monkeypatch.setattr("edmctl.cli.run.plot_request.KINDS", SOME)
     said = here("run", "plot", str(run))
     assert said.exit_code == 0, said.err
     assert names_in(run.parent) == ["one-gap.png", "one.h5"]
@@ -106,7 +106,7 @@ def test_every_kind_but_the_report_is_drawn_without_being_asked_for(
         asked.append(target.name)
         return b"a figure"
 
-    monkeypatch.setattr("edmctl.cli.run_plot._content", content)
+    monkeypatch.setattr("edmctl.cli.run.plot._content", content)
     assert here("run", "plot", str(run)).exit_code == 0
     assert asked == [kind.name for kind in KINDS] == list(NAMES[:-1])
 
@@ -172,7 +172,7 @@ def test_a_figure_that_was_asked_for_and_cannot_be_is_an_error_and_the_others_ar
 def test_a_run_with_nothing_to_draw_is_an_error(
     here: Here, run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("edmctl.cli.plot_order.KINDS", SOME[1:])
+    monkeypatch.setattr("edmctl.cli.run.plot_request.KINDS", SOME[1:])
     said = here("run", "plot", str(run))
     assert (said.exit_code, said.out) == (8, "")
     assert "E8091" in said.err
@@ -239,7 +239,7 @@ def test_a_live_run_is_drawn_as_far_as_it_goes(here: Here, run: Path) -> None:
 def test_on_a_terminal_each_figure_is_announced(
     here: Here, run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("edmctl.cli.plot_order.KINDS", SOME)
+    monkeypatch.setattr("edmctl.cli.run.plot_request.KINDS", SOME)
     stderr = Terminal()
     monkeypatch.setattr(sys, "stderr", stderr)
     here("run", "plot", str(run))

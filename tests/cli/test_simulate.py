@@ -10,8 +10,8 @@ import pytest
 
 from edmctl.errors import UsageError
 from edmctl.jobs.job import Truth
-from edmctl.jobs.spread import Run, RunSite, summarize
-from edmctl.jobs.sweep import parse_sweep
+from edmctl.jobs.simulate.statistics import Run, RunSite, summarize
+from edmctl.jobs.simulate.sweep import parse_sweep
 from edmctl.labels import Basis, Verdict
 from tests.cli.commands import SHALLOW, in_process_of_its_own
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.errors import UsageError
-from edmctl.jobs.seeds import seed_to_use
-from edmctl.jobs.spread import Spread, _spread
-from edmctl.jobs.sweep import parse_sweep
+from edmctl.jobs.simulate.seeds import seed_to_use
+from edmctl.jobs.simulate.statistics import Spread, _spread
+from edmctl.jobs.simulate.sweep import parse_sweep
 from tests.cli.commands import command, environment
 
 if TYPE_CHECKING:

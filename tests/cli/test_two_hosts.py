@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from edmctl.jobs.bench import bench_config
+from edmctl.jobs.connect import bench_config
 from edmctl.link import messages as m
 from edmctl.link.frame import encode_frame
 from edmctl.profile.load import load_profile

@@ -12,7 +12,7 @@ import pytest
 
 from edmctl.link.faults import FAULTS, FaultRow
 from edmctl.link.messages import State
-from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.event_codes import RunEvent
 from edmctl.record import writer
 from edmctl.simulator import kernel as k
 from tests.cli.commands import CU270, Here, Said

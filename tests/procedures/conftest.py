@@ -17,12 +17,12 @@ from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest
 from edmctl.procedures.job import CalibratedActuator, Job, job_of
-from edmctl.procedures.job_journal import JobJournal
 from edmctl.procedures.machining import run_job
+from edmctl.procedures.monitoring.watch import Watch
 from edmctl.procedures.results import JobResult, Ledger, Phase, Progress
 from edmctl.procedures.run import Run
 from edmctl.procedures.settings import controller_settings, pulse_settings, telemetry_settings
-from edmctl.procedures.watch import Watch
+from edmctl.procedures.state_keeper import JobJournal
 from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Sensor, Setup
 from edmctl.record.recorder import NullRecorder
@@ -33,7 +33,7 @@ from edmctl.simulator.config import SensorConstants
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from edmctl.procedures.journal import Journal
+    from edmctl.procedures.job_state import Journal
     from edmctl.record.recorder import Recorder
     from edmctl.record.rows import EventLevel, LinkRow, PulseBlockRows, ServoBlock, SiteRow, SlowRow, TouchRow
 

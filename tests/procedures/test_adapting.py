@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.procedures.adapting import CLEAN_S, LONGEST_SHARE, PATIENCE, Adapting
-from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.event_codes import RunEvent
+from edmctl.procedures.servo.adaptive import CLEAN_S, LONGEST_SHARE, PATIENCE, Adapting
 from edmctl.profile.load import load_profile
 from edmctl.simulator import kernel as k
 

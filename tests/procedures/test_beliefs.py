@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.jobs.true_wear import TrueWear
+from edmctl.jobs.truth.wear import TrueWear
 from edmctl.procedures.job import Site
-from edmctl.procedures.journal import NoJournal
+from edmctl.procedures.job_state import NoJournal
 from edmctl.procedures.results import ObjectiveMissed
 from edmctl.simulator import kernel as k
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from edmctl.machine.port import EventCode, MachineState
-from edmctl.procedures.approach import lower_to, raise_by
-from edmctl.procedures.codes import RunEvent
-from edmctl.procedures.conditioning import condition
+from edmctl.procedures.actuator.conditioning import condition
+from edmctl.procedures.event_codes import RunEvent
+from edmctl.procedures.hole.sites import machine_sites
 from edmctl.procedures.job import Site
-from edmctl.procedures.jumping import CLEARANCE_UM, jump_request
-from edmctl.procedures.sites import machine_sites
+from edmctl.procedures.servo.jump import CLEARANCE_UM, jump_request
+from edmctl.procedures.touch.approach import lower_to, raise_by
 
 from .conftest import Done, Shop, armed, calibrated
 

@@ -15,8 +15,8 @@ from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.port import Axis, CutRequest, MachineState
 from edmctl.machine.stop import StopRequest
-from edmctl.procedures import calibrating
-from edmctl.procedures.calibrating import CalibrationPlan, measure_actuator, plan_calibration
+from edmctl.procedures.actuator import calibration as calibrating
+from edmctl.procedures.actuator.calibration import CalibrationPlan, measure_actuator, plan_calibration
 from edmctl.procedures.results import Phase
 from edmctl.profile.setup import Actuator, Sensor, Setup, Stage
 from edmctl.simulator import BenchConfig, open_bench
@@ -27,7 +27,7 @@ from tests.procedures.conftest import Told
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.procedures.calibrating import Measured
+    from edmctl.procedures.actuator.calibration import Measured
     from edmctl.procedures.results import Progress
 
 SHORT = CalibrationPlan(

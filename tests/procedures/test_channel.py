@@ -10,17 +10,18 @@ import numpy as np
 import pytest
 
 from edmctl.labels import Basis, Verdict
-from edmctl.procedures import channel, channel_layers
-from edmctl.procedures.channel import machine_channel
-from edmctl.procedures.channel_layers import wear_of
-from edmctl.procedures.channel_result import ChannelResult, FloorPlace, FloorReading
-from edmctl.procedures.channel_touch import Face
-from edmctl.procedures.channel_way import way_of_path
-from edmctl.procedures.codes import RunEvent
-from edmctl.procedures.goal import Goal
-from edmctl.procedures.time_limits import TimeLeft, TimeLimits
-from edmctl.procedures.touch import SurfaceReading
-from edmctl.procedures.verdict import judged_channel
+from edmctl.procedures.channel import layers as channel_layers
+from edmctl.procedures.channel import procedure as channel
+from edmctl.procedures.channel.layers import wear_of
+from edmctl.procedures.channel.procedure import machine_channel
+from edmctl.procedures.channel.result import ChannelResult, FloorPlace, FloorReading
+from edmctl.procedures.channel.touching import Face
+from edmctl.procedures.channel.way import way_of_path
+from edmctl.procedures.event_codes import RunEvent
+from edmctl.procedures.hole.target import Goal
+from edmctl.procedures.hole.verdict import judged_channel
+from edmctl.procedures.servo.time_limits import TimeLeft, TimeLimits
+from edmctl.procedures.touch.reading import SurfaceReading
 from edmctl.process.path import even_places
 from edmctl.process.plane import Plane
 from edmctl.process.wear import Reading
@@ -29,8 +30,8 @@ from tests.procedures.channel_bench import Noted, ScanningMachine, scanning_run
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.procedures.channel_scan import PassPlan, PassResult
-    from edmctl.procedures.deciding import Decision
+    from edmctl.procedures.channel.scan import PassPlan, PassResult
+    from edmctl.procedures.hole.cut_decision import Decision
 
 TARGET_UM = 20.0
 LEVEL = Plane((0.0, 0.0), np.zeros(2), np.zeros((2, 2)))

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 import pytest
 
-from edmctl.procedures import channel_layers
-from edmctl.procedures.channel_layers import SPARE_PASSES, Layers
-from edmctl.procedures.channel_touch import Face
-from edmctl.procedures.codes import RunEvent
-from edmctl.procedures.time_limits import TimeLeft, TimeLimits
-from edmctl.procedures.touch import SurfaceReading
+from edmctl.procedures.channel import layers as channel_layers
+from edmctl.procedures.channel.layers import SPARE_PASSES, Layers
+from edmctl.procedures.channel.touching import Face
+from edmctl.procedures.event_codes import RunEvent
+from edmctl.procedures.servo.time_limits import TimeLeft, TimeLimits
+from edmctl.procedures.touch.reading import SurfaceReading
 from edmctl.process.path import circle, way_of
 from edmctl.process.plane import Plane
 from edmctl.process.wear import Reading

@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 
 from edmctl.errors import EdmError
-from edmctl.jobs.bench import bench_config
-from edmctl.jobs.channel_truth import channel_truth
+from edmctl.jobs.connect import bench_config
+from edmctl.jobs.truth.channel import channel_truth
 from edmctl.labels import Basis
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest
-from edmctl.procedures.channel_way import way_of_path
-from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.channel.way import way_of_path
+from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job import job_of
 from edmctl.procedures.machining import run_job
 from edmctl.procedures.results import Ledger, Phase, Progress
@@ -31,7 +31,7 @@ from tests.procedures.channel_bench import CIRCLE
 from tests.procedures.conftest import Seen, Told
 
 if TYPE_CHECKING:
-    from edmctl.procedures.channel_result import ChannelResult
+    from edmctl.procedures.channel.result import ChannelResult
     from edmctl.process.path import Way
 
 DEPTH_UM = 5.0

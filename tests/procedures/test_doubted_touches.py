@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.errors import ObjectiveNotReached
-from edmctl.procedures.codes import RunEvent
-from edmctl.procedures.conditioning import condition
-from edmctl.procedures.pad import pad_spots, read_pad
+from edmctl.procedures.actuator.conditioning import condition
+from edmctl.procedures.event_codes import RunEvent
+from edmctl.procedures.touch.reference_pad import pad_spots, read_pad
 from edmctl.simulator.injection import parse_injection
 
 from .conftest import Shop, armed

@@ -12,13 +12,15 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.errors import EdmError, Interrupted, PreconditionError
-from edmctl.jobs.elapsed import CALENDAR, Now
-from edmctl.jobs.home_known import with_home, with_home_left
-from edmctl.jobs.true_wear import TrueWear
+from edmctl.jobs.ledger.elapsed import CALENDAR, Now
+from edmctl.jobs.ledger.last_home import with_home, with_home_left
+from edmctl.jobs.truth.wear import TrueWear
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.port import Axis
 from edmctl.machine.stop import StopRequest
-from edmctl.procedures.drift import (
+from edmctl.procedures.job import TOLD_LATE_S, Site
+from edmctl.procedures.job_state import JobState, NoJournal
+from edmctl.procedures.monitoring.drift import (
     CREEP_SHARE,
     CREEP_UM,
     LEAST_SPAN_S,
@@ -27,14 +29,12 @@ from edmctl.procedures.drift import (
     seen_between_jobs_um_s,
     uncertainty_now,
 )
-from edmctl.procedures.home import Home, _is_on_a_spot
-from edmctl.procedures.job import TOLD_LATE_S, Site
-from edmctl.procedures.journal import JobState, NoJournal
 from edmctl.procedures.results import Ledger, Phase, site_result_of
 from edmctl.procedures.stages import _is_told, move_to, retract
+from edmctl.procedures.touch.home import Home, _is_on_a_spot
 from edmctl.process.next_cut import COVERAGE
 from edmctl.process.wear import share_u
-from edmctl.record.bookkeeping import Books, HomeSeen
+from edmctl.record.tool_account import Books, HomeSeen
 from edmctl.simulator import kernel as k
 from tests.procedures.conftest import Shop, armed
 from tests.procedures.test_resuming import Kept

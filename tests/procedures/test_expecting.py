@@ -7,18 +7,18 @@ from dataclasses import replace
 
 import pytest
 
-from edmctl.procedures.estimating import energy_of, estimate_of
-from edmctl.procedures.expecting import (
+from edmctl.procedures.hole.cut_planning import CutPlan, Start
+from edmctl.procedures.hole.estimating import energy_of, estimate_of
+from edmctl.procedures.hole.expected_touches import (
     Estimate,
     Expected,
     estimate_in_cut,
     expected_of_left,
     is_untouched,
 )
+from edmctl.procedures.hole.interruption import counted_pause_s, drift_u_um, told_pause_s
 from edmctl.procedures.job import job_of
-from edmctl.procedures.journal import JobState, job_state
-from edmctl.procedures.pausing import counted_pause_s, drift_u_um, told_pause_s
-from edmctl.procedures.planning import CutPlan, Start
+from edmctl.procedures.job_state import JobState, job_state
 from edmctl.process.wear import DepthAndWear
 from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Sensor, Setup

@@ -6,9 +6,9 @@ import math
 
 import pytest
 
-from edmctl.procedures.codes import RunEvent
-from edmctl.procedures.face import face_spots
+from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.results import ObjectiveMissed
+from edmctl.procedures.touch.surface_plane import face_spots
 from edmctl.process.plane import fitted_plane, unknown_plane
 from edmctl.simulator.injection import parse_injection
 from tests.procedures.conftest import Shop

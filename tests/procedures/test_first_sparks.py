@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.results import ObjectiveMissed
 
 from .conftest import Shop

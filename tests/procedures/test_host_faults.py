@@ -13,12 +13,12 @@ from edmctl.errors import MachineFault
 from edmctl.link.faults import FaultCode
 from edmctl.link.messages import WaveformRead
 from edmctl.machine.port import LinkReport, Machine, MachineState, TelemetryBlock
-from edmctl.procedures.codes import RunEvent
-from edmctl.procedures.link_watch import LinkWatch, record_link
-from edmctl.procedures.mismatch import MismatchWatch
+from edmctl.procedures.event_codes import RunEvent
+from edmctl.procedures.hole.setup_check import refuse_wrong_setup
+from edmctl.procedures.monitoring.link_quality import LinkWatch, record_link
+from edmctl.procedures.monitoring.sensor_mismatch import MismatchWatch
 from edmctl.procedures.results import ObjectiveMissed, Phase
-from edmctl.procedures.setup_check import refuse_wrong_setup
-from edmctl.procedures.time_limits import LEAST_S, LONGEST_SHARE, TimeLimits
+from edmctl.procedures.servo.time_limits import LEAST_S, LONGEST_SHARE, TimeLimits
 from edmctl.process.wear import DepthAndWear
 from edmctl.profile.forecast import forecast, stroke_um
 from edmctl.simulator.injection import parse_injection
@@ -201,8 +201,8 @@ def test_the_recipe_s_own_limit_comes_first_where_it_is_shorter(shop: OpenShop) 
 def test_a_job_beyond_its_forecast_is_ended_and_measured(
     shop: OpenShop, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("edmctl.procedures.time_limits.LEAST_S", 0.0)
-    monkeypatch.setattr("edmctl.procedures.time_limits.LONGEST_SHARE", 0.3)
+    monkeypatch.setattr("edmctl.procedures.servo.time_limits.LEAST_S", 0.0)
+    monkeypatch.setattr("edmctl.procedures.servo.time_limits.LONGEST_SHARE", 0.3)
     s = shop()
     with pytest.raises(ObjectiveMissed, match="the forecast allows 4 s of machining") as caught:
         s.run_job()

@@ -10,9 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import pytest
 
 from edmctl.errors import Interrupted, MachineFault, ObjectiveNotReached, PreconditionError
-from edmctl.procedures.approach import find_contact, find_gap
-from edmctl.procedures.codes import RunEvent
-from edmctl.procedures.harness import running
+from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job import Site
 from edmctl.procedures.jump_series import run_jumps
 from edmctl.procedures.measure_wear import (
@@ -25,6 +23,8 @@ from edmctl.procedures.measure_wear import (
     touch_pad,
 )
 from edmctl.procedures.results import Ledger, Phase
+from edmctl.procedures.single_procedure import running
+from edmctl.procedures.touch.approach import find_contact, find_gap
 from edmctl.simulator import kernel as k
 from edmctl.simulator.injection import parse_injection
 from tests.procedures.conftest import Shop

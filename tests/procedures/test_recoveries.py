@@ -10,24 +10,24 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.errors import MachineFault
-from edmctl.procedures import burning
-from edmctl.procedures.approach import ABOVE_BOTTOM_UM, BEYOND_BOTTOM_UM, UNKNOWN_SDS
-from edmctl.procedures.breakthrough import Breakthrough
-from edmctl.procedures.burning import ARC_BURN, MOST_BURNS, Burns
-from edmctl.procedures.codes import RunEvent
-from edmctl.procedures.planning import Start, first_plan
+from edmctl.procedures.event_codes import RunEvent
+from edmctl.procedures.hole.breakthrough import Breakthrough
+from edmctl.procedures.hole.cut_planning import Start, first_plan
 from edmctl.procedures.results import ObjectiveMissed
+from edmctl.procedures.servo import arc_recovery as burning
+from edmctl.procedures.servo.arc_recovery import ARC_BURN, MOST_BURNS, Burns
+from edmctl.procedures.servo.short_recovery import MOST_JUMPS, ShortRecovery
+from edmctl.procedures.servo.spark_loss import SparkLoss
+from edmctl.procedures.servo.stall_detection import JUMP_AFTER_S, STALL_S, Stall
 from edmctl.procedures.settings import OPEN_LOST_S, controller_settings
-from edmctl.procedures.short_recovery import MOST_JUMPS, ShortRecovery
-from edmctl.procedures.spark_loss import SparkLoss
-from edmctl.procedures.stalls import JUMP_AFTER_S, STALL_S, Stall
+from edmctl.procedures.touch.approach import ABOVE_BOTTOM_UM, BEYOND_BOTTOM_UM, UNKNOWN_SDS
 from edmctl.simulator import kernel as k
 from edmctl.simulator.injection import parse_injection
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.procedures.journal import JobState
+    from edmctl.procedures.job_state import JobState
     from edmctl.simulator import BenchConfig
 
     from .conftest import Shop

@@ -11,8 +11,8 @@ import pytest
 from edmctl.errors import Interrupted
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest
-from edmctl.procedures.codes import RunEvent
-from edmctl.procedures.journal import JobState, job_state
+from edmctl.procedures.event_codes import RunEvent
+from edmctl.procedures.job_state import JobState, job_state
 from edmctl.procedures.results import Ledger, Phase, SiteResult
 from edmctl.simulator.injection import parse_injection
 from tests.cli.left_jobs import swap_work

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import pytest
 
-from edmctl.procedures.codes import RunEvent
+from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.results import Phase, Progress
 from edmctl.record.rows import EventLevel
 from tests.procedures.conftest import Shop

@@ -10,11 +10,11 @@ import pytest
 
 from edmctl.actuator.correction import SlowCorrection
 from edmctl.machine.port import MachineState, TelemetryBlock
-from edmctl.procedures.codes import RunEvent
-from edmctl.procedures.estimating import energy_of
-from edmctl.procedures.planning import CutPlan, Start, first_plan
-from edmctl.procedures.supervisor import StopReason, Supervisor
-from edmctl.procedures.tracker import Tracker, at_rest
+from edmctl.procedures.actuator.tracker import Tracker, at_rest
+from edmctl.procedures.event_codes import RunEvent
+from edmctl.procedures.hole.cut_planning import CutPlan, Start, first_plan
+from edmctl.procedures.hole.estimating import energy_of
+from edmctl.procedures.servo.supervisor import StopReason, Supervisor
 
 from .conftest import calibrated
 

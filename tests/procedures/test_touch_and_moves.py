@@ -10,11 +10,11 @@ import pytest
 
 from edmctl.errors import LinkLost, ObjectiveNotReached, PreconditionError
 from edmctl.machine.port import EventCode, TelemetryFlag
-from edmctl.procedures.approach import ABOVE_BOTTOM_UM, approach_surface, lower_to, raise_by
-from edmctl.procedures.codes import RunEvent
-from edmctl.procedures.conditioning import condition
+from edmctl.procedures.actuator.conditioning import condition
+from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.stages import move_to
-from edmctl.procedures.touch import take_reading
+from edmctl.procedures.touch.approach import ABOVE_BOTTOM_UM, approach_surface, lower_to, raise_by
+from edmctl.procedures.touch.reading import take_reading
 from edmctl.simulator import kernel
 from edmctl.simulator.injection import parse_injection
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from edmctl.machine.port import MachineState, TelemetryBlock
-from edmctl.procedures.feed_error import FeedError
-from edmctl.procedures.trace import SPAN_S, Trace
+from edmctl.procedures.monitoring.feed_error import FeedError
+from edmctl.procedures.monitoring.trace import SPAN_S, Trace
 
 
 def block(

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.labels import Basis, Verdict
-from edmctl.procedures.codes import RunEvent
-from edmctl.procedures.deciding import remedy as remedy_of
-from edmctl.procedures.goal import Goal, verdict_of
-from edmctl.procedures.hole import record_results
+from edmctl.procedures.event_codes import RunEvent
+from edmctl.procedures.hole.cut_decision import remedy as remedy_of
+from edmctl.procedures.hole.hole import record_results
+from edmctl.procedures.hole.target import Goal, verdict_of
+from edmctl.procedures.hole.verdict import judge_holes, judged
 from edmctl.procedures.results import ObjectiveMissed, site_result_of
-from edmctl.procedures.verdict import judge_holes, judged
 from edmctl.profile.setup import Sensor
 
 from .conftest import Done, Shop, calibrated
@@ -22,7 +22,7 @@ from .conftest import Done, Shop, calibrated
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.procedures.deciding import Decision
+    from edmctl.procedures.hole.cut_decision import Decision
 
     OpenShop = Callable[..., Shop]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from edmctl.process.path_ordering import nearest_first, spread_out
 from edmctl.process.plane import fitted_plane, unknown_plane
-from edmctl.process.tour import nearest_first, spread_out
 
 
 def test_three_touches_tell_a_tilt() -> None:

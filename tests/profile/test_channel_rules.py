@@ -9,7 +9,7 @@ import pytest
 from edmctl.process.path import circle, lengths_um, rectangle, spiral
 from edmctl.profile import Setup, load_profile
 from edmctl.profile.amounts import channel, path_length_um
-from edmctl.profile.channel_course import EVEN_OUT_PASSES, stops_after
+from edmctl.profile.channel_sequence import EVEN_OUT_PASSES, stops_after
 from edmctl.profile.codes import Code
 from edmctl.profile.forecast import forecast
 from tests.profile.documents import problems

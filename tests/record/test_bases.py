@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from edmctl.record.bases import Labels, labels_of
-from edmctl.record.heads import read_head
 from edmctl.record.layout import RESULTS
 from edmctl.record.reader import open_run
 from edmctl.record.rows import SiteRow, TouchRow
+from edmctl.record.run_index import read_head
 from edmctl.record.writer import RunWriter
 from edmctl.report.numbers import numbers_of
 from tests.record.samples import a_meta, a_site_row

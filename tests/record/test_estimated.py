@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.record.estimated import estimated_depth
-from edmctl.record.heads import read_head
+from edmctl.record.event_names import Told
 from edmctl.record.reader import open_run
 from edmctl.record.rows import EventLevel, SlowRow
-from edmctl.record.told import Told
+from edmctl.record.run_index import read_head
 from edmctl.record.writer import RunWriter
 from tests.record.samples import a_meta, a_site_row
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.record.happened import happened
-from edmctl.record.told import Told
+from edmctl.record.event_names import Told
+from edmctl.record.event_reader import happened
 
 if TYPE_CHECKING:
     from edmctl.record.reader import RunFile

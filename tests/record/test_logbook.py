@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.errors import RunFileError
-from edmctl.record.bookkeeping import books_of
+from edmctl.record.ledger import FILE_NAME, Logbook
 from edmctl.record.ledger_entries import (
     UNFINISHED,
     JobBegun,
@@ -23,7 +23,7 @@ from edmctl.record.ledger_entries import (
     WearMeasured,
     text_of,
 )
-from edmctl.record.logbook import FILE_NAME, Logbook
+from edmctl.record.tool_account import books_of
 
 if TYPE_CHECKING:
     from pathlib import Path

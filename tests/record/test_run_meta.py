@@ -7,10 +7,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edmctl.jobs.calibrated import Choice, ModelUsed
+from edmctl.jobs.calibration.selection import Choice, ModelUsed
 from edmctl.jobs.checking import check
 from edmctl.jobs.plan import Order
-from edmctl.jobs.runfile import name_run, run_meta
+from edmctl.jobs.run_header import name_run, run_meta
 from edmctl.machine.port import MachineIdentity
 from edmctl.profile.setup import Setup
 

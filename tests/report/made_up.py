@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.record.event_names import Told
 from edmctl.record.leaves import profile_leaves
 from edmctl.record.rows import EventLevel, PulseBlockRows, PulseTrain, SlowRow
-from edmctl.record.told import Told
 from edmctl.record.writer import RunWriter
 from tests.record.samples import a_meta
 

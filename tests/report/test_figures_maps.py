@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from edmctl.process import path as ways
+from edmctl.record.event_names import Told
 from edmctl.record.reader import open_run
 from edmctl.record.rows import SlowRow, TouchRow, TruthMap
-from edmctl.record.told import Told
+from edmctl.report.depth_history import beginnings_s, told_depths
 from edmctl.report.figures import array, channel, erosion, steps
 from edmctl.report.figures.array import short_names
 from edmctl.report.planned_path import along, lengths_um, planned_path
 from edmctl.report.removal import removal
 from edmctl.report.style import house_style
-from edmctl.report.told_depths import beginnings_s, told_depths
 from tests.record.samples import a_site_row
 from tests.report import made_up
 from tests.report.test_figures_pulses import nothing, texts

@@ -15,10 +15,10 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
+from edmctl.record.event_names import State
 from edmctl.record.leaves import profile_leaves
 from edmctl.record.reader import open_run
 from edmctl.record.rows import SlowRow, TouchRow, WaveformBlock
-from edmctl.record.told import State
 from edmctl.report.envelopes import Spans, envelopes, rows_worked
 from edmctl.report.figures.spectrum import line_hz, peak_hz, segment_size, welch
 from edmctl.report.kinds import KINDS as KINDS_OF_FIGURES

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.record.told import State
+from edmctl.record.event_names import State
 from edmctl.report.envelopes import Envelope, envelopes, rows_worked
 from edmctl.report.style import (
     BLACK,

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.report.cutting_intervals import cuts_s
 from edmctl.report.pulse_counts import has_pulses
 from edmctl.report.removal import cumulated, in_this_run, kappa, removal
 from edmctl.report.spark_energies import spark_energies
-from edmctl.report.stretches import cuts_s
 from edmctl.report.style import (
     ARC,
     BLACK,

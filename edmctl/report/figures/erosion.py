@@ -8,7 +8,8 @@ import numpy as np
 
 from edmctl.record import layout
 from edmctl.record.bases import has_sensor
-from edmctl.report.stretches import MEAN_S, broken, running_mean
+from edmctl.report.cutting_intervals import MEAN_S, broken, running_mean
+from edmctl.report.depth_history import beginnings_s, told_depths
 from edmctl.report.style import (
     BLACK,
     BLUE,
@@ -22,7 +23,6 @@ from edmctl.report.style import (
     shared_legend,
     time_unit,
 )
-from edmctl.report.told_depths import beginnings_s, told_depths
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from edmctl.record.reader import RunFile
-    from edmctl.report.told_depths import ToldDepth
+    from edmctl.report.depth_history import ToldDepth
 
     Array = NDArray[np.float64]
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.record import layout
-from edmctl.record.happened import happened
-from edmctl.record.told import Told
-from edmctl.report.stretches import MEAN_S, broken, cuts_s, running_mean
+from edmctl.record.event_names import Told
+from edmctl.record.event_reader import happened
+from edmctl.report.cutting_intervals import MEAN_S, broken, cuts_s, running_mean
 from edmctl.report.style import (
     BLACK,
     BLUE,

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.report.cutting_intervals import cuts_s
 from edmctl.report.delays import STEP_US, delays, random_ignition
 from edmctl.report.pulse_counts import has_every_pulse
-from edmctl.report.stretches import cuts_s
 from edmctl.report.style import (
     BLACK,
     NORMAL,

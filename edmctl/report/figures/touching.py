@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.record.told import State, Told
+from edmctl.record.event_names import State, Told
 from edmctl.report.envelopes import envelopes
 from edmctl.report.style import (
     BLACK,

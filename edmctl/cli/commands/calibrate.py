@@ -1,0 +1,230 @@
+"""`edmctl calibrate`: identify the actuator, on a machine or from measured files."""
+
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from edmctl.cli.options import (
+    DebugOption,
+    DryRunOption,
+    EventsOption,
+    JsonOption,
+    PortOption,
+    QuietOption,
+    SeedOption,
+    SetupOption,
+    WaitOption,
+)
+from edmctl.cli.outcome import Outcome, Output, run_command, stream_style, watching
+from edmctl.cli.shell import shell
+from edmctl.cli.signals import ignore_signals
+from edmctl.jobs.connect import seed_warning
+from edmctl.jobs.simulate.seeds import seed_to_use, simulated_by
+
+if TYPE_CHECKING:
+    from edmctl.jobs.calibration.request import Checked, Given
+    from edmctl.jobs.calibration.run import Calibrated
+    from edmctl.jobs.plan import Where
+
+FromOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--from",
+        metavar="FILE",
+        help="Fit measured data instead of driving a machine: CSV or HDF5 with t_s, u_V, y_um, or a run file. "
+        "Repeatable.",
+    ),
+]
+ValidateOption = Annotated[
+    list[Path] | None,
+    typer.Option("--validate", metavar="FILE", help="Judge the model on this file as well. Repeatable."),
+]
+RefitOption = Annotated[
+    str,
+    typer.Option(
+        "--refit",
+        metavar="zero|gain,zero",
+        help="What is fitted to each --validate file before it is judged; gain for a record of another day.",
+    ),
+]
+PreviousOption = Annotated[
+    list[float] | None,
+    typer.Option(
+        "--previous-voltage",
+        metavar="V",
+        help="Held before the first sample: once for all files, or once for each, --from before --validate. "
+        "Without: the actuator had been cycled over the record's range.",
+    ),
+]
+DelayOption = Annotated[
+    float | None, typer.Option("--delay", metavar="S", help="Delay of the displacement; found without.")
+]
+OutputOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--output",
+        metavar="FILE",
+        help="Calibration file to write; without, the machine's own, and none with --from.",
+    ),
+]
+LeverOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--lever",
+        metavar="FILE",
+        help="Fit the lever factor to stack and tool displacement (CSV with x_um, z_um); alone, nothing else "
+        "is done.",
+    ),
+]
+
+
+def calibrate(
+    sources: FromOption = None,
+    validate: ValidateOption = None,
+    refit: RefitOption = "zero",
+    previous_voltage: PreviousOption = None,
+    delay: DelayOption = None,
+    output: OutputOption = None,
+    lever: LeverOption = None,
+    setup: SetupOption = None,
+    port: PortOption = None,
+    wait: WaitOption = 0.0,
+    seed: SeedOption = None,
+    dry_run: DryRunOption = False,
+    as_json: JsonOption = False,
+    events: EventsOption = False,
+    quiet: QuietOption = False,
+    debug: DebugOption = False,
+) -> int:
+    """Identify the actuator, and write a calibration.
+
+    A machine drives its actuator for five minutes beside the work, without pulses, and watches it with the
+    displacement sensor. The errors told are on data that the model did not see.
+    """
+
+    def body(outcome: Outcome) -> None:
+        from edmctl.jobs.calibration.request import Order, check
+
+        used_seed = seed_to_use(seed)
+        checked = check(
+            Order(
+                sources=tuple(sources or ()),
+                validation=tuple(validate or ()),
+                refit=refit,
+                previous_v=tuple(previous_voltage or ()),
+                delay_s=delay,
+                output=output,
+                lever=lever,
+                setup=setup,
+                port=port,
+                wait_s=wait,
+            ),
+            shell(),
+        )
+        outcome.simulated = checked.simulated
+        outcome.warn([*checked.doubts, *seed_warning(checked.where, seed)])
+        if dry_run:
+            _tell_plan(outcome, checked)
+        elif checked.plan is None and not checked.sources:
+            _tell_lever(outcome, checked)
+        else:
+            _run(outcome, checked, used_seed)
+
+    return run_command(Output("calibrate", as_json, events, quiet, debug), body)
+
+
+def _tell_plan(outcome: Outcome, checked: "Checked") -> None:
+    from edmctl.console.calibration_table import render_lever, render_plan
+
+    plan = checked.plan
+    outcome.result = {
+        "plan": None
+        if plan is None
+        else {
+            "duration_s": plan.duration_s,
+            "low_v": 0.0,
+            "high_v": plan.high_v,
+            "period_s": plan.period_s,
+            "samples": plan.samples,
+            "legs": plan.legs,
+        },
+        "from": [_described(given) for given in checked.sources],
+        "validate_files": [_described(given) for given in checked.validation],
+        "lever": checked.lever,
+    }
+    lines = [render_plan(plan, stream_style(sys.stdout))] if plan else []
+    for word, files in (("Fit", checked.sources), ("Validate", checked.validation)):
+        lines += [f"{word} {given.path}: {len(given.record.t_s)} samples." for given in files]
+    if checked.lever:
+        lines.append(render_lever(checked.lever))
+    outcome.text = "\n".join(lines)
+
+
+def _described(given: "Given") -> dict[str, object]:
+    record = given.record
+    return {
+        "name": record.name,
+        "samples": len(record.t_s),
+        "duration_s": float(record.t_s[-1] - record.t_s[0]),
+        "low_v": float(record.u_v.min()),
+        "high_v": float(record.u_v.max()),
+        "previous_v": record.previous_v,
+    }
+
+
+def _tell_lever(outcome: Outcome, checked: "Checked") -> None:
+    from edmctl.console.calibration_table import render_lever
+
+    outcome.result = {"lever": checked.lever}
+    if checked.lever:
+        outcome.text = render_lever(checked.lever)
+
+
+def _run(outcome: Outcome, checked: "Checked", seed: int) -> None:
+    from edmctl.console.calibration_table import render_calibration
+    from edmctl.jobs.calibration.run import calibrate_files, calibrate_machine
+
+    with watching(outcome.output) as reporter:
+        if checked.plan is None:
+            done = calibrate_files(checked, reporter)
+        else:
+            outcome.seed = checked.where.seed_of(seed)
+            done = calibrate_machine(checked.plan, checked, seed, reporter, outcome.warn)
+            outcome.simulated = done.simulated
+        ignore_signals()
+    outcome.result = {
+        **done.findings.as_mapping(),
+        "calibration_file": str(done.path) if done.path else None,
+        "serial": done.serial,
+        "lever": checked.lever,
+    }
+    outcome.text = render_calibration(done.findings, checked.lever, stream_style(sys.stdout))
+    outcome.text += f"\n\n{_whereabouts(done, checked, outcome.seed)}"
+    outcome.warn(done.findings.warnings)
+
+
+def _again(where: "Where", seed: int | None) -> str:
+    """Return the options that name the same virtual machine."""
+    if where.bench_file is not None:
+        return f" --port {where.selector}"
+    return "" if seed is None else f" --seed {seed}"
+
+
+def _whereabouts(done: "Calibrated", checked: "Checked", seed: int | None) -> str:
+    """Where the file is, and how `machine` comes to use it."""
+    from edmctl.profile.calibration_place import CALIBRATION_VARIABLE
+
+    if done.path is None:
+        return "Nothing was saved."
+    made_by = simulated_by(seed) if done.simulated else ""
+    again = _again(checked.where, seed)
+    saved = f"{made_by}{'Replaced' if done.replaced else 'Saved in'} {done.path}"
+    if not done.is_own:
+        return f"{saved}: `edmctl machine --profile PROFILE{again} --calibration {done.path}` uses it."
+    other = os.environ.get(CALIBRATION_VARIABLE) or checked.setup.actuator.calibration
+    if other:
+        return f"{saved}; `edmctl machine` uses {other}, which the environment or the setup names."
+    return f"{saved}: `edmctl machine --profile PROFILE{again}` uses it on {done.serial} from now on."

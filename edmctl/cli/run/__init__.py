@@ -1,0 +1,1 @@
+"""`edmctl run`: look at run files."""

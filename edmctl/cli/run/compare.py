@@ -1,0 +1,85 @@
+"""`edmctl run compare`: runs side by side, and whether their differences say anything."""
+
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from edmctl.cli import completion
+from edmctl.cli.options import DebugOption, JsonOption
+from edmctl.cli.outcome import Outcome, Output, run_command, stream_style
+
+if TYPE_CHECKING:
+    from edmctl.record.reader import RunFile
+
+FilesArgument = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="RUN RUN...",
+        help="Run files, or ids of runs in runs/. All are compared with the first.",
+        autocompletion=completion.runs,
+    ),
+]
+OutOption = Annotated[
+    Path | None,
+    typer.Option("--out", "-o", metavar="FIGURE", help="Draw them too, into a new file: .png, .svg or .pdf."),
+]
+
+
+def compare(
+    files: FilesArgument,
+    out: OutOption = None,
+    as_json: JsonOption = False,
+    debug: DebugOption = False,
+) -> int:
+    """Show what was different about runs, and by how much.
+
+    Of the results it is told whether they differ by more than their uncertainty.
+    """
+
+    def body(outcome: Outcome) -> None:
+        from edmctl.console.compare_table import render_comparison
+        from edmctl.errors import UsageError
+        from edmctl.jobs import output_files
+        from edmctl.jobs.run_opening import find_run, reading_unless_killed
+        from edmctl.report.differences import compare as compared
+
+        if len(files) < 2:
+            raise UsageError(
+                "There is only one run to compare.", hint="Name at least two run files.", code="E2073"
+            )
+        if out is not None:
+            from edmctl.report.style import check_figure
+
+            check_figure(out.name)
+            output_files.check_free(out)
+        with ExitStack() as stack:
+            runs = [stack.enter_context(reading_unless_killed(find_run(file))) for file in files]
+            found = compared(runs)
+            result: dict[str, object] = {
+                "runs": found.runs,
+                "differs": found.differs,
+                "quantities": found.quantities,
+                "sites": found.sites,
+                "figure": None,
+            }
+            outcome.simulated = all(run.simulated for run in found.runs)
+            outcome.result = result
+            outcome.text = render_comparison(found, stream_style(sys.stdout))
+            if out is not None:
+                output_files.write(out, _drawn(runs, out))
+                result["figure"] = str(out)
+                outcome.text += f"\nFigure {out}"
+
+    return run_command(Output("run compare", as_json, debug=debug), body)
+
+
+def _drawn(runs: "list[RunFile]", out: Path) -> bytes:
+    from edmctl.console.compare_table import letter
+    from edmctl.report.comparison import draw
+    from edmctl.report.style import house_style, rendered
+
+    with house_style():
+        return rendered(draw(runs, [letter(number) for number in range(len(runs))]), out.suffix.lower())

@@ -1,0 +1,148 @@
+"""`edmctl run export`: the tables of a run as CSV, Parquet or JSON, for whatever reads those."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from edmctl.cli.options import DebugOption, FileArgument, JsonOption
+from edmctl.cli.outcome import Outcome, Output, mutter, run_command, stream_style
+from edmctl.errors import UsageError
+
+if TYPE_CHECKING:
+    from edmctl.cli.run.export_output import Sink
+    from edmctl.cli.run.export_request import ExportOrder
+    from edmctl.record.reader import RunFile
+    from edmctl.report.export_tables import ExportTable
+    from edmctl.report.export_text import TableWriter
+
+TableOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--table",
+        "-t",
+        metavar="TABLE",
+        help="servo, slow, pulses, blocks, segments, events, touches, results, black-box, waveforms or link; "
+        "all that have rows without. Repeatable.",
+    ),
+]
+FormatOption = Annotated[
+    str | None,
+    typer.Option(
+        "--format", metavar="FORMAT", help="csv (as without), parquet, json or jsonl; else the ending of -o."
+    ),
+]
+ExportOutOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--out",
+        "-o",
+        metavar="FILE|FOLDER|-",
+        help="A file by its ending (one table), the folder, or - for stdout. Without: stdout for one table, "
+        "else files beside the run file.",
+    ),
+]
+OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace files of the same name.")]
+OTHER_LOG = {"pulses": "blocks", "blocks": "pulses"}
+"""A run logs single pulses, or sums over blocks of them."""
+
+
+def export(
+    file: FileArgument,
+    table: TableOption = None,
+    form: FormatOption = None,
+    out: ExportOutOption = None,
+    overwrite: OverwriteOption = False,
+    as_json: JsonOption = False,
+    debug: DebugOption = False,
+) -> int:
+    """Write tables of a run as CSV, Parquet or JSON.
+
+    The name of each column has its unit.
+    """
+
+    def body(outcome: Outcome) -> None:
+        from edmctl.cli.run.export_request import Format, export_order
+        from edmctl.jobs.run_opening import find_run, plain_stem, reading_unless_killed
+        from edmctl.report.export_parquet import need_pyarrow
+        from edmctl.report.export_tables import TABLES
+
+        path = find_run(file)
+        order = export_order(
+            plain_stem(path),
+            path.parent,
+            list(TABLES),
+            table or [],
+            form,
+            out,
+            as_json=as_json,
+            overwrite=overwrite,
+        )
+        if order.form is Format.PARQUET:
+            need_pyarrow()
+            if order.to_stdout and sys.stdout.isatty():
+                raise UsageError(
+                    "Parquet is nothing for a terminal.", hint="Give a file with -o.", code="E2085"
+                )
+        with reading_unless_killed(path) as opened:
+            outcome.run_file = path
+            outcome.simulated = opened.is_simulated
+            _export(outcome, opened, order)
+
+    return run_command(Output("run export", as_json, debug=debug), body)
+
+
+def _export(outcome: Outcome, opened: "RunFile", order: "ExportOrder") -> None:
+    """Write one table after the other, so that what is there stays when a later one fails."""
+    from edmctl.cli.run.export_output import new_file, stdout
+    from edmctl.console.export_table import Exported, render_export
+    from edmctl.jobs.output_files import make_folder
+    from edmctl.machine.port import EventCode
+    from edmctl.procedures.event_codes import RunEvent
+    from edmctl.report.export_tables import TABLES, ExportTable
+
+    names = {int(code): code.name for code in (*EventCode, *RunEvent)}
+    tables = [ExportTable(opened, name, names) for name in order.tables or TABLES]
+    if not order.tables:
+        tables = [table for table in tables if table.rows]
+    for table in tables:
+        other = OTHER_LOG.get(table.name, "")
+        if other and not table.rows and ExportTable(opened, other, names).rows:
+            mutter(f"There are no {table.name} in this run: it logged {other} (-t {other}).\n")
+    if order.to_stdout:
+        with stdout() as sink:
+            _write(opened, order, tables[0], sink)
+        return
+    order.check_free([table.name for table in tables])
+    if order.folder is not None:
+        make_folder(order.folder)
+    written: list[Exported] = []
+    outcome.result = {"tables": written}
+    for table in tables:
+        path = order.path_of(table.name)
+        with new_file(path, overwrite=order.overwrite) as sink:
+            _write(opened, order, table, sink)
+        columns = [column.name for column in table.columns]
+        written.append(Exported(table.name, str(path), table.rows, path.stat().st_size, columns))
+        outcome.text = render_export(written, stream_style(sys.stdout))
+
+
+def _write(opened: "RunFile", order: "ExportOrder", table: "ExportTable", sink: "Sink") -> None:
+    writer = _writer(opened, order, table, sink)
+    for block in table.blocks():
+        writer.write(block)
+    writer.close()
+
+
+def _writer(opened: "RunFile", order: "ExportOrder", table: "ExportTable", sink: "Sink") -> "TableWriter":
+    from edmctl.cli.run.export_request import Format
+    from edmctl.report.export_parquet import ParquetWriter
+    from edmctl.report.export_text import CsvWriter, JsonWriter
+
+    if order.form is Format.PARQUET:
+        about = {name: opened.text(f"/entry/{name}") for name in ("run_id", "title", "start_time", "status")}
+        return ParquetWriter(sink, table.columns, {**about, "table": table.name})
+    if order.form is Format.CSV:
+        return CsvWriter(sink, table.columns)
+    return JsonWriter(sink, table.columns, lines=order.form is Format.JSONL)

@@ -1,0 +1,131 @@
+"""What `run export` was asked for: which tables, in which format, into which files."""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from edmctl.errors import UsageError
+from edmctl.jobs.output_files import check_free
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+STDOUT = Path("-")
+REPLACE_HINT = "Give another place with -o, or replace it with --overwrite."
+
+
+class Format(StrEnum):
+    """How tables are written; also the ending of their files."""
+
+    CSV = "csv"
+    PARQUET = "parquet"
+    JSON = "json"
+    JSONL = "jsonl"
+
+
+@dataclass(frozen=True, slots=True)
+class ExportOrder:
+    """`tables` are empty where all were meant. With neither `file` nor `folder` the one table goes to stdout."""
+
+    tables: tuple[str, ...]
+    form: Format
+    stem: str
+    file: Path | None = None
+    folder: Path | None = None
+    overwrite: bool = False
+
+    @property
+    def to_stdout(self) -> bool:
+        return self.file is None and self.folder is None
+
+    def path_of(self, table: str) -> Path:
+        """Return the file that a table goes to."""
+        if self.file is not None:
+            return self.file
+        return (self.folder or Path()) / f"{self.stem}-{table}.{self.form}"
+
+    def check_free(self, tables: Sequence[str]) -> None:
+        """Raise RunFileError E9011 when one of the files is there already and is not to be replaced."""
+        if not (self.to_stdout or self.overwrite):
+            for table in tables:
+                check_free(self.path_of(table), REPLACE_HINT)
+
+
+def export_order(
+    stem: str,
+    beside: Path,
+    known: Sequence[str],
+    tables: Sequence[str],
+    form: str | None,
+    out: Path | None,
+    *,
+    as_json: bool,
+    overwrite: bool = False,
+) -> ExportOrder:
+    """Make sense of the options.
+
+    stem : name of the run; beside : its folder; known : the names of all tables
+
+    A name without an ending is a folder, and so is one that is there. Raises UsageError: E2080 there is no such
+    table, E2081 no such format, also by the ending of the file, E2082 several tables into one file or to stdout,
+    E2083 --json while the table itself goes to stdout, E2084 the ending of the file is another format's.
+    """
+    wanted = tuple(dict.fromkeys(_table(name, known) for name in tables))
+    ending = out.suffix.lower().removeprefix(".") if out is not None else ""
+    is_file = out is not None and ending in tuple(Format) and not out.is_dir()
+    chosen = _format(form, ending if is_file else "")
+    if out is not None and out != STDOUT and ending and not (is_file or out.is_dir()):
+        raise UsageError(
+            f"Tables do not go into {out.name}: no format is called {ending}.",
+            hint=f"Formats: {', '.join(Format)}. A folder needs a name without an ending, or has to be there.",
+            code="E2081",
+        )
+    if is_file and ending != chosen:
+        raise UsageError(
+            f"--format {chosen} does not go into a file called .{ending}.",
+            hint=f"Call it .{chosen}, or leave --format out.",
+            code="E2084",
+        )
+    to_stdout = out == STDOUT or (out is None and len(wanted) == 1)
+    if (is_file or to_stdout) and len(wanted) != 1:
+        where = "stdout takes" if to_stdout else f"{out} takes"
+        raise UsageError(
+            f"{where} one table, not {len(wanted) or 'all'}.",
+            hint="Name it with --table, or give a folder with -o.",
+            code="E2082",
+        )
+    if to_stdout and as_json:
+        raise UsageError(
+            "With --json stdout is taken by its object.",
+            hint="Give the table a file with -o; --format json writes it as JSON.",
+            code="E2083",
+        )
+    if to_stdout:
+        return ExportOrder(wanted, chosen, stem)
+    if is_file:
+        return ExportOrder(wanted, chosen, stem, file=out, overwrite=overwrite)
+    return ExportOrder(wanted, chosen, stem, folder=beside if out is None else out, overwrite=overwrite)
+
+
+def _table(name: str, known: Sequence[str]) -> str:
+    plain = name.lower().replace("_", "-")
+    if plain in known:
+        return plain
+    near = difflib.get_close_matches(plain, known, 1)
+    meant = f"Did you mean {near[0]}? " if near else ""
+    raise UsageError(
+        f"A run file has no table {name!r}.", hint=f"{meant}Tables: {', '.join(known)}.", code="E2080"
+    )
+
+
+def _format(asked: str | None, ending: str) -> Format:
+    try:
+        return Format((asked or ending or Format.CSV).lower())
+    except ValueError:
+        raise UsageError(
+            f"There is no format {asked!r}.", hint=f"Formats: {', '.join(Format)}.", code="E2081"
+        ) from None

@@ -1,0 +1,225 @@
+"""The newest state of a run that another process writes, as those who watch a job see it."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import TYPE_CHECKING
+
+from edmctl.console.story import PAD
+from edmctl.jobs.run_samples import PULSES_S, SampleReader
+from edmctl.wording import duration
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from edmctl.cli.run.explain import FileEvent
+    from edmctl.console.progress import Reporter
+    from edmctl.procedures.results import Phase, Progress
+    from edmctl.record.reader import RunFile
+
+LOOK_EVERY_S = 0.5
+FEED_AFTER_S = 10.0
+"""The mean feed of a cut says something from here on: one jump period."""
+EARLIER = 3
+"""So many decisions from before the first look are told."""
+WARNING_LEVEL = 2
+_SITE_ENDS = ("TARGET_REACHED", "TARGET_MISSED")
+
+
+def pause() -> None:
+    """Wait until the next look."""
+    time.sleep(LOOK_EVERY_S)
+
+
+def follow_run(path: Path, reporter: Reporter, wait: Callable[[], None] = pause) -> Path:
+    """Report the state of the run at `path` until it has an end; return what the file is called then.
+
+    Of what was decided before the first look the newest is told first. Raises RunFileError: E9008 its writer died,
+    else as `open_run`.
+    """
+    from edmctl.record.following import final_name, follow
+
+    watcher: _Watcher | None = None
+    for run in follow(path, wait):
+        if watcher is None:
+            watcher = _Watcher(run)
+        watcher.report(run, reporter)
+    return final_name(path, wait)
+
+
+class _Watcher:
+    """Knows what has been told already, and what the events say about where the job stands."""
+
+    def __init__(self, run: RunFile) -> None:
+        from edmctl.cli.run.explain import depths_of_holes
+
+        values = run.profile_values()
+        self._mean_open_v = _number(values.get("pulse.open_voltage_v")) * _number(values.get("pulse.duty"))
+        self._places = max(1, len(depths_of_holes(values)))
+        by_depth = values.get("target.kind") == "depth"
+        self._target_um = _number(values.get("target.depth_um")) if by_depth else math.nan
+        self._by_feed = values.get("target.kind") == "feed"
+        self._samples = SampleReader()
+        self._cut = _Cut()
+        self._seen = 0
+        self._tells = False
+        self._site = self._step = self._warning = ""
+        self._done = self._jumps = 0
+        self._last_jump_s = self._warned_s = math.nan
+
+    def report(self, run: RunFile, reporter: Reporter) -> None:
+        """Report the newest state, and the events since the last one."""
+        from edmctl.cli.run.explain import events_of
+
+        events = events_of(run, self._seen)
+        self._seen += len(events)
+        for event in events:
+            self._take(event)
+        news = [event for event in events if _is_news(event)]
+        if self._tells:
+            for event in news:
+                reporter.note(event.message)
+        elif not run.is_finished:
+            for event in news[-EARLIER:]:
+                reporter.note(f"At {duration(event.time_s)}: {event.message}")
+        self._tells = True
+        state = self._state(run)
+        if state is not None:
+            reporter.progress(state)
+
+    def _take(self, event: FileEvent) -> None:
+        if event.code == "STAGE_MOVED":
+            place = event.message.removeprefix("At ").rpartition(" (")[0]
+            self._site = self._site if place == PAD else place
+        elif event.code == "CUT_PLANNED":
+            self._step, self._jumps, self._last_jump_s = f"cut {event.args.get('cut', '')}", 0, math.nan
+            self._cut = _Cut(
+                event.time_s, *(_number(event.args.get(name)) for name in ("feed_um", "wear_ratio"))
+            )
+            self._target_um = _number(event.args.get("target_um", self._target_um))
+        elif event.code == "CUT_ENDED":
+            self._step = ""
+        elif event.code == "JUMPED":
+            self._jumps, self._last_jump_s = self._jumps + 1, event.time_s
+        elif event.code in _SITE_ENDS:
+            self._done += 1
+        if event.level >= WARNING_LEVEL:
+            self._warning, self._warned_s = event.message, event.time_s
+
+    def _state(self, run: RunFile) -> Progress | None:
+        """The newest state; None before the first sample."""
+        from edmctl.procedures.results import Progress, PulseRatios
+
+        samples = self._samples.read(run)
+        if samples is None:
+            return None
+        newest = samples.slices[-1]
+        slow = _newest_slow(run, samples.time_s)
+        depth_um, wear_um = slow.get("est_depth", math.nan), slow.get("est_wear", math.nan)
+        fed_um = depth_um + wear_um
+        return Progress(
+            phase=_phase(samples.state, machining=bool(slow)),
+            time_s=samples.time_s,
+            gap_v=samples.gap_v,
+            reference_v=slow.get("s_ref", math.nan) * self._mean_open_v,
+            ratios=PulseRatios(*(slow.get(f"r_{name}", 0.0) for name in ("open", "normal", "arc", "short"))),
+            depth_um=depth_um,
+            depth_target_um=self._target_um,
+            displacement_um=samples.displacement_um,
+            time_left_s=self._cut.time_left_s(run, samples.time_s, fed_um, self._target_um - depth_um),
+            depth_u95_um=slow.get("est_depth_u95", math.nan),
+            site=self._site if self._places > 1 else "",
+            step=self._step,
+            feed_um=fed_um,
+            feed_target_um=self._cut.feed_um if self._by_feed else math.nan,
+            feed_um_s=slow.get("feed_um_s", math.nan),
+            wear_um=wear_um,
+            wear_u95_um=slow.get("est_wear_u95", math.nan),
+            gap_low_v=newest.gap_low_v,
+            gap_high_v=newest.gap_high_v,
+            displacement_low_um=newest.displacement_low_um,
+            displacement_high_um=newest.displacement_high_um,
+            past=samples.slices[:-1],
+            jumps=self._jumps,
+            jump_period_s=slow.get("jump_period", math.nan),
+            last_jump_s=self._last_jump_s,
+            sites_done=self._done,
+            sites_total=self._places,
+            warning=self._warning,
+            warned_s=self._warned_s,
+        )
+
+
+class _Cut:
+    """A cut that was planned at `planned_s`, and how long it will take at its mean feed so far."""
+
+    def __init__(
+        self, planned_s: float = math.nan, feed_um: float = math.nan, wear_ratio: float = math.nan
+    ) -> None:
+        self.feed_um = feed_um
+        self._planned_s, self._wear_ratio = planned_s, wear_ratio
+        self._begin: tuple[float, float] | None = None
+
+    def time_left_s(self, run: RunFile, now_s: float, fed_um: float, depth_left_um: float) -> float:
+        """Return the time to the depth that is wanted, else to the end of the feed; NaN while that is unknown.
+
+        fed_um : estimated depth and wear of the hole; depth_left_um : NaN where no depth is wanted
+        """
+        begin_s, begin_um = self._begin_of(run)
+        mean_um_s = (fed_um - begin_um) / (now_s - begin_s) if now_s - begin_s > FEED_AFTER_S else math.nan
+        if not mean_um_s > 0.0:
+            return math.nan
+        left_um = depth_left_um * (1.0 + self._wear_ratio)
+        if math.isnan(depth_left_um):
+            left_um = self.feed_um - (fed_um - begin_um)
+        return max(0.0, left_um) / mean_um_s
+
+    def _begin_of(self, run: RunFile) -> tuple[float, float]:
+        """Time of the cut's first row, and what was fed to the hole before."""
+        if self._begin is None:
+            times_s = run.column("/entry/slow", "time")
+            row = int(times_s.searchsorted(self._planned_s))
+            if math.isnan(self._planned_s) or row >= len(times_s):
+                return math.nan, math.nan
+            depth_um, wear_um = (
+                float(run.column("/entry/slow", name, row, row + 1)[0]) for name in ("est_depth", "est_wear")
+            )
+            self._begin = (float(times_s[row]), depth_um + wear_um)
+        return self._begin
+
+
+def _newest_slow(run: RunFile, now_s: float) -> dict[str, float]:
+    """The newest row of the supervisor's view; empty where it is not of now, because nothing is machined."""
+    rows = run.rows("/entry/slow")
+    names = ("time", "s_ref", "r_open", "r_normal", "r_arc", "r_short", "est_depth", "est_depth_u95")
+    more = ("est_wear", "est_wear_u95", "feed_um_s", "jump_period")
+    row = {name: run.column("/entry/slow", name, max(0, rows - 1), rows) for name in (*names, *more)}
+    found = {name: float(values[0]) for name, values in row.items() if len(values)}
+    return found if now_s - found.get("time", -math.inf) <= PULSES_S else {}
+
+
+def _phase(state: int, *, machining: bool) -> Phase:
+    """What the state of the controller comes to in the words of a job."""
+    from edmctl.machine.states import MachineState
+    from edmctl.procedures.results import Phase
+
+    if state == MachineState.JUMP:
+        return Phase.JUMPING
+    if state == MachineState.MACHINING or machining:
+        return Phase.MACHINING
+    return {
+        MachineState.APPROACH: Phase.APPROACHING,
+        MachineState.TOUCH: Phase.MEASURING,
+    }.get(MachineState(state), Phase.MOVING)
+
+
+def _is_news(event: FileEvent) -> bool:
+    from edmctl.console.story import DEBUG, LEFT_OUT
+
+    return event.level != DEBUG and event.code not in LEFT_OUT and event.code != "JUMPED"
+
+
+def _number(value: object) -> float:
+    return float(value) if isinstance(value, int | float) else math.nan

@@ -1,0 +1,126 @@
+"""`edmctl run list`: the runs of a folder in a table."""
+
+import shutil
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from edmctl.cli.options import DebugOption, JsonOption
+from edmctl.cli.outcome import Outcome, Output, run_command, stream_style
+from edmctl.errors import RunFileError, UsageError
+from edmctl.jobs.run_opening import RUNS, find_run
+
+if TYPE_CHECKING:
+    from edmctl.record.run_index import RunHead, Unreadable
+
+WORDS = {"E9005": "no run file", "E9006": "of a later version", "E9007": "damaged"}
+
+FolderArgument = Annotated[
+    Path | None, typer.Argument(metavar="[FOLDER]", help=f"Where the run files are; {RUNS} without.")
+]
+OutOption = Annotated[
+    Path | None,
+    typer.Option("--out", metavar="DIR", help="The same, by the name that it has where runs are made."),
+]
+
+
+def list_runs(
+    folder: FolderArgument = None,
+    out: OutOption = None,
+    as_json: JsonOption = False,
+    debug: DebugOption = False,
+) -> int:
+    """List the runs of a folder, and what became of them.
+
+    The newest comes last: status, depth, wear and time of each.
+    """
+    output = Output("run list", as_json, debug=debug)
+    return run_command(output, lambda outcome: _list(outcome, _only(folder, out)))
+
+
+def _only(folder: Path | None, out: Path | None) -> Path:
+    """Return the folder that is meant. Raises UsageError E2063 where two are named."""
+    if folder is not None and out is not None:
+        raise UsageError(
+            f"Two folders are named: {folder}, and {out} with --out.", hint="Leave one out.", code="E2063"
+        )
+    return folder or out or RUNS
+
+
+def _list(outcome: Outcome, folder: Path) -> None:
+    from edmctl.record.run_index import RunHead, Unreadable, heads_of, read_head
+
+    if folder == RUNS and not folder.exists():
+        outcome.result = {"folder": str(folder), "runs": []}
+        outcome.text = f"No runs yet: there is no folder {folder} here."
+        return
+    named = folder if folder.is_dir() else find_run(folder)
+    if not named.exists():
+        raise RunFileError(
+            f"There is neither a folder nor a run {folder}.",
+            hint="Give the folder that the runs were written to (--out), or the id of a run in runs/.",
+            code="E9005",
+        )
+    found: list[RunHead | Unreadable] = list(heads_of(named)) if folder.is_dir() else [read_head(named)]
+    found.sort(key=_since)
+    outcome.result = {
+        "folder": str(folder),
+        "runs": [_unread(head) if isinstance(head, Unreadable) else _read(head) for head in found],
+    }
+    outcome.text = _table(found) if found else f"No run files in {folder}."
+
+
+def _since(head: "RunHead | Unreadable") -> tuple[str, str]:
+    """What the runs are sorted by: their start, of unreadable ones their last change."""
+    from edmctl.record.run_index import Unreadable
+
+    if isinstance(head, Unreadable):
+        return _changed(head), head.path.name
+    try:
+        start = datetime.fromisoformat(head.start_time)
+    except ValueError:
+        return "", head.path.name
+    return start.astimezone(UTC).isoformat(), head.path.name
+
+
+def _changed(file: "Unreadable") -> str:
+    return datetime.fromtimestamp(file.changed_s, UTC).isoformat()
+
+
+def _read(head: "RunHead") -> dict[str, object]:
+    from dataclasses import asdict
+
+    return {**asdict(head), "path": str(head.path), "error": None}
+
+
+def _unread(file: "Unreadable") -> dict[str, object]:
+    return {
+        "path": str(file.path),
+        "size_bytes": file.size_bytes,
+        "error": {"code": file.error.code, "message": file.error.message, "hint": file.error.hint},
+    }
+
+
+def _table(found: "list[RunHead | Unreadable]") -> str:
+    from edmctl.console.runs_table import BrokenFile, render_runs
+    from edmctl.record.run_index import Unreadable
+
+    rows: list[RunHead | BrokenFile] = []
+    for head in found:
+        if isinstance(head, Unreadable):
+            rows.append(
+                BrokenFile(
+                    head.path.name,
+                    head.size_bytes,
+                    _changed(head),
+                    WORDS.get(head.error.code, head.error.code),
+                    head.error.message,
+                )
+            )
+        else:
+            rows.append(head)
+    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
+    return render_runs(rows, stream_style(sys.stdout), width)

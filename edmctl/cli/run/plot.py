@@ -1,0 +1,128 @@
+"""`edmctl run plot`: figures, and a page with all of them, from a run file alone."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from edmctl.cli import completion
+from edmctl.cli.options import DebugOption, FileArgument, JsonOption
+from edmctl.cli.outcome import Outcome, Output, mutter, run_command
+
+if TYPE_CHECKING:
+    from edmctl.cli.run.plot_request import PlotOrder, Target
+    from edmctl.record.reader import RunFile
+
+KindOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--kind",
+        metavar="KIND",
+        help="One of those below; all figures there is something for without. Repeatable.",
+        autocompletion=completion.figures,
+    ),
+]
+OutOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--out",
+        "-o",
+        metavar="FILE|FOLDER",
+        help="A file by its ending (one figure), or the folder; beside the run file without.",
+    ),
+]
+FormatOption = Annotated[
+    str | None,
+    typer.Option("--format", metavar="FORMAT", help="Of the figures: png (as without), svg or pdf."),
+]
+OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace figures of the same name.")]
+
+
+def plot(
+    file: FileArgument,
+    kind: KindOption = None,
+    out: OutOption = None,
+    form: FormatOption = None,
+    overwrite: OverwriteOption = False,
+    as_json: JsonOption = False,
+    debug: DebugOption = False,
+) -> int:
+    """Draw figures of a run, or one page with all of it.
+
+    Figures are for print or for the screen; --kind report makes an HTML page with all of them.
+    """
+
+    def body(outcome: Outcome) -> None:
+        from edmctl.cli.run.plot_request import plot_order
+        from edmctl.jobs.run_opening import find_run, plain_stem, reading_unless_killed
+        from edmctl.report.style import need_matplotlib
+
+        path = find_run(file)
+        order = plot_order(plain_stem(path), path.parent, kind or [], out, form)
+        need_matplotlib()
+        with reading_unless_killed(path) as opened:
+            outcome.run_file = path
+            outcome.simulated = opened.is_simulated
+            outcome.seed = opened.seed
+            order.check(overwrite)
+            _draw(outcome, opened, order, overwrite)
+
+    return run_command(Output("run plot", as_json, debug=debug), body)
+
+
+def _draw(outcome: Outcome, opened: "RunFile", order: "PlotOrder", overwrite: bool) -> None:
+    """Draw and write one file after the other, so that what is there stays when a later one fails."""
+    from edmctl.cli.run.plot_request import REPLACE_HINT
+    from edmctl.errors import PreconditionError
+    from edmctl.jobs import output_files
+    from edmctl.report.style import NothingToDraw
+
+    written: list[dict[str, object]] = []
+    nothing: list[dict[str, object]] = []
+    outcome.result = {"figures": written, "nothing": nothing}
+    for number, target in enumerate(order.targets, start=1):
+        if sys.stderr.isatty():
+            mutter(f"drawing {target.name} ({number} of {len(order.targets)})\n")
+        try:
+            content = _content(opened, target)
+        except NothingToDraw as reason:
+            nothing.append({"kind": target.name, "why": str(reason)})
+            continue
+        output_files.make_folder(target.path.parent)
+        if overwrite:
+            output_files.replace(target.path, content)
+        else:
+            output_files.write(target.path, content, REPLACE_HINT)
+        written.append({"kind": target.name, "file": str(target.path), "bytes": len(content)})
+        outcome.text = "\n".join(f"{entry['kind']:<13} {entry['file']}" for entry in written)
+    if nothing and (order.by_name or not written):
+        raise PreconditionError(
+            " ".join(f"Nothing to draw for {entry['kind']}: {entry['why']}" for entry in nothing),
+            hint="Without --kind, what there is something for is drawn." if written or order.by_name else "",
+            code="E8091",
+        )
+    for entry in nothing:
+        mutter(f"no {entry['kind']}: {entry['why']}\n")
+
+
+def _content(opened: "RunFile", target: "Target") -> bytes:
+    """The bytes of the file. Raises NothingToDraw."""
+    if target.kind is None:
+        return page_of(opened).encode()
+    from edmctl.report.kinds import draw
+    from edmctl.report.style import house_style, rendered
+
+    with house_style():
+        return rendered(draw(target.kind, opened), target.path.suffix.lower())
+
+
+def page_of(opened: "RunFile") -> str:
+    """The page with all figures and numbers of an open run file."""
+    from edmctl.cli.run.explain import sentences_of, trouble_of
+    from edmctl.report.page import render_page
+    from edmctl.report.pictures import pictures_of
+
+    sentences = sentences_of(opened)
+    story = [(sentence.time_s, sentence.text) for sentence in sentences]
+    return render_page(opened, pictures_of(opened), story, trouble_of(sentences))

@@ -1,0 +1,115 @@
+"""What `run plot` is to draw, and into which files: settled before anything is read or drawn."""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from edmctl.errors import UsageError
+from edmctl.jobs import output_files
+from edmctl.report.kinds import KINDS, NAMES, REPORT, Kind, kind_called
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
+
+FORMATS = ("png", "svg", "pdf")
+PAGE_SUFFIX = ".html"
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """One file to write; `kind` is None for the page with all figures."""
+
+    name: str
+    kind: Kind | None
+    path: Path
+
+
+@dataclass(frozen=True, slots=True)
+class PlotOrder:
+    """What was asked for. `by_name` tells a figure that must be there from one that is drawn where there is one."""
+
+    targets: tuple[Target, ...]
+    by_name: bool
+
+    def check(self, overwrite: bool) -> None:
+        """Raise RunFileError E9011 for a file that is there already, E9012 for a folder that cannot be made."""
+        for target in self.targets:
+            output_files.check_folder(target.path.parent)
+            if not overwrite:
+                output_files.check_free(target.path, REPLACE_HINT)
+
+
+REPLACE_HINT = "Choose another place with --out, or replace it with --overwrite."
+
+
+def plot_order(
+    stem: str, beside: Path, kinds: Sequence[str], out: Path | None, form: str | None
+) -> PlotOrder:
+    """Settle the files: `STEM-KIND.png` in the folder `beside`, in that of `out`, or the one file that `out` names.
+
+    Raises UsageError: E2070 no such kind, E2071 one file for several figures, E2072 formats that contradict.
+    """
+    names = list(dict.fromkeys(kinds)) or [kind.name for kind in KINDS]
+    for name in names:
+        _check_kind(name)
+    if form is not None and form not in FORMATS:
+        raise UsageError(
+            f"There is no format {form!r}.", hint=f"There are {', '.join(FORMATS)}.", code="E2072"
+        )
+    if names == [REPORT] and form is not None:
+        raise UsageError(
+            "A report is one HTML page, in no other format.",
+            hint="Leave --format out; a browser prints the page as PDF.",
+            code="E2072",
+        )
+    suffixes = {name: PAGE_SUFFIX if name == REPORT else f".{form or FORMATS[0]}" for name in names}
+    paths = dict(_paths(stem, out or beside, suffixes, form))
+    return PlotOrder(
+        tuple(Target(name, None if name == REPORT else kind_called(name), paths[name]) for name in names),
+        bool(kinds),
+    )
+
+
+def _paths(stem: str, out: Path, suffixes: dict[str, str], form: str | None) -> Iterator[tuple[str, Path]]:
+    """Where each kind goes; `out` is a file by its ending, a folder without one or where it is there."""
+    if str(out) == "-":
+        raise UsageError("Figures do not go to stdout.", hint="Name a file or a folder.", code="E2071")
+    known = {f".{name}" for name in FORMATS} | {PAGE_SUFFIX}
+    if out.suffix and out.suffix.lower() not in known and not out.is_dir():
+        raise UsageError(
+            f"There are no figures in the format of {out.name}.",
+            hint=f"Names end in {', '.join(sorted(known))}; that of a folder that is not there yet has no ending.",
+            code="E2072",
+        )
+    if not out.suffix or out.is_dir():
+        yield from ((name, out / f"{stem}-{name}{suffix}") for name, suffix in suffixes.items())
+        return
+    if len(suffixes) > 1:
+        raise UsageError(
+            f"{len(suffixes)} figures do not go into the one file {out}.",
+            hint="Name a folder with --out, or one figure with --kind.",
+            code="E2071",
+        )
+    (name,) = suffixes
+    wanted = {PAGE_SUFFIX} if name == REPORT else known - {PAGE_SUFFIX} if form is None else {f".{form}"}
+    if out.suffix.lower() not in wanted:
+        what = "The report" if name == REPORT else "A figure"
+        raise UsageError(
+            f"{what} does not go into {out.name}: its name would have to end in {' or '.join(sorted(wanted))}.",
+            hint="Choose another name for --out" + (", or leave --format out." if form else "."),
+            code="E2072",
+        )
+    yield name, out
+
+
+def _check_kind(name: str) -> None:
+    if name in NAMES:
+        return
+    (close, *_) = (*difflib.get_close_matches(name, NAMES, n=1), "")
+    guess = f"Did you mean {close}? " if close else ""
+    raise UsageError(
+        f"There is no kind of figure {name!r}.", hint=f"{guess}There are {', '.join(NAMES)}.", code="E2070"
+    )

@@ -1,0 +1,74 @@
+"""`edmctl run show`: one run on a page, also while it goes on."""
+
+import shutil
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from edmctl.cli.options import DebugOption, EventsOption, FileArgument, JsonOption, QuietOption
+from edmctl.cli.outcome import Outcome, Output, run_command, stream_style, watching
+from edmctl.errors import RunFileError
+
+FollowOption = Annotated[
+    bool,
+    typer.Option("--follow", "-f", help="Watch a run that goes on until it ends; Ctrl-C ends the watching."),
+]
+WIDEST = 100
+
+
+def show(
+    file: FileArgument,
+    follow: FollowOption = False,
+    as_json: JsonOption = False,
+    events: EventsOption = False,
+    quiet: QuietOption = False,
+    debug: DebugOption = False,
+) -> int:
+    """Show one run: what was wanted, and what became of it.
+
+    With times and what the file holds.
+    """
+    output = Output("run show", as_json, events, quiet, debug)
+
+    def body(outcome: Outcome) -> None:
+        from edmctl.jobs.run_opening import find_run
+
+        path = find_run(file)
+        killed: RunFileError | None = None
+        if follow:
+            from edmctl.cli.run.follow import follow_run
+
+            try:
+                with watching(output) as reporter:
+                    path = follow_run(path, reporter)
+            except RunFileError as error:
+                if error.code != "E9008":
+                    raise
+                killed = error
+        _tell(outcome, path)
+        if killed is not None:
+            raise killed
+
+    return run_command(output, body)
+
+
+def _tell(outcome: Outcome, path: Path) -> None:
+    """Leave the summary as the result. Raises RunFileError E9008 when the writer was killed."""
+    from edmctl.cli.run.summary import summary_of
+    from edmctl.console.run_view import render_run
+    from edmctl.jobs.run_opening import unless_killed
+    from edmctl.record.safe_reading import reading
+
+    with reading(path) as opened:
+        outcome.run_file = path
+        summary = summary_of(opened)
+        outcome.simulated, outcome.seed = summary.simulated, summary.seed
+        outcome.result = summary
+        outcome.text = render_run(summary, stream_style(sys.stdout), _columns())
+        unless_killed(opened, summary.way_on)
+
+
+def _columns() -> int:
+    return min(shutil.get_terminal_size((80, 24)).columns, WIDEST) if sys.stdout.isatty() else 80

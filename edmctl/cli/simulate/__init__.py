@@ -1,0 +1,1 @@
+"""`edmctl simulate`: virtual machines, one or many, and a served one."""

@@ -1,0 +1,324 @@
+"""`edmctl simulate serve`: a virtual controller that other programs reach as they reach a real one."""
+
+import math
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from edmctl.cli.options import (
+    DebugOption,
+    JsonOption,
+    ProfileOption,
+    QuietOption,
+    SeedOption,
+    SetOption,
+    SetupOption,
+)
+from edmctl.cli.outcome import Outcome, Output, mutter, run_command
+from edmctl.errors import UsageError
+from edmctl.jobs.simulate.seeds import seed_to_use
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from edmctl.machine.stop import StopRequest
+    from edmctl.simulator import BenchConfig, VirtualBench
+    from edmctl.simulator.endpoints import Endpoint
+    from edmctl.simulator.injection import Injection
+    from edmctl.simulator.news import News
+    from edmctl.simulator.serve import Server
+
+FASTEST = "max"
+LEAST_SPEED, MOST_SPEED = 0.05, 1000.0
+REPAIR_SIGNAL = "SIGUSR1"
+"""Mends what --fault broke, as the workshop would."""
+
+LinkOption = Annotated[
+    Path | None, typer.Option("--link", metavar="PATH", help="Name under which clients open the pty.")
+]
+SocketOption = Annotated[
+    str | None,
+    typer.Option("--socket", metavar="HOST:PORT", help="Serve on a socket instead; port 0 takes any."),
+]
+RemoteOption = Annotated[
+    bool,
+    typer.Option("--allow-remote", help="Let other computers reach the socket; only with a secret file."),
+]
+SecretOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--secret-file", metavar="FILE", help="Take only clients of the socket that know what is in it."
+    ),
+]
+SpeedOption = Annotated[
+    str,
+    typer.Option(
+        "--speed", metavar="N|max", help="Controller seconds per second; max: time waits for the host."
+    ),
+]
+BaudOption = Annotated[
+    int,
+    typer.Option(
+        "--baud", metavar="N", min=0, help="What the imitated UART carries; 0 for USB, without a limit."
+    ),
+]
+BenchOption = Annotated[
+    Path | None,
+    typer.Option("--bench", metavar="FILE", help="Keep work, tool and actuator in this file between runs."),
+]
+FaultOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--fault", metavar="NAME[@WHEN]", help="Let something go wrong, e.g. ESTOP@sparks+2. Repeatable."
+    ),
+]
+ForOption = Annotated[
+    float | None,
+    typer.Option("--for", metavar="SECONDS", min=0.0, help="End after so much of the controller's time."),
+]
+
+
+@dataclass(frozen=True, slots=True)
+class _Order:
+    """What to serve, checked."""
+
+    config: "BenchConfig"
+    seed: int
+    speed: float | None
+    baud: int
+    injections: tuple["Injection", ...]
+    bench_file: Path | None
+    seconds: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """A socket to serve on, and the secret that its clients have to know; empty for none."""
+
+    host: str
+    port: int
+    secret: bytes
+
+
+def serve(
+    profile: ProfileOption = None,
+    overrides: SetOption = None,
+    setup: SetupOption = None,
+    seed: SeedOption = None,
+    link: LinkOption = None,
+    socket: SocketOption = None,
+    allow_remote: RemoteOption = False,
+    secret_file: SecretOption = None,
+    speed: SpeedOption = "1",
+    baud: BaudOption = 500_000,
+    bench: BenchOption = None,
+    fault: FaultOption = None,
+    seconds: ForOption = None,
+    as_json: JsonOption = False,
+    quiet: QuietOption = False,
+    debug: DebugOption = False,
+) -> int:
+    """Serve a virtual controller on a pty or a socket until Ctrl-C.
+
+    It is the machine of `sim:`, and lives on between the programs that use it one after the other. What --fault
+    breaks stays broken until SIGUSR1 mends it.
+    """
+    output = Output("simulate serve", as_json, quiet=quiet, debug=debug)
+
+    def body(outcome: Outcome) -> None:
+        from edmctl.jobs.connect import bench_config
+        from edmctl.profile.load import load_profile, load_setup
+
+        outcome.simulated = True
+        if link is not None and socket is not None:
+            raise UsageError("--link and --socket exclude each other.", hint="Leave one out.", code="E2040")
+        injections, factor = _injections(fault), _speed(speed)
+        place = _place(socket, secret_file, allow_remote=allow_remote)
+        if seconds is not None and not math.isfinite(seconds):
+            raise UsageError(
+                f"--for {seconds} is no length of time.", hint="Leave it out for no end.", code="E2045"
+            )
+        settings = load_setup(setup)
+        loaded = load_profile(profile, tuple(overrides or ()), setup=settings) if profile else None
+        used_seed = seed_to_use(seed)
+        # A bench that was kept is the machine that it is, whatever seed would make another.
+        outcome.seed = used_seed if seed is not None or bench is None or not bench.exists() else None
+        order = _Order(bench_config(loaded, settings), used_seed, factor, baud, injections, bench, seconds)
+        _serve(outcome, order, link, place)
+
+    return run_command(output, body)
+
+
+def _serve(outcome: Outcome, order: _Order, link: Path | None, place: _Place | None) -> None:
+    from edmctl.actuator.compiling import compiling_told
+    from edmctl.cli.signals import requests_by_signal, stopping_signals
+    from edmctl.cli.simulate.registry import announced
+    from edmctl.jobs.persistent_simulator import kept_bench
+    from edmctl.machine.stop import StopRequest
+    from edmctl.simulator.news import News
+    from edmctl.simulator.plant import serial_number
+    from edmctl.simulator.serve import Server
+
+    def say(text: str) -> None:
+        _say(outcome.output, text)
+
+    stop = StopRequest()
+    with compiling_told(say), kept_bench(order.bench_file, order.config, order.seed) as (bench, keep):
+        if outcome.seed is not None and bench.plant.serial != serial_number(outcome.seed):
+            raise UsageError(
+                f"{order.bench_file} keeps {bench.plant.serial}, not the machine of --seed {outcome.seed}.",
+                hint="Leave --seed out, or take another file for another machine.",
+                code="E2044",
+            )
+        for injection in order.injections:
+            bench.inject(injection)
+        bench.controller.baud = order.baud
+        bench.warm_up()  # before anybody can say hello
+        endpoint = _endpoint(link, place, outcome.output)
+        try:
+            news = News(bench, say, keep)
+            with (
+                announced(endpoint.name, bench.plant.serial),
+                stopping_signals(stop, endpoint.close),
+                requests_by_signal(REPAIR_SIGNAL) as repair_asked,
+            ):
+                say(_ready(bench, endpoint, order.speed))
+
+                def look_around() -> None:
+                    if repair_asked():
+                        bench.clear_injections()
+                        say("repaired: nothing is broken any more")
+                    news()
+
+                server = Server(bench, endpoint, order.speed, look_around, say)
+                server.run(_is_over(bench, stop, order.seconds))
+        finally:
+            endpoint.close()
+            bench.settle()
+        news()
+        outcome.result = _summary(bench, endpoint, server, news, order.speed)
+        outcome.text = _closing(bench, server, news)
+    if bench.line.unplugged:
+        say("the line is unplugged; nothing more to serve")
+    stop.check()
+
+
+def _is_over(bench: "VirtualBench", stop: "StopRequest", seconds: float | None) -> "Callable[[], bool]":
+    controller = bench.controller
+    end_tick = None if seconds is None else controller.tick + round(1000.0 * seconds)
+
+    def is_over() -> bool:
+        return stop.signal_number is not None or (end_tick is not None and controller.tick >= end_tick)
+
+    return is_over
+
+
+def _endpoint(link: Path | None, place: _Place | None, output: Output) -> "Endpoint":
+    from edmctl.simulator.endpoints import PtyEndpoint
+    from edmctl.simulator.socket_endpoint import SocketEndpoint
+
+    if place is not None:
+        return SocketEndpoint(place.host, place.port, lambda text: _say(output, text), place.secret)
+    return PtyEndpoint(link)
+
+
+def _ready(bench: "VirtualBench", endpoint: "Endpoint", speed: float | None) -> str:
+    pace = "as fast as its clients" if speed is None else f"at {speed:g}x"
+    return f"serving {bench.plant.serial} on {endpoint.name} {pace}; Ctrl-C ends it"
+
+
+def _summary(
+    bench: "VirtualBench", endpoint: "Endpoint", server: "Server", news: "News", speed: float | None
+) -> dict[str, object]:
+    controller = bench.controller
+    return {
+        "port": endpoint.name,
+        "serial": bench.plant.serial,
+        "speed": FASTEST if speed is None else speed,
+        "time_s": controller.tick * 1e-3,
+        "state": controller.state.name,
+        "fault": controller.fault or None,
+        "faults": news.faults,
+        "injected": [str(injection) for injection, _ in controller.injector.applied],
+        **asdict(server.traffic),
+    }
+
+
+def _closing(bench: "VirtualBench", server: "Server", news: "News") -> str:
+    traffic = server.traffic
+    faults = ", ".join(str(code) for code in news.faults) or "none"
+    late = f"; its clock was set back by {traffic.paused_s:.1f} s in all" if traffic.paused_s else ""
+    return (
+        f"Served {bench.plant.serial}: {traffic.frames_in} frames in, {traffic.frames_out} out, "
+        f"{traffic.dropped_frames} dropped; faults: {faults}{late}."
+    )
+
+
+def _say(output: Output, text: str) -> None:
+    if not output.quiet:
+        mutter(f"{text}\n")
+
+
+def _speed(text: str) -> float | None:
+    if text == FASTEST:
+        return None
+    try:
+        factor = float(text)
+    except ValueError:
+        factor = 0.0
+    if not LEAST_SPEED <= factor <= MOST_SPEED:
+        raise UsageError(
+            f"--speed {text} is neither a number from {LEAST_SPEED:g} to {MOST_SPEED:g} nor {FASTEST}.",
+            hint=f"Say --speed 1 for a real machine's pace, --speed {FASTEST} for the fastest.",
+            code="E2041",
+        )
+    return factor
+
+
+def _place(text: str | None, secret_file: Path | None, *, allow_remote: bool) -> _Place | None:
+    """Where to serve a socket, and with which secret; None without one."""
+    from edmctl.jobs.secret_file import read_secret
+    from edmctl.simulator.socket_endpoint import address_of, is_loopback
+
+    if text is None:
+        if allow_remote or secret_file is not None:
+            raise UsageError(
+                "--allow-remote and --secret-file are about a socket, and none is served.",
+                hint="Say --socket HOST:PORT too, or leave them out.",
+                code="E2046",
+            )
+        return None
+    host, port = _address(text)
+    secret = b"" if secret_file is None else read_secret(secret_file)
+    address = address_of(host)  # what is judged is what is served on, whatever the name stands for later
+    if not is_loopback(address) and not (allow_remote and secret):
+        raise UsageError(
+            f"Other computers would reach {text}: whoever connects drives the machine.",
+            hint="Serve on 127.0.0.1, or say --allow-remote and --secret-file FILE.",
+            code="E2046",
+        )
+    return _Place(address, port, secret)
+
+
+def _address(text: str) -> tuple[str, int]:
+    host, _, port = text.rpartition(":")
+    if not port.isascii() or not port.isdigit() or int(port) > 65535:
+        raise UsageError(
+            f"--socket {text} is no HOST:PORT.",
+            hint="Say --socket 127.0.0.1:7000, or port 0 for any.",
+            code="E2042",
+        )
+    return host.strip("[]") or "127.0.0.1", int(port)
+
+
+def _injections(texts: list[str] | None) -> tuple["Injection", ...]:
+    from edmctl.simulator.injection import parse_injection
+
+    try:
+        return tuple(parse_injection(text) for text in texts or ())
+    except ValueError as error:
+        raise UsageError(
+            str(error), hint="Say --fault NAME or --fault NAME@sparks+2.", code="E2043"
+        ) from error

@@ -1,0 +1,1 @@
+"""`simulate actuator`: waveforms through a virtual actuator and the models of it."""

@@ -1,0 +1,194 @@
+"""Waveforms through a virtual actuator, and how well three models know where it went.
+
+Every waveform, the slow cycle and the calibration begin on the same unit at rest. Models only ever see what a
+machine would: the voltage applied and the reading of the displacement sensor, with its gain error, drift and
+noise. What they say is judged by the truth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+from edmctl.actuator.baselines import fit_line, paper_practice
+from edmctl.actuator.identification import identify
+from edmctl.actuator.record import Record
+from edmctl.actuator.validation import judge
+from edmctl.actuator.waveforms import calibration_legs, sampled, sine
+from edmctl.errors import Diagnostic
+from edmctl.jobs.calibration import doubts as calibration_doubts
+from edmctl.simulator.actuator import HIGH_V, LOW_V, RATE_HZ, SLEW_V_S, Drive, VirtualActuator
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from edmctl.actuator.model import ActuatorModel
+    from edmctl.jobs.actuator_trial.waveforms import Waveform
+
+    Array = NDArray[np.float64]
+
+SLOW_HZ = 0.01
+"""Of the one cycle that the simple models are fitted to, as in Muralidhara et al. 2009, §2.2."""
+SLOW_EVERY = 10
+"""A hundredth of a second changes nothing in a cycle of 100 s."""
+CALIBRATION_EVERY = 2
+"""500 samples a second tell the delay of the amplifier as well as all of them do, in half the time."""
+NOTICED_V = 0.1
+"""A voltage this far from what was asked for, or from what was calibrated, is worth a word."""
+
+
+class Predictor(Protocol):
+    """Says the displacement, µm, shape (n,), from time and voltage."""
+
+    def predict(self, t_s: Array, u_v: Array) -> Array: ...
+
+
+@dataclass(frozen=True, slots=True)
+class ModelErrors:
+    """How far a model was from the truth."""
+
+    max_um: float
+    rms_um: float
+    max_pct: float
+    rms_pct: float
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """What only the simulator knows of a waveform."""
+
+    range_um: float
+
+
+@dataclass(frozen=True, slots=True)
+class WaveformResult:
+    """One waveform; `models` has the keys line, paper and ours."""
+
+    name: str
+    truth: Truth
+    models: dict[str, ModelErrors]
+
+
+class Trace(NamedTuple):
+    """Every sample of one waveform; ndarrays of shape (n,). Models have got their zero."""
+
+    t_s: Array
+    applied_v: Array
+    truth_um: Array
+    sensor_um: Array
+    models_um: dict[str, Array]
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """All waveforms. `stroke_um` is the sensor's range on the slow cycle over the whole voltage range."""
+
+    waveforms: list[WaveformResult]
+    traces: list[Trace]
+    stroke_um: float
+    doubts: list[Diagnostic]
+
+    def as_mapping(self) -> dict[str, object]:
+        """Return the `result` of the JSON object, but for the files."""
+        return {"waveforms": [asdict(waveform) for waveform in self.waveforms], "stroke_um": self.stroke_um}
+
+
+def run_trial(asked: Sequence[Waveform], known: ActuatorModel | None, seed: int) -> Trial:
+    """Drive the waveforms on the actuator of this seed.
+
+    known : the model to judge; None identifies one from a calibration record of the same actuator.
+    """
+    slow = _measured(seed, sine(LOW_V, HIGH_V, SLOW_HZ, 1, RATE_HZ).u_v, every=SLOW_EVERY)
+    ours, doubts = (known, []) if known else _calibrated(seed)
+    models: dict[str, Predictor] = {
+        "line": fit_line([slow]),
+        "paper": paper_practice(slow),
+        "ours": ours,
+    }
+    stroke_um = float(slow.y_um.max() - slow.y_um.min())
+    traces, results = [], []
+    for waveform in asked:
+        driven = VirtualActuator(seed).drive(waveform.command_v)
+        doubts += _slowed(waveform, driven) + _beyond(waveform, driven, ours)
+        trace = _traced(driven, models)
+        traces.append(trace)
+        results.append(_judged(waveform.name, trace, stroke_um))
+    return Trial(results, traces, stroke_um, doubts)
+
+
+def known_model(path: Path, seed: int) -> tuple[ActuatorModel, list[Diagnostic]]:
+    """Load a calibration file, with warnings when it is another actuator's or was not accepted."""
+    from edmctl.profile.calibration import load_calibration
+
+    calibration = load_calibration(path)
+    hint = "Say the --seed it was made with, or leave --calibration out."
+    own = VirtualActuator(seed).serial
+    doubts = calibration_doubts.of_another(path, calibration, own, "this actuator is that of", hint)
+    return calibration.model(), doubts + _unaccepted(calibration.quality.problems)
+
+
+def _calibrated(seed: int) -> tuple[ActuatorModel, list[Diagnostic]]:
+    """Identify the actuator from the record that `calibrate` drives."""
+    record = _measured(seed, sampled(calibration_legs(HIGH_V), RATE_HZ).u_v, every=CALIBRATION_EVERY)
+    found = identify([record], resamples=0)
+    return found.model, _unaccepted(found.problems)
+
+
+def _unaccepted(problems: Sequence[str]) -> list[Diagnostic]:
+    """What stands against a calibration."""
+    hint = "The figures show what it costs."
+    return [calibration_doubts.not_accepted("The calibration", problem, hint) for problem in problems]
+
+
+def _measured(seed: int, command_v: Array, every: int = 1) -> Record:
+    """Drive the unit from rest; what a host would record of it, by `every` so manyth sample."""
+    driven = VirtualActuator(seed).drive(command_v)
+    return Record(driven.t_s[::every], driven.applied_v[::every], driven.sensor_um[::every])
+
+
+def _slowed(waveform: Waveform, driven: Drive) -> list[Diagnostic]:
+    """Whether the controller's slew limit changed what was asked for."""
+    worst_v = float(abs(driven.applied_v - waveform.command_v).max())
+    if worst_v <= NOTICED_V:
+        return []
+    message = (
+        f"{waveform.name} is steeper than the machine's {SLEW_V_S:g} V/s; the voltage applied is up to "
+        f"{worst_v:.1f} V away from it."
+    )
+    hint = "All figures are for the voltage that was applied."
+    return [Diagnostic("W8103", message, hint, is_warning=True)]
+
+
+def _beyond(waveform: Waveform, driven: Drive, ours: ActuatorModel) -> list[Diagnostic]:
+    """Whether the waveform leaves the voltages that the model was identified over."""
+    low_v, top_v = float(driven.applied_v.min()), float(driven.applied_v.max())
+    ends = []
+    if not calibration_doubts.reaches_up(ours, top_v, NOTICED_V):
+        ends.append(f"up to {top_v:.1f} V and the calibration to {ours.high_v:.1f} V")
+    if not calibration_doubts.reaches_down(ours, low_v, top_v):
+        ends.append(f"down to {low_v:.1f} V and the calibration to {ours.low_v:.1f} V")
+    hint = "Calibrate over the whole stroke."
+    return [calibration_doubts.narrow(f"{waveform.name} goes {end}.", hint) for end in ends]
+
+
+def _traced(driven: Drive, models: dict[str, Predictor]) -> Trace:
+    """What every model makes of the voltage applied, each with the zero that suits it best."""
+    models_um = {}
+    for key, model in models.items():
+        predicted_um = model.predict(driven.t_s, driven.applied_v)
+        models_um[key] = predicted_um + judge(predicted_um, driven.truth_um).zero_um
+    return Trace(*driven, models_um)
+
+
+def _judged(name: str, trace: Trace, stroke_um: float) -> WaveformResult:
+    models, range_um = {}, 0.0
+    for key, predicted_um in trace.models_um.items():
+        errors = judge(predicted_um, trace.truth_um, refit=()).errors
+        share = 100.0 / stroke_um
+        models[key] = ModelErrors(errors.max_um, errors.rms_um, share * errors.max_um, share * errors.rms_um)
+        range_um = errors.range_um
+    return WaveformResult(name, Truth(range_um), models)

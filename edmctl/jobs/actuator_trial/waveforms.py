@@ -1,0 +1,153 @@
+"""The waveforms of `simulate actuator`, checked and sampled at the virtual actuator's tick."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+from edmctl.errors import UsageError
+from edmctl.jobs.actuator_trial.csv_waveform import command_from
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+LOW_V, HIGH_V = 0.0, 120.0
+"""The range of Muralidhara et al. 2009, Figs 3–5."""
+FREQUENCY_HZ, CYCLES = 1.0, 5
+SLOW_HZ, SLOW_CYCLES = 0.01, 2
+STEP_HOLD_S = 60.0
+LONGEST_S = 1800.0
+"""Half an hour takes some 200 MB, and 1 GB for a moment where it is written as CSV."""
+
+_STEEPNESS = {"sine": math.pi, "triangle": 2.0, "square": 2.0}
+"""Steepest slope over range and frequency; a square wave's edges must fit into its period."""
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What the command line asks for; None where it says nothing."""
+
+    shape: str
+    frequency_hz: float | None
+    low_v: float | None
+    high_v: float | None
+    cycles: int | None
+    source: Path | None
+
+
+class Waveform(NamedTuple):
+    """A name, and the voltage to apply at every millisecond, shape (n,)."""
+
+    name: str
+    command_v: Array
+
+
+def waveforms(wanted: Wanted) -> list[Waveform]:
+    """Return the waveforms asked for, one but for `all`.
+
+    Raises UsageError (E2010: options that do not fit together, out of range, or too long), RecordError (the file).
+    """
+    _refuse_misplaced(wanted)
+    if wanted.source:
+        return [Waveform(wanted.source.name, command_from(wanted.source, LONGEST_S))]
+    low_v, high_v = _voltages(wanted)
+    if wanted.shape in _STEEPNESS:
+        frequency_hz = FREQUENCY_HZ if wanted.frequency_hz is None else wanted.frequency_hz
+        return [_periodic(wanted.shape, low_v, high_v, frequency_hz, wanted.cycles or CYCLES)]
+    chains = {"step": _step, "jumps": _jumps, "servo": _servo}
+    if wanted.shape in chains:
+        return [chains[wanted.shape](low_v, high_v)]
+    return [
+        _periodic("sine", low_v, high_v, SLOW_HZ, SLOW_CYCLES),
+        _periodic("sine", low_v, high_v, FREQUENCY_HZ, CYCLES),
+        *(make(low_v, high_v) for make in chains.values()),
+    ]
+
+
+def _periodic(shape: str, low_v: float, high_v: float, frequency_hz: float, cycles: int) -> Waveform:
+    from edmctl.actuator.waveforms import sine, square, triangle
+    from edmctl.simulator.actuator import RATE_HZ, SLEW_V_S
+
+    if not frequency_hz > 0.0 or cycles / frequency_hz > LONGEST_S:
+        raise _refusal(
+            f"{cycles} cycles of {frequency_hz:g} Hz do not end within {LONGEST_S:g} s.",
+            f"With --cycles {cycles} take --frequency {cycles / LONGEST_S:.2g} or more.",
+        )
+    fastest_hz = SLEW_V_S / (_STEEPNESS[shape] * (high_v - low_v))
+    if frequency_hz > fastest_hz:
+        raise _refusal(
+            f"A {shape} of {high_v - low_v:g} V at {frequency_hz:g} Hz is steeper than the machine's "
+            f"{SLEW_V_S:g} V/s.",
+            f"Take --frequency {math.floor(1e3 * fastest_hz) / 1e3:g} or less, or a smaller range.",
+        )
+    asked = (low_v, high_v, frequency_hz, cycles, RATE_HZ)
+    if shape == "sine":
+        u_v = sine(*asked).u_v
+    elif shape == "square":
+        u_v = square(*asked).u_v
+    else:
+        u_v = triangle(*asked).u_v
+    return Waveform(f"{shape} {frequency_hz:g} Hz", u_v)
+
+
+def _step(low_v: float, high_v: float) -> Waveform:
+    from edmctl.actuator.waveforms import Leg, sampled
+    from edmctl.simulator.actuator import RATE_HZ, SLEW_V_S
+
+    legs = [Leg(high_v, (high_v - low_v) / SLEW_V_S), Leg(high_v, STEP_HOLD_S)]
+    return Waveform("step", sampled(legs, RATE_HZ, low_v).u_v)
+
+
+def _jumps(low_v: float, high_v: float) -> Waveform:
+    from edmctl.actuator.waveforms import jump_train
+    from edmctl.simulator.actuator import RATE_HZ
+
+    return Waveform("jumps", jump_train(low_v, high_v, RATE_HZ).u_v)
+
+
+def _servo(low_v: float, high_v: float) -> Waveform:
+    from edmctl.actuator.waveforms import servo_dither
+    from edmctl.simulator.actuator import RATE_HZ
+
+    return Waveform("servo", servo_dither(low_v, high_v, RATE_HZ).u_v)
+
+
+def _voltages(wanted: Wanted) -> tuple[float, float]:
+    from edmctl.simulator import actuator
+
+    low_v = LOW_V if wanted.low_v is None else wanted.low_v
+    high_v = HIGH_V if wanted.high_v is None else wanted.high_v
+    if not actuator.LOW_V <= low_v < high_v <= actuator.HIGH_V:
+        raise _refusal(
+            f"--low {low_v:g} and --high {high_v:g} do not ascend within the actuator's "
+            f"{actuator.LOW_V:g} to {actuator.HIGH_V:g} V.",
+            f"Take {actuator.LOW_V:g} ≤ low < high ≤ {actuator.HIGH_V:g}.",
+        )
+    return low_v, high_v
+
+
+def _refuse_misplaced(wanted: Wanted) -> None:
+    """Refuse options that the waveform has no use for."""
+    periodic: dict[str, object] = {"--frequency": wanted.frequency_hz, "--cycles": wanted.cycles}
+    ranged: dict[str, object] = {"--low": wanted.low_v, "--high": wanted.high_v}
+    if wanted.shape == "csv":
+        if wanted.source is None:
+            raise _refusal("No CSV file was named.", "Say --from FILE.csv; it has the columns t_s and u_V.")
+        unused, why = {**periodic, **ranged}, "the file says all of the voltage"
+    else:
+        unused, why = {"--from": wanted.source}, "only csv reads a file"
+        if wanted.shape not in _STEEPNESS and wanted.source is None:
+            unused, why = periodic, "only sine, square and triangle have cycles"
+    for option, value in unused.items():
+        if value is not None:
+            raise _refusal(f"{option} does not go with {wanted.shape}: {why}.", f"Leave {option} out.")
+
+
+def _refusal(message: str, hint: str) -> UsageError:
+    return UsageError(message, hint=hint, code="E2010")

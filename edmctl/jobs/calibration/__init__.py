@@ -1,0 +1,1 @@
+"""Calibrations: which one a run goes by, what is doubtful about it, and how one is made."""

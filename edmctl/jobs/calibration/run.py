@@ -1,0 +1,157 @@
+"""From a checked order to a calibration file: measure where a machine is to be driven, fit, save."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from edmctl.errors import Diagnostic, EdmError
+from edmctl.jobs.calibration.request import check_writable, doubtful
+from edmctl.jobs.connect import connected, introduction
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from edmctl.actuator.record import Record
+    from edmctl.jobs.calibration.fit import Findings
+    from edmctl.jobs.calibration.request import Checked
+    from edmctl.procedures.actuator.calibration import CalibrationPlan, Measured
+    from edmctl.procedures.results import Observer
+
+    Warn = Callable[[Sequence[Diagnostic]], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Calibrated:
+    """What was found, and where it is now.
+
+    path : the calibration file; None where nothing was saved
+    serial : of the machine that was driven, None when files were fitted
+    is_own : whether the file is the one that this machine uses by itself
+    replaced : whether it stands in the place of an older one
+    """
+
+    findings: Findings
+    path: Path | None
+    serial: str | None
+    simulated: bool
+    is_own: bool = False
+    replaced: bool = False
+
+
+def calibrate_machine(
+    plan: CalibrationPlan, checked: Checked, seed: int, observer: Observer, warn: Warn
+) -> Calibrated:
+    """Drive the machine, fit, and save. What was measured is kept where it comes to no calibration."""
+    from edmctl.procedures.actuator.calibration import measure_actuator
+    from edmctl.profile.calibration_place import default_path
+
+    with connected(None, checked.setup, seed, observer.note, checked.where, checked.surroundings) as bench:
+        identity = bench.machine.identity
+        path = checked.output or default_path(identity.serial, checked.surroundings.environ)
+        check_writable(path)
+        bench.begin()
+        observer.note(introduction(checked.where, bench))
+        measured = measure_actuator(bench.machine, checked.setup, plan, observer)
+    with _kept_on_failure(measured.record, path, warn):
+        warn(_doubts(measured))
+        findings = _fit([measured.record], checked, observer)
+        is_own, replaced = checked.output is None, path.exists()
+        if is_own and replaced and not findings.identification.accepted:
+            path, is_own, replaced = _beside(path), False, False
+            warn([_not_replaced(path), _kept(measured.record, path)])
+        _save(findings, path, checked, identity.serial, simulated=identity.simulated)
+    return Calibrated(findings, path, identity.serial, identity.simulated, is_own, replaced)
+
+
+def _beside(path: Path) -> Path:
+    return path.with_name(f"{path.stem}-not-accepted{path.suffix}")
+
+
+def _not_replaced(path: Path) -> Diagnostic:
+    message = f"The calibration in use stays: the new one was not accepted, and is in {path}."
+    hint = "Put right what it says, and calibrate again; --calibration FILE uses it all the same."
+    return Diagnostic("W3652", message, hint, is_warning=True)
+
+
+def calibrate_files(checked: Checked, observer: Observer) -> Calibrated:
+    """Fit measured files, and save where a name was given."""
+    from edmctl.actuator.compiling import compiling_told
+
+    with compiling_told(observer.note):
+        findings = _fit([given.record for given in checked.sources], checked, observer)
+    if checked.output is None:
+        observer.note("nothing is saved: --output FILE writes a calibration that `machine` can use")
+    else:
+        _save(findings, checked.output, checked, None, simulated=False)
+    return Calibrated(findings, checked.output, None, simulated=False)
+
+
+def _doubts(measured: Measured) -> list[Diagnostic]:
+    from edmctl.actuator.checks import check_record
+
+    doubts = doubtful(check_record(measured.record), "W3610")
+    if measured.lost_frames:
+        message = f"{measured.lost_frames} frames of telemetry were lost on the line."
+        hint = "Turning points may be missing: look at the line, and calibrate again."
+        doubts.append(Diagnostic("W3611", message, hint, is_warning=True))
+    return doubts
+
+
+def _fit(records: Sequence[Record], checked: Checked, observer: Observer) -> Findings:
+    from edmctl.jobs.calibration.fit import find
+
+    observer.note(f"fitting {sum(len(record.t_s) for record in records)} samples")
+    validation = [given.record for given in checked.validation]
+    return find(records, validation, checked.refit, checked.delay_s)
+
+
+def _save(findings: Findings, path: Path, checked: Checked, serial: str | None, *, simulated: bool) -> None:
+    """Write the calibration file; from here on a signal could only cut off what is settled."""
+    from edmctl.profile.calibration import calibration_of, measured_file, save_calibration
+    from edmctl.profile.calibration_tables import Made
+    from edmctl.version import __version__
+
+    made = Made(
+        utc=datetime.now(UTC).isoformat(timespec="seconds"),
+        edmctl=__version__,
+        serial=serial,
+        simulated=simulated,
+        records=[
+            measured_file(given.path, len(given.record.t_s), given.record.previous_v)
+            for given in checked.sources
+        ],
+    )
+    calibration = calibration_of(findings.identification, made, findings.held_out_baselines)
+    checked.surroundings.settled()
+    save_calibration(path, calibration)
+
+
+@contextmanager
+def _kept_on_failure(record: Record, path: Path, warn: Warn) -> Iterator[None]:
+    """Keep what was measured in a file when it comes to no calibration: it took minutes of machine time."""
+    try:
+        yield
+    except BaseException:
+        warn([_kept(record, path)])
+        raise
+
+
+def _kept(record: Record, path: Path) -> Diagnostic:
+    """Write the record beside the calibration, or where that cannot be, into the present folder."""
+    from edmctl.record.columns import write_columns
+
+    name = f"{path.stem}-record-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.h5"
+    for kept in (path.with_name(name), Path(name)):
+        try:
+            kept.parent.mkdir(parents=True, exist_ok=True)
+            write_columns(kept, {"t_s": record.t_s, "u_V": record.u_v, "y_um": record.y_um})
+        except (EdmError, OSError):
+            continue
+        hint = f"Fit it again with `edmctl calibrate --from {kept}`."
+        return Diagnostic("W3660", f"What was measured is kept in {kept}.", hint, is_warning=True)
+    message = "What was measured is lost: it could not be written beside the calibration, nor here."
+    return Diagnostic("W3660", message, "Make room, and calibrate again.", is_warning=True)

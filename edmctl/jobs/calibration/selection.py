@@ -1,0 +1,189 @@
+"""Which calibration a run goes by, what is doubtful about it, and what a run without a sensor costs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from edmctl.errors import Diagnostic, PreconditionError
+from edmctl.jobs.calibration import doubts as calibration_doubts
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from edmctl.procedures.job import CalibratedActuator
+    from edmctl.profile.calibration_tables import Calibration
+    from edmctl.profile.model import Profile
+    from edmctl.profile.setup import Setup
+
+SHORT_HASH = 12
+LOAD_UM_PER_N = 5.0
+"""What 1 N at the tool takes of the displacement: 0.2 N/µm of the amplified actuator."""
+
+
+@dataclass(frozen=True, slots=True)
+class ModelUsed:
+    """What the estimated displacements of a run come from; None where no calibration was used.
+
+    `alone` tells that no sensor is fitted: then every length of the result is estimated.
+    """
+
+    alone: bool
+    path: str | None
+    sha256: str | None
+    accepted: bool | None
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """The actuator that procedures work with, what to say of it, and the file's text for the run file."""
+
+    actuator: CalibratedActuator | None
+    used: ModelUsed
+    warnings: tuple[Diagnostic, ...] = ()
+    text: str = ""
+
+
+def refuse_unasked(setup: Setup, *, allow_model: bool) -> None:
+    """Raise PreconditionError E8030 where no sensor is fitted and nobody said that the model may stand for it."""
+    if setup.sensor.fitted or allow_model:
+        return
+    raise PreconditionError(
+        "No displacement sensor is fitted (setup: sensor.fitted = false).",
+        hint="Say --allow-model to go by the calibrated actuator alone, with the uncertainty that this brings.",
+        code="E8030",
+    )
+
+
+def _refuse_unconditioned(setup: Setup) -> None:
+    if setup.sensor.fitted or setup.actuator.conditioning_cycles:
+        return
+    raise PreconditionError(
+        "No sensor is fitted, and actuator.conditioning_cycles is 0: nobody knows what the actuator remembers.",
+        hint="Let it swing twice before the job: actuator.conditioning_cycles = 2 in the setup.",
+        code="E8035",
+    )
+
+
+def look_at_named(option: Path | None, environ: Mapping[str, str], setup: Setup, profile: Profile) -> None:
+    """Load a calibration that was asked for, so that what is wrong with it is said before anything is connected."""
+    from edmctl.profile.calibration_place import CALIBRATION_VARIABLE, find_calibration
+
+    _refuse_unconditioned(setup)
+    if option or environ.get(CALIBRATION_VARIABLE) or setup.actuator.calibration:
+        from edmctl.profile.calibration import load_calibration
+
+        named = find_calibration(option, environ, setup, "")
+        if named is not None:
+            _refuse_narrow(named, load_calibration(named), setup, profile)
+
+
+def choose(
+    option: Path | None,
+    environ: Mapping[str, str],
+    setup: Setup,
+    profile: Profile,
+    serial: str,
+    calibrate: str = "edmctl calibrate",
+) -> Choice:
+    """Find the calibration for the machine with that serial number. `calibrate` is the command that makes one there.
+
+    Raises RecordError when one that was found cannot be used, PreconditionError when a machine without a sensor has
+    none (E8031) or one that covers too little (E8032).
+    """
+    from edmctl.profile.calibration_place import find_calibration
+
+    path = find_calibration(option, environ, setup, serial)
+    if path is None:
+        if not setup.sensor.fitted:
+            raise PreconditionError(
+                f"No displacement sensor is fitted, and there is no calibration of {serial}.",
+                hint=f"Run `{calibrate}` once with a borrowed sensor, or name a file with --calibration.",
+                code="E8031",
+            )
+        return Choice(None, _without(setup))
+    return _chosen(path, setup, profile, serial)
+
+
+def _chosen(path: Path, setup: Setup, profile: Profile, serial: str) -> Choice:
+    from edmctl.procedures.job import CalibratedActuator
+    from edmctl.profile.calibration import load_calibration
+    from edmctl.profile.read import read_source
+
+    calibration = load_calibration(path)
+    _refuse_narrow(path, calibration, setup, profile)
+    held_out = calibration.quality.held_out
+    return Choice(
+        actuator=CalibratedActuator(calibration.model(), held_out.rms_um, held_out.max_um),
+        used=_used(path, calibration, setup, serial),
+        warnings=tuple(_doubts(path, calibration, setup, profile, serial)),
+        text=read_source(path).text,
+    )
+
+
+def _without(setup: Setup) -> ModelUsed:
+    swings = setup.actuator.conditioning_cycles
+    model = "quick, from the conditioning swings" if swings else "none, without conditioning swings"
+    return ModelUsed(not setup.sensor.fitted, None, None, None, model)
+
+
+def _used(path: Path, calibration: Calibration, setup: Setup, serial: str) -> ModelUsed:
+    short, accepted = calibration.sha256[:SHORT_HASH], calibration.quality.accepted
+    words = ["accepted" if accepted else "not accepted"]
+    if calibration.serial != serial:
+        words.append(f"of {calibration_doubts.owner(calibration)}, not of {serial}")
+    text = f"calibration {path} (sha256 {short}, {', '.join(words)})"
+    return ModelUsed(not setup.sensor.fitted, str(path), short, accepted, text)
+
+
+def _covers(calibration: Calibration, profile: Profile) -> bool:
+    """Whether the calibration holds all voltages of the job: 0 V, where the tool rests, to the profile's limit."""
+    model, top_v = calibration.actuator, profile.limits.stroke_v_max
+    return calibration_doubts.reaches_up(model, top_v) and calibration_doubts.reaches_down(model, 0.0, top_v)
+
+
+def _range_told(path: Path, calibration: Calibration, profile: Profile) -> str:
+    model, top_v = calibration.actuator, profile.limits.stroke_v_max
+    return f"{path} covers {model.low_v:.1f} V to {model.high_v:.1f} V; limits.stroke_v_max is {top_v:.1f} V"
+
+
+def _refuse_narrow(path: Path, calibration: Calibration, setup: Setup, profile: Profile) -> None:
+    if setup.sensor.fitted or _covers(calibration, profile):
+        return
+    raise PreconditionError(
+        f"No sensor is fitted, and {_range_told(path, calibration, profile)}, from 0 V on.",
+        hint="Calibrate from 0 V over the whole stroke, or lower limits.stroke_v_max to what it covers.",
+        code="E8032",
+    )
+
+
+def _doubts(
+    path: Path, calibration: Calibration, setup: Setup, profile: Profile, serial: str
+) -> list[Diagnostic]:
+    elsewhere = "Every actuator is another one: run `edmctl calibrate` here."
+    doubts = calibration_doubts.of_another(path, calibration, serial, "this machine is", elsewhere)
+    if not calibration.quality.accepted:
+        problems = " ".join(calibration.quality.problems)
+        doubts.append(calibration_doubts.not_accepted(str(path), problems, "Run `edmctl calibrate` again."))
+    if not _covers(calibration, profile):
+        message = f"{_range_told(path, calibration, profile)}. Beyond it the model guesses."
+        doubts.append(calibration_doubts.narrow(message, "Calibrate from 0 V over the whole stroke."))
+    if not setup.sensor.fitted:
+        doubts.append(_cost(calibration))
+    return doubts
+
+
+def _cost(calibration: Calibration) -> Diagnostic:
+    from edmctl.actuator.correction import GAIN_SD_BETWEEN_DAYS
+
+    held_out = calibration.quality.held_out
+    return Diagnostic(
+        "W8105",
+        f"No sensor: every displacement is estimated, within {held_out.rms_um:.2f} µm rms and "
+        f"{held_out.max_um:.1f} µm at most when calibrated, {100 * GAIN_SD_BETWEEN_DAYS:.1f} % of gain on another "
+        f"day, and {LOAD_UM_PER_N:g} µm per newton at the tool.",
+        "The stated uncertainties of depth and wear hold the first two; fit a sensor where they are too wide.",
+        is_warning=True,
+    )

@@ -1,0 +1,156 @@
+"""The composition root: from a port selector to a machine that answers.
+
+It stands here because `machine/` may not know the simulator, and the simulator shares nothing with the host
+but the wire.
+"""
+
+from __future__ import annotations
+
+from contextlib import ExitStack, contextmanager
+from dataclasses import fields
+from typing import TYPE_CHECKING
+
+from edmctl.errors import Diagnostic
+from edmctl.jobs.plan import FRESH, Where
+from edmctl.jobs.session import Bench
+from edmctl.jobs.surroundings import NONE, Surroundings
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+    from edmctl.link.transport import Transport
+    from edmctl.machine.controller import LinkMachine
+    from edmctl.profile.load import LoadedProfile
+    from edmctl.profile.setup import Setup
+    from edmctl.simulator import BenchConfig
+
+VIRTUAL_BEAT_SHARE = 0.8
+"""Of the watchdog's time: where time is virtual nothing is late."""
+
+
+def seed_warning(where: Where, asked: int | None) -> list[Diagnostic]:
+    """Return what is to be said of a seed that no machine will use."""
+    if asked is None or where.seed_of(asked) is not None:
+        return []
+    if where.in_process:
+        message = f"--seed {asked} has no effect on the bench that {where.bench_file} keeps already."
+        hint = "Leave it out, or name a new file for another machine."
+    else:
+        message = f"--seed {asked} has no effect on the controller at {where.selector}."
+        hint = "Give the seed to `edmctl simulate serve` where the controller is a virtual one."
+    return [Diagnostic("W4101", message, hint, is_warning=True)]
+
+
+@contextmanager
+def connected(
+    loaded: LoadedProfile | None,
+    setup: Setup,
+    seed: int,
+    say: Callable[[str], None],
+    where: Where = FRESH,
+    surroundings: Surroundings = NONE,
+) -> Iterator[Bench]:
+    """Open the machine and say hello. From then on `surroundings` may stop it in order, with a word to `say`.
+
+    loaded : what stands on a virtual bench in this process; None where neither tool nor work matters. In a bench
+    that a file keeps the tool is changed by `Bench.begin`.
+
+    Raises LinkLost and ProtocolMismatch.
+    """
+    from edmctl.link.session import Session
+    from edmctl.machine.controller import LinkMachine
+
+    line: Transport
+    on: Callable[[LinkMachine], Bench] = Bench
+    with ExitStack() as held:
+        if where.in_process:
+            from edmctl.actuator.compiling import compiling_told
+
+            held.enter_context(compiling_told(say))
+            line, on = held.enter_context(_virtual(loaded, setup, seed, say, where))
+        else:
+            line = _line(where, setup, say, surroundings.environ)
+        session = Session(line, heartbeat_s=VIRTUAL_BEAT_SHARE * setup.controller.watchdog_s)
+        held.callback(session.close)
+        stop = surroundings.stop(say)
+        session.open(setup.link.hello_s)
+        with surroundings.guard(stop, session.abort):
+            machine = LinkMachine(session, stop)
+            machine.wait_for_rest()
+            yield on(machine)
+
+
+def introduction(where: Where, bench: Bench) -> str:
+    """Return what is said of the machine at the start of a run."""
+    identity = bench.machine.identity
+    if where.bench_file is not None:
+        new = "" if bench.seed is None else f", new with seed {bench.seed}"
+        return f"simulated run on the virtual machine {identity.serial} of {where.bench_file}{new}"
+    if where.in_process:
+        return f"simulated run on the virtual machine, seed {bench.seed}"
+    if identity.simulated:
+        return f"simulated run on the virtual controller {identity.serial} at {identity.transport}"
+    return f"machine {identity.serial} at {identity.transport}, firmware {identity.firmware}"
+
+
+@contextmanager
+def _virtual(
+    loaded: LoadedProfile | None, setup: Setup, seed: int, say: Callable[[str], None], where: Where
+) -> Iterator[tuple[Transport, Callable[[LinkMachine], Bench]]]:
+    """Open a virtual bench, fresh or that of a file: the line to it, and what it is with a machine behind that."""
+    config, made_by = bench_config(loaded, setup), where.seed_of(seed)
+    if where.bench_file is None:
+        from edmctl.simulator import open_bench
+
+        fresh = open_bench(config, seed)
+        yield fresh.transport, lambda machine: Bench(machine, fresh, made_by)
+        return
+    from edmctl.jobs.persistent_simulator import fit, kept_line
+
+    with kept_line(where.bench_file, config, seed, where.wait_s) as (bench, line):
+
+        def begin() -> None:
+            if loaded is not None:
+                fit(bench, loaded, config, say)
+            line.begin()
+
+        yield (
+            line,
+            lambda machine: Bench(machine, bench, made_by, begin, line.keep_worn, line.keep_all, line.kept_s),
+        )
+
+
+def bench_config(loaded: LoadedProfile | None, setup: Setup) -> BenchConfig:
+    """Put the profile's tool and work on a bench that erodes by its `[sim]` table, with or without a sensor."""
+    from edmctl.simulator.config import BenchConfig, DischargeConstants, SensorConstants
+
+    if loaded is None:
+        return BenchConfig(sensors=SensorConstants(fitted=setup.sensor.fitted))
+    constants = {field.name: getattr(loaded.sim, field.name) for field in fields(DischargeConstants)}
+    return BenchConfig(
+        tool_diameter_um=loaded.profile.tool.diameter_um,
+        theta=loaded.sim.theta,
+        tool_label=loaded.profile.tool.label,
+        tip_rounding_um=loaded.sim.tip_rounding_um,
+        offset_um=loaded.profile.approach.offset_um,
+        thickness_um=loaded.profile.work.thickness_um,
+        discharge=DischargeConstants(**constants),
+        sensors=SensorConstants(fitted=setup.sensor.fitted),
+    )
+
+
+def _line(where: Where, setup: Setup, say: Callable[[str], None], environ: Mapping[str, str]) -> Transport:
+    from edmctl.jobs.secret_file import asks_for_secret, secret_of
+    from edmctl.link.probing import open_selector
+
+    link = setup.link
+    return open_selector(
+        where.selector,
+        link.usb_ids,
+        link.candidates,
+        link.baud,
+        link.hello_s,
+        where.wait_s,
+        say,
+        secret_of(link.secret_file, environ) if asks_for_secret(where.selector, *link.candidates) else b"",
+    )

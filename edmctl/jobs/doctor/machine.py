@@ -1,0 +1,234 @@
+"""Checks of `doctor` on a machine that answers."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+from edmctl.errors import EdmError, Interrupted, LinkLost
+from edmctl.jobs.doctor.checks import Check, fail, ok, warn
+from edmctl.wording import decimal
+
+if TYPE_CHECKING:
+    from edmctl.jobs.doctor.checks import Checks
+    from edmctl.link.accounting import LinkReport
+    from edmctl.machine.controller import LinkMachine
+    from edmctl.machine.port import (
+        MachineEvent,
+        MachineStatus,
+        MotionSettings,
+        PulseBatch,
+        PulseBlockBatch,
+        TelemetryBlock,
+    )
+    from edmctl.profile.setup import Setup
+
+QUESTIONS = 100
+SLOW_S = 0.01
+"""A round trip that one in a hundred may take: the promise of the line at its usual rate."""
+FOLLOWS_V = 4.5
+"""3 % of 150 V: how far the voltage monitor may be off the command."""
+REST_UM = 60.0
+"""A displacement at 0 V beyond this is no rest: hysteresis and creep leave 45 µm."""
+GAP_V, GAP_DUTY = 40.0, 0.25
+SETTLED_S = 0.5
+"""After this the controller has told of frames that a session before this one has left half sent."""
+SAMPLED_S, SAMPLE_PERIOD_US = 0.5, 10_000
+SAMPLES_SHARE = 0.6
+"""Of the samples that are due: the last frame may be on its way, and a fifth of them may be lost."""
+
+
+def look(checks: Checks, machine: LinkMachine, setup: Setup) -> None:
+    """Everything that can be seen without moving. Raises LinkLost."""
+    checks.take(ok("port", f"{machine.identity.transport} is open"))
+    machine.rest(SETTLED_S)
+    before = machine.link_report()
+    checks.take(*_identity(machine), _round_trip(machine), _samples(machine), _line(machine, before))
+    status = machine.status()
+    checks.take(*_interlocks(status), _fault(machine), _actuator(status), _sensor(status, setup))
+    checks.take(ok("dielectric", f"{decimal(status.temperature_c, 1)} °C, {status.flow_lpm:.2f} L/min"))
+
+
+def test_sensors(checks: Checks, machine: LinkMachine, setup: Setup) -> None:
+    """Arm, test the gap sensor and disarm; refused unless the machine is idle. Raises LinkLost."""
+    from edmctl.machine.port import MachineState, PulseMode, PulseSettings
+    from edmctl.procedures.stop import safe_state_on_error
+
+    state = machine.status().state
+    if state is not MachineState.IDLE:
+        checks.take(
+            fail(
+                "gap sensor",
+                f"Not tested: the controller is in state {state.name}.",
+                "Let the other program end, or clear the fault with `edmctl reset`.",
+            )
+        )
+        return
+    on_us, off_us = 100.0, 100.0 / GAP_DUTY - 100.0
+    pulses = PulseSettings(on_us, off_us, GAP_V, 0.1, PulseMode.ISOFREQUENCY, 0.0)
+    try:
+        with safe_state_on_error(machine):
+            machine.configure(_motion(setup), pulses)
+            machine.arm()
+            gap_v = machine.self_test()
+            machine.disarm()
+    except (LinkLost, Interrupted):
+        raise
+    except EdmError as error:
+        checks.fail("gap sensor", error)
+    else:
+        told = f"{gap_v:.2f} V of {GAP_V * GAP_DUTY:.2f} V with the generator on, none with it off"
+        checks.take(ok("gap sensor", told))
+
+
+def _motion(setup: Setup) -> MotionSettings:
+    from edmctl.machine.port import MotionSettings
+
+    actuator = setup.actuator
+    return MotionSettings(
+        piezo_max_v=actuator.stroke_v,
+        slew_limit_v_s=actuator.slew_v_s,
+        gain_um_per_v=actuator.gain_um_per_v,
+        safe_z_um=0.0,
+        retract_v_s=min(actuator.slew_v_s, 1000.0 / actuator.gain_um_per_v),
+        sensor_fitted=setup.sensor.fitted,
+        watchdog_s=setup.controller.watchdog_s,
+        dielectric_required=True,
+    )
+
+
+def _identity(machine: LinkMachine) -> list[Check]:
+    from edmctl.link.messages import SCHEMA_HASH, Clock, ResetCause
+
+    hello, identity = machine.hello, machine.identity
+    kind = "virtual machine" if identity.simulated else f"board {hello.board}"
+    rate = f", {hello.baud} baud" if hello.baud else ""
+    clock = Clock(hello.clock).name.lower()
+    told = (
+        f"{identity.serial}, {kind}, firmware {identity.firmware}, protocol {identity.protocol}, "
+        f"{clock} clock{rate}"
+    )
+    checks = [ok("controller", told), ok("schema", f"0x{SCHEMA_HASH:08X} on both sides")]
+    cause = f"boot {hello.boot_count}, {_name(hello.reset_cause)}"
+    if hello.reset_cause in (ResetCause.WATCHDOG, ResetCause.BROWN_OUT):
+        fix = "Look for a weak 5 V supply, a loose plug or a relay on the same supply."
+        checks.append(warn("start", f"{cause}: the controller restarted by itself.", fix))
+    else:
+        checks.append(ok("start", cause))
+    return checks
+
+
+def _name(reset_cause: int) -> str:
+    from edmctl.link.messages import ResetCause
+
+    try:
+        return ResetCause(reset_cause).name.lower().replace("_", " ")
+    except ValueError:
+        return f"reset cause {reset_cause}"
+
+
+def _round_trip(machine: LinkMachine) -> Check:
+    from edmctl.link.ports import is_adapter
+
+    times_s, port = [], machine.identity.transport
+    for _ in range(QUESTIONS):
+        start_s = time.perf_counter()
+        machine.status()
+        times_s.append(time.perf_counter() - start_s)
+    times_s.sort()
+    p50_s, p99_s = times_s[QUESTIONS // 2], times_s[QUESTIONS - 2]
+    told = f"{1e3 * p50_s:.2f} ms, {1e3 * p99_s:.2f} ms at the 99th percentile of {QUESTIONS}"
+    if p99_s > SLOW_S:
+        fix = "Close what keeps the computer busy"
+        fix += "; on an FTDI adapter set its latency timer to 1 ms." if is_adapter(port) else "."
+        return warn("round trip", f"{told}.", fix)
+    return ok("round trip", told)
+
+
+class _Counted:
+    """A listener that counts samples."""
+
+    def __init__(self) -> None:
+        self.samples = 0
+
+    def telemetry(self, block: TelemetryBlock) -> None:
+        """Count."""
+        self.samples += len(block.time_s)
+
+    def pulse_blocks(self, batch: PulseBlockBatch) -> None:
+        """Do nothing."""
+
+    def pulses(self, batch: PulseBatch) -> None:
+        """Do nothing."""
+
+    def event(self, event: MachineEvent) -> None:
+        """Do nothing."""
+
+    def log(self, level: int, text: str) -> None:
+        """Do nothing."""
+
+
+def _samples(machine: LinkMachine) -> Check:
+    """Whether the samples come that every motion is judged by."""
+    from edmctl.machine.port import PulseLog, TelemetrySettings
+
+    counted, wanted = _Counted(), round(SAMPLED_S * 1e6 / SAMPLE_PERIOD_US)
+    machine.start_telemetry(TelemetrySettings(SAMPLE_PERIOD_US, 10, PulseLog.OFF), counted)
+    machine.rest(SAMPLED_S)
+    machine.stop_telemetry()
+    told = f"{counted.samples} of {wanted} in {SAMPLED_S:g} s"
+    if counted.samples < SAMPLES_SHARE * wanted:
+        fix = "Restart the controller, and see that no other program reads the port; without samples no job goes on."
+        return fail("samples", f"Only {told} came.", fix)
+    return ok("samples", told)
+
+
+def _line(machine: LinkMachine, before: LinkReport) -> Check:
+    """How the line has done since `before`: half a frame of a session that broke off is older."""
+    report = machine.link_report()
+    here = report.bad_frames - before.bad_frames
+    there = report.controller_bad_frames - before.controller_bad_frames
+    repeated = report.retries - before.retries
+    told = (
+        f"{report.frames_sent} frames out, {report.frames_received} in; damaged {here} here and {there} there, "
+        f"{repeated} repeated"
+    )
+    if here or there or repeated:
+        fix = (
+            "Lay the cable away from the generator, use a shielded one with a ferrite, and check the ground."
+        )
+        return warn("line", f"{told}.", fix)
+    return ok("line", told)
+
+
+def _interlocks(status: MachineStatus) -> list[Check]:
+    from edmctl.machine.faults import INTERLOCKS
+
+    return [
+        fail(f"interlock {name}", f"Open: {words}.", fix)
+        if bit in status.interlocks
+        else ok(f"interlock {name}", "closed")
+        for bit, (name, words, fix) in INTERLOCKS.items()
+    ]
+
+
+def _fault(machine: LinkMachine) -> Check:
+    latched = machine.latched_fault()
+    return fail("fault", latched.message, latched.hint) if latched else ok("fault", "none latched")
+
+
+def _actuator(status: MachineStatus) -> Check:
+    told = f"{decimal(status.actuator_v)} V commanded, the monitor shows {decimal(status.monitor_v)} V"
+    if abs(status.monitor_v - status.actuator_v) > FOLLOWS_V:
+        fix = "Switch the amplifier on, and check its cable to the actuator and its monitor output."
+        return fail("actuator", f"{told}.", fix)
+    return ok("actuator", told)
+
+
+def _sensor(status: MachineStatus, setup: Setup) -> Check:
+    if not setup.sensor.fitted:
+        return ok("displacement", "no sensor fitted")
+    told = f"{decimal(status.displacement_um)} µm at {decimal(status.actuator_v)} V"
+    if status.actuator_v == 0.0 and abs(status.displacement_um) > REST_UM:
+        return warn("displacement", f"{told}.", "Check the zero of the displacement sensor and its fixing.")
+    return ok("displacement", told)

@@ -1,0 +1,222 @@
+"""The job ledger around one job: what earlier jobs left behind, and what this one adds."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+from edmctl.errors import Diagnostic
+from edmctl.jobs.job_preparation import hole_radius_um, logbook_of, prepared_job
+from edmctl.jobs.ledger.tool_identity import seen_on
+from edmctl.process.next_cut import COVERAGE
+from edmctl.record.ledger_entries import (
+    UNFINISHED,
+    JobBegun,
+    ReferenceTouched,
+    RunEnded,
+    SiteMachined,
+    ToolChanged,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Mapping, Sequence
+
+    from edmctl.jobs.ledger.places_taken import Place
+    from edmctl.jobs.plan import Plan
+    from edmctl.jobs.run_header import RunName
+    from edmctl.jobs.session import Held
+    from edmctl.procedures.channel.result import ChannelResult
+    from edmctl.procedures.job import Job
+    from edmctl.procedures.job_state import JobState, Journal
+    from edmctl.procedures.results import JobResult, SiteResult
+    from edmctl.record.ledger import Logbook
+
+    Warn = Callable[[Sequence[Diagnostic]], None]
+
+DONE = "done"
+
+
+@dataclass(slots=True, eq=False)
+class JobLedger:
+    """One job in the ledger: a journal on the way to `journal`. It writes nothing where no ledger is kept.
+
+    `truth` is what a virtual bench knows of its tool when the job begins.
+    """
+
+    plan: Plan
+    held: Held
+    name: RunName | None
+    journal: Journal
+    warn: Warn
+    truth: Mapping[str, float] | None = None
+    _logbook: Logbook | None = None
+    _places: tuple[Place, ...] = ()
+    _z1: JobState | None = None
+    _wants_reference: bool = False
+    _begun: dict[str, JobState] = field(default_factory=dict)
+
+    def job(self, resuming: Collection[str] = ()) -> Job:
+        """Return the job as it can be done now; `resuming` as in `prepared_job`. Nothing is written down yet.
+
+        Raises PreconditionError: whatever `prepared_job` and `Prepared.refuse` raise.
+        """
+        self._logbook = logbook_of(self.plan, self.name)
+        held = self.held
+        if self._logbook is not None and held.bench.seed is not None:
+            self.warn(_of_another_bench(self._logbook, held.bench.machine.identity.serial))
+        actuator = held.choice.actuator if held.choice else None
+        prepared = prepared_job(self.plan, seen_on(held), actuator, self._logbook, resuming)
+        if self._logbook is not None:
+            self.warn(prepared.refuse(self.plan, self._logbook.path.parent, resuming))
+            self._places = prepared.places
+            left = self.plan.resumed.state if self.plan.resumed else None
+            is_first = left is None or not (left.z1_touches or left.done)
+            self._wants_reference = prepared.account.reference is None and is_first
+        return prepared.job
+
+    def begin(self) -> None:
+        """Before the machine moves: a job that is killed leaves a word about its places."""
+        if self._logbook is None or self.name is None:
+            return
+        changed = [ToolChanged(self._tool)] if self.plan.new_tool else []
+        radius_um, wear_um = hole_radius_um(self.plan.loaded.profile), self.plan.forecast.tool_wear_um
+        begun = JobBegun(self._tool, self.name.path.name, radius_um, self._places, wear_um)
+        self.held.write_down(self._logbook, *changed, begun)
+
+    def keep(self, state: JobState, *, urgent: bool = False) -> None:
+        """Note the first Z1 and what was cut, and hand the state on."""
+        if self._z1 is None and state.z1_touches and not state.begun:
+            self._z1 = state
+            self._keep_reference(state)
+        if state.begun:
+            self._begun[state.site] = state
+        self.journal.keep(state, urgent=urgent)
+
+    def close(self, result: JobResult, status: str) -> None:
+        """Write down what was reached. Raises RunFileError where that is not possible."""
+        if self._logbook is None or self.name is None or not self._places:
+            return
+        run_file = self.name.path.name
+        ended = RunEnded(run_file, status, result.time_s - result.earlier_time_s)
+        self.held.write_down(self._logbook, *self._sites(result, run_file), ended)
+
+    @property
+    def _tool(self) -> str:
+        return self.plan.loaded.profile.tool.label
+
+    def _keep_reference(self, z1: JobState) -> None:
+        """Write down the first touch where the tool has no reference yet: at once, as the job may be killed."""
+        setup = self.plan.setup
+        if self._logbook is None or self.name is None or not self._wants_reference:
+            return
+        reference = ReferenceTouched(
+            tool=self._tool,
+            run_file=self.name.path.name,
+            z_um=z1.z1_um,
+            sd_um=z1.z1_sd_um,
+            touches=z1.z1_touches,
+            model_um=z1.z1_model_um,
+            sensor=setup.sensor.fitted,
+            x_um=setup.stage.reference_x_um,
+            y_um=setup.stage.reference_y_um,
+            speed_um_s=self.plan.loaded.profile.measure.speed_um_s,
+            time_s=z1.z1_time_s,
+            home_um=z1.home_um,
+            truth=self.truth,
+        )
+        self.held.write_down(self._logbook, reference)
+
+    def _sites(self, result: JobResult, run_file: str) -> list[SiteMachined]:
+        """Measured holes, and those that were begun and left; or the channel, place by place."""
+        blank = SiteMachined(
+            tool=self._tool,
+            run_file=run_file,
+            name="",
+            x_um=math.nan,
+            y_um=math.nan,
+            radius_um=hole_radius_um(self.plan.loaded.profile),
+            status=UNFINISHED,
+            depth_um=math.nan,
+            wear_um=math.nan,
+            home_um=result.home_um,
+        )
+        places = [replace(blank, name=name, x_um=x_um, y_um=y_um) for name, x_um, y_um in self._places]
+        if self.plan.loaded.profile.path is not None:
+            return _channel(places, result, next(iter(self._begun.values()), None))
+        return self._holes(places, result)
+
+    def _holes(self, places: Sequence[SiteMachined], result: JobResult) -> list[SiteMachined]:
+        """In the order of machining, which is that of the results: the tool is as long as the last one left it."""
+        begun = {place.name: place for place in places}
+        entries = []
+        for site in result.sites:
+            if site.name in begun:
+                found = _machined(begun.pop(site.name), site)
+                entries.append(found if site.finished else replace(found, status=UNFINISHED))
+        left = (_left(place, self._begun[name]) for name, place in begun.items() if name in self._begun)
+        return [*entries, *left]
+
+
+def _of_another_bench(logbook: Logbook, serial: str) -> list[Diagnostic]:
+    """A warning where the ledger knows a machine of that number although it is new."""
+    if all(line.serial != serial for line in logbook.lines):
+        return []
+    return [
+        Diagnostic(
+            "W8116",
+            f"The bench is new, and the ledger {logbook.path} knows another {serial}: its holes and the wear of its "
+            "tools count for this one.",
+            "Keep the runs of a new bench in another folder (--out), or give it another --seed.",
+            is_warning=True,
+        )
+    ]
+
+
+def _left(place: SiteMachined, state: JobState) -> SiteMachined:
+    """A hole that this run has not looked at, by the journal: what an earlier one has left of it."""
+    return replace(
+        place,
+        depth_um=state.depth_um,
+        depth_u95_um=COVERAGE * state.depth_u_um,
+        wear_um=state.wear_um,
+        wear_u95_um=COVERAGE * state.wear_u_um,
+    )
+
+
+def _machined(place: SiteMachined, found: SiteResult | ChannelResult) -> SiteMachined:
+    return replace(
+        place,
+        status=DONE,
+        depth_um=found.depth_um,
+        depth_u95_um=found.depth_u95_um,
+        wear_um=found.wear_um,
+        wear_u95_um=found.wear_u95_um,
+        z1_um=found.z1_um,
+        z2_um=found.z3_um + found.depth_um,
+        z3_um=found.z3_um,
+    )
+
+
+def _floor_at(place: SiteMachined, found: ChannelResult) -> SiteMachined:
+    """A place of a channel: its floor is as deep as that on average, and as uneven."""
+    floor_sd_um = found.floor_sd_um if found.floor else 0.0
+    u95_um = math.hypot(found.depth_u95_um, COVERAGE * floor_sd_um)
+    return replace(
+        _machined(place, found), depth_u95_um=u95_um, status=DONE if found.finished else UNFINISHED
+    )
+
+
+def _channel(places: Sequence[SiteMachined], result: JobResult, left: JobState | None) -> list[SiteMachined]:
+    """A channel as a row of holes, the whole wear at the first; none where nothing was cut.
+
+    One that no run has measured is by the journal.
+    """
+    if not result.machining_time_s:
+        return []
+    found = result.channel
+    if found is not None:
+        first, *others = [_floor_at(place, found) for place in places]
+    else:
+        first, *others = [_left(place, left) for place in places] if left is not None else places
+    return [first, *(replace(place, wear_um=0.0, wear_u95_um=0.0) for place in others)]

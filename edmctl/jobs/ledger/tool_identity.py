@@ -1,0 +1,147 @@
+"""Which machine it is and which tool is in it, as far as that can be told before anything moves."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from edmctl.errors import Diagnostic
+from edmctl.jobs.ledger.elapsed import CALENDAR, Now
+
+if TYPE_CHECKING:
+    from edmctl.jobs.plan import Plan, Where
+    from edmctl.jobs.session import Held
+    from edmctl.profile.model import Tool
+    from edmctl.record.ledger import Logbook
+    from edmctl.record.tool_account import Books, ToolAccount
+    from edmctl.simulator.bench import VirtualBench
+
+_LABEL = re.compile(r"(?P<material>.+) (?P<um>\d+(?:\.\d+)?) µm")
+NAMELESS = "tool"
+"""A tool that nobody has named yet: that of a virtual bench that no profile has seen, or of an empty ledger."""
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """A machine by its serial number, its present and its tool; "" and NaN where only a virtual bench could tell.
+
+    `is_new` says that it is a virtual bench which this command has made: its serial number is news to everybody.
+    """
+
+    serial: str
+    now: Now = CALENDAR
+    tool: str = ""
+    diameter_um: float = math.nan
+    is_new: bool = False
+
+
+def seen_on(held: Held) -> Seen:
+    """Return what a connected machine shows."""
+    bench = held.bench
+    if bench.virtual is None:
+        return Seen(bench.machine.identity.serial)
+    return replace(_seen(bench.virtual), is_new=bench.seed is not None)
+
+
+def seen_in_file(where: Where) -> Seen | None:
+    """Return what the file of a kept bench shows; None where there is none to read.
+
+    Raises RunFileError: those of `read_bench`, E9024 there is no folder where it could be kept.
+    """
+    file = where.bench_file
+    if file is None:
+        return None
+    from edmctl.record.bench_file import read_bench, refuse_place
+    from edmctl.simulator.saving import restored_bench
+
+    refuse_place(file)
+    if not file.exists():
+        return None
+    return _seen(restored_bench(read_bench(file)))
+
+
+def _seen(bench: VirtualBench) -> Seen:
+    now = Now(bench.transport.now_s())
+    return Seen(bench.plant.serial, now, bench.tool_label, bench.plant.config.tool_diameter_um)
+
+
+def not_seen(where: Where) -> str:
+    """Return what a dry run says of a machine that it would have to connect to."""
+    return (
+        f"job ledger and bench were not looked at: {where.selector} tells who it is only once it is connected"
+    )
+
+
+def is_unnamed(label: str, diameter_um: float, tool: Tool) -> bool:
+    """Whether the tool of that label that is in the machine may be `tool`, and has only not been named yet."""
+    return label == NAMELESS and diameter_um == tool.diameter_um
+
+
+def account_of(plan: Plan, seen: Seen, books: Books) -> ToolAccount:
+    """Return the account of the profile's tool; that of the unnamed tool which is in the machine, if it is that."""
+    from edmctl.record.tool_account import ToolAccount
+
+    tool = plan.loaded.profile.tool
+    if plan.new_tool:
+        return ToolAccount(tool.label)
+    account = books.account(tool.label)
+    if account.reference is None and is_unnamed(seen.tool, seen.diameter_um, tool):
+        return replace(books.account(NAMELESS), label=tool.label)
+    return account
+
+
+def as_found(plan: Plan, held: Held, logbook: Logbook | None, command: str) -> Plan:
+    """Return the plan as its run file shall tell it: a command without a profile has its own name, and the tool that
+    it found in the machine.
+    """
+    from edmctl.record.tool_account import books_of
+
+    if plan.names_tool or plan.resumed is not None:
+        return plan
+    seen, profile = seen_on(held), plan.loaded.profile
+    last = books_of(logbook.lines, seen.serial).tool if logbook is not None else ""
+    label = seen.tool or last or NAMELESS
+    named = _LABEL.fullmatch(label)
+    diameter_um = float(named["um"]) if named else seen.diameter_um
+    tool = {"id": label, "material": named["material"] if named else "?", "diameter_um": diameter_um}
+    found = profile.model_copy(
+        update={
+            "meta": profile.meta.model_copy(update={"name": command, "description": ""}),
+            "tool": profile.tool.model_copy(update=tool),
+        }
+    )
+    return replace(plan, loaded=replace(plan.loaded, profile=found))
+
+
+def other_tool(plan: Plan, account: ToolAccount, books: Books) -> list[Diagnostic]:
+    """Return a warning where the reference that was touched last is of no use to this job."""
+    unnamed = books.account(NAMELESS).reference
+    if unnamed is None or books.tool != NAMELESS or account.reference is not None:
+        return []
+    label = plan.loaded.profile.tool.label
+    message = f"The reference in {unnamed.run_file} was touched without a profile; it is not that of {label}."
+    hint = (
+        f"{label} takes the first touch of its job for one; `edmctl measure-wear --reference --profile NAME` says "
+        "whose a reference is."
+    )
+    return [Diagnostic("W8114", message, hint, is_warning=True)]
+
+
+def name_tool(plan: Plan, held: Held, logbook: Logbook | None) -> None:
+    """Write down that the unnamed tool in the machine is the profile's, before it gets that name.
+
+    Raises RunFileError where that is not possible.
+    """
+    from edmctl.record.ledger_entries import ToolNamed
+    from edmctl.record.tool_account import books_of
+
+    if logbook is None or plan.new_tool or not plan.names_tool:
+        return
+    seen, tool = seen_on(held), plan.loaded.profile.tool
+    books = books_of(logbook.lines, seen.serial)
+    if books.account(tool.label).reference is not None or books.account(NAMELESS).reference is None:
+        return
+    if is_unnamed(seen.tool, seen.diameter_um, tool):
+        logbook.append(seen.serial, ToolNamed(tool.label, NAMELESS))

@@ -1,0 +1,164 @@
+"""A virtual bench that lives in a file: for one command after the other (`sim:FILE`), or behind a served line."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from dataclasses import fields
+from typing import TYPE_CHECKING
+
+from edmctl.jobs.ledger.tool_identity import is_unnamed
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from edmctl.profile.load import LoadedProfile
+    from edmctl.simulator import BenchConfig, VirtualBench
+
+KEEP_S = 5.0
+"""A command that is killed leaves its bench as it was at most so long before, in the bench's own time. That is how
+often a job keeps its journal."""
+
+
+@contextmanager
+def kept_bench(
+    path: Path | None, config: BenchConfig, seed: int
+) -> Iterator[tuple[VirtualBench, Callable[[], None]]]:
+    """Give the bench that `path` keeps, or a new one where there is none yet, and a call that writes it down.
+
+    It is written at the start and at the end as well, whatever ends the block.
+
+    Raises RunFileError where the file is no bench, is in use or cannot be written.
+    """
+    from edmctl.simulator import open_bench
+
+    if path is None:
+        yield open_bench(config, seed), lambda: None
+        return
+    with _opened(path, config, seed) as (bench, keep):
+        keep()
+        try:
+            yield bench, keep
+        finally:
+            keep()
+
+
+@contextmanager
+def kept_line(
+    path: Path, config: BenchConfig, seed: int, wait_s: float
+) -> Iterator[tuple[VirtualBench, KeptLine]]:
+    """Give a kept bench and the line to it. The file stays as it is, or is not made, unless the line `begin`s.
+
+    From then on the bench is written every few seconds of its own time while it machines, and at the end.
+    """
+    with _opened(path, config, seed, wait_s) as (bench, keep):
+        line = KeptLine(bench, keep, path)
+        try:
+            yield bench, line
+        finally:
+            line.end()
+
+
+@contextmanager
+def _opened(
+    path: Path, config: BenchConfig, seed: int, wait_s: float = 0.0
+) -> Iterator[tuple[VirtualBench, Callable[[], None]]]:
+    from edmctl.record.bench_file import bench_lock, read_bench, write_bench
+    from edmctl.simulator import open_bench
+    from edmctl.simulator.saving import bench_state, restored_bench
+
+    with bench_lock(path, wait_s):
+        bench = restored_bench(read_bench(path)) if path.exists() else open_bench(config, seed)
+
+        def keep() -> None:
+            write_bench(path, bench_state(bench), is_own=True)
+
+        yield bench, keep
+
+
+def fit(bench: VirtualBench, loaded: LoadedProfile, config: BenchConfig, say: Callable[[str], None]) -> None:
+    """Put the profile's tool into a kept bench; say what changes by that, and what of the profile does not count.
+
+    The work, its height and the sensors belong to the bench. A tool that nobody has named yet, of the profile's
+    diameter, is the profile's: it gets its name.
+    """
+    tool, before = loaded.profile.tool, bench.tool_label
+    named = is_unnamed(before, bench.plant.config.tool_diameter_um, tool)
+    if named:
+        bench.plant.tools_worn_um.setdefault(tool.label, bench.tool_wear_um)
+    bench.fit_tool(tool.label, tool.diameter_um, loaded.sim.theta, loaded.sim.tip_rounding_um)
+    if before != tool.label and not named:
+        say(f"tool changed: {tool.label} instead of {before}, {bench.tool_wear_um:.2f} µm worn")
+    here = bench.plant.config
+    others = [
+        f"{field.name} = {getattr(here.discharge, field.name):g}"
+        for field in fields(config.discharge)
+        if getattr(here.discharge, field.name) != getattr(config.discharge, field.name)
+    ]
+    if others:
+        say(f"the bench keeps its own work, whatever [sim] says: {', '.join(others)}")
+    if here.offset_um != config.offset_um:
+        say(f"the bench keeps its own gap at 0 V: {here.offset_um:g} µm, not {config.offset_um:g} µm")
+    if loaded.profile.work.kind == "through" and here.thickness_um != config.thickness_um:
+        say(f"the bench keeps its own sheet: {here.thickness_um:g} µm, not {config.thickness_um:g} µm")
+
+
+class KeptLine:
+    """Hands everything on; every `KEEP_S` that pass while the host reads, a bench with a worn tool is kept.
+
+    What else moves comes back by itself: the actuator is conditioned by every command. Nothing is written before
+    `begin`.
+    """
+
+    live = False
+
+    def __init__(self, bench: VirtualBench, keep: Callable[[], None], path: Path) -> None:
+        self._bench, self._line, self._keep = bench, bench.transport, keep
+        self.name = f"{self._line.name}{path}"
+        self._kept_s = self._looked_s = self._line.now_s()
+        self._kept_um = bench.tool_wear_um
+        self._begun = False
+
+    def begin(self) -> None:
+        """Write the bench down, from now on. Raises RunFileError E9024 where that is not possible."""
+        self._begun = True
+        self.keep_all()
+
+    def end(self) -> None:
+        """Write what the command has made of the bench."""
+        self.keep_all()
+
+    def kept_s(self) -> float:
+        """Time of the bench in its file."""
+        return self._kept_s
+
+    def write(self, data: bytes) -> None:
+        """Hand bytes to the controller."""
+        self._line.write(data)
+
+    def read(self, timeout_s: float) -> bytes:
+        """Let up to `timeout_s` of virtual time pass; bytes of the controller."""
+        data = self._line.read(timeout_s)
+        if self._line.now_s() - self._looked_s >= KEEP_S:
+            self._looked_s = self._line.now_s()
+            self.keep_worn()
+        return data
+
+    def keep_worn(self) -> None:
+        """Write the bench down if its tool has worn since. Raises RunFileError E9024."""
+        if self._begun and self._bench.tool_wear_um != self._kept_um:
+            self.keep_all()
+
+    def keep_all(self) -> None:
+        """Write the bench down. Raises RunFileError E9024."""
+        if self._begun:
+            self._keep()
+            self._kept_s, self._kept_um = self._line.now_s(), self._bench.tool_wear_um
+
+    def now_s(self) -> float:
+        """Virtual time."""
+        return self._line.now_s()
+
+    def close(self) -> None:
+        """Cut the line."""
+        self._line.close()

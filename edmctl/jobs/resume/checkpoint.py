@@ -1,0 +1,145 @@
+"""The journal around one job: it begins before anything moves, and goes when the job has come to its end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from edmctl.errors import ObjectiveNotReached, PreconditionError, RunFileError
+from edmctl.jobs.job_preparation import logbook_of
+from edmctl.jobs.resume.selection import taken_up
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from edmctl.errors import EdmError
+    from edmctl.jobs.plan import Plan
+    from edmctl.jobs.run_header import RunName
+    from edmctl.jobs.session import Held
+    from edmctl.procedures.job import Job
+    from edmctl.procedures.job_state import JobState
+    from edmctl.record.journal import JournalFile, JournalledJob
+
+PHASE_BEFORE = "starting"
+RESTARTED = "E4005"
+"""A controller that restarted does not know where its stages are."""
+
+
+def tell_way_on(error: EdmError, plan: Plan, name: RunName | None) -> None:
+    """Add to the hint of an error how the job goes on, where it left a journal that lets it."""
+    if name is None or isinstance(error, ObjectiveNotReached) or not name.journal.exists():
+        return
+    from edmctl.jobs.resume.checks import refuse_untouchable
+    from edmctl.jobs.resume.selection import find_run
+    from edmctl.jobs.resume.way_on import resume_command
+
+    try:
+        refuse_untouchable(find_run(str(name.journal), name.path.parent), plan)
+    except (PreconditionError, RunFileError):
+        return
+    command = resume_command(name.path, plan.where.selector)
+    if (plan.resumed is not None and plan.resumed.homed) or error.code == RESTARTED:
+        command += " --homed"
+    first = "home both stages, then go" if error.code == RESTARTED else "go"
+    on = f"{first} on with `{command}`, before this tool does anything else."
+    error.hint = f"{error.hint} {on[0].upper()}{on[1:]}".strip()
+
+
+@dataclass(slots=True, eq=False)
+class Journaling:
+    """Keeps the state of the job beside its run file; keeps none on a machine that is gone with the command.
+
+    `truth` is asked for what a virtual bench knows.
+    """
+
+    plan: Plan
+    held: Held
+    name: RunName | None
+    truth: Callable[[], Mapping[str, object] | None] = lambda: None
+    _file: JournalFile | None = None
+
+    def refuse(self) -> None:
+        """Raise PreconditionError where a run that is to be taken up cannot be, on this machine and tool."""
+        resumption = self.plan.resumed
+        if resumption is None:
+            return
+        from edmctl.jobs.resume.checks import refuse_elsewhere
+
+        logbook = logbook_of(self.plan, self.name)
+        refuse_elsewhere(resumption, self.plan, self.held, logbook.lines if logbook else ())
+
+    def begin(self, job: Job) -> Job:
+        """Return the job, as far as an earlier run came, and keep its first state: a death from now on is known.
+
+        The journal of that earlier run goes: this one tells more.
+        """
+        resumption = self.plan.resumed
+        if resumption is not None:
+            job = taken_up(resumption, job, self.held.bench.now)
+        if self.name is None or not self.plan.where.lasting:
+            return job
+        from edmctl.procedures.hole.interruption import after_pause
+        from edmctl.procedures.job_state import JobState
+        from edmctl.record.journal import JournalFile, remove_journal
+
+        self._file = JournalFile(
+            self.name.journal,
+            self._job(job),
+            self._stages_um,
+            self.truth,
+            self.held.bench.kept_s,
+            self.held.disk,
+        )
+        tool = job.profile.tool.label
+        self.keep(after_pause(job) if resumption else JobState(PHASE_BEFORE, 0.0, tool), urgent=True)
+        if resumption is not None and resumption.path != self.name.journal:
+            remove_journal(resumption.path)
+        return job
+
+    def keep(self, state: JobState, *, urgent: bool = False) -> None:
+        """Hand a state on; a bench in a file is written first, so its work is never older than the journal."""
+        if self._file is None:
+            return
+        if urgent:
+            self.held.bench.keep_all()
+        else:
+            self.held.bench.keep()
+        self._file.keep(state, urgent=urgent)
+
+    def end(self) -> None:
+        """The job is done. Raises RunFileError E9040 where the journal cannot be removed."""
+        if self._file is not None:
+            self._file.remove()
+
+    def _stages_um(self) -> tuple[float, float]:
+        status = self.held.bench.machine.status()
+        return status.x_um, status.y_um
+
+    def _job(self, job: Job) -> JournalledJob:
+        from edmctl.jobs.resume.selection import setup_hash
+        from edmctl.record.journal import JournalledJob
+
+        assert self.name is not None
+        plan, order, machine = self.plan, self.plan.order, self.held.bench.machine
+        resumption = plan.resumed
+        return JournalledJob(
+            run_id=self.name.run_id,
+            start=self.name.start.isoformat(timespec="milliseconds"),
+            profile=str(plan.loaded.path.resolve()),
+            overrides=order.overrides,
+            profile_sha256=plan.loaded.sha256,
+            sim_sha256=plan.loaded.sim_sha256,
+            setup=str(order.setup.resolve()) if order.setup else "",
+            setup_sha256=setup_hash(plan),
+            calibration=str(order.calibration.resolve()) if order.calibration else "",
+            allow_model=order.allow_model,
+            port=plan.where.selector,
+            serial=machine.identity.serial,
+            boots=machine.hello.boot_count,
+            tool=job.profile.tool.label,
+            seed=self.held.bench.seed,
+            places=tuple(
+                (site.name, site.x_um, site.y_um, site.theta_deg, site.depth_um) for site in job.sites
+            ),
+            parents=resumption.job.family if resumption else (),
+        )

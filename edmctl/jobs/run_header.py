@@ -1,0 +1,160 @@
+"""The name of a run file, and what it says about the run before its first row."""
+
+from __future__ import annotations
+
+import getpass
+import re
+import socket
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from edmctl.errors import UsageError
+from edmctl.toml_text import toml_scalar, toml_tables
+
+if TYPE_CHECKING:
+    from datetime import datetime
+    from pathlib import Path
+
+    from edmctl.jobs.calibration.selection import Choice
+    from edmctl.jobs.plan import Plan
+    from edmctl.machine.port import MachineIdentity
+    from edmctl.profile.load import LoadedProfile
+    from edmctl.profile.setup import Setup
+    from edmctl.record.rows import RunMeta, SourceText
+
+
+@dataclass(frozen=True, slots=True)
+class RunName:
+    """What a run is called, when it started (UTC), and the run that it goes on with, if any."""
+
+    run_id: str
+    path: Path
+    start: datetime
+    parent: str = ""
+
+    @property
+    def partial(self) -> Path:
+        """The file's name until it is finished."""
+        return self.path.with_name(self.path.name + ".partial")
+
+    @property
+    def journal(self) -> Path:
+        """Where the state of its job is kept until it is done."""
+        from edmctl.record.journal import journal_path
+
+        return journal_path(self.path)
+
+
+def name_run(
+    folder: Path, run_id: str | None, loaded: LoadedProfile | None, start: datetime, command: str = ""
+) -> RunName:
+    """Name a run by `run_id`, or else by the profile's file name and the time: `cu270-20260131T101500.250Z`.
+
+    A `command` other than `machine` stands in front, or alone where there is no profile.
+
+    Raises UsageError (E2004) when the id is no plain file name.
+    """
+    if run_id is None:
+        words = [command, plain_name(loaded.path.stem) if loaded else ""]
+        stamp = f"{start:%Y%m%dT%H%M%S}.{start.microsecond // 1000:03d}Z"
+        run_id = "-".join([*filter(None, words), stamp])
+    return RunName(run_id, run_path(folder, run_id), start)
+
+
+def plain_name(text: str) -> str:
+    """Return what a file name can hold of `text`."""
+    return re.sub(r"[^A-Za-z0-9._+-]", "-", text).lstrip("._+-")[:80] or "run"
+
+
+def run_path(folder: Path, run_id: str) -> Path:
+    """Return the path of a run file. Raises UsageError (E2004) when the id is no plain file name."""
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._+-]{0,119}", run_id):
+        raise UsageError(
+            f"Run id {run_id!r} is no plain file name.",
+            hint="Take up to 120 letters, digits and . _ + - and begin with a letter or digit.",
+            code="E2004",
+        )
+    return folder / f"{run_id}.h5"
+
+
+def run_meta(
+    name: RunName, plan: Plan, seed: int | None, identity: MachineIdentity, choice: Choice
+) -> RunMeta:
+    """Describe a run for its file."""
+    from edmctl.record.leaves import profile_leaves
+    from edmctl.record.rows import RunMeta
+    from edmctl.version import __version__
+
+    loaded, profile = plan.loaded, plan.loaded.profile
+    values = profile.model_dump(mode="json", by_alias=True, exclude_none=True)
+    return RunMeta(
+        run_id=name.run_id,
+        parent_run=name.parent,
+        parent_time_s=plan.resumed.state.time_s if plan.resumed else 0.0,
+        title=_title(loaded),
+        start_time=name.start.isoformat(timespec="milliseconds"),
+        command=list(plan.surroundings.command),
+        host=socket.gethostname(),
+        simulated=identity.simulated,
+        seed=seed,
+        profile_text=loaded.text,
+        profile_sha256=loaded.sha256,
+        sim_sha256=loaded.sim_sha256,
+        edmctl_version=__version__,
+        profile_path=str(loaded.path),
+        profile_parents=_parents(loaded),
+        profile_leaves=profile_leaves({**values, "sim": loaded.sim.model_dump(mode="json")}),
+        profile_overrides=loaded.overrides,
+        setup_text=plan.setup_text,
+        setup_toml=_setup_toml(plan.setup),
+        protocol_version=identity.protocol,
+        firmware_version=identity.firmware,
+        controller_serial=identity.serial,
+        calibration=choice.used.text,
+        calibration_text=choice.text,
+        user=_user(),
+        work_material=profile.work.material,
+        work_thickness_um=profile.work.thickness_um,
+        tool_material=profile.tool.material,
+        tool_diameter_um=profile.tool.diameter_um,
+    )
+
+
+def _title(loaded: LoadedProfile) -> str:
+    """The description of the job, where it is its own: one that is inherited or overridden speaks of another job."""
+    import tomllib
+
+    from edmctl.profile.sources import SET_OPTION
+
+    meta = loaded.profile.meta
+    changed = {line.partition(" ")[0] for line in loaded.overrides if line.endswith(f", {SET_OPTION})")}
+    own = tomllib.loads(loaded.text).get("meta", {}).get("description")
+    if "meta.description" in changed:
+        return meta.description or meta.name
+    is_another = {key.partition(".")[0] for key in changed} & {"target", "tool", "work", "path", "sites"}
+    return meta.description if meta.description == own and own and not is_another else meta.name
+
+
+def _parents(loaded: LoadedProfile) -> tuple[SourceText, ...]:
+    """The files that the profile extends, read again: a loaded profile keeps its own text only."""
+    from edmctl.profile.read import read_chain
+    from edmctl.record.rows import SourceText
+
+    return tuple(SourceText(source.name, source.text) for source in read_chain(loaded.path).sources[1:])
+
+
+def _setup_toml(setup: Setup) -> str:
+    """Every value of a setup as TOML: those outside any table first, as TOML wants it."""
+    values = setup.model_dump(mode="json", exclude_none=True)
+    tables = {name: value for name, value in values.items() if isinstance(value, dict)}
+    plain = {name: value for name, value in values.items() if name not in tables}
+    head = "".join(f"{name} = {toml_scalar(value)}\n" for name, value in plain.items())
+    return f"{head}{toml_tables(tables)}\n"
+
+
+def _user() -> str:
+    """The login name; containers may have none."""
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):
+        return ""

@@ -1,0 +1,1 @@
+"""Many simulated runs: seeds, sweeps and their statistics."""

@@ -1,0 +1,1 @@
+"""`measure-wear`: what the ledger knows before it, and the procedure."""

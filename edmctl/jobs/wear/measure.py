@@ -1,0 +1,320 @@
+"""One `measure-wear` on a connected machine: what the ledger knows before it, what is touched, what is kept."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from edmctl.errors import Diagnostic, PreconditionError
+from edmctl.jobs.job_preparation import logbook_of
+from edmctl.jobs.ledger.last_home import with_home
+from edmctl.jobs.ledger.tool_identity import NAMELESS, Seen, account_of, seen_on
+from edmctl.jobs.ledger.tool_life import left_to_finish, refuse_unknown_length
+from edmctl.jobs.resume.way_on import on_machine
+from edmctl.jobs.wear.bottom import bottom_of
+from edmctl.procedures.hole.interruption import counted_pause_s
+from edmctl.procedures.measure_wear import (
+    LEAST_TOUCHES,
+    Reference,
+    measure_wear,
+    refuse_drift,
+    touch_pad,
+)
+from edmctl.record.ledger_entries import Entry, ReferenceTouched, RunEnded, ToolChanged, WearMeasured
+from edmctl.record.tool_account import Books, ToolAccount, books_of
+from edmctl.wording import length
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from edmctl.jobs.ledger.elapsed import Now
+    from edmctl.jobs.plan import Plan, Where
+    from edmctl.jobs.procedure_command import Warn
+    from edmctl.jobs.run_header import RunName
+    from edmctl.jobs.session import Held
+    from edmctl.procedures.job import Job
+    from edmctl.procedures.measure_wear import Bottom, WearResult
+    from edmctl.procedures.run import Run
+    from edmctl.procedures.touch.reading import SurfaceReading
+    from edmctl.profile.model import Profile
+    from edmctl.record.ledger import Logbook
+
+
+def measuring_profile(profile: Profile, speed_um_s: float = math.nan) -> Profile:
+    """Return the recipe with enough touches of every Z, and with the speed of the reference where there is one."""
+    measure = profile.measure
+    changes: dict[str, object] = {"touches": max(LEAST_TOUCHES, measure.touches)}
+    if not math.isnan(speed_um_s):
+        changes["speed_um_s"] = speed_um_s
+    return profile.model_copy(update={"measure": measure.model_copy(update=changes)})
+
+
+@dataclass(slots=True, eq=False)
+class WearRun:
+    """A reference touch, or a measurement against one."""
+
+    plan: Plan
+    site: str | None
+    is_reference: bool
+    name: str = "measure-wear"
+    pulses: bool = False
+    found: WearResult | None = None
+    touched: SurfaceReading | None = None
+    _held: Held | None = None
+    _logbook: Logbook | None = None
+    _run_file: str = ""
+    _account: ToolAccount | None = None
+    _bottom: Bottom | None = None
+    _reference: Reference | None = None
+    _temperature_c: float = math.nan
+    _warn: Warn | None = None
+    _job: Job | None = None
+    _home_um: float = math.nan
+
+    def job(self, held: Held, name: RunName, warn: Warn) -> Job:
+        """Return what is measured. Raises what `look` raises."""
+        from edmctl.procedures.job import job_of
+
+        self._held, self._run_file = held, name.path.name
+        profile = self.look(seen_on(held), logbook_of(self.plan, name), warn)
+        self._temperature_c = held.bench.machine.status().temperature_c
+        choice = held.choice
+        job = job_of(profile, self.plan.setup, (), choice.actuator if choice else None)
+        if self._logbook is not None:
+            books = books_of(self._logbook.lines, held.bench.machine.identity.serial)
+            job = with_home(job, books, held.bench.now)
+        self._job = job
+        return self._job
+
+    def look(self, seen: Seen, logbook: Logbook | None, warn: Warn) -> Profile:
+        """Return the recipe of the touches, after a look at the ledger.
+
+        Raises PreconditionError: E8041 no reference, E8045 no such hole, E8046 a hole too narrow for the tool, E8048
+        a tool whose job was killed.
+        """
+        self._logbook, self._warn = logbook, warn
+        books = books_of(logbook.lines if logbook else (), seen.serial)
+        account = self._account = self._account_of(seen, books)
+        profile = measuring_profile(self.plan.loaded.profile)
+        if not self.is_reference:
+            reference = _reference_of(account, logbook, seen, self.plan.where)
+            self._reference = _aged(reference, account, seen.now)
+            folder = logbook.path.parent if logbook is not None else Path()
+            refuse_unknown_length(account, folder, self.plan.where.selector)
+            self._bottom = bottom_of(self.site, books, account, self._diameter_um(), folder)
+            profile = self._at_speed_of(reference, warn)
+        elif logbook is None:
+            warn([_NOT_KEPT])
+        elif self.plan.new_tool:
+            warn(left_to_finish(account.label, seen.serial, logbook.path.parent))
+        return profile
+
+    def act(self, run: Run) -> None:
+        """Touch."""
+        account = self._account
+        assert account is not None
+        self._home_um = run.ledger.home_um
+        known = not math.isnan(account.pad_um)
+        expected_um = self._home_um + (account.pad_um if known else run.profile.approach.offset_um)
+        if self._reference is None:
+            # A job that was killed has left the tool anywhere between here and what all of it would have cost.
+            half_um = 0.5 * math.fsum(job.wear_um for job in account.killed)
+            self.touched = touch_pad(run, "Z1", expected_um + half_um, 0.5 * half_um)
+            return
+        age_s = counted_pause_s(replace(run.job, pause_s=self._reference.age_s))
+        self.found = measure_wear(run, replace(self._reference, age_s=age_s), expected_um, self._bottom)
+        refuse_drift(run, self.found)
+        self._compare(self.found, account)
+
+    def close(self, time_s: float) -> None:
+        """Write the reference or the wear into the ledger."""
+        if self._logbook is None or self._held is None or self._account is None:
+            return
+        tool, entries = self._account.label, list[Entry]()
+        if self.touched is not None:
+            if self.plan.new_tool:
+                entries.append(ToolChanged(tool))
+            entries.append(self._as_reference(tool, self.touched))
+        elif self.found is not None:
+            found = self.found
+            entries.append(
+                WearMeasured(
+                    tool, self._run_file, found.z3_after_um, found.wear_um, found.wear_u95_um, self._home_um
+                )
+            )
+        self._held.write_down(self._logbook, *entries, RunEnded(self._run_file, "done", time_s))
+
+    def result(self) -> Mapping[str, object] | None:
+        """What was touched, and what is known of the tool by the ledger."""
+        if self._held is None or self._account is None:
+            return None
+        account = self._account
+        head = {
+            "machine": self._held.bench.machine.identity.serial,
+            "tool": account.label,
+            "dielectric_c": self._temperature_c,
+        }
+        if self.touched is not None:
+            reading = self.touched.reading
+            reference = {
+                "z1_um": reading.mean_um,
+                "sd_um": reading.sd_um,
+                "touches": reading.touches,
+                "z1_model_um": self.touched.model_um,
+            }
+            return {**head, "reference": reference}
+        if self.found is None:
+            return None
+        bottom = self._bottom
+        return {
+            **head,
+            "site": asdict(bottom) if bottom else None,
+            **asdict(self.found),
+            "ledger": {"wear_um": account.worn_um, "wear_u95_um": account.worn_u95_um},
+            "tool_wear_total_um": self.total_um,
+            "truth": self.truth,
+        }
+
+    @property
+    def account(self) -> ToolAccount:
+        """What the ledger knows of the tool, once that was looked at."""
+        assert self._account is not None
+        return self._account
+
+    @property
+    def bottom(self) -> Bottom | None:
+        """The hole whose bottom is touched."""
+        return self._bottom
+
+    @property
+    def total_um(self) -> float:
+        """What the tool has lost since it was new."""
+        assert self.found is not None
+        return self.account.lost_before_um + self.found.wear_um
+
+    @property
+    def truth(self) -> dict[str, float] | None:
+        """Wear since the reference and depth as a virtual bench knows them; None on any other machine."""
+        virtual = self._held.bench.virtual if self._held else None
+        if virtual is None:
+            return None
+        before = self.account.reference.truth if self.account.reference else None
+        wear_um = virtual.tool_wear_um - before["tool_wear_um"] if before else math.nan
+        depth_um, bottom, holes = math.nan, self._bottom, virtual.truth()
+        if bottom is not None and holes:
+            nearest = min(holes, key=lambda h: math.hypot(h.x_um - bottom.x_um, h.y_um - bottom.y_um))
+            depth_um = nearest.depth_um
+        return {"wear_um": wear_um, "depth_um": depth_um}
+
+    def _account_of(self, seen: Seen, books: Books) -> ToolAccount:
+        """Account of the profile's tool, of that on a virtual bench, or of that last in use."""
+        if self.plan.names_tool:
+            return account_of(self.plan, seen, books)
+        label = (seen.tool if self.plan.where.lasting else "") or books.tool or NAMELESS
+        return ToolAccount(label) if self.plan.new_tool else books.account(label)
+
+    def _diameter_um(self) -> float:
+        """Of the tool, NaN where nobody named it."""
+        return self.plan.loaded.profile.tool.diameter_um if self.plan.names_tool else math.nan
+
+    def _at_speed_of(self, reference: ReferenceTouched, warn: Warn) -> Profile:
+        """Touch as slowly as the reference was touched, so that creep enters both alike; a named profile rules."""
+        profile = self.plan.loaded.profile
+        if not self.plan.names_tool:
+            return measuring_profile(profile, reference.speed_um_s)
+        if profile.measure.speed_um_s != reference.speed_um_s:
+            message = (
+                f"The reference was touched at {reference.speed_um_s:g} µm/s, measure.speed_um_s is "
+                f"{profile.measure.speed_um_s:g} µm/s: creep enters the two differently."
+            )
+            hint = f"Say --set measure.speed_um_s={reference.speed_um_s:g}."
+            warn([Diagnostic("W8111", message, hint, is_warning=True)])
+        return measuring_profile(profile)
+
+    def _compare(self, found: WearResult, account: ToolAccount) -> None:
+        """Warn where the touches and the sum of the sites do not agree: something happened that no job knows of."""
+        off_um, u95_um = found.wear_um - account.worn_um, math.hypot(found.wear_u95_um, account.worn_u95_um)
+        if abs(off_um) <= u95_um or self._warn is None:
+            return
+        message = (
+            f"The tool is {length(found.wear_um)} shorter than at its reference; its jobs account for "
+            f"{length(account.worn_um)}. They differ by more than {length(u95_um)}."
+        )
+        hint = "If the tool was changed or moved, say --reference; a hole that was left unmeasured explains less."
+        self._warn([Diagnostic("W8112", message, hint, is_warning=True)])
+
+    def _as_reference(self, tool: str, touched: SurfaceReading) -> ReferenceTouched:
+        setup, virtual = self.plan.setup, self._held.bench.virtual if self._held else None
+        assert self._job is not None
+        return ReferenceTouched(
+            tool=tool,
+            run_file=self._run_file,
+            z_um=touched.z_um,
+            sd_um=touched.reading.sd_um,
+            touches=touched.reading.touches,
+            model_um=touched.model_um,
+            sensor=setup.sensor.fitted,
+            x_um=setup.stage.reference_x_um,
+            y_um=setup.stage.reference_y_um,
+            speed_um_s=self._job.profile.measure.speed_um_s,
+            time_s=touched.time_s,
+            temperature_c=self._temperature_c,
+            home_um=self._home_um,
+            doubt_u_um=touched.doubt_u_um,
+            truth={"tool_wear_um": virtual.tool_wear_um} if virtual else None,
+        )
+
+
+_NOT_KEPT = Diagnostic(
+    "W8113",
+    "The reference is not kept: a fresh virtual machine is gone with this command.",
+    "Say --port sim:FILE for one that stays.",
+    is_warning=True,
+)
+
+
+def _reference_of(
+    account: ToolAccount, logbook: Logbook | None, seen: Seen, where: Where
+) -> ReferenceTouched:
+    """Return the tool's reference. Raises PreconditionError E8041 where it has none."""
+    if account.reference is not None:
+        return account.reference
+    if logbook is None:
+        raise PreconditionError(
+            "There is no reference: a fresh virtual machine has touched nothing before.",
+            hint="Say --port sim:FILE for one that stays, and `edmctl measure-wear --reference` before the job.",
+            code="E8041",
+        )
+    touch = f"`{on_machine('edmctl measure-wear --reference', where.selector)}`"
+    elsewhere = sorted({line.serial for line in logbook.lines} - {seen.serial})
+    if seen.is_new:
+        others = f" The job ledger {logbook.path} tells of {', '.join(elsewhere)}." if elsewhere else ""
+        raise PreconditionError(
+            f"There is no reference: {where.bench_file} does not exist, and a new bench has touched nothing before."
+            f"{others}",
+            hint=f"Name the file of the bench that the job ran on (--port sim:FILE), or run {touch} before a job.",
+            code="E8041",
+        )
+    tool = "the tool" if account.label == NAMELESS else account.label
+    machine = seen.serial if where.bench_file is None else f"{seen.serial}, the bench of {where.bench_file},"
+    others = f"; it tells of {', '.join(elsewhere)}" if elsewhere else ""
+    raise PreconditionError(
+        f"There is no reference of {tool} on {machine} in {logbook.path}{others}.",
+        hint=f"Run {touch} before the job, or name the folder of its run files with --out.",
+        code="E8041",
+    )
+
+
+def _aged(reference: ReferenceTouched, account: ToolAccount, now: Now) -> Reference:
+    """The reference with its age, infinite where nobody knows it."""
+    return Reference(
+        z_um=reference.z_um,
+        sd_um=reference.sd_um,
+        touches=reference.touches,
+        model_um=reference.model_um,
+        age_s=now.since_s(account.reference_utc_s, account.reference_bench_s),
+        doubt_u_um=reference.doubt_u_um,
+        home_um=reference.home_um,
+    )

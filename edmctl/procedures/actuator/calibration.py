@@ -1,0 +1,265 @@
+"""Drive the record that an actuator is identified from: at the parking place, without pulses.
+
+Full swings, first-order reversal curves, minor loops, holds and cycles from 1 s to 50 s, because one frequency
+cannot tell hysteresis, creep and delay apart.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from edmctl.actuator.checks import check_record
+from edmctl.actuator.record import Record
+from edmctl.actuator.waveforms import SLEW_V_S, Leg, calibration_legs
+from edmctl.errors import LinkLost, PreconditionError
+from edmctl.machine.port import Axis, MotionSettings, PulseLog, TelemetrySettings, joined
+from edmctl.procedures.monitoring.drift import DRIFT_SDS, first_home_um
+from edmctl.procedures.results import Phase, Progress
+from edmctl.procedures.run import NO_PULSES
+from edmctl.procedures.settings import RETRACT_UM_S
+from edmctl.procedures.stop import safe_state_on_error
+from edmctl.procedures.touch.home import CREEP_LOOK_S, CREEP_WAIT_S, READING_MARGIN_UM
+
+if TYPE_CHECKING:
+    from edmctl.machine.port import (
+        Machine,
+        MachineEvent,
+        PulseBatch,
+        PulseBlockBatch,
+        TelemetryBlock,
+    )
+    from edmctl.procedures.results import Observer
+    from edmctl.profile.setup import Setup
+
+RATE_HZ = 200.0
+"""60 000 samples in five minutes; the fastest swing, of 1 s, has 200 of them."""
+BATCH, FRAME_S = 14, 0.1
+"""Samples in a telemetry frame, and how long slow ones wait for it: a host does not go on with none for a second."""
+SAFE_Z_UM = 20.0
+"""The stages may move while the tool reads at most this: above every work that a job may start from."""
+REST_S = 1.0
+"""Before the first swing: the record starts from a standing actuator."""
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationPlan:
+    """What the actuator will be driven through, beginning at 0 V."""
+
+    legs: tuple[Leg, ...]
+    period_us: int
+
+    @property
+    def high_v(self) -> float:
+        """Highest voltage; the lowest is 0 V."""
+        return max(leg.u_v for leg in self.legs)
+
+    @property
+    def period_s(self) -> float:
+        """Sample period."""
+        return 1e-6 * self.period_us
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the record: rest, legs, and a sample at every turning point."""
+        return REST_S + sum(leg.duration_s for leg in self.legs) + self.period_s * self._moves
+
+    @property
+    def samples(self) -> int:
+        """Samples of the record."""
+        return round(self.duration_s / self.period_s)
+
+    @property
+    def _moves(self) -> int:
+        return sum(leg.u_v != before for leg, before in zip(self.legs, self._starts_v, strict=True))
+
+    @property
+    def _starts_v(self) -> list[float]:
+        return [0.0, *(leg.u_v for leg in self.legs[:-1])]
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """A record of a machine's actuator; `lost_frames` of telemetry are missing from it."""
+
+    record: Record
+    lost_frames: int
+
+
+def plan_calibration(setup: Setup) -> CalibrationPlan:
+    """Plan over the whole stroke. Raises PreconditionError E8034 where no sensor is fitted."""
+    if not setup.sensor.fitted:
+        raise PreconditionError(
+            "No displacement sensor is fitted (setup: sensor.fitted = false), and a calibration is made with one.",
+            hint="Borrow one and calibrate with sensor.fitted = true, or give measured data with --from FILE.",
+            code="E8034",
+        )
+    tick_us = setup.controller.servo_period_us
+    rate_hz = min(RATE_HZ, setup.controller.telemetry_hz)
+    return CalibrationPlan(
+        legs=calibration_legs(setup.actuator.stroke_v, min(SLEW_V_S, setup.actuator.slew_v_s)),
+        period_us=tick_us * max(1, round(1e6 / rate_hz / tick_us)),
+    )
+
+
+def measure_actuator(machine: Machine, setup: Setup, plan: CalibrationPlan, observer: Observer) -> Measured:
+    """Drive the plan on an idle machine and record what the sensor says; retracted and idle in the end.
+
+    Raises RecordError after the first swing when the sensor does not show it; else MachineFault, LinkLost,
+    PreconditionError and Interrupted as every procedure, with the safe state reached first.
+    """
+    listener = _Listener(observer, plan.duration_s)
+    with safe_state_on_error(machine):
+        machine.configure(_settings(setup))
+        batch = max(1, min(BATCH, round(FRAME_S / plan.period_s)))
+        machine.start_telemetry(TelemetrySettings(plan.period_us, batch, PulseLog.OFF), listener)
+        machine.arm(pulses=False)
+        _park(machine, setup, listener)
+        listener.begin()
+        machine.rest(REST_S)
+        start_v = 0.0
+        for number, leg in enumerate(plan.legs):
+            _drive(machine, leg, start_v, plan.period_s)
+            start_v = leg.u_v
+            if number == 1:
+                check_record(listener.record(machine))
+        machine.disarm()
+        machine.stop_telemetry()
+    return Measured(listener.record(machine), listener.lost_frames)
+
+
+def _settings(setup: Setup) -> MotionSettings:
+    actuator = setup.actuator
+    return MotionSettings(
+        piezo_max_v=actuator.stroke_v,
+        slew_limit_v_s=actuator.slew_v_s,
+        gain_um_per_v=actuator.gain_um_per_v,
+        safe_z_um=SAFE_Z_UM,
+        retract_v_s=min(actuator.slew_v_s, RETRACT_UM_S / actuator.gain_um_per_v),
+        sensor_fitted=True,
+        watchdog_s=setup.controller.watchdog_s,
+        dielectric_required=False,
+    )
+
+
+def _park(machine: Machine, setup: Setup, listener: _Listener) -> None:
+    """Retract, and move to the parking place where the machine is not there yet."""
+    stage = setup.stage
+    machine.ramp(0.0, _settings(setup).retract_v_s)
+    status = machine.status()
+    ways = [
+        (axis, target_um)
+        for axis, here_um, target_um in (
+            (Axis.X, status.x_um, stage.park_x_um),
+            (Axis.Y, status.y_um, stage.park_y_um),
+        )
+        if abs(target_um - here_um) > stage.repeatability_um
+    ]
+    if not ways:
+        return
+    listener.tell(Phase.MOVING, machine.time_s)
+    _wait_for_creep(machine, setup)
+    for axis, target_um in ways:
+        machine.move_stage(axis, target_um, stage.speed_um_s)
+
+
+def _wait_for_creep(machine: Machine, setup: Setup) -> None:
+    """Wait while creep still holds the tool lower than the stages may move at, counted from home."""
+    end_s = machine.time_s + CREEP_WAIT_S
+    while True:
+        here_um = machine.status().displacement_um
+        drift_um = DRIFT_SDS * setup.sensor.drift_um_per_s * machine.uptime_s
+        home_um = first_home_um(here_um, 0.0, drift_um)
+        if here_um + drift_um <= SAFE_Z_UM - READING_MARGIN_UM:
+            machine.set_zero(home_um)
+            return
+        if machine.time_s > end_s:
+            raise PreconditionError(
+                f"The sensor reads {here_um:.1f} µm at 0 V and may have drifted by {drift_um:.1f} µm since the "
+                f"controller came up; the stages may move within {SAFE_Z_UM:.1f} µm of home only.",
+                hint="Look whether the tool is retracted and free. Then set the displacement sensor to zero, "
+                "home both stages, and restart the controller.",
+                code="E8020",
+            )
+        machine.rest(CREEP_LOOK_S)
+
+
+def _drive(machine: Machine, leg: Leg, start_v: float, period_s: float) -> None:
+    """Ramp, and stay for one sample, so that the turning point is in the record; or hold."""
+    if leg.u_v == start_v:
+        machine.rest(leg.duration_s)
+        return
+    machine.ramp(leg.u_v, abs(leg.u_v - start_v) / leg.duration_s)
+    machine.rest(period_s)
+
+
+@dataclass(slots=True)
+class _Listener:
+    """Collects telemetry from `begin` on, and tells how far the record is."""
+
+    observer: Observer
+    duration_s: float
+    blocks: list[TelemetryBlock] = field(default_factory=list)
+    begin_s: float = math.nan
+    lost_frames: int = 0
+    newest_s: float = 0.0
+    displacement_um: float = math.nan
+    low_um: float = math.nan
+    high_um: float = math.nan
+
+    def begin(self) -> None:
+        self.blocks.clear()
+        self.begin_s = self.newest_s
+        self.lost_frames = 0
+
+    def record(self, machine: Machine) -> Record:
+        """What was collected. Raises LinkLost E4020 when nothing came."""
+        if not self.blocks:
+            raise LinkLost(
+                "The controller sent no telemetry.", hint="Check the line, and try again.", code="E4020"
+            )
+        block = joined(self.blocks)
+        t_s = block.time_s - block.time_s[0]
+        return Record(t_s, block.actuator_v, block.displacement_um, None, machine.identity.serial)
+
+    def telemetry(self, block: TelemetryBlock) -> None:
+        """Keep consecutive samples."""
+        self.blocks.append(block)
+        self.lost_frames += block.missing_frames
+        self.newest_s = float(block.time_s[-1])
+        self.displacement_um = float(block.displacement_um[-1])
+        self.low_um, self.high_um = float(block.displacement_um.min()), float(block.displacement_um.max())
+        if not math.isnan(self.begin_s):
+            self.tell(Phase.CALIBRATING, self.newest_s)
+
+    def tell(self, phase: Phase, time_s: float) -> None:
+        """Tell the observer what is going on."""
+        self.observer.progress(
+            Progress(
+                phase=phase,
+                time_s=time_s,
+                gap_v=0.0,
+                reference_v=0.0,
+                ratios=NO_PULSES,
+                depth_um=math.nan,
+                depth_target_um=math.nan,
+                displacement_um=self.displacement_um,
+                time_left_s=max(0.0, self.begin_s + self.duration_s - time_s),
+                displacement_low_um=self.low_um,
+                displacement_high_um=self.high_um,
+            )
+        )
+
+    def pulse_blocks(self, batch: PulseBlockBatch) -> None:
+        """There are none."""
+
+    def pulses(self, batch: PulseBatch) -> None:
+        """There are none."""
+
+    def event(self, event: MachineEvent) -> None:
+        """Waits look at events themselves."""
+
+    def log(self, level: int, text: str) -> None:
+        """Hand on what the controller logs."""
+        self.observer.note(f"controller: {text}")

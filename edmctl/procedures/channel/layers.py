@@ -1,0 +1,230 @@
+"""The layers of a channel: passes to and fro until the tool was held all along, and what a stop teaches."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from edmctl.procedures.channel.result import PassSums
+from edmctl.procedures.channel.scan import PassPlan, PassResult, run_pass
+from edmctl.procedures.channel.touching import learned_gap_um
+from edmctl.procedures.event_codes import RunEvent
+from edmctl.procedures.job import Site
+from edmctl.procedures.monitoring.drift import uncertainty_now
+from edmctl.procedures.results import RunningCut
+from edmctl.procedures.stages import move_to
+from edmctl.procedures.touch.approach import approach_bottom
+from edmctl.procedures.touch.tool_length import TOUCH_U_UM
+from edmctl.process.channel_wear import ToolWear
+from edmctl.process.erosion import hole_area_um2
+from edmctl.process.layers import HeldTool, channel_width_um, passes_needed
+from edmctl.profile.rates import SIDE_DISCHARGE_SHARE, removal_um3_s
+from edmctl.record.rows import EventLevel
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from edmctl.procedures.channel.result import FloorReading
+    from edmctl.procedures.channel.touching import Face
+    from edmctl.procedures.run import Run
+    from edmctl.procedures.servo.time_limits import TimeLimits
+    from edmctl.process.path import Way
+    from edmctl.profile.model import Profile
+
+QUIET_SHARE = 0.65
+"""A floor is even when so many pulses of a pass found nothing to strike; the servo's own gap has 0.3."""
+GAP_GROWTH = 1.25
+"""A floor that was evened out lies further from the held tool than a servo would keep it, by this factor until it is
+measured: ignition takes so much more gap for twice the open pulses."""
+FLOOR_U_UM = 1.0
+"""Standard uncertainty of the height of a floor that a pass has left: gap, and what it left uneven [assumed]."""
+SPARE_PASSES = 4
+"""A layer may take twice the passes that its volume needs, and these."""
+MOST_TO_EVEN = 8
+"""Passes at one height to even out the floor before a measuring stop."""
+
+
+class Layers:
+    """The channel under way: how deep it is planned so far, how the tool wears, which gap a held tool leaves.
+
+    `since_uj` is the wearing energy since the last measuring stop, at `since_s`, `measured_u_um` the standard
+    uncertainty of the wear measured then; `last` the newest pass. `aim_um` is how deep the layer under way is to
+    be, `behind` says that it took more passes than it may. `keep` writes down how far the channel has come, before
+    every pass.
+    """
+
+    def __init__(self, run: Run, limits: TimeLimits, way: Way, face: Face, speed_um_s: float) -> None:
+        profile = run.profile
+        self._run = run
+        self._limits = limits
+        self._way = way
+        self.face = face
+        self._width_um = channel_width_um(profile.tool.diameter_um, profile.work.side_gap_um)
+        self._speed_um_s = speed_um_s
+        self._engaged = False
+        self.wear = wear_of(profile)
+        self.gap_um = GAP_GROWTH * profile.measure.expected_gap_um
+        self.depth_um = self.aim_um = 0.0
+        self.since_uj = 0.0
+        self.since_s = face.z1.time_s
+        self.measured_u_um = 0.0
+        self.layers = 0
+        self.behind = False
+        self.sums = PassSums()
+        self.keep: Callable[[], None] = lambda: None
+        self.last: tuple[PassPlan, PassResult] | None = None
+
+    @property
+    def wear_u_um(self) -> float:
+        """Standard uncertainty of where the tool's face is now: wear since the last stop, and drift."""
+        return math.hypot(self.wear.u_um(self.since_uj), self._drift_um)
+
+    @property
+    def _drift_um(self) -> float:
+        """Standard uncertainty by which the displacement may have drifted since the last stop."""
+        drift_u_um_per_s = uncertainty_now(self._run).drift_u_um_per_s
+        return drift_u_um_per_s * (self._run.machine.time_s - self.since_s)
+
+    def cut(self, depth_um: float, layers_after: int, *, even_out: bool) -> tuple[str, str]:
+        """Cut a layer down to `depth_um`; with `even_out` go on until hardly any spark is left.
+
+        The fault row that ended it early and what was seen; both empty when it is cut.
+        """
+        left = self._limits.left()
+        if left.seconds <= 0.0:
+            return "TIMEOUT", left.limit
+        self.aim_um, thickness_um = depth_um, depth_um - self.depth_um
+        held = HeldTool(self.face.z1.z_um, self.face.plane, depth_um, self.gap_um)
+        self._engage(held)
+        profile = self._run.profile
+        rate_um3_s = removal_um3_s(profile, depth_um)
+        needed = passes_needed(thickness_um, self._width_um, self._speed_um_s, rate_um3_s)
+        uj_per_um = thickness_um * self._width_um / needed / _removal_um3_per_uj(profile)
+        most = 2 * needed + SPARE_PASSES
+        self.behind = False
+        for _ in range(most):
+            done = self._pass(held, uj_per_um, layers_after * needed)
+            if done.fault:
+                return done.fault, done.told
+            uj_per_um = done.wearing_uj / self._way.length_um
+            if done.held:
+                break
+        else:
+            self.behind = True
+            told = f"after {most} passes the tool was held on {100 * done.held_share:.0f} % of the path"
+            return "STALL", told
+        self.depth_um, self.layers = depth_um, self.layers + 1
+        if not even_out:
+            return "", ""
+        return self._even_out(held, uj_per_um)
+
+    def learn(self, found: FloorReading) -> None:
+        """Take a measuring stop: wear, wear per energy, the gap that a held tool leaves, the depth."""
+        if self.last is None:
+            raise ValueError("nothing was cut")
+        drift_u_um_per_s = uncertainty_now(self._run).drift_u_um_per_s
+        wear_um = found.pad.z_um - self.face.z1.z_um
+        self.wear.learn(self.since_uj, wear_um, drift_u_um_per_s * (found.pad.time_s - self.since_s))
+        self.gap_um = learned_gap_um(*self.last, found, self.wear, self.gap_um)
+        self._start_from(found)
+
+    def take_up(self, found: FloorReading) -> None:
+        """Take the first measuring stop after an earlier run: its last seconds of sparks are in no sum.
+
+        So it tells where tool and floor are, and nothing of wear per energy or of the gap.
+        """
+        self.wear.restart(found.pad.z_um - self.face.z1.z_um)
+        self._start_from(found)
+
+    def _start_from(self, found: FloorReading) -> None:
+        self.depth_um = found.depth_um
+        self.since_uj, self.since_s = 0.0, found.pad.time_s
+        self._engaged = False
+
+    def _pass(self, held: HeldTool, uj_per_um: float, passes_after: int) -> PassResult:
+        """One pass, against the direction of the one before."""
+        run, left = self._run, self._limits.left()
+        if left.seconds <= 0.0:
+            return _not_begun(left.limit, len(self._way.points))
+        way = self._way.reversed() if self.sums.passes % 2 else self._way
+        rest_s = passes_after * way.length_um / self._speed_um_s
+        plan = PassPlan(
+            way,
+            self._speed_um_s,
+            held,
+            uj_per_um,
+            self.since_uj,
+            rest_s,
+            self.sums.passes + 1,
+            math.hypot(self.measured_u_um, self._drift_um),
+        )
+        before_s = run.ledger.machining_time_s
+        run.ledger.unmeasured_site = run.profile.meta.name
+        self.keep()
+        done = run_pass(run, plan, self.wear, left.seconds, left.limit)
+        run.ledger.machining_time_s = before_s + done.time_s
+        self.sums.add(done)
+        run.ledger.cut = RunningCut()
+        self.last = (plan, done)
+        self.since_uj += done.wearing_uj
+        self._tell_pass(held, done)
+        return done
+
+    def _even_out(self, held: HeldTool, uj_per_um: float) -> tuple[str, str]:
+        """Pass again without feeding down, until hardly any spark is left."""
+        for _ in range(MOST_TO_EVEN):
+            done = self._pass(held, uj_per_um, 0)
+            if done.fault:
+                return done.fault, done.told
+            if done.open_share >= QUIET_SHARE:
+                break
+            uj_per_um = done.wearing_uj / self._way.length_um
+        return "", ""
+
+    def _engage(self, held: HeldTool) -> None:
+        """Go to where the next pass begins, and down to the first sparks, unless the tool is still there."""
+        if self._engaged:
+            return
+        x_um, y_um = self._way.at(self._way.length_um if self.sums.passes % 2 else 0.0)
+        move_to(self._run, Site("the path's end" if self.sums.passes % 2 else "the path's start", x_um, y_um))
+        old = HeldTool(held.pad_um, held.plane, self.depth_um, held.gap_um)
+        floor_um = old.floor_um((x_um, y_um), self.wear.um(self.since_uj))
+        floor_u_um = math.hypot(self.wear_u_um, self.face.plane.height_u_um(x_um, y_um), FLOOR_U_UM)
+        approach_bottom(self._run, floor_um, floor_u_um)
+        self._engaged = True
+
+    def _tell_pass(self, held: HeldTool, done: PassResult) -> None:
+        self._run.decide(
+            RunEvent.PASS_ENDED,
+            f"Pass {self.sums.passes} at {held.depth_um:.2f} µm took {done.time_s:.0f} s: held on "
+            f"{100 * done.held_share:.0f} % of the path, {100 * done.open_share:.0f} % of the pulses open"
+            f"{f'; ended early, {done.told}' if done.fault else ''}.",
+            {
+                "pass": self.sums.passes,
+                "depth_um": held.depth_um,
+                "time_s": done.time_s,
+                "held": done.held_share,
+                "open": done.open_share,
+                "wear_um": self.wear.um(self.since_uj),
+            },
+            level=EventLevel.WARNING if done.fault else EventLevel.INFO,
+        )
+
+
+def wear_of(profile: Profile) -> ToolWear:
+    """Wear per energy by the recipe: as much tool per work as in a hole."""
+    work, wear = profile.work, profile.wear
+    section_um2 = hole_area_um2(profile.tool.diameter_um, work.side_gap_um)
+    per_uj = wear.expected_ratio / section_um2 * _removal_um3_per_uj(profile)
+    return ToolWear(per_uj, math.hypot(wear.ratio_u_rel, work.removal_u_rel), TOUCH_U_UM)
+
+
+def _removal_um3_per_uj(profile: Profile) -> float:
+    return profile.work.removal_um3_per_uj * (1.0 - SIDE_DISCHARGE_SHARE)
+
+
+def _not_begun(limit: str, points: int) -> PassResult:
+    import numpy as np
+
+    nothing = np.zeros(points)
+    return PassResult(0.0, 0.0, math.nan, (0, 0, 0, 0), 0.0, 0.0, nothing, nothing, "TIMEOUT", limit)

@@ -1,0 +1,318 @@
+"""A channel by layers: touch the face, scan layer after layer with the tool held, touch floor and pad, correct.
+
+Where the floor ends up below a held tool, and how much the tool wears on the way, is learned at every measuring
+stop, so the last layers are cut by what was measured and not by what was assumed.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+from edmctl.errors import MachineFault
+from edmctl.labels import NOT_SHOWN_CODE, Verdict
+from edmctl.machine.port import host_fault
+from edmctl.procedures.channel.layers import Layers
+from edmctl.procedures.channel.result import ChannelResult, FloorReading, channel_left, channel_result
+from edmctl.procedures.channel.resuming import (
+    channel_begun,
+    channel_state,
+    face_left,
+    go_on_from,
+    refuse_other_channel,
+    stops_left,
+    unknown_of_left,
+    with_journal_hint,
+)
+from edmctl.procedures.channel.touching import measure_floor, touch_untouched
+from edmctl.procedures.channel.way import way_of_path
+from edmctl.procedures.event_codes import RunEvent
+from edmctl.procedures.hole.cut_decision import Decision
+from edmctl.procedures.hole.target import Goal, goal_of
+from edmctl.procedures.hole.verdict import REMEDIES, judged_channel, not_shown
+from edmctl.procedures.job import Site
+from edmctl.procedures.touch.tool_length import TOUCH_U_UM
+from edmctl.process.layers import layer_depths_um
+from edmctl.process.next_cut import COVERAGE, NOISE_FLOOR_SIGMAS
+from edmctl.record.rows import EventLevel
+from edmctl.wording import length, plural, signed
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from edmctl.procedures.channel.touching import Face
+    from edmctl.procedures.job_state import JobState
+    from edmctl.procedures.run import Run
+    from edmctl.procedures.servo.time_limits import TimeLimits
+    from edmctl.process.path import Way
+
+LAYERS_BEFORE_FIRST_STOP = 2
+"""Then wear and gap are measured for the first time: early, because both were only assumed."""
+LEAST_SUNK_SHARE = 0.25
+"""A layer that takes more passes than it may, twice what the recipe believes and some, is measured: its work may
+erode slower, or its tool wear less than the energy tells, so that the tool is held too deep to get there. Where the
+floor has not even sunk by this share of the layer, the tool has stopped advancing."""
+PLACES, PLACES_AT_THE_END = 4, 6
+"""The floor is touched at so many places."""
+
+
+def machine_channel(
+    run: Run, limits: TimeLimits, keep: Callable[[ChannelResult], None]
+) -> tuple[ChannelResult | None, Decision]:
+    """Machine the channel of `profile.path`; the result of the last measuring stop, and how it ended.
+
+    `keep` takes the result of every measuring stop, so that the last one is there whatever comes next. The result
+    is None where the time was up before anything was cut.
+    """
+    path = run.profile.path
+    if path is None:
+        raise ValueError("the profile has no channel")
+    way = way_of_path(path)
+    goal = goal_of(run.profile, Site(run.profile.meta.name, path.x_um, path.y_um))
+    run.ledger.depth_um, run.ledger.open_site = 0.0, run.profile.meta.name
+    run.ledger.depth_target_um = goal.depth_um
+    left = channel_begun(run)
+    face = touch_untouched(run, way) if left is None else face_left(run, left)
+    layers = Layers(run, limits, way, face, path.speed_um_s)
+    stops = _Stops(run, goal, way, face, layers, keep)
+    try:
+        if left is not None:
+            ended = _ended(run, goal, stops.take_up(left), last=False)
+            if ended is not None:
+                return stops.result, ended
+        return _cut_down(run, goal, layers, stops, path.layer_um)
+    except BaseException:
+        stops.leave()
+        raise
+
+
+def _cut_down(
+    run: Run, goal: Goal, layers: Layers, stops: _Stops, layer_um: float
+) -> tuple[ChannelResult | None, Decision]:
+    """Cut layer by layer, and measure where that is due, to the end."""
+    corrections = run.profile.wear.max_cuts
+    while True:
+        depths_um = layer_depths_um(layers.depth_um, goal.depth_um, layer_um)
+        last = len(depths_um) == 1
+        even_out = last or stops.due(len(depths_um) - 1)
+        from_um = layers.depth_um
+        fault, told = layers.cut(depths_um[0], len(depths_um) - 1, even_out=even_out)
+        if not (fault or even_out):
+            continue
+        if not fault:
+            result = stops.measure(PLACES_AT_THE_END if last else PLACES)
+        elif layers.since_uj > 0.0:
+            result = stops.measure(PLACES)
+        else:
+            return stops.result, _missed(run, goal, fault, told, stops.result)
+        sunk_um = result.depth_um - from_um
+        if fault and not (layers.behind and sunk_um >= LEAST_SUNK_SHARE * (depths_um[0] - from_um)):
+            return result, _missed(run, goal, fault, told, result)
+        corrections -= last
+        ended = _ended(run, goal, result, last=last and corrections <= 0)
+        if ended is not None:
+            return result, ended
+        ended_early = f" The last layer ended early: {told}." if told else ""
+        left_um = goal.depth_um - result.depth_um
+        again = max(1, len(layer_depths_um(result.depth_um, goal.depth_um, layer_um)))
+        run.decide(
+            RunEvent.CUT_DECIDED,
+            f"{left_um:.2f} µm are left, in {plural(again, 'layer')}.{ended_early}",
+            {"left_um": left_um, "layers": again},
+        )
+
+
+def _ended(run: Run, goal: Goal, result: ChannelResult, *, last: bool) -> Decision | None:
+    """The end after a measuring stop, at the target or `last` or with a worn tool; None where more is to be cut."""
+    worn_out = _worn_out(run, goal, result)
+    if worn_out is not None:
+        return worn_out
+    if last or goal.depth_um - result.depth_um <= _good_enough_um(goal):
+        return _final(run, goal, result)
+    return None
+
+
+class _Stops:
+    """The measuring stops of a channel: when the next is due, and what they find."""
+
+    def __init__(
+        self,
+        run: Run,
+        goal: Goal,
+        way: Way,
+        face: Face,
+        layers: Layers,
+        keep: Callable[[ChannelResult], None],
+    ) -> None:
+        self._run = run
+        self._goal = goal
+        self._way = way
+        self._face = face
+        self._layers = layers
+        self._keep = keep
+        self._number = 0
+        self._learned = False
+        self.result: ChannelResult | None = None
+        layers.keep = partial(self._keep_state, "machining")
+        if channel_begun(run) is None:
+            self._keep_state("measuring")
+
+    def due(self, layers_after: int) -> bool:
+        """Whether to measure after the next layer, with so many left after it.
+
+        After the second layer for wear and gap; whenever the tool's face is no longer known to half the tolerance;
+        and before the last layer, which is to end at the target, where it is not known to a quarter.
+        """
+        if not self._learned and self._layers.layers + 1 >= LAYERS_BEFORE_FIRST_STOP:
+            return True
+        unknown = self._layers.wear_u_um / self._goal.tolerance_um
+        return unknown > 0.5 or (layers_after == 1 and unknown > 0.25)
+
+    def measure(self, places: int) -> ChannelResult:
+        """Touch floor and pad, learn from them, and keep the result."""
+        layers = self._layers
+        if layers.last is None:
+            raise ValueError("nothing was cut")
+        plan, done = layers.last
+        found = measure_floor(self._run, self._face, plan, done, layers.wear, layers.since_uj, places)
+        uneven_um = abs(plan.held.depth_um - layers.depth_um) if done.fault else 0.0
+        layers.learn(found)
+        self._learned |= done.held
+        return self._keep_result(found, self._result(found, uneven_um))
+
+    def take_up(self, left: JobState) -> ChannelResult:
+        """Touch floor and pad where an earlier run has left them, and keep the result; its journal stands till then.
+
+        Raises PreconditionError E8060, E8061 where they are not as they were left.
+        """
+        run, layers = self._run, self._layers
+        self._number, self._learned = stops_left(left)
+        plan, done = go_on_from(run, left, layers, self._way)
+        unknown = unknown_of_left(run, left)
+        try:
+            found = measure_floor(run, self._face, plan, done, layers.wear, 0.0, PLACES_AT_THE_END, unknown)
+        except MachineFault as fault:
+            raise with_journal_hint(fault) from fault
+        uneven_um = layers.aim_um - layers.depth_um
+        refuse_other_channel(run, left, self._face, self._result(found, 0.0), uneven_um)
+        layers.take_up(found)
+        return self._keep_result(found, self._result(found, uneven_um))
+
+    def _result(self, found: FloorReading, uneven_um: float) -> ChannelResult:
+        layers = self._layers
+        return channel_result(
+            self._run,
+            self._way.length_um,
+            self._face,
+            found,
+            layers.sums,
+            layers=layers.layers,
+            gap_um=layers.gap_um,
+            stops=self._number + 1,
+            uneven_um=uneven_um,
+        )
+
+    def _keep_result(self, found: FloorReading, result: ChannelResult) -> ChannelResult:
+        self._number += 1
+        self.result = result
+        self._layers.measured_u_um = result.wear_u95_um / COVERAGE
+        self._run.ledger.depth_um, self._run.ledger.unmeasured_site = found.depth_um, ""
+        self._keep(result)
+        self._keep_state("measuring")
+        self._tell(found, result)
+        return result
+
+    def _keep_state(self, phase: str) -> None:
+        """Write down how far the channel has come, for a run that goes on with it."""
+        self._run.journal.channel(self._state, phase, self._run.machine.time_s)
+
+    def _state(self, state: JobState, now_s: float) -> JobState:
+        return channel_state(
+            self._run, self._face, self._layers, self._number, learned=self._learned, state=state, now_s=now_s
+        )
+
+    def leave(self) -> None:
+        """Keep by estimate what was cut since the last stop, where the channel is left before the next."""
+        run, layers = self._run, self._layers
+        if self.result is not None and run.ledger.unmeasured_site:
+            # A short may have pulled the tool back; the floor stays where it is.
+            run.ledger.depth_um = max(run.ledger.depth_um, layers.depth_um, self.result.depth_um)
+            left = channel_left(
+                self.result,
+                layers.sums,
+                layers=layers.layers,
+                depth_um=run.ledger.depth_um,
+                most_um=max(run.ledger.depth_um, layers.aim_um),
+                wear_um=layers.wear.um(layers.since_uj),
+            )
+            self._keep(left)
+
+    def _tell(self, found: FloorReading, result: ChannelResult) -> None:
+        self._run.decide(
+            RunEvent.CHANNEL_MEASURED,
+            f"Floor {length(result.depth_um, result.depth_u95_um)} deep, {found.sd_um:.2f} µm rms from "
+            f"place to place, wear {length(result.wear_um, result.wear_u95_um)}; a held tool leaves a gap "
+            f"of {result.working_gap_um:.2f} µm.",
+            {
+                "depth_um": result.depth_um,
+                "depth_u95_um": result.depth_u95_um,
+                "floor_sd_um": found.sd_um,
+                "wear_um": result.wear_um,
+                "wear_u95_um": result.wear_u95_um,
+                "gap_um": result.working_gap_um,
+            },
+        )
+
+
+def _good_enough_um(goal: Goal) -> float:
+    """A rest below this is not worth another layer, or is noise."""
+    return max(goal.tolerance_um / 2.0, NOISE_FLOOR_SIGMAS * TOUCH_U_UM)
+
+
+def _final(run: Run, goal: Goal, result: ChannelResult) -> Decision:
+    """The end after the last layer: the objective reached, or missed by the depth or the evenness of the floor."""
+    tolerance_um, target_um = goal.tolerance_um, goal.depth_um
+    off_um = result.depth_um - target_um
+    message = (
+        f"Channel {result.depth_um:.2f} µm deep, {signed(off_um)} µm from the target, "
+        f"{result.floor_sd_um:.2f} µm rms along the path, after {result.layers} layers in {result.passes} passes."
+    )
+    verdict = judged_channel(goal, result).verdict
+    if verdict is Verdict.SHOWN:
+        run.decide(RunEvent.TARGET_REACHED, message, {"depth_um": result.depth_um})
+        return Decision(None, message)
+    if verdict is Verdict.NOT_SHOWN:
+        told = f"{not_shown('The mean depth of the floor', goal, result)}."
+        hint = REMEDIES[result.depth_basis]
+        run.decide(RunEvent.VERDICT, told, {"hint": hint}, level=EventLevel.WARNING)
+        return Decision(None, told, told, hint, NOT_SHOWN_CODE)
+    run.decide(RunEvent.TARGET_MISSED, message, {"depth_um": result.depth_um}, level=EventLevel.WARNING)
+    return Decision(
+        None,
+        message,
+        f"The floor is {result.depth_um:.2f} µm deep on average, {signed(off_um)} µm from the target, and "
+        f"{result.floor_sd_um:.2f} µm rms uneven; target.tolerance_um is {tolerance_um:.1f} µm.",
+        "Use thinner layers (path.layer_um) or a slower scan (path.speed_um_s), or allow more.",
+    )
+
+
+def _worn_out(run: Run, goal: Goal, result: ChannelResult) -> Decision | None:
+    """The end where the tool has lost more than it may; None while it has not."""
+    lost_um, limit_um = run.job.tool_wear_before_um + result.wear_um, run.profile.tool.max_wear_um
+    if lost_um <= limit_um:
+        return None
+    message = (
+        f"The tool has lost {lost_um:.0f} µm, tool.max_wear_um is {limit_um:.0f} µm; the channel ends at "
+        f"{goal.reached(result.depth_um, result.feed_um)}."
+    )
+    run.decide(RunEvent.TARGET_MISSED, message, {"wear_um": lost_um}, level=EventLevel.WARNING)
+    return Decision(None, message, message, "Dress or change the tool, and machine the channel anew.")
+
+
+def _missed(run: Run, goal: Goal, fault: str, told: str, result: ChannelResult | None) -> Decision:
+    """The end by a row of the faults, with what was reached."""
+    depth_um = 0.0 if result is None else result.depth_um
+    reached = f"a floor {depth_um:.2f} of {goal.depth_um:g} µm deep"
+    error = host_fault(fault, f" The channel ended early ({told}) at {reached}.")
+    run.decide(RunEvent.TARGET_MISSED, error.message, {"depth_um": depth_um}, level=EventLevel.WARNING)
+    return Decision(None, error.message, error.message, error.hint, error.code)

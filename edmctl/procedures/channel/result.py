@@ -1,0 +1,249 @@
+"""What a channel has become: its floor by touches along the path, tool wear, and the sums of its passes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from edmctl.labels import Basis
+from edmctl.procedures.monitoring.drift import uncertainty_now
+from edmctl.procedures.touch.site_readings import pad_u_um
+from edmctl.process.layers import channel_width_um
+from edmctl.process.pulses import PulseShares, pulse_shares
+from edmctl.process.wear import TOUCH_PRIOR_DOF, student_97_5
+
+if TYPE_CHECKING:
+    from edmctl.labels import Verdict
+    from edmctl.procedures.channel.scan import PassResult
+    from edmctl.procedures.channel.touching import Face
+    from edmctl.procedures.run import Run
+    from edmctl.procedures.touch.reading import SurfaceReading
+
+
+@dataclass(frozen=True, slots=True)
+class FloorPlace:
+    """One touch of the floor: where, at which length along the path, and how deep below the face, µm."""
+
+    s_um: float
+    x_um: float
+    y_um: float
+    depth_um: float
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelResult:
+    """One channel, measured by touches: `feed = depth + wear`, u95 are half-widths of 95 % intervals.
+
+    `depth_um` is the mean over the places of `floor`, `floor_sd_um` their standard deviation; the touches cannot
+    tell roughness below the tool's face. One that is not `finished` was under way when its job ended early; if it
+    was cut on since its last stop, it is estimated and `floor` is empty. `verdict` is None until the channel is
+    done. `width_um` is planned. `layers` are those cut, `passes` the times that the path was gone along. `energy_j`
+    is mean gap current × plateau voltage of a normal discharge × time, over all passes; `working_gap_um` the gap
+    between the held tool and the floor that it left.
+    """
+
+    name: str
+    length_um: float
+    width_um: float
+    layers: int
+    passes: int
+    depth_um: float
+    depth_u95_um: float
+    floor_sd_um: float
+    wear_um: float
+    wear_u95_um: float
+    feed_um: float
+    z1_um: float
+    z3_um: float
+    machining_time_s: float
+    pulses: int
+    ratios: PulseShares
+    energy_j: float
+    working_gap_um: float
+    measuring_stops: int
+    floor: tuple[FloorPlace, ...]
+    depth_basis: Basis
+    wear_basis: Basis
+    verdict: Verdict | None = None
+    finished: bool = False
+
+    def floor_rms_um(self, depth_um: float) -> float:
+        """Root mean square of what the places of the floor differ from a depth."""
+        squares = math.fsum((place.depth_um - depth_um) ** 2 for place in self.floor)
+        return math.sqrt(squares / len(self.floor))
+
+
+@dataclass(slots=True)
+class PassSums:
+    """What all passes have done together, those of earlier runs of the job too: pulses by class, J and s."""
+
+    passes: int = 0
+    counts: tuple[int, int, int, int] = (0, 0, 0, 0)
+    energy_j: float = 0.0
+    time_s: float = 0.0
+
+    def add(self, done: PassResult) -> None:
+        """Take one more pass."""
+        a, b = self.counts, done.counts
+        self.passes += 1
+        self.counts = (a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3])
+        self.energy_j += done.energy_j
+        self.time_s += done.time_s
+
+
+@dataclass(frozen=True, slots=True)
+class FloorReading:
+    """The touches of one measuring stop: the pad, the floor at places of the path, and the pad again."""
+
+    places: tuple[FloorPlace, ...]
+    floor: tuple[SurfaceReading, ...]
+    pad_before: SurfaceReading
+    pad: SurfaceReading
+
+    @property
+    def depth_um(self) -> float:
+        """Mean depth."""
+        return math.fsum(place.depth_um for place in self.places) / len(self.places)
+
+    @property
+    def sd_um(self) -> float:
+        """Standard deviation of the depths; 0 of a single one."""
+        return (
+            float(np.std([place.depth_um for place in self.places], ddof=1)) if len(self.places) > 1 else 0.0
+        )
+
+
+def channel_result(
+    run: Run,
+    length_um: float,
+    face: Face,
+    found: FloorReading,
+    sums: PassSums,
+    *,
+    layers: int,
+    gap_um: float,
+    stops: int,
+    uneven_um: float = 0.0,
+) -> ChannelResult:
+    """Reduce a measuring stop and all passes before it.
+
+    After a pass that ended early the floor may be deeper by `uneven_um` where the tool was, which is at none of the
+    places that were touched: so much the mean of the floor may be off.
+    """
+    job, z1 = run.job, face.z1
+    depth_u95_um, wear_u95_um = _uncertainties(run, face, found, uneven_um)
+    wear_um = found.pad.z_um - z1.z_um
+    return ChannelResult(
+        name=job.profile.meta.name,
+        length_um=length_um,
+        width_um=channel_width_um(job.profile.tool.diameter_um, job.profile.work.side_gap_um),
+        layers=layers,
+        passes=sums.passes,
+        depth_um=found.depth_um,
+        depth_u95_um=depth_u95_um,
+        floor_sd_um=found.sd_um,
+        wear_um=wear_um,
+        wear_u95_um=wear_u95_um,
+        feed_um=found.depth_um + wear_um,
+        z1_um=z1.z_um,
+        z3_um=found.pad.z_um,
+        machining_time_s=sums.time_s,
+        pulses=sum(sums.counts),
+        ratios=pulse_shares(*sums.counts),
+        energy_j=sums.energy_j,
+        working_gap_um=gap_um,
+        measuring_stops=stops,
+        floor=found.places,
+        depth_basis=job.touch_basis,
+        wear_basis=job.touch_basis,
+    )
+
+
+def channel_left(
+    measured: ChannelResult,
+    sums: PassSums,
+    *,
+    layers: int,
+    depth_um: float,
+    most_um: float,
+    wear_um: float,
+) -> ChannelResult:
+    """A channel that was cut on to about `depth_um` since it was measured, and then left, by estimate.
+
+    It may be as deep as `most_um` in places. `wear_um` is the wear by the energy of whole passes; since the stop the
+    tool has lost as much per depth as before at least. Whatever was not touched may be wrong by all of it, and by as
+    much per depth as the stop was wrong; a tool does not lose more than it cuts. A pass that was broken off is in no
+    sum.
+    """
+    cut_um = max(most_um, depth_um) - measured.depth_um
+    per_um = 1.0 / measured.depth_um if measured.depth_um > 0.0 else 0.0
+    worn_um = max(wear_um - measured.wear_um, measured.wear_um * per_um * cut_um, 0.0)
+    missed_um = cut_um * min(measured.wear_u95_um * per_um, 1.0) if per_um else cut_um
+    return replace(
+        measured,
+        layers=layers,
+        passes=sums.passes,
+        depth_um=depth_um,
+        depth_u95_um=math.hypot(measured.depth_u95_um, cut_um),
+        floor_sd_um=math.nan,
+        wear_um=measured.wear_um + worn_um,
+        wear_u95_um=math.hypot(measured.wear_u95_um + missed_um, worn_um),
+        feed_um=depth_um + measured.wear_um + worn_um,
+        z3_um=math.nan,
+        machining_time_s=sums.time_s,
+        pulses=sum(sums.counts),
+        ratios=pulse_shares(*sums.counts),
+        energy_j=sums.energy_j,
+        floor=(),
+        depth_basis=Basis.ESTIMATED,
+        wear_basis=Basis.ESTIMATED,
+    )
+
+
+def _uncertainties(run: Run, face: Face, found: FloorReading, uneven_um: float) -> tuple[float, float]:
+    """95 % half-widths of mean depth and wear: touches and doubts of floor and pad, sensor, drift, face, stages.
+
+    How much the floor varies from place to place counts too, as only some were touched. The pad is touched before
+    and after the floor, so a steady drift is no part of the depth.
+    """
+    known, z1, setup = uncertainty_now(run), face.z1, run.setup
+    face_u_um = max(face.plane.height_u_um(place.x_um, place.y_um) for place in found.places)
+    pads = (z1, found.pad_before, found.pad)
+    dof = TOUCH_PRIOR_DOF + sum(r.reading.touches - 1 for r in (*pads, *found.floor))
+    meeting_u_um = pad_u_um(setup)
+    z1_u_um, before_u_um, after_u_um = (
+        max(r.reading.sd_um, TOUCH_LEAST_SD_UM) / math.sqrt(r.reading.touches) for r in pads
+    )
+    depth_u_um = math.hypot(
+        found.sd_um / math.sqrt(len(found.floor)),
+        0.5 * uneven_um,
+        before_u_um / 2.0,
+        after_u_um / 2.0,
+        known.gain_u_rel * found.depth_um,
+        known.linearity_u_um,
+        face_u_um,
+        face.doubt_u_um,
+        meeting_u_um,
+        math.fsum(z2.doubt_u_um for z2 in found.floor) / len(found.floor),
+        0.5 * (found.pad_before.doubt_u_um + found.pad.doubt_u_um),
+    )
+    wear_um = found.pad.z_um - z1.z_um
+    wear_u_um = math.hypot(
+        z1_u_um,
+        after_u_um,
+        known.gain_u_rel * wear_um,
+        known.linearity_u_um,
+        known.drift_u_um_per_s * (found.pad.time_s - z1.time_s),
+        meeting_u_um,
+        z1.doubt_u_um,
+        found.pad.doubt_u_um,
+    )
+    factor = student_97_5(dof)
+    return factor * depth_u_um, factor * wear_u_um
+
+
+TOUCH_LEAST_SD_UM = 0.1
+"""Touches that agree better than this do so by chance."""

@@ -1,0 +1,230 @@
+"""One pass along a channel: the stages follow lines from a queue while the tool is held at a sinking height.
+
+The height of each line's end is planned when the line is sent, seconds before the tool is there: by the wear that
+the energy of the pass tells so far, and the wear per length for the rest. So the floor comes out even although the
+wear along a path is not.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from edmctl.errors import PreconditionError
+from edmctl.machine.port import EventCode, PathMove, ScanRequest
+from edmctl.procedures.channel.follow import PassFollower
+from edmctl.procedures.settings import gap_reference_v
+from edmctl.process.next_cut import COVERAGE
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from edmctl.machine.port import MachineEvent
+    from edmctl.procedures.run import Run
+    from edmctl.process.channel_wear import ToolWear
+    from edmctl.process.layers import HeldTool
+    from edmctl.process.path import Way
+
+    Floats = NDArray[np.float64]
+
+SLICE_S = 0.1
+LOOK_AHEAD_S = 3.0
+"""Lines are sent so long before the tool gets to them: a late host must not make it stand, and a line that is sent
+holds what was known of the wear then."""
+HELD_WITHIN_UM = 0.4
+"""The tool is at its limit when it is this near: noise of the sensor over 0.1 s, and the servo's step."""
+LEARN_OVER_UM = 200.0
+"""The energy per length that was expected counts as much as this length of the pass."""
+HELD_ENOUGH = 0.8
+"""A layer is cut when the tool stood at its limit on this share of the path; the next one takes the rest along."""
+STANDS_S = 10.0
+"""Stages that stand for so long over a gap that is not shorted have lost their lines."""
+TIME_SLACK_S = 2.0
+"""The host ends a pass when the time is up; the controller would do so this much later."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PassPlan:
+    """One pass: which way, how fast, where the tool is held, and what to expect of the wearing energy per length.
+
+    `since_uj` is the wearing energy between the last touch of the pad and this pass, `rest_s` the time to machine
+    after it. `number` counts passes from 1; 0 is unknown. `wear_u_um` is the standard uncertainty of the wear before
+    the pass, but for what that energy leaves unknown.
+    """
+
+    way: Way
+    speed_um_s: float
+    held: HeldTool
+    uj_per_um: float
+    since_uj: float
+    rest_s: float
+    number: int = 0
+    wear_u_um: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PassResult:
+    """What a pass did. `fault` names the row of the faults that ended it early, `told` says why; else both empty.
+
+    `held_share` is the share of the path on which the tool stood at its limit. `counts` are pulses by class (open,
+    normal, arc, short), `wearing_uj` the energy that wore the tool. `limits_um` holds the limit at each point of
+    the way, `used_uj` the wearing energy of the pass when the tool was there, shape (n,).
+    """
+
+    time_s: float
+    held_share: float
+    gap_ratio_mean: float
+    counts: tuple[int, int, int, int]
+    energy_j: float
+    wearing_uj: float
+    limits_um: Floats
+    used_uj: Floats
+    fault: str = ""
+    told: str = ""
+
+    @property
+    def held(self) -> bool:
+        """Whether the tool stood at its limit as good as all along."""
+        return not self.fault and self.held_share >= HELD_ENOUGH
+
+    @property
+    def open_share(self) -> float:
+        """Share of the pulses that found nothing to strike."""
+        return self.counts[0] / max(1, sum(self.counts))
+
+
+def run_pass(run: Run, plan: PassPlan, wear: ToolWear, left_s: float, time_limit: str) -> PassResult:
+    """Go along the path once; the tool is then held with the pulses off."""
+    start_s = run.machine.time_s
+    follower = PassFollower(run, start_s, plan.number)
+    feeder = _Feeder(run, plan, wear, follower)
+    run.watch.follow(follower.take)
+    try:
+        limit_um = feeder.limits_um[0]
+        run.machine.start_scan(ScanRequest(gap_reference_v(run.profile), limit_um, left_s + TIME_SLACK_S))
+        ended, fault, told = _watch(run, feeder, start_s + left_s, time_limit)
+    finally:
+        run.watch.follow(None)
+    counts = follower.counts
+    return PassResult(
+        time_s=ended.time_s - start_s,
+        held_share=feeder.held_share,
+        gap_ratio_mean=follower.gap_ratio_mean,
+        counts=(counts[0], counts[1], counts[2], counts[3]),
+        energy_j=follower.energy_j,
+        wearing_uj=follower.wearing_uj,
+        limits_um=feeder.limits_um,
+        used_uj=feeder.used_uj(),
+        fault=fault,
+        told=told,
+    )
+
+
+def _watch(run: Run, feeder: _Feeder, end_s: float, time_limit: str) -> tuple[MachineEvent, str, str]:
+    while True:
+        ended = run.machine.watch_cut(SLICE_S)
+        if ended is not None:
+            return (ended, "", "") if ended.code is EventCode.PATH_DONE else (ended, "TIMEOUT", time_limit)
+        if told := feeder.follower.unstable or feeder.stands:
+            return run.machine.stop_cut(), "STALL", told
+        if run.machine.time_s >= end_s:
+            return run.machine.stop_cut(), "TIMEOUT", time_limit
+        try:
+            feeder.feed()
+        except PreconditionError:
+            # A pass that has ended takes no lines: its end, or the fault behind it, is on its way.
+            ended = run.machine.watch_cut(SLICE_S)
+            if ended is None:
+                raise
+            return ended, "TIMEOUT", time_limit
+
+
+class _Feeder:
+    """Knows where the tool is on its way, and sends the lines ahead of it."""
+
+    def __init__(self, run: Run, plan: PassPlan, wear: ToolWear, follower: PassFollower) -> None:
+        self._run = run
+        self._plan = plan
+        self._wear = wear
+        self.follower = follower
+        self._sent = 0
+        self._here_um = 0.0
+        self._slices = self._held_slices = 0
+        self._trace: list[tuple[float, float]] = [(0.0, 0.0)]
+        self._moved_s = math.inf
+        self.limits_um = np.full(len(plan.way.points), self._limit_um(0))
+
+    @property
+    def held_share(self) -> float:
+        """Share of the slices, while the tool moved, in which it stood at its limit."""
+        return self._held_slices / self._slices if self._slices else 0.0
+
+    @property
+    def stands(self) -> str:
+        """What is wrong with stages that have stood still for long; nothing while they move."""
+        stood = self._run.machine.time_s - self._moved_s > STANDS_S
+        return (
+            f"the stages stood still for {STANDS_S:.0f} s, {self._here_um:.0f} µm along the path"
+            if stood
+            else ""
+        )
+
+    def used_uj(self) -> Floats:
+        """Wearing energy of the pass when the tool was at each point, shape (n,)."""
+        s_um, uj = np.array(self._trace).T
+        used: Floats = np.interp(self._plan.way.lengths_um, s_um, uj)
+        return used
+
+    def feed(self) -> None:
+        """See where the tool is, and send what it will soon need."""
+        way, follower = self._plan.way, self.follower
+        status = self._run.machine.status()
+        ahead_um = self._plan.speed_um_s * LOOK_AHEAD_S
+        before_um = self._here_um
+        self._here_um = way.length_at(status.x_um, status.y_um, before_um, 2.0 * ahead_um)
+        if self._here_um != before_um or follower.shorted or math.isinf(self._moved_s):
+            self._moved_s = self._run.machine.time_s
+        below_um = follower.displacement_um - float(np.interp(self._here_um, way.lengths_um, self.limits_um))
+        held = below_um >= -HELD_WITHIN_UM
+        self._tell(below_um)
+        if self._sent:
+            self._slices += 1
+            self._held_slices += held
+            self._trace.append((self._here_um, follower.wearing_uj))
+        while self._sent < len(way.points) - 1 and way.lengths_um[self._sent] < self._here_um + ahead_um:
+            if not self._send(self._sent + 1):
+                return
+
+    def _send(self, i: int) -> bool:
+        """Send the line to point `i`; False where the queue is full."""
+        x_um, y_um = (float(c) for c in self._plan.way.points[i])
+        limit_um = self._limit_um(i)
+        last = i == len(self._plan.way.points) - 1
+        if not self._run.machine.path_move(PathMove(x_um, y_um, self._plan.speed_um_s, limit_um, last)):
+            return False
+        self.limits_um[i:] = limit_um
+        self._sent = i
+        return True
+
+    def _limit_um(self, i: int) -> float:
+        """Limit at a point, by the wear that the tool will have there."""
+        plan, used_uj = self._plan, self.follower.wearing_uj
+        ahead_um = float(plan.way.lengths_um[i]) - self._here_um
+        coming_uj = ahead_um * self._uj_per_um(used_uj)
+        x_um, y_um = plan.way.points[i]
+        return plan.held.z_um((float(x_um), float(y_um)), self._wear.um(plan.since_uj + used_uj + coming_uj))
+
+    def _uj_per_um(self, used_uj: float) -> float:
+        return (self._plan.uj_per_um * LEARN_OVER_UM + used_uj) / (LEARN_OVER_UM + self._here_um)
+
+    def _tell(self, below_um: float) -> None:
+        plan, follower = self._plan, self.follower
+        if not math.isnan(below_um):
+            follower.depth_um = max(0.0, plan.held.depth_um + min(0.0, below_um))
+        used_uj = plan.since_uj + follower.wearing_uj
+        follower.wear_um = self._wear.um(used_uj)
+        follower.wear_u95_um = COVERAGE * math.hypot(plan.wear_u_um, self._wear.u_um(used_uj))
+        follower.time_left_s = plan.rest_s + (plan.way.length_um - self._here_um) / plan.speed_um_s

@@ -1,0 +1,205 @@
+"""The touches of a channel: the face before it, floor and pad at every measuring stop, and what they teach."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from edmctl.procedures.channel.result import FloorPlace, FloorReading
+from edmctl.procedures.event_codes import RunEvent
+from edmctl.procedures.job import Site
+from edmctl.procedures.stages import move_to
+from edmctl.procedures.touch.bottom import Expected, read_expected
+from edmctl.procedures.touch.grown_tool import refuse_grown_tool
+from edmctl.procedures.touch.reading import SurfaceReading, take_reading
+from edmctl.procedures.touch.reference_pad import OFFSET_U_UM, read_pad
+from edmctl.procedures.touch.surface_plane import take_pad, touch_plane, unknown_face
+from edmctl.procedures.touch.tool_length import ToolLength
+from edmctl.process.path import Way, even_places
+from edmctl.process.touch_check import against_sparks, is_short
+from edmctl.record.rows import EventLevel
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from edmctl.procedures.channel.scan import PassPlan, PassResult
+    from edmctl.procedures.run import Run
+    from edmctl.process.channel_wear import ToolWear
+    from edmctl.process.plane import Plane
+
+FACE_CANDIDATES = 24
+"""Places of the path among which those for the plane are chosen."""
+FLOOR_U_UM = 1.0
+"""The same of the floor before it is touched: gap and unevenness."""
+PAD_U_SHARE = 0.15
+"""Of the wear since the last touch of the pad."""
+UNEVEN_U_UM = 0.5
+"""Standard uncertainty of the floor's height at a place over that at others, after it was evened out [assumed]."""
+
+Touched = tuple[float, "Site", "SurfaceReading"]
+"""Length along the path, place and reading of one touch of the floor."""
+
+
+@dataclass(slots=True, eq=False)
+class Face:
+    """The untouched face: the pad before the channel, and a plane through it and places of the path.
+
+    `doubt_u_um` is a standard uncertainty on top of the plane's, since something contradicted it.
+    """
+
+    z1: SurfaceReading
+    plane: Plane
+    doubt_u_um: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Unknown:
+    """Standard uncertainties, µm, that come on top where an earlier run has left a channel.
+
+    `step_u_um` is of the floor from place to place.
+    """
+
+    pad_u_um: float = 0.0
+    floor_u_um: float = 0.0
+    step_u_um: float = 0.0
+
+
+NOTHING = Unknown()
+
+
+def touch_untouched(run: Run, way: Way) -> Face:
+    """Z1 at the pad, then the face at places of the path: its tilt would otherwise enter the floor."""
+    expected_um = run.ledger.home_um + run.profile.approach.offset_um
+    z1 = read_pad(run, "Z1", run.profile.meta.name, expected_um, OFFSET_U_UM)
+    candidates = [_place(run, way, s_um) for s_um in even_places(way, FACE_CANDIDATES)]
+    face = unknown_face(run)
+    take_pad(run, face, z1)
+    touch_plane(run, candidates, face, ToolLength(z1))
+    run.journal.face(face)
+    return Face(z1, face.plane, face.doubt_u_um)
+
+
+def measure_floor(
+    run: Run,
+    face: Face,
+    plan: PassPlan,
+    done: PassResult,
+    wear: ToolWear,
+    since_uj: float,
+    places: int,
+    unknown: Unknown = NOTHING,
+) -> FloorReading:
+    """Touch the pad, the floor at places along the path of the pass just done, and the pad again.
+
+    `since_uj` is the wearing energy since the pad was touched last, `unknown` what else nobody knows of pad and
+    floor. Between the two readings of the pad its height is interpolated: the sensor drifts by as much in these
+    minutes as the floor may be uneven.
+    """
+    wear_um = wear.um(since_uj)
+    pad_u_um = math.hypot(PAD_U_SHARE * wear.per_uj * since_uj, unknown.pad_u_um)
+    floor_u_um = math.hypot(FLOOR_U_UM, unknown.floor_u_um)
+    before = _touch_pad(run, face, face.z1.z_um + wear_um, pad_u_um, unknown)
+    touched: list[Touched] = []
+    for s_um in even_places(plan.way, places):
+        place = _place(run, plan.way, s_um)
+        height_um = plan.held.floor_um((place.x_um, place.y_um), 0.0) - plan.held.pad_um
+        predicted_um = before.z_um + height_um
+        move_to(run, place)
+        touched.append((s_um, place, take_reading(run, "Z2", place.name, predicted_um, floor_u_um)))
+    if done.held or unknown is not NOTHING:
+        touched = _short_ones_again(run, plan, done, wear, touched, unknown.step_u_um)
+    after = _touch_pad(run, face, before.z_um, 0.0, unknown)
+    floor = tuple(
+        FloorPlace(s_um, place.x_um, place.y_um, z2.z_um - _face_at(place, z2, before, after, face))
+        for s_um, place, z2 in touched
+    )
+    return FloorReading(floor, tuple(z2 for _, _, z2 in touched), before, after)
+
+
+def _short_ones_again(
+    run: Run,
+    plan: PassPlan,
+    done: PassResult,
+    wear: ToolWear,
+    touched: Sequence[Touched],
+    step_u_um: float,
+) -> list[Touched]:
+    """Touch again where the floor is shorter than the other places and the held tool allow.
+
+    The tool was held alike all along, so it left the same gap everywhere but for the floor's unevenness.
+    """
+    ends_um = [_held_um(plan, done, wear, s_um) for s_um, _, _ in touched]
+    gap_um = statistics.median(z2.z_um - end_um for (_, _, z2), end_um in zip(touched, ends_um, strict=True))
+    u_um = math.hypot(UNEVEN_U_UM, step_u_um, wear.u_rel * wear.per_uj * done.wearing_uj)
+    found: list[Touched] = []
+    for (s_um, place, z2), end_um in zip(touched, ends_um, strict=True):
+        off = against_sparks(z2.z_um, end_um, gap_um, u_um)
+        if not is_short(off, gap_um):
+            found.append((s_um, place, z2))
+            continue
+        run.decide(
+            RunEvent.TOUCH_DOUBTED,
+            f"Z2 = {z2.z_um:.2f} µm at {place.name} is {-off.um:.2f} µm short of what the held tool left elsewhere "
+            "(a chip?). It is touched again.",
+            {"kind": "Z2", "off_um": off.um, "u_um": off.u_um, "z_um": z2.z_um},
+            level=EventLevel.WARNING,
+        )
+        run.recorder.reject_touch(z2.time_s)
+        move_to(run, place)
+        expected = Expected(end_um, gap_um, u_um, "the held tool and the other places")
+        found.append((s_um, place, read_expected(run, place.name, expected)))
+    return found
+
+
+def _touch_pad(
+    run: Run, face: Face, predicted_um: float, pad_u_um: float, unknown: Unknown
+) -> SurfaceReading:
+    """Z3. Whether the tool is the one that an earlier run has left is asked with what is found of the floor."""
+    z1 = face.z1
+    z3 = read_pad(run, "Z3", run.profile.meta.name, predicted_um, pad_u_um)
+    if unknown is NOTHING:
+        refuse_grown_tool(run, z1.z_um, z3, z3.time_s - z1.time_s, z1.doubt_u_um)
+    return z3
+
+
+def _face_at(
+    place: Site, z2: SurfaceReading, before: SurfaceReading, after: SurfaceReading, face: Face
+) -> float:
+    """Where the tool would have met the untouched face at a place, when it touched there."""
+    share = (z2.time_s - before.time_s) / (after.time_s - before.time_s)
+    pad_um = before.z_um + share * (after.z_um - before.z_um)
+    return pad_um + face.plane.height_um(place.x_um, place.y_um)
+
+
+def learned_gap_um(
+    plan: PassPlan, done: PassResult, found: FloorReading, wear: ToolWear, believed_um: float
+) -> float:
+    """Mean gap that a pass left between the held tool and the floor, by the wear per energy as now known.
+
+    A tool that was not held, and touches in doubt, say nothing of a gap: then it is what was believed.
+    """
+    gaps_um = [
+        z2.z_um - _held_um(plan, done, wear, place.s_um)
+        for place, z2 in zip(found.places, found.floor, strict=True)
+        if z2.doubt_u_um == 0.0 and done.held
+    ]
+    return math.fsum(gaps_um) / len(gaps_um) if gaps_um else believed_um
+
+
+def _held_um(plan: PassPlan, done: PassResult, wear: ToolWear, s_um: float) -> float:
+    """Where the tool was held at a place, as the tool that touches there would show it.
+
+    That one is shorter, by the wear of the rest of the pass.
+    """
+    held_um = float(np.interp(s_um, plan.way.lengths_um, done.limits_um))
+    used_uj = float(np.interp(s_um, plan.way.lengths_um, done.used_uj))
+    return held_um + wear.per_uj * (done.wearing_uj - used_uj)
+
+
+def _place(run: Run, way: Way, s_um: float) -> Site:
+    x_um, y_um = way.at(s_um)
+    return Site(f"{s_um:.0f} µm along the path", x_um, y_um)

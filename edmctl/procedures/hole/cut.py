@@ -1,0 +1,213 @@
+"""One cut: the servo runs in the controller, the host watches, jumps on time, and says when it is over."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+from edmctl.errors import MachineFault
+from edmctl.machine.port import EventCode, MachineEvent
+from edmctl.procedures.event_codes import RunEvent
+from edmctl.procedures.hole.running_cut import Cutting
+from edmctl.procedures.servo.arc_recovery import NO_SPARK, Burns, with_a_check
+from edmctl.procedures.servo.supervisor import StopReason, Supervisor
+from edmctl.process.pulses import pulse_shares
+from edmctl.record.rows import EventLevel
+
+if TYPE_CHECKING:
+    from edmctl.procedures.hole.cut_planning import CutPlan
+    from edmctl.procedures.results import PulseRatios
+    from edmctl.procedures.run import Run
+    from edmctl.procedures.servo.time_limits import TimeLeft
+
+WATCH_SLICE_S = 0.1
+STATUS_PERIOD_S = 5.0
+"""The dielectric is asked for this often; the controller itself guards it."""
+SPARKLESS_UM = 1.0
+"""A cut that ends so far beyond its last discharge has not cut that way; good cuts end within 0.2 µm of it."""
+
+
+class CutEnd(StrEnum):
+    """How a cut ended."""
+
+    REACHED = "feed reached"
+    TIME_UP = "time limit"
+    GIVEN_UP = "given up"
+
+
+_ROWS = {StopReason.STALLED: "STALL", StopReason.ENDED: "STROKE_END"}
+"""The fault row of a reason to stop."""
+
+
+@dataclass(frozen=True, slots=True)
+class CutResult:
+    """What a cut did. `counts` are its pulses by class: open, normal, arc, short; `energy_j` as in SiteResult.
+
+    `is_at_limit` says that the tool sparked at the feed limit in the end: its gap to the bottom is a working gap.
+    `fault` names the row of the faults that ended it, empty where none did; `told` holds the figures of that.
+    `breakthrough_um` is the displacement at which the sheet broke through, NaN where it did not.
+    """
+
+    end: CutEnd
+    reason: str
+    time_s: float
+    end_displacement_um: float
+    counts: tuple[int, int, int, int]
+    gap_ratio_mean: float
+    energy_j: float
+    is_at_limit: bool
+    fault: str = ""
+    told: str = ""
+    jumps: int = 0
+    breakthrough_um: float = math.nan
+
+    @property
+    def through(self) -> bool:
+        """Whether the sheet broke through."""
+        return not math.isnan(self.breakthrough_um)
+
+    @property
+    def pulses(self) -> int:
+        """All pulses of the cut."""
+        return sum(self.counts)
+
+    @property
+    def ratios(self) -> PulseRatios:
+        """Share of each class."""
+        return pulse_shares(*self.counts)
+
+
+def run_cut(run: Run, plan: CutPlan, time_left: TimeLeft) -> CutResult:
+    """Machine to the plan's limit, while there is time left; the tool is then held with the pulses off."""
+    run.decide(
+        RunEvent.CUT_PLANNED,
+        f"Cut {plan.number}: feed {plan.feed_um:.1f} µm to {plan.z_limit_um:.1f} µm, expecting a gap of "
+        f"{plan.gap_um:.2f} µm and {plan.wear_ratio:.3f} µm wear per µm depth.",
+        {
+            "cut": plan.number,
+            "feed_um": plan.feed_um,
+            "z_limit_um": plan.z_limit_um,
+            "gap_um": plan.gap_um,
+            "wear_ratio": plan.wear_ratio,
+            **({} if math.isnan(plan.target_um) else {"target_um": plan.target_um}),
+        },
+    )
+    start_s = run.machine.time_s
+    supervisor = Supervisor(run, plan, start_s)
+    cutting = Cutting(run, plan, supervisor, start_s + time_left.seconds)
+    run.watch.follow(supervisor.take)
+    try:
+        cutting.start()
+        ended = _watch(run, cutting, Burns(run, plan, supervisor, cutting), supervisor)
+        cutting.finish()
+    finally:
+        run.watch.follow(None)
+    result = _result(plan, supervisor, cutting, ended, ended.time_s - start_s, time_left.limit)
+    _report(run, plan, result)
+    return result
+
+
+def _watch(run: Run, cutting: Cutting, burns: Burns, supervisor: Supervisor) -> MachineEvent:
+    """Watch until the end, over burns that can be recovered from."""
+    while True:
+        try:
+            return _watch_sparks(run, cutting, supervisor)
+        except MachineFault as fault:
+            if fault.code == NO_SPARK:
+                raise with_a_check(fault, supervisor.displacement_um) from fault
+            burns.answer(fault)
+
+
+def _watch_sparks(run: Run, cutting: Cutting, supervisor: Supervisor) -> MachineEvent:
+    next_status_s = run.machine.time_s
+    while True:
+        ended = run.machine.watch_cut(WATCH_SLICE_S)
+        if ended is not None:
+            return ended
+        if run.machine.time_s >= next_status_s:
+            supervisor.note_status(run.machine.status())
+            next_status_s += STATUS_PERIOD_S
+        if supervisor.stop_reason is not None:
+            ended = run.machine.stop_cut()
+            _tell_stop_reason(run, supervisor)
+            return ended
+        if cutting.is_complete:
+            return run.machine.stop_cut()
+        ended = cutting.retune()
+        if ended is not None:
+            return ended
+        cutting.jump_if_due()
+
+
+def _tell_stop_reason(run: Run, supervisor: Supervisor) -> None:
+    """Say why the cut was ended: after the pulses are off, because writing takes time."""
+    told = f"{supervisor.stop_reason}: {supervisor.told}" if supervisor.told else str(supervisor.stop_reason)
+    args = {"displacement_um": supervisor.displacement_um}
+    run.recorder.event(run.machine.time_s, RunEvent.CUT_GIVEN_UP, EventLevel.WARNING, told, args)
+
+
+def _result(
+    plan: CutPlan,
+    supervisor: Supervisor,
+    cutting: Cutting,
+    ended: MachineEvent,
+    time_s: float,
+    time_limit: str,
+) -> CutResult:
+    """At CUT_DONE the controller's low-passed sensor stood at the limit: that is the displacement.
+
+    But for a tool that has come there without sparks.
+    """
+    end = {EventCode.CUT_DONE: CutEnd.REACHED, EventCode.TIME_UP: CutEnd.TIME_UP}.get(
+        ended.code, CutEnd.GIVEN_UP
+    )
+    counts, stop_reason = supervisor.counts, supervisor.stop_reason
+    at_limit, reason = end is CutEnd.REACHED, end.value
+    if cutting.is_complete and stop_reason is None:
+        end, reason = CutEnd.REACHED, "through"
+    fault, told = ("", "") if stop_reason is None else (_ROWS.get(stop_reason, ""), supervisor.told)
+    if end is CutEnd.TIME_UP:
+        fault, told = "TIMEOUT", time_limit
+    end_um = _end_um(plan, supervisor, ended, at_limit=at_limit)
+    return CutResult(
+        end=end,
+        reason=reason if stop_reason is None else stop_reason.value,
+        time_s=time_s,
+        end_displacement_um=end_um,
+        is_at_limit=at_limit and end_um == plan.z_limit_um,
+        counts=(counts[0], counts[1], counts[2], counts[3]),
+        gap_ratio_mean=supervisor.gap_ratio_mean,
+        energy_j=supervisor.energy_j,
+        fault=fault,
+        told=told,
+        jumps=cutting.jumps,
+        breakthrough_um=supervisor.breakthrough.at_um,
+    )
+
+
+def _end_um(plan: CutPlan, supervisor: Supervisor, ended: MachineEvent, *, at_limit: bool) -> float:
+    end_um = plan.z_limit_um if at_limit else ended.displacement_um
+    sparked_um = supervisor.sparked_at_um
+    if not supervisor.is_through and end_um - sparked_um > SPARKLESS_UM:
+        return sparked_um
+    return end_um
+
+
+def _report(run: Run, plan: CutPlan, result: CutResult) -> None:
+    ratios = result.ratios
+    run.decide(
+        RunEvent.CUT_ENDED,
+        f"Cut {plan.number} ended after {result.time_s:.1f} s at {result.end_displacement_um:.1f} µm "
+        f"({result.reason}); {100 * ratios.normal:.0f} % normal, {100 * ratios.arc:.1f} % arcs, "
+        f"{100 * ratios.short:.1f} % shorts.",
+        {
+            "cut": plan.number,
+            "time_s": result.time_s,
+            "z_um": result.end_displacement_um,
+            "pulses": result.pulses,
+            "jumps": result.jumps,
+        },
+        level=EventLevel.INFO if result.end is CutEnd.REACHED else EventLevel.WARNING,
+    )

@@ -1,0 +1,120 @@
+"""What follows a cut: another one, the end, or the end short of the objective."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from edmctl.labels import Verdict
+from edmctl.machine.port import host_fault
+from edmctl.procedures.hole.cut import CutEnd, CutResult
+from edmctl.procedures.hole.cut_planning import CutPlan, Start, following_plan
+from edmctl.procedures.hole.target import verdict_of
+from edmctl.process.next_cut import is_done
+from edmctl.profile.measuring_stops import cut_budget
+from edmctl.wording import decimal, signed
+
+if TYPE_CHECKING:
+    from edmctl.procedures.hole.target import Goal
+    from edmctl.process.live_erosion import ErosionEstimate
+    from edmctl.process.wear import DepthAndWear
+    from edmctl.profile.model import Profile
+
+
+MOST_RATIO = 5.0
+"""The recipe takes no wear.expected_ratio beyond it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """The next cut, or None at the end; then `missed` says why the objective was missed, empty if not.
+
+    `code` is the error code of a miss, `site` the hole that it is about.
+    """
+
+    plan: CutPlan | None
+    message: str
+    missed: str = ""
+    hint: str = ""
+    code: str = "E7010"
+    site: str = ""
+
+
+def decide(
+    profile: Profile,
+    goal: Goal,
+    last: CutPlan,
+    cut: CutResult | None,
+    found: DepthAndWear,
+    start: Start,
+    estimate: ErosionEstimate,
+    *,
+    touch_final: bool = False,
+    broken_cuts: int = 0,
+) -> Decision:
+    """Decide from what was measured after a cut; a further one would start from `start`, with that estimate.
+
+    `cut` is None where an earlier run made it. `touch_final` says that the last cut is measured however small;
+    `broken_cuts` of the hole's came to no end and do not count.
+    """
+    if cut is not None and cut.end is not CutEnd.REACHED:
+        return unfinished(goal, cut, found.depth_um, found.feed_um)
+    if goal.kind == "feed" and cut is not None:
+        return Decision(None, f"Feed {found.feed_um:.2f} µm of {goal.feed_um:.0f} µm.")
+    remaining_um = goal.depth_um - found.depth_um
+    done = is_done(remaining_um, goal.tolerance_um, found.depth_noise_um)
+    if done or last.number >= cut_budget(profile) + broken_cuts:
+        return _final(profile, goal, last, found)
+    plan = following_plan(profile, goal, last, start, estimate, touch_final=touch_final)
+    after = "measured" if plan.measured else "known well enough not to be measured"
+    message = f"{remaining_um:.2f} µm are left: next cut feeds {plan.feed_um:.2f} µm, then {after}."
+    return Decision(plan, message)
+
+
+def out_of_time(goal: Goal, plan: CutPlan, limit: str) -> Decision:
+    """The end before a cut for which `limit` leaves no time."""
+    reached = goal.reached(plan.start.depth_um, plan.start.depth_um + plan.start.wear_um)
+    return _missed("TIMEOUT", f" No time is left for cut {plan.number}: {limit}; the job ends at {reached}.")
+
+
+def unfinished(goal: Goal, cut: CutResult, depth_um: float, feed_um: float) -> Decision:
+    """The end after a cut that did not reach its limit."""
+    reached = goal.reached(depth_um, feed_um)
+    if cut.fault:
+        return _missed(cut.fault, f" The cut ended early ({cut.told}) at {reached}.")
+    missed = f"The cut ended early ({cut.reason}) at {reached}."
+    hint = "Flush better (shorter jump.period_s, greater jump.height_um), or raise servo.reference."
+    return Decision(None, missed, missed, hint)
+
+
+def _missed(row: str, told: str) -> Decision:
+    """The end by a row of the faults, and what was reached."""
+    error = host_fault(row, told)
+    return Decision(None, error.message, error.message, error.hint, error.code)
+
+
+def _final(profile: Profile, goal: Goal, last: CutPlan, found: DepthAndWear) -> Decision:
+    off_um = found.depth_um - goal.depth_um
+    cuts = "1 cut" if last.number == 1 else f"{last.number} cuts"
+    message = f"Depth {decimal(found.depth_um)} µm, {signed(off_um)} µm from the target, after {cuts}."
+    verdict = verdict_of(goal, found.depth_um, found.depth_u95_um, through=False)
+    if verdict is not Verdict.MISSED:
+        return Decision(None, message)
+    return Decision(
+        None,
+        message,
+        f"The depth is {decimal(found.depth_um)} µm after {cuts}, {signed(off_um)} µm from the target; "
+        f"target.tolerance_um is {goal.tolerance_um:.1f} µm.",
+        remedy(profile, off_um, found.wear_ratio),
+    )
+
+
+def remedy(profile: Profile, off_um: float, wear_ratio: float = math.nan) -> str:
+    """What to do about a depth that misses its target by `off_um`; `wear_ratio` is NaN where it was not measured."""
+    if off_um < 0.0:
+        key = "max_cuts" if cut_budget(profile) == profile.wear.max_cuts else "remeasure"
+        return f"Allow more cuts (wear.{key})."
+    if 0.0 < wear_ratio <= MOST_RATIO:
+        return f"Set wear.expected_ratio to {wear_ratio:.3f}, as measured."
+    return "Cut less before the first measuring stop (wear.first_fraction)."

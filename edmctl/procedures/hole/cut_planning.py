@@ -1,0 +1,225 @@
+"""Where a cut ends: from a depth wanted below a known bottom to a limit of the tool's displacement."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from edmctl.procedures.hole.estimating import estimate_of
+from edmctl.procedures.hole.target import Goal, goal_of
+from edmctl.procedures.job import Site
+from edmctl.process.live_erosion import RECIPE_U_REL, Energy, ErosionEstimate, LiveErosion
+from edmctl.process.next_cut import COVERAGE, NextCut, largest_first_um, next_cut
+from edmctl.profile.measuring_stops import cut_budget
+from edmctl.profile.rates import feed_rate_um_s
+
+if TYPE_CHECKING:
+    from edmctl.profile.model import Profile
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """What a cut starts from.
+
+    The tool would touch the bottom at `bottom_um`, known within `bottom_u_um` at `time_s` and drifting within
+    `drift_u_um_per_s` since. `depth_um` and `wear_um` are the hole's so far, the wear known within `wear_u_um`;
+    `depth_u_um` is what else is unknown of the depth. `gap_um` is the working gap to expect, with the standard
+    uncertainty `gap_u_um`.
+    """
+
+    bottom_um: float
+    bottom_u_um: float
+    gap_um: float
+    gap_u_um: float
+    time_s: float = 0.0
+    drift_u_um_per_s: float = 0.0
+    depth_um: float = 0.0
+    depth_u_um: float = 0.0
+    wear_um: float = 0.0
+    wear_u_um: float = 0.0
+
+    def bottom_u_at(self, now_s: float) -> float:
+        """Standard uncertainty of where the tool would touch the bottom, at a moment."""
+        return math.hypot(self.bottom_u_um, self.drift_u_um_per_s * max(0.0, now_s - self.time_s))
+
+    def u_at(self, now_s: float) -> float:
+        """Standard uncertainty of a depth that is counted from the bottom at a moment, working gap apart."""
+        return math.hypot(self.bottom_u_at(now_s), self.depth_u_um)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CutPlan:
+    """One cut of `feed_um`, from what it starts from to `z_limit_um`.
+
+    `wear_ratio` is the wear per depth that is expected, `target_um` the depth of the hole that is wanted (NaN for a
+    feed), `measured` whether a measuring stop is to follow, `depth_u_um` what will be unknown of the depth then.
+    """
+
+    number: int
+    feed_um: float
+    start: Start
+    estimate: ErosionEstimate
+    target_um: float = math.nan
+    measured: bool = True
+    depth_u_um: float = math.nan
+
+    @property
+    def bottom_um(self) -> float:
+        """Where the tool would touch before the cut."""
+        return self.start.bottom_um
+
+    @property
+    def gap_um(self) -> float:
+        """The working gap expected."""
+        return self.start.gap_um
+
+    @property
+    def gap_u_um(self) -> float:
+        """Standard uncertainty of that."""
+        return self.start.gap_u_um
+
+    @property
+    def wear_ratio(self) -> float:
+        """Wear per depth expected."""
+        return self.estimate.wear_ratio
+
+    @property
+    def z_limit_um(self) -> float:
+        """Displacement at which the cut ends: a working gap short of where the tool will touch afterwards."""
+        return self.start.bottom_um + self.feed_um - self.start.gap_um
+
+    def fed_um(self, displacement_um: float) -> float:
+        """Feed of this cut while sparking at a displacement."""
+        return max(0.0, displacement_um + self.start.gap_um - self.start.bottom_um)
+
+    def at(self, displacement_um: float, energy: Energy | None = None, now_s: float = 0.0) -> LiveErosion:
+        """Depth and wear of the hole while sparking at a displacement, after discharges of that energy.
+
+        `wear_u_um` is what this cut adds; see `wear_u95_um` for that of the hole.
+        """
+        split = self.estimate.split(self.fed_um(displacement_um), self.gap_u_um, energy)
+        return LiveErosion(
+            self.start.depth_um + split.depth_um,
+            math.hypot(self.start.u_at(now_s), split.depth_u_um),
+            self.start.wear_um + split.wear_um,
+            split.wear_ratio_u_um,
+            split.wear_own_u_um,
+        )
+
+    def contradicts(self, displacement_um: float, energy: Energy) -> bool:
+        """Whether by what is believed the feed cannot have taken that energy: then only a touch can tell."""
+        return self.estimate.contradicts(self.fed_um(displacement_um), self.gap_u_um, energy)
+
+    def off_by_energy_um(self, displacement_um: float, energy: Energy) -> float:
+        """Wear of this cut by feed and energy less that by the ratio; 0 where chance may make them so different."""
+        return self.estimate.off_by_energy_um(self.fed_um(displacement_um), self.gap_u_um, energy)
+
+    def stated_u95_um(self, live: LiveErosion) -> tuple[float, float]:
+        """Half the 95 % intervals of depth and wear as they are told in a cut.
+
+        How the feed of this cut divides is as unknown as any recipe's, until a touch has confirmed it.
+        """
+        unconfirmed_um = 0.0
+        if self.estimate.fits == 0:
+            worn_um = live.wear_um - self.start.wear_um
+            unconfirmed_um = COVERAGE * RECIPE_U_REL * worn_um / (1.0 + self.wear_ratio)
+        return (
+            math.hypot(COVERAGE * live.depth_u_um, unconfirmed_um),
+            math.hypot(self.wear_u95_um(live), unconfirmed_um),
+        )
+
+    def wear_u95_um(self, live: LiveErosion) -> float:
+        """Half the 95 % interval of the hole's wear in this cut: what was unknown before it counts too."""
+        return COVERAGE * math.hypot(self.start.wear_u_um, live.wear_u_um)
+
+    def depth_at(self, displacement_um: float) -> float:
+        """Estimated depth while sparking at this displacement, from the expected gap and wear ratio."""
+        return self.at(displacement_um).depth_um
+
+    def wear_at(self, displacement_um: float) -> float:
+        """Estimated tool wear likewise."""
+        return self.at(displacement_um).wear_um
+
+
+def first_plan(
+    profile: Profile,
+    start: Start,
+    goal: Goal | None = None,
+    estimate: ErosionEstimate | None = None,
+    now_s: float = 0.0,
+) -> CutPlan:
+    """The first cut of a hole, planned at `now_s`: all of a feed or way through, of a depth what is surely short."""
+    goal = goal or goal_of(profile, Site("", 0.0, 0.0))
+    estimate = estimate or estimate_of(profile)
+    if goal.kind == "feed":
+        return CutPlan(1, goal.feed_um, start, estimate)
+    if goal.kind == "through":
+        return through_plan(1, start, goal, estimate)
+    if cut_budget(profile) == 1:
+        return CutPlan(1, goal.depth_um * (1.0 + estimate.wear_ratio), start, estimate, goal.depth_um)
+    cut = next_cut(
+        estimate,
+        target_um=goal.depth_um,
+        remaining_um=goal.depth_um,
+        tolerance_um=goal.tolerance_um,
+        start_u_um=start.u_at(now_s + _cut_s(profile, goal, goal.depth_um, estimate)),
+        gap_u_um=start.gap_u_um,
+        largest_um=largest_first_um(goal.depth_um, profile.wear.first_fraction, estimate),
+        begun=False,
+    )
+    return _planned(1, cut, start, estimate, goal, profile)
+
+
+def through_plan(number: int, start: Start, goal: Goal, estimate: ErosionEstimate) -> CutPlan:
+    """All that is left of a way through the sheet.
+
+    The breakthrough ends it: the limit leaves room for a tool that wears more than the recipe says.
+    """
+    worst = estimate.wear_ratio * (1.0 + (0.0 if estimate.fits else COVERAGE * RECIPE_U_REL))
+    left_um = max(0.0, goal.depth_um - start.depth_um) + goal.tolerance_um
+    return CutPlan(number, left_um * (1.0 + worst) + goal.completion_um, start, estimate, goal.depth_um)
+
+
+def following_plan(
+    profile: Profile,
+    goal: Goal,
+    last: CutPlan,
+    start: Start,
+    estimate: ErosionEstimate,
+    *,
+    touch_final: bool = False,
+) -> CutPlan:
+    """The next cut, from the bottom just touched, with the gap and the estimate just learned.
+
+    `touch_final` says that it is measured however small.
+    """
+    remaining_um = goal.depth_um - start.depth_um
+    cut = next_cut(
+        estimate,
+        target_um=goal.depth_um,
+        remaining_um=remaining_um,
+        tolerance_um=goal.tolerance_um,
+        start_u_um=start.u_at(start.time_s + _cut_s(profile, goal, remaining_um, estimate)),
+        gap_u_um=start.gap_u_um,
+        begun=True,
+    )
+    planned = _planned(last.number + 1, cut, start, estimate, goal, profile)
+    return replace(planned, measured=True) if touch_final else planned
+
+
+def _cut_s(profile: Profile, goal: Goal, depth_um: float, estimate: ErosionEstimate) -> float:
+    """How long a cut of that depth will take, for what drifts meanwhile."""
+    return depth_um * (1.0 + estimate.wear_ratio) / feed_rate_um_s(profile, goal.depth_um)
+
+
+def _planned(
+    number: int, cut: NextCut, start: Start, estimate: ErosionEstimate, goal: Goal, profile: Profile
+) -> CutPlan:
+    measured = cut.measured or profile.wear.remeasure not in ("auto", "sparing")
+    return CutPlan(number, cut.feed_um, start, estimate, goal.depth_um, measured, cut.depth_u_um)
+
+
+def learned_gap_um(bottom_um: float, end_displacement_um: float) -> float:
+    """The working gap: how much further the tool goes to touch than it went to spark."""
+    return bottom_um - end_displacement_um

@@ -1,0 +1,275 @@
+"""The hole under way, and what the holes before it have taught."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+from edmctl.labels import Basis
+from edmctl.procedures.hole.cut_planning import Start
+from edmctl.procedures.hole.estimating import energy_of, estimate_of
+from edmctl.procedures.hole.interruption import drift_u_um
+from edmctl.procedures.hole.site_result import CutSums, Heights, site_result, site_row
+from edmctl.procedures.hole.target import Goal, goal_of
+from edmctl.procedures.hole.verdict import judged
+from edmctl.procedures.monitoring.drift import uncertainty_now
+from edmctl.procedures.monitoring.feed_error import FeedError
+from edmctl.procedures.touch.home import pad_from_home_um
+from edmctl.procedures.touch.reference_pad import OFFSET_U_UM, read_pad
+from edmctl.procedures.touch.surface_plane import Face, take_pad, unknown_face
+from edmctl.procedures.touch.tool_length import ToolLength
+from edmctl.process.wear import share_u
+from edmctl.process.working_gap import first_gap_u_um
+from edmctl.profile.measuring_stops import FACE_LIMIT_UM
+
+if TYPE_CHECKING:
+    from edmctl.procedures.hole.expected_touches import Estimate
+    from edmctl.procedures.hole.first_sparks import DoubtedFace
+    from edmctl.procedures.job import Site
+    from edmctl.procedures.run import Run
+    from edmctl.procedures.touch.reading import SurfaceReading
+    from edmctl.process.live_erosion import Energy, ErosionEstimate
+    from edmctl.process.shared_wear import WearShare
+    from edmctl.process.wear import DepthAndWear
+
+LEFT_U_UM = 4.0
+"""Standard uncertainty of the distance to the pad where an earlier run of the job has left the tool, with wear that
+it only estimated; without drift."""
+
+
+@dataclass(slots=True, eq=False)
+class Known:
+    """What a job has learned so far, from hole to hole: tool length, face, removal and wear, working gap.
+
+    `pad_um` is where the pad is expected, with the standard uncertainty `pad_u_um`, before the tool has touched it;
+    `gap_u_um` is that of the working gap. `unmeasured` are the cuts since the pad was last touched.
+    """
+
+    estimate: ErosionEstimate
+    face: Face
+    gap_um: float
+    gap_u_um: float
+    tool: ToolLength | None = None
+    pad_um: float = math.nan
+    pad_u_um: float = OFFSET_U_UM
+    unmeasured: list[Unmeasured] = field(default_factory=list)
+
+
+def known_before(run: Run) -> Known:
+    """What the recipe and the setup say before the first touch."""
+    profile, resumed = run.profile, run.job.resumed
+    gap_u_um = first_gap_u_um(profile.pulse.open_voltage_v)
+    known = Known(estimate_of(profile), unknown_face(run), profile.measure.expected_gap_um, gap_u_um)
+    home_um = run.ledger.home_um
+    known.pad_um = home_um + pad_from_home_um(run)
+    if resumed is not None and (resumed.site or run.ledger.sites):
+        known.pad_u_um = math.hypot(LEFT_U_UM, drift_u_um(run.job), share_u(home_um - resumed.home_um))
+    return known
+
+
+@dataclass(slots=True, eq=False)
+class Hole:
+    """The hole under way.
+
+    `z1` is where the tool would have met the pad when the hole began, known within `z1_u_um` where it was not
+    touched right before; `face_um` is how much further the face lies here. `bottom` and `pad` are the readings of
+    the last measuring stop, the same as `z1` before the first one; `found` is what they say with what
+    is doubted of it, `touched` without that; `doubted` are first sparks that have put its face in doubt. An
+    `interrupted` hole has had more discharges than anybody counted.
+    """
+
+    site: Site
+    goal: Goal
+    z1: SurfaceReading
+    z1_u_um: float
+    face_um: float
+    face_u_um: float
+    estimate: ErosionEstimate
+    bottom: SurfaceReading
+    pad: SurfaceReading
+    sums: CutSums = field(default_factory=CutSums)
+    stops: int = 0
+    found: DepthAndWear | None = None
+    touched: DepthAndWear | None = None
+    doubted: DoubtedFace | None = None
+    interrupted: bool = False
+
+    @property
+    def surface_um(self) -> float:
+        """Where the tool would have met the untouched face here."""
+        return self.z1.z_um + self.face_um
+
+    @property
+    def in_doubt(self) -> bool:
+        """Whether its bottom, or the face that its depth counts from, may have been touched wrongly."""
+        return (self.stops > 0 and self.bottom.doubt_u_um > 0.0) or self.face_u_um > FACE_LIMIT_UM
+
+    def energy(self, run: Run) -> Energy:
+        """Energy of all its cuts."""
+        return energy_of(run.profile.pulse, self.sums.counts, self.sums.energy_j)
+
+    def report(
+        self,
+        run: Run,
+        found: DepthAndWear,
+        gap_um: float,
+        *,
+        fed_um: float = 0.0,
+        worn_um: float = 0.0,
+        estimated_um: float = 0.0,
+        through: bool = False,
+        depth_basis: Basis | None = None,
+        wear_basis: Basis | None = None,
+    ) -> None:
+        """Put its result into the ledger: as touched, or `fed_um` and `worn_um` further on.
+
+        Without another basis depth and wear rest on the touches; the wear does not where Z1 was not touched.
+        """
+        touched = run.job.touch_basis
+        self.found = found
+        run.ledger.depth_um, run.ledger.unmeasured_site = found.depth_um, ""
+        z1, z2, z3 = self.z1, self.bottom, self.pad
+        run.ledger.sites[self.site.name] = site_result(
+            run.profile,
+            self.site,
+            found,
+            Heights(z1.z_um, z2.z_um + fed_um, z3.z_um + worn_um, self.face_um),
+            Heights(z1.model_um, z2.model_um + fed_um, z3.model_um + worn_um, self.face_um),
+            self.sums,
+            gap_um=gap_um,
+            stops=self.stops,
+            estimated_um=estimated_um,
+            zero_drift_um=z3.zero_um - z1.zero_um,
+            error=run.watch.feed_error,
+            through=through,
+            in_doubt=self.in_doubt,
+            depth_basis=depth_basis or touched,
+            wear_basis=wear_basis or (Basis.ESTIMATED if self.z1_u_um > 0.0 else touched),
+        )
+
+    def report_left(self, run: Run, known: Estimate) -> None:
+        """Put what is known of it into the ledger where the job ends before it is touched.
+
+        Z2 and Z3 are not known then, and the actuator's model has nothing of its own to say of it.
+        """
+        before = self.found
+        self.sums.add_broken_off(run.ledger.cut)
+        pad_um = self.z1.z_um + known.wear_um
+        self.report(
+            run,
+            known.as_found(),
+            math.nan,
+            fed_um=pad_um + self.face_um + known.depth_um - self.bottom.z_um,
+            worn_um=pad_um - self.pad.z_um,
+            estimated_um=known.depth_um - (before.depth_um if before else 0.0),
+            depth_basis=Basis.ESTIMATED,
+            wear_basis=Basis.ESTIMATED,
+        )
+        ledger, name = run.ledger, self.site.name
+        ledger.sites[name] = replace(
+            ledger.sites[name],
+            z2_um=math.nan,
+            z3_um=math.nan,
+            depth_model_um=math.nan,
+            wear_model_um=math.nan,
+        )
+        ledger.unmeasured_site = name
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Unmeasured:
+    """A cut that no touch followed: its hole, the wear that is expected of it, and what else is unknown.
+
+    `depth_u_um` is of the hole's depth, but for the tool's length; `wear_before_um` is the hole's wear before the
+    cut, known within `wear_before_u_um`.
+    """
+
+    hole: Hole
+    share: WearShare
+    depth_u_um: float
+    wear_before_um: float
+    wear_before_u_um: float
+
+
+def touch_pad_first(run: Run, name: str, known: Known) -> SurfaceReading:
+    """Z1: the pad before anything else; its two spots may tell of the slope too."""
+    return take_pad(run, known.face, read_pad(run, "Z1", name, known.pad_um, known.pad_u_um))
+
+
+def begin_hole(run: Run, site: Site, known: Known) -> Hole:
+    """Begin a hole: touch the pad where nothing is known of the tool's length, otherwise go by what is known."""
+    if known.tool is None:
+        known.tool = ToolLength(touch_pad_first(run, site.name, known))
+    return hole_at(run, site, known, known.tool.pad.shifted(known.tool.wear_um), known.tool.wear_u_um)
+
+
+def hole_at(run: Run, site: Site, known: Known, z1: SurfaceReading, z1_u_um: float) -> Hole:
+    """Return an untouched hole at a site whose tool would have met the pad at `z1`."""
+    face_um = known.face.height_um(site)
+    return Hole(
+        site=site,
+        goal=goal_of(run.profile, site),
+        z1=z1,
+        z1_u_um=z1_u_um,
+        face_um=face_um,
+        face_u_um=known.face.height_u_um(site),
+        estimate=known.estimate if known.estimate.fits == 0 else known.estimate.next_hole(),
+        bottom=z1.shifted(face_um),
+        pad=z1,
+    )
+
+
+def start_of(run: Run, hole: Hole, known: Known) -> Start:
+    """What the first cut of an untouched hole starts from: tool, face, and what measures."""
+    assert known.tool is not None
+    sensed, tool = uncertainty_now(run), known.tool
+    length_um = hole.goal.feed_um if hole.goal.kind == "feed" else hole.goal.depth_um
+    return Start(
+        bottom_um=hole.surface_um,
+        bottom_u_um=math.hypot(tool.u_um(tool.pad.time_s, 0.0), hole.face_u_um),
+        gap_um=known.gap_um,
+        time_s=tool.pad.time_s,
+        drift_u_um_per_s=sensed.drift_u_um_per_s,
+        depth_u_um=math.hypot(sensed.linearity_u_um, sensed.gain_u_rel * length_um),
+        gap_u_um=known.gap_u_um,
+    )
+
+
+def open_site(run: Run, site: Site) -> None:
+    """Begin the account of a site; the readings of the one before may teach the actuator's estimator now."""
+    ledger = run.ledger
+    ledger.depth_um, ledger.open_site = 0.0, site.name
+    ledger.depth_target_um = goal_of(run.profile, site).depth_um
+    run.watch.feed_error = FeedError()
+    tracker = run.watch.tracker()
+    if tracker is not None:
+        tracker.learn_noted()
+
+
+def close_site(run: Run, *, settled: bool) -> None:
+    """End the account of a site; its result goes into the run file once it is settled, or with the next that is."""
+    ledger = run.ledger
+    if ledger.open_site in ledger.sites:
+        ledger.unwritten.append(ledger.open_site)
+    ledger.open_site = ""
+    if settled:
+        record_results(run)
+
+
+def record_results(run: Run) -> None:
+    """Judge and write the results that are not in the run file yet."""
+    ledger = run.ledger
+    for name in ledger.unwritten:
+        ledger.sites[name] = judged(run.job, ledger.sites[name])
+        run.recorder.site_result(site_row(ledger.sites[name]))
+    ledger.unwritten.clear()
+
+
+def record_left(run: Run) -> None:
+    """Write what is known of all holes where the job ends early; the one under way is not judged: it may go on."""
+    record_results(run)
+    ledger = run.ledger
+    if ledger.open_site in ledger.sites:
+        ledger.sites[ledger.open_site] = replace(ledger.sites[ledger.open_site], finished=False)
+        run.recorder.site_result(site_row(ledger.sites[ledger.open_site]))

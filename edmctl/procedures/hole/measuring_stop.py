@@ -1,0 +1,256 @@
+"""A measuring stop: bottom and pad are touched after a cut, and what they teach is kept. Or the cut needs none."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from edmctl.labels import Basis
+from edmctl.procedures.event_codes import RunEvent
+from edmctl.procedures.hole.cut_decision import Decision, decide
+from edmctl.procedures.hole.cut_planning import CutPlan, Start, learned_gap_um
+from edmctl.procedures.hole.estimating import energy_of
+from edmctl.procedures.hole.first_sparks import judge_again
+from edmctl.procedures.hole.settling import settle_unmeasured, unmeasured
+from edmctl.procedures.hole.setup_check import refuse_wrong_setup
+from edmctl.procedures.monitoring.drift import uncertainty_now
+from edmctl.procedures.touch.bottom import UNFINISHED_GAP_U_UM, read_bottom
+from edmctl.procedures.touch.grown_tool import refuse_grown_tool
+from edmctl.procedures.touch.reference_pad import read_pad
+from edmctl.procedures.touch.site_readings import depth_and_wear
+from edmctl.procedures.touch.tool_length import TOUCH_U_UM, ToolLength
+from edmctl.process.live_erosion import CONTRADICTION_SDS
+from edmctl.process.next_cut import COVERAGE, GAP_U_UM
+from edmctl.process.touch_check import Deviation
+from edmctl.process.wear import DepthAndWear, share_u
+from edmctl.record.rows import EventLevel
+from edmctl.wording import decimal, length, signed
+
+if TYPE_CHECKING:
+    from edmctl.procedures.hole.cut import CutResult
+    from edmctl.procedures.hole.hole import Hole, Known
+    from edmctl.procedures.run import Args, Run
+    from edmctl.procedures.touch.reading import SurfaceReading
+    from edmctl.process.live_erosion import ErosionEstimate
+    from edmctl.process.shared_wear import SharedWear
+
+PAD_U_UM = 0.5
+"""Standard uncertainty of the pad's place besides the wear: drift and touch scatter."""
+GAP_SETTLES_S = 1.0
+"""A cut that is over before teaches no working gap: its first sparks come 1 µm earlier, the servo follows."""
+
+
+def measure_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: CutResult) -> Decision:
+    """Touch bottom and pad after a cut, learn from them, and decide what follows."""
+    end_um = cut.end_displacement_um
+    z2 = read_bottom(run, hole.site.name, plan, cut)
+    z3 = touch_pad(run, hole, plan, cut)
+    gap_um, gap_u_um = plan.gap_um, plan.gap_u_um
+    if cut.time_s >= GAP_SETTLES_S:
+        gap_um = learned_gap_um(z2.z_um, end_um)
+        gap_u_um = math.hypot(GAP_U_UM, 0.0 if cut.is_at_limit else UNFINISHED_GAP_U_UM)
+        if cut.is_at_limit and z2.doubt_u_um == 0.0:
+            judge_again(run, hole, known.face, gap_um)
+    settled = None
+    if known.unmeasured:
+        live = plan.at(end_um, energy_of(run.profile.pulse, cut.counts, cut.energy_j))
+        settled = settle_unmeasured(run, hole, known, z3, plan, cut, live)
+    found = learn(run, hole, known, z2, z3, (gap_um, gap_u_um), settled)
+    if plan.number == 1:
+        refuse_wrong_setup(run, hole.touched or found)
+    start = next_start(run, hole, gap_um, known.gap_u_um)
+    decision = decide(
+        run.profile,
+        hole.goal,
+        plan,
+        cut,
+        found,
+        start,
+        known.estimate,
+        touch_final=run.job.touches_final,
+        broken_cuts=hole.sums.broken_cuts,
+    )
+    report(run, found, gap_um, decision)
+    return decision
+
+
+def touch_pad(run: Run, hole: Hole, plan: CutPlan, cut: CutResult, more_u_um: float = 0.0) -> SurfaceReading:
+    """Z3: the pad, with the worn tool. `more_u_um` is a standard uncertainty on top."""
+    end_um = cut.end_displacement_um
+    live = plan.at(end_um, energy_of(run.profile.pulse, cut.counts, cut.energy_j))
+    u_um = math.hypot(PAD_U_UM, live.wear_u_um, hole.z1_u_um, more_u_um)
+    z3 = read_pad(run, "Z3", hole.site.name, hole.z1.z_um + live.wear_um, u_um)
+    before_u_um = math.hypot(hole.z1_u_um, hole.z1.doubt_u_um)
+    refuse_grown_tool(run, hole.z1.z_um, z3, z3.time_s - hole.z1.time_s, before_u_um)
+    return z3
+
+
+def measured(run: Run, hole: Hole, z2: SurfaceReading, z3: SurfaceReading) -> DepthAndWear:
+    """What bottom and pad say of a hole, against where it began."""
+    return depth_and_wear(
+        run.setup,
+        uncertainty_now(run),
+        hole.z1,
+        z2,
+        z3,
+        face_um=hole.face_um,
+        face_u_um=hole.face_u_um,
+        z1_u_um=hole.z1_u_um,
+    )
+
+
+def learn(
+    run: Run,
+    hole: Hole,
+    known: Known,
+    z2: SurfaceReading,
+    z3: SurfaceReading,
+    gap: tuple[float, float],
+    settled: SharedWear | None = None,
+) -> DepthAndWear:
+    """Take the readings of a stop into the ledger, the tool's length and the estimate of what follows.
+
+    `gap` is the working gap to expect from now on, µm, and its standard uncertainty.
+    `settled` is the wear of the hole where the touch tells of several holes at once.
+    """
+    found = measured(run, hole, z2, z3)
+    if settled is not None:
+        found = replace(found, wear_um=settled.wear_um, wear_u95_um=COVERAGE * settled.wear_u_um)
+    stated = found if settled is not None else with_doubt_of_wear(run, hole, known.estimate, found)
+    hole.stops += 1
+    hole.bottom, hole.pad, hole.touched = z2, z3, found
+    hole.report(run, stated, gap[0], depth_basis=Basis.ESTIMATED if z2.doubt_u_um > 0.0 else None)
+    known.tool, known.gap_um = ToolLength(z3), gap[0]
+    known.gap_u_um = math.hypot(gap[1], z2.doubt_u_um)
+    if z2.doubt_u_um > 0.0:
+        return stated
+    known.estimate = hole.estimate.fitted(
+        None if hole.interrupted else hole.energy(run),
+        found.depth_um,
+        found.depth_u95_um / COVERAGE,
+        found.wear_um,
+        found.wear_u95_um / COVERAGE,
+    )
+    return stated
+
+
+def with_doubt_of_wear(run: Run, hole: Hole, estimate: ErosionEstimate, found: DepthAndWear) -> DepthAndWear:
+    """Widen what a stop found where its wear is not what was believed, until another stop agrees with it.
+
+    A tool that wears otherwise and something that sticks to it look alike. The truth may lie anywhere between the
+    belief and the touch; a tool that seems too long also makes the hole seem too deep.
+    """
+    before_depth_um = before_um = before_u_um = 0.0
+    if hole.touched is not None:
+        before_depth_um, before_um = hole.touched.depth_um, hole.touched.wear_um
+        before_u_um = hole.touched.wear_u95_um / COVERAGE
+    added_um = estimate.wear_ratio * max(0.0, found.depth_um - before_depth_um)
+    off = Deviation(
+        found.wear_um - before_um - added_um,
+        math.hypot(estimate.wear_ratio_u_rel * added_um, before_u_um, found.wear_u95_um / COVERAGE),
+    )
+    if abs(off.sigmas) <= CONTRADICTION_SDS:
+        return found
+    doubt_u95_um = COVERAGE * share_u(off.um)
+    run.decide(
+        RunEvent.TOUCH_DOUBTED,
+        f"The wear is {decimal(found.wear_um)} µm, {signed(off.um)} µm from what was believed: the belief is wrong, "
+        "or something sticks to the tool. The next stop will tell.",
+        {"kind": "wear", "off_um": off.um, "u_um": off.u_um},
+        level=EventLevel.WARNING,
+    )
+    return replace(
+        found,
+        wear_u95_um=math.hypot(found.wear_u95_um, doubt_u95_um),
+        depth_u95_um=math.hypot(found.depth_u95_um, doubt_u95_um if off.um < 0.0 else 0.0),
+    )
+
+
+def next_start(run: Run, hole: Hole, gap_um: float, gap_u_um: float) -> Start:
+    """What a further cut of a measured hole would start from."""
+    assert hole.found is not None
+    found = hole.found
+    return Start(
+        bottom_um=hole.bottom.z_um,
+        bottom_u_um=math.hypot(TOUCH_U_UM, hole.bottom.doubt_u_um),
+        gap_um=gap_um,
+        time_s=hole.bottom.time_s,
+        drift_u_um_per_s=uncertainty_now(run).drift_u_um_per_s,
+        depth_um=found.depth_um,
+        depth_u_um=found.depth_u95_um / COVERAGE,
+        wear_um=found.wear_um,
+        wear_u_um=found.wear_u95_um / COVERAGE,
+        gap_u_um=gap_u_um,
+    )
+
+
+def estimate_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: CutResult) -> Decision:
+    """End a hole whose last cut need not be measured: what it added is known from feed and energy."""
+    now_s = run.machine.time_s
+    energy = energy_of(run.profile.pulse, cut.counts, cut.energy_j)
+    live = plan.at(cut.end_displacement_um, energy, now_s)
+    worn_um = live.wear_um - plan.start.wear_um
+    depth_u95_um, wear_u95_um = plan.stated_u95_um(live)
+    found = DepthAndWear(
+        depth_um=live.depth_um,
+        depth_u95_um=depth_u95_um,
+        wear_um=live.wear_um,
+        wear_u95_um=wear_u95_um,
+        feed_um=live.depth_um + live.wear_um,
+        feed_u95_um=COVERAGE * math.hypot(plan.start.u_at(now_s), plan.gap_u_um),
+        depth_noise_um=live.depth_u_um,
+    )
+    assert known.tool is not None
+    known.unmeasured.append(unmeasured(run, hole, known.tool.pad.time_s, plan, cut, live))
+    known.tool = known.tool.worn(worn_um, live.wear_u_um)
+    hole.report(
+        run,
+        found,
+        plan.gap_um,
+        fed_um=plan.fed_um(cut.end_displacement_um),
+        worn_um=worn_um,
+        estimated_um=live.depth_um - plan.start.depth_um,
+        depth_basis=Basis.ESTIMATED,
+        wear_basis=Basis.ESTIMATED,
+    )
+    run.decide(
+        RunEvent.SITE_ESTIMATED,
+        f"Depth ~{length(found.depth_um, found.depth_u95_um)}, "
+        f"wear ~{length(found.wear_um, found.wear_u95_um)} by feed and energy: known well enough without another "
+        "touch.",
+        {
+            "depth_um": found.depth_um,
+            "wear_um": found.wear_um,
+            "depth_u95_um": found.depth_u95_um,
+            "wear_u95_um": found.wear_u95_um,
+        },
+    )
+    off_um = found.depth_um - hole.goal.depth_um
+    message = f"Depth ~{decimal(found.depth_um)} µm, {signed(off_um)} µm from the target."
+    run.decide(RunEvent.TARGET_REACHED, message, {"depth_um": found.depth_um})
+    return Decision(None, message)
+
+
+def report(run: Run, found: DepthAndWear, gap_um: float, decision: Decision) -> None:
+    """Tell what a stop measured, and what follows."""
+    run.decide(
+        RunEvent.SITE_MEASURED,
+        f"Depth {length(found.depth_um, found.depth_u95_um)}, "
+        f"wear {length(found.wear_um, found.wear_u95_um)}, working gap {gap_um:.2f} µm.",
+        {
+            "depth_um": found.depth_um,
+            "wear_um": found.wear_um,
+            "depth_u95_um": found.depth_u95_um,
+            "wear_u95_um": found.wear_u95_um,
+            "wear_ratio": found.wear_ratio,
+            "gap_um": gap_um,
+        },
+    )
+    if decision.plan is None:
+        code = RunEvent.TARGET_MISSED if decision.missed else RunEvent.TARGET_REACHED
+        level = EventLevel.WARNING if decision.missed else EventLevel.INFO
+        args: Args = {"depth_um": found.depth_um, "hint": decision.hint}
+        run.decide(code, decision.message, args, level=level)
+    else:
+        run.decide(RunEvent.CUT_DECIDED, decision.message, {"feed_um": decision.plan.feed_um})

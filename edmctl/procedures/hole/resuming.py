@@ -1,0 +1,297 @@
+"""A hole that an earlier run left in the middle: pad and bottom are touched again, then it goes on.
+
+Retraction is certain, because the tool comes back to 0 V without power. So the pad tells how much tool is left, and
+the bottom how deep the hole is. What was estimated before the interruption enters no result, but it has to agree:
+otherwise work, place or tool are not those that were left, and nothing is machined.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from edmctl.errors import MachineFault, PreconditionError
+from edmctl.procedures.event_codes import RunEvent
+from edmctl.procedures.hole.cut_decision import Decision, decide
+from edmctl.procedures.hole.cut_planning import CutPlan
+from edmctl.procedures.hole.expected_touches import (
+    STANDARD_UNCERTAINTIES,
+    Estimate,
+    Expected,
+    expected_of_finished,
+    expected_of_left,
+    is_untouched,
+)
+from edmctl.procedures.hole.hole import Hole, Known, close_site, hole_at, touch_pad_first
+from edmctl.procedures.hole.interruption import counted_pause_s, drift_u_um
+from edmctl.procedures.hole.measuring_stop import learn, measured, next_start, report
+from edmctl.procedures.hole.resume_refusals import other_tool, other_work, touched_face
+from edmctl.procedures.hole.site import cut_to_the_end
+from edmctl.procedures.job import Site
+from edmctl.procedures.stages import move_to
+from edmctl.procedures.touch.bottom import MORE_LOOKS, wash
+from edmctl.procedures.touch.reading import BEYOND_SIGMAS, NO_CONTACT, SurfaceReading, take_reading
+from edmctl.procedures.touch.reference_pad import read_pad
+from edmctl.procedures.touch.surface_plane import take_pad, touch_beside, unknown_face
+from edmctl.procedures.touch.tool_length import ToolLength
+from edmctl.process.wear import DepthAndWear, Reading
+from edmctl.record.rows import EventLevel
+from edmctl.wording import decimal, length
+
+if TYPE_CHECKING:
+    from edmctl.procedures.job_state import JobState
+    from edmctl.procedures.run import Run
+    from edmctl.procedures.servo.time_limits import TimeLimits
+
+BEYOND_UM = 12.0
+"""A touch looks so much further than what would be accepted: a mistake is to be found, not missed."""
+
+
+def take_up_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Decision | None:
+    """Measure what the earlier run has left, and cut what is missing; None where the hole is to be made anew.
+
+    Raises PreconditionError: E8060 this is not the hole that was left, E8061 the tool is not, E8062 there is no
+    untouched face for a hole that is to be made anew.
+    """
+    state = run.job.resumed
+    assert state is not None
+    expected = expected_of_left(state, run.profile)
+    hole, z3 = touch_pad_left(run, site, known, expected)
+    z2 = _touch(run, "Z2", site, site.name, z3.z_um + hole.face_um + state.depth_um, expected.depth_reach_um)
+    found = measured(run, hole, z2, z3)
+    for _ in range(0 if run.job.restart_hole else MORE_LOOKS):
+        if found.depth_um >= expected.estimate.depth_um or expected.depth_fits(found):
+            break
+        z2 = _touch_washed(run, site, z2, expected.depth_reach_um)
+        found = measured(run, hole, z2, z3)
+    if not run.ledger.sites and run.profile.target.kind != "through":
+        found = _on_its_own_face(run, hole, known, z2, z3, found)
+    if run.job.restart_hole:
+        _start_again(run, site, known, z3, found)
+        return None
+    refuse_other(run, site, expected, found, untouched=is_untouched(found))
+    # No cut of this run has shown the working gap yet: it stays as it was believed.
+    found = learn(run, hole, known, z2, z3, (known.gap_um, known.gap_u_um))
+    tell_taken_up(run, expected.estimate, found.depth_um, found.wear_um)
+    start = next_start(run, hole, known.gap_um, known.gap_u_um)
+    last = CutPlan(max(1, hole.sums.number), 0.0, start, known.estimate, hole.goal.depth_um)
+    decision = decide(
+        run.profile,
+        hole.goal,
+        last,
+        None,
+        found,
+        start,
+        known.estimate,
+        touch_final=run.job.touches_final,
+        broken_cuts=hole.sums.broken_cuts,
+    )
+    report(run, found, known.gap_um, decision)
+    if decision.plan is None:
+        close_site(run, settled=True)
+        return decision
+    return cut_to_the_end(run, hole, known, decision.plan, limits)
+
+
+def look_at_last_hole(run: Run, known: Known) -> None:
+    """Touch the bottom of the hole that was finished last, where none was begun after it: is this that work?
+
+    A hole through the sheet has no bottom, and a job that has finished none nothing to look at. What the touch of
+    the pad tells of the tool needs no comparison: the next hole counts from it. Raises PreconditionError E8060.
+    """
+    state = run.job.resumed
+    if state is None or not run.ledger.sites or run.profile.target.kind == "through":
+        return
+    _begin(run, known, state)
+    pad = touch_pad_first(run, run.job.pad.name, known)
+    known.tool = ToolLength(pad)
+    _look_at_finished(run, known, pad)
+
+
+def touch_pad_left(
+    run: Run, site: Site, known: Known, expected: Expected, more_um: float = 0.0
+) -> tuple[Hole, SurfaceReading]:
+    """Take the hole as the journal tells of it, and touch the pad (Z3), which may lie `more_um` further."""
+    state = run.job.resumed
+    assert state is not None
+    _begin(run, known, state)
+    hole = _hole(run, site, known, state)
+    run.ledger.depth_um, run.ledger.unmeasured_site = state.depth_um, site.name
+    run.journal.begin_hole(hole, run.machine.time_s, begun=True)
+    z3_um = hole.z1.z_um + expected.estimate.wear_um
+    reach_um = expected.wear_reach_um + STANDARD_UNCERTAINTIES * drift_u_um(run.job) + more_um
+    z3 = _touch(run, "Z3", run.job.pad, site.name, z3_um, reach_um)
+    _see_face(run, hole, known, z3)
+    return hole, z3
+
+
+def tell_taken_up(run: Run, expected: Estimate, depth_um: float, wear_um: float) -> None:
+    """Say from where the job goes on."""
+    run.decide(
+        RunEvent.RESUMED,
+        f"Taken up again at {decimal(depth_um)} µm depth and {decimal(wear_um)} µm wear; the journal expected "
+        f"{decimal(expected.depth_um, 1)} and {decimal(expected.wear_um, 1)} µm.",
+        {"depth_um": depth_um, "wear_um": wear_um, "expected_um": expected.depth_um},
+    )
+
+
+def refuse_other(
+    run: Run,
+    site: Site,
+    expected: Expected,
+    found: DepthAndWear,
+    *,
+    untouched: bool = False,
+    begun: bool = True,
+) -> None:
+    """Raise PreconditionError E8060, E8061 where the touches found other work than was left, or another tool.
+
+    An untouched face under a tool that does not fit either is other work: there a hole can be made anew.
+    """
+    tool_fits = expected.tool_fits(found)
+    if not expected.depth_fits(found) or (untouched and not tool_fits):
+        raise refused(run, other_work(site, found, expected.estimate, begun=begun))
+    if not tool_fits:
+        raise refused(run, other_tool(found, expected.estimate))
+
+
+def refused(run: Run, error: PreconditionError) -> PreconditionError:
+    """The error of work or a tool that was not left: what the journal estimates is no result of this run then."""
+    run.ledger.depth_um, run.ledger.unmeasured_site = math.nan, ""
+    return error
+
+
+def _see_face(run: Run, hole: Hole, known: Known, pad: SurfaceReading) -> None:
+    """Take what the pad tells of the face, and with it where the face is at the hole."""
+    take_pad(run, known.face, pad)
+    hole.face_um, hole.face_u_um = known.face.height_um(hole.site), known.face.height_u_um(hole.site)
+
+
+def _on_its_own_face(
+    run: Run, hole: Hole, known: Known, z2: SurfaceReading, z3: SurfaceReading, found: DepthAndWear
+) -> DepthAndWear:
+    """What was found, with the face as it is beside the hole where this may be other work, of another slope.
+
+    A hole that is hardly begun shows nothing: what the earlier run has touched of the face counts no more then.
+    """
+    touched_face, known.face = known.face, unknown_face(run)
+    _see_face(run, hole, known, z3)
+    if touched_face.touched and is_untouched(measured(run, hole, z2, z3)):
+        touch_beside(run, hole.site, known.face, ToolLength(z3))
+        run.journal.face(known.face)
+        _see_face(run, hole, known, z3)
+        return measured(run, hole, z2, z3)
+    known.face = touched_face
+    _see_face(run, hole, known, z3)
+    return found
+
+
+def _look_at_finished(run: Run, known: Known, pad: SurfaceReading) -> None:
+    result = list(run.ledger.sites.values())[-1]
+    site = Site(result.name, result.x_um, result.y_um, result.theta_deg)
+    expected = expected_of_finished(result)
+    hole = hole_at(run, site, known, pad, 0.0)
+    predicted_um = pad.z_um + hole.face_um + result.depth_um
+    bottom = _touch(run, "Z2", site, site.name, predicted_um, expected.depth_reach_um)
+    found = measured(run, hole, bottom, pad)
+    if not expected.depth_fits(found):
+        raise refused(run, other_work(site, found, expected.estimate, begun=False))
+    run.decide(
+        RunEvent.RESUMED,
+        f"{site.name}, finished before, is {found.depth_um:.2f} µm deep; {result.depth_um:.2f} µm were expected.",
+        {"depth_um": found.depth_um, "expected_um": result.depth_um},
+    )
+
+
+def _start_again(run: Run, site: Site, known: Known, pad: SurfaceReading, found: DepthAndWear) -> None:
+    """Begin the hole anew where its face is untouched, beside the finished holes that belong to it."""
+    if not is_untouched(found):
+        raise refused(run, touched_face(site, found))
+    if run.ledger.sites:
+        _look_at_finished(run, known, pad)
+    known.tool = ToolLength(pad)
+    run.ledger.depth_um, run.ledger.unmeasured_site = 0.0, ""
+    run.decide(
+        RunEvent.RESUMED,
+        f"The face at {site.name} is untouched ({length(found.depth_um, found.depth_u95_um)}): the hole is "
+        "made from the start.",
+        {"depth_um": found.depth_um},
+    )
+
+
+def _touch(
+    run: Run, kind: str, place: Site, name: str, predicted_um: float, reach_um: float
+) -> SurfaceReading:
+    """Touch a surface that was left; where none is in reach, say what that may mean."""
+    u_um = (reach_um + BEYOND_UM) / BEYOND_SIGMAS
+    try:
+        if place == run.job.pad:
+            return read_pad(run, kind, name, predicted_um, u_um)
+        move_to(run, place)
+        return take_reading(run, kind, name, predicted_um, u_um)
+    except MachineFault as fault:
+        if fault.code == NO_CONTACT:
+            fault.hint += (
+                f" The journal expects contact at {predicted_um:.1f} µm, {place.name}: work, place or tool may not "
+                "be those that were left."
+            )
+        raise
+
+
+def _touch_washed(run: Run, site: Site, short: SurfaceReading, reach_um: float) -> SurfaceReading:
+    """Touch a bottom again that seems too near: what lay on it while the job stood still may go with the oil."""
+    run.decide(
+        RunEvent.TOUCH_DOUBTED,
+        f"Z2 = {short.z_um:.2f} µm is nearer than the journal expects (a chip?). It is touched again.",
+        {"kind": "Z2", "z_um": short.z_um},
+        level=EventLevel.WARNING,
+    )
+    run.recorder.reject_touch(short.time_s)
+    wash(run, short.z_um)
+    return _touch(run, "Z2", site, site.name, short.z_um, reach_um)
+
+
+def _begin(run: Run, known: Known, state: JobState) -> None:
+    """Take over what was touched of the face, and say what an unknown pause means."""
+    if not known.face.touched:
+        known.face.restore(state.face, state.face_doubt_u_um)
+    tell_unknown_pause(run)
+
+
+def tell_unknown_pause(run: Run) -> None:
+    """Say what it means that nobody knows how long the job stood still."""
+    if math.isfinite(run.job.pause_s):
+        return
+    drift_um = 2.0 * drift_u_um(run.job)
+    run.decide(
+        RunEvent.RESUMED,
+        "Nobody knows how long the job stood still: a clock was set back, or was not told. Depth is touched anew; "
+        f"the wear's interval holds a drift of ± {drift_um:.0f} µm.",
+        {"drift_um": drift_um},
+        level=EventLevel.WARNING,
+    )
+
+
+def surface_left(run: Run, state: JobState) -> SurfaceReading:
+    """Return Z1 as the journal tells it; times before this run are negative."""
+    return SurfaceReading(
+        kind="Z1",
+        reading=Reading(state.z1_um, state.z1_sd_um, state.z1_touches),
+        model_um=state.z1_model_um,
+        actuator_v=math.nan,
+        time_s=state.z1_time_s - state.time_s - counted_pause_s(run.job),
+        zero_um=math.nan,
+        doubt_u_um=state.z1_doubt_u_um,
+    )
+
+
+def _hole(run: Run, site: Site, known: Known, state: JobState) -> Hole:
+    """Return the hole as the journal left it."""
+    z1 = surface_left(run, state)
+    known.tool = ToolLength(z1, state.wear_um)
+    hole = hole_at(run, site, known, z1, state.z1_u_um)
+    hole.interrupted = True
+    sums = hole.sums
+    sums.before_counts, sums.before_cuts, sums.broken_cuts = state.counts, state.cuts, state.broken_cuts
+    sums.before_energy_j, sums.before_time_s = state.energy_j, state.machining_time_s
+    return hole

@@ -1,0 +1,153 @@
+"""A cut under way: it jumps, and it is stopped and gone on with where the servo or the generator changes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from edmctl.machine.port import CutRequest, EventCode
+from edmctl.procedures.event_codes import RunEvent
+from edmctl.procedures.hole.target import goal_of
+from edmctl.procedures.job import Site
+from edmctl.procedures.servo.jump import jump_request
+from edmctl.procedures.settings import pulse_settings
+from edmctl.process.jump import minimum_height_um
+from edmctl.record.rows import EventLevel
+
+if TYPE_CHECKING:
+    from edmctl.machine.port import MachineEvent
+    from edmctl.procedures.hole.cut_planning import CutPlan
+    from edmctl.procedures.run import Args, Run
+    from edmctl.procedures.servo.supervisor import Supervisor
+
+JUMP_RESERVE_UM = 5.0
+"""A jump leaves this much displacement, because the actuator cannot go below 0 V."""
+LEAST_JUMP_UM = 10.0
+FLUSHING_HEIGHTS = 2.0
+"""A jump is at least so many times as high as it takes to refill the gap beside the tool once."""
+LEAST_S = 0.05
+"""A cut that goes on is given this much, so that the controller itself ends it."""
+
+
+class Cutting:
+    """One planned cut that may last until `end_s`."""
+
+    def __init__(self, run: Run, plan: CutPlan, supervisor: Supervisor, end_s: float) -> None:
+        self._run = run
+        self._plan = plan
+        self._supervisor = supervisor
+        self._end_s = end_s
+        self._completion_um = goal_of(run.profile, Site("", 0.0, 0.0)).completion_um
+        self._duty = run.profile.pulse.duty
+        self.jumps = 0
+
+    @property
+    def open_v(self) -> float:
+        """Mean gap voltage of an all-open gap with the duty in use, V."""
+        return self._supervisor.adapting.duty * self._run.profile.pulse.open_voltage_v
+
+    @property
+    def reference_v(self) -> float:
+        """Mean gap voltage that the servo is to hold, V."""
+        return self._supervisor.adapting.reference * self.open_v
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether the sheet has broken through, and the tip has followed."""
+        supervisor = self._supervisor
+        return supervisor.displacement_um >= supervisor.breakthrough.at_um + self._completion_um
+
+    def start(self) -> None:
+        """Let the servo go, with the reference and the pulses in use."""
+        run = self._run
+        self.set_generator()
+        self._supervisor.set_gap(self.reference_v, self.open_v)
+        left_s = max(LEAST_S, self._end_s - run.machine.time_s)
+        run.machine.start_cut(CutRequest(self.reference_v, self._plan.z_limit_um, left_s))
+
+    def set_generator(self) -> None:
+        """Tell the generator the duty in use where it has another one."""
+        if self._supervisor.adapting.duty != self._duty:
+            self._set_duty(self._supervisor.adapting.duty)
+
+    def tell_changes(self) -> bool:
+        """Write down what the law has changed; whether the cut has to be started anew for it."""
+        run, changes = self._run, self._supervisor.adapting.changes
+        if not changes:
+            return False
+        anew = False
+        for change in changes:
+            if change.code is RunEvent.JUMP_PERIOD:
+                level = EventLevel.DEBUG
+                run.recorder.event(run.machine.time_s, change.code, level, change.message, change.args)
+            else:
+                run.decide(change.code, change.message, change.args)
+                anew = True
+        changes.clear()
+        return anew
+
+    def retune(self) -> MachineEvent | None:
+        """Carry out what the law has changed; the end of the cut where it ended meanwhile."""
+        if not self.tell_changes():
+            return None
+        ended = self._run.machine.stop_cut()
+        if ended.code is not EventCode.STOPPED:
+            return ended
+        self.start()
+        return None
+
+    def jump_if_due(self) -> None:
+        """Jump where there is a reason, as high as the hole needs and the displacement allows."""
+        run, supervisor = self._run, self._supervisor
+        due = supervisor.jump_due(run.machine.time_s)
+        if due is None:
+            return
+        code, reason = due
+        height_um = self._height_um(code)
+        if height_um >= LEAST_JUMP_UM:
+            run.machine.jump(jump_request(run, height_um))
+            self.jumps += 1
+            supervisor.jumps, supervisor.last_jump_s = self.jumps, run.machine.time_s
+            self._tell_jump(code, reason, height_um)
+        supervisor.jumped(code, run.machine.time_s)
+
+    def _tell_jump(self, code: RunEvent, reason: str, height_um: float) -> None:
+        run, adapting = self._run, self._supervisor.adapting
+        message = f"Jump of {height_um:.0f} µm: {reason}."
+        if code is not RunEvent.JUMPED:
+            run.decide(code, message, {"height_um": height_um})
+            return
+        args: Args = {
+            "height_um": height_um,
+            "period_s": adapting.period_s,
+            "arcs": round(adapting.arcs, 5),
+            "shorts": round(adapting.shorts, 5),
+            "asked": " and ".join(adapting.asking),
+            **{f"asking_{name}": round(share, 5) for name, share in adapting.asking.items()},
+        }
+        run.recorder.event(run.machine.time_s, code, EventLevel.DEBUG, message, args)
+
+    def finish(self) -> None:
+        """Leave the generator as the recipe wants it, for what comes after the cut."""
+        if self._duty != self._run.profile.pulse.duty:
+            self._set_duty(self._run.profile.pulse.duty)
+
+    def _set_duty(self, duty: float) -> None:
+        """Pulses of the same length with other pauses between them."""
+        pulses = pulse_settings(self._run.profile)
+        off_time_us = pulses.on_time_us * (1.0 / duty - 1.0)
+        self._run.machine.set_pulses(replace(pulses, off_time_us=off_time_us))
+        self._run.watch.set_duty_voltage(duty * pulses.open_voltage_v)
+        self._duty = duty
+
+    def _height_um(self, code: RunEvent) -> float:
+        profile, displacement_um = self._run.profile, self._supervisor.displacement_um
+        if math.isnan(displacement_um):
+            return 0.0
+        height_um = profile.jump.height_um
+        if profile.jump.mode == "adaptive" or code is not RunEvent.JUMPED:
+            depth_um = self._plan.depth_at(displacement_um)
+            least_um = minimum_height_um(depth_um, profile.tool.diameter_um, profile.work.side_gap_um)
+            height_um = max(height_um, FLUSHING_HEIGHTS * least_um)
+        return min(height_um, displacement_um - JUMP_RESERVE_UM)

@@ -1,0 +1,138 @@
+"""How far the zero of the displacement may drift: what the setup believes, and what the rests at 0 V have shown.
+
+A rest does not tell drift from creep of the actuator, and a drift between tool and work does not show at rest. So
+what was seen only widens what is believed, and no reading is corrected by it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from edmctl.procedures.touch.site_readings import displacement_uncertainty
+from edmctl.process.wear import share_u
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from edmctl.procedures.run import Run
+    from edmctl.profile.measuring_stops import Displacement
+
+LEAST_SPAN_S = 120.0
+"""Over less time than this the error of the actuator model after a deep cut, a few µm, would look like a drift."""
+RECENT_S = 600.0
+"""A drift that has set in lately is looked for over this much time."""
+HOMES_APART_S = 900.0
+"""Homes of one job and of the next tell of a drift where they lie so far apart."""
+HOMES_ALIKE_UM = 3.0
+"""Homes of one job and of the next differ by so much for creep and for the time that no ledger tells."""
+CREEP_UM = 0.6
+"""What is left of creep in two zeros ten minutes apart, and may hide as much of a drift."""
+CREEP_SHARE = 0.01
+"""Creep on top that the actuator model leaves in a rest, per way that the tool was driven since the first one: it
+holds the tool lower for minutes, and hides a drift that goes the other way [assumed]."""
+DRIFT_SDS = 4.0
+"""A drift of more than so many standard deviations is none."""
+Zero = tuple[float, float]
+"""Time, s, and what the sensor shows of a tool at home, µm."""
+
+
+class Rests:
+    """Zeros of the displacement at every rest at 0 V: what the sensor showed beyond the actuator's own creep.
+
+    Zeros count from wherever the actuator model does, so only their differences tell something. `first_um` is the
+    rest before the actuator was conditioned, at `first_s`, NaN before there is one; `hidden_um` is by how much at
+    most it is too far out.
+    """
+
+    def __init__(self) -> None:
+        self._rests: list[tuple[float, float]] = []
+        self._low_um, self._high_um = math.inf, -math.inf
+        self.first_um = math.nan
+        self.first_s = math.nan
+        self.hidden_um = 0.0
+
+    def note(self, time_s: float, zero_um: float) -> None:
+        """Take a rest."""
+        self._rests.append((time_s, zero_um))
+
+    def reach(self, low_um: float, high_um: float) -> None:
+        """The tool has been between these displacements: the longer its way, the more may have crept."""
+        if self._rests:
+            self._low_um, self._high_um = min(self._low_um, low_um), max(self._high_um, high_um)
+
+    def home_um(self, zero_um: float) -> float:
+        """What the sensor shows of a tool at home, by a rest with that zero."""
+        return self.first_um + (zero_um - self._rests[0][1] if self._rests else 0.0)
+
+    def ends(self) -> tuple[tuple[float, float], ...]:
+        """Time and zero of the first and of the newest rest; none before the first."""
+        return (self._rests[0], self._rests[-1]) if self._rests else ()
+
+    @property
+    def _crept_um(self) -> float:
+        """How much lower creep may hold the tool at the newest rest than at the first."""
+        return CREEP_UM + CREEP_SHARE * max(0.0, self._high_um - self._low_um)
+
+    def rate_um_s(self) -> float:
+        """Fastest drift that the zeros allow, over the whole job or lately, µm/s; 0 before the second rest."""
+        return _fastest_um_s(self._rests, RECENT_S, self._crept_um)
+
+
+def seen_between_jobs_um_s(homes: Sequence[Zero], drift_u_um_per_s: float) -> float:
+    """Fastest drift that the homes of earlier jobs allow, the oldest first, µm/s; 0 where they lie too close.
+
+    What no drift explains, `drift_u_um_per_s` being its standard uncertainty, is a sensor that was set anew, and a
+    time that goes back a clock that was: the newest homes that go together and lie far enough apart tell. Homes
+    without a time, NaN, go with no others.
+    """
+    together: list[list[Zero]] = []
+    for time_s, um in homes:
+        before_s, before_um = together[-1][-1] if together else (math.nan, math.nan)
+        most_um = HOMES_ALIKE_UM + DRIFT_SDS * drift_u_um_per_s * (time_s - before_s)
+        if time_s >= before_s and abs(um - before_um) <= most_um:
+            together[-1].append((time_s, um))
+        else:
+            together.append([(time_s, um)])
+    for since in reversed(together):
+        if since[-1][0] - since[0][0] >= HOMES_APART_S:
+            return _fastest_um_s(since, HOMES_APART_S)
+    return 0.0
+
+
+def _fastest_um_s(zeros: Sequence[Zero], recent_s: float, crept_um: float = 0.0) -> float:
+    """Fastest drift from the first zero to the last, and to it from the newest that is `recent_s` old, µm/s.
+
+    Up to `crept_um` of what the zeros show may be creep, which hides as much of a drift the other way.
+    """
+    if len(zeros) < 2:
+        return 0.0
+    last_s, last_um = zeros[-1]
+    recent = next((zero for zero in reversed(zeros) if last_s - zero[0] >= recent_s), zeros[0])
+    rates = []
+    for time_s, zero_um in (zeros[0], recent):
+        span_s, seen_um = last_s - time_s, last_um - zero_um
+        most_um = abs(seen_um)
+        if span_s >= LEAST_SPAN_S / 2.0:
+            most_um = max(most_um, abs(seen_um - crept_um))
+        if span_s >= RECENT_S:
+            most_um = max(most_um, abs(seen_um) + CREEP_UM)
+        rates.append(most_um / max(LEAST_SPAN_S, span_s))
+    return max(rates)
+
+
+def first_home_um(rest_um: float, expected_um: float, drift_um: float) -> float:
+    """What a first rest at 0 V says of home, expected at `expected_um` and perhaps drifted by `drift_um` since.
+
+    A rest that reads less is believed: nothing pulls a tool beyond home. One that reads more is, as far as the
+    sensor may have drifted since; what is left is a tool that stands out, by creep or by something that is broken.
+    """
+    return min(rest_um, expected_um + drift_um)
+
+
+def uncertainty_now(run: Run) -> Displacement:
+    """What is known of the displacements of a job, with the drift that has shown by now where that is more."""
+    known = displacement_uncertainty(run.job)
+    seen_um_s = share_u(max(run.watch.rests.rate_um_s(), run.job.drift_seen_um_s))
+    return replace(known, drift_u_um_per_s=max(known.drift_u_um_per_s, seen_um_s))

@@ -1,0 +1,281 @@
+"""Hears the machine for a whole run: estimates, records, and keeps what procedures look back at."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmctl.machine.port import (
+    EventCode,
+    MachineEvent,
+    MachineState,
+    PulseBatch,
+    PulseBlockBatch,
+    TelemetryBlock,
+    TelemetryFlag,
+    joined,
+)
+from edmctl.procedures.event_codes import RunEvent
+from edmctl.procedures.monitoring.drift import Rests
+from edmctl.procedures.monitoring.feed_error import FeedError
+from edmctl.procedures.monitoring.trace import Trace
+from edmctl.record.rows import EventLevel, PulseBlockRows, PulseTrain, ServoBlock
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from edmctl.actuator.estimator import Estimator
+    from edmctl.procedures.actuator.tracker import Tracker
+    from edmctl.record.recorder import Recorder
+
+Floats = NDArray[np.float64]
+
+_GATHERED_BLOCKS = 5
+"""Blocks estimated and recorded together: half a second of them in a running cut."""
+
+NEWEST_S = 0.1
+"""Where the tool is now is the mean over this much of the newest samples, a frame's worth of them. A host that was
+held up gets a block of seconds, and the tool has moved in those."""
+
+_DIRECTION = np.zeros((256, 256), dtype=np.int8)
+"""Direction of the tool by (state, flags): -1 back, 0 hold, 1 forward."""
+_DIRECTION[MachineState.APPROACH] = 1
+_DIRECTION[MachineState.MACHINING] = np.where(np.arange(256) & TelemetryFlag.ADVANCING, 1, -1)
+
+
+class Watch:
+    """A `MachineListener`: each sample goes to the estimator, the recorder, and a follower if any.
+
+    Parameters
+    ----------
+    recorder : takes the rows
+    duty_voltage_v : mean gap voltage of an all-open gap; gap ratios refer to it
+    record_every : of so many telemetry samples one is recorded
+    sensor : whether the displacements come from a sensor, and are not estimates already
+    """
+
+    def __init__(
+        self, recorder: Recorder, duty_voltage_v: float, record_every: int = 1, *, sensor: bool = True
+    ) -> None:
+        self._recorder = recorder
+        self._duty_voltage_v = duty_voltage_v
+        self._every, self._skip = record_every, 0
+        self._sensor = sensor
+        self._tracker: Tracker | None = None
+        self._fresh: list[TelemetryBlock] = []
+        self._latest: TelemetryBlock | None = None
+        self._trace = Trace()
+        self._touched: dict[float, float] = {}
+        self._follower: Callable[[TelemetryBlock], None] | None = None
+        self._guards: list[Callable[[TelemetryBlock], None]] = []
+        self._comparer: Callable[[TelemetryBlock, Floats], None] | None = None
+        self.missing_frames = 0
+        self.feed_error = FeedError()
+        self.rests = Rests()
+
+    def estimate_with(self, tracker: Tracker) -> None:
+        """From now on estimate the displacement; the tracker has already seen what came so far."""
+        self.settle()
+        self._tracker = tracker
+
+    def tracker(self) -> Tracker | None:
+        """The tracker in the state of the newest sample; None without one."""
+        self.settle()
+        return self._tracker
+
+    def rest(self) -> None:
+        """Set the zero of the estimate by the sensor: the tool rests at 0 V, and goes to work from here."""
+        zero_um, tracker, block = self.zero_um(), self._tracker, self._latest
+        if math.isnan(zero_um) or tracker is None or block is None:
+            return
+        middle_s, measured_um = _now(block)
+        self.rests.note(middle_s, zero_um)
+        tracker.rest(middle_s, self._trace.at(middle_s), measured_um)
+
+    def zero_um(self) -> float:
+        """What the sensor shows at this rest at 0 V beyond the actuator's own displacement, or NaN."""
+        tracker, block = self.tracker(), self._latest
+        if not self._sensor or tracker is None or block is None:
+            return math.nan
+        middle_s, measured_um = _now(block)
+        return tracker.zero_um(self._trace.at(middle_s), measured_um)
+
+    def estimator(self) -> Estimator | None:
+        """The estimator in the state of the newest sample; None without one."""
+        tracker = self.tracker()
+        return None if tracker is None else tracker.estimator
+
+    def follow(self, follower: Callable[[TelemetryBlock], None] | None) -> None:
+        """Also hand every block to `follower`; None ends that."""
+        self._follower = follower
+
+    def set_duty_voltage(self, duty_voltage_v: float) -> None:
+        """From now on gap ratios refer to another mean voltage of the open gap."""
+        if duty_voltage_v != self._duty_voltage_v:
+            self.settle()
+            self._duty_voltage_v = duty_voltage_v
+
+    def guard(self, guard: Callable[[TelemetryBlock], None]) -> None:
+        """Also hand every block of the run to `guard`, which may raise what ends it."""
+        self._guards.append(guard)
+
+    def compare(self, comparer: Callable[[TelemetryBlock, Floats], None]) -> None:
+        """Also hand samples of the sensor with their estimates to `comparer`, which may raise."""
+        self._comparer = comparer
+
+    @property
+    def latest(self) -> TelemetryBlock | None:
+        """The newest samples, None before the first."""
+        return self._latest
+
+    @property
+    def newest_s(self) -> float:
+        """Time of the newest sample; minus infinity before the first."""
+        block = self.latest
+        return -math.inf if block is None else float(block.time_s[-1])
+
+    @property
+    def displacement_um(self) -> float:
+        """Mean sensor displacement over the newest `NEWEST_S`; NaN before the first sample."""
+        block = self.latest
+        return math.nan if block is None else _now(block)[1]
+
+    @property
+    def actuator_v(self) -> float:
+        """Newest actuator voltage; NaN before the first block."""
+        block = self.latest
+        return math.nan if block is None else float(block.actuator_v[-1])
+
+    @property
+    def in_contact(self) -> bool:
+        """Whether the contact sensor read closed at the newest sample."""
+        block = self.latest
+        return block is not None and bool(block.flags[-1] & TelemetryFlag.CONTACT)
+
+    def model_at(self, time_s: float) -> float:
+        """Estimated displacement at a touch, or at a moment of the last seconds; NaN without an estimator."""
+        self.settle()
+        return self._touched[time_s] if time_s in self._touched else self._trace.at(time_s)
+
+    def telemetry(self, block: TelemetryBlock) -> None:
+        """Keep the block for the estimator and the recorder, and hand it on."""
+        self._latest = block
+        self._fresh.append(block)
+        self.missing_frames += block.missing_frames
+        if self._sensor:
+            self.rests.reach(float(block.displacement_um.min()), float(block.displacement_um.max()))
+        if len(self._fresh) >= _GATHERED_BLOCKS:
+            self.settle()
+        if self._follower is not None:
+            self._follower(block)
+        for guard in self._guards:
+            guard(block)
+
+    def settle(self) -> None:
+        """Estimate and record what has come since the last time."""
+        if not self._fresh:
+            return
+        block = joined(self._fresh)
+        self._fresh.clear()
+        compared = self._sensor and self._tracker is not None
+        if not self._sensor:
+            model_um = block.displacement_um
+        elif self._tracker is None:
+            model_um = np.full(len(block.time_s), math.nan)
+        else:
+            model_um = self._tracker.estimator.advance(block.time_s, block.actuator_v)
+            self.feed_error.take(block, model_um)
+        self._trace.append(block.time_s, model_um)
+        rows = self._thinned(self._row_block(block, model_um))
+        if len(rows.time_s):
+            self._recorder.append_servo(rows)
+        if compared and self._comparer is not None:
+            self._comparer(block, model_um)
+
+    def _row_block(self, block: TelemetryBlock, model_um: Floats) -> ServoBlock:
+        direction = _DIRECTION[block.state, block.flags]
+        return ServoBlock(
+            time_s=block.time_s,
+            actuator_v=block.actuator_v,
+            displacement_um=block.displacement_um if self._sensor else np.full_like(model_um, math.nan),
+            model_um=model_um,
+            gap_v=block.gap_v,
+            gap_ratio=block.gap_v / self._duty_voltage_v,
+            current_a=block.current_a,
+            direction=direction,
+            state=block.state,
+        )
+
+    def _thinned(self, rows: ServoBlock) -> ServoBlock:
+        """Each `record_every`-th sample of the run, however it comes in blocks; none where there is none in this."""
+        if self._every == 1:
+            return rows
+        pick = slice(self._skip, None, self._every)
+        self._skip = (self._skip - len(rows.time_s)) % self._every
+        return ServoBlock(
+            time_s=rows.time_s[pick],
+            actuator_v=rows.actuator_v[pick],
+            displacement_um=rows.displacement_um[pick],
+            model_um=rows.model_um[pick],
+            gap_v=rows.gap_v[pick],
+            gap_ratio=rows.gap_ratio[pick],
+            current_a=rows.current_a[pick],
+            direction=rows.direction[pick],
+            state=rows.state[pick],
+        )
+
+    def pulse_blocks(self, batch: PulseBlockBatch) -> None:
+        """Record."""
+        self._recorder.append_pulse_blocks(
+            PulseBlockRows(
+                time_s=batch.time_s,
+                n_open=batch.n_open,
+                n_normal=batch.n_normal,
+                n_arc=batch.n_arc,
+                n_short=batch.n_short,
+                delay_us=batch.delay_us,
+                energy_uj=batch.energy_uj,
+            )
+        )
+
+    def pulses(self, batch: PulseBatch) -> None:
+        """Record."""
+        self._recorder.append_pulses(
+            PulseTrain(
+                first_pulse=batch.first_pulse,
+                start_s=batch.start_s,
+                period_s=batch.period_s,
+                pulse_class=batch.pulse_class,
+                delay_us=batch.delay_us,
+                discharge_us=batch.discharge_us,
+                plateau_v=batch.plateau_v,
+            )
+        )
+
+    def event(self, event: MachineEvent) -> None:
+        """Record; what the model said at a touch is kept, because its reading is asked for much later."""
+        if event.code is EventCode.TOUCH:
+            self.settle()
+            self._touched[event.time_s] = self._trace.at(event.time_s)
+        args = {
+            "argument": event.argument,
+            "displacement_um": event.displacement_um,
+            "actuator_v": event.actuator_v,
+        }
+        self._recorder.event(event.time_s, event.code, EventLevel.DEBUG, event.code.name, args)
+
+    def log(self, level: int, text: str) -> None:
+        """Record a line of the controller's own log."""
+        block = self.latest
+        time_s = 0.0 if block is None else float(block.time_s[-1])
+        weight = EventLevel(min(max(level, EventLevel.DEBUG), EventLevel.ERROR))
+        self._recorder.event(time_s, RunEvent.CONTROLLER_LOG, weight, text)
+
+
+def _now(block: TelemetryBlock) -> tuple[float, float]:
+    """Mean time and displacement over the last `NEWEST_S` of a block."""
+    newest = block.time_s > block.time_s[-1] - NEWEST_S
+    return float(block.time_s[newest].mean()), float(block.displacement_um[newest].mean())

@@ -1,0 +1,370 @@
+"""Judges a running cut ten times a second: pulse ratios, feed, estimated depth and wear, time left, limits.
+
+The controller keeps the gap; the supervisor only watches, tells, and says when a cut should end.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+from edmctl.machine.port import MachineState, MachineStatus, TelemetryBlock, host_fault
+from edmctl.procedures.event_codes import RunEvent
+from edmctl.procedures.hole.breakthrough import Breakthrough
+from edmctl.procedures.hole.estimating import energy_of
+from edmctl.procedures.hole.expected_touches import estimate_in_cut
+from edmctl.procedures.hole.target import goal_of
+from edmctl.procedures.job import Site
+from edmctl.procedures.monitoring.watch import NEWEST_S
+from edmctl.procedures.results import Phase, Progress, RunningCut
+from edmctl.procedures.servo.adaptive import Adapting
+from edmctl.procedures.servo.ratio_limits import RatioLimits
+from edmctl.procedures.servo.short_recovery import ShortRecovery
+from edmctl.procedures.servo.spark_loss import SparkLoss
+from edmctl.procedures.servo.stall_detection import STALL_SHARE, Stall
+from edmctl.procedures.servo.stroke import stroke_left_um
+from edmctl.procedures.settings import OPEN_LOST_S, gap_reference_v, telemetry_settings
+from edmctl.process.pulses import pulse_shares
+from edmctl.profile.forecast import forecast
+from edmctl.record.rows import SlowRow
+
+if TYPE_CHECKING:
+    from edmctl.procedures.hole.cut_planning import CutPlan
+    from edmctl.procedures.run import Run
+    from edmctl.process.live_erosion import Energy
+
+RATIO_WINDOW_S = 2.0
+"""Arcs and shorts are judged over this: a limit that is exceeded so long is told at once (decision 0012)."""
+FEED_WINDOW_S = 10.0
+"""Mean feed is taken over this: one jump period, 3 µm at 0.3 µm/s, twenty times the sensor's noise."""
+OVERRUN_SHARE = 0.05
+"""A cut that is this share of the target deeper than the target, by the estimate, has not ended where it should."""
+LEAST_OVERRUN_UM = 3.0
+"""So much is always allowed: the servo's swing and the sensor's noise at a shallow target."""
+STROKE_RESERVE_UM = 5.0
+"""The stroke counts as used up here: the bottom must still be touched after the cut, a working gap further on."""
+NEAR_THE_END_UM = 60.0
+"""The model is asked for the stroke that is left from here on, by the mean gain."""
+
+SWING_UM = 0.5
+"""A tool that is no further above its deepest place than this is at the bottom: the servo's swing."""
+
+# Looked up in every slice; an enum member costs a metaclass call each time in Python 3.11.
+_MACHINING = int(MachineState.MACHINING)
+_PHASE = {True: Phase.MACHINING, False: Phase.JUMPING}
+
+_Counts = tuple[int, int, int, int]
+
+
+class StopReason(StrEnum):
+    """Why a cut should not go on."""
+
+    STALLED = "the tool has stopped advancing"
+    UNSTABLE = "arcs or shorts have stayed over their limit"
+    ENDED = "the depth or the stroke is used up"
+
+
+class Supervisor:
+    """Follows the telemetry of one cut that begins at `start_s`; keeps its sums, and the job's ledger current.
+
+    `counts` are the pulses of the cut by class (open, normal, arc, short); `energy_j` is their energy, from the
+    mean gap current at the plateau voltage of a normal discharge; `stop_reason` is set when the cut should end, and
+    `told` says then what was seen. `adapting` holds what machine and generator should be set to. Whoever jumps sets
+    `jumps` and `last_jump_s`.
+    """
+
+    def __init__(self, run: Run, plan: CutPlan, start_s: float) -> None:
+        self._run = run
+        self._plan = plan
+        self._start_s = start_s
+        self._machined_before_s = run.ledger.machining_time_s
+        profile = run.profile
+        self._duty_v = profile.pulse.duty_voltage_v
+        self._reference_v = gap_reference_v(profile)
+        self._plateau_v = profile.pulse.discharge_voltage_v
+        self._sample_s = 1e-6 * telemetry_settings(profile, run.setup).period_us
+        self._forecast_feed_um_s = forecast(profile, run.setup).feed_rate_um_s
+        self._window: deque[tuple[float, _Counts]] = deque()
+        self._window_counts: list[int] = [0, 0, 0, 0]
+        self._track: deque[tuple[float, float]] = deque()
+        self._begin: tuple[float, float] | None = None
+        self._ratio_limits = RatioLimits(run, RATIO_WINDOW_S)
+        self._gap_ratio_sum = 0.0
+        self._gap_samples = 0
+        self._status: MachineStatus | None = None
+        self._stall = Stall(self._forecast_feed_um_s)
+        self._through = profile.target.kind == "through"
+        self._completion_um = goal_of(profile, Site("", 0.0, 0.0)).completion_um
+        self._spark_loss = SparkLoss(profile.limits.open_lost_um, OPEN_LOST_S)
+        self.adapting = Adapting(profile, start_s)
+        self.shorts = ShortRecovery()
+        self.breakthrough = Breakthrough(profile.work.thickness_um)
+        self.counts: list[int] = [0, 0, 0, 0]
+        self.energy_j = self.sparking_s = 0.0
+        self._power_w = 0.0
+        self.displacement_um = math.nan
+        self.seen_s = math.nan
+        self.jumps = 0
+        self.last_jump_s = math.nan
+        self._feed_target_um = plan.feed_um if math.isnan(plan.target_um) else math.nan
+        self._spark_um = plan.bottom_um - plan.gap_um
+        self._deepest_um = -math.inf
+        self.stop_reason: StopReason | None = None
+        self.told = ""
+        run.ledger.phase = Phase.MACHINING
+
+    @property
+    def gap_ratio_mean(self) -> float:
+        """Mean of the normalised gap voltage while sparking; NaN before any sample."""
+        return self._gap_ratio_sum / self._gap_samples if self._gap_samples else math.nan
+
+    @property
+    def is_through(self) -> bool:
+        """Whether the sheet has broken through."""
+        return not math.isnan(self.breakthrough.at_um)
+
+    @property
+    def sparked_at_um(self) -> float:
+        """Where the tool stood at the bottom when it last sparked: not in a retreat, nor below a sheet.
+
+        A tool that feeds without discharges has nothing under it, and makes no hole.
+        """
+        if self.is_through:
+            return self.breakthrough.at_um
+        return max(self._spark_um, self._deepest_um - SWING_UM)
+
+    def jump_due(self, now_s: float) -> tuple[RunEvent, str] | None:
+        """Which kind of jump is due, and why; None while there is no reason."""
+        if reason := self.shorts.due():
+            return RunEvent.SHORT_RECOVERY, reason
+        if self._stall.jump_wanted:
+            return RunEvent.STALL_JUMP, f"the tool has advanced only {self._stall.told}"
+        if reason := self.adapting.due(now_s):
+            return RunEvent.JUMPED, reason
+        return None
+
+    def jumped(self, code: RunEvent, now_s: float) -> None:
+        """Take note that a jump was made."""
+        self._stall.jump_wanted = False
+        if code is RunEvent.SHORT_RECOVERY:
+            self.shorts.jumped()
+        self.adapting.jumped(now_s)
+
+    def set_gap(self, reference_v: float, duty_v: float) -> None:
+        """Take note of another reference, and of another mean voltage of the open gap."""
+        self._reference_v, self._duty_v = reference_v, duty_v
+
+    def note_status(self, status: MachineStatus) -> None:
+        """Take the state of the dielectric, for the rows from now on."""
+        self._status = status
+
+    def take(self, block: TelemetryBlock) -> None:
+        """Judge the samples of one slice."""
+        now_s = float(block.time_s[-1])
+        gaps_v = block.gap_v.tolist()
+        gap_v = sum(gaps_v) / len(gaps_v)
+        machining = bool(block.state[0] == block.state[-1] == _MACHINING)
+        fresh = self._count(block, now_s)
+        self._note_sparks(block)
+        if machining:
+            self._follow_tool(block, gap_v, now_s)
+        ratios = pulse_shares(*self._window_counts)
+        full = now_s - self._window[0][0] >= 0.9 * RATIO_WINDOW_S
+        if self._ratio_limits.take(now_s, ratios, window_is_full=full):
+            self.stop_reason = StopReason.UNSTABLE
+        feed_um_s = self._feed_um_s(now_s)
+        energy = energy_of(self._run.profile.pulse, self.counts, self.energy_j)
+        erosion = self._plan.at(self.sparked_at_um, energy, now_s)
+        depth_um = erosion.depth_um
+        self._judge(len(block.time_s) * self._sample_s, fresh, sparking=machining)
+        if self._through:
+            self._look_for_the_back(
+                len(block.time_s) * self._sample_s, fresh, energy, now_s, sparking=machining
+            )
+        ledger = self._run.ledger
+        ledger.depth_um = depth_um
+        ledger.machining_time_s = self._machined_before_s + max(0.0, now_s - self._start_s)
+        opens, normals, arcs, shorts = self.counts
+        ledger.cut = RunningCut(
+            (opens, normals, arcs, shorts),
+            self.energy_j,
+            max(0.0, now_s - self._start_s),
+            self.sparked_at_um,
+        )
+        heights_um = block.displacement_um.tolist()
+        depth_u95_um, wear_u95_um = self._plan.stated_u95_um(erosion)
+        progress = Progress(
+            phase=_PHASE[machining],
+            time_s=now_s,
+            gap_v=gap_v,
+            reference_v=self._reference_v,
+            ratios=ratios,
+            depth_um=depth_um,
+            depth_target_um=self._plan.target_um,
+            displacement_um=self.displacement_um,
+            time_left_s=self._time_left_s(now_s, depth_um),
+            depth_u95_um=depth_u95_um,
+            site=self._run.site_among_many,
+            step=f"cut {self._plan.number}",
+            feed_um=depth_um + erosion.wear_um,
+            feed_target_um=self._feed_target_um,
+            feed_um_s=feed_um_s,
+            wear_um=erosion.wear_um,
+            wear_u95_um=wear_u95_um,
+            gap_low_v=min(gaps_v),
+            gap_high_v=max(gaps_v),
+            displacement_low_um=min(heights_um),
+            displacement_high_um=max(heights_um),
+            jumps=self.jumps,
+            jump_period_s=self.adapting.period_s,
+            last_jump_s=self.last_jump_s,
+            sites_done=ledger.sites_done,
+            sites_total=len(self._run.job.sites),
+            warning=ledger.warning,
+            warned_s=ledger.warned_s,
+        )
+        self._record(progress)
+        if machining:
+            self._look_for_the_end(float(block.actuator_v[-1]), depth_um)
+        self._run.observer.progress(progress)
+
+    def _record(self, progress: Progress) -> None:
+        """What is shown is recorded, with the power and the state of the dielectric."""
+        status, ratios = self._status, progress.ratios
+        self._run.recorder.append_slow(
+            SlowRow(
+                time_s=progress.time_s,
+                feed_um_s=progress.feed_um_s,
+                gap_ratio=progress.gap_v / self._duty_v,
+                gap_ratio_ref=self._reference_v / self._duty_v,
+                ratio_open=ratios.open,
+                ratio_normal=ratios.normal,
+                ratio_arc=ratios.arc,
+                ratio_short=ratios.short,
+                depth_um=progress.depth_um,
+                depth_u95_um=progress.depth_u95_um,
+                wear_um=progress.wear_um,
+                wear_u95_um=progress.wear_u95_um,
+                jump_period_s=progress.jump_period_s,
+                power_w=self._power_w,
+                dielectric_c=math.nan if status is None else status.temperature_c,
+                flow_lpm=math.nan if status is None else status.flow_lpm,
+                link_errors=self._run.watch.missing_frames,
+            )
+        )
+
+    def _note_sparks(self, block: TelemetryBlock) -> None:
+        """Where the tool sparked last; a host that was held up finds the end of the cut within its block."""
+        sparked = (block.state == _MACHINING) & (block.n_normal + block.n_arc > 0)
+        if not sparked.any():
+            return
+        times_s = block.time_s[sparked]
+        newest = times_s > times_s[-1] - NEWEST_S
+        self._spark_um = float(block.displacement_um[sparked][newest].mean())
+        self._deepest_um = max(self._deepest_um, self._spark_um)
+
+    def _follow_tool(self, block: TelemetryBlock, gap_v: float, now_s: float) -> None:
+        n = len(block.time_s)
+        self._gap_ratio_sum += gap_v / self._duty_v * n
+        self._gap_samples += n
+        self.displacement_um = sum(block.displacement_um.tolist()) / n
+        self.seen_s = now_s
+        self._track.append((now_s, self.displacement_um))
+        self._begin = self._begin or self._track[0]
+        if self._stall.take(now_s, self.displacement_um):
+            self.stop_reason, self.told = StopReason.STALLED, self._stall.told
+
+    def _judge(self, duration_s: float, fresh: _Counts, *, sparking: bool) -> None:
+        """Hand a slice to everybody who may want a jump or another reference."""
+        _, _, arcs, shorts = fresh
+        self.sparking_s += duration_s if sparking else 0.0
+        self.adapting.take(duration_s, sum(fresh), arcs, shorts, sparking=sparking)
+        self.shorts.take(duration_s, sum(fresh), shorts, sparking=sparking)
+
+    def _look_for_the_back(
+        self, duration_s: float, fresh: _Counts, energy: Energy, now_s: float, *, sparking: bool
+    ) -> None:
+        """Whether the sheet has broken through; sparks that are lost where it cannot have are a fault."""
+        opens, pulses = fresh[0], sum(fresh)
+        if pulses == 0:
+            return
+        plan, seen = self._plan, self.breakthrough
+        # Nothing but the recipe says how the feed divides before the first hole was touched.
+        known = estimate_in_cut(plan, self.sparked_at_um, energy, now_s)
+        known = known.left(0.0, plan.wear_ratio, touched=plan.estimate.fits > 0)
+        depth_um, depth_u_um, share = known.depth_um, known.depth_u_um, opens / pulses
+        found = seen.take(duration_s, self.displacement_um, depth_um, depth_u_um, share, sparking=sparking)
+        if sparking and not self.is_through:
+            lost = self._spark_loss.take(duration_s, self.displacement_um, pulses, opens)
+            found = bool(lost) and seen.take_loss(self._spark_loss.spark_um, depth_um, depth_u_um, lost)
+            if lost and not found:
+                raise host_fault("NO_SPARK", f" ({lost})")
+        if found:
+            args = {"displacement_um": seen.at_um, "depth_um": depth_um, "feed_um_s": seen.feed_um_s}
+            self._run.decide(RunEvent.BREAKTHROUGH, seen.told, args)
+
+    def _count(self, block: TelemetryBlock, now_s: float) -> _Counts:
+        self._power_w = self._plateau_v * sum(block.current_a.tolist()) / len(block.time_s)
+        self.energy_j += self._power_w * len(block.time_s) * self._sample_s
+        fresh = (
+            sum(block.n_open.tolist()),
+            sum(block.n_normal.tolist()),
+            sum(block.n_arc.tolist()),
+            sum(block.n_short.tolist()),
+        )
+        self._window.append((now_s, fresh))
+        for i, number in enumerate(fresh):
+            self.counts[i] += number
+            self._window_counts[i] += number
+        while self._window[0][0] <= now_s - RATIO_WINDOW_S:
+            for i, number in enumerate(self._window.popleft()[1]):
+                self._window_counts[i] -= number
+        return fresh
+
+    def _feed_um_s(self, now_s: float) -> float:
+        track = self._track
+        while len(track) > 2 and track[0][0] <= now_s - FEED_WINDOW_S:
+            track.popleft()
+        if len(track) < 2:
+            return math.nan
+        (first_s, first_um), (last_s, last_um) = track[0], track[-1]
+        return (last_um - first_um) / (last_s - first_s)
+
+    def _time_left_s(self, now_s: float, depth_um: float) -> float:
+        """Machining time to the target at the mean feed of this cut, at the forecast feed while it is young."""
+        feed_um_s = self._forecast_feed_um_s
+        if self._begin is not None and now_s - self._begin[0] > FEED_WINDOW_S:
+            feed_um_s = (self.displacement_um - self._begin[1]) / (now_s - self._begin[0])
+        if not feed_um_s > STALL_SHARE * self._forecast_feed_um_s:
+            return math.nan
+        left_um = self._plan.z_limit_um - self.displacement_um
+        if self.is_through:
+            left_um = self.breakthrough.at_um + self._completion_um - self.displacement_um
+        elif not math.isnan(self._plan.target_um):
+            left_um = (self._plan.target_um - depth_um) * (1.0 + self._plan.wear_ratio) + self._completion_um
+        return max(0.0, left_um) / feed_um_s
+
+    def _look_for_the_end(self, actuator_v: float, depth_um: float) -> None:
+        """Whether the cut went past its target, or the actuator has no way left."""
+        what, done_um, wanted_um = "depth", depth_um, self._plan.target_um
+        if self._through or math.isnan(wanted_um):
+            what, done_um = "feed", self._plan.fed_um(self.displacement_um)
+            wanted_um = self._plan.feed_um
+        if done_um > wanted_um + max(LEAST_OVERRUN_UM, OVERRUN_SHARE * wanted_um):
+            self._end(f"the estimated {what} is {done_um:.1f} of {wanted_um:.1f} µm")
+            return
+        limit_v, gain_um_per_v = (
+            self._run.profile.limits.stroke_v_max,
+            self._run.setup.actuator.gain_um_per_v,
+        )
+        if gain_um_per_v * (limit_v - actuator_v) > NEAR_THE_END_UM:
+            return
+        estimator = self._run.watch.estimator()
+        if estimator is not None and (left_um := stroke_left_um(estimator, limit_v)) < STROKE_RESERVE_UM:
+            self._end(f"{left_um:.1f} µm of stroke are left at {actuator_v:.1f} of {limit_v:.0f} V")
+
+    def _end(self, told: str) -> None:
+        if self.stop_reason is None:
+            self.stop_reason, self.told = StopReason.ENDED, told

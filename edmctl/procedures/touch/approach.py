@@ -1,0 +1,145 @@
+"""From above to the spark gap."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from edmctl.actuator.moves import ramp_by
+from edmctl.procedures.event_codes import RunEvent
+from edmctl.procedures.resting import rest_and_look
+from edmctl.procedures.results import Phase
+from edmctl.procedures.settings import first_sparks_v
+from edmctl.procedures.stages import move_to
+from edmctl.procedures.touch.reading import take_reading
+
+if TYPE_CHECKING:
+    from edmctl.machine.port import MachineEvent
+    from edmctl.procedures.job import Site
+    from edmctl.procedures.run import Run
+
+ABOVE_BOTTOM_UM = 15.0
+"""A later cut is approached fast to this far above where the last bottom can be, then at the approach speed."""
+UNKNOWN_SDS = 4.0
+"""Where a surface can be, in standard uncertainties of its height: beyond this once in 16 000 ramps."""
+BEYOND_BOTTOM_UM = 15.0
+"""No spark this far beyond the last bottom is a fault."""
+SURFACE_U_UM = 3.5
+"""Standard uncertainty of the gap at 0 V before it is touched."""
+_STEEPEST = 1.35
+"""Steepest local slope of the actuator over its mean gain, with a margin; so a step never overshoots."""
+_SHORT_SHARE = 0.03
+"""A step by the actuator model ends short by this share: three times its error, so that it does not overshoot."""
+_NEAR_UM = 3.0
+_SHORT_UM = 1.5
+"""And by this at least: after a long ramp the actuator creeps on by a micrometre."""
+_STEPS = 20
+_SETTLE_S = 0.2
+
+
+def approach_surface(run: Run) -> None:
+    """Feed from 0 V to the first sparks at the surface (Muralidhara et al. 2009, §3.2)."""
+    _approach(run, run.profile.approach.max_travel_um)
+
+
+def approach_bottom(run: Run, bottom_um: float, bottom_u_um: float) -> MachineEvent:
+    """Feed from 0 V to the first sparks at a bottom whose height is known within a standard uncertainty.
+
+    The ramp ends above where the bottom can be, and the search goes on to below that. The first sparks are returned.
+    """
+    run.begin(Phase.APPROACHING)
+    unknown_um = UNKNOWN_SDS * bottom_u_um
+    lower_to(run, bottom_um - ABOVE_BOTTOM_UM - unknown_um)
+    return _approach(run, bottom_um - run.watch.displacement_um + BEYOND_BOTTOM_UM + unknown_um)
+
+
+@dataclass(frozen=True, slots=True)
+class SurfaceFound:
+    """Where an approach ended: by the sensor, by the actuator model, and the voltage there.
+
+    `touches` and `sd_um` belong to contacts; an approach to the spark gap has 0 and NaN. `travel_s` is the time from
+    the rest at 0 V.
+    """
+
+    kind: str
+    x_um: float
+    y_um: float
+    displacement_um: float
+    model_um: float
+    actuator_v: float
+    travel_s: float
+    touches: int = 0
+    sd_um: float = math.nan
+
+
+def find_gap(run: Run, place: Site) -> SurfaceFound:
+    """Go to a place and feed at the approach speed until sparks flow; the tool is held there."""
+    move_to(run, place)
+    begin_s = run.machine.time_s
+    event = _approach(run, run.profile.approach.max_travel_um)
+    model_um = run.watch.model_at(event.time_s)
+    return SurfaceFound(
+        kind="spark gap",
+        x_um=place.x_um,
+        y_um=place.y_um,
+        displacement_um=event.displacement_um,
+        model_um=model_um,
+        actuator_v=event.actuator_v,
+        travel_s=event.time_s - begin_s,
+    )
+
+
+def find_contact(run: Run, place: Site) -> SurfaceFound:
+    """Go to a place and touch its surface, which is expected at `approach.offset_um` from home."""
+    move_to(run, place)
+    begin_s = run.machine.time_s
+    expected_um = run.ledger.home_um + run.profile.approach.offset_um
+    found = take_reading(run, "Zr", place.name, expected_um, SURFACE_U_UM)
+    return SurfaceFound(
+        kind="contact",
+        x_um=place.x_um,
+        y_um=place.y_um,
+        displacement_um=found.z_um,
+        model_um=found.model_um,
+        actuator_v=found.actuator_v,
+        travel_s=found.time_s - begin_s,
+        touches=found.reading.touches,
+        sd_um=found.reading.sd_um,
+    )
+
+
+def lower_to(run: Run, target_um: float) -> None:
+    """Ramp towards a displacement, until just above it, in steps that do not overshoot."""
+    for _ in range(_STEPS):
+        rest_and_look(run, _SETTLE_S)
+        left_um = target_um - run.watch.displacement_um
+        if left_um <= _NEAR_UM:
+            return
+        _ramp_by(run, left_um - max(_SHORT_UM, _SHORT_SHARE * left_um), left_um / _STEEPEST)
+
+
+def raise_by(run: Run, distance_um: float) -> None:
+    """Ramp up by `distance_um`; without an actuator model by less, as it moves less per volt on the way back."""
+    _ramp_by(run, -distance_um, -distance_um)
+
+
+def _ramp_by(run: Run, modelled_um: float, linear_um: float) -> None:
+    """Ramp by a distance: by the actuator model's exact inverse, or by the mean gain beyond or without it."""
+    actuator, estimator = run.setup.actuator, run.watch.estimator()
+    slew_v_s = actuator.conditioning_slew_v_s
+    goal_v = math.inf if estimator is None else ramp_by(estimator, modelled_um, slew_v_s)
+    if estimator is None or goal_v >= estimator.model.high_v:
+        goal_v = run.watch.actuator_v + linear_um / actuator.gain_um_per_v
+    run.machine.ramp(min(max(goal_v, 0.0), run.profile.limits.stroke_v_max), slew_v_s)
+
+
+def _approach(run: Run, max_travel_um: float) -> MachineEvent:
+    run.begin(Phase.APPROACHING)
+    event = run.machine.approach(run.profile.approach.speed_um_s, max_travel_um, first_sparks_v(run.profile))
+    run.decide(
+        RunEvent.APPROACHED,
+        f"Spark gap found at {event.displacement_um:.1f} µm, {event.actuator_v:.1f} V.",
+        {"displacement_um": event.displacement_um, "actuator_v": event.actuator_v},
+    )
+    return event

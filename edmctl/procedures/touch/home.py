@@ -1,0 +1,196 @@
+"""Where the tool's home is by the sensor, and how much further out the tool may be than that says.
+
+A reading at 0 V does not tell a drift of the sensor from a tool that something holds out: only the time in which
+the zero may have drifted bounds it, and after hours that is more than the tool is clear of the work. Then a touch
+decides, where what is under the tool is known: the way to contact holds no drift.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from edmctl.errors import PreconditionError
+from edmctl.procedures.channel.way import is_on_way, way_of_path
+from edmctl.procedures.hole.expected_touches import (
+    STANDARD_UNCERTAINTIES,
+    Estimate,
+    Expected,
+    expected_of_left,
+)
+from edmctl.procedures.monitoring.drift import DRIFT_SDS, first_home_um
+from edmctl.procedures.resting import rest_and_look
+from edmctl.procedures.results import Phase
+from edmctl.procedures.settings import controller_settings
+from edmctl.procedures.touch.reading import BEYOND_PREDICTION_UM, Search, take_reading_in
+from edmctl.procedures.touch.site_readings import displacement_uncertainty
+
+if TYPE_CHECKING:
+    from edmctl.procedures.run import Run
+
+CLEAR_UM = 10.0
+"""A stage moves only if the tool is certainly this far above the untouched surface: half of what it normally is
+clear by (`settings.SAFE_CLEARANCE_UM`), several times what tilt takes of it."""
+SOON_S = 600.0
+"""A job asks at its begin whether the stages may move so much later too: it is not to be refused on its way."""
+CREEP_WAIT_S = 60.0
+"""Longest wait for the actuator to creep back below the height at which the stages may move."""
+CREEP_LOOK_S = 1.0
+_SETTLED_UM = 0.2
+"""A rest that falls by less than this in a second has settled."""
+MODEL_ERROR_UM = 12.0
+"""The actuator model is wrong by up to 6 µm in the first second at 0 V after a deep cut; twice that."""
+READING_MARGIN_UM = 1.0
+"""The controller judges by a reading of its own, so the height must be clear by more than noise."""
+_CHECK_TOUCHES = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Home:
+    """What the sensor shows of a tool at home, and by how much at most that is too far out, µm."""
+
+    um: float
+    hidden_um: float = 0.0
+
+
+def most_over_um(run: Run, home: Home) -> float:
+    """How far over home the tool may read while a stage moves: clear of the work whatever the sensor hides."""
+    safe_z_um = controller_settings(run.profile, run.setup).safe_z_um
+    return min(
+        safe_z_um - READING_MARGIN_UM, run.profile.approach.offset_um - CLEAR_UM - max(0.0, home.hidden_um)
+    )
+
+
+def home_now(run: Run) -> Home:
+    """What the sensor shows of a tool at home: the rest at 0 V less what the actuator model says of creep.
+
+    Before there is a model it is the rest itself, once that has stopped falling, as far as drift can explain it; a
+    touch tells where drift could hide too much. Raises PreconditionError E8020 where a rest lies further from the
+    first or the newest than creep and drift go: then the tool is held by something else.
+    """
+    if not run.setup.sensor.fitted:
+        return Home(0.0)
+    zero_um, rests = run.watch.zero_um(), run.watch.rests
+    if math.isnan(zero_um):
+        home = _first_home(run)
+        rests.first_um, rests.hidden_um, rests.first_s = home.um, home.hidden_um, run.machine.time_s
+        return home
+    drift_u_um_per_s = displacement_uncertainty(run.job).drift_u_um_per_s
+    for before_s, before_um in rests.ends():
+        most_um = MODEL_ERROR_UM + DRIFT_SDS * drift_u_um_per_s * (run.machine.time_s - before_s)
+        if abs(zero_um - before_um) > most_um:
+            raise PreconditionError(
+                f"The rest at 0 V has moved by {abs(zero_um - before_um):.1f} µm in "
+                f"{run.machine.time_s - before_s:.0f} s; creep and drift account for {most_um:.1f} µm.",
+                hint="Check the displacement sensor, the actuator's supply, and whether something holds the tool.",
+                code="E8020",
+            )
+    return Home(rests.home_um(zero_um), rests.hidden_um)
+
+
+def _first_home(run: Run) -> Home:
+    """Home by a rest without a model, or by a touch."""
+    job, rests = run.job, run.watch.rests
+    rest_um = _settled_um(run)
+    fastest_um_s = DRIFT_SDS * displacement_uncertainty(job).drift_u_um_per_s
+    if math.isnan(rests.first_um):
+        expected, soon_um = Home(job.home_um), fastest_um_s * SOON_S
+        age_s = run.machine.uptime_s if math.isnan(job.home_age_s) else job.home_age_s
+    else:
+        expected, soon_um = Home(rests.first_um, rests.hidden_um), 0.0
+        age_s = run.machine.time_s - rests.first_s
+    drift_um = fastest_um_s * age_s
+    home_um = first_home_um(rest_um, expected.um, drift_um)
+    home = Home(home_um, home_um - (expected.um - expected.hidden_um - drift_um))
+    if rest_um - home.um <= most_over_um(run, replace(home, hidden_um=home.hidden_um + soon_um)):
+        return home
+    under = _under_the_tool(run)
+    if under is None:
+        return home
+    return _home_by_touch(run, rest_um, under)
+
+
+def pad_from_home_um(run: Run) -> float:
+    """How far from home the pad is, µm: as the recipe says, or with the tool as the earlier run has left it."""
+    resumed, done = run.job.resumed, list(run.ledger.sites.values())
+    if resumed is not None and resumed.site:
+        return resumed.z1_um + resumed.wear_um - resumed.home_um
+    if resumed is not None and done:
+        return done[-1].z3_um - resumed.home_um
+    return run.profile.approach.offset_um
+
+
+@dataclass(frozen=True, slots=True)
+class _Under:
+    """What is under the tool: how far from home contact is, and how much further it may be, µm.
+
+    `hidden_um` is how much of that may bring the tool nearer to the face than home by the touch says.
+    """
+
+    um: float
+    reach_um: float
+    hidden_um: float
+
+
+def _under_the_tool(run: Run) -> _Under | None:
+    """What is known of what the tool stands over: the pad, what was left, a place that is not cut yet.
+
+    How far the tool is clear of the pad a touch there tells whatever the tool has lost. The bottom of a hole is an
+    estimate: the pad is as far as the touch, less a feed that nobody has measured.
+    """
+    status, pad, resumed = run.machine.status(), run.job.pad, run.job.resumed
+    here, known_um = (status.x_um, status.y_um), run.setup.stage.repeatability_um
+    away_um = math.dist(here, (pad.x_um, pad.y_um))
+    left = (
+        Expected(Estimate())
+        if resumed is None or not resumed.begun
+        else expected_of_left(resumed, run.profile)
+    )
+    if away_um <= run.job.spot_distance_um + known_um:
+        return _Under(pad_from_home_um(run), left.wear_reach_um, 0.0)
+    slope_um = STANDARD_UNCERTAINTIES * 1e-3 * run.setup.surface.tilt_u_mrad * away_um
+    path = run.profile.path
+    if path is not None:
+        if resumed is None or not is_on_way(way_of_path(path), here, known_um):
+            return None
+        depth_um, reach_um = (resumed.depth_um, left.feed_reach_um) if resumed.begun else (0.0, 0.0)
+        return _Under(pad_from_home_um(run) + depth_um, reach_um + slope_um, reach_um + slope_um)
+    site = next((s for s in run.job.sites if math.dist(here, (s.x_um, s.y_um)) <= known_um), None)
+    if resumed is not None and site is None and _is_on_a_spot(run, here):
+        return _Under(pad_from_home_um(run), left.wear_reach_um + slope_um, slope_um)
+    if resumed is None or site is None or site.name in run.ledger.sites:
+        return None
+    depth_um, feed_reach_um = (
+        (resumed.depth_um, left.feed_reach_um) if site.name == resumed.site else (0.0, 0.0)
+    )
+    return _Under(pad_from_home_um(run) + depth_um, feed_reach_um + slope_um, feed_reach_um + slope_um)
+
+
+def _is_on_a_spot(run: Run, here: tuple[float, float]) -> bool:
+    """Whether the tool stands where the face is touched a second time, beside a place and over no hole."""
+    known_um = run.setup.stage.repeatability_um
+    away_um = [math.dist(here, (site.x_um, site.y_um)) for site in run.job.sites]
+    least_um = run.job.spot_distance_um
+    return any(abs(um - least_um) <= known_um for um in away_um) and min(away_um) >= least_um - known_um
+
+
+def _home_by_touch(run: Run, rest_um: float, under: _Under) -> Home:
+    """Home by a touch of what is under the tool, slow all the way: the way to contact holds no drift."""
+    z_max_um = rest_um + under.um + under.reach_um + BEYOND_PREDICTION_UM
+    z_um = take_reading_in(
+        run, "Zr", "the place where it stands", Search(rest_um, z_max_um, _CHECK_TOUCHES, 0.0)
+    ).z_um
+    run.begin(Phase.RETRACTING)
+    run.machine.ramp(0.0, controller_settings(run.profile, run.setup).retract_v_s)
+    rest_and_look(run, CREEP_LOOK_S)
+    return Home(min(_settled_um(run), z_um - under.um), under.hidden_um)
+
+
+def _settled_um(run: Run) -> float:
+    """The rest at 0 V, after a wait for what creeps there."""
+    end_s, before_um = run.machine.time_s + CREEP_WAIT_S, math.inf
+    while before_um - run.watch.displacement_um > _SETTLED_UM and run.machine.time_s < end_s:
+        before_um = run.watch.displacement_um
+        rest_and_look(run, CREEP_LOOK_S)
+    return run.watch.displacement_um

@@ -1,0 +1,206 @@
+"""A Z reading: several contacts at one place, reduced to their mean.
+
+The tool hunts at contact, so that creep cannot push it into the work, and the sensor is averaged meanwhile
+(Muralidhara et al. 2009, §4). What a touch says must be what the samples of the same moment say.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from edmctl.errors import ObjectiveNotReached, PreconditionError
+from edmctl.machine.port import Touch, TouchRequest
+from edmctl.procedures.event_codes import RunEvent
+from edmctl.procedures.results import Phase
+from edmctl.process.touch_check import is_constant
+from edmctl.process.wear import Reading, reading_of
+from edmctl.record.rows import EventLevel, TouchRow
+from edmctl.wording import decimal
+
+if TYPE_CHECKING:
+    from edmctl.procedures.run import Run
+    from edmctl.process.plane import Step
+
+FAST_LEG_MARGIN_UM = 3.0
+"""The fast leg ends this far above the predicted contact."""
+FAST_SIGMAS = 2.0
+"""And by so many standard uncertainties of it: a tool that meets the work on that leg comes back slowly."""
+BEYOND_PREDICTION_UM = 15.0
+"""No contact this far beyond the predicted one is a fault."""
+BEYOND_SIGMAS = 3.0
+"""And so many of them."""
+NO_CONTACT = "E62005"
+"""No contact up to the end of a search."""
+ATTEMPTS = 2
+_TELEMETRY_LAG_S = 0.2
+"""After this, the samples around the last event have come."""
+_DISTRUST = "Look at sensor and line with `edmctl doctor`; the controller's touches are not to be believed."
+
+
+@dataclass(frozen=True, slots=True)
+class SurfaceReading:
+    """Where the tool met a surface: by the sensor (`reading`), and by the model (`model_um`).
+
+    Without a sensor both are the model's. `zero_um` is the zero that the model had from the rest before.
+    `doubt_u_um` is a standard uncertainty that comes on top where the touches could not be believed outright;
+    `lying_um` is how high something lies where the surface was touched first, found by touching beside it; `step`
+    tells how much further the second of two spots lies than the first, where both count.
+    """
+
+    kind: str
+    reading: Reading
+    model_um: float
+    actuator_v: float
+    time_s: float
+    zero_um: float
+    doubt_u_um: float = 0.0
+    lying_um: float = 0.0
+    step: Step | None = None
+
+    @property
+    def z_um(self) -> float:
+        """Mean displacement at contact."""
+        return self.reading.mean_um
+
+    def shifted(self, way_um: float) -> SurfaceReading:
+        """Return what it would be `way_um` further on."""
+        if way_um == 0.0:
+            return self
+        reading = replace(self.reading, mean_um=self.reading.mean_um + way_um)
+        return replace(self, reading=reading, model_um=self.model_um + way_um)
+
+
+@dataclass(frozen=True, slots=True)
+class Search:
+    """How a surface is looked for: fast to `fast_to_um`, slowly on to `z_max_um`, `touches` times after a rest."""
+
+    fast_to_um: float
+    z_max_um: float
+    touches: int
+    settle_s: float
+
+
+def search_near(run: Run, predicted_um: float, u_um: float) -> Search:
+    """Where contact is expected at `predicted_um` with a standard uncertainty of `u_um`: as the recipe says."""
+    return Search(
+        fast_to_um=predicted_um - FAST_LEG_MARGIN_UM - FAST_SIGMAS * u_um,
+        z_max_um=predicted_um + BEYOND_PREDICTION_UM + BEYOND_SIGMAS * u_um,
+        touches=run.profile.measure.touches,
+        settle_s=run.profile.measure.settle_s,
+    )
+
+
+def take_reading(run: Run, kind: str, place: str, predicted_um: float, u_um: float = 0.0) -> SurfaceReading:
+    """Touch off `measure.touches` times and average; once more when they scatter too much.
+
+    `predicted_um` is where contact is expected, with a standard uncertainty of `u_um`. The tool stands at least
+    20 µm above it, and ends a back-off above it. Raises PreconditionError when the sensor reads contact before.
+    """
+    return take_reading_in(run, kind, place, search_near(run, predicted_um, u_um))
+
+
+def take_reading_in(run: Run, kind: str, place: str, search: Search) -> SurfaceReading:
+    """The same, where the search is given."""
+    run.begin(Phase.MEASURING)
+    run.machine.rest(search.settle_s)
+    if run.watch.in_contact:
+        raise PreconditionError(
+            f"The contact sensor reads closed at {run.watch.displacement_um:.1f} µm, clear of the surface.",
+            hint="Look for a chip between tool and work, or a shorted continuity wire.",
+            code="E8021",
+        )
+    for _ in range(ATTEMPTS):
+        touches = run.machine.touch(_request(run, search))
+        run.machine.rest(_TELEMETRY_LAG_S)
+        found = _reduced(run, kind, touches)
+        refused = _refusal(run, found)
+        _report(run, place, touches, found, "" if refused is None else refused.message)
+        if refused is None:
+            tracker = run.watch.tracker()
+            if tracker is not None:
+                tracker.note(found.model_um, found.z_um)
+            return found
+    assert refused is not None
+    raise refused
+
+
+def _refusal(run: Run, found: SurfaceReading) -> ObjectiveNotReached | None:
+    """Why a reading is not one, None where it is."""
+    if is_constant((found.reading,)):
+        return constant(found)
+    most_um = run.profile.measure.max_sd_um
+    if found.reading.sd_um <= most_um:
+        return None
+    return ObjectiveNotReached(
+        f"{found.kind}: the touches scatter by {found.reading.sd_um:.2f} µm, measure.max_sd_um is {most_um:.2f} µm.",
+        hint="Clean tool and work, lower measure.speed_um_s, or allow more with measure.max_sd_um.",
+        code="E7020",
+    )
+
+
+def constant(found: SurfaceReading) -> ObjectiveNotReached:
+    """What is wrong with touches that repeat to the last digit."""
+    return ObjectiveNotReached(
+        f"{found.kind}: every touch says {found.z_um:.3f} µm to the last digit, which no sensor does.",
+        hint=_DISTRUST,
+        code="E7021",
+    )
+
+
+def _request(run: Run, search: Search) -> TouchRequest:
+    measure = run.profile.measure
+    return TouchRequest(
+        fast_um_s=measure.fast_um_s,
+        fast_to_um=search.fast_to_um,
+        speed_um_s=measure.speed_um_s,
+        z_max_um=search.z_max_um,
+        back_off_um=measure.back_off_um,
+        dwell_s=measure.dwell_s,
+        touches=search.touches,
+    )
+
+
+def _reduced(run: Run, kind: str, touches: tuple[Touch, ...]) -> SurfaceReading:
+    """Mean of the touches; the model is read at first contact, where the voltage peaks."""
+    models_um = [run.watch.model_at(touch.time_s) for touch in touches]
+    estimator = run.watch.estimator()
+    return SurfaceReading(
+        kind=kind,
+        reading=reading_of(tuple(touch.displacement_um for touch in touches)),
+        model_um=sum(models_um) / len(models_um),
+        actuator_v=sum(touch.actuator_v for touch in touches) / len(touches),
+        time_s=touches[-1].time_s,
+        zero_um=math.nan if estimator is None else estimator.offset_um,
+    )
+
+
+def _report(run: Run, place: str, touches: tuple[Touch, ...], found: SurfaceReading, refused: str) -> None:
+    reading = found.reading
+    run.recorder.touch(
+        TouchRow(
+            time_s=found.time_s,
+            kind=found.kind,
+            site=place,
+            actuator_v=found.actuator_v,
+            displacement_um=reading.mean_um if run.setup.sensor.fitted else math.nan,
+            model_um=found.model_um,
+            touches=reading.touches,
+            sd_um=reading.sd_um,
+            drift_um=touches[-1].displacement_um - touches[0].displacement_um,
+            speed_um_s=run.profile.measure.speed_um_s,
+            accepted=not refused,
+        )
+    )
+    count = (
+        "1 touch" if reading.touches == 1 else f"{reading.touches} touches within {reading.sd_um:.2f} µm rms"
+    )
+    model = "" if math.isnan(found.model_um) else f" (model {decimal(found.model_um, 1)} µm)"
+    told = f"{found.kind} = {decimal(reading.mean_um)} µm{model}, {count}."
+    run.decide(
+        RunEvent.READING_REJECTED if refused else RunEvent.READING,
+        refused or told,
+        {"kind": found.kind, "z_um": reading.mean_um, "model_um": found.model_um, "sd_um": reading.sd_um},
+        level=EventLevel.WARNING if refused else EventLevel.INFO,
+    )

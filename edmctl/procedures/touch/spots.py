@@ -1,0 +1,193 @@
+"""One surface, touched at two spots: a chip under the tool lies at one of them and not at the other.
+
+The spots are further apart than the tool is wide. Where they do not agree further ones decide: what lies under a
+tool shortens a reading, so the longest reading counts as soon as another spot confirms it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from edmctl.errors import ObjectiveNotReached
+from edmctl.procedures.event_codes import RunEvent
+from edmctl.procedures.monitoring.drift import uncertainty_now
+from edmctl.procedures.stages import move_to
+from edmctl.procedures.touch.approach import lower_to
+from edmctl.procedures.touch.reading import (
+    BEYOND_PREDICTION_UM,
+    Search,
+    SurfaceReading,
+    constant,
+    search_near,
+    take_reading_in,
+)
+from edmctl.process.plane import Step
+from edmctl.process.touch_check import agreeing_spots, between_spots, is_constant
+from edmctl.process.wear import pooled_reading, tilt_uncertainty_um
+from edmctl.record.rows import EventLevel
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from edmctl.procedures.job import Site
+    from edmctl.procedures.run import Run
+
+SPOT_LEG_UM = 2.0
+"""At a further spot the fast leg ends this far above where contact was before."""
+SPOT_SETTLE_S = 0.2
+RAMP_CLEAR_UM = 25.0
+"""A blind ramp ends this far above it: a ramp that runs into a chip is a fault, a touch that does is not."""
+WORTH_A_RAMP_UM = 20.0
+"""A shorter way than this is left to the fast leg of the touch."""
+
+
+@dataclass(frozen=True, slots=True)
+class Spots:
+    """Places of one surface, all further apart than the tool is wide: the first is where its height is wanted."""
+
+    surface: str
+    places: tuple[Site, ...]
+
+    def middle_um(self, touches: int) -> tuple[float, float]:
+        """Where a reading of so many touches holds that were made at the first two places: x and y, µm."""
+        first, second = self.places[:2]
+        at_first, later = shared_out(touches)
+        share = later / (at_first + later)
+        x_um, y_um = first.x_um, first.y_um
+        return x_um + share * (second.x_um - x_um), y_um + share * (second.y_um - y_um)
+
+
+def shared_out(touches: int) -> tuple[int, int]:
+    """How many of the touches of a reading are made at its first place, and at each further one."""
+    later = max(1, touches // 3)
+    return max(1, touches - later), later
+
+
+def beside(run: Run, place: Site, angle: float) -> Site:
+    """Return the spot beside a place in a direction, radians."""
+    distance_um = run.job.spot_distance_um
+    x_um, y_um = place.x_um + distance_um * math.cos(angle), place.y_um + distance_um * math.sin(angle)
+    return replace(place, x_um=x_um, y_um=y_um)
+
+
+def read_at_spots(
+    run: Run, kind: str, place: str, spots: Spots, predicted_um: float, u_um: float
+) -> SurfaceReading:
+    """Touch a surface at two spots, and at further ones where they do not agree.
+
+    Contact is expected at `predicted_um` with a standard uncertainty of `u_um`. There are at least `measure.touches`
+    touches in all. Raises ObjectiveNotReached E7022 where no two spots agree on the longest reading, and E7021 where
+    all touches are the same to the last digit and stay so when the last spot is touched again.
+    """
+    search = search_near(run, predicted_um, u_um)
+    at_first, later = shared_out(search.touches)
+    move_to(run, spots.places[0])
+    search = replace(search, touches=at_first)
+    found = [take_reading_in(run, kind, place, search)]
+    for spot in spots.places[1:]:
+        move_to(run, spot)
+        found.append(_at_further_spot(run, kind, place, found, replace(search, touches=later)))
+        if is_constant([one.reading for one in found]):
+            _tell_constant(run, found[-1])
+            _reject(run, [found[-1]])
+            found[-1] = _at_further_spot(run, kind, place, found, replace(search, touches=later))
+            if is_constant([one.reading for one in found]):
+                _reject(run, found)
+                raise constant(found[-1])
+        agreeing = agreeing_spots([one.reading for one in found], _place_u_um(run, found))
+        if len(agreeing) > 1:
+            return _together(run, found, agreeing, spots)
+    _reject(run, found)
+    told = ", ".join(f"{one.z_um:.2f}" for one in found)
+    raise ObjectiveNotReached(
+        f"{kind}: no two of {len(found)} spots of the {spots.surface} agree on the longest reading: {told} µm.",
+        hint=f"Clean tool and work, and look whether the {spots.surface} is flat for a tool's width around there.",
+        code="E7022",
+    )
+
+
+def _reject(run: Run, readings: Sequence[SurfaceReading]) -> None:
+    """Tell the run file that other readings count instead of these, or none."""
+    for one in readings:
+        run.recorder.reject_touch(one.time_s)
+
+
+def _at_further_spot(
+    run: Run, kind: str, place: str, found: Sequence[SurfaceReading], first: Search
+) -> SurfaceReading:
+    near_um = max(one.z_um for one in found)
+    ramp_um = near_um - RAMP_CLEAR_UM
+    if run.setup.sensor.fitted and ramp_um - run.watch.displacement_um > WORTH_A_RAMP_UM:
+        lower_to(run, ramp_um)
+    z_max_um = max(first.z_max_um, near_um + BEYOND_PREDICTION_UM)
+    search = replace(first, fast_to_um=near_um - SPOT_LEG_UM, z_max_um=z_max_um, settle_s=SPOT_SETTLE_S)
+    return take_reading_in(run, kind, place, search)
+
+
+def _tell_constant(run: Run, found: SurfaceReading) -> None:
+    run.decide(
+        RunEvent.TOUCH_DOUBTED,
+        f"{found.kind}: every touch says {found.z_um:.3f} µm to the last digit. It is touched again.",
+        {"kind": found.kind, "z_um": found.z_um},
+        level=EventLevel.WARNING,
+    )
+
+
+def _place_u_um(run: Run, found: Sequence[SurfaceReading]) -> float:
+    """Standard uncertainty of the difference between two spots: tilt, drift, and a model instead of a sensor."""
+    return math.hypot(_tilt_u_um(run), _sensed_u_um(run, found))
+
+
+def _sensed_u_um(run: Run, found: Sequence[SurfaceReading]) -> float:
+    known = uncertainty_now(run)
+    return math.hypot(
+        known.drift_u_um_per_s * (found[-1].time_s - found[0].time_s),
+        0.0 if run.setup.sensor.fitted else known.linearity_u_um,
+    )
+
+
+def _tilt_u_um(run: Run) -> float:
+    setup = run.setup
+    return tilt_uncertainty_um(
+        setup.surface.tilt_u_mrad, run.job.spot_distance_um, setup.stage.repeatability_um
+    )
+
+
+def _together(
+    run: Run, found: Sequence[SurfaceReading], agreeing: Sequence[int], spots: Spots
+) -> SurfaceReading:
+    """One reading of the spots that agree; others than usual lie a little differently, by the tilt between them."""
+    used = [found[i] for i in agreeing]
+    touches = sum(one.reading.touches for one in used)
+    shares = [one.reading.touches / touches for one in used]
+    usual = tuple(agreeing) == (0, 1)
+    if not usual:
+        _reject(run, [one for one in found if one not in used])
+        left_out = ", ".join(f"{one.z_um:.2f}" for one in found if one not in used)
+        counted = " and ".join(f"{one.z_um:.2f}" for one in used)
+        run.decide(
+            RunEvent.TOUCH_DOUBTED,
+            f"{found[0].kind}: {counted} µm at two spots of the {spots.surface} agree. Something lay under the tool "
+            f"at the other, {left_out} µm, which does not count.",
+            {"kind": found[0].kind, "shortest_um": min(one.z_um for one in found), "z_um": used[-1].z_um},
+            level=EventLevel.WARNING,
+        )
+    reading = pooled_reading([one.reading for one in used])
+    return replace(
+        used[-1],
+        reading=reading,
+        model_um=math.fsum(share * one.model_um for share, one in zip(shares, used, strict=True)),
+        actuator_v=math.fsum(share * one.actuator_v for share, one in zip(shares, used, strict=True)),
+        zero_um=math.fsum(share * one.zero_um for share, one in zip(shares, used, strict=True)),
+        doubt_u_um=0.0 if usual else _tilt_u_um(run),
+        lying_um=0.0 if 0 in agreeing else reading.mean_um - found[0].z_um,
+        step=_step(run, found, spots) if usual else None,
+    )
+
+
+def _step(run: Run, found: Sequence[SurfaceReading], spots: Spots) -> Step:
+    first, second = spots.places[:2]
+    off = between_spots(found[1].reading, found[0].reading, _sensed_u_um(run, found))
+    return Step((second.x_um - first.x_um, second.y_um - first.y_um), off.um, off.u_um)

@@ -1,0 +1,160 @@
+"""The course of a job, hole by hole or as a channel, and the time of it all."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from edmctl.process.path_ordering import nearest_first
+from edmctl.profile.amounts import Hole, channel, hole
+from edmctl.profile.channel_sequence import (
+    channel_machining_s,
+    channel_measuring_s,
+    channel_passes,
+    stops_after,
+)
+from edmctl.profile.measuring_stops import FACE_LIMIT_UM, channel_depth_u95_um, planned_cuts
+from edmctl.profile.measuring_time import (
+    Stand,
+    beside_pad_um,
+    between_s,
+    descent_time_s,
+    face_time_s,
+    pad_of,
+    stop_time_s,
+    touch_time_s,
+)
+from edmctl.profile.rates import feed_rate_um_s, machining_share
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from edmctl.profile.model import Profile
+    from edmctl.profile.places import Place
+    from edmctl.profile.setup import Setup
+    from edmctl.profile.sites import PathTable
+
+PLANE_TOUCHES = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """What a job adds up to.
+
+    `deepest` is its deepest hole or its channel, `lowest_um` how far below the surface as the new tool meets it the
+    tool comes to stand, `reaches_um` the same hole by hole, `stops` how often it measures; the cuts of a channel are
+    its passes. `depth_u95_um` is half the 95 % interval of the depth that is known least in the end, NaN where none
+    is wanted.
+    """
+
+    machining_s: float
+    measuring_s: float
+    cuts: int
+    stops: int
+    holes: int
+    deepest: Hole
+    lowest_um: float
+    tool_wear_um: float
+    depth_min_um: float
+    reaches_um: tuple[float, ...] = ()
+    channel_um: float = 0.0
+    layers: int = 0
+    depth_u95_um: float = math.nan
+
+
+def course_of(profile: Profile, setup: Setup, places: Sequence[Place]) -> Course:
+    """The expected course of a job: a channel, the holes at these places, or one hole beside the pad."""
+    if profile.path is not None:
+        return _channel_course(profile, setup, profile.path)
+    return _holes_course(profile, setup, places)
+
+
+def working_order(profile: Profile, setup: Setup, places: Sequence[Place]) -> list[Place]:
+    """The places as they are worked off."""
+    if profile.array.order == "given":
+        return list(places)
+    start_um = (setup.stage.reference_x_um, setup.stage.reference_y_um)
+    return [places[i] for i in nearest_first([(place.x_um, place.y_um) for place in places], start_um)]
+
+
+def _holes_course(profile: Profile, setup: Setup, places: Sequence[Place]) -> Course:
+    ordered = working_order(profile, setup, places)
+    holes = [hole(profile, place.depth_um) for place in ordered] or [hole(profile)]
+    stands = [Stand(one.x_um, one.y_um, one.theta_deg) for one in ordered] or [
+        Stand(*beside_pad_um(profile, setup))
+    ]
+    pad = here = pad_of(setup)
+    plane = len(ordered) >= PLANE_TOUCHES and profile.array.surface == "plane"
+    away_um = [math.hypot(stand.x_um - pad.x_um, stand.y_um - pad.y_um) for stand in stands]
+    cuts = planned_cuts(profile, setup, holes, away_um, plane=plane)
+    measuring_s = touch_time_s(profile, setup) + (_plane_time_s(profile, setup, stands) if plane else 0.0)
+    worn_um, reaches_um, known_stands = 0.0, [], [pad]
+    has_bottom = profile.target.kind != "through"
+    for one, stand, planned in zip(holes, stands, cuts, strict=True):
+        bottom_um = profile.approach.offset_um + worn_um
+        if not plane and has_bottom and is_tilt_limited(setup, stand, known_stands):
+            measuring_s += between_s(here, stand, setup) + face_time_s(profile, bottom_um)
+            known_stands.append(stand)
+            here = stand
+        for cut in planned:
+            measuring_s += between_s(here, stand, setup) + descent_time_s(profile, bottom_um)
+            bottom_um, here = bottom_um + cut.feed_um, stand
+            if cut.measured:
+                pad_s, wear_um = between_s(stand, pad, setup), worn_um + one.wear_um
+                measuring_s += stop_time_s(
+                    profile, cut.feed_um, wear_um, pad_s, bottom=has_bottom, rim_um=one.completion_um
+                )
+                here = pad
+        reaches_um.append(worn_um + one.feed_um)
+        worn_um += one.wear_um
+    return Course(
+        machining_s=math.fsum(hole_time_s(profile, one) for one in holes),
+        measuring_s=measuring_s,
+        cuts=sum(len(planned) for planned in cuts),
+        stops=sum(cut.measured for planned in cuts for cut in planned),
+        holes=len(holes),
+        deepest=max(holes, key=lambda one: one.depth_um),
+        lowest_um=max(reaches_um),
+        tool_wear_um=worn_um,
+        depth_min_um=min(one.depth_um for one in holes),
+        reaches_um=tuple(reaches_um),
+        depth_u95_um=max(planned[-1].depth_u95_um for planned in cuts),
+    )
+
+
+def is_tilt_limited(setup: Setup, stand: Stand, known: Sequence[Stand]) -> bool:
+    """Whether the face is touched at a place before its hole: it lies too far from where the face is known."""
+    away_um = min(math.hypot(stand.x_um - one.x_um, stand.y_um - one.y_um) for one in known)
+    return 1e-3 * setup.surface.tilt_u_mrad * away_um > FACE_LIMIT_UM
+
+
+def hole_time_s(profile: Profile, one: Hole) -> float:
+    """Machining time of one hole, s; after a breakthrough the tool goes on through what is left of the rim."""
+    rate_um_s = feed_rate_um_s(profile, one.depth_um)
+    feed_s = (one.depth_um + one.wear_um) / rate_um_s / machining_share(profile)
+    return feed_s + one.completion_um / profile.servo.forward_um_s
+
+
+def _channel_course(profile: Profile, setup: Setup, path: PathTable) -> Course:
+    whole = channel(profile, path)
+    return Course(
+        machining_s=channel_machining_s(profile, setup, path),
+        measuring_s=channel_measuring_s(profile, setup, path),
+        cuts=channel_passes(profile, setup, path),
+        stops=len(stops_after(profile, setup, path)),
+        holes=0,
+        deepest=Hole(whole.depth_um, whole.wear_um),
+        lowest_um=whole.depth_um + whole.wear_um,
+        tool_wear_um=whole.wear_um,
+        depth_min_um=whole.depth_um,
+        channel_um=whole.length_um,
+        layers=whole.layers,
+        depth_u95_um=channel_depth_u95_um(setup, whole.depth_um),
+    )
+
+
+def _plane_time_s(profile: Profile, setup: Setup, stands: Sequence[Stand]) -> float:
+    """Touch three places of an array, far apart, before anything is machined."""
+    move_s = max(between_s(a, b, setup) for a in stands for b in stands)
+    return PLANE_TOUCHES * (move_s + face_time_s(profile, profile.approach.offset_um))

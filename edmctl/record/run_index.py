@@ -1,0 +1,204 @@
+"""What a folder of run files has to say about itself, from a few values of each."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from edmctl.errors import RunFileError
+from edmctl.labels import weakest, worst
+from edmctl.record.bases import labels_of
+from edmctl.record.create import NO_EXIT_CODE
+from edmctl.record.disk import PARTIAL
+from edmctl.record.estimated import estimated_depth, left_site
+from edmctl.record.event_reader import error_code_of
+from edmctl.record.layout import RESULTS
+from edmctl.record.liveness import is_live
+from edmctl.record.safe_reading import reading_unverified
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from edmctl.record.reader import RunFile
+
+ENDINGS = (".h5", f".h5{PARTIAL}")
+RUNNING, INTERRUPTED = "running", "interrupted"
+_RESULTS = ("depth", "depth_u95", "wear", "wear_u95", "machining_time", "through")
+
+
+@dataclass(frozen=True, slots=True)
+class RunHead:
+    """One run file of a folder. Depth and wear are means of its sites; unknown values are NaN or None.
+
+    Without sites they are what the run touched, as `measure-wear` does. `est_depth_um` is how deep a hole is that
+    was left without a result. Of `through` of its sites, holes through a sheet, the depth is how far the tip went
+    below the face.
+
+    `depth_basis` and `wear_basis` are those of the site that is known least, `verdict` is that of the worst; empty
+    without sites.
+
+    `status` is `running` while its writer lives, `interrupted` when that was killed, else as the run ended;
+    `error_code` is of what ended it early, empty where nothing did.
+    """
+
+    path: Path
+    size_bytes: int
+    run_id: str
+    parent_run: str
+    name: str
+    title: str
+    start_time: str
+    end_time: str
+    status: str
+    exit_code: int | None
+    error_code: str
+    simulated: bool
+    seed: int | None
+    work: str
+    tool: str
+    sites: int
+    through: int
+    depth_um: float
+    depth_u95_um: float
+    est_depth_um: float
+    est_depth_u95_um: float
+    wear_um: float
+    wear_u95_um: float
+    machining_time_s: float
+    depth_basis: str
+    wear_basis: str
+    verdict: str
+
+    @property
+    def file_name(self) -> str:
+        return self.path.name
+
+
+@dataclass(frozen=True, slots=True)
+class Unreadable:
+    """A file of a folder that is no run file that this version can read, and why."""
+
+    path: Path
+    size_bytes: int
+    changed_s: float
+    error: RunFileError
+
+
+def heads_of(folder: Path) -> Iterator[RunHead | Unreadable]:
+    """Read the heads of the run files in `folder`, by name. The file of a killed run that was recovered is left out.
+
+    Raises RunFileError E9005 when the folder cannot be read.
+    """
+    found: list[RunHead | Unreadable] = [_looked_at(path) for path in run_files(folder)]
+    complete = {(head.path.name, head.run_id) for head in found if isinstance(head, RunHead)}
+    for head in found:
+        recovered = head.path.name.removesuffix(PARTIAL)
+        if not (
+            isinstance(head, RunHead)
+            and head.path.suffix == PARTIAL
+            and head.status != RUNNING
+            and (recovered, head.run_id) in complete
+        ):
+            yield head
+
+
+def run_files(folder: Path) -> list[Path]:
+    """Return what is called like a run file in `folder`, by name. Raises RunFileError E9005."""
+    try:
+        return sorted(path for path in folder.iterdir() if path.name.endswith(ENDINGS))
+    except OSError as error:
+        raise RunFileError(
+            f"The folder {folder} cannot be read: {error.strerror}.",
+            code="E9005",
+            hint="Give the folder that the runs were written to (--out).",
+        ) from error
+
+
+def read_head(path: Path) -> RunHead:
+    """Read the head of a run file. Its check sum is not compared. Raises RunFileError E9005–E9007."""
+    with reading_unverified(path) as run:
+        return _head(run)
+
+
+def _looked_at(path: Path) -> RunHead | Unreadable:
+    try:
+        return read_head(path)
+    except RunFileError as error:
+        size_bytes, changed_s = _stat(path)
+        return Unreadable(path, size_bytes, changed_s, error)
+
+
+def _stat(path: Path) -> tuple[int, float]:
+    try:
+        stat = path.lstat()
+    except OSError:
+        return 0, 0.0
+    return stat.st_size, stat.st_mtime
+
+
+def _head(run: RunFile) -> RunHead:
+    exit_code = int(run.number("/entry/exit_code"))
+    results = run.fields(RESULTS.path, _RESULTS, ("site",))
+    touched = {} if len(results) else run.summary() or {}
+    labels = labels_of(run) if len(results) else []
+    machining_time_s = float(np.sum(results["machining_time"])) if len(results) else math.nan
+    if exit_code and len(results) > 1 and (left := left_site(run)):
+        # A mean tells of holes that are finished, where there are some.
+        finished = [row["site"] != left.encode()[:32] for row in results]
+        labels = [one for one, done in zip(labels, finished, strict=True) if done]
+        results = results[finished]
+    estimated = estimated_depth(run)
+    return RunHead(
+        path=run.path,
+        size_bytes=run.path.stat().st_size,
+        run_id=run.text("/entry/run_id"),
+        parent_run=run.text("/entry/parent_run"),
+        name=str(run.profile_value("meta.name") or run.path.stem),
+        title=run.text("/entry/title"),
+        start_time=run.text("/entry/start_time"),
+        end_time=run.text("/entry/end_time"),
+        status=status_of(run),
+        exit_code=None if exit_code == NO_EXIT_CODE else exit_code,
+        error_code=error_code_of(run) if exit_code else "",
+        simulated=run.is_simulated,
+        seed=run.seed,
+        work=run.text("/entry/sample/material"),
+        tool=run.text("/entry/tool/material"),
+        sites=len(results),
+        through=int(np.sum(results["through"])),
+        depth_um=_mean(results["depth"]) if len(results) else plain_number(touched.get("depth_um")),
+        depth_u95_um=_mean(results["depth_u95"])
+        if len(results)
+        else plain_number(touched.get("depth_u95_um")),
+        est_depth_um=estimated.depth_um,
+        est_depth_u95_um=estimated.depth_u95_um,
+        wear_um=_mean(results["wear"]) if len(results) else plain_number(touched.get("wear_um")),
+        wear_u95_um=_mean(results["wear_u95"]) if len(results) else plain_number(touched.get("wear_u95_um")),
+        machining_time_s=machining_time_s,
+        depth_basis=weakest(one.depth_basis for one in labels) or str(touched.get("depth_basis") or ""),
+        wear_basis=weakest(one.wear_basis for one in labels) or str(touched.get("wear_basis") or ""),
+        verdict=worst(one.verdict for one in labels),
+    )
+
+
+def status_of(run: RunFile) -> str:
+    """Return how the run ended, `running` while its writer lives, or `interrupted` when that was killed."""
+    if run.is_finished:
+        return run.text("/entry/status")
+    return RUNNING if is_live(run.path) else INTERRUPTED
+
+
+def plain_number(value: object) -> float:
+    """Return a number out of a result object, NaN where there is none."""
+    return float(value) if isinstance(value, int | float) else math.nan
+
+
+def _mean(values: NDArray[np.float64]) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.mean(known)) if len(known) else math.nan
