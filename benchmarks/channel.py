@@ -33,10 +33,11 @@ from edmctl.report.style import house_style, rendered
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from edmctl.procedures.channel.result import ChannelResult
-    from edmctl.procedures.results import JobResult, Progress
     from edmctl.process.path import Way
     from edmctl.profile.load import LoadedProfile
+    from edmctl.results.channel import ChannelResult
+    from edmctl.results.job import JobResult
+    from edmctl.results.progress import Progress
 
     Array = NDArray[np.float64]
 

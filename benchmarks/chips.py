@@ -33,7 +33,7 @@ from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job import job_of
 from edmctl.procedures.job_state import NoJournal
 from edmctl.procedures.machining import run_job
-from edmctl.procedures.results import JobResult, Ledger
+from edmctl.procedures.tally import JobTally
 from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Setup
 from edmctl.record.recorder import NullRecorder
@@ -44,8 +44,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from edmctl.link.transport import Transport
-    from edmctl.procedures.results import Progress
     from edmctl.record.rows import EventLevel, TouchRow
+    from edmctl.results.job import JobResult
+    from edmctl.results.progress import Progress
     from edmctl.simulator.bench import HoleTruth
 
 SIZES_UM = (1.0, 2.0, 4.0, 6.0, 9.0, 12.0, 16.0, 20.0)
@@ -157,7 +158,7 @@ def perform(profile: str, seed: int, overrides: tuple[str, ...], inject: str = "
         bench.inject(parse_injection(inject))
     session = Session(_lying(bench.transport, LIES[lie]) if lie else bench.transport, Random(seed))
     session.open()
-    machine, ears, ledger = LinkMachine(session, StopRequest()), Ears(), Ledger()
+    machine, ears, ledger = LinkMachine(session, StopRequest()), Ears(), JobTally()
     job, wear = job_of(loaded.profile, Setup(), loaded.places), TrueWear(bench, NoJournal())
     error = ""
     try:

@@ -42,7 +42,7 @@ from edmctl.machine.stop import StopRequest
 from edmctl.procedures.job import CalibratedActuator, Site, job_of
 from edmctl.procedures.job_state import job_state
 from edmctl.procedures.machining import run_job
-from edmctl.procedures.results import Ledger
+from edmctl.procedures.tally import JobTally
 from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Sensor, Setup
 from edmctl.record.recorder import NullRecorder
@@ -55,12 +55,13 @@ from edmctl.simulator.injection import parse_injection
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
-    from edmctl.procedures.channel.result import ChannelResult
     from edmctl.procedures.job import Job
     from edmctl.procedures.job_state import JobState
-    from edmctl.procedures.results import Progress, SiteResult
     from edmctl.profile.load import LoadedProfile
     from edmctl.profile.model import Profile
+    from edmctl.results.channel import ChannelResult
+    from edmctl.results.job import SiteResult
+    from edmctl.results.progress import Progress
     from edmctl.simulator import VirtualBench
 
 PROFILES = Path(__file__).parents[1] / "profiles"
@@ -180,7 +181,7 @@ def perform(case: Case) -> Outcome:
     bench = _bench(loaded, setup, case)
     calibration = None if case.sensor else _calibrated(case.seed)
     jobs = [(place,) for place in case.places_um] if case.one_by_one else [case.places_um]
-    outcome, ledger = Outcome(), Ledger()
+    outcome, ledger = Outcome(), JobTally()
     pad_um, homes = loaded.profile.approach.offset_um, list[HomeSeen]()
     for number, places in enumerate(jobs):
         if number == 0:
@@ -204,8 +205,8 @@ def perform(case: Case) -> Outcome:
 
 
 def _taken_up(
-    bench: VirtualBench, job: Job, left: Ledger, wear: TrueWear, outcome: Outcome, pause_s: float
-) -> tuple[Ledger, str]:
+    bench: VirtualBench, job: Job, left: JobTally, wear: TrueWear, outcome: Outcome, pause_s: float
+) -> tuple[JobTally, str]:
     """Take a job up again after a pause, as `--resume` does; what was said of the hole that it left counts too."""
     outcome.holes += [hole for hole in _holes(bench, job, left, wear, LEFT) if not hole.finished]
     bench.controller.advance(round(1000.0 * pause_s) + 1)
@@ -248,12 +249,12 @@ def _bench(loaded: LoadedProfile, setup: Setup, case: Case) -> VirtualBench:
 
 def _job(
     bench: VirtualBench, job: Job, observer: StopsAt, wear: TrueWear, outcome: Outcome
-) -> tuple[Ledger, str]:
+) -> tuple[JobTally, str]:
     """One job of a fresh session; how it ended, and a machine that is ready for another."""
     outcome.sessions += 1
     session = Session(bench.transport, Random(outcome.sessions))
     session.open()
-    machine, ledger = LinkMachine(session, observer.request), Ledger()
+    machine, ledger = LinkMachine(session, observer.request), JobTally()
     end = "ok"
     try:
         run_job(machine, job, recorder=NullRecorder(), observer=observer, ledger=ledger, journal=wear)
@@ -267,7 +268,7 @@ def _job(
     return ledger, end
 
 
-def _holes(bench: VirtualBench, job: Job, ledger: Ledger, wear: TrueWear, number: int) -> list[Hole]:
+def _holes(bench: VirtualBench, job: Job, ledger: JobTally, wear: TrueWear, number: int) -> list[Hole]:
     """What the ledger says of holes or a channel, judged by the plant's truth however the job ended."""
     if ledger.channel is not None:
         worn_um = bench.tool_wear_um - wear.before_um

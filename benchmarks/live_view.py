@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from edmctl.procedures.results import Progress
+    from edmctl.results.progress import Progress
 
 SEED = 1
 HZ = 10.0

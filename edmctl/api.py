@@ -38,10 +38,10 @@ if TYPE_CHECKING:
     from edmctl.jobs.procedure_command import Performed, Procedure
     from edmctl.jobs.run_header import RunName
     from edmctl.machine.stop import StopRequest
-    from edmctl.procedures.results import Observer, Progress
     from edmctl.profile.forecast import Forecast
     from edmctl.profile.load import LoadedProfile
     from edmctl.record.reader import RunFile
+    from edmctl.results.progress import Observer, Progress
 
     Overrides = Mapping[str, object] | Sequence[str]
     File = str | PathLike[str]

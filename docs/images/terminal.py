@@ -20,7 +20,7 @@ from edmctl.jobs.plan import Order
 from edmctl.jobs.run_header import RunName
 
 if TYPE_CHECKING:
-    from edmctl.procedures.results import Progress
+    from edmctl.results.progress import Progress
 
 HERE = Path(__file__).resolve().parent
 README = HERE.parents[1] / "README.md"

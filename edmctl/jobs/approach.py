@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from edmctl.jobs.session import Held
     from edmctl.procedures.job import Job
     from edmctl.procedures.run import Run
-    from edmctl.procedures.touch.approach import SurfaceFound
+    from edmctl.results.measurements import SurfaceFound
 
 
 def checked_site(

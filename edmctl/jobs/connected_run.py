@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
     from edmctl.jobs.plan import Plan
     from edmctl.jobs.run_header import RunName
-    from edmctl.procedures.results import Observer
     from edmctl.record.recorder import Recorder
+    from edmctl.results.progress import Observer
 
     Warn = Callable[[Sequence[Diagnostic]], None]
     Act = Callable[[Recorder], None]

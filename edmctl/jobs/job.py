@@ -14,6 +14,7 @@ from edmctl.errors import RunFileError
 from edmctl.jobs.connected_run import connected_run
 from edmctl.jobs.recording import ending
 from edmctl.jsonout import to_json_value
+from edmctl.results.job import SiteTruth
 from edmctl.wording import length
 
 if TYPE_CHECKING:
@@ -29,27 +30,20 @@ if TYPE_CHECKING:
     from edmctl.jobs.resume.checkpoint import Journaling
     from edmctl.jobs.run_header import RunName
     from edmctl.jobs.session import Held
-    from edmctl.jobs.truth.channel import ChannelTruth
     from edmctl.jobs.truth.wear import TrueWear
     from edmctl.jsonout import JsonValue
-    from edmctl.procedures.channel.result import ChannelResult
     from edmctl.procedures.job import Job
     from edmctl.procedures.job_state import Journal
-    from edmctl.procedures.results import JobResult, Ledger, Observer, SiteResult
+    from edmctl.procedures.tally import JobTally
     from edmctl.record.recorder import Recorder
+    from edmctl.results.channel import ChannelResult, ChannelTruth
+    from edmctl.results.job import JobResult, SiteResult
+    from edmctl.results.progress import Observer
     from edmctl.simulator.bench import HoleTruth
 
 
 SAME_HOLE_UM = 50.0
 """Farther away no hole is the site's: many times what the stages miss a place by, less than two holes lie apart."""
-
-
-@dataclass(frozen=True, slots=True)
-class Truth:
-    """A hole as the plant knows it; NaN where there is none."""
-
-    depth_um: float = math.nan
-    wear_um: float = math.nan
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -64,7 +58,7 @@ class Report:
 
     simulated: bool
     job: JobResult
-    truths: tuple[Truth, ...]
+    truths: tuple[SiteTruth, ...]
     error: EdmError | None
     run_file: Path | None
     model: ModelUsed | None
@@ -146,9 +140,9 @@ def carry_out(
     from edmctl.jobs.ledger.job_ledger import JobLedger
     from edmctl.jobs.resume.checkpoint import Journaling, tell_way_on
     from edmctl.jobs.truth.wear import TrueWear
-    from edmctl.procedures.results import Ledger
+    from edmctl.procedures.tally import JobTally
 
-    ledger = Ledger()
+    ledger = JobTally()
     true_wear: TrueWear | None = None
 
     def prepare(held: Held) -> Callable[[Recorder], None]:
@@ -193,7 +187,7 @@ def _run(
     job: Job,
     recorder: Recorder,
     observer: Observer,
-    ledger: Ledger,
+    ledger: JobTally,
     journal: Journal,
 ) -> None:
     """Run the job, and write down in the job ledger that it begins and what it came to.
@@ -215,7 +209,7 @@ def _run(
     kept.end()
 
 
-def _report(plan: Plan, held: Held, ledger: Ledger, true_wear: TrueWear | None) -> Report:
+def _report(plan: Plan, held: Held, ledger: JobTally, true_wear: TrueWear | None) -> Report:
     virtual, job = held.bench.virtual, ledger.result()
     truths = truths_of(job.sites, virtual.truth(), true_wear) if virtual and true_wear else ()
     simulated = held.bench.machine.identity.simulated
@@ -230,7 +224,7 @@ def _report(plan: Plan, held: Held, ledger: Ledger, true_wear: TrueWear | None) 
 
 def truths_of(
     sites: Sequence[SiteResult], holes: Sequence[HoleTruth], true_wear: TrueWear
-) -> tuple[Truth, ...]:
+) -> tuple[SiteTruth, ...]:
     """The true hole of each site, in µm: the nearest one, and what the tool lost while it was made.
 
     A hole through the sheet has no depth that a tip below the face could be compared with.
@@ -240,7 +234,7 @@ def truths_of(
         hole = min(holes, key=lambda hole: _apart_um(hole, site), default=None)
         is_it = hole is not None and _apart_um(hole, site) <= SAME_HOLE_UM and not site.through
         depth_um = hole.depth_um if hole is not None and is_it else math.nan
-        truths.append(Truth(depth_um, true_wear.of_site(site.name)))
+        truths.append(SiteTruth(depth_um, true_wear.of_site(site.name)))
     return tuple(truths)
 
 

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from edmctl.jobs.run_header import RunName
     from edmctl.jobs.session import Held
     from edmctl.procedures.job import Job
-    from edmctl.procedures.jump_series import JumpSeries
     from edmctl.procedures.run import Run
+    from edmctl.results.measurements import JumpSeries
 
 JUMPS_ALONE = ('jump.mode="fixed"', "log.servo_hz=1000")
 """Jumps at a fixed period, whatever a job does about them, and every sample of them."""

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from edmctl.jobs.session import Held
     from edmctl.machine.controller import LinkMachine
     from edmctl.procedures.job import Job
-    from edmctl.procedures.results import Observer
     from edmctl.procedures.run import Run
     from edmctl.record.recorder import Recorder
+    from edmctl.results.progress import Observer
 
     Warn = Callable[[Sequence[Diagnostic]], None]
 
@@ -87,10 +87,10 @@ def perform(
     Expected errors come back with what was reached. Raises LinkLost, ProtocolMismatch and RunFileError where there
     was no machine to act on.
     """
-    from edmctl.procedures.results import Ledger
     from edmctl.procedures.single_procedure import running
+    from edmctl.procedures.tally import JobTally
 
-    ledger = Ledger()
+    ledger = JobTally()
 
     def prepare(held: Held) -> Callable[[Recorder], None]:
         job = procedure.job(held, name, warn)

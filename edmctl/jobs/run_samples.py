@@ -10,8 +10,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from edmctl.procedures.results import Extremes
     from edmctl.record.reader import RunFile
+    from edmctl.results.progress import Extremes
 
 SLICE_S = 0.1
 """As often as a job reports what it does."""
@@ -45,7 +45,7 @@ class SampleReader:
         """Return what has come since the last call, the newest row again where nothing has; None before any."""
         import numpy as np
 
-        from edmctl.procedures.results import Extremes
+        from edmctl.results.progress import Extremes
 
         rows = run.rows("/entry/servo")
         if not rows:

@@ -13,7 +13,7 @@ from threading import RLock
 from typing import TYPE_CHECKING, TypeVar
 
 from edmctl.errors import LinkLost, ProtocolMismatch
-from edmctl.link.accounting import ControllerClock, LinkReport, Statistics, link_report
+from edmctl.link.accounting import ControllerClock, Statistics, link_report
 from edmctl.link.clock import ClockFit
 from edmctl.link.compatibility import check_hello
 from edmctl.link.driven import DrivenLine
@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from edmctl.link.messages import Boot
     from edmctl.link.transport import Transport
     from edmctl.link.wire import Request
+    from edmctl.results.link import LinkReport
 
 __all__ = ["DEADLINE_S", "HEARTBEAT_S", "SILENCE_S", "CommandRefused", "Session"]
 

@@ -45,7 +45,6 @@ from edmctl.machine.orders import (
 from edmctl.machine.possible import impossible
 from edmctl.machine.recovery import clear_fault, wait_for_rest
 from edmctl.machine.reports import (
-    LinkReport,
     MachineEvent,
     MachineIdentity,
     MachineStatus,
@@ -66,6 +65,7 @@ if TYPE_CHECKING:
     from edmctl.link.session import Session
     from edmctl.machine.faults import FaultLatched
     from edmctl.machine.port import MachineListener
+    from edmctl.results.link import LinkReport
 
 SELF_TEST_S = 1.0
 """A self-test takes no longer: it averages the gap voltage twice for some tenths of a second."""

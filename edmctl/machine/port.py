@@ -5,7 +5,7 @@ Everything a procedure needs of the machine is imported from here.
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from edmctl.machine.faults import host_fault
 from edmctl.machine.orders import (
@@ -22,7 +22,6 @@ from edmctl.machine.orders import (
 from edmctl.machine.reports import (
     Bytes,
     Floats,
-    LinkReport,
     MachineEvent,
     MachineIdentity,
     MachineStatus,
@@ -45,6 +44,9 @@ from edmctl.machine.states import (
     TelemetryFlag,
 )
 
+if TYPE_CHECKING:
+    from edmctl.results.link import LinkReport
+
 __all__ = [
     "Axis",
     "Bytes",
@@ -54,7 +56,6 @@ __all__ = [
     "Floats",
     "Interlock",
     "JumpRequest",
-    "LinkReport",
     "Machine",
     "MachineEvent",
     "MachineIdentity",

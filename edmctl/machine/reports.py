@@ -12,8 +12,6 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from edmctl.link.accounting import LinkReport
-
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -22,7 +20,6 @@ if TYPE_CHECKING:
 __all__ = [
     "Bytes",
     "Floats",
-    "LinkReport",
     "MachineEvent",
     "MachineIdentity",
     "MachineStatus",

@@ -7,7 +7,6 @@ The tool hangs as low as at the end of a hole, beside the work and without pulse
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,9 +16,10 @@ from edmctl.actuator.moves import jump_volts
 from edmctl.errors import LinkLost, PreconditionError
 from edmctl.machine.port import JumpRequest, MachineState, joined
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.results import Phase
 from edmctl.procedures.touch.approach import lower_to
 from edmctl.process.jump import duration_s
+from edmctl.results.measurements import JumpMeasured, JumpSeries, JumpSummary
+from edmctl.results.progress import Phase
 from edmctl.wording import signed
 
 if TYPE_CHECKING:
@@ -42,53 +42,6 @@ TOP_S = 0.005
 SMOOTHED_S = 0.02
 SETTLED_UM = 1.0
 """A tool that stays within this of where it comes to rest has settled: the tolerance of a good touch."""
-
-
-@dataclass(frozen=True, slots=True)
-class JumpMeasured:
-    """One jump: its height, and where the tool is afterwards compared with before, by sensor and by actuator model.
-
-    `residual_um` is the sensor's; the command came back to its own voltage, so all of it is the actuator's error.
-    `residual_model_um` is what the model expects of it. `settling_s` counts from the end of the jump.
-    """
-
-    number: int
-    time_s: float
-    height_um: float
-    height_model_um: float
-    residual_um: float
-    residual_model_um: float
-    settling_s: float
-
-
-@dataclass(frozen=True, slots=True)
-class JumpSummary:
-    """Mean and largest of a series; residuals by their size."""
-
-    height_mean_um: float
-    height_min_um: float
-    height_max_um: float
-    residual_mean_um: float
-    residual_max_um: float
-    model_error_mean_um: float
-    model_error_max_um: float
-    settling_mean_s: float
-    settling_max_s: float
-
-
-@dataclass(frozen=True, slots=True)
-class JumpSeries:
-    """Jumps of `wanted_um` from `start_um`, every `period_s`."""
-
-    wanted_um: float
-    speed_um_s: float
-    dwell_s: float
-    period_s: float
-    start_um: float
-    start_v: float
-    jumps: tuple[JumpMeasured, ...]
-    summary: JumpSummary
-    time_s: float
 
 
 def least_period_s(height_um: float, speed_um_s: float, dwell_s: float) -> float:

@@ -21,14 +21,6 @@ from edmctl.procedures.monitoring.idle_monitor import Standing
 from edmctl.procedures.monitoring.link_quality import LinkWatch, record_link
 from edmctl.procedures.monitoring.sensor_mismatch import MismatchWatch
 from edmctl.procedures.monitoring.watch import Watch
-from edmctl.procedures.results import (
-    JobResult,
-    Ledger,
-    ObjectiveMissed,
-    Observer,
-    Phase,
-    site_result_of,
-)
 from edmctl.procedures.run import Args, Run
 from edmctl.procedures.settings import (
     controller_settings,
@@ -38,7 +30,10 @@ from edmctl.procedures.settings import (
 )
 from edmctl.procedures.state_keeper import JobJournal
 from edmctl.procedures.stop import safe_state_on_error
+from edmctl.procedures.tally import JobTally
 from edmctl.record.rows import EventLevel
+from edmctl.results.job import JobResult, ObjectiveMissed, site_result_of
+from edmctl.results.progress import Observer, Phase
 
 if TYPE_CHECKING:
     from edmctl.machine.port import Machine
@@ -52,7 +47,7 @@ def run_job(
     *,
     recorder: Recorder,
     observer: Observer,
-    ledger: Ledger | None = None,
+    ledger: JobTally | None = None,
     journal: Journal | None = None,
 ) -> JobResult:
     """Run a whole job on an idle machine.
@@ -67,7 +62,7 @@ def run_job(
     MachineFault, LinkLost, PreconditionError, RunFileError, Interrupted
         The safe state was reached first, or by the controller alone where the link is lost.
     """
-    ledger = ledger or Ledger()
+    ledger = ledger or JobTally()
     watch = Watch(
         recorder,
         job.profile.pulse.duty_voltage_v,

@@ -24,12 +24,12 @@ from edmctl.procedures.touch.surface_plane import take_pad, unknown_face
 from edmctl.procedures.touch.tool_length import TOUCH_U_UM
 from edmctl.process.wear import Reading, measure, share_u
 from edmctl.record.rows import EventLevel
+from edmctl.results.measurements import UncertaintyPart, WearResult
 from edmctl.wording import signed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from edmctl.labels import Basis
     from edmctl.procedures.run import Run
     from edmctl.procedures.touch.reading import SurfaceReading
     from edmctl.profile.measuring_stops import Displacement
@@ -74,48 +74,6 @@ class Bottom:
     y_um: float
     depth_um: float
     depth_u_um: float = BOTTOM_U_UM
-
-
-@dataclass(frozen=True, slots=True)
-class UncertaintyPart:
-    """One source of uncertainty: standard uncertainties of wear, depth and feed, µm."""
-
-    source: str
-    wear_um: float
-    depth_um: float
-    feed_um: float
-
-
-@dataclass(frozen=True, slots=True)
-class WearResult:
-    """What the touches say, by the sensor and (`*_model_um`) by the actuator voltage; u95 are 95 % half-widths.
-
-    Without a hole Z2, depth and feed are NaN, and no depth has a basis. `drift_um` is Z3 after the bottom less Z3
-    before it. `touches` were made of every Z; `sd_um` are the scatters of Z1, Z2, Z3 before and Z3 after. `budget`
-    holds standard uncertainties.
-    """
-
-    z1_um: float
-    z2_um: float
-    z3_um: float
-    z3_before_um: float
-    z3_after_um: float
-    drift_um: float
-    touches: int
-    sd_um: tuple[float, float, float, float]
-    wear_um: float
-    wear_u95_um: float
-    depth_um: float
-    depth_u95_um: float
-    feed_um: float
-    feed_u95_um: float
-    wear_model_um: float
-    depth_model_um: float
-    feed_model_um: float
-    budget: tuple[UncertaintyPart, ...]
-    depth_basis: Basis | None
-    wear_basis: Basis
-    time_s: float
 
 
 def touch_pad(run: Run, kind: str, expected_um: float, more_u_um: float = 0.0) -> SurfaceReading:

@@ -7,9 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from edmctl.procedures.results import Ledger, Observer, Phase, Progress, PulseRatios
 from edmctl.procedures.settings import gap_reference_v
 from edmctl.record.rows import EventLevel
+from edmctl.results.progress import Observer, Phase, Progress
+from edmctl.results.pulses import PulseShares
 
 if TYPE_CHECKING:
     from edmctl.machine.port import Machine
@@ -17,13 +18,14 @@ if TYPE_CHECKING:
     from edmctl.procedures.job import Job
     from edmctl.procedures.monitoring.watch import Watch
     from edmctl.procedures.state_keeper import JobJournal
+    from edmctl.procedures.tally import JobTally
     from edmctl.profile.model import Profile
     from edmctl.profile.setup import Setup
     from edmctl.record.recorder import Recorder
 
 Args = Mapping[str, float | int | str | bool]
 
-NO_PULSES = PulseRatios(0.0, 0.0, 0.0, 0.0)
+NO_PULSES = PulseShares(0.0, 0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +37,7 @@ class Run:
     watch: Watch
     recorder: Recorder
     observer: Observer
-    ledger: Ledger
+    ledger: JobTally
     journal: JobJournal
 
     @property

@@ -15,7 +15,6 @@ from edmctl.procedures.monitoring.idle_monitor import Standing
 from edmctl.procedures.monitoring.link_quality import LinkWatch, record_link
 from edmctl.procedures.monitoring.sensor_mismatch import MismatchWatch
 from edmctl.procedures.monitoring.watch import Watch
-from edmctl.procedures.results import Ledger, Observer, Phase
 from edmctl.procedures.run import Run
 from edmctl.procedures.settings import (
     controller_settings,
@@ -26,12 +25,14 @@ from edmctl.procedures.settings import (
 from edmctl.procedures.state_keeper import JobJournal
 from edmctl.procedures.stop import safe_state_on_error
 from edmctl.record.rows import EventLevel
+from edmctl.results.progress import Observer, Phase
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from edmctl.machine.port import Machine
     from edmctl.procedures.job import Job
+    from edmctl.procedures.tally import JobTally
     from edmctl.record.recorder import Recorder
 
 
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
 def running(
     machine: Machine,
     job: Job,
-    ledger: Ledger,
+    ledger: JobTally,
     *,
     recorder: Recorder,
     observer: Observer,

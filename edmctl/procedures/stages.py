@@ -10,7 +10,6 @@ from edmctl.machine.port import Axis
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job import TOLD_LATE_S
 from edmctl.procedures.resting import rest_and_look
-from edmctl.procedures.results import Phase
 from edmctl.procedures.settings import controller_settings
 from edmctl.procedures.touch.home import (
     CLEAR_UM,
@@ -21,6 +20,7 @@ from edmctl.procedures.touch.home import (
     home_now,
     most_over_um,
 )
+from edmctl.results.progress import Phase
 from edmctl.wording import coordinates, duration
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from edmctl.procedures.hole.expected_touches import (
 )
 from edmctl.procedures.hole.interruption import after_pause
 from edmctl.procedures.job_state import PERIOD_S, FaceTouch, JobState, Journal, NoJournal
-from edmctl.procedures.results import RunningCut
+from edmctl.procedures.tally import RunningCut
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from edmctl.procedures.hole.cut_planning import CutPlan
     from edmctl.procedures.hole.hole import Hole
     from edmctl.procedures.job import Job
-    from edmctl.procedures.results import Ledger
+    from edmctl.procedures.tally import JobTally
     from edmctl.procedures.touch.surface_plane import Face
 
 
@@ -41,7 +41,7 @@ class JobJournal:
     """Puts the state of a job together from its ledger and the hole or channel under way."""
 
     job: Job
-    ledger: Ledger
+    ledger: JobTally
     file: Journal = field(default_factory=NoJournal)
     _hole: Hole | None = None
     _channel: Callable[[JobState, float], JobState] | None = None

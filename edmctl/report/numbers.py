@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.labels import weakest
 from edmctl.record.bases import labels_of
+from edmctl.results.job import SiteTruth
 from edmctl.wording import TIP
 
 if TYPE_CHECKING:
@@ -20,14 +21,6 @@ if TYPE_CHECKING:
     from edmctl.record.reader import RunFile
 
 CLASSES = ("open", "normal", "arc", "short")
-
-
-@dataclass(frozen=True, slots=True)
-class SiteTruth:
-    """What the virtual machine knows of a place, in µm; NaN where there is none."""
-
-    depth_um: float
-    wear_um: float
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,7 @@ from edmctl.simulator import open_bench
 from tests.acceptance.test_paper import Nobody
 
 if TYPE_CHECKING:
-    from edmctl.procedures.results import JobResult
+    from edmctl.results.job import JobResult
 
 TIME, FEED = 0.10, 0.05
 STOCK = Setup()

@@ -23,7 +23,8 @@ from edmctl.record.recorder import NullRecorder
 from edmctl.simulator import open_bench
 
 if TYPE_CHECKING:
-    from edmctl.procedures.results import Progress, SiteResult
+    from edmctl.results.job import SiteResult
+    from edmctl.results.progress import Progress
 
 FEED_250 = 'target={kind="feed",feed_um=250}'
 STOCK = Setup()

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.errors import UsageError
-from edmctl.jobs.job import Truth
 from edmctl.jobs.simulate.statistics import Run, RunSite, summarize
 from edmctl.jobs.simulate.sweep import parse_sweep
 from edmctl.labels import Basis, Verdict
+from edmctl.results.job import SiteTruth
 from tests.cli.commands import SHALLOW, in_process_of_its_own
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def site(name: str, depth_um: float, true_um: float, basis: Basis = Basis.TOUCHE
         depth_basis=basis,
         wear_basis=basis,
         verdict=Verdict.SHOWN,
-        truth=Truth(true_um, 70.5),
+        truth=SiteTruth(true_um, 70.5),
     )
 
 

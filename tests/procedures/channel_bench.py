@@ -23,9 +23,9 @@ from edmctl.machine.port import (
 )
 from edmctl.procedures.job import Job, Site
 from edmctl.procedures.monitoring.watch import Watch
-from edmctl.procedures.results import Ledger, Progress
 from edmctl.procedures.run import Run
 from edmctl.procedures.state_keeper import JobJournal
+from edmctl.procedures.tally import JobTally
 from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Setup
 from edmctl.record.recorder import NullRecorder
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from edmctl.record.rows import EventLevel
+    from edmctl.results.progress import Progress
 
 CIRCLE = str(Path(__file__).parents[2] / "profiles" / "channel-circle.toml")
 STEP_S = 0.01
@@ -185,7 +186,7 @@ def scanning_run(machine: ScanningMachine, *overrides: str) -> tuple[Run, Noted]
     """What the procedures of a channel take, on that machine."""
     profile = load_profile(CIRCLE, overrides).profile
     job = Job(profile, Setup(), (Site("channel", 0.0, 0.0),))
-    noted, ledger = Noted(), Ledger()
+    noted, ledger = Noted(), JobTally()
     watch = Watch(noted, profile.pulse.duty_voltage_v)
     machine.watch = watch
     return Run(machine, job, watch, noted, noted, ledger, JobJournal(job, ledger)), noted  # type: ignore[arg-type]

@@ -19,10 +19,10 @@ from edmctl.machine.stop import StopRequest
 from edmctl.procedures.job import CalibratedActuator, Job, job_of
 from edmctl.procedures.machining import run_job
 from edmctl.procedures.monitoring.watch import Watch
-from edmctl.procedures.results import JobResult, Ledger, Phase, Progress
 from edmctl.procedures.run import Run
 from edmctl.procedures.settings import controller_settings, pulse_settings, telemetry_settings
 from edmctl.procedures.state_keeper import JobJournal
+from edmctl.procedures.tally import JobTally
 from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Sensor, Setup
 from edmctl.record.recorder import NullRecorder
@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from edmctl.procedures.job_state import Journal
     from edmctl.record.recorder import Recorder
     from edmctl.record.rows import EventLevel, LinkRow, PulseBlockRows, ServoBlock, SiteRow, SlowRow, TouchRow
+    from edmctl.results.job import JobResult
+    from edmctl.results.progress import Phase, Progress
 
 CU270 = str(Path(__file__).parents[2] / "profiles" / "cu270.toml")
 QUICK = (
@@ -145,7 +147,7 @@ class Shop:
         self.job: Job = job_of(self.profile, Setup(sensor=Sensor(fitted=sensor)), loaded.places, calibration)
         self.seen = Seen()
         self.told = Told()
-        self.ledger = Ledger()
+        self.ledger = JobTally()
 
     def run_job(self, recorder: Recorder | None = None, journal: Journal | None = None) -> JobResult:
         """Run the whole job."""

@@ -11,7 +11,7 @@ from edmctl.errors import EdmError
 from edmctl.jobs.truth.channel import channel_truth
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
-from edmctl.procedures.results import ObjectiveMissed
+from edmctl.results.job import ObjectiveMissed
 from edmctl.simulator.injection import parse_injection
 from tests.machine.lying import ALL, VALUES, WHOLE, Lie, LyingLine, fields_of
 from tests.procedures.conftest import Shop
@@ -19,7 +19,7 @@ from tests.procedures.conftest import Shop
 if TYPE_CHECKING:
     from collections import Counter
 
-    from edmctl.procedures.results import JobResult
+    from edmctl.results.job import JobResult
 
 SHORT = (
     'target={kind="depth",depth_um=3.0,tolerance_um=5.0}',

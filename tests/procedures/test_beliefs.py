@@ -12,7 +12,7 @@ import pytest
 from edmctl.jobs.truth.wear import TrueWear
 from edmctl.procedures.job import Site
 from edmctl.procedures.job_state import NoJournal
-from edmctl.procedures.results import ObjectiveMissed
+from edmctl.results.job import ObjectiveMissed
 from edmctl.simulator import kernel as k
 
 from .conftest import Told
@@ -20,7 +20,7 @@ from .conftest import Told
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.procedures.results import Progress
+    from edmctl.results.progress import Progress
     from edmctl.simulator import BenchConfig, VirtualBench
 
     from .conftest import Shop

@@ -17,8 +17,8 @@ from edmctl.machine.port import Axis, CutRequest, MachineState
 from edmctl.machine.stop import StopRequest
 from edmctl.procedures.actuator import calibration as calibrating
 from edmctl.procedures.actuator.calibration import CalibrationPlan, measure_actuator, plan_calibration
-from edmctl.procedures.results import Phase
 from edmctl.profile.setup import Actuator, Sensor, Setup, Stage
+from edmctl.results.progress import Phase
 from edmctl.simulator import BenchConfig, open_bench
 from edmctl.simulator import kernel as k
 from edmctl.simulator.config import SensorConstants
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from edmctl.procedures.actuator.calibration import Measured
-    from edmctl.procedures.results import Progress
+    from edmctl.results.progress import Progress
 
 SHORT = CalibrationPlan(
     (Leg(150.0, 2.0), Leg(0.0, 2.0), Leg(60.0, 0.06), Leg(60.0, 3.0), Leg(0.0, 0.5)), 5000

@@ -14,7 +14,7 @@ from edmctl.procedures.channel import layers as channel_layers
 from edmctl.procedures.channel import procedure as channel
 from edmctl.procedures.channel.layers import wear_of
 from edmctl.procedures.channel.procedure import machine_channel
-from edmctl.procedures.channel.result import ChannelResult, FloorPlace, FloorReading
+from edmctl.procedures.channel.result import FloorReading
 from edmctl.procedures.channel.touching import Face
 from edmctl.procedures.channel.way import way_of_path
 from edmctl.procedures.event_codes import RunEvent
@@ -25,6 +25,7 @@ from edmctl.procedures.touch.reading import SurfaceReading
 from edmctl.process.path import even_places
 from edmctl.process.plane import Plane
 from edmctl.process.wear import Reading
+from edmctl.results.channel import ChannelResult, FloorPlace
 from tests.procedures.channel_bench import Noted, ScanningMachine, scanning_run
 
 if TYPE_CHECKING:

@@ -22,17 +22,18 @@ from edmctl.procedures.channel.way import way_of_path
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job import job_of
 from edmctl.procedures.machining import run_job
-from edmctl.procedures.results import Ledger, Phase, Progress
+from edmctl.procedures.tally import JobTally
 from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Setup
+from edmctl.results.progress import Phase, Progress
 from edmctl.simulator import BenchConfig, VirtualBench, open_bench
 from edmctl.simulator.injection import parse_injection
 from tests.procedures.channel_bench import CIRCLE
 from tests.procedures.conftest import Seen, Told
 
 if TYPE_CHECKING:
-    from edmctl.procedures.channel.result import ChannelResult
     from edmctl.process.path import Way
+    from edmctl.results.channel import ChannelResult
 
 DEPTH_UM = 5.0
 QUICK = (
@@ -169,7 +170,7 @@ class Shorts(Told):
     """Closes the contact once the channel was touched, and asks to stop soon after."""
 
     bench: VirtualBench | None = None
-    ledger: Ledger = field(default_factory=Ledger)
+    ledger: JobTally = field(default_factory=JobTally)
     request: StopRequest = field(default_factory=StopRequest)
     since_s: float = math.inf
 

@@ -29,12 +29,14 @@ from edmctl.procedures.monitoring.drift import (
     seen_between_jobs_um_s,
     uncertainty_now,
 )
-from edmctl.procedures.results import Ledger, Phase, site_result_of
 from edmctl.procedures.stages import _is_told, move_to, retract
+from edmctl.procedures.tally import JobTally
 from edmctl.procedures.touch.home import Home, _is_on_a_spot
 from edmctl.process.next_cut import COVERAGE
 from edmctl.process.wear import share_u
 from edmctl.record.tool_account import Books, HomeSeen
+from edmctl.results.job import site_result_of
+from edmctl.results.progress import Phase
 from edmctl.simulator import kernel as k
 from tests.procedures.conftest import Shop, armed
 from tests.procedures.test_resuming import Kept
@@ -390,7 +392,7 @@ def test_over_a_place_that_is_not_cut_yet_a_touch_tells_too(rate_um_s: float) ->
     shop.bench.plant.par[k.SENSOR_DRIFT] = rate_um_s
     later(shop, 6.0)
     shop.job = replace(shop.job, resumed=kept.states[-1], pause_s=6.0 * 3600.0)
-    shop.ledger, shop.machine = Ledger(), LinkMachine(shop.session, StopRequest())
+    shop.ledger, shop.machine = JobTally(), LinkMachine(shop.session, StopRequest())
     (site,) = shop.run_job().sites
     (hole,) = shop.bench.truth()
     assert abs(site.depth_um - hole.depth_um) <= site.depth_u95_um
@@ -488,7 +490,7 @@ def test_home_by_a_hole_that_was_left_tells_how_much_deeper_that_may_be(deeper_u
     later(shop, 12.0)
     believed = replace(state, depth_um=state.depth_um - deeper_um, feed_u_um=deeper_um / 2.0)
     shop.job = replace(shop.job, resumed=believed, pause_s=12.0 * 3600.0)
-    shop.ledger, shop.machine = Ledger(), LinkMachine(shop.session, StopRequest())
+    shop.ledger, shop.machine = JobTally(), LinkMachine(shop.session, StopRequest())
     run = armed(shop)
     run.machine.rest(0.5)
     retract(run)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.results import ObjectiveMissed
+from edmctl.results.job import ObjectiveMissed
 
 from .conftest import Shop
 from .test_face import SPOTS, doubts, move_the_far_face

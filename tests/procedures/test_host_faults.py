@@ -12,15 +12,17 @@ import pytest
 from edmctl.errors import MachineFault
 from edmctl.link.faults import FaultCode
 from edmctl.link.messages import WaveformRead
-from edmctl.machine.port import LinkReport, Machine, MachineState, TelemetryBlock
+from edmctl.machine.port import Machine, MachineState, TelemetryBlock
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.setup_check import refuse_wrong_setup
 from edmctl.procedures.monitoring.link_quality import LinkWatch, record_link
 from edmctl.procedures.monitoring.sensor_mismatch import MismatchWatch
-from edmctl.procedures.results import ObjectiveMissed, Phase
 from edmctl.procedures.servo.time_limits import LEAST_S, LONGEST_SHARE, TimeLimits
 from edmctl.process.wear import DepthAndWear
 from edmctl.profile.forecast import forecast, stroke_um
+from edmctl.results.job import ObjectiveMissed
+from edmctl.results.link import LinkReport
+from edmctl.results.progress import Phase
 from edmctl.simulator.injection import parse_injection
 
 from .conftest import Seen

@@ -13,9 +13,10 @@ from edmctl.errors import Interrupted, MachineFault, RunFileError
 from edmctl.labels import Basis
 from edmctl.machine.port import EventCode, MachineState
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.results import ObjectiveMissed, Phase
 from edmctl.procedures.settings import controller_settings
 from edmctl.record.rows import EventLevel
+from edmctl.results.job import ObjectiveMissed
+from edmctl.results.progress import Phase
 from edmctl.simulator import kernel
 
 from .conftest import Seen

@@ -17,14 +17,14 @@ from edmctl.procedures.measure_wear import (
     MOST_DRIFT_UM,
     Bottom,
     Reference,
-    WearResult,
     measure_wear,
     refuse_drift,
     touch_pad,
 )
-from edmctl.procedures.results import Ledger, Phase
 from edmctl.procedures.single_procedure import running
+from edmctl.procedures.tally import JobTally
 from edmctl.procedures.touch.approach import find_contact, find_gap
+from edmctl.results.progress import Phase
 from edmctl.simulator import kernel as k
 from edmctl.simulator.injection import parse_injection
 from tests.procedures.conftest import Shop
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
     from edmctl.procedures.run import Run
+    from edmctl.results.measurements import WearResult
 
 SPARKLESS = "flush.min_flow_lpm=90"
 """More than the pump gives: nothing that makes sparks can be armed."""
@@ -41,7 +42,7 @@ SITE = Site("beside", 500.0, 0.0)
 
 def ready(shop: Shop, *, pulses: bool = False) -> AbstractContextManager[Run]:
     """The shop's machine, armed and conditioned."""
-    return running(shop.machine, shop.job, Ledger(), recorder=shop.seen, observer=shop.told, pulses=pulses)
+    return running(shop.machine, shop.job, JobTally(), recorder=shop.seen, observer=shop.told, pulses=pulses)
 
 
 class Touched(NamedTuple):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import signal
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -13,11 +14,15 @@ from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job_state import JobState, job_state
-from edmctl.procedures.results import Ledger, Phase, SiteResult
+from edmctl.procedures.tally import JobTally
+from edmctl.results.progress import Phase
 from edmctl.simulator.injection import parse_injection
 from tests.cli.left_jobs import swap_work
 
 from .conftest import Shop
+
+if TYPE_CHECKING:
+    from edmctl.results.job import SiteResult
 
 BOTTOM_TOUCH = 3
 """Which touch-off of a run reads the bottom first: after two spots of the pad."""
@@ -52,7 +57,7 @@ def left(shop: Shop, depth_um: float) -> JobState:
 def taken_up(shop: Shop, state: JobState) -> SiteResult:
     """Go on with it on the same bench."""
     shop.job = replace(shop.job, resumed=state)
-    shop.ledger, shop.machine = Ledger(), LinkMachine(shop.session, StopRequest())
+    shop.ledger, shop.machine = JobTally(), LinkMachine(shop.session, StopRequest())
     (site,) = shop.run_job().sites
     return site
 

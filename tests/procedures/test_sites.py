@@ -12,14 +12,15 @@ import pytest
 from edmctl.errors import Interrupted
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job_state import PERIOD_S, JobState, job_state
-from edmctl.procedures.results import ObjectiveMissed, Phase
+from edmctl.results.job import ObjectiveMissed
+from edmctl.results.progress import Phase
 
 from .conftest import Shop
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.procedures.results import SiteResult
+    from edmctl.results.job import SiteResult
 
     OpenShop = Callable[..., Shop]
 

@@ -8,8 +8,8 @@ from itertools import pairwise
 import pytest
 
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.results import Phase, Progress
 from edmctl.record.rows import EventLevel
+from edmctl.results.progress import Phase, Progress
 from tests.procedures.conftest import Shop
 
 ROUNDING = 1e-9

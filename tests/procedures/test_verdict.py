@@ -14,8 +14,8 @@ from edmctl.procedures.hole.cut_decision import remedy as remedy_of
 from edmctl.procedures.hole.hole import record_results
 from edmctl.procedures.hole.target import Goal, verdict_of
 from edmctl.procedures.hole.verdict import judge_holes, judged
-from edmctl.procedures.results import ObjectiveMissed, site_result_of
 from edmctl.profile.setup import Sensor
+from edmctl.results.job import ObjectiveMissed, site_result_of
 
 from .conftest import Done, Shop, calibrated
 

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
     from edmctl.cli.run.explain import FileEvent
     from edmctl.console.progress import Reporter
-    from edmctl.procedures.results import Phase, Progress
     from edmctl.record.reader import RunFile
+    from edmctl.results.progress import Phase, Progress
 
 LOOK_EVERY_S = 0.5
 FEED_AFTER_S = 10.0
@@ -110,7 +110,8 @@ class _Watcher:
 
     def _state(self, run: RunFile) -> Progress | None:
         """The newest state; None before the first sample."""
-        from edmctl.procedures.results import Progress, PulseRatios
+        from edmctl.results.progress import Progress
+        from edmctl.results.pulses import PulseShares
 
         samples = self._samples.read(run)
         if samples is None:
@@ -124,7 +125,7 @@ class _Watcher:
             time_s=samples.time_s,
             gap_v=samples.gap_v,
             reference_v=slow.get("s_ref", math.nan) * self._mean_open_v,
-            ratios=PulseRatios(*(slow.get(f"r_{name}", 0.0) for name in ("open", "normal", "arc", "short"))),
+            ratios=PulseShares(*(slow.get(f"r_{name}", 0.0) for name in ("open", "normal", "arc", "short"))),
             depth_um=depth_um,
             depth_target_um=self._target_um,
             displacement_um=samples.displacement_um,
@@ -203,7 +204,7 @@ def _newest_slow(run: RunFile, now_s: float) -> dict[str, float]:
 def _phase(state: int, *, machining: bool) -> Phase:
     """What the state of the controller comes to in the words of a job."""
     from edmctl.machine.states import MachineState
-    from edmctl.procedures.results import Phase
+    from edmctl.results.progress import Phase
 
     if state == MachineState.JUMP:
         return Phase.JUMPING

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from edmctl.jobs.calibration.fit import Findings
     from edmctl.jobs.calibration.request import Checked
     from edmctl.procedures.actuator.calibration import CalibrationPlan, Measured
-    from edmctl.procedures.results import Observer
+    from edmctl.results.progress import Observer
 
     Warn = Callable[[Sequence[Diagnostic]], None]
 

@@ -11,7 +11,6 @@ from edmctl.wording import decimal
 
 if TYPE_CHECKING:
     from edmctl.jobs.doctor.checks import Checks
-    from edmctl.link.accounting import LinkReport
     from edmctl.machine.controller import LinkMachine
     from edmctl.machine.port import (
         MachineEvent,
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
         TelemetryBlock,
     )
     from edmctl.profile.setup import Setup
+    from edmctl.results.link import LinkReport
 
 QUESTIONS = 100
 SLOW_S = 0.01

@@ -26,11 +26,11 @@ if TYPE_CHECKING:
     from edmctl.jobs.plan import Plan
     from edmctl.jobs.run_header import RunName
     from edmctl.jobs.session import Held
-    from edmctl.procedures.channel.result import ChannelResult
     from edmctl.procedures.job import Job
     from edmctl.procedures.job_state import JobState, Journal
-    from edmctl.procedures.results import JobResult, SiteResult
     from edmctl.record.ledger import Logbook
+    from edmctl.results.channel import ChannelResult
+    from edmctl.results.job import JobResult, SiteResult
 
     Warn = Callable[[Sequence[Diagnostic]], None]
 

@@ -7,15 +7,15 @@ import statistics
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from edmctl.jobs.job import Truth
 from edmctl.labels import Basis, Verdict
+from edmctl.results.job import SiteTruth
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from edmctl.jobs.job import Report
-    from edmctl.procedures.channel.result import ChannelResult
-    from edmctl.procedures.results import SiteResult
+    from edmctl.results.channel import ChannelResult
+    from edmctl.results.job import SiteResult
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class RunSite:
     depth_basis: Basis
     wear_basis: Basis
     verdict: Verdict | None
-    truth: Truth
+    truth: SiteTruth
 
     @property
     def depth_error_um(self) -> float:
@@ -64,7 +64,7 @@ class Run:
     depth_basis: Basis | None = None
     wear_basis: Basis | None = None
     verdict: Verdict | None = None
-    truth: Truth = field(default_factory=Truth)
+    truth: SiteTruth = field(default_factory=SiteTruth)
     machining_time_s: float = math.nan
     time_s: float = math.nan
     cuts: int = 0
@@ -159,11 +159,11 @@ def run_of(seed: int, exit_code: int, report: Report) -> Run:
     )
 
 
-def _made(report: Report) -> list[tuple[SiteResult | ChannelResult, Truth]]:
+def _made(report: Report) -> list[tuple[SiteResult | ChannelResult, SiteTruth]]:
     """What was made, with what the plant knows of it."""
     channel, truth = report.job.channel, report.channel_truth
     if channel is not None:
-        return [(channel, Truth(truth.depth_um, truth.wear_um) if truth else Truth())]
+        return [(channel, SiteTruth(truth.depth_um, truth.wear_um) if truth else SiteTruth())]
     return list(zip(report.job.sites, report.truths, strict=True)) if report.truths else []
 
 
@@ -193,7 +193,7 @@ def _of_basis(sites: Sequence[RunSite], basis: Basis) -> dict[str, Spread]:
 
 
 def _spreads(
-    rows: Sequence[Run] | Sequence[RunSite] | Sequence[Truth], keys: Sequence[str]
+    rows: Sequence[Run] | Sequence[RunSite] | Sequence[SiteTruth], keys: Sequence[str]
 ) -> dict[str, Spread]:
     found = {key: [v for row in rows if math.isfinite(v := getattr(row, key))] for key in keys}
     return {key: _spread(values) for key, values in found.items() if values}

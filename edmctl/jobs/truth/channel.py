@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.errors import RunFileError
+from edmctl.results.channel import ChannelTruth
 
 if TYPE_CHECKING:
     from edmctl.profile.model import Profile
@@ -16,16 +16,6 @@ if TYPE_CHECKING:
 
 STEP_UM = 5.0
 """The floor is looked at every so often along the path."""
-
-
-@dataclass(frozen=True, slots=True)
-class ChannelTruth:
-    """Mean depth of the floor under the path, its scatter, its rms error against the target, the tool's wear, µm."""
-
-    depth_um: float
-    floor_sd_um: float
-    floor_error_rms_um: float
-    wear_um: float
 
 
 def channel_truth(profile: Profile, bench: VirtualBench, wear_um: float) -> ChannelTruth | None:

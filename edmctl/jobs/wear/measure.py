@@ -35,11 +35,12 @@ if TYPE_CHECKING:
     from edmctl.jobs.run_header import RunName
     from edmctl.jobs.session import Held
     from edmctl.procedures.job import Job
-    from edmctl.procedures.measure_wear import Bottom, WearResult
+    from edmctl.procedures.measure_wear import Bottom
     from edmctl.procedures.run import Run
     from edmctl.procedures.touch.reading import SurfaceReading
     from edmctl.profile.model import Profile
     from edmctl.record.ledger import Logbook
+    from edmctl.results.measurements import WearResult
 
 
 def measuring_profile(profile: Profile, speed_um_s: float = math.nan) -> Profile:

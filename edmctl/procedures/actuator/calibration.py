@@ -16,11 +16,11 @@ from edmctl.actuator.waveforms import SLEW_V_S, Leg, calibration_legs
 from edmctl.errors import LinkLost, PreconditionError
 from edmctl.machine.port import Axis, MotionSettings, PulseLog, TelemetrySettings, joined
 from edmctl.procedures.monitoring.drift import DRIFT_SDS, first_home_um
-from edmctl.procedures.results import Phase, Progress
 from edmctl.procedures.run import NO_PULSES
 from edmctl.procedures.settings import RETRACT_UM_S
 from edmctl.procedures.stop import safe_state_on_error
 from edmctl.procedures.touch.home import CREEP_LOOK_S, CREEP_WAIT_S, READING_MARGIN_UM
+from edmctl.results.progress import Phase, Progress
 
 if TYPE_CHECKING:
     from edmctl.machine.port import (
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
         PulseBlockBatch,
         TelemetryBlock,
     )
-    from edmctl.procedures.results import Observer
     from edmctl.profile.setup import Setup
+    from edmctl.results.progress import Observer
 
 RATE_HZ = 200.0
 """60 000 samples in five minutes; the fastest swing, of 1 s, has 200 of them."""

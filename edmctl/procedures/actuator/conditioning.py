@@ -20,8 +20,8 @@ from edmctl.machine.port import joined
 from edmctl.procedures.actuator.tracker import home
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.resting import rest_and_look
-from edmctl.procedures.results import Phase
 from edmctl.procedures.stages import move_to
+from edmctl.results.progress import Phase
 from edmctl.wording import signed
 
 if TYPE_CHECKING:

@@ -24,7 +24,6 @@ from edmctl.machine.port import (
     CutRequest,
     EventCode,
     JumpRequest,
-    LinkReport,
     Machine,
     MachineEvent,
     MachineIdentity,
@@ -48,6 +47,7 @@ from edmctl.procedures.monitoring.trace import Trace
 
 if TYPE_CHECKING:
     from edmctl.procedures.job import CalibratedActuator
+    from edmctl.results.link import LinkReport
 
 MARGIN_SHARE = 0.03
 """Error of a height by the inverse, as a share of the way there: 2.5 % of gain between days, and the model's own."""

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING
 from edmctl.machine.port import MachineState, TelemetryBlock
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.estimating import energy_of
-from edmctl.procedures.results import Phase, Progress, RunningCut
 from edmctl.procedures.settings import gap_reference_v, telemetry_settings
+from edmctl.procedures.tally import RunningCut
 from edmctl.process.channel_wear import wearing_uj
-from edmctl.process.pulses import PulseShares, pulse_shares
 from edmctl.record.rows import EventLevel, SlowRow
+from edmctl.results.progress import Phase, Progress
+from edmctl.results.pulses import PulseShares, pulse_shares
 
 if TYPE_CHECKING:
     from edmctl.procedures.run import Run

@@ -15,9 +15,9 @@ from edmctl.process.erosion import mrr_mm3_min
 from edmctl.record.rows import SiteRow
 
 if TYPE_CHECKING:
-    from edmctl.procedures.channel.result import ChannelResult
     from edmctl.procedures.hole.cut_decision import Decision
     from edmctl.procedures.run import Run
+    from edmctl.results.channel import ChannelResult
 
 
 def machine_path(run: Run) -> Decision | None:

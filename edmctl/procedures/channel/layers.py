@@ -11,8 +11,8 @@ from edmctl.procedures.channel.touching import learned_gap_um
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job import Site
 from edmctl.procedures.monitoring.drift import uncertainty_now
-from edmctl.procedures.results import RunningCut
 from edmctl.procedures.stages import move_to
+from edmctl.procedures.tally import RunningCut
 from edmctl.procedures.touch.approach import approach_bottom
 from edmctl.procedures.touch.tool_length import TOUCH_U_UM
 from edmctl.process.channel_wear import ToolWear

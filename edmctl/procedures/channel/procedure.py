@@ -13,7 +13,7 @@ from edmctl.errors import MachineFault
 from edmctl.labels import NOT_SHOWN_CODE, Verdict
 from edmctl.machine.port import host_fault
 from edmctl.procedures.channel.layers import Layers
-from edmctl.procedures.channel.result import ChannelResult, FloorReading, channel_left, channel_result
+from edmctl.procedures.channel.result import FloorReading, channel_left, channel_result
 from edmctl.procedures.channel.resuming import (
     channel_begun,
     channel_state,
@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from edmctl.procedures.run import Run
     from edmctl.procedures.servo.time_limits import TimeLimits
     from edmctl.process.path import Way
+    from edmctl.results.channel import ChannelResult
 
 LAYERS_BEFORE_FIRST_STOP = 2
 """Then wear and gap are measured for the first time: early, because both were only assumed."""

@@ -48,10 +48,10 @@ from edmctl.process.working_gap import first_gap_u_um
 if TYPE_CHECKING:
     from edmctl.errors import MachineFault
     from edmctl.procedures.channel.layers import Layers
-    from edmctl.procedures.channel.result import ChannelResult
     from edmctl.procedures.job_state import JobState
     from edmctl.procedures.run import Run
     from edmctl.process.path import Way
+    from edmctl.results.channel import ChannelResult
 FACE_SD_UM = 0.5
 """A floor that differs by more from place to place is no untouched face."""
 

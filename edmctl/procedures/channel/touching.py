@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.procedures.channel.result import FloorPlace, FloorReading
+from edmctl.procedures.channel.result import FloorReading
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job import Site
 from edmctl.procedures.stages import move_to
@@ -22,6 +22,7 @@ from edmctl.procedures.touch.tool_length import ToolLength
 from edmctl.process.path import Way, even_places
 from edmctl.process.touch_check import against_sparks, is_short
 from edmctl.record.rows import EventLevel
+from edmctl.results.channel import FloorPlace
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

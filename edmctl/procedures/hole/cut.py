@@ -13,14 +13,14 @@ from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.running_cut import Cutting
 from edmctl.procedures.servo.arc_recovery import NO_SPARK, Burns, with_a_check
 from edmctl.procedures.servo.supervisor import StopReason, Supervisor
-from edmctl.process.pulses import pulse_shares
 from edmctl.record.rows import EventLevel
+from edmctl.results.pulses import pulse_shares
 
 if TYPE_CHECKING:
     from edmctl.procedures.hole.cut_planning import CutPlan
-    from edmctl.procedures.results import PulseRatios
     from edmctl.procedures.run import Run
     from edmctl.procedures.servo.time_limits import TimeLeft
+    from edmctl.results.pulses import PulseShares
 
 WATCH_SLICE_S = 0.1
 STATUS_PERIOD_S = 5.0
@@ -74,7 +74,7 @@ class CutResult:
         return sum(self.counts)
 
     @property
-    def ratios(self) -> PulseRatios:
+    def ratios(self) -> PulseShares:
         """Share of each class."""
         return pulse_shares(*self.counts)
 

@@ -21,9 +21,9 @@ from edmctl.profile.rates import feed_rate_um_s
 if TYPE_CHECKING:
     from edmctl.procedures.hole.cut_planning import CutPlan
     from edmctl.procedures.job_state import JobState
-    from edmctl.procedures.results import SiteResult
     from edmctl.process.live_erosion import Energy
     from edmctl.profile.model import Profile
+    from edmctl.results.job import SiteResult
 
 STANDARD_UNCERTAINTIES = 3.0
 BELIEF_U_REL = 0.25

@@ -6,17 +6,17 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from edmctl.procedures.results import SiteResult
 from edmctl.procedures.touch.site_readings import erosion_of
-from edmctl.process.pulses import pulse_shares
 from edmctl.record.rows import SiteRow
+from edmctl.results.job import SiteResult
+from edmctl.results.pulses import pulse_shares
 
 if TYPE_CHECKING:
     from edmctl.labels import Basis
     from edmctl.procedures.hole.cut import CutResult
     from edmctl.procedures.job import Site
     from edmctl.procedures.monitoring.feed_error import FeedError
-    from edmctl.procedures.results import RunningCut
+    from edmctl.procedures.tally import RunningCut
     from edmctl.process.wear import DepthAndWear
     from edmctl.profile.model import Profile
 

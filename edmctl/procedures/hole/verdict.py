@@ -21,11 +21,11 @@ from edmctl.wording import length
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from edmctl.procedures.channel.result import ChannelResult
     from edmctl.procedures.hole.target import Goal
     from edmctl.procedures.job import Job
-    from edmctl.procedures.results import SiteResult
     from edmctl.procedures.run import Args, Run
+    from edmctl.results.channel import ChannelResult
+    from edmctl.results.job import SiteResult
 
 MOST_NAMED = 5
 """So many holes a message names; of the others it says how many they are."""

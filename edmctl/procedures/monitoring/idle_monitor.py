@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from edmctl.procedures.results import Phase, Progress
 from edmctl.procedures.settings import gap_reference_v
-from edmctl.process.pulses import pulse_shares
+from edmctl.results.progress import Phase, Progress
+from edmctl.results.pulses import pulse_shares
 
 if TYPE_CHECKING:
     from edmctl.machine.port import TelemetryBlock

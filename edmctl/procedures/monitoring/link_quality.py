@@ -10,8 +10,9 @@ from edmctl.procedures.event_codes import RunEvent
 from edmctl.record.rows import EventLevel, LinkRow
 
 if TYPE_CHECKING:
-    from edmctl.machine.port import LinkReport, TelemetryBlock
+    from edmctl.machine.port import TelemetryBlock
     from edmctl.procedures.run import Run
+    from edmctl.results.link import LinkReport
 
 WINDOW_S = 1.0
 WARNED_FRAMES = 3

@@ -18,7 +18,6 @@ from edmctl.procedures.hole.expected_touches import estimate_in_cut
 from edmctl.procedures.hole.target import goal_of
 from edmctl.procedures.job import Site
 from edmctl.procedures.monitoring.watch import NEWEST_S
-from edmctl.procedures.results import Phase, Progress, RunningCut
 from edmctl.procedures.servo.adaptive import Adapting
 from edmctl.procedures.servo.ratio_limits import RatioLimits
 from edmctl.procedures.servo.short_recovery import ShortRecovery
@@ -26,9 +25,11 @@ from edmctl.procedures.servo.spark_loss import SparkLoss
 from edmctl.procedures.servo.stall_detection import STALL_SHARE, Stall
 from edmctl.procedures.servo.stroke import stroke_left_um
 from edmctl.procedures.settings import OPEN_LOST_S, gap_reference_v, telemetry_settings
-from edmctl.process.pulses import pulse_shares
+from edmctl.procedures.tally import RunningCut
 from edmctl.profile.forecast import forecast
 from edmctl.record.rows import SlowRow
+from edmctl.results.progress import Phase, Progress
+from edmctl.results.pulses import pulse_shares
 
 if TYPE_CHECKING:
     from edmctl.procedures.hole.cut_planning import CutPlan

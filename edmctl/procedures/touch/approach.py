@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.actuator.moves import ramp_by
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.resting import rest_and_look
-from edmctl.procedures.results import Phase
 from edmctl.procedures.settings import first_sparks_v
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.reading import take_reading
+from edmctl.results.measurements import SurfaceFound
+from edmctl.results.progress import Phase
 
 if TYPE_CHECKING:
     from edmctl.machine.port import MachineEvent
@@ -52,25 +52,6 @@ def approach_bottom(run: Run, bottom_um: float, bottom_u_um: float) -> MachineEv
     unknown_um = UNKNOWN_SDS * bottom_u_um
     lower_to(run, bottom_um - ABOVE_BOTTOM_UM - unknown_um)
     return _approach(run, bottom_um - run.watch.displacement_um + BEYOND_BOTTOM_UM + unknown_um)
-
-
-@dataclass(frozen=True, slots=True)
-class SurfaceFound:
-    """Where an approach ended: by the sensor, by the actuator model, and the voltage there.
-
-    `touches` and `sd_um` belong to contacts; an approach to the spark gap has 0 and NaN. `travel_s` is the time from
-    the rest at 0 V.
-    """
-
-    kind: str
-    x_um: float
-    y_um: float
-    displacement_um: float
-    model_um: float
-    actuator_v: float
-    travel_s: float
-    touches: int = 0
-    sd_um: float = math.nan
 
 
 def find_gap(run: Run, place: Site) -> SurfaceFound:

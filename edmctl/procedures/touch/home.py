@@ -21,10 +21,10 @@ from edmctl.procedures.hole.expected_touches import (
 )
 from edmctl.procedures.monitoring.drift import DRIFT_SDS, first_home_um
 from edmctl.procedures.resting import rest_and_look
-from edmctl.procedures.results import Phase
 from edmctl.procedures.settings import controller_settings
 from edmctl.procedures.touch.reading import BEYOND_PREDICTION_UM, Search, take_reading_in
 from edmctl.procedures.touch.site_readings import displacement_uncertainty
+from edmctl.results.progress import Phase
 
 if TYPE_CHECKING:
     from edmctl.procedures.run import Run

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 from edmctl.errors import ObjectiveNotReached, PreconditionError
 from edmctl.machine.port import Touch, TouchRequest
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.results import Phase
 from edmctl.process.touch_check import is_constant
 from edmctl.process.wear import Reading, reading_of
 from edmctl.record.rows import EventLevel, TouchRow
+from edmctl.results.progress import Phase
 from edmctl.wording import decimal
 
 if TYPE_CHECKING:

@@ -1,0 +1,1 @@
+"""What procedures and jobs report: plain values that jobs keep, the console renders and scripts read."""

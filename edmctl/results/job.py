@@ -1,0 +1,157 @@
+"""Results of a job: its holes, or its channel, and its times."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from edmctl.errors import ObjectiveNotReached
+from edmctl.labels import Basis, Verdict
+from edmctl.results.pulses import PulseShares
+
+if TYPE_CHECKING:
+    from edmctl.results.channel import ChannelResult
+    from edmctl.results.link import LinkReport
+
+
+@dataclass(frozen=True, slots=True)
+class SiteResult:
+    """One hole: `feed = depth + wear`, u95 are half-widths of 95 % intervals.
+
+    `depth_basis` and `wear_basis` say what depth and wear rest on. `verdict` is None until the hole is judged, and
+    where no depth was wanted of it. One that is not `finished` was under way when its job ended early: it is not
+    judged, and estimated where nobody has touched it since its last cut. `in_doubt` says that the touches of its
+    bottom or face were not believed outright: its interval is wider for that.
+
+    `face_um` is how much further than the reference pad the face lies here. `measuring_stops` are the times that the
+    bottom was touched, and the pad after it; `estimated_um` is the part of the depth that was cut after the last of
+    them, known from feed, energy and wear ratio: then Z2 and Z3 are where contact would be.
+
+    `through`: the hole goes through the sheet. Then `depth_um` is how far the tip went below the face, `z2_um` where
+    it ended, and the hole is as long as the sheet is thick.
+
+    `wear_ratio_lin` is wear per depth, `wear_ratio_vol` tool volume per hole volume, both NaN without a depth;
+    `energy_j` is mean gap current × plateau voltage of a normal discharge × time, over all cuts.
+
+    The `*_model_um` values come from the actuator voltage through the actuator model, counted from the rest at 0 V
+    before each touch, and never enter the others. `zero_drift_um` is how far that rest moved from Z1 to Z3 on the
+    sensor beside the model: where it is the sensor that drifts, both wears are too large by it.
+    `feed_model_error_*` is the estimate less the sensor while machining, in µm and in % of the feed; NaN without a
+    sensor, when every value of the hole is the model's.
+    """
+
+    name: str
+    x_um: float
+    y_um: float
+    theta_deg: float
+    depth_um: float
+    depth_u95_um: float
+    wear_um: float
+    wear_u95_um: float
+    feed_um: float
+    z1_um: float
+    z2_um: float
+    z3_um: float
+    face_um: float
+    measuring_stops: int
+    estimated_um: float
+    depth_model_um: float
+    wear_model_um: float
+    zero_drift_um: float
+    feed_model_error_max_um: float
+    feed_model_error_rms_um: float
+    feed_model_error_max_pct: float
+    feed_model_error_rms_pct: float
+    machining_time_s: float
+    cuts: int
+    pulses: int
+    ratios: PulseShares
+    gap_ratio_mean: float
+    working_gap_um: float
+    energy_j: float
+    wear_ratio_lin: float
+    wear_ratio_vol: float
+    mrr_mm3_min: float
+    through: bool = False
+    depth_basis: Basis = Basis.TOUCHED
+    wear_basis: Basis = Basis.TOUCHED
+    verdict: Verdict | None = None
+    finished: bool = True
+    in_doubt: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Reached:
+    """How deep a hole or channel is that was left in the middle of a cut: estimated, not measured. No target is NaN.
+
+    `depth_estimated_u95_um` is half its 95 % interval, NaN of a channel that was not touched before.
+    """
+
+    site: str
+    depth_estimated_um: float
+    depth_target_um: float
+    depth_estimated_u95_um: float = math.nan
+
+    def __str__(self) -> str:
+        target = "" if math.isnan(self.depth_target_um) else f" of {self.depth_target_um:.0f} µm"
+        return f"Stopped at about {self.depth_estimated_um:.0f} µm{target}, not measured."
+
+
+@dataclass(frozen=True, slots=True)
+class JobResult:
+    """All measured sites, or the channel, and the times of the job on the machine's clock.
+
+    `reached` is the hole that was left unmeasured, None in a job that ended in order; `tool_wear_total_um` is
+    NaN when nothing was measured. `link` says how the line did, None where the job ended before it was used.
+    `home_um` is what the sensor showed of the tool at home, at the last rest at 0 V.
+
+    Of a job that was taken up again all times are those of its runs together, `earlier_time_s` of `time_s` in the
+    runs before this one. The pauses between them are left out: they were `pause_s`, NaN where nobody knows.
+    """
+
+    sites: tuple[SiteResult, ...]
+    time_s: float
+    machining_time_s: float
+    measuring_time_s: float
+    tool_wear_total_um: float
+    reached: Reached | None = None
+    link: LinkReport | None = None
+    channel: ChannelResult | None = None
+    home_um: float = 0.0
+    earlier_time_s: float = 0.0
+    pause_s: float = 0.0
+
+
+class ObjectiveMissed(ObjectiveNotReached):
+    """A job that ended in order, but short of (or beyond) its objective; `result` is what was reached."""
+
+    def __init__(self, message: str, *, result: JobResult, hint: str = "", code: str = "") -> None:
+        super().__init__(message, hint=hint, code=code)
+        self.result = result
+
+
+@dataclass(frozen=True, slots=True)
+class SiteTruth:
+    """A hole as the plant knows it; NaN where there is none."""
+
+    depth_um: float = math.nan
+    wear_um: float = math.nan
+
+
+def site_result_of(mapping: Mapping[str, object]) -> SiteResult:
+    """Return the result whose fields a journal has kept. Raises TypeError where they are not those of a result.
+
+    What an older journal does not say was touched counts as estimated.
+    """
+    values = dict(mapping)
+    ratios = values.pop("ratios")
+    if not isinstance(ratios, Mapping):
+        raise TypeError("ratios have to be a mapping")
+    values["depth_basis"], values["wear_basis"] = (
+        Basis(str(values.get(name, Basis.ESTIMATED))) for name in ("depth_basis", "wear_basis")
+    )
+    verdict = values.pop("verdict", None)
+    judged = Verdict(verdict) if isinstance(verdict, str) else None
+    return SiteResult(**values, ratios=PulseShares(**ratios), verdict=judged)  # type: ignore[arg-type]

@@ -1,0 +1,89 @@
+"""The state of a running job, and who is told of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from edmctl.results.pulses import PulseShares
+
+
+class Phase(StrEnum):
+    """What the job is doing."""
+
+    CONDITIONING = "conditioning"
+    CALIBRATING = "calibrating"
+    MOVING = "moving"
+    MEASURING = "measuring"
+    APPROACHING = "approaching"
+    MACHINING = "machining"
+    JUMPING = "jumping"
+    RETRACTING = "retracting"
+
+
+@dataclass(frozen=True, slots=True)
+class Extremes:
+    """Between what gap voltage and displacement were in a short time up to `time_s`; NaN is unknown."""
+
+    time_s: float
+    gap_low_v: float
+    gap_high_v: float
+    displacement_low_um: float
+    displacement_high_um: float
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """The state of a job, ten times a second. Unknown values are NaN, unknown numbers 0, unknown words empty.
+
+    `depth_um` is estimated while a cut runs, with the half-width `depth_u95_um` of its 95 % interval; so is the
+    wear. `feed_um` is their sum; `feed_target_um` is what the job wants of it where it wants no depth. `step` is
+    the cut or pass under way, and `jumps` were made in it, the last one at `last_jump_s`.
+
+    Gap voltage and displacement have been between `…_low_…` and `…_high_…` since the last report; where that is
+    more than a tenth of a second ago, since the last of `past`, which holds what was before. `sites_done` of
+    `sites_total` places are finished. `warning` is the newest one, told at `warned_s`.
+    """
+
+    phase: Phase
+    time_s: float
+    gap_v: float
+    reference_v: float
+    ratios: PulseShares
+    depth_um: float
+    depth_target_um: float
+    displacement_um: float
+    time_left_s: float
+    depth_u95_um: float = math.nan
+    site: str = ""
+    step: str = ""
+    feed_um: float = math.nan
+    feed_target_um: float = math.nan
+    feed_um_s: float = math.nan
+    wear_um: float = math.nan
+    wear_u95_um: float = math.nan
+    gap_low_v: float = math.nan
+    gap_high_v: float = math.nan
+    displacement_low_um: float = math.nan
+    displacement_high_um: float = math.nan
+    past: tuple[Extremes, ...] = ()
+    jumps: int = 0
+    jump_period_s: float = math.nan
+    last_jump_s: float = math.nan
+    sites_done: int = 0
+    sites_total: int = 0
+    warning: str = ""
+    warned_s: float = math.nan
+
+
+class Observer(Protocol):
+    """Who watches a job for a person."""
+
+    def progress(self, p: Progress) -> None:
+        """Take the newest state; called often, may drop."""
+
+    def note(self, text: str) -> None:
+        """Take one line about a decision or a result."""
