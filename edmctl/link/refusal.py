@@ -64,7 +64,7 @@ def refusal(command_id: int, reply: Frame) -> CommandRefused:
 def _detail(status: Status, command_id: int, payload: bytes) -> str:
     if status is Status.OUT_OF_RANGE and len(payload) == _RANGE.size:
         index, low, high = _RANGE.unpack(payload)
-        names = [f.name for f in fields(REQUESTS[command_id])]  # type: ignore[arg-type]
+        names = [f.name for f in fields(REQUESTS[command_id])]
         return f"{names[index] if index < len(names) else f'field {index}'}: {low}..{high} counts"
     if status is Status.INTERLOCK and len(payload) == _BITS.size:
         bits = Interlocks(_BITS.unpack(payload)[0])

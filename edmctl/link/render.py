@@ -46,7 +46,7 @@ def _payload(kind: type[Message] | None, payload: bytes) -> list[str]:
 
 def _fields(message: Message) -> list[str]:
     words = []
-    for field in fields(message):  # type: ignore[arg-type]
+    for field in fields(message):
         value = getattr(message, field.name)
         enumeration = FIELD_ENUMS.get((message.NAME, field.name))
         if enumeration is not None:

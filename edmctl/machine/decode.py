@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from edmctl.link.messages import RECORD_SCALES, PulseBlocks, Pulses, Tlm, WaveformReadReply, record_dtype
+from edmctl.link.messages import PulseBlocks, Pulses, Tlm, WaveformReadReply
 from edmctl.machine.port import Floats, PulseBatch, PulseBlockBatch, TelemetryBlock, WaveformBatch
 
 ToSeconds = Callable[[int], float]
@@ -17,14 +17,14 @@ ToSeconds = Callable[[int], float]
 _SAME_TRAIN_US = 100.0
 """Frames of pulses further apart than this, beyond their own length, have a pause between them."""
 
-_TLM_DTYPE = record_dtype("Tlm")
-_BLOCK_DTYPE = record_dtype("PulseBlocks")
-_PULSE_DTYPE = record_dtype("Pulses")
-_WAVEFORM_DTYPE = record_dtype("WaveformReadReply")
-_TLM_SCALE = RECORD_SCALES["Tlm"]
-_BLOCK_SCALE = RECORD_SCALES["PulseBlocks"]
-_PULSE_SCALE = RECORD_SCALES["Pulses"]
-_WAVEFORM_SCALE = RECORD_SCALES["WaveformReadReply"]
+_TLM_DTYPE = Tlm.record_dtype()
+_BLOCK_DTYPE = PulseBlocks.record_dtype()
+_PULSE_DTYPE = Pulses.record_dtype()
+_WAVEFORM_DTYPE = WaveformReadReply.record_dtype()
+_TLM_SCALE = Tlm.record_scales()
+_BLOCK_SCALE = PulseBlocks.record_scales()
+_PULSE_SCALE = Pulses.record_scales()
+_WAVEFORM_SCALE = WaveformReadReply.record_scales()
 
 
 def lost_frames(previous: int | None, counters: Sequence[int]) -> int:

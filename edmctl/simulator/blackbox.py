@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.link.messages import BlackboxReadReply, record_dtype
+from edmctl.link.messages import BlackboxReadReply, Tlm
 from edmctl.simulator import kernel as k
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ class BlackBox:
 
 def _records(rows: NDArray[np.float64]) -> bytes:
     """Pack rows of the ring, shape (n, BOX_COLUMNS), as the kernel packs samples of 1 ms."""
-    records = np.zeros(len(rows), dtype=record_dtype("Tlm"))
+    records = np.zeros(len(rows), dtype=Tlm.record_dtype())
     records["displacement_um"] = np.floor(rows[:, 0] * 1000.0 + 0.5)
     records["actuator_v"] = rows[:, 1] * k.STEPS_PER_V + 0.5
     records["gap_v"] = np.minimum(_MOST, rows[:, 2] * 200.0 + 0.5)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.link.messages import WaveformReadReply, record_dtype
+from edmctl.link.messages import WaveformReadReply
 from edmctl.simulator import kernel as k
 from edmctl.simulator.gap_signals import SAMPLE_NS, RecentPulses, gap_signals
 
@@ -20,7 +20,7 @@ MOST_SAMPLES = 65536
 MOST_AFTER = MOST_SAMPLES // 5
 PER_REPLY = 58
 _LONG_AGO_NS = -1e18
-_RECORD = record_dtype("WaveformReadReply")
+_RECORD = WaveformReadReply.record_dtype()
 _V_PER_COUNT, _A_PER_COUNT = 0.01, 0.001
 
 

@@ -142,12 +142,6 @@ def test_the_page_of_exit_codes_says_what_the_program_says() -> None:
     assert rows == [(str(int(code)), meaning) for code, meaning in MEANING.items()]
 
 
-def test_the_tables_of_the_profile_page_are_those_of_the_models() -> None:
-    check = [sys.executable, str(ROOT / "docs/generate_profile.py"), "--check"]
-    done = subprocess.run(check, env=environment(), capture_output=True, encoding="utf-8", check=False)
-    assert done.returncode == 0, done.stdout
-
-
 def test_the_readme_holds_the_commands_that_the_ci_takes_from_it() -> None:
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     marked = dict(re.findall(r"^<!-- command: (\w+) -->\n```sh\n(.+)\n```$", readme, flags=re.MULTILINE))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypedDict
 import pytest
 
 from edmctl.link.frame import Frame, FrameDecoder, encode_frame
-from edmctl.link.messages import RECORD_SCALES, REPLIES, REQUESTS, UNSOLICITED, param_crc, record_dtype
+from edmctl.link.messages import REPLIES, REQUESTS, UNSOLICITED, param_crc
 from edmctl.link.render import render
 
 if TYPE_CHECKING:
@@ -31,10 +31,6 @@ class Golden(TypedDict):
     fields: dict[str, object]
     records: list[dict[str, float]]
     frame: str
-
-
-def class_name(name: str) -> str:
-    return "".join(word.capitalize() for word in name.split("_"))
 
 
 def golden(name: str) -> Golden:
@@ -68,18 +64,18 @@ def test_the_fields_pack_to_the_recorded_frame(name: str) -> None:
     expected, frame = golden(name), decoded(name)
     fields = dict(expected["fields"])
     if "records" in expected:
-        size = len(expected["records"]) * record_dtype(class_name(name)).itemsize
+        size = len(expected["records"]) * TYPES[name].record_dtype().itemsize
         fields["records"] = frame.payload[-size:]
     payload = TYPES[name](**fields).pack()
     assert encode_frame(*frame[:4], payload) == wire(name)
 
 
-@pytest.mark.parametrize("name", sorted(n for n in NAMES if class_name(n) in RECORD_SCALES))
+@pytest.mark.parametrize("name", [n for n in NAMES if TYPES[n].RECORD])
 def test_the_recorded_records_read_as_their_values(name: str) -> None:
     import numpy as np
 
     expected, frame = golden(name), decoded(name)
-    dtype, scales = record_dtype(class_name(name)), RECORD_SCALES[class_name(name)]
+    dtype, scales = TYPES[name].record_dtype(), TYPES[name].record_scales()
     records = np.frombuffer(getattr(TYPES[name].unpack(frame.payload), "records"), dtype)  # noqa: B009
     assert list(scales) == list(dtype.names or ())
     for record, row in zip(records, expected["records"], strict=True):

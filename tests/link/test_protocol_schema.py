@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.link import generate
 from edmctl.link.faults import FAULTS, FaultCode
 from edmctl.link.messages import PARAMS, SCHEMA_HASH
 from edmctl.link.schema import SCHEMA_PATH, SchemaError, load_schema
@@ -23,24 +22,6 @@ def changed(tmp_path: Path, old: str, new: str) -> Path:
     path = tmp_path / "schema.toml"
     path.write_text(SOURCE.replace(old, new, 1), encoding="utf-8")
     return path
-
-
-def test_generated_files_are_up_to_date(capsys: pytest.CaptureFixture[str]) -> None:
-    assert generate.main(["--check"]) == 0
-    assert capsys.readouterr().out == ""
-
-
-def test_a_stale_file_is_named_and_left_alone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    stale = tmp_path / "messages.py"
-    stale.write_text("old")
-    monkeypatch.setattr(generate, "wanted_files", lambda: {stale: "new"})
-    assert generate.main(["--check"]) == 1
-    assert stale.read_text() == "old"
-    assert "messages.py is out of date" in capsys.readouterr().out
-    assert generate.main([]) == 0
-    assert stale.read_text() == "new"
 
 
 def test_the_hash_is_the_recorded_one() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from edmctl.link.messages import PulseBlocks, Pulses, Tlm, record_dtype
+from edmctl.link.messages import PulseBlocks, Pulses, Tlm
 from edmctl.machine.decode import lost_frames, pulse_batches, pulse_block_batch, telemetry_block
 
 
@@ -14,7 +14,7 @@ def seconds(t_us: int) -> float:
 
 
 def a_tlm(counter: int, t0_us: int, z_um: list[float]) -> Tlm:
-    rows = np.zeros(len(z_um), record_dtype("Tlm"))
+    rows = np.zeros(len(z_um), Tlm.record_dtype())
     rows["displacement_um"] = np.round(1000.0 * np.array(z_um))
     rows["actuator_v"] = 400
     rows["gap_v"] = 1920
@@ -23,7 +23,7 @@ def a_tlm(counter: int, t0_us: int, z_um: list[float]) -> Tlm:
 
 
 def some_pulses(pulse_no: int, t0_us: int, n: int) -> Pulses:
-    rows = np.zeros(n, record_dtype("Pulses"))
+    rows = np.zeros(n, Pulses.record_dtype())
     rows["delay_us"] = 123
     rows["plateau_v"] = 44
     return Pulses(0, pulse_no, t0_us, 434_783, n, rows.tobytes())
@@ -65,7 +65,7 @@ def test_a_pause_between_pulses_begins_a_new_train() -> None:
 
 
 def test_pulse_sums_keep_their_units_and_times() -> None:
-    rows = np.zeros(2, record_dtype("PulseBlocks"))
+    rows = np.zeros(2, PulseBlocks.record_dtype())
     rows["energy_uj"] = 52_345
     rows["n_normal"] = 20
     batch = pulse_block_batch([PulseBlocks(0, 46, 2_000_000, 434_783, 23, 2, rows.tobytes())], seconds)

@@ -16,7 +16,6 @@ import pytest
 from edmctl.exitcodes import MEANING
 from edmctl.labels import Verdict
 from edmctl.record import layout
-from edmctl.record.documentation import replace_between_markers
 from edmctl.record.reader import open_run
 from edmctl.record.writer import RunWriter
 from tests.record.samples import a_meta, slow_row
@@ -44,10 +43,6 @@ def example(real_run: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capt
         return capsys.readouterr().out.splitlines()
 
     return run
-
-
-def test_the_tables_are_those_of_the_layout() -> None:
-    assert replace_between_markers(PAGE) == PAGE
 
 
 def test_every_example_has_a_test() -> None:

@@ -79,8 +79,8 @@ class Rig:
 
     def column(self, name: str) -> NDArray[np.float64]:
         """One column of all telemetry so far, in physical units."""
-        data = np.frombuffer(b"".join(t.records for t in self.samples), m.record_dtype("Tlm"))
-        return np.asarray(data[name] * m.RECORD_SCALES["Tlm"][name], dtype=np.float64)
+        data = np.frombuffer(b"".join(t.records for t in self.samples), m.Tlm.record_dtype())
+        return np.asarray(data[name] * m.Tlm.record_scales()[name], dtype=np.float64)
 
 
 @pytest.fixture

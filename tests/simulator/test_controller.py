@@ -281,7 +281,7 @@ def test_every_pulse_is_accounted_for_in_either_log(rig: RigMaker) -> None:
         if log is m.PulseLog.FULL:
             logged = sum(p.n for p in r.pulses)
         else:
-            data = np.frombuffer(b"".join(b.records for b in r.blocks), m.record_dtype("PulseBlocks"))
+            data = np.frombuffer(b"".join(b.records for b in r.blocks), m.PulseBlocks.record_dtype())
             logged = int(sum(data[f"n_{c}"].astype(int).sum() for c in ("open", "normal", "arc", "short")))
         assert logged == struck
         assert struck - 3 <= sampled <= struck
@@ -309,7 +309,7 @@ def test_isopulse_discharges_last_as_set(rig: RigMaker) -> None:
     r.session.request(m.TlmStart(10_000, 10, m.PulseLog.FULL))
     r.start_sparking(max_time_s=2.0)
     r.wait(m.EventCode.TIME_UP, 10.0)
-    data = np.frombuffer(b"".join(p.records for p in r.pulses), m.record_dtype("Pulses"))
+    data = np.frombuffer(b"".join(p.records for p in r.pulses), m.Pulses.record_dtype())
     normal = data[data["pulse_class"] == m.PulseClass.NORMAL]
     assert normal["discharge_us"].max() == 200
     assert np.median(normal["discharge_us"]) == 200

@@ -27,8 +27,8 @@ RigMaker = Callable[..., "Rig"]
 NEAR = BenchConfig(offset_um=20.0)
 ON_US, OFF_US = 130.435, 304.348
 PERIOD_US = ON_US + OFF_US
-RECORD = m.record_dtype("WaveformReadReply")
-TOLD = m.record_dtype("Pulses")
+RECORD = m.WaveformReadReply.record_dtype()
+TOLD = m.Pulses.record_dtype()
 SAMPLE_US = 1.0
 
 

@@ -1,21 +1,20 @@
-"""Tables of docs/protocol.md, written between markers `<!-- begin NAME -->` and `<!-- end NAME -->`."""
+"""Tables of docs/protocol.md."""
 
 from __future__ import annotations
 
-import re
 from typing import TYPE_CHECKING
+
+from tools.generate.text import table
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from edmctl.link.schema import Enumeration, Field, Layout, Schema
 
-_MARKED = re.compile(r"(<!-- begin ([a-z]+) -->\n).*?(<!-- end \2 -->)", re.DOTALL)
 
-
-def fill_tables(page: str, schema: Schema, faults: Sequence[Mapping[str, object]]) -> str:
-    """Return the page with every marked table made anew; KeyError on a marker that names no table."""
-    tables = {
+def tables(schema: Schema, faults: Sequence[Mapping[str, object]]) -> dict[str, str]:
+    """Return every table by the name of its marker."""
+    return {
         "hash": f"Schema hash of version {schema.major}.{schema.minor}: `0x{schema.hash:08X}`.\n",
         "index": _index(schema),
         "commands": _messages(schema, commands=True),
@@ -24,12 +23,6 @@ def fill_tables(page: str, schema: Schema, faults: Sequence[Mapping[str, object]
         "params": _params(schema),
         "faults": _faults(faults),
     }
-    return _MARKED.sub(lambda m: f"{m[1]}{tables[m[2]]}{m[3]}", page)
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "".join("| " + " | ".join(str(cell) for cell in line) + " |\n" for line in lines)
 
 
 def _index(schema: Schema) -> str:
@@ -38,7 +31,7 @@ def _index(schema: Schema) -> str:
         layouts = (m.request or m.unsolicited, m.reply)
         sizes = ["–" if layout is None else _size(layout) for layout in layouts]
         rows.append([f"`{m.id:02X}`", m.name, *sizes])
-    return _table(["type", "message", "payload, bytes", "reply, bytes"], rows)
+    return table(["type", "message", "payload, bytes", "reply, bytes"], rows)
 
 
 def _size(layout: Layout) -> str:
@@ -73,7 +66,7 @@ def _fields(fields: Sequence[Field]) -> str:
     for field in fields:
         rows.append([offset, field.name, field.type, lsb(field.scale, field.unit), field.note])
         offset += field.size
-    return _table(["byte", "field", "type", "one count is", "note"], rows)
+    return table(["byte", "field", "type", "one count is", "note"], rows)
 
 
 def lsb(scale: float, unit: str) -> str:
@@ -94,11 +87,11 @@ def _params(schema: Schema) -> str:
         [p.id, f"`{p.name}`", lsb(p.scale, p.unit), f"{p.default:g}", f"{p.minimum:g}..{p.maximum:g}", p.note]
         for p in schema.params
     ]
-    return _table(["id", "parameter", "one count is", "default", "range", "note"], rows)
+    return table(["id", "parameter", "one count is", "default", "range", "note"], rows)
 
 
 def _faults(faults: Sequence[Mapping[str, object]]) -> str:
     keys = ("code", "name", "who", "detect", "reaction", "pulses_off_s", "message", "hint")
     rows = [[row[key] for key in keys] for row in faults]
     head = ["code", "name", "who", "detected by", "reaction", "pulses off within, s", "message", "what to do"]
-    return _table(head, rows)
+    return table(head, rows)

@@ -1,19 +1,19 @@
-"""Source of faults.py."""
+"""Source of edmctl/link/faults.py."""
 
 from __future__ import annotations
 
 import textwrap
 from typing import TYPE_CHECKING
 
-from edmctl.link.emit.source import INDENT, LINE_LENGTH, quoted
+from tools.generate.text import LINE_LENGTH, quoted
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-_FAULTS_HEAD = '''\
+_HEAD = '''\
 """Faults of the machine, whoever detects them.
 
-Made from faults.toml by `python -m edmctl.link.generate`; edit that file, not this one.
+Made from faults.toml by `python -m tools.generate`; edit that file, not this one.
 """
 
 from __future__ import annotations
@@ -24,11 +24,10 @@ from enum import IntEnum
 
 @dataclass(frozen=True, slots=True)
 class FaultRow:
-    """One fault: who detects it and how, what follows, what to tell.
+    """One fault: who detects it, what to tell, what it leads to.
 
     code, name : as in FAULT and in CLEAR_FAULT; codes from 7000 on never leave the host.
     who : "controller", "host" or "both".
-    detect, reaction : how it is noticed, and what follows after the pulses are off.
     message, hint : what happened, what to do. A name in braces stands for the value of that parameter.
     exit_code, error : exit code and error code of the command that it ends.
     pulses_off_s : promised time from the cause to pulses off, in s, with every parameter at its default.
@@ -39,8 +38,6 @@ class FaultRow:
     code: int
     name: str
     who: str
-    detect: str
-    reaction: str
     message: str
     hint: str
     exit_code: int
@@ -59,8 +56,6 @@ _KEYS = (
     "code",
     "name",
     "who",
-    "detect",
-    "reaction",
     "message",
     "hint",
     "exit_code",
@@ -74,19 +69,13 @@ _KEYS = (
 def faults_source(rows: Sequence[Mapping[str, object]]) -> str:
     """Return the source of faults.py."""
     codes = "".join(f"    {row['name']} = {row['code']}\n" for row in rows)
-    table = ["\n\nFAULTS: dict[int, FaultRow] = {\n"]
-    for row in rows:
-        table.append(f"    {row['code']}: FaultRow(\n")
-        table += [_string_argument(key, row[key]) for key in _KEYS]
-        table.append("    ),\n")
-    return _FAULTS_HEAD + codes + "".join(table) + "}\n"
+    made = "".join(f"FaultRow({''.join(_argument(key, row[key]) for key in _KEYS)}),\n" for row in rows)
+    return f"{_HEAD}{codes}\n\nFAULTS = {{row.code: row for row in (\n{made})}}\n"
 
 
-def _string_argument(key: str, value: object) -> str:
+def _argument(key: str, value: object) -> str:
     literal = quoted(value) if isinstance(value, str) else str(value)
-    line = f"{INDENT * 2}{key}={literal},\n"
-    if len(line) <= LINE_LENGTH + 1:
-        return line
-    pieces = textwrap.wrap(str(value), LINE_LENGTH - 14, drop_whitespace=False)
-    lines = "".join(f"{INDENT * 3}{quoted(piece)}\n" for piece in pieces)
-    return f"{INDENT * 2}{key}=(\n{lines}{INDENT * 2}),\n"
+    if len(literal) > LINE_LENGTH - 25:
+        pieces = textwrap.wrap(str(value), LINE_LENGTH - 20, drop_whitespace=False)
+        literal = f"({' '.join(quoted(piece) for piece in pieces)})"
+    return f"{key}={literal},"

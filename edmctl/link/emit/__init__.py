@@ -1,1 +1,0 @@
-"""Makes Python source and tables from the protocol's data files; needed by developers only."""

@@ -1,0 +1,58 @@
+"""Writes what is made from data files and models: `python -m tools.generate [--check]`, from the project's folder.
+
+Made are edmctl/link/messages.py and faults.py, and the marked parts of pages in docs/. With --check nothing is
+written; the exit code is 1 where a file is out of date.
+"""
+
+from __future__ import annotations
+
+import sys
+import tomllib
+from pathlib import Path
+
+from edmctl.link.schema import SCHEMA_PATH, load_schema
+from tools.generate import faults_page, profile_page, protocol_page, run_file_page
+from tools.generate.faults import faults_source
+from tools.generate.messages import messages_source
+from tools.generate.text import filled, formatted
+
+_ROOT = Path(__file__).parents[2]
+
+
+def wanted_files() -> dict[Path, str]:
+    """Return what each generated file must hold."""
+    schema = load_schema()
+    faults = tomllib.loads(SCHEMA_PATH.with_name("faults.toml").read_text(encoding="utf-8"))["fault"]
+    parts = {
+        "protocol.md": protocol_page.tables(schema, faults),
+        "faults.md": {"faults": faults_page.sections(schema, faults)},
+        "profile.md": profile_page.tables(),
+        "run-file.md": {"layout": run_file_page.layout_tables()},
+    }
+    link, docs = _ROOT / "edmctl" / "link", _ROOT / "docs"
+    return {
+        link / "messages.py": formatted(messages_source(schema)),
+        link / "faults.py": formatted(faults_source(faults)),
+    } | {docs / name: filled((docs / name).read_text(encoding="utf-8"), made) for name, made in parts.items()}
+
+
+def main(arguments: list[str]) -> int:
+    """Write or check; return the exit code."""
+    check = arguments == ["--check"]
+    if arguments and not check:
+        sys.stderr.write("usage: python -m tools.generate [--check]\n")
+        return 2
+    stale = [
+        (path, text)
+        for path, text in wanted_files().items()
+        if not path.exists() or path.read_text(encoding="utf-8") != text
+    ]
+    for path, text in stale:
+        sys.stdout.write(f"{path.name} {'is out of date' if check else 'written'}\n")
+        if not check:
+            path.write_text(text, encoding="utf-8")
+    return 1 if check and stale else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

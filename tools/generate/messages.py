@@ -1,0 +1,164 @@
+"""Source of edmctl/link/messages.py."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import TYPE_CHECKING
+
+from edmctl.link.schema import TEXT_TYPE
+from tools.generate.text import LINE_LENGTH, quoted
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from edmctl.link.schema import Enumeration, Field, Layout, MessageSpec, ParamSpec, Schema
+
+_INDENT = "    "
+_HEAD = '''\
+"""Messages of EDM Link {major}.{minor}.
+
+Made from edmlink1.toml by `python -m tools.generate`; edit that file, not this one.
+Fields carry physical values; the comment beside each says type and size of one count on the wire.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum, IntFlag
+from struct import pack
+from typing import TYPE_CHECKING
+from zlib import crc32
+
+from edmctl.link.wire import Message, Param, Request
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+PROTO_MAJOR = {major}
+PROTO_MINOR = {minor}
+SCHEMA_HASH = 0x{hash:08X}
+'''
+_REGISTRIES = '''
+REQUESTS: dict[int, type[Request[Message]]] = {{kind.ID: kind for kind in ({commands})}}
+"""Commands by id."""
+
+REPLIES = {{id_: request.REPLY for id_, request in REQUESTS.items()}}
+"""Replies by the id of their command; on the wire the type is id | 0x40."""
+
+UNSOLICITED: dict[int, type[Message]] = {{kind.ID: kind for kind in ({others})}}
+"""What the controller sends by itself, by id."""
+
+FIELD_ENUMS: dict[tuple[str, str], type[IntEnum | IntFlag]] = {{
+{enums}}}
+"""Enumeration of a field, by message name and field name."""
+
+PARAMS = {{param.name: param for param in (
+{params})}}
+"""Parameters of the controller by name."""
+
+
+def param_crc(values: Mapping[str, float]) -> int:
+    """Return the CRC-32 over all parameters (id u16, value i32, ascending id) that the controller checks.
+
+    Parameters missing from `values` count with their defaults. An unknown name or a value out of range raises
+    ValueError.
+    """
+    unknown = sorted(values.keys() - PARAMS.keys())
+    if unknown:
+        raise ValueError(f"no such parameter: {{', '.join(unknown)}}")
+    crc = 0
+    for param in sorted(PARAMS.values(), key=lambda p: p.id):
+        crc = crc32(pack("<Hi", param.id, param.to_wire(values.get(param.name, param.default))), crc)
+    return crc
+'''
+
+
+def messages_source(schema: Schema) -> str:
+    """Return the source of messages.py."""
+    parts = [_HEAD.format(major=schema.major, minor=schema.minor, hash=schema.hash)]
+    parts += [_enumeration(e) for e in schema.enums]
+    for message in schema.messages:
+        for layout, suffix in (
+            (message.reply, "Reply"),
+            (message.request, ""),
+            (message.unsolicited, ""),
+        ):
+            if layout is not None:
+                parts.append(_class(message, layout, suffix))
+    enums = [
+        f'    ("{name}", "{field.name}"): {field.enum},\n'
+        for name, layout in schema.layouts()
+        for field in layout.fields
+        if field.enum
+    ]
+    parts.append(
+        _REGISTRIES.format(
+            commands=", ".join(m.class_name for m in schema.messages if m.request is not None),
+            others=", ".join(m.class_name for m in schema.messages if m.unsolicited is not None),
+            enums="".join(enums),
+            params="".join(_parameter(p) for p in schema.params),
+        )
+    )
+    return "\n\n".join(parts)
+
+
+def _enumeration(enumeration: Enumeration) -> str:
+    base = "IntFlag" if enumeration.is_flags else "IntEnum"
+    values = "".join(f"    {name} = {value}\n" for name, value in enumeration.values)
+    return f'class {enumeration.name}({base}):\n    """{enumeration.note}."""\n\n{values}'
+
+
+def _class(message: MessageSpec, layout: Layout, suffix: str) -> str:
+    """Return the class of one direction of a message; `suffix` is "Reply" for a reply, else empty."""
+    is_request = layout is message.request
+    base = f"Request[{message.class_name}Reply]" if is_request else "Message"
+    name = message.name + suffix.upper().replace("REPLY", "_REPLY")
+    lines = [
+        "@dataclass(frozen=True, slots=True)\n" if layout.fields else "",
+        f"class {message.class_name}{suffix}({base}):\n",
+        _docstring(f"Reply to {message.name}." if suffix else message.note),
+        f'\n    ID, NAME = 0x{message.id:02X}, "{name}"\n',
+        f"    REPLY = {message.class_name}Reply\n" if is_request else "",
+    ]
+    if layout.fields:
+        wire = [_wire(f) for f in layout.fields] + (["records"] if layout.record else [])
+        lines.append(f'    WIRE = "{" ".join(wire)}"\n')
+    if layout.record:
+        lines.append(f"    RECORD = ({_columns(layout.record)})\n")
+    if layout.fields:
+        lines.append("\n")
+    lines += [_field(f) for f in layout.fields]
+    if layout.record:
+        lines.append(f"    records: bytes  # n × {layout.record_size} bytes, see RECORD\n")
+    return "".join(lines)
+
+
+def _docstring(text: str) -> str:
+    if len(text) + 10 <= LINE_LENGTH:
+        return f'    """{text}"""\n'
+    wrapped = textwrap.fill(f'"""{text}', LINE_LENGTH, initial_indent=_INDENT, subsequent_indent=_INDENT)
+    return f'{wrapped}\n    """\n'
+
+
+def _wire(field: Field) -> str:
+    return field.type if field.divisor == 1 else f"{field.type}/{field.divisor}"
+
+
+def _columns(record: Sequence[Field]) -> str:
+    return "".join(f'("{f.name}", "{f.type}", {f.scale:g}), ' for f in record)
+
+
+def _field(field: Field) -> str:
+    kind = "str" if field.type in (TEXT_TYPE, "s12") else "int" if field.divisor == 1 else "float"
+    size = f" × {field.scale:g}" if field.divisor != 1 else ""
+    comment = f"{field.type}{size}{' ' + field.unit if field.unit else ''}"
+    if field.note:
+        comment += f": {field.note}"
+    line = f"    {field.name}: {kind}  # {comment}\n"
+    return line if len(line) <= LINE_LENGTH + 1 else f"    # {comment}\n    {field.name}: {kind}\n"
+
+
+def _parameter(p: ParamSpec) -> str:
+    scale = "1" if p.divisor == 1 else f"{p.scale:g}"
+    numbers = ", ".join(f"{value:g}" for value in (p.default, p.minimum, p.maximum))
+    return f"    Param({p.id}, {quoted(p.name)}, {quoted(p.unit)}, {scale}, {numbers}),\n"
