@@ -17,14 +17,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from edmctl.actuator import ActuatorModel, Record, identify, validate
 from edmctl.actuator import waveforms as waves
 from edmctl.actuator.baselines import Baseline, fit_line, fit_maxwell, paper_practice
-from edmctl.actuator.validation import ErrorFigures, judge
+from edmctl.actuator.estimator import Estimator
+from edmctl.actuator.identification import identify
+from edmctl.actuator.inverse import Inverse
+from edmctl.actuator.record import Record
+from edmctl.actuator.validation import ErrorFigures, judge, validate
 from edmctl.simulator.actuator import VirtualActuator
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from edmctl.actuator.model import ActuatorModel
 
 Array = NDArray[np.float64]
 
@@ -116,21 +121,21 @@ def speed_and_inverse() -> None:
         seconds = best_s(lambda u_v=u_v: model.predict(t_s, u_v))  # type: ignore[misc]
         print(f"batch prediction, {name}: {1e9 * seconds / len(u_v):.0f} ns/sample")
     few = u_v[:2000].tolist()
-    estimator = model.estimator()
+    estimator = Estimator(model)
 
     def tick() -> None:
         for u in few:
             estimator.tick(u, 0.001)
 
     print(f"estimator tick, plain Python: {1e6 * best_s(tick) / len(few):.1f} µs")
-    inverse = model.inverse()
+    inverse = Inverse(model)
     start = inverse.state.copy()
     y_um = model.predict(t_s, u_v, start)
     found_v, _ = inverse.solve(t_s, y_um)
     residual = np.abs(model.predict(t_s, found_v, start) - y_um).max() / model.stroke_um
-    seconds = best_s(lambda: model.inverse(start).solve(t_s, y_um))
+    seconds = best_s(lambda: Inverse(model, start).solve(t_s, y_um))
     print(f"inverse: {1e6 * seconds / len(u_v):.2f} µs/sample, residual {residual:.1e} of the stroke")
-    print(f"least slope: {model.least_slope_um_per_v:.2f} µm/V of {model.gain_um_per_v:.2f} µm/V")
+    print(f"least slope: {model.slopes_um_per_v[0].min():.2f} µm/V of {model.gain_um_per_v:.2f} µm/V")
 
 
 def main() -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from edmctl.actuator.choosing import PLAYS
+from edmctl.actuator.design import PLAYS
 from edmctl.actuator.identification import FOLDS, identify
 
 if TYPE_CHECKING:

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.actuator.samples import consecutive
+from edmctl.actuator.model import consecutive
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from edmctl.actuator.model import ActuatorModel
-    from edmctl.actuator.state import ActuatorState
+    from edmctl.actuator.model import ActuatorModel, ActuatorState
 
     Array = NDArray[np.float64]
 
@@ -27,13 +26,13 @@ class Estimator:
     trusted events may change (see `correction`).
 
     `tick` is plain Python, a few µs and no start-up; `advance` takes blocks through compiled code. Both
-    agree to rounding and may be mixed.
+    agree to rounding and may be mixed. It starts from a copy of `state` (default: conditioned, at the low end).
     """
 
-    def __init__(self, model: ActuatorModel, state: ActuatorState) -> None:
+    def __init__(self, model: ActuatorModel, state: ActuatorState | None = None) -> None:
         self.model = model
         self.gain, self.offset_um = 1.0, 0.0
-        self._state = state
+        self._state = model.own_state(state)
         self._passed: deque[tuple[float, float]] = deque()
         """Samples (s, µm without delay) that reach one delay into the past."""
         self._thresholds_v: list[float] = model.thresholds_v.tolist()

@@ -12,16 +12,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.actuator.choosing import HINGES, PLAYS, TAU_RATIO, choose_design, thresholds
-from edmctl.actuator.crossvalidation import figures, smoothest
-from edmctl.actuator.delay import best_delay
-from edmctl.actuator.design import BLOCKS, Design, reduce_records
+from edmctl.actuator.design import (
+    BLOCKS,
+    HINGES,
+    PLAYS,
+    TAU_RATIO,
+    Design,
+    choose_design,
+    one_thread,
+    reduce_records,
+    thresholds,
+)
 from edmctl.actuator.fitting import fit
-from edmctl.actuator.record import Record
-from edmctl.actuator.triangles import one_thread
-from edmctl.actuator.uncertainty import Bands, bands_of
+from edmctl.actuator.record import Record, half_periods_s, sample_s, settled_from
+from edmctl.actuator.uncertainty import Bands, bands_of, figures, smoothest
 from edmctl.actuator.verdict import notes_on, problems_of
-from edmctl.actuator.waveshape import settled_from
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -169,3 +174,37 @@ def _refuse(records: Sequence[Record]) -> None:
             raise ValueError(f"{record.name}: time does not ascend")
         if not float(np.cov(record.u_v, record.y_um)[0, 1]) > 0.0:
             raise ValueError(f"{record.name}: the displacement does not rise with the voltage")
+
+
+LONGEST_DELAY_S = 0.02
+DELAY_STEPS = 16
+
+
+def _delay_grid(records: Sequence[Record]) -> Array:
+    """Delays to try: from one step before zero, in whole samples, so that no noise is averaged away."""
+    step_s = sample_s(records)
+    swings_s = np.concatenate([half_periods_s(record) for record in records])
+    longest_s = min(LONGEST_DELAY_S, 0.5 * float(swings_s.min(initial=np.inf)))
+    stride_s = step_s * max(1, round(longest_s / DELAY_STEPS / step_s))
+    delays_s: Array = stride_s * np.arange(-1.0, max(2, round(longest_s / stride_s)) + 1)
+    return delays_s
+
+
+def best_delay(design: Design, records: Sequence[Record], skip: Sequence[int]) -> float:
+    """Where the residual is least: the vertex of a parabola, which it is in the delay, through three delays."""
+    if sample_s(records) > LONGEST_DELAY_S:
+        return 0.0
+    delays_s = _delay_grid(records)
+    reduction = reduce_records(design, records, delays_s, skip)
+    residuals: list[float] = []
+    weights = None
+    for k in range(len(delays_s)):
+        found = fit(design, reduction, delay=k, start=weights)
+        weights = found.weights
+        residuals.append(found.residual_um2)
+    middle = min(max(int(np.argmin(residuals)), 1), len(residuals) - 2)
+    before, here, after = residuals[middle - 1 : middle + 2]
+    bend = before - 2.0 * here + after
+    vertex = 0.5 * (before - after) / bend if bend > 0.0 else 0.0
+    stride_s = float(delays_s[1] - delays_s[0])
+    return max(0.0, float(delays_s[middle]) + stride_s * min(max(vertex, -1.0), 1.0))

@@ -1,8 +1,13 @@
-"""The exact inverse: which voltage brings the tool where it is wanted (feed-forward).
+"""The exact inverse: which voltage brings the tool where it is wanted (feed-forward), at once or by a whole move.
 
 The displacement rises strictly with the voltage from any state, so there is one answer, found by a bracketed
 root search to the last bit. For one hinge per play and no creep it is the Maxwell form of `maxwell`. The
 model's pure delay is left out: nothing can act before it is asked.
+
+A voltage that gives a height at once gives a greater one after the seconds of a ramp, because creep goes on
+meanwhile (3 % of the way per decade of time). So a move is solved as a path in time, from the estimator's present
+state, which stays as it is. Moves are distances, so the zeros of sensor and model cancel. The voltage keeps to the
+model's range: where no voltage in it is enough, a move ends short.
 """
 
 from __future__ import annotations
@@ -12,13 +17,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.actuator.samples import consecutive
+from edmctl.actuator.model import consecutive
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from edmctl.actuator.model import ActuatorModel
-    from edmctl.actuator.state import ActuatorState
+    from edmctl.actuator.estimator import Estimator
+    from edmctl.actuator.model import ActuatorModel, ActuatorState
 
     Array = NDArray[np.float64]
 
@@ -34,12 +39,13 @@ class Solution:
 class Inverse:
     """Turns wanted displacements into voltages, following the actuator's state.
 
-    Voltages keep to the model's range; beyond it the nearer end is given and said to be saturated.
+    Starts from a copy of `state` (default: conditioned, at the low end). Voltages keep to the model's range; beyond
+    it the nearer end is given and said to be saturated.
     """
 
-    def __init__(self, model: ActuatorModel, state: ActuatorState) -> None:
+    def __init__(self, model: ActuatorModel, state: ActuatorState | None = None) -> None:
         self.model = model
-        self.state = state
+        self.state = model.own_state(state)
 
     def tick(self, y_um: float, dt_s: float) -> Solution:
         """Voltage that gives `y_um` at `dt_s` after the last one; the state goes there."""
@@ -77,3 +83,70 @@ class Inverse:
             )
             state.u_v, state.t_s = float(u_v[-1]), float(times_s[-1])
         return u_v, beyond
+
+
+STEPS = 32
+"""Points of a path; more of them change its end by less than 0.1 % of the way."""
+
+
+@dataclass(frozen=True, slots=True)
+class JumpVolts:
+    """A jump as voltages below the one where it begins: at its top, and where its return ends."""
+
+    height_v: float
+    clearance_v: float
+
+
+def ramp_by(estimator: Estimator, distance_um: float, slew_v_s: float) -> float:
+    """Voltage to ramp to at `slew_v_s`, so that the tool has moved by `distance_um` when the ramp ends."""
+    way_um = distance_um / estimator.gain
+    at_once_v = _path(_inverse(estimator), way_um, 0.0)
+    return _path(_inverse(estimator), way_um, abs(at_once_v - estimator.state.u_v) / slew_v_s)
+
+
+def travel_by(estimator: Estimator, distance_um: float, speed_um_s: float) -> float:
+    """Voltage at which the tool has moved by `distance_um`, going there at `speed_um_s`."""
+    return _path(_inverse(estimator), distance_um / estimator.gain, abs(distance_um) / speed_um_s)
+
+
+def jump_volts(
+    estimator: Estimator, height_um: float, clearance_um: float, travel_s: float, dwell_s: float
+) -> JumpVolts:
+    """Voltages of a jump: up in `travel_s`, at `height_um` as the dwell ends, back to `clearance_um`."""
+    start_v, start_um = estimator.state.u_v, _height_um(_inverse(estimator))
+    wanted_um = height_um / estimator.gain
+    _, top_um, _ = _lifted(estimator, wanted_um, travel_s, dwell_s)
+    creep_um = max(0.0, start_um - top_um - wanted_um)
+    top_v, top_um, inverse = _lifted(estimator, wanted_um - creep_um, travel_s, dwell_s)
+    height_v = max(0.0, start_v - top_v)
+    back_um = start_um - clearance_um / estimator.gain - top_um
+    clearance_v = start_v - _path(inverse, back_um, travel_s)
+    return JumpVolts(height_v, min(max(0.0, clearance_v), height_v))
+
+
+def _lifted(
+    estimator: Estimator, distance_um: float, travel_s: float, dwell_s: float
+) -> tuple[float, float, Inverse]:
+    """Lift by a distance and dwell: the voltage there, where creep has taken the tool, and the inverse after it."""
+    inverse = _inverse(estimator)
+    top_v = _path(inverse, -distance_um, travel_s)
+    inverse.model.advance(inverse.state, np.array([inverse.state.t_s + dwell_s]), np.array([top_v]))
+    return top_v, _height_um(inverse), inverse
+
+
+def _inverse(estimator: Estimator) -> Inverse:
+    return Inverse(estimator.model, estimator.state)
+
+
+def _height_um(inverse: Inverse) -> float:
+    """Where the model says the tool is now, before gain and offset."""
+    state = inverse.state
+    return float(inverse.model.advance(state.copy(), np.array([state.t_s]), np.array([state.u_v]))[0])
+
+
+def _path(inverse: Inverse, distance_um: float, duration_s: float) -> float:
+    """Go by `distance_um` in a straight line; the voltage at its end."""
+    share = np.arange(1, STEPS + 1) / STEPS
+    start_um = _height_um(inverse)
+    u_v, _ = inverse.solve(inverse.state.t_s + duration_s * share, start_um + distance_um * share)
+    return float(u_v[-1])

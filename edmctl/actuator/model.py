@@ -1,28 +1,30 @@
-"""The actuator model: bent plays, creep behind some of them, a delay.
+"""The actuator model: bent plays, creep behind some of them, a delay; and what an actuator remembers.
 
 y(t) = zero + Σ_i Σ_m S_im h_m(z_i) + Σ_gj C_gj L_gj, all at t − delay, with plays z_i, hinges h_m and lags L_gj as
 in `operators`. All S and C are ≥ 0 and the first play (threshold 0) has a positive slope everywhere, so the
 displacement rises strictly with the voltage from any state: the model can be inverted exactly. With one hinge
 per play it is the Prandtl-Ishlinskii operator, and so the paper's Maxwell slip model (`maxwell`).
 
-It does not know temperature, load (0.2 N/µm at the tool), ageing, driver error or the output resonance.
+The state decides half of what the actuator does next: a model that starts without memory on an actuator that
+has been working is wrong by at least half the loop's width near 0 V, which is the size of the unexplained
+error at the trough of Muralidhara et al. 2009, Fig. 3a.
+
+The model does not know temperature, load (0.2 N/µm at the tool), ageing, driver error or the output resonance.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.actuator.estimator import Estimator
-from edmctl.actuator.inverse import Inverse
-from edmctl.actuator.samples import consecutive
-from edmctl.actuator.state import ActuatorState
-
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike, NDArray
 
     Array = NDArray[np.float64]
 
@@ -80,15 +82,8 @@ class ActuatorModel:
         if not len(times_s):
             return np.empty(0)
         start = self.starting_state(times_s, volts) if state is None else state
-        return self.estimator(start).advance(times_s, volts)
-
-    def estimator(self, state: ActuatorState | None = None) -> Estimator:
-        """Return an estimator that starts from a copy of `state` (default: conditioned, at the low end)."""
-        return Estimator(self, self._own(state))
-
-    def inverse(self, state: ActuatorState | None = None) -> Inverse:
-        """Return the exact inverse, starting from a copy of `state` (default: conditioned, at the low end)."""
-        return Inverse(self, self._own(state))
+        y_um = self.advance(start.copy(), times_s, volts)
+        return np.interp(times_s - self.delay_s, times_s, y_um) if self.delay_s > 0.0 else y_um
 
     def check_state(self, state: ActuatorState) -> None:
         """Raise ValueError for the state of another model, which a compiled loop would run beyond."""
@@ -97,7 +92,8 @@ class ActuatorModel:
             found = f"{state.plays_v.shape}, {state.lags_v.shape}"
             raise ValueError(f"a state of shape {found} for a model of {expected[0]}, {expected[1]}")
 
-    def _own(self, state: ActuatorState | None) -> ActuatorState:
+    def own_state(self, state: ActuatorState | None) -> ActuatorState:
+        """Return a copy of `state` (default: conditioned, at the low end). Raises as `check_state`."""
         if state is None:
             return ActuatorState.conditioned(self)
         self.check_state(state)
@@ -147,11 +143,6 @@ class ActuatorModel:
     def stroke_um(self) -> float:
         """Displacement from trough to crest of a slow full cycle (10 mHz), conditioned, µm."""
         return float(np.ptp(self._slow_cycle_um()))
-
-    @cached_property
-    def least_slope_um_per_v(self) -> float:
-        """Least slope of the displacement over the voltage anywhere, µm/V: what a turning point leaves."""
-        return float(self.slopes_um_per_v[0].min())
 
     @cached_property
     def gain_um_per_v(self) -> float:
@@ -222,3 +213,88 @@ def _problems(model: ActuatorModel) -> list[str]:
         (model.low_v < model.high_v, "low_v lies below high_v"),
     )
     return [f"a model needs: {rule}" for holds, rule in checks if not holds]
+
+
+@dataclass(slots=True)
+class ActuatorState:
+    """State of an `ActuatorModel`; arrays change in place.
+
+    plays_v : ndarray, shape (n,)
+    lags_v : ndarray, shape (g, j)
+        Creep: each lag follows the play it belongs to.
+    u_v, t_s : float
+        Voltage applied last, and when.
+    """
+
+    plays_v: Array
+    lags_v: Array
+    u_v: float
+    t_s: float = 0.0
+
+    @classmethod
+    def virgin(cls, model: ActuatorModel, u_v: float = 0.0) -> ActuatorState:
+        """Never driven before, resting at `u_v`: the next rise follows the initial loading curve."""
+        return cls._relaxed(model, np.full(len(model.thresholds_v), u_v), u_v)
+
+    @classmethod
+    def conditioned(
+        cls, model: ActuatorModel, u_v: float | None = None, *, falling: bool = False
+    ) -> ActuatorState:
+        """Cycled over the model's range, then brought to `u_v` (default: the low end) and long at rest.
+
+        It came up from the low end, or with `falling` down from the high one.
+        """
+        ends = (model.high_v, model.low_v) if falling else (model.low_v, model.high_v)
+        rest_v = model.low_v if u_v is None else u_v
+        turns = (*ends, *ends, ends[0], rest_v)
+        return cls._relaxed(model, _turned(model, np.full(len(model.thresholds_v), rest_v), turns), rest_v)
+
+    @classmethod
+    def after_jump(cls, model: ActuatorModel, from_v: float, to_v: float) -> ActuatorState:
+        """Held at `from_v`, then brought to `to_v` in one move; creep has followed the move."""
+        state = cls.virgin(model, from_v)
+        state.plays_v[:] = _turned(model, state.plays_v, (to_v,))
+        state.lags_v[:] = state.plays_v[model.creep_plays, np.newaxis]
+        state.u_v = to_v
+        return state
+
+    def copy(self) -> ActuatorState:
+        """Return an independent copy."""
+        return ActuatorState(self.plays_v.copy(), self.lags_v.copy(), self.u_v, self.t_s)
+
+    @classmethod
+    def _relaxed(cls, model: ActuatorModel, plays_v: Array, u_v: float) -> ActuatorState:
+        lags_v = np.repeat(plays_v[model.creep_plays, np.newaxis], len(model.time_constants_s), axis=1)
+        return cls(plays_v, lags_v, u_v)
+
+
+def _turned(model: ActuatorModel, plays_v: Array, turns: Sequence[float]) -> Array:
+    """Where the plays are after the voltage has visited `turns`."""
+    for u_v in turns:
+        plays_v = np.clip(plays_v, u_v - model.thresholds_v, u_v + model.thresholds_v)
+    return plays_v
+
+
+CLOCK_ROUNDING_S = 1e-9
+
+
+def consecutive(t_s: ArrayLike, values: ArrayLike, since_s: float = -math.inf) -> tuple[Array, Array]:
+    """Return times and values as float64 arrays of shape (n,), row after row in memory.
+
+    Raises ValueError unless both are one-dimensional, equally long and finite, and time runs forwards from
+    `since_s` on.
+    """
+    times, numbers = _line(t_s), _line(values)
+    if times.ndim != 1 or times.shape != numbers.shape:
+        raise ValueError(
+            f"times of shape {times.shape} and values of shape {numbers.shape}: (n,) each is needed"
+        )
+    if not (np.isfinite(times).all() and np.isfinite(numbers).all()):
+        raise ValueError("times and values are finite numbers")
+    if len(times) and (times[0] < since_s - CLOCK_ROUNDING_S or bool((np.diff(times) < 0.0).any())):
+        raise ValueError(f"time runs forwards, here from {since_s:g} s on")
+    return times, numbers
+
+
+def _line(values: ArrayLike) -> Array:
+    return np.ascontiguousarray(np.asarray(values, dtype=np.float64))

@@ -1,11 +1,14 @@
-"""A measured record: what was applied to the actuator, and where the tool went."""
+"""A measured record: what was applied to the actuator, where the tool went, and what the voltage covers."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+
 if TYPE_CHECKING:
-    import numpy as np
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
@@ -28,3 +31,74 @@ class Record(NamedTuple):
     y_um: Array
     previous_v: float | None = None
     name: str = "record"
+
+
+HELD_SHARE = 0.02
+"""A voltage that stays within this share of the span is held."""
+TURN_SHARE = 0.3
+"""A swing of less than this share of the span says nothing about the rate of a record."""
+RATES_APART = 2.0
+
+
+def length_s(records: Sequence[Record]) -> float:
+    """Duration of the longest record."""
+    return max(float(record.t_s[-1] - record.t_s[0]) for record in records)
+
+
+def sample_s(records: Sequence[Record]) -> float:
+    """Time from sample to sample of the slowest sampled record."""
+    return max(float(np.median(np.diff(record.t_s))) for record in records)
+
+
+def longest_hold_s(record: Record) -> float:
+    """Longest time that the voltage stays within 2 % of its span."""
+    level = np.round((record.u_v - record.u_v.min()) / (HELD_SHARE * np.ptp(record.u_v)))
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(level)) + 1, [len(level) - 1]])
+    return float(np.diff(record.t_s[edges]).max())
+
+
+def half_periods_s(record: Record) -> Array:
+    """Times from one large turning point to the next, shape (k,)."""
+    turns = _turning_points(record.u_v, TURN_SHARE * float(np.ptp(record.u_v)))
+    return np.diff(record.t_s[turns])
+
+
+def has_several_rates(records: Sequence[Record]) -> bool:
+    """Whether the records swing at rates so different that delay and hysteresis can be told apart."""
+    times_s = np.concatenate([half_periods_s(record) for record in records])
+    if len(times_s) < 2:
+        return False
+    fast_s, slow_s = np.percentile(times_s, [10, 90])
+    return bool(slow_s >= RATES_APART * fast_s)
+
+
+def settled_from(record: Record) -> int:
+    """First sample from which both ends of the voltage have been visited, if that is soon; else 0.
+
+    Before, the plays depend on a history that nobody recorded.
+    """
+    if record.previous_v is not None:
+        return 0
+    margin_v = HELD_SHARE * float(np.ptp(record.u_v))
+    top = int(np.argmax(record.u_v >= record.u_v.max() - margin_v))
+    bottom = int(np.argmax(record.u_v <= record.u_v.min() + margin_v))
+    later = max(top, bottom)
+    return later if later <= len(record.u_v) // 5 else 0
+
+
+def _turning_points(u_v: Array, least_v: float) -> NDArray[np.int64]:
+    """Samples where the voltage turns after a swing of at least `least_v`."""
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(u_v[_changes(u_v)]))) != 0) + 1
+    candidates = _changes(u_v)[turns]
+    kept: list[int] = []
+    for k in candidates.tolist():
+        if not kept or abs(u_v[k] - u_v[kept[-1]]) >= least_v:
+            kept.append(k)
+        elif len(kept) > 1 and (u_v[k] - u_v[kept[-1]]) * (u_v[kept[-1]] - u_v[kept[-2]]) > 0:
+            kept[-1] = k
+    return np.array(kept, dtype=np.int64)
+
+
+def _changes(u_v: Array) -> NDArray[np.int64]:
+    """Samples at which the voltage is another than before, the first among them."""
+    return np.concatenate([[0], np.flatnonzero(np.diff(u_v)) + 1]).astype(np.int64)

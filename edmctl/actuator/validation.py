@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from edmctl.actuator.waveshape import settled_from
+from edmctl.actuator.record import settled_from
 
 if TYPE_CHECKING:
     from collections.abc import Collection

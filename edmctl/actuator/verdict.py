@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.actuator.choosing import OWN_TAU_SHARE
-from edmctl.actuator.waveshape import has_several_rates, length_s, longest_hold_s, settled_from
+from edmctl.actuator.design import OWN_TAU_SHARE
+from edmctl.actuator.record import has_several_rates, length_s, longest_hold_s, settled_from
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

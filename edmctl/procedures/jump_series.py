@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from edmctl.actuator.moves import jump_volts
+from edmctl.actuator.inverse import jump_volts
 from edmctl.errors import LinkLost, PreconditionError
 from edmctl.machine.port import JumpRequest, MachineState, joined
 from edmctl.procedures.event_codes import RunEvent

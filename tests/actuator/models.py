@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from edmctl.actuator import ActuatorModel
+from edmctl.actuator.model import ActuatorModel, ActuatorState
 
 Array = NDArray[np.float64]
 
@@ -48,3 +48,11 @@ def clock(samples: int, step_s: float = 0.01) -> Array:
     """Evenly spaced times."""
     times_s: Array = step_s * np.arange(samples, dtype=np.float64)
     return times_s
+
+
+def driven(model: ActuatorModel, t_s: Array, u_v: Array) -> ActuatorState:
+    """State after a voltage, shape (n,), from a conditioned start at its first sample."""
+    state = ActuatorState.conditioned(model, float(u_v[0]))
+    state.t_s = float(t_s[0])
+    model.advance(state, t_s, u_v)
+    return state

@@ -7,10 +7,10 @@ import pytest
 from numpy.typing import NDArray
 
 from edmctl.actuator.baselines import Baseline, fit_line, fit_maxwell, paper_practice
-from edmctl.actuator.defaults import default_model
 from edmctl.actuator.maxwell import MaxwellModel
 from edmctl.actuator.record import Record
 from edmctl.actuator.waveforms import Waveform, calibration_legs, sampled, sine, square
+from tests.actuator.apa400m import default_model
 
 Array = NDArray[np.float64]
 

@@ -4,14 +4,16 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from edmctl.actuator import ActuatorModel, ActuatorState, Record, identify, validate
 from edmctl.actuator import waveforms as waves
 from edmctl.actuator.baselines import fit_maxwell
-from edmctl.actuator.choosing import choose_design
-from edmctl.actuator.defaults import default_model
-from edmctl.actuator.identification import identify_quick
-from edmctl.actuator.validation import judge
+from edmctl.actuator.design import choose_design
+from edmctl.actuator.estimator import Estimator
+from edmctl.actuator.identification import identify, identify_quick
+from edmctl.actuator.model import ActuatorModel, ActuatorState
+from edmctl.actuator.record import Record
+from edmctl.actuator.validation import judge, validate
 from edmctl.simulator.actuator import VirtualActuator
+from tests.actuator.apa400m import default_model
 from tests.actuator.models import Array, clock, make_model
 from tests.actuator.truth import play
 
@@ -93,7 +95,7 @@ def test_held_out_errors_are_honest() -> None:
     actuator = VirtualActuator(12)
     actuator.drive(wave.u_v)
     again = actuator.drive(wave.u_v)
-    estimator = found.model.estimator()
+    estimator = Estimator(found.model)
     estimator.advance(wave.t_s, wave.u_v)
     predicted_um = estimator.advance(wave.t_s + wave.t_s[-1] + 0.001, again.applied_v)
     fresh = judge(predicted_um[::5], again.sensor_um[::5]).errors
@@ -224,7 +226,7 @@ def test_a_stuck_range_is_not_monotone() -> None:
     stuck_um = np.minimum(record.y_um, 200.0)
     found = identify([record._replace(y_um=stuck_um)], resamples=2)
     assert any("Not monotone" in problem for problem in found.problems)
-    assert found.model.least_slope_um_per_v > 0.0
+    assert found.model.slopes_um_per_v[0].min() > 0.0
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from edmctl.actuator import ActuatorModel, Record, identify, validate
+from edmctl.actuator.identification import identify
+from edmctl.actuator.model import ActuatorModel
+from edmctl.actuator.record import Record
+from edmctl.actuator.validation import validate
 
 FOLDER = Path(os.environ.get("EDMCTL_MEASURED", "absent"))
 pytestmark = pytest.mark.skipif(not FOLDER.is_dir(), reason="EDMCTL_MEASURED names no folder")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from edmctl.actuator.estimator import Estimator
 from edmctl.machine.port import EventCode, MachineState
 from edmctl.procedures.actuator.conditioning import condition
 from edmctl.procedures.event_codes import RunEvent
@@ -60,7 +61,7 @@ def test_the_gain_is_that_of_the_swings_and_the_zero_moves_at_rests_only(run: Do
     rests = [code for _, code, _, _, _ in run.shop.seen.events if code == RunEvent.STAGE_MOVED]
     calibration = calibrated()
     times_s, volts = column(run.shop, "time_s"), column(run.shop, "actuator_v")
-    again = calibration.model.estimator()
+    again = Estimator(calibration.model)
     again.state.t_s = float(times_s[0])
     again.correct(float(homed["gain"]), float(homed["offset_um"]))
     alone_um = again.advance(times_s, volts)

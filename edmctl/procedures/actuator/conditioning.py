@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.actuator.moves import jump_volts
+from edmctl.actuator.inverse import jump_volts
 from edmctl.actuator.record import Record
 from edmctl.errors import PreconditionError
 from edmctl.machine.port import joined

@@ -17,7 +17,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from edmctl.actuator.correction import SlowCorrection
-from edmctl.actuator.moves import travel_by
+from edmctl.actuator.inverse import travel_by
 from edmctl.machine.port import (
     Axis,
     ControllerSettings,

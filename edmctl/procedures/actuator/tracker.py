@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.actuator.correction import SlowCorrection
-from edmctl.actuator.state import ActuatorState
+from edmctl.actuator.estimator import Estimator
+from edmctl.actuator.model import ActuatorState
 from edmctl.actuator.validation import ErrorFigures
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from edmctl.actuator.estimator import Estimator
     from edmctl.actuator.model import ActuatorModel
     from edmctl.actuator.record import Record
 
@@ -81,7 +81,7 @@ def at_rest(model: ActuatorModel, time_s: float, u_v: float = 0.0) -> Estimator:
     """Start from a conditioned actuator that has long been at rest at `u_v`."""
     state = ActuatorState.conditioned(model, u_v)
     state.t_s = time_s
-    return model.estimator(state)
+    return Estimator(model, state)
 
 
 def home(model: ActuatorModel, record: Record, sd_um: float) -> tuple[Tracker, ErrorFigures]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from edmctl.actuator.moves import jump_volts
+from edmctl.actuator.inverse import jump_volts
 from edmctl.machine.port import JumpRequest
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from edmctl.actuator.moves import ramp_by
+from edmctl.actuator.inverse import ramp_by
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.resting import rest_and_look
 from edmctl.procedures.settings import first_sparks_v

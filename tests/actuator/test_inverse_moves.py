@@ -7,20 +7,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from edmctl.actuator.moves import jump_volts, ramp_by, travel_by
+from edmctl.actuator.estimator import Estimator
+from edmctl.actuator.inverse import Inverse, jump_volts, ramp_by, travel_by
 
 from .models import make_model
 
 if TYPE_CHECKING:
-    from edmctl.actuator import ActuatorModel
-    from edmctl.actuator.estimator import Estimator
+    from edmctl.actuator.model import ActuatorModel
 
 RATE_HZ = 1000.0
 
 
 def lowered(model: ActuatorModel, to_v: float = 60.0) -> Estimator:
     """An estimator that came up from 0 V at 20 V/s and has rested a second."""
-    estimator = model.estimator()
+    estimator = Estimator(model)
     go(estimator, to_v, to_v / 20.0)
     go(estimator, to_v, 1.0)
     return estimator
@@ -54,7 +54,7 @@ def test_at_once_is_too_much_for_a_ramp() -> None:
     """What the path is for: the voltage that is right at once leaves 2 % more by the end of a slow ramp."""
     estimator = lowered(make_model())
     start_um, start_v = here_um(estimator), estimator.state.u_v
-    at_once_v = estimator.model.inverse(estimator.state).tick(start_um + 100.0, 0.0).u_v
+    at_once_v = Inverse(estimator.model, estimator.state).tick(start_um + 100.0, 0.0).u_v
     reached_um = go(estimator, at_once_v, (at_once_v - start_v) / 60.0) - start_um
     assert reached_um > 102.0
 

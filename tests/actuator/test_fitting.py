@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import nnls as reference
 
-from edmctl.actuator.nnls import nnls
+from edmctl.actuator.fitting import nnls
 
 
 @settings(max_examples=60)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from edmctl.actuator.defaults import THRESHOLDS_V, WEIGHTS_UM_PER_V, default_model
+from edmctl.actuator.fitting import nnls
 from edmctl.actuator.maxwell import MaxwellModel
-from edmctl.actuator.nnls import nnls
 from edmctl.actuator.waveforms import sine
+from tests.actuator.apa400m import THRESHOLDS_V, WEIGHTS_UM_PER_V, default_model
 from tests.actuator.truth import play
 
 Array = NDArray[np.float64]
