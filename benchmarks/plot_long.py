@@ -31,19 +31,10 @@ from edmctl.record.layout import (
     Table,
 )
 from edmctl.record.reader import RunFile, open_run
-from edmctl.record.rows import (
-    EventLevel,
-    Leaf,
-    PulseBlockRows,
-    PulseTrain,
-    RunMeta,
-    ServoBlock,
-    SiteRow,
-    SlowRow,
-    TouchRow,
-)
+from edmctl.record.rows import EventLevel, Leaf, RunMeta, ServoBlock, SiteRow, SlowRow, TouchRow
 from edmctl.record.writer import RunWriter
 from edmctl.report.kinds import NAMES
+from edmctl.results.telemetry import PulseBlockBatch, PulseTrain
 
 if TYPE_CHECKING:
     import numpy as np
@@ -111,7 +102,7 @@ def write_once(
     slow = fields(SLOW, groups[SLOW.path], later_s)
     for row in range(len(slow["time_s"])):
         writer.append_slow(SlowRow(**{name: column[row].item() for name, column in slow.items()}))
-    writer.append_pulse_blocks(PulseBlockRows(**fields(PULSE_BLOCKS, groups[PULSE_BLOCKS.path], later_s)))
+    writer.append_pulse_blocks(PulseBlockBatch(**fields(PULSE_BLOCKS, groups[PULSE_BLOCKS.path], later_s)))
     pulses, segments = fields(PULSES, groups[PULSES.path], 0.0), groups[SEGMENTS.path]
     bounds = [*segments["first_row"].astype(int), len(pulses["pulse_class"])]
     for i, (first, stop) in enumerate(pairwise(bounds)):

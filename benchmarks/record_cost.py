@@ -26,8 +26,9 @@ import numpy as np
 
 from edmctl.record.background import SYNC_INTERVAL_S, BackgroundWriter
 from edmctl.record.recorder import NullRecorder
-from edmctl.record.rows import EventLevel, PulseBlockRows, PulseTrain, RunMeta, ServoBlock, SlowRow
+from edmctl.record.rows import EventLevel, RunMeta, ServoBlock, SlowRow
 from edmctl.record.writer import FLUSH_INTERVAL_S, RunWriter
+from edmctl.results.telemetry import PulseBlockBatch, PulseTrain
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -71,7 +72,7 @@ class Log:
         sums = random.random(PULSE_BLOCKS)
         counts = (23 * sums).astype(np.uint8)
         recorder.append_pulse_blocks(
-            PulseBlockRows(start_s + sums, counts, counts, counts, counts, 100 * sums, 50 * sums)
+            PulseBlockBatch(start_s + sums, counts, counts, counts, counts, 100 * sums, 50 * sums)
         )
         delay_us = random.exponential(20.0, PULSES)
         recorder.append_pulses(

@@ -25,7 +25,8 @@ from edmctl.errors import RunFileError
 from edmctl.record.background import BackgroundWriter
 from edmctl.record.reader import open_run
 from edmctl.record.recovery import recover
-from edmctl.record.rows import EventLevel, PulseTrain, RunMeta, ServoBlock, TouchRow
+from edmctl.record.rows import EventLevel, RunMeta, ServoBlock, TouchRow
+from edmctl.results.telemetry import PulseTrain
 
 SERVO_HZ, PULSE_HZ = 1000, 2300
 BLOCK_S = 0.1

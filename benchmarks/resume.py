@@ -35,7 +35,7 @@ from edmctl.simulator.saving import restored_bench
 if TYPE_CHECKING:
     from typing import Any, NoReturn
 
-    from edmctl.machine.port import TelemetryBlock
+    from edmctl.machine.interface import TelemetryBlock
     from edmctl.profile.model import Profile
 
 BAR, HELD_BAR = 0.95, 0.85

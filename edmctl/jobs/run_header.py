@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from edmctl.jobs.calibration.selection import Choice
     from edmctl.jobs.plan import Plan
-    from edmctl.machine.port import MachineIdentity
+    from edmctl.machine.interface import MachineIdentity
     from edmctl.profile.load import LoadedProfile
     from edmctl.profile.setup import Setup
     from edmctl.record.rows import RunMeta, SourceText

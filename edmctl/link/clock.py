@@ -24,6 +24,7 @@ SLOWEST = 0.01
 SURE = 5
 """So many heartbeats with short round trips tell the rate of any clock."""
 _REFIT_S = 0.5
+_WRAP_32 = 1 << 32
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,3 +85,26 @@ class ClockFit:
         rate = max(rate, SLOWEST)
         squares = sum((s[1] - machine_s - rate * (s[0] - host_s)) ** 2 for s in good)
         return ClockLine(host_s, machine_s, rate, (squares / n) ** 0.5)
+
+
+class ControllerClock:
+    """Unwraps the controller's 32-bit microseconds, which start over every 71.6 minutes."""
+
+    def __init__(self) -> None:
+        self._reference_us = 0
+
+    def note(self, t_dev_us: int) -> None:
+        """Take the controller's full time, as every heartbeat brings it."""
+        self._reference_us = t_dev_us
+
+    @property
+    def newest_s(self) -> float:
+        """The newest full time, in seconds."""
+        return self._reference_us / 1_000_000
+
+    def seconds(self, t_us: int) -> float:
+        """Return controller time in seconds of a time within 35 minutes of the last heartbeat."""
+        ahead = (t_us - self._reference_us) % _WRAP_32
+        if ahead >= _WRAP_32 // 2:
+            ahead -= _WRAP_32
+        return (self._reference_us + ahead) / 1_000_000

@@ -67,15 +67,15 @@ def pass_gate(name: str, port: Serial, secret: bytes) -> None:
     if os.name != "posix":  # a socket is no file there that could be looked at twice
         return
     with socket.socket(fileno=os.dup(port.fileno())) as line:
-        told = _next_line(line, CHALLENGE_S if secret else SILENT_SERVER_S)
-        if not told:
+        words = _next_line(line, CHALLENGE_S if secret else SILENT_SERVER_S)
+        if not words:
             return
-        if not secret or told[0] != CHALLENGE or len(told) != 2:
-            raise closed(name, told)
-        line.sendall(line_of(ANSWER, answer_to(told[1], secret)))
-        told = _next_line(line, CHALLENGE_S)
-        if told[:1] != [READY]:
-            raise closed(name, told)
+        if not secret or words[0] != CHALLENGE or len(words) != 2:
+            raise closed(name, words)
+        line.sendall(line_of(ANSWER, answer_to(words[1], secret)))
+        words = _next_line(line, CHALLENGE_S)
+        if words[:1] != [READY]:
+            raise closed(name, words)
 
 
 def closed(name: str, words: list[bytes]) -> LinkLost:
@@ -89,8 +89,8 @@ def closed(name: str, words: list[bytes]) -> LinkLost:
             f"{name} asks for a secret.",
             hint="Name the file that holds it: EDMCTL_SECRET_FILE, or link.secret_file in the setup.",
         )
-    told = "refused the secret" if words[:1] == [REFUSED] else "closed its gate without a word of why"
-    return GateClosed(f"{name} {told}.", hint="Both ends need the same secret file.")
+    reason = "refused the secret" if words[:1] == [REFUSED] else "closed its gate without a word of why"
+    return GateClosed(f"{name} {reason}.", hint="Both ends need the same secret file.")
 
 
 def _next_line(line: socket.socket, patience_s: float) -> list[bytes]:

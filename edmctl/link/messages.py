@@ -975,22 +975,6 @@ UNSOLICITED: dict[int, type[Message]] = {
 }
 """What the controller sends by itself, by id."""
 
-FIELD_ENUMS: dict[tuple[str, str], type[IntEnum | IntFlag]] = {
-    ("HELLO_REPLY", "reset_cause"): ResetCause,
-    ("HELLO_REPLY", "state"): State,
-    ("HELLO_REPLY", "clock"): Clock,
-    ("HEARTBEAT_REPLY", "state"): State,
-    ("GET_STATUS_REPLY", "state"): State,
-    ("GET_STATUS_REPLY", "interlocks"): Interlocks,
-    ("GET_STATUS_REPLY", "flags"): TlmFlags,
-    ("STAGE_MOVE", "axis"): Axis,
-    ("PULSE_CONFIG", "mode"): PulseMode,
-    ("TLM_START", "pulse_log"): PulseLog,
-    ("EVENT", "code"): EventCode,
-    ("BOOT", "reset_cause"): ResetCause,
-}
-"""Enumeration of a field, by message name and field name."""
-
 PARAMS = {
     param.name: param
     for param in (

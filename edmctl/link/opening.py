@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import LinkLost
 from edmctl.link.gate import GateBusy, pass_gate
-from edmctl.link.holder import holder_of
+from edmctl.link.port_owner import owner_of
 from edmctl.link.ports import listed_ports
 from edmctl.link.serial_line import FAILURES, SerialLine, open_port, reason_of
 
@@ -57,7 +57,7 @@ def open_line(
     """
     _check(url)
     end_s = monotonic() + wait_s
-    told = False
+    has_said = False
     while True:
         try:
             port = open_port(url, baud)
@@ -70,8 +70,8 @@ def open_line(
             error = _explain(url, failure)
         if not isinstance(error, PortBusy | PortAbsent | GateBusy) or monotonic() >= end_s:
             raise error
-        if say is not None and not told:
-            told = True
+        if say is not None and not has_said:
+            has_said = True
             say(f"{error.message} Waiting up to {wait_s:g} s.")
         sleep(min(LOOK_AGAIN_S, max(0.0, end_s - monotonic())))
 
@@ -104,8 +104,8 @@ def _check(url: str) -> None:
 def _explain(url: str, failure: Exception) -> LinkLost:
     number = _number(failure)
     if number in _BUSY:
-        holder = holder_of(Path(url))
-        by = f" by {holder}" if holder else " by another program"
+        owner = owner_of(Path(url))
+        by = f" by {owner}" if owner else " by another program"
         return PortBusy(
             f"{url} is held{by}.", hint="End the other program, or wait for it with --wait SECONDS."
         )

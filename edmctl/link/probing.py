@@ -132,7 +132,7 @@ def open_selector(
     if selector != "auto" and not selector.startswith("serial:"):
         return open_line(selector, baud, wait_s, say, secret)
     end_s = monotonic() + wait_s
-    told = False
+    has_said = False
     while True:
         try:
             url = find(selector, usb_ids, candidates, baud, hello_s, secret)
@@ -140,8 +140,8 @@ def open_selector(
         except LinkLost as error:
             if error.code != PortAbsent.default_code or monotonic() >= end_s:
                 raise
-            if say is not None and not told:
-                told = True
+            if say is not None and not has_said:
+                has_said = True
                 say(f"{error.message} Waiting up to {wait_s:g} s.")
         sleep(min(LOOK_AGAIN_S, max(0.0, end_s - monotonic())))
-    return open_line(url, baud, max(0.0, end_s - monotonic()), None if told else say, secret)
+    return open_line(url, baud, max(0.0, end_s - monotonic()), None if has_said else say, secret)

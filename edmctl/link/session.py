@@ -13,12 +13,11 @@ from threading import RLock
 from typing import TYPE_CHECKING, TypeVar
 
 from edmctl.errors import LinkLost, ProtocolMismatch
-from edmctl.link.accounting import ControllerClock, Statistics, link_report
-from edmctl.link.clock import ClockFit
+from edmctl.link.clock import ClockFit, ControllerClock
 from edmctl.link.compatibility import check_hello
-from edmctl.link.driven import DrivenLine
 from edmctl.link.frame import ABORT, encode_frame
 from edmctl.link.heartbeat import HeartbeatThread
+from edmctl.link.link_errors import fell_silent, no_answer, other_host, restarted, taken_over, unanswered
 from edmctl.link.messages import (
     PROTO_MAJOR,
     PROTO_MINOR,
@@ -31,11 +30,11 @@ from edmctl.link.messages import (
     Status,
     TlmStart,
 )
-from edmctl.link.receiver import Receiver
-from edmctl.link.refusal import CommandRefused, refusal
-from edmctl.link.reports import Reports
-from edmctl.link.roundtrip import LONGEST_S, RoundTrips
-from edmctl.link.silence import fell_silent, no_answer, other_host, restarted, taken_over, unanswered
+from edmctl.link.nak import CommandRefused, nak_error
+from edmctl.link.receiver import Receiver, Subscriptions
+from edmctl.link.retransmit_timer import LONGEST_S, RetransmitTimer
+from edmctl.link.statistics import Statistics, link_report
+from edmctl.link.stepped_clock import SteppedLine
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -78,7 +77,7 @@ class Session:
         self.transport = self._line = transport
         self._heartbeat_s = heartbeat_s
         self._random = random_source or SystemRandom()
-        self._reports = Reports()
+        self._subscriptions = Subscriptions()
         self._writing = RLock()
         self._pulse: HeartbeatThread | None = None
         self._begin(0)
@@ -97,9 +96,11 @@ class Session:
         self._moved_s = 0.0
         self._clock = ControllerClock()
         self._fit = ClockFit()
-        self._round_trips = RoundTrips()
-        self._reports.begin(self.statistics)
-        self._receiver = Receiver(session, self.statistics, self._reports, self._on_heartbeat, self._on_boot)
+        self._retransmit_timer = RetransmitTimer()
+        self._subscriptions.begin(self.statistics)
+        self._receiver = Receiver(
+            session, self.statistics, self._subscriptions, self._on_heartbeat, self._on_boot
+        )
 
     def open(self, patience_s: float = DEADLINE_S) -> HelloReply:
         """Open a new session; a board that resets when its port is opened needs `patience_s` to come up.
@@ -118,13 +119,13 @@ class Session:
         frame = self._exchange(hello, patience_s)
         check_hello(frame.payload, self.transport.name, self.request)
         if frame.flags != Status.OK:
-            raise refusal(hello.ID, frame)
+            raise nak_error(hello.ID, frame)
         reply = _unpack_reply(hello, frame)
         if reply.host_nonce != hello.host_nonce:
             raise self._lose(other_host(self.transport.name))
         self._hello = reply
         if reply.clock == Clock.DRIVEN:
-            self.transport = DrivenLine(self.transport, self._session)
+            self.transport = SteppedLine(self.transport, self._session)
         self._is_open = True
         self._first_heartbeats()
         return reply
@@ -150,9 +151,9 @@ class Session:
         """
         frame = self._exchange(message)
         if frame.flags != Status.OK:
-            raise refusal(message.ID, frame)
+            raise nak_error(message.ID, frame)
         if message.ID == TlmStart.ID:
-            self._reports.restart_counters()
+            self._subscriptions.restart_counters()
         return _unpack_reply(message, frame)
 
     def pump(self, duration_s: float) -> None:
@@ -177,7 +178,7 @@ class Session:
 
     def subscribe(self, message_type: type[MessageT], callback: Callable[[MessageT], None]) -> None:
         """Call `callback` with every message of one type that the controller sends by itself."""
-        self._reports.subscribe(message_type, callback)
+        self._subscriptions.subscribe(message_type, callback)
 
     def catch_up(self) -> None:
         """Read and dispatch what waits on a live line; where time is virtual nothing can."""
@@ -218,7 +219,7 @@ class Session:
 
     def link_report(self) -> LinkReport:
         """Return how the line did since the session opened."""
-        return link_report(self.statistics, self.last_heartbeat, self._round_trips, self._fit.line)
+        return link_report(self.statistics, self.last_heartbeat, self._retransmit_timer, self._fit.line)
 
     def abort(self) -> None:
         """Send the abort run: pulses off and tool retracted, in whatever state line and controller are."""
@@ -278,7 +279,7 @@ class Session:
         self._receiver.expect(message.ID, seq)
         try:
             start_s = now_s = self.transport.now_s()
-            deadline_s, wait_s = start_s + patience_s, self._round_trips.timeout_s
+            deadline_s, wait_s = start_s + patience_s, self._retransmit_timer.timeout_s
             self._send(message.ID, seq, payload)
             again_s, repeated = start_s + wait_s, False
             while (frame := self._receiver.reply(message.ID, seq)) is None:
@@ -296,7 +297,7 @@ class Session:
                     self._send(message.ID, seq, payload)
                 self._step(now_s, min(deadline_s, again_s))
             if not repeated:
-                self._round_trips.note(self.transport.now_s() - start_s)
+                self._retransmit_timer.note(self.transport.now_s() - start_s)
         finally:
             self._receiver.forget(message.ID, seq)
         return frame
@@ -310,7 +311,9 @@ class Session:
         with self._writing:
             seq, self._beat_seq = self._beat_seq, (self._beat_seq + 1) & 0xFF
             self._beats_us[seq] = int(now_s * 1e6)
-            self._send(Heartbeat.ID, seq, Heartbeat(self._beats_us[seq], self._reports.last_event).pack())
+            self._send(
+                Heartbeat.ID, seq, Heartbeat(self._beats_us[seq], self._subscriptions.last_event).pack()
+            )
         # A host that was away itself cannot blame the controller for the silence.
         was_away = now_s - self._next_beat_s > self._heartbeat_s
         self._unanswered_since_s = now_s if was_away else min(self._unanswered_since_s, now_s)
@@ -327,7 +330,7 @@ class Session:
             self._beat(now_s)
         # A subscriber that raised has left frames behind; they come before new bytes.
         if not self._receiver.pending:
-            self._receiver.take(self.transport.read(max(min(until_s, self._next_beat_s) - now_s, 0.0)))
+            self._receiver.feed(self.transport.read(max(min(until_s, self._next_beat_s) - now_s, 0.0)))
         try:
             self._receiver.dispatch()
         finally:
@@ -347,7 +350,7 @@ class Session:
         if self.transport.live:
             sent_s, now_s = 1e-6 * reply.t_host_us, self.transport.now_s()
             self._fit.note(sent_s, now_s, 1e-6 * reply.t_dev_us)
-            self._round_trips.note(now_s - sent_s)
+            self._retransmit_timer.note(now_s - sent_s)
 
     def _goes_on(self, reply: HeartbeatReply, before: HeartbeatReply | None) -> bool:
         """Whether the controller's time goes forward, and no faster than it can."""

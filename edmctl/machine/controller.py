@@ -26,11 +26,21 @@ from edmctl.link.messages import (
     param_crc,
 )
 from edmctl.link.messages import PathMove as AppendLine
-from edmctl.link.refusal import CommandRefused
-from edmctl.machine.asking import identity_of, read_black_box, read_status, read_waveforms
+from edmctl.link.nak import CommandRefused
 from edmctl.machine.faults import latched_error
 from edmctl.machine.inbox import Inbox
-from edmctl.machine.orders import (
+from edmctl.machine.interface import (
+    MachineEvent,
+    MachineIdentity,
+    MachineStatus,
+    TelemetryBlock,
+    Touch,
+    WaveformBatch,
+)
+from edmctl.machine.plausibility import impossible, wrong_touch
+from edmctl.machine.queries import identity_of, read_black_box, read_status, read_waveforms
+from edmctl.machine.recovery import clear_fault, wait_for_rest
+from edmctl.machine.requests import (
     ControllerSettings,
     CutRequest,
     JumpRequest,
@@ -40,22 +50,13 @@ from edmctl.machine.orders import (
     ScanRequest,
     TelemetrySettings,
     TouchRequest,
+    default_settings,
+    set_generator,
     settings_by_name,
-)
-from edmctl.machine.possible import impossible
-from edmctl.machine.recovery import clear_fault, wait_for_rest
-from edmctl.machine.reports import (
-    MachineEvent,
-    MachineIdentity,
-    MachineStatus,
-    TelemetryBlock,
-    Touch,
-    WaveformBatch,
+    upload,
 )
 from edmctl.machine.states import Axis, EventCode, MachineState
 from edmctl.machine.stop import StopRequest
-from edmctl.machine.touching import wrong_touch
-from edmctl.machine.upload import default_settings, set_generator, upload
 from edmctl.machine.waits import CUT_ENDS, GRACE_S, SLOWEST, Waits, touch_time_s
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ if TYPE_CHECKING:
     from edmctl.link.messages import HelloReply
     from edmctl.link.session import Session
     from edmctl.machine.faults import FaultLatched
-    from edmctl.machine.port import MachineListener
+    from edmctl.machine.interface import MachineListener
     from edmctl.results.link import LinkReport
 
 SELF_TEST_S = 1.0
@@ -224,8 +225,8 @@ class LinkMachine:
                 event = self._waits.event((EventCode.TOUCH, EventCode.TOUCH_DONE), touch_time_s(request))
                 if event.code is EventCode.TOUCH_DONE:
                     break
-                if told := wrong_touch(event, len(found) + 1, request, samples):
-                    raise impossible(told)
+                if problem := wrong_touch(event, len(found) + 1, request, samples):
+                    raise impossible(problem)
                 found.append(Touch(event.time_s, event.displacement_um, event.actuator_v))
         if len(found) != request.touches:
             raise impossible(f"TOUCH_DONE after {len(found)} of {request.touches} touches")

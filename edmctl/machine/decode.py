@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from edmctl.link.messages import PulseBlocks, Pulses, Tlm, WaveformReadReply
-from edmctl.machine.port import Floats, PulseBatch, PulseBlockBatch, TelemetryBlock, WaveformBatch
+from edmctl.results.telemetry import PulseBlockBatch, PulseTrain, TelemetryBlock, WaveformBatch
+
+if TYPE_CHECKING:
+    from edmctl.results.telemetry import Floats
 
 ToSeconds = Callable[[int], float]
 """Controller time in µs, modulo 2^32, as seconds of the run."""
@@ -87,7 +91,7 @@ def pulse_block_batch(frames: Sequence[PulseBlocks], to_seconds: ToSeconds) -> P
     )
 
 
-def pulse_batches(frames: Sequence[Pulses], to_seconds: ToSeconds) -> list[PulseBatch]:
+def pulse_batches(frames: Sequence[Pulses], to_seconds: ToSeconds) -> list[PulseTrain]:
     """One batch for each run of frames whose pulses follow each other without a pause."""
     runs: list[list[Pulses]] = []
     for frame in frames:
@@ -104,9 +108,9 @@ def _follows(before: Pulses, after: Pulses) -> bool:
     return after.pulse_no == before.pulse_no + before.n and abs(elapsed_us - expected_us) < _SAME_TRAIN_US
 
 
-def _pulse_batch(frames: Sequence[Pulses], to_seconds: ToSeconds) -> PulseBatch:
+def _pulse_batch(frames: Sequence[Pulses], to_seconds: ToSeconds) -> PulseTrain:
     rows = np.frombuffer(b"".join(frame.records for frame in frames), dtype=_PULSE_DTYPE)
-    return PulseBatch(
+    return PulseTrain(
         first_pulse=frames[0].pulse_no,
         start_s=to_seconds(frames[0].t0_us),
         period_s=1e-9 * frames[0].period_ns,

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 from edmctl.link.messages import Event, EventCode, Fault, Log, PulseBlocks, Pulses, Tlm
 from edmctl.machine.decode import ToSeconds, lost_frames, pulse_batches, pulse_block_batch, telemetry_block
-from edmctl.machine.port import MachineEvent, MachineListener, MachineState
-from edmctl.machine.possible import (
+from edmctl.machine.frame_sequence import PulseFrames, SampleStream
+from edmctl.machine.interface import MachineEvent, MachineListener, MachineState
+from edmctl.machine.plausibility import (
     impossible,
     wrong_block,
     wrong_blocks,
@@ -16,21 +17,19 @@ from edmctl.machine.possible import (
     wrong_fault,
     wrong_pulses,
 )
-from edmctl.machine.pulse_frames import PulseFrames
-from edmctl.machine.stream import SampleStream
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from edmctl.errors import EdmError
     from edmctl.link.session import Session
-    from edmctl.machine.orders import TelemetrySettings
-    from edmctl.machine.port import TelemetryBlock
+    from edmctl.machine.interface import TelemetryBlock
+    from edmctl.machine.requests import TelemetrySettings
 
 _PULSE_FRAMES = 16
 """Pulse frames gathered before they are handed on: they are only recorded, so they may wait."""
 OLDEST_EVENT_S = 70.0
-"""A touch is told after its dwell, 65 s at most, and a report that got lost is sent again every 100 ms."""
+"""A touch is reported after its dwell, 65 s at most, and a report that got lost is sent again every 100 ms."""
 
 
 class Inbox:
@@ -71,8 +70,8 @@ class Inbox:
         session.subscribe(Fault, self._on_fault)
 
     def _on_event(self, message: Event) -> None:
-        if told := wrong_event(message) or self._wrong_time(message):
-            self._doubt(told)
+        if problem := wrong_event(message) or self._wrong_time(message):
+            self._doubt(problem)
             return
         event = MachineEvent(
             code=EventCode(message.code),
@@ -86,8 +85,8 @@ class Inbox:
         self._unheard.append(event)
 
     def _on_fault(self, message: Fault) -> None:
-        if told := wrong_fault(message):
-            self._doubt(told)
+        if problem := wrong_fault(message):
+            self._doubt(problem)
             return
         self.news = True
         if self.fault is None:
@@ -99,10 +98,10 @@ class Inbox:
             return ""
         return f"EVENT {EventCode(message.code).name} {time_s - heard_s:+.0f} s from now"
 
-    def _doubt(self, told: str) -> None:
+    def _doubt(self, problem: str) -> None:
         self.news = True
         if self.lie is None:
-            self.lie = impossible(told)
+            self.lie = impossible(problem)
 
     def is_news(self) -> bool:
         """Whether an event or a fault came that a wait must not sleep over."""
@@ -158,14 +157,14 @@ class Inbox:
     def _deliver_telemetry(self, listener: MachineListener) -> None:
         frames = self._telemetry.copy()
         self._telemetry.clear()
-        if told := self._stream.wrong(frames):
-            self._doubt(told)
+        if problem := self._stream.wrong(frames):
+            self._doubt(problem)
             return
         counters = [frame.counter for frame in frames]
         missing = lost_frames(self._telemetry_counter, counters)
         block = telemetry_block(frames, self._to_seconds, missing)
-        if told := wrong_block(block):
-            self._doubt(told)
+        if problem := wrong_block(block):
+            self._doubt(problem)
             return
         self._telemetry_counter = counters[-1]
         self.time_s = float(block.time_s[-1])
@@ -178,23 +177,23 @@ class Inbox:
     def _deliver_blocks(self, listener: MachineListener) -> None:
         frames = self._blocks.copy()
         self._blocks.clear()
-        if told := self._block_frames.wrong(frames):
-            self._doubt(told)
+        if problem := self._block_frames.wrong(frames):
+            self._doubt(problem)
             return
         batch = pulse_block_batch(frames, self._to_seconds)
-        if told := wrong_blocks(batch, frames[0].block_pulses):
-            self._doubt(told)
+        if problem := wrong_blocks(batch, frames[0].block_pulses):
+            self._doubt(problem)
             return
         listener.pulse_blocks(batch)
 
     def _deliver_pulses(self, listener: MachineListener) -> None:
         frames = self._pulses.copy()
         self._pulses.clear()
-        if told := self._pulse_frames.wrong(frames):
-            self._doubt(told)
+        if problem := self._pulse_frames.wrong(frames):
+            self._doubt(problem)
             return
         for train in pulse_batches(frames, self._to_seconds):
-            if told := wrong_pulses(train):
-                self._doubt(told)
+            if problem := wrong_pulses(train):
+                self._doubt(problem)
                 return
             listener.pulses(train)

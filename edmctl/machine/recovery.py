@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import MachineFault
 from edmctl.link.messages import ClearFault, Status
-from edmctl.link.refusal import CommandRefused
-from edmctl.machine.asking import read_status
+from edmctl.link.nak import CommandRefused
 from edmctl.machine.faults import (
     InterlockOpen,
     NothingLatched,
@@ -16,13 +15,14 @@ from edmctl.machine.faults import (
     interlocks_in_words,
     reset_command,
 )
+from edmctl.machine.queries import read_status
 from edmctl.machine.states import MachineState
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from edmctl.link.session import Session
-    from edmctl.machine.reports import MachineStatus
+    from edmctl.machine.interface import MachineStatus
 
 PATIENCE_S = 5.0
 """A tool that retracts is back by then: 150 V at the slowest retraction in use take 2 s."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import MachineFault
 from edmctl.machine.faults import fault_error
-from edmctl.machine.possible import impossible
+from edmctl.machine.plausibility import impossible
 from edmctl.machine.states import EventCode, MachineState
 
 if TYPE_CHECKING:
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from edmctl.link.session import Session
     from edmctl.link.wire import Request
     from edmctl.machine.inbox import Inbox
-    from edmctl.machine.orders import TouchRequest
-    from edmctl.machine.port import MachineEvent, MachineListener
+    from edmctl.machine.interface import MachineEvent, MachineListener
+    from edmctl.machine.requests import TouchRequest
     from edmctl.machine.stop import StopRequest
 
 SLICE_S = 0.1
@@ -99,7 +99,7 @@ class Waits:
         if self.listener is not None:
             self._inbox.deliver(self.listener, everything=everything)
 
-    def take(self, codes: tuple[EventCode, ...]) -> MachineEvent | None:
+    def take_event(self, codes: tuple[EventCode, ...]) -> MachineEvent | None:
         """The oldest event of these kinds that no wait has taken yet."""
         for event in self._inbox.events:
             if event.code in codes:
@@ -111,21 +111,21 @@ class Waits:
         """Wait for one of these events, `expected_s` and some grace at most; MachineFault when none comes."""
         grace_s = GRACE_S * self._session.pace
         begun_s, deadline_s = self._inbox.time_s, self.now_s + expected_s + grace_s
-        while (event := self.take(codes)) is None:
+        while (event := self.take_event(codes)) is None:
             self._refuse_strange(codes)
             if self.now_s > deadline_s or self._stands_since(begun_s, _MOVING):
-                raise _not_told(codes, f"within {expected_s + grace_s:.1f} s")
+                raise _not_reported(codes, f"within {expected_s + grace_s:.1f} s")
             self.slice(SLICE_S)
         return event
 
     def cut(self, duration_s: float) -> MachineEvent | None:
         """Wait for the end of a cut for one slice; None while it goes on, MachineFault where it has ended untold."""
         self.slice(duration_s)
-        event = self.take(CUT_ENDS)
+        event = self.take_event(CUT_ENDS)
         if event is None:
             self._refuse_strange(CUT_ENDS)
             if self._stands_since(self._begun_s, _CUTTING):
-                raise _not_told(CUT_ENDS, f"for {STANDING_S:.0f} s, and nothing sparks any more")
+                raise _not_reported(CUT_ENDS, f"for {STANDING_S:.0f} s, and nothing sparks any more")
         return event
 
     def _refuse_strange(self, codes: tuple[EventCode, ...]) -> None:
@@ -150,7 +150,7 @@ class Waits:
         return fault_error(fault.code, self.settings, where, port=self._session.transport.name)
 
 
-def _not_told(codes: tuple[EventCode, ...], when: str) -> MachineFault:
+def _not_reported(codes: tuple[EventCode, ...], when: str) -> MachineFault:
     wanted = " or ".join(code.name for code in codes)
     return MachineFault(
         f"The controller did not report {wanted} {when}.",

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from edmctl.actuator.inverse import jump_volts
 from edmctl.errors import LinkLost, PreconditionError
-from edmctl.machine.port import JumpRequest, MachineState, joined
+from edmctl.machine.interface import JumpRequest, MachineState, joined
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.touch.approach import lower_to
 from edmctl.process.jump import duration_s
@@ -23,7 +23,7 @@ from edmctl.results.progress import Phase
 from edmctl.wording import signed
 
 if TYPE_CHECKING:
-    from edmctl.machine.port import TelemetryBlock
+    from edmctl.machine.interface import TelemetryBlock
     from edmctl.procedures.run import Run
 
 Floats = NDArray[np.float64]

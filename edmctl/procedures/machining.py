@@ -36,7 +36,7 @@ from edmctl.results.job import JobResult, ObjectiveMissed, site_result_of
 from edmctl.results.progress import Observer, Phase
 
 if TYPE_CHECKING:
-    from edmctl.machine.port import Machine
+    from edmctl.machine.interface import Machine
     from edmctl.procedures.job import Job
     from edmctl.record.recorder import Recorder
 

@@ -13,7 +13,7 @@ from edmctl.results.progress import Observer, Phase, Progress
 from edmctl.results.pulses import PulseShares
 
 if TYPE_CHECKING:
-    from edmctl.machine.port import Machine
+    from edmctl.machine.interface import Machine
     from edmctl.procedures.event_codes import RunEvent
     from edmctl.procedures.job import Job
     from edmctl.procedures.monitoring.watch import Watch

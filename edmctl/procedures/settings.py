@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from edmctl.machine.port import (
+from edmctl.machine.interface import (
     ControllerSettings,
     PulseLog,
     PulseMode,

@@ -30,7 +30,7 @@ from edmctl.results.progress import Observer, Phase
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from edmctl.machine.port import Machine
+    from edmctl.machine.interface import Machine
     from edmctl.procedures.job import Job
     from edmctl.procedures.tally import JobTally
     from edmctl.record.recorder import Recorder

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError
-from edmctl.machine.port import Axis
+from edmctl.machine.interface import Axis
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job import TOLD_LATE_S
 from edmctl.procedures.resting import rest_and_look

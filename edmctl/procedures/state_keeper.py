@@ -23,7 +23,7 @@ from edmctl.procedures.tally import RunningCut
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.machine.port import TelemetryBlock
+    from edmctl.machine.interface import TelemetryBlock
     from edmctl.procedures.hole.cut import CutResult
     from edmctl.procedures.hole.cut_planning import CutPlan
     from edmctl.procedures.hole.hole import Hole

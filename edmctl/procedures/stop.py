@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from edmctl.machine.port import Machine
+    from edmctl.machine.interface import Machine
 
 
 @contextmanager

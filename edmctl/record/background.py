@@ -24,19 +24,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
-    from edmctl.record.rows import (
-        BlackBoxBlock,
-        LinkRow,
-        PulseBlockRows,
-        PulseTrain,
-        RunMeta,
-        ServoBlock,
-        SiteRow,
-        SlowRow,
-        TouchRow,
-        TruthMap,
-        WaveformBlock,
-    )
+    from edmctl.record.rows import LinkRow, RunMeta, ServoBlock, SiteRow, SlowRow, TouchRow, TruthMap
+    from edmctl.results.telemetry import PulseBlockBatch, PulseTrain, TelemetryBlock, WaveformBatch
 
 BACKLOG_BYTES = 64 * 1024 * 1024
 """Rows that may wait in memory: about six minutes of the full log (1 kHz servo and every pulse at 2.3 kHz are
@@ -101,7 +90,7 @@ class BackgroundWriter:
         """Append one row of the supervisor's view."""
         self._hand_over(lambda: self._writer.append_slow(row), _ROW_BYTES)
 
-    def append_pulse_blocks(self, blocks: PulseBlockRows) -> None:
+    def append_pulse_blocks(self, blocks: PulseBlockBatch) -> None:
         """Append pulse sums; the arrays are kept by reference."""
         rows = len(blocks.time_s)
         self._hand_over(lambda: self._writer.append_pulse_blocks(blocks), _size(layout.PULSE_BLOCKS, rows))
@@ -140,12 +129,12 @@ class BackgroundWriter:
         """Append the result at a site; it is flushed at once."""
         self._hand_over(lambda: self._writer.site_result(row), _ROW_BYTES, at_once=True)
 
-    def black_box(self, block: BlackBoxBlock) -> None:
+    def black_box(self, block: TelemetryBlock) -> None:
         """Append what the controller kept from before a fault; it is flushed at once."""
         size = _size(layout.BLACK_BOX, len(block.time_s))
         self._hand_over(lambda: self._writer.black_box(block), size, at_once=True)
 
-    def waveforms(self, block: WaveformBlock) -> None:
+    def waveforms(self, block: WaveformBatch) -> None:
         """Append the gap about a fault; it is flushed at once."""
         size = _size(layout.WAVEFORMS, len(block.time_s))
         self._hand_over(lambda: self._writer.waveforms(block), size, at_once=True)

@@ -410,7 +410,7 @@ WAVEFORMS = Table(
     (
         _TIME,
         Column("v_gap", "gap_v", "f4", "V", "gap voltage"),
-        Column("i_gap", "gap_a", "f4", "A", "gap current"),
+        Column("i_gap", "current_a", "f4", "A", "gap current"),
     ),
     signal="v_gap",
 )

@@ -7,19 +7,8 @@ from typing import TYPE_CHECKING, Protocol
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from edmctl.record.rows import (
-        BlackBoxBlock,
-        EventLevel,
-        LinkRow,
-        PulseBlockRows,
-        PulseTrain,
-        ServoBlock,
-        SiteRow,
-        SlowRow,
-        TouchRow,
-        TruthMap,
-        WaveformBlock,
-    )
+    from edmctl.record.rows import EventLevel, LinkRow, ServoBlock, SiteRow, SlowRow, TouchRow, TruthMap
+    from edmctl.results.telemetry import PulseBlockBatch, PulseTrain, TelemetryBlock, WaveformBatch
 
 
 class Recorder(Protocol):
@@ -31,7 +20,7 @@ class Recorder(Protocol):
 
     def append_slow(self, row: SlowRow) -> None: ...
 
-    def append_pulse_blocks(self, blocks: PulseBlockRows) -> None: ...
+    def append_pulse_blocks(self, blocks: PulseBlockBatch) -> None: ...
 
     def append_pulses(self, train: PulseTrain) -> None: ...
 
@@ -50,9 +39,9 @@ class Recorder(Protocol):
 
     def site_result(self, row: SiteRow) -> None: ...
 
-    def black_box(self, block: BlackBoxBlock) -> None: ...
+    def black_box(self, block: TelemetryBlock) -> None: ...
 
-    def waveforms(self, block: WaveformBlock) -> None: ...
+    def waveforms(self, block: WaveformBatch) -> None: ...
 
     def append_link(self, row: LinkRow) -> None: ...
 
@@ -70,7 +59,7 @@ class NullRecorder:
     def append_slow(self, row: SlowRow) -> None:
         """Forget."""
 
-    def append_pulse_blocks(self, blocks: PulseBlockRows) -> None:
+    def append_pulse_blocks(self, blocks: PulseBlockBatch) -> None:
         """Forget."""
 
     def append_pulses(self, train: PulseTrain) -> None:
@@ -95,10 +84,10 @@ class NullRecorder:
     def site_result(self, row: SiteRow) -> None:
         """Forget."""
 
-    def black_box(self, block: BlackBoxBlock) -> None:
+    def black_box(self, block: TelemetryBlock) -> None:
         """Forget."""
 
-    def waveforms(self, block: WaveformBlock) -> None:
+    def waveforms(self, block: WaveformBatch) -> None:
         """Forget."""
 
     def append_link(self, row: LinkRow) -> None:

@@ -81,62 +81,6 @@ class SlowRow:
 
 
 @dataclass(frozen=True, slots=True)
-class PulseBlockRows:
-    """Sums over blocks of consecutive pulses; `time_s` is the first pulse of each."""
-
-    time_s: FloatArray
-    n_open: IntArray
-    n_normal: IntArray
-    n_arc: IntArray
-    n_short: IntArray
-    delay_us: FloatArray
-    """Sum of the ignition delays."""
-    energy_uj: FloatArray
-    """Sum of the discharge energies."""
-
-
-@dataclass(frozen=True, slots=True)
-class PulseTrain:
-    """Consecutive pulses of one period, the first of them number `first_pulse` at `start_s`."""
-
-    first_pulse: int
-    start_s: float
-    period_s: float
-    pulse_class: IntArray
-    delay_us: FloatArray
-    discharge_us: FloatArray
-    plateau_v: FloatArray
-
-
-@dataclass(frozen=True, slots=True)
-class BlackBoxBlock:
-    """Every millisecond before a fault, as the controller kept them."""
-
-    time_s: FloatArray
-    actuator_v: FloatArray
-    displacement_um: FloatArray
-    """Inductive sensor; NaN without one."""
-    gap_v: FloatArray
-    current_a: FloatArray
-    n_open: IntArray
-    n_normal: IntArray
-    n_arc: IntArray
-    n_short: IntArray
-    state: IntArray
-    flags: IntArray
-    """TlmFlags of the protocol."""
-
-
-@dataclass(frozen=True, slots=True)
-class WaveformBlock:
-    """The gap about a fault, sample by sample."""
-
-    time_s: FloatArray
-    gap_v: FloatArray
-    gap_a: FloatArray
-
-
-@dataclass(frozen=True, slots=True)
 class TruthMap:
     """The floor of a channel as the virtual machine knows it: depths, shape (m, n), over y (m,) and x (n,), µm."""
 

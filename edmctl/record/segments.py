@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from edmctl.record.rows import PulseTrain
+    from edmctl.results.telemetry import PulseTrain
 
 TIME_TOLERANCE_S = 2e-6
 """How far the start of a train may be from a segment's count: twice the LSB of a controller's time."""

@@ -44,19 +44,8 @@ if TYPE_CHECKING:
 
     import h5py
 
-    from edmctl.record.rows import (
-        BlackBoxBlock,
-        LinkRow,
-        PulseBlockRows,
-        PulseTrain,
-        RunMeta,
-        ServoBlock,
-        SiteRow,
-        SlowRow,
-        TouchRow,
-        TruthMap,
-        WaveformBlock,
-    )
+    from edmctl.record.rows import LinkRow, RunMeta, ServoBlock, SiteRow, SlowRow, TouchRow, TruthMap
+    from edmctl.results.telemetry import PulseBlockBatch, PulseTrain, TelemetryBlock, WaveformBatch
 
 FLUSH_INTERVAL_S = 0.5
 """Rows reach the disk at most this long, plus one block, after they were handed over."""
@@ -156,7 +145,7 @@ class RunWriter:
             self._slow.add(row)
             self._tend(self._slow)
 
-    def append_pulse_blocks(self, blocks: PulseBlockRows) -> None:
+    def append_pulse_blocks(self, blocks: PulseBlockBatch) -> None:
         """Append pulse sums; the arrays are kept by reference."""
         if self._accepts:
             self._pulse_blocks.add(blocks)
@@ -215,13 +204,13 @@ class RunWriter:
             self._guarded(self._put_wear)
             self.flush()
 
-    def black_box(self, block: BlackBoxBlock) -> None:
+    def black_box(self, block: TelemetryBlock) -> None:
         """Append what the controller kept from before a fault; it is on disk when the call returns."""
         if self._accepts:
             self._black_box.add(block)
             self.flush()
 
-    def waveforms(self, block: WaveformBlock) -> None:
+    def waveforms(self, block: WaveformBatch) -> None:
         """Append the gap about a fault; it is on disk when the call returns."""
         if self._accepts:
             self._waveforms.add(block)

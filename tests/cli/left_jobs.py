@@ -23,7 +23,7 @@ from tests.cli.commands import CU270
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from edmctl.machine.port import TelemetryBlock
+    from edmctl.machine.interface import TelemetryBlock
     from edmctl.procedures.event_codes import RunEvent
     from edmctl.simulator import VirtualBench
     from tests.cli.commands import Said

@@ -17,7 +17,7 @@ from edmctl.jobs.connect import bench_config
 from edmctl.link.messages import Arm, param_crc
 from edmctl.link.opening import open_line
 from edmctl.link.session import Session
-from edmctl.machine.upload import default_settings
+from edmctl.machine.requests import default_settings
 from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Setup
 from edmctl.simulator import BenchConfig, open_bench

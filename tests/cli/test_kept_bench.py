@@ -24,7 +24,7 @@ from tests.cli.commands import CU270, SHALLOW
 from tests.cli.test_processes import read_until, start
 
 if TYPE_CHECKING:
-    from edmctl.machine.reports import TelemetryBlock
+    from edmctl.machine.interface import TelemetryBlock
     from edmctl.record.ledger_entries import Entry
     from edmctl.simulator import VirtualBench
     from tests.cli.commands import Here

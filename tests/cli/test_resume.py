@@ -53,8 +53,8 @@ from tests.cli.left_jobs import (
 from tests.serving import serving
 
 if TYPE_CHECKING:
-    from edmctl.machine.orders import TouchRequest
-    from edmctl.machine.reports import Touch
+    from edmctl.machine.interface import Touch
+    from edmctl.machine.requests import TouchRequest
     from edmctl.record.ledger import Entry
     from edmctl.simulator import VirtualBench
     from tests.cli.commands import Here, Said

@@ -18,10 +18,11 @@ import pytest
 from edmctl.cli.run.export_output import new_file
 from edmctl.errors import RunFileError, installing
 from edmctl.record.reader import open_run
-from edmctl.record.rows import PulseBlockRows, ServoBlock
+from edmctl.record.rows import ServoBlock
 from edmctl.record.writer import RunWriter
 from edmctl.report.export_tables import TABLES, ExportTable
 from edmctl.report.export_text import CsvWriter, formatted
+from edmctl.results.telemetry import PulseBlockBatch
 from tests.cli.commands import CU270, command, environment
 from tests.cli.run_files import begun, finished, killed
 from tests.record.samples import a_meta
@@ -186,7 +187,7 @@ def test_a_log_that_the_run_did_not_keep_leads_to_the_one_it_kept(here: Here, tm
     writer = RunWriter.create(tmp_path / "sums.h5", a_meta())
     counts = np.array([5, 6])
     writer.append_pulse_blocks(
-        PulseBlockRows(np.array([0.0, 0.01]), counts, counts, counts, counts, counts * 1.0, counts * 2.0)
+        PulseBlockBatch(np.array([0.0, 0.01]), counts, counts, counts, counts, counts * 1.0, counts * 2.0)
     )
     run = writer.finish("done", 0)
     said = here("run", "export", str(run), "-t", "pulses")

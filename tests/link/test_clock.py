@@ -7,7 +7,7 @@ from random import Random
 import pytest
 
 from edmctl.link.clock import ClockFit
-from edmctl.link.roundtrip import LONGEST_S, SHORTEST_S, RoundTrips
+from edmctl.link.retransmit_timer import LONGEST_S, SHORTEST_S, RetransmitTimer
 
 OFFSET_S = 1234.5
 
@@ -56,7 +56,7 @@ def test_what_lies_more_than_a_minute_back_is_forgotten() -> None:
 
 
 def test_a_command_is_repeated_after_the_usual_round_trip_and_its_scatter() -> None:
-    trips = RoundTrips()
+    trips = RetransmitTimer()
     assert trips.timeout_s == 0.1
     assert trips.quantile_s(0.5) == 0.0
     for _ in range(100):

@@ -20,7 +20,7 @@ from edmctl.link.messages import (
     Hello,
     Status,
 )
-from edmctl.link.refusal import CommandRefused
+from edmctl.link.nak import CommandRefused
 from edmctl.link.schema import load_schema
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from edmctl.link.messages import (
     Status,
     Tlm,
 )
-from edmctl.link.render import render
+from tests.link.frame_text import render
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 
 from edmctl.link.frame import Frame, FrameDecoder, encode_frame
 from edmctl.link.messages import REPLIES, REQUESTS, UNSOLICITED, param_crc
-from edmctl.link.render import render
+from tests.link.frame_text import render
 
 if TYPE_CHECKING:
     from edmctl.link.wire import Message

@@ -11,7 +11,7 @@ from edmctl.cli.app import app
 from edmctl.link.faults import FAULTS, FaultRow
 from edmctl.link.frame import Frame
 from edmctl.link.messages import Arm, Status
-from edmctl.link.refusal import refusal
+from edmctl.link.nak import nak_error
 
 
 def commands() -> set[str]:
@@ -30,7 +30,7 @@ def test_a_fault_names_a_remedy_and_no_command_that_does_not_exist(row: FaultRow
 
 
 @pytest.mark.parametrize("status", [status for status in Status if status is not Status.OK])
-def test_a_refusal_names_a_remedy_and_no_command_that_does_not_exist(status: Status) -> None:
-    error = refusal(Arm.ID, Frame(Arm.ID | 0x40, 0, 1, status, b""))
+def test_a_nak_error_names_a_remedy_and_no_command_that_does_not_exist(status: Status) -> None:
+    error = nak_error(Arm.ID, Frame(Arm.ID | 0x40, 0, 1, status, b""))
     assert error.hint.endswith(".")
     assert unknown_commands(error.hint) == set()

@@ -10,16 +10,16 @@ import pytest
 
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
-from edmctl.machine.port import (
+from edmctl.machine.interface import (
     Axis,
     ControllerSettings,
     CutRequest,
     MachineEvent,
-    PulseBatch,
     PulseBlockBatch,
     PulseLog,
     PulseMode,
     PulseSettings,
+    PulseTrain,
     ServoLaw,
     TelemetryBlock,
     TelemetrySettings,
@@ -71,7 +71,7 @@ class Heard:
 
     blocks: list[TelemetryBlock] = field(default_factory=list)
     sums: list[PulseBlockBatch] = field(default_factory=list)
-    trains: list[PulseBatch] = field(default_factory=list)
+    trains: list[PulseTrain] = field(default_factory=list)
     events: list[MachineEvent] = field(default_factory=list)
     lines: list[str] = field(default_factory=list)
 
@@ -81,7 +81,7 @@ class Heard:
     def pulse_blocks(self, batch: PulseBlockBatch) -> None:
         self.sums.append(batch)
 
-    def pulses(self, batch: PulseBatch) -> None:
+    def pulses(self, batch: PulseTrain) -> None:
         self.trains.append(batch)
 
     def event(self, event: MachineEvent) -> None:

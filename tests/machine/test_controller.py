@@ -11,8 +11,8 @@ import pytest
 
 from edmctl.errors import Interrupted, LinkLost, MachineFault, PreconditionError
 from edmctl.link.messages import PARAMS, PROTO_MAJOR, PROTO_MINOR, GetParam
-from edmctl.link.refusal import CommandRefused
-from edmctl.machine.port import (
+from edmctl.link.nak import CommandRefused
+from edmctl.machine.interface import (
     Axis,
     ControllerSettings,
     EventCode,
@@ -29,7 +29,7 @@ from .conftest import PULSES, SETTINGS, TELEMETRY, Heard
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.machine.port import TelemetryBlock
+    from edmctl.machine.interface import TelemetryBlock
 
     from .conftest import Rig
 

@@ -14,7 +14,7 @@ from edmctl.link.messages import Disarm
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.faults import FaultLatched, InterlockOpen, NothingLatched, WrongFault
-from edmctl.machine.port import Interlock, MachineState, PulseLog, TelemetryFlag
+from edmctl.machine.interface import Interlock, MachineState, PulseLog, TelemetryFlag
 from edmctl.simulator import kernel as k
 from edmctl.simulator.bench import MemoryTransport
 from edmctl.simulator.injection import parse_injection

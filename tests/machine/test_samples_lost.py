@@ -12,8 +12,8 @@ from edmctl.link.frame import FrameDecoder, encode_frame
 from edmctl.link.messages import Tlm
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
-from edmctl.machine.port import Axis, JumpRequest, MachineState, TouchRequest
-from edmctl.machine.stream import OLDEST_SAMPLE_S
+from edmctl.machine.frame_sequence import OLDEST_SAMPLE_S
+from edmctl.machine.interface import Axis, JumpRequest, MachineState, TouchRequest
 from edmctl.simulator import kernel as k
 from edmctl.simulator.injection import parse_injection
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.errors import PreconditionError
-from edmctl.machine.port import Axis, EventCode, MachineEvent, MachineState, PathMove, ScanRequest
+from edmctl.machine.interface import Axis, EventCode, MachineEvent, MachineState, PathMove, ScanRequest
 from tests.machine.conftest import REFERENCE_V
 
 if TYPE_CHECKING:

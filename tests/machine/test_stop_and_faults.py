@@ -12,7 +12,7 @@ from edmctl.errors import Interrupted, MachineFault
 from edmctl.link.faults import FAULTS
 from edmctl.link.messages import PARAMS
 from edmctl.machine.faults import fault_error, host_fault
-from edmctl.machine.port import MachineState
+from edmctl.machine.interface import MachineState
 from edmctl.machine.stop import StopRequest
 
 from .conftest import PULSES, SETTINGS, TELEMETRY

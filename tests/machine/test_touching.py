@@ -7,7 +7,7 @@ from random import Random
 import numpy as np
 import pytest
 
-from edmctl.machine.touching import contradicts_samples
+from edmctl.machine.plausibility import contradicts_samples
 
 
 @pytest.mark.parametrize("samples", [3, 10, 30])

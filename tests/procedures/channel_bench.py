@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.errors import PreconditionError
-from edmctl.machine.port import (
+from edmctl.machine.interface import (
     EventCode,
     Interlock,
     MachineEvent,

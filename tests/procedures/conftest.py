@@ -35,9 +35,10 @@ if TYPE_CHECKING:
 
     from edmctl.procedures.job_state import Journal
     from edmctl.record.recorder import Recorder
-    from edmctl.record.rows import EventLevel, LinkRow, PulseBlockRows, ServoBlock, SiteRow, SlowRow, TouchRow
+    from edmctl.record.rows import EventLevel, LinkRow, ServoBlock, SiteRow, SlowRow, TouchRow
     from edmctl.results.job import JobResult
     from edmctl.results.progress import Phase, Progress
+    from edmctl.results.telemetry import PulseBlockBatch
 
 CU270 = str(Path(__file__).parents[2] / "profiles" / "cu270.toml")
 QUICK = (
@@ -56,7 +57,7 @@ class Seen(NullRecorder):
     """A recorder that keeps what it is given."""
 
     servo: list[ServoBlock] = field(default_factory=list)
-    pulses: list[PulseBlockRows] = field(default_factory=list)
+    pulses: list[PulseBlockBatch] = field(default_factory=list)
     slow: list[SlowRow] = field(default_factory=list)
     events: list[tuple[float, int, EventLevel, str, Mapping[str, float | int | str | bool]]] = field(
         default_factory=list
@@ -68,7 +69,7 @@ class Seen(NullRecorder):
     def append_servo(self, block: ServoBlock) -> None:
         self.servo.append(block)
 
-    def append_pulse_blocks(self, blocks: PulseBlockRows) -> None:
+    def append_pulse_blocks(self, blocks: PulseBlockBatch) -> None:
         self.pulses.append(blocks)
 
     def append_slow(self, row: SlowRow) -> None:

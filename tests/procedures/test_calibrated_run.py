@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from edmctl.actuator.estimator import Estimator
-from edmctl.machine.port import EventCode, MachineState
+from edmctl.machine.interface import EventCode, MachineState
 from edmctl.procedures.actuator.conditioning import condition
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.sites import machine_sites

@@ -13,7 +13,7 @@ from edmctl.actuator.waveforms import Leg
 from edmctl.errors import Interrupted, LinkLost, MachineFault, PreconditionError, RecordError
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
-from edmctl.machine.port import Axis, CutRequest, MachineState
+from edmctl.machine.interface import Axis, CutRequest, MachineState
 from edmctl.machine.stop import StopRequest
 from edmctl.procedures.actuator import calibration as calibrating
 from edmctl.procedures.actuator.calibration import CalibrationPlan, measure_actuator, plan_calibration

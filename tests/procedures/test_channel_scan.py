@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from edmctl.errors import MachineFault, PreconditionError
-from edmctl.machine.port import EventCode, MachineEvent
+from edmctl.machine.interface import EventCode, MachineEvent
 from edmctl.procedures.channel.follow import UNSTABLE_S
 from edmctl.procedures.channel.scan import LOOK_AHEAD_S, PassPlan, PassResult, run_pass
 from edmctl.procedures.event_codes import RunEvent

@@ -17,7 +17,7 @@ from edmctl.simulator.injection import parse_injection
 from .conftest import Shop, armed
 
 if TYPE_CHECKING:
-    from edmctl.machine.port import Touch, TouchRequest
+    from edmctl.machine.interface import Touch, TouchRequest
 
 Z1_TOUCH, Z2_TOUCH, Z3_TOUCH = 1, 3, 4
 """Which touch-off of a quick job begins the reading."""

@@ -16,7 +16,7 @@ from edmctl.jobs.ledger.elapsed import CALENDAR, Now
 from edmctl.jobs.ledger.last_home import with_home, with_home_left
 from edmctl.jobs.truth.wear import TrueWear
 from edmctl.machine.controller import LinkMachine
-from edmctl.machine.port import Axis
+from edmctl.machine.interface import Axis
 from edmctl.machine.stop import StopRequest
 from edmctl.procedures.job import TOLD_LATE_S, Site
 from edmctl.procedures.job_state import JobState, NoJournal

@@ -12,7 +12,7 @@ import pytest
 from edmctl.errors import MachineFault
 from edmctl.link.faults import FaultCode
 from edmctl.link.messages import WaveformRead
-from edmctl.machine.port import Machine, MachineState, TelemetryBlock
+from edmctl.machine.interface import Machine, MachineState, TelemetryBlock
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.setup_check import refuse_wrong_setup
 from edmctl.procedures.monitoring.link_quality import LinkWatch, record_link
@@ -32,7 +32,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from edmctl.link.wire import Message
-    from edmctl.record.rows import BlackBoxBlock, EventLevel, WaveformBlock
+    from edmctl.record.rows import EventLevel
+    from edmctl.results.telemetry import TelemetryBlock, WaveformBatch
     from edmctl.simulator.port import Outcome
 
     from .conftest import Done, Shop
@@ -233,10 +234,10 @@ def test_a_dead_gap_sensor_refuses_the_start(shop: OpenShop) -> None:
 class Box(Seen):
     """A recorder that also keeps the black box and the waveforms."""
 
-    def black_box(self, block: BlackBoxBlock) -> None:
+    def black_box(self, block: TelemetryBlock) -> None:
         self.box = block
 
-    def waveforms(self, block: WaveformBlock) -> None:
+    def waveforms(self, block: WaveformBatch) -> None:
         self.gap = block
 
 
@@ -250,9 +251,9 @@ def test_a_latched_fault_brings_the_black_box_into_the_run_file(shop: OpenShop) 
     fault_s = seen.box.time_s[-1]
     assert seen.gap.time_s[0] < fault_s - 0.02
     assert seen.gap.time_s[-1] > fault_s + 0.005
-    burning_a = seen.gap.gap_a[(seen.gap.time_s < fault_s) & (seen.gap.gap_a > 0.1)]
+    burning_a = seen.gap.current_a[(seen.gap.time_s < fault_s) & (seen.gap.current_a > 0.1)]
     assert np.median(burning_a) == pytest.approx(0.5, rel=0.1)
-    assert seen.gap.gap_a[seen.gap.time_s > fault_s + 1e-5].max() < 0.01
+    assert seen.gap.current_a[seen.gap.time_s > fault_s + 1e-5].max() < 0.01
     retreat = np.concatenate([block.time_s for block in seen.servo])
     assert retreat[-1] > fault_s
     assert RunEvent.LINK in [code for _, code, _, _, _ in seen.events]

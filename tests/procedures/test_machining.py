@@ -11,7 +11,7 @@ import pytest
 
 from edmctl.errors import Interrupted, MachineFault, RunFileError
 from edmctl.labels import Basis
-from edmctl.machine.port import EventCode, MachineState
+from edmctl.machine.interface import EventCode, MachineState
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.settings import controller_settings
 from edmctl.record.rows import EventLevel

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from edmctl.errors import LinkLost, MachineFault, PreconditionError
-from edmctl.machine.port import EventCode, MachineState, PathMove, ScanRequest
+from edmctl.machine.interface import EventCode, MachineState, PathMove, ScanRequest
 from edmctl.procedures.actuator.sensorless import SensorlessMachine
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.settings import controller_settings, pulse_settings, telemetry_settings

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from edmctl.link.messages import PARAMS
-from edmctl.machine.orders import settings_by_name
-from edmctl.machine.port import PulseLog, PulseMode, ServoLaw
+from edmctl.machine.interface import PulseLog, PulseMode, ServoLaw
+from edmctl.machine.requests import settings_by_name
 from edmctl.procedures.settings import (
     controller_settings,
     gap_reference_v,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from edmctl.actuator.correction import SlowCorrection
-from edmctl.machine.port import MachineState, TelemetryBlock
+from edmctl.machine.interface import MachineState, TelemetryBlock
 from edmctl.procedures.actuator.tracker import Tracker, at_rest
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.cut_planning import CutPlan, Start, first_plan

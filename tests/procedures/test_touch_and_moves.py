@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from edmctl.errors import LinkLost, ObjectiveNotReached, PreconditionError
-from edmctl.machine.port import EventCode, TelemetryFlag
+from edmctl.machine.interface import EventCode, TelemetryFlag
 from edmctl.procedures.actuator.conditioning import condition
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.stages import move_to
@@ -23,7 +23,7 @@ from .conftest import armed
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.machine.port import TelemetryBlock
+    from edmctl.machine.interface import TelemetryBlock
     from edmctl.procedures.run import Run
 
     from .conftest import Shop

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from edmctl.machine.port import MachineState, TelemetryBlock
+from edmctl.machine.interface import MachineState, TelemetryBlock
 from edmctl.procedures.monitoring.feed_error import FeedError
 from edmctl.procedures.monitoring.trace import SPAN_S, Trace
 

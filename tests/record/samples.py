@@ -7,17 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.record.leaves import profile_leaves
-from edmctl.record.rows import (
-    BlackBoxBlock,
-    PulseBlockRows,
-    PulseTrain,
-    RunMeta,
-    ServoBlock,
-    SiteRow,
-    SlowRow,
-    SourceText,
-    TouchRow,
-)
+from edmctl.record.rows import RunMeta, ServoBlock, SiteRow, SlowRow, SourceText, TouchRow
+from edmctl.results.telemetry import PulseBlockBatch, PulseTrain, TelemetryBlock
 
 if TYPE_CHECKING:
     from edmctl.record.recorder import Recorder
@@ -63,11 +54,11 @@ def train(first_pulse: int, pulses: int, start_s: float, period_s: float = 4e-4)
     return PulseTrain(first_pulse, start_s, period_s, k % 4, 0.1 * k, 0.2 * k, np.full(pulses, 22.5))
 
 
-def black_box(rows: int) -> BlackBoxBlock:
+def black_box(rows: int) -> TelemetryBlock:
     """Samples of a black box whose every column follows from their number."""
-    k = np.arange(rows)
-    return BlackBoxBlock(
-        0.001 * k, k + 0.1, k + 0.2, k + 0.3, k + 0.4, k % 2, k % 3, k % 4, k % 5, k % 10, k % 32
+    k, x = np.arange(rows), np.arange(rows, dtype=np.float64)
+    return TelemetryBlock(
+        0.001 * x, x + 0.2, x + 0.1, x + 0.3, x + 0.4, k % 2, k % 3, k % 4, k % 5, k % 10, k % 32, 0
     )
 
 
@@ -87,7 +78,7 @@ def fill(writer: Recorder, rows: int = 10_000, block: int = 10) -> None:
         writer.append_slow(slow_row(k))
     counts = np.array([5, 6])
     writer.append_pulse_blocks(
-        PulseBlockRows(np.array([0.0, 0.01]), counts, counts, counts, counts, counts * 1.0, counts * 2.0)
+        PulseBlockBatch(np.array([0.0, 0.01]), counts, counts, counts, counts, counts * 1.0, counts * 2.0)
     )
     writer.append_pulses(train(0, 300, 0.0))
     writer.black_box(black_box(2048))

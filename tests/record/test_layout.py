@@ -13,6 +13,7 @@ from edmctl.record import layout, rows
 from edmctl.record.leaves import profile_leaves, unit_of
 from edmctl.record.reader import open_run
 from edmctl.record.writer import RunWriter
+from edmctl.results.telemetry import PulseBlockBatch
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -96,7 +97,7 @@ def test_a_group_of_columns_says_what_viewers_plot(run_path: Path, table: layout
     [
         (layout.SERVO, rows.ServoBlock),
         (layout.SLOW, rows.SlowRow),
-        (layout.PULSE_BLOCKS, rows.PulseBlockRows),
+        (layout.PULSE_BLOCKS, PulseBlockBatch),
         (layout.TOUCHES, rows.TouchRow),
         (layout.RESULTS, rows.SiteRow),
     ],

@@ -11,7 +11,7 @@ from edmctl.jobs.calibration.selection import Choice, ModelUsed
 from edmctl.jobs.checking import check
 from edmctl.jobs.plan import Order
 from edmctl.jobs.run_header import name_run, run_meta
-from edmctl.machine.port import MachineIdentity
+from edmctl.machine.interface import MachineIdentity
 from edmctl.profile.setup import Setup
 
 if TYPE_CHECKING:

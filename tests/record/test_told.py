@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from edmctl.machine.port import EventCode, MachineState
+from edmctl.machine.interface import EventCode, MachineState
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.record.event_names import State, Told
 

@@ -9,8 +9,9 @@ import numpy as np
 
 from edmctl.record.event_names import Told
 from edmctl.record.leaves import profile_leaves
-from edmctl.record.rows import EventLevel, PulseBlockRows, PulseTrain, SlowRow
+from edmctl.record.rows import EventLevel, SlowRow
 from edmctl.record.writer import RunWriter
+from edmctl.results.telemetry import PulseBlockBatch, PulseTrain
 from tests.record.samples import a_meta
 
 if TYPE_CHECKING:
@@ -82,5 +83,5 @@ def blocks(
     opens, normals, arcs, shorts = (np.full(rows, count) for count in counts)
     time_s = start_s + 0.01 * np.arange(rows)
     writer.append_pulse_blocks(
-        PulseBlockRows(time_s, opens, normals, arcs, shorts, np.zeros(rows), np.full(rows, energy_uj))
+        PulseBlockBatch(time_s, opens, normals, arcs, shorts, np.zeros(rows), np.full(rows, energy_uj))
     )

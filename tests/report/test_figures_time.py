@@ -18,12 +18,13 @@ pytest.importorskip("matplotlib")
 from edmctl.record.event_names import State
 from edmctl.record.leaves import profile_leaves
 from edmctl.record.reader import open_run
-from edmctl.record.rows import SlowRow, TouchRow, WaveformBlock
+from edmctl.record.rows import SlowRow, TouchRow
 from edmctl.report.envelopes import Spans, envelopes, rows_worked
 from edmctl.report.figures.spectrum import line_hz, peak_hz, segment_size, welch
 from edmctl.report.kinds import KINDS as KINDS_OF_FIGURES
 from edmctl.report.kinds import draw, kind_called
 from edmctl.report.style import NothingToDraw, house_style, new_figure, rendered, time_unit
+from edmctl.results.telemetry import WaveformBatch
 from tests.report.servo_signals import IDLE, JUMP, MACHINING, TOUCH, a_cut, sites, write_run
 
 if TYPE_CHECKING:
@@ -416,7 +417,7 @@ def write_waveforms(path: Path, *, fault: bool) -> Path:
     writer = write_run(path, leaves=profile_leaves({"pulse": {"frequency_hz": 2000.0}}))
     time_s = np.arange(0.0, 0.04, 1e-6)
     on = (time_s % 5e-4) < 1.5e-4
-    writer.waveforms(WaveformBlock(100.0 + time_s, np.where(on, 22.0, 0.0), np.where(on, 0.12, 0.0)))
+    writer.waveforms(WaveformBatch(100.0 + time_s, np.where(on, 22.0, 0.0), np.where(on, 0.12, 0.0)))
     if fault:
         signals = replace(a_cut(0.02), state=np.array([MACHINING, int(State.FAULT)], np.uint8))
         writer.append_servo(replace(signals.block(), time_s=np.array([100.0, 100.032])))

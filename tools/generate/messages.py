@@ -48,10 +48,6 @@ REPLIES = {{id_: request.REPLY for id_, request in REQUESTS.items()}}
 UNSOLICITED: dict[int, type[Message]] = {{kind.ID: kind for kind in ({others})}}
 """What the controller sends by itself, by id."""
 
-FIELD_ENUMS: dict[tuple[str, str], type[IntEnum | IntFlag]] = {{
-{enums}}}
-"""Enumeration of a field, by message name and field name."""
-
 PARAMS = {{param.name: param for param in (
 {params})}}
 """Parameters of the controller by name."""
@@ -85,17 +81,10 @@ def messages_source(schema: Schema) -> str:
         ):
             if layout is not None:
                 parts.append(_class(message, layout, suffix))
-    enums = [
-        f'    ("{name}", "{field.name}"): {field.enum},\n'
-        for name, layout in schema.layouts()
-        for field in layout.fields
-        if field.enum
-    ]
     parts.append(
         _REGISTRIES.format(
             commands=", ".join(m.class_name for m in schema.messages if m.request is not None),
             others=", ".join(m.class_name for m in schema.messages if m.unsolicited is not None),
-            enums="".join(enums),
             params="".join(_parameter(p) for p in schema.params),
         )
     )

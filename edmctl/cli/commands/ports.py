@@ -108,7 +108,7 @@ def _named(setup: "Setup") -> tuple[str, ...]:
 
 
 def _row(port: "PortInfo", named: tuple[str, ...], known: bool, answer: "Answer | None") -> PortRow:
-    from edmctl.link.holder import holder_of
+    from edmctl.link.port_owner import owner_of
     from edmctl.link.ports import same_port
 
     return PortRow(
@@ -116,7 +116,7 @@ def _row(port: "PortInfo", named: tuple[str, ...], known: bool, answer: "Answer 
         description=port.description,
         usb_id=port.usb_id,
         usb_serial=port.usb_serial,
-        held_by=holder_of(Path(port.device)),
+        held_by=owner_of(Path(port.device)),
         in_setup=any(same_port(name, port.device) for name in named),
         known=known,
         controller=_controller(answer.hello) if answer and answer.hello else None,

@@ -86,7 +86,7 @@ def _found(opened: "RunFile") -> str:
 
 def events_of(opened: "RunFile", start: int = 0) -> list[FileEvent]:
     """The events of the file from row `start` on, in the order in which they were written."""
-    from edmctl.machine.port import EventCode
+    from edmctl.machine.interface import EventCode
     from edmctl.procedures.event_codes import RunEvent
     from edmctl.record.event_reader import happened
 

@@ -98,7 +98,7 @@ def _export(outcome: Outcome, opened: "RunFile", order: "ExportOrder") -> None:
     from edmctl.cli.run.export_output import new_file, stdout
     from edmctl.console.export_table import Exported, render_export
     from edmctl.jobs.output_files import make_folder
-    from edmctl.machine.port import EventCode
+    from edmctl.machine.interface import EventCode
     from edmctl.procedures.event_codes import RunEvent
     from edmctl.report.export_tables import TABLES, ExportTable
 

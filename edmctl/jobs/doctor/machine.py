@@ -12,12 +12,12 @@ from edmctl.wording import decimal
 if TYPE_CHECKING:
     from edmctl.jobs.doctor.checks import Checks
     from edmctl.machine.controller import LinkMachine
-    from edmctl.machine.port import (
+    from edmctl.machine.interface import (
         MachineEvent,
         MachineStatus,
         MotionSettings,
-        PulseBatch,
         PulseBlockBatch,
+        PulseTrain,
         TelemetryBlock,
     )
     from edmctl.profile.setup import Setup
@@ -51,7 +51,7 @@ def look(checks: Checks, machine: LinkMachine, setup: Setup) -> None:
 
 def test_sensors(checks: Checks, machine: LinkMachine, setup: Setup) -> None:
     """Arm, test the gap sensor and disarm; refused unless the machine is idle. Raises LinkLost."""
-    from edmctl.machine.port import MachineState, PulseMode, PulseSettings
+    from edmctl.machine.interface import MachineState, PulseMode, PulseSettings
     from edmctl.procedures.stop import safe_state_on_error
 
     state = machine.status().state
@@ -82,7 +82,7 @@ def test_sensors(checks: Checks, machine: LinkMachine, setup: Setup) -> None:
 
 
 def _motion(setup: Setup) -> MotionSettings:
-    from edmctl.machine.port import MotionSettings
+    from edmctl.machine.interface import MotionSettings
 
     actuator = setup.actuator
     return MotionSettings(
@@ -158,7 +158,7 @@ class _Counted:
     def pulse_blocks(self, batch: PulseBlockBatch) -> None:
         """Do nothing."""
 
-    def pulses(self, batch: PulseBatch) -> None:
+    def pulses(self, batch: PulseTrain) -> None:
         """Do nothing."""
 
     def event(self, event: MachineEvent) -> None:
@@ -170,7 +170,7 @@ class _Counted:
 
 def _samples(machine: LinkMachine) -> Check:
     """Whether the samples come that every motion is judged by."""
-    from edmctl.machine.port import PulseLog, TelemetrySettings
+    from edmctl.machine.interface import PulseLog, TelemetrySettings
 
     counted, wanted = _Counted(), round(SAMPLED_S * 1e6 / SAMPLE_PERIOD_US)
     machine.start_telemetry(TelemetrySettings(SAMPLE_PERIOD_US, 10, PulseLog.OFF), counted)

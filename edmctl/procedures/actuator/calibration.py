@@ -14,7 +14,7 @@ from edmctl.actuator.checks import check_record
 from edmctl.actuator.record import Record
 from edmctl.actuator.waveforms import SLEW_V_S, Leg, calibration_legs
 from edmctl.errors import LinkLost, PreconditionError
-from edmctl.machine.port import Axis, MotionSettings, PulseLog, TelemetrySettings, joined
+from edmctl.machine.interface import Axis, MotionSettings, PulseLog, TelemetrySettings, joined
 from edmctl.procedures.monitoring.drift import DRIFT_SDS, first_home_um
 from edmctl.procedures.run import NO_PULSES
 from edmctl.procedures.settings import RETRACT_UM_S
@@ -23,11 +23,11 @@ from edmctl.procedures.touch.home import CREEP_LOOK_S, CREEP_WAIT_S, READING_MAR
 from edmctl.results.progress import Phase, Progress
 
 if TYPE_CHECKING:
-    from edmctl.machine.port import (
+    from edmctl.machine.interface import (
         Machine,
         MachineEvent,
-        PulseBatch,
         PulseBlockBatch,
+        PulseTrain,
         TelemetryBlock,
     )
     from edmctl.profile.setup import Setup
@@ -254,7 +254,7 @@ class _Listener:
     def pulse_blocks(self, batch: PulseBlockBatch) -> None:
         """There are none."""
 
-    def pulses(self, batch: PulseBatch) -> None:
+    def pulses(self, batch: PulseTrain) -> None:
         """There are none."""
 
     def event(self, event: MachineEvent) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 from edmctl.actuator.inverse import jump_volts
 from edmctl.actuator.record import Record
 from edmctl.errors import PreconditionError
-from edmctl.machine.port import joined
+from edmctl.machine.interface import joined
 from edmctl.procedures.actuator.tracker import home
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.resting import rest_and_look
@@ -25,7 +25,7 @@ from edmctl.results.progress import Phase
 from edmctl.wording import signed
 
 if TYPE_CHECKING:
-    from edmctl.machine.port import TelemetryBlock
+    from edmctl.machine.interface import TelemetryBlock
     from edmctl.procedures.run import Run
 
 LEAST_GAIN_UM_PER_V = 0.05

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.actuator.correction import SlowCorrection
 from edmctl.actuator.inverse import travel_by
-from edmctl.machine.port import (
+from edmctl.machine.interface import (
     Axis,
     ControllerSettings,
     CutRequest,
@@ -32,9 +32,9 @@ from edmctl.machine.port import (
     MachineStatus,
     MotionSettings,
     PathMove,
-    PulseBatch,
     PulseBlockBatch,
     PulseSettings,
+    PulseTrain,
     ScanRequest,
     TelemetryBlock,
     TelemetrySettings,
@@ -105,7 +105,7 @@ class Reckoning:
         if self._listener is not None:
             self._listener.pulse_blocks(batch)
 
-    def pulses(self, batch: PulseBatch) -> None:
+    def pulses(self, batch: PulseTrain) -> None:
         """Hand on."""
         if self._listener is not None:
             self._listener.pulses(batch)

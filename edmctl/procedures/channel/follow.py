@@ -6,7 +6,7 @@ import math
 from collections import deque
 from typing import TYPE_CHECKING
 
-from edmctl.machine.port import MachineState, TelemetryBlock
+from edmctl.machine.interface import MachineState, TelemetryBlock
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.estimating import energy_of
 from edmctl.procedures.settings import gap_reference_v, telemetry_settings

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import MachineFault
 from edmctl.labels import NOT_SHOWN_CODE, Verdict
-from edmctl.machine.port import host_fault
+from edmctl.machine.interface import host_fault
 from edmctl.procedures.channel.layers import Layers
 from edmctl.procedures.channel.result import FloorReading, channel_left, channel_result
 from edmctl.procedures.channel.resuming import (

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.errors import PreconditionError
-from edmctl.machine.port import EventCode, PathMove, ScanRequest
+from edmctl.machine.interface import EventCode, PathMove, ScanRequest
 from edmctl.procedures.channel.follow import PassFollower
 from edmctl.procedures.settings import gap_reference_v
 from edmctl.process.next_cut import COVERAGE
@@ -22,7 +22,7 @@ from edmctl.process.next_cut import COVERAGE
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from edmctl.machine.port import MachineEvent
+    from edmctl.machine.interface import MachineEvent
     from edmctl.procedures.run import Run
     from edmctl.process.channel_wear import ToolWear
     from edmctl.process.layers import HeldTool

@@ -8,7 +8,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from edmctl.errors import MachineFault
-from edmctl.machine.port import EventCode, MachineEvent
+from edmctl.machine.interface import EventCode, MachineEvent
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.running_cut import Cutting
 from edmctl.procedures.servo.arc_recovery import NO_SPARK, Burns, with_a_check

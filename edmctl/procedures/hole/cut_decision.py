@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.labels import Verdict
-from edmctl.machine.port import host_fault
+from edmctl.machine.interface import host_fault
 from edmctl.procedures.hole.cut import CutEnd, CutResult
 from edmctl.procedures.hole.cut_planning import CutPlan, Start, following_plan
 from edmctl.procedures.hole.target import verdict_of

@@ -19,7 +19,7 @@ from edmctl.record.rows import EventLevel
 from edmctl.wording import signed
 
 if TYPE_CHECKING:
-    from edmctl.machine.port import MachineEvent
+    from edmctl.machine.interface import MachineEvent
     from edmctl.procedures.hole.cut_planning import CutPlan
     from edmctl.procedures.hole.hole import Hole
     from edmctl.procedures.job_state import FaceTouch

@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from edmctl.machine.port import CutRequest, EventCode
+from edmctl.machine.interface import CutRequest, EventCode
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.target import goal_of
 from edmctl.procedures.job import Site
@@ -16,7 +16,7 @@ from edmctl.process.jump import minimum_height_um
 from edmctl.record.rows import EventLevel
 
 if TYPE_CHECKING:
-    from edmctl.machine.port import MachineEvent
+    from edmctl.machine.interface import MachineEvent
     from edmctl.procedures.hole.cut_planning import CutPlan
     from edmctl.procedures.run import Args, Run
     from edmctl.procedures.servo.supervisor import Supervisor

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from edmctl.machine.port import host_fault
+from edmctl.machine.interface import host_fault
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.record.rows import EventLevel
 

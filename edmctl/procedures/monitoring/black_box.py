@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from edmctl.errors import LinkLost, MachineFault, PreconditionError, ProtocolMismatch
-from edmctl.record.rows import BlackBoxBlock, WaveformBlock
 
 if TYPE_CHECKING:
     from edmctl.procedures.run import Run
@@ -31,25 +31,12 @@ def _record_samples(run: Run) -> None:
         block = run.machine.black_box()
         if block is None:
             return
-        sensor = run.setup.sensor.fitted
-        run.recorder.black_box(
-            BlackBoxBlock(
-                time_s=block.time_s,
-                actuator_v=block.actuator_v,
-                displacement_um=block.displacement_um if sensor else np.full(len(block.time_s), np.nan),
-                gap_v=block.gap_v,
-                current_a=block.current_a,
-                n_open=block.n_open,
-                n_normal=block.n_normal,
-                n_arc=block.n_arc,
-                n_short=block.n_short,
-                state=block.state,
-                flags=block.flags,
-            )
-        )
+        if not run.setup.sensor.fitted:
+            block = replace(block, displacement_um=np.full(len(block.time_s), np.nan))
+        run.recorder.black_box(block)
 
 
 def _record_waveforms(run: Run) -> None:
     batch = run.machine.waveforms()
     if batch is not None:
-        run.recorder.waveforms(WaveformBlock(batch.time_s, batch.gap_v, batch.current_a))
+        run.recorder.waveforms(batch)

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.machine.port import MachineState
+from edmctl.machine.interface import MachineState
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from edmctl.machine.port import TelemetryBlock
+    from edmctl.machine.interface import TelemetryBlock
 
     Floats = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from edmctl.results.progress import Phase, Progress
 from edmctl.results.pulses import pulse_shares
 
 if TYPE_CHECKING:
-    from edmctl.machine.port import TelemetryBlock
+    from edmctl.machine.interface import TelemetryBlock
     from edmctl.procedures.run import Run
 
 TELL_EVERY_S = 0.1

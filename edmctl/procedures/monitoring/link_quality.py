@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections import deque
 from typing import TYPE_CHECKING
 
-from edmctl.machine.port import host_fault
+from edmctl.machine.interface import host_fault
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.record.rows import EventLevel, LinkRow
 
 if TYPE_CHECKING:
-    from edmctl.machine.port import TelemetryBlock
+    from edmctl.machine.interface import TelemetryBlock
     from edmctl.procedures.run import Run
     from edmctl.results.link import LinkReport
 

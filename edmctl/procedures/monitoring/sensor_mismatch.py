@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from edmctl.machine.port import host_fault
+from edmctl.machine.interface import host_fault
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.profile.forecast import stroke_um
 from edmctl.record.rows import EventLevel
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from edmctl.machine.port import TelemetryBlock
+    from edmctl.machine.interface import TelemetryBlock
     from edmctl.procedures.run import Run
 
     Floats = NDArray[np.float64]

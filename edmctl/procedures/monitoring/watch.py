@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from edmctl.machine.port import (
+from edmctl.machine.interface import (
     EventCode,
     MachineEvent,
     MachineState,
-    PulseBatch,
     PulseBlockBatch,
+    PulseTrain,
     TelemetryBlock,
     TelemetryFlag,
     joined,
@@ -22,7 +22,7 @@ from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.monitoring.drift import Rests
 from edmctl.procedures.monitoring.feed_error import FeedError
 from edmctl.procedures.monitoring.trace import Trace
-from edmctl.record.rows import EventLevel, PulseBlockRows, PulseTrain, ServoBlock
+from edmctl.record.rows import EventLevel, ServoBlock
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from edmctl.actuator.estimator import Estimator
     from edmctl.procedures.actuator.tracker import Tracker
     from edmctl.record.recorder import Recorder
+    from edmctl.results.telemetry import PulseBlockBatch, PulseTrain
 
 Floats = NDArray[np.float64]
 
@@ -229,31 +230,11 @@ class Watch:
 
     def pulse_blocks(self, batch: PulseBlockBatch) -> None:
         """Record."""
-        self._recorder.append_pulse_blocks(
-            PulseBlockRows(
-                time_s=batch.time_s,
-                n_open=batch.n_open,
-                n_normal=batch.n_normal,
-                n_arc=batch.n_arc,
-                n_short=batch.n_short,
-                delay_us=batch.delay_us,
-                energy_uj=batch.energy_uj,
-            )
-        )
+        self._recorder.append_pulse_blocks(batch)
 
-    def pulses(self, batch: PulseBatch) -> None:
+    def pulses(self, batch: PulseTrain) -> None:
         """Record."""
-        self._recorder.append_pulses(
-            PulseTrain(
-                first_pulse=batch.first_pulse,
-                start_s=batch.start_s,
-                period_s=batch.period_s,
-                pulse_class=batch.pulse_class,
-                delay_us=batch.delay_us,
-                discharge_us=batch.discharge_us,
-                plateau_v=batch.plateau_v,
-            )
-        )
+        self._recorder.append_pulses(batch)
 
     def event(self, event: MachineEvent) -> None:
         """Record; what the model said at a touch is kept, because its reading is asked for much later."""

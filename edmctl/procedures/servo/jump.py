@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from edmctl.actuator.inverse import jump_volts
-from edmctl.machine.port import JumpRequest
+from edmctl.machine.interface import JumpRequest
 
 if TYPE_CHECKING:
     from edmctl.procedures.run import Run

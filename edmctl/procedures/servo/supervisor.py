@@ -10,7 +10,7 @@ from collections import deque
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-from edmctl.machine.port import MachineState, MachineStatus, TelemetryBlock, host_fault
+from edmctl.machine.interface import MachineState, MachineStatus, TelemetryBlock, host_fault
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.breakthrough import Breakthrough
 from edmctl.procedures.hole.estimating import energy_of

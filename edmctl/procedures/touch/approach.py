@@ -15,7 +15,7 @@ from edmctl.results.measurements import SurfaceFound
 from edmctl.results.progress import Phase
 
 if TYPE_CHECKING:
-    from edmctl.machine.port import MachineEvent
+    from edmctl.machine.interface import MachineEvent
     from edmctl.procedures.job import Site
     from edmctl.procedures.run import Run
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from edmctl.errors import ObjectiveNotReached, PreconditionError
-from edmctl.machine.port import Touch, TouchRequest
+from edmctl.machine.interface import Touch, TouchRequest
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.process.touch_check import is_constant
 from edmctl.process.wear import Reading, reading_of

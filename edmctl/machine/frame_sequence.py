@@ -1,4 +1,4 @@
-"""The stream of samples that a host relies on: each where the one before says, and none too old.
+"""Frames of samples and pulses one after the other: each where the one before says, and none too old.
 
 A frame of telemetry says when its samples were taken, how many frames were sent before it and how many samples were
 left out, and replies to heartbeats say what time it is. All that must agree. `docs/protocol.md` has the rules.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from edmctl.link.messages import PulseBlocks, Pulses
 from edmctl.machine.faults import host_fault
 
 if TYPE_CHECKING:
@@ -16,12 +17,16 @@ if TYPE_CHECKING:
     from edmctl.errors import EdmError
     from edmctl.link.messages import Tlm
     from edmctl.link.session import Session
-    from edmctl.machine.orders import TelemetrySettings
+    from edmctl.machine.requests import TelemetrySettings
 
 OLDEST_SAMPLE_S = 1.0
 """A host whose newest sample is older than this knows too little to go on. Ten frames of 0.1 s in a row are lost by
 then, which a line that loses a fifth of all frames does once in two weeks; a tool at 5 µm/s goes 5 µm meanwhile.
 Of a served controller whose clock runs faster than that on the wall, a second is one on the wall."""
+LATE_S = 1.0
+"""Pulses that wait for a full frame come later than the samples of their time, but not by so much."""
+_TICK_S = 1e-3
+"""Times of pulses and of what ends a frame are known to a millisecond."""
 _UNTOLD = 255
 """So many samples left out stand for any number."""
 _WRAP_US = 1 << 32
@@ -49,8 +54,8 @@ class SampleStream:
     def wrong(self, frames: Sequence[Tlm]) -> str:
         """Take the next frames; what cannot be in them, in words, and nothing where all can."""
         for frame in frames:
-            if told := self._wrong_frame(frame):
-                return told
+            if problem := self._wrong_frame(frame):
+                return problem
             self._last, self._newest_s = frame, self._end_s(frame)
         return ""
 
@@ -94,6 +99,35 @@ class SampleStream:
 
     def _end_s(self, frame: Tlm) -> float:
         return self._session.seconds(frame.t0_us) + 1e-6 * frame.period_us * (frame.n - 1)
+
+
+class PulseFrames:
+    """Follows the frames of one kind since telemetry has begun."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._newest_s = 0.0
+
+    def begin(self) -> None:
+        """Telemetry has been asked for."""
+        self._newest_s = self._session.heard_s - LATE_S
+
+    def wrong(self, frames: Sequence[PulseBlocks | Pulses]) -> str:
+        """Take the next frames; what cannot be in them, in words, and nothing where all can."""
+        for frame in frames:
+            step = frame.block_pulses if isinstance(frame, PulseBlocks) else 1
+            if frame.n == 0 or frame.period_ns == 0 or step == 0:
+                return f"{frame.NAME} with {frame.n} records of {step} pulses {frame.period_ns} ns apart"
+            start_s = self._session.seconds(frame.t0_us)
+            end_s = start_s + 1e-9 * frame.period_ns * step * (frame.n - 1)
+            if end_s > self._session.latest_s:
+                return (
+                    f"{frame.NAME} {end_s - self._session.latest_s:.1f} s ahead of the controller's own time"
+                )
+            if start_s < self._newest_s - _TICK_S:
+                return f"{frame.NAME} {self._newest_s - start_s:.3f} s before the one before"
+            self._newest_s = start_s
+        return ""
 
 
 def _signed_us(difference_us: int) -> int:

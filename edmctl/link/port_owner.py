@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 
 
-def holder_of(port: Path) -> str:
+def owner_of(port: Path) -> str:
     """Return "process 1234 (edmctl machine …)" for the holder of the lock on a port; "" where nobody can tell."""
     try:
         place = port.stat()

@@ -24,7 +24,7 @@ _REPLY = 0x40
 _LEAST_US = 1
 
 
-class DrivenLine:
+class SteppedLine:
     """Wraps a line after HELLO has said that the controller's clock is driven; `session` is that of HELLO."""
 
     live = False
@@ -79,9 +79,9 @@ class DrivenLine:
         if self._still > MOST_STILL:
             raise self._fail(f"lets no time pass in {MOST_STILL} waits")
 
-    def _fail(self, told: str) -> LinkLost:
+    def _fail(self, message: str) -> LinkLost:
         self._failure = LinkLost(
-            f"The simulated controller at {self.name} {told}.",
+            f"The simulated controller at {self.name} {message}.",
             hint="See whether `edmctl simulate serve` still runs, and start it again.",
             code="E4008",
         )

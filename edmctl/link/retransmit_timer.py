@@ -10,8 +10,11 @@ SHORTEST_S, LONGEST_S = 0.02, 0.2
 _KEPT = 2000
 
 
-class RoundTrips:
-    """Smoothed round trip and its deviation; the newest ones are kept for statistics."""
+class RetransmitTimer:
+    """Says how long to wait for a reply, from the smoothed round trip and its deviation.
+
+    The newest round trips are kept for statistics.
+    """
 
     def __init__(self) -> None:
         self._kept: deque[float] = deque(maxlen=_KEPT)

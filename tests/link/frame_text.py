@@ -1,4 +1,4 @@
-"""One line of text per frame, `NAME key=value …`, for logs and tests. It is never parsed."""
+"""One line of text per frame, `NAME key=value …`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ import json
 from dataclasses import fields
 from typing import TYPE_CHECKING
 
-from edmctl.link.messages import FIELD_ENUMS, REPLIES, REQUESTS, UNSOLICITED, Status
+from edmctl.link import messages as m
+from edmctl.link.messages import REPLIES, REQUESTS, UNSOLICITED, Status
+from edmctl.link.schema import load_schema
 
 if TYPE_CHECKING:
     from enum import IntEnum, IntFlag
@@ -15,6 +17,12 @@ if TYPE_CHECKING:
     from edmctl.link.wire import Message
 
 _REPLY = 0x40
+_ENUMS = {
+    (name, field.name): getattr(m, field.enum)
+    for name, layout in load_schema().layouts()
+    for field in layout.fields
+    if field.enum
+}
 
 
 def render(frame: Frame) -> str:
@@ -48,7 +56,7 @@ def _fields(message: Message) -> list[str]:
     words = []
     for field in fields(message):
         value = getattr(message, field.name)
-        enumeration = FIELD_ENUMS.get((message.NAME, field.name))
+        enumeration = _ENUMS.get((message.NAME, field.name))
         if enumeration is not None:
             value = _named(enumeration, value)
         elif isinstance(value, bytes):

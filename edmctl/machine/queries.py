@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Protocol, TypeVar
 import numpy as np
 
 from edmctl.link.messages import BlackboxRead, BlackboxReadReply, GetStatus, Status, Tlm, WaveformRead
-from edmctl.link.refusal import CommandRefused
+from edmctl.link.nak import CommandRefused
 from edmctl.machine.decode import telemetry_block, waveform_batch
-from edmctl.machine.possible import impossible, wrong_block, wrong_status
-from edmctl.machine.reports import MachineIdentity, MachineStatus, TelemetryBlock, WaveformBatch
+from edmctl.machine.interface import MachineIdentity, MachineStatus, TelemetryBlock, WaveformBatch
+from edmctl.machine.plausibility import impossible, wrong_block, wrong_status
 from edmctl.machine.states import Interlock, MachineState, TelemetryFlag
 
 if TYPE_CHECKING:
@@ -60,8 +60,8 @@ def identity_of(session: Session) -> MachineIdentity:
 def read_status(session: Session) -> MachineStatus:
     """What the controller sees now. Raises MachineFault where it says what cannot be."""
     reply = session.request(GetStatus())
-    if told := wrong_status(reply):
-        raise impossible(f"GET_STATUS: {told}")
+    if problem := wrong_status(reply):
+        raise impossible(f"GET_STATUS: {problem}")
     return MachineStatus(
         state=MachineState(reply.state),
         fault=reply.fault,
@@ -89,9 +89,9 @@ def read_black_box(session: Session, to_seconds: ToSeconds) -> TelemetryBlock | 
     if not pages:
         return None
     block = telemetry_block(pages, to_seconds, 0)
-    told = wrong_block(block) or ("samples in disorder" if np.any(np.diff(block.time_s) <= 0.0) else "")
-    if told:
-        raise impossible(f"BLACKBOX_READ: {told}")
+    problem = wrong_block(block) or ("samples in disorder" if np.any(np.diff(block.time_s) <= 0.0) else "")
+    if problem:
+        raise impossible(f"BLACKBOX_READ: {problem}")
     return block
 
 

@@ -9,8 +9,8 @@ from edmctl.link.faults import FAULTS, FaultCode
 from edmctl.link.messages import Hello, ResetCause
 
 if TYPE_CHECKING:
-    from edmctl.link.accounting import Statistics
     from edmctl.link.messages import Boot
+    from edmctl.link.statistics import Statistics
     from edmctl.link.wire import Request
 
 _CAUSES: dict[int, str] = {

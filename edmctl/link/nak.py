@@ -44,7 +44,7 @@ class CommandRefused(PreconditionError):
         self.status = status
 
 
-def refusal(command_id: int, reply: Frame) -> CommandRefused:
+def nak_error(command_id: int, reply: Frame) -> CommandRefused:
     """Return the error that a refused command raises, with what the reply tells of the reason."""
     try:
         status = Status(reply.flags)

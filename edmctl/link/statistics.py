@@ -1,4 +1,4 @@
-"""What a session keeps count of: frames, and controller time."""
+"""What a session keeps count of, and the report made from it."""
 
 from __future__ import annotations
 
@@ -10,9 +10,7 @@ from edmctl.results.link import LinkReport
 if TYPE_CHECKING:
     from edmctl.link.clock import ClockLine
     from edmctl.link.messages import HeartbeatReply
-    from edmctl.link.roundtrip import RoundTrips
-
-_WRAP_32 = 1 << 32
+    from edmctl.link.retransmit_timer import RetransmitTimer
 
 
 @dataclass(slots=True)
@@ -39,7 +37,7 @@ class Statistics:
 
 
 def link_report(
-    counts: Statistics, beat: HeartbeatReply | None, round_trips: RoundTrips, line: ClockLine
+    counts: Statistics, beat: HeartbeatReply | None, timer: RetransmitTimer, line: ClockLine
 ) -> LinkReport:
     """Return the report that these add up to; `beat` is the newest answer to a heartbeat."""
     return LinkReport(
@@ -50,32 +48,9 @@ def link_report(
         lost_frames=sum(counts.lost_frames.values()),
         controller_bad_frames=beat.rx_bad if beat else 0,
         controller_dropped_frames=beat.rx_drop if beat else 0,
-        rtt_p50_ms=1e3 * round_trips.quantile_s(0.5),
-        rtt_p99_ms=1e3 * round_trips.quantile_s(0.99),
+        rtt_p50_ms=1e3 * timer.quantile_s(0.5),
+        rtt_p99_ms=1e3 * timer.quantile_s(0.99),
         clock_offset_s=line.machine_s - line.host_s,
         clock_rate_ppm=1e6 * (line.rate - 1.0),
         clock_residual_us=1e6 * line.residual_s,
     )
-
-
-class ControllerClock:
-    """Unwraps the controller's 32-bit microseconds, which start over every 71.6 minutes."""
-
-    def __init__(self) -> None:
-        self._reference_us = 0
-
-    def note(self, t_dev_us: int) -> None:
-        """Take the controller's full time, as every heartbeat brings it."""
-        self._reference_us = t_dev_us
-
-    @property
-    def newest_s(self) -> float:
-        """The newest full time, in seconds."""
-        return self._reference_us / 1_000_000
-
-    def seconds(self, t_us: int) -> float:
-        """Return controller time in seconds of a time within 35 minutes of the last heartbeat."""
-        ahead = (t_us - self._reference_us) % _WRAP_32
-        if ahead >= _WRAP_32 // 2:
-            ahead -= _WRAP_32
-        return (self._reference_us + ahead) / 1_000_000

@@ -1,14 +1,15 @@
-"""The port: the one interface between procedures and a machine.
+"""The one interface between procedures and a machine.
 
 Everything a procedure needs of the machine is imported from here.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 from edmctl.machine.faults import host_fault
-from edmctl.machine.orders import (
+from edmctl.machine.requests import (
     ControllerSettings,
     CutRequest,
     JumpRequest,
@@ -18,19 +19,6 @@ from edmctl.machine.orders import (
     ScanRequest,
     TelemetrySettings,
     TouchRequest,
-)
-from edmctl.machine.reports import (
-    Bytes,
-    Floats,
-    MachineEvent,
-    MachineIdentity,
-    MachineStatus,
-    PulseBatch,
-    PulseBlockBatch,
-    TelemetryBlock,
-    Touch,
-    WaveformBatch,
-    joined,
 )
 from edmctl.machine.states import (
     Axis,
@@ -43,17 +31,22 @@ from edmctl.machine.states import (
     ServoLaw,
     TelemetryFlag,
 )
+from edmctl.results.telemetry import (
+    PulseBlockBatch,
+    PulseTrain,
+    TelemetryBlock,
+    WaveformBatch,
+    joined,
+)
 
 if TYPE_CHECKING:
     from edmctl.results.link import LinkReport
 
 __all__ = [
     "Axis",
-    "Bytes",
     "ControllerSettings",
     "CutRequest",
     "EventCode",
-    "Floats",
     "Interlock",
     "JumpRequest",
     "Machine",
@@ -64,12 +57,12 @@ __all__ = [
     "MachineStatus",
     "MotionSettings",
     "PathMove",
-    "PulseBatch",
     "PulseBlockBatch",
     "PulseClass",
     "PulseLog",
     "PulseMode",
     "PulseSettings",
+    "PulseTrain",
     "ScanRequest",
     "ServoLaw",
     "TelemetryBlock",
@@ -83,6 +76,59 @@ __all__ = [
 ]
 
 
+@dataclass(frozen=True, slots=True)
+class MachineIdentity:
+    """Who answered: board serial, firmware version, and whether it is the virtual machine."""
+
+    transport: str
+    serial: str
+    firmware: str
+    protocol: str
+    simulated: bool
+
+
+@dataclass(frozen=True, slots=True)
+class MachineEvent:
+    """Something the controller reported: what, when, and where the tool was."""
+
+    code: EventCode
+    time_s: float
+    argument: int
+    displacement_um: float
+    actuator_v: float
+
+
+@dataclass(frozen=True, slots=True)
+class Touch:
+    """One contact at `time_s`: actuator voltage then, and mean sensor displacement while hunting after it."""
+
+    time_s: float
+    displacement_um: float
+    actuator_v: float
+
+
+@dataclass(frozen=True, slots=True)
+class MachineStatus:
+    """What the controller sees now.
+
+    `actuator_v` is what was commanded, `monitor_v` what the amplifier's voltage monitor shows of it.
+    """
+
+    state: MachineState
+    fault: int
+    interlocks: Interlock
+    displacement_um: float
+    x_um: float
+    y_um: float
+    theta_deg: float
+    actuator_v: float
+    gap_v: float
+    temperature_c: float
+    flow_lpm: float
+    monitor_v: float
+    flags: TelemetryFlag
+
+
 class MachineListener(Protocol):
     """Who hears the machine. Called within the machine's waits, in order; what it raises ends the wait."""
 
@@ -92,7 +138,7 @@ class MachineListener(Protocol):
     def pulse_blocks(self, batch: PulseBlockBatch) -> None:
         """Take consecutive pulse blocks."""
 
-    def pulses(self, batch: PulseBatch) -> None:
+    def pulses(self, batch: PulseTrain) -> None:
         """Take consecutive pulses."""
 
     def event(self, event: MachineEvent) -> None:

@@ -1,4 +1,4 @@
-"""What a machine tells, in µm, V, A and s.
+"""Samples and pulses of a machine, many at a time, in µm, V, A and s: made when decoded, kept as they are.
 
 Displacements are those of the inductive sensor on the actuator, positive towards the work and zero near 0 V.
 Times are seconds since the first message of the run, on the controller's clock.
@@ -7,43 +7,17 @@ Times are seconds since the first message of the run, on the controller's clock.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from edmctl.machine.states import EventCode, Interlock, MachineState, TelemetryFlag
+    import numpy as np
+    from numpy.typing import NDArray
 
-__all__ = [
-    "Bytes",
-    "Floats",
-    "MachineEvent",
-    "MachineIdentity",
-    "MachineStatus",
-    "PulseBatch",
-    "PulseBlockBatch",
-    "TelemetryBlock",
-    "Touch",
-    "WaveformBatch",
-    "joined",
-]
-
-Floats: TypeAlias = NDArray[np.float64]
-Bytes: TypeAlias = NDArray[np.uint8]
-
-
-@dataclass(frozen=True, slots=True)
-class MachineIdentity:
-    """Who answered: board serial, firmware version, and whether it is the virtual machine."""
-
-    transport: str
-    serial: str
-    firmware: str
-    protocol: str
-    simulated: bool
+    Floats = NDArray[np.float64]
+    AnyFloats = NDArray[np.floating]
+    Counts = NDArray[np.integer]
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,17 +33,19 @@ class TelemetryBlock:
     actuator_v: Floats
     gap_v: Floats
     current_a: Floats
-    n_open: Bytes
-    n_normal: Bytes
-    n_arc: Bytes
-    n_short: Bytes
-    state: Bytes
-    flags: Bytes
+    n_open: Counts
+    n_normal: Counts
+    n_arc: Counts
+    n_short: Counts
+    state: Counts
+    flags: Counts
     missing_frames: int
 
 
 def joined(blocks: Sequence[TelemetryBlock]) -> TelemetryBlock:
-    """One block of consecutive ones."""
+    """Return consecutive blocks as one."""
+    import numpy as np
+
     if len(blocks) == 1:
         return blocks[0]
     return TelemetryBlock(
@@ -92,74 +68,32 @@ def joined(blocks: Sequence[TelemetryBlock]) -> TelemetryBlock:
 class PulseBlockBatch:
     """Sums over consecutive blocks of pulses, columns of shape (n,): ignition delays in µs, energies in µJ."""
 
-    time_s: Floats
-    n_open: Bytes
-    n_normal: Bytes
-    n_arc: Bytes
-    n_short: Bytes
-    delay_us: Floats
-    energy_uj: Floats
+    time_s: AnyFloats
+    n_open: Counts
+    n_normal: Counts
+    n_arc: Counts
+    n_short: Counts
+    delay_us: AnyFloats
+    energy_uj: AnyFloats
 
 
 @dataclass(frozen=True, slots=True)
-class PulseBatch:
+class PulseTrain:
     """Consecutive pulses of one period, in columns of shape (n,). `pulse_class` holds `PulseClass` values."""
 
     first_pulse: int
     start_s: float
     period_s: float
-    pulse_class: Bytes
-    delay_us: Floats
-    discharge_us: Floats
-    plateau_v: Floats
+    pulse_class: Counts
+    delay_us: AnyFloats
+    discharge_us: AnyFloats
+    plateau_v: AnyFloats
 
 
 @dataclass(frozen=True, slots=True)
 class WaveformBatch:
     """The gap about a latched fault, sample by sample at equal distances, columns of shape (n,)."""
 
-    time_s: Floats
-    gap_v: Floats
-    current_a: Floats
-
-
-@dataclass(frozen=True, slots=True)
-class MachineEvent:
-    """Something the controller reported: what, when, and where the tool was."""
-
-    code: EventCode
-    time_s: float
-    argument: int
-    displacement_um: float
-    actuator_v: float
-
-
-@dataclass(frozen=True, slots=True)
-class Touch:
-    """One contact at `time_s`: actuator voltage then, and mean sensor displacement while hunting after it."""
-
-    time_s: float
-    displacement_um: float
-    actuator_v: float
-
-
-@dataclass(frozen=True, slots=True)
-class MachineStatus:
-    """What the controller sees now.
-
-    `actuator_v` is what was commanded, `monitor_v` what the amplifier's voltage monitor shows of it.
-    """
-
-    state: MachineState
-    fault: int
-    interlocks: Interlock
-    displacement_um: float
-    x_um: float
-    y_um: float
-    theta_deg: float
-    actuator_v: float
-    gap_v: float
-    temperature_c: float
-    flow_lpm: float
-    monitor_v: float
-    flags: TelemetryFlag
+    time_s: AnyFloats
+    gap_v: AnyFloats
+    current_a: AnyFloats

@@ -8,9 +8,9 @@ import pytest
 
 from edmctl.errors import LinkLost
 from edmctl.link import messages as m
-from edmctl.link.driven import DrivenLine
 from edmctl.link.frame import FrameDecoder, encode_frame
 from edmctl.link.session import Session
+from edmctl.link.stepped_clock import SteppedLine
 from edmctl.simulator import BenchConfig, open_bench
 
 
@@ -94,7 +94,7 @@ def test_a_session_on_a_driven_line_can_be_opened_again() -> None:
 
 def test_a_simulator_that_does_not_answer_is_a_lost_link() -> None:
     served = Served(1)
-    line = DrivenLine(served, 1)
+    line = SteppedLine(served, 1)
     served.deaf = True
     with pytest.raises(LinkLost, match="did not let time pass within 20 s") as caught:
         line.read(0.1)
