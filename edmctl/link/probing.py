@@ -21,7 +21,7 @@ HELLO_S = 1.5
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class ProbedPort:
     """What a port said to HELLO: the controller's reply, or why there is none."""
 
     port: known.PortInfo
@@ -31,7 +31,7 @@ class Answer:
 
 def probe(
     ports: Sequence[known.PortInfo], baud: int, hello_s: float = HELLO_S, secret: bytes = b""
-) -> list[Answer]:
+) -> list[ProbedPort]:
     """Say hello at each port, all at the same time; `secret` for sockets that ask for one."""
     from concurrent.futures import ThreadPoolExecutor
 
@@ -79,7 +79,7 @@ def find(
 _WHERE = "Name the port with --port, or add it to link.candidates or its USB id to link.usb_ids in the setup."
 
 
-def _by_controller(wanted: str, answers: Sequence[Answer]) -> str:
+def _by_controller(wanted: str, answers: Sequence[ProbedPort]) -> str:
     devices = [a.port.device for a in answers if a.hello and a.hello.serial == wanted]
     if len(devices) == 1:
         return devices[0]
@@ -93,7 +93,7 @@ def _by_controller(wanted: str, answers: Sequence[Answer]) -> str:
     raise LinkLost(f"No controller {wanted} answers. {_seen(answers)}", hint=_WHERE, code="E4001")
 
 
-def _seen(answers: Sequence[Answer]) -> str:
+def _seen(answers: Sequence[ProbedPort]) -> str:
     if not answers:
         names = ", ".join(port.device for port in known.listed_ports()) or "no serial ports"
         return f"No port has a known USB id, and the setup names none; this computer lists {names}."
@@ -102,17 +102,17 @@ def _seen(answers: Sequence[Answer]) -> str:
     )
 
 
-def _ask(port: known.PortInfo, baud: int, hello_s: float, secret: bytes) -> Answer:
+def _ask(port: known.PortInfo, baud: int, hello_s: float, secret: bytes) -> ProbedPort:
     from edmctl.link.session import Session
 
     try:
         session = Session(open_line(port.device, baud, secret=secret))
         try:
-            return Answer(port, session.open(hello_s))
+            return ProbedPort(port, session.open(hello_s))
         finally:
             session.close()
     except EdmError as error:
-        return Answer(port, None, error.message)
+        return ProbedPort(port, None, error.message)
 
 
 def open_selector(

@@ -11,6 +11,7 @@ from edmctl.link.messages import (
     Arm,
     Disarm,
     Jump,
+    PathMove,
     PiezoSet,
     PulseEnable,
     ScanStart,
@@ -25,7 +26,6 @@ from edmctl.link.messages import (
     TouchOff,
     param_crc,
 )
-from edmctl.link.messages import PathMove as AppendLine
 from edmctl.link.nak import CommandRefused
 from edmctl.machine.faults import latched_error
 from edmctl.machine.inbox import Inbox
@@ -45,9 +45,8 @@ from edmctl.machine.requests import (
     CutRequest,
     JumpRequest,
     MotionSettings,
-    PathMove,
     PulseSettings,
-    ScanRequest,
+    ScanLine,
     TelemetrySettings,
     TouchRequest,
     default_settings,
@@ -237,23 +236,24 @@ class LinkMachine:
         self._scans = False
         self._waits.begin(ServoStart(request.gap_reference_v, request.z_limit_um, request.max_time_s))
 
-    def start_scan(self, request: ScanRequest) -> None:
+    def start_scan(self, request: CutRequest) -> None:
         """Start the gap servo with the tool held at its limit; the stages wait for `path_move`."""
         self._stands.clear()
         self._scans = True
         self._waits.begin(ScanStart(request.gap_reference_v, request.z_limit_um, request.max_time_s))
 
-    def path_move(self, move: PathMove) -> bool:
+    def path_move(self, line: ScanLine) -> bool:
         """Append a line to the path of a scan; False where the queue is full."""
         self._stands.clear()
-        line = AppendLine(move.x_um, move.y_um, move.speed_um_s, move.z_limit_um, int(move.last))
         try:
-            self._session.request(line)
+            self._session.request(
+                PathMove(line.x_um, line.y_um, line.speed_um_s, line.z_limit_um, int(line.last))
+            )
         except CommandRefused as refused:
             if refused.status is not Status.BUSY:
                 raise
             return False
-        self._position |= {Axis.X: move.x_um, Axis.Y: move.y_um}
+        self._position |= {Axis.X: line.x_um, Axis.Y: line.y_um}
         return True
 
     def watch_cut(self, duration_s: float) -> MachineEvent | None:

@@ -14,9 +14,8 @@ from edmctl.machine.requests import (
     CutRequest,
     JumpRequest,
     MotionSettings,
-    PathMove,
     PulseSettings,
-    ScanRequest,
+    ScanLine,
     TelemetrySettings,
     TouchRequest,
 )
@@ -56,14 +55,13 @@ __all__ = [
     "MachineState",
     "MachineStatus",
     "MotionSettings",
-    "PathMove",
     "PulseBlockBatch",
     "PulseClass",
     "PulseLog",
     "PulseMode",
     "PulseSettings",
     "PulseTrain",
-    "ScanRequest",
+    "ScanLine",
     "ServoLaw",
     "TelemetryBlock",
     "TelemetryFlag",
@@ -223,10 +221,10 @@ class Machine(Protocol):
     def start_cut(self, request: CutRequest) -> None:
         """Start the gap servo."""
 
-    def start_scan(self, request: ScanRequest) -> None:
+    def start_scan(self, request: CutRequest) -> None:
         """Start the gap servo with the tool held at its limit; the stages wait for `path_move`."""
 
-    def path_move(self, move: PathMove) -> bool:
+    def path_move(self, line: ScanLine) -> bool:
         """Append a line to the path of a scan; False where the queue is full: try again after `watch_cut`."""
 
     def watch_cut(self, duration_s: float) -> MachineEvent | None:

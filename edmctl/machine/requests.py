@@ -102,7 +102,11 @@ class TouchRequest:
 
 @dataclass(frozen=True, slots=True)
 class CutRequest:
-    """Servo until the filtered displacement reaches `z_limit_um` or `max_time_s` passes."""
+    """Gap servo for at most `max_time_s`.
+
+    A cut ends where the filtered displacement reaches `z_limit_um`; in a scan the tool is held there, while the
+    stages follow lines.
+    """
 
     gap_reference_v: float
     z_limit_um: float
@@ -110,16 +114,7 @@ class CutRequest:
 
 
 @dataclass(frozen=True, slots=True)
-class ScanRequest:
-    """Servo with the tool held at `z_limit_um`, and the stages following lines, for at most `max_time_s`."""
-
-    gap_reference_v: float
-    z_limit_um: float
-    max_time_s: float
-
-
-@dataclass(frozen=True, slots=True)
-class PathMove:
+class ScanLine:
     """A line of a scan: from where the one before ends to (`x_um`, `y_um`), the limit going to `z_limit_um`.
 
     The scan ends with the line that is the `last`.

@@ -1,4 +1,4 @@
-"""Enumerations of the controller that the port speaks in; their values are those of the wire."""
+"""Enumerations of the controller that the interface speaks in; their values are those of the wire."""
 
 from __future__ import annotations
 

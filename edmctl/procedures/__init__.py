@@ -1,1 +1,1 @@
-"""What a machine is made to do: sequences over the machine port, each returning a frozen result."""
+"""What a machine is made to do: sequences over the machine's interface, each returning a frozen result."""

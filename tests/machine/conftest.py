@@ -1,4 +1,4 @@
-"""A machine on the virtual bench, configured and armed, for tests of the port."""
+"""A machine on the virtual bench, configured and armed, for tests of the interface."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.errors import PreconditionError
-from edmctl.machine.interface import Axis, EventCode, MachineEvent, MachineState, PathMove, ScanRequest
+from edmctl.machine.interface import Axis, CutRequest, EventCode, MachineEvent, MachineState, ScanLine
 from tests.machine.conftest import REFERENCE_V
 
 if TYPE_CHECKING:
@@ -23,12 +23,12 @@ def scanning(rig: MakeRig, max_time_s: float = 1000.0) -> Rig:
     r = rig()
     r.ready()
     r.machine.move_stage(Axis.X, 0.0, 5000.0)
-    r.machine.start_scan(ScanRequest(REFERENCE_V, 5.0, max_time_s))
+    r.machine.start_scan(CutRequest(REFERENCE_V, 5.0, max_time_s))
     return r
 
 
-def line(x_um: float, *, last: bool = False) -> PathMove:
-    return PathMove(x_um, 0.5 * x_um, 100.0, 5.0, last)
+def line(x_um: float, *, last: bool = False) -> ScanLine:
+    return ScanLine(x_um, 0.5 * x_um, 100.0, 5.0, last)
 
 
 def end_of(r: Rig) -> MachineEvent:

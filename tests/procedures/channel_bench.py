@@ -11,13 +11,13 @@ import numpy as np
 
 from edmctl.errors import PreconditionError
 from edmctl.machine.interface import (
+    CutRequest,
     EventCode,
     Interlock,
     MachineEvent,
     MachineState,
     MachineStatus,
-    PathMove,
-    ScanRequest,
+    ScanLine,
     TelemetryBlock,
     TelemetryFlag,
 )
@@ -62,27 +62,27 @@ class ScanningMachine:
     then: Callable[[], MachineEvent | None] = lambda: None
     time_s: float = 0.0
     watch: Watch | None = None
-    moves: list[PathMove] = field(default_factory=list)
+    moves: list[ScanLine] = field(default_factory=list)
     longest_queue: int = 0
-    scans: list[ScanRequest] = field(default_factory=list)
+    scans: list[CutRequest] = field(default_factory=list)
     full: int = 0
     stopped: int = 0
-    _queue: deque[PathMove] = field(default_factory=deque)
+    _queue: deque[ScanLine] = field(default_factory=deque)
     _limit_um: float = 0.0
     _over: bool = False
 
-    def start_scan(self, request: ScanRequest) -> None:
+    def start_scan(self, request: CutRequest) -> None:
         self.scans.append(request)
         self._limit_um, self._over = request.z_limit_um, False
 
-    def path_move(self, move: PathMove) -> bool:
+    def path_move(self, line: ScanLine) -> bool:
         if len(self.moves) >= self.refuse_after:
             raise PreconditionError("The controller refused PATH_MOVE: BAD_STATE.", code="E8100")
         if len(self._queue) >= self.queue_size:
             self.full += 1
             return False
-        self._queue.append(move)
-        self.moves.append(move)
+        self._queue.append(line)
+        self.moves.append(line)
         self.longest_queue = max(self.longest_queue, len(self._queue))
         return True
 
@@ -123,7 +123,7 @@ class ScanningMachine:
         self.z_um = min(reach_um, self.z_um + self.sink_um_s * STEP_S)
         return self.time_s, self.z_um
 
-    def _follow(self, move: PathMove) -> None:
+    def _follow(self, move: ScanLine) -> None:
         left = np.array([move.x_um, move.y_um]) - self.place_um
         left_um, way_um = float(np.hypot(*left)), move.speed_um_s * STEP_S
         share = min(1.0, way_um / left_um) if left_um > 0.0 else 1.0

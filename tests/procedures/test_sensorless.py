@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from edmctl.errors import LinkLost, MachineFault, PreconditionError
-from edmctl.machine.interface import EventCode, MachineState, PathMove, ScanRequest
+from edmctl.machine.interface import CutRequest, EventCode, MachineState, ScanLine
 from edmctl.procedures.actuator.sensorless import SensorlessMachine
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.settings import controller_settings, pulse_settings, telemetry_settings
@@ -132,12 +132,12 @@ def test_a_scanning_tool_is_held_where_the_inverse_puts_it() -> None:
     machine.arm()
     machine.ramp(12.0, 50.0)
     machine.rest(1.0)
-    machine.start_scan(ScanRequest(9.6, 20.0, 100.0))
+    machine.start_scan(CutRequest(9.6, 20.0, 100.0))
     for _ in range(80):
         assert machine.watch_cut(0.1) is None
     assert s.bench.plant.st[k.TRUE_Z] == pytest.approx(20.0, abs=1.5)
     x_um = machine.status().x_um
-    assert machine.path_move(PathMove(x_um - 30.0, 0.0, 20.0, 26.0, last=False))
+    assert machine.path_move(ScanLine(x_um - 30.0, 0.0, 20.0, 26.0, last=False))
     for _ in range(30):
         assert machine.watch_cut(0.1) is None
     assert s.bench.plant.st[k.TRUE_Z] == pytest.approx(26.0, abs=1.5)

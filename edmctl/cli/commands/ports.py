@@ -14,7 +14,7 @@ from edmctl.cli.shell import shell
 if TYPE_CHECKING:
     from edmctl.link.messages import HelloReply
     from edmctl.link.ports import PortInfo
-    from edmctl.link.probing import Answer
+    from edmctl.link.probing import ProbedPort
     from edmctl.profile.setup import Setup
 
 ProbeOption = Annotated[
@@ -107,7 +107,7 @@ def _named(setup: "Setup") -> tuple[str, ...]:
     return tuple(dict.fromkeys((*mine, *setup.link.candidates)))
 
 
-def _row(port: "PortInfo", named: tuple[str, ...], known: bool, answer: "Answer | None") -> PortRow:
+def _row(port: "PortInfo", named: tuple[str, ...], known: bool, answer: "ProbedPort | None") -> PortRow:
     from edmctl.link.port_owner import owner_of
     from edmctl.link.ports import same_port
 

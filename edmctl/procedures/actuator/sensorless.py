@@ -31,11 +31,10 @@ from edmctl.machine.interface import (
     MachineState,
     MachineStatus,
     MotionSettings,
-    PathMove,
     PulseBlockBatch,
     PulseSettings,
     PulseTrain,
-    ScanRequest,
+    ScanLine,
     TelemetryBlock,
     TelemetrySettings,
     Touch,
@@ -233,14 +232,14 @@ class SensorlessMachine:
         told_um = self._beyond_um(request.z_limit_um, math.inf)
         self._machine.start_cut(replace(request, z_limit_um=told_um))
 
-    def start_scan(self, request: ScanRequest) -> None:
+    def start_scan(self, request: CutRequest) -> None:
         """Start the gap servo with the tool held at the voltage that the inverse gives for the limit."""
         self._z_limit_um = math.inf
         self._machine.start_scan(replace(request, z_limit_um=self._held_um(request.z_limit_um)))
 
-    def path_move(self, move: PathMove) -> bool:
+    def path_move(self, line: ScanLine) -> bool:
         """Append a line; its limit becomes the voltage that the inverse gives now, so send it not long before."""
-        return self._machine.path_move(replace(move, z_limit_um=self._held_um(move.z_limit_um)))
+        return self._machine.path_move(replace(line, z_limit_um=self._held_um(line.z_limit_um)))
 
     def watch_cut(self, duration_s: float) -> MachineEvent | None:
         """Let at most `duration_s` of a cut pass, and end it where the estimate has reached its limit."""

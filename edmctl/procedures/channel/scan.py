@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.errors import PreconditionError
-from edmctl.machine.interface import EventCode, PathMove, ScanRequest
+from edmctl.machine.interface import CutRequest, EventCode, ScanLine
 from edmctl.procedures.channel.follow import PassFollower
 from edmctl.procedures.settings import gap_reference_v
 from edmctl.process.next_cut import COVERAGE
@@ -104,7 +104,7 @@ def run_pass(run: Run, plan: PassPlan, wear: ToolWear, left_s: float, time_limit
     run.watch.follow(follower.take)
     try:
         limit_um = feeder.limits_um[0]
-        run.machine.start_scan(ScanRequest(gap_reference_v(run.profile), limit_um, left_s + TIME_SLACK_S))
+        run.machine.start_scan(CutRequest(gap_reference_v(run.profile), limit_um, left_s + TIME_SLACK_S))
         ended, fault, told = _watch(run, feeder, start_s + left_s, time_limit)
     finally:
         run.watch.follow(None)
@@ -203,7 +203,7 @@ class _Feeder:
         x_um, y_um = (float(c) for c in self._plan.way.points[i])
         limit_um = self._limit_um(i)
         last = i == len(self._plan.way.points) - 1
-        if not self._run.machine.path_move(PathMove(x_um, y_um, self._plan.speed_um_s, limit_um, last)):
+        if not self._run.machine.path_move(ScanLine(x_um, y_um, self._plan.speed_um_s, limit_um, last)):
             return False
         self.limits_um[i:] = limit_um
         self._sent = i
