@@ -27,7 +27,7 @@ from edmctl.profile.forecast import Forecast, forecast
 from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Setup
 from edmctl.record.recorder import NullRecorder
-from edmctl.report.height_map import Channel, Floor, HeightMap, channel_figure
+from edmctl.report.figures.channel import Channel, Floor, HeightMap, channel_figure
 from edmctl.report.style import house_style, rendered
 
 if TYPE_CHECKING:

@@ -1,136 +1,315 @@
-"""Several runs in one figure: their depth against the time that they machined, and what was measured in the end."""
+"""Runs side by side: what was different about them, and whether their results differ beyond uncertainty."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from edmctl.labels import is_open, open_marks
-from edmctl.report.envelopes import envelopes
-from edmctl.report.numbers import numbers_of, target_depths_um
-from edmctl.report.style import (
-    BLACK,
-    BLUE,
-    GREEN,
-    GREY,
-    LIGHT,
-    LINE,
-    ORANGE,
-    PAGE_MM,
-    PURPLE,
-    SKY,
-    VERMILLION,
-    NothingToDraw,
-    mark_below,
-    new_figure,
-    time_unit,
-)
+from edmctl.labels import weakest
+from edmctl.record.estimated import estimated_depth
+from edmctl.record.run_index import plain_number
+from edmctl.report.numbers import CLASSES, numbers_of
+from edmctl.wording import TIP
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from numpy.typing import NDArray
-
     from edmctl.record.reader import RunFile
     from edmctl.report.numbers import RunNumbers
 
-    Array = NDArray[np.float64]
 
-HEIGHT_MM = 70.0
-SLOW = "/entry/slow"
-PAUSE_S = 1.0
-"""Rows further apart than this have something else than machining between them."""
-NEW_SITE_UM = 2.0
-"""An estimated depth that falls by more than this belongs to another place."""
+@dataclass(frozen=True, slots=True)
+class ComparedRun:
+    """A run of the comparison."""
 
-_COLOURS = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, BLACK)
-_DASHES = ("-", (0, (4, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)), (0, (2.5, 1.2)))
+    file: str
+    run_id: str
+    title: str
+    start: str
+    status: str
+    simulated: bool
+    seed: int | None
+    sites: int
 
 
-def draw(runs: Sequence[RunFile], names: Sequence[str]) -> Figure:
-    """Draw open run files under their names. Raises NothingToDraw."""
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """Something that is not the same in all runs; `values` has one text a run, empty where a run has none."""
+
+    key: str
+    units: str
+    values: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Amount:
+    """A quantity in one run, and against the first run. What is not known is NaN.
+
+    `difference_u95` combines the uncertainties of both; `beyond` says that the difference is larger. `basis` is what
+    a depth or wear rests on, empty for all else.
+    """
+
+    value: float
+    u95: float
+    difference: float
+    difference_u95: float
+    beyond: bool
+    basis: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """One quantity in every run, in the unit of `key`; what is shown under `name` is `factor` times that."""
+
+    key: str
+    name: str
+    decimals: int
+    factor: float
+    amounts: tuple[Amount, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Shown:
+    """How a quantity is called and shown."""
+
+    key: str
+    name: str
+    decimals: int = 2
+    factor: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Several runs; `sites` has the depths and wears of places that all of them have, where there are several."""
+
+    runs: tuple[ComparedRun, ...]
+    differs: tuple[Setting, ...]
+    quantities: tuple[Quantity, ...]
+    sites: tuple[Quantity, ...]
+
+
+def compare(runs: Sequence[RunFile]) -> Comparison:
+    """Compare open run files with the first of them."""
     numbers = [numbers_of(run) for run in runs]
-    lines = [_depth_line(run) for run in runs]
-    if not any(len(time_s) for time_s, _ in lines) and not any(n.sites for n in numbers):
-        raise NothingToDraw("None of the runs has machined anything.")
-    figure = new_figure(HEIGHT_MM, PAGE_MM)
-    depth, end_depth, end_wear = figure.subplots(1, 3, width_ratios=[2.0, 1.0, 1.0])
-    longest_s = max((time_s[-1] for time_s, _ in lines if len(time_s)), default=0.0)
-    per, label = time_unit(longest_s)
-    for number, (name, (time_s, depth_um)) in enumerate(zip(names, lines, strict=True)):
-        colour, dash = _COLOURS[number % len(_COLOURS)], _DASHES[number % len(_DASHES)]
-        if len(time_s):
-            depth.plot(time_s / per, depth_um, color=colour, linestyle=dash, linewidth=LINE, label=name)
-    depth.set_xlabel(label.replace("time", "time machining"))
-    depth.set_ylabel("estimated depth (µm)")
-    depth.margins(x=0.02)
+    return Comparison(
+        tuple(_compared(run, len(n.sites)) for run, n in zip(runs, numbers, strict=True)),
+        tuple(_differing(runs)),
+        tuple(_quantities(runs, numbers)),
+        tuple(_places(numbers)),
+    )
+
+
+def _compared(run: RunFile, sites: int) -> ComparedRun:
+    return ComparedRun(
+        str(run.path),
+        run.text("/entry/run_id"),
+        run.text("/entry/title"),
+        run.text("/entry/start_time"),
+        run.text("/entry/status"),
+        run.is_simulated,
+        run.seed,
+        sites,
+    )
+
+
+_TEXTS = (
+    ("machine", "/entry/machine/serial"),
+    ("firmware", "/entry/machine/firmware"),
+    ("protocol", "/entry/machine/protocol"),
+    ("actuator model", "/entry/machine/calibration"),
+    ("edmctl", "/entry/software/version"),
+    ("status", "/entry/status"),
+)
+
+
+def _differing(runs: Sequence[RunFile]) -> list[Setting]:
+    profiles = [run.profile_values() for run in runs]
+    keys = dict.fromkeys(key for values in profiles for key in values)
+    found = [
+        Setting(
+            key,
+            str(next((v[f"{key}_units"] for v in profiles if f"{key}_units" in v), "")),
+            tuple(_text(values.get(key, "")) for values in profiles),
+        )
+        for key in keys
+        if key != "NX_class" and not key.endswith("_units")
+    ]
+    found += [Setting(name, "", tuple(run.text(path) for run in runs)) for name, path in _TEXTS]
+    found.append(Setting("seed", "", tuple("" if run.seed is None else str(run.seed) for run in runs)))
+    setups = [run.text("/entry/machine/toml") for run in runs]
+    found += [Setting(f"setup {key}", "", values) for key, values in _setup_lines(setups)]
+    return [setting for setting in found if len(set(setting.values)) > 1]
+
+
+def _text(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _setup_lines(texts: Sequence[str]) -> list[tuple[str, tuple[str, ...]]]:
+    """Every value of the setups by its dotted key."""
+    import tomllib
+
+    setups = [dict(_leaves(tomllib.loads(text), "")) for text in texts]
+    keys = dict.fromkeys(key for setup in setups for key in setup)
+    return [(key, tuple(setup.get(key, "") for setup in setups)) for key in keys]
+
+
+def _leaves(table: dict[str, object], prefix: str) -> list[tuple[str, str]]:
+    found: list[tuple[str, str]] = []
+    for key, value in table.items():
+        if isinstance(value, dict):
+            found += _leaves(value, f"{prefix}{key}.")
+        else:
+            found.append((f"{prefix}{key}", _text(value)))
+    return found
+
+
+def _quantities(runs: Sequence[RunFile], numbers: Sequence[RunNumbers]) -> list[Quantity]:
     several = any(len(n.sites) > 1 for n in numbers)
-    _results(end_depth, names, numbers, "depth")
-    _results(end_wear, names, numbers, "wear")
-    names_of_depth = {n.depth_name for n in numbers if n.sites}
-    quantity = names_of_depth.pop() if len(names_of_depth) == 1 else "depth"
-    end_depth.set_ylabel(f"{quantity}, mean of sites (µm)" if several else f"{quantity} (µm)")
-    end_wear.set_ylabel("tool wear, mean of sites (µm)" if several else "tool wear (µm)")
-    _band(end_depth, runs)
-    for axes, letter in zip((depth, end_depth, end_wear), "abc", strict=True):
-        axes.set_title(f"({letter})", loc="left", pad=3.0)
-    handles, labels = depth.get_legend_handles_labels()
-    handles += end_depth.get_legend_handles_labels()[0]
-    labels += end_depth.get_legend_handles_labels()[1]
-    figure.legend(handles, labels, loc="outside upper center", ncols=min(len(handles), 8), handlelength=2.6)
-    simulated = [name for name, run in zip(names, runs, strict=True) if run.is_simulated]
-    if simulated:
-        mark_below(
-            figure, "all simulated" if len(simulated) == len(runs) else f"simulated: {', '.join(simulated)}"
+    mean, total = ("mean ", "total ") if several else ("", "")
+    depth = _depth_name([n.depth_name for n in numbers])
+    nothing, nobody = [math.nan] * len(runs), [""] * len(runs)
+
+    def means(key: str) -> list[float]:
+        # A run without sites may have measured a hole all the same, as `measure-wear` does.
+        touched = [{} if n.sites else run.summary() or {} for run, n in zip(runs, numbers, strict=True)]
+        return [
+            n.mean(key) if n.sites else plain_number(found.get(key))
+            for n, found in zip(numbers, touched, strict=True)
+        ]
+
+    def totals(key: str) -> list[float]:
+        return [n.total(key) for n in numbers]
+
+    mrr = [n.mrr_mm3_min for n in numbers]
+    lengths, volumes = [n.wear_ratio_lin for n in numbers], [n.wear_ratio_vol for n in numbers]
+    depth_shown = _Shown("depth_um", f"{mean}{depth}, µm")
+    wear_shown = _Shown("wear_um", f"{mean}tool wear, µm")
+    rows = [
+        (depth_shown, means("depth_um"), means("depth_u95_um")),
+        (_Shown("est_depth_um", "depth when left (estimated), µm", 1), *_estimates(runs)),
+        (_Shown("truth_depth_um", f"{mean}true depth (simulated), µm"), means("truth_depth_um"), nothing),
+        (wear_shown, means("wear_um"), means("wear_u95_um")),
+        (_Shown("truth_wear_um", f"{mean}true wear (simulated), µm"), means("truth_wear_um"), nothing),
+        (_Shown("wear_ratio_lin", "wear ratio, lengths", 3), lengths, [_wear_ratio_u95(n) for n in numbers]),
+        (_Shown("wear_ratio_vol", "wear ratio, volumes", 3), volumes, nothing),
+        (_Shown("feed_um", f"{mean}feed, µm"), means("feed_um"), nothing),
+        (_Shown("machining_time_s", f"{total}machining time, s", 1), totals("machining_time_s"), nothing),
+        (_Shown("time_s", "whole run, s", 1), [_whole_time_s(run) for run in runs], nothing),
+        (
+            _Shown("mrr_mm3_min", "removal rate, 10⁻³ mm³/min", 3, 1e3),
+            mrr,
+            [rate * _relative_length_u95(n) for rate, n in zip(mrr, numbers, strict=True)],
+        ),
+        (_Shown("energy_j", f"{total}discharge energy, J"), totals("energy_j"), nothing),
+        (_Shown("pulses", f"{total}pulses", 0), totals("pulses"), nothing),
+        *(
+            (_Shown(f"ratio_{name}", f"{name}, %", 2, 100.0), [n.ratio(name) for n in numbers], nothing)
+            for name in CLASSES
+        ),
+    ]
+    bases = {
+        shown: [
+            n.basis(shown.key) or str((run.summary() or {}).get(shown.key.replace("_um", "_basis"), ""))
+            for run, n in zip(runs, numbers, strict=True)
+        ]
+        for shown in (depth_shown, wear_shown)
+    }
+    # What is reckoned from both is worth what the weaker of them is.
+    both = [weakest(pair) for pair in zip(*bases.values(), strict=True)]
+    bases |= {
+        shown: both for shown, _, _ in rows if shown.key in ("wear_ratio_lin", "wear_ratio_vol", "feed_um")
+    }
+    bases |= {shown: bases[depth_shown] for shown, _, _ in rows if shown.key == "mrr_mm3_min"}
+    found = [_quantity(shown, values, u95s, bases.get(shown, nobody)) for shown, values, u95s in rows]
+    found[0] = _of_a_kind(found[0], [n.depth_name for n in numbers])
+    return [quantity for quantity in found if any(math.isfinite(a.value) for a in quantity.amounts)]
+
+
+def _places(numbers: Sequence[RunNumbers]) -> list[Quantity]:
+    """Depth and wear of the places that all runs have, where there are several in one."""
+    if all(len(n.sites) < 2 for n in numbers):
+        return []
+    by_name = [{site.name: site for site in n.sites} for n in numbers]
+    found = []
+    for name in (site.name for site in numbers[0].sites if all(site.name in sites for sites in by_name)):
+        there = [sites[name] for sites in by_name]
+        ways = [TIP if site.through else "depth" for site in there]
+        depth = _Shown("depth_um", f"{name} {_depth_name(ways)}, µm")
+        wear = _Shown("wear_um", f"{name} tool wear, µm")
+        depths = _quantity(
+            depth,
+            [site.depth_um for site in there],
+            [site.depth_u95_um for site in there],
+            [site.depth_basis for site in there],
         )
-    return figure
-
-
-def _depth_line(run: RunFile) -> tuple[Array, Array]:
-    """Estimated depth against the time with the servo on, broken where the tool went to another place."""
-    lines = envelopes(run, SLOW, ["est_depth"], lambda rows: {"depth": rows["est_depth"].astype(np.float64)})
-    if not lines:
-        return np.empty(0), np.empty(0)
-    found, depth_um = lines["depth"], lines["depth"].mean
-    steps_s = np.diff(found.time_s, prepend=found.time_s[0])
-    usual_s = float(np.median(steps_s[1:])) if len(steps_s) > 1 else 0.0
-    steps_s[steps_s > max(PAUSE_S, 3.0 * usual_s)] = usual_s
-    time_s = np.cumsum(steps_s)
-    breaks = np.flatnonzero(np.diff(depth_um) < -NEW_SITE_UM) + 1
-    return np.insert(time_s, breaks, np.nan), np.insert(depth_um, breaks, np.nan)
-
-
-def _results(axes: Axes, names: Sequence[str], numbers: Sequence[RunNumbers], quantity: str) -> None:
-    """One point a run with its 95 % interval, open where it was not touched with a sensor."""
-    bases = [of_run.basis(quantity) for of_run in numbers]
-    for number, of_run in enumerate(numbers):
-        axes.errorbar(
-            number,
-            of_run.mean(f"{quantity}_um"),
-            yerr=of_run.mean(f"{quantity}_u95_um"),
-            fmt="o",
-            color=_COLOURS[number % len(_COLOURS)],
-            markerfacecolor="white" if is_open(bases[number]) else _COLOURS[number % len(_COLOURS)],
-            markersize=3.5,
-            capsize=2.5,
-            elinewidth=LINE,
-            capthick=LINE,
+        wears = _quantity(
+            wear,
+            [site.wear_um for site in there],
+            [site.wear_u95_um for site in there],
+            [site.wear_basis for site in there],
         )
-    axes.set_title(open_marks(bases), loc="right", pad=3.0)
-    axes.set_xticks(range(len(names)), names)
-    axes.set_xlim(-0.6, len(names) - 0.4)
-    axes.margins(y=0.15)
-    axes.grid(visible=False, axis="x")
+        found += [_of_a_kind(depths, ways), wears]
+    return found
 
 
-def _band(axes: Axes, runs: Sequence[RunFile]) -> None:
-    """The depth that was wanted, where all runs wanted the same."""
-    targets = {target_depths_um(run.profile_values()) for run in runs}
-    if len(targets) != 1 or (target := targets.pop()) is None:
-        return
-    wanted_um, tolerance_um = target
-    axes.axhspan(wanted_um - tolerance_um, wanted_um + tolerance_um, color=LIGHT, label="wanted", zorder=0)
-    axes.axhline(wanted_um, color=GREY, linewidth=0.6)
+def _quantity(
+    shown: _Shown, values: Sequence[float], u95s: Sequence[float], bases: Sequence[str]
+) -> Quantity:
+    amounts = []
+    for value, u95, basis in zip(values, u95s, bases, strict=True):
+        difference, u95_of_it = value - values[0], math.hypot(u95, u95s[0])
+        amounts.append(Amount(value, u95, difference, u95_of_it, abs(difference) > u95_of_it, basis))
+    return Quantity(shown.key, shown.name, shown.decimals, shown.factor, tuple(amounts))
+
+
+def _depth_name(names: Sequence[str]) -> str:
+    return names[0] if len(set(names)) == 1 else f"depth or {TIP}"
+
+
+def _of_a_kind(quantity: Quantity, kinds: Sequence[str]) -> Quantity:
+    """The quantity without differences between what is not the same: a depth, and a tip below a sheet."""
+    amounts = [
+        amount
+        if kind == kinds[0]
+        else replace(amount, difference=math.nan, difference_u95=math.nan, beyond=False)
+        for amount, kind in zip(quantity.amounts, kinds, strict=True)
+    ]
+    return replace(quantity, amounts=tuple(amounts))
+
+
+def _estimates(runs: Sequence[RunFile]) -> tuple[list[float], list[float]]:
+    """How deep each run was where it left a hole without a result, and the uncertainties of that."""
+    found = [estimated_depth(run) for run in runs]
+    return [one.depth_um for one in found], [one.depth_u95_um for one in found]
+
+
+def _wear_ratio_u95(numbers: RunNumbers) -> float:
+    """Uncertainty of wear over length. A depth has Z3 as the wear has, with opposite sign, so their errors add up.
+
+    The thickness of a sheet is taken as the profile has it.
+    """
+    length_um, ratio = numbers.mean("length_um"), numbers.wear_ratio_lin
+    if not length_um > 0.0 or not math.isfinite(ratio):
+        return math.nan
+    length_u95_um = math.fsum(0.0 if s.through else s.depth_u95_um for s in numbers.sites) / len(
+        numbers.sites
+    )
+    return (numbers.mean("wear_u95_um") + abs(ratio) * length_u95_um) / length_um
+
+
+def _relative_length_u95(numbers: RunNumbers) -> float:
+    """Uncertainty of a removed volume as a share of it: the area of a hole is known better than its length.
+
+    NaN of a hole through a sheet, of which nobody says how well its thickness is known.
+    """
+    length_um = numbers.mean("length_um")
+    if not length_um > 0.0 or any(site.through for site in numbers.sites):
+        return math.nan
+    return numbers.mean("depth_u95_um") / length_um
+
+
+def _whole_time_s(run: RunFile) -> float:
+    time_s = (run.summary() or {}).get("time_s")
+    return float(time_s) if isinstance(time_s, int | float) else math.nan

@@ -35,7 +35,7 @@ KINDS = (
         "gap",
         "Gap voltage and displacement",
         "(a) Mean gap voltage with the servo reference, and (b) where the tool was, against time; "
-        "grey stretches are those of touching. The range is from the lowest to the highest value "
+        "grey bands mark touching. The range is from the lowest to the highest value "
         "within a step of the drawing. Z1 is the surface before, Z2 the bottom, Z3 the surface after, "
         "Zr the face at a place not yet machined.",
         ("/entry/servo", "/entry/slow", "/entry/touches"),

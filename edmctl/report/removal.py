@@ -1,4 +1,8 @@
-"""Removed volume at the times when a run told the depth of its holes, and the discharge energy that each took."""
+"""What a run removed: the depths of its holes as they became known, the volumes, and the path of a channel.
+
+A later touch corrects what was estimated before it: events hold what was known then, the results what is known at
+the end. So the last value of each hole is that of its result.
+"""
 
 from __future__ import annotations
 
@@ -8,21 +12,117 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.report.depth_history import beginnings_s, told_depths
-from edmctl.report.planned_path import lengths_um, planned_path
+from edmctl.labels import Basis
+from edmctl.record import layout
+from edmctl.record.event_names import Told
+from edmctl.record.event_reader import happened
+from edmctl.report.numbers import numbers_of
+from edmctl.report.signals import ROW_S, intervals
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from numpy.typing import NDArray
 
     from edmctl.record.reader import RunFile
+    from edmctl.report.numbers import SiteNumbers
 
     Array = NDArray[np.float64]
     Flags = NDArray[np.bool_]
+    Values = Mapping[str, float | int | str | bool]
+
+_DEPTH_EVENTS = (Told.SITE_MEASURED, Told.SITE_ESTIMATED, Told.CHANNEL_MEASURED, Told.LEFT_UNMEASURED)
+_ESTIMATES = (Told.SITE_ESTIMATED, Told.LEFT_UNMEASURED)
+SAME_HOLE_SHARE = 0.5
+"""A cut that begins at less of the depth that the cut before ended with, begins another hole."""
+CHORD_UM = 5.0
+"""Curves are drawn in pieces about so long."""
+
+
+@dataclass(frozen=True, slots=True)
+class KnownDepth:
+    """Depth and wear of a hole at a time, µm, NaN where unknown: a hole through the sheet has no depth.
+
+    `hole` numbers the holes from 0 in the order in which they were cut; `touched` and `wear_touched` are whether
+    depth and wear were touched, not taken from feed and energy.
+    """
+
+    time_s: float
+    hole: int
+    touched: bool
+    wear_touched: bool
+    depth_um: float
+    depth_u95_um: float
+    wear_um: float
+    wear_u95_um: float
+
+
+def known_depths(run: RunFile, began_s: Array) -> list[KnownDepth]:
+    """Return the depths in order of time; `began_s` are the starts of the holes, by `hole_starts_s`."""
+    known = [
+        KnownDepth(
+            event.time_s,
+            _hole(began_s, event.time_s),
+            event.told not in _ESTIMATES,
+            event.told not in _ESTIMATES,
+            *(event.number(name) for name in ("depth_um", "depth_u95_um", "wear_um", "wear_u95_um")),
+        )
+        for event in happened(run, *_DEPTH_EVENTS)
+        if event.told != Told.LEFT_UNMEASURED or math.isfinite(event.number("depth_u95_um"))
+    ]
+    sites = numbers_of(run).sites
+    if not known:
+        return _of_results(run, sites, began_s)
+    last = {depth.hole: k for k, depth in enumerate(known)}
+    if len(last) == len(sites):
+        for (hole, k), site in zip(sorted(last.items()), sites, strict=True):
+            known[k] = _result(site, known[k].time_s, hole)
+    return known
+
+
+def hole_starts_s(run: RunFile) -> Array:
+    """Return when each hole began: its first estimate of depth lies far above the last one of the hole before."""
+    time_s = run.column(layout.SLOW.path, "time").astype(np.float64)
+    depth_um = run.column(layout.SLOW.path, "est_depth").astype(np.float64)
+    began: list[float] = []
+    before_um = math.inf
+    for part in intervals(time_s):
+        if depth_um[part][0] < SAME_HOLE_SHARE * before_um:
+            began.append(max(float(time_s[part][0]) - ROW_S, 0.0))
+        before_um = float(depth_um[part][-1])
+    return np.array(began)
+
+
+def _of_results(run: RunFile, sites: Sequence[SiteNumbers], began_s: Array) -> list[KnownDepth]:
+    """Results at the last touch of their sites; holes through the sheet have no bottom that was touched."""
+    last_s = {
+        row["site"].decode(errors="ignore"): float(row["time"]) for row in run.table(layout.TOUCHES.path)
+    }
+    found = [
+        replace(
+            _result(site, last_s[site.name], _hole(began_s, last_s[site.name])),
+            depth_um=math.nan,
+            depth_u95_um=math.nan,
+        )
+        for site in sites
+        if site.name in last_s
+    ]
+    return sorted(found, key=lambda depth: depth.time_s)
+
+
+def _result(site: SiteNumbers, time_s: float, hole: int) -> KnownDepth:
+    values = (site.depth_um, site.depth_u95_um, site.wear_um, site.wear_u95_um)
+    depth, wear = (basis != Basis.ESTIMATED for basis in (site.depth_basis, site.wear_basis))
+    return KnownDepth(time_s, hole, depth, wear, *values)
+
+
+def _hole(began_s: Array, time_s: float) -> int:
+    return max(0, int(np.searchsorted(began_s, time_s, side="right")) - 1)
 
 
 @dataclass(frozen=True, slots=True)
 class Removal:
-    """What was told of the depths, n times: ndarrays of shape (n,).
+    """Volumes at the n times at which a depth became known: ndarrays of shape (n,).
 
     `hole` numbers the holes from 0 in the order in which they were cut; `began_s` are the beginnings of all of them,
     shape (holes,). Volumes are those of one hole, µm³, with half their 95 % interval by that of the depth alone;
@@ -47,22 +147,22 @@ class Kappa:
 
 
 def removal(run: RunFile) -> Removal:
-    """Return the volumes of the holes of a run each time that their depth was told."""
-    began_s = beginnings_s(run)
-    told = [depth for depth in told_depths(run, began_s) if math.isfinite(depth.depth_um)]
+    """Return the volumes of the holes of a run each time that their depth became known."""
+    began_s = hole_starts_s(run)
+    known = [depth for depth in known_depths(run, began_s) if math.isfinite(depth.depth_um)]
     section_um2 = _section_um2(run)
     return Removal(
         began_s=began_s,
-        time_s=np.array([depth.time_s for depth in told]),
-        hole=np.array([depth.hole for depth in told], np.int64),
-        volume_um3=section_um2 * np.array([depth.depth_um for depth in told]),
-        volume_u95_um3=section_um2 * np.nan_to_num([depth.depth_u95_um for depth in told]),
-        touched=np.array([depth.touched for depth in told], np.bool_),
+        time_s=np.array([depth.time_s for depth in known]),
+        hole=np.array([depth.hole for depth in known], np.int64),
+        volume_um3=section_um2 * np.array([depth.depth_um for depth in known]),
+        volume_u95_um3=section_um2 * np.nan_to_num([depth.depth_u95_um for depth in known]),
+        touched=np.array([depth.touched for depth in known], np.bool_),
     )
 
 
 def in_this_run(found: Removal, energy_uj: Array) -> Removal:
-    """Return the volumes less what earlier runs of the job had removed: that was told before any spark of this one.
+    """Return the volumes less what earlier runs of the job had removed: known before any spark of this one.
 
     energy_uj : ndarray, shape (n,), energy spent on the hole of each row until then
     """
@@ -116,3 +216,47 @@ def _section_um2(run: RunFile) -> float:
     if path_um is None:
         return math.pi / 4.0 * width_um**2
     return width_um * float(lengths_um(path_um)[-1])
+
+
+def planned_path(run: RunFile) -> Array | None:
+    """Return points of the way in stage coordinates, shape (n, 2), µm; None where no channel is planned."""
+    values = run.profile_values()
+    kind = values.get("path.kind")
+    if kind == "rectangle":
+        half = 0.5 * np.array([_value(values, "width_um"), _value(values, "height_um")])
+        points = half * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)])
+    elif kind == "circle":
+        points = _turning(_value(values, "radius_um"), 0.0, 1.0)
+    elif kind == "spiral":
+        points = _turning(_value(values, "radius_um"), _value(values, "pitch_um"), _value(values, "turns"))
+    else:
+        return None
+    whole: Array = points + np.array([_value(values, "x_um"), _value(values, "y_um")])
+    return whole
+
+
+def _value(values: Values, key: str) -> float:
+    return float(values[f"path.{key}"])
+
+
+def _turning(inner_um: float, pitch_um: float, turns: float) -> Array:
+    """Turns about the origin from the x axis on, each further out by the pitch."""
+    mean_um = inner_um + 0.5 * pitch_um * turns
+    pieces = max(8, math.ceil(2.0 * math.pi * mean_um * turns / CHORD_UM))
+    turned = turns * np.arange(pieces + 1) / pieces
+    radii_um = inner_um + pitch_um * turned
+    angles = 2.0 * math.pi * turned
+    return np.column_stack([radii_um * np.cos(angles), radii_um * np.sin(angles)])
+
+
+def lengths_um(points_um: Array) -> Array:
+    """Return the length of the way up to each point, shape (n,), for points of shape (n, 2)."""
+    steps: Array = np.hypot(*np.diff(points_um, axis=0).T)
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def along(points_um: Array, step_um: float) -> tuple[Array, Array]:
+    """Return lengths every `step_um` along the way, shape (n,), and the places there, shape (n, 2)."""
+    up_to_um = lengths_um(points_um)
+    s_um = np.arange(0.0, up_to_um[-1], step_um)
+    return s_um, np.column_stack([np.interp(s_um, up_to_um, axis) for axis in points_um.T])

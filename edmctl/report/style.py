@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib.util
 from contextlib import contextmanager
 from io import BytesIO
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -20,16 +20,18 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
-    Array = NDArray[np.float64]
+    from edmctl.report.signals import Envelope
 
+Dash: TypeAlias = "str | tuple[float, tuple[float, ...]]"
 SUFFIXES = (".png", ".svg", ".pdf")
 COLUMN_MM, PAGE_MM = 85.0, 180.0
 """Widths of one column and of both, as journals print them."""
 PNG_DPI = 300
 LINE = 0.8
 """Width of a line that carries data, in points."""
+DASHED: Dash = (0, (4, 1.5))
 
 STRIP_MM = 3.0
 """Height of the words below a figure."""
@@ -46,7 +48,7 @@ DEVIATIONS = "PuOr"
 PULSE_COLOURS = {"open": OPEN, "normal": NORMAL, "arc": ARC, "short": SHORT}
 PULSE_HATCHES = {"open": "/////", "normal": "", "arc": "....", "short": "xxxxx"}
 """Patterns of areas, which tell the classes apart where there is no colour."""
-PULSE_DASHES: dict[str, str | tuple[int, tuple[float, ...]]] = {"arc": "-", "short": (0, (3.0, 1.2))}
+PULSE_DASHES: dict[str, Dash] = {"arc": "-", "short": (0, (3.0, 1.2))}
 
 READING_MARKS = {"Z1": ("^", GREEN), "Z2": ("v", VERMILLION), "Z3": ("s", PURPLE), "Zr": ("D", ORANGE)}
 """How readings are marked, by their kind."""
@@ -150,17 +152,46 @@ def need_matplotlib() -> None:
 
 
 def draw_envelope(
-    axes: Axes, time: Array, low: Array, high: Array, colour: str, label: str = "_", width: float = LINE
+    axes: Axes,
+    line: Envelope,
+    per_s: float,
+    colour: str,
+    label: str = "_",
+    width: float = LINE,
+    *,
+    begin_s: float = 0.0,
+    dash: Dash = "-",
 ) -> None:
-    """Draw a signal that was reduced to its lowest and highest values as one line through both.
+    """Draw a signal as one line through its lowest and highest values, in units of `per_s` from `begin_s` on."""
+    time, values = (line.time_s - begin_s) / per_s, line.low
+    if not line.sampled:
+        time, values = np.repeat(time, 2), np.column_stack([line.low, line.high]).ravel()
+    axes.plot(time, values, color=colour, linewidth=width, linestyle=dash, label=label)
 
-    time, low, high : ndarrays, shape (n,); where `low is high` they are the samples themselves.
+
+def draw_points(
+    axes: Axes,
+    at: ArrayLike,
+    values: ArrayLike,
+    u95: ArrayLike | None,
+    colour: str,
+    *,
+    full: bool = True,
+    bars: str = "",
+    marker: str = "o",
+    size: float = 3.5,
+    label: str = "_",
+) -> None:
+    """Draw results with bars of 95 %; marks are open where a value was not touched with a sensor.
+
+    bars : another colour for the bars and the rim of full marks
     """
-    if low is high:
-        axes.plot(time, low, color=colour, linewidth=width, label=label)
-        return
-    both = np.column_stack([low, high]).ravel()
-    axes.plot(np.repeat(time, 2), both, color=colour, linewidth=width, label=label)
+    axes.errorbar(
+        at, values, yerr=u95, fmt=marker, markersize=size, color=bars or colour,
+        markerfacecolor=colour if full else "white", markeredgecolor=(bars or colour) if full else colour,
+        markeredgewidth=0.4 if full and bars else 0.7, elinewidth=0.7, capsize=1.8, capthick=0.7,
+        label=label, zorder=4.0,
+    )  # fmt: skip
 
 
 def mark_readings(axes: Axes, touches: NDArray[np.void], column: str, unit_s: float) -> None:

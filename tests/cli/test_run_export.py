@@ -21,7 +21,7 @@ from edmctl.record.reader import open_run
 from edmctl.record.rows import ServoBlock
 from edmctl.record.writer import RunWriter
 from edmctl.report.export_tables import TABLES, ExportTable
-from edmctl.report.export_text import CsvWriter, formatted
+from edmctl.report.export_writers import CsvWriter, formatted
 from edmctl.results.telemetry import PulseBlockBatch
 from tests.cli.commands import CU270, command, environment
 from tests.cli.run_files import begun, finished, killed

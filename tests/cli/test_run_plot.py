@@ -52,7 +52,7 @@ def sketch(kind: Kind, _: RunFile) -> Figure:
 def sketches(monkeypatch: pytest.MonkeyPatch) -> None:
     """What goes where is the question here; how the figures look is one of `tests/report`."""
     monkeypatch.setattr("edmctl.report.kinds.draw", sketch)
-    monkeypatch.setattr("edmctl.report.pictures.draw", sketch)
+    monkeypatch.setattr("edmctl.report.page.draw", sketch)
 
 
 @pytest.fixture(scope="module")
@@ -257,7 +257,7 @@ def test_what_a_damaged_file_brings_about_is_its_own_fault(
         raise ValueError("a text that is none")
 
     monkeypatch.setattr("edmctl.report.kinds.draw", fail)
-    monkeypatch.setattr("edmctl.report.differences.compare", fail)
+    monkeypatch.setattr("edmctl.report.comparison.compare", fail)
     commands = (("plot", str(run), "--kind", "gap"), ("compare", str(run), str(run)))
     found = [here("run", *words, "--json").document["error"]["code"] for words in commands]
     assert found == ["E1000", "E1000"]
@@ -282,7 +282,7 @@ def test_a_folder_that_cannot_be_made_is_said(here: Here, run: Path) -> None:
 
 
 def test_the_report_is_one_page(here: Here, run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("edmctl.report.pictures.KINDS", SOME)
+    monkeypatch.setattr("edmctl.report.page.KINDS", SOME)
     said = here("run", "plot", str(run), "--kind", "report")
     assert said.exit_code == 0, said.err
     page = (run.parent / "one-report.html").read_text(encoding="utf-8")

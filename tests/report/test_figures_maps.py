@@ -13,11 +13,9 @@ from edmctl.process import path as ways
 from edmctl.record.event_names import Told
 from edmctl.record.reader import open_run
 from edmctl.record.rows import SlowRow, TouchRow, TruthMap
-from edmctl.report.depth_history import beginnings_s, told_depths
 from edmctl.report.figures import array, channel, erosion, steps
 from edmctl.report.figures.array import short_names
-from edmctl.report.planned_path import along, lengths_um, planned_path
-from edmctl.report.removal import removal
+from edmctl.report.removal import along, hole_starts_s, known_depths, lengths_um, planned_path, removal
 from edmctl.report.style import house_style
 from tests.record.samples import a_site_row
 from tests.report import made_up
@@ -77,7 +75,7 @@ def test_a_hole_that_was_not_touched_stands_at_the_depth_of_its_result(tmp_path:
     writer.site_result(replace(a_site_row(), site="2", depth_um=19.0, measuring_stops=1))
     path = writer.finish("done", 0)
     with open_run(path) as run:
-        told_um = told_depths(run, beginnings_s(run))
+        told_um = known_depths(run, hole_starts_s(run))
     assert [(one.hole, one.touched, one.depth_um) for one in told_um] == [(0, False, 18.6), (1, True, 19.0)]
     assert told_um[0].depth_u95_um == 0.7
     assert {"depth without a touch, corrected later", "measured depth"} <= texts(erosion.draw, path)
@@ -101,7 +99,7 @@ def test_a_hole_through_the_sheet_has_its_wear_and_the_sheet_but_no_depth(tmp_pa
     writer.site_result(row)
     path = writer.finish("done", 0)
     with open_run(path) as run:
-        (told,) = told_depths(run, beginnings_s(run))
+        (told,) = known_depths(run, hole_starts_s(run))
         assert len(removal(run).time_s) == 0
     assert (told.time_s, told.wear_um, told.touched, told.wear_touched) == (41.0, 200.0, False, True)
     assert np.isnan(told.depth_um)
@@ -253,7 +251,7 @@ def test_places_along_a_path_are_evenly_spaced() -> None:
 def test_a_channel_of_the_virtual_machine_has_its_truth_and_its_touches(channel_run_file: Path) -> None:
     with open_run(channel_run_file) as run:
         truth, summary = run.truth_map(), run.summary()
-        told_um = told_depths(run, beginnings_s(run))
+        told_um = known_depths(run, hole_starts_s(run))
     assert told_um
     assert all(one.depth_u95_um > 0.0 < one.wear_u95_um for one in told_um)
     assert truth is not None

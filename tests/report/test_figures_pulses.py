@@ -11,12 +11,10 @@ import pytest
 from edmctl.record.event_names import Told
 from edmctl.record.reader import open_run
 from edmctl.record.rows import EventLevel
-from edmctl.report.cutting_intervals import broken, cuts_s, running_mean
-from edmctl.report.delays import delays, random_ignition
 from edmctl.report.figures import energy, jumps, laue, pulses
-from edmctl.report.pulse_counts import pulse_counts, rows_at
+from edmctl.report.pulse_statistics import delays, pulse_counts, random_ignition, rows_at, spark_energies
 from edmctl.report.removal import cumulated, in_this_run, kappa, removal
-from edmctl.report.spark_energies import spark_energies
+from edmctl.report.signals import broken, cuts_s, running_mean
 from edmctl.report.style import NothingToDraw, house_style, rendered
 from tests.report import made_up
 

@@ -19,10 +19,10 @@ from edmctl.record.event_names import State
 from edmctl.record.leaves import profile_leaves
 from edmctl.record.reader import open_run
 from edmctl.record.rows import SlowRow, TouchRow
-from edmctl.report.envelopes import Spans, envelopes, rows_worked
 from edmctl.report.figures.spectrum import line_hz, peak_hz, segment_size, welch
 from edmctl.report.kinds import KINDS as KINDS_OF_FIGURES
 from edmctl.report.kinds import draw, kind_called
+from edmctl.report.signals import Spans, envelopes, rows_worked
 from edmctl.report.style import NothingToDraw, house_style, new_figure, rendered, time_unit
 from edmctl.results.telemetry import WaveformBatch
 from tests.report.servo_signals import IDLE, JUMP, MACHINING, TOUCH, a_cut, sites, write_run

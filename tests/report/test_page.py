@@ -14,8 +14,7 @@ import pytest
 
 from edmctl.record.reader import open_run
 from edmctl.report.kinds import KINDS, kind_called
-from edmctl.report.page import render_page
-from edmctl.report.pictures import pictures_of
+from edmctl.report.page import pictures_of, render_page
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -128,7 +127,7 @@ def test_what_a_run_says_is_text_and_no_markup(page: str) -> None:
 
 
 def test_several_sites_make_a_table(array_run_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("edmctl.report.pictures.KINDS", ())
+    monkeypatch.setattr("edmctl.report.page.KINDS", ())
     page = page_of(array_run_file)
     assert all(f'<th scope="row">hole-{number}</th>' in page for number in range(1, 10))
     assert "mean of 9 sites" in page
@@ -141,15 +140,15 @@ def test_several_sites_make_a_table(array_run_file: Path, monkeypatch: pytest.Mo
 def test_a_run_that_failed_says_so_at_the_top(
     faulted_run_file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("edmctl.report.pictures.KINDS", ())
+    monkeypatch.setattr("edmctl.report.page.KINDS", ())
     header = page_of(faulted_run_file).partition("</header>")[0]
     assert '<span class="status other">machine fault · simulated</span>' in header
     assert STORY[-1][1] in header
 
 
 def test_a_figure_with_too_much_in_it_is_png(full_run_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("edmctl.report.pictures.KINDS", (kind_called("gap"),))
-    monkeypatch.setattr("edmctl.report.pictures.MOST_SVG_BYTES", 1000)
+    monkeypatch.setattr("edmctl.report.page.KINDS", (kind_called("gap"),))
+    monkeypatch.setattr("edmctl.report.page.MOST_SVG_BYTES", 1000)
     with open_run(full_run_file) as run:
         (picture,) = pictures_of(run)
     assert picture.address.startswith("data:image/png;base64,")

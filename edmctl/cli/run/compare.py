@@ -44,7 +44,7 @@ def compare(
         from edmctl.errors import UsageError
         from edmctl.jobs import output_files
         from edmctl.jobs.run_opening import find_run, reading_unless_killed
-        from edmctl.report.differences import compare as compared
+        from edmctl.report.comparison import compare as compared
 
         if len(files) < 2:
             raise UsageError(
@@ -78,7 +78,7 @@ def compare(
 
 def _drawn(runs: "list[RunFile]", out: Path) -> bytes:
     from edmctl.console.compare_table import letter
-    from edmctl.report.comparison import draw
+    from edmctl.report.figures.comparison import draw
     from edmctl.report.style import house_style, rendered
 
     with house_style():

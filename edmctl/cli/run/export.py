@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from edmctl.cli.run.export_request import ExportOrder
     from edmctl.record.reader import RunFile
     from edmctl.report.export_tables import ExportTable
-    from edmctl.report.export_text import TableWriter
+    from edmctl.report.export_writers import TableWriter
 
 TableOption = Annotated[
     list[str] | None,
@@ -65,8 +65,8 @@ def export(
     def body(outcome: Outcome) -> None:
         from edmctl.cli.run.export_request import Format, export_order
         from edmctl.jobs.run_opening import find_run, plain_stem, reading_unless_killed
-        from edmctl.report.export_parquet import need_pyarrow
         from edmctl.report.export_tables import TABLES
+        from edmctl.report.export_writers import need_pyarrow
 
         path = find_run(file)
         order = export_order(
@@ -137,8 +137,7 @@ def _write(opened: "RunFile", order: "ExportOrder", table: "ExportTable", sink: 
 
 def _writer(opened: "RunFile", order: "ExportOrder", table: "ExportTable", sink: "Sink") -> "TableWriter":
     from edmctl.cli.run.export_request import Format
-    from edmctl.report.export_parquet import ParquetWriter
-    from edmctl.report.export_text import CsvWriter, JsonWriter
+    from edmctl.report.export_writers import CsvWriter, JsonWriter, ParquetWriter
 
     if order.form is Format.PARQUET:
         about = {name: opened.text(f"/entry/{name}") for name in ("run_id", "title", "start_time", "status")}

@@ -120,8 +120,7 @@ def _content(opened: "RunFile", target: "Target") -> bytes:
 def page_of(opened: "RunFile") -> str:
     """The page with all figures and numbers of an open run file."""
     from edmctl.cli.run.explain import sentences_of, trouble_of
-    from edmctl.report.page import render_page
-    from edmctl.report.pictures import pictures_of
+    from edmctl.report.page import pictures_of, render_page
 
     sentences = sentences_of(opened)
     story = [(sentence.time_s, sentence.text) for sentence in sentences]

@@ -71,7 +71,7 @@ def write_data(trial: Trial, path: Path) -> None:
 
 def write_figure(trial: Trial, path: Path) -> None:
     """Draw the figure and write it."""
-    from edmctl.report import actuator_figure as figure
+    from edmctl.report.figures import actuator as figure
 
     panels = [
         figure.Trial(

@@ -17,6 +17,7 @@ from edmctl.report.style import (
     PAGE_MM,
     VERMILLION,
     NothingToDraw,
+    draw_points,
     letter_panels,
     new_figure,
 )
@@ -219,22 +220,11 @@ def _draw_wear(axes: Axes, holes: _Holes) -> None:
 
 def _points(axes: Axes, values: Array, u95: Array, bases: Sequence[str], colour: str, mark: str) -> None:
     """Draw values with their bars by the numbers of the holes, open where they were not touched with a sensor."""
-    few = len(values) <= 30
+    size = 3.4 if len(values) <= 30 else 2.2
     number = np.arange(1, len(values) + 1)
     hollow = np.array([is_open(basis) for basis in bases], np.bool_)
-    for some, face in ((~hollow, colour), (hollow, "white")):
-        if not some.any():
-            continue
-        axes.errorbar(
-            number[some],
-            values[some],
-            yerr=u95[some],
-            fmt=mark,
-            color=colour,
-            markerfacecolor=face,
-            markersize=3.4 if few else 2.2,
-            markeredgewidth=0.7,
-            elinewidth=0.8,
-            capsize=2.0 if few else 0.0,
-            capthick=0.8,
-        )
+    for some, full in ((~hollow, True), (hollow, False)):
+        if some.any():
+            draw_points(
+                axes, number[some], values[some], u95[some], colour, full=full, marker=mark, size=size
+            )

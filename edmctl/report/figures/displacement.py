@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.record.event_names import State
-from edmctl.report.envelopes import Envelope, envelopes, rows_worked
+from edmctl.report.signals import Envelope, envelopes, rows_worked
 from edmctl.report.style import (
     BLACK,
     BLUE,
+    DASHED,
     GREY,
     SKY,
     VERMILLION,
@@ -66,7 +67,7 @@ def draw(run: RunFile) -> Figure:
     time_s = lines["sensor"].time_s
     unit_s, label = time_unit(float(time_s[-1] - time_s[0]))
     _line(upper, lines["sensor"], unit_s, GREY, 2.2, "-", "sensor")
-    _line(upper, lines["model"], unit_s, BLUE, 0.8, (0, (4, 1.5)), "estimated from voltage")
+    _line(upper, lines["model"], unit_s, BLUE, 0.8, DASHED, "estimated from voltage")
     upper.set_ylabel("displacement (µm)")
     letter_panels((upper, lower))
     _draw_error(lower, lines, unit_s)

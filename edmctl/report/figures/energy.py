@@ -6,19 +6,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.report.cutting_intervals import cuts_s
-from edmctl.report.pulse_counts import has_pulses
+from edmctl.report.pulse_statistics import has_pulses, spark_energies
 from edmctl.report.removal import cumulated, in_this_run, kappa, removal
-from edmctl.report.spark_energies import spark_energies
+from edmctl.report.signals import cuts_s
 from edmctl.report.style import (
     ARC,
     BLACK,
     BLUE,
+    DASHED,
     GREY,
     NORMAL,
     PULSE_HATCHES,
     VERMILLION,
     NothingToDraw,
+    draw_points,
     letter_panels,
     new_figure,
     shared_legend,
@@ -31,8 +32,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from edmctl.record.reader import RunFile
+    from edmctl.report.pulse_statistics import SparkEnergies
     from edmctl.report.removal import Removal
-    from edmctl.report.spark_energies import SparkEnergies
 
     Array = NDArray[np.float64]
 
@@ -89,7 +90,7 @@ def _draw_histogram(axes: Axes, found: SparkEnergies) -> None:
         )
     middle_uj = 0.5 * (found.edges_uj[1:] + found.edges_uj[:-1])
     mean_uj = float(((found.normal + found.arc) * middle_uj).sum() / total)
-    axes.axvline(mean_uj, color=BLACK, linewidth=0.8, linestyle=(0, (4, 1.5)), label=f"mean {mean_uj:.3g} µJ")
+    axes.axvline(mean_uj, color=BLACK, linewidth=0.8, linestyle=DASHED, label=f"mean {mean_uj:.3g} µJ")
     axes.set_xlim(0.0, found.edges_uj[-1])
     of = "" if found.is_single else ", mean of a block"
     axes.set_xlabel(f"energy per discharge{of} (µJ)")
@@ -117,7 +118,7 @@ def _draw_volume(axes: Axes, found: Removal, edges_s: Array, sums_uj: Array, exp
         [0.0, expected * end_j],
         color=GREY,
         linewidth=1.0,
-        linestyle=(0, (4, 1.5)),
+        linestyle=DASHED,
         label=f"profile: κ = {expected:.3g}",
     )
     if fit is not None:
@@ -128,25 +129,12 @@ def _draw_volume(axes: Axes, found: Removal, edges_s: Array, sums_uj: Array, exp
             linewidth=1.0,
             label=f"κ = {to_its_u95(fit.value, fit.u95)} µm³/µJ",
         )
-    for touched, face, name in ((True, BLUE, "by touched depth"), (False, "white", "by estimated depth")):
+    for touched, name in ((True, "by touched depth"), (False, "by estimated depth")):
         rows = found.touched == touched
         if rows.any():
-            axes.errorbar(
-                until_uj[rows] / UJ_PER_J,
-                volume_um3[rows] / UM3_PER_MM3 * 1e3,
-                yerr=u95_um3[rows] / UM3_PER_MM3 * 1e3,
-                fmt="o",
-                color=BLACK,
-                markerfacecolor=face,
-                markeredgecolor=BLACK if touched else BLUE,
-                markeredgewidth=0.4 if touched else 0.7,
-                markersize=3.6,
-                elinewidth=0.7,
-                capsize=1.8,
-                capthick=0.7,
-                label=name,
-                zorder=4,
-            )
+            volume, u95 = (values[rows] / UM3_PER_MM3 * 1e3 for values in (volume_um3, u95_um3))
+            at = until_uj[rows] / UJ_PER_J
+            draw_points(axes, at, volume, u95, BLUE, full=touched, bars=BLACK, size=3.6, label=name)
     axes.set_xlim(left=0.0)
     axes.set_ylim(bottom=0.0)
     axes.set_xlabel("energy of normal discharges and arcs so far (J)")

@@ -8,16 +8,18 @@ import numpy as np
 
 from edmctl.record import layout
 from edmctl.record.bases import has_sensor
-from edmctl.report.cutting_intervals import MEAN_S, broken, running_mean
-from edmctl.report.depth_history import beginnings_s, told_depths
+from edmctl.report.removal import hole_starts_s, known_depths
+from edmctl.report.signals import MEAN_S, broken, running_mean
 from edmctl.report.style import (
     BLACK,
     BLUE,
+    DASHED,
     GREY,
     LINE,
     VERMILLION,
     NothingToDraw,
     draw_envelope,
+    draw_points,
     letter_panels,
     new_figure,
     shared_legend,
@@ -32,18 +34,18 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from edmctl.record.reader import RunFile
-    from edmctl.report.depth_history import ToldDepth
+    from edmctl.report.removal import KnownDepth
 
     Array = NDArray[np.float64]
 
 COLUMNS = ("time", "est_depth", "est_depth_u95", "est_wear", "est_wear_u95", "feed_um_s")
-DASHED, DOTTED = (0, (4, 1.5)), (0, (1, 1.5))
+DOTTED = (0, (1, 1.5))
 USUAL_PERCENT, HEADROOM = 90.0, 1.6
 """The feed is drawn up to so much above what most of the run stays below."""
 MANY = 30
 """So many measured values get smaller marks."""
 FAR = 3.0
-"""A target so many times as deep as what was drawn is told, not drawn."""
+"""A target so many times as deep as what was drawn is written, not drawn."""
 
 
 def draw(run: RunFile) -> Figure:
@@ -59,7 +61,7 @@ def draw(run: RunFile) -> Figure:
     erosion = panels[0]
     per_s, label = time_unit(float(rows["time"][-1]))
     _draw_estimates(erosion, rows, per_s)
-    _draw_told(erosion, told_depths(run, beginnings_s(run)), per_s, sensor=has_sensor(run))
+    _draw_known(erosion, known_depths(run, hole_starts_s(run)), per_s, sensor=has_sensor(run))
     _draw_wanted(erosion, run)
     erosion.set_ylim(bottom=min(0.0, erosion.get_ylim()[0]))
     erosion.set_ylabel("depth and wear (µm)")
@@ -77,19 +79,12 @@ def draw(run: RunFile) -> Figure:
 def _draw_estimates(axes: Axes, rows: dict[str, Array], per_s: float) -> None:
     time_s = rows["time"]
     depth = broken(time_s, rows["est_depth"])
-    draw_envelope(axes, depth.time_s / per_s, depth.low, depth.high, BLUE, "estimated depth", 1.0)
+    draw_envelope(axes, depth, per_s, BLUE, "estimated depth", 1.0)
     _draw_band(axes, rows, "est_depth", per_s, BLUE)
     if np.isfinite(rows["est_wear"]).any():
         wear = broken(time_s, rows["est_wear"])
-        middle = 0.5 * (wear.low + wear.high)
-        axes.plot(
-            wear.time_s / per_s,
-            middle,
-            color=VERMILLION,
-            linestyle=DASHED,
-            linewidth=1.0,
-            label="estimated wear",
-        )
+        time = wear.time_s / per_s
+        axes.plot(time, wear.mean, color=VERMILLION, linestyle=DASHED, linewidth=1.0, label="estimated wear")
         _draw_band(axes, rows, "est_wear", per_s, VERMILLION)
 
 
@@ -110,11 +105,11 @@ def _draw_band(axes: Axes, rows: dict[str, Array], name: str, per_s: float, colo
     )
 
 
-def _draw_told(axes: Axes, told: Sequence[ToldDepth], per_s: float, *, sensor: bool) -> None:
+def _draw_known(axes: Axes, known: Sequence[KnownDepth], per_s: float, *, sensor: bool) -> None:
     """Draw depths as discs and wear as squares, full where they were touched."""
-    size = 2.4 if len(told) > MANY else 3.6
+    size = 2.4 if len(known) > MANY else 3.6
     touched = "measured {}" if sensor else "{} by contact, from voltage"
-    corrected = ", corrected later" if _touched_after(told) else ""
+    corrected = ", corrected later" if _touched_after(known) else ""
     for is_touched, words in ((True, touched), (False, f"{{}} without a touch{corrected}")):
         for name, colour, mark, asked in (
             ("depth", BLUE, "o", "touched"),
@@ -122,47 +117,22 @@ def _draw_told(axes: Axes, told: Sequence[ToldDepth], per_s: float, *, sensor: b
         ):
             values = [
                 (one.time_s / per_s, getattr(one, f"{name}_um"), getattr(one, f"{name}_u95_um"))
-                for one in told
+                for one in known
                 if getattr(one, asked) is is_touched and np.isfinite(getattr(one, f"{name}_um"))
             ]
             if values:
-                _draw_points(axes, values, colour, mark, size, words.format(name), full=is_touched)
+                time, value_um, u95_um = np.array(values).T
+                # Older files have no interval for what was not the last measurement.
+                draw_points(
+                    axes, time, value_um, np.nan_to_num(u95_um), colour, full=is_touched, bars=BLACK,
+                    marker=mark, size=size, label=words.format(name),
+                )  # fmt: skip
 
 
-def _touched_after(told: Sequence[ToldDepth]) -> bool:
+def _touched_after(known: Sequence[KnownDepth]) -> bool:
     """Whether something was touched after a value without a touch: that corrects it."""
-    touched_s = [depth.time_s for depth in told if depth.touched]
-    return any(depth.time_s < max(touched_s, default=0.0) for depth in told if not depth.touched)
-
-
-def _draw_points(
-    axes: Axes,
-    values: Sequence[tuple[float, float, float]],
-    colour: str,
-    mark: str,
-    size: float,
-    label: str,
-    *,
-    full: bool,
-) -> None:
-    """Points with bars of 95 %; older files have none for what was not the last measurement."""
-    time, value_um, u95_um = np.array(values).T
-    axes.errorbar(
-        time,
-        value_um,
-        yerr=np.nan_to_num(u95_um),
-        fmt=mark,
-        color=BLACK,
-        markerfacecolor=colour if full else "white",
-        markeredgecolor=BLACK if full else colour,
-        markeredgewidth=0.4 if full else 0.7,
-        markersize=size,
-        elinewidth=0.7,
-        capsize=1.8,
-        capthick=0.7,
-        label=label,
-        zorder=4,
-    )
+    touched_s = [depth.time_s for depth in known if depth.touched]
+    return any(depth.time_s < max(touched_s, default=0.0) for depth in known if not depth.touched)
 
 
 def _draw_wanted(axes: Axes, run: RunFile) -> None:
@@ -181,10 +151,10 @@ def _draw_wanted(axes: Axes, run: RunFile) -> None:
 
 
 def _draw_feed(axes: Axes, rows: dict[str, Array], per_s: float, label: str) -> None:
-    """The tool closing on its gap, or free below a sheet, is let out of the axes, and told with its time."""
+    """The tool closing on its gap, or free below a sheet, is let out of the axes, and written with its time."""
     mean_um_s = running_mean(rows["time"], rows["feed_um_s"])
     feed = broken(rows["time"], mean_um_s)
-    draw_envelope(axes, feed.time_s / per_s, feed.low, feed.high, BLACK)
+    draw_envelope(axes, feed, per_s, BLACK)
     highest, usual = (float(np.nanpercentile(mean_um_s, share)) for share in (100.0, USUAL_PERCENT))
     if highest > HEADROOM * usual > 0.0:
         axes.set_ylim(min(0.0, float(np.nanmin(mean_um_s))), HEADROOM * usual)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.record.event_names import State
-from edmctl.report.envelopes import Envelope, Spans, envelopes, in_states, rows_worked
+from edmctl.report.signals import Envelope, Spans, envelopes, in_states, rows_worked
 from edmctl.report.style import (
     BLACK,
     BLUE,

@@ -9,7 +9,7 @@ import numpy as np
 from edmctl.record import layout
 from edmctl.record.event_names import Told
 from edmctl.record.event_reader import happened
-from edmctl.report.cutting_intervals import MEAN_S, broken, cuts_s, running_mean
+from edmctl.report.signals import MEAN_S, broken, cuts_s, running_mean
 from edmctl.report.style import (
     BLACK,
     BLUE,
@@ -73,7 +73,7 @@ def _draw_shares(axes: Axes, slow: dict[str, Array], at_s: Array, per_s: float) 
         line = broken(slow["time"], mean)
         axes.plot(
             line.time_s / per_s,
-            0.5 * (line.low + line.high),
+            line.mean,
             color=PULSE_COLOURS[name],
             linestyle=PULSE_DASHES[name],
             linewidth=1.0,
@@ -98,7 +98,7 @@ def _draw_periods(axes: Axes, slow: dict[str, Array], at_s: Array, cuts: Array, 
     since_s = since_the_last(at_s, cuts)
     period = broken(slow["time"], slow["jump_period"])
     if np.isfinite(period.low).any():
-        draw_envelope(axes, period.time_s / per_s, period.low, period.high, GREY, "jump period in force", 1.2)
+        draw_envelope(axes, period, per_s, GREY, "jump period in force", 1.2)
     size = 2.6 if len(at_s) <= FEW else 1.2
     if np.isfinite(since_s).any():
         axes.plot(

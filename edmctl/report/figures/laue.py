@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.report.cutting_intervals import cuts_s
-from edmctl.report.delays import STEP_US, delays, random_ignition
-from edmctl.report.pulse_counts import has_every_pulse
+from edmctl.report.pulse_statistics import STEP_US, delays, has_every_pulse, random_ignition
+from edmctl.report.signals import cuts_s
 from edmctl.report.style import (
     BLACK,
+    DASHED,
     NORMAL,
     OPEN,
     PULSE_HATCHES,
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from edmctl.record.reader import RunFile
-    from edmctl.report.delays import Delays, RandomIgnition
+    from edmctl.report.pulse_statistics import Delays, RandomIgnition
 
 BARS = 50
 LEAST_PULSES = 100
@@ -107,7 +107,7 @@ def _draw_laue(axes: Axes, found: Delays, fit: RandomIgnition) -> None:
         line_us,
         np.exp(-(line_us - fit.lag_us) / fit.mean_us),
         color=VERMILLION,
-        linestyle=(0, (4, 1.5)),
+        linestyle=DASHED,
         linewidth=1.0,
         label=label,
     )

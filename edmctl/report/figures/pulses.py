@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.report.cutting_intervals import cuts_s
 from edmctl.report.numbers import CLASSES
-from edmctl.report.pulse_counts import ARC, SHORT, has_every_pulse, has_pulses, pulse_counts
+from edmctl.report.pulse_statistics import ARC, SHORT, has_every_pulse, has_pulses, pulse_counts
+from edmctl.report.signals import cuts_s
 from edmctl.report.style import (
     PULSE_COLOURS,
     PULSE_DASHES,

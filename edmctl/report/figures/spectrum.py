@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.record.event_names import State
-from edmctl.report.envelopes import BLOCK_ROWS, Spans, sampling_hz
+from edmctl.report.signals import BLOCK_ROWS, Spans, sampling_hz
 from edmctl.report.style import (
     BLACK,
     BLUE,
@@ -71,16 +71,16 @@ class Spectrum:
 
 
 def draw(run: RunFile) -> Figure:
-    """Draw the figure, 85 mm wide. Raises NothingToDraw where no stretch of machining is long enough."""
+    """Draw the figure, 85 mm wide. Raises NothingToDraw where no part of machining is long enough."""
     rate_hz = sampling_hz(run)
-    stretches = _stretches(run, rate_hz)
-    size = segment_size([stop - first for first, stop in stretches], rate_hz)
+    parts = _parts_of_machining(run, rate_hz)
+    size = segment_size([stop - first for first, stop in parts], rate_hz)
     if not size:
         raise NothingToDraw(
-            "No stretch of machining between two jumps is long enough for a spectrum; a longer cut has one, "
+            "No part of machining between two jumps is long enough for a spectrum; a longer cut has one, "
             "and `log.servo_hz` = 1000 makes it finer."
         )
-    segments = _segments(stretches, size)
+    segments = _segments(parts, size)
     figure = new_figure(HEIGHT_MM)
     upper, lower = figure.subplots(2, 1, sharex=True)
     gap = _welch(run, "v_gap_avg", segments, size, rate_hz)
@@ -104,14 +104,14 @@ def draw(run: RunFile) -> Figure:
     return figure
 
 
-def _stretches(run: RunFile, rate_hz: float) -> list[Rows]:
+def _parts_of_machining(run: RunFile, rate_hz: float) -> list[Rows]:
     """Return the rows of machining without jumps and without holes in time, after the servo has settled."""
     machining = Spans([State.MACHINING])
     rows = 0
     last_s = np.nan
     for block in run.blocks("/entry/servo", ["time", "state"], BLOCK_ROWS):
         time_s, state = block["time"].astype(np.float64), block["state"].copy()
-        # A missing sample ends a stretch: the one after it does not count.
+        # A missing sample ends a part: the one after it does not count.
         state[np.diff(time_s, prepend=last_s) * rate_hz > 1.5] = State.JUMP
         machining.take(np.arange(rows, rows + len(state)), state)
         rows += len(state)
@@ -137,8 +137,8 @@ def segment_size(lengths: list[int], rate_hz: float) -> int:
     return int(2 ** np.floor(np.log2(longest))) if longest >= SMALLEST else 0
 
 
-def _segments(stretches: list[Rows], size: int) -> list[int]:
-    starts = [start for first, stop in stretches for start in range(first, stop - size + 1, size // 2)]
+def _segments(parts: list[Rows], size: int) -> list[int]:
+    starts = [start for first, stop in parts for start in range(first, stop - size + 1, size // 2)]
     if len(starts) <= MOST_SEGMENTS:
         return starts
     return [starts[k] for k in np.linspace(0, len(starts) - 1, MOST_SEGMENTS, dtype=np.int64)]

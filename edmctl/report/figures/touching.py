@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.record.event_names import State, Told
-from edmctl.report.envelopes import envelopes
+from edmctl.report.signals import envelopes
 from edmctl.report.style import (
     BLACK,
     BLUE,
@@ -112,7 +112,7 @@ def _draw_sequence(
     time_s = lines["v_cmd"].time_s
     unit_s, label = time_unit(float(time_s[-1] - time_s[0]))
     for axes, name, colour in ((upper, "v_cmd", VERMILLION), (lower, place, GREY if sensed else BLUE)):
-        draw_envelope(axes, time_s / unit_s, lines[name].low, lines[name].high, colour)
+        draw_envelope(axes, lines[name], unit_s, colour)
         mark_readings(axes, readings, name, unit_s)
         axes.locator_params(axis="y", nbins=5)
     upper.set_ylabel("actuator voltage (V)")

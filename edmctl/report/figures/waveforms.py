@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.record.event_names import State
-from edmctl.report.envelopes import Envelope, envelopes, within
+from edmctl.report.signals import Envelope, envelopes, within
 from edmctl.report.style import (
     BLACK,
     BLUE,
@@ -34,6 +34,7 @@ HEIGHT_MM = 112.0
 PERIODS_BEFORE, PERIODS_AFTER = 8.0, 2.0
 """Pulses in the detail."""
 POINTS = 1500
+MS = 1e-3
 
 
 def draw(run: RunFile) -> Figure:
@@ -100,9 +101,8 @@ def _draw_pair(
         (panels[1], "i_gap", VERMILLION, "current (A)"),
     ):
         line = lines[name]
-        time_ms = 1000.0 * (line.time_s - zero_s)
-        draw_envelope(axes, time_ms, line.low, line.high, colour, width=0.6)
-        axes.set_xlim(time_ms[0], time_ms[-1])
+        draw_envelope(axes, line, MS, colour, width=0.6, begin_s=zero_s)
+        axes.set_xlim((line.time_s[0] - zero_s) / MS, (line.time_s[-1] - zero_s) / MS)
         axes.margins(y=0.12)
         # The axis ends with a number, so that no plateau is above all of them.
         ticks = MaxNLocator(3, steps=[1, 2, 5, 10], min_n_ticks=3)

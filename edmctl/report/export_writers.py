@@ -1,6 +1,7 @@
-"""CSV and JSON out of columns, a block at a time, with every digit that is needed to read the same number again.
+"""Writers of tables, a block of columns at a time: CSV and JSON, and Parquet through pyarrow.
 
-Numbers are formatted by numpy a column at a time; values that repeat, as those of a converter do, only once.
+Texts have every digit that is needed to read the same number again. numpy formats a column at a time; values that
+repeat, as those of a converter do, only once. Parquet gets a row group per block, and the units in its metadata.
 """
 
 from __future__ import annotations
@@ -10,11 +11,13 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from edmctl.errors import PreconditionError, installing
 from edmctl.report.export_tables import JSON_TEXT
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
+    import pyarrow as pa
     from numpy.typing import NDArray
 
     from edmctl.report.export_tables import Block, ExportColumn
@@ -91,6 +94,43 @@ class JsonWriter:
         self._sink.write((self._end if self._begun else self._empty).encode())
 
 
+class ParquetWriter:
+    """One table. Numbers keep their type, unknown ones stay NaN; `about` becomes metadata of the file.
+
+    Call `need_pyarrow` first.
+    """
+
+    def __init__(self, sink: ByteSink, columns: Sequence[ExportColumn], about: Mapping[str, str]) -> None:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        self._schema = pa.schema([_field(column) for column in columns], metadata=dict(about))
+        self._writer = pq.ParquetWriter(sink, self._schema, compression="zstd")
+
+    def write(self, block: Block) -> None:
+        """Append rows."""
+        import pyarrow as pa
+
+        arrays = [pa.array(values, field.type) for values, field in zip(block, self._schema, strict=True)]
+        self._writer.write_table(pa.Table.from_arrays(arrays, schema=self._schema))
+
+    def close(self) -> None:
+        """Write the footer."""
+        self._writer.close()
+
+
+def need_pyarrow() -> None:
+    """Raise PreconditionError E8092 where pyarrow is not installed."""
+    try:
+        import pyarrow.parquet  # noqa: F401
+    except ImportError:
+        raise PreconditionError(
+            "Parquet needs pyarrow, which is not installed.",
+            hint=f"Install it: {installing('pyarrow')}; --format csv needs nothing.",
+            code="E8092",
+        ) from None
+
+
 def formatted(values: NDArray[np.generic], unknown: str, infinite: str | None = None) -> list[str]:
     """Return numbers as the shortest texts that are read back as the same numbers of their type."""
     if values.dtype.kind != "f":
@@ -146,3 +186,10 @@ def _json_value(text: str) -> str:
     except ValueError:
         return _json_text(text)
     return json.dumps(value, ensure_ascii=False)
+
+
+def _field(column: ExportColumn) -> pa.Field:
+    import pyarrow as pa
+
+    kind = pa.string() if column.is_text else pa.from_numpy_dtype(column.dtype)
+    return pa.field(column.name, kind, metadata={"units": column.units, "long_name": column.long_name})

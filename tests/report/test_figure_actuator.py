@@ -11,7 +11,8 @@ import pytest
 
 from edmctl.errors import PreconditionError, UsageError, installing
 from edmctl.report import style
-from edmctl.report.actuator_figure import POINTS, Trial, draw, extremes
+from edmctl.report.figures.actuator import Trial, draw
+from edmctl.report.signals import broken
 from edmctl.report.style import check_figure
 
 pytest.importorskip("matplotlib")
@@ -72,15 +73,17 @@ def test_a_long_record_keeps_every_spike_in_few_points() -> None:
     t_s = np.arange(1_000_003) / 1000.0
     values = np.sin(t_s)
     values[[0, 123_456, 700_001, 1_000_002]] = 5.0, 9.0, -9.0, 7.0
-    shown_s, shown = extremes(t_s, values)
-    assert shown.size <= 2 * POINTS + 2
-    assert np.all(np.diff(shown_s) > 0.0)
-    assert {5.0, 9.0, -9.0, 7.0} <= set(shown)
-    for at, value in ((123.456, 9.0), (700.001, -9.0)):
-        assert shown[shown_s == at] == value
+    line = broken(t_s, values)
+    assert line.time_s.size <= 1502
+    assert np.all(np.diff(line.time_s[:-1]) > 0.0)
+    assert {5.0, 9.0, 7.0} <= set(line.high)
+    assert -9.0 in line.low
+    for at, shown in ((123.456, line.high == 9.0), (700.001, line.low == -9.0)):
+        assert line.time_s[shown] == pytest.approx([at], abs=0.4)
 
 
 def test_a_short_record_is_drawn_as_it_is() -> None:
-    shown_s, shown = extremes(T_S[:2000], U_V[:2000])
-    assert np.array_equal(shown_s, T_S[:2000])
-    assert np.array_equal(shown, U_V[:2000])
+    line = broken(T_S[:2000], U_V[:2000])
+    assert line.sampled
+    assert np.array_equal(line.time_s[:-1], T_S[:2000])
+    assert np.array_equal(line.high[:-1], U_V[:2000])

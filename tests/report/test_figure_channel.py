@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from edmctl.process.path import circle, lengths_um
-from edmctl.report.height_map import Channel, Floor, HeightMap, channel_figure
+from edmctl.report.figures.channel import Channel, Floor, HeightMap, channel_figure
 from edmctl.report.style import house_style, rendered
 
 pytest.importorskip("matplotlib")

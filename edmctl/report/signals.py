@@ -1,15 +1,18 @@
-"""Long signals as few points: the lowest value, the mean and the highest of each of many intervals.
+"""Signals of a run as few points, and the intervals in which the machine cut, touched or was in a state.
 
-Something may be done to every sample first: it is masked by state, or subtracted.
+An envelope has the lowest value, the mean and the highest of each of many intervals. Every sample can be changed
+first: masked by state, or subtracted.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.record import layout
 from edmctl.record.event_names import State
 
 if TYPE_CHECKING:
@@ -27,9 +30,13 @@ POINTS = 900
 """Intervals of a figure one column wide: a pixel each at 300 dpi."""
 BLOCK_ROWS = 1 << 20
 MIN_WORK_S = 1.0
-
-
 WORKING = (State.APPROACH, State.MACHINING, State.JUMP, State.TOUCH)
+APART_S = 2.0
+"""Rows come every 0.1 s, and a jump with its search for the gap takes less than this."""
+ROW_S = 0.1
+"""Each row covers so much before its time."""
+MEAN_S = 10.0
+"""Rates and shares of a second scatter; their means over this show what they do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,3 +195,50 @@ class Spans:
             else:
                 spans.append((begin_s, end_s))
         return spans
+
+
+def intervals(time_s: Array) -> list[slice]:
+    """Split rows, shape (n,), where nothing was written for `APART_S`."""
+    if not len(time_s):
+        return []
+    breaks = np.flatnonzero(np.diff(time_s) > APART_S) + 1
+    ends = [0, *breaks.tolist(), len(time_s)]
+    return [slice(first, stop) for first, stop in pairwise(ends)]
+
+
+def cuts_s(run: RunFile) -> Array:
+    """Return begin and end of each interval of cutting, shape (n, 2), s, with what its first row covers."""
+    time_s = run.column(layout.SLOW.path, "time").astype(np.float64)
+    ends = [(max(time_s[part][0] - ROW_S, 0.0), time_s[part][-1]) for part in intervals(time_s)]
+    return np.array(ends, np.float64).reshape(-1, 2)
+
+
+def broken(time_s: Array, values: Array, points: int = 1500) -> Envelope:
+    """Reduce rows, shape (n,), to about `points` groups, none of which spans two intervals of cutting.
+
+    Between the intervals stands NaN, so that a line is broken there.
+    """
+    every = max(1, len(time_s) // points)
+    gap = np.array([np.nan])
+    times, lows, highs = [np.empty(0)], [np.empty(0)], [np.empty(0)]
+    for part in intervals(time_s):
+        starts = np.arange(part.start, part.stop, every)
+        last = np.minimum(starts + every, part.stop) - 1
+        times += [0.5 * (time_s[starts] + time_s[last]), time_s[last[-1:]]]
+        rows = values[: part.stop]
+        lows += [np.fmin.reduceat(rows, starts), gap]
+        highs += [np.fmax.reduceat(rows, starts), gap]
+    low, high = np.concatenate(lows), np.concatenate(highs)
+    return Envelope(np.concatenate(times), low, 0.5 * (low + high), high, sampled=every == 1)
+
+
+def running_mean(time_s: Array, values: Array) -> Array:
+    """Mean over the `MEAN_S` before each row, shape (n,); NaN counts as nothing."""
+    known = np.isfinite(values)
+    sums = np.concatenate([[0.0], np.cumsum(np.where(known, values, 0.0))])
+    numbers = np.concatenate([[0], np.cumsum(known)])
+    first = np.searchsorted(time_s, time_s - MEAN_S, side="right")
+    last = np.arange(1, len(time_s) + 1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean: Array = (sums[last] - sums[first]) / (numbers[last] - numbers[first])
+    return mean

@@ -1,0 +1,263 @@
+"""Statistics of the pulses of a run: counts by class and time, ignition delays, discharge energies.
+
+A working day has 66 million pulses. They are read part by part, in constant memory; which pulse belongs to which
+interval follows from the segments of constant period, without the time of a single one.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from edmctl.record import layout
+from edmctl.report.numbers import CLASSES
+from edmctl.wording import U95
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from edmctl.record.reader import RunFile
+
+    Array = NDArray[np.float64]
+    Counts = NDArray[np.int64]
+
+OPEN, NORMAL, ARC, SHORT = range(4)
+"""Numbers of the classes, in the order of `numbers.CLASSES`."""
+READ_ROWS = 1 << 20
+_BLOCK_COUNTS = tuple(f"n_{name}" for name in CLASSES)
+STEP_US = 0.1
+"""Resolution of a stored ignition delay."""
+_STEPS = 1 << 16
+_LAG_SHARE = 0.001
+"""Share of the delays before which ignition counts as not begun: the time that a breakdown takes to form."""
+FINE = 4096
+"""Bins of energy that are counted; `SHOWN` or more are left when the range that is used is known."""
+SHOWN = 48
+
+
+def has_every_pulse(run: RunFile) -> bool:
+    """Whether single pulses were recorded."""
+    return run.rows(layout.PULSES.path) > 0
+
+
+def has_pulses(run: RunFile) -> bool:
+    """Whether pulses were recorded, one by one or in blocks."""
+    return has_every_pulse(run) or run.rows(layout.PULSE_BLOCKS.path) > 0
+
+
+def pulse_counts(run: RunFile, edges_s: Array) -> Counts:
+    """Count the pulses of each class between `edges_s`, shape (n + 1,), which rise; shape (n, 4)."""
+    return _count_every_pulse(run, edges_s) if has_every_pulse(run) else _count_blocks(run, edges_s)
+
+
+def current_a(run: RunFile) -> float:
+    """Return the mean discharge current that the profile gives."""
+    return float(run.profile_values().get("pulse.current_a", np.nan))
+
+
+def rows_at(run: RunFile, times_s: Array) -> NDArray[np.int64]:
+    """Return the first row of `/entry/pulses/full` that is not before each of the times, which rise."""
+    segments = run.columns(layout.SEGMENTS.path)
+    first_row = segments["first_row"].astype(np.int64)
+    start_s, period_s = segments["t0"].astype(np.float64), segments["period"].astype(np.float64)
+    stop_row = np.append(first_row[1:], run.rows(layout.PULSES.path))
+    of = np.maximum(np.searchsorted(start_s, times_s, side="right") - 1, 0)
+    pulses = np.ceil((times_s - start_s[of]) / period_s[of] - 1e-6)
+    rows = first_row[of] + np.maximum(pulses, 0.0).astype(np.int64)
+    kept: NDArray[np.int64] = np.minimum(rows, stop_row[of])
+    return kept
+
+
+def pulse_blocks(
+    run: RunFile, first: int, stop: int, names: Sequence[str]
+) -> Iterator[tuple[int, dict[str, NDArray[Any]]]]:
+    """Yield the number of the first row, and columns of `/entry/pulses/full`, part by part."""
+    for start in range(first, stop, READ_ROWS):
+        end = min(start + READ_ROWS, stop)
+        yield start, {name: run.column(layout.PULSES.path, name, start, end) for name in names}
+
+
+def _count_every_pulse(run: RunFile, edges_s: Array) -> Counts:
+    edges = rows_at(run, edges_s)
+    intervals = len(edges_s) - 1
+    counts = np.zeros(4 * intervals, np.int64)
+    for first, columns in pulse_blocks(run, int(edges[0]), int(edges[-1]), ("pulse_class",)):
+        kind = columns["pulse_class"]
+        ends = np.clip(edges, first, first + len(kind))
+        interval = np.repeat(np.arange(intervals, dtype=np.int32), ends[1:] - ends[:-1])
+        counts += np.bincount(4 * interval + (kind & 3), minlength=4 * intervals)
+    return counts.reshape(-1, 4)
+
+
+def _count_blocks(run: RunFile, edges_s: Array) -> Counts:
+    intervals = len(edges_s) - 1
+    counts = np.zeros((intervals, 4), np.int64)
+    for block in run.blocks(layout.PULSE_BLOCKS.path, ("time", *_BLOCK_COUNTS)):
+        interval = np.searchsorted(edges_s, block["time"], side="right") - 1
+        within = (interval >= 0) & (interval < intervals)
+        for k, name in enumerate(_BLOCK_COUNTS):
+            weights = block[name][within].astype(np.float64)
+            counts[:, k] += np.bincount(interval[within], weights, minlength=intervals).astype(np.int64)
+    return counts
+
+
+@dataclass(frozen=True, slots=True)
+class Delays:
+    """Pulses by their delay, in steps of 0.1 µs.
+
+    ignited : ndarray, shape (n,), normal discharges after that delay
+    censored : ndarray, shape (n,), pulses that had not ignited when an on-time of that length was over
+    """
+
+    ignited: Counts
+    censored: Counts
+
+    @property
+    def surviving(self) -> Array:
+        """Share of pulses without a spark after each delay, shape (n,), by Kaplan and Meier."""
+        at_risk = np.cumsum((self.ignited + self.censored)[::-1])[::-1]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            lasting: Array = np.where(at_risk > 0, 1.0 - self.ignited / at_risk, np.nan)
+        return lasting.cumprod()
+
+
+@dataclass(frozen=True, slots=True)
+class RandomIgnition:
+    """The exponential law by maximum likelihood, open pulses counted as not yet ignited.
+
+    Survivors follow exp(-(t - lag) / mean) after the lag; `mean_u95_us` is half the 95 % interval of the mean, and
+    `ignited` and `censored` are how many pulses it is from.
+    """
+
+    lag_us: float
+    mean_us: float
+    mean_u95_us: float
+    ignited: int
+    censored: int
+
+
+def delays(run: RunFile, cuts_s: Array) -> Delays:
+    """Count normal discharges and open pulses by their delay, within cuts alone, shape (n, 2): begin and end.
+
+    An approach has long delays, as its gap is wide.
+    """
+    counts = np.zeros((2, _STEPS), np.int64)
+    for first, stop in rows_at(run, cuts_s.ravel()).reshape(-1, 2).tolist():
+        for _, columns in pulse_blocks(run, first, stop, ("pulse_class", "td")):
+            kind = columns["pulse_class"]
+            rounded = np.rint(columns["td"] / np.float32(STEP_US)).astype(np.int32)
+            for k, wanted in enumerate((NORMAL, OPEN)):
+                counts[k] += np.bincount(rounded[kind == wanted], minlength=_STEPS)
+    used = np.flatnonzero(counts.any(axis=0))
+    end = int(used[-1]) + 1 if len(used) else 0
+    return Delays(counts[0, :end], counts[1, :end])
+
+
+def random_ignition(found: Delays) -> RandomIgnition | None:
+    """Fit random ignition; None where fewer than two pulses ignited after the lag."""
+    total = int(found.ignited.sum())
+    if total < 2:
+        return None
+    lag = int(np.searchsorted(np.cumsum(found.ignited), max(1.0, _LAG_SHARE * total)))
+    after = np.arange(len(found.ignited)) - lag
+    later = after > 0
+    ignited, censored = int(found.ignited[later].sum()), int(found.censored[later].sum())
+    waited = STEP_US * float(((found.ignited + found.censored) * after)[later].sum())
+    if ignited < 2:
+        return None
+    mean_us = waited / ignited
+    return RandomIgnition(STEP_US * lag, mean_us, U95 * mean_us / math.sqrt(ignited), ignited, censored)
+
+
+@dataclass(frozen=True, slots=True)
+class SparkEnergies:
+    """How many discharges had which energy, and what they came to.
+
+    edges_uj : ndarray, shape (n + 1,)
+    normal, arc : ndarrays, shape (n,); discharges of a block all stand under `normal`, at their mean
+    sums_uj : ndarray, shape (m,), energy of all discharges in each interval of time
+    is_single : whether single discharges were counted
+    """
+
+    edges_uj: Array
+    normal: Array
+    arc: Array
+    sums_uj: Array
+    is_single: bool
+
+
+def spark_energies(run: RunFile, edges_s: Array) -> SparkEnergies | None:
+    """Count normal discharges and arcs by their energy, and sum it up between `edges_s`, shape (m + 1,), which rise.
+
+    The energy of a single one is plateau voltage × discharge time × the current at that plateau. None where there
+    were no discharges.
+    """
+    is_single = has_every_pulse(run)
+    width_uj = _largest_uj(run) / FINE
+    counts, sums_uj = (_sum_pulses if is_single else _sum_blocks)(run, edges_s, width_uj)
+    used = np.flatnonzero(counts.any(axis=0))
+    if not len(used):
+        return None
+    merged = -(-int(used[-1] + 1) // SHOWN)
+    bins = -(-int(used[-1] + 1) // merged)
+    padded = np.zeros((2, bins * merged))
+    kept = counts[:, : bins * merged]
+    padded[:, : kept.shape[1]] = kept
+    normal, arc = padded.reshape(2, bins, merged).sum(axis=2)
+    edges_uj = width_uj * merged * np.arange(bins + 1.0)
+    return SparkEnergies(edges_uj, normal, arc, sums_uj, is_single)
+
+
+def _sum_pulses(run: RunFile, edges_s: Array, width_uj: float) -> tuple[Array, Array]:
+    open_v, siemens = _generator(run)
+    counts, sums_uj = np.zeros(4 * FINE), np.zeros(len(edges_s) - 1)
+    edges = rows_at(run, edges_s)
+    for first, columns in pulse_blocks(run, int(edges[0]), int(edges[-1]), ("pulse_class", "te", "u")):
+        kind = columns["pulse_class"] & 3
+        plateau_v = columns["u"]
+        amps = np.float32(siemens) * np.maximum(np.float32(open_v) - plateau_v, 0.0)
+        energy_uj = columns["te"] * plateau_v * amps
+        bins = np.minimum(energy_uj * np.float32(1.0 / width_uj), FINE - 1).astype(np.int32)
+        counts += np.bincount(FINE * kind.astype(np.int32) + bins, minlength=4 * FINE)
+        # An open pulse has no discharge time, so its product is 0 already.
+        energy_uj *= kind != SHORT
+        starts = np.clip(edges - first, 0, len(kind))
+        filled = np.diff(starts) > 0
+        sums_uj[filled] += np.add.reduceat(energy_uj, starts[:-1][filled], dtype=np.float64)
+    return counts.reshape(4, FINE)[[NORMAL, ARC]], sums_uj
+
+
+def _sum_blocks(run: RunFile, edges_s: Array, width_uj: float) -> tuple[Array, Array]:
+    counts, sums_uj = np.zeros((2, FINE)), np.zeros(len(edges_s) - 1)
+    for block in run.blocks(layout.PULSE_BLOCKS.path, ("time", "n_normal", "n_arc", "sum_energy")):
+        sparks = block["n_normal"].astype(np.float64) + block["n_arc"].astype(np.float64)
+        interval = np.searchsorted(edges_s, block["time"], side="right") - 1
+        used = (interval >= 0) & (interval < len(sums_uj)) & (sparks > 0)
+        energy_uj = block["sum_energy"][used].astype(np.float64)
+        bins = np.minimum(energy_uj / sparks[used] / width_uj, FINE - 1).astype(np.int64)
+        counts[0] += np.bincount(bins, sparks[used], minlength=FINE)
+        sums_uj += np.bincount(interval[used], energy_uj, minlength=len(sums_uj))
+    return counts, sums_uj
+
+
+def _largest_uj(run: RunFile) -> float:
+    """The most that a discharge of these settings can have: all through the on-time at half the open voltage."""
+    values = run.profile_values()
+    open_v, siemens = _generator(run)
+    duty, hz = (float(values[f"pulse.{name}"]) for name in ("duty", "frequency_hz"))
+    return 1.001 * 0.25 * open_v**2 * siemens * duty / hz * 1e6
+
+
+def _generator(run: RunFile) -> tuple[float, float]:
+    """Open voltage, and the conductance of the resistor that makes the current: an arc's plateau lets more through.
+
+    The current of the profile is that at the plateau of a normal discharge.
+    """
+    values = run.profile_values()
+    open_v, plateau_v = (float(values[f"pulse.{name}"]) for name in ("open_voltage_v", "discharge_voltage_v"))
+    return open_v, current_a(run) / max(open_v - plateau_v, 0.1)
