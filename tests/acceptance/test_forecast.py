@@ -20,6 +20,7 @@ from edmctl.profile.forecast import Forecast, forecast
 from edmctl.record.recorder import NullRecorder
 from edmctl.simulator import open_bench
 from tests.acceptance.test_paper import Nobody
+from tests.tiers import tiers
 
 if TYPE_CHECKING:
     from edmctl.results.job import JobResult
@@ -39,14 +40,16 @@ def forecast_and_run(profile: str, *overrides: str) -> tuple[Forecast, JobResult
 
 @pytest.mark.parametrize(
     ("profile", "overrides"),
-    [
-        ("cu150", ()),
-        ("cu150", ("wear.remeasure=never",)),
+    tiers(
         ("cu270", ("target.depth_um=60",)),
-        ("foil-through", ()),
-        ("array-3x3", ()),
         ("array-3x3", ("sites=[{x_um=500},{x_um=900,depth_um=40}]",)),
-    ],
+        slow=(
+            ("cu150", ()),
+            ("cu150", ("wear.remeasure=never",)),
+            ("foil-through", ()),
+            ("array-3x3", ()),
+        ),
+    ),
 )
 def test_holes_take_the_time_and_the_feed_that_were_forecast(
     profile: str, overrides: tuple[str, ...]

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from edmctl.results.job import SiteResult
     from edmctl.results.progress import Progress
 
+pytestmark = pytest.mark.slow
+
 FEED_250 = 'target={kind="feed",feed_um=250}'
 STOCK = Setup()
 

@@ -5,26 +5,32 @@ from __future__ import annotations
 import os
 import shutil
 import signal
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, redirect_stdout
+from functools import partial
+from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from edmctl.cli.app import main
 from edmctl.procedures.run import Run
 from edmctl.procedures.state_keeper import MACHINING as MACHINING_PHASE
 from edmctl.procedures.state_keeper import JobJournal
 from edmctl.record.bench_file import read_bench, write_bench
+from edmctl.record.journal import read_journal
 from edmctl.simulator import kernel as k
 from edmctl.simulator.saving import bench_state, restored_bench
 from edmctl.simulator.workpiece import TILE
 from tests.cli.commands import CU270
+from tests.golden import once
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from edmctl.machine.interface import TelemetryBlock
     from edmctl.procedures.event_codes import RunEvent
+    from edmctl.record.journal import Journal
     from edmctl.simulator import VirtualBench
     from tests.cli.commands import Said
 
@@ -44,7 +50,7 @@ RESUME = ("machine", "--resume", "a", "--json", "--quiet")
 
 
 @contextmanager
-def at_time_of_cut(seconds: float, act: Callable[[], None]) -> Iterator[None]:
+def at_time_of_cut(seconds: float, act: Callable[[], object]) -> Iterator[None]:
     """Do something once when a cut has gone on for so long."""
     began_s: list[float] = []
 
@@ -59,14 +65,14 @@ def at_time_of_cut(seconds: float, act: Callable[[], None]) -> Iterator[None]:
 
 
 @contextmanager
-def at_time_of_run(seconds: float, act: Callable[[], None]) -> Iterator[None]:
+def at_time_of_run(seconds: float, act: Callable[[], object]) -> Iterator[None]:
     """Do something once when a job has gone on for so long."""
     with _once(lambda _, block: float(block.time_s[-1]) > seconds, act):
         yield
 
 
 @contextmanager
-def at_event(code: RunEvent, act: Callable[[], None]) -> Iterator[None]:
+def at_event(code: RunEvent, act: Callable[[], object]) -> Iterator[None]:
     """Do something when a job decides this."""
     decide = Run.decide
 
@@ -81,7 +87,7 @@ def at_event(code: RunEvent, act: Callable[[], None]) -> Iterator[None]:
 
 
 @contextmanager
-def _once(is_time: Callable[[JobJournal, TelemetryBlock], bool], act: Callable[[], None]) -> Iterator[None]:
+def _once(is_time: Callable[[JobJournal, TelemetryBlock], bool], act: Callable[[], object]) -> Iterator[None]:
     take, done = JobJournal.take, False
 
     def watched(journal: JobJournal, block: TelemetryBlock) -> None:
@@ -109,6 +115,41 @@ def snapshot_and_stop(home: Path, snapshot: Path) -> Callable[[], None]:
         stop()
 
     return act
+
+
+def killed_at(
+    factory: pytest.TempPathFactory, name: str, order: tuple[str, ...], seconds: Sequence[float]
+) -> dict[float, Path]:
+    """One job on a kept bench, and what its folder would hold had it been killed so long after its cut began.
+
+    The job is golden: it is run once, its folder is copied at each of the times, and a stop ends it at the last one.
+    """
+
+    def make(golden: Path) -> None:
+        home, times_s = golden / "home", sorted(seconds)
+        home.mkdir()
+        with ExitStack() as stack:
+            patch = stack.enter_context(pytest.MonkeyPatch.context())
+            for variable in ("EDMCTL_PROFILE", "EDMCTL_PORT", "EDMCTL_CALIBRATION"):
+                patch.delenv(variable, raising=False)
+            patch.setenv("EDMCTL_HOME", str(golden / "user"))
+            patch.chdir(home)
+            for at_s in times_s:
+                stack.enter_context(
+                    at_time_of_cut(at_s, partial(shutil.copytree, home, golden / f"{at_s:g}"))
+                )
+            stack.enter_context(at_time_of_cut(times_s[-1], stop))
+            stack.enter_context(redirect_stdout(StringIO()))
+            assert main([*order, *BENCH, "--run-id", "a", "--quiet"]) == 130
+
+    golden = once(factory, name, make)
+    return {at_s: golden / f"{at_s:g}" for at_s in seconds}
+
+
+def taken_over(killed: Path) -> Journal:
+    """Copy what a killed job has left into the folder of the test; the journal that reached the disk."""
+    shutil.copytree(killed, Path.cwd(), dirs_exist_ok=True)
+    return read_journal(Path("runs/a.journal"))
 
 
 def bench_changed(change: Callable[[VirtualBench], None]) -> None:

@@ -14,6 +14,8 @@ from tests.cli.test_documents import newcomer
 if TYPE_CHECKING:
     from pathlib import Path
 
+pytestmark = pytest.mark.slow
+
 SCRIPT = ROOT / "docs" / "batch.sh"
 ROUNDING_UM = 0.0021
 """The JSON object keeps three decimals."""

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests.cli.commands import environment
+from tests.tiers import tiers
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -158,15 +159,17 @@ def untouched(folder: Path) -> bool:
 
 @pytest.mark.parametrize(
     ("typed", "words"),
-    [
+    tiers(
         ("run show \x1b*", ["run", "show", "good-1"]),
-        ("machine --resume \x1b*", ["machine", "--resume", "left.1"]),
         ("machine --profile '$(touch hacked)\x1b*'", ["machine", "--profile", "$(touch hacked)"]),
-        ("machine --set target.dep\t7", ["machine", "--set", "target.depth_um=7"]),
-        ("machine --set jump.mo\toff", ["machine", "--set", "jump.mode=off"]),
-        ("doctor --port soc\tpc:7000", ["doctor", "--port", "socket://pc:7000"]),
-        ("profile sh\tw25\t--json", ["profile", "show", "w252", "--json"]),
-    ],
+        slow=(
+            ("machine --resume \x1b*", ["machine", "--resume", "left.1"]),
+            ("machine --set target.dep\t7", ["machine", "--set", "target.depth_um=7"]),
+            ("machine --set jump.mo\toff", ["machine", "--set", "jump.mode=off"]),
+            ("doctor --port soc\tpc:7000", ["doctor", "--port", "socket://pc:7000"]),
+            ("profile sh\tw25\t--json", ["profile", "show", "w252", "--json"]),
+        ),
+    ),
 )
 def test_a_shell_puts_in_plain_words_and_runs_nothing(shell: Shell, typed: str, words: list[str]) -> None:
     assert shell(typed) == words

@@ -98,6 +98,7 @@ def typed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[str]]:
         return dict(zip(PAGES, pool.map(failures_of, PAGES, *zip(*newcomers, strict=True)), strict=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES)
 def test_every_command_of_a_page_works(page: str, typed: dict[str, list[str]]) -> None:
     assert typed[page] == []

@@ -22,6 +22,7 @@ from edmctl.simulator import kernel as k
 from edmctl.simulator.saving import bench_state, restored_bench
 from tests.cli.commands import CU270, SHALLOW
 from tests.cli.test_processes import read_until, start
+from tests.tiers import tiers
 
 if TYPE_CHECKING:
     from edmctl.machine.interface import TelemetryBlock
@@ -91,7 +92,7 @@ def test_the_file_is_never_older_than_what_is_told_of_the_bench(
     assert any(cuts for _, _, cuts in told)
 
 
-@pytest.mark.parametrize("lost_s", [-4500.0, 0.0, 4500.0])
+@pytest.mark.parametrize("lost_s", tiers(-4500.0, 0.0, slow=(4500.0,)))
 def test_time_that_no_command_tells_of_counts_for_the_age_of_a_reference(here: Here, lost_s: float) -> None:
     """A sensor that drifts as fast as one in thirty does, and a bench that stood under power."""
     assert here("measure-wear", "--reference", *KEPT, "--seed", "131039").exit_code == 0
@@ -380,7 +381,7 @@ def test_a_command_without_a_profile_is_filed_under_its_own_name_and_the_tool_it
     assert "270" not in told
 
 
-@pytest.mark.parametrize("stop_s", [420.0, 900.0])
+@pytest.mark.parametrize("stop_s", tiers(slow=(420.0,), full=(900.0,)))
 def test_a_channel_that_is_stopped_is_told_by_estimate(
     here: Here, monkeypatch: pytest.MonkeyPatch, stop_s: float
 ) -> None:

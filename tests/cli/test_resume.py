@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.cli.app import main
 from edmctl.errors import LinkLost
 from edmctl.jobs.ledger.elapsed import CALENDAR, Now
 from edmctl.jobs.resume.checkpoint import tell_way_on
@@ -47,6 +46,7 @@ from tests.cli.left_jobs import (
     at_time_of_cut,
     bench_changed,
     error_of,
+    killed_at,
     snapshot_and_stop,
     stop,
 )
@@ -71,19 +71,12 @@ class Left:
     killed: Path
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def left(tmp_path_factory: pytest.TempPathFactory) -> Left:
     """One job on a kept bench, interrupted in its first cut."""
-    home, killed = tmp_path_factory.mktemp("stopped"), tmp_path_factory.mktemp("snapshot") / "killed"
-
-    with pytest.MonkeyPatch.context() as patch:
-        for name in ("EDMCTL_PROFILE", "EDMCTL_PORT", "EDMCTL_CALIBRATION"):
-            patch.delenv(name, raising=False)
-        patch.setenv("EDMCTL_HOME", str(tmp_path_factory.mktemp("home")))
-        patch.chdir(home)
-        with at_time_of_cut(INTO_THE_CUT_S, snapshot_and_stop(home, killed)):
-            assert main([*MACHINE, *BENCH, "--seed", "3", "--run-id", "a", "--quiet"]) == 130
-    return Left(home, killed)
+    order = (*MACHINE, "--seed", "3")
+    (killed,) = killed_at(tmp_path_factory, "hole", order, (INTO_THE_CUT_S,)).values()
+    return Left(killed.with_name("home"), killed)
 
 
 @pytest.fixture

@@ -31,19 +31,25 @@ from tests.cli.left_jobs import (
     at_time_of_run,
     bench_changed,
     error_of,
+    killed_at,
     lengthen_tool,
     snapshot_and_stop,
     stop,
     swap_work,
+    taken_over,
 )
+from tests.tiers import tiers
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from typing import Any
 
     from edmctl.process.path import Way
     from edmctl.record.journal import Journal
     from edmctl.simulator import VirtualBench
     from tests.cli.commands import Here
+
+    LeaveAt = Callable[[float], Journal]
 
 CHANNEL = (
     "machine",
@@ -58,16 +64,20 @@ FOIL = (
 )
 
 
-def left_at(here: Here, order: tuple[str, ...], seconds: float) -> Journal:
-    """Leave a job that was killed so long after its first cut began; the journal that reached the disk."""
-    home, snapshot = Path.cwd(), Path.cwd().with_name(f"{Path.cwd().name}-killed")
-    with at_time_of_cut(seconds, snapshot_and_stop(home, snapshot)):
-        assert here(*order, *BENCH, "--seed", "4", "--run-id", "a", "--quiet").exit_code == 130
-    for entry in home.iterdir():
-        shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
-    shutil.copytree(snapshot, home, dirs_exist_ok=True)
-    shutil.rmtree(snapshot)
-    return read_journal(Path("runs/a.journal"))
+@pytest.fixture
+def left_at(here: Here, tmp_path_factory: pytest.TempPathFactory) -> LeaveAt:
+    """Return what leaves a channel that was killed so long after its first cut began in the folder of the test."""
+    times_s = (0.0, 2.0, 20.0, 30.0, 45.0, 60.0, 130.0, 160.0)
+    killed = killed_at(tmp_path_factory, "channel", (*CHANNEL, "--seed", "4"), times_s)
+    return lambda seconds: taken_over(killed[seconds])
+
+
+@pytest.fixture
+def foil_left_at(here: Here, tmp_path_factory: pytest.TempPathFactory) -> LeaveAt:
+    """Return the same for a hole through a sheet."""
+    times_s = (5.0, 10.0, 40.0, 66.0, 75.0, 95.0)
+    killed = killed_at(tmp_path_factory, "through-hole", (*FOIL, "--seed", "4"), times_s)
+    return lambda seconds: taken_over(killed[seconds])
 
 
 def way_of_channel() -> Way:
@@ -108,9 +118,9 @@ def channel_of(document: dict[str, Any]) -> dict[str, Any]:
     return channel
 
 
-@pytest.mark.parametrize("seconds", [2.0, 45.0, 130.0, 160.0])
-def test_a_channel_is_finished_wherever_it_was_left(here: Here, seconds: float) -> None:
-    journal = left_at(here, CHANNEL, seconds)
+@pytest.mark.parametrize("seconds", tiers(45.0, slow=(2.0, 130.0, 160.0)))
+def test_a_channel_is_finished_wherever_it_was_left(here: Here, left_at: LeaveAt, seconds: float) -> None:
+    journal = left_at(seconds)
     assert journal.state["begun"]
     dry = here(*RESUME, *BENCH, "--dry-run").document["result"]["resumed"]
     assert dry["left"] == ["channel-circle"]
@@ -131,6 +141,7 @@ def test_a_channel_is_finished_wherever_it_was_left(here: Here, seconds: float) 
     assert (np.isfinite(u95_um) == np.isfinite(worn_um)).all()
 
 
+@pytest.mark.slow
 def test_a_channel_that_was_left_before_its_first_pass_is_made_from_its_face(here: Here) -> None:
     with at_time_of_run(40.0, stop):
         assert here(*CHANNEL, *BENCH, "--seed", "4", "--run-id", "a", "--quiet").exit_code == 130
@@ -140,8 +151,9 @@ def test_a_channel_that_was_left_before_its_first_pass_is_made_from_its_face(her
     channel_of(said.document)
 
 
-def test_a_channel_may_be_interrupted_again_and_again(here: Here) -> None:
-    left_at(here, CHANNEL, 30.0)
+@pytest.mark.slow
+def test_a_channel_may_be_interrupted_again_and_again(here: Here, left_at: LeaveAt) -> None:
+    left_at(30.0)
     home = Path.cwd()
     for number in (1, 2):
         snapshot = home.with_name(f"{home.name}-killed-{number}")
@@ -156,10 +168,10 @@ def test_a_channel_may_be_interrupted_again_and_again(here: Here) -> None:
     channel_of(said.document)
 
 
-@pytest.mark.parametrize("hours", [1.6, 10.0])
-def test_a_channel_that_stood_for_hours_is_taken_up(here: Here, hours: float) -> None:
+@pytest.mark.parametrize("hours", tiers(slow=(1.6, 10.0)))
+def test_a_channel_that_stood_for_hours_is_taken_up(here: Here, left_at: LeaveAt, hours: float) -> None:
     """By then the sensor may have drifted by more than the tool is clear: what is under the tool is touched."""
-    left_at(here, CHANNEL, 20.0)
+    left_at(20.0)
 
     def wait(bench: VirtualBench) -> None:
         bench.plant.par[k.SENSOR_DRIFT] = 0.0
@@ -171,18 +183,19 @@ def test_a_channel_that_stood_for_hours_is_taken_up(here: Here, hours: float) ->
     channel_of(said.document)
 
 
-def test_a_stop_right_after_the_take_up_is_a_stop(here: Here) -> None:
+@pytest.mark.slow
+def test_a_stop_right_after_the_take_up_is_a_stop(here: Here, left_at: LeaveAt) -> None:
     """No pulse of the channel was counted by then."""
-    left_at(here, CHANNEL, 0.0)
+    left_at(0.0)
     with at_event(RunEvent.RESUMED, stop):
         said = here(*RESUME, *BENCH)
     assert said.exit_code == 130, said.out
     assert here(*RESUME, *BENCH).exit_code == 0
 
 
-@pytest.mark.parametrize("height_um", [6.0, 10.0, 18.0])
-def test_a_chip_on_the_floor_spoils_no_channel(here: Here, height_um: float) -> None:
-    left_at(here, CHANNEL, 130.0)
+@pytest.mark.parametrize("height_um", tiers(slow=(6.0, 18.0), full=(10.0,)))
+def test_a_chip_on_the_floor_spoils_no_channel(here: Here, left_at: LeaveAt, height_um: float) -> None:
+    left_at(130.0)
 
     def drop(bench: VirtualBench) -> None:
         bench.plant.leave()
@@ -196,6 +209,7 @@ def test_a_chip_on_the_floor_spoils_no_channel(here: Here, height_um: float) -> 
     assert channel_of(said.document)["depth_u95_um"] < 1.0
 
 
+@pytest.mark.slow
 def test_the_books_have_the_wear_of_every_channel(here: Here) -> None:
     """Also of a ring whose last point is its first but for rounding."""
     for radius_um, run_id in ((150, "a"), (155, "b")):
@@ -206,10 +220,11 @@ def test_the_books_have_the_wear_of_every_channel(here: Here) -> None:
         assert account.lost_um == pytest.approx(said.document["result"]["channel"]["wear_um"], abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_resume_that_fails_before_anything_moves_can_be_said_again(
-    here: Here, monkeypatch: pytest.MonkeyPatch
+    here: Here, left_at: LeaveAt, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    left_at(here, CHANNEL, 60.0)
+    left_at(60.0)
 
     def full(*_: object, **__: object) -> None:
         raise RunFileError("The disk is full.", hint="Make room.", code="E9030")
@@ -223,8 +238,9 @@ def test_a_resume_that_fails_before_anything_moves_can_be_said_again(
     channel_of(said.document)
 
 
-def test_a_journal_that_was_not_removed_yet_stands_for_the_newer_one(here: Here) -> None:
-    journal = left_at(here, CHANNEL, 60.0)
+@pytest.mark.slow
+def test_a_journal_that_was_not_removed_yet_stands_for_the_newer_one(here: Here, left_at: LeaveAt) -> None:
+    journal = left_at(60.0)
     with at_time_of_cut(10.0, stop):
         assert here(*RESUME, *BENCH).exit_code == 130
     write_journal(Path("runs/a.journal"), journal)
@@ -233,47 +249,53 @@ def test_a_journal_that_was_not_removed_yet_stands_for_the_newer_one(here: Here)
     assert said.document["run_file"] == "runs/a-r2.h5"
 
 
-def test_a_job_that_was_done_but_not_closed_is_recovered(here: Here) -> None:
-    left_at(here, CHANNEL, 60.0)
+def test_a_job_that_was_done_but_not_closed_is_recovered(here: Here, left_at: LeaveAt) -> None:
+    left_at(60.0)
     Path("runs/a.journal").unlink()
     error = error_of(here(*RESUME, *BENCH))
     assert error["code"] == "E8050"
     assert "`edmctl run recover runs/a.h5.partial`" in str(error["hint"])
 
 
-def test_other_work_under_a_channel_is_refused(here: Here) -> None:
-    left_at(here, CHANNEL, 130.0)
+def test_other_work_under_a_channel_is_refused(here: Here, left_at: LeaveAt) -> None:
+    left_at(130.0)
     bench_changed(swap_work)
     assert "Other work, or other places" in refused(here, "E8060")
 
 
-def test_a_channel_that_is_hardly_begun_may_be_on_other_work_and_is_told_wider(here: Here) -> None:
-    left_at(here, CHANNEL, 2.0)
+@pytest.mark.slow
+def test_a_channel_that_is_hardly_begun_may_be_on_other_work_and_is_told_wider(
+    here: Here, left_at: LeaveAt
+) -> None:
+    left_at(2.0)
     own = channel_of(here(*CHANNEL, "--seed", "4", "--json", "--quiet").document)
     bench_changed(swap_work)
     taken_up = channel_of(here(*RESUME, *BENCH).document)
     assert taken_up["depth_u95_um"] > 1.1 * own["depth_u95_um"]
 
 
-@pytest.mark.parametrize("way_um", [-25.0, 20.0])
-def test_another_tool_in_a_channel_is_refused(here: Here, way_um: float) -> None:
-    left_at(here, CHANNEL, 130.0)
+@pytest.mark.parametrize("way_um", tiers(20.0, slow=(-25.0,)))
+def test_another_tool_in_a_channel_is_refused(here: Here, left_at: LeaveAt, way_um: float) -> None:
+    left_at(130.0)
     bench_changed(lengthen_tool(way_um))
     refused(here, "E8061")
 
 
-def test_no_channel_is_restarted(here: Here) -> None:
-    left_at(here, CHANNEL, 30.0)
+def test_no_channel_is_restarted(here: Here, left_at: LeaveAt) -> None:
+    left_at(30.0)
     error = error_of(here(*RESUME, *BENCH, "--restart-hole"))
     assert error["code"] == "E8062"
     assert "makes holes anew" in str(error["message"])
 
 
+@pytest.mark.slow
 def test_a_sheet_that_is_thicker_than_believed_is_no_other_tool(here: Here) -> None:
     """Its bottom lies deeper than the believed back, and the tool is worn by all that was cut."""
     thick = ("approach", *FOIL[1:], "--set", "work.thickness_um=70", "--contact", "--seed", "4")
     assert here(*thick, *BENCH, "--quiet").exit_code == 0
-    state = left_at(here, FOIL, 104.0).state
+    with at_time_of_cut(104.0, stop):
+        assert here(*FOIL, *BENCH, "--run-id", "a", "--quiet").exit_code == 130
+    state = read_journal(Path("runs/a.journal")).state
     assert float(state["depth_um"]) > 53.0  # type: ignore[arg-type]
     said = here(*RESUME, *BENCH)
     # Cut through at 70 µm: the sparks end where the recipe knows of no back. Then it is found open.
@@ -284,10 +306,12 @@ def test_a_sheet_that_is_thicker_than_believed_is_no_other_tool(here: Here) -> N
     assert said.document["result"]["sites"][0]["through"]
 
 
-@pytest.mark.parametrize("seconds", [5.0, 40.0, 66.0, 75.0, 95.0])
-def test_a_hole_through_a_sheet_is_finished_wherever_it_was_left(here: Here, seconds: float) -> None:
+@pytest.mark.parametrize("seconds", tiers(66.0, slow=(5.0, 95.0), full=(40.0, 75.0)))
+def test_a_hole_through_a_sheet_is_finished_wherever_it_was_left(
+    here: Here, foil_left_at: LeaveAt, seconds: float
+) -> None:
     """In the sheet, as it opens, and behind it."""
-    assert left_at(here, FOIL, seconds).state["begun"]
+    assert foil_left_at(seconds).state["begun"]
     said = here(*RESUME, *BENCH)
     assert said.exit_code == 0, said.out
     (site,) = said.document["result"]["sites"]
@@ -297,15 +321,15 @@ def test_a_hole_through_a_sheet_is_finished_wherever_it_was_left(here: Here, sec
     assert abs(site["wear_um"] - site["truth"]["wear_um"]) <= site["wear_u95_um"]
 
 
-def test_another_sheet_is_refused(here: Here) -> None:
-    left_at(here, FOIL, 75.0)
+def test_another_sheet_is_refused(here: Here, foil_left_at: LeaveAt) -> None:
+    foil_left_at(75.0)
     bench_changed(swap_work)
     assert "Other work, or other places" in refused(here, "E8060")
 
 
-def test_a_sheet_that_is_open_where_it_cannot_be_is_refused(here: Here) -> None:
+def test_a_sheet_that_is_open_where_it_cannot_be_is_refused(here: Here, foil_left_at: LeaveAt) -> None:
     """The stages stand over another hole, or the sheet is gone: the journal knows of 10 µm."""
-    left_at(here, FOIL, 10.0)
+    foil_left_at(10.0)
 
     def open_it(bench: Any) -> None:
         bench.plant.leave()

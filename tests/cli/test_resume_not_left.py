@@ -19,22 +19,27 @@ from tests.cli.left_jobs import (
     RESUME,
     TARGET_UM,
     TOLERANCE_UM,
-    at_time_of_cut,
     bench_changed,
     error_of,
+    killed_at,
     lengthen_tool,
     move_work,
-    snapshot_and_stop,
     stop,
     swap_work,
+    taken_over,
 )
+from tests.golden import once
 from tests.serving import serving
+from tests.tiers import tiers
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from edmctl.record.journal import Journal
     from edmctl.simulator import VirtualBench
     from tests.cli.commands import Here
+
+    LeaveAt = Callable[[float], Journal]
 
 DEEP = ("--set", 'target={kind="depth",depth_um=60.0,tolerance_um=2.0}')
 DEEP_UM = 60.0
@@ -47,15 +52,12 @@ ARRAY = (
 )
 
 
-def left_at(here: Here, seconds: float, *more: str) -> None:
-    """Leave a job that was killed so long after its first cut began; what reached the disk lies in the folder."""
-    home, snapshot = Path.cwd(), Path.cwd().with_name(f"{Path.cwd().name}-killed")
-    with at_time_of_cut(seconds, snapshot_and_stop(home, snapshot)):
-        assert here(*MACHINE, *more, *BENCH, "--seed", "3", "--run-id", "a", "--quiet").exit_code == 130
-    for entry in home.iterdir():
-        shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
-    shutil.copytree(snapshot, home, dirs_exist_ok=True)
-    shutil.rmtree(snapshot)
+@pytest.fixture
+def left_at(here: Here, tmp_path_factory: pytest.TempPathFactory) -> LeaveAt:
+    """Return what leaves a job that was killed so long after its first cut began in the folder of the test."""
+    order = (*MACHINE, *DEEP, "--seed", "3")
+    killed = killed_at(tmp_path_factory, "deep-hole", order, (0.5, 3.0, 12.0, 30.0, 55.0))
+    return lambda seconds: taken_over(killed[seconds])
 
 
 def refused(here: Here, code: str, *more: str) -> str:
@@ -80,9 +82,11 @@ def worn_so_far_um() -> float:
     return restored_bench(read_bench(Path("bench.h5"))).tool_wear_um
 
 
-@pytest.mark.parametrize("seconds", [12.0, 30.0, 55.0])
-def test_untouched_work_is_refused_and_made_from_its_face_when_asked(here: Here, seconds: float) -> None:
-    left_at(here, seconds, *DEEP)
+@pytest.mark.parametrize("seconds", tiers(12.0, slow=(30.0, 55.0)))
+def test_untouched_work_is_refused_and_made_from_its_face_when_asked(
+    here: Here, left_at: LeaveAt, seconds: float
+) -> None:
+    left_at(seconds)
     expected_um = float(read_journal(Path("runs/a.journal")).state["depth_um"])  # type: ignore[arg-type]
     bench_changed(swap_work)
     told = refused(here, "E8060")
@@ -100,14 +104,14 @@ def test_untouched_work_is_refused_and_made_from_its_face_when_asked(here: Here,
     assert abs(site["wear_um"] - site["truth"]["wear_um"]) <= 1.5
 
 
-def test_a_board_that_was_moved_is_refused(here: Here) -> None:
-    left_at(here, 30.0, *DEEP)
+def test_a_board_that_was_moved_is_refused(here: Here, left_at: LeaveAt) -> None:
+    left_at(30.0)
     bench_changed(move_work)
     assert "Other work, or other places" in refused(here, "E8060")
 
 
-def test_a_hole_that_was_begun_is_not_restarted(here: Here) -> None:
-    left_at(here, 30.0, *DEEP)
+def test_a_hole_that_was_begun_is_not_restarted(here: Here, left_at: LeaveAt) -> None:
+    left_at(30.0)
     (hole,) = restored_bench(read_bench(Path("bench.h5"))).truth()
     assert "no untouched face" in refused(here, "E8062", "--restart-hole")
     assert restored_bench(read_bench(Path("bench.h5"))).truth() == (hole,)
@@ -117,15 +121,15 @@ def test_a_hole_that_was_begun_is_not_restarted(here: Here) -> None:
     assert site["truth"]["wear_um"] == pytest.approx(worn_so_far_um(), abs=1e-3)
 
 
-@pytest.mark.parametrize("way_um", [-20.0, 8.0, 25.0])
-def test_a_tool_that_was_seated_anew_is_refused(here: Here, way_um: float) -> None:
-    left_at(here, 30.0, *DEEP)
+@pytest.mark.parametrize("way_um", tiers(-20.0, 8.0, slow=(25.0,)))
+def test_a_tool_that_was_seated_anew_is_refused(here: Here, left_at: LeaveAt, way_um: float) -> None:
+    left_at(30.0)
     bench_changed(lengthen_tool(way_um))
     assert "seated anew" in refused(here, "E8061")
 
 
-def test_a_tool_that_is_gone_says_what_was_expected(here: Here) -> None:
-    left_at(here, 12.0, *DEEP)
+def test_a_tool_that_is_gone_says_what_was_expected(here: Here, left_at: LeaveAt) -> None:
+    left_at(12.0)
     bench_changed(lengthen_tool(-120.0))
     said = here(*RESUME, *BENCH)
     assert (said.exit_code, error_of(said)["code"]) == (6, "E62005")
@@ -133,36 +137,18 @@ def test_a_tool_that_is_gone_says_what_was_expected(here: Here) -> None:
     assert list(Path("runs").glob("*.journal"))
 
 
-@pytest.mark.parametrize("seconds", [0.5, 3.0, 12.0, 30.0, 55.0])
-def test_the_work_that_was_left_is_taken_up(here: Here, seconds: float) -> None:
-    left_at(here, seconds, *DEEP)
+@pytest.mark.parametrize("seconds", tiers(3.0, slow=(0.5, 30.0), full=(12.0, 55.0)))
+def test_the_work_that_was_left_is_taken_up(here: Here, left_at: LeaveAt, seconds: float) -> None:
+    left_at(seconds)
     said = here(*RESUME, *BENCH)
     assert said.exit_code == 0, said.out
     (site,) = said.document["result"]["sites"]
     assert abs(site["truth"]["depth_um"] - DEEP_UM) <= 2.5
 
 
-@pytest.mark.parametrize("change", [swap_work, move_work])
-def test_between_two_holes_the_last_one_tells_whose_work_it_is(
-    here: Here, change: Callable[[VirtualBench], None]
-) -> None:
-    leave_between(here)
-    bench_changed(change)
-    assert "one at (700, 0) µm is" in refused(here, "E8060")
-    assert "no hole that could be made anew" in refused(here, "E8062", "--restart-hole")
-
-
-def test_between_two_holes_a_job_goes_on(here: Here) -> None:
-    leave_between(here)
-    said = here(*RESUME, *BENCH)
-    assert said.exit_code == 0, said.out
-    sites = said.document["result"]["sites"]
-    assert [site["name"] for site in sites] == ["one", "two", "three"]
-    assert all(abs(site["truth"]["depth_um"] - TARGET_UM) <= TOLERANCE_UM + 1.0 for site in sites)
-
-
-def leave_between(here: Here) -> None:
-    """Stop an array when its first hole is finished and the second one not begun."""
+@pytest.fixture
+def leave_between(here: Here, tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Leave an array that was stopped when its first hole was finished and the second one not begun."""
     from edmctl.procedures.state_keeper import JobJournal
 
     end_hole = JobJournal.end_hole
@@ -171,15 +157,39 @@ def leave_between(here: Here) -> None:
         end_hole(journal)
         stop()
 
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(JobJournal, "end_hole", ended)
-        assert here(*MACHINE, *ARRAY, *BENCH, "--seed", "3", "--run-id", "a", "--quiet").exit_code == 130
-    state = read_journal(Path("runs/a.journal")).state
+    def make(golden: Path) -> None:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.chdir(golden)
+            patch.setattr(JobJournal, "end_hole", ended)
+            assert here(*MACHINE, *ARRAY, *BENCH, "--seed", "3", "--run-id", "a", "--quiet").exit_code == 130
+
+    state = taken_over(once(tmp_path_factory, "between-two-holes", make)).state
     assert (len(state["done"]), state["begun"]) == (1, False)  # type: ignore[arg-type]
 
 
-def test_a_clock_that_was_set_back_widens_the_wear_and_spares_the_depth(here: Here) -> None:
-    left_at(here, 30.0, *DEEP)
+@pytest.mark.usefixtures("leave_between")
+@pytest.mark.parametrize("change", tiers(swap_work, slow=(move_work,)))
+def test_between_two_holes_the_last_one_tells_whose_work_it_is(
+    here: Here, change: Callable[[VirtualBench], None]
+) -> None:
+    bench_changed(change)
+    assert "one at (700, 0) µm is" in refused(here, "E8060")
+    assert "no hole that could be made anew" in refused(here, "E8062", "--restart-hole")
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("leave_between")
+def test_between_two_holes_a_job_goes_on(here: Here) -> None:
+    said = here(*RESUME, *BENCH)
+    assert said.exit_code == 0, said.out
+    sites = said.document["result"]["sites"]
+    assert [site["name"] for site in sites] == ["one", "two", "three"]
+    assert all(abs(site["truth"]["depth_um"] - TARGET_UM) <= TOLERANCE_UM + 1.0 for site in sites)
+
+
+@pytest.mark.slow
+def test_a_clock_that_was_set_back_widens_the_wear_and_spares_the_depth(here: Here, left_at: LeaveAt) -> None:
+    left_at(30.0)
     in_time = served_result(here, 0.0)
     late = served_result(here, 86_400.0)
     assert in_time["pause_s"] < 60.0

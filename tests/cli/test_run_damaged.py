@@ -11,6 +11,7 @@ import h5py
 import pytest
 
 from tests.cli.run_files import finished, killed
+from tests.tiers import tiers
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -41,7 +42,7 @@ def flipped(content: bytes, chance: random.Random, flips: int, below: int) -> by
     return bytes(changed)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", tiers(0, slow=(1,), full=(2,)))
 def test_a_sealed_file_that_was_changed_is_refused(here: Here, tmp_path: Path, seed: int) -> None:
     path = finished(tmp_path, "one")
     content, chance = path.read_bytes(), random.Random(seed)
@@ -50,7 +51,7 @@ def test_a_sealed_file_that_was_changed_is_refused(here: Here, tmp_path: Path, s
         assert [said.exit_code for said in readings(here, path)][:3] == [9, 9, 9]
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", tiers(0, slow=(1,), full=(2,)))
 def test_a_file_that_was_cut_anywhere_is_refused(here: Here, tmp_path: Path, seed: int) -> None:
     path = finished(tmp_path, "one")
     content, chance = path.read_bytes(), random.Random(seed)
@@ -67,7 +68,7 @@ def test_a_file_that_was_cut_off_is_told_in_plain_words(here: Here, tmp_path: Pa
     assert "eof" not in said.err
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", tiers(0, slow=(1,), full=(2,)))
 def test_what_a_killed_writer_left_may_be_damaged_too(here: Here, tmp_path: Path, seed: int) -> None:
     path = killed(tmp_path, "dead")
     content, chance = path.read_bytes(), random.Random(seed)
@@ -79,7 +80,7 @@ def test_what_a_killed_writer_left_may_be_damaged_too(here: Here, tmp_path: Path
         assert [said.exit_code for said in readings(here, path)][:3] == [9, 9, 9]
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", tiers(0, slow=(1,)))
 def test_a_file_without_a_check_sum_may_hold_anything(here: Here, tmp_path: Path, seed: int) -> None:
     path = finished(tmp_path, "one")
     content, chance = path.read_bytes()[:-SEAL_BYTES], random.Random(seed)

@@ -14,6 +14,7 @@ from edmctl.procedures.job import Site
 from edmctl.procedures.job_state import NoJournal
 from edmctl.results.job import ObjectiveMissed
 from edmctl.simulator import kernel as k
+from tests.tiers import tiers
 
 from .conftest import Told
 
@@ -32,7 +33,7 @@ LEAST_HELD = 0.85
 SEED = 11
 
 
-@pytest.mark.parametrize("sites", [ALONE, ARRAY], ids=["one hole", "three holes"])
+@pytest.mark.parametrize("sites", tiers((ALONE,), slow=((ARRAY,),)))
 @pytest.mark.parametrize(
     ("theta", "removal"),
     [
@@ -80,7 +81,7 @@ class Changing(Told):
 
 
 @pytest.mark.parametrize("change", [0.5, 2.0])
-@pytest.mark.parametrize("hole", ["hole-3", "hole-5", "hole-7"])
+@pytest.mark.parametrize("hole", tiers("hole-3", slow=("hole-5",), full=("hole-7",)))
 def test_a_tool_that_wears_otherwise_from_some_hole_on_is_held(
     shop: Callable[..., Shop], hole: str, change: float
 ) -> None:
@@ -113,7 +114,7 @@ class Compared(Told):
             self.wears.append(abs(p.wear_um - self.bench.tool_wear_um) <= p.wear_u95_um)
 
 
-@pytest.mark.parametrize("theta", [0.3, 0.5, 1.5, 2.0])
+@pytest.mark.parametrize("theta", tiers(0.3, 2.0, slow=(0.5, 1.5)))
 def test_what_is_told_during_a_cut_holds_before_any_touch_has_confirmed_the_belief(
     shop: Callable[..., Shop], theta: float
 ) -> None:

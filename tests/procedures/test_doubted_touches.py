@@ -13,6 +13,7 @@ from edmctl.procedures.actuator.conditioning import condition
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.touch.reference_pad import pad_spots, read_pad
 from edmctl.simulator.injection import parse_injection
+from tests.tiers import tiers
 
 from .conftest import Shop, armed
 
@@ -28,7 +29,7 @@ def doubts(shop: Shop) -> list[str]:
     return [message for _, code, _, message, _ in shop.seen.events if code == RunEvent.TOUCH_DOUBTED]
 
 
-@pytest.mark.parametrize("size_um", [2.0, 8.0, 18.0])
+@pytest.mark.parametrize("size_um", tiers(8.0, slow=(2.0, 18.0)))
 @pytest.mark.parametrize("touch", [Z1_TOUCH, Z1_TOUCH + 1, Z3_TOUCH, Z3_TOUCH + 1])
 def test_a_chip_on_the_pad_costs_a_spot_and_no_accuracy(touch: int, size_um: float) -> None:
     shop = Shop(seed=3001)
@@ -44,7 +45,7 @@ def test_a_chip_on_the_pad_costs_a_spot_and_no_accuracy(touch: int, size_um: flo
     assert abs(site.wear_um - shop.bench.tool_wear_um) <= site.wear_u95_um
 
 
-@pytest.mark.parametrize("size_um", [3.0, 8.0, 14.0])
+@pytest.mark.parametrize("size_um", tiers(8.0, slow=(3.0, 14.0)))
 def test_a_chip_that_stays_on_the_bottom_widens_the_interval(size_um: float) -> None:
     shop = Shop(seed=3002)
     shop.bench.inject(parse_injection(f"CHIP_{size_um:g}@touch{Z2_TOUCH}+0"))

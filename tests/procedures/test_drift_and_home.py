@@ -41,6 +41,7 @@ from edmctl.simulator import kernel as k
 from tests.procedures.conftest import Shop, armed
 from tests.procedures.test_resuming import Kept
 from tests.procedures.test_resuming import left as left_at
+from tests.tiers import tiers
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -165,7 +166,7 @@ def test_creep_after_a_long_way_may_hide_a_drift_the_other_way() -> None:
 
 
 @pytest.mark.parametrize("rate_um_s", [-FAST_UM_S, FAST_UM_S])
-@pytest.mark.parametrize("depth_um", [10.0, 40.0])
+@pytest.mark.parametrize("depth_um", tiers(10.0, slow=(40.0,)))
 def test_the_wear_of_one_hole_holds_with_the_worst_drift_of_hundreds_of_machines(
     depth_um: float, rate_um_s: float
 ) -> None:
@@ -192,6 +193,7 @@ def test_a_drift_that_was_seen_widens_what_the_setup_believes_and_never_narrows_
     assert uncertainty_now(run).drift_u_um_per_s == pytest.approx(share_u((19.0 + CREEP_UM) / 1000.0))
 
 
+@pytest.mark.slow
 def test_the_wear_of_a_long_array_holds_a_fast_drift() -> None:
     sites = 'sites=[{kind="grid",name="hole",x_um=600,y_um=-400,columns=4,rows=3,dx_um=400,dy_um=400}]'
     shop = drifting(FAST_UM_S, overrides=(sites, "target.tolerance_um=15.0", "limits.max_time_s=7200"))
@@ -230,7 +232,7 @@ def test_a_tool_that_stands_out_at_the_start_is_not_moved(out_um: float) -> None
 
 
 @pytest.mark.parametrize("out_um", [35.0, 60.0, 150.0])
-@pytest.mark.parametrize("hours", [4.0, 8.0, 72.0])
+@pytest.mark.parametrize("hours", tiers(8.0, slow=(4.0, 72.0)))
 @pytest.mark.parametrize("drift_um_s", [None, 0.0, FAST_UM_S])
 def test_a_tool_that_stands_out_is_not_moved_however_long_the_sensor_may_have_drifted(
     out_um: float, hours: float, drift_um_s: float | None
@@ -249,7 +251,7 @@ def test_a_tool_that_stands_out_is_not_moved_however_long_the_sensor_may_have_dr
 
 
 @pytest.mark.parametrize("out_um", [35.0, 60.0, 150.0])
-@pytest.mark.parametrize("hours", [4.0, 8.0, 72.0])
+@pytest.mark.parametrize("hours", tiers(8.0, slow=(4.0, 72.0)))
 def test_a_home_that_was_known_hours_ago_does_not_excuse_a_tool_that_stands_out(
     out_um: float, hours: float
 ) -> None:
@@ -310,7 +312,7 @@ def test_a_tool_that_stands_out_over_the_pad_is_never_taken_for_one_at_home(hour
 
 
 @pytest.mark.parametrize("out_um", [35.0, 60.0])
-@pytest.mark.parametrize("hours", [4.0, 8.0, 72.0])
+@pytest.mark.parametrize("hours", tiers(8.0, slow=(4.0, 72.0)))
 def test_over_the_pad_a_touch_finds_a_tool_that_stands_out(out_um: float, hours: float) -> None:
     shop = over_the_pad(drifting(-FAST_UM_S, hours=hours))
     stand_out(shop, out_um)

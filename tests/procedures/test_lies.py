@@ -12,6 +12,7 @@ from edmctl.link.messages import Event, GetStatus, Heartbeat, PathMove, Tlm
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from tests.machine.lying import ALL, Lie, LyingTouches, name_of
+from tests.tiers import tiers
 
 from .lies import KINDS, a_lie, every_field, is_expected, short_job
 
@@ -25,7 +26,8 @@ LONGEST_WAIT_S = 60.0
 IN_A_TEST = ("TLM", "EVENT", "PULSE_BLOCKS", "HEARTBEAT reply", "GET_STATUS reply", "HELLO reply")
 
 
-def test_every_field_of_what_is_heard_all_the_time_may_lie() -> None:
+@pytest.mark.parametrize("count", tiers(8, slow=(32,)))
+def test_every_field_of_what_is_heard_all_the_time_may_lie(count: int) -> None:
     """The whole of it, every message and thousands of lies, is `python -m benchmarks.mutations`."""
     random = Random(20261122)
     clean = short_job(3)
@@ -34,7 +36,7 @@ def test_every_field_of_what_is_heard_all_the_time_may_lie() -> None:
         (type_id, field) for type_id, field in every_field(clean.frames) if name_of(type_id) in IN_A_TEST
     ]
     assert len(fields) > 100
-    for draw, (type_id, field) in enumerate(random.sample(fields, 32)):
+    for draw, (type_id, field) in enumerate(random.sample(fields, count)):
         lie = a_lie(type_id, field, clean.frames[type_id], random)
         fate = short_job(3, lie, draw)
         assert is_expected(fate.code), (lie, fate.code, fate.said)
@@ -66,7 +68,7 @@ def test_every_field_of_what_is_heard_all_the_time_may_lie() -> None:
         (GetStatus.ID | REPLY, "x_um", "greatest"),
     ],
 )
-@pytest.mark.parametrize("frames", [1, ALL], ids=["once", "always"])
+@pytest.mark.parametrize("frames", tiers(1, slow=(ALL,)))
 def test_what_cannot_be_is_told_as_such_at_once(type_id: int, field: str, value: str, frames: int) -> None:
     first = {Tlm.ID: 300, Event.ID: 6, Heartbeat.ID | REPLY: 400, GetStatus.ID | REPLY: 4}[type_id]
     fate = short_job(3, Lie(type_id, field, value, first, frames))
@@ -116,7 +118,7 @@ def test_a_line_that_only_passes_on_changes_nothing(kind: str) -> None:
     assert fate.code == ("E64001" if kind == "stopped" else "")
 
 
-@pytest.mark.parametrize("first", [1, 4, 12])
+@pytest.mark.parametrize("first", tiers(4, slow=(1, 12)))
 def test_stages_that_stand_because_their_lines_were_never_taken_end_the_channel_soon(first: int) -> None:
     """A controller that says OK to lines for which its queue has no room."""
     plain = short_job(3, kind="channel")
@@ -127,7 +129,7 @@ def test_stages_that_stand_because_their_lines_were_never_taken_end_the_channel_
     assert fate.is_inside, (fate.depth_um, fate.u95_um, fate.true_um)
 
 
-@pytest.mark.parametrize("first", [0, 5])
+@pytest.mark.parametrize("first", tiers(5, slow=(0,)))
 def test_stages_that_stand_because_their_lines_are_refused_end_the_channel_soon(first: int) -> None:
     plain = short_job(3, kind="channel")
     fate = short_job(3, Lie(PathMove.ID | REPLY, "status", "one more", first, ALL), kind="channel")

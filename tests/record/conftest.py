@@ -7,6 +7,7 @@ import pytest
 
 from edmctl.cli.app import main
 from edmctl.record.writer import RunWriter
+from tests.golden import once
 from tests.record.samples import a_meta, fill
 
 if TYPE_CHECKING:
@@ -40,13 +41,15 @@ def run_path(write_run: Callable[[str], Path]) -> Path:
 @pytest.fixture(scope="session")
 def real_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The file `run.h5` of a short job on the virtual machine, with every pulse in it."""
-    folder = tmp_path_factory.mktemp("real")
-    profile = Path(__file__).parents[2] / "profiles" / "cu270.toml"
-    job = ["--set", "target.depth_um=8", "--set", 'log.pulses="full"', "--seed", "3", "--quiet"]
-    with pytest.MonkeyPatch.context() as patch:
-        for name in ("EDMCTL_PROFILE", "EDMCTL_PORT", "EDMCTL_CALIBRATION"):
-            patch.delenv(name, raising=False)
-        patch.setenv("EDMCTL_HOME", str(folder / "home"))
-        out = ["--out", str(folder), "--run-id", "run"]
-        assert main(["machine", "--profile", str(profile), *job, *out]) == 0
-    return folder / "run.h5"
+
+    def machine(folder: Path) -> None:
+        profile = Path(__file__).parents[2] / "profiles" / "cu270.toml"
+        job = ["--set", "target.depth_um=8", "--set", 'log.pulses="full"', "--seed", "3", "--quiet"]
+        with pytest.MonkeyPatch.context() as patch:
+            for name in ("EDMCTL_PROFILE", "EDMCTL_PORT", "EDMCTL_CALIBRATION"):
+                patch.delenv(name, raising=False)
+            patch.setenv("EDMCTL_HOME", str(folder / "home"))
+            out = ["--out", str(folder), "--run-id", "run"]
+            assert main(["machine", "--profile", str(profile), *job, *out]) == 0
+
+    return once(tmp_path_factory, "real-run", machine) / "run.h5"

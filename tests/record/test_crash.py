@@ -19,6 +19,7 @@ from edmctl.record import closing
 from edmctl.record.reader import open_run
 from edmctl.record.writer import RunWriter
 from tests.record.samples import fill
+from tests.tiers import tiers
 
 if TYPE_CHECKING:
     from edmctl.record.rows import RunMeta
@@ -123,7 +124,7 @@ def start(script: str, path: Path, **values: object) -> subprocess.Popen[str]:
     )
 
 
-@pytest.mark.parametrize("flushes", [1, 4, 15])
+@pytest.mark.parametrize("flushes", tiers(4, slow=(1, 15)))
 def test_a_killed_writer_leaves_every_flushed_row(tmp_path: Path, flushes: int) -> None:
     with start(KILLED, tmp_path / "run.h5") as writer:
         assert writer.stdout is not None
@@ -140,7 +141,7 @@ def test_a_killed_writer_leaves_every_flushed_row(tmp_path: Path, flushes: int) 
     np.testing.assert_array_equal(servo["current"][:flushed], (k[:flushed] + 0.6).astype(np.float32))
 
 
-@pytest.mark.parametrize("limit", [400_000, 600_000, 1_000_000])
+@pytest.mark.parametrize("limit", tiers(600_000, slow=(400_000, 1_000_000)))
 def test_a_full_disk_fails_once_and_keeps_what_was_flushed(tmp_path: Path, limit: int) -> None:
     with start(FULL_DISK, tmp_path / "run.h5", limit=limit) as writer:
         out, err = writer.communicate(timeout=60)
@@ -155,7 +156,7 @@ def test_a_full_disk_fails_once_and_keeps_what_was_flushed(tmp_path: Path, limit
     np.testing.assert_array_equal(servo["state"][:1000], np.arange(1000) % 10)
 
 
-@pytest.mark.parametrize("more_bytes", [-2000, -600, -1, 600, 60_000])
+@pytest.mark.parametrize("more_bytes", tiers(-1, slow=(-600, 600), full=(-2000, 60_000)))
 def test_a_disk_full_just_before_the_end_is_an_error_and_no_crash(tmp_path: Path, more_bytes: int) -> None:
     with start(FULL_AT_THE_END, tmp_path / "run.h5", more_bytes=more_bytes) as writer:
         out, err = writer.communicate(timeout=60)
@@ -299,7 +300,7 @@ def test_a_name_that_the_disk_cannot_hold_is_refused(tmp_path: Path, meta: RunMe
     assert refusal.value.code == "E9002"
 
 
-@pytest.mark.parametrize("limit", [0, 3000, 20_000])
+@pytest.mark.parametrize("limit", tiers(3000, slow=(0, 20_000)))
 def test_a_disk_full_from_the_start_leaves_nothing(tmp_path: Path, limit: int) -> None:
     with start(FULL_FROM_THE_START, tmp_path / "run.h5", limit=limit) as writer:
         out, err = writer.communicate(timeout=60)

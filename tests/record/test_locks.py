@@ -132,6 +132,7 @@ def test_every_file_is_opened_where_locks_are_thought_of() -> None:
     assert sorted(bare) == ["hdf5.py", "hdf5.py", "swmr_open.py"]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler to take the locks away with")
 def test_a_job_runs_and_is_listed_where_no_call_of_the_system_locks(tmp_path: Path) -> None:
     (tmp_path / "nolock.c").write_text(WITHOUT_LOCKS, encoding="utf-8")

@@ -25,6 +25,7 @@ from edmctl.record.recovery import is_complete, recover
 from edmctl.record.writer import RunWriter
 from tests.record.samples import a_meta, fill
 from tests.record.test_crash import KILLED, start
+from tests.tiers import tiers
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -97,7 +98,7 @@ def test_columns_that_a_kill_left_unequal_are_cut_to_the_shortest(tmp_path: Path
     writer.abandon("done", 0)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", tiers(0, slow=(1,), full=(2,)))
 def test_a_writer_killed_at_any_instant_loses_no_flushed_row(tmp_path: Path, seed: int) -> None:
     chance = random.Random(seed)
     with start(KILLED, tmp_path / "run.h5") as writer:
@@ -228,7 +229,7 @@ def test_rows_whose_time_is_lost_end_the_table(write_run: Callable[[str], Path],
     assert made.rows["/entry/slow"] == 30
 
 
-@pytest.mark.parametrize("share", [0.35, 0.5, 0.6])
+@pytest.mark.parametrize("share", tiers(0.5, slow=(0.35, 0.6)))
 def test_a_killed_file_that_lost_its_end_gives_what_is_left(killed: Path, share: float) -> None:
     content = killed.read_bytes()
     killed.write_bytes(content[: int(share * len(content))])
@@ -242,7 +243,7 @@ def test_a_killed_file_that_lost_its_end_gives_what_is_left(killed: Path, share:
         np.testing.assert_array_equal(run.column("/entry/servo", "time"), 0.01 * k)
 
 
-@pytest.mark.parametrize("open_end", [True, False])
+@pytest.mark.parametrize("open_end", tiers(True, slow=(False,)))
 def test_texts_without_an_end_are_found_before_hdf5_goes_through_them(
     killed: Path, run_path: Path, tmp_path: Path, open_end: bool
 ) -> None:
@@ -296,7 +297,8 @@ TOLD_BY_HDF5 = (
 
 
 @pytest.mark.parametrize(
-    "error", [OSError(TOLD_BY_HDF5), OSError(28, TOLD_BY_HDF5), RuntimeError(TOLD_BY_HDF5)]
+    "error",
+    tiers(OSError(TOLD_BY_HDF5), slow=(OSError(28, TOLD_BY_HDF5), RuntimeError(TOLD_BY_HDF5))),
 )
 def test_a_full_disk_is_not_called_damage(
     killed: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
@@ -310,7 +312,7 @@ def test_a_full_disk_is_not_called_damage(
     assert refusal.value.code == "E9002"
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", tiers(1, slow=(0, 2), full=(3,)))
 def test_salvage_of_any_damage_ends_in_a_file_or_an_error(run_path: Path, tmp_path: Path, seed: int) -> None:
     chance = random.Random(seed)
     content = bytearray(run_path.read_bytes())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import pytest
@@ -10,6 +11,7 @@ from edmctl.cli.app import main
 from edmctl.report import style
 from tests.cli.commands import CU270, ROOT
 from tests.faults.workshop import Workshop
+from tests.golden import once
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -37,8 +39,16 @@ CHANNEL = (
 )
 
 
-def _machined(folder: Path, *options: str, exit_code: int = 0, inject: str = "") -> Path:
-    """Run a job in this process, in folders of its own; its run file."""
+def _machined(
+    factory: pytest.TempPathFactory, name: str, *options: str, exit_code: int = 0, inject: str = ""
+) -> Path:
+    """The run file of a golden run."""
+    make = partial(_machine, options=options, exit_code=exit_code, inject=inject)
+    return once(factory, name, make) / "one.h5"
+
+
+def _machine(folder: Path, options: tuple[str, ...], exit_code: int, inject: str) -> None:
+    """Run a job in this process, in folders of its own."""
     with pytest.MonkeyPatch.context() as patch:
         for name in ("EDMCTL_PROFILE", "EDMCTL_PORT", "EDMCTL_CALIBRATION"):
             patch.delenv(name, raising=False)
@@ -48,7 +58,6 @@ def _machined(folder: Path, *options: str, exit_code: int = 0, inject: str = "")
             patch.setattr("edmctl.simulator.open_bench", Workshop(inject))
         place = ("--seed", "3", "--out", str(folder), "--run-id", "one", "--quiet")
         assert main(("machine", *options, *place)) == exit_code
-    return folder / "one.h5"
 
 
 @pytest.fixture(autouse=True)
@@ -60,30 +69,29 @@ def _coarse_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(scope="session")
 def run_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the file of one shallow hole in two cuts, sums over blocks of pulses, jumps every 10 s."""
-    return _machined(tmp_path_factory.mktemp("run"), *SHALLOW)
+    return _machined(tmp_path_factory, "run", *SHALLOW)
 
 
 @pytest.fixture(scope="session")
 def full_run_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the file of the same hole with every pulse, and the servo at 1 kHz."""
     full = ("--set", 'log.pulses="full"', "--set", "log.servo_hz=1000.0")
-    return _machined(tmp_path_factory.mktemp("full_run"), *SHALLOW, *full)
+    return _machined(tmp_path_factory, "full_run", *SHALLOW, *full)
 
 
 @pytest.fixture(scope="session")
 def array_run_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the file of nine shallow holes in three rows."""
-    return _machined(tmp_path_factory.mktemp("array_run"), *ARRAY)
+    return _machined(tmp_path_factory, "array_run", *ARRAY)
 
 
 @pytest.fixture(scope="session")
 def faulted_run_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the file of a hole that ended after 5 s of its first cut, when tool and work were connected."""
-    folder = tmp_path_factory.mktemp("faulted_run")
-    return _machined(folder, *SHALLOW, exit_code=6, inject="WIRE_SHORT@sparks+5")
+    return _machined(tmp_path_factory, "faulted_run", *SHALLOW, exit_code=6, inject="WIRE_SHORT@sparks+5")
 
 
 @pytest.fixture(scope="session")
 def channel_run_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the file of a small rectangular channel of two layers."""
-    return _machined(tmp_path_factory.mktemp("channel_run"), *CHANNEL)
+    return _machined(tmp_path_factory, "channel_run", *CHANNEL)

@@ -26,6 +26,7 @@ from edmctl.report.signals import Spans, envelopes, rows_worked
 from edmctl.report.style import NothingToDraw, house_style, new_figure, rendered, time_unit
 from edmctl.results.telemetry import WaveformBatch
 from tests.report.servo_signals import IDLE, JUMP, MACHINING, TOUCH, a_cut, sites, write_run
+from tests.tiers import tiers
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -74,7 +75,7 @@ def data(line: Line2D) -> tuple[Array, Array]:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("which", ["run_file", "full_run_file", "array_run_file"])
+@pytest.mark.parametrize("which", tiers("array_run_file", slow=("run_file", "full_run_file")))
 def test_real_runs_are_drawn_with_units_on_every_axis_and_no_text_on_another(
     kind: str, which: str, request: pytest.FixtureRequest
 ) -> None:
@@ -119,6 +120,7 @@ def labels_out_of_sight(axes: Axes) -> list[Text]:
     return found
 
 
+@pytest.mark.slow
 def test_every_figure_of_a_simulated_run_says_so_with_its_seed(run_file: Path) -> None:
     said = []
     with open_run(run_file) as run, house_style():
@@ -152,7 +154,7 @@ def test_texts_on_each_other_are_found() -> None:
     assert overlaps(figure) == [("one", "another")]
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", tiers("steps", slow=[kind for kind in KINDS if kind != "steps"]))
 def test_vector_files_are_made_too(kind: str, run_file: Path) -> None:
     with house_style():
         for suffix, magic in ((".svg", b"<?xml"), (".pdf", b"%PDF")):
@@ -282,7 +284,7 @@ def test_a_run_that_ended_in_a_fault_is_drawn_up_to_it(faulted_run_file: Path) -
     assert "Touches of Z1: cu270-cu" in texts(drawn("touching", faulted_run_file))
 
 
-@pytest.mark.parametrize("count", [1, 3, 4, 12, 13, 60])
+@pytest.mark.parametrize("count", tiers(1, 4, 13, slow=(3, 12), full=(60,)))
 def test_steps_stay_readable_however_many_sites_there_are(count: int, tmp_path: Path) -> None:
     path = write_run(tmp_path / "a.h5", results=sites(count)).finish("done", 0)
     figure = drawn("steps", path)

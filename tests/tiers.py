@@ -1,0 +1,26 @@
+"""Values of a parametrised test by the tier that runs them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+
+def tiers(*default: object, slow: Iterable[object] = (), full: Iterable[object] = ()) -> list[Any]:
+    """The values of all tiers: `parametrize("seed", tiers(1, slow=(2, 3), full=range(4, 40)))`.
+
+    A value that is a tuple is the values of several parameters.
+    """
+    return [
+        *default,
+        *(_marked(value, pytest.mark.slow) for value in slow),
+        *(_marked(value, pytest.mark.full) for value in full),
+    ]
+
+
+def _marked(value: object, tier: pytest.MarkDecorator) -> object:
+    return pytest.param(*(value if isinstance(value, tuple) else (value,)), marks=tier)

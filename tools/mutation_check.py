@@ -1,0 +1,516 @@
+"""Break the program in 40 ways and see whether the tests notice: `python tools/mutation_check.py [NAME…]`.
+
+Each mutation changes one expression or statement of servo, session, record or decision code in a temporary copy.
+The test files that should see it run first, and where they pass the whole default tier does, but with `--targeted`.
+One that survives means that a behaviour is not tested. `--check` only looks whether every place is still there,
+`--jobs 2` works on two at a time. Ends with 1 where a mutation survives or its place is gone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from queue import SimpleQueue
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = "edmctl"
+COPIED = (PACKAGE, "tests", "tools", "profiles", "docs", "benchmarks", "pyproject.toml", "README.md", ".ci")
+TARGETED_S, ALL_S = 400.0, 900.0
+"""A program that hangs is noticed, too: so long its tests may take, those of one file and all."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mutation:
+    """In the function `where` (`f` or `Class.f` of any file) `old` becomes `new`; `tests` should see it."""
+
+    name: str
+    where: str
+    old: str
+    new: str
+    tests: str
+
+
+SERVO = (
+    Mutation(
+        "a short drives the tool on",
+        "servo_tick",
+        "-hurry * par[SHORT_BACK] * par[V_PER_UM]",
+        "hurry * par[SHORT_BACK] * par[V_PER_UM]",
+        "simulator/test_servo.py",
+    ),
+    Mutation(
+        "a short that lasts is left no faster",
+        "servo_tick",
+        "4.0 if ist[SHORT_TICKS] > SHORT_HURRY_TICKS else 1.0",
+        "1.0",
+        "simulator/test_servo.py",
+    ),
+    Mutation(
+        "the servo has no latency",
+        "servo_tick",
+        "history[max(0, count - ist[SERVO_LATENCY]) & (HISTORY - 1)]",
+        "history[count & (HISTORY - 1)]",
+        "simulator/test_servo.py",
+    ),
+    Mutation(
+        "silent ticks do not count for the mean gap voltage",
+        "measure_gap",
+        "keep if elapsed == 1 else keep**elapsed",
+        "keep",
+        "simulator/test_servo.py",
+    ),
+    Mutation(
+        "a stuck short is borne twice as long",
+        "measure_gap",
+        "ist[SHORT_TICKS] > ist[SHORT_TICKS_MAX]",
+        "ist[SHORT_TICKS] > 2 * ist[SHORT_TICKS_MAX]",
+        "simulator/test_faults.py conformance/test_safety.py",
+    ),
+    Mutation(
+        "an arc may burn one pulse longer",
+        "measure_gap",
+        "ist[ARC_RUN] >= ist[ARC_RUN_MAX]",
+        "ist[ARC_RUN] > ist[ARC_RUN_MAX]",
+        "simulator/test_faults.py conformance/test_safety.py",
+    ),
+    Mutation(
+        "a cut ends 2 µm beyond its limit",
+        "cut_tick",
+        "st[SLOW_Z] >= st[Z_LIMIT]",
+        "st[SLOW_Z] >= st[Z_LIMIT] + 2.0",
+        "simulator/test_controller.py simulator/test_servo.py",
+    ),
+    Mutation(
+        "the way out has no slew limit",
+        "command_tick",
+        "min(before + most, max(before - most, v))",
+        "max(before - most, v)",
+        "simulator/test_controller.py",
+    ),
+    Mutation(
+        "a contact under voltage is believed",
+        "touch_tick",
+        "ist[CONTACT] == 1 and st[TICK_GAP_V] > par[SHORT_BELOW]",
+        "False",
+        "simulator/test_faults.py faults/test_rows.py",
+    ),
+    Mutation(
+        "only an actuator that lags is a tracking fault",
+        "monitor_tick",
+        "abs(st[APPLIED_V] - monitor_v)",
+        "st[APPLIED_V] - monitor_v",
+        "simulator/test_faults.py",
+    ),
+    Mutation(
+        "the stages go on in a short",
+        "stage_tick",
+        "ist[MODE] != SERVO or ist[SHORTED] == 1",
+        "ist[MODE] != SERVO",
+        "simulator/test_scan.py",
+    ),
+    Mutation(
+        "the watchdog waits twice as long",
+        "VirtualController._watch",
+        "now - self._heard_tick >= self._watchdog_ticks",
+        "now - self._heard_tick >= 2 * self._watchdog_ticks",
+        "conformance/test_safety.py",
+    ),
+    Mutation(
+        "the newest fault is the latched one",
+        "VirtualController.raise_fault",
+        "self.fault and (code is not FaultCode.ESTOP or self.fault == FaultCode.ESTOP)",
+        "False",
+        "conformance/test_safety.py simulator/test_faults.py",
+    ),
+)
+
+SESSION = (
+    Mutation(
+        "a new session inherits the sparks",
+        "VirtualController._host_came",
+        "self.armed and not self.disarming",
+        "False",
+        "conformance/test_sessions.py conformance/test_safety.py",
+    ),
+    Mutation(
+        "a command is executed as often as it is sent",
+        "DevicePort._reply_to",
+        "kept is not None",
+        "False",
+        "conformance/test_delivery.py",
+    ),
+    Mutation(
+        "a repeated heartbeat feeds the watchdog",
+        "DevicePort._hear_beat",
+        "beat.t_host_us > self._newest_beat_us",
+        "beat.t_host_us >= self._newest_beat_us",
+        "conformance/test_delivery.py conformance/test_safety.py",
+    ),
+    Mutation(
+        "a late HELLO opens what it opened before",
+        "DevicePort._greet",
+        "outcome[0] == Status.OK and self._is_former(frame)",
+        "False",
+        "conformance/test_sessions.py",
+    ),
+    Mutation(
+        "the wait for a reply doubles without end",
+        "Session._exchange",
+        "min(LONGEST_S, 2.0 * wait_s)",
+        "2.0 * wait_s",
+        "link/test_session.py",
+    ),
+    Mutation(
+        "the round trip of a repeated command counts",
+        "Session._exchange",
+        "not repeated",
+        "True",
+        "link/test_session.py",
+    ),
+    Mutation(
+        "a silent controller is believed four times as long",
+        "Session._is_silent",
+        "self.transport.now_s() - self._unanswered_since_s > SILENCE_S",
+        "self.transport.now_s() - self._unanswered_since_s > 4.0 * SILENCE_S",
+        "link/test_session.py",
+    ),
+    Mutation(
+        "a host that hangs goes on beating",
+        "HeartbeatThread._run",
+        "self._idle_s() < HUNG_S",
+        "True",
+        "link/test_heartbeat.py",
+    ),
+    Mutation(
+        "an overtaken heartbeat turns the clock back",
+        "Session._on_heartbeat",
+        "is_ours and before is not None and reply.t_host_us < before.t_host_us",
+        "False",
+        "link/test_session.py link/test_clock.py",
+    ),
+    Mutation(
+        "a lost controller is kept alive",
+        "Session._lose",
+        "self._end_heartbeats()",
+        "None",
+        "link/test_session.py link/test_heartbeat.py link/test_serial_line.py",
+    ),
+    Mutation(
+        "frames of another session are taken",
+        "Receiver._dispatch",
+        "frame.session != self._session",
+        "False",
+        "link/test_session.py",
+    ),
+)
+
+RECORD = (
+    Mutation(
+        "the state of a cut is kept ten times as seldom",
+        "JournalFile.keep",
+        "state.time_s - self._kept_s < PERIOD_S",
+        "state.time_s - self._kept_s < 10.0 * PERIOD_S",
+        "record/test_journal.py",
+    ),
+    Mutation(
+        "a journal whose content was changed is believed",
+        "_journal",
+        'envelope["sha256"] != _hash_of(content)',
+        "False",
+        "record/test_journal.py",
+    ),
+    Mutation(
+        "a torn line of the ledger stays",
+        "_mend_end",
+        "os.ftruncate(descriptor, size - len(last))",
+        "None",
+        "record/test_logbook.py",
+    ),
+    Mutation(
+        "warnings wait for the next flush",
+        "RunWriter.event",
+        "level >= EventLevel.WARNING",
+        "level > EventLevel.WARNING",
+        "record/test_writing.py",
+    ),
+    Mutation(
+        "the wear of the tool is that of the last site",
+        "RunWriter.site_result",
+        "self._wear_um += row.wear_um",
+        "self._wear_um = row.wear_um",
+        "record/test_writing.py",
+    ),
+    Mutation(
+        "a check sum that does not fit is no damage",
+        "look_at_seal",
+        "crc == int(found[2], 16)",
+        "True",
+        "record/test_recovery.py",
+    ),
+    Mutation(
+        "the ledger mixes the machines",
+        "books_of",
+        "line.serial != serial",
+        "False",
+        "record/test_logbook.py",
+    ),
+    Mutation(
+        "the wear of a hole that was taken up counts twice",
+        "_take_site",
+        "account.lost_before_um -= _known(old.wear_um)",
+        "pass",
+        "record/test_logbook.py cli/test_resume.py",
+    ),
+)
+
+DECISION = (
+    Mutation(
+        "a hole is done at its tolerance",
+        "is_done",
+        "tolerance_um / 2.0",
+        "tolerance_um",
+        "process/test_next_cut.py",
+    ),
+    Mutation(
+        "a cut goes to the target on half the certainty",
+        "next_cut",
+        "COVERAGE * whole.depth_u_um <= tolerance_um",
+        "whole.depth_u_um <= tolerance_um",
+        "process/test_next_cut.py",
+    ),
+    Mutation(
+        "a depth is shown however wide its interval",
+        "verdict_of",
+        "depth_u95_um <= goal.tolerance_um",
+        "True",
+        "procedures/test_verdict.py",
+    ),
+    Mutation(
+        "cuts that were broken off use up the budget",
+        "decide",
+        "cut_budget(profile) + broken_cuts",
+        "cut_budget(profile)",
+        "cli/test_resume.py",
+    ),
+    Mutation(
+        "arcs that stay end no cut",
+        "RatioLimits._look",
+        "now_s - since_s > UNSTABLE_S",
+        "False",
+        "procedures/test_supervisor.py",
+    ),
+    Mutation(
+        "a cut that stands asks for one jump after the other",
+        "Stall.take",
+        "stood_s > JUMP_AFTER_S and not self._tried",
+        "stood_s > JUMP_AFTER_S",
+        "procedures/test_supervisor.py",
+    ),
+    Mutation(
+        "a shallow cut may not go beyond its target",
+        "Supervisor._look_for_the_end",
+        "max(LEAST_OVERRUN_UM, OVERRUN_SHARE * wanted_um)",
+        "min(LEAST_OVERRUN_UM, OVERRUN_SHARE * wanted_um)",
+        "procedures/test_supervisor.py",
+    ),
+    Mutation(
+        "a third burn ends the cut however late",
+        "Burns.answer",
+        "self._number > 2 and soon",
+        "self._number > 2",
+        "procedures/test_recoveries.py",
+    ),
+)
+
+MUTATIONS = (*SERVO, *SESSION, *RECORD, *DECISION)
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a mutation is in its file: from one byte to another of the lines from `first` to `last`."""
+
+    path: Path
+    begin: int
+    end: int
+
+
+class Lost(Exception):
+    """A mutation whose place is not there, or not the only one."""
+
+
+def place_of(mutation: Mutation, root: Path) -> Place:
+    """Find the place by the syntax of `old`, however it is laid out. Raises Lost."""
+    wanted = _dump(mutation.old)
+    name = mutation.where.rpartition(".")[2]
+    found = []
+    for path in sorted((root / PACKAGE).rglob("*.py")):
+        text = path.read_bytes()
+        if f"def {name}(".encode() not in text:
+            continue
+        for function in _functions(ast.parse(text), mutation.where):
+            found += [
+                _span(path, text, node)
+                for node in ast.walk(function)
+                if isinstance(node, ast.expr | ast.stmt) and ast.dump(node) == wanted
+            ]
+    if len(found) != 1:
+        raise Lost(f"{mutation.where}: {len(found)} places of `{mutation.old}`")
+    return found[0]
+
+
+def _functions(tree: ast.Module, where: str) -> list[ast.AST]:
+    """Definitions of `f`, or of `f` in the class of `Class.f`."""
+    owner, _, name = where.rpartition(".")
+    scopes: list[ast.AST] = [tree]
+    if owner:
+        scopes = [n for n in ast.walk(tree) if isinstance(n, ast.ClassDef) and n.name == owner]
+    return [
+        n for s in scopes for n in getattr(s, "body", ()) if isinstance(n, ast.FunctionDef) and n.name == name
+    ]
+
+
+def _dump(source: str) -> str:
+    (statement,) = ast.parse(source).body
+    return ast.dump(statement.value if isinstance(statement, ast.Expr) else statement)
+
+
+def _span(path: Path, text: bytes, node: ast.expr | ast.stmt) -> Place:
+    starts = [0]
+    for line in text.splitlines(keepends=True):
+        starts.append(starts[-1] + len(line))
+    assert node.end_lineno is not None
+    assert node.end_col_offset is not None
+    return Place(
+        path, starts[node.lineno - 1] + node.col_offset, starts[node.end_lineno - 1] + node.end_col_offset
+    )
+
+
+class Copies:
+    """Copies of the project, each for one mutation at a time, with what was compiled for it."""
+
+    def __init__(self, folder: Path, count: int, *, whole_tier: bool) -> None:
+        self._whole_tier = whole_tier
+        self._free: SimpleQueue[Path] = SimpleQueue()
+        for number in range(count):
+            copy = folder / f"copy-{number}"
+            for name in COPIED:
+                source = ROOT / name
+                if source.is_dir():
+                    shutil.copytree(source, copy / name)  # compiled code is kept by the time of its source
+                elif source.exists():
+                    copy.mkdir(exist_ok=True)
+                    shutil.copy2(source, copy / name)
+            self._free.put(copy)
+
+    def try_out(self, mutation: Mutation) -> tuple[Mutation, str, float]:
+        """Apply a mutation, run the tests, and put everything back; how it ended, and how long it took."""
+        copy, start_s = self._free.get(), time.monotonic()
+        try:
+            place = place_of(mutation, copy)
+            before, times = place.path.read_bytes(), place.path.stat()
+            new = f"({mutation.new})" if _is_expression(mutation) else mutation.new
+            place.path.write_bytes(before[: place.begin] + new.encode() + before[place.end :])
+            try:
+                fate = _fate(copy, mutation, whole_tier=self._whole_tier)
+            finally:
+                place.path.write_bytes(before)
+                os.utime(place.path, ns=(times.st_atime_ns, times.st_mtime_ns))
+        finally:
+            self._free.put(copy)
+        return mutation, fate, time.monotonic() - start_s
+
+
+def _is_expression(mutation: Mutation) -> bool:
+    (statement,) = ast.parse(mutation.new).body
+    return isinstance(statement, ast.Expr)
+
+
+def _fate(copy: Path, mutation: Mutation, *, whole_tier: bool) -> str:
+    targeted = [f"tests/{name}" for name in mutation.tests.split()]
+    if seen := _failing(copy, targeted, TARGETED_S):
+        return f"caught by {seen}"
+    if whole_tier and (seen := _failing(copy, ["-n", "auto", "--dist", "worksteal"], ALL_S)):
+        return f"caught, but not by its files: {seen}"
+    return "SURVIVED"
+
+
+def _failing(copy: Path, arguments: list[str], most_s: float) -> str:
+    """The first test that fails, empty where all pass. Raises RuntimeError where they cannot run."""
+    environment = {**os.environ, "PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "--tb=no", "-rfE", *arguments]
+    with subprocess.Popen(
+        command,
+        cwd=copy,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        encoding="utf-8",
+        process_group=0,
+    ) as tests:
+        try:
+            out, _ = tests.communicate(timeout=most_s)
+        except subprocess.TimeoutExpired:
+            os.killpg(tests.pid, signal.SIGKILL)
+            tests.communicate()
+            return f"tests that do not end in {most_s:.0f} s"
+    if tests.returncode == 0:
+        return ""
+    failed = [line.split(" ")[1] for line in out.splitlines() if line.startswith(("FAILED ", "ERROR "))]
+    if tests.returncode != 1 or not failed:
+        raise RuntimeError(f"pytest {' '.join(arguments)} ended with {tests.returncode}:\n{out[-2000:]}")
+    return failed[0].removeprefix("tests/")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Try the mutations; the exit code."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", maxsplit=1)[0])
+    parser.add_argument(
+        "names", nargs="*", help="words in the names of the mutations to try; all without any"
+    )
+    parser.add_argument("--check", action="store_true", help="only look whether every place is still there")
+    parser.add_argument(
+        "--targeted", action="store_true", help="run no more than the files that should see it"
+    )
+    parser.add_argument("--jobs", type=int, default=1, help="mutations at a time")
+    chosen = parser.parse_args(arguments)
+    mutations = [m for m in MUTATIONS if not chosen.names or any(word in m.name for word in chosen.names)]
+    wrong = 0
+    for mutation in mutations:
+        try:
+            place_of(mutation, ROOT)
+        except Lost as lost:
+            print(f"gone: {mutation.name}: {lost}")
+            wrong += 1
+        for name in mutation.tests.split():
+            if not (ROOT / "tests" / name).exists():
+                print(f"gone: {mutation.name}: tests/{name}")
+                wrong += 1
+    if chosen.check or wrong:
+        print(f"{len(mutations)} mutations, {wrong} places gone")
+        return int(wrong > 0)
+    with (
+        tempfile.TemporaryDirectory(prefix="edmctl-mutations.") as folder,
+        ThreadPoolExecutor(chosen.jobs) as pool,
+    ):
+        copies = Copies(Path(folder), chosen.jobs, whole_tier=not chosen.targeted)
+        survived = 0
+        for mutation, fate, took_s in pool.map(copies.try_out, mutations):
+            survived += fate == "SURVIVED"
+            print(f"{took_s:5.0f} s  {mutation.name}: {fate}", flush=True)
+    print(f"{len(mutations)} mutations, {survived} survived")
+    return int(survived > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
