@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from edmctl.link.messages import WaveformReadReply
     from edmctl.link.session import Session
+    from edmctl.link.wire import Request
     from edmctl.machine.decode import ToSeconds
 
 SIMULATED_BOARD = 0
@@ -43,6 +44,7 @@ class _Page(Protocol):
 
 
 PageT = TypeVar("PageT", bound=_Page)
+ReplyT = TypeVar("ReplyT")
 
 
 def identity_of(session: Session) -> MachineIdentity:
@@ -124,7 +126,11 @@ def _as_telemetry(page: BlackboxReadReply, counter: int) -> Tlm:
 
 def read_waveforms(session: Session, to_seconds: ToSeconds) -> WaveformBatch | None:
     """Every sample of the gap about the latched fault, oldest first; None where none are held."""
-    pages = list(_pages(lambda offset: _page_when_ready(session, offset), WAVEFORM_SAMPLES, "WAVEFORM_READ"))
+
+    def ask(offset: int) -> WaveformReadReply:
+        return request_patiently(session, WaveformRead(offset), WAVEFORM_PATIENCE_S)
+
+    pages = list(_pages(ask, WAVEFORM_SAMPLES, "WAVEFORM_READ"))
     if not pages:
         return None
     times = {(page.t0_us, page.period_ns) for page in pages}
@@ -135,12 +141,12 @@ def read_waveforms(session: Session, to_seconds: ToSeconds) -> WaveformBatch | N
     return waveform_batch(pages, to_seconds)
 
 
-def _page_when_ready(session: Session, offset: int) -> WaveformReadReply:
-    """Ask until the time after the fault has passed. Raises CommandRefused."""
-    end_s = session.machine_now_s() + WAVEFORM_PATIENCE_S
+def request_patiently(session: Session, command: Request[ReplyT], patience_s: float) -> ReplyT:
+    """Send a command, again while the controller is still busy. Raises CommandRefused."""
+    end_s = session.machine_now_s() + patience_s
     while True:
         try:
-            return session.request(WaveformRead(offset))
+            return session.request(command)
         except CommandRefused as refused:
             if refused.status is not Status.BUSY or session.machine_now_s() > end_s:
                 raise

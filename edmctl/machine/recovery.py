@@ -15,7 +15,7 @@ from edmctl.machine.faults import (
     interlocks_in_words,
     reset_command,
 )
-from edmctl.machine.queries import read_status
+from edmctl.machine.queries import read_status, request_patiently
 from edmctl.machine.states import MachineState
 
 if TYPE_CHECKING:
@@ -69,25 +69,11 @@ def clear_fault(session: Session, code: int, settings: Mapping[str, float]) -> N
             fault=status.fault,
         )
     try:
-        _patiently(session, ClearFault(code))
+        request_patiently(session, ClearFault(code), PATIENCE_S)
     except CommandRefused as refused:
         if refused.status is not Status.INTERLOCK:
             raise
         raise _interlock_open(session, code) from refused
-
-
-def _patiently(session: Session, command: ClearFault) -> None:
-    """Send a command, again while the controller is still busy."""
-    end_s = session.machine_now_s() + PATIENCE_S
-    while True:
-        try:
-            session.request(command)
-        except CommandRefused as refused:
-            if refused.status is not Status.BUSY or session.machine_now_s() > end_s:
-                raise
-            session.pump(_LOOK_S)
-        else:
-            return
 
 
 def _interlock_open(session: Session, code: int) -> InterlockOpen:
