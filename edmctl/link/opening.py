@@ -8,12 +8,11 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 from time import monotonic, sleep
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from edmctl.errors import LinkLost
 from edmctl.link.gate import GateBusy, pass_gate
-from edmctl.link.port_owner import owner_of
-from edmctl.link.ports import listed_ports
+from edmctl.link.ports import listed_ports, port_owner
 from edmctl.link.serial_line import FAILURES, SerialLine, open_port, reason_of
 
 if TYPE_CHECKING:
@@ -22,9 +21,11 @@ if TYPE_CHECKING:
     from serial import Serial
 
 DEFAULT_BAUD = 500_000
-LOOK_AGAIN_S = 0.1
+_LOOK_AGAIN_S = 0.1
 _BUSY = (errno.EAGAIN, errno.EBUSY, errno.EWOULDBLOCK)
 _ABSENT = (errno.ENOENT, errno.ENXIO, errno.ENODEV)
+
+T = TypeVar("T")
 
 
 class PortBusy(LinkLost):
@@ -56,24 +57,42 @@ def open_line(
     without the secret that a socket asks for.
     """
     _check(url)
+    return waited_for(
+        lambda: _opened(url, baud, secret),
+        lambda error: isinstance(error, PortBusy | PortAbsent | GateBusy),
+        wait_s,
+        say,
+    )
+
+
+def waited_for(
+    attempt: Callable[[], T],
+    may_pass: Callable[[LinkLost], bool],
+    wait_s: float,
+    say: Callable[[str], None] | None,
+) -> T:
+    """Return what `attempt` returns; an error that may pass is waited out for `wait_s`, after a word to `say`."""
     end_s = monotonic() + wait_s
-    has_said = False
     while True:
         try:
-            port = open_port(url, baud)
-            if url.lower().startswith("socket://"):
-                _pass_gate(url, port, secret)
-            return SerialLine(url, port)
-        except GateBusy as busy:
-            error: LinkLost = busy
-        except FAILURES as failure:
-            error = _explain(url, failure)
-        if not isinstance(error, PortBusy | PortAbsent | GateBusy) or monotonic() >= end_s:
-            raise error
-        if say is not None and not has_said:
-            has_said = True
-            say(f"{error.message} Waiting up to {wait_s:g} s.")
-        sleep(min(LOOK_AGAIN_S, max(0.0, end_s - monotonic())))
+            return attempt()
+        except LinkLost as error:
+            if not may_pass(error) or monotonic() >= end_s:
+                raise
+            if say is not None:
+                say(f"{error.message} Waiting up to {wait_s:g} s.")
+                say = None
+        sleep(min(_LOOK_AGAIN_S, max(0.0, end_s - monotonic())))
+
+
+def _opened(url: str, baud: int, secret: bytes) -> SerialLine:
+    try:
+        port = open_port(url, baud)
+        if url.lower().startswith("socket://"):
+            _pass_gate(url, port, secret)
+        return SerialLine(url, port)
+    except FAILURES as failure:
+        raise _explain(url, failure) from None
 
 
 def _pass_gate(url: str, port: Serial, secret: bytes) -> None:
@@ -104,7 +123,7 @@ def _check(url: str) -> None:
 def _explain(url: str, failure: Exception) -> LinkLost:
     number = _number(failure)
     if number in _BUSY:
-        owner = owner_of(Path(url))
+        owner = port_owner(Path(url))
         by = f" by {owner}" if owner else " by another program"
         return PortBusy(
             f"{url} is held{by}.", hint="End the other program, or wait for it with --wait SECONDS."

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from time import monotonic, sleep
+from time import monotonic
 from typing import TYPE_CHECKING
 
 from edmctl.errors import EdmError, LinkLost
 from edmctl.link import ports as known
-from edmctl.link.opening import LOOK_AGAIN_S, PortAbsent, open_line
+from edmctl.link.opening import PortAbsent, open_line, waited_for
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -132,16 +132,10 @@ def open_selector(
     if selector != "auto" and not selector.startswith("serial:"):
         return open_line(selector, baud, wait_s, say, secret)
     end_s = monotonic() + wait_s
-    has_said = False
-    while True:
-        try:
-            url = find(selector, usb_ids, candidates, baud, hello_s, secret)
-            break
-        except LinkLost as error:
-            if error.code != PortAbsent.default_code or monotonic() >= end_s:
-                raise
-            if say is not None and not has_said:
-                has_said = True
-                say(f"{error.message} Waiting up to {wait_s:g} s.")
-        sleep(min(LOOK_AGAIN_S, max(0.0, end_s - monotonic())))
-    return open_line(url, baud, max(0.0, end_s - monotonic()), None if has_said else say, secret)
+    url = waited_for(
+        lambda: find(selector, usb_ids, candidates, baud, hello_s, secret),
+        lambda error: error.code == PortAbsent.default_code,
+        wait_s,
+        say,
+    )
+    return open_line(url, baud, max(0.0, end_s - monotonic()), say, secret)

@@ -16,8 +16,7 @@ import serial
 from edmctl.errors import LinkLost
 from edmctl.link import opening
 from edmctl.link.opening import PortAbsent, PortBusy, known_ports, open_line
-from edmctl.link.port_owner import owner_of
-from edmctl.link.ports import PortInfo
+from edmctl.link.ports import PortInfo, port_owner
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -124,7 +123,7 @@ def test_a_held_port_names_its_holder(pty: str) -> None:
 def test_a_held_port_is_still_told_where_nobody_knows_the_holder(
     pty: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(opening, "owner_of", lambda _: "")
+    monkeypatch.setattr(opening, "port_owner", lambda _: "")
     line = open_line(pty)
     try:
         assert "by another program" in refused(pty).message
@@ -133,8 +132,8 @@ def test_a_held_port_is_still_told_where_nobody_knows_the_holder(
 
 
 def test_a_port_that_nobody_holds_has_no_holder(pty: str, tmp_path: Path) -> None:
-    assert owner_of(tmp_path / "none") == ""
-    assert owner_of(Path(pty)) == ""
+    assert port_owner(tmp_path / "none") == ""
+    assert port_owner(Path(pty)) == ""
 
 
 def test_waiting_gets_the_port_when_it_is_released(pty: str) -> None:

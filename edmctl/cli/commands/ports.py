@@ -108,15 +108,14 @@ def _named(setup: "Setup") -> tuple[str, ...]:
 
 
 def _row(port: "PortInfo", named: tuple[str, ...], known: bool, answer: "ProbedPort | None") -> PortRow:
-    from edmctl.link.port_owner import owner_of
-    from edmctl.link.ports import same_port
+    from edmctl.link.ports import port_owner, same_port
 
     return PortRow(
         device=port.device,
         description=port.description,
         usb_id=port.usb_id,
         usb_serial=port.usb_serial,
-        held_by=owner_of(Path(port.device)),
+        held_by=port_owner(Path(port.device)),
         in_setup=any(same_port(name, port.device) for name in named),
         known=known,
         controller=_controller(answer.hello) if answer and answer.hello else None,
