@@ -127,7 +127,7 @@ def speed_and_inverse() -> None:
         for u in few:
             estimator.tick(u, 0.001)
 
-    print(f"estimator tick, plain Python: {1e6 * best_s(tick) / len(few):.1f} µs")
+    print(f"estimator tick: {1e6 * best_s(tick) / len(few):.1f} µs")
     inverse = Inverse(model)
     start = inverse.state.copy()
     y_um = model.predict(t_s, u_v, start)

@@ -19,25 +19,25 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.forecasts.forecast import Forecast, forecast
 from edmctl.jobs.connect import connected
 from edmctl.procedures.channel.way import way_of_path
 from edmctl.procedures.job import job_of
 from edmctl.procedures.machining import run_job
-from edmctl.profile.forecast import Forecast, forecast
-from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Setup
 from edmctl.record.recorder import NullRecorder
 from edmctl.report.figures.channel import Channel, Floor, HeightMap, channel_figure
 from edmctl.report.style import house_style, rendered
+from edmctl.rules.load import load_profile
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from edmctl.process.path import Way
-    from edmctl.profile.load import LoadedProfile
     from edmctl.results.channel import ChannelResult
     from edmctl.results.job import JobResult
     from edmctl.results.progress import Progress
+    from edmctl.rules.load import LoadedProfile
 
     Array = NDArray[np.float64]
 

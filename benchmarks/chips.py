@@ -34,9 +34,9 @@ from edmctl.procedures.job import job_of
 from edmctl.procedures.job_state import NoJournal
 from edmctl.procedures.machining import run_job
 from edmctl.procedures.tally import JobTally
-from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Setup
 from edmctl.record.recorder import NullRecorder
+from edmctl.rules.load import load_profile
 from edmctl.simulator import BenchConfig, open_bench
 from edmctl.simulator.injection import parse_injection
 

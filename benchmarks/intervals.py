@@ -43,10 +43,10 @@ from edmctl.procedures.job import CalibratedActuator, Site, job_of
 from edmctl.procedures.job_state import job_state
 from edmctl.procedures.machining import run_job
 from edmctl.procedures.tally import JobTally
-from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Sensor, Setup
 from edmctl.record.recorder import NullRecorder
 from edmctl.record.tool_account import Books, HomeSeen
+from edmctl.rules.load import load_profile
 from edmctl.simulator import kernel as k
 from edmctl.simulator import open_bench
 from edmctl.simulator.actuator import VirtualActuator
@@ -57,11 +57,11 @@ if TYPE_CHECKING:
 
     from edmctl.procedures.job import Job
     from edmctl.procedures.job_state import JobState
-    from edmctl.profile.load import LoadedProfile
     from edmctl.profile.model import Profile
     from edmctl.results.channel import ChannelResult
     from edmctl.results.job import SiteResult
     from edmctl.results.progress import Progress
+    from edmctl.rules.load import LoadedProfile
     from edmctl.simulator import VirtualBench
 
 PROFILES = Path(__file__).parents[1] / "profiles"

@@ -82,8 +82,8 @@ class Recorded:
 def main() -> None:
     """Serve until killed."""
     from edmctl.jobs.connect import bench_config
-    from edmctl.profile.load import load_profile
     from edmctl.profile.setup import Setup
+    from edmctl.rules.load import load_profile
     from edmctl.simulator import kernel as k
     from edmctl.simulator import open_bench
     from edmctl.simulator.endpoints import PtyEndpoint

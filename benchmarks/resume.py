@@ -269,7 +269,7 @@ def main() -> int:
 
 
 def _profile(options: tuple[str, ...]) -> Profile:
-    from edmctl.profile.load import load_profile
+    from edmctl.rules.load import load_profile
 
     return load_profile(options[0], options[1:]).profile
 

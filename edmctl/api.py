@@ -33,15 +33,15 @@ if TYPE_CHECKING:
     from types import TracebackType
 
     from edmctl.errors import Diagnostic
+    from edmctl.forecasts.forecast import Forecast
     from edmctl.jobs.job import Report
     from edmctl.jobs.plan import Plan
     from edmctl.jobs.procedure_command import Performed, Procedure
     from edmctl.jobs.run_header import RunName
     from edmctl.machine.stop import StopRequest
-    from edmctl.profile.forecast import Forecast
-    from edmctl.profile.load import LoadedProfile
     from edmctl.record.reader import RunFile
     from edmctl.results.progress import Observer, Progress
+    from edmctl.rules.load import LoadedProfile
 
     Overrides = Mapping[str, object] | Sequence[str]
     File = str | PathLike[str]
@@ -271,16 +271,16 @@ def simulate(
 
 def load_profile(profile: File, *, overrides: Overrides = ()) -> LoadedProfile:
     """Load and check a profile. Raises ProfileError with every diagnostic."""
-    from edmctl.profile.load import load_profile as load
+    from edmctl.rules.load import load_profile as load
 
     return load(str(profile), _texts(overrides))
 
 
 def forecast(profile: File, *, overrides: Overrides = (), setup: File | None = None) -> Forecast:
     """Return what a job will take: time, feed, stroke, wear. Raises ProfileError."""
-    from edmctl.profile.forecast import forecast as foretell
-    from edmctl.profile.load import load_profile as load
-    from edmctl.profile.load import load_setup
+    from edmctl.forecasts.forecast import forecast as foretell
+    from edmctl.profile.setup import load_setup
+    from edmctl.rules.load import load_profile as load
 
     known = load_setup(Path(setup) if setup is not None else None)
     loaded = load(str(profile), _texts(overrides), setup=known)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from datetime import date, time
 from typing import TypeAlias
 
 Scalar: TypeAlias = bool | int | float | str
@@ -28,12 +29,14 @@ def toml_tables(tables: Mapping[str, Mapping[str, Scalar]]) -> str:
 
 
 def toml_value(value: object) -> str:
-    """Return a scalar, also one of numpy, a sequence or a mapping as TOML writes it in one line.
+    """Return a scalar, a date or time, a scalar of numpy, a sequence or a mapping as TOML writes it in one line.
 
     Raises TypeError for anything else.
     """
     if isinstance(value, bool | int | float | str):
         return toml_scalar(value)
+    if isinstance(value, date | time):
+        return str(value)
     if isinstance(value, Mapping):
         return f"{{{', '.join(f'{key} = {toml_value(one)}' for key, one in value.items())}}}"
     if isinstance(value, Sequence):

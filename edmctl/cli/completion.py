@@ -28,8 +28,8 @@ def profiles(incomplete: str) -> list[str]:
 
 def keys(incomplete: str) -> list[str]:
     """Keys that can be set, with their tables, `target.depth_um=`; of one that is left alone, its values too."""
-    from edmctl.profile.fields import choices_at
     from edmctl.profile.model import Profile
+    from edmctl.profile.tables import choices_at
 
     return _keys(incomplete, lambda path: choices_at(Profile, path) or ["VALUE"])
 
@@ -40,8 +40,8 @@ def swept(incomplete: str) -> list[str]:
 
 
 def _keys(incomplete: str, values: Callable[[tuple[str, ...]], list[str]]) -> list[str]:
-    from edmctl.profile.fields import keys_at, lists_tables
     from edmctl.profile.model import Profile
+    from edmctl.profile.tables import keys_at, lists_tables
 
     def below(path: tuple[str, ...]) -> list[tuple[str, ...]]:
         inner = [] if lists_tables(Profile, path) else keys_at(Profile, path)

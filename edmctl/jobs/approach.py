@@ -6,13 +6,13 @@ import math
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
+from edmctl.forecasts.forecast import STROKE_RESERVE_UM
 from edmctl.jobs.job_preparation import hole_radius_um, logbook_of, prepared_job
 from edmctl.jobs.ledger.places_taken import refuse_pad, refuse_taken
 from edmctl.jobs.ledger.tool_identity import seen_on
 from edmctl.jobs.ledger.tool_life import refuse_too_short
 from edmctl.procedures.job import Site
 from edmctl.procedures.touch.approach import find_contact, find_gap
-from edmctl.profile.forecast import STROKE_RESERVE_UM
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -24,9 +24,10 @@ def check(order: Order, surroundings: Surroundings = NONE) -> Plan:
             hint="Say --profile NAME|FILE or set EDMCTL_PROFILE; `--profile cu270` takes a shipped one.",
             code="E2002",
         )
-    from edmctl.profile.forecast import forecast
-    from edmctl.profile.load import load_profile, load_setup
+    from edmctl.forecasts.forecast import forecast
     from edmctl.profile.read import read_source
+    from edmctl.profile.setup import load_setup
+    from edmctl.rules.load import load_profile
 
     setup = load_setup(order.setup)
     where = where_is(order.port, setup, order.wait_s)

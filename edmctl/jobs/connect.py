@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
     from edmctl.link.transport import Transport
     from edmctl.machine.controller import LinkMachine
-    from edmctl.profile.load import LoadedProfile
     from edmctl.profile.setup import Setup
+    from edmctl.rules.load import LoadedProfile
     from edmctl.simulator import BenchConfig
 
 VIRTUAL_BEAT_SHARE = 0.8

@@ -64,7 +64,7 @@ class Prepared:
         Raises PreconditionError: E8042 a place is taken, E8043 the tool is worn out, E8044 too short, E8048 of
         unknown length.
         """
-        from edmctl.profile.forecast import forecast
+        from edmctl.forecasts.forecast import forecast
 
         job, account = self.job, self.account
         warnings: list[Diagnostic] = []

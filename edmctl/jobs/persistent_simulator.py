@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from edmctl.profile.load import LoadedProfile
+    from edmctl.rules.load import LoadedProfile
     from edmctl.simulator import BenchConfig, VirtualBench
 
 KEEP_S = 5.0

@@ -11,11 +11,11 @@ from edmctl.jobs.surroundings import NONE, Surroundings
 from edmctl.wording import plural
 
 if TYPE_CHECKING:
+    from edmctl.forecasts.forecast import Forecast
     from edmctl.procedures.job_state import JobState
-    from edmctl.profile.forecast import Forecast
-    from edmctl.profile.load import LoadedProfile
     from edmctl.profile.setup import Setup
     from edmctl.record.journal import Journal, JournalledJob
+    from edmctl.rules.load import LoadedProfile
 
 SIMULATOR = "sim:"
 

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from edmctl.jobs.calibration.selection import Choice
     from edmctl.jobs.plan import Plan
     from edmctl.machine.interface import MachineIdentity
-    from edmctl.profile.load import LoadedProfile
     from edmctl.profile.setup import Setup
     from edmctl.record.rows import RunMeta, SourceText
+    from edmctl.rules.load import LoadedProfile
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +124,7 @@ def _title(loaded: LoadedProfile) -> str:
     """The description of the job, where it is its own: one that is inherited or overridden speaks of another job."""
     import tomllib
 
-    from edmctl.profile.sources import SET_OPTION
+    from edmctl.profile.positions import SET_OPTION
 
     meta = loaded.profile.meta
     changed = {line.partition(" ")[0] for line in loaded.overrides if line.endswith(f", {SET_OPTION})")}

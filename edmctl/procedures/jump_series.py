@@ -17,7 +17,7 @@ from edmctl.errors import LinkLost, PreconditionError
 from edmctl.machine.interface import JumpRequest, MachineState, joined
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.touch.approach import lower_to
-from edmctl.process.jump import duration_s
+from edmctl.process.servo import jump_time_s
 from edmctl.results.measurements import JumpMeasured, JumpSeries, JumpSummary
 from edmctl.results.progress import Phase
 from edmctl.wording import signed
@@ -46,7 +46,7 @@ SETTLED_UM = 1.0
 
 def least_period_s(height_um: float, speed_um_s: float, dwell_s: float) -> float:
     """Shortest time from jump to jump that leaves enough to see how the tool comes to rest."""
-    return duration_s(height_um, speed_um_s, dwell_s) + LEAST_REST_S + BASE_S
+    return jump_time_s(height_um, speed_um_s, dwell_s) + LEAST_REST_S + BASE_S
 
 
 def run_jumps(run: Run, depth_um: float, count: int) -> JumpSeries:

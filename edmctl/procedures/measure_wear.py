@@ -30,9 +30,9 @@ from edmctl.wording import signed
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from edmctl.forecasts.measuring_stops import Displacement
     from edmctl.procedures.run import Run
     from edmctl.procedures.touch.reading import SurfaceReading
-    from edmctl.profile.measuring_stops import Displacement
 
 LEAST_TOUCHES = 3
 """Of every Z: the scatter of two says next to nothing."""

@@ -1,4 +1,5 @@
-"""The calibration file: made of an identification, written whole or not at all, checked when it is read.
+"""The calibration file: made of an identification, written whole or not at all, checked when it is read,
+and where it is kept.
 
 TOML, so that people can read it, and hashed, because a model that was edited or cut short would still move the
 tool.
@@ -11,7 +12,9 @@ import hashlib
 import json
 import os
 import re
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
+from urllib.parse import quote
 
 import numpy as np
 from pydantic import ValidationError
@@ -28,16 +31,17 @@ from edmctl.profile.calibration_tables import (
     Spread,
     content_hash,
 )
+from edmctl.profile.positions import Sources
 from edmctl.profile.read import parse, read_source
-from edmctl.profile.sources import Sources
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from pathlib import Path
 
     from edmctl.actuator.identification import Identification
     from edmctl.actuator.validation import ErrorFigures
-    from edmctl.profile.sources import Source, TomlTable
+    from edmctl.profile.positions import Source, TomlTable
+    from edmctl.profile.setup import Setup
+
 
 SCHEMA: Final = "edmctl-calibration/1"
 HASH = "sha256"
@@ -67,7 +71,7 @@ def calibration_of(
         gamma_per_decade=found.gamma_per_decade,
         train=_figures(identification.train),
         held_out=_figures(identification.held_out),
-        bands=Spread(**{name: getattr(bands, name) for name in Spread.model_fields}),
+        bands=Spread.model_validate(bands, from_attributes=True),
     )
     arrays = {name: getattr(found, name) for name in Parameters.model_fields}
     plain = {
@@ -181,4 +185,38 @@ def _sources(source: Source) -> Sources:
 
 
 def _figures(errors: ErrorFigures) -> Figures:
-    return Figures(**{name: getattr(errors, name) for name in Figures.model_fields})
+    return Figures.model_validate(errors, from_attributes=True)
+
+
+HOME_VARIABLE = "EDMCTL_HOME"
+CALIBRATION_VARIABLE = "EDMCTL_CALIBRATION"
+
+
+def data_folder(environ: Mapping[str, str]) -> Path:
+    """Folder of what edmctl keeps: $EDMCTL_HOME, else where the system wants such data of a user."""
+    home = environ.get(HOME_VARIABLE)
+    if home:
+        return Path(home)
+    import platformdirs
+
+    return platformdirs.user_data_path("edmctl", appauthor=False)
+
+
+def default_path(serial: str, environ: Mapping[str, str]) -> Path:
+    """File of the machine with that serial number; what a file's name cannot hold is written as %XX."""
+    return data_folder(environ) / "calibration" / f"{quote(serial, safe=' ')}.toml"
+
+
+def find_calibration(
+    option: Path | None, environ: Mapping[str, str], setup: Setup, serial: str
+) -> Path | None:
+    """Which calibration file is used: that of the option, $EDMCTL_CALIBRATION, the setup, the machine's own.
+
+    Only the last need not exist: without it there is none. The others were asked for, and loading them says
+    what is wrong with them.
+    """
+    named = option or environ.get(CALIBRATION_VARIABLE) or setup.actuator.calibration
+    if named:
+        return Path(named)
+    own = default_path(serial, environ)
+    return own if own.is_file() else None

@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field
 
 from edmctl.actuator.model import ActuatorModel
-from edmctl.profile.table import ONE_LINE, Table
+from edmctl.profile.tables import ONE_LINE, Table
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -6,9 +6,10 @@ from itertools import islice
 from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic
-from edmctl.profile.codes import Code
-from edmctl.profile.fields import keys_at, keys_of_kind, lists_tables, nearest, permitted_at, table_with_key
-from edmctl.profile.merge import dotted, toml_repr
+from edmctl.profile.findings import Code
+from edmctl.profile.read import dotted
+from edmctl.profile.tables import keys_at, keys_of_kind, lists_tables, nearest, permitted_at, table_with_key
+from edmctl.toml_text import toml_value
 from edmctl.wording import shortened
 
 if TYPE_CHECKING:
@@ -19,8 +20,7 @@ if TYPE_CHECKING:
 
     from edmctl.errors import Location
     from edmctl.profile.findings import Finding
-    from edmctl.profile.locate import KeyPath
-    from edmctl.profile.sources import Sources, TomlTable
+    from edmctl.profile.positions import KeyPath, Sources, TomlTable
 
 _CODES = {
     "missing": Code.MISSING_KEY,
@@ -132,7 +132,7 @@ def _diagnostic(
     elif code == Code.WRONG_TYPE and isinstance(_value(data, path), dict) and lists_tables(model, path):
         message, hint = f"{name} is one table, not a list of tables", f"write [[{name}]]"
     else:
-        message = f"{name} = {shortened(toml_repr(_value(data, path)))} {_COMPLAINTS[code]}"
+        message = f"{name} = {shortened(toml_value(_value(data, path)))} {_COMPLAINTS[code]}"
         allowed = permitted_at(model, path)
         hint = f"write {allowed}" if allowed else ""
     return Diagnostic(code, message, hint, _where(code, path, sources))

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from edmctl.process.working_gap import USUAL_GAP_UM
 from edmctl.profile.sites import Array, PathTable, SiteTable
-from edmctl.profile.table import ONE_LINE, Table
+from edmctl.profile.tables import ONE_LINE, Table
 
 
 class Meta(Table):

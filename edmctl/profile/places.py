@@ -1,22 +1,28 @@
-"""The places of a job's holes: what the `[[sites]]` of a profile stand for, one by one."""
+"""The places of a job's holes: what the `[[sites]]` of a profile stand for, one by one, CSV files among them."""
 
 from __future__ import annotations
 
+import csv
 import math
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from edmctl.errors import Diagnostic, ProfileError
-from edmctl.profile.codes import Code
-from edmctl.profile.places_file import read_places_file
+from pydantic import ValidationError
+
+from edmctl.errors import Diagnostic, Location, ProfileError
+from edmctl.files import read_bytes
+from edmctl.profile.findings import Code
+from edmctl.profile.shipped import is_file
+from edmctl.profile.sites import PointSite
+from edmctl.profile.tables import field_at, nearest, permitted
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from edmctl.errors import Location
     from edmctl.profile.model import Profile
-    from edmctl.profile.sites import CircleSites, GridSites, PointSite
+    from edmctl.profile.sites import CircleSites, GridSites
+
 
 MOST_PLACES = 1000
 """More holes than any tool lasts for."""
@@ -108,3 +114,135 @@ def _circle(circle: CircleSites, entry: int) -> Iterator[Place]:
 
 def _or_nan(depth_um: float | None) -> float:
     return math.nan if depth_um is None else depth_um
+
+
+COLUMNS = ("name", "x_um", "y_um", "theta_deg", "depth_um")
+NEEDED = ("x_um", "y_um")
+MOST_COMPLAINTS = 20
+"""Of one file: who has more wrong lines than this has one mistake in all of them."""
+
+
+_FORM = "the first line names the columns, x_um,y_um at least; each further line is a place"
+
+
+def read_places_file(path: Path) -> list[tuple[PointSite, Location]]:
+    """Read the places of a CSV file and their lines, UTF-8 with commas; an empty cell stands for what is not given.
+
+    Raises ProfileError with every wrong line, or when there is no such file or no place in it.
+    """
+    wrong: list[Diagnostic] = []
+    found: list[tuple[PointSite, Location]] = []
+    columns: list[str] = []
+    for line in _lines(path):
+        try:
+            cells = line.cells()
+            if not any(cells):
+                continue
+            if columns:
+                found.append((_point(line, columns, cells), line.location()))
+            else:
+                columns = _header(line, cells)
+        except ProfileError as error:
+            wrong += error.diagnostics
+            if not columns or len(wrong) >= MOST_COMPLAINTS:
+                break
+    if not wrong and not found:
+        wrong.append(
+            Diagnostic(Code.PLACES_FILE, f"{path} holds no places", _FORM, Location(str(path), 1, 1))
+        )
+    if wrong:
+        raise ProfileError(tuple(wrong))
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class _Line:
+    """A line of the file; lines count from 1."""
+
+    file: str
+    number: int
+    text: str
+
+    def cells(self) -> list[str]:
+        """Its cells; raises ProfileError where it is no CSV."""
+        try:
+            return [cell.strip() for cell in next(csv.reader([self.text], strict=True), [])]
+        except csv.Error as error:
+            raise self.wrong(f"no CSV: {error}", _FORM) from error
+
+    def location(self, cell: int | None = None) -> Location:
+        """The line, or one of its cells where commas alone tell where that is."""
+        column, length = 1, max(1, len(self.text))
+        parts = self.text.split(",")
+        if cell is not None and cell < len(parts) and '"' not in self.text:
+            before = sum(len(part) + 1 for part in parts[:cell])
+            indent = len(parts[cell]) - len(parts[cell].lstrip())
+            column, length = before + indent + 1, max(1, len(parts[cell].strip()))
+        return Location(self.file, self.number, column, length, self.text)
+
+    def wrong(self, message: str, hint: str, cell: int | None = None) -> ProfileError:
+        """Return a complaint about the line, or about one of its cells."""
+        return ProfileError((Diagnostic(Code.PLACES_FILE, message, hint, self.location(cell)),))
+
+
+def _lines(path: Path) -> list[_Line]:
+    name = str(path)
+    if not is_file(path):
+        raise _unreadable(f"there is no file {name}", "the name is relative to the profile that holds it")
+    try:
+        text = read_bytes(path).decode("utf-8-sig")
+    except OSError as error:
+        raise _unreadable(f"cannot read {name}: {error.strerror}", "check its permissions") from error
+    except UnicodeDecodeError as error:
+        raise _unreadable(f"{name} is not UTF-8 text", "save it as CSV in UTF-8") from error
+    return [_Line(name, number, line.rstrip("\r")) for number, line in enumerate(text.split("\n"), 1)]
+
+
+def _unreadable(message: str, hint: str) -> ProfileError:
+    return ProfileError((Diagnostic(Code.PLACES_FILE, message, hint),))
+
+
+def _header(line: _Line, cells: list[str]) -> list[str]:
+    """The names of the columns."""
+    if len(cells) == 1 and (";" in line.text or "\t" in line.text):
+        raise line.wrong("the columns are not separated by commas", _FORM)
+    for index, column in enumerate(cells):
+        if column not in COLUMNS:
+            close = nearest(column, list(COLUMNS))
+            hint = f"did you mean {close}?" if close else f"the columns are {', '.join(COLUMNS)}"
+            raise line.wrong(f"unknown column {column}", hint, index)
+        if column in cells[:index]:
+            raise line.wrong(f"the column {column} stands twice", "remove one of the two", index)
+    for column in NEEDED:
+        if column not in cells:
+            raise line.wrong(f"the column {column} is missing", _FORM)
+    return cells
+
+
+def _point(line: _Line, columns: list[str], cells: list[str]) -> PointSite:
+    """The place of a line."""
+    if len(cells) > len(columns):
+        message = f"{len(cells)} cells under {len(columns)} columns"
+        raise line.wrong(message, "write numbers with a point, and one comma from cell to cell")
+    given = {column: cell for column, cell in zip(columns, cells, strict=False) if cell}
+    values: dict[str, str | float] = dict(given)
+    for column in columns:
+        if column in NEEDED and column not in given:
+            raise line.wrong(f"{column} is missing", _hint(column), columns.index(column))
+        if column != "name" and column in given:
+            try:
+                values[column] = float(given[column])
+            except ValueError as error:
+                message = f"{column} = {given[column]} is no number"
+                raise line.wrong(message, _hint(column), columns.index(column)) from error
+    try:
+        return PointSite.model_validate(values)
+    except ValidationError as error:
+        column = str(error.errors(include_url=False, include_context=False)[0]["loc"][0])
+        message = f"{column} = {given[column]} is out of range"
+        raise line.wrong(message, _hint(column), columns.index(column)) from error
+
+
+def _hint(column: str) -> str:
+    info = field_at(PointSite, (column,))
+    return f"write {permitted(info)}" if info else ""

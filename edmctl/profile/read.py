@@ -1,4 +1,4 @@
-"""Reading TOML files: the text verbatim, syntax errors with their place, `extends`."""
+"""Reading TOML: the text verbatim, syntax errors with their place, `extends` and `--set key=value` laid over it."""
 
 from __future__ import annotations
 
@@ -9,13 +9,17 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic, Location, ProfileError
 from edmctl.files import read_bytes
-from edmctl.profile.codes import Code
-from edmctl.profile.merge import changes, extend
+from edmctl.profile.findings import Code
+from edmctl.profile.positions import SET_OPTION, Source, TomlTable
 from edmctl.profile.shipped import find_shipped, is_file, shipped_names
-from edmctl.profile.sources import Source, TomlTable
+from edmctl.toml_text import toml_value
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
+
+    from edmctl.profile.positions import KeyPath, TomlTable
+
 
 MOST_PARENTS = 20
 MOST_KEYS = 20_000
@@ -29,8 +33,8 @@ _DECIMAL_COMMA = re.compile(r"\s*([+-]?\d+),(\d+)\s*(?:#.*)?")
 
 
 @dataclass(frozen=True, slots=True)
-class Chain:
-    """A file and those it extends: texts from child to root, the merged table, what was overridden."""
+class Merged:
+    """Texts laid over one another: those that prevail first, the merged table, and what each changed, in words."""
 
     sources: tuple[Source, ...]
     table: TomlTable
@@ -92,16 +96,16 @@ def decimal_comma(value: str) -> str:
     return f"a number has a decimal point, not a comma: {number[1]}.{number[2]}" if number else ""
 
 
-def read_chain(path: Path) -> Chain:
+def read_chain(path: Path) -> Merged:
     """Read a profile and, through `extends`, its parents. Raises ProfileError, also for a circle."""
     return _read_chain(path, ())
 
 
-def _read_chain(path: Path, children: tuple[Path, ...]) -> Chain:
+def _read_chain(path: Path, children: tuple[Path, ...]) -> Merged:
     source = read_source(path)
     own = parse(source)
     if "extends" not in own:
-        return Chain((source,), own, ())
+        return Merged((source,), own, ())
     seen = (*children, path.resolve())
     if len(seen) > MOST_PARENTS:
         message = f"more than {MOST_PARENTS} profiles extend one another"
@@ -109,7 +113,7 @@ def _read_chain(path: Path, children: tuple[Path, ...]) -> Chain:
     below = _read_chain(_parent(source, own.pop("extends"), path, seen), seen)
     merged = extend(below.table, own)
     changed = (*below.changes, *changes(below.table, merged, path.name))
-    return Chain((source, *below.sources), merged, changed)
+    return Merged((source, *below.sources), merged, changed)
 
 
 def _parent(source: Source, name: object, path: Path, seen: tuple[Path, ...]) -> Path:
@@ -145,3 +149,131 @@ def _syntax_place(source: Source, message: str) -> tuple[Location, str]:
     what = match["what"] if match else message
     source_line = lines[line - 1].rstrip("\r") if line <= len(lines) else ""
     return Location(source.name, line, column, 1, source_line), what
+
+
+_DEEPEST = 32
+_BARE_WORD = re.compile(r"[A-Za-z][\w.+/ -]*")
+_SITES = re.compile(r"\s*sites\s*[.\[]")
+_HINT_SITES = (
+    "write all places, --set 'sites=[{x_um=600},{x_um=1000,y_um=400}]', or put them into the profile"
+)
+_HINT = "write --set servo.reference=0.82, with the value as in a file: 0.8 and not .8, text in quotes"
+
+
+def apply_overrides(below: Merged, overrides: Sequence[str]) -> Merged:
+    """Lay `key=value` texts over what files hold; a whole table as value replaces the table.
+
+    Values are TOML; a bare word stands for itself in quotes. Raises ProfileError with every malformed text.
+    """
+    table, sources, lines = below.table, list(below.sources), list(below.changes)
+    wrong: list[Diagnostic] = []
+    for text in overrides:
+        if _SITES.match(text.partition("=")[0]):
+            message = f"cannot read --set {text}: sites is a list, and only the whole of it can be set"
+            wrong.append(_diagnostic(text, message, _HINT_SITES))
+            continue
+        given = _parse(text)
+        if given is None:
+            message = f"cannot read --set {text}: it is not key=value with a TOML value"
+            wrong.append(_diagnostic(text, message, decimal_comma(text.partition("=")[2]) or _HINT))
+            continue
+        path, value = given
+        try:
+            after = put(table, path, value)
+        except KeyError as error:
+            wrong.append(_diagnostic(text, f"--set {text}: {error.args[0]} is a value, not a table"))
+            continue
+        lines += changes(table, after, SET_OPTION)
+        table = after
+        sources.insert(0, Source(SET_OPTION, text))
+    if wrong:
+        raise ProfileError(tuple(wrong))
+    return Merged(tuple(sources), table, tuple(lines))
+
+
+def _parse(text: str) -> tuple[tuple[str, ...], object] | None:
+    """Key path and value, or None when the text is not `key=value`."""
+    key, _, value = text.partition("=")
+    path = _key_path(key)
+    value = value.strip()
+    if not path or not value or "\n" in text:
+        return None
+    try:
+        return path, tomllib.loads(f"value = {value}")["value"]
+    except (ValueError, RecursionError):
+        return (path, value) if _BARE_WORD.fullmatch(value) else None
+
+
+def _key_path(key: str) -> tuple[str, ...]:
+    """The parts of a dotted key; none when it is not one."""
+    try:
+        below: object = tomllib.loads(f"{key} = 0")
+    except (ValueError, RecursionError):
+        return ()
+    path: tuple[str, ...] = ()
+    while isinstance(below, dict) and len(below) == 1:
+        ((part, below),) = below.items()
+        path = (*path, part)
+    return path if len(path) <= _DEEPEST else ()
+
+
+def _diagnostic(text: str, message: str, hint: str = _HINT) -> Diagnostic:
+    return Diagnostic(Code.OVERRIDE, message, hint, Location(SET_OPTION, 1, 1, max(1, len(text)), text))
+
+
+def dotted(path: KeyPath) -> str:
+    """A key path as people write it: `servo.reference`, `sites[1].x_um`."""
+    text = ""
+    for part in path:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
+    return text
+
+
+def extend(base: TomlTable, child: TomlTable) -> TomlTable:
+    """The base with the child's keys laid over it, table by table.
+
+    A table that states its `kind` is another kind of thing, not a change of the base's: it replaces it whole.
+    """
+    merged = dict(base)
+    for key, value in child.items():
+        below = merged.get(key)
+        if isinstance(below, dict) and isinstance(value, dict) and not _changes_kind(below, value):
+            merged[key] = extend(below, value)
+        else:
+            merged[key] = value
+    return merged
+
+
+def _changes_kind(below: TomlTable, value: TomlTable) -> bool:
+    return "kind" in value and value["kind"] != below.get("kind")
+
+
+def put(table: TomlTable, path: tuple[str, ...], value: object) -> TomlTable:
+    """A copy of the table with one value set; raises KeyError where the path runs through a plain value."""
+    if len(path) == 1:
+        return {**table, path[0]: value}
+    below = table.get(path[0], {})
+    if not isinstance(below, dict):
+        raise KeyError(path[0])
+    return {**table, path[0]: put(below, path[1:], value)}
+
+
+def changes(before: TomlTable, after: TomlTable, origin: str) -> Iterator[str]:
+    """One line per value that differs: `servo.reference = 0.82 (was 0.8, --set)`."""
+    old, new = dict(_leaves(before)), dict(_leaves(after))
+    for path, value in new.items():
+        if path not in old:
+            yield f"{dotted(path)} = {toml_value(value)} (was not given, {origin})"
+        elif old[path] != value:
+            yield f"{dotted(path)} = {toml_value(value)} (was {toml_value(old[path])}, {origin})"
+    for path, value in old.items():
+        if path not in new:
+            yield f"{dotted(path)} removed (was {toml_value(value)}, {origin})"
+
+
+def _leaves(table: TomlTable, prefix: KeyPath = ()) -> Iterator[tuple[KeyPath, object]]:
+    for key, value in table.items():
+        if isinstance(value, dict):
+            yield from _leaves(value, (*prefix, key))
+        else:
+            yield (*prefix, key), value

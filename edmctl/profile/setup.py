@@ -1,10 +1,20 @@
-"""The machine's own settings: what stays when the recipe changes."""
+"""The machine's own settings, what stays when the recipe changes, and loading them."""
 
 from __future__ import annotations
 
-from pydantic import Field
+from typing import TYPE_CHECKING
 
-from edmctl.profile.table import Table
+from pydantic import Field, ValidationError
+
+from edmctl.errors import Diagnostic, ProfileError
+from edmctl.profile.diagnose import schema_diagnostics, schema_problems
+from edmctl.profile.findings import Code
+from edmctl.profile.positions import Sources
+from edmctl.profile.read import parse, read_source
+from edmctl.profile.tables import Table
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 class Actuator(Table):
@@ -104,3 +114,32 @@ class Setup(Table):
     stage: Stage = Stage()
     controller: Controller = Controller()
     link: Link = Link()
+
+
+def load_setup(path: Path | None = None) -> Setup:
+    """Load the machine's settings; without a path, those of the stock machine.
+
+    A calibration file that they name is relative to their folder. Raises ProfileError with every diagnostic.
+    """
+    if path is None:
+        return Setup()
+    source = read_source(path)
+    sources, table = Sources((source,), source), parse(source)
+    try:
+        setup = Setup.model_validate(table)
+    except ValidationError as error:
+        problems = schema_problems(error, Setup, table)
+        raise ProfileError(tuple(schema_diagnostics(problems, Setup, table, sources))) from None
+    actuator = setup.actuator
+    if actuator.slew_v_s < actuator.conditioning_slew_v_s:
+        message = (
+            f"the conditioning ramp, {actuator.conditioning_slew_v_s:g} V/s, is faster than the actuator's "
+            f"fastest, {actuator.slew_v_s:g} V/s"
+        )
+        hint = f"set actuator.conditioning_slew_v_s to at most {actuator.slew_v_s:g} V/s"
+        where = sources.value(("actuator", "slew_v_s"))
+        raise ProfileError((Diagnostic(Code.OUT_OF_RANGE, message, hint, where),))
+    if actuator.calibration is None:
+        return setup
+    beside = actuator.model_copy(update={"calibration": str(path.parent / actuator.calibration)})
+    return setup.model_copy(update={"actuator": beside})

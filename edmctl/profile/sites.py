@@ -6,7 +6,7 @@ from typing import Annotated, Literal, TypeAlias
 
 from pydantic import Discriminator, Field, Tag
 
-from edmctl.profile.table import ONE_LINE, Table
+from edmctl.profile.tables import ONE_LINE, Table
 
 
 class PointSite(Table):

@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from edmctl.forecasts.forecast import Forecast, forecast
 from edmctl.jobs.connect import bench_config
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.procedures.job import job_of
 from edmctl.procedures.machining import run_job
-from edmctl.profile import Setup, load_profile
-from edmctl.profile.forecast import Forecast, forecast
+from edmctl.profile.setup import Setup
 from edmctl.record.recorder import NullRecorder
+from edmctl.rules.load import load_profile
 from edmctl.simulator import open_bench
 from tests.acceptance.test_paper import Nobody
 from tests.tiers import tiers

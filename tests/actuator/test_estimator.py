@@ -118,7 +118,7 @@ def test_a_tick_that_cannot_be_changes_nothing(u_v: float, dt_s: float) -> None:
     estimator, untouched = Estimator(make_model()), Estimator(make_model())
     estimator.tick(50.0, 0.01)
     untouched.tick(50.0, 0.01)
-    with pytest.raises(ValueError, match="a tick of"):
+    with pytest.raises(ValueError, match=r"finite numbers|time runs forwards"):
         estimator.tick(u_v, dt_s)
     assert estimator.tick(60.0, 0.01) == untouched.tick(60.0, 0.01)
 

@@ -24,9 +24,9 @@ from edmctl.errors import Interrupted
 from edmctl.jobs.calibration import run as calibration_run
 from edmctl.jobs.calibration import selection as calibrated
 from edmctl.profile.calibration import load_calibration
-from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Setup
 from edmctl.record.columns import read_record, write_columns
+from edmctl.rules.load import load_profile
 from edmctl.simulator.actuator import RATE_HZ, VirtualActuator
 from tests.cli.commands import CU270
 

@@ -25,7 +25,6 @@ from edmctl.machine.controller import LinkMachine
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job import TOLD_LATE_S, job_of
 from edmctl.procedures.job_state import job_state
-from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Setup
 from edmctl.record.bench_file import read_bench, write_bench
 from edmctl.record.journal import read_journal, write_journal
@@ -33,6 +32,7 @@ from edmctl.record.ledger import JobBegun, Logbook, RunEnded, ToolChanged, WearM
 from edmctl.record.ledger_entries import UNFINISHED, ReferenceTouched, SiteMachined
 from edmctl.record.reader import open_run
 from edmctl.record.tool_account import ToolAccount, books_of
+from edmctl.rules.load import load_profile
 from edmctl.simulator.saving import bench_state, restored_bench
 from tests.cli.commands import CU270, ROOT
 from tests.cli.left_jobs import (

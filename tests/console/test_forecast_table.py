@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from edmctl.console.forecast_table import render_forecast
-from edmctl.profile import Setup, load_profile
-from edmctl.profile.forecast import forecast
+from edmctl.forecasts.forecast import forecast
+from edmctl.profile.setup import Setup
+from edmctl.rules.load import load_profile
 
 
 def table_of(name: str, *overrides: str) -> dict[str, list[str]]:

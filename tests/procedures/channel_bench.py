@@ -26,9 +26,9 @@ from edmctl.procedures.monitoring.watch import Watch
 from edmctl.procedures.run import Run
 from edmctl.procedures.state_keeper import JobJournal
 from edmctl.procedures.tally import JobTally
-from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Setup
 from edmctl.record.recorder import NullRecorder
+from edmctl.rules.load import load_profile
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

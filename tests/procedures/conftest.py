@@ -23,9 +23,9 @@ from edmctl.procedures.run import Run
 from edmctl.procedures.settings import controller_settings, pulse_settings, telemetry_settings
 from edmctl.procedures.state_keeper import JobJournal
 from edmctl.procedures.tally import JobTally
-from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Sensor, Setup
 from edmctl.record.recorder import NullRecorder
+from edmctl.rules.load import load_profile
 from edmctl.simulator import BenchConfig, VirtualBench, open_bench
 from edmctl.simulator.actuator import VirtualActuator
 from edmctl.simulator.config import SensorConstants

@@ -9,7 +9,7 @@ import pytest
 
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.servo.adaptive import CLEAN_S, LONGEST_SHARE, PATIENCE, Adapting
-from edmctl.profile.load import load_profile
+from edmctl.rules.load import load_profile
 from edmctl.simulator import kernel as k
 
 from .conftest import CU270

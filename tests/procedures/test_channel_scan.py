@@ -13,8 +13,7 @@ from edmctl.machine.interface import EventCode, MachineEvent
 from edmctl.procedures.channel.follow import UNSTABLE_S
 from edmctl.procedures.channel.scan import LOOK_AHEAD_S, PassPlan, PassResult, run_pass
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.process.channel_wear import ToolWear
-from edmctl.process.layers import HeldTool
+from edmctl.process.channel import HeldTool, ToolWear
 from edmctl.process.path import Way, rectangle, way_of
 from edmctl.process.plane import Plane
 from tests.procedures.channel_bench import ScanningMachine, scanning_run

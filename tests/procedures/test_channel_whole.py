@@ -23,9 +23,9 @@ from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job import job_of
 from edmctl.procedures.machining import run_job
 from edmctl.procedures.tally import JobTally
-from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Setup
 from edmctl.results.progress import Phase, Progress
+from edmctl.rules.load import load_profile
 from edmctl.simulator import BenchConfig, VirtualBench, open_bench
 from edmctl.simulator.injection import parse_injection
 from tests.procedures.channel_bench import CIRCLE

@@ -20,8 +20,8 @@ from edmctl.procedures.hole.interruption import counted_pause_s, drift_u_um, tol
 from edmctl.procedures.job import job_of
 from edmctl.procedures.job_state import JobState, job_state
 from edmctl.process.wear import DepthAndWear
-from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Sensor, Setup
+from edmctl.rules.load import load_profile
 
 PROFILE = load_profile("cu270").profile
 LEFT = JobState(

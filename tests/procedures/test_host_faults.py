@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from edmctl.errors import MachineFault
+from edmctl.forecasts.forecast import forecast, stroke_um
 from edmctl.link.faults import FaultCode
 from edmctl.link.messages import WaveformRead
 from edmctl.machine.interface import Machine, MachineState, TelemetryBlock
@@ -19,7 +20,6 @@ from edmctl.procedures.monitoring.link_quality import LinkWatch, record_link
 from edmctl.procedures.monitoring.sensor_mismatch import MismatchWatch
 from edmctl.procedures.servo.time_limits import LEAST_S, LONGEST_SHARE, TimeLimits
 from edmctl.process.wear import DepthAndWear
-from edmctl.profile.forecast import forecast, stroke_um
 from edmctl.results.job import ObjectiveMissed
 from edmctl.results.link import LinkReport
 from edmctl.results.progress import Phase

@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from edmctl.forecasts.measuring_stops import cut_budget
 from edmctl.procedures.hole.cut import CutEnd, CutResult
 from edmctl.procedures.hole.cut_decision import Decision, decide
 from edmctl.procedures.hole.cut_planning import CutPlan, Start, first_plan, learned_gap_um
 from edmctl.procedures.hole.estimating import energy_of, estimate_of
 from edmctl.procedures.hole.target import Goal, goal_of
 from edmctl.procedures.job import Site
-from edmctl.process.erosion import hole_area_um2
+from edmctl.process.discharge import hole_area_um2
 from edmctl.process.live_erosion import Energy, ErosionEstimate
 from edmctl.process.next_cut import COVERAGE
 from edmctl.process.wear import DepthAndWear
-from edmctl.profile.load import load_profile
-from edmctl.profile.measuring_stops import cut_budget
+from edmctl.rules.load import load_profile
 
 from .conftest import CU270
 

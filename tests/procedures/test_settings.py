@@ -18,8 +18,8 @@ from edmctl.procedures.settings import (
     telemetry_settings,
 )
 from edmctl.procedures.single_procedure import running
-from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Setup
+from edmctl.rules.load import load_profile
 
 from .conftest import CU270, Shop
 

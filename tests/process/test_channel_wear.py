@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from edmctl.process.channel_wear import ToolWear, wearing_uj
+from edmctl.process.channel import ToolWear, wearing_uj
 from edmctl.process.live_erosion import Energy
 
 KJ = 1e9

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from edmctl.process.layers import HeldTool, layer_depths_um, passes_needed
+from edmctl.process.channel import HeldTool, layer_depths_um, passes_needed
 from edmctl.process.plane import Plane
 
 TILTED = Plane((0.0, 0.0), np.array([0.001, -0.002]), np.zeros((2, 2)))

@@ -19,15 +19,15 @@ from edmctl.actuator.model import ActuatorModel
 from edmctl.actuator.uncertainty import Bands
 from edmctl.actuator.validation import ErrorFigures
 from edmctl.errors import ProfileError, RecordError, RunFileError
-from edmctl.profile import load_setup
 from edmctl.profile.calibration import (
     SCHEMA,
     calibration_of,
+    default_path,
+    find_calibration,
     load_calibration,
     measured_file,
     save_calibration,
 )
-from edmctl.profile.calibration_place import default_path, find_calibration
 from edmctl.profile.calibration_tables import (
     Calibration,
     Figures,
@@ -38,7 +38,7 @@ from edmctl.profile.calibration_tables import (
     Spread,
     content_hash,
 )
-from edmctl.profile.setup import Actuator, Setup
+from edmctl.profile.setup import Actuator, Setup, load_setup
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -6,12 +6,12 @@ import math
 
 import pytest
 
+from edmctl.forecasts.channel import EVEN_OUT_PASSES, channel, path_length_um, stops_after
+from edmctl.forecasts.forecast import forecast
 from edmctl.process.path import circle, lengths_um, rectangle, spiral
-from edmctl.profile import Setup, load_profile
-from edmctl.profile.amounts import channel, path_length_um
-from edmctl.profile.channel_sequence import EVEN_OUT_PASSES, stops_after
-from edmctl.profile.codes import Code
-from edmctl.profile.forecast import forecast
+from edmctl.profile.findings import Code
+from edmctl.profile.setup import Setup
+from edmctl.rules.load import load_profile
 from tests.profile.documents import problems
 
 DEEP = ("limits.max_time_s=1e5", "jump.height_um=70")

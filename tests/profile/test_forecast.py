@@ -6,11 +6,11 @@ import math
 
 import pytest
 
-from edmctl.profile import load_profile
-from edmctl.profile.forecast import Forecast, forecast
-from edmctl.profile.measuring_time import approach_time_s, jumps_time_s, touch_time_s
-from edmctl.profile.rates import RECOVERY_S
+from edmctl.forecasts.forecast import Forecast, forecast
+from edmctl.forecasts.measuring_time import approach_time_s, jumps_time_s, touch_time_s
+from edmctl.forecasts.removal import RECOVERY_S
 from edmctl.profile.setup import Sensor, Setup
+from edmctl.rules.load import load_profile
 
 
 def forecast_of(name: str, *overrides: str) -> Forecast:

@@ -8,9 +8,9 @@ import pytest
 
 from edmctl.console.diagnostics import render_diagnostics
 from edmctl.errors import EdmError, ProfileError
-from edmctl.profile import load_profile
 from edmctl.profile.diagnose import MOST_TOLD
-from edmctl.profile.load import load_setup
+from edmctl.profile.setup import load_setup
+from edmctl.rules.load import load_profile
 from tests.profile.documents import shipped_text
 
 if TYPE_CHECKING:

@@ -11,13 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edmctl.errors import ProfileError, UsageError
-from edmctl.profile import load_profile, load_setup
-from edmctl.profile.codes import Code
-from edmctl.profile.fields import field_at
-from edmctl.profile.merge import extend
-from edmctl.profile.schema import profile_schema
+from edmctl.profile.findings import Code
+from edmctl.profile.profile_file import ProfileFile, profile_schema
+from edmctl.profile.read import extend
+from edmctl.profile.setup import load_setup
 from edmctl.profile.shipped import shipped_names
-from edmctl.profile.sim import ProfileFile
+from edmctl.profile.tables import field_at
+from edmctl.rules.load import load_profile
 from edmctl.simulator.config import DischargeConstants
 from tests.profile.documents import copy_shipped, loaded, problems, shipped_text
 
@@ -346,7 +346,7 @@ def test_every_number_of_a_profile_has_limits_and_a_description() -> None:
 
 
 def test_loading_a_profile_needs_no_numpy() -> None:
-    program = "import sys, edmctl.profile as p; p.load_profile('cu270'); assert 'numpy' not in sys.modules"
+    program = "import sys, edmctl.rules.load as p; p.load_profile('cu270'); assert 'numpy' not in sys.modules"
     subprocess.run([sys.executable, "-c", program], check=True)
 
 

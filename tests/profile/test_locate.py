@@ -9,7 +9,7 @@ from typing import Any
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edmctl.profile.locate import KeyPath, location, scan
+from edmctl.profile.positions import KeyPath, location, scan
 
 bare = st.text("abcXYZ019_-", min_size=1, max_size=6)
 odd = st.text(st.characters(codec="utf-8", exclude_categories=("Cs", "Cc")), max_size=6)

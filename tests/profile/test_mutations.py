@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.profile.codes import Code
+from edmctl.profile.findings import Code
 from tests.profile.documents import (
     NAMES,
     NEWER,

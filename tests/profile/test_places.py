@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from edmctl.errors import ProfileError
-from edmctl.profile import load_profile
-from edmctl.profile.codes import Code
+from edmctl.profile.findings import Code
 from edmctl.profile.places import MOST_PLACES, Place, places
+from edmctl.rules.load import load_profile
 from tests.profile.documents import problems
 
 GRID = 'sites=[{kind="grid",x_um=500,columns=3,rows=2,dx_um=300,dy_um=400}]'

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import pytest
 
 from edmctl.errors import ProfileError
-from edmctl.profile import load_profile
-from edmctl.profile.codes import Code
+from edmctl.profile.findings import Code
 from edmctl.profile.model import Measure
 from edmctl.profile.setup import Controller, Setup
+from edmctl.rules.load import load_profile
 from tests.profile.documents import problems
 
 ISOPULSE = "pulse.mode=isopulse"

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from edmctl.profile.fields import permitted
 from edmctl.profile.model import DepthTarget, FeedTarget, Profile, ThroughTarget
+from edmctl.profile.profile_file import SimSettings
 from edmctl.profile.setup import Setup
-from edmctl.profile.sim import SimSettings
 from edmctl.profile.sites import CircleSites, FileSites, GridSites, PathTable, PointSite
+from edmctl.profile.tables import permitted
 from edmctl.toml_text import toml_scalar
 from tools.generate.text import table
 

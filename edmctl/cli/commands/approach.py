@@ -135,7 +135,7 @@ def _forewarned_place(
 
 def _tell_plan(outcome: Outcome, plan: "Plan", place: tuple[float, float] | None, *, contact: bool) -> None:
     from edmctl.console.surface_table import render_approach_plan
-    from edmctl.profile.measuring_time import approach_time_s, beside_pad_um, touch_time_s
+    from edmctl.forecasts.measuring_time import approach_time_s, beside_pad_um, touch_time_s
 
     profile, setup = plan.loaded.profile, plan.setup
     x_um, y_um = place or beside_pad_um(profile, setup)

@@ -106,9 +106,9 @@ def jump_flush(
 
 def _tell_plan(outcome: Outcome, plan: "Plan", count: int) -> None:
     from edmctl.console.jump_table import render_jump_plan
+    from edmctl.forecasts.measuring_time import conditioning_time_s, jumps_time_s
     from edmctl.jobs.jump_flush import end_um
     from edmctl.procedures.jump_series import SETTLE_AT_DEPTH_S
-    from edmctl.profile.measuring_time import conditioning_time_s, jumps_time_s
 
     profile = plan.loaded.profile
     jump = profile.jump

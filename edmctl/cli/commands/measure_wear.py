@@ -136,8 +136,8 @@ def _forewarn(outcome: Outcome, plan: "Plan", run: "WearRun", folder: Path) -> N
 
 def _tell_plan(outcome: Outcome, plan: "Plan", *, reference: bool) -> None:
     from edmctl.console.wear_table import render_wear_plan
+    from edmctl.forecasts.measuring_time import move_time_s, park_to_pad_um, reading_time_s, touch_time_s
     from edmctl.jobs.wear.measure import measuring_profile
-    from edmctl.profile.measuring_time import move_time_s, park_to_pad_um, reading_time_s, touch_time_s
 
     profile, setup = measuring_profile(plan.loaded.profile), plan.setup
     time_s = touch_time_s(profile, setup)

@@ -65,7 +65,7 @@ def ports(
 
     def body(outcome: Outcome) -> None:
         from edmctl.console.ports_table import render_ports
-        from edmctl.profile.load import load_setup
+        from edmctl.profile.setup import load_setup
 
         rows = port_rows(load_setup(setup), probe=probe)
         outcome.result = {"ports": rows}

@@ -13,8 +13,8 @@ from edmctl.console.toml_view import render_toml
 from edmctl.errors import Diagnostic, EdmError, ProfileError
 
 if TYPE_CHECKING:
-    from edmctl.profile.load import LoadedProfile
     from edmctl.profile.setup import Setup
+    from edmctl.rules.load import LoadedProfile
 
 app = typer.Typer(
     help="List, check, show and describe profiles.",
@@ -50,7 +50,7 @@ def check(
     """
 
     def body(outcome: Outcome) -> None:
-        from edmctl.profile.load import load_setup
+        from edmctl.profile.setup import load_setup
 
         verdicts: list[dict[str, object]] = []
         outcome.result = {"profiles": verdicts}
@@ -82,7 +82,7 @@ def show(
     """Show every value of a profile."""
 
     def body(outcome: Outcome) -> None:
-        from edmctl.profile.load import load_profile
+        from edmctl.rules.load import load_profile
 
         loaded = load_profile(profile, overrides or [])
         outcome.warn(loaded.warnings)
@@ -101,8 +101,8 @@ def list_shipped(setup: SetupOption = None, as_json: JsonOption = False, debug: 
 
     def body(outcome: Outcome) -> None:
         from edmctl.console.profile_table import render_profiles
-        from edmctl.profile.load import load_setup
-        from edmctl.profile.summary import summaries
+        from edmctl.profile.setup import load_setup
+        from edmctl.rules.load import summaries
 
         found = summaries(load_setup(setup))
         outcome.result = {"profiles": found}
@@ -119,7 +119,7 @@ def schema(as_json: JsonOption = False, debug: DebugOption = False) -> int:
     """
 
     def body(outcome: Outcome) -> None:
-        from edmctl.profile.schema import profile_schema
+        from edmctl.profile.profile_file import profile_schema
 
         outcome.result = profile_schema()
         outcome.text = json.dumps(outcome.result, indent=2, ensure_ascii=False)
@@ -128,7 +128,7 @@ def schema(as_json: JsonOption = False, debug: DebugOption = False) -> int:
 
 
 def _problems_of(name: str, overrides: list[str], setup: "Setup") -> list[Diagnostic]:
-    from edmctl.profile.load import load_profile
+    from edmctl.rules.load import load_profile
 
     try:
         return list(load_profile(name, overrides, setup).warnings)

@@ -34,7 +34,7 @@ def reset(
     def body(outcome: Outcome) -> None:
         from edmctl.jobs.machine_at import machine_at
         from edmctl.jobs.plan import where_is
-        from edmctl.profile.load import load_setup
+        from edmctl.profile.setup import load_setup
 
         settings = load_setup(setup)
         where = where_is(port, settings)

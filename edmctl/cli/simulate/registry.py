@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.link.ports import PortInfo
-from edmctl.profile.calibration_place import data_folder
 from edmctl.record.locks import is_alive
 
 if TYPE_CHECKING:
@@ -51,6 +50,8 @@ def served_ports() -> list[PortInfo]:
 
 
 def _folder() -> Path:
+    from edmctl.profile.calibration import data_folder
+
     return data_folder(os.environ) / "served"
 
 

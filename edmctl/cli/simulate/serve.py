@@ -129,7 +129,8 @@ def serve(
 
     def body(outcome: Outcome) -> None:
         from edmctl.jobs.connect import bench_config
-        from edmctl.profile.load import load_profile, load_setup
+        from edmctl.profile.setup import load_setup
+        from edmctl.rules.load import load_profile
 
         outcome.simulated = True
         if link is not None and socket is not None:

@@ -95,7 +95,7 @@ def check(order: Order, surroundings: Surroundings = NONE) -> Checked:
     """
     refit = _refit(order.refit)
     _check_numbers(order)
-    from edmctl.profile.load import load_setup
+    from edmctl.profile.setup import load_setup
 
     setup = load_setup(order.setup)
     plan, simulated, where = None, None, Where()

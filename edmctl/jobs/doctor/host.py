@@ -64,8 +64,7 @@ def run_folder(folder: Path) -> Check:
 
 def load(checks: Checks, path: Path | None) -> Setup:
     """Read the setup; the default one where it cannot be read."""
-    from edmctl.profile.load import load_setup
-    from edmctl.profile.setup import Setup
+    from edmctl.profile.setup import Setup, load_setup
 
     try:
         setup = load_setup(path)
@@ -78,8 +77,7 @@ def load(checks: Checks, path: Path | None) -> Setup:
 
 def calibration(environ: Mapping[str, str], setup: Setup, serial: str, port: str) -> Check:
     """Whether the calibration that a job would use is there, can be read, and is of this machine."""
-    from edmctl.profile.calibration import load_calibration
-    from edmctl.profile.calibration_place import find_calibration
+    from edmctl.profile.calibration import find_calibration, load_calibration
 
     path = find_calibration(None, environ, setup, serial)
     remedy = f"Run `{on_machine('edmctl calibrate', port)}`."

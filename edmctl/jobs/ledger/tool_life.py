@@ -39,7 +39,7 @@ def on_worn_tool(profile: Profile, account: ToolAccount) -> Profile:
 
 def refuse_too_short(worn: Profile, setup: Setup, stroke_um: float, account: ToolAccount, port: str) -> None:
     """Raise PreconditionError E8044 where the actuator does not take the worn tool down by `stroke_um`."""
-    from edmctl.profile.forecast import stroke_available_um
+    from edmctl.forecasts.forecast import stroke_available_um
 
     available_um = stroke_available_um(worn, setup)
     if stroke_um > available_um:
@@ -75,7 +75,7 @@ def refuse_worn_out(
 
     Raises PreconditionError E8043 where it will not last for one hole of it.
     """
-    from edmctl.profile.forecast import forecast
+    from edmctl.forecasts.forecast import forecast
 
     expected, limit_um = forecast(profile, setup, places), profile.tool.max_wear_um
     lost = f"{account.label} has lost {length(account.lost_um)} so far"

@@ -11,7 +11,7 @@ from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.estimating import energy_of
 from edmctl.procedures.settings import gap_reference_v, telemetry_settings
 from edmctl.procedures.tally import RunningCut
-from edmctl.process.channel_wear import wearing_uj
+from edmctl.process.channel import wearing_uj
 from edmctl.record.rows import EventLevel, SlowRow
 from edmctl.results.progress import Phase, Progress
 from edmctl.results.pulses import PulseShares, pulse_shares

@@ -11,7 +11,7 @@ from edmctl.procedures.hole.target import goal_of
 from edmctl.procedures.hole.verdict import judged_channel
 from edmctl.procedures.job import Site
 from edmctl.procedures.servo.time_limits import TimeLimits
-from edmctl.process.erosion import mrr_mm3_min
+from edmctl.process.discharge import mrr_mm3_min
 from edmctl.record.rows import SiteRow
 
 if TYPE_CHECKING:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from edmctl.forecasts.removal import SIDE_DISCHARGE_SHARE, removal_um3_s
 from edmctl.procedures.channel.result import PassSums
 from edmctl.procedures.channel.scan import PassPlan, PassResult, run_pass
 from edmctl.procedures.channel.touching import learned_gap_um
@@ -15,10 +16,8 @@ from edmctl.procedures.stages import move_to
 from edmctl.procedures.tally import RunningCut
 from edmctl.procedures.touch.approach import approach_bottom
 from edmctl.procedures.touch.tool_length import TOUCH_U_UM
-from edmctl.process.channel_wear import ToolWear
-from edmctl.process.erosion import hole_area_um2
-from edmctl.process.layers import HeldTool, channel_width_um, passes_needed
-from edmctl.profile.rates import SIDE_DISCHARGE_SHARE, removal_um3_s
+from edmctl.process.channel import HeldTool, ToolWear, channel_width_um, passes_needed
+from edmctl.process.discharge import hole_area_um2
 from edmctl.record.rows import EventLevel
 
 if TYPE_CHECKING:

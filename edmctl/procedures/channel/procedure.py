@@ -32,7 +32,7 @@ from edmctl.procedures.hole.target import Goal, goal_of
 from edmctl.procedures.hole.verdict import REMEDIES, judged_channel, not_shown
 from edmctl.procedures.job import Site
 from edmctl.procedures.touch.tool_length import TOUCH_U_UM
-from edmctl.process.layers import layer_depths_um
+from edmctl.process.channel import layer_depths_um
 from edmctl.process.next_cut import COVERAGE, NOISE_FLOOR_SIGMAS
 from edmctl.record.rows import EventLevel
 from edmctl.wording import length, plural, signed

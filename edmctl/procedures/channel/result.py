@@ -11,7 +11,7 @@ import numpy as np
 from edmctl.labels import Basis
 from edmctl.procedures.monitoring.drift import uncertainty_now
 from edmctl.procedures.touch.site_readings import pad_u_um
-from edmctl.process.layers import channel_width_um
+from edmctl.process.channel import channel_width_um
 from edmctl.process.wear import TOUCH_PRIOR_DOF, student_97_5
 from edmctl.results.channel import ChannelResult, FloorPlace
 from edmctl.results.pulses import pulse_shares

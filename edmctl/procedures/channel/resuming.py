@@ -39,8 +39,7 @@ from edmctl.procedures.job_state import PERIOD_S
 from edmctl.procedures.monitoring.drift import uncertainty_now
 from edmctl.procedures.touch.reading import BEYOND_SIGMAS, NO_CONTACT
 from edmctl.procedures.touch.surface_plane import unknown_face
-from edmctl.process.channel_wear import wearing_uj
-from edmctl.process.layers import HeldTool
+from edmctl.process.channel import HeldTool, wearing_uj
 from edmctl.process.next_cut import COVERAGE
 from edmctl.process.wear import DepthAndWear, share_u
 from edmctl.process.working_gap import first_gap_u_um

@@ -24,8 +24,7 @@ if TYPE_CHECKING:
 
     from edmctl.machine.interface import MachineEvent
     from edmctl.procedures.run import Run
-    from edmctl.process.channel_wear import ToolWear
-    from edmctl.process.layers import HeldTool
+    from edmctl.process.channel import HeldTool, ToolWear
     from edmctl.process.path import Way
 
     Floats = NDArray[np.float64]

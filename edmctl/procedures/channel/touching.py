@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from edmctl.procedures.channel.scan import PassPlan, PassResult
     from edmctl.procedures.run import Run
-    from edmctl.process.channel_wear import ToolWear
+    from edmctl.process.channel import ToolWear
     from edmctl.process.plane import Plane
 
 FACE_CANDIDATES = 24

@@ -6,13 +6,13 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from edmctl.forecasts.measuring_stops import cut_budget
 from edmctl.labels import Verdict
 from edmctl.machine.interface import host_fault
 from edmctl.procedures.hole.cut import CutEnd, CutResult
 from edmctl.procedures.hole.cut_planning import CutPlan, Start, following_plan
 from edmctl.procedures.hole.target import verdict_of
 from edmctl.process.next_cut import is_done
-from edmctl.profile.measuring_stops import cut_budget
 from edmctl.wording import decimal, signed
 
 if TYPE_CHECKING:

@@ -6,13 +6,13 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from edmctl.forecasts.measuring_stops import cut_budget
+from edmctl.forecasts.removal import feed_rate_um_s
 from edmctl.procedures.hole.estimating import estimate_of
 from edmctl.procedures.hole.target import Goal, goal_of
 from edmctl.procedures.job import Site
 from edmctl.process.live_erosion import RECIPE_U_REL, Energy, ErosionEstimate, LiveErosion
 from edmctl.process.next_cut import COVERAGE, NextCut, largest_first_um, next_cut
-from edmctl.profile.measuring_stops import cut_budget
-from edmctl.profile.rates import feed_rate_um_s
 
 if TYPE_CHECKING:
     from edmctl.profile.model import Profile

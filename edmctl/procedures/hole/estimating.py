@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from edmctl.process.erosion import hole_area_um2
+from edmctl.process.discharge import hole_area_um2
 from edmctl.process.live_erosion import Energy, ErosionEstimate
 
 if TYPE_CHECKING:

@@ -12,11 +12,11 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from edmctl.forecasts.removal import feed_rate_um_s
 from edmctl.procedures.job_state import PERIOD_S
 from edmctl.process.live_erosion import RECIPE_U_REL
 from edmctl.process.next_cut import COVERAGE
 from edmctl.process.wear import DepthAndWear, share_u
-from edmctl.profile.rates import feed_rate_um_s
 
 if TYPE_CHECKING:
     from edmctl.procedures.hole.cut_planning import CutPlan

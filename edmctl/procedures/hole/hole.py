@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+from edmctl.forecasts.measuring_stops import FACE_LIMIT_UM
 from edmctl.labels import Basis
 from edmctl.procedures.hole.cut_planning import Start
 from edmctl.procedures.hole.estimating import energy_of, estimate_of
@@ -21,7 +22,6 @@ from edmctl.procedures.touch.surface_plane import Face, take_pad, unknown_face
 from edmctl.procedures.touch.tool_length import ToolLength
 from edmctl.process.wear import share_u
 from edmctl.process.working_gap import first_gap_u_um
-from edmctl.profile.measuring_stops import FACE_LIMIT_UM
 
 if TYPE_CHECKING:
     from edmctl.procedures.hole.expected_touches import Estimate

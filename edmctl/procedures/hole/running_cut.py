@@ -12,7 +12,7 @@ from edmctl.procedures.hole.target import goal_of
 from edmctl.procedures.job import Site
 from edmctl.procedures.servo.jump import jump_request
 from edmctl.procedures.settings import pulse_settings
-from edmctl.process.jump import minimum_height_um
+from edmctl.process.servo import least_jump_um
 from edmctl.record.rows import EventLevel
 
 if TYPE_CHECKING:
@@ -148,6 +148,6 @@ class Cutting:
         height_um = profile.jump.height_um
         if profile.jump.mode == "adaptive" or code is not RunEvent.JUMPED:
             depth_um = self._plan.depth_at(displacement_um)
-            least_um = minimum_height_um(depth_um, profile.tool.diameter_um, profile.work.side_gap_um)
+            least_um = least_jump_um(depth_um, profile.tool.diameter_um, profile.work.side_gap_um)
             height_um = max(height_um, FLUSHING_HEIGHTS * least_um)
         return min(height_um, displacement_um - JUMP_RESERVE_UM)

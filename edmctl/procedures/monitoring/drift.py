@@ -16,8 +16,8 @@ from edmctl.process.wear import share_u
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from edmctl.forecasts.measuring_stops import Displacement
     from edmctl.procedures.run import Run
-    from edmctl.profile.measuring_stops import Displacement
 
 LEAST_SPAN_S = 120.0
 """Over less time than this the error of the actuator model after a deep cut, a few µm, would look like a drift."""

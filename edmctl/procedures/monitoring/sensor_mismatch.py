@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from edmctl.forecasts.forecast import stroke_um
 from edmctl.machine.interface import host_fault
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.profile.forecast import stroke_um
 from edmctl.record.rows import EventLevel
 
 if TYPE_CHECKING:

@@ -10,6 +10,7 @@ from collections import deque
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
+from edmctl.forecasts.forecast import forecast
 from edmctl.machine.interface import MachineState, MachineStatus, TelemetryBlock, host_fault
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.breakthrough import Breakthrough
@@ -26,7 +27,6 @@ from edmctl.procedures.servo.stall_detection import STALL_SHARE, Stall
 from edmctl.procedures.servo.stroke import stroke_left_um
 from edmctl.procedures.settings import OPEN_LOST_S, gap_reference_v, telemetry_settings
 from edmctl.procedures.tally import RunningCut
-from edmctl.profile.forecast import forecast
 from edmctl.record.rows import SlowRow
 from edmctl.results.progress import Phase, Progress
 from edmctl.results.pulses import pulse_shares

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from edmctl.profile.forecast import forecast
+from edmctl.forecasts.forecast import forecast
 from edmctl.profile.places import Place
 
 if TYPE_CHECKING:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.actuator.correction import GAIN_SD_BETWEEN_DAYS, ZERO_DRIFT_UM_PER_S
-from edmctl.process.erosion import hole_area_um2, mrr_mm3_min, tool_area_um2
+from edmctl.forecasts.measuring_stops import Displacement
+from edmctl.process.discharge import hole_area_um2, mrr_mm3_min, tool_area_um2
 from edmctl.process.wear import DepthAndWear, measure, tilt_uncertainty_um
-from edmctl.profile.measuring_stops import Displacement
 
 if TYPE_CHECKING:
     from edmctl.procedures.job import Job

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+from edmctl.forecasts.measuring_stops import FACE_LIMIT_UM
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job import Site
 from edmctl.procedures.monitoring.drift import uncertainty_now
@@ -23,7 +24,6 @@ from edmctl.process.plane import (
 )
 from edmctl.process.touch_check import Deviation
 from edmctl.process.wear import share_u
-from edmctl.profile.measuring_stops import FACE_LIMIT_UM
 from edmctl.record.rows import EventLevel
 from edmctl.wording import signed
 

@@ -1,6 +1,6 @@
-"""Where every key and value of a TOML text stands.
+"""Where every key and value of a profile is written: the file, the files it extends, the command line.
 
-`tomllib` gives values without positions. This scanner walks a text that `tomllib` has accepted and notes the
+`tomllib` gives values without positions. The scanner here walks a text that `tomllib` has accepted and notes the
 span of each key and value under its path; list items and entries of arrays of tables have their index in the
 path. It runs only when there is something to point at.
 """
@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 import tomllib
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TypeAlias
 
 from edmctl.errors import Location
@@ -190,3 +191,61 @@ class _Scanner:
             if self.text[self.at] == ",":
                 self.at += 1
         self.at += 1
+
+
+TomlTable: TypeAlias = "dict[str, object]"
+
+SET_OPTION = "--set"
+
+
+@dataclass(frozen=True)
+class Source:
+    """One TOML text. Positions are looked up late, only when something is wrong."""
+
+    name: str
+    text: str
+
+    @cached_property
+    def _entries(self) -> dict[KeyPath, Entry]:
+        return scan(self.text)
+
+    def key(self, path: KeyPath) -> Location | None:
+        """Location of a key, or None when this text does not hold it."""
+        entry = self._entries.get(path)
+        if entry is None:
+            return None
+        return location(self.name, self.text, entry.key or entry.value)
+
+    def value(self, path: KeyPath) -> Location | None:
+        """Location of a value, or None when this text does not hold it."""
+        entry = self._entries.get(path)
+        return None if entry is None else location(self.name, self.text, entry.value)
+
+    def start(self) -> Location:
+        """The first character of the text."""
+        return location(self.name, self.text, (0, 0))
+
+
+@dataclass(frozen=True, slots=True)
+class Sources:
+    """All texts of a profile, those that prevail first: the latest `--set`, ..., the file, its parents."""
+
+    texts: tuple[Source, ...]
+    file: Source
+
+    def key(self, path: KeyPath) -> Location:
+        """Location of a key; where it is written nowhere, of the nearest table around it."""
+        for size in range(len(path), 0, -1):
+            for source in self.texts:
+                found = source.key(path[:size])
+                if found is not None:
+                    return found
+        return self.file.start()
+
+    def value(self, path: KeyPath) -> Location:
+        """Location of a value; where it is written nowhere, of the nearest table around it."""
+        for source in self.texts:
+            found = source.value(path)
+            if found is not None:
+                return found
+        return self.key(path)

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from edmctl.profile.rates import jump_duration_s
+from edmctl.forecasts.removal import jump_duration_s
 
 if TYPE_CHECKING:
     from edmctl.profile.model import Profile

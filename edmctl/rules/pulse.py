@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from edmctl.process.erosion import pulse_energy_uj
-from edmctl.profile.codes import Code
-from edmctl.profile.findings import Finding, Job, rounded_down
+from edmctl.process.discharge import pulse_energy_uj
+from edmctl.profile.findings import Code, Finding, rounded_down
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+    from edmctl.forecasts.forecast import Job
 
 REFERENCE_MARGIN = 0.05
 REFERENCE_MAX = 0.95

@@ -1,21 +1,21 @@
-"""The course of a job, hole by hole or as a channel, and the time of it all."""
+"""What a job will take, before it is run: its holes or its channel in order, time, stroke, feed, servo stability."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
-from edmctl.process.path_ordering import nearest_first
-from edmctl.profile.amounts import Hole, channel, hole
-from edmctl.profile.channel_sequence import (
+from edmctl.forecasts.channel import (
+    channel,
     channel_machining_s,
     channel_measuring_s,
     channel_passes,
     stops_after,
 )
-from edmctl.profile.measuring_stops import FACE_LIMIT_UM, channel_depth_u95_um, planned_cuts
-from edmctl.profile.measuring_time import (
+from edmctl.forecasts.measuring_stops import FACE_LIMIT_UM, channel_depth_u95_um, planned_cuts
+from edmctl.forecasts.measuring_time import (
     Stand,
     beside_pad_um,
     between_s,
@@ -25,7 +25,17 @@ from edmctl.profile.measuring_time import (
     stop_time_s,
     touch_time_s,
 )
-from edmctl.profile.rates import feed_rate_um_s, machining_share
+from edmctl.forecasts.removal import (
+    Hole,
+    feed_rate_um_s,
+    hole,
+    machining_share,
+    removal_um3_s,
+    servo_swing,
+    time_share_of_jumps,
+)
+from edmctl.process.discharge import mrr_mm3_min, pulse_energy_uj
+from edmctl.process.path_ordering import nearest_first
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -34,6 +44,7 @@ if TYPE_CHECKING:
     from edmctl.profile.places import Place
     from edmctl.profile.setup import Setup
     from edmctl.profile.sites import PathTable
+
 
 PLANE_TOUCHES = 3
 
@@ -158,3 +169,122 @@ def _plane_time_s(profile: Profile, setup: Setup, stands: Sequence[Stand]) -> fl
     """Touch three places of an array, far apart, before anything is machined."""
     move_s = max(between_s(a, b, setup) for a in stands for b in stands)
     return PLANE_TOUCHES * (move_s + face_time_s(profile, profile.approach.offset_um))
+
+
+STROKE_RESERVE_UM = 15.0
+"""Stroke kept free beyond the job, for creep and retraction."""
+
+
+@dataclass(frozen=True, slots=True)
+class Forecast:
+    """Expected course of a job.
+
+    Times, cuts, measuring stops and pulses are those of the whole job, as is `tool_wear_um`; depth, wear and feed
+    are of its deepest hole or of its channel, whose cuts are its passes, `depth_min_um` is that of its shallowest
+    hole. `holes_in_reach` are those, in working order, for which the stroke lasts. `limit_cycle_um` is the
+    half-amplitude of the servo's swing; `channel_um` and `layers` are 0 where there is no channel. `depth_u95_um` is
+    half the 95 % interval of the depth that will be known least, NaN where no depth is wanted.
+    """
+
+    machining_time_s: float
+    measuring_time_s: float
+    time_s: float
+    cuts: int
+    feed_rate_um_s: float
+    feed_um: float
+    depth_um: float
+    depth_min_um: float
+    wear_um: float
+    stroke_um: float
+    stroke_available_um: float
+    loop_delay_s: float
+    limit_cycle_um: float
+    limit_cycle_period_s: float
+    spark_energy_uj: float
+    mrr_mm3_min: float
+    jump_share: float
+    pulses: int
+    holes: int
+    holes_in_reach: int
+    stops: int
+    tool_wear_um: float
+    channel_um: float
+    layers: int
+    depth_u95_um: float
+
+
+def forecast(profile: Profile, setup: Setup, places: Sequence[Place] = ()) -> Forecast:
+    """Forecast a job from its recipe, the machine's settings and the places of its holes.
+
+    Without places it is one hole beside the reference pad, or the channel of `[path]`. Machining time follows the
+    mean-voltage law of the pulse process (see `edmctl.process.discharge`) and counts jumps; measuring time counts
+    conditioning, approaches, touches and stage moves.
+    """
+    course = course_of(profile, setup, places)
+    deepest, available_um = course.deepest, stroke_available_um(profile, setup)
+    cycle = servo_swing(profile, setup)
+    pulse = profile.pulse
+    return Forecast(
+        machining_time_s=course.machining_s,
+        measuring_time_s=course.measuring_s,
+        time_s=course.machining_s + course.measuring_s,
+        cuts=course.cuts,
+        feed_rate_um_s=feed_rate_um_s(profile, deepest.depth_um),
+        feed_um=deepest.feed_um,
+        depth_um=deepest.depth_um,
+        depth_min_um=course.depth_min_um,
+        wear_um=deepest.wear_um,
+        stroke_um=profile.approach.offset_um + course.lowest_um + STROKE_RESERVE_UM,
+        stroke_available_um=available_um,
+        loop_delay_s=cycle.loop_delay_s,
+        limit_cycle_um=cycle.half_amplitude_um,
+        limit_cycle_period_s=cycle.period_s,
+        spark_energy_uj=pulse_energy_uj(pulse.discharge_voltage_v, pulse.current_a, pulse.burning_time_us),
+        mrr_mm3_min=mrr_mm3_min(removal_um3_s(profile, deepest.depth_um)),
+        jump_share=time_share_of_jumps(profile),
+        pulses=round(course.machining_s * pulse.frequency_hz),
+        holes=course.holes,
+        holes_in_reach=_in_reach(course.reaches_um, available_um - profile.approach.offset_um),
+        stops=course.stops,
+        tool_wear_um=course.tool_wear_um,
+        channel_um=course.channel_um,
+        layers=course.layers,
+        depth_u95_um=course.depth_u95_um,
+    )
+
+
+@dataclass(frozen=True)
+class Job:
+    """A job to be checked. Its forecast needs nearly every value of the profile, so only who asks makes one."""
+
+    profile: Profile
+    setup: Setup
+    places: tuple[Place, ...] = ()
+
+    @cached_property
+    def forecast(self) -> Forecast:
+        """What the job is expected to take."""
+        return forecast(self.profile, self.setup, self.places)
+
+
+def _in_reach(reaches_um: Sequence[float], stroke_um: float) -> int:
+    """How many holes are made before one asks for more than this stroke."""
+    fits = [reach_um + STROKE_RESERVE_UM <= stroke_um for reach_um in reaches_um]
+    return fits.index(False) if False in fits else len(fits)
+
+
+def depth_and_wear_um(profile: Profile) -> tuple[float, float]:
+    """Depth and tool wear of one hole or channel at its target, µm, at the expected ratio of wear."""
+    one = hole(profile) if profile.path is None else channel(profile, profile.path)
+    return one.depth_um, one.wear_um
+
+
+def stroke_um(profile: Profile) -> float:
+    """Stroke that one hole or the channel needs, µm: offset, feed and a reserve."""
+    feed_um = sum(depth_and_wear_um(profile)) if profile.path else hole(profile).feed_um
+    return profile.approach.offset_um + feed_um + STROKE_RESERVE_UM
+
+
+def stroke_available_um(profile: Profile, setup: Setup) -> float:
+    """Stroke up to the voltage limit of the job, µm."""
+    return setup.actuator.gain_um_per_v * profile.limits.stroke_v_max

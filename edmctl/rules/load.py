@@ -1,4 +1,4 @@
-"""Reading a profile: file, the files it extends, overrides, checks."""
+"""Loading a profile: file, the files it extends, overrides, all checks; and a line of each shipped one."""
 
 from __future__ import annotations
 
@@ -6,34 +6,35 @@ import hashlib
 import json
 from dataclasses import astuple, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 from pydantic import BaseModel, ValidationError
 
 from edmctl.errors import Diagnostic, ProfileError
-from edmctl.profile.codes import Code
+from edmctl.forecasts.forecast import Job, forecast
 from edmctl.profile.diagnose import rule_diagnostics, schema_diagnostics, schema_problems
-from edmctl.profile.findings import Job
 from edmctl.profile.model import Profile
-from edmctl.profile.overrides import apply_overrides
-from edmctl.profile.partial_profile import draft
 from edmctl.profile.places import places
-from edmctl.profile.read import parse, read_chain, read_source
-from edmctl.profile.rules import in_share_only, violations, with_expected_gap, with_time_limit
+from edmctl.profile.positions import SET_OPTION, Sources
+from edmctl.profile.profile_file import ProfileFile, SimSettings
+from edmctl.profile.read import apply_overrides, read_chain
 from edmctl.profile.setup import Setup
-from edmctl.profile.shipped import find_profile
-from edmctl.profile.sim import ProfileFile, SimSettings
-from edmctl.profile.sources import SET_OPTION, Sources
-from edmctl.profile.target_rules import time_limit
+from edmctl.profile.shipped import find_profile, shipped_names
+from edmctl.rules.target import time_limit
+from edmctl.rules.violations import (
+    in_share_only,
+    partial_profile,
+    violations,
+    with_expected_gap,
+    with_time_limit,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from edmctl.profile.findings import Finding
     from edmctl.profile.places import Place
-    from edmctl.profile.sources import TomlTable
-
-_M = TypeVar("_M", bound=BaseModel)
+    from edmctl.profile.positions import TomlTable
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,10 +67,10 @@ def load_profile(
     """
     machine = setup if setup is not None else Setup()
     path = find_profile(name_or_path)
-    chain = read_chain(path)
-    overridden = apply_overrides(chain.table, overrides)
-    sources = Sources((*reversed(overridden.sources), *chain.sources), chain.sources[0])
-    written = _validated(ProfileFile, overridden.table, sources, machine)
+    file = read_chain(path)
+    merged = apply_overrides(file, overrides)
+    sources = Sources(merged.sources, file.sources[0])
+    written = _written(merged.table, sources, machine)
     recipe = with_expected_gap(_recipe(written))
     found, unread = _places(recipe, path, sources)
     warnings = _refuse_errors(violations(recipe, machine, found), sources, unread)
@@ -79,54 +80,23 @@ def load_profile(
         profile=profile,
         sim=written.sim,
         path=path,
-        text=chain.sources[0].text,
+        text=file.sources[0].text,
         sha256=_sha256(profile, found),
         sim_sha256=_sha256(written.sim),
-        overrides=(*chain.changes, *overridden.changes),
+        overrides=merged.changes,
         warnings=warnings,
         places=found,
     )
 
 
-def load_setup(path: Path | None = None) -> Setup:
-    """Load the machine's settings; without a path, those of the stock machine.
-
-    Raises ProfileError with every diagnostic.
-    """
-    if path is None:
-        return Setup()
-    source = read_source(path)
-    sources = Sources((source,), source)
-    setup = _validated(Setup, parse(source), sources)
-    actuator = setup.actuator
-    if actuator.slew_v_s < actuator.conditioning_slew_v_s:
-        message = (
-            f"the conditioning ramp, {actuator.conditioning_slew_v_s:g} V/s, is faster than the actuator's "
-            f"fastest, {actuator.slew_v_s:g} V/s"
-        )
-        hint = f"set actuator.conditioning_slew_v_s to at most {actuator.slew_v_s:g} V/s"
-        where = sources.value(("actuator", "slew_v_s"))
-        raise ProfileError((Diagnostic(Code.OUT_OF_RANGE, message, hint, where),))
-    return setup if actuator.calibration is None else _with_calibration_beside(path, setup)
-
-
-def _with_calibration_beside(path: Path, setup: Setup) -> Setup:
-    """Resolve the calibration file that a setup names against the setup's folder."""
-    calibration = str(path.parent / (setup.actuator.calibration or ""))
-    return setup.model_copy(
-        update={"actuator": setup.actuator.model_copy(update={"calibration": calibration})}
-    )
-
-
-def _validated(model: type[_M], table: TomlTable, sources: Sources, machine: Setup | None = None) -> _M:
-    """The model of a table. A profile, checked for `machine`, is told the violated rules with the wrong values."""
+def _written(table: TomlTable, sources: Sources, machine: Setup) -> ProfileFile:
+    """The table as a profile; where values are wrong, the rules that it violates besides are refused with them."""
     try:
-        return model.model_validate(table)
+        return ProfileFile.model_validate(table)
     except ValidationError as error:
-        problems = schema_problems(error, model, table)
-    wrong = schema_diagnostics(problems, model, table, sources)
-    if machine is not None:
-        wrong += rule_diagnostics(violations(draft(table, problems), machine), sources)
+        problems = schema_problems(error, ProfileFile, table)
+    wrong = schema_diagnostics(problems, ProfileFile, table, sources)
+    wrong += rule_diagnostics(violations(partial_profile(table, problems), machine), sources)
     raise ProfileError(tuple(wrong))
 
 
@@ -166,3 +136,41 @@ def _sha256(model: BaseModel, found: tuple[Place, ...] = ()) -> str:
         values["places"] = [astuple(replace(place, where=None))[:-1] for place in found]
     canonical = json.dumps(values, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(canonical.encode()).hexdigest()
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """A profile and its forecast; `refused` says why the machine cannot run it, and the forecast is None then."""
+
+    profile: str
+    name: str
+    description: str
+    time_s: float | None
+    depth_um: float | None
+    holes: int | None
+    channel_um: float | None
+    tool_wear_um: float | None
+    refused: str = ""
+
+
+def summaries(setup: Setup) -> list[Summary]:
+    """A summary of every shipped profile, for a machine."""
+    return [_summary(name, setup) for name in shipped_names()]
+
+
+def _summary(name: str, setup: Setup) -> Summary:
+    try:
+        loaded = load_profile(name, setup=setup)
+    except ProfileError as error:
+        return Summary(name, name, "", None, None, None, None, None, refused=error.message)
+    expected, meta = forecast(loaded.profile, setup, loaded.places), loaded.profile.meta
+    return Summary(
+        profile=name,
+        name=meta.name,
+        description=meta.description,
+        time_s=expected.time_s,
+        depth_um=expected.depth_um,
+        holes=expected.holes,
+        channel_um=expected.channel_um,
+        tool_wear_um=expected.tool_wear_um,
+    )

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.actuator.correction import GAIN_SD_BETWEEN_DAYS, ZERO_DRIFT_UM_PER_S
-from edmctl.process.erosion import hole_area_um2
+from edmctl.forecasts.removal import SIDE_DISCHARGE_SHARE, feed_rate_um_s
+from edmctl.process.discharge import hole_area_um2
 from edmctl.process.live_erosion import Energy, ErosionEstimate
 from edmctl.process.next_cut import (
     COVERAGE,
@@ -21,12 +22,11 @@ from edmctl.process.next_cut import (
     next_cut,
 )
 from edmctl.process.working_gap import first_gap_u_um
-from edmctl.profile.rates import SIDE_DISCHARGE_SHARE, feed_rate_um_s
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from edmctl.profile.amounts import Hole
+    from edmctl.forecasts.removal import Hole
     from edmctl.profile.model import Profile
     from edmctl.profile.setup import Setup
 

@@ -1,23 +1,56 @@
-"""How fast a recipe erodes, and how the servo swings meanwhile."""
+"""How much a hole removes, how fast a recipe erodes, and how the servo swings meanwhile."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from edmctl.process.erosion import (
-    average_power_uj_s,
+from edmctl.process.discharge import (
+    discharge_share,
     hole_area_um2,
+    isopulse_discharge_share,
     pulse_energy_uj,
-    removal_rate_um3_s,
     tool_area_um2,
 )
-from edmctl.process.jump import duration_s
-from edmctl.process.servo import LimitCycle, limit_cycle, loop_delay_s
-from edmctl.process.voltage import discharge_share, isopulse_discharge_share
+from edmctl.process.servo import LimitCycle, jump_time_s, limit_cycle, loop_delay_s
 
 if TYPE_CHECKING:
     from edmctl.profile.model import Profile, Pulse
     from edmctl.profile.setup import Setup
+
+
+@dataclass(frozen=True, slots=True)
+class Hole:
+    """One hole at the expected ratio of wear; `completion_um` is fed on after a breakthrough."""
+
+    depth_um: float
+    wear_um: float
+    completion_um: float = 0.0
+
+    @property
+    def feed_um(self) -> float:
+        """How far the tool feeds below the surface, wear and all."""
+        return self.depth_um + self.wear_um + self.completion_um
+
+
+def hole(profile: Profile, depth_um: float = math.nan) -> Hole:
+    """The hole of the profile's target, or one of this depth instead."""
+    ratio, target = profile.wear.expected_ratio, profile.target
+    completion_um = 0.0
+    if target.kind == "through":
+        depth_um, completion_um = profile.work.thickness_um, completion(profile)
+    elif math.isnan(depth_um):
+        depth_um = target.depth_um if target.kind == "depth" else target.feed_um / (1.0 + ratio)
+    return Hole(depth_um, ratio * depth_um, completion_um)
+
+
+def completion(profile: Profile) -> float:
+    """Feed after a breakthrough, µm: as the target says, or until the rounded tip of the worn tool is through."""
+    target = profile.target
+    given = target.completion_um if target.kind == "through" else None
+    return profile.tool.diameter_um / 2.0 if given is None else given
+
 
 SIDE_DISCHARGE_SHARE = 0.05
 """Discharges that burn at the wall of the hole: 3 % in a clean gap, more with debris."""
@@ -36,14 +69,14 @@ RECOVERY_S = 0.25
 def removal_um3_s(profile: Profile, depth_um: float) -> float:
     """Work removed at the bottom of a hole or channel while sparking, µm³/s, on average until it is so deep.
 
-    The mean-voltage law (see `edmctl.process.voltage`), less what burns at the wall and what arcs leave undone,
+    The mean-voltage law (see `edmctl.process.discharge`), less what burns at the wall and what arcs leave undone,
     which is more the worse a deep hole flushes.
     """
     pulse = profile.pulse
     full_energy_uj = pulse_energy_uj(pulse.discharge_voltage_v, pulse.current_a, pulse.on_time_us)
     share = max(_burning_share(pulse, profile.servo.reference), 1e-6)
-    power_uj_s = average_power_uj_s(pulse.frequency_hz, full_energy_uj, share)
-    law_um3_s = removal_rate_um3_s(power_uj_s, profile.work.removal_um3_per_uj)
+    power_uj_s = pulse.frequency_hz * full_energy_uj * share
+    law_um3_s = profile.work.removal_um3_per_uj * power_uj_s
     return law_um3_s * (1.0 - SIDE_DISCHARGE_SHARE) * _yield(profile, depth_um)
 
 
@@ -70,18 +103,18 @@ def time_share_of_jumps(profile: Profile) -> float:
 def jump_duration_s(profile: Profile) -> float:
     """Time of one jump, s."""
     jump = profile.jump
-    return duration_s(jump.height_um, jump.speed_um_s, jump.dwell_s)
+    return jump_time_s(jump.height_um, jump.speed_um_s, jump.dwell_s)
 
 
-def servo_loop(profile: Profile, setup: Setup) -> tuple[float, LimitCycle]:
-    """Delay of the servo loop, s, and the swing that follows from it."""
+def servo_swing(profile: Profile, setup: Setup) -> LimitCycle:
+    """The swing of the gap servo that follows from the delay of its loop."""
     delay_s = loop_delay_s(
         servo_period_s=setup.controller.servo_period_s,
         latency_ticks=setup.controller.latency,
         filter_hz=profile.servo.filter_hz,
         actuator_lag_s=setup.controller.actuator_lag_s,
     )
-    return delay_s, limit_cycle(profile.servo.forward_um_s, delay_s)
+    return limit_cycle(profile.servo.forward_um_s, delay_s)
 
 
 def _yield(profile: Profile, depth_um: float) -> float:

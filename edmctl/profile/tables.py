@@ -1,4 +1,4 @@
-"""What a model permits at a key: its type, its limits, its neighbours, in words."""
+"""What every table of a file is, and what it permits at a key: its type, its limits, its neighbours, in words."""
 
 from __future__ import annotations
 
@@ -6,12 +6,22 @@ import difflib
 import types
 from typing import TYPE_CHECKING, Annotated, Literal, Union, get_args, get_origin
 
-from pydantic import BaseModel
+from pydantic import BaseModel, ConfigDict
 
 if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
 
-    from edmctl.profile.locate import KeyPath
+    from edmctl.profile.positions import KeyPath
+
+
+ONE_LINE = r"^[^\x00-\x1f\x7f]*$"
+"""No control characters: HDF5 texts end at a NUL, and a terminal obeys the others."""
+
+
+class Table(BaseModel):
+    """A table of a profile or setup file: closed, immutable, no silent conversions."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 def field_at(model: type[BaseModel], path: KeyPath) -> FieldInfo | None:

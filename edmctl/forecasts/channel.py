@@ -1,13 +1,13 @@
-"""The course of a channel: its passes, the measuring stops between them, and the time of both."""
+"""A channel: how much it removes, its passes, the measuring stops between them, and the time of both."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from edmctl.profile.amounts import Channel, channel
-from edmctl.profile.measuring_stops import READING_U_UM
-from edmctl.profile.measuring_time import (
+from edmctl.forecasts.measuring_stops import READING_U_UM
+from edmctl.forecasts.measuring_time import (
     Stand,
     between_s,
     descent_time_s,
@@ -18,7 +18,8 @@ from edmctl.profile.measuring_time import (
     stop_time_s,
     touch_time_s,
 )
-from edmctl.profile.rates import removal_um3_s, time_share_of_jumps
+from edmctl.forecasts.removal import hole, removal_um3_s, time_share_of_jumps
+from edmctl.process.discharge import hole_area_um2
 
 if TYPE_CHECKING:
     from edmctl.profile.model import Profile
@@ -35,6 +36,67 @@ PLACES, PLACES_AT_THE_END = 4, 6
 FACE_TOUCHES = 3
 LEARNED_U_REL = 0.03
 """Relative uncertainty of the wear per energy after the first stop has measured it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """A channel: length of its way, how wide and deep it becomes, and what it takes off the tool."""
+
+    length_um: float
+    width_um: float
+    depth_um: float
+    volume_um3: float
+    wear_um: float
+    layers: int
+
+    @property
+    def wear_ratio(self) -> float:
+        """Wear length per depth of the channel."""
+        return self.wear_um / self.depth_um
+
+
+def channel(profile: Profile, path: PathTable) -> Channel:
+    """The channel of a profile; it is a side gap wider than the tool on both sides.
+
+    The tool loses the same volume per volume removed as in a hole, so its wear length is that of a hole as deep as
+    the channel's volume over the section of a hole. An open way has half a hole at either end.
+    """
+    diameter_um, depth_um = profile.tool.diameter_um, hole(profile).depth_um
+    width_um = diameter_um + 2.0 * profile.work.side_gap_um
+    section_um2 = hole_area_um2(diameter_um, profile.work.side_gap_um)
+    length_um = path_length_um(path)
+    ends_um2 = section_um2 if path.kind == "spiral" else 0.0
+    volume_um3 = (width_um * length_um + ends_um2) * depth_um
+    return Channel(
+        length_um=length_um,
+        width_um=width_um,
+        depth_um=depth_um,
+        volume_um3=volume_um3,
+        wear_um=profile.wear.expected_ratio * volume_um3 / section_um2,
+        layers=math.ceil(depth_um / path.layer_um - 1e-9),
+    )
+
+
+def path_length_um(path: PathTable) -> float:
+    """Length of a channel's way, µm."""
+    if path.kind == "rectangle":
+        return 2.0 * (_given(path.width_um) + _given(path.height_um))
+    if path.kind == "circle":
+        return 2.0 * math.pi * _given(path.radius_um)
+    inner_um, pitch_um, turns = _given(path.radius_um), _given(path.pitch_um), _given(path.turns)
+    growth_um = pitch_um / (2.0 * math.pi)
+    return _archimedes(inner_um + pitch_um * turns, growth_um) - _archimedes(inner_um, growth_um)
+
+
+def _archimedes(radius_um: float, growth_um: float) -> float:
+    """Length of a spiral of Archimedes from its centre to a radius, growing by this per radian."""
+    across_um = math.hypot(radius_um, growth_um)
+    return (radius_um * across_um / growth_um + growth_um * math.asinh(radius_um / growth_um)) / 2.0
+
+
+def _given(value_um: float | None) -> float:
+    """A value that the kind of a path needs: the rules refuse a path without it."""
+    return math.nan if value_um is None else value_um
 
 
 def channel_machining_s(profile: Profile, setup: Setup, path: PathTable) -> float:

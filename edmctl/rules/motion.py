@@ -1,27 +1,26 @@
-"""Cross-field rules of stroke, servo ramps and jumps."""
+"""Cross-field rules of stroke, servo ramps and jumps, adaptive ones and their thresholds too."""
 
 from __future__ import annotations
 
 import math
 from typing import TYPE_CHECKING
 
-from edmctl.process.jump import minimum_height_um
-from edmctl.process.servo import HALF_AMPLITUDE_DESIGN_UM, HALF_AMPLITUDE_LIMIT_UM
-from edmctl.profile.amounts import completion, hole
-from edmctl.profile.codes import Code
-from edmctl.profile.findings import PAD_MARGIN_UM, Finding, Job, rounded_down, rounded_up
-from edmctl.profile.forecast import (
+from edmctl.forecasts.forecast import (
     STROKE_RESERVE_UM,
+    Job,
     depth_and_wear_um,
     stroke_available_um,
     stroke_um,
 )
-from edmctl.profile.rates import servo_loop, time_share_of_jumps
+from edmctl.forecasts.removal import completion, hole, jump_duration_s, servo_swing, time_share_of_jumps
+from edmctl.process.servo import HALF_AMPLITUDE_DESIGN_UM, HALF_AMPLITUDE_LIMIT_UM, least_jump_um
+from edmctl.profile.findings import PAD_MARGIN_UM, Code, Finding, rounded_down, rounded_up
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from edmctl.profile.model import Profile
+
 
 SLOPE_PER_FEED_MIN, SLOPE_PER_FEED_GOOD = 1.2, 3.0
 OFFSET_MIN_UM = 45.0
@@ -127,10 +126,10 @@ def slope_against_feed(job: Job) -> Iterator[Finding]:
     )
 
 
-def servo_swing(job: Job) -> Iterator[Finding]:
+def limit_cycle(job: Job) -> Iterator[Finding]:
     """Rule 4: the relay's limit cycle stays well inside the gap."""
     servo, controller = job.profile.servo, job.setup.controller
-    delay_s, swing = servo_loop(job.profile, job.setup)
+    swing = servo_swing(job.profile, job.setup)
     if servo.mode != "relay" or swing.half_amplitude_um <= HALF_AMPLITUDE_DESIGN_UM:
         return
     refused = swing.half_amplitude_um > HALF_AMPLITUDE_LIMIT_UM
@@ -139,9 +138,9 @@ def servo_swing(job: Job) -> Iterator[Finding]:
         Code.LIMIT_CYCLE if refused else Code.LIMIT_CYCLE_LARGE,
         ("servo", "forward_um_s"),
         f"the servo would swing ±{swing.half_amplitude_um:.2f} µm (period {swing.period_s:.2g} s): ramp "
-        f"{servo.forward_um_s:g} µm/s x loop delay {1e3 * delay_s:.0f} ms, with a loop of "
+        f"{servo.forward_um_s:g} µm/s x loop delay {1e3 * swing.loop_delay_s:.0f} ms, with a loop of "
         f"{1e-3 * controller.servo_period_us:g} ms; above {limit_um:g} µm the tool shorts",
-        f"use at most {rounded_down(HALF_AMPLITUDE_DESIGN_UM / delay_s)} µm/s, a faster loop, "
+        f"use at most {rounded_down(HALF_AMPLITUDE_DESIGN_UM / swing.loop_delay_s)} µm/s, a faster loop, "
         'or servo.mode = "pi"',
     )
 
@@ -237,7 +236,7 @@ def jump(job: Job) -> Iterator[Finding]:
 def _jump_height(profile: Profile) -> Iterator[Finding]:
     j, (depth_um, wear_um) = profile.jump, depth_and_wear_um(profile)
     wear_um = hole(profile).feed_um - depth_um if profile.path is None else wear_um
-    least_um = JUMP_HEIGHT_FACTOR * minimum_height_um(
+    least_um = JUMP_HEIGHT_FACTOR * least_jump_um(
         depth_um, profile.tool.diameter_um, profile.work.side_gap_um
     )
     deepest_um = profile.approach.offset_um + depth_um + wear_um
@@ -256,4 +255,62 @@ def _jump_height(profile: Profile) -> Iterator[Finding]:
             f"jump height {j.height_um:g} µm hardly flushes: at {depth_um:.0f} µm depth and a side gap of "
             f"{profile.work.side_gap_um:g} µm it takes {least_um:.0f} µm",
             f"use {rounded_up(least_um)} µm or more",
+        )
+
+
+def adaptive_period(job: Job) -> Iterator[Finding]:
+    """Rules 7 and 24: the shortest period is the shorter one, and still leaves time to machine."""
+    jump = job.profile.jump
+    if jump.mode != "adaptive":
+        return
+    if jump.period_min_s > jump.period_s:
+        yield Finding(
+            Code.ADAPTIVE,
+            ("jump", "period_min_s"),
+            f"the shortest jump period, {jump.period_min_s:g} s, is longer than period_s {jump.period_s:g} s",
+            f"use at most {jump.period_s:g} s; 1.5 s is usual",
+        )
+    took_s = jump_duration_s(job.profile)
+    share = took_s / jump.period_min_s
+    if share > JUMP_SHARE_MAX:
+        yield Finding(
+            Code.JUMP,
+            ("jump", "period_min_s"),
+            f"at the shortest period jumping takes {100 * share:.0f} % of the time ({took_s:.2g} s every "
+            f"{jump.period_min_s:g} s); at most {100 * JUMP_SHARE_MAX:.0f} %",
+            f"use at least {rounded_up(took_s / JUMP_SHARE_MAX)} s, or a faster jump",
+        )
+
+
+def adaptive_thresholds(job: Job) -> Iterator[Finding]:
+    """Rule 24: what the supervisor lowers lies below what it starts from, what it raises above."""
+    if job.profile.jump.mode != "adaptive":
+        return
+    adaptive, servo, pulse = job.profile.adaptive, job.profile.servo, job.profile.pulse
+    for kind, low, high in (
+        ("arc", adaptive.arc_low, adaptive.arc_high),
+        ("short", adaptive.short_low, adaptive.short_high),
+    ):
+        if low >= high:
+            yield Finding(
+                Code.ADAPTIVE,
+                ("adaptive", f"{kind}_low"),
+                f"{kind}_low {low:g} is not below {kind}_high {high:g}: jumps would be made rarer and more frequent "
+                "by turns",
+                f"use less than {high:g}",
+            )
+    if adaptive.reference_max < servo.reference:
+        yield Finding(
+            Code.ADAPTIVE,
+            ("adaptive", "reference_max"),
+            f"reference_max {adaptive.reference_max:g} is below the servo reference {servo.reference:g} that it is "
+            "raised from",
+            f"use {servo.reference:g} or more",
+        )
+    if adaptive.duty_min > pulse.duty:
+        yield Finding(
+            Code.ADAPTIVE,
+            ("adaptive", "duty_min"),
+            f"duty_min {adaptive.duty_min:g} is above the duty {pulse.duty:g} that it is lowered from",
+            f"use {pulse.duty:g} or less",
         )

@@ -1,11 +1,13 @@
-"""The `[sim]` table: how the virtual machine erodes. Ignored on hardware and hashed apart from the recipe."""
+"""A profile file: the recipe and the `[sim]` table of the virtual machine, with a JSON schema for editors."""
 
 from __future__ import annotations
+
+from typing import Any
 
 from pydantic import Field
 
 from edmctl.profile.model import Profile
-from edmctl.profile.table import Table
+from edmctl.profile.tables import Table
 
 
 class SimSettings(Table):
@@ -52,3 +54,35 @@ class ProfileFile(Profile):
     """A profile file as written: the recipe and the `[sim]` table."""
 
     sim: SimSettings = SimSettings()
+
+
+def profile_schema() -> dict[str, Any]:
+    """JSON schema (draft 2020-12) of a profile file. One that extends another may leave any key to that."""
+    schema = ProfileFile.model_json_schema(by_alias=True)
+    required = {"required": schema.pop("required"), "properties": _required_keys(schema)}
+    schema["properties"]["extends"] = {
+        "type": "string",
+        "description": "profile whose values hold where this one states none, relative to this file, or shipped",
+    }
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        **schema,
+        "title": "edmctl machining profile",
+        "if": {"not": {"required": ["extends"]}},
+        "then": required,
+    }
+
+
+def _required_keys(schema: dict[str, Any]) -> dict[str, Any]:
+    """Take the required keys out of the tables' definitions: for each table, what it must hold.
+
+    Items of a list keep theirs, because a list is inherited whole or not at all.
+    """
+    found = {}
+    for table, description in schema["properties"].items():
+        kinds = description.get("oneOf", description.get("anyOf", [description]))
+        names = [kind["$ref"].rpartition("/")[2] for kind in kinds if "$ref" in kind]
+        if names:
+            taken = [schema["$defs"][name].pop("required", []) for name in names]
+            found[table] = {"anyOf": [{"required": keys} for keys in taken]}
+    return found

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from edmctl.profile.channel_sequence import waiting_speed_um_s
-from edmctl.profile.codes import Code
-from edmctl.profile.findings import Finding, Job, rounded_up
-from edmctl.profile.forecast import depth_and_wear_um
+from edmctl.forecasts.channel import waiting_speed_um_s
+from edmctl.forecasts.forecast import Job, depth_and_wear_um
+from edmctl.profile.findings import Code, Finding, rounded_up
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

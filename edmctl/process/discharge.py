@@ -1,0 +1,71 @@
+"""Discharges: energy of a pulse, the share that burns at a servo level, and what they remove.
+
+The servo regulates the normalised level `s = mean gap voltage / (duty x open voltage)`: 1 means every pulse
+stays open, `rho = discharge voltage / open voltage` means every pulse ignites at once. The ignition delay has
+an exponential tail (Laue 1925), so its mean time constant against the on-time fixes the level.
+"""
+
+from __future__ import annotations
+
+import math
+
+
+def pulse_energy_uj(discharge_voltage_v: float, current_a: float, on_time_us: float) -> float:
+    """Energy in µJ of a pulse that burns for its whole on-time, `u_e * I * t_on`."""
+    return discharge_voltage_v * current_a * on_time_us
+
+
+def tool_area_um2(diameter_um: float) -> float:
+    """Face of a round tool, µm²."""
+    return math.pi / 4.0 * diameter_um**2
+
+
+def hole_area_um2(diameter_um: float, side_gap_um: float) -> float:
+    """Cross-section of the hole that a round tool makes, µm²: the tool plus the side gap all round."""
+    return tool_area_um2(diameter_um + 2.0 * side_gap_um)
+
+
+def mrr_mm3_min(removal_um3_s: float) -> float:
+    """Material removal rate (MRR) in the trade's unit, mm³/min."""
+    return removal_um3_s * 60.0 / 1e9
+
+
+def open_share(tau_over_on_time: float) -> float:
+    """Mean share of the on-time before ignition, `phi = E[min(t_d, t_on)] / t_on`, for exponential delay."""
+    x = tau_over_on_time
+    if x <= 0.0:
+        return 0.0
+    return -x * math.expm1(-1.0 / x)
+
+
+def discharge_share(level_s: float, rho: float) -> float:
+    """Share of the on-time that burns, `1 - phi = (1 - s) / (1 - rho)`: voltage read as a removal meter."""
+    return (1.0 - level_s) / (1.0 - rho)
+
+
+def burning_share(tau_over_on_time: float, longest_share: float) -> float:
+    """Mean share of the on-time that burns when a discharge is cut off after `longest_share` of it.
+
+    `E[min(t_set, t_on - t_d)] / t_on` for exponential delay; with `longest_share` 1 it is `1 - phi`.
+    """
+    x = tau_over_on_time
+    if x <= 0.0:
+        return longest_share
+    return longest_share - x * (math.exp(-(1.0 - longest_share) / x) - math.exp(-1.0 / x))
+
+
+def isopulse_discharge_share(level_s: float, rho: float, longest_share: float) -> float:
+    """Share of the on-time that burns at a servo level when every discharge is cut off after a set time.
+
+    Solves `s = phi + rho * burning` for the ignition delay by bisection; it rises from `rho * longest_share`
+    to 1.
+    """
+    low, high = -6.0, 6.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        x = 10.0**middle
+        if open_share(x) + rho * burning_share(x, longest_share) < level_s:
+            low = middle
+        else:
+            high = middle
+    return burning_share(10.0**low, longest_share)

@@ -1,0 +1,1 @@
+"""Cross-field rules of a profile, and loading one checked by them."""
