@@ -52,11 +52,11 @@ def states_of_a_run(folder: Path) -> list[Progress]:
     """All states of the main job, to a shallow depth."""
     from edmctl.jobs.checking import check
     from edmctl.jobs.job import carry_out
-    from edmctl.jobs.plan import Order
+    from edmctl.jobs.plan import JobRequest
     from edmctl.jobs.run_header import RunName
 
     kept = Kept()
-    plan = check(Order(profile="cu270", overrides=("target.depth_um=20",), setup=None, port=None))
+    plan = check(JobRequest(profile="cu270", overrides=("target.depth_um=20",), setup=None, port=None))
     carry_out(plan, SEED, kept, RunName("kept", folder / "kept.h5", datetime.now(UTC)))
     return kept.states
 

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Self
 
 from edmctl.jobs.checking import check
 from edmctl.jobs.job import carry_out
-from edmctl.jobs.plan import SIMULATOR, Order, where_is
+from edmctl.jobs.plan import SIMULATOR, JobRequest, where_is
 from edmctl.jobs.resume.selection import name_of_resumed
 from edmctl.jobs.run_header import name_run
 from edmctl.jobs.simulate.seeds import seed_to_use
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from edmctl.forecasts.forecast import Forecast
     from edmctl.jobs.job import Report
     from edmctl.jobs.plan import Plan
-    from edmctl.jobs.procedure_command import Performed, Procedure
+    from edmctl.jobs.procedure_command import Procedure, ProcedureReport
     from edmctl.jobs.run_header import RunName
     from edmctl.machine.stop import StopRequest
     from edmctl.record.reader import RunFile
@@ -103,13 +103,13 @@ class Machine:
         (`{"target.depth_um": 20}`) or texts as `--set` takes them. `out` is the folder of the run file; without it
         none is written, and neither ledger nor journal is kept. `observer` is told progress and decisions in the
         calling thread, `warn` what is doubtful before anything moves. `stop.request(signal.SIGINT)` ends the job in
-        order, from any thread.
+        request, from any thread.
 
         Raises ProfileError, UsageError, RecordError, PreconditionError, LinkLost, ProtocolMismatch or RunFileError
         where it cannot begin; the error that ended a job which had begun is `report.error`.
         """
-        order = self._order(profile, overrides, calibration, allow_model=allow_model, new_tool=new_tool)
-        plan = check(order, _surroundings(stop))
+        request = self._request(profile, overrides, calibration, allow_model=allow_model, new_tool=new_tool)
+        plan = check(request, _surroundings(stop))
         name = name_run(Path(out), run_id, plan.loaded, datetime.now(UTC)) if out is not None else None
         return carry_out(plan, seed_to_use(self.seed), observer or Unobserved(), name, warn)
 
@@ -146,14 +146,14 @@ class Machine:
         run_id: str | None = None,
         observer: Observer | None = None,
         stop: StopRequest | None = None,
-    ) -> Performed:
+    ) -> ProcedureReport:
         """Feed the tool to the spark gap, or with `contact` to the surface, say where it is, retract.
 
         Raises as `machine`; E8042 a hole is there, E8044 the tool does not reach the surface.
         """
         from edmctl.jobs.approach import Approach
 
-        plan = check(self._order(profile, overrides), _surroundings(stop))
+        plan = check(self._request(profile, overrides), _surroundings(stop))
         return self._perform(plan, Approach(plan, site_um, contact=contact), out, run_id, observer)
 
     def jump_flush(
@@ -166,12 +166,12 @@ class Machine:
         run_id: str | None = None,
         observer: Observer | None = None,
         stop: StopRequest | None = None,
-    ) -> Performed:
+    ) -> ProcedureReport:
         """Make electrode jumps beside the work, without sparks, and measure them. Raises as `machine`."""
         from edmctl.jobs.jump_flush import JUMPS_ALONE, Jumps, refuse_hurry
 
-        order = self._order(profile, (*_texts(overrides), *JUMPS_ALONE))
-        plan = check(order, _surroundings(stop))
+        request = self._request(profile, (*_texts(overrides), *JUMPS_ALONE))
+        plan = check(request, _surroundings(stop))
         refuse_hurry(plan)
         return self._perform(plan, Jumps(plan, count), out, run_id, observer)
 
@@ -187,7 +187,7 @@ class Machine:
         new_tool: bool = False,
         observer: Observer | None = None,
         stop: StopRequest | None = None,
-    ) -> Performed:
+    ) -> ProcedureReport:
         """Touch the pad and the last hole, and say what the tool has lost since its reference; or touch that.
 
         `site` names another hole of the ledger in `out`. Raises as `machine`; E8041 there is no reference, E8045 no
@@ -195,10 +195,10 @@ class Machine:
         """
         from edmctl.jobs.wear.measure import WearRun
 
-        plan = check(self._order(profile, overrides, new_tool=new_tool), _surroundings(stop))
+        plan = check(self._request(profile, overrides, new_tool=new_tool), _surroundings(stop))
         return self._perform(plan, WearRun(plan, site, is_reference=reference), out, run_id, observer)
 
-    def _order(
+    def _request(
         self,
         profile: File,
         overrides: Overrides,
@@ -206,8 +206,8 @@ class Machine:
         *,
         allow_model: bool = False,
         new_tool: bool = False,
-    ) -> Order:
-        return Order(
+    ) -> JobRequest:
+        return JobRequest(
             profile=str(profile),
             overrides=_texts(overrides),
             setup=self._setup,
@@ -220,7 +220,7 @@ class Machine:
 
     def _perform(
         self, plan: Plan, procedure: Procedure, out: File, run_id: str | None, observer: Observer | None
-    ) -> Performed:
+    ) -> ProcedureReport:
         from edmctl.jobs.procedure_command import name_of, perform
 
         name: RunName = name_of(plan, procedure.name, Path(out), run_id)
@@ -261,7 +261,7 @@ def simulate(
     machines = [connect(seed=seed, setup=setup) for seed in numbers]
     for steps in grid:
         if machines:
-            check(machines[0]._order(profile, (*texts, *steps)))
+            check(machines[0]._request(profile, (*texts, *steps)))
     return [
         machine.machine(profile, overrides=(*texts, *steps), out=out)
         for steps in grid

@@ -16,7 +16,7 @@ from edmctl.console.live_view import Histories, draw_view
 from edmctl.console.style import PLAIN, Style
 from edmctl.jobs.checking import check
 from edmctl.jobs.job import carry_out
-from edmctl.jobs.plan import Order
+from edmctl.jobs.plan import JobRequest
 from edmctl.jobs.run_header import RunName
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ class Snapshot:
 
 def main() -> None:
     """Run the main job once; write machine.svg and the block in the README."""
-    plan = check(Order(profile="cu270", overrides=(), setup=None, port=None))
+    plan = check(JobRequest(profile="cu270", overrides=(), setup=None, port=None))
     snapshot = Snapshot()
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         os.environ["EDMCTL_HOME"] = folder  # no calibration of this machine's own

@@ -1,1 +1,1 @@
-"""Jobs from an order to a result: the application layer, for the command line and for programs alike."""
+"""Jobs from a request to a result: the application layer, for the command line and for programs alike."""

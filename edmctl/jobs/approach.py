@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from edmctl.forecasts.forecast import STROKE_RESERVE_UM
 from edmctl.jobs.job_preparation import hole_radius_um, logbook_of, prepared_job
 from edmctl.jobs.ledger.places_taken import refuse_pad, refuse_taken
-from edmctl.jobs.ledger.tool_identity import seen_on
+from edmctl.jobs.ledger.tool_identity import tool_identity
 from edmctl.jobs.ledger.tool_life import refuse_too_short
 from edmctl.procedures.job import Site
 from edmctl.procedures.touch.approach import find_contact, find_gap
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from edmctl.jobs.plan import Plan
     from edmctl.jobs.procedure_command import Warn
     from edmctl.jobs.run_header import RunName
-    from edmctl.jobs.session import Held
+    from edmctl.jobs.session import MachineSession
     from edmctl.procedures.job import Job
     from edmctl.procedures.run import Run
     from edmctl.results.measurements import SurfaceFound
@@ -64,10 +64,10 @@ class Approach:
         """A touch makes none."""
         return not self.contact
 
-    def job(self, held: Held, name: RunName, warn: Warn) -> Job:
+    def job(self, session: MachineSession, name: RunName, warn: Warn) -> Job:
         """Return the job of the machine's tool as it is by now, at the place of its first hole."""
-        actuator = held.choice.actuator if held.choice else None
-        prepared = prepared_job(self.plan, seen_on(held), actuator, logbook_of(self.plan, name))
+        actuator = session.choice.actuator if session.choice else None
+        prepared = prepared_job(self.plan, tool_identity(session), actuator, logbook_of(self.plan, name))
         self._site = checked_site(
             prepared, self.place, name.path.parent, self.plan.where.selector, contact=self.contact
         )

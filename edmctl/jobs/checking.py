@@ -1,4 +1,4 @@
-"""From an order to a plan: everything that it names is loaded and checked."""
+"""From a request to a plan: everything that it names is loaded and checked."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from edmctl.jobs.plan import Plan, where_is
 from edmctl.jobs.surroundings import NONE, Surroundings
 
 if TYPE_CHECKING:
-    from edmctl.jobs.plan import Order
+    from edmctl.jobs.plan import JobRequest
 
 
-def check(order: Order, surroundings: Surroundings = NONE) -> Plan:
-    """Load and check everything the order names, for the program in `surroundings`.
+def check(request: JobRequest, surroundings: Surroundings = NONE) -> Plan:
+    """Load and check everything the request names, for the program in `surroundings`.
 
     Raises ProfileError, RecordError, UsageError, LinkLost, PreconditionError.
     """
-    if order.profile is None:
+    if request.profile is None:
         raise UsageError(
             "No profile was named.",
             hint="Say --profile NAME|FILE or set EDMCTL_PROFILE; `--profile cu270` takes a shipped one.",
@@ -29,20 +29,20 @@ def check(order: Order, surroundings: Surroundings = NONE) -> Plan:
     from edmctl.profile.setup import load_setup
     from edmctl.rules.load import load_profile
 
-    setup = load_setup(order.setup)
-    where = where_is(order.port, setup, order.wait_s)
-    loaded = load_profile(order.profile, order.overrides, setup=setup)
-    refuse_unasked(setup, allow_model=order.allow_model)
-    look_at_named(order.calibration, surroundings.environ, setup, loaded.profile)
+    setup = load_setup(request.setup)
+    where = where_is(request.port, setup, request.wait_s)
+    loaded = load_profile(request.profile, request.overrides, setup=setup)
+    refuse_unasked(setup, allow_model=request.allow_model)
+    look_at_named(request.calibration, surroundings.environ, setup, loaded.profile)
     return Plan(
-        order=order,
+        request=request,
         where=where,
         simulated=True if where.in_process else None,
         loaded=loaded,
         setup=setup,
-        setup_text=read_source(order.setup).text if order.setup else "",
+        setup_text=read_source(request.setup).text if request.setup else "",
         forecast=forecast(loaded.profile, setup, loaded.places),
-        calibration=order.calibration,
-        new_tool=order.new_tool,
+        calibration=request.calibration,
+        new_tool=request.new_tool,
         surroundings=surroundings,
     )

@@ -12,7 +12,7 @@ from edmctl.jobs.ledger.tool_identity import as_found, name_tool
 from edmctl.jobs.recording import recorded
 from edmctl.jobs.resume.way_on import on_machine
 from edmctl.jobs.run_header import run_meta
-from edmctl.jobs.session import Held
+from edmctl.jobs.session import MachineSession
 from edmctl.record.disk_thread import DiskThread
 
 if TYPE_CHECKING:
@@ -34,9 +34,9 @@ def connected_run(
     observer: Observer,
     name: RunName | None,
     warn: Warn | None,
-    prepare: Callable[[Held], Act],
-    summary: Callable[[Held], Mapping[str, object]],
-) -> Held:
+    prepare: Callable[[MachineSession], Act],
+    summary: Callable[[MachineSession], Mapping[str, object]],
+) -> MachineSession:
     """Connect to the machine of `plan`, and act on it with a recorder into the run file `name`.
 
     `prepare` refuses what cannot be done, or returns what does it; until then no file is made and no tool changed.
@@ -52,29 +52,29 @@ def connected_run(
         refuse_place(name.path)
         if warn is not None and not are_known(name.path.parent):
             warn([_no_locks(name.path.parent)])
-    held: Held | None = None
+    session: MachineSession | None = None
 
     def written(path: Path | None) -> None:
-        assert held is not None
-        held.run_file = path
+        assert session is not None
+        session.run_file = path
 
     try:
         with connected(
             plan.tool_for(), plan.setup, seed, observer.note, plan.where, plan.surroundings
         ) as bench:
             disk = DiskThread(bench.machine.attend if bench.machine.is_live else None)
-            held = Held(bench, disk)
+            session = MachineSession(bench, disk)
             try:
-                _record(plan, observer, name, warn, prepare, summary, held, written)
+                _record(plan, observer, name, warn, prepare, summary, session, written)
             except EdmError as expected:
-                held.error = expected
+                session.error = expected
             finally:
                 disk.close()
     except RunFileError as unkept:
-        if held is None:
+        if session is None:
             raise
-        held.error = held.error or unkept
-    return held
+        session.error = session.error or unkept
+    return session
 
 
 def _record(
@@ -82,19 +82,19 @@ def _record(
     observer: Observer,
     name: RunName | None,
     warn: Warn | None,
-    prepare: Callable[[Held], Act],
-    summary: Callable[[Held], Mapping[str, object]],
-    held: Held,
+    prepare: Callable[[MachineSession], Act],
+    summary: Callable[[MachineSession], Mapping[str, object]],
+    session: MachineSession,
     written: Callable[[Path | None], None],
 ) -> None:
-    bench = held.bench
+    bench = session.bench
     identity = bench.machine.identity
     calibrate = (
         on_machine("edmctl calibrate", plan.where.selector)
         if plan.where.lasting
         else f"edmctl calibrate --seed {bench.seed}"
     )
-    choice = held.choice = choose(
+    choice = session.choice = choose(
         plan.calibration,
         plan.surroundings.environ,
         plan.setup,
@@ -104,19 +104,19 @@ def _record(
     )
     if warn is not None:
         warn(choice.warnings)
-    act = prepare(held)
+    act = prepare(session)
     logbook = logbook_of(plan, name)
-    found = as_found(plan, held, logbook, "measure-wear")
+    found = as_found(plan, session, logbook, "measure-wear")
     with recorded(
         name,
         lambda run: run_meta(run, found, bench.seed, identity, choice),
-        lambda: summary(held),
+        lambda: summary(session),
         written,
         waits=plan.where.in_process,
     ) as recorder:
         into = f", into {name.path}" if name else ""
         observer.note(f"{introduction(plan.where, bench)}{into}")
-        name_tool(plan, held, logbook)
+        name_tool(plan, session, logbook)
         bench.begin()
         if plan.new_tool and bench.virtual is not None:
             bench.virtual.new_tool()

@@ -1,4 +1,4 @@
-"""One job from an order to a result: what `machine` does once and `simulate` many times."""
+"""One job from a request to a result: what `machine` does once and `simulate` many times."""
 
 from __future__ import annotations
 
@@ -27,9 +27,10 @@ if TYPE_CHECKING:
     from edmctl.jobs.calibration.selection import ModelUsed
     from edmctl.jobs.ledger.job_ledger import JobLedger
     from edmctl.jobs.plan import Plan
-    from edmctl.jobs.resume.checkpoint import Journaling
+    from edmctl.jobs.resume.checkpoint import JobCheckpoint
     from edmctl.jobs.run_header import RunName
-    from edmctl.jobs.session import Held
+    from edmctl.jobs.session import MachineSession
+    from edmctl.jobs.truth.channel import ChannelTruth
     from edmctl.jobs.truth.wear import TrueWear
     from edmctl.jsonout import JsonValue
     from edmctl.procedures.job import Job
@@ -138,25 +139,27 @@ def carry_out(
     the report, with what was reached until then.
     """
     from edmctl.jobs.ledger.job_ledger import JobLedger
-    from edmctl.jobs.resume.checkpoint import Journaling, tell_way_on
+    from edmctl.jobs.resume.checkpoint import JobCheckpoint, tell_way_on
     from edmctl.jobs.truth.wear import TrueWear
     from edmctl.procedures.tally import JobTally
 
     ledger = JobTally()
     true_wear: TrueWear | None = None
 
-    def prepare(held: Held) -> Callable[[Recorder], None]:
-        kept = Journaling(plan, held, name)
-        entries = JobLedger(plan, held, name, kept, warn or (lambda _: None))
+    def prepare(session: MachineSession) -> Callable[[Recorder], None]:
+        kept = JobCheckpoint(plan, session, name)
+        entries = JobLedger(plan, session, name, kept, warn or (lambda _: None))
         kept.refuse()
         job = entries.job(plan.resumed.run_files if plan.resumed else ())
-        return lambda recorder: act(held, entries, kept, job, recorder)
+        return lambda recorder: act(session, entries, kept, job, recorder)
 
-    def act(held: Held, entries: JobLedger, kept: Journaling, job: Job, recorder: Recorder) -> None:
+    def act(
+        session: MachineSession, entries: JobLedger, kept: JobCheckpoint, job: Job, recorder: Recorder
+    ) -> None:
         nonlocal true_wear
         journal: Journal = entries
-        if held.bench.virtual:
-            journal = true_wear = TrueWear(held.bench.virtual, entries)
+        if session.bench.virtual:
+            journal = true_wear = TrueWear(session.bench.virtual, entries)
             entries.truth = {"tool_wear_um": true_wear.before_um}
             kept.truth = true_wear.as_mapping
             if plan.resumed is not None and plan.resumed.journal.truth is not None:
@@ -164,26 +167,26 @@ def carry_out(
                 if plan.resumed.restart_hole:
                     true_wear.leave_hole()
         try:
-            _run(held, entries, kept, job, recorder, observer, ledger, journal)
+            _run(session, entries, kept, job, recorder, observer, ledger, journal)
         finally:
-            if held.bench.virtual and plan.loaded.profile.path is not None:
+            if session.bench.virtual and plan.loaded.profile.path is not None:
                 from edmctl.jobs.truth.channel import keep_truth_map
 
-                keep_truth_map(recorder, held.bench.virtual)
+                keep_truth_map(recorder, session.bench.virtual)
 
-    def summary(held: Held) -> dict[str, object]:
-        return _report(plan, held, ledger, true_wear).as_mapping()
+    def summary(session: MachineSession) -> dict[str, object]:
+        return _report(plan, session, ledger, true_wear).as_mapping()
 
-    held = connected_run(plan, seed, observer, name, warn, prepare, summary)
-    if held.error is not None:
-        tell_way_on(held.error, plan, name)
-    return _report(plan, held, ledger, true_wear)
+    session = connected_run(plan, seed, observer, name, warn, prepare, summary)
+    if session.error is not None:
+        tell_way_on(session.error, plan, name)
+    return _report(plan, session, ledger, true_wear)
 
 
 def _run(
-    held: Held,
+    session: MachineSession,
     entries: JobLedger,
-    kept: Journaling,
+    kept: JobCheckpoint,
     job: Job,
     recorder: Recorder,
     observer: Observer,
@@ -200,7 +203,9 @@ def _run(
     job = kept.begin(job)
     entries.begin()
     try:
-        run_job(held.bench.machine, job, recorder=recorder, observer=observer, ledger=ledger, journal=journal)
+        run_job(
+            session.bench.machine, job, recorder=recorder, observer=observer, ledger=ledger, journal=journal
+        )
     except BaseException as error:
         with suppress(RunFileError):
             entries.close(ledger.result(), ending(error)[0])
@@ -209,17 +214,17 @@ def _run(
     kept.end()
 
 
-def _report(plan: Plan, held: Held, ledger: JobTally, true_wear: TrueWear | None) -> Report:
-    virtual, job = held.bench.virtual, ledger.result()
+def _report(plan: Plan, session: MachineSession, ledger: JobTally, true_wear: TrueWear | None) -> Report:
+    virtual, job = session.bench.virtual, ledger.result()
     truths = truths_of(job.sites, virtual.truth(), true_wear) if virtual and true_wear else ()
-    simulated = held.bench.machine.identity.simulated
-    used = held.choice.used if held.choice else None
+    simulated = session.bench.machine.identity.simulated
+    used = session.choice.used if session.choice else None
     channel = None
     if virtual and true_wear and job.channel is not None:
         from edmctl.jobs.truth.channel import channel_truth
 
         channel = channel_truth(plan.loaded.profile, virtual, virtual.tool_wear_um - true_wear.before_um)
-    return Report(simulated, job, truths, held.error, held.run_file, used, channel)
+    return Report(simulated, job, truths, session.error, session.run_file, used, channel)
 
 
 def truths_of(

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from edmctl.errors import Diagnostic
     from edmctl.jobs.ledger.places_taken import Place
-    from edmctl.jobs.ledger.tool_identity import Seen
+    from edmctl.jobs.ledger.tool_identity import ToolIdentity
     from edmctl.jobs.plan import Plan
     from edmctl.jobs.run_header import RunName
     from edmctl.procedures.job import CalibratedActuator, Job
@@ -82,7 +82,7 @@ class Prepared:
 
 def prepared_job(
     plan: Plan,
-    seen: Seen,
+    identity: ToolIdentity,
     actuator: CalibratedActuator | None,
     logbook: Logbook | None,
     resuming: Collection[str] = (),
@@ -96,9 +96,9 @@ def prepared_job(
     loaded, setup = plan.loaded, plan.setup
     if logbook is None:
         job = job_of(loaded.profile, setup, loaded.places, actuator)
-        return Prepared(job, seen.serial, ToolAccount(loaded.profile.tool.label))
-    books = books_of(logbook.lines, seen.serial)
-    account = account_of(plan, seen, books)
+        return Prepared(job, identity.serial, ToolAccount(loaded.profile.tool.label))
+    books = books_of(logbook.lines, identity.serial)
+    account = account_of(plan, identity, books)
     left = plan.resumed.state if plan.resumed else None
     # A job that has touched knows its pad from the journal, and the stroke was enough when it began.
     touched = left is not None and (left.site or left.done)
@@ -111,15 +111,15 @@ def prepared_job(
     )
     job = job_of(profile, setup, loaded.places, actuator, start_x_um=own[0].x_um if own else x_um)
     own_um = math.fsum(hole.wear_um for hole in own if not math.isnan(hole.wear_um))
-    job = with_home(job, books, seen.now)
+    job = with_home(job, books, identity.now)
     job = replace(job, tool_wear_before_um=account.lost_um - own_um)
-    return Prepared(job, seen.serial, account, _places(job, radius_um), holes, books)
+    return Prepared(job, identity.serial, account, _places(job, radius_um), holes, books)
 
 
-def forewarned(plan: Plan, name: RunName, seen: Seen) -> list[Diagnostic]:
+def forewarned(plan: Plan, name: RunName, identity: ToolIdentity) -> list[Diagnostic]:
     """Return what the ledger makes doubtful, for a dry run. Raises what the job would."""
     logbook = Logbook.open(name.path.parent)
-    return prepared_job(plan, seen, None, logbook).refuse(plan, logbook.path.parent)
+    return prepared_job(plan, identity, None, logbook).refuse(plan, logbook.path.parent)
 
 
 def _places(job: Job, radius_um: float) -> tuple[Place, ...]:

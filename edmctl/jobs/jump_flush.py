@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from edmctl.jobs.plan import Plan
     from edmctl.jobs.procedure_command import Warn
     from edmctl.jobs.run_header import RunName
-    from edmctl.jobs.session import Held
+    from edmctl.jobs.session import MachineSession
     from edmctl.procedures.job import Job
     from edmctl.procedures.run import Run
     from edmctl.results.measurements import JumpSeries
@@ -54,14 +54,14 @@ class Jumps:
     name: str = "jump-flush"
     pulses: bool = False
 
-    def job(self, held: Held, name: RunName, warn: Warn) -> Job:
+    def job(self, session: MachineSession, name: RunName, warn: Warn) -> Job:
         """Return the profile's job; nothing of it is done but its jumps."""
-        choice, logbook = held.choice, logbook_of(self.plan, name)
+        choice, logbook = session.choice, logbook_of(self.plan, name)
         job = job_of(self.plan.loaded.profile, self.plan.setup, (), choice.actuator if choice else None)
         if logbook is None:
             return job
-        books = books_of(logbook.lines, held.bench.machine.identity.serial)
-        return with_home(job, books, held.bench.now)
+        books = books_of(logbook.lines, session.bench.machine.identity.serial)
+        return with_home(job, books, session.bench.now)
 
     def act(self, run: Run) -> None:
         """Jump."""

@@ -72,7 +72,7 @@ def where_is(option: str | None, setup: Setup, wait_s: float = 0.0) -> Where:
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class JobRequest:
     """What the command line asks for, in plain values that travel to worker processes."""
 
     profile: str | None
@@ -108,10 +108,10 @@ class Resumption:
         """Names of the run files of this job so far."""
         return tuple(f"{run_id}.h5" for run_id in self.job.family)
 
-    def order(self, port: str | None, wait_s: float) -> Order:
-        """Return the order that the job came from, on the machine that is named now."""
+    def request(self, port: str | None, wait_s: float) -> JobRequest:
+        """Return the request that the job came from, on the machine that is named now."""
         job = self.job
-        return Order(
+        return JobRequest(
             profile=job.profile,
             overrides=job.overrides,
             setup=Path(job.setup) if job.setup else None,
@@ -149,12 +149,12 @@ class Resumption:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A checked order. `simulated` is None where only the machine itself will tell, once it is connected.
+    """A checked request. `simulated` is None where only the machine itself will tell, once it is connected.
 
     `new_tool` says that the electrode was changed. Without `names_tool` the machine's tool is taken as it is.
     """
 
-    order: Order
+    request: JobRequest
     where: Where
     simulated: bool | None
     loaded: LoadedProfile

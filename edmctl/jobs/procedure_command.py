@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from edmctl.jobs.calibration.selection import ModelUsed
     from edmctl.jobs.plan import Plan
     from edmctl.jobs.run_header import RunName
-    from edmctl.jobs.session import Held
+    from edmctl.jobs.session import MachineSession
     from edmctl.machine.controller import LinkMachine
     from edmctl.procedures.job import Job
     from edmctl.procedures.run import Run
@@ -40,7 +40,7 @@ class Procedure(Protocol):
         """Whether it makes sparks."""
         ...
 
-    def job(self, held: Held, name: RunName, warn: Warn) -> Job:
+    def job(self, session: MachineSession, name: RunName, warn: Warn) -> Job:
         """Return what the machine is made ready for; refuse what cannot be done on it."""
         ...
 
@@ -58,7 +58,7 @@ class Procedure(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Performed:
+class ProcedureReport:
     """What a procedure came to, whether it ended well or with `error`.
 
     `reached` says that there is a result besides times and calibration; `model` where its estimated displacements
@@ -81,7 +81,7 @@ def name_of(plan: Plan, command: str, folder: Path, run_id: str | None) -> RunNa
 
 def perform(
     plan: Plan, procedure: Procedure, name: RunName, seed: int, observer: Observer, warn: Warn
-) -> Performed:
+) -> ProcedureReport:
     """Do it into the run file `name`; `seed` makes a virtual bench that is not there yet.
 
     Expected errors come back with what was reached. Raises LinkLost, ProtocolMismatch and RunFileError where there
@@ -92,9 +92,9 @@ def perform(
 
     ledger = JobTally()
 
-    def prepare(held: Held) -> Callable[[Recorder], None]:
-        job = procedure.job(held, name, warn)
-        return lambda recorder: act(held.bench.machine, job, recorder)
+    def prepare(session: MachineSession) -> Callable[[Recorder], None]:
+        job = procedure.job(session, name, warn)
+        return lambda recorder: act(session.bench.machine, job, recorder)
 
     def act(machine: LinkMachine, job: Job, recorder: Recorder) -> None:
         with running(
@@ -103,8 +103,8 @@ def perform(
             procedure.act(run)
         procedure.close(ledger.time_s)
 
-    def summary(held: Held) -> dict[str, object]:
-        used = asdict(held.choice.used) if held.choice else None
+    def summary(session: MachineSession) -> dict[str, object]:
+        used = asdict(session.choice.used) if session.choice else None
         return {
             **(procedure.result() or {}),
             "calibration": used,
@@ -112,12 +112,12 @@ def perform(
             "link": ledger.link,
         }
 
-    held = connected_run(plan, seed, observer, name, warn, prepare, summary)
-    return Performed(
-        result=summary(held),
+    session = connected_run(plan, seed, observer, name, warn, prepare, summary)
+    return ProcedureReport(
+        result=summary(session),
         reached=procedure.result() is not None,
-        simulated=held.bench.machine.identity.simulated,
-        run_file=held.run_file,
-        model=held.choice.used if held.choice else None,
-        error=held.error,
+        simulated=session.bench.machine.identity.simulated,
+        run_file=session.run_file,
+        model=session.choice.used if session.choice else None,
+        error=session.error,
     )

@@ -54,7 +54,7 @@ class Bench:
 
 
 @dataclass(slots=True)
-class Held:
+class MachineSession:
     """What a command has in hand as it goes, and in the end: `run_file` as it is called then, the expected error."""
 
     bench: Bench

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.jobs.calibration.selection import Choice, ModelUsed
 from edmctl.jobs.checking import check
-from edmctl.jobs.plan import Order
+from edmctl.jobs.plan import JobRequest
 from edmctl.jobs.run_header import name_run, run_meta
 from edmctl.machine.interface import MachineIdentity
 from edmctl.profile.setup import Setup
@@ -21,7 +21,7 @@ PROFILES = Path(__file__).parents[2] / "profiles"
 
 
 def meta_of(profile: str, *overrides: str, setup: Path | None = None) -> RunMeta:
-    plan = check(Order(profile, overrides, setup, None))
+    plan = check(JobRequest(profile, overrides, setup, None))
     name = name_run(Path("runs"), "r", plan.loaded, datetime(2026, 1, 1, tzinfo=UTC))
     identity = MachineIdentity("sim:", "VIRTUAL", "1.0.0", "1.0", simulated=True)
     choice = Choice(None, ModelUsed(False, None, None, None, "quick, from"))

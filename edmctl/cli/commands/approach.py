@@ -72,10 +72,10 @@ def approach(
         from edmctl.console.surface_table import render_surface
         from edmctl.jobs.approach import Approach
         from edmctl.jobs.checking import check
-        from edmctl.jobs.plan import Order
+        from edmctl.jobs.plan import JobRequest
 
         plan = check(
-            Order(profile, tuple(overrides or ()), setup, port, calibration, allow_model, wait), shell()
+            JobRequest(profile, tuple(overrides or ()), setup, port, calibration, allow_model, wait), shell()
         )
         outcome.simulated = plan.simulated
         outcome.warn(plan.loaded.warnings)
@@ -115,7 +115,7 @@ def _forewarned_place(
     from edmctl.jobs.approach import checked_site
     from edmctl.jobs.job_preparation import prepared_job
     from edmctl.jobs.ledger.places_taken import refuse_pad
-    from edmctl.jobs.ledger.tool_identity import not_seen, seen_in_file
+    from edmctl.jobs.ledger.tool_identity import not_seen, tool_identity_in_file
     from edmctl.procedures.job import job_of
     from edmctl.record.ledger import Logbook
 
@@ -123,12 +123,12 @@ def _forewarned_place(
         refuse_pad(("the place", *place), job_of(plan.loaded.profile, plan.setup))
     if not plan.where.lasting:
         return place
-    seen = seen_in_file(plan.where)
-    if seen is None:
+    identity = tool_identity_in_file(plan.where)
+    if identity is None:
         note(outcome.output, not_seen(plan.where))
         return place
     logbook = Logbook.open(folder)
-    prepared = prepared_job(plan, seen, None, logbook)
+    prepared = prepared_job(plan, identity, None, logbook)
     site = checked_site(prepared, place, folder, plan.where.selector, contact=contact)
     return site.x_um, site.y_um
 

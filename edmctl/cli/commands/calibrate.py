@@ -26,7 +26,7 @@ from edmctl.jobs.simulate.seeds import seed_to_use, simulated_by
 
 if TYPE_CHECKING:
     from edmctl.jobs.calibration.request import Checked, Given
-    from edmctl.jobs.calibration.run import Calibrated
+    from edmctl.jobs.calibration.run import CalibrationReport
     from edmctl.jobs.plan import Where
 
 FromOption = Annotated[
@@ -106,11 +106,11 @@ def calibrate(
     """
 
     def body(outcome: Outcome) -> None:
-        from edmctl.jobs.calibration.request import Order, check
+        from edmctl.jobs.calibration.request import CalibrationRequest, check
 
         used_seed = seed_to_use(seed)
         checked = check(
-            Order(
+            CalibrationRequest(
                 sources=tuple(sources or ()),
                 validation=tuple(validate or ()),
                 refit=refit,
@@ -213,7 +213,7 @@ def _again(where: "Where", seed: int | None) -> str:
     return "" if seed is None else f" --seed {seed}"
 
 
-def _whereabouts(done: "Calibrated", checked: "Checked", seed: int | None) -> str:
+def _whereabouts(done: "CalibrationReport", checked: "Checked", seed: int | None) -> str:
     """Where the file is, and how `machine` comes to use it."""
     from edmctl.profile.calibration import CALIBRATION_VARIABLE
 

@@ -78,7 +78,7 @@ def jump_flush(
         from edmctl.console.jump_table import render_jumps
         from edmctl.jobs.checking import check
         from edmctl.jobs.jump_flush import JUMPS_ALONE, Jumps, refuse_hurry
-        from edmctl.jobs.plan import Order
+        from edmctl.jobs.plan import JobRequest
 
         changes = [
             f"jump.{key}={value!r}"
@@ -86,7 +86,7 @@ def jump_flush(
             if value is not None
         ]
         everything = (*(overrides or ()), *changes, *JUMPS_ALONE)
-        plan = check(Order(profile, everything, setup, port, calibration, allow_model, wait), shell())
+        plan = check(JobRequest(profile, everything, setup, port, calibration, allow_model, wait), shell())
         outcome.simulated = plan.simulated
         outcome.warn(plan.loaded.warnings)
         refuse_hurry(plan)

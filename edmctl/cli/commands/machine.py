@@ -107,7 +107,7 @@ def machine(
 
     def body(outcome: Outcome) -> None:
         from edmctl.jobs.checking import check
-        from edmctl.jobs.plan import Order
+        from edmctl.jobs.plan import JobRequest
 
         if resume is not None:
             _refuse_other_options(context)
@@ -121,7 +121,9 @@ def machine(
             raise UsageError(f"{lone} goes with --resume only.", hint="Leave it out.", code="E2050")
         else:
             plan = check(
-                Order(profile, tuple(overrides or ()), setup, port, calibration, allow_model, wait, new_tool),
+                JobRequest(
+                    profile, tuple(overrides or ()), setup, port, calibration, allow_model, wait, new_tool
+                ),
                 shell(),
             )
             name = name_run(out, run_id, plan.loaded, datetime.now(UTC))
@@ -142,15 +144,15 @@ def machine(
 def _forewarn(outcome: Outcome, plan: "Plan", name: RunName) -> None:
     """Say what ledger and bench make of the job. Raises what would refuse it."""
     from edmctl.jobs.job_preparation import forewarned
-    from edmctl.jobs.ledger.tool_identity import not_seen, seen_in_file
+    from edmctl.jobs.ledger.tool_identity import not_seen, tool_identity_in_file
 
     if not plan.where.lasting:
         return
-    seen = seen_in_file(plan.where)
-    if seen is None:
+    identity = tool_identity_in_file(plan.where)
+    if identity is None:
         note(outcome.output, not_seen(plan.where))
     else:
-        outcome.warn(forewarned(plan, name, seen))
+        outcome.warn(forewarned(plan, name, identity))
 
 
 def _forecast(outcome: Outcome, plan: "Plan") -> None:

@@ -77,7 +77,7 @@ def measure_wear(
     def body(outcome: Outcome) -> None:
         from edmctl.cli.procedure_output import Asked, perform_told
         from edmctl.jobs.checking import check
-        from edmctl.jobs.plan import Order
+        from edmctl.jobs.plan import JobRequest
         from edmctl.jobs.wear.measure import WearRun
 
         if new_tool and not reference:
@@ -86,7 +86,7 @@ def measure_wear(
                 hint="Say `edmctl measure-wear --reference --new-tool`.",
                 code="E2062",
             )
-        order = Order(
+        request = JobRequest(
             profile or TOUCHES_LIKE,
             tuple(overrides or ()),
             setup,
@@ -96,7 +96,7 @@ def measure_wear(
             wait,
             new_tool,
         )
-        plan = replace(check(order, shell()), names_tool=profile is not None)
+        plan = replace(check(request, shell()), names_tool=profile is not None)
         outcome.simulated = plan.simulated
         outcome.warn(plan.loaded.warnings)
         if dry_run:
@@ -122,16 +122,16 @@ def _rendered(run: "WearRun", style: "Style") -> str:
 
 def _forewarn(outcome: Outcome, plan: "Plan", run: "WearRun", folder: Path) -> None:
     """Say what ledger and bench make of the touches. Raises what would refuse them."""
-    from edmctl.jobs.ledger.tool_identity import not_seen, seen_in_file
+    from edmctl.jobs.ledger.tool_identity import not_seen, tool_identity_in_file
     from edmctl.record.ledger import Logbook
 
     if not plan.where.lasting:
         return
-    seen = seen_in_file(plan.where)
-    if seen is None:
+    identity = tool_identity_in_file(plan.where)
+    if identity is None:
         note(outcome.output, not_seen(plan.where))
     else:
-        run.look(seen, Logbook.open(folder), outcome.warn)
+        run.look(identity, Logbook.open(folder), outcome.warn)
 
 
 def _tell_plan(outcome: Outcome, plan: "Plan", *, reference: bool) -> None:

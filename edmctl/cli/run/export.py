@@ -12,7 +12,7 @@ from edmctl.errors import UsageError
 
 if TYPE_CHECKING:
     from edmctl.cli.run.export_output import Sink
-    from edmctl.cli.run.export_request import ExportOrder
+    from edmctl.cli.run.export_request import ExportRequest
     from edmctl.record.reader import RunFile
     from edmctl.report.export_tables import ExportTable
     from edmctl.report.export_writers import TableWriter
@@ -63,13 +63,13 @@ def export(
     """
 
     def body(outcome: Outcome) -> None:
-        from edmctl.cli.run.export_request import Format, export_order
+        from edmctl.cli.run.export_request import Format, export_request
         from edmctl.jobs.run_opening import find_run, plain_stem, reading_unless_killed
         from edmctl.report.export_tables import TABLES
         from edmctl.report.export_writers import need_pyarrow
 
         path = find_run(file)
-        order = export_order(
+        request = export_request(
             plain_stem(path),
             path.parent,
             list(TABLES),
@@ -79,21 +79,21 @@ def export(
             as_json=as_json,
             overwrite=overwrite,
         )
-        if order.form is Format.PARQUET:
+        if request.form is Format.PARQUET:
             need_pyarrow()
-            if order.to_stdout and sys.stdout.isatty():
+            if request.to_stdout and sys.stdout.isatty():
                 raise UsageError(
                     "Parquet is nothing for a terminal.", hint="Give a file with -o.", code="E2085"
                 )
         with reading_unless_killed(path) as opened:
             outcome.run_file = path
             outcome.simulated = opened.is_simulated
-            _export(outcome, opened, order)
+            _export(outcome, opened, request)
 
     return run_command(Output("run export", as_json, debug=debug), body)
 
 
-def _export(outcome: Outcome, opened: "RunFile", order: "ExportOrder") -> None:
+def _export(outcome: Outcome, opened: "RunFile", request: "ExportRequest") -> None:
     """Write one table after the other, so that what is there stays when a later one fails."""
     from edmctl.cli.run.export_output import new_file, stdout
     from edmctl.console.export_table import Exported, render_export
@@ -103,45 +103,45 @@ def _export(outcome: Outcome, opened: "RunFile", order: "ExportOrder") -> None:
     from edmctl.report.export_tables import TABLES, ExportTable
 
     names = {int(code): code.name for code in (*EventCode, *RunEvent)}
-    tables = [ExportTable(opened, name, names) for name in order.tables or TABLES]
-    if not order.tables:
+    tables = [ExportTable(opened, name, names) for name in request.tables or TABLES]
+    if not request.tables:
         tables = [table for table in tables if table.rows]
     for table in tables:
         other = OTHER_LOG.get(table.name, "")
         if other and not table.rows and ExportTable(opened, other, names).rows:
             mutter(f"There are no {table.name} in this run: it logged {other} (-t {other}).\n")
-    if order.to_stdout:
+    if request.to_stdout:
         with stdout() as sink:
-            _write(opened, order, tables[0], sink)
+            _write(opened, request, tables[0], sink)
         return
-    order.check_free([table.name for table in tables])
-    if order.folder is not None:
-        make_folder(order.folder)
+    request.check_free([table.name for table in tables])
+    if request.folder is not None:
+        make_folder(request.folder)
     written: list[Exported] = []
     outcome.result = {"tables": written}
     for table in tables:
-        path = order.path_of(table.name)
-        with new_file(path, overwrite=order.overwrite) as sink:
-            _write(opened, order, table, sink)
+        path = request.path_of(table.name)
+        with new_file(path, overwrite=request.overwrite) as sink:
+            _write(opened, request, table, sink)
         columns = [column.name for column in table.columns]
         written.append(Exported(table.name, str(path), table.rows, path.stat().st_size, columns))
         outcome.text = render_export(written, stream_style(sys.stdout))
 
 
-def _write(opened: "RunFile", order: "ExportOrder", table: "ExportTable", sink: "Sink") -> None:
-    writer = _writer(opened, order, table, sink)
+def _write(opened: "RunFile", request: "ExportRequest", table: "ExportTable", sink: "Sink") -> None:
+    writer = _writer(opened, request, table, sink)
     for block in table.blocks():
         writer.write(block)
     writer.close()
 
 
-def _writer(opened: "RunFile", order: "ExportOrder", table: "ExportTable", sink: "Sink") -> "TableWriter":
+def _writer(opened: "RunFile", request: "ExportRequest", table: "ExportTable", sink: "Sink") -> "TableWriter":
     from edmctl.cli.run.export_request import Format
     from edmctl.report.export_writers import CsvWriter, JsonWriter, ParquetWriter
 
-    if order.form is Format.PARQUET:
+    if request.form is Format.PARQUET:
         about = {name: opened.text(f"/entry/{name}") for name in ("run_id", "title", "start_time", "status")}
         return ParquetWriter(sink, table.columns, {**about, "table": table.name})
-    if order.form is Format.CSV:
+    if request.form is Format.CSV:
         return CsvWriter(sink, table.columns)
-    return JsonWriter(sink, table.columns, lines=order.form is Format.JSONL)
+    return JsonWriter(sink, table.columns, lines=request.form is Format.JSONL)

@@ -28,7 +28,7 @@ class Format(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class ExportOrder:
+class ExportRequest:
     """`tables` are empty where all were meant. With neither `file` nor `folder` the one table goes to stdout."""
 
     tables: tuple[str, ...]
@@ -55,7 +55,7 @@ class ExportOrder:
                 check_free(self.path_of(table), REPLACE_HINT)
 
 
-def export_order(
+def export_request(
     stem: str,
     beside: Path,
     known: Sequence[str],
@@ -65,7 +65,7 @@ def export_order(
     *,
     as_json: bool,
     overwrite: bool = False,
-) -> ExportOrder:
+) -> ExportRequest:
     """Make sense of the options.
 
     stem : name of the run; beside : its folder; known : the names of all tables
@@ -105,10 +105,10 @@ def export_order(
             code="E2083",
         )
     if to_stdout:
-        return ExportOrder(wanted, chosen, stem)
+        return ExportRequest(wanted, chosen, stem)
     if is_file:
-        return ExportOrder(wanted, chosen, stem, file=out, overwrite=overwrite)
-    return ExportOrder(wanted, chosen, stem, folder=beside if out is None else out, overwrite=overwrite)
+        return ExportRequest(wanted, chosen, stem, file=out, overwrite=overwrite)
+    return ExportRequest(wanted, chosen, stem, folder=beside if out is None else out, overwrite=overwrite)
 
 
 def _table(name: str, known: Sequence[str]) -> str:

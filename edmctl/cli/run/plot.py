@@ -11,7 +11,7 @@ from edmctl.cli.options import DebugOption, FileArgument, JsonOption
 from edmctl.cli.outcome import Outcome, Output, mutter, run_command
 
 if TYPE_CHECKING:
-    from edmctl.cli.run.plot_request import PlotOrder, Target
+    from edmctl.cli.run.plot_request import PlotRequest, Target
     from edmctl.record.reader import RunFile
 
 KindOption = Annotated[
@@ -54,24 +54,24 @@ def plot(
     """
 
     def body(outcome: Outcome) -> None:
-        from edmctl.cli.run.plot_request import plot_order
+        from edmctl.cli.run.plot_request import plot_request
         from edmctl.jobs.run_opening import find_run, plain_stem, reading_unless_killed
         from edmctl.report.style import need_matplotlib
 
         path = find_run(file)
-        order = plot_order(plain_stem(path), path.parent, kind or [], out, form)
+        request = plot_request(plain_stem(path), path.parent, kind or [], out, form)
         need_matplotlib()
         with reading_unless_killed(path) as opened:
             outcome.run_file = path
             outcome.simulated = opened.is_simulated
             outcome.seed = opened.seed
-            order.check(overwrite)
-            _draw(outcome, opened, order, overwrite)
+            request.check(overwrite)
+            _draw(outcome, opened, request, overwrite)
 
     return run_command(Output("run plot", as_json, debug=debug), body)
 
 
-def _draw(outcome: Outcome, opened: "RunFile", order: "PlotOrder", overwrite: bool) -> None:
+def _draw(outcome: Outcome, opened: "RunFile", request: "PlotRequest", overwrite: bool) -> None:
     """Draw and write one file after the other, so that what is there stays when a later one fails."""
     from edmctl.cli.run.plot_request import REPLACE_HINT
     from edmctl.errors import PreconditionError
@@ -81,9 +81,9 @@ def _draw(outcome: Outcome, opened: "RunFile", order: "PlotOrder", overwrite: bo
     written: list[dict[str, object]] = []
     nothing: list[dict[str, object]] = []
     outcome.result = {"figures": written, "nothing": nothing}
-    for number, target in enumerate(order.targets, start=1):
+    for number, target in enumerate(request.targets, start=1):
         if sys.stderr.isatty():
-            mutter(f"drawing {target.name} ({number} of {len(order.targets)})\n")
+            mutter(f"drawing {target.name} ({number} of {len(request.targets)})\n")
         try:
             content = _content(opened, target)
         except NothingToDraw as reason:
@@ -96,10 +96,12 @@ def _draw(outcome: Outcome, opened: "RunFile", order: "PlotOrder", overwrite: bo
             output_files.write(target.path, content, REPLACE_HINT)
         written.append({"kind": target.name, "file": str(target.path), "bytes": len(content)})
         outcome.text = "\n".join(f"{entry['kind']:<13} {entry['file']}" for entry in written)
-    if nothing and (order.by_name or not written):
+    if nothing and (request.by_name or not written):
         raise PreconditionError(
             " ".join(f"Nothing to draw for {entry['kind']}: {entry['why']}" for entry in nothing),
-            hint="Without --kind, what there is something for is drawn." if written or order.by_name else "",
+            hint="Without --kind, what there is something for is drawn."
+            if written or request.by_name
+            else "",
             code="E8091",
         )
     for entry in nothing:

@@ -28,7 +28,7 @@ class Target:
 
 
 @dataclass(frozen=True, slots=True)
-class PlotOrder:
+class PlotRequest:
     """What was asked for. `by_name` tells a figure that must be there from one that is drawn where there is one."""
 
     targets: tuple[Target, ...]
@@ -45,9 +45,9 @@ class PlotOrder:
 REPLACE_HINT = "Choose another place with --out, or replace it with --overwrite."
 
 
-def plot_order(
+def plot_request(
     stem: str, beside: Path, kinds: Sequence[str], out: Path | None, form: str | None
-) -> PlotOrder:
+) -> PlotRequest:
     """Settle the files: `STEM-KIND.png` in the folder `beside`, in that of `out`, or the one file that `out` names.
 
     Raises UsageError: E2070 no such kind, E2071 one file for several figures, E2072 formats that contradict.
@@ -67,7 +67,7 @@ def plot_order(
         )
     suffixes = {name: PAGE_SUFFIX if name == REPORT else f".{form or FORMATS[0]}" for name in names}
     paths = dict(_paths(stem, out or beside, suffixes, form))
-    return PlotOrder(
+    return PlotRequest(
         tuple(Target(name, None if name == REPORT else kind_called(name), paths[name]) for name in names),
         bool(kinds),
     )

@@ -26,14 +26,14 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from edmctl.console.progress import Reporter
-    from edmctl.jobs.plan import Order
+    from edmctl.jobs.plan import JobRequest
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
     """One run: what to do, with which seed, and where its run file goes if it gets one."""
 
-    order: Order
+    request: JobRequest
     seed: int
     out: Path | None
     run_id: str
@@ -84,7 +84,7 @@ def perform(task: Task, reporter: Reporter | None = None) -> Run:
 
     A run that fails is a result too. A stop (Interrupted) or a disk that refuses (RunFileError) is raised.
     """
-    plan = check(task.order, shell())
+    plan = check(task.request, shell())
     name = name_run(task.out, task.run_id, plan.loaded, datetime.now(UTC)) if task.out else None
     report = carry_out(plan, task.seed, reporter or QuietReporter(), name)
     if isinstance(report.error, Interrupted | RunFileError):

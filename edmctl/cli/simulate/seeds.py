@@ -34,7 +34,7 @@ from edmctl.wording import plural
 
 if TYPE_CHECKING:
     from edmctl.cli.simulate.batch import Task
-    from edmctl.jobs.plan import Order, Plan
+    from edmctl.jobs.plan import JobRequest, Plan
     from edmctl.jobs.simulate.statistics import Run
 
 MOST_RUNS = 100_000
@@ -66,7 +66,7 @@ class _Case:
     """One set of values that was asked for, checked."""
 
     label: str
-    order: "Order"
+    request: "JobRequest"
     plan: "Plan"
 
 
@@ -84,7 +84,7 @@ class _Batch:
         from edmctl.cli.simulate.batch import Task
 
         return [
-            Task(case.order, seed, self.out, f"{plain_name(case.label)}-seed{seed}")
+            Task(case.request, seed, self.out, f"{plain_name(case.label)}-seed{seed}")
             for case in self.cases
             for seed in range(self.seed, self.seed + self.runs)
         ]
@@ -124,12 +124,12 @@ def simulate(
 
     def body(outcome: Outcome) -> None:
         from edmctl.cli.simulate.batch import check_names
-        from edmctl.jobs.plan import Order
+        from edmctl.jobs.plan import JobRequest
 
-        order = Order(profile, tuple(overrides or ()), setup, SIMULATOR, calibration, allow_model)
+        request = JobRequest(profile, tuple(overrides or ()), setup, SIMULATOR, calibration, allow_model)
         outcome.simulated = True
         first_seed = seed_to_use(seed, runs)
-        cases = _checked(outcome, _orders(order, sweep or [], runs))
+        cases = _checked(outcome, _requests(request, sweep or [], runs))
         batch = _Batch(cases, first_seed, runs, out)
         if sweep and runs == 1:
             outcome.warn([_one_machine(first_seed)])
@@ -155,11 +155,11 @@ def _refuse_options_before(context: typer.Context) -> None:
         context.fail(f"{given[0]} stands before {context.invoked_subcommand!r}; options go after it")
 
 
-def _orders(order: "Order", sweeps: list[str], runs: int) -> list["Order"]:
+def _requests(request: "JobRequest", sweeps: list[str], runs: int) -> list["JobRequest"]:
     from edmctl.jobs.simulate.sweep import parse_sweep
 
     if not sweeps:
-        return [order]
+        return [request]
     if len(sweeps) > 1:
         raise UsageError(
             f"--sweep goes over one key at a time, and {len(sweeps)} are given.",
@@ -174,19 +174,20 @@ def _orders(order: "Order", sweeps: list[str], runs: int) -> list["Order"]:
             hint=f"Take --runs {MOST_RUNS // len(steps)} or fewer, or fewer values.",
             code="E2003",
         )
-    return [dataclasses.replace(order, overrides=(*order.overrides, step)) for step in steps]
+    return [dataclasses.replace(request, overrides=(*request.overrides, step)) for step in steps]
 
 
-def _checked(outcome: Outcome, orders: list["Order"]) -> list["_Case"]:
-    """Check every order before anything runs; raises ProfileError, UsageError, LinkLost."""
+def _checked(outcome: Outcome, requests: list["JobRequest"]) -> list["_Case"]:
+    """Check every request before anything runs; raises ProfileError, UsageError, LinkLost."""
     from edmctl.jobs.checking import check
 
-    plans = [check(order, shell()) for order in orders]
+    plans = [check(request, shell()) for request in requests]
     outcome.warn(dict.fromkeys(warning for plan in plans for warning in plan.loaded.warnings))
     labels = [
-        _label(plan.loaded.path.stem, order, len(orders)) for order, plan in zip(orders, plans, strict=True)
+        _label(plan.loaded.path.stem, request, len(requests))
+        for request, plan in zip(requests, plans, strict=True)
     ]
-    return [_Case(*parts) for parts in zip(labels, orders, plans, strict=True)]
+    return [_Case(*parts) for parts in zip(labels, requests, plans, strict=True)]
 
 
 def _one_machine(seed: int) -> Diagnostic:
@@ -203,7 +204,7 @@ def _forecast(outcome: Outcome, cases: list["_Case"]) -> None:
 
     outcome.result = {
         "cases": [
-            {"label": case.label, "overrides": case.order.overrides, "forecast": case.plan.forecast}
+            {"label": case.label, "overrides": case.request.overrides, "forecast": case.plan.forecast}
             for case in cases
         ]
     }
@@ -220,7 +221,7 @@ def _simulate(outcome: Outcome, batch: "_Batch") -> None:
         reporter.note(f"simulating {batch}")
         done = perform_all(batch.tasks(), reporter)
     cases = [
-        summarize(case.label, case.order.overrides, done[index * batch.runs : (index + 1) * batch.runs])
+        summarize(case.label, case.request.overrides, done[index * batch.runs : (index + 1) * batch.runs])
         for index, case in enumerate(batch.cases)
     ]
     outcome.result = {"runs": batch.runs, "cases": cases}
@@ -228,22 +229,22 @@ def _simulate(outcome: Outcome, batch: "_Batch") -> None:
     _refuse_failures(done, batch)
 
 
-def _single(order: "Order", seed: int) -> str:
+def _single(request: "JobRequest", seed: int) -> str:
     """The command of one run alone."""
     words = ["edmctl", "machine", "--seed", str(seed)]
     for option, value in (
-        ("--profile", order.profile),
-        ("--setup", order.setup),
-        ("--calibration", order.calibration),
-        *(("--set", override) for override in order.overrides),
+        ("--profile", request.profile),
+        ("--setup", request.setup),
+        ("--calibration", request.calibration),
+        *(("--set", override) for override in request.overrides),
     ):
         words += [option, str(value)] if value is not None else []
-    return shlex.join([*words, *(["--allow-model"] if order.allow_model else [])])
+    return shlex.join([*words, *(["--allow-model"] if request.allow_model else [])])
 
 
-def _label(stem: str, order: "Order", orders: int) -> str:
+def _label(stem: str, request: "JobRequest", requests: int) -> str:
     """The profile's name, or in a sweep the value that this case has."""
-    return stem if orders == 1 else order.overrides[-1]
+    return stem if requests == 1 else request.overrides[-1]
 
 
 def _refuse_failures(runs: list["Run"], batch: "_Batch") -> None:
@@ -252,6 +253,6 @@ def _refuse_failures(runs: list["Run"], batch: "_Batch") -> None:
         case, first = failed[0]
         raise ObjectiveNotReached(
             f"{len(failed)} of {plural(len(runs), 'run')} failed; the first, with seed {first.seed}: {first.error}",
-            hint=f"Repeat it with `{_single(case.order, first.seed)}`.",
+            hint=f"Repeat it with `{_single(case.request, first.seed)}`.",
             code="E7900",
         )

@@ -81,7 +81,7 @@ ForOption = Annotated[
 
 
 @dataclass(frozen=True, slots=True)
-class _Order:
+class ServeRequest:
     """What to serve, checked."""
 
     config: "BenchConfig"
@@ -146,13 +146,15 @@ def serve(
         used_seed = seed_to_use(seed)
         # A bench that was kept is the machine that it is, whatever seed would make another.
         outcome.seed = used_seed if seed is not None or bench is None or not bench.exists() else None
-        order = _Order(bench_config(loaded, settings), used_seed, factor, baud, injections, bench, seconds)
-        _serve(outcome, order, link, place)
+        request = ServeRequest(
+            bench_config(loaded, settings), used_seed, factor, baud, injections, bench, seconds
+        )
+        _serve(outcome, request, link, place)
 
     return run_command(output, body)
 
 
-def _serve(outcome: Outcome, order: _Order, link: Path | None, place: _Place | None) -> None:
+def _serve(outcome: Outcome, request: ServeRequest, link: Path | None, place: _Place | None) -> None:
     from edmctl.actuator.compiling import compiling_told
     from edmctl.cli.signals import requests_by_signal, stopping_signals
     from edmctl.cli.simulate.registry import announced
@@ -166,16 +168,16 @@ def _serve(outcome: Outcome, order: _Order, link: Path | None, place: _Place | N
         _say(outcome.output, text)
 
     stop = StopRequest()
-    with compiling_told(say), kept_bench(order.bench_file, order.config, order.seed) as (bench, keep):
+    with compiling_told(say), kept_bench(request.bench_file, request.config, request.seed) as (bench, keep):
         if outcome.seed is not None and bench.plant.serial != serial_number(outcome.seed):
             raise UsageError(
-                f"{order.bench_file} keeps {bench.plant.serial}, not the machine of --seed {outcome.seed}.",
+                f"{request.bench_file} keeps {bench.plant.serial}, not the machine of --seed {outcome.seed}.",
                 hint="Leave --seed out, or take another file for another machine.",
                 code="E2044",
             )
-        for injection in order.injections:
+        for injection in request.injections:
             bench.inject(injection)
-        bench.controller.baud = order.baud
+        bench.controller.baud = request.baud
         bench.warm_up()  # before anybody can say hello
         endpoint = _endpoint(link, place, outcome.output)
         try:
@@ -185,7 +187,7 @@ def _serve(outcome: Outcome, order: _Order, link: Path | None, place: _Place | N
                 stopping_signals(stop, endpoint.close),
                 requests_by_signal(REPAIR_SIGNAL) as repair_asked,
             ):
-                say(_ready(bench, endpoint, order.speed))
+                say(_ready(bench, endpoint, request.speed))
 
                 def look_around() -> None:
                     if repair_asked():
@@ -193,13 +195,13 @@ def _serve(outcome: Outcome, order: _Order, link: Path | None, place: _Place | N
                         say("repaired: nothing is broken any more")
                     news()
 
-                server = Server(bench, endpoint, order.speed, look_around, say)
-                server.run(_is_over(bench, stop, order.seconds))
+                server = Server(bench, endpoint, request.speed, look_around, say)
+                server.run(_is_over(bench, stop, request.seconds))
         finally:
             endpoint.close()
             bench.settle()
         news()
-        outcome.result = _summary(bench, endpoint, server, news, order.speed)
+        outcome.result = _summary(bench, endpoint, server, news, request.speed)
         outcome.text = _closing(bench, server, news)
     if bench.line.unplugged:
         say("the line is unplugged; nothing more to serve")

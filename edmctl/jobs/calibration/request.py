@@ -33,7 +33,7 @@ REFITS = ("zero", "gain")
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class CalibrationRequest:
     """What the command line asks for."""
 
     sources: tuple[Path, ...]
@@ -72,7 +72,7 @@ class LeverFound:
 
 @dataclass(frozen=True, slots=True)
 class Checked:
-    """A checked order. `plan` is what to drive a machine through; None where nothing is driven."""
+    """A checked request. `plan` is what to drive a machine through; None where nothing is driven."""
 
     setup: Setup
     where: Where
@@ -88,29 +88,29 @@ class Checked:
     surroundings: Surroundings
 
 
-def check(order: Order, surroundings: Surroundings = NONE) -> Checked:
+def check(request: CalibrationRequest, surroundings: Surroundings = NONE) -> Checked:
     """Check options and files, for the program in `surroundings`.
 
     Raises UsageError, ProfileError, RecordError, RunFileError, LinkLost, PreconditionError.
     """
-    refit = _refit(order.refit)
-    _check_numbers(order)
+    refit = _refit(request.refit)
+    _check_numbers(request)
     from edmctl.profile.setup import load_setup
 
-    setup = load_setup(order.setup)
+    setup = load_setup(request.setup)
     plan, simulated, where = None, None, Where()
-    if not order.sources and not order.lever_only:
+    if not request.sources and not request.lever_only:
         from edmctl.procedures.actuator.calibration import plan_calibration
 
-        where = where_is(order.port, setup, order.wait_s)
+        where = where_is(request.port, setup, request.wait_s)
         simulated = True if where.in_process else None
         plan = plan_calibration(setup)
-    if order.output is not None:
-        check_new(order.output)
-    histories = _histories(order)
-    count = len(order.sources)
-    sources, doubts = _read(order.sources, histories[:count])
-    validation, more_doubts = _read(order.validation, histories[count:])
+    if request.output is not None:
+        check_new(request.output)
+    histories = _histories(request)
+    count = len(request.sources)
+    sources, doubts = _read(request.sources, histories[:count])
+    validation, more_doubts = _read(request.validation, histories[count:])
     return Checked(
         setup=setup,
         where=where,
@@ -118,10 +118,10 @@ def check(order: Order, surroundings: Surroundings = NONE) -> Checked:
         sources=sources,
         validation=validation,
         refit=refit,
-        delay_s=order.delay_s,
-        output=order.output,
+        delay_s=request.delay_s,
+        output=request.output,
         plan=plan,
-        lever=_lever(order.lever) if order.lever else None,
+        lever=_lever(request.lever) if request.lever else None,
         doubts=(*doubts, *more_doubts),
         surroundings=surroundings,
     )
@@ -171,28 +171,28 @@ def _refit(text: str) -> tuple[Refit, ...]:
     )
 
 
-def _check_numbers(order: Order) -> None:
-    if not all(math.isfinite(volts) for volts in order.previous_v):
+def _check_numbers(request: CalibrationRequest) -> None:
+    if not all(math.isfinite(volts) for volts in request.previous_v):
         raise UsageError(
             "--previous-voltage is no finite number.",
             hint="Give volts; leave it out where the actuator had been cycled over the range of the record.",
             code="E2021",
         )
-    if order.delay_s is None:
+    if request.delay_s is None:
         return
     from edmctl.actuator.identification import LONGEST_FIXED_DELAY_S
 
-    if not 0.0 <= order.delay_s <= LONGEST_FIXED_DELAY_S:
+    if not 0.0 <= request.delay_s <= LONGEST_FIXED_DELAY_S:
         raise UsageError(
-            f"--delay {order.delay_s:g} s does not lie between 0 and {LONGEST_FIXED_DELAY_S:g} s.",
+            f"--delay {request.delay_s:g} s does not lie between 0 and {LONGEST_FIXED_DELAY_S:g} s.",
             hint="Give seconds; leave it out to have it found.",
             code="E2022",
         )
 
 
-def _histories(order: Order) -> list[float | None]:
+def _histories(request: CalibrationRequest) -> list[float | None]:
     """What the actuator was held at before each file, those of --from first."""
-    files, said = len(order.sources) + len(order.validation), order.previous_v
+    files, said = len(request.sources) + len(request.validation), request.previous_v
     if not said:
         return [None] * files
     if files and len(said) == 1:

@@ -1,4 +1,4 @@
-"""From a checked order to a calibration file: measure where a machine is to be driven, fit, save."""
+"""From a checked request to a calibration file: measure where a machine is to be driven, fit, save."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class Calibrated:
+class CalibrationReport:
     """What was found, and where it is now.
 
     path : the calibration file; None where nothing was saved
@@ -44,7 +44,7 @@ class Calibrated:
 
 def calibrate_machine(
     plan: CalibrationPlan, checked: Checked, seed: int, observer: Observer, warn: Warn
-) -> Calibrated:
+) -> CalibrationReport:
     """Drive the machine, fit, and save. What was measured is kept where it comes to no calibration."""
     from edmctl.procedures.actuator.calibration import measure_actuator
     from edmctl.profile.calibration import default_path
@@ -64,7 +64,7 @@ def calibrate_machine(
             path, is_own, replaced = _beside(path), False, False
             warn([_not_replaced(path), _kept(measured.record, path)])
         _save(findings, path, checked, identity.serial, simulated=identity.simulated)
-    return Calibrated(findings, path, identity.serial, identity.simulated, is_own, replaced)
+    return CalibrationReport(findings, path, identity.serial, identity.simulated, is_own, replaced)
 
 
 def _beside(path: Path) -> Path:
@@ -77,7 +77,7 @@ def _not_replaced(path: Path) -> Diagnostic:
     return Diagnostic("W3652", message, hint, is_warning=True)
 
 
-def calibrate_files(checked: Checked, observer: Observer) -> Calibrated:
+def calibrate_files(checked: Checked, observer: Observer) -> CalibrationReport:
     """Fit measured files, and save where a name was given."""
     from edmctl.actuator.compiling import compiling_told
 
@@ -87,7 +87,7 @@ def calibrate_files(checked: Checked, observer: Observer) -> Calibrated:
         observer.note("nothing is saved: --output FILE writes a calibration that `machine` can use")
     else:
         _save(findings, checked.output, checked, None, simulated=False)
-    return Calibrated(findings, checked.output, None, simulated=False)
+    return CalibrationReport(findings, checked.output, None, simulated=False)
 
 
 def _doubts(measured: Measured) -> list[Diagnostic]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic
 from edmctl.jobs.job_preparation import hole_radius_um, logbook_of, prepared_job
-from edmctl.jobs.ledger.tool_identity import seen_on
+from edmctl.jobs.ledger.tool_identity import tool_identity
 from edmctl.process.next_cut import COVERAGE
 from edmctl.record.ledger_entries import (
     UNFINISHED,
@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from edmctl.jobs.ledger.places_taken import Place
     from edmctl.jobs.plan import Plan
     from edmctl.jobs.run_header import RunName
-    from edmctl.jobs.session import Held
+    from edmctl.jobs.session import MachineSession
+    from edmctl.procedures.channel.result import ChannelResult
     from edmctl.procedures.job import Job
     from edmctl.procedures.job_state import JobState, Journal
     from edmctl.record.ledger import Logbook
@@ -45,7 +46,7 @@ class JobLedger:
     """
 
     plan: Plan
-    held: Held
+    session: MachineSession
     name: RunName | None
     journal: Journal
     warn: Warn
@@ -62,11 +63,11 @@ class JobLedger:
         Raises PreconditionError: whatever `prepared_job` and `Prepared.refuse` raise.
         """
         self._logbook = logbook_of(self.plan, self.name)
-        held = self.held
-        if self._logbook is not None and held.bench.seed is not None:
-            self.warn(_of_another_bench(self._logbook, held.bench.machine.identity.serial))
-        actuator = held.choice.actuator if held.choice else None
-        prepared = prepared_job(self.plan, seen_on(held), actuator, self._logbook, resuming)
+        session = self.session
+        if self._logbook is not None and session.bench.seed is not None:
+            self.warn(_of_another_bench(self._logbook, session.bench.machine.identity.serial))
+        actuator = session.choice.actuator if session.choice else None
+        prepared = prepared_job(self.plan, tool_identity(session), actuator, self._logbook, resuming)
         if self._logbook is not None:
             self.warn(prepared.refuse(self.plan, self._logbook.path.parent, resuming))
             self._places = prepared.places
@@ -82,7 +83,7 @@ class JobLedger:
         changed = [ToolChanged(self._tool)] if self.plan.new_tool else []
         radius_um, wear_um = hole_radius_um(self.plan.loaded.profile), self.plan.forecast.tool_wear_um
         begun = JobBegun(self._tool, self.name.path.name, radius_um, self._places, wear_um)
-        self.held.write_down(self._logbook, *changed, begun)
+        self.session.write_down(self._logbook, *changed, begun)
 
     def keep(self, state: JobState, *, urgent: bool = False) -> None:
         """Note the first Z1 and what was cut, and hand the state on."""
@@ -99,7 +100,7 @@ class JobLedger:
             return
         run_file = self.name.path.name
         ended = RunEnded(run_file, status, result.time_s - result.earlier_time_s)
-        self.held.write_down(self._logbook, *self._sites(result, run_file), ended)
+        self.session.write_down(self._logbook, *self._sites(result, run_file), ended)
 
     @property
     def _tool(self) -> str:
@@ -125,7 +126,7 @@ class JobLedger:
             home_um=z1.home_um,
             truth=self.truth,
         )
-        self.held.write_down(self._logbook, reference)
+        self.session.write_down(self._logbook, reference)
 
     def _sites(self, result: JobResult, run_file: str) -> list[SiteMachined]:
         """Measured holes, and those that were begun and left; or the channel, place by place."""
@@ -147,7 +148,7 @@ class JobLedger:
         return self._holes(places, result)
 
     def _holes(self, places: Sequence[SiteMachined], result: JobResult) -> list[SiteMachined]:
-        """In the order of machining, which is that of the results: the tool is as long as the last one left it."""
+        """In the request of machining, which is that of the results: the tool is as long as the last one left it."""
         begun = {place.name: place for place in places}
         entries = []
         for site in result.sites:

@@ -12,7 +12,7 @@ from edmctl.jobs.ledger.elapsed import CALENDAR, Now
 
 if TYPE_CHECKING:
     from edmctl.jobs.plan import Plan, Where
-    from edmctl.jobs.session import Held
+    from edmctl.jobs.session import MachineSession
     from edmctl.profile.model import Tool
     from edmctl.record.ledger import Logbook
     from edmctl.record.tool_account import Books, ToolAccount
@@ -24,7 +24,7 @@ NAMELESS = "tool"
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class ToolIdentity:
     """A machine by its serial number, its present and its tool; "" and NaN where only a virtual bench could tell.
 
     `is_new` says that it is a virtual bench which this command has made: its serial number is news to everybody.
@@ -37,15 +37,15 @@ class Seen:
     is_new: bool = False
 
 
-def seen_on(held: Held) -> Seen:
+def tool_identity(session: MachineSession) -> ToolIdentity:
     """Return what a connected machine shows."""
-    bench = held.bench
+    bench = session.bench
     if bench.virtual is None:
-        return Seen(bench.machine.identity.serial)
-    return replace(_seen(bench.virtual), is_new=bench.seed is not None)
+        return ToolIdentity(bench.machine.identity.serial)
+    return replace(_identity_of(bench.virtual), is_new=bench.seed is not None)
 
 
-def seen_in_file(where: Where) -> Seen | None:
+def tool_identity_in_file(where: Where) -> ToolIdentity | None:
     """Return what the file of a kept bench shows; None where there is none to read.
 
     Raises RunFileError: those of `read_bench`, E9024 there is no folder where it could be kept.
@@ -59,12 +59,12 @@ def seen_in_file(where: Where) -> Seen | None:
     refuse_place(file)
     if not file.exists():
         return None
-    return _seen(restored_bench(read_bench(file)))
+    return _identity_of(restored_bench(read_bench(file)))
 
 
-def _seen(bench: VirtualBench) -> Seen:
+def _identity_of(bench: VirtualBench) -> ToolIdentity:
     now = Now(bench.transport.now_s())
-    return Seen(bench.plant.serial, now, bench.tool_label, bench.plant.config.tool_diameter_um)
+    return ToolIdentity(bench.plant.serial, now, bench.tool_label, bench.plant.config.tool_diameter_um)
 
 
 def not_seen(where: Where) -> str:
@@ -79,7 +79,7 @@ def is_unnamed(label: str, diameter_um: float, tool: Tool) -> bool:
     return label == NAMELESS and diameter_um == tool.diameter_um
 
 
-def account_of(plan: Plan, seen: Seen, books: Books) -> ToolAccount:
+def account_of(plan: Plan, identity: ToolIdentity, books: Books) -> ToolAccount:
     """Return the account of the profile's tool; that of the unnamed tool which is in the machine, if it is that."""
     from edmctl.record.tool_account import ToolAccount
 
@@ -87,12 +87,12 @@ def account_of(plan: Plan, seen: Seen, books: Books) -> ToolAccount:
     if plan.new_tool:
         return ToolAccount(tool.label)
     account = books.account(tool.label)
-    if account.reference is None and is_unnamed(seen.tool, seen.diameter_um, tool):
+    if account.reference is None and is_unnamed(identity.tool, identity.diameter_um, tool):
         return replace(books.account(NAMELESS), label=tool.label)
     return account
 
 
-def as_found(plan: Plan, held: Held, logbook: Logbook | None, command: str) -> Plan:
+def as_found(plan: Plan, session: MachineSession, logbook: Logbook | None, command: str) -> Plan:
     """Return the plan as its run file shall tell it: a command without a profile has its own name, and the tool that
     it found in the machine.
     """
@@ -100,11 +100,11 @@ def as_found(plan: Plan, held: Held, logbook: Logbook | None, command: str) -> P
 
     if plan.names_tool or plan.resumed is not None:
         return plan
-    seen, profile = seen_on(held), plan.loaded.profile
-    last = books_of(logbook.lines, seen.serial).tool if logbook is not None else ""
-    label = seen.tool or last or NAMELESS
+    identity, profile = tool_identity(session), plan.loaded.profile
+    last = books_of(logbook.lines, identity.serial).tool if logbook is not None else ""
+    label = identity.tool or last or NAMELESS
     named = _LABEL.fullmatch(label)
-    diameter_um = float(named["um"]) if named else seen.diameter_um
+    diameter_um = float(named["um"]) if named else identity.diameter_um
     tool = {"id": label, "material": named["material"] if named else "?", "diameter_um": diameter_um}
     found = profile.model_copy(
         update={
@@ -129,7 +129,7 @@ def other_tool(plan: Plan, account: ToolAccount, books: Books) -> list[Diagnosti
     return [Diagnostic("W8114", message, hint, is_warning=True)]
 
 
-def name_tool(plan: Plan, held: Held, logbook: Logbook | None) -> None:
+def name_tool(plan: Plan, session: MachineSession, logbook: Logbook | None) -> None:
     """Write down that the unnamed tool in the machine is the profile's, before it gets that name.
 
     Raises RunFileError where that is not possible.
@@ -139,9 +139,9 @@ def name_tool(plan: Plan, held: Held, logbook: Logbook | None) -> None:
 
     if logbook is None or plan.new_tool or not plan.names_tool:
         return
-    seen, tool = seen_on(held), plan.loaded.profile.tool
-    books = books_of(logbook.lines, seen.serial)
+    identity, tool = tool_identity(session), plan.loaded.profile.tool
+    books = books_of(logbook.lines, identity.serial)
     if books.account(tool.label).reference is not None or books.account(NAMELESS).reference is None:
         return
-    if is_unnamed(seen.tool, seen.diameter_um, tool):
-        logbook.append(seen.serial, ToolNamed(tool.label, NAMELESS))
+    if is_unnamed(identity.tool, identity.diameter_um, tool):
+        logbook.append(identity.serial, ToolNamed(tool.label, NAMELESS))

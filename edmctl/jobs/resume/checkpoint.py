@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from edmctl.errors import EdmError
     from edmctl.jobs.plan import Plan
     from edmctl.jobs.run_header import RunName
-    from edmctl.jobs.session import Held
+    from edmctl.jobs.session import MachineSession
     from edmctl.procedures.job import Job
     from edmctl.procedures.job_state import JobState
     from edmctl.record.journal import JournalFile, JournalledJob
@@ -46,14 +46,14 @@ def tell_way_on(error: EdmError, plan: Plan, name: RunName | None) -> None:
 
 
 @dataclass(slots=True, eq=False)
-class Journaling:
+class JobCheckpoint:
     """Keeps the state of the job beside its run file; keeps none on a machine that is gone with the command.
 
     `truth` is asked for what a virtual bench knows.
     """
 
     plan: Plan
-    held: Held
+    session: MachineSession
     name: RunName | None
     truth: Callable[[], Mapping[str, object] | None] = lambda: None
     _file: JournalFile | None = None
@@ -66,7 +66,7 @@ class Journaling:
         from edmctl.jobs.resume.checks import refuse_elsewhere
 
         logbook = logbook_of(self.plan, self.name)
-        refuse_elsewhere(resumption, self.plan, self.held, logbook.lines if logbook else ())
+        refuse_elsewhere(resumption, self.plan, self.session, logbook.lines if logbook else ())
 
     def begin(self, job: Job) -> Job:
         """Return the job, as far as an earlier run came, and keep its first state: a death from now on is known.
@@ -75,7 +75,7 @@ class Journaling:
         """
         resumption = self.plan.resumed
         if resumption is not None:
-            job = taken_up(resumption, job, self.held.bench.now)
+            job = taken_up(resumption, job, self.session.bench.now)
         if self.name is None or not self.plan.where.lasting:
             return job
         from edmctl.procedures.hole.interruption import after_pause
@@ -87,8 +87,8 @@ class Journaling:
             self._job(job),
             self._stages_um,
             self.truth,
-            self.held.bench.kept_s,
-            self.held.disk,
+            self.session.bench.kept_s,
+            self.session.disk,
         )
         tool = job.profile.tool.label
         self.keep(after_pause(job) if resumption else JobState(PHASE_BEFORE, 0.0, tool), urgent=True)
@@ -101,9 +101,9 @@ class Journaling:
         if self._file is None:
             return
         if urgent:
-            self.held.bench.keep_all()
+            self.session.bench.keep_all()
         else:
-            self.held.bench.keep()
+            self.session.bench.keep()
         self._file.keep(state, urgent=urgent)
 
     def end(self) -> None:
@@ -112,7 +112,7 @@ class Journaling:
             self._file.remove()
 
     def _stages_um(self) -> tuple[float, float]:
-        status = self.held.bench.machine.status()
+        status = self.session.bench.machine.status()
         return status.x_um, status.y_um
 
     def _job(self, job: Job) -> JournalledJob:
@@ -120,24 +120,24 @@ class Journaling:
         from edmctl.record.journal import JournalledJob
 
         assert self.name is not None
-        plan, order, machine = self.plan, self.plan.order, self.held.bench.machine
+        plan, request, machine = self.plan, self.plan.request, self.session.bench.machine
         resumption = plan.resumed
         return JournalledJob(
             run_id=self.name.run_id,
             start=self.name.start.isoformat(timespec="milliseconds"),
             profile=str(plan.loaded.path.resolve()),
-            overrides=order.overrides,
+            overrides=request.overrides,
             profile_sha256=plan.loaded.sha256,
             sim_sha256=plan.loaded.sim_sha256,
-            setup=str(order.setup.resolve()) if order.setup else "",
+            setup=str(request.setup.resolve()) if request.setup else "",
             setup_sha256=setup_hash(plan),
-            calibration=str(order.calibration.resolve()) if order.calibration else "",
-            allow_model=order.allow_model,
+            calibration=str(request.calibration.resolve()) if request.calibration else "",
+            allow_model=request.allow_model,
             port=plan.where.selector,
             serial=machine.identity.serial,
             boots=machine.hello.boot_count,
             tool=job.profile.tool.label,
-            seed=self.held.bench.seed,
+            seed=self.session.bench.seed,
             places=tuple(
                 (site.name, site.x_um, site.y_um, site.theta_deg, site.depth_um) for site in job.sites
             ),

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from edmctl.jobs.plan import Plan, Resumption
-    from edmctl.jobs.session import Held
+    from edmctl.jobs.session import MachineSession
     from edmctl.record.ledger import Line
 
 HOMED_WITHIN_UM = 2.0
@@ -42,7 +42,9 @@ def refuse_untouchable(resumption: Resumption, plan: Plan) -> None:
         )
 
 
-def refuse_elsewhere(resumption: Resumption, plan: Plan, held: Held, lines: Sequence[Line]) -> None:
+def refuse_elsewhere(
+    resumption: Resumption, plan: Plan, session: MachineSession, lines: Sequence[Line]
+) -> None:
     """Look at the connected machine, and at the ledger's `lines`, before anything moves.
 
     Raises PreconditionError: E8051 the run went on meanwhile, E8055 another machine, E8056 another tool, or one that
@@ -50,7 +52,7 @@ def refuse_elsewhere(resumption: Resumption, plan: Plan, held: Held, lines: Sequ
     """
     from edmctl.record.journal import read_journal
 
-    job, machine, virtual = resumption.job, held.bench.machine, held.bench.virtual
+    job, machine, virtual = resumption.job, session.bench.machine, session.bench.virtual
     serial = machine.identity.serial
     if serial != job.serial:
         raise PreconditionError(
@@ -77,7 +79,7 @@ def refuse_elsewhere(resumption: Resumption, plan: Plan, held: Held, lines: Sequ
         )
     refuse_used_tool(resumption, lines)
     if virtual is None and machine.hello.boot_count != job.boots and not resumption.homed:
-        raise _not_homed(resumption, held, plan)
+        raise _not_homed(resumption, session, plan)
 
 
 def _other_tool(message: str) -> PreconditionError:
@@ -126,8 +128,8 @@ def _was_idle(run_file: str, later: Sequence[Line]) -> bool:
     return False
 
 
-def _not_homed(resumption: Resumption, held: Held, plan: Plan) -> PreconditionError:
-    status, journal = held.bench.machine.status(), resumption.journal
+def _not_homed(resumption: Resumption, session: MachineSession, plan: Plan) -> PreconditionError:
+    status, journal = session.bench.machine.status(), resumption.journal
     return PreconditionError(
         f"The controller was switched on again since {journal.job.run_id}, and a controller cannot tell whether its "
         f"stages moved meanwhile. It counts {coordinates(status.x_um, status.y_um, 1)} now; the run was last "

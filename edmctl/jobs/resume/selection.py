@@ -90,7 +90,7 @@ def find_run(named: str, folder: Path, *, homed: bool = False, restart_hole: boo
 def checked(
     resumption: Resumption, port: str | None, wait_s: float, surroundings: Surroundings = NONE
 ) -> Plan:
-    """Return the plan of the run's own order, on the machine that is named now.
+    """Return the plan of the run's own request, on the machine that is named now.
 
     Raises PreconditionError: E8053 profile or setup are not what they were, E8054 the journal tells nothing of its
     channel, E8056 its tool was used since, E8058 the virtual bench is gone. Whatever `check` raises.
@@ -100,7 +100,7 @@ def checked(
 
     job = resumption.job
     try:
-        plan = check(resumption.order(port, wait_s), surroundings)
+        plan = check(resumption.request(port, wait_s), surroundings)
     except UsageError as error:
         if error.code != "E2001":
             raise

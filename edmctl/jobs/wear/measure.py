@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from edmctl.errors import Diagnostic, PreconditionError
 from edmctl.jobs.job_preparation import logbook_of
 from edmctl.jobs.ledger.last_home import with_home
-from edmctl.jobs.ledger.tool_identity import NAMELESS, Seen, account_of, seen_on
+from edmctl.jobs.ledger.tool_identity import NAMELESS, ToolIdentity, account_of, tool_identity
 from edmctl.jobs.ledger.tool_life import left_to_finish, refuse_unknown_length
 from edmctl.jobs.resume.way_on import on_machine
 from edmctl.jobs.wear.bottom import bottom_of
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from edmctl.jobs.plan import Plan, Where
     from edmctl.jobs.procedure_command import Warn
     from edmctl.jobs.run_header import RunName
-    from edmctl.jobs.session import Held
+    from edmctl.jobs.session import MachineSession
     from edmctl.procedures.job import Job
     from edmctl.procedures.measure_wear import Bottom
     from edmctl.procedures.run import Run
@@ -63,7 +63,7 @@ class WearRun:
     pulses: bool = False
     found: WearResult | None = None
     touched: SurfaceReading | None = None
-    _held: Held | None = None
+    _session: MachineSession | None = None
     _logbook: Logbook | None = None
     _run_file: str = ""
     _account: ToolAccount | None = None
@@ -74,34 +74,34 @@ class WearRun:
     _job: Job | None = None
     _home_um: float = math.nan
 
-    def job(self, held: Held, name: RunName, warn: Warn) -> Job:
+    def job(self, session: MachineSession, name: RunName, warn: Warn) -> Job:
         """Return what is measured. Raises what `look` raises."""
         from edmctl.procedures.job import job_of
 
-        self._held, self._run_file = held, name.path.name
-        profile = self.look(seen_on(held), logbook_of(self.plan, name), warn)
-        self._temperature_c = held.bench.machine.status().temperature_c
-        choice = held.choice
+        self._session, self._run_file = session, name.path.name
+        profile = self.look(tool_identity(session), logbook_of(self.plan, name), warn)
+        self._temperature_c = session.bench.machine.status().temperature_c
+        choice = session.choice
         job = job_of(profile, self.plan.setup, (), choice.actuator if choice else None)
         if self._logbook is not None:
-            books = books_of(self._logbook.lines, held.bench.machine.identity.serial)
-            job = with_home(job, books, held.bench.now)
+            books = books_of(self._logbook.lines, session.bench.machine.identity.serial)
+            job = with_home(job, books, session.bench.now)
         self._job = job
         return self._job
 
-    def look(self, seen: Seen, logbook: Logbook | None, warn: Warn) -> Profile:
+    def look(self, identity: ToolIdentity, logbook: Logbook | None, warn: Warn) -> Profile:
         """Return the recipe of the touches, after a look at the ledger.
 
         Raises PreconditionError: E8041 no reference, E8045 no such hole, E8046 a hole too narrow for the tool, E8048
         a tool whose job was killed.
         """
         self._logbook, self._warn = logbook, warn
-        books = books_of(logbook.lines if logbook else (), seen.serial)
-        account = self._account = self._account_of(seen, books)
+        books = books_of(logbook.lines if logbook else (), identity.serial)
+        account = self._account = self._account_of(identity, books)
         profile = measuring_profile(self.plan.loaded.profile)
         if not self.is_reference:
-            reference = _reference_of(account, logbook, seen, self.plan.where)
-            self._reference = _aged(reference, account, seen.now)
+            reference = _reference_of(account, logbook, identity, self.plan.where)
+            self._reference = _aged(reference, account, identity.now)
             folder = logbook.path.parent if logbook is not None else Path()
             refuse_unknown_length(account, folder, self.plan.where.selector)
             self._bottom = bottom_of(self.site, books, account, self._diameter_um(), folder)
@@ -109,7 +109,7 @@ class WearRun:
         elif logbook is None:
             warn([_NOT_KEPT])
         elif self.plan.new_tool:
-            warn(left_to_finish(account.label, seen.serial, logbook.path.parent))
+            warn(left_to_finish(account.label, identity.serial, logbook.path.parent))
         return profile
 
     def act(self, run: Run) -> None:
@@ -131,7 +131,7 @@ class WearRun:
 
     def close(self, time_s: float) -> None:
         """Write the reference or the wear into the ledger."""
-        if self._logbook is None or self._held is None or self._account is None:
+        if self._logbook is None or self._session is None or self._account is None:
             return
         tool, entries = self._account.label, list[Entry]()
         if self.touched is not None:
@@ -145,15 +145,15 @@ class WearRun:
                     tool, self._run_file, found.z3_after_um, found.wear_um, found.wear_u95_um, self._home_um
                 )
             )
-        self._held.write_down(self._logbook, *entries, RunEnded(self._run_file, "done", time_s))
+        self._session.write_down(self._logbook, *entries, RunEnded(self._run_file, "done", time_s))
 
     def result(self) -> Mapping[str, object] | None:
         """What was touched, and what is known of the tool by the ledger."""
-        if self._held is None or self._account is None:
+        if self._session is None or self._account is None:
             return None
         account = self._account
         head = {
-            "machine": self._held.bench.machine.identity.serial,
+            "machine": self._session.bench.machine.identity.serial,
             "tool": account.label,
             "dielectric_c": self._temperature_c,
         }
@@ -198,7 +198,7 @@ class WearRun:
     @property
     def truth(self) -> dict[str, float] | None:
         """Wear since the reference and depth as a virtual bench knows them; None on any other machine."""
-        virtual = self._held.bench.virtual if self._held else None
+        virtual = self._session.bench.virtual if self._session else None
         if virtual is None:
             return None
         before = self.account.reference.truth if self.account.reference else None
@@ -209,11 +209,11 @@ class WearRun:
             depth_um = nearest.depth_um
         return {"wear_um": wear_um, "depth_um": depth_um}
 
-    def _account_of(self, seen: Seen, books: Books) -> ToolAccount:
+    def _account_of(self, identity: ToolIdentity, books: Books) -> ToolAccount:
         """Account of the profile's tool, of that on a virtual bench, or of that last in use."""
         if self.plan.names_tool:
-            return account_of(self.plan, seen, books)
-        label = (seen.tool if self.plan.where.lasting else "") or books.tool or NAMELESS
+            return account_of(self.plan, identity, books)
+        label = (identity.tool if self.plan.where.lasting else "") or books.tool or NAMELESS
         return ToolAccount(label) if self.plan.new_tool else books.account(label)
 
     def _diameter_um(self) -> float:
@@ -247,7 +247,7 @@ class WearRun:
         self._warn([Diagnostic("W8112", message, hint, is_warning=True)])
 
     def _as_reference(self, tool: str, touched: SurfaceReading) -> ReferenceTouched:
-        setup, virtual = self.plan.setup, self._held.bench.virtual if self._held else None
+        setup, virtual = self.plan.setup, self._session.bench.virtual if self._session else None
         assert self._job is not None
         return ReferenceTouched(
             tool=tool,
@@ -277,7 +277,7 @@ _NOT_KEPT = Diagnostic(
 
 
 def _reference_of(
-    account: ToolAccount, logbook: Logbook | None, seen: Seen, where: Where
+    account: ToolAccount, logbook: Logbook | None, identity: ToolIdentity, where: Where
 ) -> ReferenceTouched:
     """Return the tool's reference. Raises PreconditionError E8041 where it has none."""
     if account.reference is not None:
@@ -289,8 +289,8 @@ def _reference_of(
             code="E8041",
         )
     touch = f"`{on_machine('edmctl measure-wear --reference', where.selector)}`"
-    elsewhere = sorted({line.serial for line in logbook.lines} - {seen.serial})
-    if seen.is_new:
+    elsewhere = sorted({line.serial for line in logbook.lines} - {identity.serial})
+    if identity.is_new:
         others = f" The job ledger {logbook.path} tells of {', '.join(elsewhere)}." if elsewhere else ""
         raise PreconditionError(
             f"There is no reference: {where.bench_file} does not exist, and a new bench has touched nothing before."
@@ -299,7 +299,11 @@ def _reference_of(
             code="E8041",
         )
     tool = "the tool" if account.label == NAMELESS else account.label
-    machine = seen.serial if where.bench_file is None else f"{seen.serial}, the bench of {where.bench_file},"
+    machine = (
+        identity.serial
+        if where.bench_file is None
+        else f"{identity.serial}, the bench of {where.bench_file},"
+    )
     others = f"; it tells of {', '.join(elsewhere)}" if elsewhere else ""
     raise PreconditionError(
         f"There is no reference of {tool} on {machine} in {logbook.path}{others}.",

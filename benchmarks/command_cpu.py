@@ -1,0 +1,143 @@
+"""CPU time of the whole `machine` command: in the kernel, in imports, and in all the rest.
+
+    python benchmarks/command_cpu.py [OTHER_CHECKOUT] [--repeat 7] [-- ARGUMENTS OF edmctl]
+
+With another checkout both run by turns, so that they see the same computer, and the ratio of the rests is printed.
+Imports hold the start of the interpreter and what numba loads from its cache; of each part the least and the median
+of all repeats are told, over all threads of the process. Compiled code and bytecode are made in a first run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+COMMAND = ["machine", "--profile", "cu270", "--set", "target.depth_um=40", "--seed", "1"]
+KERNEL = "edmctl.simulator.kernel"
+PARTS = ("kernel", "imports", "rest", "total")
+HERE = Path(__file__).resolve().parents[1]
+
+
+class Meter:
+    """CPU seconds in imports and in the kernel's entry, whichever thread they are in."""
+
+    def __init__(self) -> None:
+        self.kernel_s = 0.0
+        self.imports_s = time.process_time()
+        self._within = threading.local()
+        importlib: Any = sys.modules["_frozen_importlib"]
+        self._find_and_load = importlib._find_and_load
+        importlib._find_and_load = self._timed_import
+
+    def _timed_import(self, name: str, *rest: Any) -> Any:
+        if getattr(self._within, "is_import", False):
+            return self._find_and_load(name, *rest)
+        self._within.is_import = True
+        start_s = time.thread_time()
+        try:
+            return self._find_and_load(name, *rest)
+        finally:
+            self._within.is_import = False
+            self.imports_s += time.thread_time() - start_s
+            self._meter_kernel()
+
+    def _meter_kernel(self) -> None:
+        """Time the kernel once it is there; its first call loads compiled code."""
+        kernel = sys.modules.get(KERNEL)
+        entry = getattr(kernel, "run", None)
+        if entry is None or getattr(entry, "is_metered", False):
+            return
+        calls = 0
+
+        def run(*arguments: Any) -> Any:
+            nonlocal calls
+            start_s = time.thread_time()
+            result = entry(*arguments)
+            taken_s = time.thread_time() - start_s
+            if calls:
+                self.kernel_s += taken_s
+            else:
+                self.imports_s += taken_s
+            calls += 1
+            return result
+
+        run.is_metered = True  # type: ignore[attr-defined]
+        kernel.run = run  # type: ignore[union-attr]
+
+
+def measure(arguments: list[str]) -> None:
+    """Run a command in this process, and write its CPU seconds to the last line of stderr."""
+    meter = Meter()
+    from edmctl.cli.app import main as edmctl
+
+    code = edmctl(arguments)
+    total_s = time.process_time()
+    rest_s = total_s - meter.kernel_s - meter.imports_s
+    parts = dict(zip(PARTS, (meter.kernel_s, meter.imports_s, rest_s, total_s), strict=True))
+    sys.stderr.write(f"\n{json.dumps({'code': code, **parts})}\n")
+
+
+def once(checkout: Path, command: list[str], folder: str) -> dict[str, float]:
+    """Measure one command of a checkout in a process of its own."""
+    environ = {**os.environ, "PYTHONPATH": str(checkout), "PYTHONPYCACHEPREFIX": f"{folder}/bytecode"}
+    environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    arguments = [*command, "--out", f"{folder}/runs"]
+    done = subprocess.run(
+        [sys.executable, __file__, "--measure", *arguments],
+        env=environ,
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    found: dict[str, float] = json.loads(done.stderr.splitlines()[-1])
+    assert found.pop("code") == 0, done.stderr
+    return found
+
+
+def main() -> None:
+    """Measure and print."""
+    if sys.argv[1:2] == ["--measure"]:
+        measure(sys.argv[2:])
+        return
+    own, _, command = " ".join(sys.argv[1:]).partition(" -- ")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("other", nargs="?", type=Path, help="another checkout of the project")
+    parser.add_argument("--repeat", type=int, default=7)
+    options = parser.parse_args(own.split())
+    trees = [HERE] if options.other is None else [options.other.resolve(), HERE]
+    found: dict[Path, list[dict[str, float]]] = {tree: [] for tree in trees}
+    with tempfile.TemporaryDirectory() as folder:
+        for attempt in range(options.repeat + 1):
+            for number, tree in enumerate(trees):
+                place = Path(folder, str(number))
+                place.mkdir(exist_ok=True)
+                parts = once(tree, command.split() or COMMAND, str(place))
+                if attempt:
+                    found[tree].append(parts)
+    for tree in trees:
+        print(f"{tree}")
+        for part in PARTS:
+            values = [one[part] for one in found[tree]]
+            print(f"  {part:<8} {min(values):6.2f} s least   {median(values):6.2f} s median")
+    if len(trees) > 1:
+        before, after = ([one["rest"] for one in found[tree]] for tree in trees)
+        print(
+            f"rest, here : there   {min(after) / min(before):.2f} least   "
+            f"{median(after) / median(before):.2f} median"
+        )
+
+
+if __name__ == "__main__":
+    main()
