@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from edmctl.jobs.resume.checkpoint import JobCheckpoint
     from edmctl.jobs.run_header import RunName
     from edmctl.jobs.session import MachineSession
-    from edmctl.jobs.truth.channel import ChannelTruth
     from edmctl.jobs.truth.wear import TrueWear
     from edmctl.jsonout import JsonValue
     from edmctl.procedures.job import Job

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from edmctl.jobs.plan import Plan
     from edmctl.jobs.run_header import RunName
     from edmctl.jobs.session import MachineSession
-    from edmctl.procedures.channel.result import ChannelResult
     from edmctl.procedures.job import Job
     from edmctl.procedures.job_state import JobState, Journal
     from edmctl.record.ledger import Logbook
