@@ -15,6 +15,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from statistics import median
 
 KERNEL_SECONDS = 200
 BLOCK_TICKS = 1000
@@ -31,6 +32,14 @@ def ratio(command: list[str], base: list[str], repeat: int) -> float:
     """Shortest wall time of a command over that of another, called by turns so that both see the same machine."""
     pairs = [(wall_s(command), wall_s(base)) for _ in range(repeat + 1)][1:]
     return min(t for t, _ in pairs) / min(t for _, t in pairs)
+
+
+def import_ratio(repeat: int) -> tuple[float, float]:
+    """Wall time of `import edmctl` over that of nothing, by turns: shortest and median."""
+    commands = ([sys.executable, "-c", "import edmctl"], [sys.executable, "-c", "pass"])
+    pairs = [tuple(map(wall_s, commands)) for _ in range(repeat + 1)][1:]
+    with_it, without = zip(*pairs, strict=True)
+    return min(with_it) / min(without), median(with_it) / median(without)
 
 
 def script() -> list[str]:
@@ -105,9 +114,11 @@ def main() -> None:
     python = sys.executable
     version = ratio([*script(), "--version"], [python, "-c", "pass"], 6 * repeat)
     help_ratio = ratio([*script(), "--help"], [python, "-c", "import typer"], 2 * repeat)
+    least, middle = import_ratio(12 * repeat)
     wall, speed = job_speed(repeat)
     print(f"edmctl --version : python -c pass          {version:7.2f}   (bar 1.5)")
     print(f"edmctl --help : python -c 'import typer'   {help_ratio:7.2f}   (bar 2.5)")
+    print(f"import edmctl : python -c pass             {least:7.2f}   (bar 1.3; median {middle:.2f})")
     print(f"main job, wall seconds                     {wall:7.2f}   (bar 3)")
     print(f"main job, machining time : wall time       {speed:7.0f}   (bar 300)")
     print(f"plant + servo kernel : real time           {kernel_speed(repeat):7.0f}   (bar 3000)")

@@ -8,9 +8,18 @@ from typing import TYPE_CHECKING
 from edmctl.version import __version__
 
 if TYPE_CHECKING:
-    from edmctl.api import Machine, connect, forecast, load_profile, open_run, simulate
+    from edmctl.api import Machine, calibrate_files, connect, forecast, load_profile, open_run, simulate
 
-__all__ = ["Machine", "__version__", "connect", "forecast", "load_profile", "open_run", "simulate"]
+__all__ = [
+    "Machine",
+    "__version__",
+    "calibrate_files",
+    "connect",
+    "forecast",
+    "load_profile",
+    "open_run",
+    "simulate",
+]
 
 
 def __getattr__(name: str) -> object:

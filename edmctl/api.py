@@ -22,7 +22,7 @@ from edmctl.jobs.checking import check
 from edmctl.jobs.job import carry_out
 from edmctl.jobs.plan import SIMULATOR, JobRequest, where_is
 from edmctl.jobs.resume.selection import name_of_resumed
-from edmctl.jobs.run_header import name_run
+from edmctl.jobs.run_header import name_run, plain_name
 from edmctl.jobs.simulate.seeds import seed_to_use
 from edmctl.jobs.surroundings import Surroundings
 from edmctl.toml_text import toml_value
@@ -34,10 +34,11 @@ if TYPE_CHECKING:
 
     from edmctl.errors import Diagnostic
     from edmctl.forecasts.forecast import Forecast
+    from edmctl.jobs.calibration.request import CalibrationRequest, Checked
+    from edmctl.jobs.calibration.run import CalibrationReport
     from edmctl.jobs.job import Report
     from edmctl.jobs.plan import Plan
     from edmctl.jobs.procedure_command import Procedure, ProcedureReport
-    from edmctl.jobs.run_header import RunName
     from edmctl.machine.stop import StopRequest
     from edmctl.record.reader import RunFile
     from edmctl.results.progress import Observer, Progress
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
 
     Overrides = Mapping[str, object] | Sequence[str]
     File = str | PathLike[str]
+    Warn = Callable[[Sequence[Diagnostic]], None]
 
 
 class Unobserved:
@@ -62,15 +64,29 @@ class Machine:
 
     Each call is a session of its own, as a command is: a fresh virtual machine (`sim:`) begins anew with every call,
     `sim:FILE` keeps its work and its tool. Expected errors of a job are in its report; what cannot begin is raised.
+
+    What all calls share:
+
+    profile : the name of a shipped profile, or a TOML file
+    overrides : values by key (`{"target.depth_um": 20}`), or texts as `--set` takes them
+    out, run_id : folder and name of the run file
+    calibration : the calibration file to go by; without, that of the setup or the machine's own
+    allow_model : without a displacement sensor, go by the calibrated actuator alone
+    observer : is told progress and decisions, in the calling thread
+    stop : `stop.request(signal.SIGINT)` ends the call in order, from any thread
+    warn : is told what is doubtful, before anything moves
     """
 
-    def __init__(self, port: str, seed: int | None, setup: Path | None, wait_s: float) -> None:
+    def __init__(
+        self, port: str, seed: int | None, setup: Path | None, wait_s: float, home: Path | None
+    ) -> None:
         self.port = port
         """Selector of the port."""
         self.seed = seed
         """Seed of a virtual machine that is not there yet; None takes a new one for each call."""
         self._setup = setup
         self._wait_s = wait_s
+        self._home = home
 
     def __enter__(self) -> Self:
         return self
@@ -95,43 +111,42 @@ class Machine:
         new_tool: bool = False,
         observer: Observer | None = None,
         stop: StopRequest | None = None,
-        warn: Callable[[Sequence[Diagnostic]], None] | None = None,
+        warn: Warn | None = None,
     ) -> Report:
         """Machine a job, as `edmctl machine` does.
 
-        `profile` is the name of a shipped profile or a TOML file, `overrides` are values by key
-        (`{"target.depth_um": 20}`) or texts as `--set` takes them. `out` is the folder of the run file; without it
-        none is written, and neither ledger nor journal is kept. `observer` is told progress and decisions in the
-        calling thread, `warn` what is doubtful before anything moves. `stop.request(signal.SIGINT)` ends the job in
-        request, from any thread.
+        Without `out` no run file is written, and neither ledger nor journal is kept. `new_tool` says that the
+        electrode was changed.
 
         Raises ProfileError, UsageError, RecordError, PreconditionError, LinkLost, ProtocolMismatch or RunFileError
         where it cannot begin; the error that ended a job which had begun is `report.error`.
         """
-        request = self._request(profile, overrides, calibration, allow_model=allow_model, new_tool=new_tool)
-        plan = check(request, _surroundings(stop))
+        plan = self._plan(self._request(profile, overrides, calibration, allow_model, new_tool), stop, warn)
         name = name_run(Path(out), run_id, plan.loaded, datetime.now(UTC)) if out is not None else None
         return carry_out(plan, seed_to_use(self.seed), observer or Unobserved(), name, warn)
 
     def resume(
         self,
-        run: str,
+        run: File,
         *,
         out: File = "runs",
         homed: bool = False,
         restart_hole: bool = False,
         observer: Observer | None = None,
         stop: StopRequest | None = None,
-        warn: Callable[[Sequence[Diagnostic]], None] | None = None,
+        warn: Warn | None = None,
     ) -> Report:
         """Go on with the job of a run that was interrupted: its file, or its id in `out`.
 
-        Raises PreconditionError E8050 to E8062 where nobody knows how far it came, and what `machine` raises.
+        `homed`: the stages were homed since the controller was switched on. `restart_hole`: the hole that was left
+        is made from the start. Raises PreconditionError E8050 to E8062 where nobody knows how far it came, and what
+        `machine` raises.
         """
         from edmctl.jobs.resume.selection import checked, find_run
 
-        resumption = find_run(run, Path(out), homed=homed, restart_hole=restart_hole)
-        plan = checked(resumption, self.port, self._wait_s, _surroundings(stop))
+        resumption = find_run(str(run), Path(out), homed=homed, restart_hole=restart_hole)
+        plan = checked(resumption, self.port, self._wait_s, self._surroundings(stop))
+        (warn or _ignore)(plan.loaded.warnings)
         name = name_of_resumed(resumption, None, datetime.now(UTC))
         return carry_out(plan, seed_to_use(self.seed), observer or Unobserved(), name, warn)
 
@@ -144,17 +159,21 @@ class Machine:
         overrides: Overrides = (),
         out: File = "runs",
         run_id: str | None = None,
+        calibration: File | None = None,
+        allow_model: bool = False,
         observer: Observer | None = None,
         stop: StopRequest | None = None,
+        warn: Warn | None = None,
     ) -> ProcedureReport:
         """Feed the tool to the spark gap, or with `contact` to the surface, say where it is, retract.
 
-        Raises as `machine`; E8042 a hole is there, E8044 the tool does not reach the surface.
+        `site_um` are stage coordinates; without, where `machine` would put its first hole. Raises as `machine`;
+        E8042 a hole is there, E8044 the tool does not reach the surface.
         """
         from edmctl.jobs.approach import Approach
 
-        plan = check(self._request(profile, overrides), _surroundings(stop))
-        return self._perform(plan, Approach(plan, site_um, contact=contact), out, run_id, observer)
+        plan = self._plan(self._request(profile, overrides, calibration, allow_model), stop, warn)
+        return self._perform(plan, Approach(plan, site_um, contact=contact), out, run_id, observer, warn)
 
     def jump_flush(
         self,
@@ -164,46 +183,82 @@ class Machine:
         overrides: Overrides = (),
         out: File = "runs",
         run_id: str | None = None,
+        calibration: File | None = None,
+        allow_model: bool = False,
         observer: Observer | None = None,
         stop: StopRequest | None = None,
+        warn: Warn | None = None,
     ) -> ProcedureReport:
         """Make electrode jumps beside the work, without sparks, and measure them. Raises as `machine`."""
         from edmctl.jobs.jump_flush import JUMPS_ALONE, Jumps, refuse_hurry
 
-        request = self._request(profile, (*_texts(overrides), *JUMPS_ALONE))
-        plan = check(request, _surroundings(stop))
+        changes = (*_texts(overrides), *JUMPS_ALONE)
+        plan = self._plan(self._request(profile, changes, calibration, allow_model), stop, warn)
         refuse_hurry(plan)
-        return self._perform(plan, Jumps(plan, count), out, run_id, observer)
+        return self._perform(plan, Jumps(plan, count), out, run_id, observer, warn)
 
     def measure_wear(
         self,
-        profile: File,
+        profile: File | None = None,
         *,
         reference: bool = False,
         site: str | None = None,
         overrides: Overrides = (),
         out: File = "runs",
         run_id: str | None = None,
+        calibration: File | None = None,
+        allow_model: bool = False,
         new_tool: bool = False,
         observer: Observer | None = None,
         stop: StopRequest | None = None,
+        warn: Warn | None = None,
     ) -> ProcedureReport:
         """Touch the pad and the last hole, and say what the tool has lost since its reference; or touch that.
 
-        `site` names another hole of the ledger in `out`. Raises as `machine`; E8041 there is no reference, E8045 no
-        such hole.
+        `site` names another hole of the ledger in `out`; without a profile the tool last in use is meant. Raises as
+        `machine`; E8041 there is no reference, E8045 no such hole.
         """
-        from edmctl.jobs.wear.measure import WearRun
+        from edmctl.jobs.wear.measure import TOUCHES_LIKE, WearRun
 
-        plan = check(self._request(profile, overrides, new_tool=new_tool), _surroundings(stop))
-        return self._perform(plan, WearRun(plan, site, is_reference=reference), out, run_id, observer)
+        request = self._request(profile or TOUCHES_LIKE, overrides, calibration, allow_model, new_tool)
+        plan = replace(self._plan(request, stop, warn), names_tool=profile is not None)
+        return self._perform(plan, WearRun(plan, site, is_reference=reference), out, run_id, observer, warn)
+
+    def calibrate(
+        self,
+        *,
+        output: File | None = None,
+        validate: Sequence[File] = (),
+        refit: str = "zero",
+        previous_v: Sequence[float] = (),
+        delay_s: float | None = None,
+        observer: Observer | None = None,
+        stop: StopRequest | None = None,
+        warn: Warn | None = None,
+    ) -> CalibrationReport:
+        """Drive the actuator for five minutes beside the work, watch it with the sensor, fit a model, and save it.
+
+        It is saved in `output`, else as the machine's own calibration, which all later calls use. The others are the
+        arguments of `calibrate_files`. Raises as `machine`, and RecordError where what was measured allows no fit:
+        then it is kept in a file that `warn` is told.
+        """
+        from edmctl.jobs.calibration.run import calibrate_machine
+
+        request = _calibration((), output, validate, refit, previous_v, delay_s)
+        request = replace(request, setup=self._setup, port=self.port, wait_s=self._wait_s)
+        checked = _checked_calibration(request, self._surroundings(stop), warn)
+        assert checked.plan is not None
+        report = calibrate_machine(
+            checked.plan, checked, seed_to_use(self.seed), observer or Unobserved(), warn or _ignore
+        )
+        (warn or _ignore)(report.findings.warnings)
+        return report
 
     def _request(
         self,
         profile: File,
         overrides: Overrides,
         calibration: File | None = None,
-        *,
         allow_model: bool = False,
         new_tool: bool = False,
     ) -> JobRequest:
@@ -218,28 +273,56 @@ class Machine:
             new_tool=new_tool,
         )
 
+    def _plan(self, request: JobRequest, stop: StopRequest | None, warn: Warn | None) -> Plan:
+        plan = check(request, self._surroundings(stop))
+        (warn or _ignore)(plan.loaded.warnings)
+        return plan
+
+    def _surroundings(self, stop: StopRequest | None) -> Surroundings:
+        """The program around a call: no terminal, no environment, no signals."""
+        from edmctl.profile.calibration import HOME_VARIABLE
+
+        environ = {} if self._home is None else {HOME_VARIABLE: str(self._home)}
+        surroundings = Surroundings(command=("edmctl", "(Python)"), environ=environ)
+        return surroundings if stop is None else replace(surroundings, stop=lambda _: stop)
+
     def _perform(
-        self, plan: Plan, procedure: Procedure, out: File, run_id: str | None, observer: Observer | None
+        self,
+        plan: Plan,
+        procedure: Procedure,
+        out: File,
+        run_id: str | None,
+        observer: Observer | None,
+        warn: Warn | None,
     ) -> ProcedureReport:
         from edmctl.jobs.procedure_command import name_of, perform
 
-        name: RunName = name_of(plan, procedure.name, Path(out), run_id)
+        name = name_of(plan, procedure.name, Path(out), run_id)
         seed = seed_to_use(self.seed)
-        return perform(plan, procedure, name, seed, observer or Unobserved(), lambda _: None)
+        return perform(plan, procedure, name, seed, observer or Unobserved(), warn or _ignore)
 
 
 def connect(
-    port: str = SIMULATOR, *, seed: int | None = None, setup: File | None = None, wait_s: float = 0.0
+    port: str = SIMULATOR,
+    *,
+    seed: int | None = None,
+    setup: File | None = None,
+    wait_s: float = 0.0,
+    home: File | None = None,
 ) -> Machine:
     """Return the machine at a port: `sim:`, `sim:FILE`, a serial port, `socket://HOST:PORT`, `serial:ID` or `auto`.
 
-    `seed` makes a virtual machine that is not there yet, `setup` is the TOML file of the machine's setup, and
-    `wait_s` is how long to wait for a port that somebody holds. Raises UsageError E2006 for a name of nothing.
+    seed : makes a virtual machine that is not there yet; without, a new one each time
+    setup : TOML file of the machine's setup
+    wait_s : how long to wait for a port that somebody holds
+    home : folder where machines have their own calibrations; without, that of the user
+
+    Raises UsageError E2006 for a name of nothing, E2005 for a seed that no run file holds.
     """
     from edmctl.profile.setup import Setup
 
     seed_to_use(seed)
-    return Machine(where_is(port, Setup()).selector, seed, Path(setup) if setup is not None else None, wait_s)
+    return Machine(where_is(port, Setup()).selector, seed, _path(setup), wait_s, _path(home))
 
 
 def simulate(
@@ -250,23 +333,75 @@ def simulate(
     sweep: Mapping[str, Sequence[object]] | None = None,
     setup: File | None = None,
     out: File | None = None,
+    calibration: File | None = None,
+    allow_model: bool = False,
+    home: File | None = None,
+    stop: StopRequest | None = None,
 ) -> list[Report]:
     """Machine a job on fresh virtual machines: every combination of the sweep's values, with every seed.
 
-    The reports come in that order: `itertools.product` of the values as they are given, the seeds innermost.
+    The reports come in that order: `itertools.product` of the values as they are given, the seeds innermost. Run
+    files in `out` are named after profile or values, and seed. A run that fails is a report with its error; a stop
+    ends the series with the report of the run that it ended.
+
     Raises what `Machine.machine` raises, before anything runs where a profile is wrong.
     """
-    texts, numbers = _texts(overrides), list(seeds)
-    grid = [_texts(dict(zip(sweep or {}, values, strict=True))) for values in _values(sweep)]
-    machines = [connect(seed=seed, setup=setup) for seed in numbers]
-    for steps in grid:
-        if machines:
-            check(machines[0]._request(profile, (*texts, *steps)))
-    return [
-        machine.machine(profile, overrides=(*texts, *steps), out=out)
-        for steps in grid
-        for machine in machines
+    machines = [connect(seed=seed, setup=setup, home=home) for seed in seeds]
+    grid = [
+        dict(zip(sweep or {}, values, strict=True)) for values in itertools.product(*(sweep or {}).values())
     ]
+    cases = [
+        (plain_name("-".join(_texts(steps)) or Path(profile).stem), (*_texts(overrides), *_texts(steps)))
+        for steps in grid
+    ]
+    for machine in machines[:1]:
+        for _, texts in cases:
+            machine._plan(machine._request(profile, texts, calibration, allow_model), None, None)
+    reports: list[Report] = []
+    for (name, texts), machine in itertools.product(cases, machines):
+        if stop is not None and stop.signal_number is not None:
+            break
+        report = machine.machine(
+            profile,
+            overrides=texts,
+            out=out,
+            run_id=f"{name}-seed{machine.seed}",
+            calibration=calibration,
+            allow_model=allow_model,
+            stop=stop,
+        )
+        reports.append(report)
+    return reports
+
+
+def calibrate_files(
+    files: Sequence[File],
+    *,
+    output: File | None = None,
+    validate: Sequence[File] = (),
+    refit: str = "zero",
+    previous_v: Sequence[float] = (),
+    delay_s: float | None = None,
+    observer: Observer | None = None,
+    warn: Warn | None = None,
+) -> CalibrationReport:
+    """Fit measured data: CSV or HDF5 with t_s, u_V and y_um (arrays of one length: s, V, µm), or run files.
+
+    output : calibration file to write; none without
+    validate, refit : files that the model is judged on as well, and what is fitted to each before, "zero" or
+    "gain,zero"
+    previous_v : held before the first sample, V: once, or once for each of `files` and `validate`
+    delay_s : delay of the displacement; found without
+
+    Raises UsageError, RecordError where a file cannot be used or allows no fit, RunFileError.
+    """
+    from edmctl.jobs.calibration.run import calibrate_files as fitted
+
+    request = _calibration(files, output, validate, refit, previous_v, delay_s)
+    checked = _checked_calibration(request, Surroundings(), warn)
+    report = fitted(checked, observer or Unobserved())
+    (warn or _ignore)(report.findings.warnings)
+    return report
 
 
 def load_profile(profile: File, *, overrides: Overrides = ()) -> LoadedProfile:
@@ -294,10 +429,6 @@ def open_run(path: File) -> RunFile:
     return opened(Path(path))
 
 
-def _values(sweep: Mapping[str, Sequence[object]] | None) -> Iterable[tuple[object, ...]]:
-    return itertools.product(*(sweep or {}).values())
-
-
 def _texts(overrides: Overrides) -> tuple[str, ...]:
     """Overrides as `--set` takes them."""
     if isinstance(overrides, str):
@@ -307,6 +438,40 @@ def _texts(overrides: Overrides) -> tuple[str, ...]:
     return tuple(f"{key}={toml_value(value)}" for key, value in overrides.items())  # type: ignore[union-attr]
 
 
-def _surroundings(stop: StopRequest | None) -> Surroundings:
-    surroundings = Surroundings(command=("edmctl", "(Python)"))
-    return surroundings if stop is None else replace(surroundings, stop=lambda _: stop)
+def _calibration(
+    files: Sequence[File],
+    output: File | None,
+    validate: Sequence[File],
+    refit: str,
+    previous_v: Sequence[float],
+    delay_s: float | None,
+) -> CalibrationRequest:
+    from edmctl.jobs.calibration.request import CalibrationRequest
+
+    return CalibrationRequest(
+        sources=tuple(map(Path, files)),
+        validation=tuple(map(Path, validate)),
+        refit=refit,
+        previous_v=tuple(previous_v),
+        delay_s=delay_s,
+        output=_path(output),
+    )
+
+
+def _checked_calibration(
+    request: CalibrationRequest, surroundings: Surroundings, warn: Warn | None
+) -> Checked:
+    """Check what is asked for, and tell what is doubtful about the files."""
+    from edmctl.jobs.calibration.request import check as check_calibration
+
+    checked = check_calibration(request, surroundings)
+    (warn or _ignore)(checked.doubts)
+    return checked
+
+
+def _path(file: File | None) -> Path | None:
+    return None if file is None else Path(file)
+
+
+def _ignore(warnings: Sequence[Diagnostic]) -> None:
+    """Nobody wants to hear of doubts."""

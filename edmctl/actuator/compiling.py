@@ -1,43 +1,20 @@
-"""The one door to numba: strict arithmetic, code kept on disk, and no SciPy at start-up.
-
-The first function that numba compiles or loads makes it ask for SciPy's BLAS, which no loop of this project
-calls; importing `scipy.linalg` for that answer takes 0.2 s of every process. Here the answer is "not there".
-"""
+"""The one door to numba: strict arithmetic, code kept on disk, compilations told."""
 
 from __future__ import annotations
 
-import sys
 import threading
 from contextlib import contextmanager, suppress
 from time import monotonic
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
+import numba
+from numba.core import event
+from numba.core.caching import FunctionCache
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from types import ModuleType
 
 _F = TypeVar("_F", bound="Callable[..., Any]")
-_BLAS = "scipy.linalg"
-
-
-def _load_numba() -> ModuleType:
-    if _BLAS in sys.modules:
-        import numba
-
-        return numba
-    sys.modules[_BLAS] = None  # type: ignore[assignment]
-    try:
-        import numba
-        import numba.np.arraymath  # asks for BLAS once, while it is loaded
-    finally:
-        del sys.modules[_BLAS]
-    return numba
-
-
-_numba = _load_numba()
-
-from numba.core import event  # noqa: E402
-from numba.core.caching import FunctionCache  # noqa: E402
 
 TOLD_EVERY_S = 4.0
 """Whoever waits for a compiler hears of it so often."""
@@ -69,16 +46,16 @@ class _Kept(FunctionCache):
 
 def compiled(function: _F) -> _F:
     """Compile a part of a cached function; frees the GIL, no fastmath, so that plain Python gives the same bits."""
-    return cast("_F", _numba.njit(nogil=True, error_model="numpy")(function))
+    return cast("_F", numba.njit(nogil=True, error_model="numpy")(function))
 
 
 def cached(function: _F) -> _F:
     """Compile at the first call like `compiled`, and keep the code on disk: beside its file, or for the user."""
-    dispatcher = _numba.njit(nogil=True, error_model="numpy")(function)
-    if _numba.config.DISABLE_JIT:
+    dispatcher = numba.njit(nogil=True, error_model="numpy")(function)
+    if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
         return function
     try:
-        dispatcher._cache = _Kept(function)  # type: ignore[no-untyped-call]
+        dispatcher._cache = _Kept(function)  # type: ignore[attr-defined, no-untyped-call]
     except RuntimeError:  # numba found no folder that can be written
         _unkept.append("no folder of the program or the user can be written")
     return cast("_F", dispatcher)

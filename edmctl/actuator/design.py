@@ -19,7 +19,6 @@ from edmctl.actuator.record import length_s, sample_s
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from contextlib import AbstractContextManager
 
     from numpy.typing import NDArray
 
@@ -229,14 +228,3 @@ def triangle_of(rows: Array) -> Array:
         stacked = np.vstack([triangle, rows[first : first + ROWS_AT_ONCE]])
         triangle = np.asarray(np.linalg.qr(stacked, mode="r"), dtype=np.float64)
     return triangle
-
-
-def one_thread() -> AbstractContextManager[object]:
-    """Context in which BLAS keeps to one thread.
-
-    Matrices here are small: threads would only wait for each other, on busy cores 40 ms at a time.
-    """
-    from threadpoolctl import threadpool_limits
-
-    limits: AbstractContextManager[object] = threadpool_limits(limits=1, user_api="blas")
-    return limits

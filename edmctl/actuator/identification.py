@@ -19,7 +19,6 @@ from edmctl.actuator.design import (
     TAU_RATIO,
     Design,
     choose_design,
-    one_thread,
     reduce_records,
     thresholds,
 )
@@ -102,11 +101,10 @@ def identify(
     _refuse(records)
     design = choose_design(records, hinges=hinges, plays=plays, creep=creep)
     skip = [settled_from(record) for record in records]
-    with one_thread():
-        found_s = best_delay(design, records, skip) if delay_s is None else delay_s
-        reduction = reduce_records(design, records, np.array([found_s]), skip)
-        smoothness, best, held_out = smoothest(design, reduction, records, found_s, folds)
-        bands = bands_of(design, reduction, best, held_out, found_s, smoothness, resamples)
+    found_s = best_delay(design, records, skip) if delay_s is None else delay_s
+    reduction = reduce_records(design, records, np.array([found_s]), skip)
+    smoothness, best, held_out = smoothest(design, reduction, records, found_s, folds)
+    bands = bands_of(design, reduction, best, held_out, found_s, smoothness, resamples)
     model = design.model(best.weights, float(best.zeros_um[-1]), found_s)
     return Identification(
         model=model,

@@ -6,22 +6,19 @@ import dataclasses
 import math
 from contextlib import suppress
 from dataclasses import dataclass
-from html import escape
 from itertools import zip_longest
 from typing import TYPE_CHECKING
 
 from edmctl.errors import RunFileError
 from edmctl.jobs.connected_run import connected_run
 from edmctl.jobs.recording import ending
-from edmctl.jsonout import to_json_value
+from edmctl.jobs.result import Result, html_table
 from edmctl.results.job import SiteTruth
 from edmctl.wording import length
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
-
-    import pandas
 
     from edmctl.errors import Diagnostic, EdmError
     from edmctl.jobs.calibration.selection import ModelUsed
@@ -47,7 +44,7 @@ SAME_HOLE_UM = 50.0
 
 
 @dataclass(frozen=True, slots=True, repr=False)
-class Report:
+class Report(Result):
     """What a job reached, whether it ended well or with `error`.
 
     `truths` has one entry per site, and none on any machine but a virtual one in this process.
@@ -74,39 +71,30 @@ class Report:
         """The channel, if the job makes one."""
         return self.job.channel
 
-    def __repr__(self) -> str:
+    def brief(self) -> list[str]:
+        """Return how many holes there are, and how deep the first one is."""
         made = self.channel or (self.sites[0] if self.sites else None)
         found = [] if made is None else [f"depth {length(made.depth_um, made.depth_u95_um)}"]
-        holes = [f"{len(self.sites)} holes"] if len(self.sites) > 1 else []
-        error = [f"{self.error.code}: {self.error.message}"] if self.error else []
-        return f"<Report: {', '.join([*holes, *found, *error]) or 'nothing reached'}>"
+        return [*([f"{len(self.sites)} holes"] if len(self.sites) > 1 else []), *found]
+
+    def rows(self) -> list[JsonValue]:
+        """Return one row a hole, or the channel."""
+        told = self.to_dict()
+        sites = told["sites"] if self.channel is None else [told["channel"]]
+        return sites if isinstance(sites, list) else []
 
     def _repr_html_(self) -> str:
-        """The holes, or the channel, as a table for a notebook."""
-        rows = [
-            f"<tr><td>{escape(one.name)}</td><td>{length(one.depth_um, one.depth_u95_um)}</td>"
-            f"<td>{length(one.wear_um, one.wear_u95_um)}</td><td>{one.depth_basis}</td>"
-            f"<td>{one.verdict or ''}</td></tr>"
+        lines = [
+            (
+                one.name,
+                length(one.depth_um, one.depth_u95_um),
+                length(one.wear_um, one.wear_u95_um),
+                str(one.depth_basis),
+                str(one.verdict or ""),
+            )
             for one in (self.sites if self.channel is None else [self.channel])
         ]
-        error = f"<p>{escape(self.error.code)}: {escape(self.error.message)}</p>" if self.error else ""
-        head = "<tr><th>site</th><th>depth</th><th>tool wear</th><th>basis</th><th>verdict</th></tr>"
-        return f"<table>{head}{''.join(rows)}</table>{error}"
-
-    def to_dict(self) -> dict[str, JsonValue]:
-        """Return the same values as `--json` tells under `result`, rounded alike."""
-        return {name: to_json_value(value, name) for name, value in self.as_mapping().items()}
-
-    def to_frame(self) -> pandas.DataFrame:
-        """Return one row a hole, with units in the names of the columns. Raises ImportError without pandas."""
-        import pandas as pd
-
-        return pd.json_normalize(self.to_dict()["sites"], sep="_")
-
-    def raise_for_error(self) -> None:
-        """Raise the error that ended the job, if one did."""
-        if self.error is not None:
-            raise self.error
+        return html_table(("site", "depth", "tool wear", "basis", "verdict"), lines, self.error)
 
     def as_mapping(self) -> dict[str, object]:
         """Return the `result` of the JSON object."""

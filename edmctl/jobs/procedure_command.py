@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Protocol
 
 from edmctl.jobs.connected_run import connected_run
+from edmctl.jobs.result import Result
 from edmctl.jobs.run_header import name_run
 
 if TYPE_CHECKING:
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from edmctl.jobs.plan import Plan
     from edmctl.jobs.run_header import RunName
     from edmctl.jobs.session import MachineSession
+    from edmctl.jsonout import JsonValue
     from edmctl.machine.controller import LinkMachine
     from edmctl.procedures.job import Job
     from edmctl.procedures.run import Run
@@ -57,20 +59,35 @@ class Procedure(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True)
-class ProcedureReport:
+@dataclass(frozen=True, slots=True, repr=False)
+class ProcedureReport(Result):
     """What a procedure came to, whether it ended well or with `error`.
 
-    `reached` says that there is a result besides times and calibration; `model` where its estimated displacements
-    come from, None where it ended before that was known. `run_file` is the file as it is called now.
+    `result` holds what the command of that name tells with `--json`. `reached` says that there is more in it than
+    times and calibration; `model` where its estimated displacements come from, None where it ended before that was
+    known. `run_file` is the file as it is called now.
     """
 
+    name: str
     result: Mapping[str, object]
     reached: bool
     simulated: bool
     run_file: Path | None
     model: ModelUsed | None
     error: EdmError | None
+
+    def as_mapping(self) -> Mapping[str, object]:
+        """Return the `result` of the JSON object."""
+        return self.result
+
+    def brief(self) -> list[str]:
+        """Return the procedure's name and the first of its values."""
+        return [self.name, *Result.brief(self)]
+
+    def rows(self) -> list[JsonValue]:
+        """Return one row a jump of a series, else the one result."""
+        jumps = self.to_dict().get("jumps")
+        return jumps if isinstance(jumps, list) else Result.rows(self)
 
 
 def name_of(plan: Plan, command: str, folder: Path, run_id: str | None) -> RunName:
@@ -114,6 +131,7 @@ def perform(
 
     session = connected_run(plan, seed, observer, name, warn, prepare, summary)
     return ProcedureReport(
+        name=procedure.name,
         result=summary(session),
         reached=procedure.result() is not None,
         simulated=session.bench.machine.identity.simulated,

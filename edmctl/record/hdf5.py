@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from threading import get_ident
 from typing import TYPE_CHECKING
 
 import h5py
@@ -26,7 +27,8 @@ def image_of(fill: Callable[[h5py.File], None], **how: object) -> bytes:
 
     It is built in memory, because HDF5 does not survive a disk that fills up while it creates objects.
     """
-    with h5py.File("image", "w", driver="core", backing_store=False, **how) as file:
+    name = f"image {get_ident()}"  # HDF5 goes by names, in memory as well: other threads have theirs open
+    with h5py.File(name, "w", driver="core", backing_store=False, **how) as file:
         fill(file)
         file.flush()
         image: bytes = file.id.get_file_image()

@@ -7,19 +7,22 @@ import re
 import signal
 import subprocess
 import sys
-import threading
 from typing import TYPE_CHECKING
 
 import pytest
 
 import edmctl
-from edmctl.errors import Interrupted, ProfileError
+from edmctl.actuator.waveforms import calibration_legs, sampled
+from edmctl.errors import Interrupted, PreconditionError, ProfileError
 from edmctl.machine.stop import StopRequest
+from edmctl.simulator.actuator import HIGH_V, RATE_HZ, VirtualActuator
+from tests.api.threads import Job, made_in_a_process, made_in_threads
 from tests.cli.commands import ROOT
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from edmctl.errors import Diagnostic
     from edmctl.jobs.job import Report
     from tests.cli.commands import Here
 
@@ -52,20 +55,17 @@ def test_a_result_is_that_of_the_command(here: Here) -> None:
     assert json.dumps(report.to_dict(), sort_keys=True) == json.dumps(said.document["result"], sort_keys=True)
 
 
-def test_threads_do_not_disturb_each_other() -> None:
-    alone = {seed: machined(seed) for seed in range(4)}
-    together: dict[int, Report] = {}
-
-    def work(seed: int) -> None:
-        together[seed] = machined(seed)
-
-    threads = [threading.Thread(target=work, args=(seed,)) for seed in alone]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    for seed, report in alone.items():
-        assert json.dumps(together[seed].to_dict()) == json.dumps(report.to_dict())
+def test_threads_give_the_bytes_of_commands(tmp_path: Path) -> None:
+    """Thirty jobs in eight threads are `python -m benchmarks.api_threads`."""
+    jobs = [
+        Job("cu270", 4, {"target.depth_um": 8}),
+        Job("w252", 7, {"target.depth_um": 8, "log.pulses": "full"}),
+    ]
+    here, apart = tmp_path / "threads", tmp_path / "processes"
+    here.mkdir()
+    apart.mkdir()
+    for job, made in zip(jobs, made_in_threads(jobs, here, 2), strict=True):
+        assert made == made_in_a_process(job, apart)
 
 
 def machined(seed: int) -> Report:
@@ -106,6 +106,73 @@ def test_a_report_shows_itself_in_a_notebook() -> None:
     frame = report.to_frame()
     assert frame["depth_um"][0] == pytest.approx(report.sites[0].depth_um, abs=1e-3)
     assert "truth_wear_um" in frame
+
+
+def test_procedures_are_told_like_jobs(tmp_path: Path) -> None:
+    warned: list[Diagnostic] = []
+    machine = edmctl.connect("sim:", seed=1, home=tmp_path)
+    found = machine.approach("cu270", contact=True, out=tmp_path, warn=warned.extend)
+    assert re.match(r"<ProcedureReport: approach, kind contact, .*displacement \d+\.\d+ µm>", repr(found))
+    assert found.to_frame()["displacement_um"][0] == found.to_dict()["displacement_um"]
+    assert "<tr><td>displacement</td>" in found._repr_html_()
+    found.raise_for_error()
+    jumps = machine.jump_flush("cu270", count=3, out=tmp_path)
+    assert list(jumps.to_frame()["number"]) == [1, 2, 3]
+    assert jumps._repr_html_().count("<tr>") == 4
+
+
+def test_a_calibration_has_errors_and_acceptance_and_is_used(tmp_path: Path) -> None:
+    setup = tmp_path / "setup.toml"
+    setup.write_text("[sensor]\nfitted = false\n")
+    machine = edmctl.connect("sim:", seed=3, home=tmp_path)
+    calibration = machine.calibrate()
+    assert calibration.accepted
+    assert not calibration.problems
+    assert calibration.path == tmp_path / "calibration" / f"{calibration.serial}.toml"
+    assert calibration.held_out.rms_um < calibration.findings.baselines["line"].rms_um
+    assert list(calibration.to_frame()["model"]) == ["edmctl", "line", "maxwell"]
+    assert re.match(r"<CalibrationReport: accepted, \d\.\d\d µm rms", repr(calibration))
+    blind = edmctl.connect("sim:", seed=3, setup=setup, home=tmp_path)
+    with pytest.raises(PreconditionError, match="No displacement sensor"):
+        blind.approach("cu270", out=tmp_path)
+    warned: list[Diagnostic] = []
+    found = blind.approach("cu270", out=tmp_path, allow_model=True, warn=warned.extend)
+    assert found.model is not None
+    assert found.model.path == str(calibration.path)
+    assert "W8105" in [warning.code for warning in warned]
+    assert blind.measure_wear(
+        "cu270", reference=True, out=tmp_path, allow_model=True, calibration=calibration.path
+    ).reached
+
+
+def test_measured_files_are_fitted_without_a_machine(tmp_path: Path) -> None:
+    driven = VirtualActuator(5).drive(sampled(calibration_legs(HIGH_V), RATE_HZ).u_v)
+    rows = zip(driven.t_s[::10], driven.applied_v[::10], driven.sensor_um[::10], strict=True)
+    data = tmp_path / "data.csv"
+    data.write_text("t_s,u_V,y_um\n" + "".join(f"{t:.3f},{u:.4f},{y:.4f}\n" for t, u, y in rows))
+    fitted = edmctl.calibrate_files([data], output=tmp_path / "own.toml", validate=[data])
+    assert fitted.path == tmp_path / "own.toml"
+    assert fitted.path.is_file()
+    assert fitted.validated is not None
+    assert fitted.validated.rms_um < 0.5
+    assert fitted.to_dict()["serial"] is None
+
+
+def test_run_files_of_a_grid_are_named_after_values_and_seed(tmp_path: Path) -> None:
+    stop = StopRequest()
+    edmctl.simulate("cu270", [1], sweep={"target.depth_um": [6]}, overrides=SHALLOW, out=tmp_path)
+    assert [path.name for path in tmp_path.glob("*.h5")] == ["target.depth_um-6-seed1.h5"]
+    stop.request(signal.SIGINT)
+    assert edmctl.simulate("cu270", [1, 2], overrides=SHALLOW, stop=stop) == []
+
+
+def test_numba_keeps_its_blas_in_a_program() -> None:
+    look = (
+        "import sys, edmctl.simulator.kernel as k, numba.np.arraymath as m;"
+        "print(m._HAVE_BLAS, len([n for n in sys.meta_path if 'edmctl' in type(n).__module__]))"
+    )
+    told = subprocess.run([sys.executable, "-c", look], check=True, capture_output=True, text=True, cwd=ROOT)
+    assert told.stdout.split() == ["True", "0"]
 
 
 def test_a_name_that_is_not_there_is_told() -> None:

@@ -195,12 +195,7 @@ def _run(outcome: Outcome, checked: "Checked", seed: int) -> None:
             done = calibrate_machine(checked.plan, checked, seed, reporter, outcome.warn)
             outcome.simulated = done.simulated
         ignore_signals()
-    outcome.result = {
-        **done.findings.as_mapping(),
-        "calibration_file": str(done.path) if done.path else None,
-        "serial": done.serial,
-        "lever": checked.lever,
-    }
+    outcome.result = done.as_mapping()
     outcome.text = render_calibration(done.findings, checked.lever, stream_style(sys.stdout))
     outcome.text += f"\n\n{_whereabouts(done, checked, outcome.seed)}"
     outcome.warn(done.findings.warnings)

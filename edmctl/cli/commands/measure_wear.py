@@ -34,9 +34,6 @@ if TYPE_CHECKING:
     from edmctl.jobs.plan import Plan
     from edmctl.jobs.wear.measure import WearRun
 
-TOUCHES_LIKE = "cu270"
-"""The shipped profile by which a tool is touched when none is named."""
-
 ReferenceOption = Annotated[
     bool, typer.Option("--reference", help="Touch the pad and keep it as Z1: do this before a job.")
 ]
@@ -78,7 +75,7 @@ def measure_wear(
         from edmctl.cli.procedure_output import Asked, perform_told
         from edmctl.jobs.checking import check
         from edmctl.jobs.plan import JobRequest
-        from edmctl.jobs.wear.measure import WearRun
+        from edmctl.jobs.wear.measure import TOUCHES_LIKE, WearRun
 
         if new_tool and not reference:
             raise UsageError(

@@ -11,6 +11,7 @@ from datetime import UTC, datetime
 from multiprocessing import util
 from typing import TYPE_CHECKING
 
+from edmctl.__main__ import spare_start_up
 from edmctl.cli.shell import shell
 from edmctl.cli.signals import ignore_signals
 from edmctl.console.progress import QuietReporter
@@ -104,6 +105,7 @@ def _compile(reporter: Reporter) -> None:
 
 def _serve_parent() -> None:
     """Prepare a worker process: the parent answers for all signals, and no worker outlives it."""
+    spare_start_up()
     ignore_signals()
     threading.Thread(target=_end_with_parent, daemon=True).start()
 

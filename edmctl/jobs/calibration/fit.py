@@ -97,17 +97,27 @@ class Findings:
         """Errors on blocks of the records that the model did not see."""
         return self.identification.held_out
 
+    @property
+    def held_out_figures(self) -> Figures:
+        """The same as figures."""
+        return Figures.of(self.held_out)
+
+    @property
+    def baselines(self) -> Mapping[str, Figures]:
+        """Errors of the simpler models: on the validation files, else on held-out blocks."""
+        held_out = {name: Figures.of(errors) for name, errors in self.held_out_baselines.items()}
+        return self.validated_baselines or held_out
+
     def as_mapping(self) -> dict[str, object]:
         """Return the `result` of the JSON object, but for the files."""
         found = self.identification
-        held_out = {name: Figures.of(errors) for name, errors in self.held_out_baselines.items()}
         return {
             "train": Figures.of(self.train),
             "validate": self.validated,
             "validate_files": self.files,
             "refit": self.refit,
-            "held_out": Figures.of(self.held_out),
-            "baselines": self.validated_baselines or held_out,
+            "held_out": self.held_out_figures,
+            "baselines": self.baselines,
             "baselines_on": VALIDATION if self.validated else HELD_OUT,
             "gamma_per_decade": found.model.gamma_per_decade,
             "stroke_um": found.model.stroke_um,

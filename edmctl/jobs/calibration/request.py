@@ -42,9 +42,9 @@ class CalibrationRequest:
     previous_v: tuple[float, ...]
     delay_s: float | None
     output: Path | None
-    lever: Path | None
-    setup: Path | None
-    port: str | None
+    lever: Path | None = None
+    setup: Path | None = None
+    port: str | None = None
     wait_s: float = 0.0
 
     @property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,21 +11,25 @@ from typing import TYPE_CHECKING
 from edmctl.errors import Diagnostic, EdmError
 from edmctl.jobs.calibration.request import check_writable, doubtful
 from edmctl.jobs.connect import connected, introduction
+from edmctl.jobs.result import Result
+from edmctl.jsonout import to_json_value
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
+    from edmctl.actuator.model import ActuatorModel
     from edmctl.actuator.record import Record
-    from edmctl.jobs.calibration.fit import Findings
-    from edmctl.jobs.calibration.request import Checked
+    from edmctl.jobs.calibration.fit import Figures, Findings
+    from edmctl.jobs.calibration.request import Checked, LeverFound
+    from edmctl.jsonout import JsonValue
     from edmctl.procedures.actuator.calibration import CalibrationPlan, Measured
     from edmctl.results.progress import Observer
 
     Warn = Callable[[Sequence[Diagnostic]], None]
 
 
-@dataclass(frozen=True, slots=True)
-class CalibrationReport:
+@dataclass(frozen=True, slots=True, repr=False)
+class CalibrationReport(Result):
     """What was found, and where it is now.
 
     path : the calibration file; None where nothing was saved
@@ -40,6 +44,56 @@ class CalibrationReport:
     simulated: bool
     is_own: bool = False
     replaced: bool = False
+    lever: LeverFound | None = None
+
+    @property
+    def error(self) -> None:  # type: ignore[override]
+        """None: what ends a calibration is raised."""
+
+    @property
+    def model(self) -> ActuatorModel:
+        """The model: voltage to displacement, and back."""
+        return self.findings.identification.model
+
+    @property
+    def accepted(self) -> bool:
+        """Whether nothing stands against using it."""
+        return self.findings.identification.accepted
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """What stands against using it, each with its remedy."""
+        return tuple(self.findings.identification.problems)
+
+    @property
+    def held_out(self) -> Figures:
+        """Errors on blocks of the records that the model did not see."""
+        return self.findings.held_out_figures
+
+    @property
+    def validated(self) -> Figures | None:
+        """Errors on the files to validate, None without any."""
+        return self.findings.validated
+
+    def as_mapping(self) -> dict[str, object]:
+        """Return the `result` of the JSON object."""
+        return {
+            **self.findings.as_mapping(),
+            "calibration_file": str(self.path) if self.path else None,
+            "serial": self.serial,
+            "lever": self.lever,
+        }
+
+    def brief(self) -> list[str]:
+        """Return whether it is accepted, and its errors."""
+        errors = self.validated or self.held_out
+        verdict = "accepted" if self.accepted else "not accepted"
+        return [verdict, f"{errors.rms_um:.2f} µm rms and {errors.max_um:.2f} µm at most on data not fitted"]
+
+    def rows(self) -> list[JsonValue]:
+        """Return the errors of each model, in µm and in % of the range, on data that none of them saw."""
+        errors = {"edmctl": self.validated or self.held_out, **self.findings.baselines}
+        return [to_json_value({"model": name, **asdict(figures)}) for name, figures in errors.items()]
 
 
 def calibrate_machine(
@@ -64,7 +118,9 @@ def calibrate_machine(
             path, is_own, replaced = _beside(path), False, False
             warn([_not_replaced(path), _kept(measured.record, path)])
         _save(findings, path, checked, identity.serial, simulated=identity.simulated)
-    return CalibrationReport(findings, path, identity.serial, identity.simulated, is_own, replaced)
+    return CalibrationReport(
+        findings, path, identity.serial, identity.simulated, is_own, replaced, checked.lever
+    )
 
 
 def _beside(path: Path) -> Path:
@@ -87,7 +143,7 @@ def calibrate_files(checked: Checked, observer: Observer) -> CalibrationReport:
         observer.note("nothing is saved: --output FILE writes a calibration that `machine` can use")
     else:
         _save(findings, checked.output, checked, None, simulated=False)
-    return CalibrationReport(findings, checked.output, None, simulated=False)
+    return CalibrationReport(findings, checked.output, None, simulated=False, lever=checked.lever)
 
 
 def _doubts(measured: Measured) -> list[Diagnostic]:

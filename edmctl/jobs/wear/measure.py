@@ -43,6 +43,10 @@ if TYPE_CHECKING:
     from edmctl.results.measurements import WearResult
 
 
+TOUCHES_LIKE = "cu270"
+"""The shipped profile by which a tool is touched when none is named."""
+
+
 def measuring_profile(profile: Profile, speed_um_s: float = math.nan) -> Profile:
     """Return the recipe with enough touches of every Z, and with the speed of the reference where there is one."""
     measure = profile.measure
