@@ -257,7 +257,7 @@ def _job(
     machine, ledger = LinkMachine(session, observer.request), JobTally()
     end = "ok"
     try:
-        run_job(machine, job, recorder=NullRecorder(), observer=observer, ledger=ledger, journal=wear)
+        run_job(machine, job, recorder=NullRecorder(), observer=observer, tally=ledger, store=wear)
     except EdmError as error:
         end = error.code
         bench.clear_injections()

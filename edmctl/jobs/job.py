@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from edmctl.jobs.truth.wear import TrueWear
     from edmctl.jsonout import JsonValue
     from edmctl.procedures.job import Job
-    from edmctl.procedures.job_state import Journal
+    from edmctl.procedures.job_state import StateStore
     from edmctl.procedures.tally import JobTally
     from edmctl.record.recorder import Recorder
     from edmctl.results.channel import ChannelResult, ChannelTruth
@@ -154,7 +154,7 @@ def carry_out(
 
     def act(held: Held, entries: JobLedger, kept: Journaling, job: Job, recorder: Recorder) -> None:
         nonlocal true_wear
-        journal: Journal = entries
+        journal: StateStore = entries
         if held.bench.virtual:
             journal = true_wear = TrueWear(held.bench.virtual, entries)
             entries.truth = {"tool_wear_um": true_wear.before_um}
@@ -188,7 +188,7 @@ def _run(
     recorder: Recorder,
     observer: Observer,
     ledger: JobTally,
-    journal: Journal,
+    journal: StateStore,
 ) -> None:
     """Run the job, and write down in the job ledger that it begins and what it came to.
 
@@ -200,7 +200,7 @@ def _run(
     job = kept.begin(job)
     entries.begin()
     try:
-        run_job(held.bench.machine, job, recorder=recorder, observer=observer, ledger=ledger, journal=journal)
+        run_job(held.bench.machine, job, recorder=recorder, observer=observer, tally=ledger, store=journal)
     except BaseException as error:
         with suppress(RunFileError):
             entries.close(ledger.result(), ending(error)[0])

@@ -87,7 +87,7 @@ def perform(
     Expected errors come back with what was reached. Raises LinkLost, ProtocolMismatch and RunFileError where there
     was no machine to act on.
     """
-    from edmctl.procedures.single_procedure import running
+    from edmctl.procedures.session import running
     from edmctl.procedures.tally import JobTally
 
     ledger = JobTally()

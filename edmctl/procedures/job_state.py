@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
 PERIOD_S = 5.0
 """Between two states of a cut: 1.5 µm of feed at 0.3 µm/s, far less than the touch of the bottom looks for."""
@@ -15,7 +15,7 @@ PERIOD_S = 5.0
 _ADDED = ("home_age_s", "face_doubt_u_um", "channel", "broken_cuts")
 """Fields that earlier journals do not have."""
 
-FaceTouch = tuple[float, float, float, float]
+SurfaceTouch = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class JobState:
     phase: str
     time_s: float
     tool: str
-    face: tuple[FaceTouch, ...] = ()
+    face: tuple[SurfaceTouch, ...] = ()
     done: tuple[Mapping[str, object], ...] = ()
     site: str = ""
     begun: bool = False
@@ -96,14 +96,26 @@ def job_state(mapping: Mapping[str, object]) -> JobState:
     )
 
 
-class Journal(Protocol):
+@dataclass(frozen=True, slots=True)
+class UnderWay:
+    """The hole or channel under way, as far as its job has to know it.
+
+    `state` adds what is known of it at a time of the run, s, to the state of the job; `leave` reports what is known
+    of it where the job ends early.
+    """
+
+    state: Callable[[JobState, float], JobState]
+    leave: Callable[[], None] = lambda: None
+
+
+class StateStore(Protocol):
     """Keeps the newest state of a job where it outlives the process."""
 
     def keep(self, state: JobState, *, urgent: bool = False) -> None:
         """Take a state; an urgent one is safe when the call returns, another one within some seconds."""
 
 
-class NoJournal:
+class NoStateStore:
     """Keeps nothing: for jobs that nobody will take up again."""
 
     def keep(self, state: JobState, *, urgent: bool = False) -> None:

@@ -14,12 +14,11 @@ from typing import TYPE_CHECKING
 from edmctl.errors import ObjectiveNotReached
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job import Site
-from edmctl.procedures.monitoring.drift import uncertainty_now
+from edmctl.procedures.monitoring.drift import displacement_uncertainty
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.bottom import Expected, read_expected
 from edmctl.procedures.touch.grown_tool import refuse_grown_tool
-from edmctl.procedures.touch.reference_pad import read_pad
-from edmctl.procedures.touch.site_readings import displacement_uncertainty, pad_u_um
+from edmctl.procedures.touch.reference_pad import pad_u_um, read_pad
 from edmctl.procedures.touch.surface_plane import take_pad, unknown_face
 from edmctl.procedures.touch.tool_length import TOUCH_U_UM
 from edmctl.process.wear import Reading, measure, share_u
@@ -83,7 +82,7 @@ def touch_pad(run: Run, kind: str, expected_um: float, more_u_um: float = 0.0) -
 
 def measure_wear(run: Run, reference: Reference, expected_um: float, bottom: Bottom | None) -> WearResult:
     """Touch the pad, where it is expected at `expected_um`, then the bottom of a hole, then the pad again."""
-    home = run.ledger.home_um, run.ledger.home_s
+    home = run.tally.home_um, run.tally.home_s
     before = touch_pad(run, "Z3", expected_um)
     if bottom is None:
         move_to(run, run.job.parking)
@@ -129,7 +128,7 @@ def _found(
     z1 = Reading(reference.z_um, reference.sd_um, reference.touches)
     z3 = _mean(before.reading, after.reading)
     bottom = z2.reading if z2 else z3
-    known, meeting_u_um = uncertainty_now(run), pad_u_um(run.setup)
+    known, meeting_u_um = run.uncertainty, pad_u_um(run.setup)
     refuse_grown_tool(run, reference.z_um, after, reference.age_s + after.time_s)
     seen_um_s = (abs(after.z_um - before.z_um) + TOUCH_U_UM) / max(1.0, after.time_s - before.time_s)
     since_um = min(known.drift_u_um_per_s, seen_um_s) * (after.time_s - home[1])

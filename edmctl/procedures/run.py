@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from edmctl.procedures.monitoring.drift import uncertainty_now
 from edmctl.procedures.settings import gap_reference_v
 from edmctl.record.rows import EventLevel
 from edmctl.results.progress import Observer, Phase, Progress
@@ -17,8 +18,9 @@ if TYPE_CHECKING:
     from edmctl.procedures.event_codes import RunEvent
     from edmctl.procedures.job import Job
     from edmctl.procedures.monitoring.watch import Watch
-    from edmctl.procedures.state_keeper import JobJournal
+    from edmctl.procedures.state_keeper import JobStateKeeper
     from edmctl.procedures.tally import JobTally
+    from edmctl.profile.measuring_stops import Displacement
     from edmctl.profile.model import Profile
     from edmctl.profile.setup import Setup
     from edmctl.record.recorder import Recorder
@@ -37,8 +39,8 @@ class Run:
     watch: Watch
     recorder: Recorder
     observer: Observer
-    ledger: JobTally
-    journal: JobJournal
+    tally: JobTally
+    keeper: JobStateKeeper
 
     @property
     def profile(self) -> Profile:
@@ -50,18 +52,23 @@ class Run:
         """The machine's own settings."""
         return self.job.setup
 
+    @property
+    def uncertainty(self) -> Displacement:
+        """Standard uncertainties of a displacement as they are by now."""
+        return uncertainty_now(self.job, self.watch.rests)
+
     def decide(
         self, code: RunEvent, message: str, args: Args, *, level: EventLevel = EventLevel.INFO
     ) -> None:
         """Write a decision or result to the run file and tell the observer."""
         if level >= EventLevel.WARNING:
-            self.ledger.warning, self.ledger.warned_s = message, self.machine.time_s
+            self.tally.warning, self.tally.warned_s = message, self.machine.time_s
         self.recorder.event(self.machine.time_s, code, level, message, args)
         self.observer.note(message)
 
     def begin(self, phase: Phase) -> None:
         """Tell the observer what comes now, with what is known while nothing is machined."""
-        self.ledger.phase = phase
+        self.tally.phase = phase
         self.observer.progress(
             Progress(
                 phase=phase,
@@ -69,19 +76,19 @@ class Run:
                 gap_v=0.0,
                 reference_v=gap_reference_v(self.profile),
                 ratios=NO_PULSES,
-                depth_um=self.ledger.depth_um,
-                depth_target_um=self.ledger.depth_target_um,
+                depth_um=self.tally.depth_um,
+                depth_target_um=self.tally.depth_target_um,
                 displacement_um=self.watch.displacement_um,
                 time_left_s=math.nan,
                 site=self.site_among_many,
-                sites_done=self.ledger.sites_done,
+                sites_done=self.tally.sites_done,
                 sites_total=len(self.job.sites),
-                warning=self.ledger.warning,
-                warned_s=self.ledger.warned_s,
+                warning=self.tally.warning,
+                warned_s=self.tally.warned_s,
             )
         )
 
     @property
     def site_among_many(self) -> str:
         """Name of the hole under way, empty where there is only one."""
-        return self.ledger.open_site if len(self.job.sites) > 1 else ""
+        return self.tally.open_site if len(self.job.sites) > 1 else ""

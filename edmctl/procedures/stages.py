@@ -64,7 +64,7 @@ def retract(run: Run) -> None:
         if run.machine.time_s > end_s:
             raise _stands_out(run, home, over_um, most_um if over_um > most_um else TELLABLE_UM)
         rest_and_look(run, CREEP_LOOK_S)
-    run.ledger.home_um, run.ledger.home_s = home.um, run.machine.time_s
+    run.tally.home_um, run.tally.home_s = home.um, run.machine.time_s
 
 
 def _is_told(run: Run, home: Home, over_um: float) -> bool:
@@ -110,7 +110,7 @@ def _over_the_pad(run: Run) -> str:
 def _was_started_since(run: Run) -> bool:
     """Whether the controller came up after the home that this job began with was seen."""
     before_the_job_s = run.machine.uptime_s - run.machine.time_s
-    return math.isnan(run.ledger.home_s) and before_the_job_s < run.job.home_age_s - TOLD_LATE_S
+    return math.isnan(run.tally.home_s) and before_the_job_s < run.job.home_age_s - TOLD_LATE_S
 
 
 def move_to(run: Run, place: Site) -> None:

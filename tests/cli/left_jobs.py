@@ -13,7 +13,7 @@ import pytest
 
 from edmctl.procedures.run import Run
 from edmctl.procedures.state_keeper import MACHINING as MACHINING_PHASE
-from edmctl.procedures.state_keeper import JobJournal
+from edmctl.procedures.state_keeper import JobStateKeeper
 from edmctl.record.bench_file import read_bench, write_bench
 from edmctl.simulator import kernel as k
 from edmctl.simulator.saving import bench_state, restored_bench
@@ -48,8 +48,8 @@ def at_time_of_cut(seconds: float, act: Callable[[], None]) -> Iterator[None]:
     """Do something once when a cut has gone on for so long."""
     began_s: list[float] = []
 
-    def is_time(journal: JobJournal, block: TelemetryBlock) -> bool:
-        if journal._phase != MACHINING_PHASE:
+    def is_time(journal: JobStateKeeper, block: TelemetryBlock) -> bool:
+        if journal.phase != MACHINING_PHASE:
             return False
         began_s.append(float(block.time_s[0]))
         return float(block.time_s[-1]) - began_s[0] > seconds
@@ -81,10 +81,12 @@ def at_event(code: RunEvent, act: Callable[[], None]) -> Iterator[None]:
 
 
 @contextmanager
-def _once(is_time: Callable[[JobJournal, TelemetryBlock], bool], act: Callable[[], None]) -> Iterator[None]:
-    take, done = JobJournal.take, False
+def _once(
+    is_time: Callable[[JobStateKeeper, TelemetryBlock], bool], act: Callable[[], None]
+) -> Iterator[None]:
+    take, done = JobStateKeeper.on_telemetry, False
 
-    def watched(journal: JobJournal, block: TelemetryBlock) -> None:
+    def watched(journal: JobStateKeeper, block: TelemetryBlock) -> None:
         nonlocal done
         take(journal, block)
         if not done and is_time(journal, block):
@@ -92,7 +94,7 @@ def _once(is_time: Callable[[JobJournal, TelemetryBlock], bool], act: Callable[[
             act()
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(JobJournal, "take", watched)
+        patch.setattr(JobStateKeeper, "on_telemetry", watched)
         yield
 
 

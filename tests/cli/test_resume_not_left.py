@@ -33,6 +33,7 @@ from tests.serving import serving
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from edmctl.procedures.job_state import UnderWay
     from edmctl.simulator import VirtualBench
     from tests.cli.commands import Here
 
@@ -163,16 +164,19 @@ def test_between_two_holes_a_job_goes_on(here: Here) -> None:
 
 def leave_between(here: Here) -> None:
     """Stop an array when its first hole is finished and the second one not begun."""
-    from edmctl.procedures.state_keeper import JobJournal
+    from edmctl.procedures.state_keeper import JobStateKeeper
 
-    end_hole = JobJournal.end_hole
+    keep = JobStateKeeper.keep
 
-    def ended(journal: JobJournal) -> None:
-        end_hole(journal)
-        stop()
+    def kept(
+        keeper: JobStateKeeper, phase: str, under_way: UnderWay | None, time_s: float | None = None
+    ) -> None:
+        keep(keeper, phase, under_way, time_s)
+        if under_way is None:
+            stop()
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(JobJournal, "end_hole", ended)
+        patch.setattr(JobStateKeeper, "keep", kept)
         assert here(*MACHINE, *ARRAY, *BENCH, "--seed", "3", "--run-id", "a", "--quiet").exit_code == 130
     state = read_journal(Path("runs/a.journal")).state
     assert (len(state["done"]), state["begun"]) == (1, False)  # type: ignore[arg-type]

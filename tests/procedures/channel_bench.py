@@ -24,7 +24,7 @@ from edmctl.machine.port import (
 from edmctl.procedures.job import Job, Site
 from edmctl.procedures.monitoring.watch import Watch
 from edmctl.procedures.run import Run
-from edmctl.procedures.state_keeper import JobJournal
+from edmctl.procedures.state_keeper import JobStateKeeper
 from edmctl.procedures.tally import JobTally
 from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Setup
@@ -189,4 +189,4 @@ def scanning_run(machine: ScanningMachine, *overrides: str) -> tuple[Run, Noted]
     noted, ledger = Noted(), JobTally()
     watch = Watch(noted, profile.pulse.duty_voltage_v)
     machine.watch = watch
-    return Run(machine, job, watch, noted, noted, ledger, JobJournal(job, ledger)), noted  # type: ignore[arg-type]
+    return Run(machine, job, watch, noted, noted, ledger, JobStateKeeper(job, ledger)), noted  # type: ignore[arg-type]

@@ -21,7 +21,7 @@ from edmctl.procedures.machining import run_job
 from edmctl.procedures.monitoring.watch import Watch
 from edmctl.procedures.run import Run
 from edmctl.procedures.settings import controller_settings, pulse_settings, telemetry_settings
-from edmctl.procedures.state_keeper import JobJournal
+from edmctl.procedures.state_keeper import JobStateKeeper
 from edmctl.procedures.tally import JobTally
 from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Sensor, Setup
@@ -33,7 +33,7 @@ from edmctl.simulator.config import SensorConstants
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from edmctl.procedures.job_state import Journal
+    from edmctl.procedures.job_state import StateStore
     from edmctl.record.recorder import Recorder
     from edmctl.record.rows import EventLevel, LinkRow, PulseBlockRows, ServoBlock, SiteRow, SlowRow, TouchRow
     from edmctl.results.job import JobResult
@@ -149,21 +149,21 @@ class Shop:
         self.told = Told()
         self.ledger = JobTally()
 
-    def run_job(self, recorder: Recorder | None = None, journal: Journal | None = None) -> JobResult:
+    def run_job(self, recorder: Recorder | None = None, journal: StateStore | None = None) -> JobResult:
         """Run the whole job."""
         return run_job(
             self.machine,
             self.job,
             recorder=recorder or self.seen,
             observer=self.told,
-            ledger=self.ledger,
-            journal=journal,
+            tally=self.ledger,
+            store=journal,
         )
 
     def run(self) -> Run:
         """What single procedures take, on a machine that nobody has configured."""
         watch = Watch(self.seen, self.profile.pulse.duty_voltage_v)
-        journal = JobJournal(self.job, self.ledger)
+        journal = JobStateKeeper(self.job, self.ledger)
         return Run(self.machine, self.job, watch, self.seen, self.told, self.ledger, journal)
 
 

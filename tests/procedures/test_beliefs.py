@@ -11,7 +11,7 @@ import pytest
 
 from edmctl.jobs.truth.wear import TrueWear
 from edmctl.procedures.job import Site
-from edmctl.procedures.job_state import NoJournal
+from edmctl.procedures.job_state import NoStateStore
 from edmctl.results.job import ObjectiveMissed
 from edmctl.simulator import kernel as k
 
@@ -53,7 +53,7 @@ def test_a_belief_that_is_wrong_costs_no_truth(
     held = []
     s = shop(OVERRIDES, SEED, changed=changed)
     s.job = replace(s.job, sites=sites)
-    wear = TrueWear(s.bench, NoJournal())
+    wear = TrueWear(s.bench, NoStateStore())
     with suppress(ObjectiveMissed):  # said to be off the target, or not shown
         s.run_job(journal=wear)
     assert set(s.ledger.sites) == {site.name for site in sites}
@@ -87,7 +87,7 @@ def test_a_tool_that_wears_otherwise_from_some_hole_on_is_held(
     s = shop(('target={kind="depth",depth_um=20.0,tolerance_um=15.0}',), SEED)
     s.job = replace(s.job, sites=tuple(Site(f"hole-{i + 1}", 500.0 + 400.0 * i, 0.0) for i in range(7)))
     s.told = told = Changing(bench=s.bench, hole=hole, change=change)
-    wear = TrueWear(s.bench, NoJournal())
+    wear = TrueWear(s.bench, NoStateStore())
     with suppress(ObjectiveMissed):
         s.run_job(journal=wear)
     assert told.change == 1.0

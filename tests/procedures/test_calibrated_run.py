@@ -108,7 +108,7 @@ def test_touches_correct_the_gain_only_between_holes(shop: OpenShop) -> None:
     (first,) = s.job.sites
     machine_sites(run)
     assert tracker.estimator.gain == homed
-    run.ledger.sites.clear()
+    run.tally.sites.clear()
     second = Site("second", first.x_um + 400.0, first.y_um)
     machine_sites(replace(run, job=replace(s.job, sites=(second,))))
     assert tracker.estimator.gain != homed

@@ -14,8 +14,7 @@ from edmctl.procedures.channel import layers as channel_layers
 from edmctl.procedures.channel import procedure as channel
 from edmctl.procedures.channel.layers import wear_of
 from edmctl.procedures.channel.procedure import machine_channel
-from edmctl.procedures.channel.result import FloorReading
-from edmctl.procedures.channel.touching import Face
+from edmctl.procedures.channel.touching import Face, FloorReading
 from edmctl.procedures.channel.way import way_of_path
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.target import Goal

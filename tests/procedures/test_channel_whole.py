@@ -193,7 +193,7 @@ def test_a_channel_that_is_left_while_the_gap_is_shorted_is_no_shallower_than_it
     session.open()
     machine, job = LinkMachine(session, told.request), job_of(loaded.profile, Setup())
     with pytest.raises(EdmError):
-        run_job(machine, job, recorder=Seen(), observer=told, ledger=told.ledger)
+        run_job(machine, job, recorder=Seen(), observer=told, tally=told.ledger)
     left, truth = told.ledger.channel, channel_truth(loaded.profile, bench, bench.tool_wear_um)
     assert left is not None
     assert truth is not None

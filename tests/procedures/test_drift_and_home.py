@@ -19,7 +19,7 @@ from edmctl.machine.controller import LinkMachine
 from edmctl.machine.port import Axis
 from edmctl.machine.stop import StopRequest
 from edmctl.procedures.job import TOLD_LATE_S, Site
-from edmctl.procedures.job_state import JobState, NoJournal
+from edmctl.procedures.job_state import JobState, NoStateStore
 from edmctl.procedures.monitoring.drift import (
     CREEP_SHARE,
     CREEP_UM,
@@ -27,7 +27,6 @@ from edmctl.procedures.monitoring.drift import (
     Rests,
     first_home_um,
     seen_between_jobs_um_s,
-    uncertainty_now,
 )
 from edmctl.procedures.stages import _is_told, move_to, retract
 from edmctl.procedures.tally import JobTally
@@ -174,7 +173,7 @@ def test_the_wear_of_one_hole_holds_with_the_worst_drift_of_hundreds_of_machines
         target = f'target={{kind="depth",depth_um={depth_um},tolerance_um=2.0}}'
         shop = Shop((target,), seed)
         shop.bench.plant.par[k.SENSOR_DRIFT] = rate_um_s
-        wear = TrueWear(shop.bench, NoJournal())
+        wear = TrueWear(shop.bench, NoStateStore())
         shop.run_job(journal=wear)
         (site,) = shop.ledger.sites.values()
         held.append(abs(site.wear_um - wear.of_site(site.name)) <= site.wear_u95_um)
@@ -183,13 +182,13 @@ def test_the_wear_of_one_hole_holds_with_the_worst_drift_of_hundreds_of_machines
 
 def test_a_drift_that_was_seen_widens_what_the_setup_believes_and_never_narrows_it() -> None:
     run = Shop().run()
-    believed = uncertainty_now(run).drift_u_um_per_s
+    believed = run.uncertainty.drift_u_um_per_s
     assert believed == run.setup.sensor.drift_um_per_s
     run.watch.rests.note(0.0, 0.0)
     run.watch.rests.note(1000.0, 1.0)
-    assert uncertainty_now(run).drift_u_um_per_s == believed
+    assert run.uncertainty.drift_u_um_per_s == believed
     run.watch.rests.note(2000.0, 20.0)
-    assert uncertainty_now(run).drift_u_um_per_s == pytest.approx(share_u((19.0 + CREEP_UM) / 1000.0))
+    assert run.uncertainty.drift_u_um_per_s == pytest.approx(share_u((19.0 + CREEP_UM) / 1000.0))
 
 
 def test_the_wear_of_a_long_array_holds_a_fast_drift() -> None:
@@ -457,7 +456,7 @@ def test_a_drift_that_earlier_jobs_show_is_in_the_intervals_from_the_start(rate_
         shop = Shop()
         shop.job = with_home(shop.job, Books(homes=homes), now)
         run = armed(shop)
-        assert COVERAGE * uncertainty_now(run).drift_u_um_per_s >= abs(rate_um_s)
+        assert COVERAGE * run.uncertainty.drift_u_um_per_s >= abs(rate_um_s)
 
 
 def test_homes_of_a_sensor_without_drift_widen_nothing() -> None:

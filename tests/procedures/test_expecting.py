@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from edmctl.procedures.hole.cut_planning import CutPlan, Start
-from edmctl.procedures.hole.estimating import energy_of, estimate_of
+from edmctl.procedures.hole.cut_planning import CutPlan, Start, energy_of, estimate_of
 from edmctl.procedures.hole.expected_touches import (
     Estimate,
     Expected,
@@ -16,9 +15,10 @@ from edmctl.procedures.hole.expected_touches import (
     expected_of_left,
     is_untouched,
 )
-from edmctl.procedures.hole.interruption import counted_pause_s, drift_u_um, told_pause_s
 from edmctl.procedures.job import job_of
 from edmctl.procedures.job_state import JobState, job_state
+from edmctl.procedures.monitoring.drift import counted_pause_s, pause_drift_u_um
+from edmctl.procedures.state_keeper import total_pause_s
 from edmctl.process.wear import DepthAndWear
 from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Sensor, Setup
@@ -119,13 +119,13 @@ def test_a_pause_counts_until_a_zero_could_not_be_touched(pause_s: float) -> Non
     setup = Setup()
     stroke_um = setup.actuator.gain_um_per_v * setup.actuator.stroke_v
     job = replace(job_of(PROFILE, setup), pause_s=pause_s, resumed=replace(LEFT, pause_s=7.0))
-    assert 3.0 * drift_u_um(job) == pytest.approx(stroke_um)
+    assert 3.0 * pause_drift_u_um(job) == pytest.approx(stroke_um)
     assert counted_pause_s(replace(job, pause_s=600.0)) == 600.0
-    assert drift_u_um(replace(job, pause_s=600.0)) == pytest.approx(1.02)
-    assert told_pause_s(replace(job, pause_s=600.0)) == 607.0
-    assert math.isnan(told_pause_s(job)) == math.isinf(pause_s)
+    assert pause_drift_u_um(replace(job, pause_s=600.0)) == pytest.approx(1.02)
+    assert total_pause_s(replace(job, pause_s=600.0)) == 607.0
+    assert math.isnan(total_pause_s(job)) == math.isinf(pause_s)
     still = Setup(sensor=Sensor(drift_um_per_s=0.0))
-    assert drift_u_um(replace(job, setup=still)) == 0.0
+    assert pause_drift_u_um(replace(job, setup=still)) == 0.0
 
 
 def test_a_state_of_an_older_version_is_told_from_one_that_knows_its_uncertainty() -> None:

@@ -21,7 +21,7 @@ from edmctl.procedures.measure_wear import (
     refuse_drift,
     touch_pad,
 )
-from edmctl.procedures.single_procedure import running
+from edmctl.procedures.session import running
 from edmctl.procedures.tally import JobTally
 from edmctl.procedures.touch.approach import find_contact, find_gap
 from edmctl.results.progress import Phase

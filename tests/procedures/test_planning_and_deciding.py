@@ -10,8 +10,14 @@ import pytest
 
 from edmctl.procedures.hole.cut import CutEnd, CutResult
 from edmctl.procedures.hole.cut_decision import Decision, decide
-from edmctl.procedures.hole.cut_planning import CutPlan, Start, first_plan, learned_gap_um
-from edmctl.procedures.hole.estimating import energy_of, estimate_of
+from edmctl.procedures.hole.cut_planning import (
+    CutPlan,
+    Start,
+    energy_of,
+    estimate_of,
+    first_plan,
+    learned_gap_um,
+)
 from edmctl.procedures.hole.target import Goal, goal_of
 from edmctl.procedures.job import Site
 from edmctl.process.erosion import hole_area_um2

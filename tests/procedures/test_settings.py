@@ -10,6 +10,7 @@ import pytest
 from edmctl.link.messages import PARAMS
 from edmctl.machine.orders import settings_by_name
 from edmctl.machine.port import PulseLog, PulseMode, ServoLaw
+from edmctl.procedures.session import running
 from edmctl.procedures.settings import (
     controller_settings,
     gap_reference_v,
@@ -17,7 +18,6 @@ from edmctl.procedures.settings import (
     recorded_every,
     telemetry_settings,
 )
-from edmctl.procedures.single_procedure import running
 from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Setup
 

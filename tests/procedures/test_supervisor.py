@@ -12,8 +12,7 @@ from edmctl.actuator.correction import SlowCorrection
 from edmctl.machine.port import MachineState, TelemetryBlock
 from edmctl.procedures.actuator.tracker import Tracker, at_rest
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.hole.cut_planning import CutPlan, Start, first_plan
-from edmctl.procedures.hole.estimating import energy_of
+from edmctl.procedures.hole.cut_planning import CutPlan, Start, energy_of, first_plan
 from edmctl.procedures.servo.supervisor import StopReason, Supervisor
 
 from .conftest import calibrated

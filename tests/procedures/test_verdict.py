@@ -11,7 +11,7 @@ import pytest
 from edmctl.labels import Basis, Verdict
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.cut_decision import remedy as remedy_of
-from edmctl.procedures.hole.hole import record_results
+from edmctl.procedures.hole.site_result import record_results
 from edmctl.procedures.hole.target import Goal, verdict_of
 from edmctl.procedures.hole.verdict import judge_holes, judged
 from edmctl.profile.setup import Sensor
@@ -147,7 +147,7 @@ def test_what_ended_the_job_stays_its_reason_and_the_others_are_told_behind_it(r
     run, first = s.run(), next(iter(s.ledger.sites))
     worn_out = after_corrections(row_of_holes, {first: (15.88, 0.96)})
     assert worn_out is not None
-    run.ledger.sites[first] = replace(run.ledger.sites[first], depth_um=15.88, verdict=Verdict.MISSED)
+    run.tally.sites[first] = replace(run.tally.sites[first], depth_um=15.88, verdict=Verdict.MISSED)
     both = judge_holes(run, replace(worn_out, missed="The tool is short.", code="E7099"))
     assert both is not None
     assert both.missed.startswith("The tool is short. 1 of 8 holes outside the tolerance")

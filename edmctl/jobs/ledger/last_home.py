@@ -20,8 +20,7 @@ def with_home(job: Job, books: Books, now: Now) -> Job:
     Where the clock was set back since, nobody knows how long ago that was, nor where home is by now; how fast it
     moved before is known all the same.
     """
-    from edmctl.procedures.monitoring.drift import seen_between_jobs_um_s
-    from edmctl.procedures.touch.site_readings import displacement_uncertainty
+    from edmctl.procedures.monitoring.drift import displacement_uncertainty, seen_between_jobs_um_s
 
     if not books.homes:
         return job

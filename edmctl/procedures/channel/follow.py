@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.machine.port import MachineState, TelemetryBlock
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.hole.estimating import energy_of
+from edmctl.procedures.hole.cut_planning import energy_of
 from edmctl.procedures.settings import gap_reference_v, telemetry_settings
 from edmctl.procedures.tally import RunningCut
 from edmctl.process.channel_wear import wearing_uj
@@ -28,7 +28,7 @@ _Counts = tuple[int, int, int, int]
 
 
 class PassFollower:
-    """Keeps the sums of the pass `number` that begins at `start_s`, and the job's ledger current.
+    """Keeps the sums of the pass `number` that begins at `start_s`, and the tally of the job current.
 
     `counts` are its pulses by class (open, normal, arc, short), `energy_j` their energy, from the mean gap current
     at the plateau voltage of a normal discharge. `displacement_um` is of the newest block. Whoever scans sets
@@ -41,7 +41,7 @@ class PassFollower:
         self._run = run
         self._step = f"pass {number}" if number else ""
         self._start_s = start_s
-        self._machined_before_s = run.ledger.machining_time_s
+        self._machined_before_s = run.tally.machining_time_s
         self._duty_v = profile.pulse.duty_voltage_v
         self._reference_v = gap_reference_v(profile)
         self._plateau_v = profile.pulse.discharge_voltage_v
@@ -53,12 +53,12 @@ class PassFollower:
         self.counts = [0, 0, 0, 0]
         self.energy_j = 0.0
         self.displacement_um = math.nan
-        self.depth_um = run.ledger.depth_um
+        self.depth_um = run.tally.depth_um
         self.wear_um = self.wear_u95_um = math.nan
         self.time_left_s = math.nan
         self.unstable = ""
         self.shorted = False
-        run.ledger.phase = Phase.MACHINING
+        run.tally.phase = Phase.MACHINING
 
     @property
     def gap_ratio_mean(self) -> float:
@@ -85,12 +85,12 @@ class PassFollower:
         limits = self._run.profile.limits
         self._look_at(RunEvent.ARCING, "arcs", ratios.arc, limits.arc_ratio, now_s)
         self._look_at(RunEvent.SHORTING, "shorts", ratios.short, limits.short_ratio, now_s)
-        ledger = self._run.ledger
-        ledger.depth_um = self.depth_um
+        tally = self._run.tally
+        tally.depth_um = self.depth_um
         cut_s = max(0.0, now_s - self._start_s)
-        ledger.machining_time_s = self._machined_before_s + cut_s
+        tally.machining_time_s = self._machined_before_s + cut_s
         opens, normals, arcs, shorts = self.counts
-        ledger.cut = RunningCut((opens, normals, arcs, shorts), self.energy_j, cut_s, self.displacement_um)
+        tally.cut = RunningCut((opens, normals, arcs, shorts), self.energy_j, cut_s, self.displacement_um)
         self._record(now_s, gap_v, ratios, power_w)
         self._tell(block, now_s, gap_v, ratios)
 
@@ -128,7 +128,7 @@ class PassFollower:
         )
 
     def _tell(self, block: TelemetryBlock, now_s: float, gap_v: float, ratios: PulseShares) -> None:
-        ledger = self._run.ledger
+        tally = self._run.tally
         self._run.observer.progress(
             Progress(
                 phase=Phase.MACHINING,
@@ -137,7 +137,7 @@ class PassFollower:
                 reference_v=self._reference_v,
                 ratios=ratios,
                 depth_um=self.depth_um,
-                depth_target_um=ledger.depth_target_um,
+                depth_target_um=tally.depth_target_um,
                 displacement_um=self.displacement_um,
                 time_left_s=self.time_left_s,
                 step=self._step,
@@ -147,8 +147,8 @@ class PassFollower:
                 gap_high_v=float(block.gap_v.max()),
                 displacement_low_um=float(block.displacement_um.min()),
                 displacement_high_um=float(block.displacement_um.max()),
-                warning=ledger.warning,
-                warned_s=ledger.warned_s,
+                warning=tally.warning,
+                warned_s=tally.warned_s,
             )
         )
 

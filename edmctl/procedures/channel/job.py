@@ -1,4 +1,4 @@
-"""A job that makes a channel: its place in the ledger and in the run file."""
+"""A job that makes a channel: its place in the tally and in the run file."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ def machine_path(run: Run) -> Decision | None:
     assert path is not None
 
     def keep(result: ChannelResult) -> None:
-        run.ledger.channel = result
+        run.tally.channel = result
 
     result, decision = machine_channel(run, TimeLimits(run), keep)
-    run.ledger.open_site = run.ledger.unmeasured_site = ""
+    run.tally.open_site = run.tally.unmeasured_site = ""
     if result is not None:
         result = judged_channel(goal_of(run.profile, Site(result.name, path.x_um, path.y_um)), result)
         keep(replace(result, finished=True))
@@ -42,7 +42,7 @@ def machine_path(run: Run) -> Decision | None:
 
 def record_left_channel(run: Run) -> None:
     """Write what is known of a channel that was looked at, where its job ends early."""
-    channel = run.ledger.channel
+    channel = run.tally.channel
     if channel is not None and not channel.finished:
         run.recorder.site_result(_row(run, channel))
 

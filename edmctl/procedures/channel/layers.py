@@ -10,7 +10,6 @@ from edmctl.procedures.channel.scan import PassPlan, PassResult, run_pass
 from edmctl.procedures.channel.touching import learned_gap_um
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job import Site
-from edmctl.procedures.monitoring.drift import uncertainty_now
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.tally import RunningCut
 from edmctl.procedures.touch.approach import approach_bottom
@@ -24,8 +23,7 @@ from edmctl.record.rows import EventLevel
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.procedures.channel.result import FloorReading
-    from edmctl.procedures.channel.touching import Face
+    from edmctl.procedures.channel.touching import Face, FloorReading
     from edmctl.procedures.run import Run
     from edmctl.procedures.servo.time_limits import TimeLimits
     from edmctl.process.path import Way
@@ -82,7 +80,7 @@ class Layers:
     @property
     def _drift_um(self) -> float:
         """Standard uncertainty by which the displacement may have drifted since the last stop."""
-        drift_u_um_per_s = uncertainty_now(self._run).drift_u_um_per_s
+        drift_u_um_per_s = self._run.uncertainty.drift_u_um_per_s
         return drift_u_um_per_s * (self._run.machine.time_s - self.since_s)
 
     def cut(self, depth_um: float, layers_after: int, *, even_out: bool) -> tuple[str, str]:
@@ -122,7 +120,7 @@ class Layers:
         """Take a measuring stop: wear, wear per energy, the gap that a held tool leaves, the depth."""
         if self.last is None:
             raise ValueError("nothing was cut")
-        drift_u_um_per_s = uncertainty_now(self._run).drift_u_um_per_s
+        drift_u_um_per_s = self._run.uncertainty.drift_u_um_per_s
         wear_um = found.pad.z_um - self.face.z1.z_um
         self.wear.learn(self.since_uj, wear_um, drift_u_um_per_s * (found.pad.time_s - self.since_s))
         self.gap_um = learned_gap_um(*self.last, found, self.wear, self.gap_um)
@@ -158,13 +156,13 @@ class Layers:
             self.sums.passes + 1,
             math.hypot(self.measured_u_um, self._drift_um),
         )
-        before_s = run.ledger.machining_time_s
-        run.ledger.unmeasured_site = run.profile.meta.name
+        before_s = run.tally.machining_time_s
+        run.tally.unmeasured_site = run.profile.meta.name
         self.keep()
         done = run_pass(run, plan, self.wear, left.seconds, left.limit)
-        run.ledger.machining_time_s = before_s + done.time_s
+        run.tally.machining_time_s = before_s + done.time_s
         self.sums.add(done)
-        run.ledger.cut = RunningCut()
+        run.tally.cut = RunningCut()
         self.last = (plan, done)
         self.since_uj += done.wearing_uj
         self._tell_pass(held, done)

@@ -13,7 +13,7 @@ from edmctl.errors import MachineFault
 from edmctl.labels import NOT_SHOWN_CODE, Verdict
 from edmctl.machine.port import host_fault
 from edmctl.procedures.channel.layers import Layers
-from edmctl.procedures.channel.result import FloorReading, channel_left, channel_result
+from edmctl.procedures.channel.result import channel_left, channel_result
 from edmctl.procedures.channel.resuming import (
     channel_begun,
     channel_state,
@@ -24,13 +24,14 @@ from edmctl.procedures.channel.resuming import (
     unknown_of_left,
     with_journal_hint,
 )
-from edmctl.procedures.channel.touching import measure_floor, touch_untouched
+from edmctl.procedures.channel.touching import FloorReading, measure_floor, touch_untouched
 from edmctl.procedures.channel.way import way_of_path
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.cut_decision import Decision
 from edmctl.procedures.hole.target import Goal, goal_of
 from edmctl.procedures.hole.verdict import REMEDIES, judged_channel, not_shown
 from edmctl.procedures.job import Site
+from edmctl.procedures.job_state import UnderWay
 from edmctl.procedures.touch.tool_length import TOUCH_U_UM
 from edmctl.process.layers import layer_depths_um
 from edmctl.process.next_cut import COVERAGE, NOISE_FLOOR_SIGMAS
@@ -70,8 +71,8 @@ def machine_channel(
         raise ValueError("the profile has no channel")
     way = way_of_path(path)
     goal = goal_of(run.profile, Site(run.profile.meta.name, path.x_um, path.y_um))
-    run.ledger.depth_um, run.ledger.open_site = 0.0, run.profile.meta.name
-    run.ledger.depth_target_um = goal.depth_um
+    run.tally.depth_um, run.tally.open_site = 0.0, run.profile.meta.name
+    run.tally.depth_target_um = goal.depth_um
     left = channel_begun(run)
     face = touch_untouched(run, way) if left is None else face_left(run, left)
     layers = Layers(run, limits, way, face, path.speed_um_s)
@@ -217,7 +218,7 @@ class _Stops:
         self._number += 1
         self.result = result
         self._layers.measured_u_um = result.wear_u95_um / COVERAGE
-        self._run.ledger.depth_um, self._run.ledger.unmeasured_site = found.depth_um, ""
+        self._run.tally.depth_um, self._run.tally.unmeasured_site = found.depth_um, ""
         self._keep(result)
         self._keep_state("measuring")
         self._tell(found, result)
@@ -225,7 +226,7 @@ class _Stops:
 
     def _keep_state(self, phase: str) -> None:
         """Write down how far the channel has come, for a run that goes on with it."""
-        self._run.journal.channel(self._state, phase, self._run.machine.time_s)
+        self._run.keeper.keep(phase, UnderWay(self._state), self._run.machine.time_s)
 
     def _state(self, state: JobState, now_s: float) -> JobState:
         return channel_state(
@@ -235,15 +236,15 @@ class _Stops:
     def leave(self) -> None:
         """Keep by estimate what was cut since the last stop, where the channel is left before the next."""
         run, layers = self._run, self._layers
-        if self.result is not None and run.ledger.unmeasured_site:
+        if self.result is not None and run.tally.unmeasured_site:
             # A short may have pulled the tool back; the floor stays where it is.
-            run.ledger.depth_um = max(run.ledger.depth_um, layers.depth_um, self.result.depth_um)
+            run.tally.depth_um = max(run.tally.depth_um, layers.depth_um, self.result.depth_um)
             left = channel_left(
                 self.result,
                 layers.sums,
                 layers=layers.layers,
-                depth_um=run.ledger.depth_um,
-                most_um=max(run.ledger.depth_um, layers.aim_um),
+                depth_um=run.tally.depth_um,
+                most_um=max(run.tally.depth_um, layers.aim_um),
                 wear_um=layers.wear.um(layers.since_uj),
             )
             self._keep(left)

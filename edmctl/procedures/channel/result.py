@@ -6,21 +6,17 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from edmctl.labels import Basis
-from edmctl.procedures.monitoring.drift import uncertainty_now
-from edmctl.procedures.touch.site_readings import pad_u_um
+from edmctl.procedures.touch.reference_pad import pad_u_um
 from edmctl.process.layers import channel_width_um
 from edmctl.process.wear import TOUCH_PRIOR_DOF, student_97_5
-from edmctl.results.channel import ChannelResult, FloorPlace
+from edmctl.results.channel import ChannelResult
 from edmctl.results.pulses import pulse_shares
 
 if TYPE_CHECKING:
     from edmctl.procedures.channel.scan import PassResult
-    from edmctl.procedures.channel.touching import Face
+    from edmctl.procedures.channel.touching import Face, FloorReading
     from edmctl.procedures.run import Run
-    from edmctl.procedures.touch.reading import SurfaceReading
 
 
 @dataclass(slots=True)
@@ -39,28 +35,6 @@ class PassSums:
         self.counts = (a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3])
         self.energy_j += done.energy_j
         self.time_s += done.time_s
-
-
-@dataclass(frozen=True, slots=True)
-class FloorReading:
-    """The touches of one measuring stop: the pad, the floor at places of the path, and the pad again."""
-
-    places: tuple[FloorPlace, ...]
-    floor: tuple[SurfaceReading, ...]
-    pad_before: SurfaceReading
-    pad: SurfaceReading
-
-    @property
-    def depth_um(self) -> float:
-        """Mean depth."""
-        return math.fsum(place.depth_um for place in self.places) / len(self.places)
-
-    @property
-    def sd_um(self) -> float:
-        """Standard deviation of the depths; 0 of a single one."""
-        return (
-            float(np.std([place.depth_um for place in self.places], ddof=1)) if len(self.places) > 1 else 0.0
-        )
 
 
 def channel_result(
@@ -156,7 +130,7 @@ def _uncertainties(run: Run, face: Face, found: FloorReading, uneven_um: float) 
     How much the floor varies from place to place counts too, as only some were touched. The pad is touched before
     and after the floor, so a steady drift is no part of the depth.
     """
-    known, z1, setup = uncertainty_now(run), face.z1, run.setup
+    known, z1, setup = run.uncertainty, face.z1, run.setup
     face_u_um = max(face.plane.height_u_um(place.x_um, place.y_um) for place in found.places)
     pads = (z1, found.pad_before, found.pad)
     dof = TOUCH_PRIOR_DOF + sum(r.reading.touches - 1 for r in (*pads, *found.floor))

@@ -17,7 +17,7 @@ from edmctl.procedures.channel.layers import GAP_GROWTH
 from edmctl.procedures.channel.result import PassSums
 from edmctl.procedures.channel.scan import PassPlan, PassResult
 from edmctl.procedures.channel.touching import FLOOR_U_UM, Face, Unknown
-from edmctl.procedures.hole.estimating import energy_of
+from edmctl.procedures.hole.cut_planning import energy_of
 from edmctl.procedures.hole.expected_touches import (
     BELIEF_U_REL,
     FASTER,
@@ -26,7 +26,6 @@ from edmctl.procedures.hole.expected_touches import (
     estimate_left,
     is_untouched,
 )
-from edmctl.procedures.hole.interruption import drift_u_um
 from edmctl.procedures.hole.resuming import (
     BEYOND_UM,
     refuse_other,
@@ -36,7 +35,7 @@ from edmctl.procedures.hole.resuming import (
 )
 from edmctl.procedures.job import Site
 from edmctl.procedures.job_state import PERIOD_S
-from edmctl.procedures.monitoring.drift import uncertainty_now
+from edmctl.procedures.monitoring.drift import pause_drift_u_um
 from edmctl.procedures.touch.reading import BEYOND_SIGMAS, NO_CONTACT
 from edmctl.procedures.touch.surface_plane import unknown_face
 from edmctl.process.channel_wear import wearing_uj
@@ -64,14 +63,14 @@ def channel_state(
     The floor is somewhere between the last layer and the one under way; where it was left, and how much the tool
     has worn, is by the energy since the last stop.
     """
-    cut, sums, z1 = run.ledger.cut, layers.sums, face.z1
+    cut, sums, z1 = run.tally.cut, layers.sums, face.z1
     pulse = run.profile.pulse
     since_uj = layers.since_uj + wearing_uj(energy_of(pulse, cut.counts, cut.energy_j))
     low_um, high_um = layers.depth_um, max(layers.depth_um, layers.aim_um)
     between_um = share_u(0.5 * (high_um - low_um))
     believed_gap_u_um = GAP_GROWTH * first_gap_u_um(pulse.open_voltage_v)
     gap_u_um = FLOOR_U_UM if learned else max(FLOOR_U_UM, believed_gap_u_um)
-    drift_um = uncertainty_now(run).drift_u_um_per_s * max(0.0, now_s - layers.since_s)
+    drift_um = run.uncertainty.drift_u_um_per_s * max(0.0, now_s - layers.since_s)
     believed_um = BELIEF_U_REL * layers.wear.per_uj * since_uj
     wear_u_um = math.hypot(layers.wear.u_um(since_uj), believed_um, drift_um)
     before, more = sums.counts, cut.counts
@@ -83,7 +82,7 @@ def channel_state(
         z1_sd_um=z1.reading.sd_um,
         z1_touches=z1.reading.touches,
         z1_doubt_u_um=z1.doubt_u_um,
-        z1_time_s=run.ledger.earlier_time_s + z1.time_s,
+        z1_time_s=run.tally.earlier_time_s + z1.time_s,
         z1_model_um=z1.model_um,
         displacement_um=0.0 if math.isnan(cut.displacement_um) else cut.displacement_um,
         depth_um=0.5 * (low_um + high_um),
@@ -133,7 +132,7 @@ def go_on_from(run: Run, state: JobState, layers: Layers, way: Way) -> tuple[Pas
     layers.depth_um, layers.aim_um = left["depth_um"], left["aim_um"]
     layers.wear.per_uj, layers.wear.u_rel = left["wear_per_uj"], left["wear_u_rel"]
     layers.wear.restart(state.wear_um)
-    run.ledger.depth_um, run.ledger.unmeasured_site = state.depth_um, run.profile.meta.name
+    run.tally.depth_um, run.tally.unmeasured_site = state.depth_um, run.profile.meta.name
     held = HeldTool(layers.face.z1.z_um, layers.face.plane, layers.aim_um, layers.gap_um)
     limits_um = np.array([held.z_um((float(x), float(y)), state.wear_um) for x, y in way.points])
     plan = PassPlan(way, 0.0, held, uj_per_um=0.0, since_uj=0.0, rest_s=0.0)
@@ -159,7 +158,7 @@ def expected_of_channel(state: JobState) -> Expected:
 def unknown_of_left(run: Run, state: JobState) -> Unknown:
     """How far pad and floor may be from where they are expected, so that a mistake is found and not missed."""
     expected, left = expected_of_channel(state), _channel(state)
-    drift_um = STANDARD_UNCERTAINTIES * drift_u_um(run.job)
+    drift_um = STANDARD_UNCERTAINTIES * pause_drift_u_um(run.job)
     return Unknown(
         pad_u_um=(expected.wear_reach_um + drift_um + BEYOND_UM) / BEYOND_SIGMAS,
         floor_u_um=(expected.depth_reach_um + BEYOND_UM) / BEYOND_SIGMAS,
@@ -203,7 +202,7 @@ def refuse_other_channel(
         # Hardly begun, or on other work, whose face is not the one that was touched but for what the floor shows.
         doubt_u_um = math.hypot(share_u(found.depth_um), found.depth_noise_um)
         face.doubt_u_um = math.hypot(face.doubt_u_um, doubt_u_um)
-        run.journal.doubt_face(doubt_u_um)
+        run.keeper.doubt_surface(doubt_u_um)
     tell_taken_up(run, expected.estimate, found.depth_um, found.wear_um)
 
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.procedures.channel.result import FloorReading
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job import Site
 from edmctl.procedures.stages import move_to
@@ -72,15 +71,37 @@ class Unknown:
 NOTHING = Unknown()
 
 
+@dataclass(frozen=True, slots=True)
+class FloorReading:
+    """The touches of one measuring stop: the pad, the floor at places of the path, and the pad again."""
+
+    places: tuple[FloorPlace, ...]
+    floor: tuple[SurfaceReading, ...]
+    pad_before: SurfaceReading
+    pad: SurfaceReading
+
+    @property
+    def depth_um(self) -> float:
+        """Mean depth."""
+        return math.fsum(place.depth_um for place in self.places) / len(self.places)
+
+    @property
+    def sd_um(self) -> float:
+        """Standard deviation of the depths; 0 of a single one."""
+        return (
+            float(np.std([place.depth_um for place in self.places], ddof=1)) if len(self.places) > 1 else 0.0
+        )
+
+
 def touch_untouched(run: Run, way: Way) -> Face:
     """Z1 at the pad, then the face at places of the path: its tilt would otherwise enter the floor."""
-    expected_um = run.ledger.home_um + run.profile.approach.offset_um
+    expected_um = run.tally.home_um + run.profile.approach.offset_um
     z1 = read_pad(run, "Z1", run.profile.meta.name, expected_um, OFFSET_U_UM)
     candidates = [_place(run, way, s_um) for s_um in even_places(way, FACE_CANDIDATES)]
     face = unknown_face(run)
     take_pad(run, face, z1)
     touch_plane(run, candidates, face, ToolLength(z1))
-    run.journal.face(face)
+    run.keeper.set_surface(tuple(face.touched), face.doubt_u_um)
     return Face(z1, face.plane, face.doubt_u_um)
 
 

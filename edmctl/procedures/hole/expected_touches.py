@@ -33,8 +33,6 @@ FASTER = 2.0
 """The last seconds may have cut so many times as fast as the hole on average."""
 FASTEST = 5.0
 """The first seconds of a hole: work that erodes so many times as fast as the recipe believes."""
-SAMPLES_LATE_S = 1.0
-"""A cut without samples is ended after so long at the latest."""
 
 
 @dataclass(frozen=True, slots=True)

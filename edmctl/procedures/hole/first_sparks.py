@@ -7,14 +7,14 @@ before any gap was measured, touch and gap are both in doubt until the first sto
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from edmctl.procedures.event_codes import RunEvent
+from edmctl.procedures.hole.hole import DoubtedFace, FirstSparks
 from edmctl.process.next_cut import COVERAGE, GAP_U_UM
-from edmctl.process.touch_check import Deviation
 from edmctl.process.wear import share_u
-from edmctl.process.working_gap import FIRST_GAP_U_UM, first_sparks_um
+from edmctl.process.working_gap import FIRST_GAP_U_UM
 from edmctl.record.rows import EventLevel
 from edmctl.wording import signed
 
@@ -22,49 +22,12 @@ if TYPE_CHECKING:
     from edmctl.machine.port import MachineEvent
     from edmctl.procedures.hole.cut_planning import CutPlan
     from edmctl.procedures.hole.hole import Hole
-    from edmctl.procedures.job_state import FaceTouch
     from edmctl.procedures.run import Run
     from edmctl.procedures.touch.surface_plane import Face
 
 FIRST_SPARKS_SIGMAS = 3.0
 LEAST_GAP_UM = 0.5
 """A working gap is never believed to be narrower than this."""
-
-
-@dataclass(frozen=True, slots=True)
-class FirstSparks:
-    """Where sparks began, and the surface at `bottom_um`, known within `bottom_u_um`, that they are compared with.
-
-    Something `lying_um` high may lie on it, which sparks first.
-    """
-
-    z_um: float
-    bottom_um: float
-    bottom_u_um: float
-    lying_um: float
-
-    def off(self, open_voltage_v: float, gap_um: float, gap_u_um: float) -> Deviation:
-        """How much later they began than such a gap makes them; of bare surface and what lies there the nearer."""
-        before_um, before_u_um = first_sparks_um(open_voltage_v)
-        off_um = self.z_um - (self.bottom_um - gap_um - before_um)
-        u_um = math.hypot(self.bottom_u_um, gap_u_um, before_u_um)
-        return min(
-            Deviation(off_um, u_um),
-            Deviation(off_um + self.lying_um, u_um),
-            key=lambda off: abs(off.sigmas),
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class DoubtedFace:
-    """First sparks that put the face in doubt, with the gap believed then, and what was known of the face before."""
-
-    sparks: FirstSparks
-    gap_um: float
-    gap_u_um: float
-    face_u_um: float
-    touched: tuple[FaceTouch, ...]
-    doubt_u_um: float
 
 
 def check_first_sparks(
@@ -100,7 +63,7 @@ def check_first_sparks(
         )
         hole.face_u_um = math.hypot(hole.face_u_um, doubt_u_um)
         face.doubt(doubt_u_um)
-        run.journal.face(face)
+        run.keeper.set_surface(tuple(face.touched), face.doubt_u_um)
     start = replace(plan.start, bottom_u_um=math.hypot(plan.start.bottom_u_um, doubt_u_um))
     if is_believed:
         gap_um = min(plan.gap_um, max(LEAST_GAP_UM, plan.gap_um - off.um))
@@ -125,7 +88,7 @@ def judge_again(run: Run, hole: Hole, face: Face, gap_um: float) -> None:
         return
     hole.face_u_um = doubted.face_u_um
     face.restore(doubted.touched, doubted.doubt_u_um)
-    run.journal.face(face)
+    run.keeper.set_surface(tuple(face.touched), face.doubt_u_um)
     run.decide(
         RunEvent.DOUBT_WITHDRAWN,
         f"The working gap is {gap_um:.2f} µm, not the {doubted.gap_um:.2f} µm believed, and with it the first "

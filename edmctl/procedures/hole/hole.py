@@ -7,26 +7,24 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from edmctl.labels import Basis
-from edmctl.procedures.hole.cut_planning import Start
-from edmctl.procedures.hole.estimating import energy_of, estimate_of
-from edmctl.procedures.hole.interruption import drift_u_um
-from edmctl.procedures.hole.site_result import CutSums, Heights, site_result, site_row
+from edmctl.procedures.hole.cut_planning import Start, energy_of, estimate_of
+from edmctl.procedures.hole.site_result import CutSums, Heights, site_result
 from edmctl.procedures.hole.target import Goal, goal_of
-from edmctl.procedures.hole.verdict import judged
-from edmctl.procedures.monitoring.drift import uncertainty_now
-from edmctl.procedures.monitoring.feed_error import FeedError
+from edmctl.procedures.monitoring.drift import pause_drift_u_um
 from edmctl.procedures.touch.home import pad_from_home_um
 from edmctl.procedures.touch.reference_pad import OFFSET_U_UM, read_pad
 from edmctl.procedures.touch.surface_plane import Face, take_pad, unknown_face
 from edmctl.procedures.touch.tool_length import ToolLength
+from edmctl.process.touch_check import Deviation
 from edmctl.process.wear import share_u
-from edmctl.process.working_gap import first_gap_u_um
+from edmctl.process.working_gap import first_gap_u_um, first_sparks_um
 from edmctl.profile.measuring_stops import FACE_LIMIT_UM
 
 if TYPE_CHECKING:
+    from edmctl.procedures.hole.cut_planning import CutPlan
     from edmctl.procedures.hole.expected_touches import Estimate
-    from edmctl.procedures.hole.first_sparks import DoubtedFace
     from edmctl.procedures.job import Site
+    from edmctl.procedures.job_state import SurfaceTouch
     from edmctl.procedures.run import Run
     from edmctl.procedures.touch.reading import SurfaceReading
     from edmctl.process.live_erosion import Energy, ErosionEstimate
@@ -61,11 +59,47 @@ def known_before(run: Run) -> Known:
     profile, resumed = run.profile, run.job.resumed
     gap_u_um = first_gap_u_um(profile.pulse.open_voltage_v)
     known = Known(estimate_of(profile), unknown_face(run), profile.measure.expected_gap_um, gap_u_um)
-    home_um = run.ledger.home_um
+    home_um = run.tally.home_um
     known.pad_um = home_um + pad_from_home_um(run)
-    if resumed is not None and (resumed.site or run.ledger.sites):
-        known.pad_u_um = math.hypot(LEFT_U_UM, drift_u_um(run.job), share_u(home_um - resumed.home_um))
+    if resumed is not None and (resumed.site or run.tally.sites):
+        known.pad_u_um = math.hypot(LEFT_U_UM, pause_drift_u_um(run.job), share_u(home_um - resumed.home_um))
     return known
+
+
+@dataclass(frozen=True, slots=True)
+class FirstSparks:
+    """Where sparks began, and the surface at `bottom_um`, known within `bottom_u_um`, that they are compared with.
+
+    Something `lying_um` high may lie on it, which sparks first.
+    """
+
+    z_um: float
+    bottom_um: float
+    bottom_u_um: float
+    lying_um: float
+
+    def off(self, open_voltage_v: float, gap_um: float, gap_u_um: float) -> Deviation:
+        """How much later they began than such a gap makes them; of bare surface and what lies there the nearer."""
+        before_um, before_u_um = first_sparks_um(open_voltage_v)
+        off_um = self.z_um - (self.bottom_um - gap_um - before_um)
+        u_um = math.hypot(self.bottom_u_um, gap_u_um, before_u_um)
+        return min(
+            Deviation(off_um, u_um),
+            Deviation(off_um + self.lying_um, u_um),
+            key=lambda off: abs(off.sigmas),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class DoubtedFace:
+    """First sparks that put the face in doubt, with the gap believed then, and what was known of the face before."""
+
+    sparks: FirstSparks
+    gap_um: float
+    gap_u_um: float
+    face_u_um: float
+    touched: tuple[SurfaceTouch, ...]
+    doubt_u_um: float
 
 
 @dataclass(slots=True, eq=False)
@@ -76,7 +110,8 @@ class Hole:
     touched right before; `face_um` is how much further the face lies here. `bottom` and `pad` are the readings of
     the last measuring stop, the same as `z1` before the first one; `found` is what they say with what
     is doubted of it, `touched` without that; `doubted` are first sparks that have put its face in doubt. An
-    `interrupted` hole has had more discharges than anybody counted.
+    `interrupted` hole has had more discharges than anybody counted. `begun` says that it was cut, `plan` is the cut
+    under way, `cut_estimate` what was known when the last one ended.
     """
 
     site: Site
@@ -94,6 +129,9 @@ class Hole:
     touched: DepthAndWear | None = None
     doubted: DoubtedFace | None = None
     interrupted: bool = False
+    begun: bool = False
+    plan: CutPlan | None = None
+    cut_estimate: Estimate | None = None
 
     @property
     def surface_um(self) -> float:
@@ -122,15 +160,15 @@ class Hole:
         depth_basis: Basis | None = None,
         wear_basis: Basis | None = None,
     ) -> None:
-        """Put its result into the ledger: as touched, or `fed_um` and `worn_um` further on.
+        """Put its result into the tally: as touched, or `fed_um` and `worn_um` further on.
 
         Without another basis depth and wear rest on the touches; the wear does not where Z1 was not touched.
         """
         touched = run.job.touch_basis
         self.found = found
-        run.ledger.depth_um, run.ledger.unmeasured_site = found.depth_um, ""
+        run.tally.depth_um, run.tally.unmeasured_site = found.depth_um, ""
         z1, z2, z3 = self.z1, self.bottom, self.pad
-        run.ledger.sites[self.site.name] = site_result(
+        run.tally.sites[self.site.name] = site_result(
             run.profile,
             self.site,
             found,
@@ -149,12 +187,12 @@ class Hole:
         )
 
     def report_left(self, run: Run, known: Estimate) -> None:
-        """Put what is known of it into the ledger where the job ends before it is touched.
+        """Put what is known of it into the tally where the job ends before it is touched.
 
         Z2 and Z3 are not known then, and the actuator's model has nothing of its own to say of it.
         """
         before = self.found
-        self.sums.add_broken_off(run.ledger.cut)
+        self.sums.add_broken_off(run.tally.cut)
         pad_um = self.z1.z_um + known.wear_um
         self.report(
             run,
@@ -166,15 +204,15 @@ class Hole:
             depth_basis=Basis.ESTIMATED,
             wear_basis=Basis.ESTIMATED,
         )
-        ledger, name = run.ledger, self.site.name
-        ledger.sites[name] = replace(
-            ledger.sites[name],
+        tally, name = run.tally, self.site.name
+        tally.sites[name] = replace(
+            tally.sites[name],
             z2_um=math.nan,
             z3_um=math.nan,
             depth_model_um=math.nan,
             wear_model_um=math.nan,
         )
-        ledger.unmeasured_site = name
+        tally.unmeasured_site = name
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -223,7 +261,7 @@ def hole_at(run: Run, site: Site, known: Known, z1: SurfaceReading, z1_u_um: flo
 def start_of(run: Run, hole: Hole, known: Known) -> Start:
     """What the first cut of an untouched hole starts from: tool, face, and what measures."""
     assert known.tool is not None
-    sensed, tool = uncertainty_now(run), known.tool
+    sensed, tool = run.uncertainty, known.tool
     length_um = hole.goal.feed_um if hole.goal.kind == "feed" else hole.goal.depth_um
     return Start(
         bottom_um=hole.surface_um,
@@ -234,42 +272,3 @@ def start_of(run: Run, hole: Hole, known: Known) -> Start:
         depth_u_um=math.hypot(sensed.linearity_u_um, sensed.gain_u_rel * length_um),
         gap_u_um=known.gap_u_um,
     )
-
-
-def open_site(run: Run, site: Site) -> None:
-    """Begin the account of a site; the readings of the one before may teach the actuator's estimator now."""
-    ledger = run.ledger
-    ledger.depth_um, ledger.open_site = 0.0, site.name
-    ledger.depth_target_um = goal_of(run.profile, site).depth_um
-    run.watch.feed_error = FeedError()
-    tracker = run.watch.tracker()
-    if tracker is not None:
-        tracker.learn_noted()
-
-
-def close_site(run: Run, *, settled: bool) -> None:
-    """End the account of a site; its result goes into the run file once it is settled, or with the next that is."""
-    ledger = run.ledger
-    if ledger.open_site in ledger.sites:
-        ledger.unwritten.append(ledger.open_site)
-    ledger.open_site = ""
-    if settled:
-        record_results(run)
-
-
-def record_results(run: Run) -> None:
-    """Judge and write the results that are not in the run file yet."""
-    ledger = run.ledger
-    for name in ledger.unwritten:
-        ledger.sites[name] = judged(run.job, ledger.sites[name])
-        run.recorder.site_result(site_row(ledger.sites[name]))
-    ledger.unwritten.clear()
-
-
-def record_left(run: Run) -> None:
-    """Write what is known of all holes where the job ends early; the one under way is not judged: it may go on."""
-    record_results(run)
-    ledger = run.ledger
-    if ledger.open_site in ledger.sites:
-        ledger.sites[ledger.open_site] = replace(ledger.sites[ledger.open_site], finished=False)
-        run.recorder.site_result(site_row(ledger.sites[ledger.open_site]))

@@ -9,21 +9,18 @@ from typing import TYPE_CHECKING
 from edmctl.labels import Basis
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.cut_decision import Decision, decide
-from edmctl.procedures.hole.cut_planning import CutPlan, Start, learned_gap_um
-from edmctl.procedures.hole.estimating import energy_of
+from edmctl.procedures.hole.cut_planning import CutPlan, Start, energy_of, learned_gap_um
 from edmctl.procedures.hole.first_sparks import judge_again
 from edmctl.procedures.hole.settling import settle_unmeasured, unmeasured
 from edmctl.procedures.hole.setup_check import refuse_wrong_setup
-from edmctl.procedures.monitoring.drift import uncertainty_now
 from edmctl.procedures.touch.bottom import UNFINISHED_GAP_U_UM, read_bottom
 from edmctl.procedures.touch.grown_tool import refuse_grown_tool
-from edmctl.procedures.touch.reference_pad import read_pad
-from edmctl.procedures.touch.site_readings import depth_and_wear
+from edmctl.procedures.touch.reference_pad import pad_u_um, read_pad
 from edmctl.procedures.touch.tool_length import TOUCH_U_UM, ToolLength
 from edmctl.process.live_erosion import CONTRADICTION_SDS
 from edmctl.process.next_cut import COVERAGE, GAP_U_UM
 from edmctl.process.touch_check import Deviation
-from edmctl.process.wear import DepthAndWear, share_u
+from edmctl.process.wear import DepthAndWear, measure, share_u
 from edmctl.record.rows import EventLevel
 from edmctl.wording import decimal, length, signed
 
@@ -88,15 +85,21 @@ def touch_pad(run: Run, hole: Hole, plan: CutPlan, cut: CutResult, more_u_um: fl
 
 def measured(run: Run, hole: Hole, z2: SurfaceReading, z3: SurfaceReading) -> DepthAndWear:
     """What bottom and pad say of a hole, against where it began."""
-    return depth_and_wear(
-        run.setup,
-        uncertainty_now(run),
-        hole.z1,
-        z2,
-        z3,
-        face_um=hole.face_um,
-        face_u_um=hole.face_u_um,
+    sensed, z1 = run.uncertainty, hole.z1
+    return measure(
+        z1.reading,
+        z2.reading,
+        z3.reading,
+        gain_u_rel=sensed.gain_u_rel,
+        tilt_u_um=hole.face_u_um,
+        drift_u_um_per_s=sensed.drift_u_um_per_s,
+        z1_to_z3_s=z3.time_s - z1.time_s,
+        z2_to_z3_s=z3.time_s - z2.time_s,
+        pad_u_um=pad_u_um(run.setup),
+        linearity_u_um=sensed.linearity_u_um,
+        height_um=hole.face_um,
         z1_u_um=hole.z1_u_um,
+        doubts_u_um=(z1.doubt_u_um, z2.doubt_u_um, z3.doubt_u_um),
     )
 
 
@@ -109,7 +112,7 @@ def learn(
     gap: tuple[float, float],
     settled: SharedWear | None = None,
 ) -> DepthAndWear:
-    """Take the readings of a stop into the ledger, the tool's length and the estimate of what follows.
+    """Take the readings of a stop into the tally, the tool's length and the estimate of what follows.
 
     `gap` is the working gap to expect from now on, µm, and its standard uncertainty.
     `settled` is the wear of the hole where the touch tells of several holes at once.
@@ -176,7 +179,7 @@ def next_start(run: Run, hole: Hole, gap_um: float, gap_u_um: float) -> Start:
         bottom_u_um=math.hypot(TOUCH_U_UM, hole.bottom.doubt_u_um),
         gap_um=gap_um,
         time_s=hole.bottom.time_s,
-        drift_u_um_per_s=uncertainty_now(run).drift_u_um_per_s,
+        drift_u_um_per_s=run.uncertainty.drift_u_um_per_s,
         depth_um=found.depth_um,
         depth_u_um=found.depth_u95_um / COVERAGE,
         wear_um=found.wear_um,

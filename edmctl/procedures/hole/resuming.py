@@ -22,12 +22,14 @@ from edmctl.procedures.hole.expected_touches import (
     expected_of_left,
     is_untouched,
 )
-from edmctl.procedures.hole.hole import Hole, Known, close_site, hole_at, touch_pad_first
-from edmctl.procedures.hole.interruption import counted_pause_s, drift_u_um
+from edmctl.procedures.hole.hole import Hole, Known, hole_at, touch_pad_first
+from edmctl.procedures.hole.hole_state import keep_hole_begun
 from edmctl.procedures.hole.measuring_stop import learn, measured, next_start, report
 from edmctl.procedures.hole.resume_refusals import other_tool, other_work, touched_face
 from edmctl.procedures.hole.site import cut_to_the_end
+from edmctl.procedures.hole.site_result import close_site
 from edmctl.procedures.job import Site
+from edmctl.procedures.monitoring.drift import counted_pause_s, pause_drift_u_um
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.bottom import MORE_LOOKS, wash
 from edmctl.procedures.touch.reading import BEYOND_SIGMAS, NO_CONTACT, SurfaceReading, take_reading
@@ -64,7 +66,7 @@ def take_up_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Deci
             break
         z2 = _touch_washed(run, site, z2, expected.depth_reach_um)
         found = measured(run, hole, z2, z3)
-    if not run.ledger.sites and run.profile.target.kind != "through":
+    if not run.tally.sites and run.profile.target.kind != "through":
         found = _on_its_own_face(run, hole, known, z2, z3, found)
     if run.job.restart_hole:
         _start_again(run, site, known, z3, found)
@@ -100,7 +102,7 @@ def look_at_last_hole(run: Run, known: Known) -> None:
     the pad tells of the tool needs no comparison: the next hole counts from it. Raises PreconditionError E8060.
     """
     state = run.job.resumed
-    if state is None or not run.ledger.sites or run.profile.target.kind == "through":
+    if state is None or not run.tally.sites or run.profile.target.kind == "through":
         return
     _begin(run, known, state)
     pad = touch_pad_first(run, run.job.pad.name, known)
@@ -116,10 +118,10 @@ def touch_pad_left(
     assert state is not None
     _begin(run, known, state)
     hole = _hole(run, site, known, state)
-    run.ledger.depth_um, run.ledger.unmeasured_site = state.depth_um, site.name
-    run.journal.begin_hole(hole, run.machine.time_s, begun=True)
+    run.tally.depth_um, run.tally.unmeasured_site = state.depth_um, site.name
+    keep_hole_begun(run, hole, begun=True)
     z3_um = hole.z1.z_um + expected.estimate.wear_um
-    reach_um = expected.wear_reach_um + STANDARD_UNCERTAINTIES * drift_u_um(run.job) + more_um
+    reach_um = expected.wear_reach_um + STANDARD_UNCERTAINTIES * pause_drift_u_um(run.job) + more_um
     z3 = _touch(run, "Z3", run.job.pad, site.name, z3_um, reach_um)
     _see_face(run, hole, known, z3)
     return hole, z3
@@ -157,7 +159,7 @@ def refuse_other(
 
 def refused(run: Run, error: PreconditionError) -> PreconditionError:
     """The error of work or a tool that was not left: what the journal estimates is no result of this run then."""
-    run.ledger.depth_um, run.ledger.unmeasured_site = math.nan, ""
+    run.tally.depth_um, run.tally.unmeasured_site = math.nan, ""
     return error
 
 
@@ -178,7 +180,7 @@ def _on_its_own_face(
     _see_face(run, hole, known, z3)
     if touched_face.touched and is_untouched(measured(run, hole, z2, z3)):
         touch_beside(run, hole.site, known.face, ToolLength(z3))
-        run.journal.face(known.face)
+        run.keeper.set_surface(tuple(known.face.touched), known.face.doubt_u_um)
         _see_face(run, hole, known, z3)
         return measured(run, hole, z2, z3)
     known.face = touched_face
@@ -187,7 +189,7 @@ def _on_its_own_face(
 
 
 def _look_at_finished(run: Run, known: Known, pad: SurfaceReading) -> None:
-    result = list(run.ledger.sites.values())[-1]
+    result = list(run.tally.sites.values())[-1]
     site = Site(result.name, result.x_um, result.y_um, result.theta_deg)
     expected = expected_of_finished(result)
     hole = hole_at(run, site, known, pad, 0.0)
@@ -207,10 +209,10 @@ def _start_again(run: Run, site: Site, known: Known, pad: SurfaceReading, found:
     """Begin the hole anew where its face is untouched, beside the finished holes that belong to it."""
     if not is_untouched(found):
         raise refused(run, touched_face(site, found))
-    if run.ledger.sites:
+    if run.tally.sites:
         _look_at_finished(run, known, pad)
     known.tool = ToolLength(pad)
-    run.ledger.depth_um, run.ledger.unmeasured_site = 0.0, ""
+    run.tally.depth_um, run.tally.unmeasured_site = 0.0, ""
     run.decide(
         RunEvent.RESUMED,
         f"The face at {site.name} is untouched ({length(found.depth_um, found.depth_u95_um)}): the hole is "
@@ -262,7 +264,7 @@ def tell_unknown_pause(run: Run) -> None:
     """Say what it means that nobody knows how long the job stood still."""
     if math.isfinite(run.job.pause_s):
         return
-    drift_um = 2.0 * drift_u_um(run.job)
+    drift_um = 2.0 * pause_drift_u_um(run.job)
     run.decide(
         RunEvent.RESUMED,
         "Nobody knows how long the job stood still: a clock was set back, or was not told. Depth is touched anew; "

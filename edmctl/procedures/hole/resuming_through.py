@@ -13,11 +13,11 @@ from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.cut_decision import Decision
 from edmctl.procedures.hole.cut_planning import through_plan
 from edmctl.procedures.hole.expected_touches import expected_of_left
-from edmctl.procedures.hole.hole import close_site
 from edmctl.procedures.hole.measuring_stop import learn, measured, next_start
 from edmctl.procedures.hole.resume_refusals import other_tool, other_work
 from edmctl.procedures.hole.resuming import BEYOND_UM, refuse_other, refused, tell_taken_up, touch_pad_left
 from edmctl.procedures.hole.site import cut_to_the_end
+from edmctl.procedures.hole.site_result import close_site
 from edmctl.procedures.hole.target import goal_of
 from edmctl.procedures.hole.through_hole import told_through, touch_bottom_or_none
 from edmctl.procedures.touch.tool_length import ToolLength

@@ -6,9 +6,8 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from edmctl.procedures.hole.estimating import energy_of
+from edmctl.procedures.hole.cut_planning import energy_of
 from edmctl.procedures.hole.hole import Unmeasured
-from edmctl.procedures.monitoring.drift import uncertainty_now
 from edmctl.procedures.touch.tool_length import TOUCH_U_UM
 from edmctl.process.live_erosion import SCATTER_BETWEEN_HOLES
 from edmctl.process.next_cut import COVERAGE
@@ -63,7 +62,7 @@ def settle_unmeasured(
     wear. The results of the others are replaced; they stay estimates, better ones.
     """
     assert known.tool is not None
-    before, sensed = known.tool.pad, uncertainty_now(run)
+    before, sensed = known.tool.pad, run.uncertainty
     cuts = [*known.unmeasured, unmeasured(run, hole, before.time_s, plan, cut, live)]
     found = share_wear(
         [one.share for one in cuts],
@@ -86,7 +85,7 @@ def settle_unmeasured(
 def _correct(run: Run, cut: Unmeasured, own_um: float, before_um: float, now: SharedWear) -> None:
     """A cut began `before_um` shorter of tool than it was taken to, and wore it by `own_um` more."""
     hole = cut.hole
-    result, found = run.ledger.sites[hole.site.name], hole.found
+    result, found = run.tally.sites[hole.site.name], hole.found
     assert found is not None
     z3_um, depth_um = result.z3_um + before_um + own_um, result.depth_um - now.tip_um
     changed = replace(
@@ -100,7 +99,7 @@ def _correct(run: Run, cut: Unmeasured, own_um: float, before_um: float, now: Sh
         wear_u95_um=COVERAGE * math.hypot(cut.wear_before_u_um, now.wear_u_um),
         feed_um=result.feed_um - now.tip_um + own_um,
     )
-    run.ledger.sites[hole.site.name] = changed
+    run.tally.sites[hole.site.name] = changed
     hole.found = replace(
         found,
         depth_um=changed.depth_um,

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.cut import CutEnd, run_cut
 from edmctl.procedures.hole.cut_decision import Decision, out_of_time
-from edmctl.procedures.hole.cut_planning import CutPlan, first_plan
-from edmctl.procedures.hole.estimating import energy_of
+from edmctl.procedures.hole.cut_planning import CutPlan, energy_of, first_plan
 from edmctl.procedures.hole.first_sparks import check_first_sparks, lying_um
-from edmctl.procedures.hole.hole import close_site, start_of
+from edmctl.procedures.hole.hole import start_of
+from edmctl.procedures.hole.hole_state import keep_cut_begun, keep_cut_ended
 from edmctl.procedures.hole.measuring_stop import estimate_hole, measure_hole
+from edmctl.procedures.hole.site_result import close_site
 from edmctl.procedures.hole.through_hole import end_of_through_hole
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.approach import approach_bottom
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 def machine_hole(run: Run, hole: Hole, known: Known, limits: TimeLimits, *, is_last: bool = True) -> Decision:
     """Machine a hole from its untouched face, and return the last decision.
 
-    The last hole is measured where others before it are not, because it tells of them too. The ledger holds the
+    The last hole is measured where others before it are not, because it tells of them too. The tally holds the
     hole's result after every cut, so that it is there whatever comes next.
     """
     assert known.tool is not None
@@ -60,13 +61,13 @@ def _cut(run: Run, hole: Hole, known: Known, plan: CutPlan, limits: TimeLimits) 
     left = limits.left()
     if left.seconds <= 0.0:
         return _no_time(run, hole, plan, limits)
-    machined_before_s = run.ledger.machining_time_s
-    run.ledger.unmeasured_site = hole.site.name
-    run.journal.begin_cut(hole, plan)
+    machined_before_s = run.tally.machining_time_s
+    run.tally.unmeasured_site = hole.site.name
+    keep_cut_begun(run, hole, plan)
     cut = run_cut(run, plan, left)
-    run.journal.end_cut(hole, cut)
-    run.ledger.machining_time_s = machined_before_s + cut.time_s
-    run.ledger.depth_um = plan.depth_at(cut.end_displacement_um)
+    keep_cut_ended(run, hole, cut)
+    run.tally.machining_time_s = machined_before_s + cut.time_s
+    run.tally.depth_um = plan.depth_at(cut.end_displacement_um)
     if hole.goal.kind == "through":
         decision = end_of_through_hole(run, hole, known, plan, cut)
     elif plan.measured or cut.end is not CutEnd.REACHED or _is_surprising(run, plan, cut):

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from edmctl.procedures.touch.site_readings import erosion_of
+from edmctl.procedures.hole.target import goal_of
+from edmctl.procedures.hole.verdict import judged
+from edmctl.procedures.monitoring.feed_error import FeedError
+from edmctl.process.erosion import hole_area_um2, mrr_mm3_min, tool_area_um2
 from edmctl.record.rows import SiteRow
 from edmctl.results.job import SiteResult
 from edmctl.results.pulses import pulse_shares
@@ -15,7 +18,7 @@ if TYPE_CHECKING:
     from edmctl.labels import Basis
     from edmctl.procedures.hole.cut import CutResult
     from edmctl.procedures.job import Site
-    from edmctl.procedures.monitoring.feed_error import FeedError
+    from edmctl.procedures.run import Run
     from edmctl.procedures.tally import RunningCut
     from edmctl.process.wear import DepthAndWear
     from edmctl.profile.model import Profile
@@ -93,6 +96,35 @@ class CutSums:
         sparking = [cut for cut in self.cuts if not math.isnan(cut.gap_ratio_mean)]
         time_s = sum(cut.time_s for cut in sparking)
         return sum(cut.time_s * cut.gap_ratio_mean for cut in sparking) / time_s if time_s else math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class Erosion:
+    """Volumes of a hole as ratios and a rate; NaN where there is no depth or no time to refer to."""
+
+    wear_ratio_lin: float
+    wear_ratio_vol: float
+    mrr_mm3_min: float
+
+
+def erosion_of(
+    profile: Profile, found: DepthAndWear, machining_time_s: float, *, through: bool = False
+) -> Erosion:
+    """Relative wear, linear and volumetric, and material removal rate of a measured hole.
+
+    Volumes are lengths times the tool's face and the hole's section, a side gap wider all round. A hole `through`
+    the sheet is as long as that is thick, however far the tip came out of it.
+    """
+    length_um = profile.work.thickness_um if through else found.depth_um
+    tool_um2 = tool_area_um2(profile.tool.diameter_um)
+    hole_um2 = hole_area_um2(profile.tool.diameter_um, profile.work.side_gap_um)
+    ratio = found.wear_um / length_um if length_um > 0.0 else math.nan
+    removed_um3 = length_um * hole_um2
+    return Erosion(
+        wear_ratio_lin=ratio,
+        wear_ratio_vol=ratio * tool_um2 / hole_um2,
+        mrr_mm3_min=mrr_mm3_min(removed_um3 / machining_time_s) if machining_time_s > 0.0 else math.nan,
+    )
 
 
 def site_result(
@@ -202,3 +234,42 @@ def site_row(result: SiteResult) -> SiteRow:
 
 def _percent(part: float, whole: float) -> float:
     return 100.0 * part / whole if whole > 0.0 else math.nan
+
+
+def open_site(run: Run, site: Site) -> None:
+    """Begin the account of a site; the readings of the one before may teach the actuator's estimator now."""
+    tally = run.tally
+    tally.depth_um, tally.open_site = 0.0, site.name
+    tally.depth_target_um = goal_of(run.profile, site).depth_um
+    run.watch.feed_error = FeedError()
+    tracker = run.watch.tracker()
+    if tracker is not None:
+        tracker.learn_noted()
+
+
+def close_site(run: Run, *, settled: bool) -> None:
+    """End the account of a site; its result goes into the run file once it is settled, or with the next that is."""
+    tally = run.tally
+    if tally.open_site in tally.sites:
+        tally.unwritten.append(tally.open_site)
+    tally.open_site = ""
+    if settled:
+        record_results(run)
+
+
+def record_results(run: Run) -> None:
+    """Judge and write the results that are not in the run file yet."""
+    tally = run.tally
+    for name in tally.unwritten:
+        tally.sites[name] = judged(run.job, tally.sites[name])
+        run.recorder.site_result(site_row(tally.sites[name]))
+    tally.unwritten.clear()
+
+
+def record_left(run: Run) -> None:
+    """Write what is known of all holes where the job ends early; the one under way is not judged: it may go on."""
+    record_results(run)
+    tally = run.tally
+    if tally.open_site in tally.sites:
+        tally.sites[tally.open_site] = replace(tally.sites[tally.open_site], finished=False)
+        run.recorder.site_result(site_row(tally.sites[tally.open_site]))

@@ -7,12 +7,15 @@ from typing import TYPE_CHECKING
 
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.cut_decision import Decision
-from edmctl.procedures.hole.hole import Known, begin_hole, known_before, open_site
+from edmctl.procedures.hole.hole import Known, begin_hole, known_before
+from edmctl.procedures.hole.hole_state import keep_hole_begun
 from edmctl.procedures.hole.resuming import look_at_last_hole, take_up_hole
 from edmctl.procedures.hole.resuming_through import take_up_through_hole
 from edmctl.procedures.hole.site import machine_hole
+from edmctl.procedures.hole.site_result import open_site
 from edmctl.procedures.hole.target import goal_of
 from edmctl.procedures.servo.time_limits import TimeLimits
+from edmctl.procedures.state_keeper import MOVING
 from edmctl.procedures.touch.surface_plane import touch_plane, touch_where_unknown
 from edmctl.process.path_ordering import nearest_first
 from edmctl.process.plane import TOUCHES_FOR_A_PLANE
@@ -40,7 +43,7 @@ def machine_sites(run: Run) -> Decision | None:
     """
     limits, known = TimeLimits(run), known_before(run)
     resumed = run.job.resumed
-    done = set(run.ledger.sites)
+    done = set(run.tally.sites)
     left = [site for site in sites_in_order(run.job) if site.name not in done]
     if resumed is not None and not resumed.begun and left:
         look_at_last_hole(run, known)
@@ -53,7 +56,7 @@ def machine_sites(run: Run) -> Decision | None:
         decision = _take_up(run, site, known, limits) if begun else None
         if decision is None:
             decision = _machine_fresh(run, site, known, left[number:], limits)
-        run.journal.end_hole()
+        run.keeper.keep(MOVING, None)
         if decision.missed:
             name = f"{site.name}: " if len(run.job.sites) > 1 else ""
             return replace(decision, missed=f"{name}{decision.missed}", site=site.name)
@@ -70,9 +73,9 @@ def _take_up(run: Run, site: Site, known: Known, limits: TimeLimits) -> Decision
 def _machine_fresh(run: Run, site: Site, known: Known, left: Sequence[Site], limits: TimeLimits) -> Decision:
     hole = begin_hole(run, site, known)
     if _touch_face(run, site, known, left):
-        run.journal.face(known.face)
+        run.keeper.set_surface(tuple(known.face.touched), known.face.doubt_u_um)
         hole = begin_hole(run, site, known)
-    run.journal.begin_hole(hole, run.machine.time_s)
+    keep_hole_begun(run, hole)
     return machine_hole(run, hole, known, limits, is_last=len(left) == 1)
 
 
@@ -90,7 +93,7 @@ def _touch_face(run: Run, site: Site, known: Known, left: Sequence[Site]) -> boo
 
 def _worn_out(run: Run, known: Known, left: Sequence[Site]) -> Decision | None:
     """The end before a place for which the tool may not be worn any further; None while it may."""
-    lost_um = run.job.tool_wear_before_um + run.ledger.wear_um
+    lost_um = run.job.tool_wear_before_um + run.tally.wear_um
     goal = goal_of(run.profile, left[0])
     feed_um, ratio = goal.feed_um, known.estimate.wear_ratio
     next_um = feed_um * ratio / (1.0 + ratio) if goal.kind == "feed" else goal.depth_um * ratio
@@ -100,7 +103,7 @@ def _worn_out(run: Run, known: Known, left: Sequence[Site]) -> Decision | None:
     names = ", ".join(site.name for site in left)
     message = (
         f"The tool has lost {lost_um:.0f} µm and {left[0].name} would take {next_um:.0f} µm more; "
-        f"tool.max_wear_um is {limit_um:.0f} µm. Done: {len(run.ledger.sites)}; left: {names}."
+        f"tool.max_wear_um is {limit_um:.0f} µm. Done: {len(run.tally.sites)}; left: {names}."
     )
     hint = "Dress or change the tool, and machine the places that are left."
     run.decide(RunEvent.SITES_LEFT, message, {"left": len(left), "hint": hint}, level=EventLevel.WARNING)

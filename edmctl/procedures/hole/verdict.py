@@ -56,7 +56,7 @@ def judge_holes(run: Run, last: Decision | None) -> Decision | None:
     told = "" if last is None else last.site
     doubtful = [
         site
-        for site in run.ledger.sites.values()
+        for site in run.tally.sites.values()
         if site.verdict in (Verdict.MISSED, Verdict.NOT_SHOWN) and site.name != told
     ]
     if not doubtful:

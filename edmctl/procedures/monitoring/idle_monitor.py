@@ -29,7 +29,7 @@ class Standing:
 
     def take(self, block: TelemetryBlock) -> None:
         """Add the samples of a block, and tell when it is time."""
-        if self._run.ledger.phase is Phase.MACHINING:
+        if self._run.tally.phase is Phase.MACHINING:
             return
         gaps_v, heights_um = block.gap_v.tolist(), block.displacement_um.tolist()
         self._gap_low_v = min(self._gap_low_v, *gaps_v)
@@ -50,16 +50,16 @@ class Standing:
         self._counts = [0, 0, 0, 0]
 
     def _tell(self, now_s: float, gap_v: float, displacement_um: float) -> None:
-        run, ledger = self._run, self._run.ledger
+        run, tally = self._run, self._run.tally
         run.observer.progress(
             Progress(
-                phase=ledger.phase,
+                phase=tally.phase,
                 time_s=now_s,
                 gap_v=gap_v,
                 reference_v=self._reference_v,
                 ratios=pulse_shares(*self._counts),
-                depth_um=ledger.depth_um,
-                depth_target_um=ledger.depth_target_um,
+                depth_um=tally.depth_um,
+                depth_target_um=tally.depth_target_um,
                 displacement_um=displacement_um,
                 time_left_s=math.nan,
                 site=run.site_among_many,
@@ -67,9 +67,9 @@ class Standing:
                 gap_high_v=self._gap_high_v,
                 displacement_low_um=self._low_um,
                 displacement_high_um=self._high_um,
-                sites_done=ledger.sites_done,
+                sites_done=tally.sites_done,
                 sites_total=len(run.job.sites),
-                warning=ledger.warning,
-                warned_s=ledger.warned_s,
+                warning=tally.warning,
+                warned_s=tally.warned_s,
             )
         )

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from edmctl.machine.port import MachineState, MachineStatus, TelemetryBlock, host_fault
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.breakthrough import Breakthrough
-from edmctl.procedures.hole.estimating import energy_of
+from edmctl.procedures.hole.cut_planning import energy_of
 from edmctl.procedures.hole.expected_touches import estimate_in_cut
 from edmctl.procedures.hole.target import goal_of
 from edmctl.procedures.job import Site
@@ -68,7 +68,7 @@ class StopReason(StrEnum):
 
 
 class Supervisor:
-    """Follows the telemetry of one cut that begins at `start_s`; keeps its sums, and the job's ledger current.
+    """Follows the telemetry of one cut that begins at `start_s`; keeps its sums, and the tally of the job current.
 
     `counts` are the pulses of the cut by class (open, normal, arc, short); `energy_j` is their energy, from the
     mean gap current at the plateau voltage of a normal discharge; `stop_reason` is set when the cut should end, and
@@ -80,7 +80,7 @@ class Supervisor:
         self._run = run
         self._plan = plan
         self._start_s = start_s
-        self._machined_before_s = run.ledger.machining_time_s
+        self._machined_before_s = run.tally.machining_time_s
         profile = run.profile
         self._duty_v = profile.pulse.duty_voltage_v
         self._reference_v = gap_reference_v(profile)
@@ -114,7 +114,7 @@ class Supervisor:
         self._deepest_um = -math.inf
         self.stop_reason: StopReason | None = None
         self.told = ""
-        run.ledger.phase = Phase.MACHINING
+        run.tally.phase = Phase.MACHINING
 
     @property
     def gap_ratio_mean(self) -> float:
@@ -184,11 +184,11 @@ class Supervisor:
             self._look_for_the_back(
                 len(block.time_s) * self._sample_s, fresh, energy, now_s, sparking=machining
             )
-        ledger = self._run.ledger
-        ledger.depth_um = depth_um
-        ledger.machining_time_s = self._machined_before_s + max(0.0, now_s - self._start_s)
+        tally = self._run.tally
+        tally.depth_um = depth_um
+        tally.machining_time_s = self._machined_before_s + max(0.0, now_s - self._start_s)
         opens, normals, arcs, shorts = self.counts
-        ledger.cut = RunningCut(
+        tally.cut = RunningCut(
             (opens, normals, arcs, shorts),
             self.energy_j,
             max(0.0, now_s - self._start_s),
@@ -221,10 +221,10 @@ class Supervisor:
             jumps=self.jumps,
             jump_period_s=self.adapting.period_s,
             last_jump_s=self.last_jump_s,
-            sites_done=ledger.sites_done,
+            sites_done=tally.sites_done,
             sites_total=len(self._run.job.sites),
-            warning=ledger.warning,
-            warned_s=ledger.warned_s,
+            warning=tally.warning,
+            warned_s=tally.warned_s,
         )
         self._record(progress)
         if machining:

@@ -33,7 +33,7 @@ class TimeLimits:
         places = [Place(s.name, s.x_um, s.y_um, s.theta_deg, s.depth_um, 0) for s in run.job.sites]
         expected_s = forecast(run.profile, run.setup, places).machining_time_s
         self._machining_s = max(LEAST_S, LONGEST_SHARE * expected_s)
-        self._before_s = run.ledger.machining_time_s
+        self._before_s = run.tally.machining_time_s
 
     def left(self) -> TimeLeft:
         """The limit that comes first, as it stands now."""
@@ -42,7 +42,7 @@ class TimeLimits:
             job_s - self._run.machine.time_s,
             f"limits.max_time_s allows the job {job_s:.0f} s",
         )
-        machined_s = self._run.ledger.machining_time_s - self._before_s
+        machined_s = self._run.tally.machining_time_s - self._before_s
         machining = TimeLeft(
             self._machining_s - machined_s,
             f"the forecast allows {self._machining_s:.0f} s of machining",

@@ -75,7 +75,7 @@ def find_contact(run: Run, place: Site) -> SurfaceFound:
     """Go to a place and touch its surface, which is expected at `approach.offset_um` from home."""
     move_to(run, place)
     begin_s = run.machine.time_s
-    expected_um = run.ledger.home_um + run.profile.approach.offset_um
+    expected_um = run.tally.home_um + run.profile.approach.offset_um
     found = take_reading(run, "Zr", place.name, expected_um, SURFACE_U_UM)
     return SurfaceFound(
         kind="contact",

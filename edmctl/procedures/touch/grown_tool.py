@@ -6,7 +6,6 @@ import math
 from typing import TYPE_CHECKING
 
 from edmctl.errors import ObjectiveNotReached
-from edmctl.procedures.monitoring.drift import uncertainty_now
 from edmctl.procedures.touch.tool_length import TOUCH_U_UM
 from edmctl.process.touch_check import Deviation, has_grown
 
@@ -22,7 +21,7 @@ def refuse_grown_tool(
 
     `z1_um` is the pad `age_s` ago, with a standard uncertainty of `more_u_um` besides drift and touches.
     """
-    drift_um = uncertainty_now(run).drift_u_um_per_s * age_s
+    drift_um = run.uncertainty.drift_u_um_per_s * age_s
     u_um = math.hypot(TOUCH_U_UM, TOUCH_U_UM, more_u_um, z3.doubt_u_um, drift_um)
     wear = Deviation(z3.z_um - z1_um, u_um)
     if not has_grown(wear):

@@ -19,11 +19,10 @@ from edmctl.procedures.hole.expected_touches import (
     Expected,
     expected_of_left,
 )
-from edmctl.procedures.monitoring.drift import DRIFT_SDS, first_home_um
+from edmctl.procedures.monitoring.drift import DRIFT_SDS, displacement_uncertainty, first_home_um
 from edmctl.procedures.resting import rest_and_look
 from edmctl.procedures.settings import controller_settings
 from edmctl.procedures.touch.reading import BEYOND_PREDICTION_UM, Search, take_reading_in
-from edmctl.procedures.touch.site_readings import displacement_uncertainty
 from edmctl.results.progress import Phase
 
 if TYPE_CHECKING:
@@ -113,7 +112,7 @@ def _first_home(run: Run) -> Home:
 
 def pad_from_home_um(run: Run) -> float:
     """How far from home the pad is, µm: as the recipe says, or with the tool as the earlier run has left it."""
-    resumed, done = run.job.resumed, list(run.ledger.sites.values())
+    resumed, done = run.job.resumed, list(run.tally.sites.values())
     if resumed is not None and resumed.site:
         return resumed.z1_um + resumed.wear_um - resumed.home_um
     if resumed is not None and done:
@@ -159,7 +158,7 @@ def _under_the_tool(run: Run) -> _Under | None:
     site = next((s for s in run.job.sites if math.dist(here, (s.x_um, s.y_um)) <= known_um), None)
     if resumed is not None and site is None and _is_on_a_spot(run, here):
         return _Under(pad_from_home_um(run), left.wear_reach_um + slope_um, slope_um)
-    if resumed is None or site is None or site.name in run.ledger.sites:
+    if resumed is None or site is None or site.name in run.tally.sites:
         return None
     depth_um, feed_reach_um = (
         (resumed.depth_um, left.feed_reach_um) if site.name == resumed.site else (0.0, 0.0)

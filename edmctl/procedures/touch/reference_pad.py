@@ -6,11 +6,13 @@ import math
 from typing import TYPE_CHECKING
 
 from edmctl.procedures.touch.spots import Spots, beside, read_at_spots
+from edmctl.process.wear import tilt_uncertainty_um
 
 if TYPE_CHECKING:
     from edmctl.procedures.job import Site
     from edmctl.procedures.run import Run
     from edmctl.procedures.touch.reading import SurfaceReading
+    from edmctl.profile.setup import Setup
 
 OFFSET_U_UM = 3.5
 """Standard uncertainty of the distance to the pad before the first touch."""
@@ -38,3 +40,8 @@ def pad_spots(run: Run) -> tuple[Site, ...]:
     y_um = math.fsum(site.y_um for site in sites) / len(sites) - pad.y_um
     away = math.atan2(-y_um, -x_um)
     return (pad, *(beside(run, pad, away + math.radians(turn)) for turn in SPOT_TURNS_DEG))
+
+
+def pad_u_um(setup: Setup) -> float:
+    """Standard uncertainty of meeting the pad again: repeatability of the stages, through its tilt."""
+    return tilt_uncertainty_um(setup.surface.tilt_u_mrad, 0.0, setup.stage.repeatability_um)

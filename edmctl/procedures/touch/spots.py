@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import ObjectiveNotReached
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.monitoring.drift import uncertainty_now
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.approach import lower_to
 from edmctl.procedures.touch.reading import (
@@ -141,7 +140,7 @@ def _place_u_um(run: Run, found: Sequence[SurfaceReading]) -> float:
 
 
 def _sensed_u_um(run: Run, found: Sequence[SurfaceReading]) -> float:
-    known = uncertainty_now(run)
+    known = run.uncertainty
     return math.hypot(
         known.drift_u_um_per_s * (found[-1].time_s - found[0].time_s),
         0.0 if run.setup.sensor.fitted else known.linearity_u_um,

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job import Site
-from edmctl.procedures.monitoring.drift import uncertainty_now
 from edmctl.procedures.touch.reference_pad import pad_middle_um
 from edmctl.procedures.touch.spots import Spots, beside, read_at_spots
 from edmctl.procedures.touch.tool_length import TOUCH_U_UM
@@ -30,7 +29,7 @@ from edmctl.wording import signed
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from edmctl.procedures.job_state import FaceTouch
+    from edmctl.procedures.job_state import SurfaceTouch
     from edmctl.procedures.run import Args, Run
     from edmctl.procedures.touch.reading import SurfaceReading
     from edmctl.procedures.touch.tool_length import ToolLength
@@ -58,7 +57,7 @@ class Face:
 
     plane: Plane
     tilt_u_mrad: float
-    touched: list[FaceTouch] = field(default_factory=list)
+    touched: list[SurfaceTouch] = field(default_factory=list)
     lying_um: dict[str, float] = field(default_factory=dict)
     doubt_u_um: float = 0.0
     _pad_step: Step | None = None
@@ -71,7 +70,7 @@ class Face:
         """Standard uncertainty of that."""
         return math.hypot(self.plane.height_u_um(site.x_um, site.y_um), self.doubt_u_um)
 
-    def add(self, *touches: FaceTouch) -> None:
+    def add(self, *touches: SurfaceTouch) -> None:
         """Take touches, and fit the plane anew."""
         self.touched += touches
         self.doubt_u_um = 0.0
@@ -84,7 +83,7 @@ class Face:
         if self.touched:
             self._fit()
 
-    def restore(self, touched: Sequence[FaceTouch], doubt_u_um: float) -> None:
+    def restore(self, touched: Sequence[SurfaceTouch], doubt_u_um: float) -> None:
         """Take the touches and the doubt as they were before, or in an earlier run."""
         self.touched, self.doubt_u_um = list(touched), doubt_u_um
         if self.touched:
@@ -175,7 +174,7 @@ def _touch(
         tool.pad_um + face.plane.height_um(x_um, y_um),
         face.plane.height_u_um(x_um, y_um),
     )
-    drift_u_um_per_s = uncertainty_now(run).drift_u_um_per_s
+    drift_u_um_per_s = run.uncertainty.drift_u_um_per_s
     u_um = math.hypot(tool.u_um(run.machine.time_s, drift_u_um_per_s), face_u_um)
     reading = read_at_spots(run, KIND, site.name, spots, predicted_um, u_um)
     u_um = math.hypot(tool.u_um(reading.time_s, drift_u_um_per_s), reading.doubt_u_um)
@@ -188,7 +187,7 @@ def face_spots(run: Run, site: Site) -> Spots:
     """A place and spots beside it, apart by more than the tool, those clear of machined places first."""
     pad, distance_um = run.job.pad, run.job.spot_distance_um
     away = math.atan2(site.y_um - pad.y_um, site.x_um - pad.x_um)
-    made = [(hole.x_um, hole.y_um) for hole in run.ledger.sites.values()]
+    made = [(hole.x_um, hole.y_um) for hole in run.tally.sites.values()]
 
     def crowded_um(spot: Site) -> float:
         nearest_um = min((math.dist(hole, (spot.x_um, spot.y_um)) for hole in made), default=math.inf)
