@@ -31,9 +31,8 @@ from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job import job_of
-from edmctl.procedures.job_state import NoStateStore
+from edmctl.procedures.job_state import JobTally, NoStateStore
 from edmctl.procedures.machining import run_job
-from edmctl.procedures.tally import JobTally
 from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Setup
 from edmctl.record.recorder import NullRecorder

@@ -40,9 +40,8 @@ from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest
 from edmctl.procedures.job import CalibratedActuator, Site, job_of
-from edmctl.procedures.job_state import job_state
+from edmctl.procedures.job_state import JobTally, job_state
 from edmctl.procedures.machining import run_job
-from edmctl.procedures.tally import JobTally
 from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Sensor, Setup
 from edmctl.record.recorder import NullRecorder

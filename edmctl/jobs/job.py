@@ -33,8 +33,7 @@ if TYPE_CHECKING:
     from edmctl.jobs.truth.wear import TrueWear
     from edmctl.jsonout import JsonValue
     from edmctl.procedures.job import Job
-    from edmctl.procedures.job_state import StateStore
-    from edmctl.procedures.tally import JobTally
+    from edmctl.procedures.job_state import JobTally, StateStore
     from edmctl.record.recorder import Recorder
     from edmctl.results.channel import ChannelResult, ChannelTruth
     from edmctl.results.job import JobResult, SiteResult
@@ -140,7 +139,7 @@ def carry_out(
     from edmctl.jobs.ledger.job_ledger import JobLedger
     from edmctl.jobs.resume.checkpoint import Journaling, tell_way_on
     from edmctl.jobs.truth.wear import TrueWear
-    from edmctl.procedures.tally import JobTally
+    from edmctl.procedures.job_state import JobTally
 
     ledger = JobTally()
     true_wear: TrueWear | None = None

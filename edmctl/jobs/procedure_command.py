@@ -87,8 +87,8 @@ def perform(
     Expected errors come back with what was reached. Raises LinkLost, ProtocolMismatch and RunFileError where there
     was no machine to act on.
     """
+    from edmctl.procedures.job_state import JobTally
     from edmctl.procedures.session import running
-    from edmctl.procedures.tally import JobTally
 
     ledger = JobTally()
 

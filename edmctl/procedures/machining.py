@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from edmctl.procedures.channel.job import machine_path, record_left_channel
+from edmctl.procedures.channel.procedure import machine_path, record_left_channel
 from edmctl.procedures.hole.site_result import record_left, record_results
 from edmctl.procedures.hole.sites import machine_sites
 from edmctl.procedures.hole.verdict import judge_holes
+from edmctl.procedures.job_state import JobTally
 from edmctl.procedures.session import running
-from edmctl.procedures.tally import JobTally
 from edmctl.results.job import ObjectiveMissed
 
 if TYPE_CHECKING:

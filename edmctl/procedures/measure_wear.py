@@ -17,10 +17,8 @@ from edmctl.procedures.job import Site
 from edmctl.procedures.monitoring.drift import displacement_uncertainty
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.bottom import Expected, read_expected
-from edmctl.procedures.touch.grown_tool import refuse_grown_tool
-from edmctl.procedures.touch.reference_pad import pad_u_um, read_pad
+from edmctl.procedures.touch.reference_pad import TOUCH_U_UM, pad_u_um, read_pad, refuse_grown_tool
 from edmctl.procedures.touch.surface_plane import take_pad, unknown_face
-from edmctl.procedures.touch.tool_length import TOUCH_U_UM
 from edmctl.process.wear import Reading, measure, share_u
 from edmctl.record.rows import EventLevel
 from edmctl.results.measurements import UncertaintyPart, WearResult

@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from edmctl.machine.port import Machine
     from edmctl.procedures.event_codes import RunEvent
     from edmctl.procedures.job import Job
+    from edmctl.procedures.job_state import JobTally
     from edmctl.procedures.monitoring.watch import Watch
     from edmctl.procedures.state_keeper import JobStateKeeper
-    from edmctl.procedures.tally import JobTally
     from edmctl.profile.measuring_stops import Displacement
     from edmctl.profile.model import Profile
     from edmctl.profile.setup import Setup
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 Args = Mapping[str, float | int | str | bool]
 
 NO_PULSES = PulseShares(0.0, 0.0, 0.0, 0.0)
+LOOK_S = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,3 +93,16 @@ class Run:
     def site_among_many(self) -> str:
         """Name of the hole under way, empty where there is only one."""
         return self.tally.open_site if len(self.job.sites) > 1 else ""
+
+
+def rest_and_look(run: Run, duration_s: float) -> None:
+    """Rest for a time, and on until a sample has come that was taken in it.
+
+    Time passes on a host that is held up and on a line that loses frames too, but what the tool did meanwhile is not
+    known then, and a ramp that is planned from an older place goes too far. Where no sample comes at all the rest
+    raises LinkLost E4022, as every wait does.
+    """
+    begin_s = run.machine.time_s
+    run.machine.rest(duration_s)
+    while run.watch.newest_s <= begin_s:
+        run.machine.rest(LOOK_S)

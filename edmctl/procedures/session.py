@@ -21,9 +21,7 @@ from edmctl.procedures.actuator.conditioning import condition
 from edmctl.procedures.actuator.sensorless import SensorlessMachine
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job_state import NoStateStore
-from edmctl.procedures.monitoring.idle_monitor import Standing
-from edmctl.procedures.monitoring.link_quality import LinkWatch, record_link
-from edmctl.procedures.monitoring.sensor_mismatch import MismatchWatch
+from edmctl.procedures.monitoring.monitors import LinkWatch, MismatchWatch, Standing, record_link
 from edmctl.procedures.monitoring.watch import Watch
 from edmctl.procedures.run import Run
 from edmctl.procedures.settings import (
@@ -43,9 +41,8 @@ if TYPE_CHECKING:
 
     from edmctl.machine.port import Machine
     from edmctl.procedures.job import Job
-    from edmctl.procedures.job_state import StateStore
+    from edmctl.procedures.job_state import JobTally, StateStore
     from edmctl.procedures.run import Args
-    from edmctl.procedures.tally import JobTally
     from edmctl.record.recorder import Recorder
     from edmctl.results.progress import Observer
 

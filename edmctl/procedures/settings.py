@@ -59,7 +59,7 @@ seconds), a touch three of its dwell (0.3 s), and a frame is the mean that the s
 def controller_settings(profile: Profile, setup: Setup) -> ControllerSettings:
     """The controller's parameters for this recipe on this machine."""
     servo, actuator, pulse = profile.servo, setup.actuator, profile.pulse
-    # Behind the sheet nothing but open pulses is right; before, the host looks (spark_loss.py).
+    # Behind the sheet nothing but open pulses is right; before, the host looks (breakthrough.py).
     completion_um = goal_of(profile, Site("", 0.0, 0.0)).completion_um
     lost_um = profile.limits.open_lost_um
     if completion_um:

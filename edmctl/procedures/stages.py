@@ -9,7 +9,7 @@ from edmctl.errors import PreconditionError
 from edmctl.machine.port import Axis
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job import TOLD_LATE_S
-from edmctl.procedures.resting import rest_and_look
+from edmctl.procedures.run import rest_and_look
 from edmctl.procedures.settings import controller_settings
 from edmctl.procedures.touch.home import (
     CLEAR_UM,

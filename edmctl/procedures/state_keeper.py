@@ -12,8 +12,7 @@ from edmctl.procedures.monitoring.drift import counted_pause_s
 if TYPE_CHECKING:
     from edmctl.machine.port import TelemetryBlock
     from edmctl.procedures.job import Job
-    from edmctl.procedures.job_state import StateStore, SurfaceTouch, UnderWay
-    from edmctl.procedures.tally import JobTally
+    from edmctl.procedures.job_state import JobTally, StateStore, SurfaceTouch, UnderWay
 
 MACHINING, MEASURING, MOVING = "machining", "measuring", "moving"
 """Phases of a job; while it is machining, the state is kept every few seconds too."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.procedures.channel.follow import PassFollower
+from edmctl.procedures.channel.scan import PassFollower
 from edmctl.record import journal
 from edmctl.record.bench_file import bench_lock, read_bench, write_bench
 from edmctl.record.ledger import Logbook, SiteMachined, WearMeasured

@@ -22,10 +22,10 @@ from edmctl.machine.port import (
     TelemetryFlag,
 )
 from edmctl.procedures.job import Job, Site
+from edmctl.procedures.job_state import JobTally
 from edmctl.procedures.monitoring.watch import Watch
 from edmctl.procedures.run import Run
 from edmctl.procedures.state_keeper import JobStateKeeper
-from edmctl.procedures.tally import JobTally
 from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Setup
 from edmctl.record.recorder import NullRecorder

@@ -17,12 +17,12 @@ from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest
 from edmctl.procedures.job import CalibratedActuator, Job, job_of
+from edmctl.procedures.job_state import JobTally
 from edmctl.procedures.machining import run_job
 from edmctl.procedures.monitoring.watch import Watch
 from edmctl.procedures.run import Run
 from edmctl.procedures.settings import controller_settings, pulse_settings, telemetry_settings
 from edmctl.procedures.state_keeper import JobStateKeeper
-from edmctl.procedures.tally import JobTally
 from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Sensor, Setup
 from edmctl.record.recorder import NullRecorder

@@ -12,9 +12,9 @@ from edmctl.actuator.estimator import Estimator
 from edmctl.machine.port import EventCode, MachineState
 from edmctl.procedures.actuator.conditioning import condition
 from edmctl.procedures.event_codes import RunEvent
+from edmctl.procedures.hole.running_cut import CLEARANCE_UM, jump_request
 from edmctl.procedures.hole.sites import machine_sites
 from edmctl.procedures.job import Site
-from edmctl.procedures.servo.jump import CLEARANCE_UM, jump_request
 from edmctl.procedures.touch.approach import lower_to, raise_by
 
 from .conftest import Done, Shop, armed, calibrated

@@ -19,7 +19,7 @@ from edmctl.procedures.channel.way import way_of_path
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.target import Goal
 from edmctl.procedures.hole.verdict import judged_channel
-from edmctl.procedures.servo.time_limits import TimeLeft, TimeLimits
+from edmctl.procedures.servo.limits import TimeLeft, TimeLimits
 from edmctl.procedures.touch.reading import SurfaceReading
 from edmctl.process.path import even_places
 from edmctl.process.plane import Plane

@@ -12,7 +12,7 @@ from edmctl.procedures.channel import layers as channel_layers
 from edmctl.procedures.channel.layers import SPARE_PASSES, Layers
 from edmctl.procedures.channel.touching import Face
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.servo.time_limits import TimeLeft, TimeLimits
+from edmctl.procedures.servo.limits import TimeLeft, TimeLimits
 from edmctl.procedures.touch.reading import SurfaceReading
 from edmctl.process.path import circle, way_of
 from edmctl.process.plane import Plane

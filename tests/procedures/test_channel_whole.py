@@ -21,8 +21,8 @@ from edmctl.machine.stop import StopRequest
 from edmctl.procedures.channel.way import way_of_path
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job import job_of
+from edmctl.procedures.job_state import JobTally
 from edmctl.procedures.machining import run_job
-from edmctl.procedures.tally import JobTally
 from edmctl.profile.load import load_profile
 from edmctl.profile.setup import Setup
 from edmctl.results.progress import Phase, Progress

@@ -19,7 +19,7 @@ from edmctl.machine.controller import LinkMachine
 from edmctl.machine.port import Axis
 from edmctl.machine.stop import StopRequest
 from edmctl.procedures.job import TOLD_LATE_S, Site
-from edmctl.procedures.job_state import JobState, NoStateStore
+from edmctl.procedures.job_state import JobState, JobTally, NoStateStore
 from edmctl.procedures.monitoring.drift import (
     CREEP_SHARE,
     CREEP_UM,
@@ -29,7 +29,6 @@ from edmctl.procedures.monitoring.drift import (
     seen_between_jobs_um_s,
 )
 from edmctl.procedures.stages import _is_told, move_to, retract
-from edmctl.procedures.tally import JobTally
 from edmctl.procedures.touch.home import Home, _is_on_a_spot
 from edmctl.process.next_cut import COVERAGE
 from edmctl.process.wear import share_u

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from edmctl.procedures.hole.cut_planning import CutPlan, Start, energy_of, estimate_of
-from edmctl.procedures.hole.expected_touches import (
+from edmctl.procedures.hole.hole_estimate import (
     Estimate,
     Expected,
     estimate_in_cut,

@@ -14,10 +14,9 @@ from edmctl.link.faults import FaultCode
 from edmctl.link.messages import WaveformRead
 from edmctl.machine.port import Machine, MachineState, TelemetryBlock
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.hole.setup_check import refuse_wrong_setup
-from edmctl.procedures.monitoring.link_quality import LinkWatch, record_link
-from edmctl.procedures.monitoring.sensor_mismatch import MismatchWatch
-from edmctl.procedures.servo.time_limits import LEAST_S, LONGEST_SHARE, TimeLimits
+from edmctl.procedures.hole.cut_decision import refuse_wrong_setup
+from edmctl.procedures.monitoring.monitors import LinkWatch, MismatchWatch, record_link
+from edmctl.procedures.servo.limits import LEAST_S, LONGEST_SHARE, TimeLimits
 from edmctl.process.wear import DepthAndWear
 from edmctl.profile.forecast import forecast, stroke_um
 from edmctl.results.job import ObjectiveMissed
@@ -203,8 +202,8 @@ def test_the_recipe_s_own_limit_comes_first_where_it_is_shorter(shop: OpenShop) 
 def test_a_job_beyond_its_forecast_is_ended_and_measured(
     shop: OpenShop, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("edmctl.procedures.servo.time_limits.LEAST_S", 0.0)
-    monkeypatch.setattr("edmctl.procedures.servo.time_limits.LONGEST_SHARE", 0.3)
+    monkeypatch.setattr("edmctl.procedures.servo.limits.LEAST_S", 0.0)
+    monkeypatch.setattr("edmctl.procedures.servo.limits.LONGEST_SHARE", 0.3)
     s = shop()
     with pytest.raises(ObjectiveMissed, match="the forecast allows 4 s of machining") as caught:
         s.run_job()

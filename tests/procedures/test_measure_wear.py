@@ -12,6 +12,7 @@ import pytest
 from edmctl.errors import Interrupted, MachineFault, ObjectiveNotReached, PreconditionError
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job import Site
+from edmctl.procedures.job_state import JobTally
 from edmctl.procedures.jump_series import run_jumps
 from edmctl.procedures.measure_wear import (
     MOST_DRIFT_UM,
@@ -22,7 +23,6 @@ from edmctl.procedures.measure_wear import (
     touch_pad,
 )
 from edmctl.procedures.session import running
-from edmctl.procedures.tally import JobTally
 from edmctl.procedures.touch.approach import find_contact, find_gap
 from edmctl.results.progress import Phase
 from edmctl.simulator import kernel as k

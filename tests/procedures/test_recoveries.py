@@ -11,13 +11,12 @@ import pytest
 
 from edmctl.errors import MachineFault
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.hole.breakthrough import Breakthrough
+from edmctl.procedures.hole.breakthrough import Breakthrough, SparkLoss
 from edmctl.procedures.hole.cut_planning import Start, first_plan
 from edmctl.procedures.servo import arc_recovery as burning
+from edmctl.procedures.servo.adaptive import MOST_JUMPS, ShortRecovery
 from edmctl.procedures.servo.arc_recovery import ARC_BURN, MOST_BURNS, Burns
-from edmctl.procedures.servo.short_recovery import MOST_JUMPS, ShortRecovery
-from edmctl.procedures.servo.spark_loss import SparkLoss
-from edmctl.procedures.servo.stall_detection import JUMP_AFTER_S, STALL_S, Stall
+from edmctl.procedures.servo.limits import JUMP_AFTER_S, STALL_S, Stall
 from edmctl.procedures.settings import OPEN_LOST_S, controller_settings
 from edmctl.procedures.touch.approach import ABOVE_BOTTOM_UM, BEYOND_BOTTOM_UM, UNKNOWN_SDS
 from edmctl.results.job import ObjectiveMissed

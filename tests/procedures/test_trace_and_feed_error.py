@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from edmctl.machine.port import MachineState, TelemetryBlock
-from edmctl.procedures.monitoring.feed_error import FeedError
-from edmctl.procedures.monitoring.trace import SPAN_S, Trace
+from edmctl.procedures.actuator.tracker import SPAN_S, FeedError, Trace
 
 
 def block(

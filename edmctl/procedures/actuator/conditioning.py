@@ -19,7 +19,7 @@ from edmctl.errors import PreconditionError
 from edmctl.machine.port import joined
 from edmctl.procedures.actuator.tracker import home
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.resting import rest_and_look
+from edmctl.procedures.run import rest_and_look
 from edmctl.procedures.stages import move_to
 from edmctl.results.progress import Phase
 from edmctl.wording import signed

@@ -42,8 +42,7 @@ from edmctl.machine.port import (
     TouchRequest,
     WaveformBatch,
 )
-from edmctl.procedures.actuator.tracker import Tracker, at_rest
-from edmctl.procedures.monitoring.trace import Trace
+from edmctl.procedures.actuator.tracker import Trace, Tracker, at_rest
 
 if TYPE_CHECKING:
     from edmctl.procedures.job import CalibratedActuator

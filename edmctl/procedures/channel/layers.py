@@ -10,10 +10,10 @@ from edmctl.procedures.channel.scan import PassPlan, PassResult, run_pass
 from edmctl.procedures.channel.touching import learned_gap_um
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job import Site
+from edmctl.procedures.job_state import RunningCut
 from edmctl.procedures.stages import move_to
-from edmctl.procedures.tally import RunningCut
 from edmctl.procedures.touch.approach import approach_bottom
-from edmctl.procedures.touch.tool_length import TOUCH_U_UM
+from edmctl.procedures.touch.reference_pad import TOUCH_U_UM
 from edmctl.process.channel_wear import ToolWear
 from edmctl.process.erosion import hole_area_um2
 from edmctl.process.layers import HeldTool, channel_width_um, passes_needed
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from edmctl.procedures.channel.touching import Face, FloorReading
     from edmctl.procedures.run import Run
-    from edmctl.procedures.servo.time_limits import TimeLimits
+    from edmctl.procedures.servo.limits import TimeLimits
     from edmctl.process.path import Way
     from edmctl.profile.model import Profile
 

@@ -6,6 +6,7 @@ stop, so the last layers are cut by what was measured and not by what was assume
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -13,7 +14,7 @@ from edmctl.errors import MachineFault
 from edmctl.labels import NOT_SHOWN_CODE, Verdict
 from edmctl.machine.port import host_fault
 from edmctl.procedures.channel.layers import Layers
-from edmctl.procedures.channel.result import channel_left, channel_result
+from edmctl.procedures.channel.result import channel_left, channel_result, channel_row
 from edmctl.procedures.channel.resuming import (
     channel_begun,
     channel_state,
@@ -32,10 +33,13 @@ from edmctl.procedures.hole.target import Goal, goal_of
 from edmctl.procedures.hole.verdict import REMEDIES, judged_channel, not_shown
 from edmctl.procedures.job import Site
 from edmctl.procedures.job_state import UnderWay
-from edmctl.procedures.touch.tool_length import TOUCH_U_UM
+from edmctl.procedures.run import Run
+from edmctl.procedures.servo.limits import TimeLimits
+from edmctl.procedures.touch.reference_pad import TOUCH_U_UM
 from edmctl.process.layers import layer_depths_um
 from edmctl.process.next_cut import COVERAGE, NOISE_FLOOR_SIGMAS
 from edmctl.record.rows import EventLevel
+from edmctl.results.channel import ChannelResult
 from edmctl.wording import length, plural, signed
 
 if TYPE_CHECKING:
@@ -44,7 +48,6 @@ if TYPE_CHECKING:
     from edmctl.procedures.channel.touching import Face
     from edmctl.procedures.job_state import JobState
     from edmctl.procedures.run import Run
-    from edmctl.procedures.servo.time_limits import TimeLimits
     from edmctl.process.path import Way
     from edmctl.results.channel import ChannelResult
 
@@ -318,3 +321,30 @@ def _missed(run: Run, goal: Goal, fault: str, told: str, result: ChannelResult |
     error = host_fault(fault, f" The channel ended early ({told}) at {reached}.")
     run.decide(RunEvent.TARGET_MISSED, error.message, {"depth_um": depth_um}, level=EventLevel.WARNING)
     return Decision(None, error.message, error.message, error.hint, error.code)
+
+
+def machine_path(run: Run) -> Decision | None:
+    """Machine the channel of the recipe; the decision where it missed its objective, None where it did not.
+
+    Raises PreconditionError E8060, E8061 where it is not the channel, or the tool, that an earlier run has left.
+    """
+    path = run.profile.path
+    assert path is not None
+
+    def keep(result: ChannelResult) -> None:
+        run.tally.channel = result
+
+    result, decision = machine_channel(run, TimeLimits(run), keep)
+    run.tally.open_site = run.tally.unmeasured_site = ""
+    if result is not None:
+        result = judged_channel(goal_of(run.profile, Site(result.name, path.x_um, path.y_um)), result)
+        keep(replace(result, finished=True))
+        run.recorder.site_result(channel_row(run, result))
+    return decision if decision.missed else None
+
+
+def record_left_channel(run: Run) -> None:
+    """Write what is known of a channel that was looked at, where its job ends early."""
+    channel = run.tally.channel
+    if channel is not None and not channel.finished:
+        run.recorder.site_result(channel_row(run, channel))

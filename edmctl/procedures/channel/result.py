@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 
 from edmctl.labels import Basis
 from edmctl.procedures.touch.reference_pad import pad_u_um
+from edmctl.process.erosion import mrr_mm3_min
 from edmctl.process.layers import channel_width_um
 from edmctl.process.wear import TOUCH_PRIOR_DOF, student_97_5
+from edmctl.record.rows import SiteRow
 from edmctl.results.channel import ChannelResult
 from edmctl.results.pulses import pulse_shares
 
@@ -17,6 +19,9 @@ if TYPE_CHECKING:
     from edmctl.procedures.channel.scan import PassResult
     from edmctl.procedures.channel.touching import Face, FloorReading
     from edmctl.procedures.run import Run
+
+TOUCH_LEAST_SD_UM = 0.1
+"""Touches that agree better than this do so by chance."""
 
 
 @dataclass(slots=True)
@@ -166,5 +171,36 @@ def _uncertainties(run: Run, face: Face, found: FloorReading, uneven_um: float) 
     return factor * depth_u_um, factor * wear_u_um
 
 
-TOUCH_LEAST_SD_UM = 0.1
-"""Touches that agree better than this do so by chance."""
+def channel_row(run: Run, result: ChannelResult) -> SiteRow:
+    """The channel as a row of the results: Z2 is the mean of its floor."""
+    path = run.profile.path
+    assert path is not None
+    volume_um3 = result.depth_um * result.width_um * result.length_um
+    return SiteRow(
+        site=result.name,
+        x_um=path.x_um,
+        y_um=path.y_um,
+        z1_um=result.z1_um,
+        z2_um=result.z3_um + result.depth_um,
+        z3_um=result.z3_um,
+        depth_um=result.depth_um,
+        depth_u95_um=result.depth_u95_um,
+        wear_um=result.wear_um,
+        wear_u95_um=result.wear_u95_um,
+        feed_um=result.feed_um,
+        depth_model_um=math.nan,
+        wear_model_um=math.nan,
+        machining_time_s=result.machining_time_s,
+        cuts=result.passes,
+        pulses=result.pulses,
+        ratio_open=result.ratios.open,
+        ratio_normal=result.ratios.normal,
+        ratio_arc=result.ratios.arc,
+        ratio_short=result.ratios.short,
+        energy_j=result.energy_j,
+        mrr_mm3_min=mrr_mm3_min(volume_um3 / time_s) if (time_s := result.machining_time_s) else math.nan,
+        measuring_stops=result.measuring_stops,
+        depth_basis=result.depth_basis,
+        wear_basis=result.wear_basis,
+        verdict=result.verdict or "",
+    )

@@ -18,7 +18,7 @@ from edmctl.procedures.channel.result import PassSums
 from edmctl.procedures.channel.scan import PassPlan, PassResult
 from edmctl.procedures.channel.touching import FLOOR_U_UM, Face, Unknown
 from edmctl.procedures.hole.cut_planning import energy_of
-from edmctl.procedures.hole.expected_touches import (
+from edmctl.procedures.hole.hole_estimate import (
     BELIEF_U_REL,
     FASTER,
     STANDARD_UNCERTAINTIES,

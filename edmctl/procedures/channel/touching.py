@@ -13,11 +13,9 @@ from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job import Site
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.bottom import Expected, read_expected
-from edmctl.procedures.touch.grown_tool import refuse_grown_tool
 from edmctl.procedures.touch.reading import SurfaceReading, take_reading
-from edmctl.procedures.touch.reference_pad import OFFSET_U_UM, read_pad
+from edmctl.procedures.touch.reference_pad import OFFSET_U_UM, ToolLength, read_pad, refuse_grown_tool
 from edmctl.procedures.touch.surface_plane import take_pad, touch_plane, unknown_face
-from edmctl.procedures.touch.tool_length import ToolLength
 from edmctl.process.path import Way, even_places
 from edmctl.process.touch_check import against_sparks, is_short
 from edmctl.record.rows import EventLevel

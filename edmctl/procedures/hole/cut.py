@@ -19,7 +19,7 @@ from edmctl.results.pulses import pulse_shares
 if TYPE_CHECKING:
     from edmctl.procedures.hole.cut_planning import CutPlan
     from edmctl.procedures.run import Run
-    from edmctl.procedures.servo.time_limits import TimeLeft
+    from edmctl.procedures.servo.limits import TimeLeft
     from edmctl.results.pulses import PulseShares
 
 WATCH_SLICE_S = 0.1
@@ -27,6 +27,8 @@ STATUS_PERIOD_S = 5.0
 """The dielectric is asked for this often; the controller itself guards it."""
 SPARKLESS_UM = 1.0
 """A cut that ends so far beyond its last discharge has not cut that way; good cuts end within 0.2 µm of it."""
+_ROWS = {StopReason.STALLED: "STALL", StopReason.ENDED: "STROKE_END"}
+"""The fault row of a reason to stop."""
 
 
 class CutEnd(StrEnum):
@@ -35,10 +37,6 @@ class CutEnd(StrEnum):
     REACHED = "feed reached"
     TIME_UP = "time limit"
     GIVEN_UP = "given up"
-
-
-_ROWS = {StopReason.STALLED: "STALL", StopReason.ENDED: "STROKE_END"}
-"""The fault row of a reason to stop."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,15 +8,19 @@ from typing import TYPE_CHECKING
 
 from edmctl.labels import Verdict
 from edmctl.machine.port import host_fault
+from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.cut import CutEnd, CutResult
 from edmctl.procedures.hole.cut_planning import CutPlan, Start, following_plan
 from edmctl.procedures.hole.target import verdict_of
 from edmctl.process.next_cut import is_done
+from edmctl.process.wear import DepthAndWear
 from edmctl.profile.measuring_stops import cut_budget
+from edmctl.record.rows import EventLevel
 from edmctl.wording import decimal, signed
 
 if TYPE_CHECKING:
     from edmctl.procedures.hole.target import Goal
+    from edmctl.procedures.run import Run
     from edmctl.process.live_erosion import ErosionEstimate
     from edmctl.process.wear import DepthAndWear
     from edmctl.profile.model import Profile
@@ -24,6 +28,10 @@ if TYPE_CHECKING:
 
 MOST_RATIO = 5.0
 """The recipe takes no wear.expected_ratio beyond it."""
+LARGEST_FACTOR = 3.0
+"""Of the wear ratio that the recipe expects; the other polarity wears the tool several times as fast."""
+LEAST_EXPECTED = 0.02
+"""A recipe that expects less wear than this is taken to expect this: no tool keeps its length altogether."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,3 +126,23 @@ def remedy(profile: Profile, off_um: float, wear_ratio: float = math.nan) -> str
     if 0.0 < wear_ratio <= MOST_RATIO:
         return f"Set wear.expected_ratio to {wear_ratio:.3f}, as measured."
     return "Cut less before the first measuring stop (wear.first_fraction)."
+
+
+def refuse_wrong_setup(run: Run, found: DepthAndWear) -> None:
+    """Raise MachineFault E67005 where the first cut wore the tool far too fast, or left a hill and no hole.
+
+    Only what is beyond the uncertainty of the measurement counts.
+    """
+    expected = max(run.profile.wear.expected_ratio, LEAST_EXPECTED)
+    least_wear_um = found.wear_um - found.wear_u95_um
+    most_depth_um = found.depth_um + found.depth_u95_um
+    if most_depth_um >= 0.0 and least_wear_um <= LARGEST_FACTOR * expected * most_depth_um:
+        return
+    error = host_fault(
+        "SETUP",
+        f" The first cut has a depth of {found.depth_um:.2f} µm and a wear of {found.wear_um:.2f} µm; "
+        f"{expected:g} µm per µm were expected.",
+    )
+    args = {"depth_um": found.depth_um, "wear_um": found.wear_um, "expected_ratio": expected}
+    run.decide(RunEvent.SETUP_WRONG, error.message, args, level=EventLevel.ERROR)
+    raise error

@@ -12,9 +12,8 @@ from edmctl.procedures.hole.site_result import CutSums, Heights, site_result
 from edmctl.procedures.hole.target import Goal, goal_of
 from edmctl.procedures.monitoring.drift import pause_drift_u_um
 from edmctl.procedures.touch.home import pad_from_home_um
-from edmctl.procedures.touch.reference_pad import OFFSET_U_UM, read_pad
+from edmctl.procedures.touch.reference_pad import OFFSET_U_UM, ToolLength, read_pad
 from edmctl.procedures.touch.surface_plane import Face, take_pad, unknown_face
-from edmctl.procedures.touch.tool_length import ToolLength
 from edmctl.process.touch_check import Deviation
 from edmctl.process.wear import share_u
 from edmctl.process.working_gap import first_gap_u_um, first_sparks_um
@@ -22,7 +21,7 @@ from edmctl.profile.measuring_stops import FACE_LIMIT_UM
 
 if TYPE_CHECKING:
     from edmctl.procedures.hole.cut_planning import CutPlan
-    from edmctl.procedures.hole.expected_touches import Estimate
+    from edmctl.procedures.hole.hole_estimate import Estimate
     from edmctl.procedures.job import Site
     from edmctl.procedures.job_state import SurfaceTouch
     from edmctl.procedures.run import Run

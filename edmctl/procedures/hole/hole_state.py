@@ -8,7 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from edmctl.procedures.hole.cut_planning import energy_of
-from edmctl.procedures.hole.expected_touches import (
+from edmctl.procedures.hole.hole_estimate import (
     Estimate,
     estimate_in_cut,
     estimate_left,
@@ -16,9 +16,8 @@ from edmctl.procedures.hole.expected_touches import (
     expected_of_left,
     most_um_s,
 )
-from edmctl.procedures.job_state import UnderWay
+from edmctl.procedures.job_state import RunningCut, UnderWay
 from edmctl.procedures.state_keeper import MACHINING, MEASURING
-from edmctl.procedures.tally import RunningCut
 
 if TYPE_CHECKING:
     from edmctl.procedures.hole.cut import CutResult

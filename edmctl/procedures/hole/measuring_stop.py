@@ -8,15 +8,18 @@ from typing import TYPE_CHECKING
 
 from edmctl.labels import Basis
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.hole.cut_decision import Decision, decide
+from edmctl.procedures.hole.cut_decision import Decision, decide, refuse_wrong_setup
 from edmctl.procedures.hole.cut_planning import CutPlan, Start, energy_of, learned_gap_um
 from edmctl.procedures.hole.first_sparks import judge_again
 from edmctl.procedures.hole.settling import settle_unmeasured, unmeasured
-from edmctl.procedures.hole.setup_check import refuse_wrong_setup
 from edmctl.procedures.touch.bottom import UNFINISHED_GAP_U_UM, read_bottom
-from edmctl.procedures.touch.grown_tool import refuse_grown_tool
-from edmctl.procedures.touch.reference_pad import pad_u_um, read_pad
-from edmctl.procedures.touch.tool_length import TOUCH_U_UM, ToolLength
+from edmctl.procedures.touch.reference_pad import (
+    TOUCH_U_UM,
+    ToolLength,
+    pad_u_um,
+    read_pad,
+    refuse_grown_tool,
+)
 from edmctl.process.live_erosion import CONTRADICTION_SDS
 from edmctl.process.next_cut import COVERAGE, GAP_U_UM
 from edmctl.process.touch_check import Deviation

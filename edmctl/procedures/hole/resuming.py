@@ -11,31 +11,36 @@ import math
 from typing import TYPE_CHECKING
 
 from edmctl.errors import MachineFault, PreconditionError
+from edmctl.labels import Basis
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.cut_decision import Decision, decide
-from edmctl.procedures.hole.cut_planning import CutPlan
-from edmctl.procedures.hole.expected_touches import (
+from edmctl.procedures.hole.cut_planning import CutPlan, through_plan
+from edmctl.procedures.hole.hole import Hole, Known, hole_at, touch_pad_first
+from edmctl.procedures.hole.hole_estimate import (
     STANDARD_UNCERTAINTIES,
     Estimate,
     Expected,
     expected_of_finished,
     expected_of_left,
     is_untouched,
+    other_tool,
+    other_work,
+    touched_face,
 )
-from edmctl.procedures.hole.hole import Hole, Known, hole_at, touch_pad_first
 from edmctl.procedures.hole.hole_state import keep_hole_begun
 from edmctl.procedures.hole.measuring_stop import learn, measured, next_start, report
-from edmctl.procedures.hole.resume_refusals import other_tool, other_work, touched_face
-from edmctl.procedures.hole.site import cut_to_the_end
+from edmctl.procedures.hole.site import cut_to_the_end, told_through, touch_bottom_or_none
 from edmctl.procedures.hole.site_result import close_site
+from edmctl.procedures.hole.target import goal_of
 from edmctl.procedures.job import Site
 from edmctl.procedures.monitoring.drift import counted_pause_s, pause_drift_u_um
+from edmctl.procedures.run import Run
+from edmctl.procedures.servo.limits import TimeLimits
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.bottom import MORE_LOOKS, wash
 from edmctl.procedures.touch.reading import BEYOND_SIGMAS, NO_CONTACT, SurfaceReading, take_reading
-from edmctl.procedures.touch.reference_pad import read_pad
+from edmctl.procedures.touch.reference_pad import ToolLength, read_pad
 from edmctl.procedures.touch.surface_plane import take_pad, touch_beside, unknown_face
-from edmctl.procedures.touch.tool_length import ToolLength
 from edmctl.process.wear import DepthAndWear, Reading
 from edmctl.record.rows import EventLevel
 from edmctl.wording import decimal, length
@@ -43,7 +48,7 @@ from edmctl.wording import decimal, length
 if TYPE_CHECKING:
     from edmctl.procedures.job_state import JobState
     from edmctl.procedures.run import Run
-    from edmctl.procedures.servo.time_limits import TimeLimits
+    from edmctl.procedures.servo.limits import TimeLimits
 
 BEYOND_UM = 12.0
 """A touch looks so much further than what would be accepted: a mistake is to be found, not missed."""
@@ -297,3 +302,50 @@ def _hole(run: Run, site: Site, known: Known, state: JobState) -> Hole:
     sums.before_counts, sums.before_cuts, sums.broken_cuts = state.counts, state.cuts, state.broken_cuts
     sums.before_energy_j, sums.before_time_s = state.energy_j, state.machining_time_s
     return hole
+
+
+def take_up_through_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Decision:
+    """Measure what an earlier run has left of a hole through the sheet, and cut on where it is not open.
+
+    A hole is open when the tool goes through it, as far below the face as it would have been fed, and meets nothing.
+    Raises PreconditionError E8060, E8061 where it is not the hole, or the tool, that was left.
+    """
+    state, goal = run.job.resumed, goal_of(run.profile, site)
+    assert state is not None
+    expected = expected_of_left(state, run.profile)
+    opened = expected.through_at_most(goal.depth_um)
+    # Behind the sheet a tool does not wear, although its feed was divided as if it did.
+    not_worn_um = expected.estimate.wear_um - opened.estimate.wear_um
+    hole, pad = touch_pad_left(run, site, known, opened, not_worn_um)
+    least_um = max(0.0, expected.estimate.depth_um - expected.depth_reach_um - BEYOND_UM)
+    bottom = touch_bottom_or_none(run, hole, pad, pad.z_um + hole.face_um + least_um)
+    if bottom is None:
+        return _open(run, hole, known, pad, opened)
+    found = measured(run, hole, bottom, pad)
+    refuse_other(run, site, expected, found)
+    found = learn(run, hole, known, bottom, pad, (known.gap_um, known.gap_u_um))
+    tell_taken_up(run, expected.estimate, found.depth_um, found.wear_um)
+    start = next_start(run, hole, known.gap_um, known.gap_u_um)
+    plan = through_plan(max(1, hole.sums.number) + 1, start, goal, known.estimate)
+    return cut_to_the_end(run, hole, known, plan, limits)
+
+
+def _open(run: Run, hole: Hole, known: Known, pad: SurfaceReading, expected: Expected) -> Decision:
+    """The end of a hole that was open when it was looked at again."""
+    goal = hole.goal
+    tip_um = pad.z_um + hole.face_um + goal.depth_um + goal.completion_um
+    hole.stops += 1
+    hole.bottom, hole.pad = hole.z1.shifted(tip_um - hole.z1.z_um), pad
+    found = measured(run, hole, hole.bottom, pad)
+    if expected.estimate.depth_um + expected.depth_reach_um < goal.depth_um - goal.tolerance_um:
+        raise refused(run, other_work(hole.site, found, expected.estimate, begun=True))
+    if not expected.wear_fits(found):
+        raise refused(run, other_tool(found, expected.estimate))
+    known.tool = ToolLength(pad)
+    # The tip went further than the sheet is thick: what is taken up is an open hole.
+    tell_taken_up(run, expected.estimate, goal.depth_um, found.wear_um)
+    hole.report(run, found, known.gap_um, through=True, depth_basis=Basis.ESTIMATED)
+    decision = Decision(None, told_through(goal, found))
+    run.decide(RunEvent.TARGET_REACHED, decision.message, {"depth_um": found.depth_um})
+    close_site(run, settled=True)
+    return decision

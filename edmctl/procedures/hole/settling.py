@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.procedures.hole.cut_planning import energy_of
 from edmctl.procedures.hole.hole import Unmeasured
-from edmctl.procedures.touch.tool_length import TOUCH_U_UM
+from edmctl.procedures.touch.reference_pad import TOUCH_U_UM
 from edmctl.process.live_erosion import SCATTER_BETWEEN_HOLES
 from edmctl.process.next_cut import COVERAGE
 from edmctl.process.shared_wear import SharedWear, WearShare, share_wear

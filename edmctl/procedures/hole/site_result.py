@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+from edmctl.procedures.actuator.tracker import FeedError
 from edmctl.procedures.hole.target import goal_of
 from edmctl.procedures.hole.verdict import judged
-from edmctl.procedures.monitoring.feed_error import FeedError
 from edmctl.process.erosion import hole_area_um2, mrr_mm3_min, tool_area_um2
 from edmctl.record.rows import SiteRow
 from edmctl.results.job import SiteResult
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from edmctl.labels import Basis
     from edmctl.procedures.hole.cut import CutResult
     from edmctl.procedures.job import Site
+    from edmctl.procedures.job_state import RunningCut
     from edmctl.procedures.run import Run
-    from edmctl.procedures.tally import RunningCut
     from edmctl.process.wear import DepthAndWear
     from edmctl.profile.model import Profile
 

@@ -9,12 +9,11 @@ from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.cut_decision import Decision
 from edmctl.procedures.hole.hole import Known, begin_hole, known_before
 from edmctl.procedures.hole.hole_state import keep_hole_begun
-from edmctl.procedures.hole.resuming import look_at_last_hole, take_up_hole
-from edmctl.procedures.hole.resuming_through import take_up_through_hole
+from edmctl.procedures.hole.resuming import look_at_last_hole, take_up_hole, take_up_through_hole
 from edmctl.procedures.hole.site import machine_hole
 from edmctl.procedures.hole.site_result import open_site
 from edmctl.procedures.hole.target import goal_of
-from edmctl.procedures.servo.time_limits import TimeLimits
+from edmctl.procedures.servo.limits import TimeLimits
 from edmctl.procedures.state_keeper import MOVING
 from edmctl.procedures.touch.surface_plane import touch_plane, touch_where_unknown
 from edmctl.process.path_ordering import nearest_first

@@ -18,10 +18,9 @@ from edmctl.machine.port import (
     TelemetryFlag,
     joined,
 )
+from edmctl.procedures.actuator.tracker import FeedError, Trace
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.monitoring.drift import Rests
-from edmctl.procedures.monitoring.feed_error import FeedError
-from edmctl.procedures.monitoring.trace import Trace
 from edmctl.record.rows import EventLevel, PulseBlockRows, PulseTrain, ServoBlock
 
 if TYPE_CHECKING:

@@ -12,20 +12,16 @@ from typing import TYPE_CHECKING
 
 from edmctl.machine.port import MachineState, MachineStatus, TelemetryBlock, host_fault
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.hole.breakthrough import Breakthrough
+from edmctl.procedures.hole.breakthrough import Breakthrough, SparkLoss
 from edmctl.procedures.hole.cut_planning import energy_of
-from edmctl.procedures.hole.expected_touches import estimate_in_cut
+from edmctl.procedures.hole.hole_estimate import estimate_in_cut
 from edmctl.procedures.hole.target import goal_of
 from edmctl.procedures.job import Site
+from edmctl.procedures.job_state import RunningCut
 from edmctl.procedures.monitoring.watch import NEWEST_S
-from edmctl.procedures.servo.adaptive import Adapting
-from edmctl.procedures.servo.ratio_limits import RatioLimits
-from edmctl.procedures.servo.short_recovery import ShortRecovery
-from edmctl.procedures.servo.spark_loss import SparkLoss
-from edmctl.procedures.servo.stall_detection import STALL_SHARE, Stall
-from edmctl.procedures.servo.stroke import stroke_left_um
+from edmctl.procedures.servo.adaptive import Adapting, ShortRecovery
+from edmctl.procedures.servo.limits import STALL_SHARE, RatioLimits, Stall, stroke_left_um
 from edmctl.procedures.settings import OPEN_LOST_S, gap_reference_v, telemetry_settings
-from edmctl.procedures.tally import RunningCut
 from edmctl.profile.forecast import forecast
 from edmctl.record.rows import SlowRow
 from edmctl.results.progress import Phase, Progress

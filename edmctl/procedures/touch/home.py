@@ -13,14 +13,9 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError
 from edmctl.procedures.channel.way import is_on_way, way_of_path
-from edmctl.procedures.hole.expected_touches import (
-    STANDARD_UNCERTAINTIES,
-    Estimate,
-    Expected,
-    expected_of_left,
-)
+from edmctl.procedures.hole.hole_estimate import STANDARD_UNCERTAINTIES, Estimate, Expected, expected_of_left
 from edmctl.procedures.monitoring.drift import DRIFT_SDS, displacement_uncertainty, first_home_um
-from edmctl.procedures.resting import rest_and_look
+from edmctl.procedures.run import rest_and_look
 from edmctl.procedures.settings import controller_settings
 from edmctl.procedures.touch.reading import BEYOND_PREDICTION_UM, Search, take_reading_in
 from edmctl.results.progress import Phase

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job import Site
-from edmctl.procedures.touch.reference_pad import pad_middle_um
+from edmctl.procedures.touch.reference_pad import TOUCH_U_UM, pad_middle_um
 from edmctl.procedures.touch.spots import Spots, beside, read_at_spots
-from edmctl.procedures.touch.tool_length import TOUCH_U_UM
 from edmctl.process.path_ordering import spread_out
 from edmctl.process.plane import (
     CONTRADICTION_SDS,
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
     from edmctl.procedures.job_state import SurfaceTouch
     from edmctl.procedures.run import Args, Run
     from edmctl.procedures.touch.reading import SurfaceReading
-    from edmctl.procedures.touch.tool_length import ToolLength
+    from edmctl.procedures.touch.reference_pad import ToolLength
 
 KIND = "Zr"
 """What such a touch is called in the run file: the face at a place that is not machined yet."""

@@ -1,0 +1,218 @@
+"""Monitors of a whole run: the line, the sensor against the actuator model, and gap and tool between two cuts."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmctl.machine.port import TelemetryBlock, host_fault
+from edmctl.procedures.event_codes import RunEvent
+from edmctl.procedures.settings import gap_reference_v
+from edmctl.profile.forecast import stroke_um
+from edmctl.record.rows import EventLevel, LinkRow
+from edmctl.results.progress import Phase, Progress
+from edmctl.results.pulses import pulse_shares
+
+if TYPE_CHECKING:
+    from edmctl.procedures.run import Run
+    from edmctl.results.link import LinkReport
+
+Floats = NDArray[np.float64]
+
+WINDOW_S = 1.0
+WARNED_FRAMES = 3
+"""Damaged frames within the window that are told: a clean line has none in hours."""
+MOST_FRAMES = 10
+"""Damaged frames within the window that end the job, as the controller does for those that it receives."""
+REPORT_S = 10.0
+LARGEST_SHARE = 0.15
+"""Of the stroke that the job uses: the bound of Muralidhara et al. 2009 for a model of hysteresis."""
+PATIENCE_S = 2.0
+"""A difference that lasts so long ends the job; a jolt or a jump is over sooner."""
+TELL_EVERY_S = 0.1
+
+
+class LinkWatch:
+    """Looks at the line with every block of telemetry. Raises once, as the retreat must not be disturbed."""
+
+    def __init__(self, run: Run) -> None:
+        self._run = run
+        self._bad: deque[tuple[float, int]] = deque()
+        self._seen = run.machine.bad_frames
+        self._warned = self._over = False
+        self._next_report_s = REPORT_S
+
+    def take(self, block: TelemetryBlock) -> None:
+        """Judge the line at the time of these samples. Raises MachineFault E61003."""
+        now_s = float(block.time_s[-1])
+        self._look_for_noise(now_s)
+        if now_s >= self._next_report_s:
+            self._next_report_s = REPORT_S * (now_s // REPORT_S + 1.0)
+            self._run.recorder.append_link(_row(now_s, self._run.machine.link_report()))
+
+    def _look_for_noise(self, now_s: float) -> None:
+        bad = self._run.machine.bad_frames
+        if bad > self._seen:
+            self._bad.append((now_s, bad - self._seen))
+            self._seen = bad
+        while self._bad and self._bad[0][0] <= now_s - WINDOW_S:
+            self._bad.popleft()
+        frames = sum(number for _, number in self._bad)
+        if frames < WARNED_FRAMES:
+            self._warned = False
+        elif not self._warned:
+            self._warned = True
+            self._run.decide(
+                RunEvent.LINE_NOISE,
+                f"The line is disturbed: {frames} damaged frames arrived within {WINDOW_S:.0f} s; "
+                f"{MOST_FRAMES} end the job.",
+                {"bad_frames": frames},
+                level=EventLevel.WARNING,
+            )
+        if frames >= MOST_FRAMES and not self._over:
+            self._over = True
+            raise host_fault("LINE_NOISE", bad_frames=frames)
+
+
+def record_link(run: Run) -> None:
+    """Close the statistics of the line in the run file, and sum them up in an event."""
+    report = run.machine.link_report()
+    run.recorder.append_link(_row(run.machine.time_s, report))
+    message = (
+        f"Link: {report.frames_received} frames in, {report.bad_frames} damaged, {report.lost_frames} lost, "
+        f"{report.retries} commands repeated; round trip {report.rtt_p50_ms:.2f} ms."
+    )
+    run.recorder.event(run.machine.time_s, RunEvent.LINK, EventLevel.INFO, message, _figures(report))
+
+
+def _row(time_s: float, report: LinkReport) -> LinkRow:
+    return LinkRow(
+        time_s=time_s,
+        frames_sent=report.frames_sent,
+        frames_received=report.frames_received,
+        bad_frames=report.bad_frames,
+        lost_frames=report.lost_frames,
+        retries=report.retries,
+        controller_bad_frames=report.controller_bad_frames,
+        controller_dropped_frames=report.controller_dropped_frames,
+        rtt_p50_ms=report.rtt_p50_ms,
+        rtt_p99_ms=report.rtt_p99_ms,
+        clock_offset_s=report.clock_offset_s,
+        clock_rate_ppm=report.clock_rate_ppm,
+    )
+
+
+def _figures(report: LinkReport) -> dict[str, float | int]:
+    """The report in names so short that they fit an event."""
+    return {
+        "sent": report.frames_sent,
+        "received": report.frames_received,
+        "bad": report.bad_frames,
+        "lost": report.lost_frames,
+        "retries": report.retries,
+        "bad_there": report.controller_bad_frames,
+        "rtt50_ms": round(report.rtt_p50_ms, 3),
+        "rtt99_ms": round(report.rtt_p99_ms, 3),
+        "clock_s": round(report.clock_offset_s, 6),
+        "clock_ppm": round(report.clock_rate_ppm, 2),
+        "residual_us": round(report.clock_residual_us, 1),
+    }
+
+
+class MismatchWatch:
+    """Compares every block of samples with its estimates; warns at once, and raises when it lasts.
+
+    It raises once: what comes after is the retreat, which nothing may disturb.
+    """
+
+    def __init__(self, run: Run) -> None:
+        self._run = run
+        self._largest_um = LARGEST_SHARE * stroke_um(run.profile)
+        self._since_s: float | None = None
+        self._over = False
+
+    def take(self, block: TelemetryBlock, model_um: Floats) -> None:
+        """Judge samples and their estimates, shape (n,) in µm. Raises MachineFault E67001."""
+        sensor_um, estimate_um = float(block.displacement_um.mean()), float(model_um.mean())
+        now_s = float(block.time_s[-1])
+        if self._over or abs(sensor_um - estimate_um) <= self._largest_um:
+            self._since_s = None
+            return
+        told = (
+            f" The sensor shows {sensor_um:.1f} µm and the model {estimate_um:.1f} µm; {self._largest_um:.1f} µm "
+            "apart is the most."
+        )
+        if self._since_s is None:
+            self._since_s = float(block.time_s[0])
+            self._run.decide(
+                RunEvent.Z_MISMATCH,
+                host_fault("Z_MISMATCH").message + told,
+                {"sensor_um": sensor_um, "model_um": estimate_um, "limit_um": self._largest_um},
+                level=EventLevel.WARNING,
+            )
+        elif now_s - self._since_s >= PATIENCE_S:
+            self._over = True
+            raise host_fault("Z_MISMATCH", told)
+
+
+class Standing:
+    """Hears every block of a run. While machining, whoever follows the cut or pass knows more and tells that."""
+
+    def __init__(self, run: Run) -> None:
+        self._run = run
+        self._reference_v = gap_reference_v(run.profile)
+        self._due_s = -math.inf
+        self._gap_low_v = self._low_um = math.inf
+        self._gap_high_v = self._high_um = -math.inf
+        self._counts = [0, 0, 0, 0]
+
+    def take(self, block: TelemetryBlock) -> None:
+        """Add the samples of a block, and tell when it is time."""
+        if self._run.tally.phase is Phase.MACHINING:
+            return
+        gaps_v, heights_um = block.gap_v.tolist(), block.displacement_um.tolist()
+        self._gap_low_v = min(self._gap_low_v, *gaps_v)
+        self._gap_high_v = max(self._gap_high_v, *gaps_v)
+        self._low_um = min(self._low_um, *heights_um)
+        self._high_um = max(self._high_um, *heights_um)
+        for i, numbers in enumerate((block.n_open, block.n_normal, block.n_arc, block.n_short)):
+            self._counts[i] += sum(numbers.tolist())
+        now_s = float(block.time_s[-1])
+        if now_s >= self._due_s:
+            self._due_s = now_s + TELL_EVERY_S
+            self._tell(now_s, sum(gaps_v) / len(gaps_v), sum(heights_um) / len(heights_um))
+            self._clear()
+
+    def _clear(self) -> None:
+        self._gap_low_v = self._low_um = math.inf
+        self._gap_high_v = self._high_um = -math.inf
+        self._counts = [0, 0, 0, 0]
+
+    def _tell(self, now_s: float, gap_v: float, displacement_um: float) -> None:
+        run, tally = self._run, self._run.tally
+        run.observer.progress(
+            Progress(
+                phase=tally.phase,
+                time_s=now_s,
+                gap_v=gap_v,
+                reference_v=self._reference_v,
+                ratios=pulse_shares(*self._counts),
+                depth_um=tally.depth_um,
+                depth_target_um=tally.depth_target_um,
+                displacement_um=displacement_um,
+                time_left_s=math.nan,
+                site=run.site_among_many,
+                gap_low_v=self._gap_low_v,
+                gap_high_v=self._gap_high_v,
+                displacement_low_um=self._low_um,
+                displacement_high_um=self._high_um,
+                sites_done=tally.sites_done,
+                sites_total=len(run.job.sites),
+                warning=tally.warning,
+                warned_s=tally.warned_s,
+            )
+        )
