@@ -21,6 +21,7 @@ PERIOD_S = 5.0
 _ADDED = ("home_age_s", "face_doubt_u_um", "channel", "broken_cuts")
 """Fields that earlier journals do not have."""
 
+Counts = tuple[int, int, int, int]
 SurfaceTouch = tuple[float, float, float, float]
 
 
@@ -65,7 +66,7 @@ class JobState:
     feed_u_um: float = 0.0
     cuts: int = 0
     broken_cuts: int = 0
-    counts: tuple[int, int, int, int] = (0, 0, 0, 0)
+    counts: Counts = (0, 0, 0, 0)
     energy_j: float = 0.0
     machining_time_s: float = 0.0
     job_machining_time_s: float = 0.0
@@ -129,10 +130,27 @@ class NoStateStore:
 
 
 @dataclass(frozen=True, slots=True)
+class CutTotals:
+    """What cuts or passes have done together: their number, pulses by class (open, normal, arc, short), J and s."""
+
+    number: int = 0
+    counts: Counts = (0, 0, 0, 0)
+    energy_j: float = 0.0
+    time_s: float = 0.0
+
+    def plus(self, counts: Counts, energy_j: float, time_s: float) -> CutTotals:
+        """Return them with one more."""
+        opens, normals, arcs, shorts = (a + b for a, b in zip(self.counts, counts, strict=True))
+        return CutTotals(
+            self.number + 1, (opens, normals, arcs, shorts), self.energy_j + energy_j, self.time_s + time_s
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class RunningCut:
     """What the cut under way has done so far, pulses by class; `displacement_um` is where it last sparked."""
 
-    counts: tuple[int, int, int, int] = (0, 0, 0, 0)
+    counts: Counts = (0, 0, 0, 0)
     energy_j: float = 0.0
     time_s: float = 0.0
     displacement_um: float = math.nan

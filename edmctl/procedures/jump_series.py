@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from edmctl.actuator.inverse import jump_volts
 from edmctl.errors import LinkLost, PreconditionError
-from edmctl.machine.port import JumpRequest, MachineState, joined
+from edmctl.machine.port import MachineState, joined
 from edmctl.procedures.event_codes import RunEvent
+from edmctl.procedures.hole.running_cut import jump_request
 from edmctl.procedures.touch.approach import lower_to
 from edmctl.process.jump import duration_s
 from edmctl.results.measurements import JumpMeasured, JumpSeries, JumpSummary
@@ -80,7 +80,7 @@ def run_jumps(run: Run, depth_um: float, count: int) -> JumpSeries:
 def _jump(run: Run, number: int) -> JumpMeasured:
     """One period: rest, jump, rest; what the samples of it show."""
     jump = run.profile.jump
-    request, begin_s = _request(run), run.machine.time_s
+    request, begin_s = jump_request(run, jump.height_um, 0.0), run.machine.time_s
     blocks: list[TelemetryBlock] = []
     run.watch.follow(blocks.append)
     try:
@@ -100,18 +100,6 @@ def _jump(run: Run, number: int) -> JumpMeasured:
         {"height_um": found.height_um, "residual_um": found.residual_um, "settling_s": found.settling_s},
     )
     return found
-
-
-def _request(run: Run) -> JumpRequest:
-    """A jump that comes back to the voltage where it began: the model gives the voltage of its height."""
-    jump, gain_um_per_v = run.profile.jump, run.setup.actuator.gain_um_per_v
-    estimator = run.watch.estimator()
-    told_um = jump.height_um
-    if estimator is not None:
-        travel_s = jump.height_um / jump.speed_um_s
-        told_um = gain_um_per_v * jump_volts(estimator, jump.height_um, 0.0, travel_s, jump.dwell_s).height_v
-    speed_um_s = jump.speed_um_s * max(1.0, told_um / jump.height_um)
-    return JumpRequest(told_um, speed_um_s, jump.dwell_s, 0.0)
 
 
 def _measured(run: Run, number: int, block: TelemetryBlock) -> JumpMeasured:

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import ObjectiveNotReached
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.job import Site
 from edmctl.procedures.monitoring.drift import displacement_uncertainty
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.bottom import Expected, read_expected
 from edmctl.procedures.touch.reference_pad import TOUCH_U_UM, pad_u_um, read_pad, refuse_grown_tool
 from edmctl.procedures.touch.surface_plane import take_pad, unknown_face
 from edmctl.process.wear import Reading, measure, share_u
+from edmctl.profile.places import Place
 from edmctl.record.rows import EventLevel
 from edmctl.results.measurements import UncertaintyPart, WearResult
 from edmctl.wording import signed
@@ -86,7 +86,7 @@ def measure_wear(run: Run, reference: Reference, expected_um: float, bottom: Bot
         move_to(run, run.job.parking)
         after = touch_pad(run, "Z3", before.z_um)
         return _found(run, reference, home, before, None, after, 0.0, pad_u_um(run.setup))
-    face, site = unknown_face(run), Site(bottom.name, bottom.x_um, bottom.y_um)
+    face, site = unknown_face(run), Place(bottom.name, bottom.x_um, bottom.y_um)
     take_pad(run, face, before)
     face_um, face_u_um = face.height_um(site), math.hypot(face.height_u_um(site), pad_u_um(run.setup))
     move_to(run, site)

@@ -24,8 +24,8 @@ from edmctl.results.progress import Phase
 from edmctl.wording import coordinates, duration
 
 if TYPE_CHECKING:
-    from edmctl.procedures.job import Site
     from edmctl.procedures.run import Run
+    from edmctl.profile.places import Place
 
 ARRIVAL_RUN_UM = 50.0
 """A move that would arrive against the positive direction goes this far beyond and comes back, so that the
@@ -113,7 +113,7 @@ def _was_started_since(run: Run) -> bool:
     return math.isnan(run.tally.home_s) and before_the_job_s < run.job.home_age_s - TOLD_LATE_S
 
 
-def move_to(run: Run, place: Site) -> None:
+def move_to(run: Run, place: Place) -> None:
     """Retract, then move X and Y to a place; the estimate of the displacement counts from the rest there.
 
     Raises PreconditionError E8021 where the tool touches something although it is retracted.

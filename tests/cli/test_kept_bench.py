@@ -384,7 +384,7 @@ def test_a_command_without_a_profile_is_filed_under_its_own_name_and_the_tool_it
 def test_a_channel_that_is_stopped_is_told_by_estimate(
     here: Here, monkeypatch: pytest.MonkeyPatch, stop_s: float
 ) -> None:
-    take, asked = PassFollower.take, list[float]()
+    take, asked = PassFollower.on_telemetry, list[float]()
 
     def watched(follower: PassFollower, block: TelemetryBlock) -> None:
         take(follower, block)
@@ -392,7 +392,7 @@ def test_a_channel_that_is_stopped_is_told_by_estimate(
             asked.append(stop_s)
             os.kill(os.getpid(), signal.SIGINT)
 
-    monkeypatch.setattr(PassFollower, "take", watched)
+    monkeypatch.setattr(PassFollower, "on_telemetry", watched)
     said = here("machine", "--profile", "channel-spiral", *KEPT, "--seed", "4", "--json", "--quiet")
     assert said.exit_code == 130
     channel = said.document["result"]["channel"]

@@ -21,12 +21,13 @@ from edmctl.machine.port import (
     TelemetryBlock,
     TelemetryFlag,
 )
-from edmctl.procedures.job import Job, Site
+from edmctl.procedures.job import Job
 from edmctl.procedures.job_state import JobTally
 from edmctl.procedures.monitoring.watch import Watch
 from edmctl.procedures.run import Run
 from edmctl.procedures.state_keeper import JobStateKeeper
 from edmctl.profile.load import load_profile
+from edmctl.profile.places import Place
 from edmctl.profile.setup import Setup
 from edmctl.record.recorder import NullRecorder
 
@@ -185,7 +186,7 @@ class Noted(NullRecorder):
 def scanning_run(machine: ScanningMachine, *overrides: str) -> tuple[Run, Noted]:
     """What the procedures of a channel take, on that machine."""
     profile = load_profile(CIRCLE, overrides).profile
-    job = Job(profile, Setup(), (Site("channel", 0.0, 0.0),))
+    job = Job(profile, Setup(), (Place("channel", 0.0, 0.0),))
     noted, ledger = Noted(), JobTally()
     watch = Watch(noted, profile.pulse.duty_voltage_v)
     machine.watch = watch

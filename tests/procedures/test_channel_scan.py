@@ -10,8 +10,9 @@ import pytest
 
 from edmctl.errors import MachineFault, PreconditionError
 from edmctl.machine.port import EventCode, MachineEvent
-from edmctl.procedures.channel.scan import LOOK_AHEAD_S, UNSTABLE_S, PassPlan, PassResult, run_pass
+from edmctl.procedures.channel.scan import LOOK_AHEAD_S, PassPlan, PassResult, run_pass
 from edmctl.procedures.event_codes import RunEvent
+from edmctl.procedures.servo.limits import UNSTABLE_S
 from edmctl.process.channel_wear import ToolWear
 from edmctl.process.layers import HeldTool
 from edmctl.process.path import Way, rectangle, way_of

@@ -18,7 +18,7 @@ from edmctl.jobs.truth.wear import TrueWear
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.port import Axis
 from edmctl.machine.stop import StopRequest
-from edmctl.procedures.job import TOLD_LATE_S, Site
+from edmctl.procedures.job import TOLD_LATE_S
 from edmctl.procedures.job_state import JobState, JobTally, NoStateStore
 from edmctl.procedures.monitoring.drift import (
     CREEP_SHARE,
@@ -32,6 +32,7 @@ from edmctl.procedures.stages import _is_told, move_to, retract
 from edmctl.procedures.touch.home import Home, _is_on_a_spot
 from edmctl.process.next_cut import COVERAGE
 from edmctl.process.wear import share_u
+from edmctl.profile.places import Place
 from edmctl.record.tool_account import Books, HomeSeen
 from edmctl.results.job import site_result_of
 from edmctl.results.progress import Phase
@@ -539,12 +540,12 @@ def test_a_tool_that_touches_something_at_rest_is_not_moved() -> None:
 
 def test_a_spot_beside_a_place_is_known_face_and_nothing_else_is() -> None:
     shop = Shop()
-    shop.job = replace(shop.job, sites=(Site("a", 500.0, 0.0), Site("b", 1100.0, 0.0)))
+    shop.job = replace(shop.job, sites=(Place("a", 500.0, 0.0), Place("b", 1100.0, 0.0)))
     beside_um, run = shop.job.spot_distance_um, shop.run()
     assert _is_on_a_spot(run, (500.0, beside_um))
     assert _is_on_a_spot(run, (1100.0, -beside_um))
     assert not _is_on_a_spot(run, (500.0, 0.0))
     assert not _is_on_a_spot(run, (500.0, 0.5 * beside_um))
     assert not _is_on_a_spot(run, (-5000.0, 0.0))
-    shop.job = replace(shop.job, sites=(*shop.job.sites, Site("c", 500.0, beside_um + 20.0)))
+    shop.job = replace(shop.job, sites=(*shop.job.sites, Place("c", 500.0, beside_um + 20.0)))
     assert not _is_on_a_spot(shop.run(), (500.0, beside_um))

@@ -11,7 +11,6 @@ import pytest
 
 from edmctl.errors import Interrupted, MachineFault, ObjectiveNotReached, PreconditionError
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.job import Site
 from edmctl.procedures.job_state import JobTally
 from edmctl.procedures.jump_series import run_jumps
 from edmctl.procedures.measure_wear import (
@@ -24,6 +23,7 @@ from edmctl.procedures.measure_wear import (
 )
 from edmctl.procedures.session import running
 from edmctl.procedures.touch.approach import find_contact, find_gap
+from edmctl.profile.places import Place
 from edmctl.results.progress import Phase
 from edmctl.simulator import kernel as k
 from edmctl.simulator.injection import parse_injection
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 SPARKLESS = "flush.min_flow_lpm=90"
 """More than the pump gives: nothing that makes sparks can be armed."""
-SITE = Site("beside", 500.0, 0.0)
+SITE = Place("beside", 500.0, 0.0)
 
 
 def ready(shop: Shop, *, pulses: bool = False) -> AbstractContextManager[Run]:

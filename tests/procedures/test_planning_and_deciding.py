@@ -19,13 +19,13 @@ from edmctl.procedures.hole.cut_planning import (
     learned_gap_um,
 )
 from edmctl.procedures.hole.target import Goal, goal_of
-from edmctl.procedures.job import Site
 from edmctl.process.erosion import hole_area_um2
 from edmctl.process.live_erosion import Energy, ErosionEstimate
 from edmctl.process.next_cut import COVERAGE
 from edmctl.process.wear import DepthAndWear
 from edmctl.profile.load import load_profile
 from edmctl.profile.measuring_stops import cut_budget
+from edmctl.profile.places import Place
 
 from .conftest import CU270
 
@@ -52,14 +52,14 @@ CUT = CutResult(
     energy_j=200.0,
     is_at_limit=True,
 )
-SITE = Site("hole", 500.0, 0.0)
+SITE = Place("hole", 500.0, 0.0)
 
 
 def profile(*overrides: str) -> Profile:
     return load_profile(CU270, overrides).profile
 
 
-def goal(recipe: Profile, site: Site = SITE) -> Goal:
+def goal(recipe: Profile, site: Place = SITE) -> Goal:
     return goal_of(recipe, site)
 
 
@@ -149,7 +149,7 @@ def test_estimates_split_the_feed_by_the_wear_ratio() -> None:
     cut = plan()
     assert cut.depth_at(50.0 - 3.4) == 0.0
     assert cut.depth_at(cut.z_limit_um) == pytest.approx(210.0 / 1.389)
-    assert cut.wear_at(cut.z_limit_um) == pytest.approx(0.389 * 210.0 / 1.389)
+    assert cut.at(cut.z_limit_um).wear_um == pytest.approx(0.389 * 210.0 / 1.389)
     assert cut.depth_at(0.0) == 0.0
     live = cut.at(cut.z_limit_um)
     assert live.depth_um + live.wear_um == pytest.approx(210.0)

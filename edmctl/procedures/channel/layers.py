@@ -5,18 +5,17 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from edmctl.procedures.channel.result import PassSums
 from edmctl.procedures.channel.scan import PassPlan, PassResult, run_pass
 from edmctl.procedures.channel.touching import learned_gap_um
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.job import Site
-from edmctl.procedures.job_state import RunningCut
+from edmctl.procedures.job_state import CutTotals, RunningCut
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.approach import approach_bottom
 from edmctl.procedures.touch.reference_pad import TOUCH_U_UM
 from edmctl.process.channel_wear import ToolWear
 from edmctl.process.erosion import hole_area_um2
 from edmctl.process.layers import HeldTool, channel_width_um, passes_needed
+from edmctl.profile.places import Place
 from edmctl.profile.rates import SIDE_DISCHARGE_SHARE, removal_um3_s
 from edmctl.record.rows import EventLevel
 
@@ -68,7 +67,7 @@ class Layers:
         self.measured_u_um = 0.0
         self.layers = 0
         self.behind = False
-        self.sums = PassSums()
+        self.sums = CutTotals()
         self.keep: Callable[[], None] = lambda: None
         self.last: tuple[PassPlan, PassResult] | None = None
 
@@ -144,7 +143,7 @@ class Layers:
         run, left = self._run, self._limits.left()
         if left.seconds <= 0.0:
             return _not_begun(left.limit, len(self._way.points))
-        way = self._way.reversed() if self.sums.passes % 2 else self._way
+        way = self._way.reversed() if self.sums.number % 2 else self._way
         rest_s = passes_after * way.length_um / self._speed_um_s
         plan = PassPlan(
             way,
@@ -153,7 +152,7 @@ class Layers:
             uj_per_um,
             self.since_uj,
             rest_s,
-            self.sums.passes + 1,
+            self.sums.number + 1,
             math.hypot(self.measured_u_um, self._drift_um),
         )
         before_s = run.tally.machining_time_s
@@ -161,7 +160,7 @@ class Layers:
         self.keep()
         done = run_pass(run, plan, self.wear, left.seconds, left.limit)
         run.tally.machining_time_s = before_s + done.time_s
-        self.sums.add(done)
+        self.sums = self.sums.plus(done.counts, done.energy_j, done.time_s)
         run.tally.cut = RunningCut()
         self.last = (plan, done)
         self.since_uj += done.wearing_uj
@@ -183,8 +182,10 @@ class Layers:
         """Go to where the next pass begins, and down to the first sparks, unless the tool is still there."""
         if self._engaged:
             return
-        x_um, y_um = self._way.at(self._way.length_um if self.sums.passes % 2 else 0.0)
-        move_to(self._run, Site("the path's end" if self.sums.passes % 2 else "the path's start", x_um, y_um))
+        x_um, y_um = self._way.at(self._way.length_um if self.sums.number % 2 else 0.0)
+        move_to(
+            self._run, Place("the path's end" if self.sums.number % 2 else "the path's start", x_um, y_um)
+        )
         old = HeldTool(held.pad_um, held.plane, self.depth_um, held.gap_um)
         floor_um = old.floor_um((x_um, y_um), self.wear.um(self.since_uj))
         floor_u_um = math.hypot(self.wear_u_um, self.face.plane.height_u_um(x_um, y_um), FLOOR_U_UM)
@@ -194,11 +195,11 @@ class Layers:
     def _tell_pass(self, held: HeldTool, done: PassResult) -> None:
         self._run.decide(
             RunEvent.PASS_ENDED,
-            f"Pass {self.sums.passes} at {held.depth_um:.2f} µm took {done.time_s:.0f} s: held on "
+            f"Pass {self.sums.number} at {held.depth_um:.2f} µm took {done.time_s:.0f} s: held on "
             f"{100 * done.held_share:.0f} % of the path, {100 * done.open_share:.0f} % of the pulses open"
             f"{f'; ended early, {done.told}' if done.fault else ''}.",
             {
-                "pass": self.sums.passes,
+                "pass": self.sums.number,
                 "depth_um": held.depth_um,
                 "time_s": done.time_s,
                 "held": done.held_share,

@@ -31,15 +31,12 @@ from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.cut_decision import Decision
 from edmctl.procedures.hole.target import Goal, goal_of
 from edmctl.procedures.hole.verdict import REMEDIES, judged_channel, not_shown
-from edmctl.procedures.job import Site
 from edmctl.procedures.job_state import UnderWay
-from edmctl.procedures.run import Run
 from edmctl.procedures.servo.limits import TimeLimits
 from edmctl.procedures.touch.reference_pad import TOUCH_U_UM
 from edmctl.process.layers import layer_depths_um
 from edmctl.process.next_cut import COVERAGE, NOISE_FLOOR_SIGMAS
 from edmctl.record.rows import EventLevel
-from edmctl.results.channel import ChannelResult
 from edmctl.wording import length, plural, signed
 
 if TYPE_CHECKING:
@@ -73,7 +70,7 @@ def machine_channel(
     if path is None:
         raise ValueError("the profile has no channel")
     way = way_of_path(path)
-    goal = goal_of(run.profile, Site(run.profile.meta.name, path.x_um, path.y_um))
+    goal = goal_of(run.profile)
     run.tally.depth_um, run.tally.open_site = 0.0, run.profile.meta.name
     run.tally.depth_target_um = goal.depth_um
     left = channel_begun(run)
@@ -337,7 +334,7 @@ def machine_path(run: Run) -> Decision | None:
     result, decision = machine_channel(run, TimeLimits(run), keep)
     run.tally.open_site = run.tally.unmeasured_site = ""
     if result is not None:
-        result = judged_channel(goal_of(run.profile, Site(result.name, path.x_um, path.y_um)), result)
+        result = judged_channel(goal_of(run.profile), result)
         keep(replace(result, finished=True))
         run.recorder.site_result(channel_row(run, result))
     return decision if decision.missed else None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from edmctl.labels import Basis
@@ -16,30 +16,12 @@ from edmctl.results.channel import ChannelResult
 from edmctl.results.pulses import pulse_shares
 
 if TYPE_CHECKING:
-    from edmctl.procedures.channel.scan import PassResult
     from edmctl.procedures.channel.touching import Face, FloorReading
+    from edmctl.procedures.job_state import CutTotals
     from edmctl.procedures.run import Run
 
 TOUCH_LEAST_SD_UM = 0.1
 """Touches that agree better than this do so by chance."""
-
-
-@dataclass(slots=True)
-class PassSums:
-    """What all passes have done together, those of earlier runs of the job too: pulses by class, J and s."""
-
-    passes: int = 0
-    counts: tuple[int, int, int, int] = (0, 0, 0, 0)
-    energy_j: float = 0.0
-    time_s: float = 0.0
-
-    def add(self, done: PassResult) -> None:
-        """Take one more pass."""
-        a, b = self.counts, done.counts
-        self.passes += 1
-        self.counts = (a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3])
-        self.energy_j += done.energy_j
-        self.time_s += done.time_s
 
 
 def channel_result(
@@ -47,7 +29,7 @@ def channel_result(
     length_um: float,
     face: Face,
     found: FloorReading,
-    sums: PassSums,
+    sums: CutTotals,
     *,
     layers: int,
     gap_um: float,
@@ -67,7 +49,7 @@ def channel_result(
         length_um=length_um,
         width_um=channel_width_um(job.profile.tool.diameter_um, job.profile.work.side_gap_um),
         layers=layers,
-        passes=sums.passes,
+        passes=sums.number,
         depth_um=found.depth_um,
         depth_u95_um=depth_u95_um,
         floor_sd_um=found.sd_um,
@@ -90,7 +72,7 @@ def channel_result(
 
 def channel_left(
     measured: ChannelResult,
-    sums: PassSums,
+    sums: CutTotals,
     *,
     layers: int,
     depth_um: float,
@@ -111,7 +93,7 @@ def channel_left(
     return replace(
         measured,
         layers=layers,
-        passes=sums.passes,
+        passes=sums.number,
         depth_um=depth_um,
         depth_u95_um=math.hypot(measured.depth_u95_um, cut_um),
         floor_sd_um=math.nan,

@@ -14,7 +14,6 @@ import numpy as np
 
 from edmctl.errors import PreconditionError
 from edmctl.procedures.channel.layers import GAP_GROWTH
-from edmctl.procedures.channel.result import PassSums
 from edmctl.procedures.channel.scan import PassPlan, PassResult
 from edmctl.procedures.channel.touching import FLOOR_U_UM, Face, Unknown
 from edmctl.procedures.hole.cut_planning import energy_of
@@ -33,8 +32,7 @@ from edmctl.procedures.hole.resuming import (
     tell_taken_up,
     tell_unknown_pause,
 )
-from edmctl.procedures.job import Site
-from edmctl.procedures.job_state import PERIOD_S
+from edmctl.procedures.job_state import PERIOD_S, CutTotals
 from edmctl.procedures.monitoring.drift import pause_drift_u_um
 from edmctl.procedures.touch.reading import BEYOND_SIGMAS, NO_CONTACT
 from edmctl.procedures.touch.surface_plane import unknown_face
@@ -43,6 +41,7 @@ from edmctl.process.layers import HeldTool
 from edmctl.process.next_cut import COVERAGE
 from edmctl.process.wear import DepthAndWear, share_u
 from edmctl.process.working_gap import first_gap_u_um
+from edmctl.profile.places import Place
 
 if TYPE_CHECKING:
     from edmctl.errors import MachineFault
@@ -73,11 +72,11 @@ def channel_state(
     drift_um = run.uncertainty.drift_u_um_per_s * max(0.0, now_s - layers.since_s)
     believed_um = BELIEF_U_REL * layers.wear.per_uj * since_uj
     wear_u_um = math.hypot(layers.wear.u_um(since_uj), believed_um, drift_um)
-    before, more = sums.counts, cut.counts
+    total = sums.plus(cut.counts, cut.energy_j, cut.time_s)
     return replace(
         state,
         site=run.profile.meta.name,
-        begun=sums.passes > 0 or cut.time_s > 0.0 or state.phase == "machining",
+        begun=sums.number > 0 or cut.time_s > 0.0 or state.phase == "machining",
         z1_um=z1.z_um,
         z1_sd_um=z1.reading.sd_um,
         z1_touches=z1.reading.touches,
@@ -90,10 +89,10 @@ def channel_state(
         wear_um=layers.wear.um(since_uj),
         wear_u_um=wear_u_um,
         feed_u_um=math.hypot(between_um, gap_u_um, drift_um),
-        cuts=sums.passes + (cut.time_s > 0.0),
-        counts=(before[0] + more[0], before[1] + more[1], before[2] + more[2], before[3] + more[3]),
-        energy_j=sums.energy_j + cut.energy_j,
-        machining_time_s=sums.time_s + cut.time_s,
+        cuts=sums.number + (cut.time_s > 0.0),
+        counts=total.counts,
+        energy_j=total.energy_j,
+        machining_time_s=total.time_s,
         channel={
             "layers": layers.layers,
             "depth_um": low_um,
@@ -127,7 +126,7 @@ def go_on_from(run: Run, state: JobState, layers: Layers, way: Way) -> tuple[Pas
     That one says where the floor is looked for, and that the tool was not held all along.
     """
     left = _channel(state)
-    layers.sums = PassSums(state.cuts, state.counts, state.energy_j, state.machining_time_s)
+    layers.sums = CutTotals(state.cuts, state.counts, state.energy_j, state.machining_time_s)
     layers.layers, layers.gap_um = int(left["layers"]), left["gap_um"]
     layers.depth_um, layers.aim_um = left["depth_um"], left["aim_um"]
     layers.wear.per_uj, layers.wear.u_rel = left["wear_per_uj"], left["wear_u_rel"]
@@ -196,7 +195,7 @@ def refuse_other_channel(
     )
     path = run.profile.path
     assert path is not None
-    site = Site(result.name, path.x_um, path.y_um)
+    site = Place(result.name, path.x_um, path.y_um)
     refuse_other(run, site, expected, found, untouched=untouched, begun=False)
     if untouched:
         # Hardly begun, or on other work, whose face is not the one that was touched but for what the floor shows.

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.job import Site
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.bottom import Expected, read_expected
 from edmctl.procedures.touch.reading import SurfaceReading, take_reading
@@ -18,6 +17,7 @@ from edmctl.procedures.touch.reference_pad import OFFSET_U_UM, ToolLength, read_
 from edmctl.procedures.touch.surface_plane import take_pad, touch_plane, unknown_face
 from edmctl.process.path import Way, even_places
 from edmctl.process.touch_check import against_sparks, is_short
+from edmctl.profile.places import Place
 from edmctl.record.rows import EventLevel
 from edmctl.results.channel import FloorPlace
 
@@ -38,7 +38,7 @@ PAD_U_SHARE = 0.15
 UNEVEN_U_UM = 0.5
 """Standard uncertainty of the floor's height at a place over that at others, after it was evened out [assumed]."""
 
-Touched = tuple[float, "Site", "SurfaceReading"]
+Touched = tuple[float, "Place", "SurfaceReading"]
 """Length along the path, place and reading of one touch of the floor."""
 
 
@@ -187,7 +187,7 @@ def _touch_pad(
 
 
 def _face_at(
-    place: Site, z2: SurfaceReading, before: SurfaceReading, after: SurfaceReading, face: Face
+    place: Place, z2: SurfaceReading, before: SurfaceReading, after: SurfaceReading, face: Face
 ) -> float:
     """Where the tool would have met the untouched face at a place, when it touched there."""
     share = (z2.time_s - before.time_s) / (after.time_s - before.time_s)
@@ -220,6 +220,6 @@ def _held_um(plan: PassPlan, done: PassResult, wear: ToolWear, s_um: float) -> f
     return held_um + wear.per_uj * (done.wearing_uj - used_uj)
 
 
-def _place(run: Run, way: Way, s_um: float) -> Site:
+def _place(run: Run, way: Way, s_um: float) -> Place:
     x_um, y_um = way.at(s_um)
-    return Site(f"{s_um:.0f} µm along the path", x_um, y_um)
+    return Place(f"{s_um:.0f} µm along the path", x_um, y_um)

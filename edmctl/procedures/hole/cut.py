@@ -161,7 +161,7 @@ def _result(
     end = {EventCode.CUT_DONE: CutEnd.REACHED, EventCode.TIME_UP: CutEnd.TIME_UP}.get(
         ended.code, CutEnd.GIVEN_UP
     )
-    counts, stop_reason = supervisor.counts, supervisor.stop_reason
+    stop_reason = supervisor.stop_reason
     at_limit, reason = end is CutEnd.REACHED, end.value
     if cutting.is_complete and stop_reason is None:
         end, reason = CutEnd.REACHED, "through"
@@ -175,7 +175,7 @@ def _result(
         time_s=time_s,
         end_displacement_um=end_um,
         is_at_limit=at_limit and end_um == plan.z_limit_um,
-        counts=(counts[0], counts[1], counts[2], counts[3]),
+        counts=supervisor.total,
         gap_ratio_mean=supervisor.gap_ratio_mean,
         energy_j=supervisor.energy_j,
         fault=fault,

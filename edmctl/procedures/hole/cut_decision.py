@@ -13,7 +13,6 @@ from edmctl.procedures.hole.cut import CutEnd, CutResult
 from edmctl.procedures.hole.cut_planning import CutPlan, Start, following_plan
 from edmctl.procedures.hole.target import verdict_of
 from edmctl.process.next_cut import is_done
-from edmctl.process.wear import DepthAndWear
 from edmctl.profile.measuring_stops import cut_budget
 from edmctl.record.rows import EventLevel
 from edmctl.wording import decimal, signed

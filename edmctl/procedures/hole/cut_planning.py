@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from edmctl.procedures.hole.target import Goal, goal_of
-from edmctl.procedures.job import Site
 from edmctl.process.erosion import hole_area_um2
 from edmctl.process.live_erosion import RECIPE_U_REL, Energy, ErosionEstimate, LiveErosion
 from edmctl.process.next_cut import COVERAGE, NextCut, largest_first_um, next_cut
@@ -143,10 +142,6 @@ class CutPlan:
         """Estimated depth while sparking at this displacement, from the expected gap and wear ratio."""
         return self.at(displacement_um).depth_um
 
-    def wear_at(self, displacement_um: float) -> float:
-        """Estimated tool wear likewise."""
-        return self.at(displacement_um).wear_um
-
 
 def estimate_of(profile: Profile) -> ErosionEstimate:
     """What the recipe knows before anything was machined."""
@@ -184,7 +179,7 @@ def first_plan(
     now_s: float = 0.0,
 ) -> CutPlan:
     """The first cut of a hole, planned at `now_s`: all of a feed or way through, of a depth what is surely short."""
-    goal = goal or goal_of(profile, Site("", 0.0, 0.0))
+    goal = goal or goal_of(profile)
     estimate = estimate or estimate_of(profile)
     if goal.kind == "feed":
         return CutPlan(1, goal.feed_um, start, estimate)

@@ -8,27 +8,31 @@ from typing import TYPE_CHECKING
 
 from edmctl.labels import Basis
 from edmctl.procedures.hole.cut_planning import Start, energy_of, estimate_of
-from edmctl.procedures.hole.site_result import CutSums, Heights, site_result
+from edmctl.procedures.hole.site_result import CutSums
 from edmctl.procedures.hole.target import Goal, goal_of
 from edmctl.procedures.monitoring.drift import pause_drift_u_um
 from edmctl.procedures.touch.home import pad_from_home_um
 from edmctl.procedures.touch.reference_pad import OFFSET_U_UM, ToolLength, read_pad
 from edmctl.procedures.touch.surface_plane import Face, take_pad, unknown_face
+from edmctl.process.erosion import hole_area_um2, mrr_mm3_min, tool_area_um2
 from edmctl.process.touch_check import Deviation
 from edmctl.process.wear import share_u
 from edmctl.process.working_gap import first_gap_u_um, first_sparks_um
 from edmctl.profile.measuring_stops import FACE_LIMIT_UM
+from edmctl.results.job import SiteResult
+from edmctl.results.pulses import pulse_shares
 
 if TYPE_CHECKING:
     from edmctl.procedures.hole.cut_planning import CutPlan
     from edmctl.procedures.hole.hole_estimate import Estimate
-    from edmctl.procedures.job import Site
     from edmctl.procedures.job_state import SurfaceTouch
     from edmctl.procedures.run import Run
     from edmctl.procedures.touch.reading import SurfaceReading
     from edmctl.process.live_erosion import Energy, ErosionEstimate
     from edmctl.process.shared_wear import WearShare
     from edmctl.process.wear import DepthAndWear
+    from edmctl.profile.model import Profile
+    from edmctl.profile.places import Place
 
 LEFT_U_UM = 4.0
 """Standard uncertainty of the distance to the pad where an earlier run of the job has left the tool, with wear that
@@ -113,7 +117,7 @@ class Hole:
     under way, `cut_estimate` what was known when the last one ended.
     """
 
-    site: Site
+    site: Place
     goal: Goal
     z1: SurfaceReading
     z1_u_um: float
@@ -144,7 +148,8 @@ class Hole:
 
     def energy(self, run: Run) -> Energy:
         """Energy of all its cuts."""
-        return energy_of(run.profile.pulse, self.sums.counts, self.sums.energy_j)
+        total = self.sums.total
+        return energy_of(run.profile.pulse, total.counts, total.energy_j)
 
     def report(
         self,
@@ -163,26 +168,48 @@ class Hole:
 
         Without another basis depth and wear rest on the touches; the wear does not where Z1 was not touched.
         """
-        touched = run.job.touch_basis
+        touched, error = run.job.touch_basis, run.watch.feed_error
+        total, z1, z2, z3 = self.sums.total, self.z1, self.bottom, self.pad
         self.found = found
         run.tally.depth_um, run.tally.unmeasured_site = found.depth_um, ""
-        z1, z2, z3 = self.z1, self.bottom, self.pad
-        run.tally.sites[self.site.name] = site_result(
-            run.profile,
-            self.site,
-            found,
-            Heights(z1.z_um, z2.z_um + fed_um, z3.z_um + worn_um, self.face_um),
-            Heights(z1.model_um, z2.model_um + fed_um, z3.model_um + worn_um, self.face_um),
-            self.sums,
-            gap_um=gap_um,
-            stops=self.stops,
+        ratio_lin, ratio_vol, mrr = _erosion(run.profile, found, total.time_s, through=through)
+        run.tally.sites[self.site.name] = SiteResult(
+            name=self.site.name,
+            x_um=self.site.x_um,
+            y_um=self.site.y_um,
+            theta_deg=self.site.theta_deg,
+            depth_um=found.depth_um,
+            depth_u95_um=found.depth_u95_um,
+            wear_um=found.wear_um,
+            wear_u95_um=found.wear_u95_um,
+            feed_um=found.feed_um,
+            z1_um=z1.z_um,
+            z2_um=z2.z_um + fed_um,
+            z3_um=z3.z_um + worn_um,
+            face_um=self.face_um,
+            measuring_stops=self.stops,
             estimated_um=estimated_um,
+            depth_model_um=z2.model_um + fed_um - (z3.model_um + worn_um) - self.face_um,
+            wear_model_um=z3.model_um + worn_um - z1.model_um,
             zero_drift_um=z3.zero_um - z1.zero_um,
-            error=run.watch.feed_error,
+            feed_model_error_max_um=error.max_um,
+            feed_model_error_rms_um=error.rms_um,
+            feed_model_error_max_pct=_percent(error.max_um, found.feed_um),
+            feed_model_error_rms_pct=_percent(error.rms_um, found.feed_um),
+            machining_time_s=total.time_s,
+            cuts=total.number,
+            pulses=sum(total.counts),
+            ratios=pulse_shares(*total.counts),
+            gap_ratio_mean=self.sums.gap_ratio_mean,
+            working_gap_um=gap_um,
+            energy_j=total.energy_j,
+            wear_ratio_lin=ratio_lin,
+            wear_ratio_vol=ratio_vol,
+            mrr_mm3_min=mrr,
             through=through,
-            in_doubt=self.in_doubt,
             depth_basis=depth_basis or touched,
             wear_basis=wear_basis or (Basis.ESTIMATED if self.z1_u_um > 0.0 else touched),
+            in_doubt=self.in_doubt,
         )
 
     def report_left(self, run: Run, known: Estimate) -> None:
@@ -234,14 +261,14 @@ def touch_pad_first(run: Run, name: str, known: Known) -> SurfaceReading:
     return take_pad(run, known.face, read_pad(run, "Z1", name, known.pad_um, known.pad_u_um))
 
 
-def begin_hole(run: Run, site: Site, known: Known) -> Hole:
+def begin_hole(run: Run, site: Place, known: Known) -> Hole:
     """Begin a hole: touch the pad where nothing is known of the tool's length, otherwise go by what is known."""
     if known.tool is None:
         known.tool = ToolLength(touch_pad_first(run, site.name, known))
     return hole_at(run, site, known, known.tool.pad.shifted(known.tool.wear_um), known.tool.wear_u_um)
 
 
-def hole_at(run: Run, site: Site, known: Known, z1: SurfaceReading, z1_u_um: float) -> Hole:
+def hole_at(run: Run, site: Place, known: Known, z1: SurfaceReading, z1_u_um: float) -> Hole:
     """Return an untouched hole at a site whose tool would have met the pad at `z1`."""
     face_um = known.face.height_um(site)
     return Hole(
@@ -271,3 +298,24 @@ def start_of(run: Run, hole: Hole, known: Known) -> Start:
         depth_u_um=math.hypot(sensed.linearity_u_um, sensed.gain_u_rel * length_um),
         gap_u_um=known.gap_u_um,
     )
+
+
+def _erosion(
+    profile: Profile, found: DepthAndWear, machining_time_s: float, *, through: bool
+) -> tuple[float, float, float]:
+    """Relative wear, linear and volumetric, and material removal rate; NaN without a depth or a time to refer to.
+
+    Volumes are lengths times the tool's face and the hole's section, a side gap wider all round. A hole `through`
+    the sheet is as long as that is thick, however far the tip came out of it.
+    """
+    length_um = profile.work.thickness_um if through else found.depth_um
+    tool_um2 = tool_area_um2(profile.tool.diameter_um)
+    hole_um2 = hole_area_um2(profile.tool.diameter_um, profile.work.side_gap_um)
+    ratio = found.wear_um / length_um if length_um > 0.0 else math.nan
+    removed_um3 = length_um * hole_um2
+    mrr = mrr_mm3_min(removed_um3 / machining_time_s) if machining_time_s > 0.0 else math.nan
+    return ratio, ratio * tool_um2 / hole_um2, mrr
+
+
+def _percent(part: float, whole: float) -> float:
+    return 100.0 * part / whole if whole > 0.0 else math.nan

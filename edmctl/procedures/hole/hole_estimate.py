@@ -22,8 +22,8 @@ from edmctl.wording import coordinates, with_u95
 
 if TYPE_CHECKING:
     from edmctl.procedures.hole.cut_planning import CutPlan
-    from edmctl.procedures.job import Site
     from edmctl.profile.model import Profile
+    from edmctl.profile.places import Place
     from edmctl.results.job import SiteResult
 
 STANDARD_UNCERTAINTIES = 3.0
@@ -187,7 +187,7 @@ def estimate_left(state: JobState) -> Estimate:
     return Estimate(state.depth_um, state.depth_u_um, state.wear_um, state.wear_u_um, state.feed_u_um)
 
 
-def other_work(site: Site, found: DepthAndWear, expected: Estimate, *, begun: bool) -> PreconditionError:
+def other_work(site: Place, found: DepthAndWear, expected: Estimate, *, begun: bool) -> PreconditionError:
     """E8060: the touches found no hole of that depth."""
     if begun:
         otherwise = "On untouched work, --restart-hole makes the hole from its face."
@@ -213,7 +213,7 @@ def other_tool(found: DepthAndWear, expected: Estimate) -> PreconditionError:
     )
 
 
-def touched_face(site: Site, found: DepthAndWear) -> PreconditionError:
+def touched_face(site: Place, found: DepthAndWear) -> PreconditionError:
     """E8062: there is a hole where one is to be begun."""
     return PreconditionError(
         f"There is no untouched face at {site.name}: it is {with_u95(found.depth_um, found.depth_u95_um)} µm deep.",

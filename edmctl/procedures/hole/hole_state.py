@@ -63,7 +63,7 @@ def _leave(run: Run, hole: Hole) -> None:
     unseen_um = 0.0
     if hole.plan is not None:
         unseen_s = run.keeper.samples_late_s + run.setup.controller.watchdog_s
-        unseen_um = unseen_s * most_um_s(estimate, hole.sums.time_s + run.tally.cut.time_s, profile)
+        unseen_um = unseen_s * most_um_s(estimate, hole.sums.total.time_s + run.tally.cut.time_s, profile)
     elif hole.cut_estimate is None and resumed is not None:
         unseen_um = expected_of_left(resumed, profile).unseen_um
     touched = hole.estimate.fits > 0 or hole.stops > 0
@@ -72,7 +72,7 @@ def _leave(run: Run, hole: Hole) -> None:
 
 def _state(run: Run, hole: Hole, state: JobState, now_s: float) -> JobState:
     cut, sums, known, z1 = run.tally.cut, hole.sums, _estimate(run, hole, now_s), hole.z1
-    before, is_cutting = sums.counts, hole.plan is not None
+    total, is_cutting = sums.total.plus(cut.counts, cut.energy_j, cut.time_s), hole.plan is not None
     return replace(
         state,
         done=tuple(site for site in state.done if site["name"] != hole.site.name),
@@ -91,16 +91,11 @@ def _state(run: Run, hole: Hole, state: JobState, now_s: float) -> JobState:
         wear_um=known.wear_um,
         wear_u_um=known.wear_u_um,
         feed_u_um=known.feed_u_um,
-        cuts=sums.number + is_cutting,
+        cuts=sums.total.number + is_cutting,
         broken_cuts=sums.broken_cuts + is_cutting,
-        counts=(
-            before[0] + cut.counts[0],
-            before[1] + cut.counts[1],
-            before[2] + cut.counts[2],
-            before[3] + cut.counts[3],
-        ),
-        energy_j=sums.energy_j + cut.energy_j,
-        machining_time_s=sums.time_s + cut.time_s,
+        counts=total.counts,
+        energy_j=total.energy_j,
+        machining_time_s=total.time_s,
     )
 
 

@@ -32,16 +32,15 @@ from edmctl.procedures.hole.measuring_stop import learn, measured, next_start, r
 from edmctl.procedures.hole.site import cut_to_the_end, told_through, touch_bottom_or_none
 from edmctl.procedures.hole.site_result import close_site
 from edmctl.procedures.hole.target import goal_of
-from edmctl.procedures.job import Site
+from edmctl.procedures.job_state import CutTotals
 from edmctl.procedures.monitoring.drift import counted_pause_s, pause_drift_u_um
-from edmctl.procedures.run import Run
-from edmctl.procedures.servo.limits import TimeLimits
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.bottom import MORE_LOOKS, wash
 from edmctl.procedures.touch.reading import BEYOND_SIGMAS, NO_CONTACT, SurfaceReading, take_reading
 from edmctl.procedures.touch.reference_pad import ToolLength, read_pad
 from edmctl.procedures.touch.surface_plane import take_pad, touch_beside, unknown_face
 from edmctl.process.wear import DepthAndWear, Reading
+from edmctl.profile.places import Place
 from edmctl.record.rows import EventLevel
 from edmctl.wording import decimal, length
 
@@ -54,7 +53,7 @@ BEYOND_UM = 12.0
 """A touch looks so much further than what would be accepted: a mistake is to be found, not missed."""
 
 
-def take_up_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Decision | None:
+def take_up_hole(run: Run, site: Place, known: Known, limits: TimeLimits) -> Decision | None:
     """Measure what the earlier run has left, and cut what is missing; None where the hole is to be made anew.
 
     Raises PreconditionError: E8060 this is not the hole that was left, E8061 the tool is not, E8062 there is no
@@ -81,7 +80,7 @@ def take_up_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Deci
     found = learn(run, hole, known, z2, z3, (known.gap_um, known.gap_u_um))
     tell_taken_up(run, expected.estimate, found.depth_um, found.wear_um)
     start = next_start(run, hole, known.gap_um, known.gap_u_um)
-    last = CutPlan(max(1, hole.sums.number), 0.0, start, known.estimate, hole.goal.depth_um)
+    last = CutPlan(max(1, hole.sums.total.number), 0.0, start, known.estimate, hole.goal.depth_um)
     decision = decide(
         run.profile,
         hole.goal,
@@ -116,7 +115,7 @@ def look_at_last_hole(run: Run, known: Known) -> None:
 
 
 def touch_pad_left(
-    run: Run, site: Site, known: Known, expected: Expected, more_um: float = 0.0
+    run: Run, site: Place, known: Known, expected: Expected, more_um: float = 0.0
 ) -> tuple[Hole, SurfaceReading]:
     """Take the hole as the journal tells of it, and touch the pad (Z3), which may lie `more_um` further."""
     state = run.job.resumed
@@ -144,7 +143,7 @@ def tell_taken_up(run: Run, expected: Estimate, depth_um: float, wear_um: float)
 
 def refuse_other(
     run: Run,
-    site: Site,
+    site: Place,
     expected: Expected,
     found: DepthAndWear,
     *,
@@ -195,7 +194,7 @@ def _on_its_own_face(
 
 def _look_at_finished(run: Run, known: Known, pad: SurfaceReading) -> None:
     result = list(run.tally.sites.values())[-1]
-    site = Site(result.name, result.x_um, result.y_um, result.theta_deg)
+    site = Place(result.name, result.x_um, result.y_um, result.theta_deg)
     expected = expected_of_finished(result)
     hole = hole_at(run, site, known, pad, 0.0)
     predicted_um = pad.z_um + hole.face_um + result.depth_um
@@ -210,7 +209,7 @@ def _look_at_finished(run: Run, known: Known, pad: SurfaceReading) -> None:
     )
 
 
-def _start_again(run: Run, site: Site, known: Known, pad: SurfaceReading, found: DepthAndWear) -> None:
+def _start_again(run: Run, site: Place, known: Known, pad: SurfaceReading, found: DepthAndWear) -> None:
     """Begin the hole anew where its face is untouched, beside the finished holes that belong to it."""
     if not is_untouched(found):
         raise refused(run, touched_face(site, found))
@@ -227,7 +226,7 @@ def _start_again(run: Run, site: Site, known: Known, pad: SurfaceReading, found:
 
 
 def _touch(
-    run: Run, kind: str, place: Site, name: str, predicted_um: float, reach_um: float
+    run: Run, kind: str, place: Place, name: str, predicted_um: float, reach_um: float
 ) -> SurfaceReading:
     """Touch a surface that was left; where none is in reach, say what that may mean."""
     u_um = (reach_um + BEYOND_UM) / BEYOND_SIGMAS
@@ -245,7 +244,7 @@ def _touch(
         raise
 
 
-def _touch_washed(run: Run, site: Site, short: SurfaceReading, reach_um: float) -> SurfaceReading:
+def _touch_washed(run: Run, site: Place, short: SurfaceReading, reach_um: float) -> SurfaceReading:
     """Touch a bottom again that seems too near: what lay on it while the job stood still may go with the oil."""
     run.decide(
         RunEvent.TOUCH_DOUBTED,
@@ -292,19 +291,18 @@ def surface_left(run: Run, state: JobState) -> SurfaceReading:
     )
 
 
-def _hole(run: Run, site: Site, known: Known, state: JobState) -> Hole:
+def _hole(run: Run, site: Place, known: Known, state: JobState) -> Hole:
     """Return the hole as the journal left it."""
     z1 = surface_left(run, state)
     known.tool = ToolLength(z1, state.wear_um)
     hole = hole_at(run, site, known, z1, state.z1_u_um)
     hole.interrupted = True
-    sums = hole.sums
-    sums.before_counts, sums.before_cuts, sums.broken_cuts = state.counts, state.cuts, state.broken_cuts
-    sums.before_energy_j, sums.before_time_s = state.energy_j, state.machining_time_s
+    hole.sums.before = CutTotals(state.cuts, state.counts, state.energy_j, state.machining_time_s)
+    hole.sums.broken_cuts = state.broken_cuts
     return hole
 
 
-def take_up_through_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Decision:
+def take_up_through_hole(run: Run, site: Place, known: Known, limits: TimeLimits) -> Decision:
     """Measure what an earlier run has left of a hole through the sheet, and cut on where it is not open.
 
     A hole is open when the tool goes through it, as far below the face as it would have been fed, and meets nothing.
@@ -326,7 +324,7 @@ def take_up_through_hole(run: Run, site: Site, known: Known, limits: TimeLimits)
     found = learn(run, hole, known, bottom, pad, (known.gap_um, known.gap_u_um))
     tell_taken_up(run, expected.estimate, found.depth_um, found.wear_um)
     start = next_start(run, hole, known.gap_um, known.gap_u_um)
-    plan = through_plan(max(1, hole.sums.number) + 1, start, goal, known.estimate)
+    plan = through_plan(max(1, hole.sums.total.number) + 1, start, goal, known.estimate)
     return cut_to_the_end(run, hole, known, plan, limits)
 
 

@@ -6,12 +6,10 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from edmctl.actuator.moves import jump_volts
+from edmctl.actuator.inverse import jump_volts
 from edmctl.machine.port import CutRequest, EventCode, JumpRequest
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.target import goal_of
-from edmctl.procedures.job import Site
-from edmctl.procedures.run import Run
 from edmctl.procedures.settings import pulse_settings
 from edmctl.process.jump import minimum_height_um
 from edmctl.record.rows import EventLevel
@@ -42,7 +40,7 @@ class Cutting:
         self._plan = plan
         self._supervisor = supervisor
         self._end_s = end_s
-        self._completion_um = goal_of(run.profile, Site("", 0.0, 0.0)).completion_um
+        self._completion_um = goal_of(run.profile).completion_um
         self._duty = run.profile.pulse.duty
         self.jumps = 0
 
@@ -157,20 +155,24 @@ class Cutting:
         return min(height_um, displacement_um - JUMP_RESERVE_UM)
 
 
-def jump_request(run: Run, height_um: float) -> JumpRequest:
-    """Ask for a jump of `height_um` at the profile's speed; without an actuator model by the mean gain alone.
+def jump_request(run: Run, height_um: float, clearance_um: float = CLEARANCE_UM) -> JumpRequest:
+    """Ask for a jump of `height_um` at the profile's speed that comes back fast to `clearance_um`.
 
-    The speed on the wire grows with the height on the wire, so that the jump takes the time that the profile says.
+    JUMP carries lengths, and the controller turns them into volts by `gain_um_per_v`, without an actuator model.
+    After a turning point the actuator moves far less per volt than that: 60 µm come out as 41. So the host asks its
+    model for the voltages of the jump wanted, and sends voltage × mean gain; without a model the mean gain alone
+    counts. The speed on the wire grows with the height on the wire, so that the jump takes the time that the profile
+    says. One without a clearance comes back to the voltage where it began.
     """
     jump, gain_um_per_v = run.profile.jump, run.setup.actuator.gain_um_per_v
     estimator = run.watch.estimator()
     if estimator is None:
-        return JumpRequest(height_um, jump.speed_um_s, jump.dwell_s, CLEARANCE_UM)
-    volts = jump_volts(estimator, height_um, CLEARANCE_UM, height_um / jump.speed_um_s, jump.dwell_s)
-    told_um = gain_um_per_v * volts.height_v
+        return JumpRequest(height_um, jump.speed_um_s, jump.dwell_s, clearance_um)
+    volts = jump_volts(estimator, height_um, clearance_um, height_um / jump.speed_um_s, jump.dwell_s)
+    sent_um = gain_um_per_v * volts.height_v
     return JumpRequest(
-        height_um=told_um,
-        speed_um_s=jump.speed_um_s * max(1.0, told_um / height_um),
+        height_um=sent_um,
+        speed_um_s=jump.speed_um_s * max(1.0, sent_um / height_um),
         dwell_s=jump.dwell_s,
-        clearance_um=gain_um_per_v * volts.clearance_v,
+        clearance_um=gain_um_per_v * volts.clearance_v if clearance_um else 0.0,
     )

@@ -17,7 +17,6 @@ from edmctl.procedures.hole.hole import Hole, Known, start_of
 from edmctl.procedures.hole.hole_state import keep_cut_begun, keep_cut_ended
 from edmctl.procedures.hole.measuring_stop import estimate_hole, measure_hole, measured, touch_pad
 from edmctl.procedures.hole.site_result import close_site
-from edmctl.procedures.run import Run
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.approach import approach_bottom
 from edmctl.procedures.touch.reading import NO_CONTACT, SurfaceReading, search_near, take_reading_in
@@ -25,8 +24,6 @@ from edmctl.procedures.touch.reference_pad import ToolLength
 from edmctl.record.rows import EventLevel
 
 if TYPE_CHECKING:
-    from edmctl.procedures.hole.cut import CutResult
-    from edmctl.procedures.hole.hole import Hole, Known
     from edmctl.procedures.hole.target import Goal
     from edmctl.procedures.run import Run
     from edmctl.procedures.servo.limits import TimeLimits

@@ -16,23 +16,15 @@ from edmctl.procedures.hole.target import goal_of
 from edmctl.procedures.servo.limits import TimeLimits
 from edmctl.procedures.state_keeper import MOVING
 from edmctl.procedures.touch.surface_plane import touch_plane, touch_where_unknown
-from edmctl.process.path_ordering import nearest_first
 from edmctl.process.plane import TOUCHES_FOR_A_PLANE
+from edmctl.profile.job_sequence import working_order
 from edmctl.record.rows import EventLevel
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from edmctl.procedures.job import Job, Site
     from edmctl.procedures.run import Run
-
-
-def sites_in_order(job: Job) -> tuple[Site, ...]:
-    """The places as the recipe wants them worked off; the order of a job taken up again is the same."""
-    if job.profile.array.order == "given":
-        return job.sites
-    order = nearest_first([(site.x_um, site.y_um) for site in job.sites], (job.pad.x_um, job.pad.y_um))
-    return tuple(job.sites[i] for i in order)
+    from edmctl.profile.places import Place
 
 
 def machine_sites(run: Run) -> Decision | None:
@@ -43,7 +35,7 @@ def machine_sites(run: Run) -> Decision | None:
     limits, known = TimeLimits(run), known_before(run)
     resumed = run.job.resumed
     done = set(run.tally.sites)
-    left = [site for site in sites_in_order(run.job) if site.name not in done]
+    left = [site for site in working_order(run.profile, run.setup, run.job.sites) if site.name not in done]
     if resumed is not None and not resumed.begun and left:
         look_at_last_hole(run, known)
     for number, site in enumerate(left):
@@ -62,14 +54,16 @@ def machine_sites(run: Run) -> Decision | None:
     return None
 
 
-def _take_up(run: Run, site: Site, known: Known, limits: TimeLimits) -> Decision | None:
+def _take_up(run: Run, site: Place, known: Known, limits: TimeLimits) -> Decision | None:
     """Go on with the hole that an earlier run has begun; None where it is to be made anew."""
     if run.profile.target.kind == "through" and not run.job.restart_hole:
         return take_up_through_hole(run, site, known, limits)
     return take_up_hole(run, site, known, limits)
 
 
-def _machine_fresh(run: Run, site: Site, known: Known, left: Sequence[Site], limits: TimeLimits) -> Decision:
+def _machine_fresh(
+    run: Run, site: Place, known: Known, left: Sequence[Place], limits: TimeLimits
+) -> Decision:
     hole = begin_hole(run, site, known)
     if _touch_face(run, site, known, left):
         run.keeper.set_surface(tuple(known.face.touched), known.face.doubt_u_um)
@@ -78,7 +72,7 @@ def _machine_fresh(run: Run, site: Site, known: Known, left: Sequence[Site], lim
     return machine_hole(run, hole, known, limits, is_last=len(left) == 1)
 
 
-def _touch_face(run: Run, site: Site, known: Known, left: Sequence[Site]) -> bool:
+def _touch_face(run: Run, site: Place, known: Known, left: Sequence[Place]) -> bool:
     """Touch the face where its tilt would limit the depths; whether anything was touched."""
     assert known.tool is not None
     wanted = run.profile.array.surface == "plane" and len(left) >= TOUCHES_FOR_A_PLANE
@@ -90,7 +84,7 @@ def _touch_face(run: Run, site: Site, known: Known, left: Sequence[Site]) -> boo
     return touch_where_unknown(run, site, known.face, known.tool)
 
 
-def _worn_out(run: Run, known: Known, left: Sequence[Site]) -> Decision | None:
+def _worn_out(run: Run, known: Known, left: Sequence[Place]) -> Decision | None:
     """The end before a place for which the tool may not be worn any further; None while it may."""
     lost_um = run.job.tool_wear_before_um + run.tally.wear_um
     goal = goal_of(run.profile, left[0])

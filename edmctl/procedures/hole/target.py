@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from edmctl.labels import Verdict
 
 if TYPE_CHECKING:
-    from edmctl.procedures.job import Site
     from edmctl.profile.model import Profile
+    from edmctl.profile.places import Place
 
 THROUGH_TOLERANCE_UM = 5.0
 """Of the sheet's thickness: a sheet that breaks through so much earlier or later is the sheet that was meant."""
@@ -43,8 +43,8 @@ class Goal:
         return f"a depth of {depth_um:.2f} of {self.depth_um:g} µm"
 
 
-def goal_of(profile: Profile, site: Site) -> Goal:
-    """The objective of a site: its own depth, or the recipe's target."""
+def goal_of(profile: Profile, place: Place | None = None) -> Goal:
+    """Return the target of a hole: the depth of its own place, or the recipe's."""
     target = profile.target
     if target.kind == "feed":
         return Goal("feed", math.nan, target.feed_um, math.nan)
@@ -52,7 +52,7 @@ def goal_of(profile: Profile, site: Site) -> Goal:
         half_um = profile.tool.diameter_um / 2.0
         completion_um = half_um if target.completion_um is None else target.completion_um
         return Goal("through", profile.work.thickness_um, math.nan, THROUGH_TOLERANCE_UM, completion_um)
-    depth_um = target.depth_um if math.isnan(site.depth_um) else site.depth_um
+    depth_um = target.depth_um if place is None or math.isnan(place.depth_um) else place.depth_um
     return Goal("depth", depth_um, math.nan, target.tolerance_um)
 
 

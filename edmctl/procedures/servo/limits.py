@@ -10,7 +10,6 @@ import numpy as np
 
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.profile.forecast import forecast
-from edmctl.profile.places import Place
 from edmctl.record.rows import EventLevel
 
 if TYPE_CHECKING:
@@ -44,12 +43,12 @@ class RatioLimits:
         self._window_s = window_s
         self._since_s: dict[RunEvent, float] = {}
 
-    def take(self, now_s: float, ratios: PulseShares, *, window_is_full: bool) -> bool:
-        """Judge; True when arcs or shorts have stayed over their limit for too long."""
+    def update(self, now_s: float, ratios: PulseShares, *, window_is_full: bool) -> str:
+        """Judge; return which have stayed over their limit for too long, arcs or shorts, empty where none have."""
         limits = self._run.profile.limits
         arcs = self._look(_ARCING, "arcs", ratios.arc, limits.arc_ratio, now_s, window_is_full)
         shorts = self._look(_SHORTING, "shorts", ratios.short, limits.short_ratio, now_s, window_is_full)
-        return arcs or shorts
+        return "shorts" if shorts else "arcs" if arcs else ""
 
     def _look(
         self, code: RunEvent, name: str, ratio: float, limit: float, now_s: float, window_is_full: bool
@@ -112,8 +111,7 @@ class TimeLimits:
 
     def __init__(self, run: Run) -> None:
         self._run = run
-        places = [Place(s.name, s.x_um, s.y_um, s.theta_deg, s.depth_um, 0) for s in run.job.sites]
-        expected_s = forecast(run.profile, run.setup, places).machining_time_s
+        expected_s = forecast(run.profile, run.setup, run.job.sites).machining_time_s
         self._machining_s = max(LEAST_S, LONGEST_SHARE * expected_s)
         self._before_s = run.tally.machining_time_s
 

@@ -16,8 +16,8 @@ from edmctl.results.progress import Phase
 
 if TYPE_CHECKING:
     from edmctl.machine.port import MachineEvent
-    from edmctl.procedures.job import Site
     from edmctl.procedures.run import Run
+    from edmctl.profile.places import Place
 
 ABOVE_BOTTOM_UM = 15.0
 """A later cut is approached fast to this far above where the last bottom can be, then at the approach speed."""
@@ -38,11 +38,6 @@ _STEPS = 20
 _SETTLE_S = 0.2
 
 
-def approach_surface(run: Run) -> None:
-    """Feed from 0 V to the first sparks at the surface (Muralidhara et al. 2009, §3.2)."""
-    _approach(run, run.profile.approach.max_travel_um)
-
-
 def approach_bottom(run: Run, bottom_um: float, bottom_u_um: float) -> MachineEvent:
     """Feed from 0 V to the first sparks at a bottom whose height is known within a standard uncertainty.
 
@@ -54,7 +49,7 @@ def approach_bottom(run: Run, bottom_um: float, bottom_u_um: float) -> MachineEv
     return _approach(run, bottom_um - run.watch.displacement_um + BEYOND_BOTTOM_UM + unknown_um)
 
 
-def find_gap(run: Run, place: Site) -> SurfaceFound:
+def find_gap(run: Run, place: Place) -> SurfaceFound:
     """Go to a place and feed at the approach speed until sparks flow; the tool is held there."""
     move_to(run, place)
     begin_s = run.machine.time_s
@@ -71,7 +66,7 @@ def find_gap(run: Run, place: Site) -> SurfaceFound:
     )
 
 
-def find_contact(run: Run, place: Site) -> SurfaceFound:
+def find_contact(run: Run, place: Place) -> SurfaceFound:
     """Go to a place and touch its surface, which is expected at `approach.offset_um` from home."""
     move_to(run, place)
     begin_s = run.machine.time_s

@@ -7,16 +7,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.errors import ObjectiveNotReached
-from edmctl.procedures.run import Run
-from edmctl.procedures.touch.reading import SurfaceReading
 from edmctl.procedures.touch.spots import Spots, beside, read_at_spots
 from edmctl.process.touch_check import Deviation, has_grown
 from edmctl.process.wear import tilt_uncertainty_um
 
 if TYPE_CHECKING:
-    from edmctl.procedures.job import Site
     from edmctl.procedures.run import Run
     from edmctl.procedures.touch.reading import SurfaceReading
+    from edmctl.profile.places import Place
     from edmctl.profile.setup import Setup
 
 OFFSET_U_UM = 3.5
@@ -40,7 +38,7 @@ def pad_middle_um(run: Run) -> tuple[float, float]:
     return Spots("pad", pad_spots(run)).middle_um(run.profile.measure.touches)
 
 
-def pad_spots(run: Run) -> tuple[Site, ...]:
+def pad_spots(run: Run) -> tuple[Place, ...]:
     """The pad's place, and those beside it on the side away from the holes."""
     pad, sites = run.job.pad, run.job.sites
     x_um = math.fsum(site.x_um for site in sites) / len(sites) - pad.x_um

@@ -30,8 +30,8 @@ from edmctl.record.rows import EventLevel
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from edmctl.procedures.job import Site
     from edmctl.procedures.run import Run
+    from edmctl.profile.places import Place
 
 SPOT_LEG_UM = 2.0
 """At a further spot the fast leg ends this far above where contact was before."""
@@ -47,7 +47,7 @@ class Spots:
     """Places of one surface, all further apart than the tool is wide: the first is where its height is wanted."""
 
     surface: str
-    places: tuple[Site, ...]
+    places: tuple[Place, ...]
 
     def middle_um(self, touches: int) -> tuple[float, float]:
         """Where a reading of so many touches holds that were made at the first two places: x and y, µm."""
@@ -64,7 +64,7 @@ def shared_out(touches: int) -> tuple[int, int]:
     return max(1, touches - later), later
 
 
-def beside(run: Run, place: Site, angle: float) -> Site:
+def beside(run: Run, place: Place, angle: float) -> Place:
     """Return the spot beside a place in a direction, radians."""
     distance_um = run.job.spot_distance_um
     x_um, y_um = place.x_um + distance_um * math.cos(angle), place.y_um + distance_um * math.sin(angle)

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.job import Site
 from edmctl.procedures.touch.reference_pad import TOUCH_U_UM, pad_middle_um
 from edmctl.procedures.touch.spots import Spots, beside, read_at_spots
 from edmctl.process.path_ordering import spread_out
@@ -22,6 +21,7 @@ from edmctl.process.plane import (
 from edmctl.process.touch_check import Deviation
 from edmctl.process.wear import share_u
 from edmctl.profile.measuring_stops import FACE_LIMIT_UM
+from edmctl.profile.places import Place
 from edmctl.record.rows import EventLevel
 from edmctl.wording import signed
 
@@ -61,11 +61,11 @@ class Face:
     doubt_u_um: float = 0.0
     _pad_step: Step | None = None
 
-    def height_um(self, site: Site) -> float:
+    def height_um(self, site: Place) -> float:
         """Height of the face at a place over the pad, positive away from the tool."""
         return self.plane.height_um(site.x_um, site.y_um)
 
-    def height_u_um(self, site: Site) -> float:
+    def height_u_um(self, site: Place) -> float:
         """Standard uncertainty of that."""
         return math.hypot(self.plane.height_u_um(site.x_um, site.y_um), self.doubt_u_um)
 
@@ -129,7 +129,7 @@ def take_pad(run: Run, face: Face, reading: SurfaceReading) -> SurfaceReading:
     return reading
 
 
-def touch_at(run: Run, site: Site, face: Face, tool: ToolLength) -> None:
+def touch_at(run: Run, site: Place, face: Face, tool: ToolLength) -> None:
     """Touch the untouched face at a place; where it is steeper than anybody believed, halfway to the pad too."""
     before_u_um = face.height_u_um(site)
     off, lying_um = _touch(run, site, face, tool)
@@ -139,7 +139,7 @@ def touch_at(run: Run, site: Site, face: Face, tool: ToolLength) -> None:
         return
     pad = run.job.pad
     away = math.atan2(site.y_um - pad.y_um, site.x_um - pad.x_um)
-    middle = Site(site.name, 0.5 * (site.x_um + pad.x_um), 0.5 * (site.y_um + pad.y_um), site.theta_deg)
+    middle = Place(site.name, 0.5 * (site.x_um + pad.x_um), 0.5 * (site.y_um + pad.y_um), site.theta_deg)
     halfway, _ = _touch(run, beside(run, middle, away + math.radians(SPOT_TURNS_DEG[0])), face, tool)
     told = (
         f"Zr at {site.name} is {signed(off.um)} µm from the face as it was known within {before_u_um:.2f} µm"
@@ -157,14 +157,14 @@ def touch_at(run: Run, site: Site, face: Face, tool: ToolLength) -> None:
     face.doubt(share_u(halfway.um))
 
 
-def touch_beside(run: Run, site: Site, face: Face, tool: ToolLength) -> None:
+def touch_beside(run: Run, site: Place, face: Face, tool: ToolLength) -> None:
     """Touch the face beside a place, where that itself may be cut into."""
     around = face_spots(run, site)
     _touch(run, site, face, tool, replace(around, places=around.places[1:]))
 
 
 def _touch(
-    run: Run, site: Site, face: Face, tool: ToolLength, spots: Spots | None = None
+    run: Run, site: Place, face: Face, tool: ToolLength, spots: Spots | None = None
 ) -> tuple[Deviation, float]:
     """Touch the face at a place and take it in; how far it lies from what was known before, and what lies on it."""
     spots = spots or face_spots(run, site)
@@ -182,13 +182,13 @@ def _touch(
     return off, reading.lying_um
 
 
-def face_spots(run: Run, site: Site) -> Spots:
+def face_spots(run: Run, site: Place) -> Spots:
     """A place and spots beside it, apart by more than the tool, those clear of machined places first."""
     pad, distance_um = run.job.pad, run.job.spot_distance_um
     away = math.atan2(site.y_um - pad.y_um, site.x_um - pad.x_um)
     made = [(hole.x_um, hole.y_um) for hole in run.tally.sites.values()]
 
-    def crowded_um(spot: Site) -> float:
+    def crowded_um(spot: Place) -> float:
         nearest_um = min((math.dist(hole, (spot.x_um, spot.y_um)) for hole in made), default=math.inf)
         return max(0.0, distance_um - nearest_um)
 
@@ -201,7 +201,7 @@ def face_spots(run: Run, site: Site) -> Spots:
     return Spots("face", tuple(places))
 
 
-def touch_where_unknown(run: Run, site: Site, face: Face, tool: ToolLength) -> bool:
+def touch_where_unknown(run: Run, site: Place, face: Face, tool: ToolLength) -> bool:
     """Touch the face at a place where tilt would limit the depth; whether that was done."""
     if face.height_u_um(site) <= FACE_LIMIT_UM:
         return False
@@ -209,7 +209,7 @@ def touch_where_unknown(run: Run, site: Site, face: Face, tool: ToolLength) -> b
     return True
 
 
-def touch_plane(run: Run, sites: Sequence[Site], face: Face, tool: ToolLength) -> None:
+def touch_plane(run: Run, sites: Sequence[Place], face: Face, tool: ToolLength) -> None:
     """Touch the face at the sites that lie furthest apart, which tell its slope."""
     pad = run.job.pad
     chosen = spread_out([(site.x_um, site.y_um) for site in sites], (pad.x_um, pad.y_um), TOUCHES_FOR_A_PLANE)
