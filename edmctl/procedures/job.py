@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from edmctl.profile.model import Profile
     from edmctl.profile.setup import Setup
 
-TOLD_LATE_S = 600.0
+REPORT_DELAY_S = 600.0
 """Added to the age of what ledger and journal know: they tell of a home a while after it was seen."""
 SPOT_MARGIN_UM = 30.0
 """Between the tool's edges at two spots: wider than a chip that a gap of some µm lets through."""

@@ -21,9 +21,9 @@ from edmctl.procedures.actuator.conditioning import condition
 from edmctl.procedures.actuator.sensorless import SensorlessMachine
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job_state import NoStateStore
-from edmctl.procedures.monitoring.monitors import LinkWatch, MismatchWatch, Standing, record_link
+from edmctl.procedures.monitoring.monitors import IdleMonitor, LinkMonitor, SensorMonitor, record_link
 from edmctl.procedures.monitoring.watch import Watch
-from edmctl.procedures.run import Run
+from edmctl.procedures.run import RunContext
 from edmctl.procedures.settings import (
     controller_settings,
     pulse_settings,
@@ -58,8 +58,8 @@ def running(
     pulses: bool,
     store: StateStore | None = None,
     self_test: bool = False,
-    record_left: Callable[[Run], None] = lambda _: None,
-) -> Iterator[Run]:
+    record_left: Callable[[RunContext], None] = lambda _: None,
+) -> Iterator[RunContext]:
     """Arm and condition an idle machine, and leave it retracted and idle whatever happens inside.
 
     Without `pulses` it can make none, and needs no dielectric; with `self_test` the gap sensor is tested before
@@ -83,12 +83,12 @@ def running(
         tally.machining_time_s = job.resumed.job_machining_time_s
         tally.pause_s = total_pause_s(job)
     keeper = JobStateKeeper(job, tally, store or NoStateStore())
-    run = Run(machine, job, watch, recorder, observer, tally, keeper)
+    run = RunContext(machine, job, watch, recorder, observer, tally, keeper)
     watch.guard(keeper.on_telemetry)
-    watch.guard(LinkWatch(run).take)
-    watch.guard(Standing(run).take)
+    watch.guard(LinkMonitor(run).on_telemetry)
+    watch.guard(IdleMonitor(run).on_telemetry)
     if job.setup.sensor.fitted and job.calibration is not None:
-        watch.compare(MismatchWatch(run).take)
+        watch.compare(SensorMonitor(run).update)
     try:
         with safe_state_on_error(machine):
             _prepare(run, pulses=pulses, self_test=self_test)
@@ -121,7 +121,7 @@ def _with_displacements(machine: Machine, job: Job, watch: Watch) -> Machine:
     return estimated
 
 
-def _prepare(run: Run, *, pulses: bool, self_test: bool) -> None:
+def _prepare(run: RunContext, *, pulses: bool, self_test: bool) -> None:
     settings = controller_settings(run.profile, run.setup)
     if not pulses:
         settings = replace(settings, dielectric_required=False)
@@ -136,7 +136,7 @@ def _prepare(run: Run, *, pulses: bool, self_test: bool) -> None:
     condition(run, pulses=pulses)
 
 
-def _test_gap_sensor(run: Run) -> None:
+def _test_gap_sensor(run: RunContext) -> None:
     """Before anything moves: a run on a wrong gap voltage would drive the tool into the work."""
     gap_v, open_v = run.machine.self_test(), run.profile.pulse.duty_voltage_v
     run.decide(
@@ -146,7 +146,7 @@ def _test_gap_sensor(run: Run) -> None:
     )
 
 
-def _record_end(run: Run, error: EdmError, record_left: Callable[[Run], None]) -> None:
+def _record_end(run: RunContext, error: EdmError, record_left: Callable[[RunContext], None]) -> None:
     """Keep how far the job came, and write down what was reached, what the controller saw, and why it ended.
 
     A disk that fails now must not hide that reason.
@@ -174,7 +174,7 @@ def _record_end(run: Run, error: EdmError, record_left: Callable[[Run], None]) -
         run.recorder.event(run.machine.time_s, RunEvent.ENDED_EARLY, EventLevel.ERROR, error.message, args)
 
 
-def _record_black_box(run: Run) -> None:
+def _record_black_box(run: RunContext) -> None:
     """Write what the controller kept of the time about a latched fault into the run file, where there is one.
 
     A line that is dead by now, or a controller that says what cannot be, hides nothing.
@@ -189,7 +189,7 @@ def _record_black_box(run: Run) -> None:
             run.recorder.waveforms(WaveformBlock(batch.time_s, batch.gap_v, batch.current_a))
 
 
-def _record_samples(run: Run) -> None:
+def _record_samples(run: RunContext) -> None:
     block = run.machine.black_box()
     if block is None:
         return

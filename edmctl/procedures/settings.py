@@ -13,7 +13,7 @@ from edmctl.machine.port import (
     ServoLaw,
     TelemetrySettings,
 )
-from edmctl.procedures.hole.target import goal_of
+from edmctl.procedures.hole.target import target_of
 
 if TYPE_CHECKING:
     from edmctl.profile.model import Profile
@@ -59,7 +59,7 @@ def controller_settings(profile: Profile, setup: Setup) -> ControllerSettings:
     """The controller's parameters for this recipe on this machine."""
     servo, actuator, pulse = profile.servo, setup.actuator, profile.pulse
     # Behind the sheet nothing but open pulses is right; before, the host looks (breakthrough.py).
-    completion_um = goal_of(profile).completion_um
+    completion_um = target_of(profile).completion_um
     lost_um = profile.limits.open_lost_um
     if completion_um:
         # The host sees the breakthrough within one such way of the last spark, and this has to be further on.

@@ -10,7 +10,7 @@ import pytest
 
 from edmctl.procedures.channel import layers as channel_layers
 from edmctl.procedures.channel.layers import SPARE_PASSES, Layers
-from edmctl.procedures.channel.touching import Face
+from edmctl.procedures.channel.touching import ChannelSurface
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.servo.limits import TimeLeft, TimeLimits
 from edmctl.procedures.touch.reading import SurfaceReading
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 WAY = way_of(circle(0.0, 0.0, 100.0), 25.0)
 LEVEL = Plane((0.0, 0.0), np.zeros(2), np.zeros((2, 2)))
-FACE = Face(SurfaceReading("Z1", Reading(50.0, 0.1, 3), 50.0, 17.0, 0.0, 0.0), LEVEL)
+FACE = ChannelSurface(SurfaceReading("Z1", Reading(50.0, 0.1, 3), 50.0, 17.0, 0.0, 0.0), LEVEL)
 
 
 class Engaged:

@@ -18,7 +18,7 @@ from edmctl.jobs.truth.wear import TrueWear
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.port import Axis
 from edmctl.machine.stop import StopRequest
-from edmctl.procedures.job import TOLD_LATE_S
+from edmctl.procedures.job import REPORT_DELAY_S
 from edmctl.procedures.job_state import JobState, JobTally, NoStateStore
 from edmctl.procedures.monitoring.drift import (
     CREEP_SHARE,
@@ -28,7 +28,7 @@ from edmctl.procedures.monitoring.drift import (
     first_home_um,
     seen_between_jobs_um_s,
 )
-from edmctl.procedures.stages import _is_told, move_to, retract
+from edmctl.procedures.stages import _is_home_set, move_to, retract
 from edmctl.procedures.touch.home import Home, _is_on_a_spot
 from edmctl.process.next_cut import COVERAGE
 from edmctl.process.wear import share_u
@@ -111,12 +111,12 @@ def test_a_tool_that_creep_holds_low_waits_for_a_controller_that_takes_no_such_h
     run = armed(shop)
     retract(run)
     low_um = run.watch.displacement_um
-    for told_um, home_um, wanted_um in ((0.0, -3.0, -3.0), (low_um - 26.0, low_um - 28.0, low_um - 26.0)):
-        run.machine._zero_um = told_um  # type: ignore[attr-defined]
-        assert _is_told(run, Home(home_um), low_um - home_um)
+    for sent_um, home_um, wanted_um in ((0.0, -3.0, -3.0), (low_um - 26.0, low_um - 28.0, low_um - 26.0)):
+        run.machine._zero_um = sent_um  # type: ignore[attr-defined]
+        assert _is_home_set(run, Home(home_um), low_um - home_um)
         assert run.machine.zero_um == wanted_um
     run.machine._zero_um = low_um - 60.0  # type: ignore[attr-defined]
-    assert not _is_told(run, Home(low_um - 28.0), 28.0)
+    assert not _is_home_set(run, Home(low_um - 28.0), 28.0)
 
 
 def test_a_rest_that_jumps_is_a_tool_that_is_held() -> None:
@@ -268,7 +268,7 @@ def test_a_controller_that_was_started_since_home_was_known_is_told(
     monkeypatch: pytest.MonkeyPatch, *, simulated: bool, home_um: float, age_s: float
 ) -> None:
     shop = Shop()
-    shop.job = replace(shop.job, home_um=home_um, home_age_s=age_s + TOLD_LATE_S)
+    shop.job = replace(shop.job, home_um=home_um, home_age_s=age_s + REPORT_DELAY_S)
     run = armed(shop)
     run.machine.rest(0.5)
     monkeypatch.setattr(LinkMachine, "identity", replace(run.machine.identity, simulated=simulated))
@@ -428,10 +428,10 @@ def test_a_home_of_the_ledger_from_the_future_has_no_age_and_is_not_taken() -> N
     """The clock was set back meanwhile: a night may have passed."""
     job, now_s = Shop().job, time.time()
     books = Books(homes=[HomeSeen(2.0, now_s - 7200.0, 0.0)])
-    assert with_home(job, books, CALENDAR).home_age_s == pytest.approx(7200.0 + TOLD_LATE_S, abs=5.0)
+    assert with_home(job, books, CALENDAR).home_age_s == pytest.approx(7200.0 + REPORT_DELAY_S, abs=5.0)
     books.homes = [HomeSeen(2.0, now_s + 7200.0, 0.0)]
     assert with_home(job, books, CALENDAR) == job
-    assert with_home(job, books, Now(10.0)).home_age_s == 10.0 + TOLD_LATE_S
+    assert with_home(job, books, Now(10.0)).home_age_s == 10.0 + REPORT_DELAY_S
     books.homes = [HomeSeen(2.0, now_s, math.nan)]
     assert with_home(job, books, Now(10.0)) == job
 
@@ -504,8 +504,8 @@ def test_a_tool_that_comes_out_little_by_little_is_not_followed() -> None:
     move_to(run, run.job.parking)
     run.watch.rests.note(run.machine.time_s, 0.0)
     zeros_um = [2.0, 6.0, 10.0, 14.0]
-    told_um: list[float] = []
-    run.machine.set_zero = told_um.append  # type: ignore[method-assign,assignment]
+    sent_um: list[float] = []
+    run.machine.set_zero = sent_um.append  # type: ignore[method-assign,assignment]
 
     def rest_at(zero_um: float) -> None:
         run.watch.zero_um = lambda: zero_um  # type: ignore[method-assign]
@@ -517,7 +517,7 @@ def test_a_tool_that_comes_out_little_by_little_is_not_followed() -> None:
     with pytest.raises(PreconditionError) as caught:
         rest_at(zeros_um[3])
     assert caught.value.code == "E8020"
-    assert max(told_um) < 12.0
+    assert max(sent_um) < 12.0
 
 
 def test_home_that_was_known_minutes_ago_bounds_what_may_be_drift() -> None:

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import pytest
 
-from edmctl.procedures.hole.cut_planning import CutPlan, Start, energy_of, estimate_of
+from edmctl.procedures.hole.cut_planning import CutPlan, CutStart, energy_of, estimate_of
 from edmctl.procedures.hole.hole_estimate import (
     Estimate,
-    Expected,
+    ExpectedHole,
     estimate_in_cut,
     expected_of_left,
     is_untouched,
@@ -78,7 +78,7 @@ def test_an_unconfirmed_ratio_is_a_belief_and_the_touched_part_is_not() -> None:
     plan = CutPlan(
         2,
         60.0,
-        Start(200.0, 0.15, 3.0, 0.8, depth_um=100.0, depth_u_um=0.5, wear_um=39.0, wear_u_um=0.4),
+        CutStart(200.0, 0.15, 3.0, 0.8, depth_um=100.0, depth_u_um=0.5, wear_um=39.0, wear_u_um=0.4),
         estimate_of(PROFILE).fitted(None, 100.0, 0.3, 39.0, 0.3),
     )
     known = estimate_in_cut(plan, 237.0, energy_of(PROFILE.pulse, (0, 0, 0, 0), 0.0), 0.0)
@@ -109,7 +109,7 @@ def test_a_face_is_untouched_within_what_measures_it() -> None:
 
 
 def test_a_finished_hole_takes_nothing_more() -> None:
-    expected = Expected(Estimate(24.0, 0.3))
+    expected = ExpectedHole(Estimate(24.0, 0.3))
     assert expected.depth_fits(found(24.9, 0.0))
     assert not expected.depth_fits(found(25.5, 0.0))
 
@@ -147,7 +147,7 @@ def test_a_hole_that_was_left_before_it_shows_any_wear_may_have_some() -> None:
 
 def test_a_bottom_that_is_doubted_makes_the_wear_uncertain_as_well() -> None:
     sure, doubted = (
-        CutPlan(1, 20.0, Start(50.0, u_um, 3.0, 0.8), estimate_of(PROFILE)) for u_um in (0.3, 6.0)
+        CutPlan(1, 20.0, CutStart(50.0, u_um, 3.0, 0.8), estimate_of(PROFILE)) for u_um in (0.3, 6.0)
     )
     energy = energy_of(PROFILE.pulse, (0, 0, 0, 0), 0.0)
     wear_u_um = [estimate_in_cut(plan, 47.0, energy, 0.0).wear_u_um for plan in (sure, doubted)]

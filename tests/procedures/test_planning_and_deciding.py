@@ -12,13 +12,13 @@ from edmctl.procedures.hole.cut import CutEnd, CutResult
 from edmctl.procedures.hole.cut_decision import Decision, decide
 from edmctl.procedures.hole.cut_planning import (
     CutPlan,
-    Start,
+    CutStart,
     energy_of,
     estimate_of,
     first_plan,
     learned_gap_um,
 )
-from edmctl.procedures.hole.target import Goal, goal_of
+from edmctl.procedures.hole.target import HoleTarget, target_of
 from edmctl.process.erosion import hole_area_um2
 from edmctl.process.live_erosion import Energy, ErosionEstimate
 from edmctl.process.next_cut import COVERAGE
@@ -41,7 +41,7 @@ FOUND = DepthAndWear(
     feed_u95_um=2.0,
     depth_noise_um=0.1,
 )
-SURFACE = Start(bottom_um=50.0, bottom_u_um=0.2, gap_um=3.4, gap_u_um=0.8)
+SURFACE = CutStart(bottom_um=50.0, bottom_u_um=0.2, gap_um=3.4, gap_u_um=0.8)
 CUT = CutResult(
     end=CutEnd.REACHED,
     reason="feed reached",
@@ -59,8 +59,8 @@ def profile(*overrides: str) -> Profile:
     return load_profile(CU270, overrides).profile
 
 
-def goal(recipe: Profile, site: Place = SITE) -> Goal:
-    return goal_of(recipe, site)
+def goal(recipe: Profile, site: Place = SITE) -> HoleTarget:
+    return target_of(recipe, site)
 
 
 def plan(recipe: Profile | None = None, number: int = 1, feed_um: float = 210.0) -> CutPlan:
@@ -72,8 +72,8 @@ def learned(found: DepthAndWear = FOUND) -> ErosionEstimate:
     return estimate_of(profile()).fitted(energy, found.depth_um, 0.3, found.wear_um, 0.5)
 
 
-def start_of(found: DepthAndWear = FOUND) -> Start:
-    return Start(260.0, 0.15, 3.5, 0.8, depth_um=found.depth_um, depth_u_um=0.5, wear_um=found.wear_um)
+def start_of(found: DepthAndWear = FOUND) -> CutStart:
+    return CutStart(260.0, 0.15, 3.5, 0.8, depth_um=found.depth_um, depth_u_um=0.5, wear_um=found.wear_um)
 
 
 def decision(
@@ -210,7 +210,7 @@ def test_a_depth_short_after_the_last_cut_is_missed() -> None:
     ],
 )
 def test_a_cut_that_ended_early_says_what_to_change(end: CutEnd, fault: str, code: str, remedy: str) -> None:
-    cut = replace(CUT, end=end, fault=fault, told="4.2 µm are left")
+    cut = replace(CUT, end=end, fault=fault, message="4.2 µm are left")
     missed = decision(profile(), plan(), cut)
     assert (missed.plan, missed.code) == (None, code)
     assert "a depth of 150.00 of 180 µm" in missed.missed

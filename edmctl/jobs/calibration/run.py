@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from edmctl.actuator.record import Record
     from edmctl.jobs.calibration.fit import Findings
     from edmctl.jobs.calibration.request import Checked
-    from edmctl.procedures.actuator.calibration import CalibrationPlan, Measured
+    from edmctl.procedures.actuator.calibration import CalibrationPlan, MeasuredActuator
     from edmctl.results.progress import Observer
 
     Warn = Callable[[Sequence[Diagnostic]], None]
@@ -90,7 +90,7 @@ def calibrate_files(checked: Checked, observer: Observer) -> Calibrated:
     return Calibrated(findings, checked.output, None, simulated=False)
 
 
-def _doubts(measured: Measured) -> list[Diagnostic]:
+def _doubts(measured: MeasuredActuator) -> list[Diagnostic]:
     from edmctl.actuator.checks import check_record
 
     doubts = doubtful(check_record(measured.record), "W3610")

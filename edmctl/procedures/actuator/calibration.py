@@ -80,7 +80,7 @@ class CalibrationPlan:
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class MeasuredActuator:
     """A record of a machine's actuator; `lost_frames` of telemetry are missing from it."""
 
     record: Record
@@ -103,7 +103,9 @@ def plan_calibration(setup: Setup) -> CalibrationPlan:
     )
 
 
-def measure_actuator(machine: Machine, setup: Setup, plan: CalibrationPlan, observer: Observer) -> Measured:
+def measure_actuator(
+    machine: Machine, setup: Setup, plan: CalibrationPlan, observer: Observer
+) -> MeasuredActuator:
     """Drive the plan on an idle machine and record what the sensor says; retracted and idle in the end.
 
     Raises RecordError after the first swing when the sensor does not show it; else MachineFault, LinkLost,
@@ -126,7 +128,7 @@ def measure_actuator(machine: Machine, setup: Setup, plan: CalibrationPlan, obse
                 check_record(listener.record(machine))
         machine.disarm()
         machine.stop_telemetry()
-    return Measured(listener.record(machine), listener.lost_frames)
+    return MeasuredActuator(listener.record(machine), listener.lost_frames)
 
 
 def _settings(setup: Setup) -> MotionSettings:

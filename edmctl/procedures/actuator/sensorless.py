@@ -54,7 +54,7 @@ MARGIN_UM = 2.0
 """The same, at least."""
 
 
-class Reckoning:
+class DisplacementEstimates:
     """Listens between machine and host: turns the displacement of every sample and event into the estimate.
 
     `displacement_um` is the newest estimate, `cutting_um` the mean of it over the newest samples of a cut.
@@ -135,7 +135,7 @@ class SensorlessMachine:
     def __init__(self, machine: Machine, calibration: CalibratedActuator, gain_um_per_v: float) -> None:
         self._machine = machine
         self._gain_um_per_v = gain_um_per_v
-        self._reckoning = Reckoning(calibration)
+        self._reckoning = DisplacementEstimates(calibration)
         self._z_limit_um = 0.0
 
     @property
@@ -208,29 +208,29 @@ class SensorlessMachine:
     def approach(self, speed_um_s: float, max_travel_um: float, gap_reference_v: float) -> MachineEvent:
         """Advance with pulses until the mean gap voltage falls to the reference."""
         here_v = self.tracker.estimator.state.u_v
-        goal_um = self._reckoning.displacement_um + max_travel_um
-        travel_um = self._beyond_um(goal_um, speed_um_s) - self._gain_um_per_v * here_v
+        target_um = self._reckoning.displacement_um + max_travel_um
+        travel_um = self._beyond_um(target_um, speed_um_s) - self._gain_um_per_v * here_v
         event = self._machine.approach(speed_um_s, travel_um, gap_reference_v)
         return self._reckoning.translated(event)
 
     def touch(self, request: TouchRequest) -> tuple[Touch, ...]:
         """Find the surface by contact; each touch is the estimate at first contact."""
-        told = replace(
+        sent = replace(
             request,
             fast_to_um=self._short_of_um(request.fast_to_um, request.fast_um_s),
             z_max_um=self._beyond_um(request.z_max_um, request.fast_um_s),
         )
         return tuple(
             replace(touch, displacement_um=self._reckoning.at(touch.time_s))
-            for touch in self._machine.touch(told)
+            for touch in self._machine.touch(sent)
         )
 
     def start_cut(self, request: CutRequest) -> None:
         """Start the gap servo; `watch_cut` looks for the limit."""
         self._z_limit_um = request.z_limit_um
         self._reckoning.cutting_um = self._reckoning.displacement_um
-        told_um = self._beyond_um(request.z_limit_um, math.inf)
-        self._machine.start_cut(replace(request, z_limit_um=told_um))
+        sent_um = self._beyond_um(request.z_limit_um, math.inf)
+        self._machine.start_cut(replace(request, z_limit_um=sent_um))
 
     def start_scan(self, request: ScanRequest) -> None:
         """Start the gap servo with the tool held at the voltage that the inverse gives for the limit."""
@@ -293,17 +293,17 @@ class SensorlessMachine:
 
     def _short_of_um(self, target_um: float, speed_um_s: float) -> float:
         """Return what the controller is told so that a feed from here ends before `target_um`."""
-        return self._told_um(target_um, -1.0, speed_um_s)
+        return self._sent_um(target_um, -1.0, speed_um_s)
 
     def _beyond_um(self, target_um: float, speed_um_s: float) -> float:
         """Return what the controller is told so that a feed from here can reach `target_um`."""
-        return self._told_um(target_um, 1.0, speed_um_s)
+        return self._sent_um(target_um, 1.0, speed_um_s)
 
     def _held_um(self, target_um: float) -> float:
         """Return what the controller is told so that the tool is held at `target_um` soon."""
-        return self._told_um(target_um, 0.0, math.inf)
+        return self._sent_um(target_um, 0.0, math.inf)
 
-    def _told_um(self, target_um: float, side: float, speed_um_s: float) -> float:
+    def _sent_um(self, target_um: float, side: float, speed_um_s: float) -> float:
         way_um = target_um - self._reckoning.displacement_um
         way_um += side * (MARGIN_UM + MARGIN_SHARE * abs(way_um))
         return self._gain_um_per_v * travel_by(self.tracker.estimator, way_um, speed_um_s)

@@ -158,7 +158,7 @@ class FeedError:
         self._reduce()
         return math.sqrt(self._squares / self._count) if self._count else math.nan
 
-    def take(self, block: TelemetryBlock, model_um: Floats) -> None:
+    def update(self, block: TelemetryBlock, model_um: Floats) -> None:
         """Take consecutive samples with what was estimated for them, shape (n,)."""
         self._fresh.append((block, model_um))
         if len(self._fresh) >= _GATHERED_BLOCKS:

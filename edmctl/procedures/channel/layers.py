@@ -22,8 +22,8 @@ from edmctl.record.rows import EventLevel
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.procedures.channel.touching import Face, FloorReading
-    from edmctl.procedures.run import Run
+    from edmctl.procedures.channel.touching import ChannelSurface, FloorReading
+    from edmctl.procedures.run import RunContext
     from edmctl.procedures.servo.limits import TimeLimits
     from edmctl.process.path import Way
     from edmctl.profile.model import Profile
@@ -50,12 +50,14 @@ class Layers:
     every pass.
     """
 
-    def __init__(self, run: Run, limits: TimeLimits, way: Way, face: Face, speed_um_s: float) -> None:
+    def __init__(
+        self, run: RunContext, limits: TimeLimits, way: Way, surface: ChannelSurface, speed_um_s: float
+    ) -> None:
         profile = run.profile
         self._run = run
         self._limits = limits
         self._way = way
-        self.face = face
+        self.surface = surface
         self._width_um = channel_width_um(profile.tool.diameter_um, profile.work.side_gap_um)
         self._speed_um_s = speed_um_s
         self._engaged = False
@@ -63,7 +65,7 @@ class Layers:
         self.gap_um = GAP_GROWTH * profile.measure.expected_gap_um
         self.depth_um = self.aim_um = 0.0
         self.since_uj = 0.0
-        self.since_s = face.z1.time_s
+        self.since_s = surface.z1.time_s
         self.measured_u_um = 0.0
         self.layers = 0
         self.behind = False
@@ -91,7 +93,7 @@ class Layers:
         if left.seconds <= 0.0:
             return "TIMEOUT", left.limit
         self.aim_um, thickness_um = depth_um, depth_um - self.depth_um
-        held = HeldTool(self.face.z1.z_um, self.face.plane, depth_um, self.gap_um)
+        held = HeldTool(self.surface.z1.z_um, self.surface.plane, depth_um, self.gap_um)
         self._engage(held)
         profile = self._run.profile
         rate_um3_s = removal_um3_s(profile, depth_um)
@@ -102,14 +104,14 @@ class Layers:
         for _ in range(most):
             done = self._pass(held, uj_per_um, layers_after * needed)
             if done.fault:
-                return done.fault, done.told
+                return done.fault, done.message
             uj_per_um = done.wearing_uj / self._way.length_um
             if done.held:
                 break
         else:
             self.behind = True
-            told = f"after {most} passes the tool was held on {100 * done.held_share:.0f} % of the path"
-            return "STALL", told
+            message = f"after {most} passes the tool was held on {100 * done.held_share:.0f} % of the path"
+            return "STALL", message
         self.depth_um, self.layers = depth_um, self.layers + 1
         if not even_out:
             return "", ""
@@ -120,7 +122,7 @@ class Layers:
         if self.last is None:
             raise ValueError("nothing was cut")
         drift_u_um_per_s = self._run.uncertainty.drift_u_um_per_s
-        wear_um = found.pad.z_um - self.face.z1.z_um
+        wear_um = found.pad.z_um - self.surface.z1.z_um
         self.wear.learn(self.since_uj, wear_um, drift_u_um_per_s * (found.pad.time_s - self.since_s))
         self.gap_um = learned_gap_um(*self.last, found, self.wear, self.gap_um)
         self._start_from(found)
@@ -130,7 +132,7 @@ class Layers:
 
         So it tells where tool and floor are, and nothing of wear per energy or of the gap.
         """
-        self.wear.restart(found.pad.z_um - self.face.z1.z_um)
+        self.wear.restart(found.pad.z_um - self.surface.z1.z_um)
         self._start_from(found)
 
     def _start_from(self, found: FloorReading) -> None:
@@ -164,7 +166,7 @@ class Layers:
         run.tally.cut = RunningCut()
         self.last = (plan, done)
         self.since_uj += done.wearing_uj
-        self._tell_pass(held, done)
+        self._report_pass(held, done)
         return done
 
     def _even_out(self, held: HeldTool, uj_per_um: float) -> tuple[str, str]:
@@ -172,7 +174,7 @@ class Layers:
         for _ in range(MOST_TO_EVEN):
             done = self._pass(held, uj_per_um, 0)
             if done.fault:
-                return done.fault, done.told
+                return done.fault, done.message
             if done.open_share >= QUIET_SHARE:
                 break
             uj_per_um = done.wearing_uj / self._way.length_um
@@ -188,16 +190,16 @@ class Layers:
         )
         old = HeldTool(held.pad_um, held.plane, self.depth_um, held.gap_um)
         floor_um = old.floor_um((x_um, y_um), self.wear.um(self.since_uj))
-        floor_u_um = math.hypot(self.wear_u_um, self.face.plane.height_u_um(x_um, y_um), FLOOR_U_UM)
+        floor_u_um = math.hypot(self.wear_u_um, self.surface.plane.height_u_um(x_um, y_um), FLOOR_U_UM)
         approach_bottom(self._run, floor_um, floor_u_um)
         self._engaged = True
 
-    def _tell_pass(self, held: HeldTool, done: PassResult) -> None:
+    def _report_pass(self, held: HeldTool, done: PassResult) -> None:
         self._run.decide(
             RunEvent.PASS_ENDED,
             f"Pass {self.sums.number} at {held.depth_um:.2f} µm took {done.time_s:.0f} s: held on "
             f"{100 * done.held_share:.0f} % of the path, {100 * done.open_share:.0f} % of the pulses open"
-            f"{f'; ended early, {done.told}' if done.fault else ''}.",
+            f"{f'; ended early, {done.message}' if done.fault else ''}.",
             {
                 "pass": self.sums.number,
                 "depth_um": held.depth_um,

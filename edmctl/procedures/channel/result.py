@@ -16,18 +16,18 @@ from edmctl.results.channel import ChannelResult
 from edmctl.results.pulses import pulse_shares
 
 if TYPE_CHECKING:
-    from edmctl.procedures.channel.touching import Face, FloorReading
+    from edmctl.procedures.channel.touching import ChannelSurface, FloorReading
     from edmctl.procedures.job_state import CutTotals
-    from edmctl.procedures.run import Run
+    from edmctl.procedures.run import RunContext
 
 TOUCH_LEAST_SD_UM = 0.1
 """Touches that agree better than this do so by chance."""
 
 
 def channel_result(
-    run: Run,
+    run: RunContext,
     length_um: float,
-    face: Face,
+    surface: ChannelSurface,
     found: FloorReading,
     sums: CutTotals,
     *,
@@ -41,8 +41,8 @@ def channel_result(
     After a pass that ended early the floor may be deeper by `uneven_um` where the tool was, which is at none of the
     places that were touched: so much the mean of the floor may be off.
     """
-    job, z1 = run.job, face.z1
-    depth_u95_um, wear_u95_um = _uncertainties(run, face, found, uneven_um)
+    job, z1 = run.job, surface.z1
+    depth_u95_um, wear_u95_um = _uncertainties(run, surface, found, uneven_um)
     wear_um = found.pad.z_um - z1.z_um
     return ChannelResult(
         name=job.profile.meta.name,
@@ -111,14 +111,16 @@ def channel_left(
     )
 
 
-def _uncertainties(run: Run, face: Face, found: FloorReading, uneven_um: float) -> tuple[float, float]:
+def _uncertainties(
+    run: RunContext, surface: ChannelSurface, found: FloorReading, uneven_um: float
+) -> tuple[float, float]:
     """95 % half-widths of mean depth and wear: touches and doubts of floor and pad, sensor, drift, face, stages.
 
     How much the floor varies from place to place counts too, as only some were touched. The pad is touched before
     and after the floor, so a steady drift is no part of the depth.
     """
-    known, z1, setup = run.uncertainty, face.z1, run.setup
-    face_u_um = max(face.plane.height_u_um(place.x_um, place.y_um) for place in found.places)
+    sensor_u, z1, setup = run.uncertainty, surface.z1, run.setup
+    face_u_um = max(surface.plane.height_u_um(place.x_um, place.y_um) for place in found.places)
     pads = (z1, found.pad_before, found.pad)
     dof = TOUCH_PRIOR_DOF + sum(r.reading.touches - 1 for r in (*pads, *found.floor))
     meeting_u_um = pad_u_um(setup)
@@ -130,10 +132,10 @@ def _uncertainties(run: Run, face: Face, found: FloorReading, uneven_um: float) 
         0.5 * uneven_um,
         before_u_um / 2.0,
         after_u_um / 2.0,
-        known.gain_u_rel * found.depth_um,
-        known.linearity_u_um,
+        sensor_u.gain_u_rel * found.depth_um,
+        sensor_u.linearity_u_um,
         face_u_um,
-        face.doubt_u_um,
+        surface.doubt_u_um,
         meeting_u_um,
         math.fsum(z2.doubt_u_um for z2 in found.floor) / len(found.floor),
         0.5 * (found.pad_before.doubt_u_um + found.pad.doubt_u_um),
@@ -142,9 +144,9 @@ def _uncertainties(run: Run, face: Face, found: FloorReading, uneven_um: float) 
     wear_u_um = math.hypot(
         z1_u_um,
         after_u_um,
-        known.gain_u_rel * wear_um,
-        known.linearity_u_um,
-        known.drift_u_um_per_s * (found.pad.time_s - z1.time_s),
+        sensor_u.gain_u_rel * wear_um,
+        sensor_u.linearity_u_um,
+        sensor_u.drift_u_um_per_s * (found.pad.time_s - z1.time_s),
         meeting_u_um,
         z1.doubt_u_um,
         found.pad.doubt_u_um,
@@ -153,7 +155,7 @@ def _uncertainties(run: Run, face: Face, found: FloorReading, uneven_um: float) 
     return factor * depth_u_um, factor * wear_u_um
 
 
-def channel_row(run: Run, result: ChannelResult) -> SiteRow:
+def channel_row(run: RunContext, result: ChannelResult) -> SiteRow:
     """The channel as a row of the results: Z2 is the mean of its floor."""
     path = run.profile.path
     assert path is not None

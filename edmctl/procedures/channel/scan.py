@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from edmctl.machine.port import MachineEvent
-    from edmctl.procedures.run import Run
+    from edmctl.procedures.run import RunContext
     from edmctl.process.channel_wear import ToolWear
     from edmctl.process.layers import HeldTool
     from edmctl.process.path import Way
@@ -72,7 +72,7 @@ class PassPlan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PassResult:
-    """What a pass did. `fault` names the row of the faults that ended it early, `told` says why; else both empty.
+    """What a pass did. `fault` names the row of the faults that ended it early, `message` says why; else both empty.
 
     `held_share` is the share of the path on which the tool stood at its limit. `counts` are pulses by class (open,
     normal, arc, short), `wearing_uj` the energy that wore the tool. `limits_um` holds the limit at each point of
@@ -88,7 +88,7 @@ class PassResult:
     limits_um: Floats
     used_uj: Floats
     fault: str = ""
-    told: str = ""
+    message: str = ""
 
     @property
     def held(self) -> bool:
@@ -101,7 +101,7 @@ class PassResult:
         return self.counts[0] / max(1, sum(self.counts))
 
 
-def run_pass(run: Run, plan: PassPlan, wear: ToolWear, left_s: float, time_limit: str) -> PassResult:
+def run_pass(run: RunContext, plan: PassPlan, wear: ToolWear, left_s: float, time_limit: str) -> PassResult:
     """Go along the path once; the tool is then held with the pulses off."""
     start_s = run.machine.time_s
     follower = PassFollower(run, start_s, plan.number)
@@ -110,7 +110,7 @@ def run_pass(run: Run, plan: PassPlan, wear: ToolWear, left_s: float, time_limit
     try:
         limit_um = feeder.limits_um[0]
         run.machine.start_scan(ScanRequest(gap_reference_v(run.profile), limit_um, left_s + TIME_SLACK_S))
-        ended, fault, told = _watch(run, feeder, start_s + left_s, time_limit)
+        ended, fault, message = _watch(run, feeder, start_s + left_s, time_limit)
     finally:
         run.watch.follow(None)
     return PassResult(
@@ -123,17 +123,17 @@ def run_pass(run: Run, plan: PassPlan, wear: ToolWear, left_s: float, time_limit
         limits_um=feeder.limits_um,
         used_uj=feeder.used_uj(),
         fault=fault,
-        told=told,
+        message=message,
     )
 
 
-def _watch(run: Run, feeder: _Feeder, end_s: float, time_limit: str) -> tuple[MachineEvent, str, str]:
+def _watch(run: RunContext, feeder: _Feeder, end_s: float, time_limit: str) -> tuple[MachineEvent, str, str]:
     while True:
         ended = run.machine.watch_cut(SLICE_S)
         if ended is not None:
             return (ended, "", "") if ended.code is EventCode.PATH_DONE else (ended, "TIMEOUT", time_limit)
-        if told := feeder.follower.unstable or feeder.stands:
-            return run.machine.stop_cut(), "STALL", told
+        if message := feeder.follower.unstable or feeder.stands:
+            return run.machine.stop_cut(), "STALL", message
         if run.machine.time_s >= end_s:
             return run.machine.stop_cut(), "TIMEOUT", time_limit
         try:
@@ -149,7 +149,7 @@ def _watch(run: Run, feeder: _Feeder, end_s: float, time_limit: str) -> tuple[Ma
 class _Feeder:
     """Knows where the tool is on its way, and sends the lines ahead of it."""
 
-    def __init__(self, run: Run, plan: PassPlan, wear: ToolWear, follower: PassFollower) -> None:
+    def __init__(self, run: RunContext, plan: PassPlan, wear: ToolWear, follower: PassFollower) -> None:
         self._run = run
         self._plan = plan
         self._wear = wear
@@ -193,7 +193,7 @@ class _Feeder:
             self._moved_s = self._run.machine.time_s
         below_um = follower.displacement_um - float(np.interp(self._here_um, way.lengths_um, self.limits_um))
         held = below_um >= -HELD_WITHIN_UM
-        self._tell(below_um)
+        self._follow(below_um)
         if self._sent:
             self._slices += 1
             self._held_slices += held
@@ -224,7 +224,7 @@ class _Feeder:
     def _uj_per_um(self, used_uj: float) -> float:
         return (self._plan.uj_per_um * LEARN_OVER_UM + used_uj) / (LEARN_OVER_UM + self._here_um)
 
-    def _tell(self, below_um: float) -> None:
+    def _follow(self, below_um: float) -> None:
         plan, follower = self._plan, self.follower
         if not math.isnan(below_um):
             follower.depth_um = max(0.0, plan.held.depth_um + min(0.0, below_um))
@@ -241,7 +241,7 @@ class PassFollower(TelemetrySums):
     `time_left_s`. `unstable` says why a pass should end, `shorted` that most pulses of the last seconds were shorts.
     """
 
-    def __init__(self, run: Run, start_s: float, number: int = 0) -> None:
+    def __init__(self, run: RunContext, start_s: float, number: int = 0) -> None:
         super().__init__(run)
         self._step = f"pass {number}" if number else ""
         self._start_s = start_s

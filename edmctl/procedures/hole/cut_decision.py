@@ -10,7 +10,7 @@ from edmctl.labels import Verdict
 from edmctl.machine.port import host_fault
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.cut import CutEnd, CutResult
-from edmctl.procedures.hole.cut_planning import CutPlan, Start, following_plan
+from edmctl.procedures.hole.cut_planning import CutPlan, CutStart, following_plan
 from edmctl.procedures.hole.target import verdict_of
 from edmctl.process.next_cut import is_done
 from edmctl.profile.measuring_stops import cut_budget
@@ -18,8 +18,8 @@ from edmctl.record.rows import EventLevel
 from edmctl.wording import decimal, signed
 
 if TYPE_CHECKING:
-    from edmctl.procedures.hole.target import Goal
-    from edmctl.procedures.run import Run
+    from edmctl.procedures.hole.target import HoleTarget
+    from edmctl.procedures.run import RunContext
     from edmctl.process.live_erosion import ErosionEstimate
     from edmctl.process.wear import DepthAndWear
     from edmctl.profile.model import Profile
@@ -50,11 +50,11 @@ class Decision:
 
 def decide(
     profile: Profile,
-    goal: Goal,
+    target: HoleTarget,
     last: CutPlan,
     cut: CutResult | None,
     found: DepthAndWear,
-    start: Start,
+    start: CutStart,
     estimate: ErosionEstimate,
     *,
     touch_final: bool = False,
@@ -66,53 +66,53 @@ def decide(
     `broken_cuts` of the hole's came to no end and do not count.
     """
     if cut is not None and cut.end is not CutEnd.REACHED:
-        return unfinished(goal, cut, found.depth_um, found.feed_um)
-    if goal.kind == "feed" and cut is not None:
-        return Decision(None, f"Feed {found.feed_um:.2f} µm of {goal.feed_um:.0f} µm.")
-    remaining_um = goal.depth_um - found.depth_um
-    done = is_done(remaining_um, goal.tolerance_um, found.depth_noise_um)
+        return unfinished(target, cut, found.depth_um, found.feed_um)
+    if target.kind == "feed" and cut is not None:
+        return Decision(None, f"Feed {found.feed_um:.2f} µm of {target.feed_um:.0f} µm.")
+    remaining_um = target.depth_um - found.depth_um
+    done = is_done(remaining_um, target.tolerance_um, found.depth_noise_um)
     if done or last.number >= cut_budget(profile) + broken_cuts:
-        return _final(profile, goal, last, found)
-    plan = following_plan(profile, goal, last, start, estimate, touch_final=touch_final)
+        return _final(profile, target, last, found)
+    plan = following_plan(profile, target, last, start, estimate, touch_final=touch_final)
     after = "measured" if plan.measured else "known well enough not to be measured"
     message = f"{remaining_um:.2f} µm are left: next cut feeds {plan.feed_um:.2f} µm, then {after}."
     return Decision(plan, message)
 
 
-def out_of_time(goal: Goal, plan: CutPlan, limit: str) -> Decision:
+def out_of_time(target: HoleTarget, plan: CutPlan, limit: str) -> Decision:
     """The end before a cut for which `limit` leaves no time."""
-    reached = goal.reached(plan.start.depth_um, plan.start.depth_um + plan.start.wear_um)
+    reached = target.reached(plan.start.depth_um, plan.start.depth_um + plan.start.wear_um)
     return _missed("TIMEOUT", f" No time is left for cut {plan.number}: {limit}; the job ends at {reached}.")
 
 
-def unfinished(goal: Goal, cut: CutResult, depth_um: float, feed_um: float) -> Decision:
+def unfinished(target: HoleTarget, cut: CutResult, depth_um: float, feed_um: float) -> Decision:
     """The end after a cut that did not reach its limit."""
-    reached = goal.reached(depth_um, feed_um)
+    reached = target.reached(depth_um, feed_um)
     if cut.fault:
-        return _missed(cut.fault, f" The cut ended early ({cut.told}) at {reached}.")
+        return _missed(cut.fault, f" The cut ended early ({cut.message}) at {reached}.")
     missed = f"The cut ended early ({cut.reason}) at {reached}."
     hint = "Flush better (shorter jump.period_s, greater jump.height_um), or raise servo.reference."
     return Decision(None, missed, missed, hint)
 
 
-def _missed(row: str, told: str) -> Decision:
+def _missed(row: str, message: str) -> Decision:
     """The end by a row of the faults, and what was reached."""
-    error = host_fault(row, told)
+    error = host_fault(row, message)
     return Decision(None, error.message, error.message, error.hint, error.code)
 
 
-def _final(profile: Profile, goal: Goal, last: CutPlan, found: DepthAndWear) -> Decision:
-    off_um = found.depth_um - goal.depth_um
+def _final(profile: Profile, target: HoleTarget, last: CutPlan, found: DepthAndWear) -> Decision:
+    off_um = found.depth_um - target.depth_um
     cuts = "1 cut" if last.number == 1 else f"{last.number} cuts"
     message = f"Depth {decimal(found.depth_um)} µm, {signed(off_um)} µm from the target, after {cuts}."
-    verdict = verdict_of(goal, found.depth_um, found.depth_u95_um, through=False)
+    verdict = verdict_of(target, found.depth_um, found.depth_u95_um, through=False)
     if verdict is not Verdict.MISSED:
         return Decision(None, message)
     return Decision(
         None,
         message,
         f"The depth is {decimal(found.depth_um)} µm after {cuts}, {signed(off_um)} µm from the target; "
-        f"target.tolerance_um is {goal.tolerance_um:.1f} µm.",
+        f"target.tolerance_um is {target.tolerance_um:.1f} µm.",
         remedy(profile, off_um, found.wear_ratio),
     )
 
@@ -127,7 +127,7 @@ def remedy(profile: Profile, off_um: float, wear_ratio: float = math.nan) -> str
     return "Cut less before the first measuring stop (wear.first_fraction)."
 
 
-def refuse_wrong_setup(run: Run, found: DepthAndWear) -> None:
+def refuse_wrong_setup(run: RunContext, found: DepthAndWear) -> None:
     """Raise MachineFault E67005 where the first cut wore the tool far too fast, or left a hill and no hole.
 
     Only what is beyond the uncertainty of the measurement counts.

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from edmctl.procedures.hole.target import Goal, goal_of
+from edmctl.procedures.hole.target import HoleTarget, target_of
 from edmctl.process.erosion import hole_area_um2
 from edmctl.process.live_erosion import RECIPE_U_REL, Energy, ErosionEstimate, LiveErosion
 from edmctl.process.next_cut import COVERAGE, NextCut, largest_first_um, next_cut
@@ -24,7 +24,7 @@ WALL_SHARE = 0.05
 
 
 @dataclass(frozen=True, slots=True)
-class Start:
+class CutStart:
     """What a cut starts from.
 
     The tool would touch the bottom at `bottom_um`, known within `bottom_u_um` at `time_s` and drifting within
@@ -63,7 +63,7 @@ class CutPlan:
 
     number: int
     feed_um: float
-    start: Start
+    start: CutStart
     estimate: ErosionEstimate
     target_um: float = math.nan
     measured: bool = True
@@ -173,48 +173,48 @@ def energy_of(pulse: Pulse, counts: tuple[int, int, int, int] | list[int], energ
 
 def first_plan(
     profile: Profile,
-    start: Start,
-    goal: Goal | None = None,
+    start: CutStart,
+    target: HoleTarget | None = None,
     estimate: ErosionEstimate | None = None,
     now_s: float = 0.0,
 ) -> CutPlan:
     """The first cut of a hole, planned at `now_s`: all of a feed or way through, of a depth what is surely short."""
-    goal = goal or goal_of(profile)
+    target = target or target_of(profile)
     estimate = estimate or estimate_of(profile)
-    if goal.kind == "feed":
-        return CutPlan(1, goal.feed_um, start, estimate)
-    if goal.kind == "through":
-        return through_plan(1, start, goal, estimate)
+    if target.kind == "feed":
+        return CutPlan(1, target.feed_um, start, estimate)
+    if target.kind == "through":
+        return through_plan(1, start, target, estimate)
     if cut_budget(profile) == 1:
-        return CutPlan(1, goal.depth_um * (1.0 + estimate.wear_ratio), start, estimate, goal.depth_um)
+        return CutPlan(1, target.depth_um * (1.0 + estimate.wear_ratio), start, estimate, target.depth_um)
     cut = next_cut(
         estimate,
-        target_um=goal.depth_um,
-        remaining_um=goal.depth_um,
-        tolerance_um=goal.tolerance_um,
-        start_u_um=start.u_at(now_s + _cut_s(profile, goal, goal.depth_um, estimate)),
+        target_um=target.depth_um,
+        remaining_um=target.depth_um,
+        tolerance_um=target.tolerance_um,
+        start_u_um=start.u_at(now_s + _cut_s(profile, target, target.depth_um, estimate)),
         gap_u_um=start.gap_u_um,
-        largest_um=largest_first_um(goal.depth_um, profile.wear.first_fraction, estimate),
+        largest_um=largest_first_um(target.depth_um, profile.wear.first_fraction, estimate),
         begun=False,
     )
-    return _planned(1, cut, start, estimate, goal, profile)
+    return _planned(1, cut, start, estimate, target, profile)
 
 
-def through_plan(number: int, start: Start, goal: Goal, estimate: ErosionEstimate) -> CutPlan:
+def through_plan(number: int, start: CutStart, target: HoleTarget, estimate: ErosionEstimate) -> CutPlan:
     """All that is left of a way through the sheet.
 
     The breakthrough ends it: the limit leaves room for a tool that wears more than the recipe says.
     """
     worst = estimate.wear_ratio * (1.0 + (0.0 if estimate.fits else COVERAGE * RECIPE_U_REL))
-    left_um = max(0.0, goal.depth_um - start.depth_um) + goal.tolerance_um
-    return CutPlan(number, left_um * (1.0 + worst) + goal.completion_um, start, estimate, goal.depth_um)
+    left_um = max(0.0, target.depth_um - start.depth_um) + target.tolerance_um
+    return CutPlan(number, left_um * (1.0 + worst) + target.completion_um, start, estimate, target.depth_um)
 
 
 def following_plan(
     profile: Profile,
-    goal: Goal,
+    target: HoleTarget,
     last: CutPlan,
-    start: Start,
+    start: CutStart,
     estimate: ErosionEstimate,
     *,
     touch_final: bool = False,
@@ -223,30 +223,35 @@ def following_plan(
 
     `touch_final` says that it is measured however small.
     """
-    remaining_um = goal.depth_um - start.depth_um
+    remaining_um = target.depth_um - start.depth_um
     cut = next_cut(
         estimate,
-        target_um=goal.depth_um,
+        target_um=target.depth_um,
         remaining_um=remaining_um,
-        tolerance_um=goal.tolerance_um,
-        start_u_um=start.u_at(start.time_s + _cut_s(profile, goal, remaining_um, estimate)),
+        tolerance_um=target.tolerance_um,
+        start_u_um=start.u_at(start.time_s + _cut_s(profile, target, remaining_um, estimate)),
         gap_u_um=start.gap_u_um,
         begun=True,
     )
-    planned = _planned(last.number + 1, cut, start, estimate, goal, profile)
+    planned = _planned(last.number + 1, cut, start, estimate, target, profile)
     return replace(planned, measured=True) if touch_final else planned
 
 
-def _cut_s(profile: Profile, goal: Goal, depth_um: float, estimate: ErosionEstimate) -> float:
+def _cut_s(profile: Profile, target: HoleTarget, depth_um: float, estimate: ErosionEstimate) -> float:
     """How long a cut of that depth will take, for what drifts meanwhile."""
-    return depth_um * (1.0 + estimate.wear_ratio) / feed_rate_um_s(profile, goal.depth_um)
+    return depth_um * (1.0 + estimate.wear_ratio) / feed_rate_um_s(profile, target.depth_um)
 
 
 def _planned(
-    number: int, cut: NextCut, start: Start, estimate: ErosionEstimate, goal: Goal, profile: Profile
+    number: int,
+    cut: NextCut,
+    start: CutStart,
+    estimate: ErosionEstimate,
+    target: HoleTarget,
+    profile: Profile,
 ) -> CutPlan:
     measured = cut.measured or profile.wear.remeasure not in ("auto", "sparing")
-    return CutPlan(number, cut.feed_um, start, estimate, goal.depth_um, measured, cut.depth_u_um)
+    return CutPlan(number, cut.feed_um, start, estimate, target.depth_um, measured, cut.depth_u_um)
 
 
 def learned_gap_um(bottom_um: float, end_displacement_um: float) -> float:

@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.hole.hole import DoubtedFace, FirstSparks
+from edmctl.procedures.hole.hole import DoubtedSurface, FirstSparks
 from edmctl.process.next_cut import COVERAGE, GAP_U_UM
 from edmctl.process.wear import share_u
 from edmctl.process.working_gap import FIRST_GAP_U_UM
@@ -21,9 +21,9 @@ from edmctl.wording import signed
 if TYPE_CHECKING:
     from edmctl.machine.port import MachineEvent
     from edmctl.procedures.hole.cut_planning import CutPlan
-    from edmctl.procedures.hole.hole import Hole
-    from edmctl.procedures.run import Run
-    from edmctl.procedures.touch.surface_plane import Face
+    from edmctl.procedures.hole.hole import HoleUnderWay
+    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.touch.surface_plane import SurfacePlane
 
 FIRST_SPARKS_SIGMAS = 3.0
 LEAST_GAP_UM = 0.5
@@ -31,17 +31,22 @@ LEAST_GAP_UM = 0.5
 
 
 def check_first_sparks(
-    run: Run, hole: Hole, face: Face, plan: CutPlan, event: MachineEvent, bottom_u_um: float
+    run: RunContext,
+    hole: HoleUnderWay,
+    surface: SurfacePlane,
+    plan: CutPlan,
+    event: MachineEvent,
+    bottom_u_um: float,
 ) -> CutPlan:
     """Compare where sparks began with the bottom that the cut is planned from; return the plan as it may stand.
 
     `bottom_u_um` is the standard uncertainty of that bottom's height now. A bottom that contradicts them is less
     certain by as much, and what is cut from it is measured; so is a gap that nobody has measured. Sparks that begin
     late show a narrower gap or a lower surface: either way the cut counts from them. Where the bottom is the
-    untouched face, no later touch of the hole tells of it: `hole` and `face` keep the doubt, until `judge_again`
+    untouched face, no later touch of the hole tells of it: `hole` and `surface` keep the doubt, until `judge_again`
     finds that it was the gap. Something that is known to lie there sparks first.
     """
-    sparks = FirstSparks(event.displacement_um, plan.bottom_um, bottom_u_um, lying_um(hole, face))
+    sparks = FirstSparks(event.displacement_um, plan.bottom_um, bottom_u_um, debris_um(hole, surface))
     off = sparks.off(run.profile.pulse.open_voltage_v, plan.gap_um, plan.gap_u_um)
     if abs(off.sigmas) <= FIRST_SPARKS_SIGMAS:
         return plan
@@ -58,12 +63,12 @@ def check_first_sparks(
     )
     doubt_u_um = math.hypot(share_u(off.um), off.u_um)
     if hole.stops == 0:
-        hole.doubted = DoubtedFace(
-            sparks, plan.gap_um, plan.gap_u_um, hole.face_u_um, tuple(face.touched), face.doubt_u_um
+        hole.doubted = DoubtedSurface(
+            sparks, plan.gap_um, plan.gap_u_um, hole.face_u_um, tuple(surface.touched), surface.doubt_u_um
         )
         hole.face_u_um = math.hypot(hole.face_u_um, doubt_u_um)
-        face.doubt(doubt_u_um)
-        run.keeper.set_surface(tuple(face.touched), face.doubt_u_um)
+        surface.doubt(doubt_u_um)
+        run.keeper.set_surface(tuple(surface.touched), surface.doubt_u_um)
     start = replace(plan.start, bottom_u_um=math.hypot(plan.start.bottom_u_um, doubt_u_um))
     if is_believed:
         gap_um = min(plan.gap_um, max(LEAST_GAP_UM, plan.gap_um - off.um))
@@ -71,7 +76,7 @@ def check_first_sparks(
     return replace(plan, start=start, measured=True)
 
 
-def judge_again(run: Run, hole: Hole, face: Face, gap_um: float) -> None:
+def judge_again(run: RunContext, hole: HoleUnderWay, surface: SurfacePlane, gap_um: float) -> None:
     """Judge first sparks that put the face in doubt by a gap that was measured since, where they did.
 
     Sparks and stop tell of the gap apart from each other. Where the stop has found another gap than was believed,
@@ -87,8 +92,8 @@ def judge_again(run: Run, hole: Hole, face: Face, gap_um: float) -> None:
     if not is_another or abs(off.sigmas) > FIRST_SPARKS_SIGMAS:
         return
     hole.face_u_um = doubted.face_u_um
-    face.restore(doubted.touched, doubted.doubt_u_um)
-    run.keeper.set_surface(tuple(face.touched), face.doubt_u_um)
+    surface.restore(doubted.touched, doubted.doubt_u_um)
+    run.keeper.set_surface(tuple(surface.touched), surface.doubt_u_um)
     run.decide(
         RunEvent.DOUBT_WITHDRAWN,
         f"The working gap is {gap_um:.2f} µm, not the {doubted.gap_um:.2f} µm believed, and with it the first "
@@ -98,6 +103,6 @@ def judge_again(run: Run, hole: Hole, face: Face, gap_um: float) -> None:
     )
 
 
-def lying_um(hole: Hole, face: Face) -> float:
+def debris_um(hole: HoleUnderWay, surface: SurfacePlane) -> float:
     """How high something lies on the face where an untouched hole goes."""
-    return face.lying_um.get(hole.site.name, 0.0) if hole.stops == 0 else 0.0
+    return surface.debris_um.get(hole.site.name, 0.0) if hole.stops == 0 else 0.0

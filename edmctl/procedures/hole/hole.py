@@ -7,13 +7,13 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from edmctl.labels import Basis
-from edmctl.procedures.hole.cut_planning import Start, energy_of, estimate_of
+from edmctl.procedures.hole.cut_planning import CutStart, energy_of, estimate_of
 from edmctl.procedures.hole.site_result import CutSums
-from edmctl.procedures.hole.target import Goal, goal_of
+from edmctl.procedures.hole.target import HoleTarget, target_of
 from edmctl.procedures.monitoring.drift import pause_drift_u_um
 from edmctl.procedures.touch.home import pad_from_home_um
 from edmctl.procedures.touch.reference_pad import OFFSET_U_UM, ToolLength, read_pad
-from edmctl.procedures.touch.surface_plane import Face, take_pad, unknown_face
+from edmctl.procedures.touch.surface_plane import SurfacePlane, fit_pad_slope, level_surface
 from edmctl.process.erosion import hole_area_um2, mrr_mm3_min, tool_area_um2
 from edmctl.process.touch_check import Deviation
 from edmctl.process.wear import share_u
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from edmctl.procedures.hole.cut_planning import CutPlan
     from edmctl.procedures.hole.hole_estimate import Estimate
     from edmctl.procedures.job_state import SurfaceTouch
-    from edmctl.procedures.run import Run
+    from edmctl.procedures.run import RunContext
     from edmctl.procedures.touch.reading import SurfaceReading
     from edmctl.process.live_erosion import Energy, ErosionEstimate
     from edmctl.process.shared_wear import WearShare
@@ -40,7 +40,7 @@ it only estimated; without drift."""
 
 
 @dataclass(slots=True, eq=False)
-class Known:
+class JobKnowledge:
     """What a job has learned so far, from hole to hole: tool length, face, removal and wear, working gap.
 
     `pad_um` is where the pad is expected, with the standard uncertainty `pad_u_um`, before the tool has touched it;
@@ -48,7 +48,7 @@ class Known:
     """
 
     estimate: ErosionEstimate
-    face: Face
+    surface: SurfacePlane
     gap_um: float
     gap_u_um: float
     tool: ToolLength | None = None
@@ -57,29 +57,33 @@ class Known:
     unmeasured: list[Unmeasured] = field(default_factory=list)
 
 
-def known_before(run: Run) -> Known:
+def initial_knowledge(run: RunContext) -> JobKnowledge:
     """What the recipe and the setup say before the first touch."""
     profile, resumed = run.profile, run.job.resumed
     gap_u_um = first_gap_u_um(profile.pulse.open_voltage_v)
-    known = Known(estimate_of(profile), unknown_face(run), profile.measure.expected_gap_um, gap_u_um)
+    knowledge = JobKnowledge(
+        estimate_of(profile), level_surface(run), profile.measure.expected_gap_um, gap_u_um
+    )
     home_um = run.tally.home_um
-    known.pad_um = home_um + pad_from_home_um(run)
+    knowledge.pad_um = home_um + pad_from_home_um(run)
     if resumed is not None and (resumed.site or run.tally.sites):
-        known.pad_u_um = math.hypot(LEFT_U_UM, pause_drift_u_um(run.job), share_u(home_um - resumed.home_um))
-    return known
+        knowledge.pad_u_um = math.hypot(
+            LEFT_U_UM, pause_drift_u_um(run.job), share_u(home_um - resumed.home_um)
+        )
+    return knowledge
 
 
 @dataclass(frozen=True, slots=True)
 class FirstSparks:
     """Where sparks began, and the surface at `bottom_um`, known within `bottom_u_um`, that they are compared with.
 
-    Something `lying_um` high may lie on it, which sparks first.
+    Something `debris_um` high may lie on it, which sparks first.
     """
 
     z_um: float
     bottom_um: float
     bottom_u_um: float
-    lying_um: float
+    debris_um: float
 
     def off(self, open_voltage_v: float, gap_um: float, gap_u_um: float) -> Deviation:
         """How much later they began than such a gap makes them; of bare surface and what lies there the nearer."""
@@ -88,13 +92,13 @@ class FirstSparks:
         u_um = math.hypot(self.bottom_u_um, gap_u_um, before_u_um)
         return min(
             Deviation(off_um, u_um),
-            Deviation(off_um + self.lying_um, u_um),
+            Deviation(off_um + self.debris_um, u_um),
             key=lambda off: abs(off.sigmas),
         )
 
 
 @dataclass(frozen=True, slots=True)
-class DoubtedFace:
+class DoubtedSurface:
     """First sparks that put the face in doubt, with the gap believed then, and what was known of the face before."""
 
     sparks: FirstSparks
@@ -106,7 +110,7 @@ class DoubtedFace:
 
 
 @dataclass(slots=True, eq=False)
-class Hole:
+class HoleUnderWay:
     """The hole under way.
 
     `z1` is where the tool would have met the pad when the hole began, known within `z1_u_um` where it was not
@@ -118,7 +122,7 @@ class Hole:
     """
 
     site: Place
-    goal: Goal
+    target: HoleTarget
     z1: SurfaceReading
     z1_u_um: float
     face_um: float
@@ -130,7 +134,7 @@ class Hole:
     stops: int = 0
     found: DepthAndWear | None = None
     touched: DepthAndWear | None = None
-    doubted: DoubtedFace | None = None
+    doubted: DoubtedSurface | None = None
     interrupted: bool = False
     begun: bool = False
     plan: CutPlan | None = None
@@ -146,14 +150,14 @@ class Hole:
         """Whether its bottom, or the face that its depth counts from, may have been touched wrongly."""
         return (self.stops > 0 and self.bottom.doubt_u_um > 0.0) or self.face_u_um > FACE_LIMIT_UM
 
-    def energy(self, run: Run) -> Energy:
+    def energy(self, run: RunContext) -> Energy:
         """Energy of all its cuts."""
         total = self.sums.total
         return energy_of(run.profile.pulse, total.counts, total.energy_j)
 
     def report(
         self,
-        run: Run,
+        run: RunContext,
         found: DepthAndWear,
         gap_um: float,
         *,
@@ -212,21 +216,21 @@ class Hole:
             in_doubt=self.in_doubt,
         )
 
-    def report_left(self, run: Run, known: Estimate) -> None:
+    def report_left(self, run: RunContext, estimate: Estimate) -> None:
         """Put what is known of it into the tally where the job ends before it is touched.
 
         Z2 and Z3 are not known then, and the actuator's model has nothing of its own to say of it.
         """
         before = self.found
         self.sums.add_broken_off(run.tally.cut)
-        pad_um = self.z1.z_um + known.wear_um
+        pad_um = self.z1.z_um + estimate.wear_um
         self.report(
             run,
-            known.as_found(),
+            estimate.as_found(),
             math.nan,
-            fed_um=pad_um + self.face_um + known.depth_um - self.bottom.z_um,
+            fed_um=pad_um + self.face_um + estimate.depth_um - self.bottom.z_um,
             worn_um=pad_um - self.pad.z_um,
-            estimated_um=known.depth_um - (before.depth_um if before else 0.0),
+            estimated_um=estimate.depth_um - (before.depth_um if before else 0.0),
             depth_basis=Basis.ESTIMATED,
             wear_basis=Basis.ESTIMATED,
         )
@@ -249,54 +253,60 @@ class Unmeasured:
     cut, known within `wear_before_u_um`.
     """
 
-    hole: Hole
+    hole: HoleUnderWay
     share: WearShare
     depth_u_um: float
     wear_before_um: float
     wear_before_u_um: float
 
 
-def touch_pad_first(run: Run, name: str, known: Known) -> SurfaceReading:
+def touch_pad_first(run: RunContext, name: str, knowledge: JobKnowledge) -> SurfaceReading:
     """Z1: the pad before anything else; its two spots may tell of the slope too."""
-    return take_pad(run, known.face, read_pad(run, "Z1", name, known.pad_um, known.pad_u_um))
+    return fit_pad_slope(
+        run, knowledge.surface, read_pad(run, "Z1", name, knowledge.pad_um, knowledge.pad_u_um)
+    )
 
 
-def begin_hole(run: Run, site: Place, known: Known) -> Hole:
+def begin_hole(run: RunContext, site: Place, knowledge: JobKnowledge) -> HoleUnderWay:
     """Begin a hole: touch the pad where nothing is known of the tool's length, otherwise go by what is known."""
-    if known.tool is None:
-        known.tool = ToolLength(touch_pad_first(run, site.name, known))
-    return hole_at(run, site, known, known.tool.pad.shifted(known.tool.wear_um), known.tool.wear_u_um)
+    if knowledge.tool is None:
+        knowledge.tool = ToolLength(touch_pad_first(run, site.name, knowledge))
+    return hole_at(
+        run, site, knowledge, knowledge.tool.pad.shifted(knowledge.tool.wear_um), knowledge.tool.wear_u_um
+    )
 
 
-def hole_at(run: Run, site: Place, known: Known, z1: SurfaceReading, z1_u_um: float) -> Hole:
+def hole_at(
+    run: RunContext, site: Place, knowledge: JobKnowledge, z1: SurfaceReading, z1_u_um: float
+) -> HoleUnderWay:
     """Return an untouched hole at a site whose tool would have met the pad at `z1`."""
-    face_um = known.face.height_um(site)
-    return Hole(
+    face_um = knowledge.surface.height_um(site)
+    return HoleUnderWay(
         site=site,
-        goal=goal_of(run.profile, site),
+        target=target_of(run.profile, site),
         z1=z1,
         z1_u_um=z1_u_um,
         face_um=face_um,
-        face_u_um=known.face.height_u_um(site),
-        estimate=known.estimate if known.estimate.fits == 0 else known.estimate.next_hole(),
+        face_u_um=knowledge.surface.height_u_um(site),
+        estimate=knowledge.estimate if knowledge.estimate.fits == 0 else knowledge.estimate.next_hole(),
         bottom=z1.shifted(face_um),
         pad=z1,
     )
 
 
-def start_of(run: Run, hole: Hole, known: Known) -> Start:
+def start_of(run: RunContext, hole: HoleUnderWay, knowledge: JobKnowledge) -> CutStart:
     """What the first cut of an untouched hole starts from: tool, face, and what measures."""
-    assert known.tool is not None
-    sensed, tool = run.uncertainty, known.tool
-    length_um = hole.goal.feed_um if hole.goal.kind == "feed" else hole.goal.depth_um
-    return Start(
+    assert knowledge.tool is not None
+    sensor_u, tool = run.uncertainty, knowledge.tool
+    length_um = hole.target.feed_um if hole.target.kind == "feed" else hole.target.depth_um
+    return CutStart(
         bottom_um=hole.surface_um,
         bottom_u_um=math.hypot(tool.u_um(tool.pad.time_s, 0.0), hole.face_u_um),
-        gap_um=known.gap_um,
+        gap_um=knowledge.gap_um,
         time_s=tool.pad.time_s,
-        drift_u_um_per_s=sensed.drift_u_um_per_s,
-        depth_u_um=math.hypot(sensed.linearity_u_um, sensed.gain_u_rel * length_um),
-        gap_u_um=known.gap_u_um,
+        drift_u_um_per_s=sensor_u.drift_u_um_per_s,
+        depth_u_um=math.hypot(sensor_u.linearity_u_um, sensor_u.gain_u_rel * length_um),
+        gap_u_um=knowledge.gap_u_um,
     )
 
 

@@ -16,14 +16,14 @@ from edmctl.process.shared_wear import SharedWear, WearShare, share_wear
 if TYPE_CHECKING:
     from edmctl.procedures.hole.cut import CutResult
     from edmctl.procedures.hole.cut_planning import CutPlan
-    from edmctl.procedures.hole.hole import Hole, Known
-    from edmctl.procedures.run import Run
+    from edmctl.procedures.hole.hole import HoleUnderWay, JobKnowledge
+    from edmctl.procedures.run import RunContext
     from edmctl.procedures.touch.reading import SurfaceReading
     from edmctl.process.live_erosion import LiveErosion
 
 
 def unmeasured(
-    run: Run, hole: Hole, pad_s: float, plan: CutPlan, cut: CutResult, live: LiveErosion
+    run: RunContext, hole: HoleUnderWay, pad_s: float, plan: CutPlan, cut: CutResult, live: LiveErosion
 ) -> Unmeasured:
     """What is to be remembered of a cut just made that no touch follows; the pad was last touched at `pad_s`.
 
@@ -48,9 +48,9 @@ def unmeasured(
 
 
 def settle_unmeasured(
-    run: Run,
-    hole: Hole,
-    known: Known,
+    run: RunContext,
+    hole: HoleUnderWay,
+    knowledge: JobKnowledge,
     pad: SurfaceReading,
     plan: CutPlan,
     cut: CutResult,
@@ -61,28 +61,28 @@ def settle_unmeasured(
     `pad` is the new reading, `live` what was expected of `hole` after `cut`; its Z1 becomes the reading less its own
     wear. The results of the others are replaced; they stay estimates, better ones.
     """
-    assert known.tool is not None
-    before, sensed = known.tool.pad, run.uncertainty
-    cuts = [*known.unmeasured, unmeasured(run, hole, before.time_s, plan, cut, live)]
+    assert knowledge.tool is not None
+    before, sensor_u = knowledge.tool.pad, run.uncertainty
+    cuts = [*knowledge.unmeasured, unmeasured(run, hole, before.time_s, plan, cut, live)]
     found = share_wear(
         [one.share for one in cuts],
         pad.z_um - before.z_um,
         pad.time_s - before.time_s,
-        touch_u_um=math.hypot(TOUCH_U_UM * math.sqrt(2.0), sensed.linearity_u_um),
-        drift_u_um_per_s=sensed.drift_u_um_per_s,
+        touch_u_um=math.hypot(TOUCH_U_UM * math.sqrt(2.0), sensor_u.linearity_u_um),
+        drift_u_um_per_s=sensor_u.drift_u_um_per_s,
     )
     shorter_um = 0.0
-    for earlier, now in zip(known.unmeasured, found, strict=False):
+    for earlier, now in zip(knowledge.unmeasured, found, strict=False):
         own_um = now.wear_um - earlier.share.wear_um
         _correct(run, earlier, own_um, shorter_um, now)
         shorter_um += own_um
     hole.z1 = hole.z1.shifted(pad.z_um - found[-1].wear_um - hole.z1.z_um)
     hole.z1_u_um = max(hole.z1_u_um, found[-1].wear_u_um)
-    known.unmeasured.clear()
+    knowledge.unmeasured.clear()
     return found[-1]
 
 
-def _correct(run: Run, cut: Unmeasured, own_um: float, before_um: float, now: SharedWear) -> None:
+def _correct(run: RunContext, cut: Unmeasured, own_um: float, before_um: float, now: SharedWear) -> None:
     """A cut began `before_um` shorter of tool than it was taken to, and wore it by `own_um` more."""
     hole = cut.hole
     result, found = run.tally.sites[hole.site.name], hole.found

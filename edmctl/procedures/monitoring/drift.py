@@ -147,9 +147,9 @@ def displacement_uncertainty(job: Job) -> Displacement:
 
 def uncertainty_now(job: Job, rests: Rests) -> Displacement:
     """Return the same, with the drift that the rests have shown by now where that is more."""
-    known = displacement_uncertainty(job)
+    sensor_u = displacement_uncertainty(job)
     seen_um_s = share_u(max(rests.rate_um_s(), job.drift_seen_um_s))
-    return replace(known, drift_u_um_per_s=max(known.drift_u_um_per_s, seen_um_s))
+    return replace(sensor_u, drift_u_um_per_s=max(sensor_u.drift_u_um_per_s, seen_um_s))
 
 
 def counted_pause_s(job: Job) -> float:

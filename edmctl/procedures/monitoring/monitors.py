@@ -18,7 +18,7 @@ from edmctl.results.progress import Phase, Progress
 from edmctl.results.pulses import pulse_shares
 
 if TYPE_CHECKING:
-    from edmctl.procedures.run import Run
+    from edmctl.procedures.run import RunContext
     from edmctl.results.link import LinkReport
 
 Floats = NDArray[np.float64]
@@ -33,20 +33,20 @@ LARGEST_SHARE = 0.15
 """Of the stroke that the job uses: the bound of Muralidhara et al. 2009 for a model of hysteresis."""
 PATIENCE_S = 2.0
 """A difference that lasts so long ends the job; a jolt or a jump is over sooner."""
-TELL_EVERY_S = 0.1
+REPORT_EVERY_S = 0.1
 
 
-class LinkWatch:
+class LinkMonitor:
     """Looks at the line with every block of telemetry. Raises once, as the retreat must not be disturbed."""
 
-    def __init__(self, run: Run) -> None:
+    def __init__(self, run: RunContext) -> None:
         self._run = run
         self._bad: deque[tuple[float, int]] = deque()
         self._seen = run.machine.bad_frames
         self._warned = self._over = False
         self._next_report_s = REPORT_S
 
-    def take(self, block: TelemetryBlock) -> None:
+    def on_telemetry(self, block: TelemetryBlock) -> None:
         """Judge the line at the time of these samples. Raises MachineFault E61003."""
         now_s = float(block.time_s[-1])
         self._look_for_noise(now_s)
@@ -78,7 +78,7 @@ class LinkWatch:
             raise host_fault("LINE_NOISE", bad_frames=frames)
 
 
-def record_link(run: Run) -> None:
+def record_link(run: RunContext) -> None:
     """Close the statistics of the line in the run file, and sum them up in an event."""
     report = run.machine.link_report()
     run.recorder.append_link(_row(run.machine.time_s, report))
@@ -123,26 +123,26 @@ def _figures(report: LinkReport) -> dict[str, float | int]:
     }
 
 
-class MismatchWatch:
+class SensorMonitor:
     """Compares every block of samples with its estimates; warns at once, and raises when it lasts.
 
     It raises once: what comes after is the retreat, which nothing may disturb.
     """
 
-    def __init__(self, run: Run) -> None:
+    def __init__(self, run: RunContext) -> None:
         self._run = run
         self._largest_um = LARGEST_SHARE * stroke_um(run.profile)
         self._since_s: float | None = None
         self._over = False
 
-    def take(self, block: TelemetryBlock, model_um: Floats) -> None:
+    def update(self, block: TelemetryBlock, model_um: Floats) -> None:
         """Judge samples and their estimates, shape (n,) in µm. Raises MachineFault E67001."""
         sensor_um, estimate_um = float(block.displacement_um.mean()), float(model_um.mean())
         now_s = float(block.time_s[-1])
         if self._over or abs(sensor_um - estimate_um) <= self._largest_um:
             self._since_s = None
             return
-        told = (
+        message = (
             f" The sensor shows {sensor_um:.1f} µm and the model {estimate_um:.1f} µm; {self._largest_um:.1f} µm "
             "apart is the most."
         )
@@ -150,19 +150,19 @@ class MismatchWatch:
             self._since_s = float(block.time_s[0])
             self._run.decide(
                 RunEvent.Z_MISMATCH,
-                host_fault("Z_MISMATCH").message + told,
+                host_fault("Z_MISMATCH").message + message,
                 {"sensor_um": sensor_um, "model_um": estimate_um, "limit_um": self._largest_um},
                 level=EventLevel.WARNING,
             )
         elif now_s - self._since_s >= PATIENCE_S:
             self._over = True
-            raise host_fault("Z_MISMATCH", told)
+            raise host_fault("Z_MISMATCH", message)
 
 
-class Standing:
+class IdleMonitor:
     """Hears every block of a run. While machining, whoever follows the cut or pass knows more and tells that."""
 
-    def __init__(self, run: Run) -> None:
+    def __init__(self, run: RunContext) -> None:
         self._run = run
         self._reference_v = gap_reference_v(run.profile)
         self._due_s = -math.inf
@@ -170,7 +170,7 @@ class Standing:
         self._gap_high_v = self._high_um = -math.inf
         self._counts = [0, 0, 0, 0]
 
-    def take(self, block: TelemetryBlock) -> None:
+    def on_telemetry(self, block: TelemetryBlock) -> None:
         """Add the samples of a block, and tell when it is time."""
         if self._run.tally.phase is Phase.MACHINING:
             return
@@ -183,8 +183,8 @@ class Standing:
             self._counts[i] += sum(numbers.tolist())
         now_s = float(block.time_s[-1])
         if now_s >= self._due_s:
-            self._due_s = now_s + TELL_EVERY_S
-            self._tell(now_s, sum(gaps_v) / len(gaps_v), sum(heights_um) / len(heights_um))
+            self._due_s = now_s + REPORT_EVERY_S
+            self._report(now_s, sum(gaps_v) / len(gaps_v), sum(heights_um) / len(heights_um))
             self._clear()
 
     def _clear(self) -> None:
@@ -192,7 +192,7 @@ class Standing:
         self._gap_high_v = self._high_um = -math.inf
         self._counts = [0, 0, 0, 0]
 
-    def _tell(self, now_s: float, gap_v: float, displacement_um: float) -> None:
+    def _report(self, now_s: float, gap_v: float, displacement_um: float) -> None:
         run, tally = self._run, self._run.tally
         run.observer.progress(
             Progress(

@@ -186,7 +186,7 @@ class Watch:
             model_um = np.full(len(block.time_s), math.nan)
         else:
             model_um = self._tracker.estimator.advance(block.time_s, block.actuator_v)
-            self.feed_error.take(block, model_um)
+            self.feed_error.update(block, model_um)
         self._trace.append(block.time_s, model_um)
         rows = self._thinned(self._row_block(block, model_um))
         if len(rows.time_s):

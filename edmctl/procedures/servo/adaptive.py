@@ -44,7 +44,7 @@ class Change:
     args: Args
 
 
-class Adapting:
+class AdaptiveControl:
     """Jump period, servo reference and duty of one cut.
 
     `period_s` is NaN without jumps; `reference` and `duty` are what machine and generator should have now. `asking`
@@ -69,7 +69,7 @@ class Adapting:
         self.reference, self.duty = self._reference_0, self._duty_0
         self.changes: list[Change] = []
 
-    def take(self, duration_s: float, pulses: int, arcs: int, shorts: int, *, sparking: bool) -> None:
+    def update(self, duration_s: float, pulses: int, arcs: int, shorts: int, *, sparking: bool) -> None:
         """Judge a slice; `sparking` is False during jumps."""
         if not self._adaptive:
             return
@@ -248,7 +248,7 @@ class ShortRecovery:
         self._healthy_s = 0.0
         self.jumps = 0
 
-    def take(self, duration_s: float, pulses: int, shorts: int, *, sparking: bool) -> None:
+    def update(self, duration_s: float, pulses: int, shorts: int, *, sparking: bool) -> None:
         """Judge a slice."""
         if not sparking or pulses == 0:
             return

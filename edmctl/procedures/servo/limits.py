@@ -14,7 +14,7 @@ from edmctl.record.rows import EventLevel
 
 if TYPE_CHECKING:
     from edmctl.actuator.estimator import Estimator
-    from edmctl.procedures.run import Run
+    from edmctl.procedures.run import RunContext
     from edmctl.results.pulses import PulseShares
 
 UNSTABLE_S = 30.0
@@ -38,7 +38,7 @@ LEAST_S = 120.0
 class RatioLimits:
     """Judges the shares over a window of `window_s`."""
 
-    def __init__(self, run: Run, window_s: float) -> None:
+    def __init__(self, run: RunContext, window_s: float) -> None:
         self._run = run
         self._window_s = window_s
         self._since_s: dict[RunEvent, float] = {}
@@ -72,7 +72,7 @@ class RatioLimits:
         return now_s - since_s > UNSTABLE_S
 
 
-class Stall:
+class StallDetection:
     """Follows the tool of one cut.
 
     forecast_feed_um_s : what it should feed
@@ -83,16 +83,16 @@ class Stall:
         self._since_s = self._since_um = math.nan
         self._tried = False
         self.jump_wanted = False
-        self.told = ""
+        self.message = ""
 
-    def take(self, now_s: float, displacement_um: float) -> bool:
-        """Judge where the tool is while sparking; True when the cut has stalled, `told` then says by what."""
+    def update(self, now_s: float, displacement_um: float) -> bool:
+        """Judge where the tool is while sparking; True when the cut has stalled, `message` then says by what."""
         if math.isnan(self._since_s) or displacement_um - self._since_um > self._least_um:
             self._since_s, self._since_um = now_s, displacement_um
             self._tried = self.jump_wanted = False
             return False
         stood_s = now_s - self._since_s
-        self.told = f"{displacement_um - self._since_um:.1f} µm in {stood_s:.0f} s"
+        self.message = f"{displacement_um - self._since_um:.1f} µm in {stood_s:.0f} s"
         if stood_s > JUMP_AFTER_S and not self._tried:
             self._tried = self.jump_wanted = True
         return stood_s > STALL_S
@@ -109,7 +109,7 @@ class TimeLeft:
 class TimeLimits:
     """The limits of one run: of the whole job, and of the time in which it machines."""
 
-    def __init__(self, run: Run) -> None:
+    def __init__(self, run: RunContext) -> None:
         self._run = run
         expected_s = forecast(run.profile, run.setup, run.job.sites).machining_time_s
         self._machining_s = max(LEAST_S, LONGEST_SHARE * expected_s)

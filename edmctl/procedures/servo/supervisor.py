@@ -15,11 +15,11 @@ from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.breakthrough import Breakthrough, SparkLoss
 from edmctl.procedures.hole.cut_planning import energy_of
 from edmctl.procedures.hole.hole_estimate import estimate_in_cut
-from edmctl.procedures.hole.target import goal_of
+from edmctl.procedures.hole.target import target_of
 from edmctl.procedures.job_state import Counts, RunningCut
 from edmctl.procedures.monitoring.watch import NEWEST_S
-from edmctl.procedures.servo.adaptive import Adapting, ShortRecovery
-from edmctl.procedures.servo.limits import STALL_SHARE, RatioLimits, Stall, stroke_left_um
+from edmctl.procedures.servo.adaptive import AdaptiveControl, ShortRecovery
+from edmctl.procedures.servo.limits import STALL_SHARE, RatioLimits, StallDetection, stroke_left_um
 from edmctl.procedures.servo.telemetry_sums import RATIO_WINDOW_S, TelemetrySums
 from edmctl.procedures.settings import OPEN_LOST_S, gap_reference_v
 from edmctl.profile.forecast import forecast
@@ -27,7 +27,7 @@ from edmctl.results.progress import Phase, Progress
 
 if TYPE_CHECKING:
     from edmctl.procedures.hole.cut_planning import CutPlan
-    from edmctl.procedures.run import Run
+    from edmctl.procedures.run import RunContext
     from edmctl.process.live_erosion import Energy
 
 FEED_WINDOW_S = 10.0
@@ -58,13 +58,13 @@ class StopReason(StrEnum):
 
 
 class Supervisor(TelemetrySums):
-    """Follows the telemetry of one cut that begins at `start_s`; keeps its sums, and the tally of the job current.
+    """Follows the telemetry of one cut that begins at `start_s`; keeps its sums and the tally of the job.
 
-    `stop_reason` is set when the cut should end, and `told` says then what was seen. `adapting` holds what machine
+    `stop_reason` is set when the cut should end, and `message` says then what was seen. `adaptive` holds what machine
     and generator should be set to. Whoever jumps sets `jumps` and `last_jump_s`.
     """
 
-    def __init__(self, run: Run, plan: CutPlan, start_s: float) -> None:
+    def __init__(self, run: RunContext, plan: CutPlan, start_s: float) -> None:
         super().__init__(run)
         self._plan = plan
         self._start_s = start_s
@@ -77,11 +77,11 @@ class Supervisor(TelemetrySums):
         self._begin: tuple[float, float] | None = None
         self._ratio_limits = RatioLimits(run, RATIO_WINDOW_S)
         self._status: MachineStatus | None = None
-        self._stall = Stall(self._forecast_feed_um_s)
+        self._stall = StallDetection(self._forecast_feed_um_s)
         self._through = profile.target.kind == "through"
-        self._completion_um = goal_of(profile).completion_um
+        self._completion_um = target_of(profile).completion_um
         self._spark_loss = SparkLoss(profile.limits.open_lost_um, OPEN_LOST_S)
-        self.adapting = Adapting(profile, start_s)
+        self.adaptive = AdaptiveControl(profile, start_s)
         self.shorts = ShortRecovery()
         self.breakthrough = Breakthrough(profile.work.thickness_um)
         self.sparking_s = 0.0
@@ -93,7 +93,7 @@ class Supervisor(TelemetrySums):
         self._spark_um = plan.bottom_um - plan.gap_um
         self._deepest_um = -math.inf
         self.stop_reason: StopReason | None = None
-        self.told = ""
+        self.message = ""
         run.tally.phase = Phase.MACHINING
 
     @property
@@ -116,8 +116,8 @@ class Supervisor(TelemetrySums):
         if reason := self.shorts.due():
             return RunEvent.SHORT_RECOVERY, reason
         if self._stall.jump_wanted:
-            return RunEvent.STALL_JUMP, f"the tool has advanced only {self._stall.told}"
-        if reason := self.adapting.due(now_s):
+            return RunEvent.STALL_JUMP, f"the tool has advanced only {self._stall.message}"
+        if reason := self.adaptive.due(now_s):
             return RunEvent.JUMPED, reason
         return None
 
@@ -126,7 +126,7 @@ class Supervisor(TelemetrySums):
         self._stall.jump_wanted = False
         if code is RunEvent.SHORT_RECOVERY:
             self.shorts.jumped()
-        self.adapting.jumped(now_s)
+        self.adaptive.jumped(now_s)
 
     def set_gap(self, reference_v: float, duty_v: float) -> None:
         """Take note of another reference, and of another mean voltage of the open gap."""
@@ -136,7 +136,7 @@ class Supervisor(TelemetrySums):
         """Take the state of the dielectric, for the rows from now on."""
         self._status = status
 
-    def take(self, block: TelemetryBlock) -> None:
+    def on_telemetry(self, block: TelemetryBlock) -> None:
         """Judge the samples of one slice."""
         now_s = float(block.time_s[-1])
         gaps_v = block.gap_v.tolist()
@@ -189,7 +189,7 @@ class Supervisor(TelemetrySums):
             displacement_low_um=min(heights_um),
             displacement_high_um=max(heights_um),
             jumps=self.jumps,
-            jump_period_s=self.adapting.period_s,
+            jump_period_s=self.adaptive.period_s,
             last_jump_s=self.last_jump_s,
             sites_done=tally.sites_done,
             sites_total=len(self._run.job.sites),
@@ -218,15 +218,15 @@ class Supervisor(TelemetrySums):
         self.seen_s = now_s
         self._track.append((now_s, self.displacement_um))
         self._begin = self._begin or self._track[0]
-        if self._stall.take(now_s, self.displacement_um):
-            self.stop_reason, self.told = StopReason.STALLED, self._stall.told
+        if self._stall.update(now_s, self.displacement_um):
+            self.stop_reason, self.message = StopReason.STALLED, self._stall.message
 
     def _judge(self, duration_s: float, fresh: Counts, *, sparking: bool) -> None:
         """Hand a slice to everybody who may want a jump or another reference."""
         _, _, arcs, shorts = fresh
         self.sparking_s += duration_s if sparking else 0.0
-        self.adapting.take(duration_s, sum(fresh), arcs, shorts, sparking=sparking)
-        self.shorts.take(duration_s, sum(fresh), shorts, sparking=sparking)
+        self.adaptive.update(duration_s, sum(fresh), arcs, shorts, sparking=sparking)
+        self.shorts.update(duration_s, sum(fresh), shorts, sparking=sparking)
 
     def _look_for_the_back(
         self, duration_s: float, fresh: Counts, energy: Energy, now_s: float, *, sparking: bool
@@ -237,18 +237,18 @@ class Supervisor(TelemetrySums):
             return
         plan, seen = self._plan, self.breakthrough
         # Nothing but the recipe says how the feed divides before the first hole was touched.
-        known = estimate_in_cut(plan, self.sparked_at_um, energy, now_s)
-        known = known.left(0.0, plan.wear_ratio, touched=plan.estimate.fits > 0)
-        depth_um, depth_u_um, share = known.depth_um, known.depth_u_um, opens / pulses
-        found = seen.take(duration_s, self.displacement_um, depth_um, depth_u_um, share, sparking=sparking)
+        estimate = estimate_in_cut(plan, self.sparked_at_um, energy, now_s)
+        estimate = estimate.left(0.0, plan.wear_ratio, touched=plan.estimate.fits > 0)
+        depth_um, depth_u_um, share = estimate.depth_um, estimate.depth_u_um, opens / pulses
+        found = seen.update(duration_s, self.displacement_um, depth_um, depth_u_um, share, sparking=sparking)
         if sparking and not self.is_through:
-            lost = self._spark_loss.take(duration_s, self.displacement_um, pulses, opens)
-            found = bool(lost) and seen.take_loss(self._spark_loss.spark_um, depth_um, depth_u_um, lost)
+            lost = self._spark_loss.update(duration_s, self.displacement_um, pulses, opens)
+            found = bool(lost) and seen.on_spark_loss(self._spark_loss.spark_um, depth_um, depth_u_um, lost)
             if lost and not found:
                 raise host_fault("NO_SPARK", f" ({lost})")
         if found:
             args = {"displacement_um": seen.at_um, "depth_um": depth_um, "feed_um_s": seen.feed_um_s}
-            self._run.decide(RunEvent.BREAKTHROUGH, seen.told, args)
+            self._run.decide(RunEvent.BREAKTHROUGH, seen.message, args)
 
     def _feed_um_s(self, now_s: float) -> float:
         track = self._track
@@ -292,6 +292,6 @@ class Supervisor(TelemetrySums):
         if estimator is not None and (left_um := stroke_left_um(estimator, limit_v)) < STROKE_RESERVE_UM:
             self._end(f"{left_um:.1f} µm of stroke are left at {actuator_v:.1f} of {limit_v:.0f} V")
 
-    def _end(self, told: str) -> None:
+    def _end(self, message: str) -> None:
         if self.stop_reason is None:
-            self.stop_reason, self.told = StopReason.ENDED, told
+            self.stop_reason, self.message = StopReason.ENDED, message
