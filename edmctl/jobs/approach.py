@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from edmctl.jobs.run_header import RunName
     from edmctl.jobs.session import Held
     from edmctl.procedures.job import Job
-    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.run import JobRun
     from edmctl.results.measurements import SurfaceFound
 
 
@@ -73,7 +73,7 @@ class Approach:
         )
         return prepared.job
 
-    def act(self, run: RunContext) -> None:
+    def act(self, run: JobRun) -> None:
         """Find gap or surface."""
         assert self._site is not None
         self.found = find_contact(run, self._site) if self.contact else find_gap(run, self._site)

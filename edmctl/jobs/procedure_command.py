@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from edmctl.jobs.session import Held
     from edmctl.machine.controller import LinkMachine
     from edmctl.procedures.job import Job
-    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.run import JobRun
     from edmctl.record.recorder import Recorder
     from edmctl.results.progress import Observer
 
@@ -44,7 +44,7 @@ class Procedure(Protocol):
         """Return what the machine is made ready for; refuse what cannot be done on it."""
         ...
 
-    def act(self, run: RunContext) -> None:
+    def act(self, run: JobRun) -> None:
         """Do it on an armed and conditioned machine."""
         ...
 

@@ -24,7 +24,7 @@ from edmctl.wording import signed
 
 if TYPE_CHECKING:
     from edmctl.machine.port import TelemetryBlock
-    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.run import JobRun
 
 Floats = NDArray[np.float64]
 
@@ -49,7 +49,7 @@ def least_period_s(height_um: float, speed_um_s: float, dwell_s: float) -> float
     return duration_s(height_um, speed_um_s, dwell_s) + LEAST_REST_S + BASE_S
 
 
-def run_jumps(run: RunContext, depth_um: float, count: int) -> JumpSeries:
+def run_jumps(run: JobRun, depth_um: float, count: int) -> JumpSeries:
     """Go down to a displacement beside the work, and make `count` jumps by the profile's `[jump]`."""
     jump = run.profile.jump
     run.begin(Phase.APPROACHING)
@@ -77,7 +77,7 @@ def run_jumps(run: RunContext, depth_um: float, count: int) -> JumpSeries:
     )
 
 
-def _jump(run: RunContext, number: int) -> JumpMeasured:
+def _jump(run: JobRun, number: int) -> JumpMeasured:
     """One period: rest, jump, rest; what the samples of it show."""
     jump = run.profile.jump
     request, begin_s = jump_request(run, jump.height_um, 0.0), run.machine.time_s
@@ -102,7 +102,7 @@ def _jump(run: RunContext, number: int) -> JumpMeasured:
     return found
 
 
-def _measured(run: RunContext, number: int, block: TelemetryBlock) -> JumpMeasured:
+def _measured(run: JobRun, number: int, block: TelemetryBlock) -> JumpMeasured:
     time_s, sensor_um = block.time_s, block.displacement_um
     jumping = np.flatnonzero(block.state == MachineState.JUMP)
     if not len(jumping):

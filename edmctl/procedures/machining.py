@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from edmctl.machine.port import Machine
     from edmctl.procedures.job import Job
     from edmctl.procedures.job_state import StateStore
-    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.run import JobRun
     from edmctl.record.recorder import Recorder
     from edmctl.results.job import JobResult
     from edmctl.results.progress import Observer
@@ -66,6 +66,6 @@ def run_job(
     return tally.result()
 
 
-def _record_left(run: RunContext) -> None:
+def _record_left(run: JobRun) -> None:
     record_left(run)
     record_left_channel(run)

@@ -27,7 +27,7 @@ from edmctl.wording import signed
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.run import JobRun
     from edmctl.procedures.touch.reading import SurfaceReading
     from edmctl.profile.measuring_stops import Displacement
 
@@ -73,14 +73,12 @@ class Bottom:
     depth_u_um: float = BOTTOM_U_UM
 
 
-def touch_pad(run: RunContext, kind: str, expected_um: float, more_u_um: float = 0.0) -> SurfaceReading:
+def touch_pad(run: JobRun, kind: str, expected_um: float, more_u_um: float = 0.0) -> SurfaceReading:
     """Touch the pad, expected at `expected_um`, with `more_u_um` more of standard uncertainty than usual."""
     return read_pad(run, kind, run.job.pad.name, expected_um, math.hypot(PAD_U_UM, more_u_um))
 
 
-def measure_wear(
-    run: RunContext, reference: Reference, expected_um: float, bottom: Bottom | None
-) -> WearResult:
+def measure_wear(run: JobRun, reference: Reference, expected_um: float, bottom: Bottom | None) -> WearResult:
     """Touch the pad, where it is expected at `expected_um`, then the bottom of a hole, then the pad again."""
     home = run.tally.home_um, run.tally.home_s
     before = touch_pad(run, "Z3", expected_um)
@@ -99,7 +97,7 @@ def measure_wear(
     return _found(run, reference, home, before, z2, after, face_um, face_u_um)
 
 
-def refuse_drift(run: RunContext, found: WearResult) -> None:
+def refuse_drift(run: JobRun, found: WearResult) -> None:
     """Raise ObjectiveNotReached E7040 where the pad moved too far between two touches."""
     if abs(found.drift_um) <= MOST_DRIFT_UM:
         return
@@ -116,7 +114,7 @@ def refuse_drift(run: RunContext, found: WearResult) -> None:
 
 
 def _found(
-    run: RunContext,
+    run: JobRun,
     reference: Reference,
     home: tuple[float, float],
     before: SurfaceReading,
@@ -191,7 +189,7 @@ def _found(
 
 
 def _drifting_s(
-    run: RunContext,
+    run: JobRun,
     reference: Reference,
     home_um: float,
     now_s: float,

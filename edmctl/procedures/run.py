@@ -32,7 +32,7 @@ LOOK_S = 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class RunContext:
+class JobRun:
     """The machine, the job, and everybody who is told about it."""
 
     machine: Machine
@@ -95,7 +95,7 @@ class RunContext:
         return self.tally.open_site if len(self.job.sites) > 1 else ""
 
 
-def rest_and_look(run: RunContext, duration_s: float) -> None:
+def rest_and_look(run: JobRun, duration_s: float) -> None:
     """Rest for a time, and on until a sample has come that was taken in it.
 
     Time passes on a host that is held up and on a line that loses frames too, but what the tool did meanwhile is not

@@ -23,7 +23,7 @@ from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job_state import NoStateStore
 from edmctl.procedures.monitoring.monitors import IdleMonitor, LinkMonitor, SensorMonitor, record_link
 from edmctl.procedures.monitoring.watch import Watch
-from edmctl.procedures.run import RunContext
+from edmctl.procedures.run import JobRun
 from edmctl.procedures.settings import (
     controller_settings,
     pulse_settings,
@@ -58,8 +58,8 @@ def running(
     pulses: bool,
     store: StateStore | None = None,
     self_test: bool = False,
-    record_left: Callable[[RunContext], None] = lambda _: None,
-) -> Iterator[RunContext]:
+    record_left: Callable[[JobRun], None] = lambda _: None,
+) -> Iterator[JobRun]:
     """Arm and condition an idle machine, and leave it retracted and idle whatever happens inside.
 
     Without `pulses` it can make none, and needs no dielectric; with `self_test` the gap sensor is tested before
@@ -83,7 +83,7 @@ def running(
         tally.machining_time_s = job.resumed.job_machining_time_s
         tally.pause_s = total_pause_s(job)
     keeper = JobStateKeeper(job, tally, store or NoStateStore())
-    run = RunContext(machine, job, watch, recorder, observer, tally, keeper)
+    run = JobRun(machine, job, watch, recorder, observer, tally, keeper)
     watch.guard(keeper.on_telemetry)
     watch.guard(LinkMonitor(run).on_telemetry)
     watch.guard(IdleMonitor(run).on_telemetry)
@@ -121,7 +121,7 @@ def _with_displacements(machine: Machine, job: Job, watch: Watch) -> Machine:
     return estimated
 
 
-def _prepare(run: RunContext, *, pulses: bool, self_test: bool) -> None:
+def _prepare(run: JobRun, *, pulses: bool, self_test: bool) -> None:
     settings = controller_settings(run.profile, run.setup)
     if not pulses:
         settings = replace(settings, dielectric_required=False)
@@ -136,7 +136,7 @@ def _prepare(run: RunContext, *, pulses: bool, self_test: bool) -> None:
     condition(run, pulses=pulses)
 
 
-def _test_gap_sensor(run: RunContext) -> None:
+def _test_gap_sensor(run: JobRun) -> None:
     """Before anything moves: a run on a wrong gap voltage would drive the tool into the work."""
     gap_v, open_v = run.machine.self_test(), run.profile.pulse.duty_voltage_v
     run.decide(
@@ -146,7 +146,7 @@ def _test_gap_sensor(run: RunContext) -> None:
     )
 
 
-def _record_end(run: RunContext, error: EdmError, record_left: Callable[[RunContext], None]) -> None:
+def _record_end(run: JobRun, error: EdmError, record_left: Callable[[JobRun], None]) -> None:
     """Keep how far the job came, and write down what was reached, what the controller saw, and why it ended.
 
     A disk that fails now must not hide that reason.
@@ -174,7 +174,7 @@ def _record_end(run: RunContext, error: EdmError, record_left: Callable[[RunCont
         run.recorder.event(run.machine.time_s, RunEvent.ENDED_EARLY, EventLevel.ERROR, error.message, args)
 
 
-def _record_black_box(run: RunContext) -> None:
+def _record_black_box(run: JobRun) -> None:
     """Write what the controller kept of the time about a latched fault into the run file, where there is one.
 
     A line that is dead by now, or a controller that says what cannot be, hides nothing.
@@ -189,7 +189,7 @@ def _record_black_box(run: RunContext) -> None:
             run.recorder.waveforms(WaveformBlock(batch.time_s, batch.gap_v, batch.current_a))
 
 
-def _record_samples(run: RunContext) -> None:
+def _record_samples(run: JobRun) -> None:
     block = run.machine.black_box()
     if block is None:
         return

@@ -24,7 +24,7 @@ from edmctl.results.progress import Phase
 from edmctl.wording import coordinates, duration
 
 if TYPE_CHECKING:
-    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.run import JobRun
     from edmctl.profile.places import Place
 
 ARRIVAL_RUN_UM = 50.0
@@ -46,7 +46,7 @@ SETTABLE_UM = 24.0
 """The controller takes no home that the tool rests 25 µm from: while creep holds it lower the host waits."""
 
 
-def retract(run: RunContext) -> None:
+def retract(run: JobRun) -> None:
     """Ramp to 0 V, and wait while creep still holds the tool lower than the stages may move at.
 
     What counts is the height over home, where the tool rests without creep: the sensor's own zero drifts.
@@ -67,7 +67,7 @@ def retract(run: RunContext) -> None:
     run.tally.home_um, run.tally.home_s = home.um, run.machine.time_s
 
 
-def _is_home_set(run: RunContext, home: Home, over_um: float) -> bool:
+def _is_home_set(run: JobRun, home: Home, over_um: float) -> bool:
     """Tell the controller where home is if it would take that; whether it lets the stages move as it knows it."""
     if over_um <= SETTABLE_UM and abs(home.um - run.machine.zero_um) > _WORTH_SETTING_UM:
         run.machine.set_zero(home.um)
@@ -75,7 +75,7 @@ def _is_home_set(run: RunContext, home: Home, over_um: float) -> bool:
     return run.watch.displacement_um - run.machine.zero_um <= safe_z_um - READING_MARGIN_UM
 
 
-def _stands_out(run: RunContext, home: Home, over_um: float, most_um: float) -> PreconditionError:
+def _stands_out(run: JobRun, home: Home, over_um: float, most_um: float) -> PreconditionError:
     """Why no stage may move: the tool is too far out, or could be for all that is known of the sensor's zero."""
     if home.hidden_um <= CLEAR_UM:
         message = (
@@ -98,7 +98,7 @@ def _stands_out(run: RunContext, home: Home, over_um: float, most_um: float) -> 
     return PreconditionError(message, hint=hint, code="E8020")
 
 
-def _over_the_pad(run: RunContext) -> str:
+def _over_the_pad(run: JobRun) -> str:
     """How a touch tells where home is."""
     pad = run.job.pad
     return (
@@ -107,13 +107,13 @@ def _over_the_pad(run: RunContext) -> str:
     )
 
 
-def _was_started_since(run: RunContext) -> bool:
+def _was_started_since(run: JobRun) -> bool:
     """Whether the controller came up after the home that this job began with was seen."""
     before_the_job_s = run.machine.uptime_s - run.machine.time_s
     return math.isnan(run.tally.home_s) and before_the_job_s < run.job.home_age_s - REPORT_DELAY_S
 
 
-def move_to(run: RunContext, place: Place) -> None:
+def move_to(run: JobRun, place: Place) -> None:
     """Retract, then move X and Y to a place; the estimate of the displacement counts from the rest there.
 
     Raises PreconditionError E8021 where the tool touches something although it is retracted.

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from edmctl.procedures.run import RunContext
+from edmctl.procedures.run import JobRun
 from edmctl.procedures.state_keeper import MACHINING as MACHINING_PHASE
 from edmctl.procedures.state_keeper import JobStateKeeper
 from edmctl.record.bench_file import read_bench, write_bench
@@ -68,15 +68,15 @@ def at_time_of_run(seconds: float, act: Callable[[], None]) -> Iterator[None]:
 @contextmanager
 def at_event(code: RunEvent, act: Callable[[], None]) -> Iterator[None]:
     """Do something when a job decides this."""
-    decide = RunContext.decide
+    decide = JobRun.decide
 
-    def watched(run: RunContext, decided: RunEvent, *args: Any, **more: Any) -> None:
+    def watched(run: JobRun, decided: RunEvent, *args: Any, **more: Any) -> None:
         decide(run, decided, *args, **more)
         if decided is code:
             act()
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(RunContext, "decide", watched)
+        patch.setattr(JobRun, "decide", watched)
         yield
 
 

@@ -24,7 +24,7 @@ from edmctl.machine.port import (
 from edmctl.procedures.job import Job
 from edmctl.procedures.job_state import JobTally
 from edmctl.procedures.monitoring.watch import Watch
-from edmctl.procedures.run import RunContext
+from edmctl.procedures.run import JobRun
 from edmctl.procedures.state_keeper import JobStateKeeper
 from edmctl.profile.load import load_profile
 from edmctl.profile.places import Place
@@ -183,11 +183,11 @@ class Noted(NullRecorder):
         self.notes.append(text)
 
 
-def scanning_run(machine: ScanningMachine, *overrides: str) -> tuple[RunContext, Noted]:
+def scanning_run(machine: ScanningMachine, *overrides: str) -> tuple[JobRun, Noted]:
     """What the procedures of a channel take, on that machine."""
     profile = load_profile(CIRCLE, overrides).profile
     job = Job(profile, Setup(), (Place("channel", 0.0, 0.0),))
     noted, ledger = Noted(), JobTally()
     watch = Watch(noted, profile.pulse.duty_voltage_v)
     machine.watch = watch
-    return RunContext(machine, job, watch, noted, noted, ledger, JobStateKeeper(job, ledger)), noted  # type: ignore[arg-type]
+    return JobRun(machine, job, watch, noted, noted, ledger, JobStateKeeper(job, ledger)), noted  # type: ignore[arg-type]

@@ -20,7 +20,7 @@ from edmctl.procedures.job import CalibratedActuator, Job, job_of
 from edmctl.procedures.job_state import JobTally
 from edmctl.procedures.machining import run_job
 from edmctl.procedures.monitoring.watch import Watch
-from edmctl.procedures.run import RunContext
+from edmctl.procedures.run import JobRun
 from edmctl.procedures.settings import controller_settings, pulse_settings, telemetry_settings
 from edmctl.procedures.state_keeper import JobStateKeeper
 from edmctl.profile.load import load_profile
@@ -160,11 +160,11 @@ class Shop:
             store=journal,
         )
 
-    def run(self) -> RunContext:
+    def run(self) -> JobRun:
         """What single procedures take, on a machine that nobody has configured."""
         watch = Watch(self.seen, self.profile.pulse.duty_voltage_v)
         journal = JobStateKeeper(self.job, self.ledger)
-        return RunContext(self.machine, self.job, watch, self.seen, self.told, self.ledger, journal)
+        return JobRun(self.machine, self.job, watch, self.seen, self.told, self.ledger, journal)
 
 
 @pytest.fixture
@@ -173,7 +173,7 @@ def shop() -> Callable[..., Shop]:
     return Shop
 
 
-def armed(shop: Shop) -> RunContext:
+def armed(shop: Shop) -> JobRun:
     """Configure and arm the shop's machine for single procedures."""
     run = shop.run()
     settings = controller_settings(shop.profile, shop.job.setup)

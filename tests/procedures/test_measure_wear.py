@@ -32,7 +32,7 @@ from tests.procedures.conftest import Shop
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
-    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.run import JobRun
     from edmctl.results.measurements import WearResult
 
 SPARKLESS = "flush.min_flow_lpm=90"
@@ -40,7 +40,7 @@ SPARKLESS = "flush.min_flow_lpm=90"
 SITE = Place("beside", 500.0, 0.0)
 
 
-def ready(shop: Shop, *, pulses: bool = False) -> AbstractContextManager[RunContext]:
+def ready(shop: Shop, *, pulses: bool = False) -> AbstractContextManager[JobRun]:
     """The shop's machine, armed and conditioned."""
     return running(shop.machine, shop.job, JobTally(), recorder=shop.seen, observer=shop.told, pulses=pulses)
 

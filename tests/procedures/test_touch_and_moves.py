@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from edmctl.machine.port import TelemetryBlock
-    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.run import JobRun
 
     from .conftest import Shop
 
@@ -181,7 +181,7 @@ def test_an_approach_slower_than_erosion_ends_at_the_first_sparks(shop: OpenShop
     assert s.bench.truth()[0].depth_um < 2.0
 
 
-def deaf_after_ramps(s: Shop, run: RunContext, monkeypatch: pytest.MonkeyPatch, deaf_s: float) -> None:
+def deaf_after_ramps(s: Shop, run: JobRun, monkeypatch: pytest.MonkeyPatch, deaf_s: float) -> None:
     """Let all samples get lost for a while from the beginning of each ramp."""
     hear, ramp = run.watch.telemetry, s.machine.ramp
     until_s = 0.0

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from edmctl.jobs.session import Held
     from edmctl.procedures.job import Job
     from edmctl.procedures.measure_wear import Bottom
-    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.run import JobRun
     from edmctl.procedures.touch.reading import SurfaceReading
     from edmctl.profile.model import Profile
     from edmctl.record.ledger import Logbook
@@ -112,7 +112,7 @@ class WearRun:
             warn(left_to_finish(account.label, seen.serial, logbook.path.parent))
         return profile
 
-    def act(self, run: RunContext) -> None:
+    def act(self, run: JobRun) -> None:
         """Touch."""
         account = self._account
         assert account is not None

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from edmctl.procedures.channel.touching import ChannelSurface, FloorReading
-    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.run import JobRun
     from edmctl.procedures.servo.limits import TimeLimits
     from edmctl.process.path import Way
     from edmctl.profile.model import Profile
@@ -51,7 +51,7 @@ class Layers:
     """
 
     def __init__(
-        self, run: RunContext, limits: TimeLimits, way: Way, surface: ChannelSurface, speed_um_s: float
+        self, run: JobRun, limits: TimeLimits, way: Way, surface: ChannelSurface, speed_um_s: float
     ) -> None:
         profile = run.profile
         self._run = run

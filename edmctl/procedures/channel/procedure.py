@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
     from edmctl.procedures.channel.touching import ChannelSurface
     from edmctl.procedures.job_state import JobState
-    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.run import JobRun
     from edmctl.process.path import Way
     from edmctl.results.channel import ChannelResult
 
@@ -59,7 +59,7 @@ PLACES, PLACES_AT_THE_END = 4, 6
 
 
 def machine_channel(
-    run: RunContext, limits: TimeLimits, keep: Callable[[ChannelResult], None]
+    run: JobRun, limits: TimeLimits, keep: Callable[[ChannelResult], None]
 ) -> tuple[ChannelResult | None, Decision]:
     """Machine the channel of `profile.path`; the result of the last measuring stop, and how it ended.
 
@@ -89,7 +89,7 @@ def machine_channel(
 
 
 def _cut_down(
-    run: RunContext, target: HoleTarget, layers: Layers, stops: _Stops, layer_um: float
+    run: JobRun, target: HoleTarget, layers: Layers, stops: _Stops, layer_um: float
 ) -> tuple[ChannelResult | None, Decision]:
     """Cut layer by layer, and measure where that is due, to the end."""
     corrections = run.profile.wear.max_cuts
@@ -124,7 +124,7 @@ def _cut_down(
         )
 
 
-def _ended(run: RunContext, target: HoleTarget, result: ChannelResult, *, last: bool) -> Decision | None:
+def _ended(run: JobRun, target: HoleTarget, result: ChannelResult, *, last: bool) -> Decision | None:
     """The end after a measuring stop, at the target or `last` or with a worn tool; None where more is to be cut."""
     worn_out = _worn_out(run, target, result)
     if worn_out is not None:
@@ -139,7 +139,7 @@ class _Stops:
 
     def __init__(
         self,
-        run: RunContext,
+        run: JobRun,
         target: HoleTarget,
         way: Way,
         surface: ChannelSurface,
@@ -271,7 +271,7 @@ def _good_enough_um(target: HoleTarget) -> float:
     return max(target.tolerance_um / 2.0, NOISE_FLOOR_SIGMAS * TOUCH_U_UM)
 
 
-def _final(run: RunContext, target: HoleTarget, result: ChannelResult) -> Decision:
+def _final(run: JobRun, target: HoleTarget, result: ChannelResult) -> Decision:
     """The end after the last layer: the objective reached, or missed by the depth or the evenness of the floor."""
     tolerance_um, target_um = target.tolerance_um, target.depth_um
     off_um = result.depth_um - target_um
@@ -298,7 +298,7 @@ def _final(run: RunContext, target: HoleTarget, result: ChannelResult) -> Decisi
     )
 
 
-def _worn_out(run: RunContext, target: HoleTarget, result: ChannelResult) -> Decision | None:
+def _worn_out(run: JobRun, target: HoleTarget, result: ChannelResult) -> Decision | None:
     """The end where the tool has lost more than it may; None while it has not."""
     lost_um, limit_um = run.job.tool_wear_before_um + result.wear_um, run.profile.tool.max_wear_um
     if lost_um <= limit_um:
@@ -312,7 +312,7 @@ def _worn_out(run: RunContext, target: HoleTarget, result: ChannelResult) -> Dec
 
 
 def _missed(
-    run: RunContext, target: HoleTarget, fault: str, message: str, result: ChannelResult | None
+    run: JobRun, target: HoleTarget, fault: str, message: str, result: ChannelResult | None
 ) -> Decision:
     """The end by a row of the faults, with what was reached."""
     depth_um = 0.0 if result is None else result.depth_um
@@ -322,7 +322,7 @@ def _missed(
     return Decision(None, error.message, error.message, error.hint, error.code)
 
 
-def machine_path(run: RunContext) -> Decision | None:
+def machine_path(run: JobRun) -> Decision | None:
     """Machine the channel of the recipe; the decision where it missed its objective, None where it did not.
 
     Raises PreconditionError E8060, E8061 where it is not the channel, or the tool, that an earlier run has left.
@@ -342,7 +342,7 @@ def machine_path(run: RunContext) -> Decision | None:
     return decision if decision.missed else None
 
 
-def record_left_channel(run: RunContext) -> None:
+def record_left_channel(run: JobRun) -> None:
     """Write what is known of a channel that was looked at, where its job ends early."""
     channel = run.tally.channel
     if channel is not None and not channel.finished:

@@ -18,14 +18,14 @@ from edmctl.results.pulses import pulse_shares
 if TYPE_CHECKING:
     from edmctl.procedures.channel.touching import ChannelSurface, FloorReading
     from edmctl.procedures.job_state import CutTotals
-    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.run import JobRun
 
 TOUCH_LEAST_SD_UM = 0.1
 """Touches that agree better than this do so by chance."""
 
 
 def channel_result(
-    run: RunContext,
+    run: JobRun,
     length_um: float,
     surface: ChannelSurface,
     found: FloorReading,
@@ -112,7 +112,7 @@ def channel_left(
 
 
 def _uncertainties(
-    run: RunContext, surface: ChannelSurface, found: FloorReading, uneven_um: float
+    run: JobRun, surface: ChannelSurface, found: FloorReading, uneven_um: float
 ) -> tuple[float, float]:
     """95 % half-widths of mean depth and wear: touches and doubts of floor and pad, sensor, drift, face, stages.
 
@@ -155,7 +155,7 @@ def _uncertainties(
     return factor * depth_u_um, factor * wear_u_um
 
 
-def channel_row(run: RunContext, result: ChannelResult) -> SiteRow:
+def channel_row(run: JobRun, result: ChannelResult) -> SiteRow:
     """The channel as a row of the results: Z2 is the mean of its floor."""
     path = run.profile.path
     assert path is not None

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from edmctl.errors import MachineFault
     from edmctl.procedures.channel.layers import Layers
     from edmctl.procedures.job_state import JobState
-    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.run import JobRun
     from edmctl.process.path import Way
     from edmctl.results.channel import ChannelResult
 FACE_SD_UM = 0.5
@@ -55,7 +55,7 @@ FACE_SD_UM = 0.5
 
 
 def channel_state(
-    run: RunContext,
+    run: JobRun,
     surface: ChannelSurface,
     layers: Layers,
     stops: int,
@@ -113,13 +113,13 @@ def channel_state(
     )
 
 
-def channel_begun(run: RunContext) -> JobState | None:
+def channel_begun(run: JobRun) -> JobState | None:
     """What an earlier run of the job has left of the channel; None where it had not begun to cut."""
     state = run.job.resumed
     return state if state is not None and state.begun else None
 
 
-def surface_left_by(run: RunContext, state: JobState) -> ChannelSurface:
+def surface_left_by(run: JobRun, state: JobState) -> ChannelSurface:
     """Return the face and the pad as the earlier run has touched them."""
     report_unknown_pause(run)
     surface = level_surface(run)
@@ -127,7 +127,7 @@ def surface_left_by(run: RunContext, state: JobState) -> ChannelSurface:
     return ChannelSurface(z1_left_by(run, state), surface.plane, surface.doubt_u_um)
 
 
-def go_on_from(run: RunContext, state: JobState, layers: Layers, way: Way) -> tuple[PassPlan, PassResult]:
+def go_on_from(run: JobRun, state: JobState, layers: Layers, way: Way) -> tuple[PassPlan, PassResult]:
     """Put layers where the earlier run has left them, by estimate; return its last pass, as far as anybody knows it.
 
     That one says where the floor is looked for, and that the tool was not held all along.
@@ -161,7 +161,7 @@ def expected_of_channel(state: JobState) -> ExpectedHole:
     return ExpectedHole(estimate_left(state), unseen_um)
 
 
-def unknown_of_left(run: RunContext, state: JobState) -> ExtraUncertainty:
+def unknown_of_left(run: JobRun, state: JobState) -> ExtraUncertainty:
     """How far pad and floor may be from where they are expected, so that a mistake is found and not missed."""
     expected, left = expected_of_channel(state), _channel(state)
     drift_um = STANDARD_UNCERTAINTIES * pause_drift_u_um(run.job)
@@ -180,7 +180,7 @@ def with_journal_hint(fault: MachineFault) -> MachineFault:
 
 
 def refuse_other_channel(
-    run: RunContext, state: JobState, surface: ChannelSurface, result: ChannelResult, uneven_um: float
+    run: JobRun, state: JobState, surface: ChannelSurface, result: ChannelResult, uneven_um: float
 ) -> None:
     """Say what was found, where it can be what was left; the floor may be uneven by so much between its places.
 

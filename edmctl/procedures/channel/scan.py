@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from edmctl.machine.port import MachineEvent
-    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.run import JobRun
     from edmctl.process.channel_wear import ToolWear
     from edmctl.process.layers import HeldTool
     from edmctl.process.path import Way
@@ -101,7 +101,7 @@ class PassResult:
         return self.counts[0] / max(1, sum(self.counts))
 
 
-def run_pass(run: RunContext, plan: PassPlan, wear: ToolWear, left_s: float, time_limit: str) -> PassResult:
+def run_pass(run: JobRun, plan: PassPlan, wear: ToolWear, left_s: float, time_limit: str) -> PassResult:
     """Go along the path once; the tool is then held with the pulses off."""
     start_s = run.machine.time_s
     follower = PassFollower(run, start_s, plan.number)
@@ -127,7 +127,7 @@ def run_pass(run: RunContext, plan: PassPlan, wear: ToolWear, left_s: float, tim
     )
 
 
-def _watch(run: RunContext, feeder: _Feeder, end_s: float, time_limit: str) -> tuple[MachineEvent, str, str]:
+def _watch(run: JobRun, feeder: _Feeder, end_s: float, time_limit: str) -> tuple[MachineEvent, str, str]:
     while True:
         ended = run.machine.watch_cut(SLICE_S)
         if ended is not None:
@@ -149,7 +149,7 @@ def _watch(run: RunContext, feeder: _Feeder, end_s: float, time_limit: str) -> t
 class _Feeder:
     """Knows where the tool is on its way, and sends the lines ahead of it."""
 
-    def __init__(self, run: RunContext, plan: PassPlan, wear: ToolWear, follower: PassFollower) -> None:
+    def __init__(self, run: JobRun, plan: PassPlan, wear: ToolWear, follower: PassFollower) -> None:
         self._run = run
         self._plan = plan
         self._wear = wear
@@ -241,7 +241,7 @@ class PassFollower(TelemetrySums):
     `time_left_s`. `unstable` says why a pass should end, `shorted` that most pulses of the last seconds were shorts.
     """
 
-    def __init__(self, run: RunContext, start_s: float, number: int = 0) -> None:
+    def __init__(self, run: JobRun, start_s: float, number: int = 0) -> None:
         super().__init__(run)
         self._step = f"pass {number}" if number else ""
         self._start_s = start_s

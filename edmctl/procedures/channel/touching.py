@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from edmctl.procedures.channel.scan import PassPlan, PassResult
-    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.run import JobRun
     from edmctl.process.channel_wear import ToolWear
     from edmctl.process.plane import Plane
 
@@ -91,7 +91,7 @@ class FloorReading:
         )
 
 
-def touch_untouched(run: RunContext, way: Way) -> ChannelSurface:
+def touch_untouched(run: JobRun, way: Way) -> ChannelSurface:
     """Z1 at the pad, then the face at places of the path: its tilt would otherwise enter the floor."""
     expected_um = run.tally.home_um + run.profile.approach.offset_um
     z1 = read_pad(run, "Z1", run.profile.meta.name, expected_um, OFFSET_U_UM)
@@ -104,7 +104,7 @@ def touch_untouched(run: RunContext, way: Way) -> ChannelSurface:
 
 
 def measure_floor(
-    run: RunContext,
+    run: JobRun,
     surface: ChannelSurface,
     plan: PassPlan,
     done: PassResult,
@@ -141,7 +141,7 @@ def measure_floor(
 
 
 def _short_ones_again(
-    run: RunContext,
+    run: JobRun,
     plan: PassPlan,
     done: PassResult,
     wear: ToolWear,
@@ -176,7 +176,7 @@ def _short_ones_again(
 
 
 def _touch_pad(
-    run: RunContext, surface: ChannelSurface, predicted_um: float, pad_u_um: float, unknown: ExtraUncertainty
+    run: JobRun, surface: ChannelSurface, predicted_um: float, pad_u_um: float, unknown: ExtraUncertainty
 ) -> SurfaceReading:
     """Z3. Whether the tool is the one that an earlier run has left is asked with what is found of the floor."""
     z1 = surface.z1
@@ -220,6 +220,6 @@ def _held_um(plan: PassPlan, done: PassResult, wear: ToolWear, s_um: float) -> f
     return held_um + wear.per_uj * (done.wearing_uj - used_uj)
 
 
-def _place(run: RunContext, way: Way, s_um: float) -> Place:
+def _place(run: JobRun, way: Way, s_um: float) -> Place:
     x_um, y_um = way.at(s_um)
     return Place(f"{s_um:.0f} µm along the path", x_um, y_um)

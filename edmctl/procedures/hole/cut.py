@@ -18,7 +18,7 @@ from edmctl.results.pulses import pulse_shares
 
 if TYPE_CHECKING:
     from edmctl.procedures.hole.cut_planning import CutPlan
-    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.run import JobRun
     from edmctl.procedures.servo.limits import TimeLeft
     from edmctl.results.pulses import PulseShares
 
@@ -77,7 +77,7 @@ class CutResult:
         return pulse_shares(*self.counts)
 
 
-def run_cut(run: RunContext, plan: CutPlan, time_left: TimeLeft) -> CutResult:
+def run_cut(run: JobRun, plan: CutPlan, time_left: TimeLeft) -> CutResult:
     """Machine to the plan's limit, while there is time left; the tool is then held with the pulses off."""
     run.decide(
         RunEvent.CUT_PLANNED,
@@ -107,7 +107,7 @@ def run_cut(run: RunContext, plan: CutPlan, time_left: TimeLeft) -> CutResult:
     return result
 
 
-def _watch(run: RunContext, cutting: CutControl, burns: ArcRecovery, supervisor: Supervisor) -> MachineEvent:
+def _watch(run: JobRun, cutting: CutControl, burns: ArcRecovery, supervisor: Supervisor) -> MachineEvent:
     """Watch until the end, over burns that can be recovered from."""
     while True:
         try:
@@ -118,7 +118,7 @@ def _watch(run: RunContext, cutting: CutControl, burns: ArcRecovery, supervisor:
             burns.answer(fault)
 
 
-def _watch_sparks(run: RunContext, cutting: CutControl, supervisor: Supervisor) -> MachineEvent:
+def _watch_sparks(run: JobRun, cutting: CutControl, supervisor: Supervisor) -> MachineEvent:
     next_status_s = run.machine.time_s
     while True:
         ended = run.machine.watch_cut(WATCH_SLICE_S)
@@ -139,7 +139,7 @@ def _watch_sparks(run: RunContext, cutting: CutControl, supervisor: Supervisor) 
         cutting.jump_if_due()
 
 
-def _record_stop_reason(run: RunContext, supervisor: Supervisor) -> None:
+def _record_stop_reason(run: JobRun, supervisor: Supervisor) -> None:
     """Say why the cut was ended: after the pulses are off, because writing takes time."""
     message = (
         f"{supervisor.stop_reason}: {supervisor.message}"
@@ -197,7 +197,7 @@ def _end_um(plan: CutPlan, supervisor: Supervisor, ended: MachineEvent, *, at_li
     return end_um
 
 
-def _report(run: RunContext, plan: CutPlan, result: CutResult) -> None:
+def _report(run: JobRun, plan: CutPlan, result: CutResult) -> None:
     ratios = result.ratios
     run.decide(
         RunEvent.CUT_ENDED,

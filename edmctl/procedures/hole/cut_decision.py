@@ -19,7 +19,7 @@ from edmctl.wording import decimal, signed
 
 if TYPE_CHECKING:
     from edmctl.procedures.hole.target import HoleTarget
-    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.run import JobRun
     from edmctl.process.live_erosion import ErosionEstimate
     from edmctl.process.wear import DepthAndWear
     from edmctl.profile.model import Profile
@@ -127,7 +127,7 @@ def remedy(profile: Profile, off_um: float, wear_ratio: float = math.nan) -> str
     return "Cut less before the first measuring stop (wear.first_fraction)."
 
 
-def refuse_wrong_setup(run: RunContext, found: DepthAndWear) -> None:
+def refuse_wrong_setup(run: JobRun, found: DepthAndWear) -> None:
     """Raise MachineFault E67005 where the first cut wore the tool far too fast, or left a hill and no hole.
 
     Only what is beyond the uncertainty of the measurement counts.

@@ -21,8 +21,8 @@ from edmctl.wording import signed
 if TYPE_CHECKING:
     from edmctl.machine.port import MachineEvent
     from edmctl.procedures.hole.cut_planning import CutPlan
-    from edmctl.procedures.hole.hole import HoleUnderWay
-    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.hole.hole import OpenHole
+    from edmctl.procedures.run import JobRun
     from edmctl.procedures.touch.surface_plane import SurfacePlane
 
 FIRST_SPARKS_SIGMAS = 3.0
@@ -31,8 +31,8 @@ LEAST_GAP_UM = 0.5
 
 
 def check_first_sparks(
-    run: RunContext,
-    hole: HoleUnderWay,
+    run: JobRun,
+    hole: OpenHole,
     surface: SurfacePlane,
     plan: CutPlan,
     event: MachineEvent,
@@ -76,7 +76,7 @@ def check_first_sparks(
     return replace(plan, start=start, measured=True)
 
 
-def judge_again(run: RunContext, hole: HoleUnderWay, surface: SurfacePlane, gap_um: float) -> None:
+def judge_again(run: JobRun, hole: OpenHole, surface: SurfacePlane, gap_um: float) -> None:
     """Judge first sparks that put the face in doubt by a gap that was measured since, where they did.
 
     Sparks and stop tell of the gap apart from each other. Where the stop has found another gap than was believed,
@@ -103,6 +103,6 @@ def judge_again(run: RunContext, hole: HoleUnderWay, surface: SurfacePlane, gap_
     )
 
 
-def debris_um(hole: HoleUnderWay, surface: SurfacePlane) -> float:
+def debris_um(hole: OpenHole, surface: SurfacePlane) -> float:
     """How high something lies on the face where an untouched hole goes."""
     return surface.debris_um.get(hole.site.name, 0.0) if hole.stops == 0 else 0.0

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from edmctl.procedures.hole.cut_planning import CutPlan
     from edmctl.procedures.hole.hole_estimate import Estimate
     from edmctl.procedures.job_state import SurfaceTouch
-    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.run import JobRun
     from edmctl.procedures.touch.reading import SurfaceReading
     from edmctl.process.live_erosion import Energy, ErosionEstimate
     from edmctl.process.shared_wear import WearShare
@@ -57,7 +57,7 @@ class JobKnowledge:
     unmeasured: list[Unmeasured] = field(default_factory=list)
 
 
-def initial_knowledge(run: RunContext) -> JobKnowledge:
+def initial_knowledge(run: JobRun) -> JobKnowledge:
     """What the recipe and the setup say before the first touch."""
     profile, resumed = run.profile, run.job.resumed
     gap_u_um = first_gap_u_um(profile.pulse.open_voltage_v)
@@ -110,7 +110,7 @@ class DoubtedSurface:
 
 
 @dataclass(slots=True, eq=False)
-class HoleUnderWay:
+class OpenHole:
     """The hole under way.
 
     `z1` is where the tool would have met the pad when the hole began, known within `z1_u_um` where it was not
@@ -150,14 +150,14 @@ class HoleUnderWay:
         """Whether its bottom, or the face that its depth counts from, may have been touched wrongly."""
         return (self.stops > 0 and self.bottom.doubt_u_um > 0.0) or self.face_u_um > FACE_LIMIT_UM
 
-    def energy(self, run: RunContext) -> Energy:
+    def energy(self, run: JobRun) -> Energy:
         """Energy of all its cuts."""
         total = self.sums.total
         return energy_of(run.profile.pulse, total.counts, total.energy_j)
 
     def report(
         self,
-        run: RunContext,
+        run: JobRun,
         found: DepthAndWear,
         gap_um: float,
         *,
@@ -216,7 +216,7 @@ class HoleUnderWay:
             in_doubt=self.in_doubt,
         )
 
-    def report_left(self, run: RunContext, estimate: Estimate) -> None:
+    def report_left(self, run: JobRun, estimate: Estimate) -> None:
         """Put what is known of it into the tally where the job ends before it is touched.
 
         Z2 and Z3 are not known then, and the actuator's model has nothing of its own to say of it.
@@ -253,21 +253,21 @@ class Unmeasured:
     cut, known within `wear_before_u_um`.
     """
 
-    hole: HoleUnderWay
+    hole: OpenHole
     share: WearShare
     depth_u_um: float
     wear_before_um: float
     wear_before_u_um: float
 
 
-def touch_pad_first(run: RunContext, name: str, knowledge: JobKnowledge) -> SurfaceReading:
+def touch_pad_first(run: JobRun, name: str, knowledge: JobKnowledge) -> SurfaceReading:
     """Z1: the pad before anything else; its two spots may tell of the slope too."""
     return fit_pad_slope(
         run, knowledge.surface, read_pad(run, "Z1", name, knowledge.pad_um, knowledge.pad_u_um)
     )
 
 
-def begin_hole(run: RunContext, site: Place, knowledge: JobKnowledge) -> HoleUnderWay:
+def begin_hole(run: JobRun, site: Place, knowledge: JobKnowledge) -> OpenHole:
     """Begin a hole: touch the pad where nothing is known of the tool's length, otherwise go by what is known."""
     if knowledge.tool is None:
         knowledge.tool = ToolLength(touch_pad_first(run, site.name, knowledge))
@@ -277,11 +277,11 @@ def begin_hole(run: RunContext, site: Place, knowledge: JobKnowledge) -> HoleUnd
 
 
 def hole_at(
-    run: RunContext, site: Place, knowledge: JobKnowledge, z1: SurfaceReading, z1_u_um: float
-) -> HoleUnderWay:
+    run: JobRun, site: Place, knowledge: JobKnowledge, z1: SurfaceReading, z1_u_um: float
+) -> OpenHole:
     """Return an untouched hole at a site whose tool would have met the pad at `z1`."""
     face_um = knowledge.surface.height_um(site)
-    return HoleUnderWay(
+    return OpenHole(
         site=site,
         target=target_of(run.profile, site),
         z1=z1,
@@ -294,7 +294,7 @@ def hole_at(
     )
 
 
-def start_of(run: RunContext, hole: HoleUnderWay, knowledge: JobKnowledge) -> CutStart:
+def start_of(run: JobRun, hole: OpenHole, knowledge: JobKnowledge) -> CutStart:
     """What the first cut of an untouched hole starts from: tool, face, and what measures."""
     assert knowledge.tool is not None
     sensor_u, tool = run.uncertainty, knowledge.tool

@@ -22,25 +22,25 @@ from edmctl.procedures.state_keeper import MACHINING, MEASURING
 if TYPE_CHECKING:
     from edmctl.procedures.hole.cut import CutResult
     from edmctl.procedures.hole.cut_planning import CutPlan
-    from edmctl.procedures.hole.hole import HoleUnderWay
+    from edmctl.procedures.hole.hole import OpenHole
     from edmctl.procedures.job_state import JobState
-    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.run import JobRun
 
 
-def keep_hole_begun(run: RunContext, hole: HoleUnderWay, *, begun: bool = False) -> None:
+def keep_hole_begun(run: JobRun, hole: OpenHole, *, begun: bool = False) -> None:
     """Keep a hole whose Z1 is known; `begun` when an earlier run has cut it already."""
     hole.begun = begun
     run.keeper.keep(MEASURING, _under_way(run, hole), run.machine.time_s)
 
 
-def keep_cut_begun(run: RunContext, hole: HoleUnderWay, plan: CutPlan) -> None:
+def keep_cut_begun(run: JobRun, hole: OpenHole, plan: CutPlan) -> None:
     """Keep that sparks come next."""
     hole.plan, hole.cut_estimate, hole.begun = plan, None, True
     run.tally.cut = RunningCut(displacement_um=plan.start.bottom_um - plan.start.gap_um)
     run.keeper.keep(MACHINING, _under_way(run, hole))
 
 
-def keep_cut_ended(run: RunContext, hole: HoleUnderWay, cut: CutResult) -> None:
+def keep_cut_ended(run: JobRun, hole: OpenHole, cut: CutResult) -> None:
     """Keep that the cut has ended, and that its sums are the hole's now."""
     assert hole.plan is not None
     energy = energy_of(run.profile.pulse, cut.counts, cut.energy_j)
@@ -51,11 +51,11 @@ def keep_cut_ended(run: RunContext, hole: HoleUnderWay, cut: CutResult) -> None:
     run.keeper.keep(MEASURING, _under_way(run, hole))
 
 
-def _under_way(run: RunContext, hole: HoleUnderWay) -> UnderWay:
+def _under_way(run: JobRun, hole: OpenHole) -> UnderWay:
     return UnderWay(partial(_state, run, hole), partial(_leave, run, hole))
 
 
-def _leave(run: RunContext, hole: HoleUnderWay) -> None:
+def _leave(run: JobRun, hole: OpenHole) -> None:
     """Report by estimate a hole that nobody has touched since its last cut, where the job ends early."""
     if run.tally.unmeasured_site != hole.site.name:
         return
@@ -70,7 +70,7 @@ def _leave(run: RunContext, hole: HoleUnderWay) -> None:
     hole.report_left(run, estimate.left(unseen_um, hole.estimate.wear_ratio, touched=touched))
 
 
-def _state(run: RunContext, hole: HoleUnderWay, state: JobState, now_s: float) -> JobState:
+def _state(run: JobRun, hole: OpenHole, state: JobState, now_s: float) -> JobState:
     cut, sums, estimate, z1 = run.tally.cut, hole.sums, _estimate(run, hole, now_s), hole.z1
     total, is_cutting = sums.total.plus(cut.counts, cut.energy_j, cut.time_s), hole.plan is not None
     return replace(
@@ -99,7 +99,7 @@ def _state(run: RunContext, hole: HoleUnderWay, state: JobState, now_s: float) -
     )
 
 
-def _estimate(run: RunContext, hole: HoleUnderWay, now_s: float) -> Estimate:
+def _estimate(run: JobRun, hole: OpenHole, now_s: float) -> Estimate:
     """What is known of the hole at a time of the run."""
     cut = run.tally.cut
     if hole.plan is not None and not math.isnan(cut.displacement_um):

@@ -29,8 +29,8 @@ from edmctl.wording import decimal, length, signed
 
 if TYPE_CHECKING:
     from edmctl.procedures.hole.cut import CutResult
-    from edmctl.procedures.hole.hole import HoleUnderWay, JobKnowledge
-    from edmctl.procedures.run import Args, RunContext
+    from edmctl.procedures.hole.hole import JobKnowledge, OpenHole
+    from edmctl.procedures.run import Args, JobRun
     from edmctl.procedures.touch.reading import SurfaceReading
     from edmctl.process.live_erosion import ErosionEstimate
     from edmctl.process.shared_wear import SharedWear
@@ -42,7 +42,7 @@ GAP_SETTLES_S = 1.0
 
 
 def measure_hole(
-    run: RunContext, hole: HoleUnderWay, knowledge: JobKnowledge, plan: CutPlan, cut: CutResult
+    run: JobRun, hole: OpenHole, knowledge: JobKnowledge, plan: CutPlan, cut: CutResult
 ) -> Decision:
     """Touch bottom and pad after a cut, learn from them, and decide what follows."""
     end_um = cut.end_displacement_um
@@ -78,7 +78,7 @@ def measure_hole(
 
 
 def touch_pad(
-    run: RunContext, hole: HoleUnderWay, plan: CutPlan, cut: CutResult, more_u_um: float = 0.0
+    run: JobRun, hole: OpenHole, plan: CutPlan, cut: CutResult, more_u_um: float = 0.0
 ) -> SurfaceReading:
     """Z3: the pad, with the worn tool. `more_u_um` is a standard uncertainty on top."""
     end_um = cut.end_displacement_um
@@ -90,7 +90,7 @@ def touch_pad(
     return z3
 
 
-def measured(run: RunContext, hole: HoleUnderWay, z2: SurfaceReading, z3: SurfaceReading) -> DepthAndWear:
+def measured(run: JobRun, hole: OpenHole, z2: SurfaceReading, z3: SurfaceReading) -> DepthAndWear:
     """What bottom and pad say of a hole, against where it began."""
     sensor_u, z1 = run.uncertainty, hole.z1
     return measure(
@@ -111,8 +111,8 @@ def measured(run: RunContext, hole: HoleUnderWay, z2: SurfaceReading, z3: Surfac
 
 
 def learn(
-    run: RunContext,
-    hole: HoleUnderWay,
+    run: JobRun,
+    hole: OpenHole,
     knowledge: JobKnowledge,
     z2: SurfaceReading,
     z3: SurfaceReading,
@@ -146,7 +146,7 @@ def learn(
 
 
 def with_doubt_of_wear(
-    run: RunContext, hole: HoleUnderWay, estimate: ErosionEstimate, found: DepthAndWear
+    run: JobRun, hole: OpenHole, estimate: ErosionEstimate, found: DepthAndWear
 ) -> DepthAndWear:
     """Widen what a stop found where its wear is not what was believed, until another stop agrees with it.
 
@@ -179,7 +179,7 @@ def with_doubt_of_wear(
     )
 
 
-def next_start(run: RunContext, hole: HoleUnderWay, gap_um: float, gap_u_um: float) -> CutStart:
+def next_start(run: JobRun, hole: OpenHole, gap_um: float, gap_u_um: float) -> CutStart:
     """What a further cut of a measured hole would start from."""
     assert hole.found is not None
     found = hole.found
@@ -198,7 +198,7 @@ def next_start(run: RunContext, hole: HoleUnderWay, gap_um: float, gap_u_um: flo
 
 
 def estimate_hole(
-    run: RunContext, hole: HoleUnderWay, knowledge: JobKnowledge, plan: CutPlan, cut: CutResult
+    run: JobRun, hole: OpenHole, knowledge: JobKnowledge, plan: CutPlan, cut: CutResult
 ) -> Decision:
     """End a hole whose last cut need not be measured: what it added is known from feed and energy."""
     now_s = run.machine.time_s
@@ -246,7 +246,7 @@ def estimate_hole(
     return Decision(None, message)
 
 
-def report(run: RunContext, found: DepthAndWear, gap_um: float, decision: Decision) -> None:
+def report(run: JobRun, found: DepthAndWear, gap_um: float, decision: Decision) -> None:
     """Tell what a stop measured, and what follows."""
     run.decide(
         RunEvent.SITE_MEASURED,

@@ -15,7 +15,7 @@ from edmctl.labels import Basis
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.cut_decision import Decision, decide
 from edmctl.procedures.hole.cut_planning import CutPlan, through_plan
-from edmctl.procedures.hole.hole import HoleUnderWay, JobKnowledge, hole_at, touch_pad_first
+from edmctl.procedures.hole.hole import JobKnowledge, OpenHole, hole_at, touch_pad_first
 from edmctl.procedures.hole.hole_estimate import (
     STANDARD_UNCERTAINTIES,
     Estimate,
@@ -46,14 +46,14 @@ from edmctl.wording import decimal, length
 
 if TYPE_CHECKING:
     from edmctl.procedures.job_state import JobState
-    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.run import JobRun
     from edmctl.procedures.servo.limits import TimeLimits
 
 BEYOND_UM = 12.0
 """A touch looks so much further than what would be accepted: a mistake is to be found, not missed."""
 
 
-def resume_hole(run: RunContext, site: Place, knowledge: JobKnowledge, limits: TimeLimits) -> Decision | None:
+def resume_hole(run: JobRun, site: Place, knowledge: JobKnowledge, limits: TimeLimits) -> Decision | None:
     """Measure what the earlier run has left, and cut what is missing; None where the hole is to be made anew.
 
     Raises PreconditionError: E8060 this is not the hole that was left, E8061 the tool is not, E8062 there is no
@@ -99,7 +99,7 @@ def resume_hole(run: RunContext, site: Place, knowledge: JobKnowledge, limits: T
     return cut_to_the_end(run, hole, knowledge, decision.plan, limits)
 
 
-def check_last_hole(run: RunContext, knowledge: JobKnowledge) -> None:
+def check_last_hole(run: JobRun, knowledge: JobKnowledge) -> None:
     """Touch the bottom of the hole that was finished last, where none was begun after it: is this that work?
 
     A hole through the sheet has no bottom, and a job that has finished none nothing to look at. What the touch of
@@ -115,8 +115,8 @@ def check_last_hole(run: RunContext, knowledge: JobKnowledge) -> None:
 
 
 def touch_pad_left(
-    run: RunContext, site: Place, knowledge: JobKnowledge, expected: ExpectedHole, more_um: float = 0.0
-) -> tuple[HoleUnderWay, SurfaceReading]:
+    run: JobRun, site: Place, knowledge: JobKnowledge, expected: ExpectedHole, more_um: float = 0.0
+) -> tuple[OpenHole, SurfaceReading]:
     """Take the hole as the journal tells of it, and touch the pad (Z3), which may lie `more_um` further."""
     state = run.job.resumed
     assert state is not None
@@ -131,7 +131,7 @@ def touch_pad_left(
     return hole, z3
 
 
-def report_resumed(run: RunContext, expected: Estimate, depth_um: float, wear_um: float) -> None:
+def report_resumed(run: JobRun, expected: Estimate, depth_um: float, wear_um: float) -> None:
     """Say from where the job goes on."""
     run.decide(
         RunEvent.RESUMED,
@@ -142,7 +142,7 @@ def report_resumed(run: RunContext, expected: Estimate, depth_um: float, wear_um
 
 
 def refuse_other(
-    run: RunContext,
+    run: JobRun,
     site: Place,
     expected: ExpectedHole,
     found: DepthAndWear,
@@ -161,15 +161,13 @@ def refuse_other(
         raise refused(run, other_tool(found, expected.estimate))
 
 
-def refused(run: RunContext, error: PreconditionError) -> PreconditionError:
+def refused(run: JobRun, error: PreconditionError) -> PreconditionError:
     """The error of work or a tool that was not left: what the journal estimates is no result of this run then."""
     run.tally.depth_um, run.tally.unmeasured_site = math.nan, ""
     return error
 
 
-def _update_surface(
-    run: RunContext, hole: HoleUnderWay, knowledge: JobKnowledge, pad: SurfaceReading
-) -> None:
+def _update_surface(run: JobRun, hole: OpenHole, knowledge: JobKnowledge, pad: SurfaceReading) -> None:
     """Take what the pad tells of the face, and with it where the face is at the hole."""
     fit_pad_slope(run, knowledge.surface, pad)
     hole.face_um, hole.face_u_um = (
@@ -179,8 +177,8 @@ def _update_surface(
 
 
 def _on_its_own_surface(
-    run: RunContext,
-    hole: HoleUnderWay,
+    run: JobRun,
+    hole: OpenHole,
     knowledge: JobKnowledge,
     z2: SurfaceReading,
     z3: SurfaceReading,
@@ -202,7 +200,7 @@ def _on_its_own_surface(
     return found
 
 
-def _check_finished(run: RunContext, knowledge: JobKnowledge, pad: SurfaceReading) -> None:
+def _check_finished(run: JobRun, knowledge: JobKnowledge, pad: SurfaceReading) -> None:
     result = list(run.tally.sites.values())[-1]
     site = Place(result.name, result.x_um, result.y_um, result.theta_deg)
     expected = expected_of_finished(result)
@@ -220,7 +218,7 @@ def _check_finished(run: RunContext, knowledge: JobKnowledge, pad: SurfaceReadin
 
 
 def _start_again(
-    run: RunContext, site: Place, knowledge: JobKnowledge, pad: SurfaceReading, found: DepthAndWear
+    run: JobRun, site: Place, knowledge: JobKnowledge, pad: SurfaceReading, found: DepthAndWear
 ) -> None:
     """Begin the hole anew where its face is untouched, beside the finished holes that belong to it."""
     if not is_untouched(found):
@@ -238,7 +236,7 @@ def _start_again(
 
 
 def _touch(
-    run: RunContext, kind: str, place: Place, name: str, predicted_um: float, reach_um: float
+    run: JobRun, kind: str, place: Place, name: str, predicted_um: float, reach_um: float
 ) -> SurfaceReading:
     """Touch a surface that was left; where none is in reach, say what that may mean."""
     u_um = (reach_um + BEYOND_UM) / BEYOND_SIGMAS
@@ -256,7 +254,7 @@ def _touch(
         raise
 
 
-def _touch_washed(run: RunContext, site: Place, short: SurfaceReading, reach_um: float) -> SurfaceReading:
+def _touch_washed(run: JobRun, site: Place, short: SurfaceReading, reach_um: float) -> SurfaceReading:
     """Touch a bottom again that seems too near: what lay on it while the job stood still may go with the oil."""
     run.decide(
         RunEvent.TOUCH_DOUBTED,
@@ -269,14 +267,14 @@ def _touch_washed(run: RunContext, site: Place, short: SurfaceReading, reach_um:
     return _touch(run, "Z2", site, site.name, short.z_um, reach_um)
 
 
-def _begin(run: RunContext, knowledge: JobKnowledge, state: JobState) -> None:
+def _begin(run: JobRun, knowledge: JobKnowledge, state: JobState) -> None:
     """Take over what was touched of the face, and say what an unknown pause means."""
     if not knowledge.surface.touched:
         knowledge.surface.restore(state.face, state.face_doubt_u_um)
     report_unknown_pause(run)
 
 
-def report_unknown_pause(run: RunContext) -> None:
+def report_unknown_pause(run: JobRun) -> None:
     """Say what it means that nobody knows how long the job stood still."""
     if math.isfinite(run.job.pause_s):
         return
@@ -290,7 +288,7 @@ def report_unknown_pause(run: RunContext) -> None:
     )
 
 
-def z1_left_by(run: RunContext, state: JobState) -> SurfaceReading:
+def z1_left_by(run: JobRun, state: JobState) -> SurfaceReading:
     """Return Z1 as the journal tells it; times before this run are negative."""
     return SurfaceReading(
         kind="Z1",
@@ -303,7 +301,7 @@ def z1_left_by(run: RunContext, state: JobState) -> SurfaceReading:
     )
 
 
-def _hole(run: RunContext, site: Place, knowledge: JobKnowledge, state: JobState) -> HoleUnderWay:
+def _hole(run: JobRun, site: Place, knowledge: JobKnowledge, state: JobState) -> OpenHole:
     """Return the hole as the journal left it."""
     z1 = z1_left_by(run, state)
     knowledge.tool = ToolLength(z1, state.wear_um)
@@ -314,9 +312,7 @@ def _hole(run: RunContext, site: Place, knowledge: JobKnowledge, state: JobState
     return hole
 
 
-def resume_through_hole(
-    run: RunContext, site: Place, knowledge: JobKnowledge, limits: TimeLimits
-) -> Decision:
+def resume_through_hole(run: JobRun, site: Place, knowledge: JobKnowledge, limits: TimeLimits) -> Decision:
     """Measure what an earlier run has left of a hole through the sheet, and cut on where it is not open.
 
     A hole is open when the tool goes through it, as far below the face as it would have been fed, and meets nothing.
@@ -343,7 +339,7 @@ def resume_through_hole(
 
 
 def _open(
-    run: RunContext, hole: HoleUnderWay, knowledge: JobKnowledge, pad: SurfaceReading, expected: ExpectedHole
+    run: JobRun, hole: OpenHole, knowledge: JobKnowledge, pad: SurfaceReading, expected: ExpectedHole
 ) -> Decision:
     """The end of a hole that was open when it was looked at again."""
     target = hole.target

@@ -17,7 +17,7 @@ from edmctl.record.rows import EventLevel
 if TYPE_CHECKING:
     from edmctl.machine.port import MachineEvent
     from edmctl.procedures.hole.cut_planning import CutPlan
-    from edmctl.procedures.run import Args, RunContext
+    from edmctl.procedures.run import Args, JobRun
     from edmctl.procedures.servo.supervisor import Supervisor
 
 JUMP_RESERVE_UM = 5.0
@@ -35,7 +35,7 @@ CLEARANCE_UM = 1.0
 class CutControl:
     """One planned cut that may last until `end_s`."""
 
-    def __init__(self, run: RunContext, plan: CutPlan, supervisor: Supervisor, end_s: float) -> None:
+    def __init__(self, run: JobRun, plan: CutPlan, supervisor: Supervisor, end_s: float) -> None:
         self._run = run
         self._plan = plan
         self._supervisor = supervisor
@@ -155,7 +155,7 @@ class CutControl:
         return min(height_um, displacement_um - JUMP_RESERVE_UM)
 
 
-def jump_request(run: RunContext, height_um: float, clearance_um: float = CLEARANCE_UM) -> JumpRequest:
+def jump_request(run: JobRun, height_um: float, clearance_um: float = CLEARANCE_UM) -> JumpRequest:
     """Ask for a jump of `height_um` at the profile's speed that comes back fast to `clearance_um`.
 
     JUMP carries lengths, and the controller turns them into volts by `gain_um_per_v`, without an actuator model.

@@ -16,14 +16,14 @@ from edmctl.process.shared_wear import SharedWear, WearShare, share_wear
 if TYPE_CHECKING:
     from edmctl.procedures.hole.cut import CutResult
     from edmctl.procedures.hole.cut_planning import CutPlan
-    from edmctl.procedures.hole.hole import HoleUnderWay, JobKnowledge
-    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.hole.hole import JobKnowledge, OpenHole
+    from edmctl.procedures.run import JobRun
     from edmctl.procedures.touch.reading import SurfaceReading
     from edmctl.process.live_erosion import LiveErosion
 
 
 def unmeasured(
-    run: RunContext, hole: HoleUnderWay, pad_s: float, plan: CutPlan, cut: CutResult, live: LiveErosion
+    run: JobRun, hole: OpenHole, pad_s: float, plan: CutPlan, cut: CutResult, live: LiveErosion
 ) -> Unmeasured:
     """What is to be remembered of a cut just made that no touch follows; the pad was last touched at `pad_s`.
 
@@ -48,8 +48,8 @@ def unmeasured(
 
 
 def settle_unmeasured(
-    run: RunContext,
-    hole: HoleUnderWay,
+    run: JobRun,
+    hole: OpenHole,
     knowledge: JobKnowledge,
     pad: SurfaceReading,
     plan: CutPlan,
@@ -82,7 +82,7 @@ def settle_unmeasured(
     return found[-1]
 
 
-def _correct(run: RunContext, cut: Unmeasured, own_um: float, before_um: float, now: SharedWear) -> None:
+def _correct(run: JobRun, cut: Unmeasured, own_um: float, before_um: float, now: SharedWear) -> None:
     """A cut began `before_um` shorter of tool than it was taken to, and wore it by `own_um` more."""
     hole = cut.hole
     result, found = run.tally.sites[hole.site.name], hole.found

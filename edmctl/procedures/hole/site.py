@@ -13,7 +13,7 @@ from edmctl.procedures.hole.cut import CutEnd, CutResult, run_cut
 from edmctl.procedures.hole.cut_decision import Decision, out_of_time, unfinished
 from edmctl.procedures.hole.cut_planning import CutPlan, energy_of, first_plan
 from edmctl.procedures.hole.first_sparks import check_first_sparks, debris_um
-from edmctl.procedures.hole.hole import HoleUnderWay, JobKnowledge, start_of
+from edmctl.procedures.hole.hole import JobKnowledge, OpenHole, start_of
 from edmctl.procedures.hole.hole_state import keep_cut_begun, keep_cut_ended
 from edmctl.procedures.hole.measuring_stop import estimate_hole, measure_hole, measured, touch_pad
 from edmctl.procedures.hole.site_result import close_site
@@ -25,13 +25,13 @@ from edmctl.record.rows import EventLevel
 
 if TYPE_CHECKING:
     from edmctl.procedures.hole.target import HoleTarget
-    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.run import JobRun
     from edmctl.procedures.servo.limits import TimeLimits
     from edmctl.process.wear import DepthAndWear
 
 
 def machine_hole(
-    run: RunContext, hole: HoleUnderWay, knowledge: JobKnowledge, limits: TimeLimits, *, is_last: bool = True
+    run: JobRun, hole: OpenHole, knowledge: JobKnowledge, limits: TimeLimits, *, is_last: bool = True
 ) -> Decision:
     """Machine a hole from its untouched face, and return the last decision.
 
@@ -47,7 +47,7 @@ def machine_hole(
 
 
 def cut_to_the_end(
-    run: RunContext, hole: HoleUnderWay, knowledge: JobKnowledge, plan: CutPlan, limits: TimeLimits
+    run: JobRun, hole: OpenHole, knowledge: JobKnowledge, plan: CutPlan, limits: TimeLimits
 ) -> Decision:
     """Cut and measure until a decision plans nothing more."""
     decision = _cut(run, hole, knowledge, plan, limits)
@@ -57,9 +57,7 @@ def cut_to_the_end(
     return decision
 
 
-def _cut(
-    run: RunContext, hole: HoleUnderWay, knowledge: JobKnowledge, plan: CutPlan, limits: TimeLimits
-) -> Decision:
+def _cut(run: JobRun, hole: OpenHole, knowledge: JobKnowledge, plan: CutPlan, limits: TimeLimits) -> Decision:
     """One planned cut, unless the time is up: looked at before the approach, which sparks, and after it."""
     if limits.left().seconds <= 0.0:
         return _no_time(run, hole, plan, limits)
@@ -88,7 +86,7 @@ def _cut(
     return decision
 
 
-def _is_surprising(run: RunContext, plan: CutPlan, cut: CutResult) -> bool:
+def _is_surprising(run: JobRun, plan: CutPlan, cut: CutResult) -> bool:
     """Whether a cut lost its sparks, or its energy does not go with its feed: then a touch has to tell."""
     if cut.end_displacement_um < plan.z_limit_um:
         return True
@@ -96,7 +94,7 @@ def _is_surprising(run: RunContext, plan: CutPlan, cut: CutResult) -> bool:
     return plan.contradicts(cut.end_displacement_um, energy)
 
 
-def _no_time(run: RunContext, hole: HoleUnderWay, plan: CutPlan, limits: TimeLimits) -> Decision:
+def _no_time(run: JobRun, hole: OpenHole, plan: CutPlan, limits: TimeLimits) -> Decision:
     decision = out_of_time(hole.target, plan, limits.left().limit)
     run.decide(
         RunEvent.TARGET_MISSED,
@@ -108,7 +106,7 @@ def _no_time(run: RunContext, hole: HoleUnderWay, plan: CutPlan, limits: TimeLim
 
 
 def end_of_through_hole(
-    run: RunContext, hole: HoleUnderWay, knowledge: JobKnowledge, plan: CutPlan, cut: CutResult
+    run: JobRun, hole: OpenHole, knowledge: JobKnowledge, plan: CutPlan, cut: CutResult
 ) -> Decision:
     """Measure the wear; the depth is how far the tip went below the face, at least the sheet's thickness."""
     anywhere_u_um = hole.target.completion_um / math.sqrt(
@@ -134,7 +132,7 @@ def end_of_through_hole(
 
 
 def touch_bottom_or_none(
-    run: RunContext, hole: HoleUnderWay, pad: SurfaceReading, least_um: float
+    run: JobRun, hole: OpenHole, pad: SurfaceReading, least_um: float
 ) -> SurfaceReading | None:
     """Touch the bottom of a hole that may be open, from `least_um` on; None where the tool goes right through.
 
@@ -167,7 +165,7 @@ def through_message(target: HoleTarget, found: DepthAndWear) -> str:
     )
 
 
-def _decision(hole: HoleUnderWay, cut: CutResult, found: DepthAndWear, *, through: bool) -> Decision:
+def _decision(hole: OpenHole, cut: CutResult, found: DepthAndWear, *, through: bool) -> Decision:
     thickness_um = hole.target.depth_um
     if through:
         return Decision(None, through_message(hole.target, found))

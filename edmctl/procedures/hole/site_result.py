@@ -15,7 +15,7 @@ from edmctl.record.rows import SiteRow
 if TYPE_CHECKING:
     from edmctl.procedures.hole.cut import CutResult
     from edmctl.procedures.job_state import RunningCut
-    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.run import JobRun
     from edmctl.profile.places import Place
     from edmctl.results.job import SiteResult
 
@@ -102,7 +102,7 @@ def site_row(result: SiteResult) -> SiteRow:
     )
 
 
-def open_site(run: RunContext, site: Place) -> None:
+def open_site(run: JobRun, site: Place) -> None:
     """Begin the account of a site; the readings of the one before may teach the actuator's estimator now."""
     tally = run.tally
     tally.depth_um, tally.open_site = 0.0, site.name
@@ -113,7 +113,7 @@ def open_site(run: RunContext, site: Place) -> None:
         tracker.learn_noted()
 
 
-def close_site(run: RunContext, *, settled: bool) -> None:
+def close_site(run: JobRun, *, settled: bool) -> None:
     """End the account of a site; its result goes into the run file once it is settled, or with the next that is."""
     tally = run.tally
     if tally.open_site in tally.sites:
@@ -123,7 +123,7 @@ def close_site(run: RunContext, *, settled: bool) -> None:
         record_results(run)
 
 
-def record_results(run: RunContext) -> None:
+def record_results(run: JobRun) -> None:
     """Judge and write the results that are not in the run file yet."""
     tally = run.tally
     for name in tally.unwritten:
@@ -132,7 +132,7 @@ def record_results(run: RunContext) -> None:
     tally.unwritten.clear()
 
 
-def record_left(run: RunContext) -> None:
+def record_left(run: JobRun) -> None:
     """Write what is known of all holes where the job ends early; the one under way is not judged: it may go on."""
     record_results(run)
     tally = run.tally

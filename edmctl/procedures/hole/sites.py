@@ -23,11 +23,11 @@ from edmctl.record.rows import EventLevel
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.run import JobRun
     from edmctl.profile.places import Place
 
 
-def machine_sites(run: RunContext) -> Decision | None:
+def machine_sites(run: JobRun) -> Decision | None:
     """Machine every place that is not done yet; the decision of the first that misses its objective, None if all do.
 
     A tool that would lose more than it may ends the job before the next place, with what is done and what remains.
@@ -54,7 +54,7 @@ def machine_sites(run: RunContext) -> Decision | None:
     return None
 
 
-def _take_up(run: RunContext, site: Place, knowledge: JobKnowledge, limits: TimeLimits) -> Decision | None:
+def _take_up(run: JobRun, site: Place, knowledge: JobKnowledge, limits: TimeLimits) -> Decision | None:
     """Go on with the hole that an earlier run has begun; None where it is to be made anew."""
     if run.profile.target.kind == "through" and not run.job.restart_hole:
         return resume_through_hole(run, site, knowledge, limits)
@@ -62,7 +62,7 @@ def _take_up(run: RunContext, site: Place, knowledge: JobKnowledge, limits: Time
 
 
 def _machine_fresh(
-    run: RunContext, site: Place, knowledge: JobKnowledge, left: Sequence[Place], limits: TimeLimits
+    run: JobRun, site: Place, knowledge: JobKnowledge, left: Sequence[Place], limits: TimeLimits
 ) -> Decision:
     hole = begin_hole(run, site, knowledge)
     if _touch_surface(run, site, knowledge, left):
@@ -72,7 +72,7 @@ def _machine_fresh(
     return machine_hole(run, hole, knowledge, limits, is_last=len(left) == 1)
 
 
-def _touch_surface(run: RunContext, site: Place, knowledge: JobKnowledge, left: Sequence[Place]) -> bool:
+def _touch_surface(run: JobRun, site: Place, knowledge: JobKnowledge, left: Sequence[Place]) -> bool:
     """Touch the face where its tilt would limit the depths; whether anything was touched."""
     assert knowledge.tool is not None
     wanted = run.profile.array.surface == "plane" and len(left) >= TOUCHES_FOR_A_PLANE
@@ -84,7 +84,7 @@ def _touch_surface(run: RunContext, site: Place, knowledge: JobKnowledge, left: 
     return touch_where_unknown(run, site, knowledge.surface, knowledge.tool)
 
 
-def _worn_out(run: RunContext, knowledge: JobKnowledge, left: Sequence[Place]) -> Decision | None:
+def _worn_out(run: JobRun, knowledge: JobKnowledge, left: Sequence[Place]) -> Decision | None:
     """The end before a place for which the tool may not be worn any further; None while it may."""
     lost_um = run.job.tool_wear_before_um + run.tally.wear_um
     target = target_of(run.profile, left[0])

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from edmctl.procedures.hole.target import HoleTarget
     from edmctl.procedures.job import Job
-    from edmctl.procedures.run import Args, RunContext
+    from edmctl.procedures.run import Args, JobRun
     from edmctl.results.channel import ChannelResult
     from edmctl.results.job import SiteResult
 
@@ -47,7 +47,7 @@ def judged(job: Job, result: SiteResult) -> SiteResult:
     return replace(result, verdict=verdict)
 
 
-def judge_holes(run: RunContext, last: Decision | None) -> Decision | None:
+def judge_holes(run: JobRun, last: Decision | None) -> Decision | None:
     """The end of a job of holes, from their verdicts; None where all are what was wanted.
 
     `last` is the decision that ended the job short of its last hole or of its objective; it stands, and what else is

@@ -18,7 +18,7 @@ from edmctl.results.progress import Phase, Progress
 from edmctl.results.pulses import pulse_shares
 
 if TYPE_CHECKING:
-    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.run import JobRun
     from edmctl.results.link import LinkReport
 
 Floats = NDArray[np.float64]
@@ -39,7 +39,7 @@ REPORT_EVERY_S = 0.1
 class LinkMonitor:
     """Looks at the line with every block of telemetry. Raises once, as the retreat must not be disturbed."""
 
-    def __init__(self, run: RunContext) -> None:
+    def __init__(self, run: JobRun) -> None:
         self._run = run
         self._bad: deque[tuple[float, int]] = deque()
         self._seen = run.machine.bad_frames
@@ -78,7 +78,7 @@ class LinkMonitor:
             raise host_fault("LINE_NOISE", bad_frames=frames)
 
 
-def record_link(run: RunContext) -> None:
+def record_link(run: JobRun) -> None:
     """Close the statistics of the line in the run file, and sum them up in an event."""
     report = run.machine.link_report()
     run.recorder.append_link(_row(run.machine.time_s, report))
@@ -129,7 +129,7 @@ class SensorMonitor:
     It raises once: what comes after is the retreat, which nothing may disturb.
     """
 
-    def __init__(self, run: RunContext) -> None:
+    def __init__(self, run: JobRun) -> None:
         self._run = run
         self._largest_um = LARGEST_SHARE * stroke_um(run.profile)
         self._since_s: float | None = None
@@ -162,7 +162,7 @@ class SensorMonitor:
 class IdleMonitor:
     """Hears every block of a run. While machining, whoever follows the cut or pass knows more and tells that."""
 
-    def __init__(self, run: RunContext) -> None:
+    def __init__(self, run: JobRun) -> None:
         self._run = run
         self._reference_v = gap_reference_v(run.profile)
         self._due_s = -math.inf

@@ -17,7 +17,7 @@ from edmctl.record.rows import EventLevel
 if TYPE_CHECKING:
     from edmctl.procedures.hole.cut_planning import CutPlan
     from edmctl.procedures.hole.running_cut import CutControl
-    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.run import JobRun
     from edmctl.procedures.servo.supervisor import Supervisor
 
 ARC_BURN, NO_SPARK = "E63002", "E63005"
@@ -33,7 +33,7 @@ MOST_BURNS = 6
 class ArcRecovery:
     """The burns of one cut, and the answer to each."""
 
-    def __init__(self, run: RunContext, plan: CutPlan, supervisor: Supervisor, cutting: CutControl) -> None:
+    def __init__(self, run: JobRun, plan: CutPlan, supervisor: Supervisor, cutting: CutControl) -> None:
         self._run = run
         self._plan = plan
         self._supervisor = supervisor

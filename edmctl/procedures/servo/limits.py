@@ -14,7 +14,7 @@ from edmctl.record.rows import EventLevel
 
 if TYPE_CHECKING:
     from edmctl.actuator.estimator import Estimator
-    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.run import JobRun
     from edmctl.results.pulses import PulseShares
 
 UNSTABLE_S = 30.0
@@ -38,7 +38,7 @@ LEAST_S = 120.0
 class RatioLimits:
     """Judges the shares over a window of `window_s`."""
 
-    def __init__(self, run: RunContext, window_s: float) -> None:
+    def __init__(self, run: JobRun, window_s: float) -> None:
         self._run = run
         self._window_s = window_s
         self._since_s: dict[RunEvent, float] = {}
@@ -109,7 +109,7 @@ class TimeLeft:
 class TimeLimits:
     """The limits of one run: of the whole job, and of the time in which it machines."""
 
-    def __init__(self, run: RunContext) -> None:
+    def __init__(self, run: JobRun) -> None:
         self._run = run
         expected_s = forecast(run.profile, run.setup, run.job.sites).machining_time_s
         self._machining_s = max(LEAST_S, LONGEST_SHARE * expected_s)

@@ -27,7 +27,7 @@ from edmctl.results.progress import Phase, Progress
 
 if TYPE_CHECKING:
     from edmctl.procedures.hole.cut_planning import CutPlan
-    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.run import JobRun
     from edmctl.process.live_erosion import Energy
 
 FEED_WINDOW_S = 10.0
@@ -60,11 +60,11 @@ class StopReason(StrEnum):
 class Supervisor(TelemetrySums):
     """Follows the telemetry of one cut that begins at `start_s`; keeps its sums and the tally of the job.
 
-    `stop_reason` is set when the cut should end, and `message` says then what was seen. `adaptive` holds what machine
-    and generator should be set to. Whoever jumps sets `jumps` and `last_jump_s`.
+    `stop_reason` is set when the cut should end, and `message` says then what was seen. `adaptive` holds what the
+    machine and the generator should be set to. Whoever jumps sets `jumps` and `last_jump_s`.
     """
 
-    def __init__(self, run: RunContext, plan: CutPlan, start_s: float) -> None:
+    def __init__(self, run: JobRun, plan: CutPlan, start_s: float) -> None:
         super().__init__(run)
         self._plan = plan
         self._start_s = start_s

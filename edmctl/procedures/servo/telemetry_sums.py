@@ -13,7 +13,7 @@ from edmctl.results.pulses import PulseShares, pulse_shares
 if TYPE_CHECKING:
     from edmctl.machine.port import MachineStatus, TelemetryBlock
     from edmctl.procedures.job_state import Counts
-    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.run import JobRun
     from edmctl.results.progress import Progress
 
 RATIO_WINDOW_S = 2.0
@@ -27,7 +27,7 @@ class TelemetrySums:
     at the plateau voltage of a normal discharge, `power_w` that of the newest slice.
     """
 
-    def __init__(self, run: RunContext) -> None:
+    def __init__(self, run: JobRun) -> None:
         self._run = run
         self._plateau_v = run.profile.pulse.discharge_voltage_v
         self._sample_s = 1e-6 * telemetry_settings(run.profile, run.setup).period_us

@@ -16,7 +16,7 @@ from edmctl.results.progress import Phase
 
 if TYPE_CHECKING:
     from edmctl.machine.port import MachineEvent
-    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.run import JobRun
     from edmctl.profile.places import Place
 
 ABOVE_BOTTOM_UM = 15.0
@@ -38,7 +38,7 @@ _STEPS = 20
 _SETTLE_S = 0.2
 
 
-def approach_bottom(run: RunContext, bottom_um: float, bottom_u_um: float) -> MachineEvent:
+def approach_bottom(run: JobRun, bottom_um: float, bottom_u_um: float) -> MachineEvent:
     """Feed from 0 V to the first sparks at a bottom whose height is known within a standard uncertainty.
 
     The ramp ends above where the bottom can be, and the search goes on to below that. The first sparks are returned.
@@ -49,7 +49,7 @@ def approach_bottom(run: RunContext, bottom_um: float, bottom_u_um: float) -> Ma
     return _approach(run, bottom_um - run.watch.displacement_um + BEYOND_BOTTOM_UM + unknown_um)
 
 
-def find_gap(run: RunContext, place: Place) -> SurfaceFound:
+def find_gap(run: JobRun, place: Place) -> SurfaceFound:
     """Go to a place and feed at the approach speed until sparks flow; the tool is held there."""
     move_to(run, place)
     begin_s = run.machine.time_s
@@ -66,7 +66,7 @@ def find_gap(run: RunContext, place: Place) -> SurfaceFound:
     )
 
 
-def find_contact(run: RunContext, place: Place) -> SurfaceFound:
+def find_contact(run: JobRun, place: Place) -> SurfaceFound:
     """Go to a place and touch its surface, which is expected at `approach.offset_um` from home."""
     move_to(run, place)
     begin_s = run.machine.time_s
@@ -85,7 +85,7 @@ def find_contact(run: RunContext, place: Place) -> SurfaceFound:
     )
 
 
-def lower_to(run: RunContext, target_um: float) -> None:
+def lower_to(run: JobRun, target_um: float) -> None:
     """Ramp towards a displacement, until just above it, in steps that do not overshoot."""
     for _ in range(_STEPS):
         rest_and_look(run, _SETTLE_S)
@@ -95,12 +95,12 @@ def lower_to(run: RunContext, target_um: float) -> None:
         _ramp_by(run, left_um - max(_SHORT_UM, _SHORT_SHARE * left_um), left_um / _STEEPEST)
 
 
-def raise_by(run: RunContext, distance_um: float) -> None:
+def raise_by(run: JobRun, distance_um: float) -> None:
     """Ramp up by `distance_um`; without an actuator model by less, as it moves less per volt on the way back."""
     _ramp_by(run, -distance_um, -distance_um)
 
 
-def _ramp_by(run: RunContext, modelled_um: float, linear_um: float) -> None:
+def _ramp_by(run: JobRun, modelled_um: float, linear_um: float) -> None:
     """Ramp by a distance: by the actuator model's exact inverse, or by the mean gain beyond or without it."""
     actuator, estimator = run.setup.actuator, run.watch.estimator()
     slew_v_s = actuator.conditioning_slew_v_s
@@ -110,7 +110,7 @@ def _ramp_by(run: RunContext, modelled_um: float, linear_um: float) -> None:
     run.machine.ramp(min(max(target_v, 0.0), run.profile.limits.stroke_v_max), slew_v_s)
 
 
-def _approach(run: RunContext, max_travel_um: float) -> MachineEvent:
+def _approach(run: JobRun, max_travel_um: float) -> MachineEvent:
     run.begin(Phase.APPROACHING)
     event = run.machine.approach(run.profile.approach.speed_um_s, max_travel_um, first_sparks_v(run.profile))
     run.decide(

@@ -22,7 +22,7 @@ from edmctl.record.rows import EventLevel
 if TYPE_CHECKING:
     from edmctl.procedures.hole.cut import CutResult
     from edmctl.procedures.hole.cut_planning import CutPlan
-    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.run import JobRun
 
 CLEAR_OF_BOTTOM_UM = 60.0
 """Before the bottom is touched the tool rises by this: clear of 20 µm for the contact check."""
@@ -53,7 +53,7 @@ class ExpectedBottom:
         return self.above_um + self.way_um
 
 
-def read_bottom(run: RunContext, place: str, plan: CutPlan, cut: CutResult) -> SurfaceReading:
+def read_bottom(run: JobRun, place: str, plan: CutPlan, cut: CutResult) -> SurfaceReading:
     """Touch the bottom that a cut has left, more often where it is not where it should be."""
     raise_by(run, CLEAR_OF_BOTTOM_UM)
     gap_u_um = math.hypot(plan.gap_u_um, 0.0 if cut.is_at_limit else UNFINISHED_GAP_U_UM)
@@ -62,7 +62,7 @@ def read_bottom(run: RunContext, place: str, plan: CutPlan, cut: CutResult) -> S
     )
 
 
-def read_expected(run: RunContext, place: str, expected: ExpectedBottom) -> SurfaceReading:
+def read_expected(run: JobRun, place: str, expected: ExpectedBottom) -> SurfaceReading:
     """Touch a bottom below the tool, more often where it is not where it should be; doubts that stay widen it."""
     above_um, way_um, u_um = expected.above_um, expected.way_um, expected.u_um
     z2 = take_reading(run, "Z2", place, expected.z_um, u_um)
@@ -86,14 +86,14 @@ def read_expected(run: RunContext, place: str, expected: ExpectedBottom) -> Surf
     return replace(z2.shifted(middle_um - z2.z_um), doubt_u_um=doubt_u_um)
 
 
-def wash(run: RunContext, bottom_um: float) -> None:
+def wash(run: JobRun, bottom_um: float) -> None:
     """Draw the tool out of the hole and bring it back above the bottom, again and again."""
     for _ in range(WASHING_STROKES):
         retract(run)
         lower_to(run, bottom_um - CLEAR_OF_BOTTOM_UM)
 
 
-def _report_doubt(run: RunContext, z2: SurfaceReading, off: Deviation, source: str, what_now: str) -> None:
+def _report_doubt(run: JobRun, z2: SurfaceReading, off: Deviation, source: str, what_now: str) -> None:
     way = f"{abs(off.um):.2f} ± {COVERAGE * off.u_um:.2f} µm {'short of' if off.um < 0.0 else 'beyond'}"
     chip = " (a chip?)" if off.um < 0.0 else ""
     run.decide(

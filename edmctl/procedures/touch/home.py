@@ -26,7 +26,7 @@ from edmctl.procedures.touch.reading import BEYOND_PREDICTION_UM, Search, take_r
 from edmctl.results.progress import Phase
 
 if TYPE_CHECKING:
-    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.run import JobRun
 
 CLEAR_UM = 10.0
 """A stage moves only if the tool is certainly this far above the untouched surface: half of what it normally is
@@ -53,7 +53,7 @@ class Home:
     hidden_um: float = 0.0
 
 
-def most_over_um(run: RunContext, home: Home) -> float:
+def most_over_um(run: JobRun, home: Home) -> float:
     """How far over home the tool may read while a stage moves: clear of the work whatever the sensor hides."""
     safe_z_um = controller_settings(run.profile, run.setup).safe_z_um
     return min(
@@ -61,7 +61,7 @@ def most_over_um(run: RunContext, home: Home) -> float:
     )
 
 
-def home_now(run: RunContext) -> Home:
+def home_now(run: JobRun) -> Home:
     """What the sensor shows of a tool at home: the rest at 0 V less what the actuator model says of creep.
 
     Before there is a model it is the rest itself, once that has stopped falling, as far as drift can explain it; a
@@ -88,7 +88,7 @@ def home_now(run: RunContext) -> Home:
     return Home(rests.home_um(zero_um), rests.hidden_um)
 
 
-def _first_home(run: RunContext) -> Home:
+def _first_home(run: JobRun) -> Home:
     """Home by a rest without a model, or by a touch."""
     job, rests = run.job, run.watch.rests
     rest_um = _settled_um(run)
@@ -110,7 +110,7 @@ def _first_home(run: RunContext) -> Home:
     return _home_by_touch(run, rest_um, under)
 
 
-def pad_from_home_um(run: RunContext) -> float:
+def pad_from_home_um(run: JobRun) -> float:
     """How far from home the pad is, µm: as the recipe says, or with the tool as the earlier run has left it."""
     resumed, done = run.job.resumed, list(run.tally.sites.values())
     if resumed is not None and resumed.site:
@@ -132,7 +132,7 @@ class _Under:
     hidden_um: float
 
 
-def _under_the_tool(run: RunContext) -> _Under | None:
+def _under_the_tool(run: JobRun) -> _Under | None:
     """What is known of what the tool stands over: the pad, what was left, a place that is not cut yet.
 
     How far the tool is clear of the pad a touch there tells whatever the tool has lost. The bottom of a hole is an
@@ -166,7 +166,7 @@ def _under_the_tool(run: RunContext) -> _Under | None:
     return _Under(pad_from_home_um(run) + depth_um, feed_reach_um + slope_um, feed_reach_um + slope_um)
 
 
-def _is_on_a_spot(run: RunContext, here: tuple[float, float]) -> bool:
+def _is_on_a_spot(run: JobRun, here: tuple[float, float]) -> bool:
     """Whether the tool stands where the face is touched a second time, beside a place and over no hole."""
     known_um = run.setup.stage.repeatability_um
     away_um = [math.dist(here, (site.x_um, site.y_um)) for site in run.job.sites]
@@ -174,7 +174,7 @@ def _is_on_a_spot(run: RunContext, here: tuple[float, float]) -> bool:
     return any(abs(um - least_um) <= known_um for um in away_um) and min(away_um) >= least_um - known_um
 
 
-def _home_by_touch(run: RunContext, rest_um: float, under: _Under) -> Home:
+def _home_by_touch(run: JobRun, rest_um: float, under: _Under) -> Home:
     """Home by a touch of what is under the tool, slow all the way: the way to contact holds no drift."""
     z_max_um = rest_um + under.um + under.reach_um + BEYOND_PREDICTION_UM
     z_um = take_reading_in(
@@ -186,7 +186,7 @@ def _home_by_touch(run: RunContext, rest_um: float, under: _Under) -> Home:
     return Home(min(_settled_um(run), z_um - under.um), under.hidden_um)
 
 
-def _settled_um(run: RunContext) -> float:
+def _settled_um(run: JobRun) -> float:
     """The rest at 0 V, after a wait for what creeps there."""
     end_s, before_um = run.machine.time_s + CREEP_WAIT_S, math.inf
     while before_um - run.watch.displacement_um > _SETTLED_UM and run.machine.time_s < end_s:

@@ -20,7 +20,7 @@ from edmctl.results.progress import Phase
 from edmctl.wording import decimal
 
 if TYPE_CHECKING:
-    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.run import JobRun
     from edmctl.process.plane import Step
 
 FAST_LEG_MARGIN_UM = 3.0
@@ -82,7 +82,7 @@ class Search:
     settle_s: float
 
 
-def search_near(run: RunContext, predicted_um: float, u_um: float) -> Search:
+def search_near(run: JobRun, predicted_um: float, u_um: float) -> Search:
     """Where contact is expected at `predicted_um` with a standard uncertainty of `u_um`: as the recipe says."""
     return Search(
         fast_to_um=predicted_um - FAST_LEG_MARGIN_UM - FAST_SIGMAS * u_um,
@@ -93,7 +93,7 @@ def search_near(run: RunContext, predicted_um: float, u_um: float) -> Search:
 
 
 def take_reading(
-    run: RunContext, kind: str, place: str, predicted_um: float, u_um: float = 0.0
+    run: JobRun, kind: str, place: str, predicted_um: float, u_um: float = 0.0
 ) -> SurfaceReading:
     """Touch off `measure.touches` times and average; once more when they scatter too much.
 
@@ -103,7 +103,7 @@ def take_reading(
     return take_reading_in(run, kind, place, search_near(run, predicted_um, u_um))
 
 
-def take_reading_in(run: RunContext, kind: str, place: str, search: Search) -> SurfaceReading:
+def take_reading_in(run: JobRun, kind: str, place: str, search: Search) -> SurfaceReading:
     """The same, where the search is given."""
     run.begin(Phase.MEASURING)
     run.machine.rest(search.settle_s)
@@ -128,7 +128,7 @@ def take_reading_in(run: RunContext, kind: str, place: str, search: Search) -> S
     raise refused
 
 
-def _refusal(run: RunContext, found: SurfaceReading) -> ObjectiveNotReached | None:
+def _refusal(run: JobRun, found: SurfaceReading) -> ObjectiveNotReached | None:
     """Why a reading is not one, None where it is."""
     if is_constant((found.reading,)):
         return constant(found)
@@ -151,7 +151,7 @@ def constant(found: SurfaceReading) -> ObjectiveNotReached:
     )
 
 
-def _request(run: RunContext, search: Search) -> TouchRequest:
+def _request(run: JobRun, search: Search) -> TouchRequest:
     measure = run.profile.measure
     return TouchRequest(
         fast_um_s=measure.fast_um_s,
@@ -164,7 +164,7 @@ def _request(run: RunContext, search: Search) -> TouchRequest:
     )
 
 
-def _reduced(run: RunContext, kind: str, touches: tuple[Touch, ...]) -> SurfaceReading:
+def _reduced(run: JobRun, kind: str, touches: tuple[Touch, ...]) -> SurfaceReading:
     """Mean of the touches; the model is read at first contact, where the voltage peaks."""
     models_um = [run.watch.model_at(touch.time_s) for touch in touches]
     estimator = run.watch.estimator()
@@ -178,9 +178,7 @@ def _reduced(run: RunContext, kind: str, touches: tuple[Touch, ...]) -> SurfaceR
     )
 
 
-def _report(
-    run: RunContext, place: str, touches: tuple[Touch, ...], found: SurfaceReading, refused: str
-) -> None:
+def _report(run: JobRun, place: str, touches: tuple[Touch, ...], found: SurfaceReading, refused: str) -> None:
     reading = found.reading
     run.recorder.touch(
         TouchRow(

@@ -12,7 +12,7 @@ from edmctl.process.touch_check import Deviation, has_grown
 from edmctl.process.wear import tilt_uncertainty_um
 
 if TYPE_CHECKING:
-    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.run import JobRun
     from edmctl.procedures.touch.reading import SurfaceReading
     from edmctl.profile.places import Place
     from edmctl.profile.setup import Setup
@@ -25,7 +25,7 @@ TOUCH_U_UM = 0.15
 """Standard uncertainty of a reading of three touches."""
 
 
-def read_pad(run: RunContext, kind: str, place: str, predicted_um: float, u_um: float) -> SurfaceReading:
+def read_pad(run: JobRun, kind: str, place: str, predicted_um: float, u_um: float) -> SurfaceReading:
     """Touch the pad at two spots, and at up to two more where they do not agree.
 
     Contact is expected at `predicted_um` with a standard uncertainty of `u_um`. Raises what `read_at_spots` raises.
@@ -33,12 +33,12 @@ def read_pad(run: RunContext, kind: str, place: str, predicted_um: float, u_um: 
     return read_at_spots(run, kind, place, Spots("pad", pad_spots(run)), predicted_um, u_um)
 
 
-def pad_middle_um(run: RunContext) -> tuple[float, float]:
+def pad_middle_um(run: JobRun) -> tuple[float, float]:
     """Where a reading of the pad holds: x and y of the middle of its two spots, each by its touches, µm."""
     return Spots("pad", pad_spots(run)).middle_um(run.profile.measure.touches)
 
 
-def pad_spots(run: RunContext) -> tuple[Place, ...]:
+def pad_spots(run: JobRun) -> tuple[Place, ...]:
     """The pad's place, and those beside it on the side away from the holes."""
     pad, sites = run.job.pad, run.job.sites
     x_um = math.fsum(site.x_um for site in sites) / len(sites) - pad.x_um
@@ -76,7 +76,7 @@ class ToolLength:
 
 
 def refuse_grown_tool(
-    run: RunContext, z1_um: float, z3: SurfaceReading, age_s: float, more_u_um: float = 0.0
+    run: JobRun, z1_um: float, z3: SurfaceReading, age_s: float, more_u_um: float = 0.0
 ) -> None:
     """Raise ObjectiveNotReached E7023 where the pad says that the tool has become longer.
 

@@ -30,7 +30,7 @@ from edmctl.record.rows import EventLevel
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from edmctl.procedures.run import RunContext
+    from edmctl.procedures.run import JobRun
     from edmctl.profile.places import Place
 
 SPOT_LEG_UM = 2.0
@@ -64,7 +64,7 @@ def shared_out(touches: int) -> tuple[int, int]:
     return max(1, touches - later), later
 
 
-def beside(run: RunContext, place: Place, angle: float) -> Place:
+def beside(run: JobRun, place: Place, angle: float) -> Place:
     """Return the spot beside a place in a direction, radians."""
     distance_um = run.job.spot_distance_um
     x_um, y_um = place.x_um + distance_um * math.cos(angle), place.y_um + distance_um * math.sin(angle)
@@ -72,7 +72,7 @@ def beside(run: RunContext, place: Place, angle: float) -> Place:
 
 
 def read_at_spots(
-    run: RunContext, kind: str, place: str, spots: Spots, predicted_um: float, u_um: float
+    run: JobRun, kind: str, place: str, spots: Spots, predicted_um: float, u_um: float
 ) -> SurfaceReading:
     """Touch a surface at two spots, and at further ones where they do not agree.
 
@@ -107,14 +107,14 @@ def read_at_spots(
     )
 
 
-def _reject(run: RunContext, readings: Sequence[SurfaceReading]) -> None:
+def _reject(run: JobRun, readings: Sequence[SurfaceReading]) -> None:
     """Tell the run file that other readings count instead of these, or none."""
     for one in readings:
         run.recorder.reject_touch(one.time_s)
 
 
 def _at_further_spot(
-    run: RunContext, kind: str, place: str, found: Sequence[SurfaceReading], first: Search
+    run: JobRun, kind: str, place: str, found: Sequence[SurfaceReading], first: Search
 ) -> SurfaceReading:
     near_um = max(one.z_um for one in found)
     ramp_um = near_um - RAMP_CLEAR_UM
@@ -125,7 +125,7 @@ def _at_further_spot(
     return take_reading_in(run, kind, place, search)
 
 
-def _report_constant(run: RunContext, found: SurfaceReading) -> None:
+def _report_constant(run: JobRun, found: SurfaceReading) -> None:
     run.decide(
         RunEvent.TOUCH_DOUBTED,
         f"{found.kind}: every touch says {found.z_um:.3f} µm to the last digit. It is touched again.",
@@ -134,12 +134,12 @@ def _report_constant(run: RunContext, found: SurfaceReading) -> None:
     )
 
 
-def _place_u_um(run: RunContext, found: Sequence[SurfaceReading]) -> float:
+def _place_u_um(run: JobRun, found: Sequence[SurfaceReading]) -> float:
     """Standard uncertainty of the difference between two spots: tilt, drift, and a model instead of a sensor."""
     return math.hypot(_tilt_u_um(run), _sensed_u_um(run, found))
 
 
-def _sensed_u_um(run: RunContext, found: Sequence[SurfaceReading]) -> float:
+def _sensed_u_um(run: JobRun, found: Sequence[SurfaceReading]) -> float:
     sensor_u = run.uncertainty
     return math.hypot(
         sensor_u.drift_u_um_per_s * (found[-1].time_s - found[0].time_s),
@@ -147,7 +147,7 @@ def _sensed_u_um(run: RunContext, found: Sequence[SurfaceReading]) -> float:
     )
 
 
-def _tilt_u_um(run: RunContext) -> float:
+def _tilt_u_um(run: JobRun) -> float:
     setup = run.setup
     return tilt_uncertainty_um(
         setup.surface.tilt_u_mrad, run.job.spot_distance_um, setup.stage.repeatability_um
@@ -155,7 +155,7 @@ def _tilt_u_um(run: RunContext) -> float:
 
 
 def _together(
-    run: RunContext, found: Sequence[SurfaceReading], agreeing: Sequence[int], spots: Spots
+    run: JobRun, found: Sequence[SurfaceReading], agreeing: Sequence[int], spots: Spots
 ) -> SurfaceReading:
     """One reading of the spots that agree; others than usual lie a little differently, by the tilt between them."""
     used = [found[i] for i in agreeing]
@@ -186,7 +186,7 @@ def _together(
     )
 
 
-def _step(run: RunContext, found: Sequence[SurfaceReading], spots: Spots) -> Step:
+def _step(run: JobRun, found: Sequence[SurfaceReading], spots: Spots) -> Step:
     first, second = spots.places[:2]
     off = between_spots(found[1].reading, found[0].reading, _sensed_u_um(run, found))
     return Step((second.x_um - first.x_um, second.y_um - first.y_um), off.um, off.u_um)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from edmctl.procedures.job_state import SurfaceTouch
-    from edmctl.procedures.run import Args, RunContext
+    from edmctl.procedures.run import Args, JobRun
     from edmctl.procedures.touch.reading import SurfaceReading
     from edmctl.procedures.touch.reference_pad import ToolLength
 
@@ -104,13 +104,13 @@ class SurfacePlane:
         )
 
 
-def level_surface(run: RunContext) -> SurfacePlane:
+def level_surface(run: JobRun) -> SurfacePlane:
     """Return the face before anything is touched: level around where the readings of the pad hold."""
     tilt_u_mrad = run.setup.surface.tilt_u_mrad
     return SurfacePlane(unknown_plane(pad_middle_um(run), tilt_u_mrad), tilt_u_mrad)
 
 
-def fit_pad_slope(run: RunContext, surface: SurfacePlane, reading: SurfaceReading) -> SurfaceReading:
+def fit_pad_slope(run: JobRun, surface: SurfacePlane, reading: SurfaceReading) -> SurfaceReading:
     """Take the slope from a reading of the pad whose spots differ by more than anybody believed; return it."""
     step = reading.step
     if step is None:
@@ -129,7 +129,7 @@ def fit_pad_slope(run: RunContext, surface: SurfacePlane, reading: SurfaceReadin
     return reading
 
 
-def touch_surface(run: RunContext, site: Place, surface: SurfacePlane, tool: ToolLength) -> None:
+def touch_surface(run: JobRun, site: Place, surface: SurfacePlane, tool: ToolLength) -> None:
     """Touch the untouched face at a place; where it is steeper than anybody believed, halfway to the pad too."""
     before_u_um = surface.height_u_um(site)
     off, debris_um = _touch(run, site, surface, tool)
@@ -157,14 +157,14 @@ def touch_surface(run: RunContext, site: Place, surface: SurfacePlane, tool: Too
     surface.doubt(share_u(halfway.um))
 
 
-def touch_beside(run: RunContext, site: Place, surface: SurfacePlane, tool: ToolLength) -> None:
+def touch_beside(run: JobRun, site: Place, surface: SurfacePlane, tool: ToolLength) -> None:
     """Touch the face beside a place, where that itself may be cut into."""
     around = surface_spots(run, site)
     _touch(run, site, surface, tool, replace(around, places=around.places[1:]))
 
 
 def _touch(
-    run: RunContext, site: Place, surface: SurfacePlane, tool: ToolLength, spots: Spots | None = None
+    run: JobRun, site: Place, surface: SurfacePlane, tool: ToolLength, spots: Spots | None = None
 ) -> tuple[Deviation, float]:
     """Touch the face at a place and take it in; how far it lies from what was known before, and what lies on it."""
     spots = spots or surface_spots(run, site)
@@ -182,7 +182,7 @@ def _touch(
     return off, reading.debris_um
 
 
-def surface_spots(run: RunContext, site: Place) -> Spots:
+def surface_spots(run: JobRun, site: Place) -> Spots:
     """A place and spots beside it, apart by more than the tool, those clear of machined places first."""
     pad, distance_um = run.job.pad, run.job.spot_distance_um
     away = math.atan2(site.y_um - pad.y_um, site.x_um - pad.x_um)
@@ -201,7 +201,7 @@ def surface_spots(run: RunContext, site: Place) -> Spots:
     return Spots("face", tuple(places))
 
 
-def touch_where_unknown(run: RunContext, site: Place, surface: SurfacePlane, tool: ToolLength) -> bool:
+def touch_where_unknown(run: JobRun, site: Place, surface: SurfacePlane, tool: ToolLength) -> bool:
     """Touch the face at a place where tilt would limit the depth; whether that was done."""
     if surface.height_u_um(site) <= FACE_LIMIT_UM:
         return False
@@ -209,7 +209,7 @@ def touch_where_unknown(run: RunContext, site: Place, surface: SurfacePlane, too
     return True
 
 
-def touch_plane(run: RunContext, sites: Sequence[Place], surface: SurfacePlane, tool: ToolLength) -> None:
+def touch_plane(run: JobRun, sites: Sequence[Place], surface: SurfacePlane, tool: ToolLength) -> None:
     """Touch the face at the sites that lie furthest apart, which tell its slope."""
     pad = run.job.pad
     chosen = spread_out([(site.x_um, site.y_um) for site in sites], (pad.x_um, pad.y_um), TOUCHES_FOR_A_PLANE)
