@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from edmctl.procedures.monitoring.drift import uncertainty_now
 from edmctl.procedures.settings import gap_reference_v
 from edmctl.record.rows import EventLevel
-from edmctl.results.progress import Observer, Phase, Progress
+from edmctl.results.progress import Extremes, Observer, Phase, Progress
 from edmctl.results.pulses import PulseShares
 
 if TYPE_CHECKING:
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 Args = Mapping[str, float | int | str | bool]
 
 NO_PULSES = PulseShares(0.0, 0.0, 0.0, 0.0)
+NOT_SAMPLED = Extremes(math.nan, math.nan, math.nan, math.nan, math.nan)
 LOOK_S = 0.1
 
 
@@ -68,24 +69,40 @@ class JobRun:
         self.observer.note(message)
 
     def begin(self, phase: Phase) -> None:
-        """Tell the observer what comes now, with what is known while nothing is machined."""
+        """Tell the observer what comes now."""
         self.tally.phase = phase
+        self.report_idle(self.machine.time_s, 0.0, NO_PULSES, self.watch.displacement_um)
+
+    def report_idle(
+        self,
+        time_s: float,
+        gap_v: float,
+        ratios: PulseShares,
+        displacement_um: float,
+        between: Extremes = NOT_SAMPLED,
+    ) -> None:
+        """Tell the observer what is known while nothing is machined; `between` are the extremes since last time."""
+        tally = self.tally
         self.observer.progress(
             Progress(
-                phase=phase,
-                time_s=self.machine.time_s,
-                gap_v=0.0,
+                phase=tally.phase,
+                time_s=time_s,
+                gap_v=gap_v,
                 reference_v=gap_reference_v(self.profile),
-                ratios=NO_PULSES,
-                depth_um=self.tally.depth_um,
-                depth_target_um=self.tally.depth_target_um,
-                displacement_um=self.watch.displacement_um,
+                ratios=ratios,
+                depth_um=tally.depth_um,
+                depth_target_um=tally.depth_target_um,
+                displacement_um=displacement_um,
                 time_left_s=math.nan,
                 site=self.site_among_many,
-                sites_done=self.tally.sites_done,
+                gap_low_v=between.gap_low_v,
+                gap_high_v=between.gap_high_v,
+                displacement_low_um=between.displacement_low_um,
+                displacement_high_um=between.displacement_high_um,
+                sites_done=tally.sites_done,
                 sites_total=len(self.job.sites),
-                warning=self.tally.warning,
-                warned_s=self.tally.warned_s,
+                warning=tally.warning,
+                warned_s=tally.warned_s,
             )
         )
 

@@ -79,7 +79,7 @@ def start_of(found: DepthAndWear = FOUND) -> CutStart:
 def decision(
     recipe: Profile, last: CutPlan, cut: CutResult | None = CUT, found: DepthAndWear = FOUND
 ) -> Decision:
-    return decide(recipe, goal(recipe), last, cut, found, start_of(found), learned(found))
+    return decide(recipe, goal(recipe), last.number, cut, found, start_of(found), learned(found))
 
 
 def test_the_first_cut_is_not_too_deep_even_of_a_tool_that_does_not_wear() -> None:

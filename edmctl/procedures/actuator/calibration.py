@@ -63,20 +63,14 @@ class CalibrationPlan:
     @property
     def duration_s(self) -> float:
         """Length of the record: rest, legs, and a sample at every turning point."""
-        return REST_S + sum(leg.duration_s for leg in self.legs) + self.period_s * self._moves
+        starts_v = [0.0, *(leg.u_v for leg in self.legs[:-1])]
+        moves = sum(leg.u_v != start_v for leg, start_v in zip(self.legs, starts_v, strict=True))
+        return REST_S + sum(leg.duration_s for leg in self.legs) + self.period_s * moves
 
     @property
     def samples(self) -> int:
         """Samples of the record."""
         return round(self.duration_s / self.period_s)
-
-    @property
-    def _moves(self) -> int:
-        return sum(leg.u_v != before for leg, before in zip(self.legs, self._starts_v, strict=True))
-
-    @property
-    def _starts_v(self) -> list[float]:
-        return [0.0, *(leg.u_v for leg in self.legs[:-1])]
 
 
 @dataclass(frozen=True, slots=True)

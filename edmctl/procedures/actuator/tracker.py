@@ -121,6 +121,7 @@ class Trace:
 
     def __init__(self) -> None:
         self._blocks: deque[tuple[Floats, Floats]] = deque()
+        self._kept: dict[float, float] = {}
 
     def append(self, time_s: Floats, displacement_um: Floats) -> None:
         """Take consecutive samples, shape (n,) each, n > 0."""
@@ -128,8 +129,14 @@ class Trace:
         while self._blocks[0][0][-1] < time_s[-1] - SPAN_S:
             self._blocks.popleft()
 
+    def keep(self, time_s: float) -> None:
+        """Keep the displacement at a moment for good: the reading of a touch is asked for much later."""
+        self._kept[time_s] = self.at(time_s)
+
     def at(self, time_s: float) -> float:
         """Displacement at a moment, interpolated; that of the nearest end outside the span; NaN when empty."""
+        if time_s in self._kept:
+            return self._kept[time_s]
         if not self._blocks:
             return float("nan")
         times_s = np.concatenate([block_s for block_s, _ in self._blocks])

@@ -265,7 +265,7 @@ class PassFollower(TelemetrySums):
     def on_telemetry(self, block: TelemetryBlock) -> None:
         """Take the samples of one slice."""
         now_s, gap_v = float(block.time_s[-1]), float(block.gap_v.mean())
-        self.add(block, float(block.current_a.mean()))
+        self.add(block, self.plateau_v * float(block.current_a.mean()))
         self.shorted = self.ratios.short > 0.5
         if block.state[0] == block.state[-1] == MachineState.MACHINING:
             self.add_gap_ratio(gap_v / self._duty_v, len(block.time_s))

@@ -82,12 +82,12 @@ def run_cut(run: JobRun, plan: CutPlan, time_left: TimeLeft) -> CutResult:
     run.decide(
         RunEvent.CUT_PLANNED,
         f"Cut {plan.number}: feed {plan.feed_um:.1f} µm to {plan.z_limit_um:.1f} µm, expecting a gap of "
-        f"{plan.gap_um:.2f} µm and {plan.wear_ratio:.3f} µm wear per µm depth.",
+        f"{plan.start.gap_um:.2f} µm and {plan.wear_ratio:.3f} µm wear per µm depth.",
         {
             "cut": plan.number,
             "feed_um": plan.feed_um,
             "z_limit_um": plan.z_limit_um,
-            "gap_um": plan.gap_um,
+            "gap_um": plan.start.gap_um,
             "wear_ratio": plan.wear_ratio,
             **({} if math.isnan(plan.target_um) else {"target_um": plan.target_um}),
         },
@@ -125,7 +125,7 @@ def _watch_sparks(run: JobRun, cutting: CutControl, supervisor: Supervisor) -> M
         if ended is not None:
             return ended
         if run.machine.time_s >= next_status_s:
-            supervisor.note_status(run.machine.status())
+            supervisor.status = run.machine.status()
             next_status_s += STATUS_PERIOD_S
         if supervisor.stop_reason is not None:
             ended = run.machine.stop_cut()

@@ -15,7 +15,7 @@ from edmctl.procedures.hole.target import verdict_of
 from edmctl.process.next_cut import is_done
 from edmctl.profile.measuring_stops import cut_budget
 from edmctl.record.rows import EventLevel
-from edmctl.wording import decimal, signed
+from edmctl.wording import decimal, plural, signed
 
 if TYPE_CHECKING:
     from edmctl.procedures.hole.target import HoleTarget
@@ -51,7 +51,7 @@ class Decision:
 def decide(
     profile: Profile,
     target: HoleTarget,
-    last: CutPlan,
+    number: int,
     cut: CutResult | None,
     found: DepthAndWear,
     start: CutStart,
@@ -60,7 +60,7 @@ def decide(
     touch_final: bool = False,
     broken_cuts: int = 0,
 ) -> Decision:
-    """Decide from what was measured after a cut; a further one would start from `start`, with that estimate.
+    """Decide from what was measured after `number` cuts; another would start from `start`, with that estimate.
 
     `cut` is None where an earlier run made it. `touch_final` says that the last cut is measured however small;
     `broken_cuts` of the hole's came to no end and do not count.
@@ -71,9 +71,9 @@ def decide(
         return Decision(None, f"Feed {found.feed_um:.2f} µm of {target.feed_um:.0f} µm.")
     remaining_um = target.depth_um - found.depth_um
     done = is_done(remaining_um, target.tolerance_um, found.depth_noise_um)
-    if done or last.number >= cut_budget(profile) + broken_cuts:
-        return _final(profile, target, last, found)
-    plan = following_plan(profile, target, last, start, estimate, touch_final=touch_final)
+    if done or number >= cut_budget(profile) + broken_cuts:
+        return _final(profile, target, number, found)
+    plan = following_plan(profile, target, number + 1, start, estimate, touch_final=touch_final)
     after = "measured" if plan.measured else "known well enough not to be measured"
     message = f"{remaining_um:.2f} µm are left: next cut feeds {plan.feed_um:.2f} µm, then {after}."
     return Decision(plan, message)
@@ -101,9 +101,9 @@ def _missed(row: str, message: str) -> Decision:
     return Decision(None, error.message, error.message, error.hint, error.code)
 
 
-def _final(profile: Profile, target: HoleTarget, last: CutPlan, found: DepthAndWear) -> Decision:
+def _final(profile: Profile, target: HoleTarget, number: int, found: DepthAndWear) -> Decision:
     off_um = found.depth_um - target.depth_um
-    cuts = "1 cut" if last.number == 1 else f"{last.number} cuts"
+    cuts = plural(number, "cut")
     message = f"Depth {decimal(found.depth_um)} µm, {signed(off_um)} µm from the target, after {cuts}."
     verdict = verdict_of(target, found.depth_um, found.depth_u95_um, through=False)
     if verdict is not Verdict.MISSED:

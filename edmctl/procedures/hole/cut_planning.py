@@ -70,21 +70,6 @@ class CutPlan:
     depth_u_um: float = math.nan
 
     @property
-    def bottom_um(self) -> float:
-        """Where the tool would touch before the cut."""
-        return self.start.bottom_um
-
-    @property
-    def gap_um(self) -> float:
-        """The working gap expected."""
-        return self.start.gap_um
-
-    @property
-    def gap_u_um(self) -> float:
-        """Standard uncertainty of that."""
-        return self.start.gap_u_um
-
-    @property
     def wear_ratio(self) -> float:
         """Wear per depth expected."""
         return self.estimate.wear_ratio
@@ -103,7 +88,7 @@ class CutPlan:
 
         `wear_u_um` is what this cut adds; see `wear_u95_um` for that of the hole.
         """
-        split = self.estimate.split(self.fed_um(displacement_um), self.gap_u_um, energy)
+        split = self.estimate.split(self.fed_um(displacement_um), self.start.gap_u_um, energy)
         return LiveErosion(
             self.start.depth_um + split.depth_um,
             math.hypot(self.start.u_at(now_s), split.depth_u_um),
@@ -114,11 +99,11 @@ class CutPlan:
 
     def contradicts(self, displacement_um: float, energy: Energy) -> bool:
         """Whether by what is believed the feed cannot have taken that energy: then only a touch can tell."""
-        return self.estimate.contradicts(self.fed_um(displacement_um), self.gap_u_um, energy)
+        return self.estimate.contradicts(self.fed_um(displacement_um), self.start.gap_u_um, energy)
 
     def off_by_energy_um(self, displacement_um: float, energy: Energy) -> float:
         """Wear of this cut by feed and energy less that by the ratio; 0 where chance may make them so different."""
-        return self.estimate.off_by_energy_um(self.fed_um(displacement_um), self.gap_u_um, energy)
+        return self.estimate.off_by_energy_um(self.fed_um(displacement_um), self.start.gap_u_um, energy)
 
     def stated_u95_um(self, live: LiveErosion) -> tuple[float, float]:
         """Half the 95 % intervals of depth and wear as they are told in a cut.
@@ -213,7 +198,7 @@ def through_plan(number: int, start: CutStart, target: HoleTarget, estimate: Ero
 def following_plan(
     profile: Profile,
     target: HoleTarget,
-    last: CutPlan,
+    number: int,
     start: CutStart,
     estimate: ErosionEstimate,
     *,
@@ -233,7 +218,7 @@ def following_plan(
         gap_u_um=start.gap_u_um,
         begun=True,
     )
-    planned = _planned(last.number + 1, cut, start, estimate, target, profile)
+    planned = _planned(number, cut, start, estimate, target, profile)
     return replace(planned, measured=True) if touch_final else planned
 
 

@@ -46,33 +46,38 @@ def check_first_sparks(
     untouched face, no later touch of the hole tells of it: `hole` and `surface` keep the doubt, until `judge_again`
     finds that it was the gap. Something that is known to lie there sparks first.
     """
-    sparks = FirstSparks(event.displacement_um, plan.bottom_um, bottom_u_um, debris_um(hole, surface))
-    off = sparks.off(run.profile.pulse.open_voltage_v, plan.gap_um, plan.gap_u_um)
+    sparks = FirstSparks(event.displacement_um, plan.start.bottom_um, bottom_u_um, debris_um(hole, surface))
+    off = sparks.off(run.profile.pulse.open_voltage_v, plan.start.gap_um, plan.start.gap_u_um)
     if abs(off.sigmas) <= FIRST_SPARKS_SIGMAS:
         return plan
-    is_believed = plan.gap_u_um >= FIRST_GAP_U_UM
+    is_believed = plan.start.gap_u_um >= FIRST_GAP_U_UM
     why = "one of its touches was wrong"
     if is_believed:
-        why += f", or the working gap is not the {plan.gap_um:.1f} µm believed"
+        why += f", or the working gap is not the {plan.start.gap_um:.1f} µm believed"
     run.decide(
         RunEvent.TOUCH_DOUBTED,
         f"Sparks began at {sparks.z_um:.1f} µm, {signed(off.um, 1)} µm from where a surface at "
-        f"{plan.bottom_um:.1f} µm puts them: {why}. The cut will be measured.",
-        {"kind": "first sparks", "off_um": off.um, "z_um": plan.bottom_um},
+        f"{plan.start.bottom_um:.1f} µm puts them: {why}. The cut will be measured.",
+        {"kind": "first sparks", "off_um": off.um, "z_um": plan.start.bottom_um},
         level=EventLevel.WARNING,
     )
     doubt_u_um = math.hypot(share_u(off.um), off.u_um)
     if hole.stops == 0:
         hole.doubted = DoubtedSurface(
-            sparks, plan.gap_um, plan.gap_u_um, hole.face_u_um, tuple(surface.touched), surface.doubt_u_um
+            sparks,
+            plan.start.gap_um,
+            plan.start.gap_u_um,
+            hole.face_u_um,
+            tuple(surface.touched),
+            surface.doubt_u_um,
         )
         hole.face_u_um = math.hypot(hole.face_u_um, doubt_u_um)
         surface.doubt(doubt_u_um)
         run.keeper.set_surface(tuple(surface.touched), surface.doubt_u_um)
     start = replace(plan.start, bottom_u_um=math.hypot(plan.start.bottom_u_um, doubt_u_um))
     if is_believed:
-        gap_um = min(plan.gap_um, max(LEAST_GAP_UM, plan.gap_um - off.um))
-        start = replace(start, gap_um=gap_um, gap_u_um=math.hypot(plan.gap_u_um, off.um))
+        gap_um = min(plan.start.gap_um, max(LEAST_GAP_UM, plan.start.gap_um - off.um))
+        start = replace(start, gap_um=gap_um, gap_u_um=math.hypot(plan.start.gap_u_um, off.um))
     return replace(plan, start=start, measured=True)
 
 

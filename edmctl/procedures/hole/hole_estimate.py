@@ -167,7 +167,7 @@ def estimate_in_cut(plan: CutPlan, displacement_um: float, energy: Energy, now_s
         math.hypot(live.depth_u_um, believed_um),
         live.wear_um,
         math.hypot(start.wear_u_um, live.wear_u_um, believed_um, share * start.bottom_u_at(now_s)),
-        math.hypot(start.u_at(now_s), plan.gap_u_um),
+        math.hypot(start.u_at(now_s), plan.start.gap_u_um),
     )
 
 

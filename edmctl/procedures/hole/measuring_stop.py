@@ -48,7 +48,7 @@ def measure_hole(
     end_um = cut.end_displacement_um
     z2 = read_bottom(run, hole.site.name, plan, cut)
     z3 = touch_pad(run, hole, plan, cut)
-    gap_um, gap_u_um = plan.gap_um, plan.gap_u_um
+    gap_um, gap_u_um = plan.start.gap_um, plan.start.gap_u_um
     if cut.time_s >= GAP_SETTLES_S:
         gap_um = learned_gap_um(z2.z_um, end_um)
         gap_u_um = math.hypot(GAP_U_UM, 0.0 if cut.is_at_limit else UNFINISHED_GAP_U_UM)
@@ -61,19 +61,30 @@ def measure_hole(
     found = learn(run, hole, knowledge, z2, z3, (gap_um, gap_u_um), settled)
     if plan.number == 1:
         refuse_wrong_setup(run, hole.touched or found)
-    start = next_start(run, hole, gap_um, knowledge.gap_u_um)
+    return decide_next(run, hole, knowledge, plan.number, cut, found)
+
+
+def decide_next(
+    run: JobRun,
+    hole: OpenHole,
+    knowledge: JobKnowledge,
+    number: int,
+    cut: CutResult | None,
+    found: DepthAndWear,
+) -> Decision:
+    """Decide what follows a measuring stop after `number` cuts, of which an earlier run made those without `cut`."""
     decision = decide(
         run.profile,
         hole.target,
-        plan,
+        number,
         cut,
         found,
-        start,
+        next_start(run, hole, knowledge),
         knowledge.estimate,
         touch_final=run.job.touches_final,
         broken_cuts=hole.sums.broken_cuts,
     )
-    report(run, found, gap_um, decision)
+    _report(run, found, knowledge.gap_um, decision)
     return decision
 
 
@@ -179,21 +190,21 @@ def with_doubt_of_wear(
     )
 
 
-def next_start(run: JobRun, hole: OpenHole, gap_um: float, gap_u_um: float) -> CutStart:
+def next_start(run: JobRun, hole: OpenHole, knowledge: JobKnowledge) -> CutStart:
     """What a further cut of a measured hole would start from."""
     assert hole.found is not None
     found = hole.found
     return CutStart(
         bottom_um=hole.bottom.z_um,
         bottom_u_um=math.hypot(TOUCH_U_UM, hole.bottom.doubt_u_um),
-        gap_um=gap_um,
+        gap_um=knowledge.gap_um,
         time_s=hole.bottom.time_s,
         drift_u_um_per_s=run.uncertainty.drift_u_um_per_s,
         depth_um=found.depth_um,
         depth_u_um=found.depth_u95_um / COVERAGE,
         wear_um=found.wear_um,
         wear_u_um=found.wear_u95_um / COVERAGE,
-        gap_u_um=gap_u_um,
+        gap_u_um=knowledge.gap_u_um,
     )
 
 
@@ -212,7 +223,7 @@ def estimate_hole(
         wear_um=live.wear_um,
         wear_u95_um=wear_u95_um,
         feed_um=live.depth_um + live.wear_um,
-        feed_u95_um=COVERAGE * math.hypot(plan.start.u_at(now_s), plan.gap_u_um),
+        feed_u95_um=COVERAGE * math.hypot(plan.start.u_at(now_s), plan.start.gap_u_um),
         depth_noise_um=live.depth_u_um,
     )
     assert knowledge.tool is not None
@@ -221,7 +232,7 @@ def estimate_hole(
     hole.report(
         run,
         found,
-        plan.gap_um,
+        plan.start.gap_um,
         fed_um=plan.fed_um(cut.end_displacement_um),
         worn_um=worn_um,
         estimated_um=live.depth_um - plan.start.depth_um,
@@ -246,7 +257,7 @@ def estimate_hole(
     return Decision(None, message)
 
 
-def report(run: JobRun, found: DepthAndWear, gap_um: float, decision: Decision) -> None:
+def _report(run: JobRun, found: DepthAndWear, gap_um: float, decision: Decision) -> None:
     """Tell what a stop measured, and what follows."""
     run.decide(
         RunEvent.SITE_MEASURED,

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 from edmctl.errors import MachineFault, PreconditionError
 from edmctl.labels import Basis
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.hole.cut_decision import Decision, decide
-from edmctl.procedures.hole.cut_planning import CutPlan, through_plan
+from edmctl.procedures.hole.cut_decision import Decision
+from edmctl.procedures.hole.cut_planning import through_plan
 from edmctl.procedures.hole.hole import JobKnowledge, OpenHole, hole_at, touch_pad_first
 from edmctl.procedures.hole.hole_estimate import (
     STANDARD_UNCERTAINTIES,
@@ -28,7 +28,7 @@ from edmctl.procedures.hole.hole_estimate import (
     other_work,
 )
 from edmctl.procedures.hole.hole_state import keep_hole_begun
-from edmctl.procedures.hole.measuring_stop import learn, measured, next_start, report
+from edmctl.procedures.hole.measuring_stop import decide_next, learn, measured, next_start
 from edmctl.procedures.hole.site import cut_to_the_end, through_message, touch_bottom_or_none
 from edmctl.procedures.hole.site_result import close_site
 from edmctl.procedures.hole.target import target_of
@@ -79,20 +79,7 @@ def resume_hole(run: JobRun, site: Place, knowledge: JobKnowledge, limits: TimeL
     # No cut of this run has shown the working gap yet: it stays as it was believed.
     found = learn(run, hole, knowledge, z2, z3, (knowledge.gap_um, knowledge.gap_u_um))
     report_resumed(run, expected.estimate, found.depth_um, found.wear_um)
-    start = next_start(run, hole, knowledge.gap_um, knowledge.gap_u_um)
-    last = CutPlan(max(1, hole.sums.total.number), 0.0, start, knowledge.estimate, hole.target.depth_um)
-    decision = decide(
-        run.profile,
-        hole.target,
-        last,
-        None,
-        found,
-        start,
-        knowledge.estimate,
-        touch_final=run.job.touches_final,
-        broken_cuts=hole.sums.broken_cuts,
-    )
-    report(run, found, knowledge.gap_um, decision)
+    decision = decide_next(run, hole, knowledge, max(1, hole.sums.total.number), None, found)
     if decision.plan is None:
         close_site(run, settled=True)
         return decision
@@ -333,7 +320,7 @@ def resume_through_hole(run: JobRun, site: Place, knowledge: JobKnowledge, limit
     refuse_other(run, site, expected, found)
     found = learn(run, hole, knowledge, bottom, pad, (knowledge.gap_um, knowledge.gap_u_um))
     report_resumed(run, expected.estimate, found.depth_um, found.wear_um)
-    start = next_start(run, hole, knowledge.gap_um, knowledge.gap_u_um)
+    start = next_start(run, hole, knowledge)
     plan = through_plan(max(1, hole.sums.total.number) + 1, start, target, knowledge.estimate)
     return cut_to_the_end(run, hole, knowledge, plan, limits)
 

@@ -64,7 +64,7 @@ class CutControl:
         """Let the servo go, with the reference and the pulses in use."""
         run = self._run
         self.set_generator()
-        self._supervisor.set_gap(self.reference_v, self.open_v)
+        self._supervisor.reference_v, self._supervisor.duty_v = self.reference_v, self.open_v
         left_s = max(LEAST_S, self._end_s - run.machine.time_s)
         run.machine.start_cut(CutRequest(self.reference_v, self._plan.z_limit_um, left_s))
 

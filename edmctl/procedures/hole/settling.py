@@ -40,7 +40,7 @@ def unmeasured(
         hole=hole,
         share=WearShare(added_um, live.wear_ratio_u_um, own_u_um, run.machine.time_s - pad_s),
         depth_u_um=math.hypot(
-            plan.gap_u_um, start.depth_u_um, TOUCH_U_UM, hole.face_u_um if from_face else 0.0
+            plan.start.gap_u_um, start.depth_u_um, TOUCH_U_UM, hole.face_u_um if from_face else 0.0
         ),
         wear_before_um=start.wear_um,
         wear_before_u_um=start.wear_u_um,

@@ -64,7 +64,7 @@ def _cut(run: JobRun, hole: OpenHole, knowledge: JobKnowledge, plan: CutPlan, li
     move_to(run, hole.site)
     bottom_u_um = plan.start.bottom_u_at(run.machine.time_s)
     sparks = approach_bottom(
-        run, plan.bottom_um, math.hypot(bottom_u_um, 0.5 * debris_um(hole, knowledge.surface))
+        run, plan.start.bottom_um, math.hypot(bottom_u_um, 0.5 * debris_um(hole, knowledge.surface))
     )
     plan = check_first_sparks(run, hole, knowledge.surface, plan, sparks, bottom_u_um)
     left = limits.left()
@@ -118,12 +118,12 @@ def end_of_through_hole(
         # Too near to the back from the start for the feed to tell.
         through = touch_bottom_or_none(run, hole, pad, hole.bottom.z_um) is None
     # A bottom lies a working gap below the tip; behind the sheet there is none.
-    tip_um = max(cut.end_displacement_um + (0.0 if through else plan.gap_um), hole.surface_um)
+    tip_um = max(cut.end_displacement_um + (0.0 if through else plan.start.gap_um), hole.surface_um)
     hole.stops += 1
     hole.bottom, hole.pad = hole.z1.shifted(tip_um - hole.z1.z_um), pad
     found = measured(run, hole, hole.bottom, pad)
     knowledge.tool = ToolLength(pad)
-    hole.report(run, found, plan.gap_um, through=through, depth_basis=Basis.ESTIMATED)
+    hole.report(run, found, plan.start.gap_um, through=through, depth_basis=Basis.ESTIMATED)
     decision = _decision(hole, cut, found, through=through)
     code = RunEvent.TARGET_MISSED if decision.missed else RunEvent.TARGET_REACHED
     level = EventLevel.WARNING if decision.missed else EventLevel.INFO

@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from edmctl.machine.port import TelemetryBlock, host_fault
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.settings import gap_reference_v
 from edmctl.profile.forecast import stroke_um
 from edmctl.record.rows import EventLevel, LinkRow
-from edmctl.results.progress import Phase, Progress
+from edmctl.results.progress import Extremes, Phase
 from edmctl.results.pulses import pulse_shares
 
 if TYPE_CHECKING:
@@ -160,18 +159,20 @@ class SensorMonitor:
 
 
 class IdleMonitor:
-    """Hears every block of a run. While machining, whoever follows the cut or pass knows more and tells that."""
+    """Hears every block of a run. While machining, whoever follows the cut or pass knows more and reports that."""
 
     def __init__(self, run: JobRun) -> None:
         self._run = run
-        self._reference_v = gap_reference_v(run.profile)
         self._due_s = -math.inf
+        self._clear()
+
+    def _clear(self) -> None:
         self._gap_low_v = self._low_um = math.inf
         self._gap_high_v = self._high_um = -math.inf
         self._counts = [0, 0, 0, 0]
 
     def on_telemetry(self, block: TelemetryBlock) -> None:
-        """Add the samples of a block, and tell when it is time."""
+        """Add the samples of a block, and report when it is time."""
         if self._run.tally.phase is Phase.MACHINING:
             return
         gaps_v, heights_um = block.gap_v.tolist(), block.displacement_um.tolist()
@@ -182,37 +183,14 @@ class IdleMonitor:
         for i, numbers in enumerate((block.n_open, block.n_normal, block.n_arc, block.n_short)):
             self._counts[i] += sum(numbers.tolist())
         now_s = float(block.time_s[-1])
-        if now_s >= self._due_s:
-            self._due_s = now_s + REPORT_EVERY_S
-            self._report(now_s, sum(gaps_v) / len(gaps_v), sum(heights_um) / len(heights_um))
-            self._clear()
-
-    def _clear(self) -> None:
-        self._gap_low_v = self._low_um = math.inf
-        self._gap_high_v = self._high_um = -math.inf
-        self._counts = [0, 0, 0, 0]
-
-    def _report(self, now_s: float, gap_v: float, displacement_um: float) -> None:
-        run, tally = self._run, self._run.tally
-        run.observer.progress(
-            Progress(
-                phase=tally.phase,
-                time_s=now_s,
-                gap_v=gap_v,
-                reference_v=self._reference_v,
-                ratios=pulse_shares(*self._counts),
-                depth_um=tally.depth_um,
-                depth_target_um=tally.depth_target_um,
-                displacement_um=displacement_um,
-                time_left_s=math.nan,
-                site=run.site_among_many,
-                gap_low_v=self._gap_low_v,
-                gap_high_v=self._gap_high_v,
-                displacement_low_um=self._low_um,
-                displacement_high_um=self._high_um,
-                sites_done=tally.sites_done,
-                sites_total=len(run.job.sites),
-                warning=tally.warning,
-                warned_s=tally.warned_s,
-            )
+        if now_s < self._due_s:
+            return
+        self._due_s = now_s + REPORT_EVERY_S
+        self._run.report_idle(
+            now_s,
+            sum(gaps_v) / len(gaps_v),
+            pulse_shares(*self._counts),
+            sum(heights_um) / len(heights_um),
+            Extremes(now_s, self._gap_low_v, self._gap_high_v, self._low_um, self._high_um),
         )
+        self._clear()

@@ -67,7 +67,6 @@ class Watch:
         self._fresh: list[TelemetryBlock] = []
         self._latest: TelemetryBlock | None = None
         self._trace = Trace()
-        self._touched: dict[float, float] = {}
         self._follower: Callable[[TelemetryBlock], None] | None = None
         self._guards: list[Callable[[TelemetryBlock], None]] = []
         self._comparer: Callable[[TelemetryBlock, Floats], None] | None = None
@@ -157,7 +156,7 @@ class Watch:
     def model_at(self, time_s: float) -> float:
         """Estimated displacement at a touch, or at a moment of the last seconds; NaN without an estimator."""
         self.settle()
-        return self._touched[time_s] if time_s in self._touched else self._trace.at(time_s)
+        return self._trace.at(time_s)
 
     def telemetry(self, block: TelemetryBlock) -> None:
         """Keep the block for the estimator and the recorder, and hand it on."""
@@ -258,7 +257,7 @@ class Watch:
         """Record; what the model said at a touch is kept, because its reading is asked for much later."""
         if event.code is EventCode.TOUCH:
             self.settle()
-            self._touched[event.time_s] = self._trace.at(event.time_s)
+            self._trace.keep(event.time_s)
         args = {
             "argument": event.argument,
             "displacement_um": event.displacement_um,

@@ -88,8 +88,8 @@ class ArcRecovery:
         """
         seen_um, plan = self._supervisor.displacement_um, self._plan
         if math.isnan(seen_um):
-            u_um = math.hypot(plan.start.bottom_u_at(now_s), plan.gap_u_um)
-            return plan.bottom_um - plan.gap_um, UNKNOWN_SDS * u_um
+            u_um = math.hypot(plan.start.bottom_u_at(now_s), plan.start.gap_u_um)
+            return plan.start.bottom_um - plan.start.gap_um, UNKNOWN_SDS * u_um
         since_s = max(0.0, now_s - self._supervisor.seen_s)
         return seen_um, UNKNOWN_SDS * plan.start.drift_u_um_per_s * since_s
 

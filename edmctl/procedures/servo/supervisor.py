@@ -61,7 +61,8 @@ class Supervisor(TelemetrySums):
     """Follows the telemetry of one cut that begins at `start_s`; keeps its sums and the tally of the job.
 
     `stop_reason` is set when the cut should end, and `message` says then what was seen. `adaptive` holds what the
-    machine and the generator should be set to. Whoever jumps sets `jumps` and `last_jump_s`.
+    machine and the generator should be set to. Whoever jumps sets `jumps` and `last_jump_s`; `reference_v` and
+    `duty_v` are the mean gap voltages that the servo holds and that an open gap has, `status` has the dielectric.
     """
 
     def __init__(self, run: JobRun, plan: CutPlan, start_s: float) -> None:
@@ -70,13 +71,13 @@ class Supervisor(TelemetrySums):
         self._start_s = start_s
         self._machined_before_s = run.tally.machining_time_s
         profile = run.profile
-        self._duty_v = profile.pulse.duty_voltage_v
-        self._reference_v = gap_reference_v(profile)
+        self.duty_v = profile.pulse.duty_voltage_v
+        self.reference_v = gap_reference_v(profile)
         self._forecast_feed_um_s = forecast(profile, run.setup).feed_rate_um_s
         self._track: deque[tuple[float, float]] = deque()
         self._begin: tuple[float, float] | None = None
         self._ratio_limits = RatioLimits(run, RATIO_WINDOW_S)
-        self._status: MachineStatus | None = None
+        self.status: MachineStatus | None = None
         self._stall = StallDetection(self._forecast_feed_um_s)
         self._through = profile.target.kind == "through"
         self._completion_um = target_of(profile).completion_um
@@ -90,7 +91,7 @@ class Supervisor(TelemetrySums):
         self.jumps = 0
         self.last_jump_s = math.nan
         self._feed_target_um = plan.feed_um if math.isnan(plan.target_um) else math.nan
-        self._spark_um = plan.bottom_um - plan.gap_um
+        self._spark_um = plan.start.bottom_um - plan.start.gap_um
         self._deepest_um = -math.inf
         self.stop_reason: StopReason | None = None
         self.message = ""
@@ -128,14 +129,6 @@ class Supervisor(TelemetrySums):
             self.shorts.jumped()
         self.adaptive.jumped(now_s)
 
-    def set_gap(self, reference_v: float, duty_v: float) -> None:
-        """Take note of another reference, and of another mean voltage of the open gap."""
-        self._reference_v, self._duty_v = reference_v, duty_v
-
-    def note_status(self, status: MachineStatus) -> None:
-        """Take the state of the dielectric, for the rows from now on."""
-        self._status = status
-
     def on_telemetry(self, block: TelemetryBlock) -> None:
         """Judge the samples of one slice."""
         now_s = float(block.time_s[-1])
@@ -143,7 +136,7 @@ class Supervisor(TelemetrySums):
         gap_v = sum(gaps_v) / len(gaps_v)
         machining = bool(block.state[0] == block.state[-1] == _MACHINING)
         fresh, duration_s = (
-            self.add(block, sum(block.current_a.tolist()) / len(gaps_v)),
+            self.add(block, self.plateau_v * sum(block.current_a.tolist()) / len(gaps_v)),
             self.duration_s(block),
         )
         self._note_sparks(block)
@@ -170,7 +163,7 @@ class Supervisor(TelemetrySums):
             phase=_PHASE[machining],
             time_s=now_s,
             gap_v=gap_v,
-            reference_v=self._reference_v,
+            reference_v=self.reference_v,
             ratios=ratios,
             depth_um=depth_um,
             depth_target_um=self._plan.target_um,
@@ -196,7 +189,7 @@ class Supervisor(TelemetrySums):
             warning=tally.warning,
             warned_s=tally.warned_s,
         )
-        self.record(progress, self._duty_v, self._status)
+        self.record(progress, self.duty_v, self.status)
         if machining:
             self._look_for_the_end(float(block.actuator_v[-1]), depth_um)
         self._run.observer.progress(progress)
@@ -213,7 +206,7 @@ class Supervisor(TelemetrySums):
 
     def _follow_tool(self, block: TelemetryBlock, gap_v: float, now_s: float) -> None:
         n = len(block.time_s)
-        self.add_gap_ratio(gap_v / self._duty_v, n)
+        self.add_gap_ratio(gap_v / self.duty_v, n)
         self.displacement_um = sum(block.displacement_um.tolist()) / n
         self.seen_s = now_s
         self._track.append((now_s, self.displacement_um))

@@ -29,7 +29,7 @@ class TelemetrySums:
 
     def __init__(self, run: JobRun) -> None:
         self._run = run
-        self._plateau_v = run.profile.pulse.discharge_voltage_v
+        self.plateau_v = run.profile.pulse.discharge_voltage_v
         self._sample_s = 1e-6 * telemetry_settings(run.profile, run.setup).period_us
         self._window: deque[tuple[float, Counts]] = deque()
         self._window_counts = [0, 0, 0, 0]
@@ -64,11 +64,11 @@ class TelemetrySums:
         """Time that the samples of a slice stand for."""
         return len(block.time_s) * self._sample_s
 
-    def add(self, block: TelemetryBlock, current_a: float) -> Counts:
-        """Add a slice with its mean gap current; return its pulses."""
+    def add(self, block: TelemetryBlock, power_w: float) -> Counts:
+        """Add a slice with its mean power; return its pulses."""
         self._newest_s = float(block.time_s[-1])
-        self.power_w = self._plateau_v * current_a
-        self.energy_j += self.power_w * len(block.time_s) * self._sample_s
+        self.power_w = power_w
+        self.energy_j += power_w * len(block.time_s) * self._sample_s
         fresh = (
             sum(block.n_open.tolist()),
             sum(block.n_normal.tolist()),

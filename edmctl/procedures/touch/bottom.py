@@ -56,9 +56,9 @@ class ExpectedBottom:
 def read_bottom(run: JobRun, place: str, plan: CutPlan, cut: CutResult) -> SurfaceReading:
     """Touch the bottom that a cut has left, more often where it is not where it should be."""
     raise_by(run, CLEAR_OF_BOTTOM_UM)
-    gap_u_um = math.hypot(plan.gap_u_um, 0.0 if cut.is_at_limit else UNFINISHED_GAP_U_UM)
+    gap_u_um = math.hypot(plan.start.gap_u_um, 0.0 if cut.is_at_limit else UNFINISHED_GAP_U_UM)
     return read_expected(
-        run, place, ExpectedBottom(cut.end_displacement_um, plan.gap_um, gap_u_um, "the last sparks")
+        run, place, ExpectedBottom(cut.end_displacement_um, plan.start.gap_um, gap_u_um, "the last sparks")
     )
 
 
