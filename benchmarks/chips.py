@@ -31,9 +31,8 @@ from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job import job_of
-from edmctl.procedures.job_state import NoJournal
+from edmctl.procedures.job_state import JobTally, NoStateStore
 from edmctl.procedures.machining import run_job
-from edmctl.procedures.tally import JobTally
 from edmctl.profile.setup import Setup
 from edmctl.record.recorder import NullRecorder
 from edmctl.rules.load import load_profile
@@ -159,10 +158,10 @@ def perform(profile: str, seed: int, overrides: tuple[str, ...], inject: str = "
     session = Session(_lying(bench.transport, LIES[lie]) if lie else bench.transport, Random(seed))
     session.open()
     machine, ears, ledger = LinkMachine(session, StopRequest()), Ears(), JobTally()
-    job, wear = job_of(loaded.profile, Setup(), loaded.places), TrueWear(bench, NoJournal())
+    job, wear = job_of(loaded.profile, Setup(), loaded.places), TrueWear(bench, NoStateStore())
     error = ""
     try:
-        run_job(machine, job, recorder=ears, observer=_Silent(), ledger=ledger, journal=wear)
+        run_job(machine, job, recorder=ears, observer=_Silent(), tally=ledger, store=wear)
     except EdmError as failed:
         error = f"{failed.code} {failed.message}"
     if not ledger.sites:

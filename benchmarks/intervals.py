@@ -39,10 +39,10 @@ from edmctl.jobs.truth.wear import TrueWear
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest
-from edmctl.procedures.job import CalibratedActuator, Site, job_of
-from edmctl.procedures.job_state import job_state
+from edmctl.procedures.job import CalibratedActuator, job_of
+from edmctl.procedures.job_state import JobTally, job_state
 from edmctl.procedures.machining import run_job
-from edmctl.procedures.tally import JobTally
+from edmctl.profile.places import Place
 from edmctl.profile.setup import Sensor, Setup
 from edmctl.record.recorder import NullRecorder
 from edmctl.record.tool_account import Books, HomeSeen
@@ -187,7 +187,7 @@ def perform(case: Case) -> Outcome:
         if number == 0:
             for text in case.injections:
                 bench.inject(parse_injection(text))
-        sites = tuple(Site(f"hole-{i + 1}", x, y) for i, (x, y) in enumerate(places))
+        sites = tuple(Place(f"hole-{i + 1}", x, y) for i, (x, y) in enumerate(places))
         job = replace(job_of(_on(loaded, pad_um), setup, calibration=calibration), sites=sites)
         if number > 0:
             job = with_home(job, Books(homes=homes), Now(bench.transport.now_s()))
@@ -257,7 +257,7 @@ def _job(
     machine, ledger = LinkMachine(session, observer.request), JobTally()
     end = "ok"
     try:
-        run_job(machine, job, recorder=NullRecorder(), observer=observer, ledger=ledger, journal=wear)
+        run_job(machine, job, recorder=NullRecorder(), observer=observer, tally=ledger, store=wear)
     except EdmError as error:
         end = error.code
         bench.clear_injections()

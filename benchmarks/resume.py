@@ -99,17 +99,17 @@ class Finished:
 def die_at(time_s: float, arguments: list[str]) -> NoReturn:
     """Be `edmctl` with these arguments, and die by SIGKILL when the time of the run has come to `time_s`."""
     from edmctl.cli.app import run
-    from edmctl.procedures.state_keeper import JobJournal
+    from edmctl.procedures.state_keeper import JobStateKeeper
 
-    take = JobJournal.take
+    take = JobStateKeeper.on_telemetry
 
-    def until(journal: JobJournal, block: TelemetryBlock) -> None:
+    def until(journal: JobStateKeeper, block: TelemetryBlock) -> None:
         take(journal, block)
         if block.time_s[-1] >= time_s:
             # Some milliseconds later in another thread: in the middle of whatever comes next.
             Timer(random.uniform(0.0, 0.02), lambda: os.kill(os.getpid(), signal.SIGKILL)).start()
 
-    JobJournal.take = until  # type: ignore[method-assign, assignment]
+    JobStateKeeper.on_telemetry = until  # type: ignore[method-assign, assignment]
     sys.argv[1:] = arguments
     run()
 

@@ -11,8 +11,8 @@ from edmctl.jobs.job_preparation import hole_radius_um, logbook_of, prepared_job
 from edmctl.jobs.ledger.places_taken import refuse_pad, refuse_taken
 from edmctl.jobs.ledger.tool_identity import tool_identity
 from edmctl.jobs.ledger.tool_life import refuse_too_short
-from edmctl.procedures.job import Site
 from edmctl.procedures.touch.approach import find_contact, find_gap
+from edmctl.profile.places import Place
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
     from edmctl.jobs.run_header import RunName
     from edmctl.jobs.session import MachineSession
     from edmctl.procedures.job import Job
-    from edmctl.procedures.run import Run
+    from edmctl.procedures.run import JobRun
     from edmctl.results.measurements import SurfaceFound
 
 
 def checked_site(
     prepared: Prepared, place: tuple[float, float] | None, folder: Path, port: str, *, contact: bool
-) -> Site:
+) -> Place:
     """Return the place to approach.
 
     Raises PreconditionError: E8042 a hole is there, or the pad where sparks would be made, E8044 the tool does not
@@ -38,7 +38,7 @@ def checked_site(
     """
     job = prepared.job
     first = job.sites[0]
-    site = Site("the place", *place) if place else replace(first, name="the next place")
+    site = Place("the place", *place) if place else replace(first, name="the next place")
     own_way_um = job.profile.approach.offset_um + STROKE_RESERVE_UM
     if not math.isnan(prepared.account.pad_um):
         refuse_too_short(job.profile, job.setup, own_way_um, prepared.account, port)
@@ -56,7 +56,7 @@ class Approach:
     place: tuple[float, float] | None
     contact: bool
     found: SurfaceFound | None = None
-    _site: Site | None = None
+    _site: Place | None = None
     name: str = "approach"
 
     @property
@@ -73,7 +73,7 @@ class Approach:
         )
         return prepared.job
 
-    def act(self, run: Run) -> None:
+    def act(self, run: JobRun) -> None:
         """Find gap or surface."""
         assert self._site is not None
         self.found = find_contact(run, self._site) if self.contact else find_gap(run, self._site)

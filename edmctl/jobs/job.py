@@ -30,8 +30,7 @@ if TYPE_CHECKING:
     from edmctl.jobs.truth.wear import TrueWear
     from edmctl.jsonout import JsonValue
     from edmctl.procedures.job import Job
-    from edmctl.procedures.job_state import Journal
-    from edmctl.procedures.tally import JobTally
+    from edmctl.procedures.job_state import JobTally, StateStore
     from edmctl.record.recorder import Recorder
     from edmctl.results.channel import ChannelResult, ChannelTruth
     from edmctl.results.job import JobResult, SiteResult
@@ -128,7 +127,7 @@ def carry_out(
     from edmctl.jobs.ledger.job_ledger import JobLedger
     from edmctl.jobs.resume.checkpoint import JobCheckpoint, tell_way_on
     from edmctl.jobs.truth.wear import TrueWear
-    from edmctl.procedures.tally import JobTally
+    from edmctl.procedures.job_state import JobTally
 
     ledger = JobTally()
     true_wear: TrueWear | None = None
@@ -144,7 +143,7 @@ def carry_out(
         session: MachineSession, entries: JobLedger, kept: JobCheckpoint, job: Job, recorder: Recorder
     ) -> None:
         nonlocal true_wear
-        journal: Journal = entries
+        journal: StateStore = entries
         if session.bench.virtual:
             journal = true_wear = TrueWear(session.bench.virtual, entries)
             entries.truth = {"tool_wear_um": true_wear.before_um}
@@ -178,7 +177,7 @@ def _run(
     recorder: Recorder,
     observer: Observer,
     ledger: JobTally,
-    journal: Journal,
+    journal: StateStore,
 ) -> None:
     """Run the job, and write down in the job ledger that it begins and what it came to.
 
@@ -190,9 +189,7 @@ def _run(
     job = kept.begin(job)
     entries.begin()
     try:
-        run_job(
-            session.bench.machine, job, recorder=recorder, observer=observer, ledger=ledger, journal=journal
-        )
+        run_job(session.bench.machine, job, recorder=recorder, observer=observer, tally=ledger, store=journal)
     except BaseException as error:
         with suppress(RunFileError):
             entries.close(ledger.result(), ending(error)[0])

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from edmctl.jobs.run_header import RunName
     from edmctl.jobs.session import MachineSession
     from edmctl.procedures.job import Job
-    from edmctl.procedures.run import Run
+    from edmctl.procedures.run import JobRun
     from edmctl.results.measurements import JumpSeries
 
 JUMPS_ALONE = ('jump.mode="fixed"', "log.servo_hz=1000")
@@ -63,7 +63,7 @@ class Jumps:
         books = books_of(logbook.lines, session.bench.machine.identity.serial)
         return with_home(job, books, session.bench.now)
 
-    def act(self, run: Run) -> None:
+    def act(self, run: JobRun) -> None:
         """Jump."""
         self.series = run_jumps(run, end_um(self.plan), self.count)
 

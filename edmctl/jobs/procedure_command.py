@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from edmctl.jsonout import JsonValue
     from edmctl.machine.controller import LinkMachine
     from edmctl.procedures.job import Job
-    from edmctl.procedures.run import Run
+    from edmctl.procedures.run import JobRun
     from edmctl.record.recorder import Recorder
     from edmctl.results.progress import Observer
 
@@ -46,7 +46,7 @@ class Procedure(Protocol):
         """Return what the machine is made ready for; refuse what cannot be done on it."""
         ...
 
-    def act(self, run: Run) -> None:
+    def act(self, run: JobRun) -> None:
         """Do it on an armed and conditioned machine."""
         ...
 
@@ -104,8 +104,8 @@ def perform(
     Expected errors come back with what was reached. Raises LinkLost, ProtocolMismatch and RunFileError where there
     was no machine to act on.
     """
-    from edmctl.procedures.single_procedure import running
-    from edmctl.procedures.tally import JobTally
+    from edmctl.procedures.job_state import JobTally
+    from edmctl.procedures.session import running
 
     ledger = JobTally()
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.labels import PAD, Basis
+from edmctl.profile.places import Place
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -14,24 +15,12 @@ if TYPE_CHECKING:
     from edmctl.actuator.model import ActuatorModel
     from edmctl.procedures.job_state import JobState
     from edmctl.profile.model import Profile
-    from edmctl.profile.places import Place
     from edmctl.profile.setup import Setup
 
-TOLD_LATE_S = 600.0
+REPORT_DELAY_S = 600.0
 """Added to the age of what ledger and journal know: they tell of a home a while after it was seen."""
 SPOT_MARGIN_UM = 30.0
 """Between the tool's edges at two spots: wider than a chip that a gap of some µm lets through."""
-
-
-@dataclass(frozen=True, slots=True)
-class Site:
-    """Where a hole goes, in stage coordinates, and how deep; NaN where the recipe's target says it."""
-
-    name: str
-    x_um: float
-    y_um: float
-    theta_deg: float = 0.0
-    depth_um: float = math.nan
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,7 +45,7 @@ class Job:
 
     profile: Profile
     setup: Setup
-    sites: tuple[Site, ...]
+    sites: tuple[Place, ...]
     calibration: CalibratedActuator | None = None
     resumed: JobState | None = None
     pause_s: float = 0.0
@@ -77,9 +66,9 @@ class Job:
         return len(self.sites) == 1 and self.profile.wear.remeasure == "auto"
 
     @property
-    def pad(self) -> Site:
+    def pad(self) -> Place:
         """Where the surface is touched before and after a cut."""
-        return Site(PAD, self.setup.stage.reference_x_um, self.setup.stage.reference_y_um)
+        return Place(PAD, self.setup.stage.reference_x_um, self.setup.stage.reference_y_um)
 
     @property
     def spot_distance_um(self) -> float:
@@ -87,9 +76,9 @@ class Job:
         return self.profile.tool.diameter_um + SPOT_MARGIN_UM
 
     @property
-    def parking(self) -> Site:
+    def parking(self) -> Place:
         """Beside the work, where the actuator may use its whole stroke."""
-        return Site("the parking place", self.setup.stage.park_x_um, self.setup.stage.park_y_um)
+        return Place("the parking place", self.setup.stage.park_x_um, self.setup.stage.park_y_um)
 
 
 def job_of(
@@ -104,9 +93,8 @@ def job_of(
 
     That one is at `start_x_um`, where others may not be, or `measure.site_dx_um` from the pad.
     """
-    sites = tuple(Site(p.name, p.x_um, p.y_um, p.theta_deg, p.depth_um) for p in places)
-    if not sites:
+    if not places:
         stage = setup.stage
         x_um = stage.reference_x_um + profile.measure.site_dx_um if start_x_um is None else start_x_um
-        sites = (Site(profile.meta.name, x_um, stage.reference_y_um),)
-    return Job(profile, setup, sites, calibration)
+        places = (Place(profile.meta.name, x_um, stage.reference_y_um),)
+    return Job(profile, setup, tuple(places), calibration)

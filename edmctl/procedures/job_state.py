@@ -1,4 +1,4 @@
-"""What a job must know to be taken up again: its state, kept at every step and every few seconds of a cut."""
+"""The state of a job: what it has reached so far, and what it must know to be taken up again."""
 
 from __future__ import annotations
 
@@ -6,8 +6,14 @@ import math
 from dataclasses import asdict, dataclass, field, fields
 from typing import TYPE_CHECKING, Protocol
 
+from edmctl.results.job import JobResult, Reached, SiteResult
+from edmctl.results.progress import Phase
+
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
+
+    from edmctl.results.channel import ChannelResult
+    from edmctl.results.link import LinkReport
 
 PERIOD_S = 5.0
 """Between two states of a cut: 1.5 µm of feed at 0.3 µm/s, far less than the touch of the bottom looks for."""
@@ -15,7 +21,8 @@ PERIOD_S = 5.0
 _ADDED = ("home_age_s", "face_doubt_u_um", "channel", "broken_cuts")
 """Fields that earlier journals do not have."""
 
-FaceTouch = tuple[float, float, float, float]
+Counts = tuple[int, int, int, int]
+SurfaceTouch = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +46,7 @@ class JobState:
     phase: str
     time_s: float
     tool: str
-    face: tuple[FaceTouch, ...] = ()
+    face: tuple[SurfaceTouch, ...] = ()
     done: tuple[Mapping[str, object], ...] = ()
     site: str = ""
     begun: bool = False
@@ -59,7 +66,7 @@ class JobState:
     feed_u_um: float = 0.0
     cuts: int = 0
     broken_cuts: int = 0
-    counts: tuple[int, int, int, int] = (0, 0, 0, 0)
+    counts: Counts = (0, 0, 0, 0)
     energy_j: float = 0.0
     machining_time_s: float = 0.0
     job_machining_time_s: float = 0.0
@@ -96,15 +103,124 @@ def job_state(mapping: Mapping[str, object]) -> JobState:
     )
 
 
-class Journal(Protocol):
+@dataclass(frozen=True, slots=True)
+class UnderWay:
+    """The hole or channel under way, as far as its job has to know it.
+
+    `state` adds what is known of it at a time of the run, s, to the state of the job; `leave` reports what is known
+    of it where the job ends early.
+    """
+
+    state: Callable[[JobState, float], JobState]
+    leave: Callable[[], None] = lambda: None
+
+
+class StateStore(Protocol):
     """Keeps the newest state of a job where it outlives the process."""
 
     def keep(self, state: JobState, *, urgent: bool = False) -> None:
         """Take a state; an urgent one is safe when the call returns, another one within some seconds."""
 
 
-class NoJournal:
+class NoStateStore:
     """Keeps nothing: for jobs that nobody will take up again."""
 
     def keep(self, state: JobState, *, urgent: bool = False) -> None:
         """Do nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class CutTotals:
+    """What cuts or passes have done together: their number, pulses by class (open, normal, arc, short), J and s."""
+
+    number: int = 0
+    counts: Counts = (0, 0, 0, 0)
+    energy_j: float = 0.0
+    time_s: float = 0.0
+
+    def plus(self, counts: Counts, energy_j: float, time_s: float) -> CutTotals:
+        """Return them with one more."""
+        opens, normals, arcs, shorts = (a + b for a, b in zip(self.counts, counts, strict=True))
+        return CutTotals(
+            self.number + 1, (opens, normals, arcs, shorts), self.energy_j + energy_j, self.time_s + time_s
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class RunningCut:
+    """What the cut under way has done so far, pulses by class; `displacement_um` is where it last sparked."""
+
+    counts: Counts = (0, 0, 0, 0)
+    energy_j: float = 0.0
+    time_s: float = 0.0
+    displacement_um: float = math.nan
+
+
+@dataclass(slots=True)
+class JobTally:
+    """What a job has reached so far; still there when the job ends with an error.
+
+    `depth_um` is the best present knowledge of the hole under way: estimated while cutting, then measured.
+    `open_site` names that hole until it is finished, `unmeasured_site` from the begin of a cut
+    until it is measured; `unwritten` names finished holes whose results later touches may still correct.
+    `home_um` is what the sensor showed of the tool at home, at the last rest at 0 V, which was at `home_s`. `cut` is
+    the cut under way, `phase` what is being done, `warning` what was last warned of, at `warned_s`.
+    `time_s` and `machining_time_s` count those of the runs before this one too.
+    """
+
+    sites: dict[str, SiteResult] = field(default_factory=dict)
+    depth_um: float = 0.0
+    depth_target_um: float = math.nan
+    open_site: str = ""
+    unmeasured_site: str = ""
+    unwritten: list[str] = field(default_factory=list)
+    cut: RunningCut = field(default_factory=lambda: RunningCut())
+    phase: Phase = Phase.MOVING
+    warning: str = ""
+    warned_s: float = math.nan
+    time_s: float = 0.0
+    machining_time_s: float = 0.0
+    earlier_time_s: float = 0.0
+    pause_s: float = 0.0
+    link: LinkReport | None = None
+    channel: ChannelResult | None = None
+    home_um: float = 0.0
+    home_s: float = math.nan
+
+    @property
+    def sites_done(self) -> int:
+        """How many places are finished: the one under way may have a first result."""
+        return len(self.sites) - (self.open_site in self.sites)
+
+    @property
+    def wear_um(self) -> float:
+        """What the tool has lost at all sites so far."""
+        return math.fsum(site.wear_um for site in self.sites.values())
+
+    @property
+    def reached(self) -> Reached | None:
+        """The hole or channel whose last cut is not measured."""
+        if not self.unmeasured_site:
+            return None
+        left = self.sites.get(self.unmeasured_site, self.channel)
+        u95_um = math.nan if left is None else left.depth_u95_um
+        return Reached(self.unmeasured_site, self.depth_um, self.depth_target_um, u95_um)
+
+    def result(self) -> JobResult:
+        """The measured sites and the times up to now."""
+        wears_um = [site.wear_um for site in self.sites.values()]
+        if self.channel is not None:
+            wears_um.append(self.channel.wear_um)
+        return JobResult(
+            sites=tuple(self.sites.values()),
+            time_s=self.time_s,
+            machining_time_s=self.machining_time_s,
+            measuring_time_s=self.time_s - self.machining_time_s,
+            tool_wear_total_um=sum(wears_um) if wears_um else math.nan,
+            reached=self.reached,
+            link=self.link,
+            channel=self.channel,
+            home_um=self.home_um if math.isfinite(self.home_s) else math.nan,
+            earlier_time_s=self.earlier_time_s,
+            pause_s=self.pause_s,
+        )

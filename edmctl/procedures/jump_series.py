@@ -12,19 +12,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from edmctl.actuator.inverse import jump_volts
 from edmctl.errors import LinkLost, PreconditionError
-from edmctl.machine.interface import JumpRequest, MachineState, joined
+from edmctl.machine.interface import MachineState
 from edmctl.procedures.event_codes import RunEvent
+from edmctl.procedures.hole.running_cut import jump_request
 from edmctl.procedures.touch.approach import lower_to
 from edmctl.process.servo import jump_time_s
 from edmctl.results.measurements import JumpMeasured, JumpSeries, JumpSummary
 from edmctl.results.progress import Phase
+from edmctl.results.telemetry import joined
 from edmctl.wording import signed
 
 if TYPE_CHECKING:
     from edmctl.machine.interface import TelemetryBlock
-    from edmctl.procedures.run import Run
+    from edmctl.procedures.run import JobRun
 
 Floats = NDArray[np.float64]
 
@@ -49,7 +50,7 @@ def least_period_s(height_um: float, speed_um_s: float, dwell_s: float) -> float
     return jump_time_s(height_um, speed_um_s, dwell_s) + LEAST_REST_S + BASE_S
 
 
-def run_jumps(run: Run, depth_um: float, count: int) -> JumpSeries:
+def run_jumps(run: JobRun, depth_um: float, count: int) -> JumpSeries:
     """Go down to a displacement beside the work, and make `count` jumps by the profile's `[jump]`."""
     jump = run.profile.jump
     run.begin(Phase.APPROACHING)
@@ -77,10 +78,10 @@ def run_jumps(run: Run, depth_um: float, count: int) -> JumpSeries:
     )
 
 
-def _jump(run: Run, number: int) -> JumpMeasured:
+def _jump(run: JobRun, number: int) -> JumpMeasured:
     """One period: rest, jump, rest; what the samples of it show."""
     jump = run.profile.jump
-    request, begin_s = _request(run), run.machine.time_s
+    request, begin_s = jump_request(run, jump.height_um, 0.0), run.machine.time_s
     blocks: list[TelemetryBlock] = []
     run.watch.follow(blocks.append)
     try:
@@ -102,19 +103,7 @@ def _jump(run: Run, number: int) -> JumpMeasured:
     return found
 
 
-def _request(run: Run) -> JumpRequest:
-    """A jump that comes back to the voltage where it began: the model gives the voltage of its height."""
-    jump, gain_um_per_v = run.profile.jump, run.setup.actuator.gain_um_per_v
-    estimator = run.watch.estimator()
-    told_um = jump.height_um
-    if estimator is not None:
-        travel_s = jump.height_um / jump.speed_um_s
-        told_um = gain_um_per_v * jump_volts(estimator, jump.height_um, 0.0, travel_s, jump.dwell_s).height_v
-    speed_um_s = jump.speed_um_s * max(1.0, told_um / jump.height_um)
-    return JumpRequest(told_um, speed_um_s, jump.dwell_s, 0.0)
-
-
-def _measured(run: Run, number: int, block: TelemetryBlock) -> JumpMeasured:
+def _measured(run: JobRun, number: int, block: TelemetryBlock) -> JumpMeasured:
     time_s, sensor_um = block.time_s, block.displacement_um
     jumping = np.flatnonzero(block.state == MachineState.JUMP)
     if not len(jumping):

@@ -13,16 +13,13 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import ObjectiveNotReached
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.job import Site
-from edmctl.procedures.monitoring.drift import uncertainty_now
+from edmctl.procedures.monitoring.drift import displacement_uncertainty
 from edmctl.procedures.stages import move_to
-from edmctl.procedures.touch.bottom import Expected, read_expected
-from edmctl.procedures.touch.grown_tool import refuse_grown_tool
-from edmctl.procedures.touch.reference_pad import read_pad
-from edmctl.procedures.touch.site_readings import displacement_uncertainty, pad_u_um
-from edmctl.procedures.touch.surface_plane import take_pad, unknown_face
-from edmctl.procedures.touch.tool_length import TOUCH_U_UM
+from edmctl.procedures.touch.bottom import ExpectedBottom, read_expected
+from edmctl.procedures.touch.reference_pad import TOUCH_U_UM, pad_u_um, read_pad, refuse_grown_tool
+from edmctl.procedures.touch.surface_plane import fit_pad_slope, level_surface
 from edmctl.process.wear import Reading, measure, share_u
+from edmctl.profile.places import Place
 from edmctl.record.rows import EventLevel
 from edmctl.results.measurements import UncertaintyPart, WearResult
 from edmctl.wording import signed
@@ -31,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from edmctl.forecasts.measuring_stops import Displacement
-    from edmctl.procedures.run import Run
+    from edmctl.procedures.run import JobRun
     from edmctl.procedures.touch.reading import SurfaceReading
 
 LEAST_TOUCHES = 3
@@ -76,31 +73,31 @@ class Bottom:
     depth_u_um: float = BOTTOM_U_UM
 
 
-def touch_pad(run: Run, kind: str, expected_um: float, more_u_um: float = 0.0) -> SurfaceReading:
+def touch_pad(run: JobRun, kind: str, expected_um: float, more_u_um: float = 0.0) -> SurfaceReading:
     """Touch the pad, expected at `expected_um`, with `more_u_um` more of standard uncertainty than usual."""
     return read_pad(run, kind, run.job.pad.name, expected_um, math.hypot(PAD_U_UM, more_u_um))
 
 
-def measure_wear(run: Run, reference: Reference, expected_um: float, bottom: Bottom | None) -> WearResult:
+def measure_wear(run: JobRun, reference: Reference, expected_um: float, bottom: Bottom | None) -> WearResult:
     """Touch the pad, where it is expected at `expected_um`, then the bottom of a hole, then the pad again."""
-    home = run.ledger.home_um, run.ledger.home_s
+    home = run.tally.home_um, run.tally.home_s
     before = touch_pad(run, "Z3", expected_um)
     if bottom is None:
         move_to(run, run.job.parking)
         after = touch_pad(run, "Z3", before.z_um)
         return _found(run, reference, home, before, None, after, 0.0, pad_u_um(run.setup))
-    face, site = unknown_face(run), Site(bottom.name, bottom.x_um, bottom.y_um)
-    take_pad(run, face, before)
-    face_um, face_u_um = face.height_um(site), math.hypot(face.height_u_um(site), pad_u_um(run.setup))
+    surface, site = level_surface(run), Place(bottom.name, bottom.x_um, bottom.y_um)
+    fit_pad_slope(run, surface, before)
+    face_um, face_u_um = surface.height_um(site), math.hypot(surface.height_u_um(site), pad_u_um(run.setup))
     move_to(run, site)
     depth_u_um = math.hypot(bottom.depth_u_um, face_u_um)
-    expected = Expected(before.z_um + face_um, bottom.depth_um, depth_u_um, "the job that made it")
+    expected = ExpectedBottom(before.z_um + face_um, bottom.depth_um, depth_u_um, "the job that made it")
     z2 = read_expected(run, bottom.name, expected)
     after = touch_pad(run, "Z3", before.z_um)
     return _found(run, reference, home, before, z2, after, face_um, face_u_um)
 
 
-def refuse_drift(run: Run, found: WearResult) -> None:
+def refuse_drift(run: JobRun, found: WearResult) -> None:
     """Raise ObjectiveNotReached E7040 where the pad moved too far between two touches."""
     if abs(found.drift_um) <= MOST_DRIFT_UM:
         return
@@ -117,7 +114,7 @@ def refuse_drift(run: Run, found: WearResult) -> None:
 
 
 def _found(
-    run: Run,
+    run: JobRun,
     reference: Reference,
     home: tuple[float, float],
     before: SurfaceReading,
@@ -129,11 +126,11 @@ def _found(
     z1 = Reading(reference.z_um, reference.sd_um, reference.touches)
     z3 = _mean(before.reading, after.reading)
     bottom = z2.reading if z2 else z3
-    known, meeting_u_um = uncertainty_now(run), pad_u_um(run.setup)
+    sensor_u, meeting_u_um = run.uncertainty, pad_u_um(run.setup)
     refuse_grown_tool(run, reference.z_um, after, reference.age_s + after.time_s)
     seen_um_s = (abs(after.z_um - before.z_um) + TOUCH_U_UM) / max(1.0, after.time_s - before.time_s)
-    since_um = min(known.drift_u_um_per_s, seen_um_s) * (after.time_s - home[1])
-    age_s = _drifting_s(run, reference, home[0], after.time_s, since_um, known.drift_u_um_per_s)
+    since_um = min(sensor_u.drift_u_um_per_s, seen_um_s) * (after.time_s - home[1])
+    age_s = _drifting_s(run, reference, home[0], after.time_s, since_um, sensor_u.drift_u_um_per_s)
     depth_s = after.time_s - z2.time_s if z2 else 0.0
     pad_doubt_um = 0.5 * (before.doubt_u_um + after.doubt_u_um)
     doubts_u_um = (reference.doubt_u_um, z2.doubt_u_um if z2 else 0.0, pad_doubt_um)
@@ -141,13 +138,13 @@ def _found(
         z1,
         bottom,
         z3,
-        gain_u_rel=known.gain_u_rel,
+        gain_u_rel=sensor_u.gain_u_rel,
         tilt_u_um=face_u_um,
-        drift_u_um_per_s=known.drift_u_um_per_s,
+        drift_u_um_per_s=sensor_u.drift_u_um_per_s,
         z1_to_z3_s=age_s,
         z2_to_z3_s=depth_s,
         pad_u_um=meeting_u_um,
-        linearity_u_um=known.linearity_u_um,
+        linearity_u_um=sensor_u.linearity_u_um,
         height_um=face_um,
         doubts_u_um=doubts_u_um,
     )
@@ -183,7 +180,7 @@ def _found(
         wear_basis=run.job.touch_basis,
         budget=(
             *_budget(
-                known, lengths_um, noise_um, (z1, bottom, z3), (age_s, depth_s), face_u_um, meeting_u_um
+                sensor_u, lengths_um, noise_um, (z1, bottom, z3), (age_s, depth_s), face_u_um, meeting_u_um
             ),
             _doubted(doubts_u_um),
         ),
@@ -192,7 +189,7 @@ def _found(
 
 
 def _drifting_s(
-    run: Run,
+    run: JobRun,
     reference: Reference,
     home_um: float,
     now_s: float,
@@ -228,7 +225,7 @@ def _mean(a: Reading, b: Reading) -> Reading:
 
 
 def _budget(
-    known: Displacement,
+    sensor_u: Displacement,
     lengths_um: tuple[float, float, float],
     noise_um: float,
     readings: Sequence[Reading],
@@ -239,8 +236,8 @@ def _budget(
     """The parts that `process.wear.measure` adds up; lengths and parts are of wear, depth, feed in this order."""
     z1, z2, z3 = (1.0 / reading.touches for reading in readings)
     age_s, depth_s = times_s
-    drift = known.drift_u_um_per_s
-    gains = [known.gain_u_rel * abs(length_um) for length_um in lengths_um]
+    drift = sensor_u.drift_u_um_per_s
+    gains = [sensor_u.gain_u_rel * abs(length_um) for length_um in lengths_um]
     return (
         UncertaintyPart(
             "scatter of the touches",
@@ -250,6 +247,6 @@ def _budget(
         ),
         UncertaintyPart("drift of the sensor", drift * age_s, drift * depth_s, drift * (age_s - depth_s)),
         UncertaintyPart("gain of the sensor", *gains),
-        UncertaintyPart("linearity of the sensor", *[known.linearity_u_um] * 3),
+        UncertaintyPart("linearity of the sensor", *[sensor_u.linearity_u_um] * 3),
         UncertaintyPart("tilt and stages", pad_u_um, tilt_u_um, tilt_u_um),
     )

@@ -13,8 +13,7 @@ from edmctl.machine.interface import (
     ServoLaw,
     TelemetrySettings,
 )
-from edmctl.procedures.hole.target import goal_of
-from edmctl.procedures.job import Site
+from edmctl.procedures.hole.target import target_of
 
 if TYPE_CHECKING:
     from edmctl.profile.model import Profile
@@ -59,8 +58,8 @@ seconds), a touch three of its dwell (0.3 s), and a frame is the mean that the s
 def controller_settings(profile: Profile, setup: Setup) -> ControllerSettings:
     """The controller's parameters for this recipe on this machine."""
     servo, actuator, pulse = profile.servo, setup.actuator, profile.pulse
-    # Behind the sheet nothing but open pulses is right; before, the host looks (spark_loss.py).
-    completion_um = goal_of(profile, Site("", 0.0, 0.0)).completion_um
+    # Behind the sheet nothing but open pulses is right; before, the host looks (breakthrough.py).
+    completion_um = target_of(profile).completion_um
     lost_um = profile.limits.open_lost_um
     if completion_um:
         # The host sees the breakthrough within one such way of the last spark, and this has to be further on.

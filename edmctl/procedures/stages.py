@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from edmctl.errors import PreconditionError
 from edmctl.machine.interface import Axis
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.job import TOLD_LATE_S
-from edmctl.procedures.resting import rest_and_look
+from edmctl.procedures.job import REPORT_DELAY_S
+from edmctl.procedures.run import rest_and_look
 from edmctl.procedures.settings import controller_settings
 from edmctl.procedures.touch.home import (
     CLEAR_UM,
@@ -24,8 +24,8 @@ from edmctl.results.progress import Phase
 from edmctl.wording import coordinates, duration
 
 if TYPE_CHECKING:
-    from edmctl.procedures.job import Site
-    from edmctl.procedures.run import Run
+    from edmctl.procedures.run import JobRun
+    from edmctl.profile.places import Place
 
 ARRIVAL_RUN_UM = 50.0
 """A move that would arrive against the positive direction goes this far beyond and comes back, so that the
@@ -35,18 +35,18 @@ ROTARY_REPEATABILITY_DEG = 0.1
 """Of the rotary table (Muralidhara et al. 2009, §3.1): a smaller turn is no turn."""
 
 _SETTLE_S = 0.2
-_WORTH_TELLING_UM = 1.0
+_WORTH_SETTING_UM = 1.0
 """A home nearer than this to where the controller takes it to be need not be told."""
 _OF_ANOTHER_BENCH = (
     "A virtual controller that is served anew without --bench is another machine, though with the number of the one "
     "before where the seed is the same. Keep its runs in another folder (--out), or serve it with another --seed; "
     "with --bench FILE it stays the same machine."
 )
-TELLABLE_UM = 24.0
+SETTABLE_UM = 24.0
 """The controller takes no home that the tool rests 25 µm from: while creep holds it lower the host waits."""
 
 
-def retract(run: Run) -> None:
+def retract(run: JobRun) -> None:
     """Ramp to 0 V, and wait while creep still holds the tool lower than the stages may move at.
 
     What counts is the height over home, where the tool rests without creep: the sensor's own zero drifts.
@@ -59,23 +59,23 @@ def retract(run: Run) -> None:
     while True:
         home = home_now(run)
         over_um, most_um = run.watch.displacement_um - home.um, most_over_um(run, home)
-        if over_um <= most_um and _is_told(run, home, over_um):
+        if over_um <= most_um and _is_home_set(run, home, over_um):
             break
         if run.machine.time_s > end_s:
-            raise _stands_out(run, home, over_um, most_um if over_um > most_um else TELLABLE_UM)
+            raise _stands_out(run, home, over_um, most_um if over_um > most_um else SETTABLE_UM)
         rest_and_look(run, CREEP_LOOK_S)
-    run.ledger.home_um, run.ledger.home_s = home.um, run.machine.time_s
+    run.tally.home_um, run.tally.home_s = home.um, run.machine.time_s
 
 
-def _is_told(run: Run, home: Home, over_um: float) -> bool:
+def _is_home_set(run: JobRun, home: Home, over_um: float) -> bool:
     """Tell the controller where home is if it would take that; whether it lets the stages move as it knows it."""
-    if over_um <= TELLABLE_UM and abs(home.um - run.machine.zero_um) > _WORTH_TELLING_UM:
+    if over_um <= SETTABLE_UM and abs(home.um - run.machine.zero_um) > _WORTH_SETTING_UM:
         run.machine.set_zero(home.um)
     safe_z_um = controller_settings(run.profile, run.setup).safe_z_um
     return run.watch.displacement_um - run.machine.zero_um <= safe_z_um - READING_MARGIN_UM
 
 
-def _stands_out(run: Run, home: Home, over_um: float, most_um: float) -> PreconditionError:
+def _stands_out(run: JobRun, home: Home, over_um: float, most_um: float) -> PreconditionError:
     """Why no stage may move: the tool is too far out, or could be for all that is known of the sensor's zero."""
     if home.hidden_um <= CLEAR_UM:
         message = (
@@ -98,7 +98,7 @@ def _stands_out(run: Run, home: Home, over_um: float, most_um: float) -> Precond
     return PreconditionError(message, hint=hint, code="E8020")
 
 
-def _over_the_pad(run: Run) -> str:
+def _over_the_pad(run: JobRun) -> str:
     """How a touch tells where home is."""
     pad = run.job.pad
     return (
@@ -107,13 +107,13 @@ def _over_the_pad(run: Run) -> str:
     )
 
 
-def _was_started_since(run: Run) -> bool:
+def _was_started_since(run: JobRun) -> bool:
     """Whether the controller came up after the home that this job began with was seen."""
     before_the_job_s = run.machine.uptime_s - run.machine.time_s
-    return math.isnan(run.ledger.home_s) and before_the_job_s < run.job.home_age_s - TOLD_LATE_S
+    return math.isnan(run.tally.home_s) and before_the_job_s < run.job.home_age_s - REPORT_DELAY_S
 
 
-def move_to(run: Run, place: Site) -> None:
+def move_to(run: JobRun, place: Place) -> None:
     """Retract, then move X and Y to a place; the estimate of the displacement counts from the rest there.
 
     Raises PreconditionError E8021 where the tool touches something although it is retracted.

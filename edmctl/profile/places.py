@@ -38,9 +38,9 @@ class Place:
     name: str
     x_um: float
     y_um: float
-    theta_deg: float
-    depth_um: float
-    entry: int
+    theta_deg: float = 0.0
+    depth_um: float = math.nan
+    entry: int = 0
     where: Location | None = field(default=None, compare=False)
 
 

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from edmctl.cli.app import main
-from edmctl.procedures.run import Run
+from edmctl.procedures.run import JobRun
 from edmctl.procedures.state_keeper import MACHINING as MACHINING_PHASE
-from edmctl.procedures.state_keeper import JobJournal
+from edmctl.procedures.state_keeper import JobStateKeeper
 from edmctl.record.bench_file import read_bench, write_bench
 from edmctl.record.journal import read_journal
 from edmctl.simulator import kernel as k
@@ -54,8 +54,8 @@ def at_time_of_cut(seconds: float, act: Callable[[], object]) -> Iterator[None]:
     """Do something once when a cut has gone on for so long."""
     began_s: list[float] = []
 
-    def is_time(journal: JobJournal, block: TelemetryBlock) -> bool:
-        if journal._phase != MACHINING_PHASE:
+    def is_time(journal: JobStateKeeper, block: TelemetryBlock) -> bool:
+        if journal.phase != MACHINING_PHASE:
             return False
         began_s.append(float(block.time_s[0]))
         return float(block.time_s[-1]) - began_s[0] > seconds
@@ -74,23 +74,25 @@ def at_time_of_run(seconds: float, act: Callable[[], object]) -> Iterator[None]:
 @contextmanager
 def at_event(code: RunEvent, act: Callable[[], object]) -> Iterator[None]:
     """Do something when a job decides this."""
-    decide = Run.decide
+    decide = JobRun.decide
 
-    def watched(run: Run, decided: RunEvent, *args: Any, **more: Any) -> None:
+    def watched(run: JobRun, decided: RunEvent, *args: Any, **more: Any) -> None:
         decide(run, decided, *args, **more)
         if decided is code:
             act()
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Run, "decide", watched)
+        patch.setattr(JobRun, "decide", watched)
         yield
 
 
 @contextmanager
-def _once(is_time: Callable[[JobJournal, TelemetryBlock], bool], act: Callable[[], object]) -> Iterator[None]:
-    take, done = JobJournal.take, False
+def _once(
+    is_time: Callable[[JobStateKeeper, TelemetryBlock], bool], act: Callable[[], object]
+) -> Iterator[None]:
+    take, done = JobStateKeeper.on_telemetry, False
 
-    def watched(journal: JobJournal, block: TelemetryBlock) -> None:
+    def watched(journal: JobStateKeeper, block: TelemetryBlock) -> None:
         nonlocal done
         take(journal, block)
         if not done and is_time(journal, block):
@@ -98,7 +100,7 @@ def _once(is_time: Callable[[JobJournal, TelemetryBlock], bool], act: Callable[[
             act()
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(JobJournal, "take", watched)
+        patch.setattr(JobStateKeeper, "on_telemetry", watched)
         yield
 
 

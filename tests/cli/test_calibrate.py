@@ -192,7 +192,7 @@ def test_a_calibration_in_use_is_not_replaced_by_one_that_is_not_accepted(
 
     shaky = calibrating.measure_actuator().record  # type: ignore[call-arg]
     y_um = shaky.y_um + 8.0 * np.random.default_rng(1).standard_normal(len(shaky.y_um))
-    worse = calibrating.Measured(shaky._replace(y_um=y_um), 0)
+    worse = calibrating.MeasuredActuator(shaky._replace(y_um=y_um), 0)
     monkeypatch.setattr(calibrating, "measure_actuator", lambda *_: worse)
     said = here("calibrate", "--seed", "3", "--json")
     assert said.exit_code == 0
@@ -229,7 +229,7 @@ def quick(files: Files, monkeypatch: pytest.MonkeyPatch) -> None:
     """Spare the five minutes: the machine measures what stands in a file."""
     from edmctl.procedures.actuator import calibration as calibrating
 
-    done = calibrating.Measured(read_record(files.fit), 0)
+    done = calibrating.MeasuredActuator(read_record(files.fit), 0)
     monkeypatch.setattr(calibrating, "measure_actuator", lambda *_: done)
 
 
@@ -296,7 +296,7 @@ def test_lost_telemetry_is_doubtful(
 ) -> None:
     from edmctl.procedures.actuator import calibration as calibrating
 
-    done = calibrating.Measured(read_record(files.fit), 2)
+    done = calibrating.MeasuredActuator(read_record(files.fit), 2)
     monkeypatch.setattr(calibrating, "measure_actuator", lambda *_: done)
     (warning,) = here("calibrate", "--seed", "1", "--json").document["warnings"]
     assert (warning["code"], warning["message"][:8]) == ("W3611", "2 frames")

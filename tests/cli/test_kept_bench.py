@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.procedures.channel.follow import PassFollower
+from edmctl.procedures.channel.scan import PassFollower
 from edmctl.record import journal
 from edmctl.record.bench_file import bench_lock, read_bench, write_bench
 from edmctl.record.ledger import Logbook, SiteMachined, WearMeasured
@@ -385,7 +385,7 @@ def test_a_command_without_a_profile_is_filed_under_its_own_name_and_the_tool_it
 def test_a_channel_that_is_stopped_is_told_by_estimate(
     here: Here, monkeypatch: pytest.MonkeyPatch, stop_s: float
 ) -> None:
-    take, asked = PassFollower.take, list[float]()
+    take, asked = PassFollower.on_telemetry, list[float]()
 
     def watched(follower: PassFollower, block: TelemetryBlock) -> None:
         take(follower, block)
@@ -393,7 +393,7 @@ def test_a_channel_that_is_stopped_is_told_by_estimate(
             asked.append(stop_s)
             os.kill(os.getpid(), signal.SIGINT)
 
-    monkeypatch.setattr(PassFollower, "take", watched)
+    monkeypatch.setattr(PassFollower, "on_telemetry", watched)
     said = here("machine", "--profile", "channel-spiral", *KEPT, "--seed", "4", "--json", "--quiet")
     assert said.exit_code == 130
     channel = said.document["result"]["channel"]

@@ -15,7 +15,7 @@ from edmctl.jobs import connected_run
 from edmctl.jobs.job import truths_of
 from edmctl.jobs.truth.wear import TrueWear
 from edmctl.jsonout import render_json
-from edmctl.procedures.job_state import JobState, NoJournal
+from edmctl.procedures.job_state import JobState, NoStateStore
 from edmctl.record.reader import open_run
 from edmctl.simulator.bench import HoleTruth, VirtualBench
 from tests.cli.commands import CU270, SHALLOW, Said, in_process_of_its_own
@@ -209,7 +209,7 @@ class Place:
 
 def test_the_true_hole_of_a_site_is_the_nearest_and_the_wear_its_own() -> None:
     bench = Worn(100.0)
-    wear = TrueWear(bench, NoJournal())  # type: ignore[arg-type]
+    wear = TrueWear(bench, NoStateStore())  # type: ignore[arg-type]
     for names, worn_um in (((), 107.0), (("a",), 107.5), (("a", "b"), 112.5)):
         bench.tool_wear_um = worn_um
         done = tuple({"name": name} for name in names)

@@ -23,7 +23,7 @@ from edmctl.jobs.run_header import RunName
 from edmctl.jobs.wear.measure import _aged
 from edmctl.machine.controller import LinkMachine
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.job import TOLD_LATE_S, job_of
+from edmctl.procedures.job import REPORT_DELAY_S, job_of
 from edmctl.procedures.job_state import job_state
 from edmctl.profile.setup import Setup
 from edmctl.record.bench_file import read_bench, write_bench
@@ -203,9 +203,9 @@ def test_home_is_where_the_journal_has_it_when_the_ledger_is_older(here: Here, k
     assert job.home_um == resumption.state.home_um != 0.0
     assert 0.0 <= resumption.state.home_age_s < 300.0
     assert (
-        TOLD_LATE_S
+        REPORT_DELAY_S
         <= job.home_age_s
-        <= TOLD_LATE_S + resumption.state.home_age_s + time.time() - written_utc_s
+        <= REPORT_DELAY_S + resumption.state.home_age_s + time.time() - written_utc_s
     )
 
 

@@ -35,6 +35,7 @@ from tests.tiers import tiers
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from edmctl.procedures.job_state import UnderWay
     from edmctl.record.journal import Journal
     from edmctl.simulator import VirtualBench
     from tests.cli.commands import Here
@@ -149,18 +150,21 @@ def test_the_work_that_was_left_is_taken_up(here: Here, left_at: LeaveAt, second
 @pytest.fixture
 def leave_between(here: Here, tmp_path_factory: pytest.TempPathFactory) -> None:
     """Leave an array that was stopped when its first hole was finished and the second one not begun."""
-    from edmctl.procedures.state_keeper import JobJournal
+    from edmctl.procedures.state_keeper import JobStateKeeper
 
-    end_hole = JobJournal.end_hole
+    keep = JobStateKeeper.keep
 
-    def ended(journal: JobJournal) -> None:
-        end_hole(journal)
-        stop()
+    def kept(
+        keeper: JobStateKeeper, phase: str, under_way: UnderWay | None, time_s: float | None = None
+    ) -> None:
+        keep(keeper, phase, under_way, time_s)
+        if under_way is None:
+            stop()
 
     def make(golden: Path) -> None:
         with pytest.MonkeyPatch.context() as patch:
             patch.chdir(golden)
-            patch.setattr(JobJournal, "end_hole", ended)
+            patch.setattr(JobStateKeeper, "keep", kept)
             assert here(*MACHINE, *ARRAY, *BENCH, "--seed", "3", "--run-id", "a", "--quiet").exit_code == 130
 
     state = taken_over(once(tmp_path_factory, "between-two-holes", make)).state

@@ -21,11 +21,12 @@ from edmctl.machine.interface import (
     TelemetryBlock,
     TelemetryFlag,
 )
-from edmctl.procedures.job import Job, Site
+from edmctl.procedures.job import Job
+from edmctl.procedures.job_state import JobTally
 from edmctl.procedures.monitoring.watch import Watch
-from edmctl.procedures.run import Run
-from edmctl.procedures.state_keeper import JobJournal
-from edmctl.procedures.tally import JobTally
+from edmctl.procedures.run import JobRun
+from edmctl.procedures.state_keeper import JobStateKeeper
+from edmctl.profile.places import Place
 from edmctl.profile.setup import Setup
 from edmctl.record.recorder import NullRecorder
 from edmctl.rules.load import load_profile
@@ -182,11 +183,11 @@ class Noted(NullRecorder):
         self.notes.append(text)
 
 
-def scanning_run(machine: ScanningMachine, *overrides: str) -> tuple[Run, Noted]:
+def scanning_run(machine: ScanningMachine, *overrides: str) -> tuple[JobRun, Noted]:
     """What the procedures of a channel take, on that machine."""
     profile = load_profile(CIRCLE, overrides).profile
-    job = Job(profile, Setup(), (Site("channel", 0.0, 0.0),))
+    job = Job(profile, Setup(), (Place("channel", 0.0, 0.0),))
     noted, ledger = Noted(), JobTally()
     watch = Watch(noted, profile.pulse.duty_voltage_v)
     machine.watch = watch
-    return Run(machine, job, watch, noted, noted, ledger, JobJournal(job, ledger)), noted  # type: ignore[arg-type]
+    return JobRun(machine, job, watch, noted, noted, ledger, JobStateKeeper(job, ledger)), noted  # type: ignore[arg-type]

@@ -17,12 +17,12 @@ from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest
 from edmctl.procedures.job import CalibratedActuator, Job, job_of
+from edmctl.procedures.job_state import JobTally
 from edmctl.procedures.machining import run_job
 from edmctl.procedures.monitoring.watch import Watch
-from edmctl.procedures.run import Run
+from edmctl.procedures.run import JobRun
 from edmctl.procedures.settings import controller_settings, pulse_settings, telemetry_settings
-from edmctl.procedures.state_keeper import JobJournal
-from edmctl.procedures.tally import JobTally
+from edmctl.procedures.state_keeper import JobStateKeeper
 from edmctl.profile.setup import Sensor, Setup
 from edmctl.record.recorder import NullRecorder
 from edmctl.rules.load import load_profile
@@ -33,7 +33,7 @@ from edmctl.simulator.config import SensorConstants
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from edmctl.procedures.job_state import Journal
+    from edmctl.procedures.job_state import StateStore
     from edmctl.record.recorder import Recorder
     from edmctl.record.rows import EventLevel, LinkRow, ServoBlock, SiteRow, SlowRow, TouchRow
     from edmctl.results.job import JobResult
@@ -150,22 +150,22 @@ class Shop:
         self.told = Told()
         self.ledger = JobTally()
 
-    def run_job(self, recorder: Recorder | None = None, journal: Journal | None = None) -> JobResult:
+    def run_job(self, recorder: Recorder | None = None, journal: StateStore | None = None) -> JobResult:
         """Run the whole job."""
         return run_job(
             self.machine,
             self.job,
             recorder=recorder or self.seen,
             observer=self.told,
-            ledger=self.ledger,
-            journal=journal,
+            tally=self.ledger,
+            store=journal,
         )
 
-    def run(self) -> Run:
+    def run(self) -> JobRun:
         """What single procedures take, on a machine that nobody has configured."""
         watch = Watch(self.seen, self.profile.pulse.duty_voltage_v)
-        journal = JobJournal(self.job, self.ledger)
-        return Run(self.machine, self.job, watch, self.seen, self.told, self.ledger, journal)
+        journal = JobStateKeeper(self.job, self.ledger)
+        return JobRun(self.machine, self.job, watch, self.seen, self.told, self.ledger, journal)
 
 
 @pytest.fixture
@@ -174,7 +174,7 @@ def shop() -> Callable[..., Shop]:
     return Shop
 
 
-def armed(shop: Shop) -> Run:
+def armed(shop: Shop) -> JobRun:
     """Configure and arm the shop's machine for single procedures."""
     run = shop.run()
     settings = controller_settings(shop.profile, shop.job.setup)

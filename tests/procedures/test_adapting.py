@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.servo.adaptive import CLEAN_S, LONGEST_SHARE, PATIENCE, Adapting
+from edmctl.procedures.servo.adaptive import CLEAN_S, LONGEST_SHARE, PATIENCE, AdaptiveControl
 from edmctl.rules.load import load_profile
 from edmctl.simulator import kernel as k
 
@@ -38,7 +38,7 @@ class Cut:
     """A cut without a machine: what the gap looks like is made up, jumps are counted."""
 
     def __init__(self, profile: Profile) -> None:
-        self.law = Adapting(profile, 0.0)
+        self.law = AdaptiveControl(profile, 0.0)
         self.now_s = 0.0
         self.jumps_s: list[float] = []
 
@@ -46,10 +46,10 @@ class Cut:
         for _ in range(round(seconds / SLICE_S)):
             self.now_s += SLICE_S
             arc, short = round(PULSES * arcs), round(PULSES * shorts)
-            self.law.take(SLICE_S, PULSES, arc, short, sparking=True)
+            self.law.update(SLICE_S, PULSES, arc, short, sparking=True)
             if self.law.due(self.now_s):
                 self.jumps_s.append(self.now_s)
-                self.law.take(SLICE_S, 0, 0, 0, sparking=False)
+                self.law.update(SLICE_S, 0, 0, 0, sparking=False)
                 self.law.jumped(self.now_s)
 
     def changes(self, code: RunEvent) -> int:
@@ -98,11 +98,11 @@ def test_between_the_thresholds_the_period_stays(profile: Profile) -> None:
 
 
 def test_nothing_is_judged_during_a_jump_and_shortly_after(profile: Profile) -> None:
-    law = Adapting(profile, 0.0)
+    law = AdaptiveControl(profile, 0.0)
     for _ in range(20):
-        law.take(SLICE_S, PULSES, PULSES, 0, sparking=False)
+        law.update(SLICE_S, PULSES, PULSES, 0, sparking=False)
     for _ in range(5):
-        law.take(SLICE_S, PULSES, PULSES, 0, sparking=True)
+        law.update(SLICE_S, PULSES, PULSES, 0, sparking=True)
     assert law.due(5.0) == ""
     assert law.changes == []
 

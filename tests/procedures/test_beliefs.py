@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.jobs.truth.wear import TrueWear
-from edmctl.procedures.job import Site
-from edmctl.procedures.job_state import NoJournal
+from edmctl.procedures.job_state import NoStateStore
+from edmctl.profile.places import Place
 from edmctl.results.job import ObjectiveMissed
 from edmctl.simulator import kernel as k
 from tests.tiers import tiers
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
     from .conftest import Shop
 
-ALONE = (Site("hole-1", 500.0, 0.0),)
-ARRAY = tuple(Site(f"hole-{i + 1}", 500.0 + 400.0 * i, 0.0) for i in range(3))
+ALONE = (Place("hole-1", 500.0, 0.0),)
+ARRAY = tuple(Place(f"hole-{i + 1}", 500.0 + 400.0 * i, 0.0) for i in range(3))
 OVERRIDES = ('target={kind="depth",depth_um=10.0,tolerance_um=2.0}',)
 LEAST_HELD = 0.85
 SEED = 11
@@ -44,7 +44,7 @@ SEED = 11
     ],
 )
 def test_a_belief_that_is_wrong_costs_no_truth(
-    shop: Callable[..., Shop], sites: tuple[Site, ...], theta: float, removal: float
+    shop: Callable[..., Shop], sites: tuple[Place, ...], theta: float, removal: float
 ) -> None:
     def changed(config: BenchConfig) -> BenchConfig:
         discharge = config.discharge
@@ -54,7 +54,7 @@ def test_a_belief_that_is_wrong_costs_no_truth(
     held = []
     s = shop(OVERRIDES, SEED, changed=changed)
     s.job = replace(s.job, sites=sites)
-    wear = TrueWear(s.bench, NoJournal())
+    wear = TrueWear(s.bench, NoStateStore())
     with suppress(ObjectiveMissed):  # said to be off the target, or not shown
         s.run_job(journal=wear)
     assert set(s.ledger.sites) == {site.name for site in sites}
@@ -86,9 +86,9 @@ def test_a_tool_that_wears_otherwise_from_some_hole_on_is_held(
     shop: Callable[..., Shop], hole: str, change: float
 ) -> None:
     s = shop(('target={kind="depth",depth_um=20.0,tolerance_um=15.0}',), SEED)
-    s.job = replace(s.job, sites=tuple(Site(f"hole-{i + 1}", 500.0 + 400.0 * i, 0.0) for i in range(7)))
+    s.job = replace(s.job, sites=tuple(Place(f"hole-{i + 1}", 500.0 + 400.0 * i, 0.0) for i in range(7)))
     s.told = told = Changing(bench=s.bench, hole=hole, change=change)
-    wear = TrueWear(s.bench, NoJournal())
+    wear = TrueWear(s.bench, NoStateStore())
     with suppress(ObjectiveMissed):
         s.run_job(journal=wear)
     assert told.change == 1.0

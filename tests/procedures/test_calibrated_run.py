@@ -12,10 +12,10 @@ from edmctl.actuator.estimator import Estimator
 from edmctl.machine.interface import EventCode, MachineState
 from edmctl.procedures.actuator.conditioning import condition
 from edmctl.procedures.event_codes import RunEvent
+from edmctl.procedures.hole.running_cut import CLEARANCE_UM, jump_request
 from edmctl.procedures.hole.sites import machine_sites
-from edmctl.procedures.job import Site
-from edmctl.procedures.servo.jump import CLEARANCE_UM, jump_request
 from edmctl.procedures.touch.approach import lower_to, raise_by
+from edmctl.profile.places import Place
 
 from .conftest import Done, Shop, armed, calibrated
 
@@ -108,8 +108,8 @@ def test_touches_correct_the_gain_only_between_holes(shop: OpenShop) -> None:
     (first,) = s.job.sites
     machine_sites(run)
     assert tracker.estimator.gain == homed
-    run.ledger.sites.clear()
-    second = Site("second", first.x_um + 400.0, first.y_um)
+    run.tally.sites.clear()
+    second = Place("second", first.x_um + 400.0, first.y_um)
     machine_sites(replace(run, job=replace(s.job, sites=(second,))))
     assert tracker.estimator.gain != homed
 

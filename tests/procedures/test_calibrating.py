@@ -27,7 +27,7 @@ from tests.procedures.conftest import Told
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.procedures.actuator.calibration import Measured
+    from edmctl.procedures.actuator.calibration import MeasuredActuator
     from edmctl.results.progress import Progress
 
 SHORT = CalibrationPlan(
@@ -47,7 +47,7 @@ class Rig:
         self.setup = setup or Setup()
         self.told = Told()
 
-    def measure(self, plan: CalibrationPlan = SHORT) -> Measured:
+    def measure(self, plan: CalibrationPlan = SHORT) -> MeasuredActuator:
         return measure_actuator(self.machine, self.setup, plan, self.told)
 
     def when_calibrating(self, act: Callable[[], None]) -> None:

@@ -14,13 +14,12 @@ from edmctl.procedures.channel import layers as channel_layers
 from edmctl.procedures.channel import procedure as channel
 from edmctl.procedures.channel.layers import wear_of
 from edmctl.procedures.channel.procedure import machine_channel
-from edmctl.procedures.channel.result import FloorReading
-from edmctl.procedures.channel.touching import Face
+from edmctl.procedures.channel.touching import ChannelSurface, FloorReading
 from edmctl.procedures.channel.way import way_of_path
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.hole.target import Goal
+from edmctl.procedures.hole.target import HoleTarget
 from edmctl.procedures.hole.verdict import judged_channel
-from edmctl.procedures.servo.time_limits import TimeLeft, TimeLimits
+from edmctl.procedures.servo.limits import TimeLeft, TimeLimits
 from edmctl.procedures.touch.reading import SurfaceReading
 from edmctl.process.path import even_places
 from edmctl.process.plane import Plane
@@ -57,7 +56,7 @@ class World:
     def measure_floor(
         self,
         _: object,
-        face: Face,
+        face: ChannelSurface,
         plan: PassPlan,
         done: PassResult,
         __: object,
@@ -117,7 +116,9 @@ def make(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Made]:
         assert path is not None
         machine.place_um = way_of_path(path).at(0.0)
         world = World(machine, wear_factor * wear_of(run.profile).per_uj, gap_um, bump_um)
-        monkeypatch.setattr(channel, "touch_untouched", lambda *_: Face(reading("Z1", PAD_UM), LEVEL))
+        monkeypatch.setattr(
+            channel, "touch_untouched", lambda *_: ChannelSurface(reading("Z1", PAD_UM), LEVEL)
+        )
         monkeypatch.setattr(channel, "measure_floor", world.measure_floor)
         monkeypatch.setattr(channel_layers, "move_to", lambda *_: None)
         monkeypatch.setattr(channel_layers, "approach_bottom", lambda *_: None)
@@ -204,7 +205,7 @@ def test_an_uneven_floor_misses_the_objective(make: Callable[..., Made]) -> None
 
 def test_a_floor_that_nobody_knows_well_enough_is_not_shown(make: Callable[..., Made]) -> None:
     done = make()
-    goal = Goal("depth", TARGET_UM, math.nan, 2.0)
+    goal = HoleTarget("depth", TARGET_UM, math.nan, 2.0)
     assert judged_channel(goal, done.found).verdict is Verdict.SHOWN
     assert judged_channel(goal, replace(done.found, depth_u95_um=2.1)).verdict is Verdict.NOT_SHOWN
     assert judged_channel(replace(goal, depth_um=TARGET_UM + 3.0), done.found).verdict is Verdict.MISSED

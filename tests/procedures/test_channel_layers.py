@@ -10,9 +10,9 @@ import pytest
 
 from edmctl.procedures.channel import layers as channel_layers
 from edmctl.procedures.channel.layers import SPARE_PASSES, Layers
-from edmctl.procedures.channel.touching import Face
+from edmctl.procedures.channel.touching import ChannelSurface
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.servo.time_limits import TimeLeft, TimeLimits
+from edmctl.procedures.servo.limits import TimeLeft, TimeLimits
 from edmctl.procedures.touch.reading import SurfaceReading
 from edmctl.process.path import circle, way_of
 from edmctl.process.plane import Plane
@@ -20,11 +20,11 @@ from edmctl.process.wear import Reading
 from tests.procedures.channel_bench import Noted, ScanningMachine, scanning_run
 
 if TYPE_CHECKING:
-    from edmctl.procedures.job import Site
+    from edmctl.profile.places import Place
 
 WAY = way_of(circle(0.0, 0.0, 100.0), 25.0)
 LEVEL = Plane((0.0, 0.0), np.zeros(2), np.zeros((2, 2)))
-FACE = Face(SurfaceReading("Z1", Reading(50.0, 0.1, 3), 50.0, 17.0, 0.0, 0.0), LEVEL)
+FACE = ChannelSurface(SurfaceReading("Z1", Reading(50.0, 0.1, 3), 50.0, 17.0, 0.0, 0.0), LEVEL)
 
 
 class Engaged:
@@ -36,7 +36,7 @@ class Engaged:
         monkeypatch.setattr(channel_layers, "move_to", self._move)
         monkeypatch.setattr(channel_layers, "approach_bottom", self._approach)
 
-    def _move(self, _: object, place: Site) -> None:
+    def _move(self, _: object, place: Place) -> None:
         self.places.append((place.x_um, place.y_um))
 
     def _approach(self, _: object, bottom_um: float, _bottom_u_um: float) -> None:
@@ -87,7 +87,7 @@ def test_a_layer_is_repeated_at_the_same_height_until_the_tool_was_held(engaged:
     machine.misses_um = lambda _: 1.0 if len(machine.moves) <= 3 * lines else 0.0
     layers, _ = layers_on(machine)
     assert layers.cut(2.0, 0, even_out=False) == ("", "")
-    assert layers.sums.passes == 4
+    assert layers.sums.number == 4
     assert len({scan.z_limit_um for scan in machine.scans}) == 1
 
 
@@ -97,7 +97,7 @@ def test_a_tool_that_never_gets_there_ends_the_channel(engaged: Engaged) -> None
     fault, told = layers.cut(2.0, 0, even_out=False)
     assert fault == "STALL"
     assert "held on 0 % of the path" in told
-    assert SPARE_PASSES < layers.sums.passes < 20
+    assert SPARE_PASSES < layers.sums.number < 20
     assert layers.depth_um == 0.0
 
 
@@ -106,7 +106,7 @@ def test_evening_out_goes_on_at_the_same_height_until_hardly_a_spark_is_left(eng
     machine = ScanningMachine(z_um=46.0, current_a=0.0, open_pulses=8, quiet_after=2 * lines)
     layers, _ = layers_on(machine)
     assert layers.cut(2.0, 0, even_out=True) == ("", "")
-    assert layers.sums.passes == 3
+    assert layers.sums.number == 3
     assert layers.depth_um == 2.0
     limits_um = [scan.z_limit_um for scan in machine.scans]
     assert max(limits_um) - min(limits_um) < 1.0

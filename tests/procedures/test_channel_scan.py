@@ -10,9 +10,9 @@ import pytest
 
 from edmctl.errors import MachineFault, PreconditionError
 from edmctl.machine.interface import EventCode, MachineEvent
-from edmctl.procedures.channel.follow import UNSTABLE_S
 from edmctl.procedures.channel.scan import LOOK_AHEAD_S, PassPlan, PassResult, run_pass
 from edmctl.procedures.event_codes import RunEvent
+from edmctl.procedures.servo.limits import UNSTABLE_S
 from edmctl.process.channel import HeldTool, ToolWear
 from edmctl.process.path import Way, rectangle, way_of
 from edmctl.process.plane import Plane
@@ -97,7 +97,7 @@ def test_the_host_ends_a_pass_when_the_time_is_up() -> None:
     machine = machine_at_start()
     done = passed(machine, plan(), left_s=3.0)
     assert machine.stopped == 1
-    assert (done.fault, done.told) == ("TIMEOUT", "the time is up")
+    assert (done.fault, done.message) == ("TIMEOUT", "the time is up")
     assert done.time_s == pytest.approx(3.0, abs=0.2)
     assert machine.scans[0].max_time_s > 3.0
 
@@ -126,7 +126,7 @@ def test_arcs_over_their_limit_are_told_once_and_end_the_pass_when_they_stay() -
     run, noted = scanning_run(machine)
     slow = replace(plan(), speed_um_s=10.0)
     done = run_pass(run, slow, ToolWear(PER_UJ, 0.1, 0.15), 1e4, "the time is up")
-    assert (done.fault, done.told) == ("STALL", "arcs have stayed over their limit")
+    assert (done.fault, done.message) == ("STALL", "arcs have stayed over their limit")
     assert UNSTABLE_S < done.time_s < UNSTABLE_S + 5.0
     assert noted.codes.count(RunEvent.ARCING) == 1
     assert passed(machine_at_start(arc_pulses=2), slow).fault == ""

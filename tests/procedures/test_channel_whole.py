@@ -21,8 +21,8 @@ from edmctl.machine.stop import StopRequest
 from edmctl.procedures.channel.way import way_of_path
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job import job_of
+from edmctl.procedures.job_state import JobTally
 from edmctl.procedures.machining import run_job
-from edmctl.procedures.tally import JobTally
 from edmctl.profile.setup import Setup
 from edmctl.results.progress import Phase, Progress
 from edmctl.rules.load import load_profile
@@ -193,7 +193,7 @@ def test_a_channel_that_is_left_while_the_gap_is_shorted_is_no_shallower_than_it
     session.open()
     machine, job = LinkMachine(session, told.request), job_of(loaded.profile, Setup())
     with pytest.raises(EdmError):
-        run_job(machine, job, recorder=Seen(), observer=told, ledger=told.ledger)
+        run_job(machine, job, recorder=Seen(), observer=told, tally=told.ledger)
     left, truth = told.ledger.channel, channel_truth(loaded.profile, bench, bench.tool_wear_um)
     assert left is not None
     assert truth is not None

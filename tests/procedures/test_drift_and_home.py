@@ -18,8 +18,8 @@ from edmctl.jobs.truth.wear import TrueWear
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.interface import Axis
 from edmctl.machine.stop import StopRequest
-from edmctl.procedures.job import TOLD_LATE_S, Site
-from edmctl.procedures.job_state import JobState, NoJournal
+from edmctl.procedures.job import REPORT_DELAY_S
+from edmctl.procedures.job_state import JobState, JobTally, NoStateStore
 from edmctl.procedures.monitoring.drift import (
     CREEP_SHARE,
     CREEP_UM,
@@ -27,13 +27,12 @@ from edmctl.procedures.monitoring.drift import (
     Rests,
     first_home_um,
     seen_between_jobs_um_s,
-    uncertainty_now,
 )
-from edmctl.procedures.stages import _is_told, move_to, retract
-from edmctl.procedures.tally import JobTally
+from edmctl.procedures.stages import _is_home_set, move_to, retract
 from edmctl.procedures.touch.home import Home, _is_on_a_spot
 from edmctl.process.next_cut import COVERAGE
 from edmctl.process.wear import share_u
+from edmctl.profile.places import Place
 from edmctl.record.tool_account import Books, HomeSeen
 from edmctl.results.job import site_result_of
 from edmctl.results.progress import Phase
@@ -113,12 +112,12 @@ def test_a_tool_that_creep_holds_low_waits_for_a_controller_that_takes_no_such_h
     run = armed(shop)
     retract(run)
     low_um = run.watch.displacement_um
-    for told_um, home_um, wanted_um in ((0.0, -3.0, -3.0), (low_um - 26.0, low_um - 28.0, low_um - 26.0)):
-        run.machine._zero_um = told_um  # type: ignore[attr-defined]
-        assert _is_told(run, Home(home_um), low_um - home_um)
+    for sent_um, home_um, wanted_um in ((0.0, -3.0, -3.0), (low_um - 26.0, low_um - 28.0, low_um - 26.0)):
+        run.machine._zero_um = sent_um  # type: ignore[attr-defined]
+        assert _is_home_set(run, Home(home_um), low_um - home_um)
         assert run.machine.zero_um == wanted_um
     run.machine._zero_um = low_um - 60.0  # type: ignore[attr-defined]
-    assert not _is_told(run, Home(low_um - 28.0), 28.0)
+    assert not _is_home_set(run, Home(low_um - 28.0), 28.0)
 
 
 def test_a_rest_that_jumps_is_a_tool_that_is_held() -> None:
@@ -175,7 +174,7 @@ def test_the_wear_of_one_hole_holds_with_the_worst_drift_of_hundreds_of_machines
         target = f'target={{kind="depth",depth_um={depth_um},tolerance_um=2.0}}'
         shop = Shop((target,), seed)
         shop.bench.plant.par[k.SENSOR_DRIFT] = rate_um_s
-        wear = TrueWear(shop.bench, NoJournal())
+        wear = TrueWear(shop.bench, NoStateStore())
         shop.run_job(journal=wear)
         (site,) = shop.ledger.sites.values()
         held.append(abs(site.wear_um - wear.of_site(site.name)) <= site.wear_u95_um)
@@ -184,13 +183,13 @@ def test_the_wear_of_one_hole_holds_with_the_worst_drift_of_hundreds_of_machines
 
 def test_a_drift_that_was_seen_widens_what_the_setup_believes_and_never_narrows_it() -> None:
     run = Shop().run()
-    believed = uncertainty_now(run).drift_u_um_per_s
+    believed = run.uncertainty.drift_u_um_per_s
     assert believed == run.setup.sensor.drift_um_per_s
     run.watch.rests.note(0.0, 0.0)
     run.watch.rests.note(1000.0, 1.0)
-    assert uncertainty_now(run).drift_u_um_per_s == believed
+    assert run.uncertainty.drift_u_um_per_s == believed
     run.watch.rests.note(2000.0, 20.0)
-    assert uncertainty_now(run).drift_u_um_per_s == pytest.approx(share_u((19.0 + CREEP_UM) / 1000.0))
+    assert run.uncertainty.drift_u_um_per_s == pytest.approx(share_u((19.0 + CREEP_UM) / 1000.0))
 
 
 @pytest.mark.slow
@@ -271,7 +270,7 @@ def test_a_controller_that_was_started_since_home_was_known_is_told(
     monkeypatch: pytest.MonkeyPatch, *, simulated: bool, home_um: float, age_s: float
 ) -> None:
     shop = Shop()
-    shop.job = replace(shop.job, home_um=home_um, home_age_s=age_s + TOLD_LATE_S)
+    shop.job = replace(shop.job, home_um=home_um, home_age_s=age_s + REPORT_DELAY_S)
     run = armed(shop)
     run.machine.rest(0.5)
     monkeypatch.setattr(LinkMachine, "identity", replace(run.machine.identity, simulated=simulated))
@@ -431,10 +430,10 @@ def test_a_home_of_the_ledger_from_the_future_has_no_age_and_is_not_taken() -> N
     """The clock was set back meanwhile: a night may have passed."""
     job, now_s = Shop().job, time.time()
     books = Books(homes=[HomeSeen(2.0, now_s - 7200.0, 0.0)])
-    assert with_home(job, books, CALENDAR).home_age_s == pytest.approx(7200.0 + TOLD_LATE_S, abs=5.0)
+    assert with_home(job, books, CALENDAR).home_age_s == pytest.approx(7200.0 + REPORT_DELAY_S, abs=5.0)
     books.homes = [HomeSeen(2.0, now_s + 7200.0, 0.0)]
     assert with_home(job, books, CALENDAR) == job
-    assert with_home(job, books, Now(10.0)).home_age_s == 10.0 + TOLD_LATE_S
+    assert with_home(job, books, Now(10.0)).home_age_s == 10.0 + REPORT_DELAY_S
     books.homes = [HomeSeen(2.0, now_s, math.nan)]
     assert with_home(job, books, Now(10.0)) == job
 
@@ -459,7 +458,7 @@ def test_a_drift_that_earlier_jobs_show_is_in_the_intervals_from_the_start(rate_
         shop = Shop()
         shop.job = with_home(shop.job, Books(homes=homes), now)
         run = armed(shop)
-        assert COVERAGE * uncertainty_now(run).drift_u_um_per_s >= abs(rate_um_s)
+        assert COVERAGE * run.uncertainty.drift_u_um_per_s >= abs(rate_um_s)
 
 
 def test_homes_of_a_sensor_without_drift_widen_nothing() -> None:
@@ -507,8 +506,8 @@ def test_a_tool_that_comes_out_little_by_little_is_not_followed() -> None:
     move_to(run, run.job.parking)
     run.watch.rests.note(run.machine.time_s, 0.0)
     zeros_um = [2.0, 6.0, 10.0, 14.0]
-    told_um: list[float] = []
-    run.machine.set_zero = told_um.append  # type: ignore[method-assign,assignment]
+    sent_um: list[float] = []
+    run.machine.set_zero = sent_um.append  # type: ignore[method-assign,assignment]
 
     def rest_at(zero_um: float) -> None:
         run.watch.zero_um = lambda: zero_um  # type: ignore[method-assign]
@@ -520,7 +519,7 @@ def test_a_tool_that_comes_out_little_by_little_is_not_followed() -> None:
     with pytest.raises(PreconditionError) as caught:
         rest_at(zeros_um[3])
     assert caught.value.code == "E8020"
-    assert max(told_um) < 12.0
+    assert max(sent_um) < 12.0
 
 
 def test_home_that_was_known_minutes_ago_bounds_what_may_be_drift() -> None:
@@ -543,12 +542,12 @@ def test_a_tool_that_touches_something_at_rest_is_not_moved() -> None:
 
 def test_a_spot_beside_a_place_is_known_face_and_nothing_else_is() -> None:
     shop = Shop()
-    shop.job = replace(shop.job, sites=(Site("a", 500.0, 0.0), Site("b", 1100.0, 0.0)))
+    shop.job = replace(shop.job, sites=(Place("a", 500.0, 0.0), Place("b", 1100.0, 0.0)))
     beside_um, run = shop.job.spot_distance_um, shop.run()
     assert _is_on_a_spot(run, (500.0, beside_um))
     assert _is_on_a_spot(run, (1100.0, -beside_um))
     assert not _is_on_a_spot(run, (500.0, 0.0))
     assert not _is_on_a_spot(run, (500.0, 0.5 * beside_um))
     assert not _is_on_a_spot(run, (-5000.0, 0.0))
-    shop.job = replace(shop.job, sites=(*shop.job.sites, Site("c", 500.0, beside_um + 20.0)))
+    shop.job = replace(shop.job, sites=(*shop.job.sites, Place("c", 500.0, beside_um + 20.0)))
     assert not _is_on_a_spot(shop.run(), (500.0, beside_um))

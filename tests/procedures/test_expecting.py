@@ -7,18 +7,18 @@ from dataclasses import replace
 
 import pytest
 
-from edmctl.procedures.hole.cut_planning import CutPlan, Start
-from edmctl.procedures.hole.estimating import energy_of, estimate_of
-from edmctl.procedures.hole.expected_touches import (
+from edmctl.procedures.hole.cut_planning import CutPlan, CutStart, energy_of, estimate_of
+from edmctl.procedures.hole.hole_estimate import (
     Estimate,
-    Expected,
+    ExpectedHole,
     estimate_in_cut,
     expected_of_left,
     is_untouched,
 )
-from edmctl.procedures.hole.interruption import counted_pause_s, drift_u_um, told_pause_s
 from edmctl.procedures.job import job_of
 from edmctl.procedures.job_state import JobState, job_state
+from edmctl.procedures.monitoring.drift import counted_pause_s, pause_drift_u_um
+from edmctl.procedures.state_keeper import total_pause_s
 from edmctl.process.wear import DepthAndWear
 from edmctl.profile.setup import Sensor, Setup
 from edmctl.rules.load import load_profile
@@ -78,7 +78,7 @@ def test_an_unconfirmed_ratio_is_a_belief_and_the_touched_part_is_not() -> None:
     plan = CutPlan(
         2,
         60.0,
-        Start(200.0, 0.15, 3.0, 0.8, depth_um=100.0, depth_u_um=0.5, wear_um=39.0, wear_u_um=0.4),
+        CutStart(200.0, 0.15, 3.0, 0.8, depth_um=100.0, depth_u_um=0.5, wear_um=39.0, wear_u_um=0.4),
         estimate_of(PROFILE).fitted(None, 100.0, 0.3, 39.0, 0.3),
     )
     known = estimate_in_cut(plan, 237.0, energy_of(PROFILE.pulse, (0, 0, 0, 0), 0.0), 0.0)
@@ -109,7 +109,7 @@ def test_a_face_is_untouched_within_what_measures_it() -> None:
 
 
 def test_a_finished_hole_takes_nothing_more() -> None:
-    expected = Expected(Estimate(24.0, 0.3))
+    expected = ExpectedHole(Estimate(24.0, 0.3))
     assert expected.depth_fits(found(24.9, 0.0))
     assert not expected.depth_fits(found(25.5, 0.0))
 
@@ -119,13 +119,13 @@ def test_a_pause_counts_until_a_zero_could_not_be_touched(pause_s: float) -> Non
     setup = Setup()
     stroke_um = setup.actuator.gain_um_per_v * setup.actuator.stroke_v
     job = replace(job_of(PROFILE, setup), pause_s=pause_s, resumed=replace(LEFT, pause_s=7.0))
-    assert 3.0 * drift_u_um(job) == pytest.approx(stroke_um)
+    assert 3.0 * pause_drift_u_um(job) == pytest.approx(stroke_um)
     assert counted_pause_s(replace(job, pause_s=600.0)) == 600.0
-    assert drift_u_um(replace(job, pause_s=600.0)) == pytest.approx(1.02)
-    assert told_pause_s(replace(job, pause_s=600.0)) == 607.0
-    assert math.isnan(told_pause_s(job)) == math.isinf(pause_s)
+    assert pause_drift_u_um(replace(job, pause_s=600.0)) == pytest.approx(1.02)
+    assert total_pause_s(replace(job, pause_s=600.0)) == 607.0
+    assert math.isnan(total_pause_s(job)) == math.isinf(pause_s)
     still = Setup(sensor=Sensor(drift_um_per_s=0.0))
-    assert drift_u_um(replace(job, setup=still)) == 0.0
+    assert pause_drift_u_um(replace(job, setup=still)) == 0.0
 
 
 def test_a_state_of_an_older_version_is_told_from_one_that_knows_its_uncertainty() -> None:
@@ -147,7 +147,7 @@ def test_a_hole_that_was_left_before_it_shows_any_wear_may_have_some() -> None:
 
 def test_a_bottom_that_is_doubted_makes_the_wear_uncertain_as_well() -> None:
     sure, doubted = (
-        CutPlan(1, 20.0, Start(50.0, u_um, 3.0, 0.8), estimate_of(PROFILE)) for u_um in (0.3, 6.0)
+        CutPlan(1, 20.0, CutStart(50.0, u_um, 3.0, 0.8), estimate_of(PROFILE)) for u_um in (0.3, 6.0)
     )
     energy = energy_of(PROFILE.pulse, (0, 0, 0, 0), 0.0)
     wear_u_um = [estimate_in_cut(plan, 47.0, energy, 0.0).wear_u_um for plan in (sure, doubted)]

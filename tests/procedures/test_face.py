@@ -7,7 +7,7 @@ import math
 import pytest
 
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.touch.surface_plane import face_spots
+from edmctl.procedures.touch.surface_plane import surface_spots
 from edmctl.process.plane import fitted_plane, unknown_plane
 from edmctl.results.job import ObjectiveMissed
 from edmctl.simulator.injection import parse_injection
@@ -91,7 +91,7 @@ def test_spots_of_the_face_are_clear_of_each_other_and_of_machined_places() -> N
     run = shop.run()
     first, second = shop.job.sites
     shop.ledger.sites[first.name] = first  # type: ignore[assignment]
-    spots = face_spots(run, second).places
+    spots = surface_spots(run, second).places
     tool_um = shop.profile.tool.diameter_um
     assert spots[0] == second
     assert len(spots) == 4

@@ -15,10 +15,9 @@ from edmctl.link.faults import FaultCode
 from edmctl.link.messages import WaveformRead
 from edmctl.machine.interface import Machine, MachineState, TelemetryBlock
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.hole.setup_check import refuse_wrong_setup
-from edmctl.procedures.monitoring.link_quality import LinkWatch, record_link
-from edmctl.procedures.monitoring.sensor_mismatch import MismatchWatch
-from edmctl.procedures.servo.time_limits import LEAST_S, LONGEST_SHARE, TimeLimits
+from edmctl.procedures.hole.cut_decision import refuse_wrong_setup
+from edmctl.procedures.monitoring.monitors import LinkMonitor, SensorMonitor, record_link
+from edmctl.procedures.servo.limits import LEAST_S, LONGEST_SHARE, TimeLimits
 from edmctl.process.wear import DepthAndWear
 from edmctl.results.job import ObjectiveMissed
 from edmctl.results.link import LinkReport
@@ -68,9 +67,9 @@ class Line:
         return REPORT
 
 
-def watched(shop: OpenShop) -> tuple[Shop, Line, LinkWatch]:
+def watched(shop: OpenShop) -> tuple[Shop, Line, LinkMonitor]:
     s, line = shop(), Line()
-    return s, line, LinkWatch(replace(s.run(), machine=cast("Machine", line)))
+    return s, line, LinkMonitor(replace(s.run(), machine=cast("Machine", line)))
 
 
 def told(s: Shop, code: RunEvent) -> list[tuple[str, EventLevel]]:
@@ -81,7 +80,7 @@ def test_three_damaged_frames_in_a_second_are_told_once(shop: OpenShop) -> None:
     s, line, watch = watched(shop)
     for i in range(20):
         line.bad_frames += i in (2, 4, 6)
-        watch.take(a_slice(i, 50.0))
+        watch.on_telemetry(a_slice(i, 50.0))
     (warning,) = told(s, RunEvent.LINE_NOISE)
     assert warning[0].startswith("The line is disturbed: 3 damaged frames")
 
@@ -90,24 +89,24 @@ def test_damaged_frames_far_apart_are_nothing(shop: OpenShop) -> None:
     s, line, watch = watched(shop)
     for i in range(100):
         line.bad_frames += i % 10 == 0
-        watch.take(a_slice(i, 50.0))
+        watch.on_telemetry(a_slice(i, 50.0))
     assert told(s, RunEvent.LINE_NOISE) == []
 
 
 def test_ten_damaged_frames_in_a_second_end_the_job_once(shop: OpenShop) -> None:
     _, line, watch = watched(shop)
-    watch.take(a_slice(0, 50.0))
+    watch.on_telemetry(a_slice(0, 50.0))
     line.bad_frames = 10
     with pytest.raises(MachineFault, match="10 damaged frames") as caught:
-        watch.take(a_slice(1, 50.0))
+        watch.on_telemetry(a_slice(1, 50.0))
     assert (caught.value.code, caught.value.fault) == ("E61003", FaultCode.LINE_NOISE)
-    watch.take(a_slice(2, 50.0))
+    watch.on_telemetry(a_slice(2, 50.0))
 
 
 def test_the_line_is_recorded_every_ten_seconds(shop: OpenShop) -> None:
     s, _, watch = watched(shop)
     for i in range(1250):
-        watch.take(a_slice(i, 50.0))
+        watch.on_telemetry(a_slice(i, 50.0))
     times_s = [row.time_s for row in s.seen.links]
     assert times_s == pytest.approx(10.0 * np.arange(1, len(times_s) + 1), abs=0.11)
     assert len(times_s) == 12
@@ -126,9 +125,9 @@ def test_the_end_of_a_run_sums_the_line_up_in_an_event_that_holds_all_figures(sh
     assert len(s.seen.links) == 1
 
 
-def compared(shop: OpenShop) -> tuple[Shop, MismatchWatch, float]:
+def compared(shop: OpenShop) -> tuple[Shop, SensorMonitor, float]:
     s = shop()
-    return s, MismatchWatch(s.run()), 0.15 * stroke_um(s.profile)
+    return s, SensorMonitor(s.run()), 0.15 * stroke_um(s.profile)
 
 
 def both(i: int, sensor_um: float, model_um: float) -> tuple[TelemetryBlock, np.ndarray]:
@@ -137,24 +136,24 @@ def both(i: int, sensor_um: float, model_um: float) -> tuple[TelemetryBlock, np.
 
 def test_a_sensor_off_the_model_is_told_at_once_and_stops_after_two_seconds(shop: OpenShop) -> None:
     s, watch, limit_um = compared(shop)
-    watch.take(*both(0, 50.0, 50.0 - 0.9 * limit_um))
+    watch.update(*both(0, 50.0, 50.0 - 0.9 * limit_um))
     assert told(s, RunEvent.Z_MISMATCH) == []
-    watch.take(*both(1, 50.0, 50.0 - 1.1 * limit_um))
+    watch.update(*both(1, 50.0, 50.0 - 1.1 * limit_um))
     ((message, _),) = told(s, RunEvent.Z_MISMATCH)
     assert "shows 50.0 µm and the model" in message
     for i in range(2, 20):
-        watch.take(*both(i, 50.0, 50.0 - 1.1 * limit_um))
+        watch.update(*both(i, 50.0, 50.0 - 1.1 * limit_um))
     with pytest.raises(MachineFault) as caught:
-        watch.take(*both(21, 50.0, 50.0 - 1.1 * limit_um))
+        watch.update(*both(21, 50.0, 50.0 - 1.1 * limit_um))
     assert (caught.value.code, caught.value.exit_code) == ("E67001", 6)
     assert "edmctl calibrate" in caught.value.hint
-    watch.take(*both(30, 50.0, 0.0))
+    watch.update(*both(30, 50.0, 0.0))
 
 
 def test_a_mismatch_that_passes_stops_nothing(shop: OpenShop) -> None:
     s, watch, limit_um = compared(shop)
     for i in range(100):
-        watch.take(*both(i, 50.0, 50.0 - (1.1 * limit_um if i % 20 < 15 else 0.0)))
+        watch.update(*both(i, 50.0, 50.0 - (1.1 * limit_um if i % 20 < 15 else 0.0)))
     assert len(told(s, RunEvent.Z_MISMATCH)) == 5
 
 
@@ -204,8 +203,8 @@ def test_the_recipe_s_own_limit_comes_first_where_it_is_shorter(shop: OpenShop) 
 def test_a_job_beyond_its_forecast_is_ended_and_measured(
     shop: OpenShop, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("edmctl.procedures.servo.time_limits.LEAST_S", 0.0)
-    monkeypatch.setattr("edmctl.procedures.servo.time_limits.LONGEST_SHARE", 0.3)
+    monkeypatch.setattr("edmctl.procedures.servo.limits.LEAST_S", 0.0)
+    monkeypatch.setattr("edmctl.procedures.servo.limits.LONGEST_SHARE", 0.3)
     s = shop()
     with pytest.raises(ObjectiveMissed, match="the forecast allows 4 s of machining") as caught:
         s.run_job()

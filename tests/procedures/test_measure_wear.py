@@ -11,7 +11,7 @@ import pytest
 
 from edmctl.errors import Interrupted, MachineFault, ObjectiveNotReached, PreconditionError
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.job import Site
+from edmctl.procedures.job_state import JobTally
 from edmctl.procedures.jump_series import run_jumps
 from edmctl.procedures.measure_wear import (
     MOST_DRIFT_UM,
@@ -21,9 +21,9 @@ from edmctl.procedures.measure_wear import (
     refuse_drift,
     touch_pad,
 )
-from edmctl.procedures.single_procedure import running
-from edmctl.procedures.tally import JobTally
+from edmctl.procedures.session import running
 from edmctl.procedures.touch.approach import find_contact, find_gap
+from edmctl.profile.places import Place
 from edmctl.results.progress import Phase
 from edmctl.simulator import kernel as k
 from edmctl.simulator.injection import parse_injection
@@ -32,15 +32,15 @@ from tests.procedures.conftest import Shop
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
-    from edmctl.procedures.run import Run
+    from edmctl.procedures.run import JobRun
     from edmctl.results.measurements import WearResult
 
 SPARKLESS = "flush.min_flow_lpm=90"
 """More than the pump gives: nothing that makes sparks can be armed."""
-SITE = Site("beside", 500.0, 0.0)
+SITE = Place("beside", 500.0, 0.0)
 
 
-def ready(shop: Shop, *, pulses: bool = False) -> AbstractContextManager[Run]:
+def ready(shop: Shop, *, pulses: bool = False) -> AbstractContextManager[JobRun]:
     """The shop's machine, armed and conditioned."""
     return running(shop.machine, shop.job, JobTally(), recorder=shop.seen, observer=shop.told, pulses=pulses)
 

@@ -11,14 +11,20 @@ import pytest
 from edmctl.forecasts.measuring_stops import cut_budget
 from edmctl.procedures.hole.cut import CutEnd, CutResult
 from edmctl.procedures.hole.cut_decision import Decision, decide
-from edmctl.procedures.hole.cut_planning import CutPlan, Start, first_plan, learned_gap_um
-from edmctl.procedures.hole.estimating import energy_of, estimate_of
-from edmctl.procedures.hole.target import Goal, goal_of
-from edmctl.procedures.job import Site
+from edmctl.procedures.hole.cut_planning import (
+    CutPlan,
+    CutStart,
+    energy_of,
+    estimate_of,
+    first_plan,
+    learned_gap_um,
+)
+from edmctl.procedures.hole.target import HoleTarget, target_of
 from edmctl.process.discharge import hole_area_um2
 from edmctl.process.live_erosion import Energy, ErosionEstimate
 from edmctl.process.next_cut import COVERAGE
 from edmctl.process.wear import DepthAndWear
+from edmctl.profile.places import Place
 from edmctl.rules.load import load_profile
 
 from .conftest import CU270
@@ -35,7 +41,7 @@ FOUND = DepthAndWear(
     feed_u95_um=2.0,
     depth_noise_um=0.1,
 )
-SURFACE = Start(bottom_um=50.0, bottom_u_um=0.2, gap_um=3.4, gap_u_um=0.8)
+SURFACE = CutStart(bottom_um=50.0, bottom_u_um=0.2, gap_um=3.4, gap_u_um=0.8)
 CUT = CutResult(
     end=CutEnd.REACHED,
     reason="feed reached",
@@ -46,15 +52,15 @@ CUT = CutResult(
     energy_j=200.0,
     is_at_limit=True,
 )
-SITE = Site("hole", 500.0, 0.0)
+SITE = Place("hole", 500.0, 0.0)
 
 
 def profile(*overrides: str) -> Profile:
     return load_profile(CU270, overrides).profile
 
 
-def goal(recipe: Profile, site: Site = SITE) -> Goal:
-    return goal_of(recipe, site)
+def goal(recipe: Profile, site: Place = SITE) -> HoleTarget:
+    return target_of(recipe, site)
 
 
 def plan(recipe: Profile | None = None, number: int = 1, feed_um: float = 210.0) -> CutPlan:
@@ -66,14 +72,14 @@ def learned(found: DepthAndWear = FOUND) -> ErosionEstimate:
     return estimate_of(profile()).fitted(energy, found.depth_um, 0.3, found.wear_um, 0.5)
 
 
-def start_of(found: DepthAndWear = FOUND) -> Start:
-    return Start(260.0, 0.15, 3.5, 0.8, depth_um=found.depth_um, depth_u_um=0.5, wear_um=found.wear_um)
+def start_of(found: DepthAndWear = FOUND) -> CutStart:
+    return CutStart(260.0, 0.15, 3.5, 0.8, depth_um=found.depth_um, depth_u_um=0.5, wear_um=found.wear_um)
 
 
 def decision(
     recipe: Profile, last: CutPlan, cut: CutResult | None = CUT, found: DepthAndWear = FOUND
 ) -> Decision:
-    return decide(recipe, goal(recipe), last, cut, found, start_of(found), learned(found))
+    return decide(recipe, goal(recipe), last.number, cut, found, start_of(found), learned(found))
 
 
 def test_the_first_cut_is_not_too_deep_even_of_a_tool_that_does_not_wear() -> None:
@@ -143,7 +149,7 @@ def test_estimates_split_the_feed_by_the_wear_ratio() -> None:
     cut = plan()
     assert cut.depth_at(50.0 - 3.4) == 0.0
     assert cut.depth_at(cut.z_limit_um) == pytest.approx(210.0 / 1.389)
-    assert cut.wear_at(cut.z_limit_um) == pytest.approx(0.389 * 210.0 / 1.389)
+    assert cut.at(cut.z_limit_um).wear_um == pytest.approx(0.389 * 210.0 / 1.389)
     assert cut.depth_at(0.0) == 0.0
     live = cut.at(cut.z_limit_um)
     assert live.depth_um + live.wear_um == pytest.approx(210.0)
@@ -204,7 +210,7 @@ def test_a_depth_short_after_the_last_cut_is_missed() -> None:
     ],
 )
 def test_a_cut_that_ended_early_says_what_to_change(end: CutEnd, fault: str, code: str, remedy: str) -> None:
-    cut = replace(CUT, end=end, fault=fault, told="4.2 µm are left")
+    cut = replace(CUT, end=end, fault=fault, message="4.2 µm are left")
     missed = decision(profile(), plan(), cut)
     assert (missed.plan, missed.code) == (None, code)
     assert "a depth of 150.00 of 180 µm" in missed.missed

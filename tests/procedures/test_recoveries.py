@@ -11,13 +11,12 @@ import pytest
 
 from edmctl.errors import MachineFault
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.hole.breakthrough import Breakthrough
-from edmctl.procedures.hole.cut_planning import Start, first_plan
+from edmctl.procedures.hole.breakthrough import Breakthrough, SparkLoss
+from edmctl.procedures.hole.cut_planning import CutStart, first_plan
 from edmctl.procedures.servo import arc_recovery as burning
-from edmctl.procedures.servo.arc_recovery import ARC_BURN, MOST_BURNS, Burns
-from edmctl.procedures.servo.short_recovery import MOST_JUMPS, ShortRecovery
-from edmctl.procedures.servo.spark_loss import SparkLoss
-from edmctl.procedures.servo.stall_detection import JUMP_AFTER_S, STALL_S, Stall
+from edmctl.procedures.servo.adaptive import MOST_JUMPS, ShortRecovery
+from edmctl.procedures.servo.arc_recovery import ARC_BURN, MOST_BURNS, ArcRecovery
+from edmctl.procedures.servo.limits import JUMP_AFTER_S, STALL_S, StallDetection
 from edmctl.procedures.settings import OPEN_LOST_S, controller_settings
 from edmctl.procedures.touch.approach import ABOVE_BOTTOM_UM, BEYOND_BOTTOM_UM, UNKNOWN_SDS
 from edmctl.results.job import ObjectiveMissed
@@ -86,10 +85,10 @@ def test_the_ramp_back_from_a_burn_ends_above_where_the_bottom_can_be(
     )
     watch = SimpleNamespace(displacement_um=0.0)
     run = replace(s.run(), machine=machine, watch=watch)  # type: ignore[arg-type]
-    start = Start(50.0, 3.0, 2.0, drift_u_um_per_s=0.04, gap_u_um=0.0)
+    start = CutStart(50.0, 3.0, 2.0, drift_u_um_per_s=0.04, gap_u_um=0.0)
     supervisor = SimpleNamespace(displacement_um=seen_um, sparking_s=1.0, seen_s=95.0)
     cutting = SimpleNamespace(set_generator=lambda: None, start=lambda: None, open_v=40.0, reference_v=20.0)
-    burns = Burns(run, first_plan(s.profile, start), supervisor, cutting)  # type: ignore[arg-type]
+    burns = ArcRecovery(run, first_plan(s.profile, start), supervisor, cutting)  # type: ignore[arg-type]
     burns.answer(MachineFault("", code=ARC_BURN, fault=3002))
     spark_um = 48.0
     assert ramps_um == [pytest.approx(spark_um - ABOVE_BOTTOM_UM - UNKNOWN_SDS * unknown_um)]
@@ -146,21 +145,21 @@ def test_after_a_healthy_while_a_short_is_a_new_one() -> None:
     shorts = ShortRecovery()
     for _ in range(MOST_JUMPS + 1):
         for _ in range(4):
-            shorts.take(SLICE_S, 230, 230, sparking=True)
+            shorts.update(SLICE_S, 230, 230, sparking=True)
         if shorts.due():
             shorts.jumped()
     assert (shorts.jumps, shorts.due()) == (MOST_JUMPS, "")
     for _ in range(110):
-        shorts.take(SLICE_S, 230, 3, sparking=True)
+        shorts.update(SLICE_S, 230, 3, sparking=True)
     for _ in range(4):
-        shorts.take(SLICE_S, 230, 230, sparking=True)
+        shorts.update(SLICE_S, 230, 230, sparking=True)
     assert shorts.due()
 
 
 def test_a_few_pulses_among_the_shorts_are_no_lasting_short() -> None:
     shorts = ShortRecovery()
     for _ in range(50):
-        shorts.take(SLICE_S, 230, 225, sparking=True)
+        shorts.update(SLICE_S, 230, 225, sparking=True)
     assert shorts.due() == ""
 
 
@@ -174,15 +173,15 @@ def test_a_stall_is_answered_by_a_jump_before_the_verdict(shop: OpenShop) -> Non
 
 
 def test_a_jump_that_frees_the_tool_starts_the_clock_of_a_stall_anew() -> None:
-    stall = Stall(0.3)
+    stall = StallDetection(0.3)
     i = 0
     while not stall.jump_wanted:
-        assert not stall.take(SLICE_S * i, 50.0)
+        assert not stall.update(SLICE_S * i, 50.0)
         i += 1
     assert i * SLICE_S == pytest.approx(JUMP_AFTER_S, abs=0.5)
     stall.jump_wanted = False
     for j in range(i, i + round(STALL_S / SLICE_S)):
-        assert not stall.take(SLICE_S * j, 50.0 + 0.02 * (j - i))
+        assert not stall.update(SLICE_S * j, 50.0 + 0.02 * (j - i))
 
 
 def test_lost_sparks_come_with_a_way_to_tell_a_lost_tool_from_missing_pulses(shop: OpenShop) -> None:
@@ -247,7 +246,9 @@ class Sheet:
             self.z_um += feed_um_s * SLICE_S
             self.depth_um += feed_um_s * SLICE_S / 1.39
             wiggle_um = 0.1 * (-1) ** i
-            if self.seen.take(SLICE_S, self.z_um + wiggle_um, self.depth_um, self.u_um, opens, sparking=True):
+            if self.seen.update(
+                SLICE_S, self.z_um + wiggle_um, self.depth_um, self.u_um, opens, sparking=True
+            ):
                 return (i + 1) * SLICE_S
         return None
 
@@ -259,7 +260,7 @@ def test_more_feed_and_more_open_pulses_at_the_right_depth_are_a_breakthrough() 
     assert seen_s is not None
     assert seen_s < 5.0
     assert sheet.seen.at_um == pytest.approx(sheet.z_um, abs=0.5)
-    assert "open pulses from 3" in sheet.seen.told
+    assert "open pulses from 3" in sheet.seen.message
 
 
 @pytest.mark.parametrize(
@@ -285,15 +286,15 @@ def test_where_the_feed_has_no_room_to_rise_the_end_of_all_sparks_tells() -> Non
     sheet = Sheet(2.0)
     assert sheet.cut(20.0, feed_um_s=2.4) is None
     assert sheet.cut(1.0, feed_um_s=3.5, opens=1.0) is None
-    assert sheet.seen.take_loss(48.0, sheet.depth_um, 2.0, "3.0 s and 12 µm without a discharge")
+    assert sheet.seen.on_spark_loss(48.0, sheet.depth_um, 2.0, "3.0 s and 12 µm without a discharge")
     assert sheet.seen.at_um == 48.0
-    assert "without a discharge" in sheet.seen.told
+    assert "without a discharge" in sheet.seen.message
 
 
 def test_sparks_that_end_far_from_the_back_are_lost() -> None:
     sheet = Sheet(2.0)
     sheet.cut(60.0)
-    assert not sheet.seen.take_loss(18.0, sheet.depth_um, 2.0, "")
+    assert not sheet.seen.on_spark_loss(18.0, sheet.depth_um, 2.0, "")
     assert math.isnan(sheet.seen.at_um)
 
 
@@ -339,7 +340,7 @@ def test_coming_back_from_a_jump_is_no_breakthrough() -> None:
     sheet = Sheet()
     sheet.cut(180.0)
     for _ in range(10):
-        sheet.seen.take(SLICE_S, sheet.z_um - 60.0, sheet.depth_um, 0.0, 1.0, sparking=False)
+        sheet.seen.update(SLICE_S, sheet.z_um - 60.0, sheet.depth_um, 0.0, 1.0, sparking=False)
         assert sheet.cut(0.5, feed_um_s=4.0, opens=0.9) is None
         assert sheet.cut(3.0) is None
 
@@ -356,8 +357,8 @@ def test_open_pulses_behind_the_sheet_are_borne_as_long_as_the_completion_takes(
 
 def test_before_the_breakthrough_the_host_looks_for_lost_sparks() -> None:
     loss = SparkLoss(15.0, 3.0)
-    assert loss.take(SLICE_S, 50.0, 230, 100) == ""
+    assert loss.update(SLICE_S, 50.0, 230, 100) == ""
     for i in range(1, 30):
-        assert loss.take(SLICE_S, 50.0 + 0.4 * i, 230, 230) == ""
-    assert "without a discharge" in loss.take(1.0, 66.0, 230, 230)
-    assert loss.take(SLICE_S, 66.0, 230, 229) == ""
+        assert loss.update(SLICE_S, 50.0 + 0.4 * i, 230, 230) == ""
+    assert "without a discharge" in loss.update(1.0, 66.0, 230, 230)
+    assert loss.update(SLICE_S, 66.0, 230, 229) == ""

@@ -13,8 +13,7 @@ from edmctl.errors import Interrupted
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.job_state import JobState, job_state
-from edmctl.procedures.tally import JobTally
+from edmctl.procedures.job_state import JobState, JobTally, job_state
 from edmctl.results.progress import Phase
 from edmctl.simulator.injection import parse_injection
 from tests.cli.left_jobs import swap_work

@@ -12,8 +12,8 @@ from edmctl.errors import LinkLost, MachineFault, PreconditionError
 from edmctl.machine.interface import CutRequest, EventCode, MachineState, ScanLine
 from edmctl.procedures.actuator.sensorless import SensorlessMachine
 from edmctl.procedures.event_codes import RunEvent
+from edmctl.procedures.monitoring.drift import displacement_uncertainty
 from edmctl.procedures.settings import controller_settings, pulse_settings, telemetry_settings
-from edmctl.procedures.touch.site_readings import displacement_uncertainty
 from edmctl.simulator import kernel as k
 from edmctl.simulator.injection import parse_injection
 

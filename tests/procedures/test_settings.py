@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from edmctl.link.messages import PARAMS
-from edmctl.machine.interface import PulseLog, PulseMode, ServoLaw
+from edmctl.link.messages import PARAMS, PulseLog, PulseMode, ServoLaw
 from edmctl.machine.requests import settings_by_name
+from edmctl.procedures.session import running
 from edmctl.procedures.settings import (
     controller_settings,
     gap_reference_v,
@@ -17,7 +17,6 @@ from edmctl.procedures.settings import (
     recorded_every,
     telemetry_settings,
 )
-from edmctl.procedures.single_procedure import running
 from edmctl.profile.setup import Setup
 from edmctl.rules.load import load_profile
 

@@ -12,8 +12,7 @@ from edmctl.actuator.correction import SlowCorrection
 from edmctl.machine.interface import MachineState, TelemetryBlock
 from edmctl.procedures.actuator.tracker import Tracker, at_rest
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.hole.cut_planning import CutPlan, Start, first_plan
-from edmctl.procedures.hole.estimating import energy_of
+from edmctl.procedures.hole.cut_planning import CutPlan, CutStart, energy_of, first_plan
 from edmctl.procedures.servo.supervisor import StopReason, Supervisor
 
 from .conftest import calibrated
@@ -53,7 +52,7 @@ def a_slice(
 
 def planned(s: Shop) -> CutPlan:
     """The first cut from a surface at 50 µm."""
-    return first_plan(s.profile, Start(50.0, 0.5, s.profile.measure.expected_gap_um, 0.8))
+    return first_plan(s.profile, CutStart(50.0, 0.5, s.profile.measure.expected_gap_um, 0.8))
 
 
 @pytest.fixture
@@ -73,7 +72,7 @@ def deep(shop: OpenShop) -> tuple[Shop, Supervisor]:
 def test_feed_and_time_left_follow_the_tool(watched: tuple[Shop, Supervisor]) -> None:
     s, supervisor = watched
     for i in range(200):
-        supervisor.take(a_slice(i, 46.6 + 0.03 * i))
+        supervisor.on_telemetry(a_slice(i, 46.6 + 0.03 * i))
     assert s.seen.slow[-1].feed_um_s == pytest.approx(0.3)
     energy = energy_of(s.profile.pulse, supervisor.counts, supervisor.energy_j)
     there = planned(s).at(46.6 + 0.03 * 199, energy)
@@ -86,10 +85,10 @@ def test_feed_and_time_left_follow_the_tool(watched: tuple[Shop, Supervisor]) ->
 
 def test_the_wear_told_while_cutting_is_as_uncertain_as_at_the_stop_before(shop: OpenShop) -> None:
     s = shop()
-    measured = Start(50.0, 0.5, s.profile.measure.expected_gap_um, 0.8, 6.0, 2.0, wear_u_um=1.4)
+    measured = CutStart(50.0, 0.5, s.profile.measure.expected_gap_um, 0.8, 6.0, 2.0, wear_u_um=1.4)
     supervisor = Supervisor(s.run(), replace(planned(s), number=2, start=measured), 0.0)
     for i in range(50):
-        supervisor.take(a_slice(i, 46.6 + 0.03 * i))
+        supervisor.on_telemetry(a_slice(i, 46.6 + 0.03 * i))
     assert s.told.states[-1].wear_u95_um >= 2.8 * 0.98
     assert s.seen.slow[-1].wear_u95_um == s.told.states[-1].wear_u95_um
 
@@ -101,16 +100,16 @@ def test_a_late_block_tells_the_last_spark_by_its_last_samples(watched: tuple[Sh
     late.append(a_slice(9, 40.0, state=MachineState.ARMED))
     names = [f.name for f in fields(TelemetryBlock) if f.name != "missing_frames"]
     joined = {name: np.concatenate([getattr(block, name) for block in late]) for name in names}
-    supervisor.take(replace(late[0], **joined))  # type: ignore[arg-type]
+    supervisor.on_telemetry(replace(late[0], **joined))  # type: ignore[arg-type]
     assert supervisor.sparked_at_um == pytest.approx(46.6 + 0.5 * 8)
 
 
 def test_ratios_cover_the_last_two_seconds(watched: tuple[Shop, Supervisor]) -> None:
     s, supervisor = watched
     for i in range(30):
-        supervisor.take(a_slice(i, 50.0, short=23))
+        supervisor.on_telemetry(a_slice(i, 50.0, short=23))
     for i in range(30, 50):
-        supervisor.take(a_slice(i, 50.0))
+        supervisor.on_telemetry(a_slice(i, 50.0))
     assert s.seen.slow[29].ratio_short == 1.0
     assert s.seen.slow[-1].ratio_short == 0.0
     assert supervisor.counts == [0, 20 * 230, 0, 30 * 230]
@@ -119,17 +118,17 @@ def test_ratios_cover_the_last_two_seconds(watched: tuple[Shop, Supervisor]) -> 
 def test_a_tool_that_does_not_advance_is_stalled_after_a_minute(watched: tuple[Shop, Supervisor]) -> None:
     _, supervisor = watched
     for i in range(600):
-        supervisor.take(a_slice(i, 60.0))
+        supervisor.on_telemetry(a_slice(i, 60.0))
     assert supervisor.stop_reason is None
     for i in range(600, 620):
-        supervisor.take(a_slice(i, 60.0))
+        supervisor.on_telemetry(a_slice(i, 60.0))
     assert supervisor.stop_reason is StopReason.STALLED
 
 
 def test_a_slow_advance_is_no_stall(deep: tuple[Shop, Supervisor]) -> None:
     _, supervisor = deep
     for i in range(1500):
-        supervisor.take(a_slice(i, 60.0 + 0.02 * i))
+        supervisor.on_telemetry(a_slice(i, 60.0 + 0.02 * i))
     assert supervisor.stop_reason is None
 
 
@@ -138,20 +137,20 @@ def test_arcs_over_the_limit_are_told_once_and_end_the_cut_when_they_stay(
 ) -> None:
     s, supervisor = watched
     for i in range(300):
-        supervisor.take(a_slice(i, 50.0 + 0.05 * i, arc=5))
+        supervisor.on_telemetry(a_slice(i, 50.0 + 0.05 * i, arc=5))
     assert supervisor.stop_reason is None
     warnings = [code for _, code, _, _, _ in s.seen.events if code == RunEvent.ARCING]
     assert len(warnings) == 1
     assert "limit is 15 %" in s.told.notes[-1]
     for i in range(300, 340):
-        supervisor.take(a_slice(i, 50.0 + 0.05 * i, arc=5))
+        supervisor.on_telemetry(a_slice(i, 50.0 + 0.05 * i, arc=5))
     assert supervisor.stop_reason is StopReason.UNSTABLE
 
 
 def test_a_burst_of_arcs_only_warns(deep: tuple[Shop, Supervisor]) -> None:
     s, supervisor = deep
     for i in range(600):
-        supervisor.take(a_slice(i, 50.0 + 0.05 * i, arc=5 if i < 100 else 0))
+        supervisor.on_telemetry(a_slice(i, 50.0 + 0.05 * i, arc=5 if i < 100 else 0))
     assert supervisor.stop_reason is None
     assert [code for _, code, _, _, _ in s.seen.events].count(RunEvent.ARCING) == 1
 
@@ -166,12 +165,12 @@ def test_a_cut_that_goes_on_beyond_its_target_is_ended(watched: tuple[Shop, Supe
 
     for i in range(200):
         z_um = 50.0 + 0.2 * i
-        supervisor.take(a_slice(i, z_um))
+        supervisor.on_telemetry(a_slice(i, z_um))
         # 3 µm more than the 12 µm wanted.
         assert (supervisor.stop_reason is StopReason.ENDED) == (depth_um(z_um) > 15.0)
         if supervisor.stop_reason is not None:
             break
-    assert "of 12.0 µm" in supervisor.told
+    assert "of 12.0 µm" in supervisor.message
 
 
 def test_a_cut_whose_stroke_is_used_up_is_ended_with_the_way_that_is_left(shop: OpenShop) -> None:
@@ -184,9 +183,9 @@ def test_a_cut_whose_stroke_is_used_up_is_ended_with_the_way_that_is_left(shop: 
         assert supervisor.stop_reason is None
         block = replace(a_slice(i, 60.0), actuator_v=np.full(10, actuator_v))
         run.watch.telemetry(block)
-        supervisor.take(block)
+        supervisor.on_telemetry(block)
     assert supervisor.stop_reason is StopReason.ENDED
-    assert f"of {limit_v:.0f} V" in supervisor.told
+    assert f"of {limit_v:.0f} V" in supervisor.message
 
 
 def test_frames_missing_on_the_line_are_counted(watched: tuple[Shop, Supervisor]) -> None:
@@ -196,14 +195,14 @@ def test_frames_missing_on_the_line_are_counted(watched: tuple[Shop, Supervisor]
     for i, missing in enumerate((0, 2, 0, 3)):
         block = replace(a_slice(i, 50.0), missing_frames=missing)
         run.watch.telemetry(block)
-        supervisor.take(block)
+        supervisor.on_telemetry(block)
     assert [row.link_errors for row in s.seen.slow] == [0, 2, 2, 5]
 
 
 def test_energy_is_plateau_voltage_times_mean_current_times_time(watched: tuple[Shop, Supervisor]) -> None:
     _, supervisor = watched
     for i in range(50):
-        supervisor.take(a_slice(i, 50.0))
+        supervisor.on_telemetry(a_slice(i, 50.0))
     assert supervisor.energy_j == pytest.approx(22.0 * 0.02 * 5.0)
 
 
@@ -212,6 +211,6 @@ def test_jumps_do_not_count_as_feed_or_gap(watched: tuple[Shop, Supervisor]) -> 
     for i in range(100):
         jumping = 40 <= i < 43
         state = MachineState.JUMP if jumping else MachineState.MACHINING
-        supervisor.take(a_slice(i, 20.0 if jumping else 60.0 + 0.03 * i, state=state))
+        supervisor.on_telemetry(a_slice(i, 20.0 if jumping else 60.0 + 0.03 * i, state=state))
     assert s.seen.slow[41].feed_um_s == pytest.approx(0.3)
     assert supervisor.gap_ratio_mean == pytest.approx(0.8)

@@ -13,7 +13,7 @@ from edmctl.machine.interface import EventCode, TelemetryFlag
 from edmctl.procedures.actuator.conditioning import condition
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.stages import move_to
-from edmctl.procedures.touch.approach import ABOVE_BOTTOM_UM, approach_surface, lower_to, raise_by
+from edmctl.procedures.touch.approach import ABOVE_BOTTOM_UM, find_gap, lower_to, raise_by
 from edmctl.procedures.touch.reading import take_reading
 from edmctl.simulator import kernel
 from edmctl.simulator.injection import parse_injection
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from edmctl.machine.interface import TelemetryBlock
-    from edmctl.procedures.run import Run
+    from edmctl.procedures.run import JobRun
 
     from .conftest import Shop
 
@@ -177,12 +177,11 @@ def test_an_approach_slower_than_erosion_ends_at_the_first_sparks(shop: OpenShop
     """Waiting for the servo's reference it would cut for long: 11 µm here."""
     s = shop(("approach.speed_um_s=0.5",))
     run = armed(s)
-    move_to(run, s.job.sites[0])
-    approach_surface(run)
+    find_gap(run, s.job.sites[0])
     assert s.bench.truth()[0].depth_um < 2.0
 
 
-def deaf_after_ramps(s: Shop, run: Run, monkeypatch: pytest.MonkeyPatch, deaf_s: float) -> None:
+def deaf_after_ramps(s: Shop, run: JobRun, monkeypatch: pytest.MonkeyPatch, deaf_s: float) -> None:
     """Let all samples get lost for a while from the beginning of each ramp."""
     hear, ramp = run.watch.telemetry, s.machine.ramp
     until_s = 0.0

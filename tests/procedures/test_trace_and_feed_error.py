@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from edmctl.machine.interface import MachineState, TelemetryBlock
-from edmctl.procedures.monitoring.feed_error import FeedError
-from edmctl.procedures.monitoring.trace import SPAN_S, Trace
+from edmctl.procedures.actuator.tracker import SPAN_S, FeedError, Trace
 
 
 def block(
@@ -48,9 +47,9 @@ def test_the_feed_error_is_largest_and_rms_of_means_while_machining() -> None:
     error = FeedError()
     assert math.isnan(error.max_um)
     assert math.isnan(error.rms_um)
-    error.take(block(0.0, 100.0), np.full(50, 101.0))
-    error.take(block(0.5, 100.0), np.full(50, 97.0))
-    error.take(block(1.0, 100.0, state=MachineState.JUMP), np.full(50, 150.0))
+    error.update(block(0.0, 100.0), np.full(50, 101.0))
+    error.update(block(0.5, 100.0), np.full(50, 97.0))
+    error.update(block(1.0, 100.0, state=MachineState.JUMP), np.full(50, 150.0))
     assert error.max_um == pytest.approx(3.0)
     assert error.rms_um == pytest.approx(math.sqrt((1.0 + 9.0) / 2.0))
 
@@ -59,6 +58,6 @@ def test_noise_of_single_samples_is_averaged_out_of_the_feed_error() -> None:
     error = FeedError()
     noise = 0.15 * np.random.default_rng(1).standard_normal((200, 50))
     for k in range(200):
-        error.take(block(0.5 * k, 0.0), noise[k])
+        error.update(block(0.5 * k, 0.0), noise[k])
     assert error.rms_um == pytest.approx(0.15 / math.sqrt(10.0), rel=0.1)
     assert error.max_um < 0.2

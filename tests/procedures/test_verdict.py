@@ -11,8 +11,8 @@ import pytest
 from edmctl.labels import Basis, Verdict
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.cut_decision import remedy as remedy_of
-from edmctl.procedures.hole.hole import record_results
-from edmctl.procedures.hole.target import Goal, verdict_of
+from edmctl.procedures.hole.site_result import record_results
+from edmctl.procedures.hole.target import HoleTarget, verdict_of
 from edmctl.procedures.hole.verdict import judge_holes, judged
 from edmctl.profile.setup import Sensor
 from edmctl.results.job import ObjectiveMissed, site_result_of
@@ -58,13 +58,13 @@ def row_of_holes() -> Shop:
 def test_a_depth_is_judged_by_its_value_and_then_by_its_interval(
     depth_um: float, u95_um: float, verdict: Verdict
 ) -> None:
-    goal = Goal("depth", 20.0, math.nan, 2.0)
+    goal = HoleTarget("depth", 20.0, math.nan, 2.0)
     assert verdict_of(goal, depth_um, u95_um, through=False) is verdict
 
 
 def test_a_feed_is_not_judged_and_a_way_through_by_being_one() -> None:
-    assert verdict_of(Goal("feed", math.nan, 20.0, math.nan), 3.0, 9.0, through=False) is None
-    way = Goal("through", 50.0, math.nan, 5.0)
+    assert verdict_of(HoleTarget("feed", math.nan, 20.0, math.nan), 3.0, 9.0, through=False) is None
+    way = HoleTarget("through", 50.0, math.nan, 5.0)
     assert verdict_of(way, 80.0, 9.0, through=True) is Verdict.SHOWN
     assert verdict_of(way, 50.0, 0.1, through=False) is Verdict.MISSED
 
@@ -147,7 +147,7 @@ def test_what_ended_the_job_stays_its_reason_and_the_others_are_told_behind_it(r
     run, first = s.run(), next(iter(s.ledger.sites))
     worn_out = after_corrections(row_of_holes, {first: (15.88, 0.96)})
     assert worn_out is not None
-    run.ledger.sites[first] = replace(run.ledger.sites[first], depth_um=15.88, verdict=Verdict.MISSED)
+    run.tally.sites[first] = replace(run.tally.sites[first], depth_um=15.88, verdict=Verdict.MISSED)
     both = judge_holes(run, replace(worn_out, missed="The tool is short.", code="E7099"))
     assert both is not None
     assert both.missed.startswith("The tool is short. 1 of 8 holes outside the tolerance")

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from edmctl.jobs.calibration.fit import Figures, Findings
     from edmctl.jobs.calibration.request import Checked, LeverFound
     from edmctl.jsonout import JsonValue
-    from edmctl.procedures.actuator.calibration import CalibrationPlan, Measured
+    from edmctl.procedures.actuator.calibration import CalibrationPlan, MeasuredActuator
     from edmctl.results.progress import Observer
 
     Warn = Callable[[Sequence[Diagnostic]], None]
@@ -146,7 +146,7 @@ def calibrate_files(checked: Checked, observer: Observer) -> CalibrationReport:
     return CalibrationReport(findings, checked.output, None, simulated=False, lever=checked.lever)
 
 
-def _doubts(measured: Measured) -> list[Diagnostic]:
+def _doubts(measured: MeasuredActuator) -> list[Diagnostic]:
     from edmctl.actuator.checks import check_record
 
     doubts = doubtful(check_record(measured.record), "W3610")

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from edmctl.jobs.run_header import RunName
     from edmctl.jobs.session import MachineSession
     from edmctl.procedures.job import Job
-    from edmctl.procedures.job_state import JobState, Journal
+    from edmctl.procedures.job_state import JobState, StateStore
     from edmctl.record.ledger import Logbook
     from edmctl.results.channel import ChannelResult
     from edmctl.results.job import JobResult, SiteResult
@@ -47,7 +47,7 @@ class JobLedger:
     plan: Plan
     session: MachineSession
     name: RunName | None
-    journal: Journal
+    journal: StateStore
     warn: Warn
     truth: Mapping[str, float] | None = None
     _logbook: Logbook | None = None

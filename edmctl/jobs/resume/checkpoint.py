@@ -78,8 +78,8 @@ class JobCheckpoint:
             job = taken_up(resumption, job, self.session.bench.now)
         if self.name is None or not self.plan.where.lasting:
             return job
-        from edmctl.procedures.hole.interruption import after_pause
         from edmctl.procedures.job_state import JobState
+        from edmctl.procedures.state_keeper import after_pause
         from edmctl.record.journal import JournalFile, remove_journal
 
         self._file = JournalFile(

@@ -49,9 +49,9 @@ def name_of_resumed(resumption: Resumption, run_id: str | None, start: datetime)
 
 def taken_up(resumption: Resumption, job: Job, now: Now) -> Job:
     """Return the job with the places of the run before, how far that came, and where the tool's home was."""
-    from edmctl.procedures.job import Site
+    from edmctl.profile.places import Place
 
-    sites = tuple(Site(*place) for place in resumption.job.places)
+    sites = tuple(Place(*place) for place in resumption.job.places)
     pause_s = now.since_s(resumption.journal.written_utc_s, resumption.journal.clock_s)
     job = replace(
         job, sites=sites, resumed=resumption.state, pause_s=pause_s, restart_hole=resumption.restart_hole

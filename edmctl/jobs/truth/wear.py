@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from edmctl.procedures.job_state import JobState, Journal
+    from edmctl.procedures.job_state import JobState, StateStore
     from edmctl.simulator import VirtualBench
 LEFT = "left"
 """Stands for a hole that was given up; with a number and a space it is the name of no site."""
@@ -20,7 +20,7 @@ class TrueWear:
     """A journal on the way to `journal`. `before_um` is the tool's wear when the job begins."""
 
     bench: VirtualBench
-    journal: Journal
+    journal: StateStore
     before_um: float = 0.0
     _at_end_um: dict[str, float] = field(default_factory=dict)
     _given_up_um: float = math.inf

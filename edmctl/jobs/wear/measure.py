@@ -14,7 +14,6 @@ from edmctl.jobs.ledger.tool_identity import NAMELESS, ToolIdentity, account_of,
 from edmctl.jobs.ledger.tool_life import left_to_finish, refuse_unknown_length
 from edmctl.jobs.resume.way_on import on_machine
 from edmctl.jobs.wear.bottom import bottom_of
-from edmctl.procedures.hole.interruption import counted_pause_s
 from edmctl.procedures.measure_wear import (
     LEAST_TOUCHES,
     Reference,
@@ -22,6 +21,7 @@ from edmctl.procedures.measure_wear import (
     refuse_drift,
     touch_pad,
 )
+from edmctl.procedures.monitoring.drift import counted_pause_s
 from edmctl.record.ledger_entries import Entry, ReferenceTouched, RunEnded, ToolChanged, WearMeasured
 from edmctl.record.tool_account import Books, ToolAccount, books_of
 from edmctl.wording import length
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from edmctl.jobs.session import MachineSession
     from edmctl.procedures.job import Job
     from edmctl.procedures.measure_wear import Bottom
-    from edmctl.procedures.run import Run
+    from edmctl.procedures.run import JobRun
     from edmctl.procedures.touch.reading import SurfaceReading
     from edmctl.profile.model import Profile
     from edmctl.record.ledger import Logbook
@@ -116,11 +116,11 @@ class WearRun:
             warn(left_to_finish(account.label, identity.serial, logbook.path.parent))
         return profile
 
-    def act(self, run: Run) -> None:
+    def act(self, run: JobRun) -> None:
         """Touch."""
         account = self._account
         assert account is not None
-        self._home_um = run.ledger.home_um
+        self._home_um = run.tally.home_um
         known = not math.isnan(account.pad_um)
         expected_um = self._home_um + (account.pad_um if known else run.profile.approach.offset_um)
         if self._reference is None:

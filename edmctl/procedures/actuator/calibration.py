@@ -63,24 +63,18 @@ class CalibrationPlan:
     @property
     def duration_s(self) -> float:
         """Length of the record: rest, legs, and a sample at every turning point."""
-        return REST_S + sum(leg.duration_s for leg in self.legs) + self.period_s * self._moves
+        starts_v = [0.0, *(leg.u_v for leg in self.legs[:-1])]
+        moves = sum(leg.u_v != start_v for leg, start_v in zip(self.legs, starts_v, strict=True))
+        return REST_S + sum(leg.duration_s for leg in self.legs) + self.period_s * moves
 
     @property
     def samples(self) -> int:
         """Samples of the record."""
         return round(self.duration_s / self.period_s)
 
-    @property
-    def _moves(self) -> int:
-        return sum(leg.u_v != before for leg, before in zip(self.legs, self._starts_v, strict=True))
-
-    @property
-    def _starts_v(self) -> list[float]:
-        return [0.0, *(leg.u_v for leg in self.legs[:-1])]
-
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class MeasuredActuator:
     """A record of a machine's actuator; `lost_frames` of telemetry are missing from it."""
 
     record: Record
@@ -103,7 +97,9 @@ def plan_calibration(setup: Setup) -> CalibrationPlan:
     )
 
 
-def measure_actuator(machine: Machine, setup: Setup, plan: CalibrationPlan, observer: Observer) -> Measured:
+def measure_actuator(
+    machine: Machine, setup: Setup, plan: CalibrationPlan, observer: Observer
+) -> MeasuredActuator:
     """Drive the plan on an idle machine and record what the sensor says; retracted and idle in the end.
 
     Raises RecordError after the first swing when the sensor does not show it; else MachineFault, LinkLost,
@@ -126,7 +122,7 @@ def measure_actuator(machine: Machine, setup: Setup, plan: CalibrationPlan, obse
                 check_record(listener.record(machine))
         machine.disarm()
         machine.stop_telemetry()
-    return Measured(listener.record(machine), listener.lost_frames)
+    return MeasuredActuator(listener.record(machine), listener.lost_frames)
 
 
 def _settings(setup: Setup) -> MotionSettings:

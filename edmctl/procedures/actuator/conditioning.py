@@ -19,14 +19,14 @@ from edmctl.errors import PreconditionError
 from edmctl.machine.interface import joined
 from edmctl.procedures.actuator.tracker import home
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.resting import rest_and_look
+from edmctl.procedures.run import rest_and_look
 from edmctl.procedures.stages import move_to
 from edmctl.results.progress import Phase
 from edmctl.wording import signed
 
 if TYPE_CHECKING:
     from edmctl.machine.interface import TelemetryBlock
-    from edmctl.procedures.run import Run
+    from edmctl.procedures.run import JobRun
 
 LEAST_GAIN_UM_PER_V = 0.05
 """Half the least mean gain that a setup may have."""
@@ -34,7 +34,7 @@ REST_S = 1.0
 """Rest before the first swing: the record starts from a standing actuator."""
 
 
-def condition(run: Run, *, pulses: bool = True) -> None:
+def condition(run: JobRun, *, pulses: bool = True) -> None:
     """Swing the actuator between 0 V and its limit at the parking place, and start the estimator from there.
 
     The machine is idle while the model is fitted, because a fitting host sends no heartbeats; then it is armed
@@ -61,14 +61,14 @@ def condition(run: Run, *, pulses: bool = True) -> None:
     run.machine.arm(pulses=pulses)
 
 
-def _swing(run: Run) -> None:
+def _swing(run: JobRun) -> None:
     actuator = run.setup.actuator
     for _ in range(actuator.conditioning_cycles):
         run.machine.ramp(run.profile.limits.stroke_v_max, actuator.conditioning_slew_v_s)
         run.machine.ramp(0.0, actuator.conditioning_slew_v_s)
 
 
-def _start_estimator(run: Run, block: TelemetryBlock) -> None:
+def _start_estimator(run: JobRun, block: TelemetryBlock) -> None:
     """From a conditioned actuator at rest through the swings on the voltage really applied, then home."""
     record = Record(block.time_s, block.actuator_v, block.displacement_um)
     calibration, cycles = run.job.calibration, run.setup.actuator.conditioning_cycles
@@ -106,7 +106,7 @@ def _start_estimator(run: Run, block: TelemetryBlock) -> None:
     )
 
 
-def _load_inverse(run: Run) -> None:
+def _load_inverse(run: JobRun) -> None:
     """Use the inverse model once while nothing waits: where its code is not compiled yet, that takes seconds."""
     estimator = run.watch.estimator()
     if estimator is not None:

@@ -41,8 +41,7 @@ from edmctl.machine.interface import (
     TouchRequest,
     WaveformBatch,
 )
-from edmctl.procedures.actuator.tracker import Tracker, at_rest
-from edmctl.procedures.monitoring.trace import Trace
+from edmctl.procedures.actuator.tracker import Trace, Tracker, at_rest
 
 if TYPE_CHECKING:
     from edmctl.procedures.job import CalibratedActuator
@@ -52,9 +51,10 @@ MARGIN_SHARE = 0.03
 """Error of a height by the inverse, as a share of the way there: 2.5 % of gain between days, and the model's own."""
 MARGIN_UM = 2.0
 """The same, at least."""
+SHORT, AT, BEYOND = -1.0, 0.0, 1.0
 
 
-class Reckoning:
+class DisplacementEstimates:
     """Listens between machine and host: turns the displacement of every sample and event into the estimate.
 
     `displacement_um` is the newest estimate, `cutting_um` the mean of it over the newest samples of a cut.
@@ -67,7 +67,6 @@ class Reckoning:
         self.tracker = Tracker(estimator, SlowCorrection(), calibration.held_out_rms_um)
         self._listener: MachineListener | None = None
         self._trace = Trace()
-        self._touched: dict[float, float] = {}
         self._started = False
         self.displacement_um = 0.0
         self.cutting_um = 0.0
@@ -78,7 +77,7 @@ class Reckoning:
 
     def at(self, time_s: float) -> float:
         """Return the estimate at a touch of this run, or at a moment of the last seconds, µm."""
-        return self._touched[time_s] if time_s in self._touched else self._trace.at(time_s)
+        return self._trace.at(time_s)
 
     def translated(self, event: MachineEvent) -> MachineEvent:
         """Return the event with the estimate at its time."""
@@ -112,7 +111,7 @@ class Reckoning:
     def event(self, event: MachineEvent) -> None:
         """Hand on with the estimate; that of a touch is kept, because its reading is asked for much later."""
         if event.code is EventCode.TOUCH:
-            self._touched[event.time_s] = self._trace.at(event.time_s)
+            self._trace.keep(event.time_s)
         if self._listener is not None:
             self._listener.event(self.translated(event))
 
@@ -135,13 +134,13 @@ class SensorlessMachine:
     def __init__(self, machine: Machine, calibration: CalibratedActuator, gain_um_per_v: float) -> None:
         self._machine = machine
         self._gain_um_per_v = gain_um_per_v
-        self._reckoning = Reckoning(calibration)
+        self._estimates = DisplacementEstimates(calibration)
         self._z_limit_um = 0.0
 
     @property
     def tracker(self) -> Tracker:
         """The estimator behind every displacement."""
-        return self._reckoning.tracker
+        return self._estimates.tracker
 
     @property
     def identity(self) -> MachineIdentity:
@@ -171,8 +170,8 @@ class SensorlessMachine:
 
     def start_telemetry(self, settings: TelemetrySettings, listener: MachineListener) -> None:
         """Begin to send samples, with estimates, to `listener`."""
-        self._reckoning.inform(listener)
-        self._machine.start_telemetry(settings, self._reckoning)
+        self._estimates.inform(listener)
+        self._machine.start_telemetry(settings, self._estimates)
 
     def stop_telemetry(self) -> None:
         """Send no more samples."""
@@ -184,7 +183,7 @@ class SensorlessMachine:
 
     def status(self) -> MachineStatus:
         """Ask what the controller sees now; the displacement is the newest estimate."""
-        return replace(self._machine.status(), displacement_um=self._reckoning.displacement_um)
+        return replace(self._machine.status(), displacement_um=self._estimates.displacement_um)
 
     def self_test(self) -> float:
         """Test the gap sensor with the tool retracted; mean gap voltage with the generator on, V."""
@@ -208,51 +207,51 @@ class SensorlessMachine:
     def approach(self, speed_um_s: float, max_travel_um: float, gap_reference_v: float) -> MachineEvent:
         """Advance with pulses until the mean gap voltage falls to the reference."""
         here_v = self.tracker.estimator.state.u_v
-        goal_um = self._reckoning.displacement_um + max_travel_um
-        travel_um = self._beyond_um(goal_um, speed_um_s) - self._gain_um_per_v * here_v
+        target_um = self._estimates.displacement_um + max_travel_um
+        travel_um = self._sent_um(target_um, BEYOND, speed_um_s) - self._gain_um_per_v * here_v
         event = self._machine.approach(speed_um_s, travel_um, gap_reference_v)
-        return self._reckoning.translated(event)
+        return self._estimates.translated(event)
 
     def touch(self, request: TouchRequest) -> tuple[Touch, ...]:
         """Find the surface by contact; each touch is the estimate at first contact."""
-        told = replace(
+        sent = replace(
             request,
-            fast_to_um=self._short_of_um(request.fast_to_um, request.fast_um_s),
-            z_max_um=self._beyond_um(request.z_max_um, request.fast_um_s),
+            fast_to_um=self._sent_um(request.fast_to_um, SHORT, request.fast_um_s),
+            z_max_um=self._sent_um(request.z_max_um, BEYOND, request.fast_um_s),
         )
         return tuple(
-            replace(touch, displacement_um=self._reckoning.at(touch.time_s))
-            for touch in self._machine.touch(told)
+            replace(touch, displacement_um=self._estimates.at(touch.time_s))
+            for touch in self._machine.touch(sent)
         )
 
     def start_cut(self, request: CutRequest) -> None:
         """Start the gap servo; `watch_cut` looks for the limit."""
         self._z_limit_um = request.z_limit_um
-        self._reckoning.cutting_um = self._reckoning.displacement_um
-        told_um = self._beyond_um(request.z_limit_um, math.inf)
-        self._machine.start_cut(replace(request, z_limit_um=told_um))
+        self._estimates.cutting_um = self._estimates.displacement_um
+        sent_um = self._sent_um(request.z_limit_um, BEYOND, math.inf)
+        self._machine.start_cut(replace(request, z_limit_um=sent_um))
 
     def start_scan(self, request: CutRequest) -> None:
         """Start the gap servo with the tool held at the voltage that the inverse gives for the limit."""
         self._z_limit_um = math.inf
-        self._machine.start_scan(replace(request, z_limit_um=self._held_um(request.z_limit_um)))
+        self._machine.start_scan(replace(request, z_limit_um=self._sent_um(request.z_limit_um, AT)))
 
     def path_move(self, line: ScanLine) -> bool:
         """Append a line; its limit becomes the voltage that the inverse gives now, so send it not long before."""
-        return self._machine.path_move(replace(line, z_limit_um=self._held_um(line.z_limit_um)))
+        return self._machine.path_move(replace(line, z_limit_um=self._sent_um(line.z_limit_um, AT)))
 
     def watch_cut(self, duration_s: float) -> MachineEvent | None:
         """Let at most `duration_s` of a cut pass, and end it where the estimate has reached its limit."""
         event = self._machine.watch_cut(duration_s)
         if event is not None:
-            return self._reckoning.translated(event)
-        if self._reckoning.cutting_um < self._z_limit_um:
+            return self._estimates.translated(event)
+        if self._estimates.cutting_um < self._z_limit_um:
             return None
         return replace(self.stop_cut(), code=EventCode.CUT_DONE)
 
     def stop_cut(self) -> MachineEvent:
         """End a cut: pulses off, tool held."""
-        return self._reckoning.translated(self._machine.stop_cut())
+        return self._estimates.translated(self._machine.stop_cut())
 
     def jump(self, request: JumpRequest) -> None:
         """Lift the tool to flush the gap, and return; a jump is told in µm of the mean gain in any case."""
@@ -291,19 +290,8 @@ class SensorlessMachine:
         """Frames that arrived damaged since the session opened."""
         return self._machine.bad_frames
 
-    def _short_of_um(self, target_um: float, speed_um_s: float) -> float:
-        """Return what the controller is told so that a feed from here ends before `target_um`."""
-        return self._told_um(target_um, -1.0, speed_um_s)
-
-    def _beyond_um(self, target_um: float, speed_um_s: float) -> float:
-        """Return what the controller is told so that a feed from here can reach `target_um`."""
-        return self._told_um(target_um, 1.0, speed_um_s)
-
-    def _held_um(self, target_um: float) -> float:
-        """Return what the controller is told so that the tool is held at `target_um` soon."""
-        return self._told_um(target_um, 0.0, math.inf)
-
-    def _told_um(self, target_um: float, side: float, speed_um_s: float) -> float:
-        way_um = target_um - self._reckoning.displacement_um
+    def _sent_um(self, target_um: float, side: float, speed_um_s: float = math.inf) -> float:
+        """Return the displacement to send so that a feed from here ends at `target_um`, short of it or beyond it."""
+        way_um = target_um - self._estimates.displacement_um
         way_um += side * (MARGIN_UM + MARGIN_SHARE * abs(way_um))
         return self._gain_um_per_v * travel_by(self.tracker.estimator, way_um, speed_um_s)

@@ -7,20 +7,27 @@ the sensor: what it says of a touch or a cut is its own, counted from the last r
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from edmctl.actuator.correction import SlowCorrection
 from edmctl.actuator.estimator import Estimator
 from edmctl.actuator.model import ActuatorState
 from edmctl.actuator.validation import ErrorFigures
+from edmctl.machine.interface import MachineState
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from edmctl.actuator.model import ActuatorModel
     from edmctl.actuator.record import Record
+    from edmctl.results.telemetry import TelemetryBlock
+
+Floats = NDArray[np.float64]
 
 HOME_READINGS = 32
 """The swings are compared in so many pieces."""
@@ -28,6 +35,12 @@ PIECES_ALIKE = 4
 """So many neighbouring pieces share one error of the model, which bends slowly along a swing."""
 LEAST_SD_UM = 0.05
 """A model is never trusted further than the sensor itself repeats."""
+SPAN_S = 15.0
+"""Looked back at most: a touch is told at the end of its dwell, which is 10 s at most."""
+SMOOTHED_S = 0.1
+"""Both are averaged over this: 0.15 µm of sensor noise a sample becomes 0.05 µm at 100 Hz."""
+_GATHERED_BLOCKS = 20
+"""Blocks reduced together: ten seconds of them."""
 
 
 class Tracker:
@@ -102,3 +115,77 @@ def home(model: ActuatorModel, record: Record, sd_um: float) -> tuple[Tracker, E
     tracker.learn(readings, alike=PIECES_ALIKE)
     left_um = (estimator.gain * y_um + estimator.offset_um - record.y_um)[first:]
     return tracker, ErrorFigures.of(left_um, record.y_um)
+
+
+class Trace:
+    """Displacements over the last `SPAN_S`, in blocks."""
+
+    def __init__(self) -> None:
+        self._blocks: deque[tuple[Floats, Floats]] = deque()
+        self._kept: dict[float, float] = {}
+
+    def append(self, time_s: Floats, displacement_um: Floats) -> None:
+        """Take consecutive samples, shape (n,) each, n > 0."""
+        self._blocks.append((time_s, displacement_um))
+        while self._blocks[0][0][-1] < time_s[-1] - SPAN_S:
+            self._blocks.popleft()
+
+    def keep(self, time_s: float) -> None:
+        """Keep the displacement at a moment for good: the reading of a touch is asked for much later."""
+        self._kept[time_s] = self.at(time_s)
+
+    def at(self, time_s: float) -> float:
+        """Displacement at a moment, interpolated; that of the nearest end outside the span; NaN when empty."""
+        if time_s in self._kept:
+            return self._kept[time_s]
+        if not self._blocks:
+            return float("nan")
+        times_s = np.concatenate([block_s for block_s, _ in self._blocks])
+        values_um = np.concatenate([block_um for _, block_um in self._blocks])
+        return float(np.interp(time_s, times_s, values_um))
+
+
+class FeedError:
+    """Sums over one hole: estimate less sensor, averaged over `SMOOTHED_S`, wherever all samples are machining."""
+
+    def __init__(self) -> None:
+        self._fresh: list[tuple[TelemetryBlock, Floats]] = []
+        self._max_um = math.nan
+        self._squares = 0.0
+        self._count = 0
+
+    @property
+    def max_um(self) -> float:
+        """Largest error, µm; NaN before any."""
+        self._reduce()
+        return self._max_um
+
+    @property
+    def rms_um(self) -> float:
+        """Root mean square, µm; NaN before any."""
+        self._reduce()
+        return math.sqrt(self._squares / self._count) if self._count else math.nan
+
+    def update(self, block: TelemetryBlock, model_um: Floats) -> None:
+        """Take consecutive samples with what was estimated for them, shape (n,)."""
+        self._fresh.append((block, model_um))
+        if len(self._fresh) >= _GATHERED_BLOCKS:
+            self._reduce()
+
+    def _reduce(self) -> None:
+        if not self._fresh:
+            return
+        blocks = [block for block, _ in self._fresh]
+        machining = np.concatenate([block.state for block in blocks]) == MachineState.MACHINING
+        sensor_um = np.concatenate([block.displacement_um for block in blocks])
+        error_um = np.concatenate([model_um for _, model_um in self._fresh]) - sensor_um
+        span_s = float(blocks[-1].time_s[-1] - blocks[0].time_s[0])
+        self._fresh.clear()
+        size = max(1, round(SMOOTHED_S * (len(error_um) - 1) / span_s)) if span_s > 0.0 else 1
+        rows = len(error_um) // size
+        whole = machining[: rows * size].reshape(rows, size).all(axis=1)
+        means_um = error_um[: rows * size].reshape(rows, size)[whole].mean(axis=1)
+        if len(means_um):
+            self._max_um = float(np.fmax(self._max_um, np.abs(means_um).max()))
+            self._squares += float(means_um @ means_um)
+            self._count += len(means_um)

@@ -6,27 +6,24 @@ import math
 from typing import TYPE_CHECKING
 
 from edmctl.forecasts.removal import SIDE_DISCHARGE_SHARE, removal_um3_s
-from edmctl.procedures.channel.result import PassSums
 from edmctl.procedures.channel.scan import PassPlan, PassResult, run_pass
 from edmctl.procedures.channel.touching import learned_gap_um
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.job import Site
-from edmctl.procedures.monitoring.drift import uncertainty_now
+from edmctl.procedures.job_state import CutTotals, RunningCut
 from edmctl.procedures.stages import move_to
-from edmctl.procedures.tally import RunningCut
 from edmctl.procedures.touch.approach import approach_bottom
-from edmctl.procedures.touch.tool_length import TOUCH_U_UM
+from edmctl.procedures.touch.reference_pad import TOUCH_U_UM
 from edmctl.process.channel import HeldTool, ToolWear, channel_width_um, passes_needed
 from edmctl.process.discharge import hole_area_um2
+from edmctl.profile.places import Place
 from edmctl.record.rows import EventLevel
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.procedures.channel.result import FloorReading
-    from edmctl.procedures.channel.touching import Face
-    from edmctl.procedures.run import Run
-    from edmctl.procedures.servo.time_limits import TimeLimits
+    from edmctl.procedures.channel.touching import ChannelSurface, FloorReading
+    from edmctl.procedures.run import JobRun
+    from edmctl.procedures.servo.limits import TimeLimits
     from edmctl.process.path import Way
     from edmctl.profile.model import Profile
 
@@ -52,12 +49,14 @@ class Layers:
     every pass.
     """
 
-    def __init__(self, run: Run, limits: TimeLimits, way: Way, face: Face, speed_um_s: float) -> None:
+    def __init__(
+        self, run: JobRun, limits: TimeLimits, way: Way, surface: ChannelSurface, speed_um_s: float
+    ) -> None:
         profile = run.profile
         self._run = run
         self._limits = limits
         self._way = way
-        self.face = face
+        self.surface = surface
         self._width_um = channel_width_um(profile.tool.diameter_um, profile.work.side_gap_um)
         self._speed_um_s = speed_um_s
         self._engaged = False
@@ -65,11 +64,11 @@ class Layers:
         self.gap_um = GAP_GROWTH * profile.measure.expected_gap_um
         self.depth_um = self.aim_um = 0.0
         self.since_uj = 0.0
-        self.since_s = face.z1.time_s
+        self.since_s = surface.z1.time_s
         self.measured_u_um = 0.0
         self.layers = 0
         self.behind = False
-        self.sums = PassSums()
+        self.sums = CutTotals()
         self.keep: Callable[[], None] = lambda: None
         self.last: tuple[PassPlan, PassResult] | None = None
 
@@ -81,7 +80,7 @@ class Layers:
     @property
     def _drift_um(self) -> float:
         """Standard uncertainty by which the displacement may have drifted since the last stop."""
-        drift_u_um_per_s = uncertainty_now(self._run).drift_u_um_per_s
+        drift_u_um_per_s = self._run.uncertainty.drift_u_um_per_s
         return drift_u_um_per_s * (self._run.machine.time_s - self.since_s)
 
     def cut(self, depth_um: float, layers_after: int, *, even_out: bool) -> tuple[str, str]:
@@ -93,7 +92,7 @@ class Layers:
         if left.seconds <= 0.0:
             return "TIMEOUT", left.limit
         self.aim_um, thickness_um = depth_um, depth_um - self.depth_um
-        held = HeldTool(self.face.z1.z_um, self.face.plane, depth_um, self.gap_um)
+        held = HeldTool(self.surface.z1.z_um, self.surface.plane, depth_um, self.gap_um)
         self._engage(held)
         profile = self._run.profile
         rate_um3_s = removal_um3_s(profile, depth_um)
@@ -104,14 +103,14 @@ class Layers:
         for _ in range(most):
             done = self._pass(held, uj_per_um, layers_after * needed)
             if done.fault:
-                return done.fault, done.told
+                return done.fault, done.message
             uj_per_um = done.wearing_uj / self._way.length_um
             if done.held:
                 break
         else:
             self.behind = True
-            told = f"after {most} passes the tool was held on {100 * done.held_share:.0f} % of the path"
-            return "STALL", told
+            message = f"after {most} passes the tool was held on {100 * done.held_share:.0f} % of the path"
+            return "STALL", message
         self.depth_um, self.layers = depth_um, self.layers + 1
         if not even_out:
             return "", ""
@@ -121,8 +120,8 @@ class Layers:
         """Take a measuring stop: wear, wear per energy, the gap that a held tool leaves, the depth."""
         if self.last is None:
             raise ValueError("nothing was cut")
-        drift_u_um_per_s = uncertainty_now(self._run).drift_u_um_per_s
-        wear_um = found.pad.z_um - self.face.z1.z_um
+        drift_u_um_per_s = self._run.uncertainty.drift_u_um_per_s
+        wear_um = found.pad.z_um - self.surface.z1.z_um
         self.wear.learn(self.since_uj, wear_um, drift_u_um_per_s * (found.pad.time_s - self.since_s))
         self.gap_um = learned_gap_um(*self.last, found, self.wear, self.gap_um)
         self._start_from(found)
@@ -132,7 +131,7 @@ class Layers:
 
         So it tells where tool and floor are, and nothing of wear per energy or of the gap.
         """
-        self.wear.restart(found.pad.z_um - self.face.z1.z_um)
+        self.wear.restart(found.pad.z_um - self.surface.z1.z_um)
         self._start_from(found)
 
     def _start_from(self, found: FloorReading) -> None:
@@ -145,7 +144,7 @@ class Layers:
         run, left = self._run, self._limits.left()
         if left.seconds <= 0.0:
             return _not_begun(left.limit, len(self._way.points))
-        way = self._way.reversed() if self.sums.passes % 2 else self._way
+        way = self._way.reversed() if self.sums.number % 2 else self._way
         rest_s = passes_after * way.length_um / self._speed_um_s
         plan = PassPlan(
             way,
@@ -154,19 +153,19 @@ class Layers:
             uj_per_um,
             self.since_uj,
             rest_s,
-            self.sums.passes + 1,
+            self.sums.number + 1,
             math.hypot(self.measured_u_um, self._drift_um),
         )
-        before_s = run.ledger.machining_time_s
-        run.ledger.unmeasured_site = run.profile.meta.name
+        before_s = run.tally.machining_time_s
+        run.tally.unmeasured_site = run.profile.meta.name
         self.keep()
         done = run_pass(run, plan, self.wear, left.seconds, left.limit)
-        run.ledger.machining_time_s = before_s + done.time_s
-        self.sums.add(done)
-        run.ledger.cut = RunningCut()
+        run.tally.machining_time_s = before_s + done.time_s
+        self.sums = self.sums.plus(done.counts, done.energy_j, done.time_s)
+        run.tally.cut = RunningCut()
         self.last = (plan, done)
         self.since_uj += done.wearing_uj
-        self._tell_pass(held, done)
+        self._report_pass(held, done)
         return done
 
     def _even_out(self, held: HeldTool, uj_per_um: float) -> tuple[str, str]:
@@ -174,7 +173,7 @@ class Layers:
         for _ in range(MOST_TO_EVEN):
             done = self._pass(held, uj_per_um, 0)
             if done.fault:
-                return done.fault, done.told
+                return done.fault, done.message
             if done.open_share >= QUIET_SHARE:
                 break
             uj_per_um = done.wearing_uj / self._way.length_um
@@ -184,22 +183,24 @@ class Layers:
         """Go to where the next pass begins, and down to the first sparks, unless the tool is still there."""
         if self._engaged:
             return
-        x_um, y_um = self._way.at(self._way.length_um if self.sums.passes % 2 else 0.0)
-        move_to(self._run, Site("the path's end" if self.sums.passes % 2 else "the path's start", x_um, y_um))
+        x_um, y_um = self._way.at(self._way.length_um if self.sums.number % 2 else 0.0)
+        move_to(
+            self._run, Place("the path's end" if self.sums.number % 2 else "the path's start", x_um, y_um)
+        )
         old = HeldTool(held.pad_um, held.plane, self.depth_um, held.gap_um)
         floor_um = old.floor_um((x_um, y_um), self.wear.um(self.since_uj))
-        floor_u_um = math.hypot(self.wear_u_um, self.face.plane.height_u_um(x_um, y_um), FLOOR_U_UM)
+        floor_u_um = math.hypot(self.wear_u_um, self.surface.plane.height_u_um(x_um, y_um), FLOOR_U_UM)
         approach_bottom(self._run, floor_um, floor_u_um)
         self._engaged = True
 
-    def _tell_pass(self, held: HeldTool, done: PassResult) -> None:
+    def _report_pass(self, held: HeldTool, done: PassResult) -> None:
         self._run.decide(
             RunEvent.PASS_ENDED,
-            f"Pass {self.sums.passes} at {held.depth_um:.2f} µm took {done.time_s:.0f} s: held on "
+            f"Pass {self.sums.number} at {held.depth_um:.2f} µm took {done.time_s:.0f} s: held on "
             f"{100 * done.held_share:.0f} % of the path, {100 * done.open_share:.0f} % of the pulses open"
-            f"{f'; ended early, {done.told}' if done.fault else ''}.",
+            f"{f'; ended early, {done.message}' if done.fault else ''}.",
             {
-                "pass": self.sums.passes,
+                "pass": self.sums.number,
                 "depth_um": held.depth_um,
                 "time_s": done.time_s,
                 "held": done.held_share,

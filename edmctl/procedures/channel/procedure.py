@@ -6,6 +6,7 @@ stop, so the last layers are cut by what was measured and not by what was assume
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -13,25 +14,26 @@ from edmctl.errors import MachineFault
 from edmctl.labels import NOT_SHOWN_CODE, Verdict
 from edmctl.machine.interface import host_fault
 from edmctl.procedures.channel.layers import Layers
-from edmctl.procedures.channel.result import FloorReading, channel_left, channel_result
+from edmctl.procedures.channel.result import channel_left, channel_result, channel_row
 from edmctl.procedures.channel.resuming import (
     channel_begun,
     channel_state,
-    face_left,
     go_on_from,
     refuse_other_channel,
     stops_left,
+    surface_left_by,
     unknown_of_left,
     with_journal_hint,
 )
-from edmctl.procedures.channel.touching import measure_floor, touch_untouched
+from edmctl.procedures.channel.touching import FloorReading, measure_floor, touch_untouched
 from edmctl.procedures.channel.way import way_of_path
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.cut_decision import Decision
-from edmctl.procedures.hole.target import Goal, goal_of
+from edmctl.procedures.hole.target import HoleTarget, target_of
 from edmctl.procedures.hole.verdict import REMEDIES, judged_channel, not_shown
-from edmctl.procedures.job import Site
-from edmctl.procedures.touch.tool_length import TOUCH_U_UM
+from edmctl.procedures.job_state import UnderWay
+from edmctl.procedures.servo.limits import TimeLimits
+from edmctl.procedures.touch.reference_pad import TOUCH_U_UM
 from edmctl.process.channel import layer_depths_um
 from edmctl.process.next_cut import COVERAGE, NOISE_FLOOR_SIGMAS
 from edmctl.record.rows import EventLevel
@@ -40,10 +42,9 @@ from edmctl.wording import length, plural, signed
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.procedures.channel.touching import Face
+    from edmctl.procedures.channel.touching import ChannelSurface
     from edmctl.procedures.job_state import JobState
-    from edmctl.procedures.run import Run
-    from edmctl.procedures.servo.time_limits import TimeLimits
+    from edmctl.procedures.run import JobRun
     from edmctl.process.path import Way
     from edmctl.results.channel import ChannelResult
 
@@ -58,7 +59,7 @@ PLACES, PLACES_AT_THE_END = 4, 6
 
 
 def machine_channel(
-    run: Run, limits: TimeLimits, keep: Callable[[ChannelResult], None]
+    run: JobRun, limits: TimeLimits, keep: Callable[[ChannelResult], None]
 ) -> tuple[ChannelResult | None, Decision]:
     """Machine the channel of `profile.path`; the result of the last measuring stop, and how it ended.
 
@@ -69,35 +70,35 @@ def machine_channel(
     if path is None:
         raise ValueError("the profile has no channel")
     way = way_of_path(path)
-    goal = goal_of(run.profile, Site(run.profile.meta.name, path.x_um, path.y_um))
-    run.ledger.depth_um, run.ledger.open_site = 0.0, run.profile.meta.name
-    run.ledger.depth_target_um = goal.depth_um
+    target = target_of(run.profile)
+    run.tally.depth_um, run.tally.open_site = 0.0, run.profile.meta.name
+    run.tally.depth_target_um = target.depth_um
     left = channel_begun(run)
-    face = touch_untouched(run, way) if left is None else face_left(run, left)
-    layers = Layers(run, limits, way, face, path.speed_um_s)
-    stops = _Stops(run, goal, way, face, layers, keep)
+    surface = touch_untouched(run, way) if left is None else surface_left_by(run, left)
+    layers = Layers(run, limits, way, surface, path.speed_um_s)
+    stops = _Stops(run, target, way, surface, layers, keep)
     try:
         if left is not None:
-            ended = _ended(run, goal, stops.take_up(left), last=False)
+            ended = _ended(run, target, stops.take_up(left), last=False)
             if ended is not None:
                 return stops.result, ended
-        return _cut_down(run, goal, layers, stops, path.layer_um)
+        return _cut_down(run, target, layers, stops, path.layer_um)
     except BaseException:
         stops.leave()
         raise
 
 
 def _cut_down(
-    run: Run, goal: Goal, layers: Layers, stops: _Stops, layer_um: float
+    run: JobRun, target: HoleTarget, layers: Layers, stops: _Stops, layer_um: float
 ) -> tuple[ChannelResult | None, Decision]:
     """Cut layer by layer, and measure where that is due, to the end."""
     corrections = run.profile.wear.max_cuts
     while True:
-        depths_um = layer_depths_um(layers.depth_um, goal.depth_um, layer_um)
+        depths_um = layer_depths_um(layers.depth_um, target.depth_um, layer_um)
         last = len(depths_um) == 1
         even_out = last or stops.due(len(depths_um) - 1)
         from_um = layers.depth_um
-        fault, told = layers.cut(depths_um[0], len(depths_um) - 1, even_out=even_out)
+        fault, message = layers.cut(depths_um[0], len(depths_um) - 1, even_out=even_out)
         if not (fault or even_out):
             continue
         if not fault:
@@ -105,17 +106,17 @@ def _cut_down(
         elif layers.since_uj > 0.0:
             result = stops.measure(PLACES)
         else:
-            return stops.result, _missed(run, goal, fault, told, stops.result)
+            return stops.result, _missed(run, target, fault, message, stops.result)
         sunk_um = result.depth_um - from_um
         if fault and not (layers.behind and sunk_um >= LEAST_SUNK_SHARE * (depths_um[0] - from_um)):
-            return result, _missed(run, goal, fault, told, result)
+            return result, _missed(run, target, fault, message, result)
         corrections -= last
-        ended = _ended(run, goal, result, last=last and corrections <= 0)
+        ended = _ended(run, target, result, last=last and corrections <= 0)
         if ended is not None:
             return result, ended
-        ended_early = f" The last layer ended early: {told}." if told else ""
-        left_um = goal.depth_um - result.depth_um
-        again = max(1, len(layer_depths_um(result.depth_um, goal.depth_um, layer_um)))
+        ended_early = f" The last layer ended early: {message}." if message else ""
+        left_um = target.depth_um - result.depth_um
+        again = max(1, len(layer_depths_um(result.depth_um, target.depth_um, layer_um)))
         run.decide(
             RunEvent.CUT_DECIDED,
             f"{left_um:.2f} µm are left, in {plural(again, 'layer')}.{ended_early}",
@@ -123,13 +124,13 @@ def _cut_down(
         )
 
 
-def _ended(run: Run, goal: Goal, result: ChannelResult, *, last: bool) -> Decision | None:
+def _ended(run: JobRun, target: HoleTarget, result: ChannelResult, *, last: bool) -> Decision | None:
     """The end after a measuring stop, at the target or `last` or with a worn tool; None where more is to be cut."""
-    worn_out = _worn_out(run, goal, result)
+    worn_out = _worn_out(run, target, result)
     if worn_out is not None:
         return worn_out
-    if last or goal.depth_um - result.depth_um <= _good_enough_um(goal):
-        return _final(run, goal, result)
+    if last or target.depth_um - result.depth_um <= _good_enough_um(target):
+        return _final(run, target, result)
     return None
 
 
@@ -138,17 +139,17 @@ class _Stops:
 
     def __init__(
         self,
-        run: Run,
-        goal: Goal,
+        run: JobRun,
+        target: HoleTarget,
         way: Way,
-        face: Face,
+        surface: ChannelSurface,
         layers: Layers,
         keep: Callable[[ChannelResult], None],
     ) -> None:
         self._run = run
-        self._goal = goal
+        self._target = target
         self._way = way
-        self._face = face
+        self._face = surface
         self._layers = layers
         self._keep = keep
         self._number = 0
@@ -166,7 +167,7 @@ class _Stops:
         """
         if not self._learned and self._layers.layers + 1 >= LAYERS_BEFORE_FIRST_STOP:
             return True
-        unknown = self._layers.wear_u_um / self._goal.tolerance_um
+        unknown = self._layers.wear_u_um / self._target.tolerance_um
         return unknown > 0.5 or (layers_after == 1 and unknown > 0.25)
 
     def measure(self, places: int) -> ChannelResult:
@@ -217,15 +218,15 @@ class _Stops:
         self._number += 1
         self.result = result
         self._layers.measured_u_um = result.wear_u95_um / COVERAGE
-        self._run.ledger.depth_um, self._run.ledger.unmeasured_site = found.depth_um, ""
+        self._run.tally.depth_um, self._run.tally.unmeasured_site = found.depth_um, ""
         self._keep(result)
         self._keep_state("measuring")
-        self._tell(found, result)
+        self._report(found, result)
         return result
 
     def _keep_state(self, phase: str) -> None:
         """Write down how far the channel has come, for a run that goes on with it."""
-        self._run.journal.channel(self._state, phase, self._run.machine.time_s)
+        self._run.keeper.keep(phase, UnderWay(self._state), self._run.machine.time_s)
 
     def _state(self, state: JobState, now_s: float) -> JobState:
         return channel_state(
@@ -235,20 +236,20 @@ class _Stops:
     def leave(self) -> None:
         """Keep by estimate what was cut since the last stop, where the channel is left before the next."""
         run, layers = self._run, self._layers
-        if self.result is not None and run.ledger.unmeasured_site:
+        if self.result is not None and run.tally.unmeasured_site:
             # A short may have pulled the tool back; the floor stays where it is.
-            run.ledger.depth_um = max(run.ledger.depth_um, layers.depth_um, self.result.depth_um)
+            run.tally.depth_um = max(run.tally.depth_um, layers.depth_um, self.result.depth_um)
             left = channel_left(
                 self.result,
                 layers.sums,
                 layers=layers.layers,
-                depth_um=run.ledger.depth_um,
-                most_um=max(run.ledger.depth_um, layers.aim_um),
+                depth_um=run.tally.depth_um,
+                most_um=max(run.tally.depth_um, layers.aim_um),
                 wear_um=layers.wear.um(layers.since_uj),
             )
             self._keep(left)
 
-    def _tell(self, found: FloorReading, result: ChannelResult) -> None:
+    def _report(self, found: FloorReading, result: ChannelResult) -> None:
         self._run.decide(
             RunEvent.CHANNEL_MEASURED,
             f"Floor {length(result.depth_um, result.depth_u95_um)} deep, {found.sd_um:.2f} µm rms from "
@@ -265,28 +266,28 @@ class _Stops:
         )
 
 
-def _good_enough_um(goal: Goal) -> float:
+def _good_enough_um(target: HoleTarget) -> float:
     """A rest below this is not worth another layer, or is noise."""
-    return max(goal.tolerance_um / 2.0, NOISE_FLOOR_SIGMAS * TOUCH_U_UM)
+    return max(target.tolerance_um / 2.0, NOISE_FLOOR_SIGMAS * TOUCH_U_UM)
 
 
-def _final(run: Run, goal: Goal, result: ChannelResult) -> Decision:
+def _final(run: JobRun, target: HoleTarget, result: ChannelResult) -> Decision:
     """The end after the last layer: the objective reached, or missed by the depth or the evenness of the floor."""
-    tolerance_um, target_um = goal.tolerance_um, goal.depth_um
+    tolerance_um, target_um = target.tolerance_um, target.depth_um
     off_um = result.depth_um - target_um
     message = (
         f"Channel {result.depth_um:.2f} µm deep, {signed(off_um)} µm from the target, "
         f"{result.floor_sd_um:.2f} µm rms along the path, after {result.layers} layers in {result.passes} passes."
     )
-    verdict = judged_channel(goal, result).verdict
+    verdict = judged_channel(target, result).verdict
     if verdict is Verdict.SHOWN:
         run.decide(RunEvent.TARGET_REACHED, message, {"depth_um": result.depth_um})
         return Decision(None, message)
     if verdict is Verdict.NOT_SHOWN:
-        told = f"{not_shown('The mean depth of the floor', goal, result)}."
+        message = f"{not_shown('The mean depth of the floor', target, result)}."
         hint = REMEDIES[result.depth_basis]
-        run.decide(RunEvent.VERDICT, told, {"hint": hint}, level=EventLevel.WARNING)
-        return Decision(None, told, told, hint, NOT_SHOWN_CODE)
+        run.decide(RunEvent.VERDICT, message, {"hint": hint}, level=EventLevel.WARNING)
+        return Decision(None, message, message, hint, NOT_SHOWN_CODE)
     run.decide(RunEvent.TARGET_MISSED, message, {"depth_um": result.depth_um}, level=EventLevel.WARNING)
     return Decision(
         None,
@@ -297,23 +298,52 @@ def _final(run: Run, goal: Goal, result: ChannelResult) -> Decision:
     )
 
 
-def _worn_out(run: Run, goal: Goal, result: ChannelResult) -> Decision | None:
+def _worn_out(run: JobRun, target: HoleTarget, result: ChannelResult) -> Decision | None:
     """The end where the tool has lost more than it may; None while it has not."""
     lost_um, limit_um = run.job.tool_wear_before_um + result.wear_um, run.profile.tool.max_wear_um
     if lost_um <= limit_um:
         return None
     message = (
         f"The tool has lost {lost_um:.0f} µm, tool.max_wear_um is {limit_um:.0f} µm; the channel ends at "
-        f"{goal.reached(result.depth_um, result.feed_um)}."
+        f"{target.reached(result.depth_um, result.feed_um)}."
     )
     run.decide(RunEvent.TARGET_MISSED, message, {"wear_um": lost_um}, level=EventLevel.WARNING)
     return Decision(None, message, message, "Dress or change the tool, and machine the channel anew.")
 
 
-def _missed(run: Run, goal: Goal, fault: str, told: str, result: ChannelResult | None) -> Decision:
+def _missed(
+    run: JobRun, target: HoleTarget, fault: str, message: str, result: ChannelResult | None
+) -> Decision:
     """The end by a row of the faults, with what was reached."""
     depth_um = 0.0 if result is None else result.depth_um
-    reached = f"a floor {depth_um:.2f} of {goal.depth_um:g} µm deep"
-    error = host_fault(fault, f" The channel ended early ({told}) at {reached}.")
+    reached = f"a floor {depth_um:.2f} of {target.depth_um:g} µm deep"
+    error = host_fault(fault, f" The channel ended early ({message}) at {reached}.")
     run.decide(RunEvent.TARGET_MISSED, error.message, {"depth_um": depth_um}, level=EventLevel.WARNING)
     return Decision(None, error.message, error.message, error.hint, error.code)
+
+
+def machine_path(run: JobRun) -> Decision | None:
+    """Machine the channel of the recipe; the decision where it missed its objective, None where it did not.
+
+    Raises PreconditionError E8060, E8061 where it is not the channel, or the tool, that an earlier run has left.
+    """
+    path = run.profile.path
+    assert path is not None
+
+    def keep(result: ChannelResult) -> None:
+        run.tally.channel = result
+
+    result, decision = machine_channel(run, TimeLimits(run), keep)
+    run.tally.open_site = run.tally.unmeasured_site = ""
+    if result is not None:
+        result = judged_channel(target_of(run.profile), result)
+        keep(replace(result, finished=True))
+        run.recorder.site_result(channel_row(run, result))
+    return decision if decision.missed else None
+
+
+def record_left_channel(run: JobRun) -> None:
+    """Write what is known of a channel that was looked at, where its job ends early."""
+    channel = run.tally.channel
+    if channel is not None and not channel.finished:
+        run.recorder.site_result(channel_row(run, channel))

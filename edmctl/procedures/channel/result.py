@@ -3,72 +3,33 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from edmctl.labels import Basis
-from edmctl.procedures.monitoring.drift import uncertainty_now
-from edmctl.procedures.touch.site_readings import pad_u_um
+from edmctl.procedures.touch.reference_pad import pad_u_um
 from edmctl.process.channel import channel_width_um
+from edmctl.process.discharge import mrr_mm3_min
 from edmctl.process.wear import TOUCH_PRIOR_DOF, student_97_5
-from edmctl.results.channel import ChannelResult, FloorPlace
+from edmctl.record.rows import SiteRow
+from edmctl.results.channel import ChannelResult
 from edmctl.results.pulses import pulse_shares
 
 if TYPE_CHECKING:
-    from edmctl.procedures.channel.scan import PassResult
-    from edmctl.procedures.channel.touching import Face
-    from edmctl.procedures.run import Run
-    from edmctl.procedures.touch.reading import SurfaceReading
+    from edmctl.procedures.channel.touching import ChannelSurface, FloorReading
+    from edmctl.procedures.job_state import CutTotals
+    from edmctl.procedures.run import JobRun
 
-
-@dataclass(slots=True)
-class PassSums:
-    """What all passes have done together, those of earlier runs of the job too: pulses by class, J and s."""
-
-    passes: int = 0
-    counts: tuple[int, int, int, int] = (0, 0, 0, 0)
-    energy_j: float = 0.0
-    time_s: float = 0.0
-
-    def add(self, done: PassResult) -> None:
-        """Take one more pass."""
-        a, b = self.counts, done.counts
-        self.passes += 1
-        self.counts = (a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3])
-        self.energy_j += done.energy_j
-        self.time_s += done.time_s
-
-
-@dataclass(frozen=True, slots=True)
-class FloorReading:
-    """The touches of one measuring stop: the pad, the floor at places of the path, and the pad again."""
-
-    places: tuple[FloorPlace, ...]
-    floor: tuple[SurfaceReading, ...]
-    pad_before: SurfaceReading
-    pad: SurfaceReading
-
-    @property
-    def depth_um(self) -> float:
-        """Mean depth."""
-        return math.fsum(place.depth_um for place in self.places) / len(self.places)
-
-    @property
-    def sd_um(self) -> float:
-        """Standard deviation of the depths; 0 of a single one."""
-        return (
-            float(np.std([place.depth_um for place in self.places], ddof=1)) if len(self.places) > 1 else 0.0
-        )
+TOUCH_LEAST_SD_UM = 0.1
+"""Touches that agree better than this do so by chance."""
 
 
 def channel_result(
-    run: Run,
+    run: JobRun,
     length_um: float,
-    face: Face,
+    surface: ChannelSurface,
     found: FloorReading,
-    sums: PassSums,
+    sums: CutTotals,
     *,
     layers: int,
     gap_um: float,
@@ -80,15 +41,15 @@ def channel_result(
     After a pass that ended early the floor may be deeper by `uneven_um` where the tool was, which is at none of the
     places that were touched: so much the mean of the floor may be off.
     """
-    job, z1 = run.job, face.z1
-    depth_u95_um, wear_u95_um = _uncertainties(run, face, found, uneven_um)
+    job, z1 = run.job, surface.z1
+    depth_u95_um, wear_u95_um = _uncertainties(run, surface, found, uneven_um)
     wear_um = found.pad.z_um - z1.z_um
     return ChannelResult(
         name=job.profile.meta.name,
         length_um=length_um,
         width_um=channel_width_um(job.profile.tool.diameter_um, job.profile.work.side_gap_um),
         layers=layers,
-        passes=sums.passes,
+        passes=sums.number,
         depth_um=found.depth_um,
         depth_u95_um=depth_u95_um,
         floor_sd_um=found.sd_um,
@@ -111,7 +72,7 @@ def channel_result(
 
 def channel_left(
     measured: ChannelResult,
-    sums: PassSums,
+    sums: CutTotals,
     *,
     layers: int,
     depth_um: float,
@@ -132,7 +93,7 @@ def channel_left(
     return replace(
         measured,
         layers=layers,
-        passes=sums.passes,
+        passes=sums.number,
         depth_um=depth_um,
         depth_u95_um=math.hypot(measured.depth_u95_um, cut_um),
         floor_sd_um=math.nan,
@@ -150,14 +111,16 @@ def channel_left(
     )
 
 
-def _uncertainties(run: Run, face: Face, found: FloorReading, uneven_um: float) -> tuple[float, float]:
+def _uncertainties(
+    run: JobRun, surface: ChannelSurface, found: FloorReading, uneven_um: float
+) -> tuple[float, float]:
     """95 % half-widths of mean depth and wear: touches and doubts of floor and pad, sensor, drift, face, stages.
 
     How much the floor varies from place to place counts too, as only some were touched. The pad is touched before
     and after the floor, so a steady drift is no part of the depth.
     """
-    known, z1, setup = uncertainty_now(run), face.z1, run.setup
-    face_u_um = max(face.plane.height_u_um(place.x_um, place.y_um) for place in found.places)
+    sensor_u, z1, setup = run.uncertainty, surface.z1, run.setup
+    face_u_um = max(surface.plane.height_u_um(place.x_um, place.y_um) for place in found.places)
     pads = (z1, found.pad_before, found.pad)
     dof = TOUCH_PRIOR_DOF + sum(r.reading.touches - 1 for r in (*pads, *found.floor))
     meeting_u_um = pad_u_um(setup)
@@ -169,10 +132,10 @@ def _uncertainties(run: Run, face: Face, found: FloorReading, uneven_um: float) 
         0.5 * uneven_um,
         before_u_um / 2.0,
         after_u_um / 2.0,
-        known.gain_u_rel * found.depth_um,
-        known.linearity_u_um,
+        sensor_u.gain_u_rel * found.depth_um,
+        sensor_u.linearity_u_um,
         face_u_um,
-        face.doubt_u_um,
+        surface.doubt_u_um,
         meeting_u_um,
         math.fsum(z2.doubt_u_um for z2 in found.floor) / len(found.floor),
         0.5 * (found.pad_before.doubt_u_um + found.pad.doubt_u_um),
@@ -181,9 +144,9 @@ def _uncertainties(run: Run, face: Face, found: FloorReading, uneven_um: float) 
     wear_u_um = math.hypot(
         z1_u_um,
         after_u_um,
-        known.gain_u_rel * wear_um,
-        known.linearity_u_um,
-        known.drift_u_um_per_s * (found.pad.time_s - z1.time_s),
+        sensor_u.gain_u_rel * wear_um,
+        sensor_u.linearity_u_um,
+        sensor_u.drift_u_um_per_s * (found.pad.time_s - z1.time_s),
         meeting_u_um,
         z1.doubt_u_um,
         found.pad.doubt_u_um,
@@ -192,5 +155,36 @@ def _uncertainties(run: Run, face: Face, found: FloorReading, uneven_um: float) 
     return factor * depth_u_um, factor * wear_u_um
 
 
-TOUCH_LEAST_SD_UM = 0.1
-"""Touches that agree better than this do so by chance."""
+def channel_row(run: JobRun, result: ChannelResult) -> SiteRow:
+    """The channel as a row of the results: Z2 is the mean of its floor."""
+    path = run.profile.path
+    assert path is not None
+    volume_um3 = result.depth_um * result.width_um * result.length_um
+    return SiteRow(
+        site=result.name,
+        x_um=path.x_um,
+        y_um=path.y_um,
+        z1_um=result.z1_um,
+        z2_um=result.z3_um + result.depth_um,
+        z3_um=result.z3_um,
+        depth_um=result.depth_um,
+        depth_u95_um=result.depth_u95_um,
+        wear_um=result.wear_um,
+        wear_u95_um=result.wear_u95_um,
+        feed_um=result.feed_um,
+        depth_model_um=math.nan,
+        wear_model_um=math.nan,
+        machining_time_s=result.machining_time_s,
+        cuts=result.passes,
+        pulses=result.pulses,
+        ratio_open=result.ratios.open,
+        ratio_normal=result.ratios.normal,
+        ratio_arc=result.ratios.arc,
+        ratio_short=result.ratios.short,
+        energy_j=result.energy_j,
+        mrr_mm3_min=mrr_mm3_min(volume_um3 / time_s) if (time_s := result.machining_time_s) else math.nan,
+        measuring_stops=result.measuring_stops,
+        depth_basis=result.depth_basis,
+        wear_basis=result.wear_basis,
+        verdict=result.verdict or "",
+    )

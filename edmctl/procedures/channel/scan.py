@@ -14,18 +14,24 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.errors import PreconditionError
-from edmctl.machine.interface import CutRequest, EventCode, ScanLine
-from edmctl.procedures.channel.follow import PassFollower
+from edmctl.machine.interface import CutRequest, EventCode, MachineState, ScanLine
+from edmctl.procedures.hole.cut_planning import energy_of
+from edmctl.procedures.job_state import RunningCut
+from edmctl.procedures.servo.limits import RatioLimits
+from edmctl.procedures.servo.telemetry_sums import RATIO_WINDOW_S, TelemetrySums
 from edmctl.procedures.settings import gap_reference_v
+from edmctl.process.channel import wearing_uj
 from edmctl.process.next_cut import COVERAGE
+from edmctl.results.progress import Phase, Progress
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from edmctl.machine.interface import MachineEvent
-    from edmctl.procedures.run import Run
+    from edmctl.procedures.run import JobRun
     from edmctl.process.channel import HeldTool, ToolWear
     from edmctl.process.path import Way
+    from edmctl.results.telemetry import TelemetryBlock
 
     Floats = NDArray[np.float64]
 
@@ -66,7 +72,7 @@ class PassPlan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PassResult:
-    """What a pass did. `fault` names the row of the faults that ended it early, `told` says why; else both empty.
+    """What a pass did. `fault` names the row of the faults that ended it early, `message` says why; else both empty.
 
     `held_share` is the share of the path on which the tool stood at its limit. `counts` are pulses by class (open,
     normal, arc, short), `wearing_uj` the energy that wore the tool. `limits_um` holds the limit at each point of
@@ -82,7 +88,7 @@ class PassResult:
     limits_um: Floats
     used_uj: Floats
     fault: str = ""
-    told: str = ""
+    message: str = ""
 
     @property
     def held(self) -> bool:
@@ -95,40 +101,39 @@ class PassResult:
         return self.counts[0] / max(1, sum(self.counts))
 
 
-def run_pass(run: Run, plan: PassPlan, wear: ToolWear, left_s: float, time_limit: str) -> PassResult:
+def run_pass(run: JobRun, plan: PassPlan, wear: ToolWear, left_s: float, time_limit: str) -> PassResult:
     """Go along the path once; the tool is then held with the pulses off."""
     start_s = run.machine.time_s
     follower = PassFollower(run, start_s, plan.number)
     feeder = _Feeder(run, plan, wear, follower)
-    run.watch.follow(follower.take)
+    run.watch.follow(follower.on_telemetry)
     try:
         limit_um = feeder.limits_um[0]
         run.machine.start_scan(CutRequest(gap_reference_v(run.profile), limit_um, left_s + TIME_SLACK_S))
-        ended, fault, told = _watch(run, feeder, start_s + left_s, time_limit)
+        ended, fault, message = _watch(run, feeder, start_s + left_s, time_limit)
     finally:
         run.watch.follow(None)
-    counts = follower.counts
     return PassResult(
         time_s=ended.time_s - start_s,
         held_share=feeder.held_share,
         gap_ratio_mean=follower.gap_ratio_mean,
-        counts=(counts[0], counts[1], counts[2], counts[3]),
+        counts=follower.total,
         energy_j=follower.energy_j,
         wearing_uj=follower.wearing_uj,
         limits_um=feeder.limits_um,
         used_uj=feeder.used_uj(),
         fault=fault,
-        told=told,
+        message=message,
     )
 
 
-def _watch(run: Run, feeder: _Feeder, end_s: float, time_limit: str) -> tuple[MachineEvent, str, str]:
+def _watch(run: JobRun, feeder: _Feeder, end_s: float, time_limit: str) -> tuple[MachineEvent, str, str]:
     while True:
         ended = run.machine.watch_cut(SLICE_S)
         if ended is not None:
             return (ended, "", "") if ended.code is EventCode.PATH_DONE else (ended, "TIMEOUT", time_limit)
-        if told := feeder.follower.unstable or feeder.stands:
-            return run.machine.stop_cut(), "STALL", told
+        if message := feeder.follower.unstable or feeder.stands:
+            return run.machine.stop_cut(), "STALL", message
         if run.machine.time_s >= end_s:
             return run.machine.stop_cut(), "TIMEOUT", time_limit
         try:
@@ -144,7 +149,7 @@ def _watch(run: Run, feeder: _Feeder, end_s: float, time_limit: str) -> tuple[Ma
 class _Feeder:
     """Knows where the tool is on its way, and sends the lines ahead of it."""
 
-    def __init__(self, run: Run, plan: PassPlan, wear: ToolWear, follower: PassFollower) -> None:
+    def __init__(self, run: JobRun, plan: PassPlan, wear: ToolWear, follower: PassFollower) -> None:
         self._run = run
         self._plan = plan
         self._wear = wear
@@ -188,7 +193,7 @@ class _Feeder:
             self._moved_s = self._run.machine.time_s
         below_um = follower.displacement_um - float(np.interp(self._here_um, way.lengths_um, self.limits_um))
         held = below_um >= -HELD_WITHIN_UM
-        self._tell(below_um)
+        self._follow(below_um)
         if self._sent:
             self._slices += 1
             self._held_slices += held
@@ -219,7 +224,7 @@ class _Feeder:
     def _uj_per_um(self, used_uj: float) -> float:
         return (self._plan.uj_per_um * LEARN_OVER_UM + used_uj) / (LEARN_OVER_UM + self._here_um)
 
-    def _tell(self, below_um: float) -> None:
+    def _follow(self, below_um: float) -> None:
         plan, follower = self._plan, self.follower
         if not math.isnan(below_um):
             follower.depth_um = max(0.0, plan.held.depth_um + min(0.0, below_um))
@@ -227,3 +232,70 @@ class _Feeder:
         follower.wear_um = self._wear.um(used_uj)
         follower.wear_u95_um = COVERAGE * math.hypot(plan.wear_u_um, self._wear.u_um(used_uj))
         follower.time_left_s = plan.rest_s + (plan.way.length_um - self._here_um) / plan.speed_um_s
+
+
+class PassFollower(TelemetrySums):
+    """Follows the telemetry of the pass `number` that begins at `start_s`; keeps its sums, and the tally of the job.
+
+    `displacement_um` is of the newest block. Whoever scans sets `depth_um`, `wear_um`, `wear_u95_um` and
+    `time_left_s`. `unstable` says why a pass should end, `shorted` that most pulses of the last seconds were shorts.
+    """
+
+    def __init__(self, run: JobRun, start_s: float, number: int = 0) -> None:
+        super().__init__(run)
+        self._step = f"pass {number}" if number else ""
+        self._start_s = start_s
+        self._machined_before_s = run.tally.machining_time_s
+        self._duty_v = run.profile.pulse.duty_voltage_v
+        self._reference_v = gap_reference_v(run.profile)
+        self._ratio_limits = RatioLimits(run, RATIO_WINDOW_S)
+        self.displacement_um = math.nan
+        self.depth_um = run.tally.depth_um
+        self.wear_um = self.wear_u95_um = math.nan
+        self.time_left_s = math.nan
+        self.unstable = ""
+        self.shorted = False
+        run.tally.phase = Phase.MACHINING
+
+    @property
+    def wearing_uj(self) -> float:
+        """Energy of this pass so far that wore the tool."""
+        return wearing_uj(energy_of(self._run.profile.pulse, self.counts, self.energy_j))
+
+    def on_telemetry(self, block: TelemetryBlock) -> None:
+        """Take the samples of one slice."""
+        now_s, gap_v = float(block.time_s[-1]), float(block.gap_v.mean())
+        self.add(block, self.plateau_v * float(block.current_a.mean()))
+        self.shorted = self.ratios.short > 0.5
+        if block.state[0] == block.state[-1] == MachineState.MACHINING:
+            self.add_gap_ratio(gap_v / self._duty_v, len(block.time_s))
+            self.displacement_um = float(block.displacement_um.mean())
+        over = self._ratio_limits.update(now_s, self.ratios, window_is_full=self.window_is_full)
+        if over:
+            self.unstable = f"{over} have stayed over their limit"
+        tally, cut_s = self._run.tally, max(0.0, now_s - self._start_s)
+        tally.depth_um = self.depth_um
+        tally.machining_time_s = self._machined_before_s + cut_s
+        tally.cut = RunningCut(self.total, self.energy_j, cut_s, self.displacement_um)
+        progress = Progress(
+            phase=Phase.MACHINING,
+            time_s=now_s,
+            gap_v=gap_v,
+            reference_v=self._reference_v,
+            ratios=self.ratios,
+            depth_um=self.depth_um,
+            depth_target_um=tally.depth_target_um,
+            displacement_um=self.displacement_um,
+            time_left_s=self.time_left_s,
+            step=self._step,
+            wear_um=self.wear_um,
+            wear_u95_um=self.wear_u95_um,
+            gap_low_v=float(block.gap_v.min()),
+            gap_high_v=float(block.gap_v.max()),
+            displacement_low_um=float(block.displacement_um.min()),
+            displacement_high_um=float(block.displacement_um.max()),
+            warning=tally.warning,
+            warned_s=tally.warned_s,
+        )
+        self.record(progress, self._duty_v)
+        self._run.observer.progress(progress)

@@ -9,18 +9,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.procedures.channel.result import FloorReading
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.job import Site
 from edmctl.procedures.stages import move_to
-from edmctl.procedures.touch.bottom import Expected, read_expected
-from edmctl.procedures.touch.grown_tool import refuse_grown_tool
+from edmctl.procedures.touch.bottom import ExpectedBottom, read_expected
 from edmctl.procedures.touch.reading import SurfaceReading, take_reading
-from edmctl.procedures.touch.reference_pad import OFFSET_U_UM, read_pad
-from edmctl.procedures.touch.surface_plane import take_pad, touch_plane, unknown_face
-from edmctl.procedures.touch.tool_length import ToolLength
+from edmctl.procedures.touch.reference_pad import OFFSET_U_UM, ToolLength, read_pad, refuse_grown_tool
+from edmctl.procedures.touch.surface_plane import fit_pad_slope, level_surface, touch_plane
 from edmctl.process.path import Way, even_places
 from edmctl.process.touch_check import against_sparks, is_short
+from edmctl.profile.places import Place
 from edmctl.record.rows import EventLevel
 from edmctl.results.channel import FloorPlace
 
@@ -28,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from edmctl.procedures.channel.scan import PassPlan, PassResult
-    from edmctl.procedures.run import Run
+    from edmctl.procedures.run import JobRun
     from edmctl.process.channel import ToolWear
     from edmctl.process.plane import Plane
 
@@ -41,12 +38,12 @@ PAD_U_SHARE = 0.15
 UNEVEN_U_UM = 0.5
 """Standard uncertainty of the floor's height at a place over that at others, after it was evened out [assumed]."""
 
-Touched = tuple[float, "Site", "SurfaceReading"]
+Touched = tuple[float, "Place", "SurfaceReading"]
 """Length along the path, place and reading of one touch of the floor."""
 
 
 @dataclass(slots=True, eq=False)
-class Face:
+class ChannelSurface:
     """The untouched face: the pad before the channel, and a plane through it and places of the path.
 
     `doubt_u_um` is a standard uncertainty on top of the plane's, since something contradicted it.
@@ -58,7 +55,7 @@ class Face:
 
 
 @dataclass(frozen=True, slots=True)
-class Unknown:
+class ExtraUncertainty:
     """Standard uncertainties, µm, that come on top where an earlier run has left a channel.
 
     `step_u_um` is of the floor from place to place.
@@ -69,30 +66,52 @@ class Unknown:
     step_u_um: float = 0.0
 
 
-NOTHING = Unknown()
+NO_EXTRA = ExtraUncertainty()
 
 
-def touch_untouched(run: Run, way: Way) -> Face:
+@dataclass(frozen=True, slots=True)
+class FloorReading:
+    """The touches of one measuring stop: the pad, the floor at places of the path, and the pad again."""
+
+    places: tuple[FloorPlace, ...]
+    floor: tuple[SurfaceReading, ...]
+    pad_before: SurfaceReading
+    pad: SurfaceReading
+
+    @property
+    def depth_um(self) -> float:
+        """Mean depth."""
+        return math.fsum(place.depth_um for place in self.places) / len(self.places)
+
+    @property
+    def sd_um(self) -> float:
+        """Standard deviation of the depths; 0 of a single one."""
+        return (
+            float(np.std([place.depth_um for place in self.places], ddof=1)) if len(self.places) > 1 else 0.0
+        )
+
+
+def touch_untouched(run: JobRun, way: Way) -> ChannelSurface:
     """Z1 at the pad, then the face at places of the path: its tilt would otherwise enter the floor."""
-    expected_um = run.ledger.home_um + run.profile.approach.offset_um
+    expected_um = run.tally.home_um + run.profile.approach.offset_um
     z1 = read_pad(run, "Z1", run.profile.meta.name, expected_um, OFFSET_U_UM)
     candidates = [_place(run, way, s_um) for s_um in even_places(way, FACE_CANDIDATES)]
-    face = unknown_face(run)
-    take_pad(run, face, z1)
-    touch_plane(run, candidates, face, ToolLength(z1))
-    run.journal.face(face)
-    return Face(z1, face.plane, face.doubt_u_um)
+    surface = level_surface(run)
+    fit_pad_slope(run, surface, z1)
+    touch_plane(run, candidates, surface, ToolLength(z1))
+    run.keeper.set_surface(tuple(surface.touched), surface.doubt_u_um)
+    return ChannelSurface(z1, surface.plane, surface.doubt_u_um)
 
 
 def measure_floor(
-    run: Run,
-    face: Face,
+    run: JobRun,
+    surface: ChannelSurface,
     plan: PassPlan,
     done: PassResult,
     wear: ToolWear,
     since_uj: float,
     places: int,
-    unknown: Unknown = NOTHING,
+    unknown: ExtraUncertainty = NO_EXTRA,
 ) -> FloorReading:
     """Touch the pad, the floor at places along the path of the pass just done, and the pad again.
 
@@ -103,7 +122,7 @@ def measure_floor(
     wear_um = wear.um(since_uj)
     pad_u_um = math.hypot(PAD_U_SHARE * wear.per_uj * since_uj, unknown.pad_u_um)
     floor_u_um = math.hypot(FLOOR_U_UM, unknown.floor_u_um)
-    before = _touch_pad(run, face, face.z1.z_um + wear_um, pad_u_um, unknown)
+    before = _touch_pad(run, surface, surface.z1.z_um + wear_um, pad_u_um, unknown)
     touched: list[Touched] = []
     for s_um in even_places(plan.way, places):
         place = _place(run, plan.way, s_um)
@@ -111,18 +130,18 @@ def measure_floor(
         predicted_um = before.z_um + height_um
         move_to(run, place)
         touched.append((s_um, place, take_reading(run, "Z2", place.name, predicted_um, floor_u_um)))
-    if done.held or unknown is not NOTHING:
+    if done.held or unknown is not NO_EXTRA:
         touched = _short_ones_again(run, plan, done, wear, touched, unknown.step_u_um)
-    after = _touch_pad(run, face, before.z_um, 0.0, unknown)
+    after = _touch_pad(run, surface, before.z_um, 0.0, unknown)
     floor = tuple(
-        FloorPlace(s_um, place.x_um, place.y_um, z2.z_um - _face_at(place, z2, before, after, face))
+        FloorPlace(s_um, place.x_um, place.y_um, z2.z_um - _surface_at(place, z2, before, after, surface))
         for s_um, place, z2 in touched
     )
     return FloorReading(floor, tuple(z2 for _, _, z2 in touched), before, after)
 
 
 def _short_ones_again(
-    run: Run,
+    run: JobRun,
     plan: PassPlan,
     done: PassResult,
     wear: ToolWear,
@@ -151,29 +170,29 @@ def _short_ones_again(
         )
         run.recorder.reject_touch(z2.time_s)
         move_to(run, place)
-        expected = Expected(end_um, gap_um, u_um, "the held tool and the other places")
+        expected = ExpectedBottom(end_um, gap_um, u_um, "the held tool and the other places")
         found.append((s_um, place, read_expected(run, place.name, expected)))
     return found
 
 
 def _touch_pad(
-    run: Run, face: Face, predicted_um: float, pad_u_um: float, unknown: Unknown
+    run: JobRun, surface: ChannelSurface, predicted_um: float, pad_u_um: float, unknown: ExtraUncertainty
 ) -> SurfaceReading:
     """Z3. Whether the tool is the one that an earlier run has left is asked with what is found of the floor."""
-    z1 = face.z1
+    z1 = surface.z1
     z3 = read_pad(run, "Z3", run.profile.meta.name, predicted_um, pad_u_um)
-    if unknown is NOTHING:
+    if unknown is NO_EXTRA:
         refuse_grown_tool(run, z1.z_um, z3, z3.time_s - z1.time_s, z1.doubt_u_um)
     return z3
 
 
-def _face_at(
-    place: Site, z2: SurfaceReading, before: SurfaceReading, after: SurfaceReading, face: Face
+def _surface_at(
+    place: Place, z2: SurfaceReading, before: SurfaceReading, after: SurfaceReading, surface: ChannelSurface
 ) -> float:
     """Where the tool would have met the untouched face at a place, when it touched there."""
     share = (z2.time_s - before.time_s) / (after.time_s - before.time_s)
     pad_um = before.z_um + share * (after.z_um - before.z_um)
-    return pad_um + face.plane.height_um(place.x_um, place.y_um)
+    return pad_um + surface.plane.height_um(place.x_um, place.y_um)
 
 
 def learned_gap_um(
@@ -201,6 +220,6 @@ def _held_um(plan: PassPlan, done: PassResult, wear: ToolWear, s_um: float) -> f
     return held_um + wear.per_uj * (done.wearing_uj - used_uj)
 
 
-def _place(run: Run, way: Way, s_um: float) -> Site:
+def _place(run: JobRun, way: Way, s_um: float) -> Place:
     x_um, y_um = way.at(s_um)
-    return Site(f"{s_um:.0f} µm along the path", x_um, y_um)
+    return Place(f"{s_um:.0f} µm along the path", x_um, y_um)

@@ -29,7 +29,7 @@ FREEZE_S = 0.5
 class Breakthrough:
     """Judges one cut through a sheet of `thickness_um`, slice by slice.
 
-    `at_um` is the displacement at which the sheet broke through, NaN before; `told` what was seen then. The feeds
+    `at_um` is the displacement at which the sheet broke through, NaN before; `message` what was seen then. The feeds
     and the shares of open pulses are what was seen last, beside what was usual before.
     """
 
@@ -41,10 +41,10 @@ class Breakthrough:
         self._base: deque[tuple[float, float, float]] = deque()
         self._span_s = 0.0
         self.at_um = math.nan
-        self.told = ""
+        self.message = ""
         self.feed_um_s = self.usual_feed_um_s = self.open_share = self.usual_open_share = 0.0
 
-    def take(
+    def update(
         self,
         duration_s: float,
         displacement_um: float,
@@ -75,18 +75,18 @@ class Breakthrough:
         if not self._has_opened():
             return False
         self.at_um = displacement_um
-        self.told = (
+        self.message = (
             f"Broke through at {self.at_um:.1f} µm: the feed rose from {self.usual_feed_um_s:.2f} to "
             f"{self.feed_um_s:.2f} µm/s, open pulses from {100 * self.usual_open_share:.0f} to "
             f"{100 * self.open_share:.0f} %."
         )
         return True
 
-    def take_loss(self, spark_um: float, depth_um: float, depth_u_um: float, lost: str) -> bool:
+    def on_spark_loss(self, spark_um: float, depth_um: float, depth_u_um: float, lost: str) -> bool:
         """Judge that all discharges have ended, the last one at `spark_um`; whether the sheet has broken through."""
         if not self._is_near(depth_um, depth_u_um):
             return False
-        self.at_um, self.told = spark_um, f"Broke through at {spark_um:.1f} µm: {lost}."
+        self.at_um, self.message = spark_um, f"Broke through at {spark_um:.1f} µm: {lost}."
         return True
 
     def _is_near(self, depth_um: float, depth_u_um: float) -> bool:
@@ -109,3 +109,28 @@ class Breakthrough:
         self.usual_open_share = sum(shares) / len(shares)
         faster = self.feed_um_s > FEED_FACTOR * self.usual_feed_um_s
         return faster and self.open_share > self.usual_open_share + OPEN_MORE
+
+
+class SparkLoss:
+    """Follows the tool since the last spark.
+
+    limit_um, limit_s : way and time of open pulses that are too much
+
+    `spark_um` is the displacement at the last spark, NaN before the first slice.
+    """
+
+    def __init__(self, limit_um: float, limit_s: float) -> None:
+        self._limit_um, self._limit_s = limit_um, limit_s
+        self._open_s = 0.0
+        self.spark_um = math.nan
+
+    def update(self, duration_s: float, displacement_um: float, pulses: int, opens: int) -> str:
+        """Judge a slice of sparking; says what was seen when the sparks are lost, empty otherwise."""
+        if opens < pulses or math.isnan(self.spark_um):
+            self._open_s, self.spark_um = 0.0, displacement_um
+            return ""
+        self._open_s += duration_s
+        way_um = displacement_um - self.spark_um
+        if way_um <= self._limit_um and self._open_s <= self._limit_s:
+            return ""
+        return f"{self._open_s:.1f} s and {way_um:.1f} µm without a discharge, at {displacement_um:.1f} µm"

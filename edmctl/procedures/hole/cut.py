@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING
 from edmctl.errors import MachineFault
 from edmctl.machine.interface import EventCode, MachineEvent
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.hole.running_cut import Cutting
-from edmctl.procedures.servo.arc_recovery import NO_SPARK, Burns, with_a_check
+from edmctl.procedures.hole.running_cut import CutControl
+from edmctl.procedures.servo.arc_recovery import NO_SPARK, ArcRecovery, with_a_check
 from edmctl.procedures.servo.supervisor import StopReason, Supervisor
 from edmctl.record.rows import EventLevel
 from edmctl.results.pulses import pulse_shares
 
 if TYPE_CHECKING:
     from edmctl.procedures.hole.cut_planning import CutPlan
-    from edmctl.procedures.run import Run
-    from edmctl.procedures.servo.time_limits import TimeLeft
+    from edmctl.procedures.run import JobRun
+    from edmctl.procedures.servo.limits import TimeLeft
     from edmctl.results.pulses import PulseShares
 
 WATCH_SLICE_S = 0.1
@@ -27,6 +27,8 @@ STATUS_PERIOD_S = 5.0
 """The dielectric is asked for this often; the controller itself guards it."""
 SPARKLESS_UM = 1.0
 """A cut that ends so far beyond its last discharge has not cut that way; good cuts end within 0.2 µm of it."""
+_ROWS = {StopReason.STALLED: "STALL", StopReason.ENDED: "STROKE_END"}
+"""The fault row of a reason to stop."""
 
 
 class CutEnd(StrEnum):
@@ -37,16 +39,12 @@ class CutEnd(StrEnum):
     GIVEN_UP = "given up"
 
 
-_ROWS = {StopReason.STALLED: "STALL", StopReason.ENDED: "STROKE_END"}
-"""The fault row of a reason to stop."""
-
-
 @dataclass(frozen=True, slots=True)
 class CutResult:
     """What a cut did. `counts` are its pulses by class: open, normal, arc, short; `energy_j` as in SiteResult.
 
     `is_at_limit` says that the tool sparked at the feed limit in the end: its gap to the bottom is a working gap.
-    `fault` names the row of the faults that ended it, empty where none did; `told` holds the figures of that.
+    `fault` names the row of the faults that ended it, empty where none did; `message` holds the figures of that.
     `breakthrough_um` is the displacement at which the sheet broke through, NaN where it did not.
     """
 
@@ -59,7 +57,7 @@ class CutResult:
     energy_j: float
     is_at_limit: bool
     fault: str = ""
-    told: str = ""
+    message: str = ""
     jumps: int = 0
     breakthrough_um: float = math.nan
 
@@ -79,28 +77,28 @@ class CutResult:
         return pulse_shares(*self.counts)
 
 
-def run_cut(run: Run, plan: CutPlan, time_left: TimeLeft) -> CutResult:
+def run_cut(run: JobRun, plan: CutPlan, time_left: TimeLeft) -> CutResult:
     """Machine to the plan's limit, while there is time left; the tool is then held with the pulses off."""
     run.decide(
         RunEvent.CUT_PLANNED,
         f"Cut {plan.number}: feed {plan.feed_um:.1f} µm to {plan.z_limit_um:.1f} µm, expecting a gap of "
-        f"{plan.gap_um:.2f} µm and {plan.wear_ratio:.3f} µm wear per µm depth.",
+        f"{plan.start.gap_um:.2f} µm and {plan.wear_ratio:.3f} µm wear per µm depth.",
         {
             "cut": plan.number,
             "feed_um": plan.feed_um,
             "z_limit_um": plan.z_limit_um,
-            "gap_um": plan.gap_um,
+            "gap_um": plan.start.gap_um,
             "wear_ratio": plan.wear_ratio,
             **({} if math.isnan(plan.target_um) else {"target_um": plan.target_um}),
         },
     )
     start_s = run.machine.time_s
     supervisor = Supervisor(run, plan, start_s)
-    cutting = Cutting(run, plan, supervisor, start_s + time_left.seconds)
-    run.watch.follow(supervisor.take)
+    cutting = CutControl(run, plan, supervisor, start_s + time_left.seconds)
+    run.watch.follow(supervisor.on_telemetry)
     try:
         cutting.start()
-        ended = _watch(run, cutting, Burns(run, plan, supervisor, cutting), supervisor)
+        ended = _watch(run, cutting, ArcRecovery(run, plan, supervisor, cutting), supervisor)
         cutting.finish()
     finally:
         run.watch.follow(None)
@@ -109,7 +107,7 @@ def run_cut(run: Run, plan: CutPlan, time_left: TimeLeft) -> CutResult:
     return result
 
 
-def _watch(run: Run, cutting: Cutting, burns: Burns, supervisor: Supervisor) -> MachineEvent:
+def _watch(run: JobRun, cutting: CutControl, burns: ArcRecovery, supervisor: Supervisor) -> MachineEvent:
     """Watch until the end, over burns that can be recovered from."""
     while True:
         try:
@@ -120,18 +118,18 @@ def _watch(run: Run, cutting: Cutting, burns: Burns, supervisor: Supervisor) -> 
             burns.answer(fault)
 
 
-def _watch_sparks(run: Run, cutting: Cutting, supervisor: Supervisor) -> MachineEvent:
+def _watch_sparks(run: JobRun, cutting: CutControl, supervisor: Supervisor) -> MachineEvent:
     next_status_s = run.machine.time_s
     while True:
         ended = run.machine.watch_cut(WATCH_SLICE_S)
         if ended is not None:
             return ended
         if run.machine.time_s >= next_status_s:
-            supervisor.note_status(run.machine.status())
+            supervisor.status = run.machine.status()
             next_status_s += STATUS_PERIOD_S
         if supervisor.stop_reason is not None:
             ended = run.machine.stop_cut()
-            _tell_stop_reason(run, supervisor)
+            _record_stop_reason(run, supervisor)
             return ended
         if cutting.is_complete:
             return run.machine.stop_cut()
@@ -141,17 +139,21 @@ def _watch_sparks(run: Run, cutting: Cutting, supervisor: Supervisor) -> Machine
         cutting.jump_if_due()
 
 
-def _tell_stop_reason(run: Run, supervisor: Supervisor) -> None:
+def _record_stop_reason(run: JobRun, supervisor: Supervisor) -> None:
     """Say why the cut was ended: after the pulses are off, because writing takes time."""
-    told = f"{supervisor.stop_reason}: {supervisor.told}" if supervisor.told else str(supervisor.stop_reason)
+    message = (
+        f"{supervisor.stop_reason}: {supervisor.message}"
+        if supervisor.message
+        else str(supervisor.stop_reason)
+    )
     args = {"displacement_um": supervisor.displacement_um}
-    run.recorder.event(run.machine.time_s, RunEvent.CUT_GIVEN_UP, EventLevel.WARNING, told, args)
+    run.recorder.event(run.machine.time_s, RunEvent.CUT_GIVEN_UP, EventLevel.WARNING, message, args)
 
 
 def _result(
     plan: CutPlan,
     supervisor: Supervisor,
-    cutting: Cutting,
+    cutting: CutControl,
     ended: MachineEvent,
     time_s: float,
     time_limit: str,
@@ -163,13 +165,13 @@ def _result(
     end = {EventCode.CUT_DONE: CutEnd.REACHED, EventCode.TIME_UP: CutEnd.TIME_UP}.get(
         ended.code, CutEnd.GIVEN_UP
     )
-    counts, stop_reason = supervisor.counts, supervisor.stop_reason
+    stop_reason = supervisor.stop_reason
     at_limit, reason = end is CutEnd.REACHED, end.value
     if cutting.is_complete and stop_reason is None:
         end, reason = CutEnd.REACHED, "through"
-    fault, told = ("", "") if stop_reason is None else (_ROWS.get(stop_reason, ""), supervisor.told)
+    fault, message = ("", "") if stop_reason is None else (_ROWS.get(stop_reason, ""), supervisor.message)
     if end is CutEnd.TIME_UP:
-        fault, told = "TIMEOUT", time_limit
+        fault, message = "TIMEOUT", time_limit
     end_um = _end_um(plan, supervisor, ended, at_limit=at_limit)
     return CutResult(
         end=end,
@@ -177,11 +179,11 @@ def _result(
         time_s=time_s,
         end_displacement_um=end_um,
         is_at_limit=at_limit and end_um == plan.z_limit_um,
-        counts=(counts[0], counts[1], counts[2], counts[3]),
+        counts=supervisor.total,
         gap_ratio_mean=supervisor.gap_ratio_mean,
         energy_j=supervisor.energy_j,
         fault=fault,
-        told=told,
+        message=message,
         jumps=cutting.jumps,
         breakthrough_um=supervisor.breakthrough.at_um,
     )
@@ -195,7 +197,7 @@ def _end_um(plan: CutPlan, supervisor: Supervisor, ended: MachineEvent, *, at_li
     return end_um
 
 
-def _report(run: Run, plan: CutPlan, result: CutResult) -> None:
+def _report(run: JobRun, plan: CutPlan, result: CutResult) -> None:
     ratios = result.ratios
     run.decide(
         RunEvent.CUT_ENDED,

@@ -8,18 +8,23 @@ from typing import TYPE_CHECKING
 
 from edmctl.forecasts.measuring_stops import cut_budget
 from edmctl.forecasts.removal import feed_rate_um_s
-from edmctl.procedures.hole.estimating import estimate_of
-from edmctl.procedures.hole.target import Goal, goal_of
-from edmctl.procedures.job import Site
+from edmctl.procedures.hole.target import HoleTarget, target_of
+from edmctl.process.discharge import hole_area_um2
 from edmctl.process.live_erosion import RECIPE_U_REL, Energy, ErosionEstimate, LiveErosion
 from edmctl.process.next_cut import COVERAGE, NextCut, largest_first_um, next_cut
 
 if TYPE_CHECKING:
-    from edmctl.profile.model import Profile
+    from edmctl.profile.model import Profile, Pulse
+
+
+ARC_SHARE_OF_DISCHARGE_VOLTAGE = 0.77
+"""An arc burns at 17 V where a normal discharge stands at 22 V."""
+WALL_SHARE = 0.05
+"""Discharges at the wall of the hole, until a depth was measured [assumed]."""
 
 
 @dataclass(frozen=True, slots=True)
-class Start:
+class CutStart:
     """What a cut starts from.
 
     The tool would touch the bottom at `bottom_um`, known within `bottom_u_um` at `time_s` and drifting within
@@ -58,26 +63,11 @@ class CutPlan:
 
     number: int
     feed_um: float
-    start: Start
+    start: CutStart
     estimate: ErosionEstimate
     target_um: float = math.nan
     measured: bool = True
     depth_u_um: float = math.nan
-
-    @property
-    def bottom_um(self) -> float:
-        """Where the tool would touch before the cut."""
-        return self.start.bottom_um
-
-    @property
-    def gap_um(self) -> float:
-        """The working gap expected."""
-        return self.start.gap_um
-
-    @property
-    def gap_u_um(self) -> float:
-        """Standard uncertainty of that."""
-        return self.start.gap_u_um
 
     @property
     def wear_ratio(self) -> float:
@@ -98,7 +88,7 @@ class CutPlan:
 
         `wear_u_um` is what this cut adds; see `wear_u95_um` for that of the hole.
         """
-        split = self.estimate.split(self.fed_um(displacement_um), self.gap_u_um, energy)
+        split = self.estimate.split(self.fed_um(displacement_um), self.start.gap_u_um, energy)
         return LiveErosion(
             self.start.depth_um + split.depth_um,
             math.hypot(self.start.u_at(now_s), split.depth_u_um),
@@ -109,11 +99,11 @@ class CutPlan:
 
     def contradicts(self, displacement_um: float, energy: Energy) -> bool:
         """Whether by what is believed the feed cannot have taken that energy: then only a touch can tell."""
-        return self.estimate.contradicts(self.fed_um(displacement_um), self.gap_u_um, energy)
+        return self.estimate.contradicts(self.fed_um(displacement_um), self.start.gap_u_um, energy)
 
     def off_by_energy_um(self, displacement_um: float, energy: Energy) -> float:
         """Wear of this cut by feed and energy less that by the ratio; 0 where chance may make them so different."""
-        return self.estimate.off_by_energy_um(self.fed_um(displacement_um), self.gap_u_um, energy)
+        return self.estimate.off_by_energy_um(self.fed_um(displacement_um), self.start.gap_u_um, energy)
 
     def stated_u95_um(self, live: LiveErosion) -> tuple[float, float]:
         """Half the 95 % intervals of depth and wear as they are told in a cut.
@@ -137,55 +127,79 @@ class CutPlan:
         """Estimated depth while sparking at this displacement, from the expected gap and wear ratio."""
         return self.at(displacement_um).depth_um
 
-    def wear_at(self, displacement_um: float) -> float:
-        """Estimated tool wear likewise."""
-        return self.at(displacement_um).wear_um
+
+def estimate_of(profile: Profile) -> ErosionEstimate:
+    """What the recipe knows before anything was machined."""
+    work, wear = profile.work, profile.wear
+    return ErosionEstimate(
+        removal_um3_per_uj=work.removal_um3_per_uj * (1.0 - WALL_SHARE),
+        removal_u_rel=work.removal_u_rel,
+        wear_ratio=wear.expected_ratio,
+        ratio_u_rel=wear.ratio_u_rel,
+        hole_area_um2=hole_area_um2(profile.tool.diameter_um, work.side_gap_um),
+    )
+
+
+def energy_of(pulse: Pulse, counts: tuple[int, int, int, int] | list[int], energy_j: float) -> Energy:
+    """Divide the energy of a cut among its classes of pulses (open, normal, arc, short).
+
+    `energy_j` is all charge times the plateau voltage of a normal discharge. Arcs and shorts burn from the start of
+    the pulse through the generator's resistance, so their charge follows from their number; the rest is normal.
+    """
+    _, _, arcs, shorts = counts
+    plateau_v = pulse.discharge_voltage_v
+    arc_v = ARC_SHARE_OF_DISCHARGE_VOLTAGE * plateau_v
+    siemens = pulse.current_a / max(pulse.open_voltage_v - plateau_v, 0.1)
+    arc_uc = arcs * siemens * (pulse.open_voltage_v - arc_v) * pulse.burning_time_us
+    short_uc = shorts * siemens * pulse.open_voltage_v * pulse.burning_time_us
+    normal_uc = max(0.0, 1e6 * energy_j / plateau_v - arc_uc - short_uc)
+    return Energy(normal_uc * plateau_v, arc_uc * arc_v)
 
 
 def first_plan(
     profile: Profile,
-    start: Start,
-    goal: Goal | None = None,
+    start: CutStart,
+    target: HoleTarget | None = None,
     estimate: ErosionEstimate | None = None,
     now_s: float = 0.0,
 ) -> CutPlan:
     """The first cut of a hole, planned at `now_s`: all of a feed or way through, of a depth what is surely short."""
-    goal = goal or goal_of(profile, Site("", 0.0, 0.0))
+    target = target or target_of(profile)
     estimate = estimate or estimate_of(profile)
-    if goal.kind == "feed":
-        return CutPlan(1, goal.feed_um, start, estimate)
-    if goal.kind == "through":
-        return through_plan(1, start, goal, estimate)
+    if target.kind == "feed":
+        return CutPlan(1, target.feed_um, start, estimate)
+    if target.kind == "through":
+        return through_plan(1, start, target, estimate)
     if cut_budget(profile) == 1:
-        return CutPlan(1, goal.depth_um * (1.0 + estimate.wear_ratio), start, estimate, goal.depth_um)
+        return CutPlan(1, target.depth_um * (1.0 + estimate.wear_ratio), start, estimate, target.depth_um)
     cut = next_cut(
         estimate,
-        target_um=goal.depth_um,
-        remaining_um=goal.depth_um,
-        tolerance_um=goal.tolerance_um,
-        start_u_um=start.u_at(now_s + _cut_s(profile, goal, goal.depth_um, estimate)),
+        target_um=target.depth_um,
+        remaining_um=target.depth_um,
+        tolerance_um=target.tolerance_um,
+        start_u_um=start.u_at(now_s + _cut_s(profile, target, target.depth_um, estimate)),
         gap_u_um=start.gap_u_um,
-        largest_um=largest_first_um(goal.depth_um, profile.wear.first_fraction, estimate),
+        largest_um=largest_first_um(target.depth_um, profile.wear.first_fraction, estimate),
         begun=False,
     )
-    return _planned(1, cut, start, estimate, goal, profile)
+    return _planned(1, cut, start, estimate, target, profile)
 
 
-def through_plan(number: int, start: Start, goal: Goal, estimate: ErosionEstimate) -> CutPlan:
+def through_plan(number: int, start: CutStart, target: HoleTarget, estimate: ErosionEstimate) -> CutPlan:
     """All that is left of a way through the sheet.
 
     The breakthrough ends it: the limit leaves room for a tool that wears more than the recipe says.
     """
     worst = estimate.wear_ratio * (1.0 + (0.0 if estimate.fits else COVERAGE * RECIPE_U_REL))
-    left_um = max(0.0, goal.depth_um - start.depth_um) + goal.tolerance_um
-    return CutPlan(number, left_um * (1.0 + worst) + goal.completion_um, start, estimate, goal.depth_um)
+    left_um = max(0.0, target.depth_um - start.depth_um) + target.tolerance_um
+    return CutPlan(number, left_um * (1.0 + worst) + target.completion_um, start, estimate, target.depth_um)
 
 
 def following_plan(
     profile: Profile,
-    goal: Goal,
-    last: CutPlan,
-    start: Start,
+    target: HoleTarget,
+    number: int,
+    start: CutStart,
     estimate: ErosionEstimate,
     *,
     touch_final: bool = False,
@@ -194,30 +208,35 @@ def following_plan(
 
     `touch_final` says that it is measured however small.
     """
-    remaining_um = goal.depth_um - start.depth_um
+    remaining_um = target.depth_um - start.depth_um
     cut = next_cut(
         estimate,
-        target_um=goal.depth_um,
+        target_um=target.depth_um,
         remaining_um=remaining_um,
-        tolerance_um=goal.tolerance_um,
-        start_u_um=start.u_at(start.time_s + _cut_s(profile, goal, remaining_um, estimate)),
+        tolerance_um=target.tolerance_um,
+        start_u_um=start.u_at(start.time_s + _cut_s(profile, target, remaining_um, estimate)),
         gap_u_um=start.gap_u_um,
         begun=True,
     )
-    planned = _planned(last.number + 1, cut, start, estimate, goal, profile)
+    planned = _planned(number, cut, start, estimate, target, profile)
     return replace(planned, measured=True) if touch_final else planned
 
 
-def _cut_s(profile: Profile, goal: Goal, depth_um: float, estimate: ErosionEstimate) -> float:
+def _cut_s(profile: Profile, target: HoleTarget, depth_um: float, estimate: ErosionEstimate) -> float:
     """How long a cut of that depth will take, for what drifts meanwhile."""
-    return depth_um * (1.0 + estimate.wear_ratio) / feed_rate_um_s(profile, goal.depth_um)
+    return depth_um * (1.0 + estimate.wear_ratio) / feed_rate_um_s(profile, target.depth_um)
 
 
 def _planned(
-    number: int, cut: NextCut, start: Start, estimate: ErosionEstimate, goal: Goal, profile: Profile
+    number: int,
+    cut: NextCut,
+    start: CutStart,
+    estimate: ErosionEstimate,
+    target: HoleTarget,
+    profile: Profile,
 ) -> CutPlan:
     measured = cut.measured or profile.wear.remeasure not in ("auto", "sparing")
-    return CutPlan(number, cut.feed_um, start, estimate, goal.depth_um, measured, cut.depth_u_um)
+    return CutPlan(number, cut.feed_um, start, estimate, target.depth_um, measured, cut.depth_u_um)
 
 
 def learned_gap_um(bottom_um: float, end_displacement_um: float) -> float:

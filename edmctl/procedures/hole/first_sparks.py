@@ -7,108 +7,81 @@ before any gap was measured, touch and gap are both in doubt until the first sto
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from edmctl.procedures.event_codes import RunEvent
+from edmctl.procedures.hole.hole import DoubtedSurface, FirstSparks
 from edmctl.process.next_cut import COVERAGE, GAP_U_UM
-from edmctl.process.touch_check import Deviation
 from edmctl.process.wear import share_u
-from edmctl.process.working_gap import FIRST_GAP_U_UM, first_sparks_um
+from edmctl.process.working_gap import FIRST_GAP_U_UM
 from edmctl.record.rows import EventLevel
 from edmctl.wording import signed
 
 if TYPE_CHECKING:
     from edmctl.machine.interface import MachineEvent
     from edmctl.procedures.hole.cut_planning import CutPlan
-    from edmctl.procedures.hole.hole import Hole
-    from edmctl.procedures.job_state import FaceTouch
-    from edmctl.procedures.run import Run
-    from edmctl.procedures.touch.surface_plane import Face
+    from edmctl.procedures.hole.hole import OpenHole
+    from edmctl.procedures.run import JobRun
+    from edmctl.procedures.touch.surface_plane import SurfacePlane
 
 FIRST_SPARKS_SIGMAS = 3.0
 LEAST_GAP_UM = 0.5
 """A working gap is never believed to be narrower than this."""
 
 
-@dataclass(frozen=True, slots=True)
-class FirstSparks:
-    """Where sparks began, and the surface at `bottom_um`, known within `bottom_u_um`, that they are compared with.
-
-    Something `lying_um` high may lie on it, which sparks first.
-    """
-
-    z_um: float
-    bottom_um: float
-    bottom_u_um: float
-    lying_um: float
-
-    def off(self, open_voltage_v: float, gap_um: float, gap_u_um: float) -> Deviation:
-        """How much later they began than such a gap makes them; of bare surface and what lies there the nearer."""
-        before_um, before_u_um = first_sparks_um(open_voltage_v)
-        off_um = self.z_um - (self.bottom_um - gap_um - before_um)
-        u_um = math.hypot(self.bottom_u_um, gap_u_um, before_u_um)
-        return min(
-            Deviation(off_um, u_um),
-            Deviation(off_um + self.lying_um, u_um),
-            key=lambda off: abs(off.sigmas),
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class DoubtedFace:
-    """First sparks that put the face in doubt, with the gap believed then, and what was known of the face before."""
-
-    sparks: FirstSparks
-    gap_um: float
-    gap_u_um: float
-    face_u_um: float
-    touched: tuple[FaceTouch, ...]
-    doubt_u_um: float
-
-
 def check_first_sparks(
-    run: Run, hole: Hole, face: Face, plan: CutPlan, event: MachineEvent, bottom_u_um: float
+    run: JobRun,
+    hole: OpenHole,
+    surface: SurfacePlane,
+    plan: CutPlan,
+    event: MachineEvent,
+    bottom_u_um: float,
 ) -> CutPlan:
     """Compare where sparks began with the bottom that the cut is planned from; return the plan as it may stand.
 
     `bottom_u_um` is the standard uncertainty of that bottom's height now. A bottom that contradicts them is less
     certain by as much, and what is cut from it is measured; so is a gap that nobody has measured. Sparks that begin
     late show a narrower gap or a lower surface: either way the cut counts from them. Where the bottom is the
-    untouched face, no later touch of the hole tells of it: `hole` and `face` keep the doubt, until `judge_again`
+    untouched face, no later touch of the hole tells of it: `hole` and `surface` keep the doubt, until `judge_again`
     finds that it was the gap. Something that is known to lie there sparks first.
     """
-    sparks = FirstSparks(event.displacement_um, plan.bottom_um, bottom_u_um, lying_um(hole, face))
-    off = sparks.off(run.profile.pulse.open_voltage_v, plan.gap_um, plan.gap_u_um)
+    sparks = FirstSparks(event.displacement_um, plan.start.bottom_um, bottom_u_um, debris_um(hole, surface))
+    off = sparks.off(run.profile.pulse.open_voltage_v, plan.start.gap_um, plan.start.gap_u_um)
     if abs(off.sigmas) <= FIRST_SPARKS_SIGMAS:
         return plan
-    is_believed = plan.gap_u_um >= FIRST_GAP_U_UM
+    is_believed = plan.start.gap_u_um >= FIRST_GAP_U_UM
     why = "one of its touches was wrong"
     if is_believed:
-        why += f", or the working gap is not the {plan.gap_um:.1f} µm believed"
+        why += f", or the working gap is not the {plan.start.gap_um:.1f} µm believed"
     run.decide(
         RunEvent.TOUCH_DOUBTED,
         f"Sparks began at {sparks.z_um:.1f} µm, {signed(off.um, 1)} µm from where a surface at "
-        f"{plan.bottom_um:.1f} µm puts them: {why}. The cut will be measured.",
-        {"kind": "first sparks", "off_um": off.um, "z_um": plan.bottom_um},
+        f"{plan.start.bottom_um:.1f} µm puts them: {why}. The cut will be measured.",
+        {"kind": "first sparks", "off_um": off.um, "z_um": plan.start.bottom_um},
         level=EventLevel.WARNING,
     )
     doubt_u_um = math.hypot(share_u(off.um), off.u_um)
     if hole.stops == 0:
-        hole.doubted = DoubtedFace(
-            sparks, plan.gap_um, plan.gap_u_um, hole.face_u_um, tuple(face.touched), face.doubt_u_um
+        hole.doubted = DoubtedSurface(
+            sparks,
+            plan.start.gap_um,
+            plan.start.gap_u_um,
+            hole.face_u_um,
+            tuple(surface.touched),
+            surface.doubt_u_um,
         )
         hole.face_u_um = math.hypot(hole.face_u_um, doubt_u_um)
-        face.doubt(doubt_u_um)
-        run.journal.face(face)
+        surface.doubt(doubt_u_um)
+        run.keeper.set_surface(tuple(surface.touched), surface.doubt_u_um)
     start = replace(plan.start, bottom_u_um=math.hypot(plan.start.bottom_u_um, doubt_u_um))
     if is_believed:
-        gap_um = min(plan.gap_um, max(LEAST_GAP_UM, plan.gap_um - off.um))
-        start = replace(start, gap_um=gap_um, gap_u_um=math.hypot(plan.gap_u_um, off.um))
+        gap_um = min(plan.start.gap_um, max(LEAST_GAP_UM, plan.start.gap_um - off.um))
+        start = replace(start, gap_um=gap_um, gap_u_um=math.hypot(plan.start.gap_u_um, off.um))
     return replace(plan, start=start, measured=True)
 
 
-def judge_again(run: Run, hole: Hole, face: Face, gap_um: float) -> None:
+def judge_again(run: JobRun, hole: OpenHole, surface: SurfacePlane, gap_um: float) -> None:
     """Judge first sparks that put the face in doubt by a gap that was measured since, where they did.
 
     Sparks and stop tell of the gap apart from each other. Where the stop has found another gap than was believed,
@@ -124,8 +97,8 @@ def judge_again(run: Run, hole: Hole, face: Face, gap_um: float) -> None:
     if not is_another or abs(off.sigmas) > FIRST_SPARKS_SIGMAS:
         return
     hole.face_u_um = doubted.face_u_um
-    face.restore(doubted.touched, doubted.doubt_u_um)
-    run.journal.face(face)
+    surface.restore(doubted.touched, doubted.doubt_u_um)
+    run.keeper.set_surface(tuple(surface.touched), surface.doubt_u_um)
     run.decide(
         RunEvent.DOUBT_WITHDRAWN,
         f"The working gap is {gap_um:.2f} µm, not the {doubted.gap_um:.2f} µm believed, and with it the first "
@@ -135,6 +108,6 @@ def judge_again(run: Run, hole: Hole, face: Face, gap_um: float) -> None:
     )
 
 
-def lying_um(hole: Hole, face: Face) -> float:
+def debris_um(hole: OpenHole, surface: SurfacePlane) -> float:
     """How high something lies on the face where an untouched hole goes."""
-    return face.lying_um.get(hole.site.name, 0.0) if hole.stops == 0 else 0.0
+    return surface.debris_um.get(hole.site.name, 0.0) if hole.stops == 0 else 0.0

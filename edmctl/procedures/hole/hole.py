@@ -8,30 +8,31 @@ from typing import TYPE_CHECKING
 
 from edmctl.forecasts.measuring_stops import FACE_LIMIT_UM
 from edmctl.labels import Basis
-from edmctl.procedures.hole.cut_planning import Start
-from edmctl.procedures.hole.estimating import energy_of, estimate_of
-from edmctl.procedures.hole.interruption import drift_u_um
-from edmctl.procedures.hole.site_result import CutSums, Heights, site_result, site_row
-from edmctl.procedures.hole.target import Goal, goal_of
-from edmctl.procedures.hole.verdict import judged
-from edmctl.procedures.monitoring.drift import uncertainty_now
-from edmctl.procedures.monitoring.feed_error import FeedError
+from edmctl.procedures.hole.cut_planning import CutStart, energy_of, estimate_of
+from edmctl.procedures.hole.site_result import CutSums
+from edmctl.procedures.hole.target import HoleTarget, target_of
+from edmctl.procedures.monitoring.drift import pause_drift_u_um
 from edmctl.procedures.touch.home import pad_from_home_um
-from edmctl.procedures.touch.reference_pad import OFFSET_U_UM, read_pad
-from edmctl.procedures.touch.surface_plane import Face, take_pad, unknown_face
-from edmctl.procedures.touch.tool_length import ToolLength
+from edmctl.procedures.touch.reference_pad import OFFSET_U_UM, ToolLength, read_pad
+from edmctl.procedures.touch.surface_plane import SurfacePlane, fit_pad_slope, level_surface
+from edmctl.process.discharge import hole_area_um2, mrr_mm3_min, tool_area_um2
+from edmctl.process.touch_check import Deviation
 from edmctl.process.wear import share_u
-from edmctl.process.working_gap import first_gap_u_um
+from edmctl.process.working_gap import first_gap_u_um, first_sparks_um
+from edmctl.results.job import SiteResult
+from edmctl.results.pulses import pulse_shares
 
 if TYPE_CHECKING:
-    from edmctl.procedures.hole.expected_touches import Estimate
-    from edmctl.procedures.hole.first_sparks import DoubtedFace
-    from edmctl.procedures.job import Site
-    from edmctl.procedures.run import Run
+    from edmctl.procedures.hole.cut_planning import CutPlan
+    from edmctl.procedures.hole.hole_estimate import Estimate
+    from edmctl.procedures.job_state import SurfaceTouch
+    from edmctl.procedures.run import JobRun
     from edmctl.procedures.touch.reading import SurfaceReading
     from edmctl.process.live_erosion import Energy, ErosionEstimate
     from edmctl.process.shared_wear import WearShare
     from edmctl.process.wear import DepthAndWear
+    from edmctl.profile.model import Profile
+    from edmctl.profile.places import Place
 
 LEFT_U_UM = 4.0
 """Standard uncertainty of the distance to the pad where an earlier run of the job has left the tool, with wear that
@@ -39,7 +40,7 @@ it only estimated; without drift."""
 
 
 @dataclass(slots=True, eq=False)
-class Known:
+class JobKnowledge:
     """What a job has learned so far, from hole to hole: tool length, face, removal and wear, working gap.
 
     `pad_um` is where the pad is expected, with the standard uncertainty `pad_u_um`, before the tool has touched it;
@@ -47,7 +48,7 @@ class Known:
     """
 
     estimate: ErosionEstimate
-    face: Face
+    surface: SurfacePlane
     gap_um: float
     gap_u_um: float
     tool: ToolLength | None = None
@@ -56,31 +57,72 @@ class Known:
     unmeasured: list[Unmeasured] = field(default_factory=list)
 
 
-def known_before(run: Run) -> Known:
+def initial_knowledge(run: JobRun) -> JobKnowledge:
     """What the recipe and the setup say before the first touch."""
     profile, resumed = run.profile, run.job.resumed
     gap_u_um = first_gap_u_um(profile.pulse.open_voltage_v)
-    known = Known(estimate_of(profile), unknown_face(run), profile.measure.expected_gap_um, gap_u_um)
-    home_um = run.ledger.home_um
-    known.pad_um = home_um + pad_from_home_um(run)
-    if resumed is not None and (resumed.site or run.ledger.sites):
-        known.pad_u_um = math.hypot(LEFT_U_UM, drift_u_um(run.job), share_u(home_um - resumed.home_um))
-    return known
+    knowledge = JobKnowledge(
+        estimate_of(profile), level_surface(run), profile.measure.expected_gap_um, gap_u_um
+    )
+    home_um = run.tally.home_um
+    knowledge.pad_um = home_um + pad_from_home_um(run)
+    if resumed is not None and (resumed.site or run.tally.sites):
+        knowledge.pad_u_um = math.hypot(
+            LEFT_U_UM, pause_drift_u_um(run.job), share_u(home_um - resumed.home_um)
+        )
+    return knowledge
+
+
+@dataclass(frozen=True, slots=True)
+class FirstSparks:
+    """Where sparks began, and the surface at `bottom_um`, known within `bottom_u_um`, that they are compared with.
+
+    Something `debris_um` high may lie on it, which sparks first.
+    """
+
+    z_um: float
+    bottom_um: float
+    bottom_u_um: float
+    debris_um: float
+
+    def off(self, open_voltage_v: float, gap_um: float, gap_u_um: float) -> Deviation:
+        """How much later they began than such a gap makes them; of bare surface and what lies there the nearer."""
+        before_um, before_u_um = first_sparks_um(open_voltage_v)
+        off_um = self.z_um - (self.bottom_um - gap_um - before_um)
+        u_um = math.hypot(self.bottom_u_um, gap_u_um, before_u_um)
+        return min(
+            Deviation(off_um, u_um),
+            Deviation(off_um + self.debris_um, u_um),
+            key=lambda off: abs(off.sigmas),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class DoubtedSurface:
+    """First sparks that put the face in doubt, with the gap believed then, and what was known of the face before."""
+
+    sparks: FirstSparks
+    gap_um: float
+    gap_u_um: float
+    face_u_um: float
+    touched: tuple[SurfaceTouch, ...]
+    doubt_u_um: float
 
 
 @dataclass(slots=True, eq=False)
-class Hole:
+class OpenHole:
     """The hole under way.
 
     `z1` is where the tool would have met the pad when the hole began, known within `z1_u_um` where it was not
     touched right before; `face_um` is how much further the face lies here. `bottom` and `pad` are the readings of
     the last measuring stop, the same as `z1` before the first one; `found` is what they say with what
     is doubted of it, `touched` without that; `doubted` are first sparks that have put its face in doubt. An
-    `interrupted` hole has had more discharges than anybody counted.
+    `interrupted` hole has had more discharges than anybody counted. `begun` says that it was cut, `plan` is the cut
+    under way, `cut_estimate` what was known when the last one ended.
     """
 
-    site: Site
-    goal: Goal
+    site: Place
+    target: HoleTarget
     z1: SurfaceReading
     z1_u_um: float
     face_um: float
@@ -92,8 +134,11 @@ class Hole:
     stops: int = 0
     found: DepthAndWear | None = None
     touched: DepthAndWear | None = None
-    doubted: DoubtedFace | None = None
+    doubted: DoubtedSurface | None = None
     interrupted: bool = False
+    begun: bool = False
+    plan: CutPlan | None = None
+    cut_estimate: Estimate | None = None
 
     @property
     def surface_um(self) -> float:
@@ -105,13 +150,14 @@ class Hole:
         """Whether its bottom, or the face that its depth counts from, may have been touched wrongly."""
         return (self.stops > 0 and self.bottom.doubt_u_um > 0.0) or self.face_u_um > FACE_LIMIT_UM
 
-    def energy(self, run: Run) -> Energy:
+    def energy(self, run: JobRun) -> Energy:
         """Energy of all its cuts."""
-        return energy_of(run.profile.pulse, self.sums.counts, self.sums.energy_j)
+        total = self.sums.total
+        return energy_of(run.profile.pulse, total.counts, total.energy_j)
 
     def report(
         self,
-        run: Run,
+        run: JobRun,
         found: DepthAndWear,
         gap_um: float,
         *,
@@ -122,59 +168,81 @@ class Hole:
         depth_basis: Basis | None = None,
         wear_basis: Basis | None = None,
     ) -> None:
-        """Put its result into the ledger: as touched, or `fed_um` and `worn_um` further on.
+        """Put its result into the tally: as touched, or `fed_um` and `worn_um` further on.
 
         Without another basis depth and wear rest on the touches; the wear does not where Z1 was not touched.
         """
-        touched = run.job.touch_basis
+        touched, error = run.job.touch_basis, run.watch.feed_error
+        total, z1, z2, z3 = self.sums.total, self.z1, self.bottom, self.pad
         self.found = found
-        run.ledger.depth_um, run.ledger.unmeasured_site = found.depth_um, ""
-        z1, z2, z3 = self.z1, self.bottom, self.pad
-        run.ledger.sites[self.site.name] = site_result(
-            run.profile,
-            self.site,
-            found,
-            Heights(z1.z_um, z2.z_um + fed_um, z3.z_um + worn_um, self.face_um),
-            Heights(z1.model_um, z2.model_um + fed_um, z3.model_um + worn_um, self.face_um),
-            self.sums,
-            gap_um=gap_um,
-            stops=self.stops,
+        run.tally.depth_um, run.tally.unmeasured_site = found.depth_um, ""
+        ratio_lin, ratio_vol, mrr = _erosion(run.profile, found, total.time_s, through=through)
+        run.tally.sites[self.site.name] = SiteResult(
+            name=self.site.name,
+            x_um=self.site.x_um,
+            y_um=self.site.y_um,
+            theta_deg=self.site.theta_deg,
+            depth_um=found.depth_um,
+            depth_u95_um=found.depth_u95_um,
+            wear_um=found.wear_um,
+            wear_u95_um=found.wear_u95_um,
+            feed_um=found.feed_um,
+            z1_um=z1.z_um,
+            z2_um=z2.z_um + fed_um,
+            z3_um=z3.z_um + worn_um,
+            face_um=self.face_um,
+            measuring_stops=self.stops,
             estimated_um=estimated_um,
+            depth_model_um=z2.model_um + fed_um - (z3.model_um + worn_um) - self.face_um,
+            wear_model_um=z3.model_um + worn_um - z1.model_um,
             zero_drift_um=z3.zero_um - z1.zero_um,
-            error=run.watch.feed_error,
+            feed_model_error_max_um=error.max_um,
+            feed_model_error_rms_um=error.rms_um,
+            feed_model_error_max_pct=_percent(error.max_um, found.feed_um),
+            feed_model_error_rms_pct=_percent(error.rms_um, found.feed_um),
+            machining_time_s=total.time_s,
+            cuts=total.number,
+            pulses=sum(total.counts),
+            ratios=pulse_shares(*total.counts),
+            gap_ratio_mean=self.sums.gap_ratio_mean,
+            working_gap_um=gap_um,
+            energy_j=total.energy_j,
+            wear_ratio_lin=ratio_lin,
+            wear_ratio_vol=ratio_vol,
+            mrr_mm3_min=mrr,
             through=through,
-            in_doubt=self.in_doubt,
             depth_basis=depth_basis or touched,
             wear_basis=wear_basis or (Basis.ESTIMATED if self.z1_u_um > 0.0 else touched),
+            in_doubt=self.in_doubt,
         )
 
-    def report_left(self, run: Run, known: Estimate) -> None:
-        """Put what is known of it into the ledger where the job ends before it is touched.
+    def report_left(self, run: JobRun, estimate: Estimate) -> None:
+        """Put what is known of it into the tally where the job ends before it is touched.
 
         Z2 and Z3 are not known then, and the actuator's model has nothing of its own to say of it.
         """
         before = self.found
-        self.sums.add_broken_off(run.ledger.cut)
-        pad_um = self.z1.z_um + known.wear_um
+        self.sums.add_broken_off(run.tally.cut)
+        pad_um = self.z1.z_um + estimate.wear_um
         self.report(
             run,
-            known.as_found(),
+            estimate.as_found(),
             math.nan,
-            fed_um=pad_um + self.face_um + known.depth_um - self.bottom.z_um,
+            fed_um=pad_um + self.face_um + estimate.depth_um - self.bottom.z_um,
             worn_um=pad_um - self.pad.z_um,
-            estimated_um=known.depth_um - (before.depth_um if before else 0.0),
+            estimated_um=estimate.depth_um - (before.depth_um if before else 0.0),
             depth_basis=Basis.ESTIMATED,
             wear_basis=Basis.ESTIMATED,
         )
-        ledger, name = run.ledger, self.site.name
-        ledger.sites[name] = replace(
-            ledger.sites[name],
+        tally, name = run.tally, self.site.name
+        tally.sites[name] = replace(
+            tally.sites[name],
             z2_um=math.nan,
             z3_um=math.nan,
             depth_model_um=math.nan,
             wear_model_um=math.nan,
         )
-        ledger.unmeasured_site = name
+        tally.unmeasured_site = name
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -185,91 +253,79 @@ class Unmeasured:
     cut, known within `wear_before_u_um`.
     """
 
-    hole: Hole
+    hole: OpenHole
     share: WearShare
     depth_u_um: float
     wear_before_um: float
     wear_before_u_um: float
 
 
-def touch_pad_first(run: Run, name: str, known: Known) -> SurfaceReading:
+def touch_pad_first(run: JobRun, name: str, knowledge: JobKnowledge) -> SurfaceReading:
     """Z1: the pad before anything else; its two spots may tell of the slope too."""
-    return take_pad(run, known.face, read_pad(run, "Z1", name, known.pad_um, known.pad_u_um))
+    return fit_pad_slope(
+        run, knowledge.surface, read_pad(run, "Z1", name, knowledge.pad_um, knowledge.pad_u_um)
+    )
 
 
-def begin_hole(run: Run, site: Site, known: Known) -> Hole:
+def begin_hole(run: JobRun, site: Place, knowledge: JobKnowledge) -> OpenHole:
     """Begin a hole: touch the pad where nothing is known of the tool's length, otherwise go by what is known."""
-    if known.tool is None:
-        known.tool = ToolLength(touch_pad_first(run, site.name, known))
-    return hole_at(run, site, known, known.tool.pad.shifted(known.tool.wear_um), known.tool.wear_u_um)
+    if knowledge.tool is None:
+        knowledge.tool = ToolLength(touch_pad_first(run, site.name, knowledge))
+    return hole_at(
+        run, site, knowledge, knowledge.tool.pad.shifted(knowledge.tool.wear_um), knowledge.tool.wear_u_um
+    )
 
 
-def hole_at(run: Run, site: Site, known: Known, z1: SurfaceReading, z1_u_um: float) -> Hole:
+def hole_at(
+    run: JobRun, site: Place, knowledge: JobKnowledge, z1: SurfaceReading, z1_u_um: float
+) -> OpenHole:
     """Return an untouched hole at a site whose tool would have met the pad at `z1`."""
-    face_um = known.face.height_um(site)
-    return Hole(
+    face_um = knowledge.surface.height_um(site)
+    return OpenHole(
         site=site,
-        goal=goal_of(run.profile, site),
+        target=target_of(run.profile, site),
         z1=z1,
         z1_u_um=z1_u_um,
         face_um=face_um,
-        face_u_um=known.face.height_u_um(site),
-        estimate=known.estimate if known.estimate.fits == 0 else known.estimate.next_hole(),
+        face_u_um=knowledge.surface.height_u_um(site),
+        estimate=knowledge.estimate if knowledge.estimate.fits == 0 else knowledge.estimate.next_hole(),
         bottom=z1.shifted(face_um),
         pad=z1,
     )
 
 
-def start_of(run: Run, hole: Hole, known: Known) -> Start:
+def start_of(run: JobRun, hole: OpenHole, knowledge: JobKnowledge) -> CutStart:
     """What the first cut of an untouched hole starts from: tool, face, and what measures."""
-    assert known.tool is not None
-    sensed, tool = uncertainty_now(run), known.tool
-    length_um = hole.goal.feed_um if hole.goal.kind == "feed" else hole.goal.depth_um
-    return Start(
+    assert knowledge.tool is not None
+    sensor_u, tool = run.uncertainty, knowledge.tool
+    length_um = hole.target.feed_um if hole.target.kind == "feed" else hole.target.depth_um
+    return CutStart(
         bottom_um=hole.surface_um,
         bottom_u_um=math.hypot(tool.u_um(tool.pad.time_s, 0.0), hole.face_u_um),
-        gap_um=known.gap_um,
+        gap_um=knowledge.gap_um,
         time_s=tool.pad.time_s,
-        drift_u_um_per_s=sensed.drift_u_um_per_s,
-        depth_u_um=math.hypot(sensed.linearity_u_um, sensed.gain_u_rel * length_um),
-        gap_u_um=known.gap_u_um,
+        drift_u_um_per_s=sensor_u.drift_u_um_per_s,
+        depth_u_um=math.hypot(sensor_u.linearity_u_um, sensor_u.gain_u_rel * length_um),
+        gap_u_um=knowledge.gap_u_um,
     )
 
 
-def open_site(run: Run, site: Site) -> None:
-    """Begin the account of a site; the readings of the one before may teach the actuator's estimator now."""
-    ledger = run.ledger
-    ledger.depth_um, ledger.open_site = 0.0, site.name
-    ledger.depth_target_um = goal_of(run.profile, site).depth_um
-    run.watch.feed_error = FeedError()
-    tracker = run.watch.tracker()
-    if tracker is not None:
-        tracker.learn_noted()
+def _erosion(
+    profile: Profile, found: DepthAndWear, machining_time_s: float, *, through: bool
+) -> tuple[float, float, float]:
+    """Relative wear, linear and volumetric, and material removal rate; NaN without a depth or a time to refer to.
+
+    Volumes are lengths times the tool's face and the hole's section, a side gap wider all round. A hole `through`
+    the sheet is as long as that is thick, however far the tip came out of it.
+    """
+    length_um = profile.work.thickness_um if through else found.depth_um
+    tool_um2 = tool_area_um2(profile.tool.diameter_um)
+    hole_um2 = hole_area_um2(profile.tool.diameter_um, profile.work.side_gap_um)
+    ratio = found.wear_um / length_um if length_um > 0.0 else math.nan
+    removed_um3 = length_um * hole_um2
+    mrr = mrr_mm3_min(removed_um3 / machining_time_s) if machining_time_s > 0.0 else math.nan
+    return ratio, ratio * tool_um2 / hole_um2, mrr
 
 
-def close_site(run: Run, *, settled: bool) -> None:
-    """End the account of a site; its result goes into the run file once it is settled, or with the next that is."""
-    ledger = run.ledger
-    if ledger.open_site in ledger.sites:
-        ledger.unwritten.append(ledger.open_site)
-    ledger.open_site = ""
-    if settled:
-        record_results(run)
-
-
-def record_results(run: Run) -> None:
-    """Judge and write the results that are not in the run file yet."""
-    ledger = run.ledger
-    for name in ledger.unwritten:
-        ledger.sites[name] = judged(run.job, ledger.sites[name])
-        run.recorder.site_result(site_row(ledger.sites[name]))
-    ledger.unwritten.clear()
-
-
-def record_left(run: Run) -> None:
-    """Write what is known of all holes where the job ends early; the one under way is not judged: it may go on."""
-    record_results(run)
-    ledger = run.ledger
-    if ledger.open_site in ledger.sites:
-        ledger.sites[ledger.open_site] = replace(ledger.sites[ledger.open_site], finished=False)
-        run.recorder.site_result(site_row(ledger.sites[ledger.open_site]))
+def _percent(part: float, whole: float) -> float:
+    return 100.0 * part / whole if whole > 0.0 else math.nan

@@ -8,29 +8,29 @@ from typing import TYPE_CHECKING
 
 from edmctl.labels import Basis
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.hole.cut_decision import Decision, decide
-from edmctl.procedures.hole.cut_planning import CutPlan, Start, learned_gap_um
-from edmctl.procedures.hole.estimating import energy_of
+from edmctl.procedures.hole.cut_decision import Decision, decide, refuse_wrong_setup
+from edmctl.procedures.hole.cut_planning import CutPlan, CutStart, energy_of, learned_gap_um
 from edmctl.procedures.hole.first_sparks import judge_again
 from edmctl.procedures.hole.settling import settle_unmeasured, unmeasured
-from edmctl.procedures.hole.setup_check import refuse_wrong_setup
-from edmctl.procedures.monitoring.drift import uncertainty_now
 from edmctl.procedures.touch.bottom import UNFINISHED_GAP_U_UM, read_bottom
-from edmctl.procedures.touch.grown_tool import refuse_grown_tool
-from edmctl.procedures.touch.reference_pad import read_pad
-from edmctl.procedures.touch.site_readings import depth_and_wear
-from edmctl.procedures.touch.tool_length import TOUCH_U_UM, ToolLength
+from edmctl.procedures.touch.reference_pad import (
+    TOUCH_U_UM,
+    ToolLength,
+    pad_u_um,
+    read_pad,
+    refuse_grown_tool,
+)
 from edmctl.process.live_erosion import CONTRADICTION_SDS
 from edmctl.process.next_cut import COVERAGE, GAP_U_UM
 from edmctl.process.touch_check import Deviation
-from edmctl.process.wear import DepthAndWear, share_u
+from edmctl.process.wear import DepthAndWear, measure, share_u
 from edmctl.record.rows import EventLevel
 from edmctl.wording import decimal, length, signed
 
 if TYPE_CHECKING:
     from edmctl.procedures.hole.cut import CutResult
-    from edmctl.procedures.hole.hole import Hole, Known
-    from edmctl.procedures.run import Args, Run
+    from edmctl.procedures.hole.hole import JobKnowledge, OpenHole
+    from edmctl.procedures.run import Args, JobRun
     from edmctl.procedures.touch.reading import SurfaceReading
     from edmctl.process.live_erosion import ErosionEstimate
     from edmctl.process.shared_wear import SharedWear
@@ -41,41 +41,56 @@ GAP_SETTLES_S = 1.0
 """A cut that is over before teaches no working gap: its first sparks come 1 µm earlier, the servo follows."""
 
 
-def measure_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: CutResult) -> Decision:
+def measure_hole(
+    run: JobRun, hole: OpenHole, knowledge: JobKnowledge, plan: CutPlan, cut: CutResult
+) -> Decision:
     """Touch bottom and pad after a cut, learn from them, and decide what follows."""
     end_um = cut.end_displacement_um
     z2 = read_bottom(run, hole.site.name, plan, cut)
     z3 = touch_pad(run, hole, plan, cut)
-    gap_um, gap_u_um = plan.gap_um, plan.gap_u_um
+    gap_um, gap_u_um = plan.start.gap_um, plan.start.gap_u_um
     if cut.time_s >= GAP_SETTLES_S:
         gap_um = learned_gap_um(z2.z_um, end_um)
         gap_u_um = math.hypot(GAP_U_UM, 0.0 if cut.is_at_limit else UNFINISHED_GAP_U_UM)
         if cut.is_at_limit and z2.doubt_u_um == 0.0:
-            judge_again(run, hole, known.face, gap_um)
+            judge_again(run, hole, knowledge.surface, gap_um)
     settled = None
-    if known.unmeasured:
+    if knowledge.unmeasured:
         live = plan.at(end_um, energy_of(run.profile.pulse, cut.counts, cut.energy_j))
-        settled = settle_unmeasured(run, hole, known, z3, plan, cut, live)
-    found = learn(run, hole, known, z2, z3, (gap_um, gap_u_um), settled)
+        settled = settle_unmeasured(run, hole, knowledge, z3, plan, cut, live)
+    found = learn(run, hole, knowledge, z2, z3, (gap_um, gap_u_um), settled)
     if plan.number == 1:
         refuse_wrong_setup(run, hole.touched or found)
-    start = next_start(run, hole, gap_um, known.gap_u_um)
+    return decide_next(run, hole, knowledge, plan.number, cut, found)
+
+
+def decide_next(
+    run: JobRun,
+    hole: OpenHole,
+    knowledge: JobKnowledge,
+    number: int,
+    cut: CutResult | None,
+    found: DepthAndWear,
+) -> Decision:
+    """Decide what follows a measuring stop after `number` cuts, of which an earlier run made those without `cut`."""
     decision = decide(
         run.profile,
-        hole.goal,
-        plan,
+        hole.target,
+        number,
         cut,
         found,
-        start,
-        known.estimate,
+        next_start(run, hole, knowledge),
+        knowledge.estimate,
         touch_final=run.job.touches_final,
         broken_cuts=hole.sums.broken_cuts,
     )
-    report(run, found, gap_um, decision)
+    _report(run, found, knowledge.gap_um, decision)
     return decision
 
 
-def touch_pad(run: Run, hole: Hole, plan: CutPlan, cut: CutResult, more_u_um: float = 0.0) -> SurfaceReading:
+def touch_pad(
+    run: JobRun, hole: OpenHole, plan: CutPlan, cut: CutResult, more_u_um: float = 0.0
+) -> SurfaceReading:
     """Z3: the pad, with the worn tool. `more_u_um` is a standard uncertainty on top."""
     end_um = cut.end_displacement_um
     live = plan.at(end_um, energy_of(run.profile.pulse, cut.counts, cut.energy_j))
@@ -86,30 +101,36 @@ def touch_pad(run: Run, hole: Hole, plan: CutPlan, cut: CutResult, more_u_um: fl
     return z3
 
 
-def measured(run: Run, hole: Hole, z2: SurfaceReading, z3: SurfaceReading) -> DepthAndWear:
+def measured(run: JobRun, hole: OpenHole, z2: SurfaceReading, z3: SurfaceReading) -> DepthAndWear:
     """What bottom and pad say of a hole, against where it began."""
-    return depth_and_wear(
-        run.setup,
-        uncertainty_now(run),
-        hole.z1,
-        z2,
-        z3,
-        face_um=hole.face_um,
-        face_u_um=hole.face_u_um,
+    sensor_u, z1 = run.uncertainty, hole.z1
+    return measure(
+        z1.reading,
+        z2.reading,
+        z3.reading,
+        gain_u_rel=sensor_u.gain_u_rel,
+        tilt_u_um=hole.face_u_um,
+        drift_u_um_per_s=sensor_u.drift_u_um_per_s,
+        z1_to_z3_s=z3.time_s - z1.time_s,
+        z2_to_z3_s=z3.time_s - z2.time_s,
+        pad_u_um=pad_u_um(run.setup),
+        linearity_u_um=sensor_u.linearity_u_um,
+        height_um=hole.face_um,
         z1_u_um=hole.z1_u_um,
+        doubts_u_um=(z1.doubt_u_um, z2.doubt_u_um, z3.doubt_u_um),
     )
 
 
 def learn(
-    run: Run,
-    hole: Hole,
-    known: Known,
+    run: JobRun,
+    hole: OpenHole,
+    knowledge: JobKnowledge,
     z2: SurfaceReading,
     z3: SurfaceReading,
     gap: tuple[float, float],
     settled: SharedWear | None = None,
 ) -> DepthAndWear:
-    """Take the readings of a stop into the ledger, the tool's length and the estimate of what follows.
+    """Take the readings of a stop into the tally, the tool's length and the estimate of what follows.
 
     `gap` is the working gap to expect from now on, µm, and its standard uncertainty.
     `settled` is the wear of the hole where the touch tells of several holes at once.
@@ -117,15 +138,15 @@ def learn(
     found = measured(run, hole, z2, z3)
     if settled is not None:
         found = replace(found, wear_um=settled.wear_um, wear_u95_um=COVERAGE * settled.wear_u_um)
-    stated = found if settled is not None else with_doubt_of_wear(run, hole, known.estimate, found)
+    stated = found if settled is not None else with_doubt_of_wear(run, hole, knowledge.estimate, found)
     hole.stops += 1
     hole.bottom, hole.pad, hole.touched = z2, z3, found
     hole.report(run, stated, gap[0], depth_basis=Basis.ESTIMATED if z2.doubt_u_um > 0.0 else None)
-    known.tool, known.gap_um = ToolLength(z3), gap[0]
-    known.gap_u_um = math.hypot(gap[1], z2.doubt_u_um)
+    knowledge.tool, knowledge.gap_um = ToolLength(z3), gap[0]
+    knowledge.gap_u_um = math.hypot(gap[1], z2.doubt_u_um)
     if z2.doubt_u_um > 0.0:
         return stated
-    known.estimate = hole.estimate.fitted(
+    knowledge.estimate = hole.estimate.fitted(
         None if hole.interrupted else hole.energy(run),
         found.depth_um,
         found.depth_u95_um / COVERAGE,
@@ -135,7 +156,9 @@ def learn(
     return stated
 
 
-def with_doubt_of_wear(run: Run, hole: Hole, estimate: ErosionEstimate, found: DepthAndWear) -> DepthAndWear:
+def with_doubt_of_wear(
+    run: JobRun, hole: OpenHole, estimate: ErosionEstimate, found: DepthAndWear
+) -> DepthAndWear:
     """Widen what a stop found where its wear is not what was believed, until another stop agrees with it.
 
     A tool that wears otherwise and something that sticks to it look alike. The truth may lie anywhere between the
@@ -167,25 +190,27 @@ def with_doubt_of_wear(run: Run, hole: Hole, estimate: ErosionEstimate, found: D
     )
 
 
-def next_start(run: Run, hole: Hole, gap_um: float, gap_u_um: float) -> Start:
+def next_start(run: JobRun, hole: OpenHole, knowledge: JobKnowledge) -> CutStart:
     """What a further cut of a measured hole would start from."""
     assert hole.found is not None
     found = hole.found
-    return Start(
+    return CutStart(
         bottom_um=hole.bottom.z_um,
         bottom_u_um=math.hypot(TOUCH_U_UM, hole.bottom.doubt_u_um),
-        gap_um=gap_um,
+        gap_um=knowledge.gap_um,
         time_s=hole.bottom.time_s,
-        drift_u_um_per_s=uncertainty_now(run).drift_u_um_per_s,
+        drift_u_um_per_s=run.uncertainty.drift_u_um_per_s,
         depth_um=found.depth_um,
         depth_u_um=found.depth_u95_um / COVERAGE,
         wear_um=found.wear_um,
         wear_u_um=found.wear_u95_um / COVERAGE,
-        gap_u_um=gap_u_um,
+        gap_u_um=knowledge.gap_u_um,
     )
 
 
-def estimate_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: CutResult) -> Decision:
+def estimate_hole(
+    run: JobRun, hole: OpenHole, knowledge: JobKnowledge, plan: CutPlan, cut: CutResult
+) -> Decision:
     """End a hole whose last cut need not be measured: what it added is known from feed and energy."""
     now_s = run.machine.time_s
     energy = energy_of(run.profile.pulse, cut.counts, cut.energy_j)
@@ -198,16 +223,16 @@ def estimate_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: CutRes
         wear_um=live.wear_um,
         wear_u95_um=wear_u95_um,
         feed_um=live.depth_um + live.wear_um,
-        feed_u95_um=COVERAGE * math.hypot(plan.start.u_at(now_s), plan.gap_u_um),
+        feed_u95_um=COVERAGE * math.hypot(plan.start.u_at(now_s), plan.start.gap_u_um),
         depth_noise_um=live.depth_u_um,
     )
-    assert known.tool is not None
-    known.unmeasured.append(unmeasured(run, hole, known.tool.pad.time_s, plan, cut, live))
-    known.tool = known.tool.worn(worn_um, live.wear_u_um)
+    assert knowledge.tool is not None
+    knowledge.unmeasured.append(unmeasured(run, hole, knowledge.tool.pad.time_s, plan, cut, live))
+    knowledge.tool = knowledge.tool.worn(worn_um, live.wear_u_um)
     hole.report(
         run,
         found,
-        plan.gap_um,
+        plan.start.gap_um,
         fed_um=plan.fed_um(cut.end_displacement_um),
         worn_um=worn_um,
         estimated_um=live.depth_um - plan.start.depth_um,
@@ -226,13 +251,13 @@ def estimate_hole(run: Run, hole: Hole, known: Known, plan: CutPlan, cut: CutRes
             "wear_u95_um": found.wear_u95_um,
         },
     )
-    off_um = found.depth_um - hole.goal.depth_um
+    off_um = found.depth_um - hole.target.depth_um
     message = f"Depth ~{decimal(found.depth_um)} µm, {signed(off_um)} µm from the target."
     run.decide(RunEvent.TARGET_REACHED, message, {"depth_um": found.depth_um})
     return Decision(None, message)
 
 
-def report(run: Run, found: DepthAndWear, gap_um: float, decision: Decision) -> None:
+def _report(run: JobRun, found: DepthAndWear, gap_um: float, decision: Decision) -> None:
     """Tell what a stop measured, and what follows."""
     run.decide(
         RunEvent.SITE_MEASURED,

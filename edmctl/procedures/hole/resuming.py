@@ -11,43 +11,49 @@ import math
 from typing import TYPE_CHECKING
 
 from edmctl.errors import MachineFault, PreconditionError
+from edmctl.labels import Basis
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.hole.cut_decision import Decision, decide
-from edmctl.procedures.hole.cut_planning import CutPlan
-from edmctl.procedures.hole.expected_touches import (
+from edmctl.procedures.hole.cut_decision import Decision
+from edmctl.procedures.hole.cut_planning import through_plan
+from edmctl.procedures.hole.hole import JobKnowledge, OpenHole, hole_at, touch_pad_first
+from edmctl.procedures.hole.hole_estimate import (
     STANDARD_UNCERTAINTIES,
     Estimate,
-    Expected,
+    ExpectedHole,
     expected_of_finished,
     expected_of_left,
+    hole_found,
     is_untouched,
+    other_tool,
+    other_work,
 )
-from edmctl.procedures.hole.hole import Hole, Known, close_site, hole_at, touch_pad_first
-from edmctl.procedures.hole.interruption import counted_pause_s, drift_u_um
-from edmctl.procedures.hole.measuring_stop import learn, measured, next_start, report
-from edmctl.procedures.hole.resume_refusals import other_tool, other_work, touched_face
-from edmctl.procedures.hole.site import cut_to_the_end
-from edmctl.procedures.job import Site
+from edmctl.procedures.hole.hole_state import keep_hole_begun
+from edmctl.procedures.hole.measuring_stop import decide_next, learn, measured, next_start
+from edmctl.procedures.hole.site import cut_to_the_end, through_message, touch_bottom_or_none
+from edmctl.procedures.hole.site_result import close_site
+from edmctl.procedures.hole.target import target_of
+from edmctl.procedures.job_state import CutTotals
+from edmctl.procedures.monitoring.drift import counted_pause_s, pause_drift_u_um
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.bottom import MORE_LOOKS, wash
 from edmctl.procedures.touch.reading import BEYOND_SIGMAS, NO_CONTACT, SurfaceReading, take_reading
-from edmctl.procedures.touch.reference_pad import read_pad
-from edmctl.procedures.touch.surface_plane import take_pad, touch_beside, unknown_face
-from edmctl.procedures.touch.tool_length import ToolLength
+from edmctl.procedures.touch.reference_pad import ToolLength, read_pad
+from edmctl.procedures.touch.surface_plane import fit_pad_slope, level_surface, touch_beside
 from edmctl.process.wear import DepthAndWear, Reading
+from edmctl.profile.places import Place
 from edmctl.record.rows import EventLevel
 from edmctl.wording import decimal, length
 
 if TYPE_CHECKING:
     from edmctl.procedures.job_state import JobState
-    from edmctl.procedures.run import Run
-    from edmctl.procedures.servo.time_limits import TimeLimits
+    from edmctl.procedures.run import JobRun
+    from edmctl.procedures.servo.limits import TimeLimits
 
 BEYOND_UM = 12.0
 """A touch looks so much further than what would be accepted: a mistake is to be found, not missed."""
 
 
-def take_up_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Decision | None:
+def resume_hole(run: JobRun, site: Place, knowledge: JobKnowledge, limits: TimeLimits) -> Decision | None:
     """Measure what the earlier run has left, and cut what is missing; None where the hole is to be made anew.
 
     Raises PreconditionError: E8060 this is not the hole that was left, E8061 the tool is not, E8062 there is no
@@ -56,7 +62,7 @@ def take_up_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Deci
     state = run.job.resumed
     assert state is not None
     expected = expected_of_left(state, run.profile)
-    hole, z3 = touch_pad_left(run, site, known, expected)
+    hole, z3 = touch_pad_left(run, site, knowledge, expected)
     z2 = _touch(run, "Z2", site, site.name, z3.z_um + hole.face_um + state.depth_um, expected.depth_reach_um)
     found = measured(run, hole, z2, z3)
     for _ in range(0 if run.job.restart_hole else MORE_LOOKS):
@@ -64,68 +70,55 @@ def take_up_hole(run: Run, site: Site, known: Known, limits: TimeLimits) -> Deci
             break
         z2 = _touch_washed(run, site, z2, expected.depth_reach_um)
         found = measured(run, hole, z2, z3)
-    if not run.ledger.sites and run.profile.target.kind != "through":
-        found = _on_its_own_face(run, hole, known, z2, z3, found)
+    if not run.tally.sites and run.profile.target.kind != "through":
+        found = _on_its_own_surface(run, hole, knowledge, z2, z3, found)
     if run.job.restart_hole:
-        _start_again(run, site, known, z3, found)
+        _start_again(run, site, knowledge, z3, found)
         return None
     refuse_other(run, site, expected, found, untouched=is_untouched(found))
     # No cut of this run has shown the working gap yet: it stays as it was believed.
-    found = learn(run, hole, known, z2, z3, (known.gap_um, known.gap_u_um))
-    tell_taken_up(run, expected.estimate, found.depth_um, found.wear_um)
-    start = next_start(run, hole, known.gap_um, known.gap_u_um)
-    last = CutPlan(max(1, hole.sums.number), 0.0, start, known.estimate, hole.goal.depth_um)
-    decision = decide(
-        run.profile,
-        hole.goal,
-        last,
-        None,
-        found,
-        start,
-        known.estimate,
-        touch_final=run.job.touches_final,
-        broken_cuts=hole.sums.broken_cuts,
-    )
-    report(run, found, known.gap_um, decision)
+    found = learn(run, hole, knowledge, z2, z3, (knowledge.gap_um, knowledge.gap_u_um))
+    report_resumed(run, expected.estimate, found.depth_um, found.wear_um)
+    decision = decide_next(run, hole, knowledge, max(1, hole.sums.total.number), None, found)
     if decision.plan is None:
         close_site(run, settled=True)
         return decision
-    return cut_to_the_end(run, hole, known, decision.plan, limits)
+    return cut_to_the_end(run, hole, knowledge, decision.plan, limits)
 
 
-def look_at_last_hole(run: Run, known: Known) -> None:
+def check_last_hole(run: JobRun, knowledge: JobKnowledge) -> None:
     """Touch the bottom of the hole that was finished last, where none was begun after it: is this that work?
 
     A hole through the sheet has no bottom, and a job that has finished none nothing to look at. What the touch of
     the pad tells of the tool needs no comparison: the next hole counts from it. Raises PreconditionError E8060.
     """
     state = run.job.resumed
-    if state is None or not run.ledger.sites or run.profile.target.kind == "through":
+    if state is None or not run.tally.sites or run.profile.target.kind == "through":
         return
-    _begin(run, known, state)
-    pad = touch_pad_first(run, run.job.pad.name, known)
-    known.tool = ToolLength(pad)
-    _look_at_finished(run, known, pad)
+    _begin(run, knowledge, state)
+    pad = touch_pad_first(run, run.job.pad.name, knowledge)
+    knowledge.tool = ToolLength(pad)
+    _check_finished(run, knowledge, pad)
 
 
 def touch_pad_left(
-    run: Run, site: Site, known: Known, expected: Expected, more_um: float = 0.0
-) -> tuple[Hole, SurfaceReading]:
+    run: JobRun, site: Place, knowledge: JobKnowledge, expected: ExpectedHole, more_um: float = 0.0
+) -> tuple[OpenHole, SurfaceReading]:
     """Take the hole as the journal tells of it, and touch the pad (Z3), which may lie `more_um` further."""
     state = run.job.resumed
     assert state is not None
-    _begin(run, known, state)
-    hole = _hole(run, site, known, state)
-    run.ledger.depth_um, run.ledger.unmeasured_site = state.depth_um, site.name
-    run.journal.begin_hole(hole, run.machine.time_s, begun=True)
+    _begin(run, knowledge, state)
+    hole = _hole(run, site, knowledge, state)
+    run.tally.depth_um, run.tally.unmeasured_site = state.depth_um, site.name
+    keep_hole_begun(run, hole, begun=True)
     z3_um = hole.z1.z_um + expected.estimate.wear_um
-    reach_um = expected.wear_reach_um + STANDARD_UNCERTAINTIES * drift_u_um(run.job) + more_um
+    reach_um = expected.wear_reach_um + STANDARD_UNCERTAINTIES * pause_drift_u_um(run.job) + more_um
     z3 = _touch(run, "Z3", run.job.pad, site.name, z3_um, reach_um)
-    _see_face(run, hole, known, z3)
+    _update_surface(run, hole, knowledge, z3)
     return hole, z3
 
 
-def tell_taken_up(run: Run, expected: Estimate, depth_um: float, wear_um: float) -> None:
+def report_resumed(run: JobRun, expected: Estimate, depth_um: float, wear_um: float) -> None:
     """Say from where the job goes on."""
     run.decide(
         RunEvent.RESUMED,
@@ -136,9 +129,9 @@ def tell_taken_up(run: Run, expected: Estimate, depth_um: float, wear_um: float)
 
 
 def refuse_other(
-    run: Run,
-    site: Site,
-    expected: Expected,
+    run: JobRun,
+    site: Place,
+    expected: ExpectedHole,
     found: DepthAndWear,
     *,
     untouched: bool = False,
@@ -155,42 +148,50 @@ def refuse_other(
         raise refused(run, other_tool(found, expected.estimate))
 
 
-def refused(run: Run, error: PreconditionError) -> PreconditionError:
+def refused(run: JobRun, error: PreconditionError) -> PreconditionError:
     """The error of work or a tool that was not left: what the journal estimates is no result of this run then."""
-    run.ledger.depth_um, run.ledger.unmeasured_site = math.nan, ""
+    run.tally.depth_um, run.tally.unmeasured_site = math.nan, ""
     return error
 
 
-def _see_face(run: Run, hole: Hole, known: Known, pad: SurfaceReading) -> None:
+def _update_surface(run: JobRun, hole: OpenHole, knowledge: JobKnowledge, pad: SurfaceReading) -> None:
     """Take what the pad tells of the face, and with it where the face is at the hole."""
-    take_pad(run, known.face, pad)
-    hole.face_um, hole.face_u_um = known.face.height_um(hole.site), known.face.height_u_um(hole.site)
+    fit_pad_slope(run, knowledge.surface, pad)
+    hole.face_um, hole.face_u_um = (
+        knowledge.surface.height_um(hole.site),
+        knowledge.surface.height_u_um(hole.site),
+    )
 
 
-def _on_its_own_face(
-    run: Run, hole: Hole, known: Known, z2: SurfaceReading, z3: SurfaceReading, found: DepthAndWear
+def _on_its_own_surface(
+    run: JobRun,
+    hole: OpenHole,
+    knowledge: JobKnowledge,
+    z2: SurfaceReading,
+    z3: SurfaceReading,
+    found: DepthAndWear,
 ) -> DepthAndWear:
     """What was found, with the face as it is beside the hole where this may be other work, of another slope.
 
     A hole that is hardly begun shows nothing: what the earlier run has touched of the face counts no more then.
     """
-    touched_face, known.face = known.face, unknown_face(run)
-    _see_face(run, hole, known, z3)
-    if touched_face.touched and is_untouched(measured(run, hole, z2, z3)):
-        touch_beside(run, hole.site, known.face, ToolLength(z3))
-        run.journal.face(known.face)
-        _see_face(run, hole, known, z3)
+    hole_found, knowledge.surface = knowledge.surface, level_surface(run)
+    _update_surface(run, hole, knowledge, z3)
+    if hole_found.touched and is_untouched(measured(run, hole, z2, z3)):
+        touch_beside(run, hole.site, knowledge.surface, ToolLength(z3))
+        run.keeper.set_surface(tuple(knowledge.surface.touched), knowledge.surface.doubt_u_um)
+        _update_surface(run, hole, knowledge, z3)
         return measured(run, hole, z2, z3)
-    known.face = touched_face
-    _see_face(run, hole, known, z3)
+    knowledge.surface = hole_found
+    _update_surface(run, hole, knowledge, z3)
     return found
 
 
-def _look_at_finished(run: Run, known: Known, pad: SurfaceReading) -> None:
-    result = list(run.ledger.sites.values())[-1]
-    site = Site(result.name, result.x_um, result.y_um, result.theta_deg)
+def _check_finished(run: JobRun, knowledge: JobKnowledge, pad: SurfaceReading) -> None:
+    result = list(run.tally.sites.values())[-1]
+    site = Place(result.name, result.x_um, result.y_um, result.theta_deg)
     expected = expected_of_finished(result)
-    hole = hole_at(run, site, known, pad, 0.0)
+    hole = hole_at(run, site, knowledge, pad, 0.0)
     predicted_um = pad.z_um + hole.face_um + result.depth_um
     bottom = _touch(run, "Z2", site, site.name, predicted_um, expected.depth_reach_um)
     found = measured(run, hole, bottom, pad)
@@ -203,14 +204,16 @@ def _look_at_finished(run: Run, known: Known, pad: SurfaceReading) -> None:
     )
 
 
-def _start_again(run: Run, site: Site, known: Known, pad: SurfaceReading, found: DepthAndWear) -> None:
+def _start_again(
+    run: JobRun, site: Place, knowledge: JobKnowledge, pad: SurfaceReading, found: DepthAndWear
+) -> None:
     """Begin the hole anew where its face is untouched, beside the finished holes that belong to it."""
     if not is_untouched(found):
-        raise refused(run, touched_face(site, found))
-    if run.ledger.sites:
-        _look_at_finished(run, known, pad)
-    known.tool = ToolLength(pad)
-    run.ledger.depth_um, run.ledger.unmeasured_site = 0.0, ""
+        raise refused(run, hole_found(site, found))
+    if run.tally.sites:
+        _check_finished(run, knowledge, pad)
+    knowledge.tool = ToolLength(pad)
+    run.tally.depth_um, run.tally.unmeasured_site = 0.0, ""
     run.decide(
         RunEvent.RESUMED,
         f"The face at {site.name} is untouched ({length(found.depth_um, found.depth_u95_um)}): the hole is "
@@ -220,7 +223,7 @@ def _start_again(run: Run, site: Site, known: Known, pad: SurfaceReading, found:
 
 
 def _touch(
-    run: Run, kind: str, place: Site, name: str, predicted_um: float, reach_um: float
+    run: JobRun, kind: str, place: Place, name: str, predicted_um: float, reach_um: float
 ) -> SurfaceReading:
     """Touch a surface that was left; where none is in reach, say what that may mean."""
     u_um = (reach_um + BEYOND_UM) / BEYOND_SIGMAS
@@ -238,7 +241,7 @@ def _touch(
         raise
 
 
-def _touch_washed(run: Run, site: Site, short: SurfaceReading, reach_um: float) -> SurfaceReading:
+def _touch_washed(run: JobRun, site: Place, short: SurfaceReading, reach_um: float) -> SurfaceReading:
     """Touch a bottom again that seems too near: what lay on it while the job stood still may go with the oil."""
     run.decide(
         RunEvent.TOUCH_DOUBTED,
@@ -251,18 +254,18 @@ def _touch_washed(run: Run, site: Site, short: SurfaceReading, reach_um: float) 
     return _touch(run, "Z2", site, site.name, short.z_um, reach_um)
 
 
-def _begin(run: Run, known: Known, state: JobState) -> None:
+def _begin(run: JobRun, knowledge: JobKnowledge, state: JobState) -> None:
     """Take over what was touched of the face, and say what an unknown pause means."""
-    if not known.face.touched:
-        known.face.restore(state.face, state.face_doubt_u_um)
-    tell_unknown_pause(run)
+    if not knowledge.surface.touched:
+        knowledge.surface.restore(state.face, state.face_doubt_u_um)
+    report_unknown_pause(run)
 
 
-def tell_unknown_pause(run: Run) -> None:
+def report_unknown_pause(run: JobRun) -> None:
     """Say what it means that nobody knows how long the job stood still."""
     if math.isfinite(run.job.pause_s):
         return
-    drift_um = 2.0 * drift_u_um(run.job)
+    drift_um = 2.0 * pause_drift_u_um(run.job)
     run.decide(
         RunEvent.RESUMED,
         "Nobody knows how long the job stood still: a clock was set back, or was not told. Depth is touched anew; "
@@ -272,7 +275,7 @@ def tell_unknown_pause(run: Run) -> None:
     )
 
 
-def surface_left(run: Run, state: JobState) -> SurfaceReading:
+def z1_left_by(run: JobRun, state: JobState) -> SurfaceReading:
     """Return Z1 as the journal tells it; times before this run are negative."""
     return SurfaceReading(
         kind="Z1",
@@ -285,13 +288,61 @@ def surface_left(run: Run, state: JobState) -> SurfaceReading:
     )
 
 
-def _hole(run: Run, site: Site, known: Known, state: JobState) -> Hole:
+def _hole(run: JobRun, site: Place, knowledge: JobKnowledge, state: JobState) -> OpenHole:
     """Return the hole as the journal left it."""
-    z1 = surface_left(run, state)
-    known.tool = ToolLength(z1, state.wear_um)
-    hole = hole_at(run, site, known, z1, state.z1_u_um)
+    z1 = z1_left_by(run, state)
+    knowledge.tool = ToolLength(z1, state.wear_um)
+    hole = hole_at(run, site, knowledge, z1, state.z1_u_um)
     hole.interrupted = True
-    sums = hole.sums
-    sums.before_counts, sums.before_cuts, sums.broken_cuts = state.counts, state.cuts, state.broken_cuts
-    sums.before_energy_j, sums.before_time_s = state.energy_j, state.machining_time_s
+    hole.sums.before = CutTotals(state.cuts, state.counts, state.energy_j, state.machining_time_s)
+    hole.sums.broken_cuts = state.broken_cuts
     return hole
+
+
+def resume_through_hole(run: JobRun, site: Place, knowledge: JobKnowledge, limits: TimeLimits) -> Decision:
+    """Measure what an earlier run has left of a hole through the sheet, and cut on where it is not open.
+
+    A hole is open when the tool goes through it, as far below the face as it would have been fed, and meets nothing.
+    Raises PreconditionError E8060, E8061 where it is not the hole, or the tool, that was left.
+    """
+    state, target = run.job.resumed, target_of(run.profile, site)
+    assert state is not None
+    expected = expected_of_left(state, run.profile)
+    opened = expected.through_at_most(target.depth_um)
+    # Behind the sheet a tool does not wear, although its feed was divided as if it did.
+    not_worn_um = expected.estimate.wear_um - opened.estimate.wear_um
+    hole, pad = touch_pad_left(run, site, knowledge, opened, not_worn_um)
+    least_um = max(0.0, expected.estimate.depth_um - expected.depth_reach_um - BEYOND_UM)
+    bottom = touch_bottom_or_none(run, hole, pad, pad.z_um + hole.face_um + least_um)
+    if bottom is None:
+        return _open(run, hole, knowledge, pad, opened)
+    found = measured(run, hole, bottom, pad)
+    refuse_other(run, site, expected, found)
+    found = learn(run, hole, knowledge, bottom, pad, (knowledge.gap_um, knowledge.gap_u_um))
+    report_resumed(run, expected.estimate, found.depth_um, found.wear_um)
+    start = next_start(run, hole, knowledge)
+    plan = through_plan(max(1, hole.sums.total.number) + 1, start, target, knowledge.estimate)
+    return cut_to_the_end(run, hole, knowledge, plan, limits)
+
+
+def _open(
+    run: JobRun, hole: OpenHole, knowledge: JobKnowledge, pad: SurfaceReading, expected: ExpectedHole
+) -> Decision:
+    """The end of a hole that was open when it was looked at again."""
+    target = hole.target
+    tip_um = pad.z_um + hole.face_um + target.depth_um + target.completion_um
+    hole.stops += 1
+    hole.bottom, hole.pad = hole.z1.shifted(tip_um - hole.z1.z_um), pad
+    found = measured(run, hole, hole.bottom, pad)
+    if expected.estimate.depth_um + expected.depth_reach_um < target.depth_um - target.tolerance_um:
+        raise refused(run, other_work(hole.site, found, expected.estimate, begun=True))
+    if not expected.wear_fits(found):
+        raise refused(run, other_tool(found, expected.estimate))
+    knowledge.tool = ToolLength(pad)
+    # The tip went further than the sheet is thick: what is taken up is an open hole.
+    report_resumed(run, expected.estimate, target.depth_um, found.wear_um)
+    hole.report(run, found, knowledge.gap_um, through=True, depth_basis=Basis.ESTIMATED)
+    decision = Decision(None, through_message(target, found))
+    run.decide(RunEvent.TARGET_REACHED, decision.message, {"depth_um": found.depth_um})
+    close_site(run, settled=True)
+    return decision

@@ -1,4 +1,4 @@
-"""One hole: approach, cut, and measure as often as the uncertainty of its depth asks for."""
+"""One hole: approach, cut, and measure as often as its depth asks for; the end of a hole through the sheet."""
 
 from __future__ import annotations
 
@@ -6,77 +6,87 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from edmctl.errors import MachineFault
+from edmctl.labels import Basis
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.hole.cut import CutEnd, run_cut
-from edmctl.procedures.hole.cut_decision import Decision, out_of_time
-from edmctl.procedures.hole.cut_planning import CutPlan, first_plan
-from edmctl.procedures.hole.estimating import energy_of
-from edmctl.procedures.hole.first_sparks import check_first_sparks, lying_um
-from edmctl.procedures.hole.hole import close_site, start_of
-from edmctl.procedures.hole.measuring_stop import estimate_hole, measure_hole
-from edmctl.procedures.hole.through_hole import end_of_through_hole
+from edmctl.procedures.hole.cut import CutEnd, CutResult, run_cut
+from edmctl.procedures.hole.cut_decision import Decision, out_of_time, unfinished
+from edmctl.procedures.hole.cut_planning import CutPlan, energy_of, first_plan
+from edmctl.procedures.hole.first_sparks import check_first_sparks, debris_um
+from edmctl.procedures.hole.hole import JobKnowledge, OpenHole, start_of
+from edmctl.procedures.hole.hole_state import keep_cut_begun, keep_cut_ended
+from edmctl.procedures.hole.measuring_stop import estimate_hole, measure_hole, measured, touch_pad
+from edmctl.procedures.hole.site_result import close_site
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.approach import approach_bottom
+from edmctl.procedures.touch.reading import NO_CONTACT, SurfaceReading, search_near, take_reading_in
+from edmctl.procedures.touch.reference_pad import ToolLength
 from edmctl.record.rows import EventLevel
 
 if TYPE_CHECKING:
-    from edmctl.procedures.hole.cut import CutResult
-    from edmctl.procedures.hole.hole import Hole, Known
-    from edmctl.procedures.run import Run
-    from edmctl.procedures.servo.time_limits import TimeLimits
+    from edmctl.procedures.hole.target import HoleTarget
+    from edmctl.procedures.run import JobRun
+    from edmctl.procedures.servo.limits import TimeLimits
+    from edmctl.process.wear import DepthAndWear
 
 
-def machine_hole(run: Run, hole: Hole, known: Known, limits: TimeLimits, *, is_last: bool = True) -> Decision:
+def machine_hole(
+    run: JobRun, hole: OpenHole, knowledge: JobKnowledge, limits: TimeLimits, *, is_last: bool = True
+) -> Decision:
     """Machine a hole from its untouched face, and return the last decision.
 
-    The last hole is measured where others before it are not, because it tells of them too. The ledger holds the
+    The last hole is measured where others before it are not, because it tells of them too. The tally holds the
     hole's result after every cut, so that it is there whatever comes next.
     """
-    assert known.tool is not None
-    start = start_of(run, hole, known)
-    plan = first_plan(run.profile, start, hole.goal, hole.estimate, run.machine.time_s)
+    assert knowledge.tool is not None
+    start = start_of(run, hole, knowledge)
+    plan = first_plan(run.profile, start, hole.target, hole.estimate, run.machine.time_s)
     if is_last and not plan.measured:
         plan = replace(plan, measured=True)
-    return cut_to_the_end(run, hole, known, plan, limits)
+    return cut_to_the_end(run, hole, knowledge, plan, limits)
 
 
-def cut_to_the_end(run: Run, hole: Hole, known: Known, plan: CutPlan, limits: TimeLimits) -> Decision:
+def cut_to_the_end(
+    run: JobRun, hole: OpenHole, knowledge: JobKnowledge, plan: CutPlan, limits: TimeLimits
+) -> Decision:
     """Cut and measure until a decision plans nothing more."""
-    decision = _cut(run, hole, known, plan, limits)
+    decision = _cut(run, hole, knowledge, plan, limits)
     while decision.plan is not None:
-        decision = _cut(run, hole, known, decision.plan, limits)
-    close_site(run, settled=not known.unmeasured)
+        decision = _cut(run, hole, knowledge, decision.plan, limits)
+    close_site(run, settled=not knowledge.unmeasured)
     return decision
 
 
-def _cut(run: Run, hole: Hole, known: Known, plan: CutPlan, limits: TimeLimits) -> Decision:
+def _cut(run: JobRun, hole: OpenHole, knowledge: JobKnowledge, plan: CutPlan, limits: TimeLimits) -> Decision:
     """One planned cut, unless the time is up: looked at before the approach, which sparks, and after it."""
     if limits.left().seconds <= 0.0:
         return _no_time(run, hole, plan, limits)
     move_to(run, hole.site)
     bottom_u_um = plan.start.bottom_u_at(run.machine.time_s)
-    sparks = approach_bottom(run, plan.bottom_um, math.hypot(bottom_u_um, 0.5 * lying_um(hole, known.face)))
-    plan = check_first_sparks(run, hole, known.face, plan, sparks, bottom_u_um)
+    sparks = approach_bottom(
+        run, plan.start.bottom_um, math.hypot(bottom_u_um, 0.5 * debris_um(hole, knowledge.surface))
+    )
+    plan = check_first_sparks(run, hole, knowledge.surface, plan, sparks, bottom_u_um)
     left = limits.left()
     if left.seconds <= 0.0:
         return _no_time(run, hole, plan, limits)
-    machined_before_s = run.ledger.machining_time_s
-    run.ledger.unmeasured_site = hole.site.name
-    run.journal.begin_cut(hole, plan)
+    machined_before_s = run.tally.machining_time_s
+    run.tally.unmeasured_site = hole.site.name
+    keep_cut_begun(run, hole, plan)
     cut = run_cut(run, plan, left)
-    run.journal.end_cut(hole, cut)
-    run.ledger.machining_time_s = machined_before_s + cut.time_s
-    run.ledger.depth_um = plan.depth_at(cut.end_displacement_um)
-    if hole.goal.kind == "through":
-        decision = end_of_through_hole(run, hole, known, plan, cut)
+    keep_cut_ended(run, hole, cut)
+    run.tally.machining_time_s = machined_before_s + cut.time_s
+    run.tally.depth_um = plan.depth_at(cut.end_displacement_um)
+    if hole.target.kind == "through":
+        decision = end_of_through_hole(run, hole, knowledge, plan, cut)
     elif plan.measured or cut.end is not CutEnd.REACHED or _is_surprising(run, plan, cut):
-        decision = measure_hole(run, hole, known, plan, cut)
+        decision = measure_hole(run, hole, knowledge, plan, cut)
     else:
-        decision = estimate_hole(run, hole, known, plan, cut)
+        decision = estimate_hole(run, hole, knowledge, plan, cut)
     return decision
 
 
-def _is_surprising(run: Run, plan: CutPlan, cut: CutResult) -> bool:
+def _is_surprising(run: JobRun, plan: CutPlan, cut: CutResult) -> bool:
     """Whether a cut lost its sparks, or its energy does not go with its feed: then a touch has to tell."""
     if cut.end_displacement_um < plan.z_limit_um:
         return True
@@ -84,8 +94,8 @@ def _is_surprising(run: Run, plan: CutPlan, cut: CutResult) -> bool:
     return plan.contradicts(cut.end_displacement_um, energy)
 
 
-def _no_time(run: Run, hole: Hole, plan: CutPlan, limits: TimeLimits) -> Decision:
-    decision = out_of_time(hole.goal, plan, limits.left().limit)
+def _no_time(run: JobRun, hole: OpenHole, plan: CutPlan, limits: TimeLimits) -> Decision:
+    decision = out_of_time(hole.target, plan, limits.left().limit)
     run.decide(
         RunEvent.TARGET_MISSED,
         decision.message,
@@ -93,3 +103,73 @@ def _no_time(run: Run, hole: Hole, plan: CutPlan, limits: TimeLimits) -> Decisio
         level=EventLevel.WARNING,
     )
     return decision
+
+
+def end_of_through_hole(
+    run: JobRun, hole: OpenHole, knowledge: JobKnowledge, plan: CutPlan, cut: CutResult
+) -> Decision:
+    """Measure the wear; the depth is how far the tip went below the face, at least the sheet's thickness."""
+    anywhere_u_um = hole.target.completion_um / math.sqrt(
+        12.0
+    )  # where in the last feed the tool stopped wearing
+    pad = touch_pad(run, hole, plan, cut, more_u_um=anywhere_u_um)
+    through = cut.through
+    if hole.interrupted and not through and cut.end is CutEnd.REACHED:
+        # Too near to the back from the start for the feed to tell.
+        through = touch_bottom_or_none(run, hole, pad, hole.bottom.z_um) is None
+    # A bottom lies a working gap below the tip; behind the sheet there is none.
+    tip_um = max(cut.end_displacement_um + (0.0 if through else plan.start.gap_um), hole.surface_um)
+    hole.stops += 1
+    hole.bottom, hole.pad = hole.z1.shifted(tip_um - hole.z1.z_um), pad
+    found = measured(run, hole, hole.bottom, pad)
+    knowledge.tool = ToolLength(pad)
+    hole.report(run, found, plan.start.gap_um, through=through, depth_basis=Basis.ESTIMATED)
+    decision = _decision(hole, cut, found, through=through)
+    code = RunEvent.TARGET_MISSED if decision.missed else RunEvent.TARGET_REACHED
+    level = EventLevel.WARNING if decision.missed else EventLevel.INFO
+    run.decide(code, decision.message, {"depth_um": found.depth_um, "hint": decision.hint}, level=level)
+    return decision
+
+
+def touch_bottom_or_none(
+    run: JobRun, hole: OpenHole, pad: SurfaceReading, least_um: float
+) -> SurfaceReading | None:
+    """Touch the bottom of a hole that may be open, from `least_um` on; None where the tool goes right through.
+
+    That is to beyond the back by as much as the hole is fed on behind it.
+    """
+    search = search_near(run, least_um, 0.0)
+    search = replace(
+        search, z_max_um=pad.z_um + hole.face_um + hole.target.depth_um + hole.target.completion_um
+    )
+    move_to(run, hole.site)
+    try:
+        return take_reading_in(run, "Z2", hole.site.name, search)
+    except MachineFault as fault:
+        if fault.code != NO_CONTACT:
+            raise
+        run.machine.clear_fault(fault.fault)
+        run.machine.arm()
+    run.decide(
+        RunEvent.BREAKTHROUGH,
+        f"The tool goes through {hole.site.name} to {search.z_max_um:.1f} µm and meets nothing: the hole is open.",
+        {"displacement_um": search.z_max_um},
+    )
+    return None
+
+
+def through_message(target: HoleTarget, found: DepthAndWear) -> str:
+    """The end of a hole that is open, in words."""
+    return (
+        f"Through the sheet of {target.depth_um:g} µm; the tip went {found.depth_um:.1f} µm below its face."
+    )
+
+
+def _decision(hole: OpenHole, cut: CutResult, found: DepthAndWear, *, through: bool) -> Decision:
+    thickness_um = hole.target.depth_um
+    if through:
+        return Decision(None, through_message(hole.target, found))
+    if cut.end is not CutEnd.REACHED:
+        return unfinished(hole.target, cut, found.depth_um, found.feed_um)
+    missed = f"The sheet of {thickness_um:g} µm did not break through within {found.depth_um:.1f} µm."
+    return Decision(None, missed, missed, "Check work.thickness_um; a thicker sheet needs more stroke.")

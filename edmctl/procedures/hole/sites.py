@@ -5,102 +5,98 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from edmctl.forecasts.forecast import working_order
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.cut_decision import Decision
-from edmctl.procedures.hole.hole import Known, begin_hole, known_before, open_site
-from edmctl.procedures.hole.resuming import look_at_last_hole, take_up_hole
-from edmctl.procedures.hole.resuming_through import take_up_through_hole
+from edmctl.procedures.hole.hole import JobKnowledge, begin_hole, initial_knowledge
+from edmctl.procedures.hole.hole_state import keep_hole_begun
+from edmctl.procedures.hole.resuming import check_last_hole, resume_hole, resume_through_hole
 from edmctl.procedures.hole.site import machine_hole
-from edmctl.procedures.hole.target import goal_of
-from edmctl.procedures.servo.time_limits import TimeLimits
+from edmctl.procedures.hole.site_result import open_site
+from edmctl.procedures.hole.target import target_of
+from edmctl.procedures.servo.limits import TimeLimits
+from edmctl.procedures.state_keeper import MOVING
 from edmctl.procedures.touch.surface_plane import touch_plane, touch_where_unknown
-from edmctl.process.path_ordering import nearest_first
 from edmctl.process.plane import TOUCHES_FOR_A_PLANE
 from edmctl.record.rows import EventLevel
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from edmctl.procedures.job import Job, Site
-    from edmctl.procedures.run import Run
+    from edmctl.procedures.run import JobRun
+    from edmctl.profile.places import Place
 
 
-def sites_in_order(job: Job) -> tuple[Site, ...]:
-    """The places as the recipe wants them worked off; the order of a job taken up again is the same."""
-    if job.profile.array.order == "given":
-        return job.sites
-    order = nearest_first([(site.x_um, site.y_um) for site in job.sites], (job.pad.x_um, job.pad.y_um))
-    return tuple(job.sites[i] for i in order)
-
-
-def machine_sites(run: Run) -> Decision | None:
+def machine_sites(run: JobRun) -> Decision | None:
     """Machine every place that is not done yet; the decision of the first that misses its objective, None if all do.
 
     A tool that would lose more than it may ends the job before the next place, with what is done and what remains.
     """
-    limits, known = TimeLimits(run), known_before(run)
+    limits, knowledge = TimeLimits(run), initial_knowledge(run)
     resumed = run.job.resumed
-    done = set(run.ledger.sites)
-    left = [site for site in sites_in_order(run.job) if site.name not in done]
+    done = set(run.tally.sites)
+    left = [site for site in working_order(run.profile, run.setup, run.job.sites) if site.name not in done]
     if resumed is not None and not resumed.begun and left:
-        look_at_last_hole(run, known)
+        check_last_hole(run, knowledge)
     for number, site in enumerate(left):
-        worn_out = _worn_out(run, known, left[number:])
+        worn_out = _worn_out(run, knowledge, left[number:])
         if worn_out is not None:
             return worn_out
         open_site(run, site)
         begun = resumed is not None and resumed.begun and resumed.site == site.name
-        decision = _take_up(run, site, known, limits) if begun else None
+        decision = _take_up(run, site, knowledge, limits) if begun else None
         if decision is None:
-            decision = _machine_fresh(run, site, known, left[number:], limits)
-        run.journal.end_hole()
+            decision = _machine_fresh(run, site, knowledge, left[number:], limits)
+        run.keeper.keep(MOVING, None)
         if decision.missed:
             name = f"{site.name}: " if len(run.job.sites) > 1 else ""
             return replace(decision, missed=f"{name}{decision.missed}", site=site.name)
     return None
 
 
-def _take_up(run: Run, site: Site, known: Known, limits: TimeLimits) -> Decision | None:
+def _take_up(run: JobRun, site: Place, knowledge: JobKnowledge, limits: TimeLimits) -> Decision | None:
     """Go on with the hole that an earlier run has begun; None where it is to be made anew."""
     if run.profile.target.kind == "through" and not run.job.restart_hole:
-        return take_up_through_hole(run, site, known, limits)
-    return take_up_hole(run, site, known, limits)
+        return resume_through_hole(run, site, knowledge, limits)
+    return resume_hole(run, site, knowledge, limits)
 
 
-def _machine_fresh(run: Run, site: Site, known: Known, left: Sequence[Site], limits: TimeLimits) -> Decision:
-    hole = begin_hole(run, site, known)
-    if _touch_face(run, site, known, left):
-        run.journal.face(known.face)
-        hole = begin_hole(run, site, known)
-    run.journal.begin_hole(hole, run.machine.time_s)
-    return machine_hole(run, hole, known, limits, is_last=len(left) == 1)
+def _machine_fresh(
+    run: JobRun, site: Place, knowledge: JobKnowledge, left: Sequence[Place], limits: TimeLimits
+) -> Decision:
+    hole = begin_hole(run, site, knowledge)
+    if _touch_surface(run, site, knowledge, left):
+        run.keeper.set_surface(tuple(knowledge.surface.touched), knowledge.surface.doubt_u_um)
+        hole = begin_hole(run, site, knowledge)
+    keep_hole_begun(run, hole)
+    return machine_hole(run, hole, knowledge, limits, is_last=len(left) == 1)
 
 
-def _touch_face(run: Run, site: Site, known: Known, left: Sequence[Site]) -> bool:
+def _touch_surface(run: JobRun, site: Place, knowledge: JobKnowledge, left: Sequence[Place]) -> bool:
     """Touch the face where its tilt would limit the depths; whether anything was touched."""
-    assert known.tool is not None
+    assert knowledge.tool is not None
     wanted = run.profile.array.surface == "plane" and len(left) >= TOUCHES_FOR_A_PLANE
-    if wanted and not known.face.touched:
-        touch_plane(run, left, known.face, known.tool)
+    if wanted and not knowledge.surface.touched:
+        touch_plane(run, left, knowledge.surface, knowledge.tool)
         return True
     if run.profile.target.kind == "through":
         return False
-    return touch_where_unknown(run, site, known.face, known.tool)
+    return touch_where_unknown(run, site, knowledge.surface, knowledge.tool)
 
 
-def _worn_out(run: Run, known: Known, left: Sequence[Site]) -> Decision | None:
+def _worn_out(run: JobRun, knowledge: JobKnowledge, left: Sequence[Place]) -> Decision | None:
     """The end before a place for which the tool may not be worn any further; None while it may."""
-    lost_um = run.job.tool_wear_before_um + run.ledger.wear_um
-    goal = goal_of(run.profile, left[0])
-    feed_um, ratio = goal.feed_um, known.estimate.wear_ratio
-    next_um = feed_um * ratio / (1.0 + ratio) if goal.kind == "feed" else goal.depth_um * ratio
+    lost_um = run.job.tool_wear_before_um + run.tally.wear_um
+    target = target_of(run.profile, left[0])
+    feed_um, ratio = target.feed_um, knowledge.estimate.wear_ratio
+    next_um = feed_um * ratio / (1.0 + ratio) if target.kind == "feed" else target.depth_um * ratio
     limit_um = run.profile.tool.max_wear_um
     if lost_um + next_um <= limit_um:
         return None
     names = ", ".join(site.name for site in left)
     message = (
         f"The tool has lost {lost_um:.0f} µm and {left[0].name} would take {next_um:.0f} µm more; "
-        f"tool.max_wear_um is {limit_um:.0f} µm. Done: {len(run.ledger.sites)}; left: {names}."
+        f"tool.max_wear_um is {limit_um:.0f} µm. Done: {len(run.tally.sites)}; left: {names}."
     )
     hint = "Dress or change the tool, and machine the places that are left."
     run.decide(RunEvent.SITES_LEFT, message, {"left": len(left), "hint": hint}, level=EventLevel.WARNING)

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 from edmctl.labels import Verdict
 
 if TYPE_CHECKING:
-    from edmctl.procedures.job import Site
     from edmctl.profile.model import Profile
+    from edmctl.profile.places import Place
 
 THROUGH_TOLERANCE_UM = 5.0
 """Of the sheet's thickness: a sheet that breaks through so much earlier or later is the sheet that was meant."""
 
 
 @dataclass(frozen=True, slots=True)
-class Goal:
+class HoleTarget:
     """The objective of a hole. `depth_um` is NaN for a feed, `feed_um` for a depth.
 
     Of a way through, `depth_um` is the sheet's thickness and `completion_um` the feed after the breakthrough.
@@ -43,25 +43,25 @@ class Goal:
         return f"a depth of {depth_um:.2f} of {self.depth_um:g} µm"
 
 
-def goal_of(profile: Profile, site: Site) -> Goal:
-    """The objective of a site: its own depth, or the recipe's target."""
+def target_of(profile: Profile, place: Place | None = None) -> HoleTarget:
+    """Return the target of a hole: the depth of its own place, or the recipe's."""
     target = profile.target
     if target.kind == "feed":
-        return Goal("feed", math.nan, target.feed_um, math.nan)
+        return HoleTarget("feed", math.nan, target.feed_um, math.nan)
     if target.kind == "through":
         half_um = profile.tool.diameter_um / 2.0
         completion_um = half_um if target.completion_um is None else target.completion_um
-        return Goal("through", profile.work.thickness_um, math.nan, THROUGH_TOLERANCE_UM, completion_um)
-    depth_um = target.depth_um if math.isnan(site.depth_um) else site.depth_um
-    return Goal("depth", depth_um, math.nan, target.tolerance_um)
+        return HoleTarget("through", profile.work.thickness_um, math.nan, THROUGH_TOLERANCE_UM, completion_um)
+    depth_um = target.depth_um if place is None or math.isnan(place.depth_um) else place.depth_um
+    return HoleTarget("depth", depth_um, math.nan, target.tolerance_um)
 
 
-def verdict_of(goal: Goal, depth_um: float, depth_u95_um: float, *, through: bool) -> Verdict | None:
+def verdict_of(target: HoleTarget, depth_um: float, depth_u95_um: float, *, through: bool) -> Verdict | None:
     """Judge a depth with half its 95 % interval; a way through by whether it goes `through`, a feed not at all."""
-    if goal.kind == "feed":
+    if target.kind == "feed":
         return None
-    if goal.kind == "through":
+    if target.kind == "through":
         return Verdict.SHOWN if through else Verdict.MISSED
-    if not abs(depth_um - goal.depth_um) <= goal.tolerance_um:
+    if not abs(depth_um - target.depth_um) <= target.tolerance_um:
         return Verdict.MISSED
-    return Verdict.SHOWN if depth_u95_um <= goal.tolerance_um else Verdict.NOT_SHOWN
+    return Verdict.SHOWN if depth_u95_um <= target.tolerance_um else Verdict.NOT_SHOWN

@@ -14,16 +14,16 @@ from typing import TYPE_CHECKING
 from edmctl.labels import NOT_SHOWN_CODE, Basis, Verdict
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.cut_decision import Decision, remedy
-from edmctl.procedures.hole.target import goal_of, verdict_of
+from edmctl.procedures.hole.target import target_of, verdict_of
 from edmctl.record.rows import EventLevel
 from edmctl.wording import length
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from edmctl.procedures.hole.target import Goal
+    from edmctl.procedures.hole.target import HoleTarget
     from edmctl.procedures.job import Job
-    from edmctl.procedures.run import Args, Run
+    from edmctl.procedures.run import Args, JobRun
     from edmctl.results.channel import ChannelResult
     from edmctl.results.job import SiteResult
 
@@ -42,22 +42,22 @@ IN_DOUBT = "Clean tool and work, and measure the hole again: bottom or face may 
 def judged(job: Job, result: SiteResult) -> SiteResult:
     """The result of a hole with its verdict."""
     verdict = verdict_of(
-        _goal(job, result.name), result.depth_um, result.depth_u95_um, through=result.through
+        _target(job, result.name), result.depth_um, result.depth_u95_um, through=result.through
     )
     return replace(result, verdict=verdict)
 
 
-def judge_holes(run: Run, last: Decision | None) -> Decision | None:
+def judge_holes(run: JobRun, last: Decision | None) -> Decision | None:
     """The end of a job of holes, from their verdicts; None where all are what was wanted.
 
     `last` is the decision that ended the job short of its last hole or of its objective; it stands, and what else is
     wrong is told behind it.
     """
-    told = "" if last is None else last.site
+    reported = "" if last is None else last.site
     doubtful = [
         site
-        for site in run.ledger.sites.values()
-        if site.verdict in (Verdict.MISSED, Verdict.NOT_SHOWN) and site.name != told
+        for site in run.tally.sites.values()
+        if site.verdict in (Verdict.MISSED, Verdict.NOT_SHOWN) and site.name != reported
     ]
     if not doubtful:
         return last
@@ -75,24 +75,24 @@ def judge_holes(run: Run, last: Decision | None) -> Decision | None:
     return Decision(None, message, message, hint, *([] if missed else [NOT_SHOWN_CODE]))
 
 
-def judged_channel(goal: Goal, result: ChannelResult) -> ChannelResult:
+def judged_channel(target: HoleTarget, result: ChannelResult) -> ChannelResult:
     """The result of a channel with its verdict: its floor must lie within the tolerance, root mean square."""
-    verdict = verdict_of(goal, result.depth_um, result.depth_u95_um, through=False)
-    if result.floor_rms_um(goal.depth_um) > goal.tolerance_um:
+    verdict = verdict_of(target, result.depth_um, result.depth_u95_um, through=False)
+    if result.floor_rms_um(target.depth_um) > target.tolerance_um:
         verdict = Verdict.MISSED
     return replace(result, verdict=verdict)
 
 
-def not_shown(what: str, goal: Goal, result: ChannelResult | SiteResult) -> str:
+def not_shown(what: str, target: HoleTarget, result: ChannelResult | SiteResult) -> str:
     """Say that an interval is wider than the tolerance."""
     return (
         f"{what} is not shown to be right: {length(result.depth_um, result.depth_u95_um)} for "
-        f"{goal.depth_um:g} ± {goal.tolerance_um:g} µm, an interval wider than the tolerance"
+        f"{target.depth_um:g} ± {target.tolerance_um:g} µm, an interval wider than the tolerance"
     )
 
 
-def _goal(job: Job, name: str) -> Goal:
-    return goal_of(job.profile, next(site for site in job.sites if site.name == name))
+def _target(job: Job, name: str) -> HoleTarget:
+    return target_of(job.profile, next(site for site in job.sites if site.name == name))
 
 
 def _remedy(job: Job, site: SiteResult) -> str:
@@ -100,22 +100,22 @@ def _remedy(job: Job, site: SiteResult) -> str:
     if site.verdict is not Verdict.MISSED:
         in_doubt = site.in_doubt and site.depth_basis is not Basis.MODEL
         return IN_DOUBT if in_doubt else REMEDIES[site.depth_basis]
-    goal = _goal(job, site.name)
-    if goal.kind == "through":
+    target = _target(job, site.name)
+    if target.kind == "through":
         return "Check work.thickness_um; a thicker sheet needs more stroke."
     wear_ratio = math.nan if site.wear_basis is Basis.ESTIMATED else site.wear_ratio_lin
-    return remedy(job.profile, site.depth_um - goal.depth_um, wear_ratio)
+    return remedy(job.profile, site.depth_um - target.depth_um, wear_ratio)
 
 
 def _sentence(job: Job, site: SiteResult) -> str:
-    goal = _goal(job, site.name)
+    target = _target(job, site.name)
     if site.verdict is Verdict.NOT_SHOWN:
-        return not_shown("the depth", goal, site)
-    if goal.kind == "through":
-        return f"not through the sheet of {goal.depth_um:g} µm"
+        return not_shown("the depth", target, site)
+    if target.kind == "through":
+        return f"not through the sheet of {target.depth_um:g} µm"
     return (
         f"the depth is outside the tolerance: {length(site.depth_um, site.depth_u95_um)} for "
-        f"{goal.depth_um:g} ± {goal.tolerance_um:g} µm"
+        f"{target.depth_um:g} ± {target.tolerance_um:g} µm"
     )
 
 
@@ -138,6 +138,6 @@ def _message(job: Job, doubtful: Sequence[SiteResult]) -> str:
 
 
 def _numbers(job: Job, site: SiteResult) -> str:
-    goal = _goal(job, site.name)
-    tolerance = "" if goal.kind == "through" else f" ± {goal.tolerance_um:g}"
-    return f"{site.name} is {length(site.depth_um, site.depth_u95_um)} for {goal.depth_um:g}{tolerance} µm"
+    target = _target(job, site.name)
+    tolerance = "" if target.kind == "through" else f" ± {target.tolerance_um:g}"
+    return f"{site.name} is {length(site.depth_um, site.depth_u95_um)} for {target.depth_um:g}{tolerance} µm"

@@ -10,14 +10,13 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from edmctl.procedures.touch.site_readings import displacement_uncertainty
+from edmctl.forecasts.measuring_stops import Displacement, displacement
 from edmctl.process.wear import share_u
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from edmctl.forecasts.measuring_stops import Displacement
-    from edmctl.procedures.run import Run
+    from edmctl.procedures.job import Job
 
 LEAST_SPAN_S = 120.0
 """Over less time than this the error of the actuator model after a deep cut, a few µm, would look like a drift."""
@@ -34,6 +33,8 @@ CREEP_SHARE = 0.01
 holds the tool lower for minutes, and hides a drift that goes the other way [assumed]."""
 DRIFT_SDS = 4.0
 """A drift of more than so many standard deviations is none."""
+UNCERTAINTIES_IN_STROKE = 3.0
+"""A zero that has drifted by the whole stroke could not be touched, so a drift counts for no more than that."""
 Zero = tuple[float, float]
 """Time, s, and what the sensor shows of a tool at home, µm."""
 
@@ -131,8 +132,39 @@ def first_home_um(rest_um: float, expected_um: float, drift_um: float) -> float:
     return min(rest_um, expected_um + drift_um)
 
 
-def uncertainty_now(run: Run) -> Displacement:
-    """What is known of the displacements of a job, with the drift that has shown by now where that is more."""
-    known = displacement_uncertainty(run.job)
-    seen_um_s = share_u(max(run.watch.rests.rate_um_s(), run.job.drift_seen_um_s))
-    return replace(known, drift_u_um_per_s=max(known.drift_u_um_per_s, seen_um_s))
+def displacement_uncertainty(job: Job) -> Displacement:
+    """What is known of the displacements that a job goes by: the sensor's, or those of a calibrated actuator.
+
+    A calibration inherits scale and linearity of the sensor that it was made with. Its gain may have moved by
+    2.5 % since then, its zero walks by 1 µm in ten minutes, and a length is the difference of two estimates.
+    """
+    sensor = job.setup.sensor
+    if sensor.fitted or job.calibration is None:
+        return Displacement(sensor.gain_u_rel, sensor.linearity_u_um, sensor.drift_um_per_s)
+    linearity_u_um = math.hypot(sensor.linearity_u_um, math.sqrt(2.0) * job.calibration.held_out_rms_um)
+    return replace(displacement(job.setup), linearity_u_um=linearity_u_um)
+
+
+def uncertainty_now(job: Job, rests: Rests) -> Displacement:
+    """Return the same, with the drift that the rests have shown by now where that is more."""
+    sensor_u = displacement_uncertainty(job)
+    seen_um_s = share_u(max(rests.rate_um_s(), job.drift_seen_um_s))
+    return replace(sensor_u, drift_u_um_per_s=max(sensor_u.drift_u_um_per_s, seen_um_s))
+
+
+def counted_pause_s(job: Job) -> float:
+    """The pause as far as drift goes on in it.
+
+    An unknown pause, and one of days, counts until three standard uncertainties of the drift are the whole stroke.
+    """
+    drift_um_per_s = displacement_uncertainty(job).drift_u_um_per_s
+    if not drift_um_per_s:
+        return job.pause_s if math.isfinite(job.pause_s) else 0.0
+    actuator = job.setup.actuator
+    stroke_um = actuator.gain_um_per_v * actuator.stroke_v
+    return min(job.pause_s, stroke_um / (UNCERTAINTIES_IN_STROKE * drift_um_per_s))
+
+
+def pause_drift_u_um(job: Job) -> float:
+    """Standard uncertainty of a place of the tool that was touched before the pause."""
+    return displacement_uncertainty(job).drift_u_um_per_s * counted_pause_s(job)

@@ -18,10 +18,9 @@ from edmctl.machine.interface import (
     TelemetryFlag,
     joined,
 )
+from edmctl.procedures.actuator.tracker import FeedError, Trace
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.monitoring.drift import Rests
-from edmctl.procedures.monitoring.feed_error import FeedError
-from edmctl.procedures.monitoring.trace import Trace
 from edmctl.record.rows import EventLevel, ServoBlock
 
 if TYPE_CHECKING:
@@ -69,7 +68,6 @@ class Watch:
         self._fresh: list[TelemetryBlock] = []
         self._latest: TelemetryBlock | None = None
         self._trace = Trace()
-        self._touched: dict[float, float] = {}
         self._follower: Callable[[TelemetryBlock], None] | None = None
         self._guards: list[Callable[[TelemetryBlock], None]] = []
         self._comparer: Callable[[TelemetryBlock, Floats], None] | None = None
@@ -159,7 +157,7 @@ class Watch:
     def model_at(self, time_s: float) -> float:
         """Estimated displacement at a touch, or at a moment of the last seconds; NaN without an estimator."""
         self.settle()
-        return self._touched[time_s] if time_s in self._touched else self._trace.at(time_s)
+        return self._trace.at(time_s)
 
     def telemetry(self, block: TelemetryBlock) -> None:
         """Keep the block for the estimator and the recorder, and hand it on."""
@@ -188,7 +186,7 @@ class Watch:
             model_um = np.full(len(block.time_s), math.nan)
         else:
             model_um = self._tracker.estimator.advance(block.time_s, block.actuator_v)
-            self.feed_error.take(block, model_um)
+            self.feed_error.update(block, model_um)
         self._trace.append(block.time_s, model_um)
         rows = self._thinned(self._row_block(block, model_um))
         if len(rows.time_s):
@@ -240,7 +238,7 @@ class Watch:
         """Record; what the model said at a touch is kept, because its reading is asked for much later."""
         if event.code is EventCode.TOUCH:
             self.settle()
-            self._touched[event.time_s] = self._trace.at(event.time_s)
+            self._trace.keep(event.time_s)
         args = {
             "argument": event.argument,
             "displacement_um": event.displacement_um,

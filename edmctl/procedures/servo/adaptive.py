@@ -7,11 +7,11 @@ judged by the shares of arcs and shorts while it sparks, not during a jump and n
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.servo.pulse_window import PulseWindow
 
 if TYPE_CHECKING:
     from edmctl.procedures.run import Args
@@ -28,6 +28,11 @@ LONGEST_SHARE = 4.0
 SHORTER, LONGER = 0.5, 1.5
 PATIENCE = 5
 """So many jumps in a row at the shortest period without success: jumps alone do not help."""
+SHORT_S = 0.3
+"""A short that lasts so long is answered: healthy ones clear within 70 ms."""
+MOST_JUMPS = 2
+HEALED_S = 10.0
+"""After so long without such a short the next one counts as a new one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +44,7 @@ class Change:
     args: Args
 
 
-class Adapting:
+class AdaptiveControl:
     """Jump period, servo reference and duty of one cut.
 
     `period_s` is NaN without jumps; `reference` and `duty` are what machine and generator should have now. `asking`
@@ -64,7 +69,7 @@ class Adapting:
         self.reference, self.duty = self._reference_0, self._duty_0
         self.changes: list[Change] = []
 
-    def take(self, duration_s: float, pulses: int, arcs: int, shorts: int, *, sparking: bool) -> None:
+    def update(self, duration_s: float, pulses: int, arcs: int, shorts: int, *, sparking: bool) -> None:
         """Judge a slice; `sparking` is False during jumps."""
         if not self._adaptive:
             return
@@ -188,3 +193,81 @@ class Adapting:
 
     def _note(self, code: RunEvent, message: str, args: Args) -> None:
         self.changes.append(Change(code, message, args))
+
+
+class PulseWindow:
+    """Sums over the newest `length_s` of what was added; jumps and what follows them are simply not added."""
+
+    def __init__(self, length_s: float) -> None:
+        self._length_s = length_s
+        self._parts: deque[tuple[float, int, int, int]] = deque()
+        self._span_s = 0.0
+        self._pulses = self._arcs = self._shorts = 0
+
+    def add(self, duration_s: float, pulses: int, arcs: int, shorts: int) -> None:
+        """Take the pulses of a slice."""
+        self._parts.append((duration_s, pulses, arcs, shorts))
+        self._span_s += duration_s
+        self._pulses += pulses
+        self._arcs += arcs
+        self._shorts += shorts
+        while self._span_s - self._parts[0][0] >= self._length_s - 1e-6:
+            old_s, old_pulses, old_arcs, old_shorts = self._parts.popleft()
+            self._span_s -= old_s
+            self._pulses -= old_pulses
+            self._arcs -= old_arcs
+            self._shorts -= old_shorts
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self._parts.clear()
+        self._span_s = 0.0
+        self._pulses = self._arcs = self._shorts = 0
+
+    @property
+    def is_full(self) -> bool:
+        """Whether it covers its length."""
+        return self._span_s >= self._length_s - 1e-6
+
+    @property
+    def arcs(self) -> float:
+        """Share of arcs; 0 without pulses."""
+        return self._arcs / self._pulses if self._pulses else 0.0
+
+    @property
+    def shorts(self) -> float:
+        """Share of shorts; 0 without pulses."""
+        return self._shorts / self._pulses if self._pulses else 0.0
+
+
+class ShortRecovery:
+    """Counts how long every pulse has been a short, and the jumps made for it."""
+
+    def __init__(self) -> None:
+        self._shorted_s = 0.0
+        self._healthy_s = 0.0
+        self.jumps = 0
+
+    def update(self, duration_s: float, pulses: int, shorts: int, *, sparking: bool) -> None:
+        """Judge a slice."""
+        if not sparking or pulses == 0:
+            return
+        if shorts == pulses:
+            self._shorted_s += duration_s
+            self._healthy_s = 0.0
+            return
+        self._shorted_s = 0.0
+        self._healthy_s += duration_s
+        if self._healthy_s > HEALED_S:
+            self.jumps = 0
+
+    def due(self) -> str:
+        """Why to jump now; empty while there is no reason, or when it has been tried often enough."""
+        if self._shorted_s < SHORT_S - 1e-6 or self.jumps >= MOST_JUMPS:
+            return ""
+        return f"a short has lasted {self._shorted_s:.1f} s"
+
+    def jumped(self) -> None:
+        """Count the jump that was made."""
+        self._shorted_s = 0.0
+        self.jumps += 1

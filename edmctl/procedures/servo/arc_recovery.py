@@ -16,8 +16,8 @@ from edmctl.record.rows import EventLevel
 
 if TYPE_CHECKING:
     from edmctl.procedures.hole.cut_planning import CutPlan
-    from edmctl.procedures.hole.running_cut import Cutting
-    from edmctl.procedures.run import Run
+    from edmctl.procedures.hole.running_cut import CutControl
+    from edmctl.procedures.run import JobRun
     from edmctl.procedures.servo.supervisor import Supervisor
 
 ARC_BURN, NO_SPARK = "E63002", "E63005"
@@ -30,10 +30,10 @@ MOST_BURNS = 6
 """and neither can so many in one cut."""
 
 
-class Burns:
+class ArcRecovery:
     """The burns of one cut, and the answer to each."""
 
-    def __init__(self, run: Run, plan: CutPlan, supervisor: Supervisor, cutting: Cutting) -> None:
+    def __init__(self, run: JobRun, plan: CutPlan, supervisor: Supervisor, cutting: CutControl) -> None:
         self._run = run
         self._plan = plan
         self._supervisor = supervisor
@@ -71,8 +71,8 @@ class Burns:
         run.machine.clear_fault(code)
         run.machine.arm()
         if self._number > 1:
-            supervisor.adapting.soften(REFERENCE_STEP, DUTY_SHARE, f"burn {self._number} of this cut")
-            self._cutting.tell_changes()
+            supervisor.adaptive.soften(REFERENCE_STEP, DUTY_SHARE, f"burn {self._number} of this cut")
+            self._cutting.report_changes()
         run.machine.rest(REST_S)
         self._cutting.set_generator()
         lower_to(run, spark_um - ABOVE_BOTTOM_UM - unknown_um)
@@ -88,8 +88,8 @@ class Burns:
         """
         seen_um, plan = self._supervisor.displacement_um, self._plan
         if math.isnan(seen_um):
-            u_um = math.hypot(plan.start.bottom_u_at(now_s), plan.gap_u_um)
-            return plan.bottom_um - plan.gap_um, UNKNOWN_SDS * u_um
+            u_um = math.hypot(plan.start.bottom_u_at(now_s), plan.start.gap_u_um)
+            return plan.start.bottom_um - plan.start.gap_um, UNKNOWN_SDS * u_um
         since_s = max(0.0, now_s - self._supervisor.seen_s)
         return seen_um, UNKNOWN_SDS * plan.start.drift_u_um_per_s * since_s
 

@@ -13,31 +13,23 @@ from typing import TYPE_CHECKING
 from edmctl.forecasts.forecast import forecast
 from edmctl.machine.interface import MachineState, MachineStatus, TelemetryBlock, host_fault
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.hole.breakthrough import Breakthrough
-from edmctl.procedures.hole.estimating import energy_of
-from edmctl.procedures.hole.expected_touches import estimate_in_cut
-from edmctl.procedures.hole.target import goal_of
-from edmctl.procedures.job import Site
+from edmctl.procedures.hole.breakthrough import Breakthrough, SparkLoss
+from edmctl.procedures.hole.cut_planning import energy_of
+from edmctl.procedures.hole.hole_estimate import estimate_in_cut
+from edmctl.procedures.hole.target import target_of
+from edmctl.procedures.job_state import Counts, RunningCut
 from edmctl.procedures.monitoring.watch import NEWEST_S
-from edmctl.procedures.servo.adaptive import Adapting
-from edmctl.procedures.servo.ratio_limits import RatioLimits
-from edmctl.procedures.servo.short_recovery import ShortRecovery
-from edmctl.procedures.servo.spark_loss import SparkLoss
-from edmctl.procedures.servo.stall_detection import STALL_SHARE, Stall
-from edmctl.procedures.servo.stroke import stroke_left_um
-from edmctl.procedures.settings import OPEN_LOST_S, gap_reference_v, telemetry_settings
-from edmctl.procedures.tally import RunningCut
-from edmctl.record.rows import SlowRow
+from edmctl.procedures.servo.adaptive import AdaptiveControl, ShortRecovery
+from edmctl.procedures.servo.limits import STALL_SHARE, RatioLimits, StallDetection, stroke_left_um
+from edmctl.procedures.servo.telemetry_sums import RATIO_WINDOW_S, TelemetrySums
+from edmctl.procedures.settings import OPEN_LOST_S, gap_reference_v
 from edmctl.results.progress import Phase, Progress
-from edmctl.results.pulses import pulse_shares
 
 if TYPE_CHECKING:
     from edmctl.procedures.hole.cut_planning import CutPlan
-    from edmctl.procedures.run import Run
+    from edmctl.procedures.run import JobRun
     from edmctl.process.live_erosion import Energy
 
-RATIO_WINDOW_S = 2.0
-"""Arcs and shorts are judged over this: a limit that is exceeded so long is told at once (decision 0012)."""
 FEED_WINDOW_S = 10.0
 """Mean feed is taken over this: one jump period, 3 µm at 0.3 µm/s, twenty times the sensor's noise."""
 OVERRUN_SHARE = 0.05
@@ -56,8 +48,6 @@ SWING_UM = 0.5
 _MACHINING = int(MachineState.MACHINING)
 _PHASE = {True: Phase.MACHINING, False: Phase.JUMPING}
 
-_Counts = tuple[int, int, int, int]
-
 
 class StopReason(StrEnum):
     """Why a cut should not go on."""
@@ -67,59 +57,45 @@ class StopReason(StrEnum):
     ENDED = "the depth or the stroke is used up"
 
 
-class Supervisor:
-    """Follows the telemetry of one cut that begins at `start_s`; keeps its sums, and the job's ledger current.
+class Supervisor(TelemetrySums):
+    """Follows the telemetry of one cut that begins at `start_s`; keeps its sums and the tally of the job.
 
-    `counts` are the pulses of the cut by class (open, normal, arc, short); `energy_j` is their energy, from the
-    mean gap current at the plateau voltage of a normal discharge; `stop_reason` is set when the cut should end, and
-    `told` says then what was seen. `adapting` holds what machine and generator should be set to. Whoever jumps sets
-    `jumps` and `last_jump_s`.
+    `stop_reason` is set when the cut should end, and `message` says then what was seen. `adaptive` holds what the
+    machine and the generator should be set to. Whoever jumps sets `jumps` and `last_jump_s`; `reference_v` and
+    `duty_v` are the mean gap voltages that the servo holds and that an open gap has, `status` has the dielectric.
     """
 
-    def __init__(self, run: Run, plan: CutPlan, start_s: float) -> None:
-        self._run = run
+    def __init__(self, run: JobRun, plan: CutPlan, start_s: float) -> None:
+        super().__init__(run)
         self._plan = plan
         self._start_s = start_s
-        self._machined_before_s = run.ledger.machining_time_s
+        self._machined_before_s = run.tally.machining_time_s
         profile = run.profile
-        self._duty_v = profile.pulse.duty_voltage_v
-        self._reference_v = gap_reference_v(profile)
-        self._plateau_v = profile.pulse.discharge_voltage_v
-        self._sample_s = 1e-6 * telemetry_settings(profile, run.setup).period_us
+        self.duty_v = profile.pulse.duty_voltage_v
+        self.reference_v = gap_reference_v(profile)
         self._forecast_feed_um_s = forecast(profile, run.setup).feed_rate_um_s
-        self._window: deque[tuple[float, _Counts]] = deque()
-        self._window_counts: list[int] = [0, 0, 0, 0]
         self._track: deque[tuple[float, float]] = deque()
         self._begin: tuple[float, float] | None = None
         self._ratio_limits = RatioLimits(run, RATIO_WINDOW_S)
-        self._gap_ratio_sum = 0.0
-        self._gap_samples = 0
-        self._status: MachineStatus | None = None
-        self._stall = Stall(self._forecast_feed_um_s)
+        self.status: MachineStatus | None = None
+        self._stall = StallDetection(self._forecast_feed_um_s)
         self._through = profile.target.kind == "through"
-        self._completion_um = goal_of(profile, Site("", 0.0, 0.0)).completion_um
+        self._completion_um = target_of(profile).completion_um
         self._spark_loss = SparkLoss(profile.limits.open_lost_um, OPEN_LOST_S)
-        self.adapting = Adapting(profile, start_s)
+        self.adaptive = AdaptiveControl(profile, start_s)
         self.shorts = ShortRecovery()
         self.breakthrough = Breakthrough(profile.work.thickness_um)
-        self.counts: list[int] = [0, 0, 0, 0]
-        self.energy_j = self.sparking_s = 0.0
-        self._power_w = 0.0
+        self.sparking_s = 0.0
         self.displacement_um = math.nan
         self.seen_s = math.nan
         self.jumps = 0
         self.last_jump_s = math.nan
         self._feed_target_um = plan.feed_um if math.isnan(plan.target_um) else math.nan
-        self._spark_um = plan.bottom_um - plan.gap_um
+        self._spark_um = plan.start.bottom_um - plan.start.gap_um
         self._deepest_um = -math.inf
         self.stop_reason: StopReason | None = None
-        self.told = ""
-        run.ledger.phase = Phase.MACHINING
-
-    @property
-    def gap_ratio_mean(self) -> float:
-        """Mean of the normalised gap voltage while sparking; NaN before any sample."""
-        return self._gap_ratio_sum / self._gap_samples if self._gap_samples else math.nan
+        self.message = ""
+        run.tally.phase = Phase.MACHINING
 
     @property
     def is_through(self) -> bool:
@@ -141,8 +117,8 @@ class Supervisor:
         if reason := self.shorts.due():
             return RunEvent.SHORT_RECOVERY, reason
         if self._stall.jump_wanted:
-            return RunEvent.STALL_JUMP, f"the tool has advanced only {self._stall.told}"
-        if reason := self.adapting.due(now_s):
+            return RunEvent.STALL_JUMP, f"the tool has advanced only {self._stall.message}"
+        if reason := self.adaptive.due(now_s):
             return RunEvent.JUMPED, reason
         return None
 
@@ -151,56 +127,43 @@ class Supervisor:
         self._stall.jump_wanted = False
         if code is RunEvent.SHORT_RECOVERY:
             self.shorts.jumped()
-        self.adapting.jumped(now_s)
+        self.adaptive.jumped(now_s)
 
-    def set_gap(self, reference_v: float, duty_v: float) -> None:
-        """Take note of another reference, and of another mean voltage of the open gap."""
-        self._reference_v, self._duty_v = reference_v, duty_v
-
-    def note_status(self, status: MachineStatus) -> None:
-        """Take the state of the dielectric, for the rows from now on."""
-        self._status = status
-
-    def take(self, block: TelemetryBlock) -> None:
+    def on_telemetry(self, block: TelemetryBlock) -> None:
         """Judge the samples of one slice."""
         now_s = float(block.time_s[-1])
         gaps_v = block.gap_v.tolist()
         gap_v = sum(gaps_v) / len(gaps_v)
         machining = bool(block.state[0] == block.state[-1] == _MACHINING)
-        fresh = self._count(block, now_s)
+        fresh, duration_s = (
+            self.add(block, self.plateau_v * sum(block.current_a.tolist()) / len(gaps_v)),
+            self.duration_s(block),
+        )
         self._note_sparks(block)
         if machining:
             self._follow_tool(block, gap_v, now_s)
-        ratios = pulse_shares(*self._window_counts)
-        full = now_s - self._window[0][0] >= 0.9 * RATIO_WINDOW_S
-        if self._ratio_limits.take(now_s, ratios, window_is_full=full):
+        ratios = self.ratios
+        if self._ratio_limits.update(now_s, ratios, window_is_full=self.window_is_full):
             self.stop_reason = StopReason.UNSTABLE
         feed_um_s = self._feed_um_s(now_s)
         energy = energy_of(self._run.profile.pulse, self.counts, self.energy_j)
         erosion = self._plan.at(self.sparked_at_um, energy, now_s)
         depth_um = erosion.depth_um
-        self._judge(len(block.time_s) * self._sample_s, fresh, sparking=machining)
+        self._judge(duration_s, fresh, sparking=machining)
         if self._through:
-            self._look_for_the_back(
-                len(block.time_s) * self._sample_s, fresh, energy, now_s, sparking=machining
-            )
-        ledger = self._run.ledger
-        ledger.depth_um = depth_um
-        ledger.machining_time_s = self._machined_before_s + max(0.0, now_s - self._start_s)
-        opens, normals, arcs, shorts = self.counts
-        ledger.cut = RunningCut(
-            (opens, normals, arcs, shorts),
-            self.energy_j,
-            max(0.0, now_s - self._start_s),
-            self.sparked_at_um,
-        )
+            self._look_for_the_back(duration_s, fresh, energy, now_s, sparking=machining)
+        tally = self._run.tally
+        tally.depth_um = depth_um
+        cut_s = max(0.0, now_s - self._start_s)
+        tally.machining_time_s = self._machined_before_s + cut_s
+        tally.cut = RunningCut(self.total, self.energy_j, cut_s, self.sparked_at_um)
         heights_um = block.displacement_um.tolist()
         depth_u95_um, wear_u95_um = self._plan.stated_u95_um(erosion)
         progress = Progress(
             phase=_PHASE[machining],
             time_s=now_s,
             gap_v=gap_v,
-            reference_v=self._reference_v,
+            reference_v=self.reference_v,
             ratios=ratios,
             depth_um=depth_um,
             depth_target_um=self._plan.target_um,
@@ -219,42 +182,17 @@ class Supervisor:
             displacement_low_um=min(heights_um),
             displacement_high_um=max(heights_um),
             jumps=self.jumps,
-            jump_period_s=self.adapting.period_s,
+            jump_period_s=self.adaptive.period_s,
             last_jump_s=self.last_jump_s,
-            sites_done=ledger.sites_done,
+            sites_done=tally.sites_done,
             sites_total=len(self._run.job.sites),
-            warning=ledger.warning,
-            warned_s=ledger.warned_s,
+            warning=tally.warning,
+            warned_s=tally.warned_s,
         )
-        self._record(progress)
+        self.record(progress, self.duty_v, self.status)
         if machining:
             self._look_for_the_end(float(block.actuator_v[-1]), depth_um)
         self._run.observer.progress(progress)
-
-    def _record(self, progress: Progress) -> None:
-        """What is shown is recorded, with the power and the state of the dielectric."""
-        status, ratios = self._status, progress.ratios
-        self._run.recorder.append_slow(
-            SlowRow(
-                time_s=progress.time_s,
-                feed_um_s=progress.feed_um_s,
-                gap_ratio=progress.gap_v / self._duty_v,
-                gap_ratio_ref=self._reference_v / self._duty_v,
-                ratio_open=ratios.open,
-                ratio_normal=ratios.normal,
-                ratio_arc=ratios.arc,
-                ratio_short=ratios.short,
-                depth_um=progress.depth_um,
-                depth_u95_um=progress.depth_u95_um,
-                wear_um=progress.wear_um,
-                wear_u95_um=progress.wear_u95_um,
-                jump_period_s=progress.jump_period_s,
-                power_w=self._power_w,
-                dielectric_c=math.nan if status is None else status.temperature_c,
-                flow_lpm=math.nan if status is None else status.flow_lpm,
-                link_errors=self._run.watch.missing_frames,
-            )
-        )
 
     def _note_sparks(self, block: TelemetryBlock) -> None:
         """Where the tool sparked last; a host that was held up finds the end of the cut within its block."""
@@ -268,24 +206,23 @@ class Supervisor:
 
     def _follow_tool(self, block: TelemetryBlock, gap_v: float, now_s: float) -> None:
         n = len(block.time_s)
-        self._gap_ratio_sum += gap_v / self._duty_v * n
-        self._gap_samples += n
+        self.add_gap_ratio(gap_v / self.duty_v, n)
         self.displacement_um = sum(block.displacement_um.tolist()) / n
         self.seen_s = now_s
         self._track.append((now_s, self.displacement_um))
         self._begin = self._begin or self._track[0]
-        if self._stall.take(now_s, self.displacement_um):
-            self.stop_reason, self.told = StopReason.STALLED, self._stall.told
+        if self._stall.update(now_s, self.displacement_um):
+            self.stop_reason, self.message = StopReason.STALLED, self._stall.message
 
-    def _judge(self, duration_s: float, fresh: _Counts, *, sparking: bool) -> None:
+    def _judge(self, duration_s: float, fresh: Counts, *, sparking: bool) -> None:
         """Hand a slice to everybody who may want a jump or another reference."""
         _, _, arcs, shorts = fresh
         self.sparking_s += duration_s if sparking else 0.0
-        self.adapting.take(duration_s, sum(fresh), arcs, shorts, sparking=sparking)
-        self.shorts.take(duration_s, sum(fresh), shorts, sparking=sparking)
+        self.adaptive.update(duration_s, sum(fresh), arcs, shorts, sparking=sparking)
+        self.shorts.update(duration_s, sum(fresh), shorts, sparking=sparking)
 
     def _look_for_the_back(
-        self, duration_s: float, fresh: _Counts, energy: Energy, now_s: float, *, sparking: bool
+        self, duration_s: float, fresh: Counts, energy: Energy, now_s: float, *, sparking: bool
     ) -> None:
         """Whether the sheet has broken through; sparks that are lost where it cannot have are a fault."""
         opens, pulses = fresh[0], sum(fresh)
@@ -293,36 +230,18 @@ class Supervisor:
             return
         plan, seen = self._plan, self.breakthrough
         # Nothing but the recipe says how the feed divides before the first hole was touched.
-        known = estimate_in_cut(plan, self.sparked_at_um, energy, now_s)
-        known = known.left(0.0, plan.wear_ratio, touched=plan.estimate.fits > 0)
-        depth_um, depth_u_um, share = known.depth_um, known.depth_u_um, opens / pulses
-        found = seen.take(duration_s, self.displacement_um, depth_um, depth_u_um, share, sparking=sparking)
+        estimate = estimate_in_cut(plan, self.sparked_at_um, energy, now_s)
+        estimate = estimate.left(0.0, plan.wear_ratio, touched=plan.estimate.fits > 0)
+        depth_um, depth_u_um, share = estimate.depth_um, estimate.depth_u_um, opens / pulses
+        found = seen.update(duration_s, self.displacement_um, depth_um, depth_u_um, share, sparking=sparking)
         if sparking and not self.is_through:
-            lost = self._spark_loss.take(duration_s, self.displacement_um, pulses, opens)
-            found = bool(lost) and seen.take_loss(self._spark_loss.spark_um, depth_um, depth_u_um, lost)
+            lost = self._spark_loss.update(duration_s, self.displacement_um, pulses, opens)
+            found = bool(lost) and seen.on_spark_loss(self._spark_loss.spark_um, depth_um, depth_u_um, lost)
             if lost and not found:
                 raise host_fault("NO_SPARK", f" ({lost})")
         if found:
             args = {"displacement_um": seen.at_um, "depth_um": depth_um, "feed_um_s": seen.feed_um_s}
-            self._run.decide(RunEvent.BREAKTHROUGH, seen.told, args)
-
-    def _count(self, block: TelemetryBlock, now_s: float) -> _Counts:
-        self._power_w = self._plateau_v * sum(block.current_a.tolist()) / len(block.time_s)
-        self.energy_j += self._power_w * len(block.time_s) * self._sample_s
-        fresh = (
-            sum(block.n_open.tolist()),
-            sum(block.n_normal.tolist()),
-            sum(block.n_arc.tolist()),
-            sum(block.n_short.tolist()),
-        )
-        self._window.append((now_s, fresh))
-        for i, number in enumerate(fresh):
-            self.counts[i] += number
-            self._window_counts[i] += number
-        while self._window[0][0] <= now_s - RATIO_WINDOW_S:
-            for i, number in enumerate(self._window.popleft()[1]):
-                self._window_counts[i] -= number
-        return fresh
+            self._run.decide(RunEvent.BREAKTHROUGH, seen.message, args)
 
     def _feed_um_s(self, now_s: float) -> float:
         track = self._track
@@ -366,6 +285,6 @@ class Supervisor:
         if estimator is not None and (left_um := stroke_left_um(estimator, limit_v)) < STROKE_RESERVE_UM:
             self._end(f"{left_um:.1f} µm of stroke are left at {actuator_v:.1f} of {limit_v:.0f} V")
 
-    def _end(self, told: str) -> None:
+    def _end(self, message: str) -> None:
         if self.stop_reason is None:
-            self.stop_reason, self.told = StopReason.ENDED, told
+            self.stop_reason, self.message = StopReason.ENDED, message

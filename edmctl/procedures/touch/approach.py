@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.actuator.inverse import ramp_by
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.resting import rest_and_look
+from edmctl.procedures.run import rest_and_look
 from edmctl.procedures.settings import first_sparks_v
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.reading import take_reading
@@ -16,8 +16,8 @@ from edmctl.results.progress import Phase
 
 if TYPE_CHECKING:
     from edmctl.machine.interface import MachineEvent
-    from edmctl.procedures.job import Site
-    from edmctl.procedures.run import Run
+    from edmctl.procedures.run import JobRun
+    from edmctl.profile.places import Place
 
 ABOVE_BOTTOM_UM = 15.0
 """A later cut is approached fast to this far above where the last bottom can be, then at the approach speed."""
@@ -38,12 +38,7 @@ _STEPS = 20
 _SETTLE_S = 0.2
 
 
-def approach_surface(run: Run) -> None:
-    """Feed from 0 V to the first sparks at the surface (Muralidhara et al. 2009, §3.2)."""
-    _approach(run, run.profile.approach.max_travel_um)
-
-
-def approach_bottom(run: Run, bottom_um: float, bottom_u_um: float) -> MachineEvent:
+def approach_bottom(run: JobRun, bottom_um: float, bottom_u_um: float) -> MachineEvent:
     """Feed from 0 V to the first sparks at a bottom whose height is known within a standard uncertainty.
 
     The ramp ends above where the bottom can be, and the search goes on to below that. The first sparks are returned.
@@ -54,7 +49,7 @@ def approach_bottom(run: Run, bottom_um: float, bottom_u_um: float) -> MachineEv
     return _approach(run, bottom_um - run.watch.displacement_um + BEYOND_BOTTOM_UM + unknown_um)
 
 
-def find_gap(run: Run, place: Site) -> SurfaceFound:
+def find_gap(run: JobRun, place: Place) -> SurfaceFound:
     """Go to a place and feed at the approach speed until sparks flow; the tool is held there."""
     move_to(run, place)
     begin_s = run.machine.time_s
@@ -71,11 +66,11 @@ def find_gap(run: Run, place: Site) -> SurfaceFound:
     )
 
 
-def find_contact(run: Run, place: Site) -> SurfaceFound:
+def find_contact(run: JobRun, place: Place) -> SurfaceFound:
     """Go to a place and touch its surface, which is expected at `approach.offset_um` from home."""
     move_to(run, place)
     begin_s = run.machine.time_s
-    expected_um = run.ledger.home_um + run.profile.approach.offset_um
+    expected_um = run.tally.home_um + run.profile.approach.offset_um
     found = take_reading(run, "Zr", place.name, expected_um, SURFACE_U_UM)
     return SurfaceFound(
         kind="contact",
@@ -90,7 +85,7 @@ def find_contact(run: Run, place: Site) -> SurfaceFound:
     )
 
 
-def lower_to(run: Run, target_um: float) -> None:
+def lower_to(run: JobRun, target_um: float) -> None:
     """Ramp towards a displacement, until just above it, in steps that do not overshoot."""
     for _ in range(_STEPS):
         rest_and_look(run, _SETTLE_S)
@@ -100,22 +95,22 @@ def lower_to(run: Run, target_um: float) -> None:
         _ramp_by(run, left_um - max(_SHORT_UM, _SHORT_SHARE * left_um), left_um / _STEEPEST)
 
 
-def raise_by(run: Run, distance_um: float) -> None:
+def raise_by(run: JobRun, distance_um: float) -> None:
     """Ramp up by `distance_um`; without an actuator model by less, as it moves less per volt on the way back."""
     _ramp_by(run, -distance_um, -distance_um)
 
 
-def _ramp_by(run: Run, modelled_um: float, linear_um: float) -> None:
+def _ramp_by(run: JobRun, modelled_um: float, linear_um: float) -> None:
     """Ramp by a distance: by the actuator model's exact inverse, or by the mean gain beyond or without it."""
     actuator, estimator = run.setup.actuator, run.watch.estimator()
     slew_v_s = actuator.conditioning_slew_v_s
-    goal_v = math.inf if estimator is None else ramp_by(estimator, modelled_um, slew_v_s)
-    if estimator is None or goal_v >= estimator.model.high_v:
-        goal_v = run.watch.actuator_v + linear_um / actuator.gain_um_per_v
-    run.machine.ramp(min(max(goal_v, 0.0), run.profile.limits.stroke_v_max), slew_v_s)
+    target_v = math.inf if estimator is None else ramp_by(estimator, modelled_um, slew_v_s)
+    if estimator is None or target_v >= estimator.model.high_v:
+        target_v = run.watch.actuator_v + linear_um / actuator.gain_um_per_v
+    run.machine.ramp(min(max(target_v, 0.0), run.profile.limits.stroke_v_max), slew_v_s)
 
 
-def _approach(run: Run, max_travel_um: float) -> MachineEvent:
+def _approach(run: JobRun, max_travel_um: float) -> MachineEvent:
     run.begin(Phase.APPROACHING)
     event = run.machine.approach(run.profile.approach.speed_um_s, max_travel_um, first_sparks_v(run.profile))
     run.decide(

@@ -22,7 +22,7 @@ from edmctl.record.rows import EventLevel
 if TYPE_CHECKING:
     from edmctl.procedures.hole.cut import CutResult
     from edmctl.procedures.hole.cut_planning import CutPlan
-    from edmctl.procedures.run import Run
+    from edmctl.procedures.run import JobRun
 
 CLEAR_OF_BOTTOM_UM = 60.0
 """Before the bottom is touched the tool rises by this: clear of 20 µm for the contact check."""
@@ -36,16 +36,16 @@ UNFINISHED_GAP_U_UM = 3.0
 
 
 @dataclass(frozen=True, slots=True)
-class Expected:
+class ExpectedBottom:
     """Where a bottom is: `way_um`, known within `u_um`, below what it cannot be above, at `above_um`.
 
-    `told_by` names what says so.
+    `source` names what says so.
     """
 
     above_um: float
     way_um: float
     u_um: float
-    told_by: str
+    source: str
 
     @property
     def z_um(self) -> float:
@@ -53,16 +53,16 @@ class Expected:
         return self.above_um + self.way_um
 
 
-def read_bottom(run: Run, place: str, plan: CutPlan, cut: CutResult) -> SurfaceReading:
+def read_bottom(run: JobRun, place: str, plan: CutPlan, cut: CutResult) -> SurfaceReading:
     """Touch the bottom that a cut has left, more often where it is not where it should be."""
     raise_by(run, CLEAR_OF_BOTTOM_UM)
-    gap_u_um = math.hypot(plan.gap_u_um, 0.0 if cut.is_at_limit else UNFINISHED_GAP_U_UM)
+    gap_u_um = math.hypot(plan.start.gap_u_um, 0.0 if cut.is_at_limit else UNFINISHED_GAP_U_UM)
     return read_expected(
-        run, place, Expected(cut.end_displacement_um, plan.gap_um, gap_u_um, "the last sparks")
+        run, place, ExpectedBottom(cut.end_displacement_um, plan.start.gap_um, gap_u_um, "the last sparks")
     )
 
 
-def read_expected(run: Run, place: str, expected: Expected) -> SurfaceReading:
+def read_expected(run: JobRun, place: str, expected: ExpectedBottom) -> SurfaceReading:
     """Touch a bottom below the tool, more often where it is not where it should be; doubts that stay widen it."""
     above_um, way_um, u_um = expected.above_um, expected.way_um, expected.u_um
     z2 = take_reading(run, "Z2", place, expected.z_um, u_um)
@@ -73,7 +73,7 @@ def read_expected(run: Run, place: str, expected: Expected) -> SurfaceReading:
             return z2
         if look == MORE_LOOKS:
             break
-        _tell(run, z2, off, expected.told_by, "It is touched again.")
+        _report_doubt(run, z2, off, expected.source, "It is touched again.")
         wash(run, above_um)
         again = take_reading(run, "Z2", place, expected.z_um, u_um)
         # Nothing under the tool makes a reading longer; of two within their noise the newer one is told.
@@ -81,24 +81,24 @@ def read_expected(run: Run, place: str, expected: Expected) -> SurfaceReading:
         run.recorder.reject_touch(other.time_s)
         z2 = used
     middle_um, doubt_u_um = between(z2.z_um, above_um, way_um, u_um)
-    told = f"It is taken to be at {middle_um:.2f} ± {COVERAGE * doubt_u_um:.2f} µm."
-    _tell(run, z2, off, expected.told_by, told)
+    message = f"It is taken to be at {middle_um:.2f} ± {COVERAGE * doubt_u_um:.2f} µm."
+    _report_doubt(run, z2, off, expected.source, message)
     return replace(z2.shifted(middle_um - z2.z_um), doubt_u_um=doubt_u_um)
 
 
-def wash(run: Run, bottom_um: float) -> None:
+def wash(run: JobRun, bottom_um: float) -> None:
     """Draw the tool out of the hole and bring it back above the bottom, again and again."""
     for _ in range(WASHING_STROKES):
         retract(run)
         lower_to(run, bottom_um - CLEAR_OF_BOTTOM_UM)
 
 
-def _tell(run: Run, z2: SurfaceReading, off: Deviation, told_by: str, what_now: str) -> None:
+def _report_doubt(run: JobRun, z2: SurfaceReading, off: Deviation, source: str, what_now: str) -> None:
     way = f"{abs(off.um):.2f} ± {COVERAGE * off.u_um:.2f} µm {'short of' if off.um < 0.0 else 'beyond'}"
     chip = " (a chip?)" if off.um < 0.0 else ""
     run.decide(
         RunEvent.TOUCH_DOUBTED,
-        f"Z2 = {z2.z_um:.2f} µm is {way} where {told_by} put the bottom{chip}. {what_now}",
+        f"Z2 = {z2.z_um:.2f} µm is {way} where {source} put the bottom{chip}. {what_now}",
         {"kind": "Z2", "off_um": off.um, "u_um": off.u_um, "z_um": z2.z_um},
         level=EventLevel.WARNING,
     )

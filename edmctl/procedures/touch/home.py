@@ -13,21 +13,20 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError
 from edmctl.procedures.channel.way import is_on_way, way_of_path
-from edmctl.procedures.hole.expected_touches import (
+from edmctl.procedures.hole.hole_estimate import (
     STANDARD_UNCERTAINTIES,
     Estimate,
-    Expected,
+    ExpectedHole,
     expected_of_left,
 )
-from edmctl.procedures.monitoring.drift import DRIFT_SDS, first_home_um
-from edmctl.procedures.resting import rest_and_look
+from edmctl.procedures.monitoring.drift import DRIFT_SDS, displacement_uncertainty, first_home_um
+from edmctl.procedures.run import rest_and_look
 from edmctl.procedures.settings import controller_settings
 from edmctl.procedures.touch.reading import BEYOND_PREDICTION_UM, Search, take_reading_in
-from edmctl.procedures.touch.site_readings import displacement_uncertainty
 from edmctl.results.progress import Phase
 
 if TYPE_CHECKING:
-    from edmctl.procedures.run import Run
+    from edmctl.procedures.run import JobRun
 
 CLEAR_UM = 10.0
 """A stage moves only if the tool is certainly this far above the untouched surface: half of what it normally is
@@ -54,7 +53,7 @@ class Home:
     hidden_um: float = 0.0
 
 
-def most_over_um(run: Run, home: Home) -> float:
+def most_over_um(run: JobRun, home: Home) -> float:
     """How far over home the tool may read while a stage moves: clear of the work whatever the sensor hides."""
     safe_z_um = controller_settings(run.profile, run.setup).safe_z_um
     return min(
@@ -62,7 +61,7 @@ def most_over_um(run: Run, home: Home) -> float:
     )
 
 
-def home_now(run: Run) -> Home:
+def home_now(run: JobRun) -> Home:
     """What the sensor shows of a tool at home: the rest at 0 V less what the actuator model says of creep.
 
     Before there is a model it is the rest itself, once that has stopped falling, as far as drift can explain it; a
@@ -89,7 +88,7 @@ def home_now(run: Run) -> Home:
     return Home(rests.home_um(zero_um), rests.hidden_um)
 
 
-def _first_home(run: Run) -> Home:
+def _first_home(run: JobRun) -> Home:
     """Home by a rest without a model, or by a touch."""
     job, rests = run.job, run.watch.rests
     rest_um = _settled_um(run)
@@ -111,9 +110,9 @@ def _first_home(run: Run) -> Home:
     return _home_by_touch(run, rest_um, under)
 
 
-def pad_from_home_um(run: Run) -> float:
+def pad_from_home_um(run: JobRun) -> float:
     """How far from home the pad is, µm: as the recipe says, or with the tool as the earlier run has left it."""
-    resumed, done = run.job.resumed, list(run.ledger.sites.values())
+    resumed, done = run.job.resumed, list(run.tally.sites.values())
     if resumed is not None and resumed.site:
         return resumed.z1_um + resumed.wear_um - resumed.home_um
     if resumed is not None and done:
@@ -133,7 +132,7 @@ class _Under:
     hidden_um: float
 
 
-def _under_the_tool(run: Run) -> _Under | None:
+def _under_the_tool(run: JobRun) -> _Under | None:
     """What is known of what the tool stands over: the pad, what was left, a place that is not cut yet.
 
     How far the tool is clear of the pad a touch there tells whatever the tool has lost. The bottom of a hole is an
@@ -143,7 +142,7 @@ def _under_the_tool(run: Run) -> _Under | None:
     here, known_um = (status.x_um, status.y_um), run.setup.stage.repeatability_um
     away_um = math.dist(here, (pad.x_um, pad.y_um))
     left = (
-        Expected(Estimate())
+        ExpectedHole(Estimate())
         if resumed is None or not resumed.begun
         else expected_of_left(resumed, run.profile)
     )
@@ -159,7 +158,7 @@ def _under_the_tool(run: Run) -> _Under | None:
     site = next((s for s in run.job.sites if math.dist(here, (s.x_um, s.y_um)) <= known_um), None)
     if resumed is not None and site is None and _is_on_a_spot(run, here):
         return _Under(pad_from_home_um(run), left.wear_reach_um + slope_um, slope_um)
-    if resumed is None or site is None or site.name in run.ledger.sites:
+    if resumed is None or site is None or site.name in run.tally.sites:
         return None
     depth_um, feed_reach_um = (
         (resumed.depth_um, left.feed_reach_um) if site.name == resumed.site else (0.0, 0.0)
@@ -167,7 +166,7 @@ def _under_the_tool(run: Run) -> _Under | None:
     return _Under(pad_from_home_um(run) + depth_um, feed_reach_um + slope_um, feed_reach_um + slope_um)
 
 
-def _is_on_a_spot(run: Run, here: tuple[float, float]) -> bool:
+def _is_on_a_spot(run: JobRun, here: tuple[float, float]) -> bool:
     """Whether the tool stands where the face is touched a second time, beside a place and over no hole."""
     known_um = run.setup.stage.repeatability_um
     away_um = [math.dist(here, (site.x_um, site.y_um)) for site in run.job.sites]
@@ -175,7 +174,7 @@ def _is_on_a_spot(run: Run, here: tuple[float, float]) -> bool:
     return any(abs(um - least_um) <= known_um for um in away_um) and min(away_um) >= least_um - known_um
 
 
-def _home_by_touch(run: Run, rest_um: float, under: _Under) -> Home:
+def _home_by_touch(run: JobRun, rest_um: float, under: _Under) -> Home:
     """Home by a touch of what is under the tool, slow all the way: the way to contact holds no drift."""
     z_max_um = rest_um + under.um + under.reach_um + BEYOND_PREDICTION_UM
     z_um = take_reading_in(
@@ -187,7 +186,7 @@ def _home_by_touch(run: Run, rest_um: float, under: _Under) -> Home:
     return Home(min(_settled_um(run), z_um - under.um), under.hidden_um)
 
 
-def _settled_um(run: Run) -> float:
+def _settled_um(run: JobRun) -> float:
     """The rest at 0 V, after a wait for what creeps there."""
     end_s, before_um = run.machine.time_s + CREEP_WAIT_S, math.inf
     while before_um - run.watch.displacement_um > _SETTLED_UM and run.machine.time_s < end_s:

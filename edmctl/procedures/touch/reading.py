@@ -20,7 +20,7 @@ from edmctl.results.progress import Phase
 from edmctl.wording import decimal
 
 if TYPE_CHECKING:
-    from edmctl.procedures.run import Run
+    from edmctl.procedures.run import JobRun
     from edmctl.process.plane import Step
 
 FAST_LEG_MARGIN_UM = 3.0
@@ -45,7 +45,7 @@ class SurfaceReading:
 
     Without a sensor both are the model's. `zero_um` is the zero that the model had from the rest before.
     `doubt_u_um` is a standard uncertainty that comes on top where the touches could not be believed outright;
-    `lying_um` is how high something lies where the surface was touched first, found by touching beside it; `step`
+    `debris_um` is how high something lies where the surface was touched first, found by touching beside it; `step`
     tells how much further the second of two spots lies than the first, where both count.
     """
 
@@ -56,7 +56,7 @@ class SurfaceReading:
     time_s: float
     zero_um: float
     doubt_u_um: float = 0.0
-    lying_um: float = 0.0
+    debris_um: float = 0.0
     step: Step | None = None
 
     @property
@@ -82,7 +82,7 @@ class Search:
     settle_s: float
 
 
-def search_near(run: Run, predicted_um: float, u_um: float) -> Search:
+def search_near(run: JobRun, predicted_um: float, u_um: float) -> Search:
     """Where contact is expected at `predicted_um` with a standard uncertainty of `u_um`: as the recipe says."""
     return Search(
         fast_to_um=predicted_um - FAST_LEG_MARGIN_UM - FAST_SIGMAS * u_um,
@@ -92,7 +92,9 @@ def search_near(run: Run, predicted_um: float, u_um: float) -> Search:
     )
 
 
-def take_reading(run: Run, kind: str, place: str, predicted_um: float, u_um: float = 0.0) -> SurfaceReading:
+def take_reading(
+    run: JobRun, kind: str, place: str, predicted_um: float, u_um: float = 0.0
+) -> SurfaceReading:
     """Touch off `measure.touches` times and average; once more when they scatter too much.
 
     `predicted_um` is where contact is expected, with a standard uncertainty of `u_um`. The tool stands at least
@@ -101,7 +103,7 @@ def take_reading(run: Run, kind: str, place: str, predicted_um: float, u_um: flo
     return take_reading_in(run, kind, place, search_near(run, predicted_um, u_um))
 
 
-def take_reading_in(run: Run, kind: str, place: str, search: Search) -> SurfaceReading:
+def take_reading_in(run: JobRun, kind: str, place: str, search: Search) -> SurfaceReading:
     """The same, where the search is given."""
     run.begin(Phase.MEASURING)
     run.machine.rest(search.settle_s)
@@ -126,7 +128,7 @@ def take_reading_in(run: Run, kind: str, place: str, search: Search) -> SurfaceR
     raise refused
 
 
-def _refusal(run: Run, found: SurfaceReading) -> ObjectiveNotReached | None:
+def _refusal(run: JobRun, found: SurfaceReading) -> ObjectiveNotReached | None:
     """Why a reading is not one, None where it is."""
     if is_constant((found.reading,)):
         return constant(found)
@@ -149,7 +151,7 @@ def constant(found: SurfaceReading) -> ObjectiveNotReached:
     )
 
 
-def _request(run: Run, search: Search) -> TouchRequest:
+def _request(run: JobRun, search: Search) -> TouchRequest:
     measure = run.profile.measure
     return TouchRequest(
         fast_um_s=measure.fast_um_s,
@@ -162,7 +164,7 @@ def _request(run: Run, search: Search) -> TouchRequest:
     )
 
 
-def _reduced(run: Run, kind: str, touches: tuple[Touch, ...]) -> SurfaceReading:
+def _reduced(run: JobRun, kind: str, touches: tuple[Touch, ...]) -> SurfaceReading:
     """Mean of the touches; the model is read at first contact, where the voltage peaks."""
     models_um = [run.watch.model_at(touch.time_s) for touch in touches]
     estimator = run.watch.estimator()
@@ -176,7 +178,7 @@ def _reduced(run: Run, kind: str, touches: tuple[Touch, ...]) -> SurfaceReading:
     )
 
 
-def _report(run: Run, place: str, touches: tuple[Touch, ...], found: SurfaceReading, refused: str) -> None:
+def _report(run: JobRun, place: str, touches: tuple[Touch, ...], found: SurfaceReading, refused: str) -> None:
     reading = found.reading
     run.recorder.touch(
         TouchRow(
@@ -197,10 +199,10 @@ def _report(run: Run, place: str, touches: tuple[Touch, ...], found: SurfaceRead
         "1 touch" if reading.touches == 1 else f"{reading.touches} touches within {reading.sd_um:.2f} µm rms"
     )
     model = "" if math.isnan(found.model_um) else f" (model {decimal(found.model_um, 1)} µm)"
-    told = f"{found.kind} = {decimal(reading.mean_um)} µm{model}, {count}."
+    message = f"{found.kind} = {decimal(reading.mean_um)} µm{model}, {count}."
     run.decide(
         RunEvent.READING_REJECTED if refused else RunEvent.READING,
-        refused or told,
+        refused or message,
         {"kind": found.kind, "z_um": reading.mean_um, "model_um": found.model_um, "sd_um": reading.sd_um},
         level=EventLevel.WARNING if refused else EventLevel.INFO,
     )

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import ObjectiveNotReached
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.monitoring.drift import uncertainty_now
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.approach import lower_to
 from edmctl.procedures.touch.reading import (
@@ -31,8 +30,8 @@ from edmctl.record.rows import EventLevel
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from edmctl.procedures.job import Site
-    from edmctl.procedures.run import Run
+    from edmctl.procedures.run import JobRun
+    from edmctl.profile.places import Place
 
 SPOT_LEG_UM = 2.0
 """At a further spot the fast leg ends this far above where contact was before."""
@@ -48,7 +47,7 @@ class Spots:
     """Places of one surface, all further apart than the tool is wide: the first is where its height is wanted."""
 
     surface: str
-    places: tuple[Site, ...]
+    places: tuple[Place, ...]
 
     def middle_um(self, touches: int) -> tuple[float, float]:
         """Where a reading of so many touches holds that were made at the first two places: x and y, µm."""
@@ -65,7 +64,7 @@ def shared_out(touches: int) -> tuple[int, int]:
     return max(1, touches - later), later
 
 
-def beside(run: Run, place: Site, angle: float) -> Site:
+def beside(run: JobRun, place: Place, angle: float) -> Place:
     """Return the spot beside a place in a direction, radians."""
     distance_um = run.job.spot_distance_um
     x_um, y_um = place.x_um + distance_um * math.cos(angle), place.y_um + distance_um * math.sin(angle)
@@ -73,7 +72,7 @@ def beside(run: Run, place: Site, angle: float) -> Site:
 
 
 def read_at_spots(
-    run: Run, kind: str, place: str, spots: Spots, predicted_um: float, u_um: float
+    run: JobRun, kind: str, place: str, spots: Spots, predicted_um: float, u_um: float
 ) -> SurfaceReading:
     """Touch a surface at two spots, and at further ones where they do not agree.
 
@@ -90,7 +89,7 @@ def read_at_spots(
         move_to(run, spot)
         found.append(_at_further_spot(run, kind, place, found, replace(search, touches=later)))
         if is_constant([one.reading for one in found]):
-            _tell_constant(run, found[-1])
+            _report_constant(run, found[-1])
             _reject(run, [found[-1]])
             found[-1] = _at_further_spot(run, kind, place, found, replace(search, touches=later))
             if is_constant([one.reading for one in found]):
@@ -100,22 +99,22 @@ def read_at_spots(
         if len(agreeing) > 1:
             return _together(run, found, agreeing, spots)
     _reject(run, found)
-    told = ", ".join(f"{one.z_um:.2f}" for one in found)
+    message = ", ".join(f"{one.z_um:.2f}" for one in found)
     raise ObjectiveNotReached(
-        f"{kind}: no two of {len(found)} spots of the {spots.surface} agree on the longest reading: {told} µm.",
+        f"{kind}: no two of {len(found)} spots of the {spots.surface} agree on the longest reading: {message} µm.",
         hint=f"Clean tool and work, and look whether the {spots.surface} is flat for a tool's width around there.",
         code="E7022",
     )
 
 
-def _reject(run: Run, readings: Sequence[SurfaceReading]) -> None:
+def _reject(run: JobRun, readings: Sequence[SurfaceReading]) -> None:
     """Tell the run file that other readings count instead of these, or none."""
     for one in readings:
         run.recorder.reject_touch(one.time_s)
 
 
 def _at_further_spot(
-    run: Run, kind: str, place: str, found: Sequence[SurfaceReading], first: Search
+    run: JobRun, kind: str, place: str, found: Sequence[SurfaceReading], first: Search
 ) -> SurfaceReading:
     near_um = max(one.z_um for one in found)
     ramp_um = near_um - RAMP_CLEAR_UM
@@ -126,7 +125,7 @@ def _at_further_spot(
     return take_reading_in(run, kind, place, search)
 
 
-def _tell_constant(run: Run, found: SurfaceReading) -> None:
+def _report_constant(run: JobRun, found: SurfaceReading) -> None:
     run.decide(
         RunEvent.TOUCH_DOUBTED,
         f"{found.kind}: every touch says {found.z_um:.3f} µm to the last digit. It is touched again.",
@@ -135,20 +134,20 @@ def _tell_constant(run: Run, found: SurfaceReading) -> None:
     )
 
 
-def _place_u_um(run: Run, found: Sequence[SurfaceReading]) -> float:
+def _place_u_um(run: JobRun, found: Sequence[SurfaceReading]) -> float:
     """Standard uncertainty of the difference between two spots: tilt, drift, and a model instead of a sensor."""
     return math.hypot(_tilt_u_um(run), _sensed_u_um(run, found))
 
 
-def _sensed_u_um(run: Run, found: Sequence[SurfaceReading]) -> float:
-    known = uncertainty_now(run)
+def _sensed_u_um(run: JobRun, found: Sequence[SurfaceReading]) -> float:
+    sensor_u = run.uncertainty
     return math.hypot(
-        known.drift_u_um_per_s * (found[-1].time_s - found[0].time_s),
-        0.0 if run.setup.sensor.fitted else known.linearity_u_um,
+        sensor_u.drift_u_um_per_s * (found[-1].time_s - found[0].time_s),
+        0.0 if run.setup.sensor.fitted else sensor_u.linearity_u_um,
     )
 
 
-def _tilt_u_um(run: Run) -> float:
+def _tilt_u_um(run: JobRun) -> float:
     setup = run.setup
     return tilt_uncertainty_um(
         setup.surface.tilt_u_mrad, run.job.spot_distance_um, setup.stage.repeatability_um
@@ -156,7 +155,7 @@ def _tilt_u_um(run: Run) -> float:
 
 
 def _together(
-    run: Run, found: Sequence[SurfaceReading], agreeing: Sequence[int], spots: Spots
+    run: JobRun, found: Sequence[SurfaceReading], agreeing: Sequence[int], spots: Spots
 ) -> SurfaceReading:
     """One reading of the spots that agree; others than usual lie a little differently, by the tilt between them."""
     used = [found[i] for i in agreeing]
@@ -182,12 +181,12 @@ def _together(
         actuator_v=math.fsum(share * one.actuator_v for share, one in zip(shares, used, strict=True)),
         zero_um=math.fsum(share * one.zero_um for share, one in zip(shares, used, strict=True)),
         doubt_u_um=0.0 if usual else _tilt_u_um(run),
-        lying_um=0.0 if 0 in agreeing else reading.mean_um - found[0].z_um,
+        debris_um=0.0 if 0 in agreeing else reading.mean_um - found[0].z_um,
         step=_step(run, found, spots) if usual else None,
     )
 
 
-def _step(run: Run, found: Sequence[SurfaceReading], spots: Spots) -> Step:
+def _step(run: JobRun, found: Sequence[SurfaceReading], spots: Spots) -> Step:
     first, second = spots.places[:2]
     off = between_spots(found[1].reading, found[0].reading, _sensed_u_um(run, found))
     return Step((second.x_um - first.x_um, second.y_um - first.y_um), off.um, off.u_um)

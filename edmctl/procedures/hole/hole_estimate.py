@@ -12,17 +12,18 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from edmctl.errors import PreconditionError
 from edmctl.forecasts.removal import feed_rate_um_s
-from edmctl.procedures.job_state import PERIOD_S
-from edmctl.process.live_erosion import RECIPE_U_REL
+from edmctl.procedures.job_state import PERIOD_S, JobState
+from edmctl.process.live_erosion import RECIPE_U_REL, Energy
 from edmctl.process.next_cut import COVERAGE
 from edmctl.process.wear import DepthAndWear, share_u
+from edmctl.wording import coordinates, with_u95
 
 if TYPE_CHECKING:
     from edmctl.procedures.hole.cut_planning import CutPlan
-    from edmctl.procedures.job_state import JobState
-    from edmctl.process.live_erosion import Energy
     from edmctl.profile.model import Profile
+    from edmctl.profile.places import Place
     from edmctl.results.job import SiteResult
 
 STANDARD_UNCERTAINTIES = 3.0
@@ -33,8 +34,6 @@ FASTER = 2.0
 """The last seconds may have cut so many times as fast as the hole on average."""
 FASTEST = 5.0
 """The first seconds of a hole: work that erodes so many times as fast as the recipe believes."""
-SAMPLES_LATE_S = 1.0
-"""A cut without samples is ended after so long at the latest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +79,7 @@ class Estimate:
 
 
 @dataclass(frozen=True, slots=True)
-class Expected:
+class ExpectedHole:
     """An estimate, and how much more may have been cut since it was written down."""
 
     estimate: Estimate
@@ -103,27 +102,27 @@ class Expected:
 
     def depth_fits(self, found: DepthAndWear) -> bool:
         """Whether this can be the hole."""
-        known = self.estimate
-        return self._fits(found.depth_um - known.depth_um, known.depth_u_um, found.depth_u95_um)
+        estimate = self.estimate
+        return self._fits(found.depth_um - estimate.depth_um, estimate.depth_u_um, found.depth_u95_um)
 
     def tool_fits(self, found: DepthAndWear) -> bool:
         """Whether this can be the tool that made it, where it was left."""
-        known = self.estimate
-        more_um = found.feed_um - known.depth_um - known.wear_um
-        return self.wear_fits(found) and self._fits(more_um, known.feed_u_um, found.feed_u95_um)
+        estimate = self.estimate
+        more_um = found.feed_um - estimate.depth_um - estimate.wear_um
+        return self.wear_fits(found) and self._fits(more_um, estimate.feed_u_um, found.feed_u95_um)
 
     def wear_fits(self, found: DepthAndWear) -> bool:
         """The same by the wear alone, where no bottom tells of the feed."""
-        known = self.estimate
-        return self._fits(found.wear_um - known.wear_um, known.wear_u_um, found.wear_u95_um)
+        estimate = self.estimate
+        return self._fits(found.wear_um - estimate.wear_um, estimate.wear_u_um, found.wear_u95_um)
 
-    def through_at_most(self, thickness_um: float) -> Expected:
+    def through_at_most(self, thickness_um: float) -> ExpectedHole:
         """The same of a hole through a sheet: behind it the tool is fed on and neither cuts nor wears."""
-        known = self.estimate
-        if known.depth_um <= thickness_um:
+        estimate = self.estimate
+        if estimate.depth_um <= thickness_um:
             return self
-        wear_um = known.wear_um * thickness_um / known.depth_um
-        return replace(self, estimate=replace(known, depth_um=thickness_um, wear_um=wear_um))
+        wear_um = estimate.wear_um * thickness_um / estimate.depth_um
+        return replace(self, estimate=replace(estimate, depth_um=thickness_um, wear_um=wear_um))
 
     def _fits(self, more_um: float, known_u_um: float, found_u95_um: float) -> bool:
         reach_um = STANDARD_UNCERTAINTIES * math.hypot(known_u_um, found_u95_um / COVERAGE)
@@ -135,27 +134,27 @@ def is_untouched(found: DepthAndWear) -> bool:
     return abs(found.depth_um) <= STANDARD_UNCERTAINTIES * found.depth_u95_um / COVERAGE
 
 
-def expected_of_left(state: JobState, profile: Profile) -> Expected:
+def expected_of_left(state: JobState, profile: Profile) -> ExpectedHole:
     """What to expect of the hole that was left."""
     left = estimate_left(state)
-    return Expected(left, PERIOD_S * most_um_s(left, state.machining_time_s, profile))
+    return ExpectedHole(left, PERIOD_S * most_um_s(left, state.machining_time_s, profile))
 
 
-def most_um_s(known: Estimate, machining_time_s: float, profile: Profile) -> float:
+def most_um_s(estimate: Estimate, machining_time_s: float, profile: Profile) -> float:
     """The most that the last seconds may have fed."""
     by_recipe_um_s = feed_rate_um_s(profile, 0.0)
     if machining_time_s < PERIOD_S:
         return FASTEST * by_recipe_um_s
-    return FASTER * max((known.depth_um + known.wear_um) / machining_time_s, by_recipe_um_s)
+    return FASTER * max((estimate.depth_um + estimate.wear_um) / machining_time_s, by_recipe_um_s)
 
 
-def expected_of_finished(site: SiteResult) -> Expected:
+def expected_of_finished(site: SiteResult) -> ExpectedHole:
     """What to expect of a hole that was finished: nothing was cut after its result."""
     believed_um = 0.0
     if site.estimated_um and site.depth_um > 0.0:
         believed_um = BELIEF_U_REL * site.wear_um * site.estimated_um / site.depth_um
     depth_u_um = math.hypot(site.depth_u95_um / COVERAGE, believed_um)
-    return Expected(Estimate(site.depth_um, depth_u_um))
+    return ExpectedHole(Estimate(site.depth_um, depth_u_um))
 
 
 def estimate_in_cut(plan: CutPlan, displacement_um: float, energy: Energy, now_s: float) -> Estimate:
@@ -168,7 +167,7 @@ def estimate_in_cut(plan: CutPlan, displacement_um: float, energy: Energy, now_s
         math.hypot(live.depth_u_um, believed_um),
         live.wear_um,
         math.hypot(start.wear_u_um, live.wear_u_um, believed_um, share * start.bottom_u_at(now_s)),
-        math.hypot(start.u_at(now_s), plan.gap_u_um),
+        math.hypot(start.u_at(now_s), plan.start.gap_u_um),
     )
 
 
@@ -186,3 +185,38 @@ def estimate_touched(found: DepthAndWear) -> Estimate:
 def estimate_left(state: JobState) -> Estimate:
     """As the run before wrote it down."""
     return Estimate(state.depth_um, state.depth_u_um, state.wear_um, state.wear_u_um, state.feed_u_um)
+
+
+def other_work(site: Place, found: DepthAndWear, expected: Estimate, *, begun: bool) -> PreconditionError:
+    """E8060: the touches found no hole of that depth."""
+    if begun:
+        otherwise = "On untouched work, --restart-hole makes the hole from its face."
+    else:
+        otherwise = "For new work, order the places that are left as a job of their own."
+    return PreconditionError(
+        f"{site.name} at {coordinates(site.x_um, site.y_um)} is "
+        f"{with_u95(found.depth_um, found.depth_u95_um)} µm deep; the journal expects "
+        f"{with_u95(expected.depth_um, COVERAGE * expected.depth_u_um)} µm.",
+        hint=f"Other work, or other places: put the work back as it was, and home the stages. {otherwise}",
+        code="E8060",
+    )
+
+
+def other_tool(found: DepthAndWear, expected: Estimate) -> PreconditionError:
+    """E8061: the hole is that deep, but the tool is not as long as it was left."""
+    return PreconditionError(
+        f"The tool is {with_u95(found.wear_um, found.wear_u95_um)} µm shorter than before the hole; the journal "
+        f"expects {with_u95(expected.wear_um, COVERAGE * expected.wear_u_um)} µm.",
+        hint="It was changed or seated anew, and only the tool that began a hole can tell its own wear by touching. "
+        "Machine another hole, at another place.",
+        code="E8061",
+    )
+
+
+def hole_found(site: Place, found: DepthAndWear) -> PreconditionError:
+    """E8062: there is a hole where one is to be begun."""
+    return PreconditionError(
+        f"There is no untouched face at {site.name}: it is {with_u95(found.depth_um, found.depth_u95_um)} µm deep.",
+        hint="Go on with the hole without --restart-hole, or put untouched work in.",
+        code="E8062",
+    )

@@ -1,18 +1,27 @@
-"""The line of a run: what the host receives damaged, and every ten seconds how it does."""
+"""Monitors of a whole run: the line, the sensor against the actuator model, and gap and tool between two cuts."""
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from typing import TYPE_CHECKING
 
-from edmctl.machine.interface import host_fault
+import numpy as np
+from numpy.typing import NDArray
+
+from edmctl.forecasts.forecast import stroke_um
+from edmctl.machine.faults import host_fault
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.record.rows import EventLevel, LinkRow
+from edmctl.results.progress import Extremes, Phase
+from edmctl.results.pulses import pulse_shares
 
 if TYPE_CHECKING:
     from edmctl.machine.interface import TelemetryBlock
-    from edmctl.procedures.run import Run
+    from edmctl.procedures.run import JobRun
     from edmctl.results.link import LinkReport
+
+Floats = NDArray[np.float64]
 
 WINDOW_S = 1.0
 WARNED_FRAMES = 3
@@ -20,19 +29,24 @@ WARNED_FRAMES = 3
 MOST_FRAMES = 10
 """Damaged frames within the window that end the job, as the controller does for those that it receives."""
 REPORT_S = 10.0
+LARGEST_SHARE = 0.15
+"""Of the stroke that the job uses: the bound of Muralidhara et al. 2009 for a model of hysteresis."""
+PATIENCE_S = 2.0
+"""A difference that lasts so long ends the job; a jolt or a jump is over sooner."""
+REPORT_EVERY_S = 0.1
 
 
-class LinkWatch:
+class LinkMonitor:
     """Looks at the line with every block of telemetry. Raises once, as the retreat must not be disturbed."""
 
-    def __init__(self, run: Run) -> None:
+    def __init__(self, run: JobRun) -> None:
         self._run = run
         self._bad: deque[tuple[float, int]] = deque()
         self._seen = run.machine.bad_frames
         self._warned = self._over = False
         self._next_report_s = REPORT_S
 
-    def take(self, block: TelemetryBlock) -> None:
+    def on_telemetry(self, block: TelemetryBlock) -> None:
         """Judge the line at the time of these samples. Raises MachineFault E61003."""
         now_s = float(block.time_s[-1])
         self._look_for_noise(now_s)
@@ -64,7 +78,7 @@ class LinkWatch:
             raise host_fault("LINE_NOISE", bad_frames=frames)
 
 
-def record_link(run: Run) -> None:
+def record_link(run: JobRun) -> None:
     """Close the statistics of the line in the run file, and sum them up in an event."""
     report = run.machine.link_report()
     run.recorder.append_link(_row(run.machine.time_s, report))
@@ -107,3 +121,77 @@ def _figures(report: LinkReport) -> dict[str, float | int]:
         "clock_ppm": round(report.clock_rate_ppm, 2),
         "residual_us": round(report.clock_residual_us, 1),
     }
+
+
+class SensorMonitor:
+    """Compares every block of samples with its estimates; warns at once, and raises when it lasts.
+
+    It raises once: what comes after is the retreat, which nothing may disturb.
+    """
+
+    def __init__(self, run: JobRun) -> None:
+        self._run = run
+        self._largest_um = LARGEST_SHARE * stroke_um(run.profile)
+        self._since_s: float | None = None
+        self._over = False
+
+    def update(self, block: TelemetryBlock, model_um: Floats) -> None:
+        """Judge samples and their estimates, shape (n,) in µm. Raises MachineFault E67001."""
+        sensor_um, estimate_um = float(block.displacement_um.mean()), float(model_um.mean())
+        now_s = float(block.time_s[-1])
+        if self._over or abs(sensor_um - estimate_um) <= self._largest_um:
+            self._since_s = None
+            return
+        message = (
+            f" The sensor shows {sensor_um:.1f} µm and the model {estimate_um:.1f} µm; {self._largest_um:.1f} µm "
+            "apart is the most."
+        )
+        if self._since_s is None:
+            self._since_s = float(block.time_s[0])
+            self._run.decide(
+                RunEvent.Z_MISMATCH,
+                host_fault("Z_MISMATCH").message + message,
+                {"sensor_um": sensor_um, "model_um": estimate_um, "limit_um": self._largest_um},
+                level=EventLevel.WARNING,
+            )
+        elif now_s - self._since_s >= PATIENCE_S:
+            self._over = True
+            raise host_fault("Z_MISMATCH", message)
+
+
+class IdleMonitor:
+    """Hears every block of a run. While machining, whoever follows the cut or pass knows more and reports that."""
+
+    def __init__(self, run: JobRun) -> None:
+        self._run = run
+        self._due_s = -math.inf
+        self._clear()
+
+    def _clear(self) -> None:
+        self._gap_low_v = self._low_um = math.inf
+        self._gap_high_v = self._high_um = -math.inf
+        self._counts = [0, 0, 0, 0]
+
+    def on_telemetry(self, block: TelemetryBlock) -> None:
+        """Add the samples of a block, and report when it is time."""
+        if self._run.tally.phase is Phase.MACHINING:
+            return
+        gaps_v, heights_um = block.gap_v.tolist(), block.displacement_um.tolist()
+        self._gap_low_v = min(self._gap_low_v, *gaps_v)
+        self._gap_high_v = max(self._gap_high_v, *gaps_v)
+        self._low_um = min(self._low_um, *heights_um)
+        self._high_um = max(self._high_um, *heights_um)
+        for i, numbers in enumerate((block.n_open, block.n_normal, block.n_arc, block.n_short)):
+            self._counts[i] += sum(numbers.tolist())
+        now_s = float(block.time_s[-1])
+        if now_s < self._due_s:
+            return
+        self._due_s = now_s + REPORT_EVERY_S
+        self._run.report_idle(
+            now_s,
+            sum(gaps_v) / len(gaps_v),
+            pulse_shares(*self._counts),
+            sum(heights_um) / len(heights_um),
+            Extremes(now_s, self._gap_low_v, self._gap_high_v, self._low_um, self._high_um),
+        )
+        self._clear()

@@ -1,0 +1,141 @@
+"""Limits of a cut and of a job: arcs and shorts, a tool that no longer advances, the time, the stroke."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from edmctl.forecasts.forecast import forecast
+from edmctl.procedures.event_codes import RunEvent
+from edmctl.record.rows import EventLevel
+
+if TYPE_CHECKING:
+    from edmctl.actuator.estimator import Estimator
+    from edmctl.procedures.run import JobRun
+    from edmctl.results.pulses import PulseShares
+
+UNSTABLE_S = 30.0
+"""A cut over its arc or short limit for so long is ended. Badly flushed holes that come out well are over it for up
+to 9 s, until the next jump, so it has to outlast some jump periods (decision 0012)."""
+
+# Looked up in every slice; an enum member costs a metaclass call each time in Python 3.11.
+_ARCING, _SHORTING = RunEvent.ARCING, RunEvent.SHORTING
+STALL_S = 60.0
+"""A cut that moves less than `STALL_SHARE` of the forecast feed for so long is stalled. Our choice: six jumps."""
+STALL_SHARE = 0.05
+"""Of the forecast feed; bad flushing alone leaves more than half of it."""
+JUMP_AFTER_S = 0.5 * STALL_S
+"""Halfway there a jump is tried, whatever the recipe says of jumps."""
+LONGEST_SHARE = 3.0
+"""Of the forecast machining time: a job that takes longer is not the one that was planned."""
+LEAST_S = 120.0
+"""A short job is given this much in any case, twice what it takes to find that the tool has stopped advancing."""
+
+
+class RatioLimits:
+    """Judges the shares over a window of `window_s`."""
+
+    def __init__(self, run: JobRun, window_s: float) -> None:
+        self._run = run
+        self._window_s = window_s
+        self._since_s: dict[RunEvent, float] = {}
+
+    def update(self, now_s: float, ratios: PulseShares, *, window_is_full: bool) -> str:
+        """Judge; return which have stayed over their limit for too long, arcs or shorts, empty where none have."""
+        limits = self._run.profile.limits
+        arcs = self._look(_ARCING, "arcs", ratios.arc, limits.arc_ratio, now_s, window_is_full)
+        shorts = self._look(_SHORTING, "shorts", ratios.short, limits.short_ratio, now_s, window_is_full)
+        return "shorts" if shorts else "arcs" if arcs else ""
+
+    def _look(
+        self, code: RunEvent, name: str, ratio: float, limit: float, now_s: float, window_is_full: bool
+    ) -> bool:
+        if ratio <= limit:
+            self._since_s.pop(code, None)
+            return False
+        if not window_is_full:
+            return False
+        since_s = self._since_s.get(code)
+        if since_s is None:
+            self._since_s[code] = now_s
+            self._run.decide(
+                code,
+                f"{100 * ratio:.0f} % {name} in the last {self._window_s:.0f} s; "
+                f"the limit is {100 * limit:.0f} %.",
+                {"ratio": ratio, "limit": limit},
+                level=EventLevel.WARNING,
+            )
+            return False
+        return now_s - since_s > UNSTABLE_S
+
+
+class StallDetection:
+    """Follows the tool of one cut.
+
+    forecast_feed_um_s : what it should feed
+    """
+
+    def __init__(self, forecast_feed_um_s: float) -> None:
+        self._least_um = STALL_SHARE * forecast_feed_um_s * STALL_S
+        self._since_s = self._since_um = math.nan
+        self._tried = False
+        self.jump_wanted = False
+        self.message = ""
+
+    def update(self, now_s: float, displacement_um: float) -> bool:
+        """Judge where the tool is while sparking; True when the cut has stalled, `message` then says by what."""
+        if math.isnan(self._since_s) or displacement_um - self._since_um > self._least_um:
+            self._since_s, self._since_um = now_s, displacement_um
+            self._tried = self.jump_wanted = False
+            return False
+        stood_s = now_s - self._since_s
+        self.message = f"{displacement_um - self._since_um:.1f} µm in {stood_s:.0f} s"
+        if stood_s > JUMP_AFTER_S and not self._tried:
+            self._tried = self.jump_wanted = True
+        return stood_s > STALL_S
+
+
+@dataclass(frozen=True, slots=True)
+class TimeLeft:
+    """Seconds until a limit, and which one it is, in words."""
+
+    seconds: float
+    limit: str
+
+
+class TimeLimits:
+    """The limits of one run: of the whole job, and of the time in which it machines."""
+
+    def __init__(self, run: JobRun) -> None:
+        self._run = run
+        expected_s = forecast(run.profile, run.setup, run.job.sites).machining_time_s
+        self._machining_s = max(LEAST_S, LONGEST_SHARE * expected_s)
+        self._before_s = run.tally.machining_time_s
+
+    def left(self) -> TimeLeft:
+        """The limit that comes first, as it stands now."""
+        job_s = self._run.profile.limits.max_time_s
+        whole = TimeLeft(
+            job_s - self._run.machine.time_s,
+            f"limits.max_time_s allows the job {job_s:.0f} s",
+        )
+        machined_s = self._run.tally.machining_time_s - self._before_s
+        machining = TimeLeft(
+            self._machining_s - machined_s,
+            f"the forecast allows {self._machining_s:.0f} s of machining",
+        )
+        return min(whole, machining, key=lambda left: left.seconds)
+
+
+def stroke_left_um(estimator: Estimator, limit_v: float) -> float:
+    """Way in µm from where the actuator is now to where it comes at once by `limit_v`."""
+    here_v = estimator.state.u_v
+    return estimator.gain * (_raw_um(estimator, max(here_v, limit_v)) - _raw_um(estimator, here_v))
+
+
+def _raw_um(estimator: Estimator, u_v: float) -> float:
+    state = estimator.state.copy()
+    return float(estimator.model.advance(state, np.array([state.t_s]), np.array([u_v]))[0])

@@ -1,0 +1,116 @@
+"""Sums of the telemetry of one cut or pass: pulses by class, their energy, the gap voltage; a row of them."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import TYPE_CHECKING
+
+from edmctl.procedures.settings import telemetry_settings
+from edmctl.record.rows import SlowRow
+from edmctl.results.pulses import PulseShares, pulse_shares
+
+if TYPE_CHECKING:
+    from edmctl.machine.interface import MachineStatus
+    from edmctl.procedures.job_state import Counts
+    from edmctl.procedures.run import JobRun
+    from edmctl.results.progress import Progress
+    from edmctl.results.telemetry import TelemetryBlock
+
+RATIO_WINDOW_S = 2.0
+"""Arcs and shorts are judged over this: a limit that is exceeded so long is told at once (decision 0012)."""
+
+
+class TelemetrySums:
+    """Sums over the slices of one cut or pass.
+
+    `counts` are its pulses by class (open, normal, arc, short); `energy_j` is their energy, by the mean gap current
+    at the plateau voltage of a normal discharge, `power_w` that of the newest slice.
+    """
+
+    def __init__(self, run: JobRun) -> None:
+        self._run = run
+        self.plateau_v = run.profile.pulse.discharge_voltage_v
+        self._sample_s = 1e-6 * telemetry_settings(run.profile, run.setup).period_us
+        self._window: deque[tuple[float, Counts]] = deque()
+        self._window_counts = [0, 0, 0, 0]
+        self._gap_ratio_sum = 0.0
+        self._gap_samples = 0
+        self._newest_s = math.nan
+        self.counts = [0, 0, 0, 0]
+        self.energy_j = self.power_w = 0.0
+
+    @property
+    def total(self) -> Counts:
+        """The pulses by class."""
+        opens, normals, arcs, shorts = self.counts
+        return opens, normals, arcs, shorts
+
+    @property
+    def ratios(self) -> PulseShares:
+        """Shares over the last `RATIO_WINDOW_S`."""
+        return pulse_shares(*self._window_counts)
+
+    @property
+    def window_is_full(self) -> bool:
+        """Whether there are samples of so long."""
+        return self._newest_s - self._window[0][0] >= 0.9 * RATIO_WINDOW_S
+
+    @property
+    def gap_ratio_mean(self) -> float:
+        """Mean of the normalised gap voltage while sparking; NaN before any sample."""
+        return self._gap_ratio_sum / self._gap_samples if self._gap_samples else math.nan
+
+    def duration_s(self, block: TelemetryBlock) -> float:
+        """Time that the samples of a slice stand for."""
+        return len(block.time_s) * self._sample_s
+
+    def add(self, block: TelemetryBlock, power_w: float) -> Counts:
+        """Add a slice with its mean power; return its pulses."""
+        self._newest_s = float(block.time_s[-1])
+        self.power_w = power_w
+        self.energy_j += power_w * len(block.time_s) * self._sample_s
+        fresh = (
+            sum(block.n_open.tolist()),
+            sum(block.n_normal.tolist()),
+            sum(block.n_arc.tolist()),
+            sum(block.n_short.tolist()),
+        )
+        self._window.append((self._newest_s, fresh))
+        for i, number in enumerate(fresh):
+            self.counts[i] += number
+            self._window_counts[i] += number
+        while self._window[0][0] <= self._newest_s - RATIO_WINDOW_S:
+            for i, number in enumerate(self._window.popleft()[1]):
+                self._window_counts[i] -= number
+        return fresh
+
+    def add_gap_ratio(self, gap_ratio: float, samples: int) -> None:
+        """Add the mean normalised gap voltage of samples while sparking."""
+        self._gap_ratio_sum += gap_ratio * samples
+        self._gap_samples += samples
+
+    def record(self, progress: Progress, duty_v: float, status: MachineStatus | None = None) -> None:
+        """Record what is shown, with the power and the state of the dielectric; `duty_v` is that of an open gap."""
+        run, ratios = self._run, progress.ratios
+        run.recorder.append_slow(
+            SlowRow(
+                time_s=progress.time_s,
+                feed_um_s=progress.feed_um_s,
+                gap_ratio=progress.gap_v / duty_v,
+                gap_ratio_ref=progress.reference_v / duty_v,
+                ratio_open=ratios.open,
+                ratio_normal=ratios.normal,
+                ratio_arc=ratios.arc,
+                ratio_short=ratios.short,
+                depth_um=progress.depth_um,
+                depth_u95_um=progress.depth_u95_um,
+                wear_um=progress.wear_um,
+                wear_u95_um=progress.wear_u95_um,
+                jump_period_s=progress.jump_period_s,
+                power_w=self.power_w,
+                dielectric_c=math.nan if status is None else status.temperature_c,
+                flow_lpm=math.nan if status is None else status.flow_lpm,
+                link_errors=run.watch.missing_frames,
+            )
+        )
