@@ -207,7 +207,7 @@ class JobTally:
         return Reached(self.unmeasured_site, self.depth_um, self.depth_target_um, u95_um)
 
     def result(self) -> JobResult:
-        """The measured sites and the times up to now."""
+        """Return the measured sites and the times up to now."""
         wears_um = [site.wear_um for site in self.sites.values()]
         if self.channel is not None:
             wears_um.append(self.channel.wear_um)

@@ -79,7 +79,7 @@ def run_jumps(run: JobRun, depth_um: float, count: int) -> JumpSeries:
 
 
 def _jump(run: JobRun, number: int) -> JumpMeasured:
-    """One period: rest, jump, rest; what the samples of it show."""
+    """Make one period of rest, jump and rest, and return what its samples show."""
     jump = run.profile.jump
     request, begin_s = jump_request(run, jump.height_um, 0.0), run.machine.time_s
     blocks: list[TelemetryBlock] = []
@@ -135,7 +135,7 @@ def _measured(run: JobRun, number: int, block: TelemetryBlock) -> JumpMeasured:
 
 
 def _settling_s(time_s: Floats, sensor_um: Floats, rest_um: float) -> float:
-    """Time until the smoothed displacement stays within `SETTLED_UM` of where it comes to rest."""
+    """Return the time until the smoothed displacement stays within `SETTLED_UM` of where it comes to rest."""
     period_s = float(np.median(np.diff(time_s)))
     width = max(1, round(SMOOTHED_S / period_s))
     smooth_um = np.convolve(sensor_um, np.full(width, 1.0 / width), mode="valid")

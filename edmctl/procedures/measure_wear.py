@@ -211,7 +211,7 @@ def _drifting_s(
 
 
 def _doubted(doubts_u_um: tuple[float, float, float]) -> UncertaintyPart:
-    """What touches in doubt add, of Z1, Z2 and Z3."""
+    """Return what touches in doubt add, of Z1, Z2 and Z3."""
     z1, z2, z3 = doubts_u_um
     return UncertaintyPart("touches in doubt", math.hypot(z1, z3), math.hypot(z2, z3), math.hypot(z1, z2))
 
@@ -233,7 +233,7 @@ def _budget(
     tilt_u_um: float,
     pad_u_um: float,
 ) -> tuple[UncertaintyPart, ...]:
-    """The parts that `process.wear.measure` adds up; lengths and parts are of wear, depth, feed in this order."""
+    """Return the parts that `process.wear.measure` adds up; lengths are of wear, depth, feed in this order."""
     z1, z2, z3 = (1.0 / reading.touches for reading in readings)
     age_s, depth_s = times_s
     drift = sensor_u.drift_u_um_per_s

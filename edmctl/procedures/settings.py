@@ -56,7 +56,7 @@ seconds), a touch three of its dwell (0.3 s), and a frame is the mean that the s
 
 
 def controller_settings(profile: Profile, setup: Setup) -> ControllerSettings:
-    """The controller's parameters for this recipe on this machine."""
+    """Return the controller's parameters for this recipe on this machine."""
     servo, actuator, pulse = profile.servo, setup.actuator, profile.pulse
     # Behind the sheet nothing but open pulses is right; before, the host looks (breakthrough.py).
     completion_um = target_of(profile).completion_um
@@ -102,7 +102,7 @@ def block_pulses(profile: Profile) -> int:
 
 
 def pulse_settings(profile: Profile) -> PulseSettings:
-    """What the generator is to make."""
+    """Return what the generator is to make."""
     pulse = profile.pulse
     return PulseSettings(
         on_time_us=pulse.on_time_us,
@@ -138,7 +138,7 @@ def recorded_every(profile: Profile, setup: Setup) -> int:
 
 
 def first_sparks_v(profile: Profile) -> float:
-    """Mean gap voltage at which an approach ends, V: halfway between an open gap and the servo's reference.
+    """Return the mean gap voltage at which an approach ends, V: halfway from open to the servo's reference.
 
     An approach that waits for the reference itself cuts as long as sparks keep the gap wider than that, which
     they do without end where erosion is as fast as the approach. The first sparks lower the mean at once; an
@@ -148,5 +148,5 @@ def first_sparks_v(profile: Profile) -> float:
 
 
 def gap_reference_v(profile: Profile) -> float:
-    """Mean gap voltage that the servo holds, V."""
+    """Return the mean gap voltage that the servo holds, V."""
     return profile.servo.reference * profile.pulse.duty_voltage_v

@@ -76,7 +76,7 @@ def _is_home_set(run: JobRun, home: Home, over_um: float) -> bool:
 
 
 def _stands_out(run: JobRun, home: Home, over_um: float, most_um: float) -> PreconditionError:
-    """Why no stage may move: the tool is too far out, or could be for all that is known of the sensor's zero."""
+    """Return why no stage may move: the tool is too far out, or could be with the sensor's drift."""
     if home.hidden_um <= CLEAR_UM:
         message = (
             f"The tool stands {over_um:.1f} µm from home at 0 V; the stages may move below {most_um:.1f} µm "
@@ -99,7 +99,7 @@ def _stands_out(run: JobRun, home: Home, over_um: float, most_um: float) -> Prec
 
 
 def _over_the_pad(run: JobRun) -> str:
-    """How a touch tells where home is."""
+    """Return how a touch tells where home is."""
     pad = run.job.pad
     return (
         "Look whether the tool is retracted and free. Then switch the controller off, home both stages, over the "
@@ -108,7 +108,7 @@ def _over_the_pad(run: JobRun) -> str:
 
 
 def _was_started_since(run: JobRun) -> bool:
-    """Whether the controller came up after the home that this job began with was seen."""
+    """Return whether the controller came up after the home that this job began with was seen."""
     before_the_job_s = run.machine.uptime_s - run.machine.time_s
     return math.isnan(run.tally.home_s) and before_the_job_s < run.job.home_age_s - REPORT_DELAY_S
 

@@ -210,7 +210,7 @@ class _Listener:
         self.lost_frames = 0
 
     def record(self, machine: Machine) -> Record:
-        """What was collected. Raises LinkLost E4020 when nothing came."""
+        """Return what was collected. Raises LinkLost E4020 when nothing came."""
         if not self.blocks:
             raise LinkLost(
                 "The controller sent no telemetry.", hint="Check the line, and try again.", code="E4020"

@@ -144,7 +144,7 @@ class SensorlessMachine:
 
     @property
     def identity(self) -> MachineIdentity:
-        """Who answered."""
+        """Identity of the controller."""
         return self._machine.identity
 
     @property
@@ -274,7 +274,7 @@ class SensorlessMachine:
         self._machine.safe_stop()
 
     def black_box(self) -> TelemetryBlock | None:
-        """What the controller saw before the latched fault; its displacements are of no meaning here."""
+        """Return what the controller saw before the latched fault; its displacements are of no meaning here."""
         return self._machine.black_box()
 
     def waveforms(self) -> WaveformBatch | None:
@@ -282,7 +282,7 @@ class SensorlessMachine:
         return self._machine.waveforms()
 
     def link_report(self) -> LinkReport:
-        """How the line did since the session opened."""
+        """Return how the line did since the session opened."""
         return self._machine.link_report()
 
     @property

@@ -61,7 +61,7 @@ class Tracker:
         self.estimator.correct(self.correction.gain, self.correction.offset_um)
 
     def zero_um(self, estimated_um: float, measured_um: float) -> float:
-        """What the sensor shows at a rest beyond the actuator's own displacement."""
+        """Return what the sensor shows at a rest beyond the actuator's own displacement."""
         return measured_um - self.correction.gain * self._raw_um(estimated_um)
 
     def note(self, estimated_um: float, measured_um: float) -> None:
@@ -86,7 +86,7 @@ class Tracker:
         self.estimator.correct(self.correction.gain, self.correction.offset_um)
 
     def _raw_um(self, estimated_um: float) -> float:
-        """What the model says before correction."""
+        """Return what the model says before correction."""
         return (estimated_um - self.estimator.offset_um) / self.estimator.gain
 
 

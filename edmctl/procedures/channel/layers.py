@@ -140,7 +140,7 @@ class Layers:
         self._engaged = False
 
     def _pass(self, held: HeldTool, uj_per_um: float, passes_after: int) -> PassResult:
-        """One pass, against the direction of the one before."""
+        """Make one pass, against the direction of the one before."""
         run, left = self._run, self._limits.left()
         if left.seconds <= 0.0:
             return _not_begun(left.limit, len(self._way.points))

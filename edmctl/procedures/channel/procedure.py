@@ -76,7 +76,7 @@ def machine_channel(
     left = channel_begun(run)
     surface = touch_untouched(run, way) if left is None else surface_left_by(run, left)
     layers = Layers(run, limits, way, surface, path.speed_um_s)
-    stops = _Stops(run, target, way, surface, layers, keep)
+    stops = _MeasuringStops(run, target, way, surface, layers, keep)
     try:
         if left is not None:
             ended = _ended(run, target, stops.take_up(left), last=False)
@@ -89,7 +89,7 @@ def machine_channel(
 
 
 def _cut_down(
-    run: JobRun, target: HoleTarget, layers: Layers, stops: _Stops, layer_um: float
+    run: JobRun, target: HoleTarget, layers: Layers, stops: _MeasuringStops, layer_um: float
 ) -> tuple[ChannelResult | None, Decision]:
     """Cut layer by layer, and measure where that is due, to the end."""
     corrections = run.profile.wear.max_cuts
@@ -125,7 +125,7 @@ def _cut_down(
 
 
 def _ended(run: JobRun, target: HoleTarget, result: ChannelResult, *, last: bool) -> Decision | None:
-    """The end after a measuring stop, at the target or `last` or with a worn tool; None where more is to be cut."""
+    """Return the end at the target, after the `last` stop or with a worn tool; None where more is to be cut."""
     worn_out = _worn_out(run, target, result)
     if worn_out is not None:
         return worn_out
@@ -134,7 +134,7 @@ def _ended(run: JobRun, target: HoleTarget, result: ChannelResult, *, last: bool
     return None
 
 
-class _Stops:
+class _MeasuringStops:
     """The measuring stops of a channel: when the next is due, and what they find."""
 
     def __init__(
@@ -160,7 +160,7 @@ class _Stops:
             self._keep_state("measuring")
 
     def due(self, layers_after: int) -> bool:
-        """Whether to measure after the next layer, with so many left after it.
+        """Return whether to measure after the next layer, with so many left after it.
 
         After the second layer for wear and gap; whenever the tool's face is no longer known to half the tolerance;
         and before the last layer, which is to end at the target, where it is not known to a quarter.
@@ -267,12 +267,12 @@ class _Stops:
 
 
 def _good_enough_um(target: HoleTarget) -> float:
-    """A rest below this is not worth another layer, or is noise."""
+    """Return a rest below this is not worth another layer, or is noise."""
     return max(target.tolerance_um / 2.0, NOISE_FLOOR_SIGMAS * TOUCH_U_UM)
 
 
 def _final(run: JobRun, target: HoleTarget, result: ChannelResult) -> Decision:
-    """The end after the last layer: the objective reached, or missed by the depth or the evenness of the floor."""
+    """Return the end after the last layer: target reached, or missed by the depth or the evenness of the floor."""
     tolerance_um, target_um = target.tolerance_um, target.depth_um
     off_um = result.depth_um - target_um
     message = (
@@ -299,7 +299,7 @@ def _final(run: JobRun, target: HoleTarget, result: ChannelResult) -> Decision:
 
 
 def _worn_out(run: JobRun, target: HoleTarget, result: ChannelResult) -> Decision | None:
-    """The end where the tool has lost more than it may; None while it has not."""
+    """Return the end where the tool has lost more than it may; None while it has not."""
     lost_um, limit_um = run.job.tool_wear_before_um + result.wear_um, run.profile.tool.max_wear_um
     if lost_um <= limit_um:
         return None
@@ -314,7 +314,7 @@ def _worn_out(run: JobRun, target: HoleTarget, result: ChannelResult) -> Decisio
 def _missed(
     run: JobRun, target: HoleTarget, fault: str, message: str, result: ChannelResult | None
 ) -> Decision:
-    """The end by a row of the faults, with what was reached."""
+    """Return the end by a row of the faults, with what was reached."""
     depth_um = 0.0 if result is None else result.depth_um
     reached = f"a floor {depth_um:.2f} of {target.depth_um:g} µm deep"
     error = host_fault(fault, f" The channel ended early ({message}) at {reached}.")

@@ -79,7 +79,7 @@ def channel_left(
     most_um: float,
     wear_um: float,
 ) -> ChannelResult:
-    """A channel that was cut on to about `depth_um` since it was measured, and then left, by estimate.
+    """Return a channel that was cut on to about `depth_um` since it was measured, and then left, by estimate.
 
     It may be as deep as `most_um` in places. `wear_um` is the wear by the energy of whole passes; since the stop the
     tool has lost as much per depth as before at least. Whatever was not touched may be wrong by all of it, and by as
@@ -114,7 +114,7 @@ def channel_left(
 def _uncertainties(
     run: JobRun, surface: ChannelSurface, found: FloorReading, uneven_um: float
 ) -> tuple[float, float]:
-    """95 % half-widths of mean depth and wear: touches and doubts of floor and pad, sensor, drift, face, stages.
+    """Return half the 95 % intervals of mean depth and wear: touches, doubts, sensor, drift, face, stages.
 
     How much the floor varies from place to place counts too, as only some were touched. The pad is touched before
     and after the floor, so a steady drift is no part of the depth.
@@ -156,7 +156,7 @@ def _uncertainties(
 
 
 def channel_row(run: JobRun, result: ChannelResult) -> SiteRow:
-    """The channel as a row of the results: Z2 is the mean of its floor."""
+    """Return the channel as a row of the results: Z2 is the mean of its floor."""
     path = run.profile.path
     assert path is not None
     volume_um3 = result.depth_um * result.width_um * result.length_um

@@ -113,7 +113,7 @@ def channel_state(
 
 
 def channel_begun(run: JobRun) -> JobState | None:
-    """What an earlier run of the job has left of the channel; None where it had not begun to cut."""
+    """Return what an earlier run of the job has left of the channel; None where it had not begun to cut."""
     state = run.job.resumed
     return state if state is not None and state.begun else None
 
@@ -146,13 +146,13 @@ def go_on_from(run: JobRun, state: JobState, layers: Layers, way: Way) -> tuple[
 
 
 def stops_left(state: JobState) -> tuple[int, bool]:
-    """How many measuring stops there were, and whether one has measured the gap that a held tool leaves."""
+    """Return how many measuring stops there were, and whether one has measured the gap that a held tool leaves."""
     left = _channel(state)
     return int(left["stops"]), bool(left["gap_learned"])
 
 
 def expected_of_channel(state: JobState) -> ExpectedHole:
-    """What to expect of the channel that was left: a held tool cuts no deeper in the last seconds than its layer."""
+    """Return what to expect of the channel that was left; a held tool cuts no deeper at last than its layer."""
     left = _channel(state)
     unseen_um = left["aim_um"] - left["depth_um"]
     if state.machining_time_s >= PERIOD_S:
@@ -161,7 +161,7 @@ def expected_of_channel(state: JobState) -> ExpectedHole:
 
 
 def unknown_of_left(run: JobRun, state: JobState) -> ExtraUncertainty:
-    """How far pad and floor may be from where they are expected, so that a mistake is found and not missed."""
+    """Return how far pad and floor may be from where they are expected: a mistake is found, not missed."""
     expected, left = expected_of_channel(state), _channel(state)
     drift_um = STANDARD_UNCERTAINTIES * pause_drift_u_um(run.job)
     return ExtraUncertainty(
@@ -172,7 +172,7 @@ def unknown_of_left(run: JobRun, state: JobState) -> ExtraUncertainty:
 
 
 def with_journal_hint(fault: MachineFault) -> MachineFault:
-    """The fault of a touch, with what a missing surface may mean."""
+    """Return the fault of a touch, with what a missing surface may mean."""
     if fault.code == NO_CONTACT:
         fault.hint += " Work, place or tool may not be those that the journal tells of."
     return fault

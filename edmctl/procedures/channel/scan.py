@@ -45,7 +45,7 @@ LEARN_OVER_UM = 200.0
 """The energy per length that was expected counts as much as this length of the pass."""
 HELD_ENOUGH = 0.8
 """A layer is cut when the tool stood at its limit on this share of the path; the next one takes the rest along."""
-STANDS_S = 10.0
+STALLED_S = 10.0
 """Stages that stand for so long over a gap that is not shorted have lost their lines."""
 TIME_SLACK_S = 2.0
 """The host ends a pass when the time is up; the controller would do so this much later."""
@@ -132,7 +132,7 @@ def _watch(run: JobRun, feeder: _Feeder, end_s: float, time_limit: str) -> tuple
         ended = run.machine.watch_cut(SLICE_S)
         if ended is not None:
             return (ended, "", "") if ended.code is EventCode.PATH_DONE else (ended, "TIMEOUT", time_limit)
-        if message := feeder.follower.unstable or feeder.stands:
+        if message := feeder.follower.unstable or feeder.stalled:
             return run.machine.stop_cut(), "STALL", message
         if run.machine.time_s >= end_s:
             return run.machine.stop_cut(), "TIMEOUT", time_limit
@@ -167,11 +167,11 @@ class _Feeder:
         return self._held_slices / self._slices if self._slices else 0.0
 
     @property
-    def stands(self) -> str:
+    def stalled(self) -> str:
         """What is wrong with stages that have stood still for long; nothing while they move."""
-        stood = self._run.machine.time_s - self._moved_s > STANDS_S
+        stood = self._run.machine.time_s - self._moved_s > STALLED_S
         return (
-            f"the stages stood still for {STANDS_S:.0f} s, {self._here_um:.0f} µm along the path"
+            f"the stages stood still for {STALLED_S:.0f} s, {self._here_um:.0f} µm along the path"
             if stood
             else ""
         )

@@ -92,7 +92,7 @@ class FloorReading:
 
 
 def touch_untouched(run: JobRun, way: Way) -> ChannelSurface:
-    """Z1 at the pad, then the face at places of the path: its tilt would otherwise enter the floor."""
+    """Touch the pad (Z1), then the face at places of the path, as its tilt would otherwise enter the floor."""
     expected_um = run.tally.home_um + run.profile.approach.offset_um
     z1 = read_pad(run, "Z1", run.profile.meta.name, expected_um, OFFSET_U_UM)
     candidates = [_place(run, way, s_um) for s_um in even_places(way, FACE_CANDIDATES)]
@@ -178,7 +178,7 @@ def _short_ones_again(
 def _touch_pad(
     run: JobRun, surface: ChannelSurface, predicted_um: float, pad_u_um: float, unknown: ExtraUncertainty
 ) -> SurfaceReading:
-    """Z3. Whether the tool is the one that an earlier run has left is asked with what is found of the floor."""
+    """Touch the pad (Z3). The tool that an earlier run has left is compared together with the floor."""
     z1 = surface.z1
     z3 = read_pad(run, "Z3", run.profile.meta.name, predicted_um, pad_u_um)
     if unknown is NO_EXTRA:
@@ -189,7 +189,7 @@ def _touch_pad(
 def _surface_at(
     place: Place, z2: SurfaceReading, before: SurfaceReading, after: SurfaceReading, surface: ChannelSurface
 ) -> float:
-    """Where the tool would have met the untouched face at a place, when it touched there."""
+    """Return where the tool would have met the untouched face at a place, when it touched there."""
     share = (z2.time_s - before.time_s) / (after.time_s - before.time_s)
     pad_um = before.z_um + share * (after.z_um - before.z_um)
     return pad_um + surface.plane.height_um(place.x_um, place.y_um)
@@ -198,7 +198,7 @@ def _surface_at(
 def learned_gap_um(
     plan: PassPlan, done: PassResult, found: FloorReading, wear: ToolWear, believed_um: float
 ) -> float:
-    """Mean gap that a pass left between the held tool and the floor, by the wear per energy as now known.
+    """Return the mean gap that a pass left between the held tool and the floor, by the wear per energy as now known.
 
     A tool that was not held, and touches in doubt, say nothing of a gap: then it is what was believed.
     """
@@ -211,7 +211,7 @@ def learned_gap_um(
 
 
 def _held_um(plan: PassPlan, done: PassResult, wear: ToolWear, s_um: float) -> float:
-    """Where the tool was held at a place, as the tool that touches there would show it.
+    """Return where the tool was held at a place, as the tool that touches there would show it.
 
     That one is shorter, by the wear of the rest of the pass.
     """

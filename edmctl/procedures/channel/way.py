@@ -28,6 +28,6 @@ def way_of_path(path: PathTable) -> Way:
 
 
 def is_on_way(way: Way, here: tuple[float, float], within_um: float) -> bool:
-    """Whether a place of the stages is on the way, as exactly as its pieces tell."""
+    """Return whether a place of the stages is on the way, as exactly as its pieces tell."""
     nearest_um = min(math.dist(here, (float(x_um), float(y_um))) for x_um, y_um in way.points)
     return nearest_um <= 0.5 * PIECE_UM + within_um

@@ -80,13 +80,13 @@ def decide(
 
 
 def out_of_time(target: HoleTarget, plan: CutPlan, limit: str) -> Decision:
-    """The end before a cut for which `limit` leaves no time."""
+    """Return the end before a cut for which `limit` leaves no time."""
     reached = target.reached(plan.start.depth_um, plan.start.depth_um + plan.start.wear_um)
     return _missed("TIMEOUT", f" No time is left for cut {plan.number}: {limit}; the job ends at {reached}.")
 
 
 def unfinished(target: HoleTarget, cut: CutResult, depth_um: float, feed_um: float) -> Decision:
-    """The end after a cut that did not reach its limit."""
+    """Return the end after a cut that did not reach its limit."""
     reached = target.reached(depth_um, feed_um)
     if cut.fault:
         return _missed(cut.fault, f" The cut ended early ({cut.message}) at {reached}.")
@@ -96,7 +96,7 @@ def unfinished(target: HoleTarget, cut: CutResult, depth_um: float, feed_um: flo
 
 
 def _missed(row: str, message: str) -> Decision:
-    """The end by a row of the faults, and what was reached."""
+    """Return the end by a row of the faults, and what was reached."""
     error = host_fault(row, message)
     return Decision(None, error.message, error.message, error.hint, error.code)
 
@@ -118,7 +118,7 @@ def _final(profile: Profile, target: HoleTarget, number: int, found: DepthAndWea
 
 
 def remedy(profile: Profile, off_um: float, wear_ratio: float = math.nan) -> str:
-    """What to do about a depth that misses its target by `off_um`; `wear_ratio` is NaN where it was not measured."""
+    """Return the remedy for a depth that misses its target by `off_um`; an unmeasured `wear_ratio` is NaN."""
     if off_um < 0.0:
         key = "max_cuts" if cut_budget(profile) == profile.wear.max_cuts else "remeasure"
         return f"Allow more cuts (wear.{key})."

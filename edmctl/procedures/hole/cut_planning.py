@@ -45,11 +45,11 @@ class CutStart:
     wear_u_um: float = 0.0
 
     def bottom_u_at(self, now_s: float) -> float:
-        """Standard uncertainty of where the tool would touch the bottom, at a moment."""
+        """Return the standard uncertainty of where the tool would touch the bottom, at a moment."""
         return math.hypot(self.bottom_u_um, self.drift_u_um_per_s * max(0.0, now_s - self.time_s))
 
     def u_at(self, now_s: float) -> float:
-        """Standard uncertainty of a depth that is counted from the bottom at a moment, working gap apart."""
+        """Return the standard uncertainty of a depth counted from the bottom at a moment, without working gap."""
         return math.hypot(self.bottom_u_at(now_s), self.depth_u_um)
 
 
@@ -98,7 +98,7 @@ class CutPlan:
         )
 
     def contradicts(self, displacement_um: float, energy: Energy) -> bool:
-        """Whether by what is believed the feed cannot have taken that energy: then only a touch can tell."""
+        """Return whether by what is believed the feed cannot have taken that energy: then only a touch can tell."""
         return self.estimate.contradicts(self.fed_um(displacement_um), self.start.gap_u_um, energy)
 
     def off_by_energy_um(self, displacement_um: float, energy: Energy) -> float:
@@ -106,7 +106,7 @@ class CutPlan:
         return self.estimate.off_by_energy_um(self.fed_um(displacement_um), self.start.gap_u_um, energy)
 
     def stated_u95_um(self, live: LiveErosion) -> tuple[float, float]:
-        """Half the 95 % intervals of depth and wear as they are told in a cut.
+        """Return half the 95 % intervals of depth and wear as they are shown in a cut.
 
         How the feed of this cut divides is as unknown as any recipe's, until a touch has confirmed it.
         """
@@ -120,7 +120,7 @@ class CutPlan:
         )
 
     def wear_u95_um(self, live: LiveErosion) -> float:
-        """Half the 95 % interval of the hole's wear in this cut: what was unknown before it counts too."""
+        """Return half the 95 % interval of the hole's wear in this cut: what was unknown before it counts too."""
         return COVERAGE * math.hypot(self.start.wear_u_um, live.wear_u_um)
 
     def depth_at(self, displacement_um: float) -> float:
@@ -129,7 +129,7 @@ class CutPlan:
 
 
 def estimate_of(profile: Profile) -> ErosionEstimate:
-    """What the recipe knows before anything was machined."""
+    """Return what the recipe knows before anything was machined."""
     work, wear = profile.work, profile.wear
     return ErosionEstimate(
         removal_um3_per_uj=work.removal_um3_per_uj * (1.0 - WALL_SHARE),
@@ -163,7 +163,7 @@ def first_plan(
     estimate: ErosionEstimate | None = None,
     now_s: float = 0.0,
 ) -> CutPlan:
-    """The first cut of a hole, planned at `now_s`: all of a feed or way through, of a depth what is surely short."""
+    """Plan the first cut of a hole at `now_s`: all of a feed or way through, of a depth what is surely short."""
     target = target or target_of(profile)
     estimate = estimate or estimate_of(profile)
     if target.kind == "feed":
@@ -186,7 +186,7 @@ def first_plan(
 
 
 def through_plan(number: int, start: CutStart, target: HoleTarget, estimate: ErosionEstimate) -> CutPlan:
-    """All that is left of a way through the sheet.
+    """Return all that is left of a way through the sheet.
 
     The breakthrough ends it: the limit leaves room for a tool that wears more than the recipe says.
     """
@@ -204,7 +204,7 @@ def following_plan(
     *,
     touch_final: bool = False,
 ) -> CutPlan:
-    """The next cut, from the bottom just touched, with the gap and the estimate just learned.
+    """Return the next cut, from the bottom just touched, with the gap and the estimate just learned.
 
     `touch_final` says that it is measured however small.
     """
@@ -223,7 +223,7 @@ def following_plan(
 
 
 def _cut_s(profile: Profile, target: HoleTarget, depth_um: float, estimate: ErosionEstimate) -> float:
-    """How long a cut of that depth will take, for what drifts meanwhile."""
+    """Return how long a cut of that depth will take, for what drifts meanwhile."""
     return depth_um * (1.0 + estimate.wear_ratio) / feed_rate_um_s(profile, target.depth_um)
 
 
@@ -240,5 +240,5 @@ def _planned(
 
 
 def learned_gap_um(bottom_um: float, end_displacement_um: float) -> float:
-    """The working gap: how much further the tool goes to touch than it went to spark."""
+    """Return the working gap: how much further the tool goes to touch than it went to spark."""
     return bottom_um - end_displacement_um

@@ -109,5 +109,5 @@ def judge_again(run: JobRun, hole: OpenHole, surface: SurfacePlane, gap_um: floa
 
 
 def debris_um(hole: OpenHole, surface: SurfacePlane) -> float:
-    """How high something lies on the face where an untouched hole goes."""
+    """Return how high something lies on the face where an untouched hole goes."""
     return surface.debris_um.get(hole.site.name, 0.0) if hole.stops == 0 else 0.0

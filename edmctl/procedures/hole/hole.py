@@ -58,7 +58,7 @@ class JobKnowledge:
 
 
 def initial_knowledge(run: JobRun) -> JobKnowledge:
-    """What the recipe and the setup say before the first touch."""
+    """Return what the recipe and the setup say before the first touch."""
     profile, resumed = run.profile, run.job.resumed
     gap_u_um = first_gap_u_um(profile.pulse.open_voltage_v)
     knowledge = JobKnowledge(
@@ -86,7 +86,7 @@ class FirstSparks:
     debris_um: float
 
     def off(self, open_voltage_v: float, gap_um: float, gap_u_um: float) -> Deviation:
-        """How much later they began than such a gap makes them; of bare surface and what lies there the nearer."""
+        """Return how much later they began than such a gap makes them, on the surface or on what lies there."""
         before_um, before_u_um = first_sparks_um(open_voltage_v)
         off_um = self.z_um - (self.bottom_um - gap_um - before_um)
         u_um = math.hypot(self.bottom_u_um, gap_u_um, before_u_um)
@@ -261,7 +261,7 @@ class Unmeasured:
 
 
 def touch_pad_first(run: JobRun, name: str, knowledge: JobKnowledge) -> SurfaceReading:
-    """Z1: the pad before anything else; its two spots may tell of the slope too."""
+    """Touch the pad before anything else (Z1); its two spots may show the slope too."""
     return fit_pad_slope(
         run, knowledge.surface, read_pad(run, "Z1", name, knowledge.pad_um, knowledge.pad_u_um)
     )
@@ -295,7 +295,7 @@ def hole_at(
 
 
 def start_of(run: JobRun, hole: OpenHole, knowledge: JobKnowledge) -> CutStart:
-    """What the first cut of an untouched hole starts from: tool, face, and what measures."""
+    """Return what the first cut of an untouched hole starts from: tool, face, and what measures."""
     assert knowledge.tool is not None
     sensor_u, tool = run.uncertainty, knowledge.tool
     length_um = hole.target.feed_um if hole.target.kind == "feed" else hole.target.depth_um

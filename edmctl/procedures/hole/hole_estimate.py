@@ -47,7 +47,7 @@ class Estimate:
     feed_u_um: float = 0.0
 
     def left(self, unseen_um: float, wear_ratio: float, *, touched: bool) -> Estimate:
-        """The same of a hole that was left: up to `unseen_um` more may have been fed, any of it as likely.
+        """Return the same of a hole that was left: up to `unseen_um` more may have been fed, any of it as likely.
 
         Where no hole was `touched` before, the recipe alone says how the feed divides. `wear_ratio` is the wear per
         depth that is believed, for a hole that shows none yet.
@@ -66,7 +66,7 @@ class Estimate:
         )
 
     def as_found(self) -> DepthAndWear:
-        """The same as if it had been measured."""
+        """Return the same as if it had been measured."""
         return DepthAndWear(
             depth_um=self.depth_um,
             depth_u95_um=COVERAGE * self.depth_u_um,
@@ -101,23 +101,23 @@ class ExpectedHole:
         return STANDARD_UNCERTAINTIES * self.estimate.feed_u_um + self.unseen_um
 
     def depth_fits(self, found: DepthAndWear) -> bool:
-        """Whether this can be the hole."""
+        """Return whether this can be the hole."""
         estimate = self.estimate
         return self._fits(found.depth_um - estimate.depth_um, estimate.depth_u_um, found.depth_u95_um)
 
     def tool_fits(self, found: DepthAndWear) -> bool:
-        """Whether this can be the tool that made it, where it was left."""
+        """Return whether this can be the tool that made it, where it was left."""
         estimate = self.estimate
         more_um = found.feed_um - estimate.depth_um - estimate.wear_um
         return self.wear_fits(found) and self._fits(more_um, estimate.feed_u_um, found.feed_u95_um)
 
     def wear_fits(self, found: DepthAndWear) -> bool:
-        """The same by the wear alone, where no bottom tells of the feed."""
+        """Return the same by the wear alone, where no bottom tells of the feed."""
         estimate = self.estimate
         return self._fits(found.wear_um - estimate.wear_um, estimate.wear_u_um, found.wear_u95_um)
 
     def through_at_most(self, thickness_um: float) -> ExpectedHole:
-        """The same of a hole through a sheet: behind it the tool is fed on and neither cuts nor wears."""
+        """Return the same of a hole through a sheet: behind it the tool is fed on and neither cuts nor wears."""
         estimate = self.estimate
         if estimate.depth_um <= thickness_um:
             return self
@@ -130,18 +130,18 @@ class ExpectedHole:
 
 
 def is_untouched(found: DepthAndWear) -> bool:
-    """Whether touches found a face and no hole."""
+    """Return whether touches found a face and no hole."""
     return abs(found.depth_um) <= STANDARD_UNCERTAINTIES * found.depth_u95_um / COVERAGE
 
 
 def expected_of_left(state: JobState, profile: Profile) -> ExpectedHole:
-    """What to expect of the hole that was left."""
+    """Return what to expect of the hole that was left."""
     left = estimate_left(state)
     return ExpectedHole(left, PERIOD_S * most_um_s(left, state.machining_time_s, profile))
 
 
 def most_um_s(estimate: Estimate, machining_time_s: float, profile: Profile) -> float:
-    """The most that the last seconds may have fed."""
+    """Return the most that the last seconds may have fed."""
     by_recipe_um_s = feed_rate_um_s(profile, 0.0)
     if machining_time_s < PERIOD_S:
         return FASTEST * by_recipe_um_s
@@ -149,7 +149,7 @@ def most_um_s(estimate: Estimate, machining_time_s: float, profile: Profile) -> 
 
 
 def expected_of_finished(site: SiteResult) -> ExpectedHole:
-    """What to expect of a hole that was finished: nothing was cut after its result."""
+    """Return what to expect of a hole that was finished: nothing was cut after its result."""
     believed_um = 0.0
     if site.estimated_um and site.depth_um > 0.0:
         believed_um = BELIEF_U_REL * site.wear_um * site.estimated_um / site.depth_um
@@ -188,7 +188,7 @@ def estimate_left(state: JobState) -> Estimate:
 
 
 def other_work(site: Place, found: DepthAndWear, expected: Estimate, *, begun: bool) -> PreconditionError:
-    """E8060: the touches found no hole of that depth."""
+    """Return E8060: the touches found no hole of that depth."""
     if begun:
         otherwise = "On untouched work, --restart-hole makes the hole from its face."
     else:
@@ -203,7 +203,7 @@ def other_work(site: Place, found: DepthAndWear, expected: Estimate, *, begun: b
 
 
 def other_tool(found: DepthAndWear, expected: Estimate) -> PreconditionError:
-    """E8061: the hole is that deep, but the tool is not as long as it was left."""
+    """Return E8061: the hole is that deep, but the tool is not as long as it was left."""
     return PreconditionError(
         f"The tool is {with_u95(found.wear_um, found.wear_u95_um)} µm shorter than before the hole; the journal "
         f"expects {with_u95(expected.wear_um, COVERAGE * expected.wear_u_um)} µm.",
@@ -214,7 +214,7 @@ def other_tool(found: DepthAndWear, expected: Estimate) -> PreconditionError:
 
 
 def hole_found(site: Place, found: DepthAndWear) -> PreconditionError:
-    """E8062: there is a hole where one is to be begun."""
+    """Return E8062: there is a hole where one is to be begun."""
     return PreconditionError(
         f"There is no untouched face at {site.name}: it is {with_u95(found.depth_um, found.depth_u95_um)} µm deep.",
         hint="Go on with the hole without --restart-hole, or put untouched work in.",

@@ -100,7 +100,7 @@ def _state(run: JobRun, hole: OpenHole, state: JobState, now_s: float) -> JobSta
 
 
 def _estimate(run: JobRun, hole: OpenHole, now_s: float) -> Estimate:
-    """What is known of the hole at a time of the run."""
+    """Return what is known of the hole at a time of the run."""
     cut = run.tally.cut
     if hole.plan is not None and not math.isnan(cut.displacement_um):
         energy = energy_of(run.profile.pulse, cut.counts, cut.energy_j)

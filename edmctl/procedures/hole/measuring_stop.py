@@ -91,7 +91,7 @@ def decide_next(
 def touch_pad(
     run: JobRun, hole: OpenHole, plan: CutPlan, cut: CutResult, more_u_um: float = 0.0
 ) -> SurfaceReading:
-    """Z3: the pad, with the worn tool. `more_u_um` is a standard uncertainty on top."""
+    """Touch the pad with the worn tool (Z3). `more_u_um` is a standard uncertainty on top."""
     end_um = cut.end_displacement_um
     live = plan.at(end_um, energy_of(run.profile.pulse, cut.counts, cut.energy_j))
     u_um = math.hypot(PAD_U_UM, live.wear_u_um, hole.z1_u_um, more_u_um)
@@ -102,7 +102,7 @@ def touch_pad(
 
 
 def measured(run: JobRun, hole: OpenHole, z2: SurfaceReading, z3: SurfaceReading) -> DepthAndWear:
-    """What bottom and pad say of a hole, against where it began."""
+    """Return what bottom and pad say of a hole, against where it began."""
     sensor_u, z1 = run.uncertainty, hole.z1
     return measure(
         z1.reading,
@@ -191,7 +191,7 @@ def with_doubt_of_wear(
 
 
 def next_start(run: JobRun, hole: OpenHole, knowledge: JobKnowledge) -> CutStart:
-    """What a further cut of a measured hole would start from."""
+    """Return what a further cut of a measured hole would start from."""
     assert hole.found is not None
     found = hole.found
     return CutStart(

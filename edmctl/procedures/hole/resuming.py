@@ -149,7 +149,7 @@ def refuse_other(
 
 
 def refused(run: JobRun, error: PreconditionError) -> PreconditionError:
-    """The error of work or a tool that was not left: what the journal estimates is no result of this run then."""
+    """Return the error, after clearing what the journal estimates: it is no result of this run then."""
     run.tally.depth_um, run.tally.unmeasured_site = math.nan, ""
     return error
 
@@ -171,7 +171,7 @@ def _on_its_own_surface(
     z3: SurfaceReading,
     found: DepthAndWear,
 ) -> DepthAndWear:
-    """What was found, with the face as it is beside the hole where this may be other work, of another slope.
+    """Return what was found, with the face as it is beside the hole where this may be other work, of another slope.
 
     A hole that is hardly begun shows nothing: what the earlier run has touched of the face counts no more then.
     """
@@ -328,7 +328,7 @@ def resume_through_hole(run: JobRun, site: Place, knowledge: JobKnowledge, limit
 def _open(
     run: JobRun, hole: OpenHole, knowledge: JobKnowledge, pad: SurfaceReading, expected: ExpectedHole
 ) -> Decision:
-    """The end of a hole that was open when it was looked at again."""
+    """Return the end of a hole that was open when it was looked at again."""
     target = hole.target
     tip_um = pad.z_um + hole.face_um + target.depth_um + target.completion_um
     hole.stops += 1

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 def unmeasured(
     run: JobRun, hole: OpenHole, pad_s: float, plan: CutPlan, cut: CutResult, live: LiveErosion
 ) -> Unmeasured:
-    """What is to be remembered of a cut just made that no touch follows; the pad was last touched at `pad_s`.
+    """Return what is to be remembered of a cut just made that no touch follows; the pad was last touched at `pad_s`.
 
     The ratio of wear to depth errs alike in all cuts of a job; working gap and scatter do not, nor does wear that
     the energy of this cut contradicts.

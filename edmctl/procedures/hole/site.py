@@ -58,7 +58,7 @@ def cut_to_the_end(
 
 
 def _cut(run: JobRun, hole: OpenHole, knowledge: JobKnowledge, plan: CutPlan, limits: TimeLimits) -> Decision:
-    """One planned cut, unless the time is up: looked at before the approach, which sparks, and after it."""
+    """Make one planned cut, unless the time is up before the approach, which sparks, or after it."""
     if limits.left().seconds <= 0.0:
         return _no_time(run, hole, plan, limits)
     move_to(run, hole.site)
@@ -87,7 +87,7 @@ def _cut(run: JobRun, hole: OpenHole, knowledge: JobKnowledge, plan: CutPlan, li
 
 
 def _is_surprising(run: JobRun, plan: CutPlan, cut: CutResult) -> bool:
-    """Whether a cut lost its sparks, or its energy does not go with its feed: then a touch has to tell."""
+    """Return whether a cut lost its sparks, or its energy does not go with its feed: then a touch has to tell."""
     if cut.end_displacement_um < plan.z_limit_um:
         return True
     energy = energy_of(run.profile.pulse, cut.counts, cut.energy_j)
@@ -159,7 +159,7 @@ def touch_bottom_or_none(
 
 
 def through_message(target: HoleTarget, found: DepthAndWear) -> str:
-    """The end of a hole that is open, in words."""
+    """Return the end of a hole that is open, in words."""
     return (
         f"Through the sheet of {target.depth_um:g} µm; the tip went {found.depth_um:.1f} µm below its face."
     )

@@ -59,7 +59,7 @@ class CutSums:
 
 
 def site_row(result: SiteResult) -> SiteRow:
-    """The same as a row of the run file."""
+    """Return the same as a row of the run file."""
     return SiteRow(
         site=result.name,
         x_um=result.x_um,

@@ -85,7 +85,7 @@ def _touch_surface(run: JobRun, site: Place, knowledge: JobKnowledge, left: Sequ
 
 
 def _worn_out(run: JobRun, knowledge: JobKnowledge, left: Sequence[Place]) -> Decision | None:
-    """The end before a place for which the tool may not be worn any further; None while it may."""
+    """Return the end before a place for which the tool may not be worn any further; None while it may."""
     lost_um = run.job.tool_wear_before_um + run.tally.wear_um
     target = target_of(run.profile, left[0])
     feed_um, ratio = target.feed_um, knowledge.estimate.wear_ratio

@@ -37,7 +37,7 @@ class HoleTarget:
         return f"a depth of {self.depth_um:g} µm"
 
     def reached(self, depth_um: float, feed_um: float) -> str:
-        """What was reached of it, in words."""
+        """Return what was reached of it, in words."""
         if self.kind == "feed":
             return f"a feed of {feed_um:.2f} of {self.feed_um:g} µm"
         return f"a depth of {depth_um:.2f} of {self.depth_um:g} µm"

@@ -40,7 +40,7 @@ IN_DOUBT = "Clean tool and work, and measure the hole again: bottom or face may 
 
 
 def judged(job: Job, result: SiteResult) -> SiteResult:
-    """The result of a hole with its verdict."""
+    """Return the result of a hole with its verdict."""
     verdict = verdict_of(
         _target(job, result.name), result.depth_um, result.depth_u95_um, through=result.through
     )
@@ -48,7 +48,7 @@ def judged(job: Job, result: SiteResult) -> SiteResult:
 
 
 def judge_holes(run: JobRun, last: Decision | None) -> Decision | None:
-    """The end of a job of holes, from their verdicts; None where all are what was wanted.
+    """Return the end of a job of holes, from their verdicts; None where all are what was wanted.
 
     `last` is the decision that ended the job short of its last hole or of its objective; it stands, and what else is
     wrong is told behind it.
@@ -76,7 +76,7 @@ def judge_holes(run: JobRun, last: Decision | None) -> Decision | None:
 
 
 def judged_channel(target: HoleTarget, result: ChannelResult) -> ChannelResult:
-    """The result of a channel with its verdict: its floor must lie within the tolerance, root mean square."""
+    """Return the result of a channel with its verdict: its floor must lie within the tolerance, root mean square."""
     verdict = verdict_of(target, result.depth_um, result.depth_u95_um, through=False)
     if result.floor_rms_um(target.depth_um) > target.tolerance_um:
         verdict = Verdict.MISSED
@@ -96,7 +96,7 @@ def _target(job: Job, name: str) -> HoleTarget:
 
 
 def _remedy(job: Job, site: SiteResult) -> str:
-    """What to do about a hole: where it is missed, that goes by the side on which it is."""
+    """Return what to do about a hole: where it is missed, that goes by the side on which it is."""
     if site.verdict is not Verdict.MISSED:
         in_doubt = site.in_doubt and site.depth_basis is not Basis.MODEL
         return IN_DOUBT if in_doubt else REMEDIES[site.depth_basis]

@@ -64,11 +64,11 @@ class Rests:
             self._low_um, self._high_um = min(self._low_um, low_um), max(self._high_um, high_um)
 
     def home_um(self, zero_um: float) -> float:
-        """What the sensor shows of a tool at home, by a rest with that zero."""
+        """Return what the sensor shows of a tool at home, by a rest with that zero."""
         return self.first_um + (zero_um - self._rests[0][1] if self._rests else 0.0)
 
     def ends(self) -> tuple[tuple[float, float], ...]:
-        """Time and zero of the first and of the newest rest; none before the first."""
+        """Return time and zero of the first and of the newest rest; none before the first."""
         return (self._rests[0], self._rests[-1]) if self._rests else ()
 
     @property
@@ -124,7 +124,7 @@ def _fastest_um_s(zeros: Sequence[Zero], recent_s: float, crept_um: float = 0.0)
 
 
 def first_home_um(rest_um: float, expected_um: float, drift_um: float) -> float:
-    """What a first rest at 0 V says of home, expected at `expected_um` and perhaps drifted by `drift_um` since.
+    """Return home by a first rest at 0 V, expected at `expected_um` and perhaps drifted by `drift_um` since.
 
     A rest that reads less is believed: nothing pulls a tool beyond home. One that reads more is, as far as the
     sensor may have drifted since; what is left is a tool that stands out, by creep or by something that is broken.
@@ -133,7 +133,7 @@ def first_home_um(rest_um: float, expected_um: float, drift_um: float) -> float:
 
 
 def displacement_uncertainty(job: Job) -> Displacement:
-    """What is known of the displacements that a job goes by: the sensor's, or those of a calibrated actuator.
+    """Return what is known of the displacements that a job goes by: the sensor's, or those of a calibrated actuator.
 
     A calibration inherits scale and linearity of the sensor that it was made with. Its gain may have moved by
     2.5 % since then, its zero walks by 1 µm in ten minutes, and a length is the difference of two estimates.
@@ -153,7 +153,7 @@ def uncertainty_now(job: Job, rests: Rests) -> Displacement:
 
 
 def counted_pause_s(job: Job) -> float:
-    """The pause as far as drift goes on in it.
+    """Return the pause as far as drift goes on in it.
 
     An unknown pause, and one of days, counts until three standard uncertainties of the drift are the whole stroke.
     """
@@ -166,5 +166,5 @@ def counted_pause_s(job: Job) -> float:
 
 
 def pause_drift_u_um(job: Job) -> float:
-    """Standard uncertainty of a place of the tool that was touched before the pause."""
+    """Return the standard uncertainty of a place of the tool that was touched before the pause."""
     return displacement_uncertainty(job).drift_u_um_per_s * counted_pause_s(job)

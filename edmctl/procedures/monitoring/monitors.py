@@ -107,7 +107,7 @@ def _row(time_s: float, report: LinkReport) -> LinkRow:
 
 
 def _figures(report: LinkReport) -> dict[str, float | int]:
-    """The report in names so short that they fit an event."""
+    """Return the report in names so short that they fit an event."""
     return {
         "sent": report.frames_sent,
         "received": report.frames_received,

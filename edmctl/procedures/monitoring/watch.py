@@ -81,7 +81,7 @@ class Watch:
         self._tracker = tracker
 
     def tracker(self) -> Tracker | None:
-        """The tracker in the state of the newest sample; None without one."""
+        """Return the tracker in the state of the newest sample; None without one."""
         self.settle()
         return self._tracker
 
@@ -95,7 +95,7 @@ class Watch:
         tracker.rest(middle_s, self._trace.at(middle_s), measured_um)
 
     def zero_um(self) -> float:
-        """What the sensor shows at this rest at 0 V beyond the actuator's own displacement, or NaN."""
+        """Return what the sensor shows at this rest at 0 V beyond the actuator's own displacement, or NaN."""
         tracker, block = self.tracker(), self._latest
         if not self._sensor or tracker is None or block is None:
             return math.nan
@@ -103,7 +103,7 @@ class Watch:
         return tracker.zero_um(self._trace.at(middle_s), measured_um)
 
     def estimator(self) -> Estimator | None:
-        """The estimator in the state of the newest sample; None without one."""
+        """Return the estimator in the state of the newest sample; None without one."""
         tracker = self.tracker()
         return None if tracker is None else tracker.estimator
 
@@ -255,6 +255,6 @@ class Watch:
 
 
 def _now(block: TelemetryBlock) -> tuple[float, float]:
-    """Mean time and displacement over the last `NEWEST_S` of a block."""
+    """Return the mean time and displacement over the last `NEWEST_S` of a block."""
     newest = block.time_s > block.time_s[-1] - NEWEST_S
     return float(block.time_s[newest].mean()), float(block.displacement_um[newest].mean())

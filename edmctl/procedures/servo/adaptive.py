@@ -89,7 +89,7 @@ class AdaptiveControl:
             self._relax(clean.arcs, clean.shorts)
 
     def due(self, now_s: float) -> str:
-        """Why to jump now; empty while there is no reason."""
+        """Return why to jump now; empty while there is no reason."""
         if self._at_once:
             return self._at_once
         return f"{self.period_s:.3g} s have passed" if now_s - self._last_s >= self.period_s else ""
@@ -262,7 +262,7 @@ class ShortRecovery:
             self.jumps = 0
 
     def due(self) -> str:
-        """Why to jump now; empty while there is no reason, or when it has been tried often enough."""
+        """Return why to jump now; empty while there is no reason, or when it has been tried often enough."""
         if self._shorted_s < SHORT_S - 1e-6 or self.jumps >= MOST_JUMPS:
             return ""
         return f"a short has lasted {self._shorted_s:.1f} s"

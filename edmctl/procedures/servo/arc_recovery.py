@@ -82,7 +82,7 @@ class ArcRecovery:
         self._cutting.start()
 
     def _sparked_at(self, now_s: float) -> tuple[float, float]:
-        """Where the tool sparked, and how far from there it may find the bottom now.
+        """Return where the tool sparked, and how far from there it may find the bottom now.
 
         Seen by samples of this cut that is the drift since the last of them; without any it is what was planned.
         """
@@ -95,7 +95,7 @@ class ArcRecovery:
 
 
 def with_a_check(fault: MachineFault, displacement_um: float) -> MachineFault:
-    """The fault of lost sparks with the way to tell a lost tool from missing pulses."""
+    """Return the fault of lost sparks with the way to tell a lost tool from missing pulses."""
     hint = (
         f"{fault.hint} `edmctl approach --contact` tells which it is: contact near {displacement_um:.0f} µm means "
         "that the tool is there and no pulses reach it; no contact, that it is lost or broken."

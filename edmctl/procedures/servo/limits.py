@@ -116,7 +116,7 @@ class TimeLimits:
         self._before_s = run.tally.machining_time_s
 
     def left(self) -> TimeLeft:
-        """The limit that comes first, as it stands now."""
+        """Return the limit that comes first, as it stands now."""
         job_s = self._run.profile.limits.max_time_s
         whole = TimeLeft(
             job_s - self._run.machine.time_s,

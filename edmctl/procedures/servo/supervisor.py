@@ -113,7 +113,7 @@ class Supervisor(TelemetrySums):
         return max(self._spark_um, self._deepest_um - SWING_UM)
 
     def jump_due(self, now_s: float) -> tuple[RunEvent, str] | None:
-        """Which kind of jump is due, and why; None while there is no reason."""
+        """Return which kind of jump is due, and why; None while there is no reason."""
         if reason := self.shorts.due():
             return RunEvent.SHORT_RECOVERY, reason
         if self._stall.jump_wanted:

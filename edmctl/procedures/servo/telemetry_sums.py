@@ -62,7 +62,7 @@ class TelemetrySums:
         return self._gap_ratio_sum / self._gap_samples if self._gap_samples else math.nan
 
     def duration_s(self, block: TelemetryBlock) -> float:
-        """Time that the samples of a slice stand for."""
+        """Return the time that the samples of a slice stand for."""
         return len(block.time_s) * self._sample_s
 
     def add(self, block: TelemetryBlock, power_w: float) -> Counts:

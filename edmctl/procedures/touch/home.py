@@ -54,7 +54,7 @@ class Home:
 
 
 def most_over_um(run: JobRun, home: Home) -> float:
-    """How far over home the tool may read while a stage moves: clear of the work whatever the sensor hides."""
+    """Return how far over home the tool may read while a stage moves, clear of the work in any case."""
     safe_z_um = controller_settings(run.profile, run.setup).safe_z_um
     return min(
         safe_z_um - READING_MARGIN_UM, run.profile.approach.offset_um - CLEAR_UM - max(0.0, home.hidden_um)
@@ -62,7 +62,7 @@ def most_over_um(run: JobRun, home: Home) -> float:
 
 
 def home_now(run: JobRun) -> Home:
-    """What the sensor shows of a tool at home: the rest at 0 V less what the actuator model says of creep.
+    """Return what the sensor shows of a tool at home: the rest at 0 V less what the actuator model says of creep.
 
     Before there is a model it is the rest itself, once that has stopped falling, as far as drift can explain it; a
     touch tells where drift could hide too much. Raises PreconditionError E8020 where a rest lies further from the
@@ -104,14 +104,14 @@ def _first_home(run: JobRun) -> Home:
     home = Home(home_um, home_um - (expected.um - expected.hidden_um - drift_um))
     if rest_um - home.um <= most_over_um(run, replace(home, hidden_um=home.hidden_um + soon_um)):
         return home
-    under = _under_the_tool(run)
-    if under is None:
+    below = _work_below(run)
+    if below is None:
         return home
-    return _home_by_touch(run, rest_um, under)
+    return _home_by_touch(run, rest_um, below)
 
 
 def pad_from_home_um(run: JobRun) -> float:
-    """How far from home the pad is, µm: as the recipe says, or with the tool as the earlier run has left it."""
+    """Return how far from home the pad is, µm: by the recipe, or with the tool as an earlier run left it."""
     resumed, done = run.job.resumed, list(run.tally.sites.values())
     if resumed is not None and resumed.site:
         return resumed.z1_um + resumed.wear_um - resumed.home_um
@@ -121,7 +121,7 @@ def pad_from_home_um(run: JobRun) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class _Under:
+class _WorkBelow:
     """What is under the tool: how far from home contact is, and how much further it may be, µm.
 
     `hidden_um` is how much of that may bring the tool nearer to the face than home by the touch says.
@@ -132,8 +132,8 @@ class _Under:
     hidden_um: float
 
 
-def _under_the_tool(run: JobRun) -> _Under | None:
-    """What is known of what the tool stands over: the pad, what was left, a place that is not cut yet.
+def _work_below(run: JobRun) -> _WorkBelow | None:
+    """Return what is known of what the tool stands over: the pad, what was left, a place that is not cut yet.
 
     How far the tool is clear of the pad a touch there tells whatever the tool has lost. The bottom of a hole is an
     estimate: the pad is as far as the touch, less a feed that nobody has measured.
@@ -147,47 +147,47 @@ def _under_the_tool(run: JobRun) -> _Under | None:
         else expected_of_left(resumed, run.profile)
     )
     if away_um <= run.job.spot_distance_um + known_um:
-        return _Under(pad_from_home_um(run), left.wear_reach_um, 0.0)
+        return _WorkBelow(pad_from_home_um(run), left.wear_reach_um, 0.0)
     slope_um = STANDARD_UNCERTAINTIES * 1e-3 * run.setup.surface.tilt_u_mrad * away_um
     path = run.profile.path
     if path is not None:
         if resumed is None or not is_on_way(way_of_path(path), here, known_um):
             return None
         depth_um, reach_um = (resumed.depth_um, left.feed_reach_um) if resumed.begun else (0.0, 0.0)
-        return _Under(pad_from_home_um(run) + depth_um, reach_um + slope_um, reach_um + slope_um)
+        return _WorkBelow(pad_from_home_um(run) + depth_um, reach_um + slope_um, reach_um + slope_um)
     site = next((s for s in run.job.sites if math.dist(here, (s.x_um, s.y_um)) <= known_um), None)
     if resumed is not None and site is None and _is_on_a_spot(run, here):
-        return _Under(pad_from_home_um(run), left.wear_reach_um + slope_um, slope_um)
+        return _WorkBelow(pad_from_home_um(run), left.wear_reach_um + slope_um, slope_um)
     if resumed is None or site is None or site.name in run.tally.sites:
         return None
     depth_um, feed_reach_um = (
         (resumed.depth_um, left.feed_reach_um) if site.name == resumed.site else (0.0, 0.0)
     )
-    return _Under(pad_from_home_um(run) + depth_um, feed_reach_um + slope_um, feed_reach_um + slope_um)
+    return _WorkBelow(pad_from_home_um(run) + depth_um, feed_reach_um + slope_um, feed_reach_um + slope_um)
 
 
 def _is_on_a_spot(run: JobRun, here: tuple[float, float]) -> bool:
-    """Whether the tool stands where the face is touched a second time, beside a place and over no hole."""
+    """Return whether the tool stands where the face is touched a second time, beside a place and over no hole."""
     known_um = run.setup.stage.repeatability_um
     away_um = [math.dist(here, (site.x_um, site.y_um)) for site in run.job.sites]
     least_um = run.job.spot_distance_um
     return any(abs(um - least_um) <= known_um for um in away_um) and min(away_um) >= least_um - known_um
 
 
-def _home_by_touch(run: JobRun, rest_um: float, under: _Under) -> Home:
+def _home_by_touch(run: JobRun, rest_um: float, below: _WorkBelow) -> Home:
     """Home by a touch of what is under the tool, slow all the way: the way to contact holds no drift."""
-    z_max_um = rest_um + under.um + under.reach_um + BEYOND_PREDICTION_UM
+    z_max_um = rest_um + below.um + below.reach_um + BEYOND_PREDICTION_UM
     z_um = take_reading_in(
         run, "Zr", "the place where it stands", Search(rest_um, z_max_um, _CHECK_TOUCHES, 0.0)
     ).z_um
     run.begin(Phase.RETRACTING)
     run.machine.ramp(0.0, controller_settings(run.profile, run.setup).retract_v_s)
     rest_and_look(run, CREEP_LOOK_S)
-    return Home(min(_settled_um(run), z_um - under.um), under.hidden_um)
+    return Home(min(_settled_um(run), z_um - below.um), below.hidden_um)
 
 
 def _settled_um(run: JobRun) -> float:
-    """The rest at 0 V, after a wait for what creeps there."""
+    """Return the rest at 0 V, after a wait for what creeps there."""
     end_s, before_um = run.machine.time_s + CREEP_WAIT_S, math.inf
     while before_um - run.watch.displacement_um > _SETTLED_UM and run.machine.time_s < end_s:
         before_um = run.watch.displacement_um

@@ -83,7 +83,7 @@ class Search:
 
 
 def search_near(run: JobRun, predicted_um: float, u_um: float) -> Search:
-    """Where contact is expected at `predicted_um` with a standard uncertainty of `u_um`: as the recipe says."""
+    """Return the search by the recipe for a contact at `predicted_um`, with a standard uncertainty of `u_um`."""
     return Search(
         fast_to_um=predicted_um - FAST_LEG_MARGIN_UM - FAST_SIGMAS * u_um,
         z_max_um=predicted_um + BEYOND_PREDICTION_UM + BEYOND_SIGMAS * u_um,
@@ -104,7 +104,7 @@ def take_reading(
 
 
 def take_reading_in(run: JobRun, kind: str, place: str, search: Search) -> SurfaceReading:
-    """The same, where the search is given."""
+    """Return the same, where the search is given."""
     run.begin(Phase.MEASURING)
     run.machine.rest(search.settle_s)
     if run.watch.in_contact:
@@ -129,7 +129,7 @@ def take_reading_in(run: JobRun, kind: str, place: str, search: Search) -> Surfa
 
 
 def _refusal(run: JobRun, found: SurfaceReading) -> ObjectiveNotReached | None:
-    """Why a reading is not one, None where it is."""
+    """Return why a reading is not one, None where it is."""
     if is_constant((found.reading,)):
         return constant(found)
     most_um = run.profile.measure.max_sd_um
@@ -143,7 +143,7 @@ def _refusal(run: JobRun, found: SurfaceReading) -> ObjectiveNotReached | None:
 
 
 def constant(found: SurfaceReading) -> ObjectiveNotReached:
-    """What is wrong with touches that repeat to the last digit."""
+    """Return what is wrong with touches that repeat to the last digit."""
     return ObjectiveNotReached(
         f"{found.kind}: every touch says {found.z_um:.3f} µm to the last digit, which no sensor does.",
         hint=_DISTRUST,
@@ -165,7 +165,7 @@ def _request(run: JobRun, search: Search) -> TouchRequest:
 
 
 def _reduced(run: JobRun, kind: str, touches: tuple[Touch, ...]) -> SurfaceReading:
-    """Mean of the touches; the model is read at first contact, where the voltage peaks."""
+    """Return the mean of the touches; the model is read at first contact, where the voltage peaks."""
     models_um = [run.watch.model_at(touch.time_s) for touch in touches]
     estimator = run.watch.estimator()
     return SurfaceReading(

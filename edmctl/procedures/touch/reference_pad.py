@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from edmctl.profile.setup import Setup
 
 OFFSET_U_UM = 3.5
-"""Standard uncertainty of the distance to the pad before the first touch."""
+"""Return the standard uncertainty of the distance to the pad before the first touch."""
 SPOT_TURNS_DEG = (0.0, 60.0, -60.0)
 """Directions of the further spots as seen from the pad, from that away from the holes: all are equally far apart."""
 TOUCH_U_UM = 0.15
-"""Standard uncertainty of a reading of three touches."""
+"""Return the standard uncertainty of a reading of three touches."""
 
 
 def read_pad(run: JobRun, kind: str, place: str, predicted_um: float, u_um: float) -> SurfaceReading:
@@ -34,12 +34,12 @@ def read_pad(run: JobRun, kind: str, place: str, predicted_um: float, u_um: floa
 
 
 def pad_middle_um(run: JobRun) -> tuple[float, float]:
-    """Where a reading of the pad holds: x and y of the middle of its two spots, each by its touches, µm."""
+    """Return where a reading of the pad holds: x and y of the middle of its two spots, each by its touches, µm."""
     return Spots("pad", pad_spots(run)).middle_um(run.profile.measure.touches)
 
 
 def pad_spots(run: JobRun) -> tuple[Place, ...]:
-    """The pad's place, and those beside it on the side away from the holes."""
+    """Return the pad's place, and those beside it on the side away from the holes."""
     pad, sites = run.job.pad, run.job.sites
     x_um = math.fsum(site.x_um for site in sites) / len(sites) - pad.x_um
     y_um = math.fsum(site.y_um for site in sites) / len(sites) - pad.y_um
@@ -48,7 +48,7 @@ def pad_spots(run: JobRun) -> tuple[Place, ...]:
 
 
 def pad_u_um(setup: Setup) -> float:
-    """Standard uncertainty of meeting the pad again: repeatability of the stages, through its tilt."""
+    """Return the standard uncertainty of meeting the pad again: repeatability of the stages, through its tilt."""
     return tilt_uncertainty_um(setup.surface.tilt_u_mrad, 0.0, setup.stage.repeatability_um)
 
 
@@ -66,7 +66,7 @@ class ToolLength:
         return self.pad.z_um + self.wear_um
 
     def u_um(self, now_s: float, drift_u_um_per_s: float) -> float:
-        """Standard uncertainty of that, at a moment."""
+        """Return the standard uncertainty of that, at a moment."""
         drift_um = drift_u_um_per_s * max(0.0, now_s - self.pad.time_s)
         return math.hypot(TOUCH_U_UM, self.pad.doubt_u_um, self.wear_u_um, drift_um)
 

@@ -50,7 +50,7 @@ class Spots:
     places: tuple[Place, ...]
 
     def middle_um(self, touches: int) -> tuple[float, float]:
-        """Where a reading of so many touches holds that were made at the first two places: x and y, µm."""
+        """Return where a reading of so many touches holds that were made at the first two places: x and y, µm."""
         first, second = self.places[:2]
         at_first, later = shared_out(touches)
         share = later / (at_first + later)
@@ -59,7 +59,7 @@ class Spots:
 
 
 def shared_out(touches: int) -> tuple[int, int]:
-    """How many of the touches of a reading are made at its first place, and at each further one."""
+    """Return how many of the touches of a reading are made at its first place, and at each further one."""
     later = max(1, touches // 3)
     return max(1, touches - later), later
 
@@ -135,7 +135,7 @@ def _report_constant(run: JobRun, found: SurfaceReading) -> None:
 
 
 def _place_u_um(run: JobRun, found: Sequence[SurfaceReading]) -> float:
-    """Standard uncertainty of the difference between two spots: tilt, drift, and a model instead of a sensor."""
+    """Return the standard uncertainty of the difference of two spots: tilt, drift, a model instead of a sensor."""
     return math.hypot(_tilt_u_um(run), _sensed_u_um(run, found))
 
 
@@ -157,7 +157,7 @@ def _tilt_u_um(run: JobRun) -> float:
 def _together(
     run: JobRun, found: Sequence[SurfaceReading], agreeing: Sequence[int], spots: Spots
 ) -> SurfaceReading:
-    """One reading of the spots that agree; others than usual lie a little differently, by the tilt between them."""
+    """Return one reading of the spots that agree; unusual ones lie a little differently, by the tilt between."""
     used = [found[i] for i in agreeing]
     touches = sum(one.reading.touches for one in used)
     shares = [one.reading.touches / touches for one in used]

@@ -62,11 +62,11 @@ class SurfacePlane:
     _pad_step: Step | None = None
 
     def height_um(self, site: Place) -> float:
-        """Height of the face at a place over the pad, positive away from the tool."""
+        """Return the height of the face at a place over the pad, positive away from the tool."""
         return self.plane.height_um(site.x_um, site.y_um)
 
     def height_u_um(self, site: Place) -> float:
-        """Standard uncertainty of that."""
+        """Return the standard uncertainty of that."""
         return math.hypot(self.plane.height_u_um(site.x_um, site.y_um), self.doubt_u_um)
 
     def add(self, *touches: SurfaceTouch) -> None:
@@ -183,7 +183,7 @@ def _touch(
 
 
 def surface_spots(run: JobRun, site: Place) -> Spots:
-    """A place and spots beside it, apart by more than the tool, those clear of machined places first."""
+    """Return a place and spots beside it, apart by more than the tool, those clear of machined places first."""
     pad, distance_um = run.job.pad, run.job.spot_distance_um
     away = math.atan2(site.y_um - pad.y_um, site.x_um - pad.x_um)
     made = [(hole.x_um, hole.y_um) for hole in run.tally.sites.values()]
