@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import inf, nan
 
 import pytest
@@ -26,6 +26,7 @@ from edmctl.link.messages import (
     param_crc,
 )
 from edmctl.link.schema import Field, Layout, load_schema
+from edmctl.link.wire import Message
 
 SCHEMA = load_schema()
 TYPES = {kind.NAME: kind for table in (REQUESTS, REPLIES, UNSOLICITED) for kind in table.values()}
@@ -67,6 +68,21 @@ def test_every_message_comes_back_as_it_went(
     (frame,) = FrameDecoder().feed(encode_frame(sent.ID, seq, session, 0, sent.pack()))
     assert frame == Frame(sent.ID, seq, session, 0, sent.pack())
     assert TYPES[name].unpack(frame.payload) == sent
+
+
+def test_a_class_gets_its_codec_once_whoever_asks_first() -> None:
+    @dataclass(frozen=True, slots=True)
+    class Probe(Message):
+        ID, NAME = 0xBF, "PROBE"
+        WIRE = "u16/10"
+
+        gap_v: float
+
+    pack, unpack = Probe(1.5).pack, Probe.unpack
+    assert [unpack(pack()), unpack(pack())] == [Probe(1.5), Probe(1.5)]
+    made = vars(Probe)["pack"]
+    assert (pack(), Probe(1.5).pack()) == (b"\x0f\x00", b"\x0f\x00")
+    assert vars(Probe)["pack"] is made
 
 
 def test_values_go_to_the_nearest_count() -> None:
