@@ -72,12 +72,18 @@ class Message:
         return {name: scale for name, _, scale in cls.RECORD}
 
 
+class Ack(Message):
+    """The reply to a command that has only its status to answer."""
+
+    ID, NAME = 0x00, "ACK"
+
+
 class Request(Message, Generic[ReplyT_co]):
     """A command, which knows how its reply reads."""
 
     __slots__ = ()
 
-    REPLY: ClassVar[type[Message]]
+    REPLY: ClassVar[type[Message]] = Ack
 
     def unpack_reply(self, payload: bytes) -> ReplyT_co:
         """Return the reply to this command; ValueError on a payload of the wrong length."""
