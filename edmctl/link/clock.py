@@ -66,7 +66,7 @@ class ClockFit:
 
     @property
     def line(self) -> ClockLine:
-        """The newest fit; before the first heartbeat, that of equal clocks."""
+        """Return the newest fit; before the first heartbeat, that of equal clocks."""
         return self._line
 
     def _fit(self) -> ClockLine:
@@ -99,7 +99,7 @@ class ControllerClock:
 
     @property
     def newest_s(self) -> float:
-        """The newest full time, in seconds."""
+        """Return the newest full time, in seconds."""
         return self._reference_us / 1_000_000
 
     def seconds(self, t_us: int) -> float:

@@ -12,7 +12,7 @@ from struct import pack
 from typing import TYPE_CHECKING
 from zlib import crc32
 
-from edmctl.link.wire import Message, Param, Request
+from edmctl.link.wire import Ack, Message, Param, Request
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -300,67 +300,39 @@ class GetStatus(Request[GetStatusReply]):
     REPLY = GetStatusReply
 
 
-class ArmReply(Message):
-    """Reply to ARM."""
-
-    ID, NAME = 0x08, "ARM_REPLY"
-
-
 @dataclass(frozen=True, slots=True)
-class Arm(Request[ArmReply]):
+class Arm(Request[Ack]):
     """IDLE to ARMED: starts the watchdog. Refused unless param_crc equals that of the committed parameters
     and every interlock is closed.
     """
 
     ID, NAME = 0x08, "ARM"
-    REPLY = ArmReply
     WIRE = "u32"
 
     param_crc: int  # u32
 
 
-class DisarmReply(Message):
-    """Reply to DISARM."""
-
-    ID, NAME = 0x09, "DISARM_REPLY"
-
-
-class Disarm(Request[DisarmReply]):
+class Disarm(Request[Ack]):
     """Pulses off, actuator ramped to 0 V, then IDLE. Answered at once; MOVE_DONE follows."""
 
     ID, NAME = 0x09, "DISARM"
-    REPLY = DisarmReply
-
-
-class ClearFaultReply(Message):
-    """Reply to CLEAR_FAULT."""
-
-    ID, NAME = 0x0A, "CLEAR_FAULT_REPLY"
 
 
 @dataclass(frozen=True, slots=True)
-class ClearFault(Request[ClearFaultReply]):
+class ClearFault(Request[Ack]):
     """Leaves FAULT for IDLE; must name the latched code."""
 
     ID, NAME = 0x0A, "CLEAR_FAULT"
-    REPLY = ClearFaultReply
     WIRE = "u16"
 
     fault: int  # u16
 
 
-class SetParamReply(Message):
-    """Reply to SET_PARAM."""
-
-    ID, NAME = 0x0B, "SET_PARAM_REPLY"
-
-
 @dataclass(frozen=True, slots=True)
-class SetParam(Request[SetParamReply]):
+class SetParam(Request[Ack]):
     """Stages one parameter. IDLE only."""
 
     ID, NAME = 0x0B, "SET_PARAM"
-    REPLY = SetParamReply
     WIRE = "u16 i32"
 
     param: int  # u16
@@ -388,55 +360,34 @@ class GetParam(Request[GetParamReply]):
     param: int  # u16
 
 
-class CommitProfileReply(Message):
-    """Reply to COMMIT_PROFILE."""
-
-    ID, NAME = 0x0D, "COMMIT_PROFILE_REPLY"
-
-
 @dataclass(frozen=True, slots=True)
-class CommitProfile(Request[CommitProfileReply]):
+class CommitProfile(Request[Ack]):
     """Makes the staged parameters current if the CRC-32 over all parameters (id u16, value i32, ascending id)
     agrees.
     """
 
     ID, NAME = 0x0D, "COMMIT_PROFILE"
-    REPLY = CommitProfileReply
     WIRE = "u32"
 
     crc: int  # u32
 
 
-class PiezoSetReply(Message):
-    """Reply to PIEZO_SET."""
-
-    ID, NAME = 0x10, "PIEZO_SET_REPLY"
-
-
 @dataclass(frozen=True, slots=True)
-class PiezoSet(Request[PiezoSetReply]):
+class PiezoSet(Request[Ack]):
     """Ramps the actuator. ARMED only; ends with MOVE_DONE."""
 
     ID, NAME = 0x10, "PIEZO_SET"
-    REPLY = PiezoSetReply
     WIRE = "u16/400 u32/1000"
 
     actuator_v: float  # u16 × 0.0025 V
     slew_v_s: float  # u32 × 0.001 V/s
 
 
-class StageMoveReply(Message):
-    """Reply to STAGE_MOVE."""
-
-    ID, NAME = 0x11, "STAGE_MOVE_REPLY"
-
-
 @dataclass(frozen=True, slots=True)
-class StageMove(Request[StageMoveReply]):
+class StageMove(Request[Ack]):
     """Absolute stage move. ARMED only, tool retracted below safe_z_um; ends with STAGE_DONE."""
 
     ID, NAME = 0x11, "STAGE_MOVE"
-    REPLY = StageMoveReply
     WIRE = "u8 i32 u32"
 
     axis: int  # u8: Axis
@@ -444,53 +395,32 @@ class StageMove(Request[StageMoveReply]):
     speed: int  # u32: nm/s, or millidegrees/s
 
 
-class StageStopReply(Message):
-    """Reply to STAGE_STOP."""
-
-    ID, NAME = 0x12, "STAGE_STOP_REPLY"
-
-
-class StageStop(Request[StageStopReply]):
+class StageStop(Request[Ack]):
     """Stops a stage that moves; GET_STATUS tells where. Ends with STOPPED."""
 
     ID, NAME = 0x12, "STAGE_STOP"
-    REPLY = StageStopReply
-
-
-class SetZeroReply(Message):
-    """Reply to SET_ZERO."""
-
-    ID, NAME = 0x13, "SET_ZERO_REPLY"
 
 
 @dataclass(frozen=True, slots=True)
-class SetZero(Request[SetZeroReply]):
+class SetZero(Request[Ack]):
     """From now until the next ARM safe_z_um counts from this displacement, which is where the host takes the
     tool's home at 0 V to be. ARMED with the actuator at rest at 0 V; OUT_OF_RANGE where the controller's own
     reading is more than 5 um below or 25 um above.
     """
 
     ID, NAME = 0x13, "SET_ZERO"
-    REPLY = SetZeroReply
     WIRE = "i32/1000"
 
     zero_um: float  # i32 × 0.001 um
 
 
-class ApproachReply(Message):
-    """Reply to APPROACH."""
-
-    ID, NAME = 0x18, "APPROACH_REPLY"
-
-
 @dataclass(frozen=True, slots=True)
-class Approach(Request[ApproachReply]):
+class Approach(Request[Ack]):
     """Pulses on, actuator advances until the filtered mean gap voltage falls to gap_ref_v. Ends with
     APPROACH_DONE, pulses off, tool held.
     """
 
     ID, NAME = 0x18, "APPROACH"
-    REPLY = ApproachReply
     WIRE = "u32/1000 u32/1000 u16/200"
 
     speed_um_s: float  # u32 × 0.001 um/s
@@ -498,20 +428,13 @@ class Approach(Request[ApproachReply]):
     gap_ref_v: float  # u16 × 0.005 V
 
 
-class ServoStartReply(Message):
-    """Reply to SERVO_START."""
-
-    ID, NAME = 0x19, "SERVO_START_REPLY"
-
-
 @dataclass(frozen=True, slots=True)
-class ServoStart(Request[ServoStartReply]):
+class ServoStart(Request[Ack]):
     """Gap servo until the filtered displacement reaches z_limit_um (CUT_DONE) or max_time_s passes (TIME_UP);
     then pulses off, tool held.
     """
 
     ID, NAME = 0x19, "SERVO_START"
-    REPLY = ServoStartReply
     WIRE = "u16/200 i32/1000 u32/1000"
 
     gap_ref_v: float  # u16 × 0.005 V
@@ -519,34 +442,20 @@ class ServoStart(Request[ServoStartReply]):
     max_time_s: float  # u32 × 0.001 s
 
 
-class ServoStopReply(Message):
-    """Reply to SERVO_STOP."""
-
-    ID, NAME = 0x1A, "SERVO_STOP_REPLY"
-
-
-class ServoStop(Request[ServoStopReply]):
+class ServoStop(Request[Ack]):
     """Ends approach, servo, jump or touch: pulses off, tool held, ARMED. Ends with STOPPED."""
 
     ID, NAME = 0x1A, "SERVO_STOP"
-    REPLY = ServoStopReply
-
-
-class JumpReply(Message):
-    """Reply to JUMP."""
-
-    ID, NAME = 0x1B, "JUMP_REPLY"
 
 
 @dataclass(frozen=True, slots=True)
-class Jump(Request[JumpReply]):
+class Jump(Request[Ack]):
     """Pulses off, retract by height, dwell, return to clearance above the start point, then the servo goes
     on. MACHINING (or ARMED, without a servo). Ends with JUMP_DONE. Lengths and speed are volts by
     gain_um_per_v: a host with an actuator model sends the volts of the jump it wants times that gain.
     """
 
     ID, NAME = 0x1B, "JUMP"
-    REPLY = JumpReply
     WIRE = "u32/1000 u32/1000 u16/1000 u32/1000"
 
     height_um: float  # u32 × 0.001 um
@@ -555,21 +464,14 @@ class Jump(Request[JumpReply]):
     clearance_um: float  # u32 × 0.001 um
 
 
-class TouchOffReply(Message):
-    """Reply to TOUCH_OFF."""
-
-    ID, NAME = 0x1C, "TOUCH_OFF_REPLY"
-
-
 @dataclass(frozen=True, slots=True)
-class TouchOff(Request[TouchOffReply]):
+class TouchOff(Request[Ack]):
     """Measure mode. Fast to fast_to_um, then slow until contact; on contact the slope flips and the tool
     hunts for dwell_s; n touches with a back-off between. One TOUCH event each, then TOUCH_DONE and a retract
     by back-off.
     """
 
     ID, NAME = 0x1C, "TOUCH_OFF"
-    REPLY = TouchOffReply
     WIRE = "u32/1000 i32/1000 u32/1000 i32/1000 u32/1000 u16/1000 u8"
 
     fast_um_s: float  # u32 × 0.001 um/s
@@ -581,37 +483,23 @@ class TouchOff(Request[TouchOffReply]):
     touches: int  # u8
 
 
-class SelfTestReply(Message):
-    """Reply to SELF_TEST."""
-
-    ID, NAME = 0x1D, "SELF_TEST_REPLY"
-
-
-class SelfTest(Request[SelfTestReply]):
+class SelfTest(Request[Ack]):
     """Tests the gap sensor with the tool retracted: the mean gap voltage must be zero with the generator off,
     and duty x open voltage with it on, within test_error of the latter; else fault 3003. ARMED with the
     actuator at 0 V and pulses enabled; ends with TEST_DONE.
     """
 
     ID, NAME = 0x1D, "SELF_TEST"
-    REPLY = SelfTestReply
-
-
-class ScanStartReply(Message):
-    """Reply to SCAN_START."""
-
-    ID, NAME = 0x1E, "SCAN_START_REPLY"
 
 
 @dataclass(frozen=True, slots=True)
-class ScanStart(Request[ScanStartReply]):
+class ScanStart(Request[Ack]):
     """Gap servo as in SERVO_START, but a tool that reaches z_limit_um is held there and the cut goes on,
     while the stages follow the lines of PATH_MOVE. Ends after the line marked last (PATH_DONE) or when
     max_time_s passes (TIME_UP); then pulses off, tool held.
     """
 
     ID, NAME = 0x1E, "SCAN_START"
-    REPLY = ScanStartReply
     WIRE = "u16/200 i32/1000 u32/1000"
 
     gap_ref_v: float  # u16 × 0.005 V
@@ -619,14 +507,8 @@ class ScanStart(Request[ScanStartReply]):
     max_time_s: float  # u32 × 0.001 s
 
 
-class PathMoveReply(Message):
-    """Reply to PATH_MOVE."""
-
-    ID, NAME = 0x1F, "PATH_MOVE_REPLY"
-
-
 @dataclass(frozen=True, slots=True)
-class PathMove(Request[PathMoveReply]):
+class PathMove(Request[Ack]):
     """Appends a straight line of the X and Y stages together, from where the line before it ends, to a queue
     of 16; BUSY when the queue is full. MACHINING after SCAN_START only, and not after the line marked last.
     On the way the limit of the scan goes linearly to z_limit_um. The stages stand still while the gap is
@@ -634,7 +516,6 @@ class PathMove(Request[PathMoveReply]):
     """
 
     ID, NAME = 0x1F, "PATH_MOVE"
-    REPLY = PathMoveReply
     WIRE = "i32/1000 i32/1000 u32/1000 i32/1000 u8"
 
     x_um: float  # i32 × 0.001 um: end of the line
@@ -644,18 +525,11 @@ class PathMove(Request[PathMoveReply]):
     last: int  # u8: 1: the scan ends with this line
 
 
-class PulseConfigReply(Message):
-    """Reply to PULSE_CONFIG."""
-
-    ID, NAME = 0x20, "PULSE_CONFIG_REPLY"
-
-
 @dataclass(frozen=True, slots=True)
-class PulseConfig(Request[PulseConfigReply]):
+class PulseConfig(Request[Ack]):
     """Sets the generator. Pulses must be off."""
 
     ID, NAME = 0x20, "PULSE_CONFIG"
-    REPLY = PulseConfigReply
     WIRE = "u32/1000 u32/1000 u16/200 u16/1000 u8 u32/1000"
 
     on_time_us: float  # u32 × 0.001 us
@@ -666,37 +540,23 @@ class PulseConfig(Request[PulseConfigReply]):
     discharge_us: float  # u32 × 0.001 us: isopulse only
 
 
-class PulseEnableReply(Message):
-    """Reply to PULSE_ENABLE."""
-
-    ID, NAME = 0x21, "PULSE_ENABLE_REPLY"
-
-
 @dataclass(frozen=True, slots=True)
-class PulseEnable(Request[PulseEnableReply]):
+class PulseEnable(Request[Ack]):
     """Permits pulses. They flow in APPROACH and MACHINING only."""
 
     ID, NAME = 0x21, "PULSE_ENABLE"
-    REPLY = PulseEnableReply
     WIRE = "u8"
 
     on: int  # u8
 
 
-class TlmStartReply(Message):
-    """Reply to TLM_START."""
-
-    ID, NAME = 0x28, "TLM_START_REPLY"
-
-
 @dataclass(frozen=True, slots=True)
-class TlmStart(Request[TlmStartReply]):
+class TlmStart(Request[Ack]):
     """Starts telemetry; refused with RATE_TOO_HIGH where the line cannot carry it, OUT_OF_RANGE where a
     period holds more than 255 pulses.
     """
 
     ID, NAME = 0x28, "TLM_START"
-    REPLY = TlmStartReply
     WIRE = "u16 u8 u8"
 
     period_us: int  # u16 us
@@ -704,17 +564,10 @@ class TlmStart(Request[TlmStartReply]):
     pulse_log: int  # u8: PulseLog
 
 
-class TlmStopReply(Message):
-    """Reply to TLM_STOP."""
-
-    ID, NAME = 0x29, "TLM_STOP_REPLY"
-
-
-class TlmStop(Request[TlmStopReply]):
+class TlmStop(Request[Ack]):
     """Stops telemetry; what is pending is sent first."""
 
     ID, NAME = 0x29, "TLM_STOP"
-    REPLY = TlmStopReply
 
 
 @dataclass(frozen=True, slots=True)
@@ -787,18 +640,11 @@ class WaveformRead(Request[WaveformReadReply]):
     offset: int  # u32: samples
 
 
-class RebootReply(Message):
-    """Reply to REBOOT."""
-
-    ID, NAME = 0x3F, "REBOOT_REPLY"
-
-
 @dataclass(frozen=True, slots=True)
-class Reboot(Request[RebootReply]):
+class Reboot(Request[Ack]):
     """Restarts the controller as a reset does, after the reply; BOOT follows. Refused while armed."""
 
     ID, NAME = 0x3F, "REBOOT"
-    REPLY = RebootReply
     WIRE = "u32"
 
     magic: int  # u32: 0x0B007EDB
@@ -965,10 +811,7 @@ REQUESTS: dict[int, type[Request[Message]]] = {
         Reboot,
     )
 }
-"""Commands by id."""
-
-REPLIES = {id_: request.REPLY for id_, request in REQUESTS.items()}
-"""Replies by the id of their command; on the wire the type is id | 0x40."""
+"""Commands by id; on the wire the type of a reply is that id | 0x40."""
 
 UNSOLICITED: dict[int, type[Message]] = {
     kind.ID: kind for kind in (Tlm, Event, Fault, Log, Boot, PulseBlocks, Pulses)

@@ -145,7 +145,7 @@ def _explain(url: str, failure: Exception) -> LinkLost:
 
 
 def _number(failure: Exception) -> int | None:
-    """The number of the system's error, which pyserial does not always pass on; termios tells it in `args`."""
+    """Return the number of the system's error, which pyserial does not always pass on; termios has it in `args`."""
     for cause in (failure, failure.__context__):
         for number in (getattr(cause, "errno", None), *getattr(cause, "args", ())[:1]):
             if isinstance(number, int):

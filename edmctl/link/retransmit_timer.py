@@ -33,12 +33,12 @@ class RetransmitTimer:
 
     @property
     def timeout_s(self) -> float:
-        """How long to wait for a reply before the command is sent again."""
+        """Return how long to wait for a reply before the command is sent again."""
         if not self._kept:
             return FIRST_S
         return min(LONGEST_S, max(SHORTEST_S, self._smooth_s + 4.0 * self._deviation_s))
 
     def quantile_s(self, share: float) -> float:
-        """Round trip that this share of the kept ones does not exceed; 0 before the first."""
+        """Return the round trip that this share of the kept ones does not exceed; 0 before the first."""
         ordered = sorted(self._kept)
         return ordered[min(len(ordered) - 1, int(share * len(ordered)))] if ordered else 0.0

@@ -140,7 +140,7 @@ class Schema:
         return named
 
     def canonical_json(self) -> str:
-        """What the hash is taken over: compact ASCII JSON, keys sorted, lists in wire order."""
+        """Return what the hash is taken over: compact ASCII JSON, keys sorted, lists in wire order."""
         return json.dumps(_canonical(self), sort_keys=True, separators=(",", ":"), ensure_ascii=True)
 
     @property

@@ -386,5 +386,6 @@ def _unpack_reply(message: Request[ReplyT], frame: Frame) -> ReplyT:
         return message.unpack_reply(frame.payload)
     except ValueError as error:
         raise ProtocolMismatch(
-            f"The controller's reply cannot be read: {error}.", hint="Update the controller's firmware."
+            f"The controller's reply to {message.NAME} cannot be read: {error}.",
+            hint="Update the controller's firmware.",
         ) from error

@@ -72,12 +72,18 @@ class Message:
         return {name: scale for name, _, scale in cls.RECORD}
 
 
+class Ack(Message):
+    """The reply to a command that has only its status to answer."""
+
+    ID, NAME = 0x00, "ACK"
+
+
 class Request(Message, Generic[ReplyT_co]):
     """A command, which knows how its reply reads."""
 
     __slots__ = ()
 
-    REPLY: ClassVar[type[Message]]
+    REPLY: ClassVar[type[Message]] = Ack
 
     def unpack_reply(self, payload: bytes) -> ReplyT_co:
         """Return the reply to this command; ValueError on a payload of the wrong length."""
@@ -105,7 +111,7 @@ def _compile(kind: type[Message]) -> None:
     They are compiled, as a dataclass compiles its `__init__`: loops over the fields take three times as long.
     """
     if "pack" in vars(kind):
-        return  # the caller has bound the method before
+        return  # by another thread, or the caller has bound the method before
     fields = dict(zip((field.name for field in dataclass_fields(kind)), kind.WIRE.split(), strict=True))
     rest = fields.popitem() if kind.WIRE.endswith(("utf8", "records")) else None
     layout = struct.Struct("<" + "".join(STRUCT_CODES[type_.partition("/")[0]] for type_ in fields.values()))
@@ -140,8 +146,9 @@ def _compile(kind: type[Message]) -> None:
         "checked_records": _checked_records,
     }
     exec(source, names, made)
-    kind.pack = made["pack"]  # type: ignore[assignment, method-assign]
+    # `pack` comes last, for another thread takes it as the sign that both are there.
     kind.unpack = classmethod(made["unpack"])  # type: ignore[assignment, method-assign]
+    kind.pack = made["pack"]  # type: ignore[assignment, method-assign]
 
 
 def _packed(name: str, type_: str) -> str:

@@ -98,7 +98,7 @@ class LinkMachine:
 
     @property
     def identity(self) -> MachineIdentity:
-        """Who answered."""
+        """Return who answered."""
         return identity_of(self._session)
 
     @property
@@ -294,7 +294,7 @@ class LinkMachine:
         Stop requests are not heeded here, for this is how they end.
         """
         with suppress(EdmError):
-            state = self._told_state()
+            state = self._reported_state()
             if state in (MachineState.FAULT, MachineState.ESTOP):
                 # The controller retracts by itself and reports no end of it.
                 self._session.pump(self._retract_time_s())
@@ -307,8 +307,8 @@ class LinkMachine:
             self._waits.hand_over(everything=True)
         self._inbox.end_telemetry()
 
-    def _told_state(self) -> MachineState | None:
-        """The state that the controller tells, None where it tells what cannot be. Raises LinkLost."""
+    def _reported_state(self) -> MachineState | None:
+        """Return the state that the controller reports, None where it reports what cannot be. Raises LinkLost."""
         try:
             return read_status(self._session).state
         except LinkLost:
@@ -321,7 +321,7 @@ class LinkMachine:
         wait_for_rest(self._session)
 
     def latched_fault(self) -> FaultLatched | None:
-        """The error of starting a job with the fault that the controller holds; None where it holds none."""
+        """Return the error of starting a job with the fault that the controller holds; None where it holds none."""
         status = self.status()
         if status.state not in (MachineState.FAULT, MachineState.ESTOP):
             return None
@@ -350,15 +350,15 @@ class LinkMachine:
         self._inbox.fault = None
 
     def black_box(self) -> TelemetryBlock | None:
-        """Every millisecond of the last two seconds before the latched fault; None where nothing is held."""
+        """Return every millisecond of the last two seconds before the latched fault; None where nothing is held."""
         return read_black_box(self._session, self._run_seconds)
 
     def waveforms(self) -> WaveformBatch | None:
-        """Gap voltage and current about the latched fault; None where none are held."""
+        """Return gap voltage and current about the latched fault; None where none are held."""
         return read_waveforms(self._session, self._run_seconds)
 
     def link_report(self) -> LinkReport:
-        """How the line did since the session opened."""
+        """Return how the line did since the session opened."""
         return self._session.link_report()
 
     @property

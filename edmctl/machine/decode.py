@@ -32,7 +32,7 @@ _WAVEFORM_SCALE = WaveformReadReply.record_scales()
 
 
 def lost_frames(previous: int | None, counters: Sequence[int]) -> int:
-    """Frames missing before and between frames with these u16 counters."""
+    """Return the number of frames missing before and between frames with these u16 counters."""
     seen = list(counters) if previous is None else [previous, *counters]
     if (seen[-1] - seen[0]) & 0xFFFF == len(seen) - 1:
         return 0
@@ -40,7 +40,7 @@ def lost_frames(previous: int | None, counters: Sequence[int]) -> int:
 
 
 def _times(starts_s: Sequence[float], counts: Sequence[int], step_s: float) -> Floats:
-    """Times of records that are `step_s` apart within each frame."""
+    """Return the times of records that are `step_s` apart within each frame."""
     if len(starts_s) == 1:
         return starts_s[0] + _steps(counts[0], step_s)
     return np.concatenate([start + _steps(n, step_s) for start, n in zip(starts_s, counts, strict=True)])
@@ -48,14 +48,14 @@ def _times(starts_s: Sequence[float], counts: Sequence[int], step_s: float) -> F
 
 @lru_cache(maxsize=64)
 def _steps(n: int, step_s: float) -> Floats:
-    """Multiples of `step_s`, shared between frames of one size and therefore read-only."""
+    """Return multiples of `step_s`, shared between frames of one size and therefore read-only."""
     steps = step_s * np.arange(n, dtype=np.float64)
     steps.flags.writeable = False
     return steps
 
 
 def telemetry_block(frames: Sequence[Tlm], to_seconds: ToSeconds, missing_frames: int) -> TelemetryBlock:
-    """Samples of consecutive frames with one sample period, shape (n,) per column."""
+    """Return the samples of consecutive frames with one sample period, shape (n,) per column."""
     data = frames[0].records if len(frames) == 1 else b"".join(frame.records for frame in frames)
     rows = np.frombuffer(data, dtype=_TLM_DTYPE)
     starts = [to_seconds(frame.t0_us) for frame in frames]
@@ -76,7 +76,7 @@ def telemetry_block(frames: Sequence[Tlm], to_seconds: ToSeconds, missing_frames
 
 
 def pulse_block_batch(frames: Sequence[PulseBlocks], to_seconds: ToSeconds) -> PulseBlockBatch:
-    """Pulse blocks of consecutive frames with one block size, shape (n,) per column."""
+    """Return the pulse blocks of consecutive frames with one block size, shape (n,) per column."""
     rows = np.frombuffer(b"".join(frame.records for frame in frames), dtype=_BLOCK_DTYPE)
     starts = [to_seconds(frame.t0_us) for frame in frames]
     step_s = 1e-9 * frames[0].period_ns * frames[0].block_pulses
@@ -92,7 +92,7 @@ def pulse_block_batch(frames: Sequence[PulseBlocks], to_seconds: ToSeconds) -> P
 
 
 def pulse_batches(frames: Sequence[Pulses], to_seconds: ToSeconds) -> list[PulseTrain]:
-    """One batch for each run of frames whose pulses follow each other without a pause."""
+    """Return one batch for each run of frames whose pulses follow each other without a pause."""
     runs: list[list[Pulses]] = []
     for frame in frames:
         if runs and _follows(runs[-1][-1], frame):
@@ -122,7 +122,7 @@ def _pulse_batch(frames: Sequence[Pulses], to_seconds: ToSeconds) -> PulseTrain:
 
 
 def waveform_batch(pages: Sequence[WaveformReadReply], to_seconds: ToSeconds) -> WaveformBatch:
-    """The pages of one snapshot, in order and without gaps."""
+    """Return the pages of one snapshot as one, in order and without gaps."""
     rows = np.frombuffer(b"".join(page.records for page in pages), dtype=_WAVEFORM_DTYPE)
     first = pages[0]
     return WaveformBatch(

@@ -91,7 +91,7 @@ class WrongFault(UsageError):
 
 
 def fault_error(code: int, settings: Mapping[str, float], where: str = "", port: str = _NO_PORT) -> EdmError:
-    """The error for a latched fault, a MachineFault but where the row's exit code is another.
+    """Return the error for a latched fault, a MachineFault but where the row's exit code is another.
 
     `settings` are the controller's parameters, for the figures in the message; `where` says when and where it
     happened and is appended. `port` is where the fault can be cleared.
@@ -108,7 +108,7 @@ def fault_error(code: int, settings: Mapping[str, float], where: str = "", port:
 
 
 def latched_error(code: int, settings: Mapping[str, float], port: str) -> FaultLatched:
-    """The error of a machine that cannot start because it still holds a fault."""
+    """Return the error of a machine that cannot start because it still holds a fault."""
     found = fault_error(code, settings, port=port)
     return FaultLatched(
         f"The controller still holds fault {code}: {found.message}", hint=found.hint, fault=code
@@ -116,7 +116,7 @@ def latched_error(code: int, settings: Mapping[str, float], port: str) -> FaultL
 
 
 def host_fault(name: str, where: str = "", **numbers: float) -> EdmError:
-    """The error for a fault that the host found: the row's own text, exit code and error code.
+    """Return the error for a fault that the host found: the row's own text, exit code and error code.
 
     `where` is appended to the message, `numbers` fill its figures. Nothing is latched then. KeyError where no row
     has that name.
@@ -126,13 +126,13 @@ def host_fault(name: str, where: str = "", **numbers: float) -> EdmError:
 
 
 def reset_command(code: int, port: str) -> str:
-    """The command that clears a fault on the machine at `port`."""
+    """Return the command that clears a fault on the machine at `port`."""
     place = "" if port == _NO_PORT else f" --port {port}"
     return f"edmctl reset --ack {code}{place}"
 
 
 def interlocks_in_words(interlocks: Interlock) -> str:
-    """What the open interlocks are, for people; empty where all are closed."""
+    """Return what the open interlocks are, for people; empty where all are closed."""
     return ", ".join(words for bit, (_, words, _) in INTERLOCKS.items() if bit in interlocks)
 
 

@@ -52,7 +52,7 @@ class SampleStream:
         self._settings = None
 
     def wrong(self, frames: Sequence[Tlm]) -> str:
-        """Take the next frames; what cannot be in them, in words, and nothing where all can."""
+        """Take the next frames; return what cannot be in them, in words, and nothing where all can."""
         for frame in frames:
             if problem := self._wrong_frame(frame):
                 return problem
@@ -60,7 +60,7 @@ class SampleStream:
         return ""
 
     def too_old(self, arrived: Sequence[Tlm]) -> EdmError | None:
-        """The fault of samples that have stayed away; None while there are some, or none are due.
+        """Return the fault of samples that have stayed away; None while there are some, or none are due.
 
         `arrived` are frames that nobody has taken yet.
         """
@@ -113,7 +113,7 @@ class PulseFrames:
         self._newest_s = self._session.heard_s - LATE_S
 
     def wrong(self, frames: Sequence[PulseBlocks | Pulses]) -> str:
-        """Take the next frames; what cannot be in them, in words, and nothing where all can."""
+        """Take the next frames; return what cannot be in them, in words, and nothing where all can."""
         for frame in frames:
             step = frame.block_pulses if isinstance(frame, PulseBlocks) else 1
             if frame.n == 0 or frame.period_ns == 0 or step == 0:
@@ -131,5 +131,5 @@ class PulseFrames:
 
 
 def _signed_us(difference_us: int) -> int:
-    """A difference of 32-bit times, which start over."""
+    """Return the signed difference of 32-bit times, which start over."""
     return (difference_us + _WRAP_US // 2) % _WRAP_US - _WRAP_US // 2

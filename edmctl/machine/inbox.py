@@ -120,7 +120,7 @@ class Inbox:
 
     @contextmanager
     def gathering(self) -> Iterator[list[TelemetryBlock]]:
-        """Also keep every block that is handed on."""
+        """Keep every block that is handed on, while the context lasts."""
         self._gathered = []
         try:
             yield self._gathered
@@ -128,7 +128,7 @@ class Inbox:
             self._gathered = None
 
     def doubts(self) -> EdmError | None:
-        """The fault of what has come, or has stayed away: the controller lies, or its samples are lost."""
+        """Return the fault of what has come, or has stayed away: the controller lies, or its samples are lost."""
         malformed = self._session.statistics.malformed
         if malformed > self._malformed:
             self._doubt(

@@ -156,7 +156,7 @@ class Machine(Protocol):
 
     @property
     def identity(self) -> MachineIdentity:
-        """Who answered."""
+        """Return who answered."""
 
     @property
     def time_s(self) -> float:
@@ -252,16 +252,16 @@ class Machine(Protocol):
         """Pulses off, retract to 0 V, idle, whatever the state. Raises no `EdmError`: one is on its way."""
 
     def black_box(self) -> TelemetryBlock | None:
-        """Every millisecond of the last two seconds before the latched fault; None where nothing is held."""
+        """Return every millisecond of the last two seconds before the latched fault; None where nothing is held."""
 
     def waveforms(self) -> WaveformBatch | None:
-        """Gap voltage and current about the latched fault, some periods after it included; None where none are held.
+        """Return gap voltage and current about the latched fault, with some periods after it; None without any.
 
         A slow line takes seconds: every sample comes.
         """
 
     def link_report(self) -> LinkReport:
-        """How the line did since the session opened."""
+        """Return how the line did since the session opened."""
 
     @property
     def bad_frames(self) -> int:

@@ -56,7 +56,7 @@ _TOUCHES = range(1, 256)
 
 
 def impossible(what: str) -> EdmError:
-    """The error of a controller that says what cannot be."""
+    """Return the error of a controller that says what cannot be."""
     return host_fault("TELEMETRY_WRONG", f" ({what})")
 
 
@@ -164,7 +164,7 @@ def contradicts_samples(told_um: float, seen_um: Floats) -> bool:
 def wrong_touch(
     event: MachineEvent, number: int, request: TouchRequest, blocks: Sequence[TelemetryBlock]
 ) -> str:
-    """What in a touch cannot be, in words; nothing where all can.
+    """Return what in a touch cannot be, in words; nothing where all can.
 
     `number` of the touches that `request` asked for is due; `blocks` hold the samples of the whole motion so far.
 

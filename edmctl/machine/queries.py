@@ -48,7 +48,7 @@ ReplyT = TypeVar("ReplyT")
 
 
 def identity_of(session: Session) -> MachineIdentity:
-    """Who answered HELLO."""
+    """Return who answered HELLO."""
     hello = session.hello
     return MachineIdentity(
         transport=session.transport.name,
@@ -60,7 +60,7 @@ def identity_of(session: Session) -> MachineIdentity:
 
 
 def read_status(session: Session) -> MachineStatus:
-    """What the controller sees now. Raises MachineFault where it says what cannot be."""
+    """Return what the controller sees now. Raises MachineFault where it says what cannot be."""
     reply = session.request(GetStatus())
     if problem := wrong_status(reply):
         raise impossible(f"GET_STATUS: {problem}")
@@ -82,7 +82,7 @@ def read_status(session: Session) -> MachineStatus:
 
 
 def read_black_box(session: Session, to_seconds: ToSeconds) -> TelemetryBlock | None:
-    """Every sample that the black box holds, oldest first; None where it holds none."""
+    """Return every sample that the black box holds, oldest first; None where it holds none."""
     pages: list[Tlm] = []
     for page in _pages(
         lambda offset: session.request(BlackboxRead(offset)), BLACK_BOX_SAMPLES, "BLACKBOX_READ"
@@ -113,7 +113,7 @@ def _pages(ask: Callable[[int], PageT], most: int, name: str) -> Iterator[PageT]
 
 
 def _as_telemetry(page: BlackboxReadReply, counter: int) -> Tlm:
-    """A page as a frame of telemetry, whose samples it has."""
+    """Return a page as a frame of telemetry, whose samples it has."""
     return Tlm(
         counter=counter,
         t0_us=page.t0_us,
@@ -125,7 +125,7 @@ def _as_telemetry(page: BlackboxReadReply, counter: int) -> Tlm:
 
 
 def read_waveforms(session: Session, to_seconds: ToSeconds) -> WaveformBatch | None:
-    """Every sample of the gap about the latched fault, oldest first; None where none are held."""
+    """Return every sample of the gap about the latched fault, oldest first; None where none are held."""
 
     def ask(offset: int) -> WaveformReadReply:
         return request_patiently(session, WaveformRead(offset), WAVEFORM_PATIENCE_S)

@@ -138,12 +138,12 @@ class JumpRequest:
 
 
 def settings_by_name(settings: ControllerSettings | MotionSettings) -> Mapping[str, float]:
-    """Parameter name -> value."""
+    """Return the values by the parameters' names."""
     return {name: float(getattr(settings, name)) for name in type(settings).__slots__}
 
 
 def default_settings() -> Mapping[str, float]:
-    """Parameter name -> default of a controller that has just started."""
+    """Return every parameter by name with its default, that of a controller that has just started."""
     return {name: param.default for name, param in PARAMS.items()}
 
 
@@ -155,7 +155,7 @@ def upload(session: Session, settings: Mapping[str, float]) -> None:
 
 
 def set_generator(session: Session, pulses: PulseSettings) -> None:
-    """Tell the generator what pulses to make."""
+    """Set the pulses of the generator."""
     session.request(
         PulseConfig(
             on_time_us=pulses.on_time_us,

@@ -100,7 +100,7 @@ class Waits:
             self._inbox.deliver(self.listener, everything=everything)
 
     def take_event(self, codes: tuple[EventCode, ...]) -> MachineEvent | None:
-        """The oldest event of these kinds that no wait has taken yet."""
+        """Return the oldest event of these kinds that no wait has taken yet."""
         for event in self._inbox.events:
             if event.code in codes:
                 self._inbox.events.remove(event)
@@ -160,7 +160,7 @@ def _not_reported(codes: tuple[EventCode, ...], when: str) -> MachineFault:
 
 
 def touch_time_s(request: TouchRequest) -> float:
-    """Longest time to the next contact: the fast leg, the slow leg, the hunting."""
+    """Return the longest time to the next contact: the fast leg, the slow leg, the hunting."""
     fast_s = max(request.fast_to_um, 0.0) / request.fast_um_s
     slow_s = (request.z_max_um - request.fast_to_um) / request.speed_um_s
     return SLOWEST * (fast_s + slow_s + request.back_off_um / request.speed_um_s) + request.dwell_s

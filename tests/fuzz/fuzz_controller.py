@@ -167,8 +167,8 @@ class Run:
     def check_frame(self, frame: Frame) -> None:
         if frame.type_id in m.UNSOLICITED:
             m.UNSOLICITED[frame.type_id].unpack(frame.payload)
-        elif frame.flags == m.Status.OK and frame.type_id ^ 0x40 in m.REPLIES:
-            m.REPLIES[frame.type_id ^ 0x40].unpack(frame.payload)
+        elif frame.flags == m.Status.OK and frame.type_id ^ 0x40 in m.REQUESTS:
+            m.REQUESTS[frame.type_id ^ 0x40].REPLY.unpack(frame.payload)
         else:
             m.Status(frame.flags)
 

@@ -7,7 +7,7 @@ from dataclasses import fields
 from typing import TYPE_CHECKING
 
 from edmctl.link import messages as m
-from edmctl.link.messages import REPLIES, REQUESTS, UNSOLICITED, Status
+from edmctl.link.messages import REQUESTS, UNSOLICITED, Status
 from edmctl.link.schema import load_schema
 
 if TYPE_CHECKING:
@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from edmctl.link.frame import Frame
     from edmctl.link.wire import Message
 
+TYPES: dict[str, type[Message]] = {
+    kind.NAME: kind for kind in (*REQUESTS.values(), *UNSOLICITED.values())
+} | {f"{request.NAME}_REPLY": request.REPLY for request in REQUESTS.values()}
+"""Every message by name; commands that answer nothing share one reply."""
 _REPLY = 0x40
 _ENUMS = {
     (name, field.name): getattr(m, field.enum)
@@ -27,26 +31,27 @@ _ENUMS = {
 
 def render(frame: Frame) -> str:
     """Return a frame as text; a payload that cannot be read as its message is shown as hex."""
-    kind = _message_type(frame.type_id)
-    words = ["UNKNOWN", f"type={frame.type_id:02x}"] if kind is None else [kind.NAME]
+    name = _name(frame.type_id)
+    words = [name] if name else ["UNKNOWN", f"type={frame.type_id:02x}"]
     words += [f"seq={frame.seq}", f"session={frame.session:02x}"]
-    if kind is not None and kind.NAME.endswith("_REPLY"):
+    if name.endswith("_REPLY"):
         words.append(f"status={_named(Status, frame.flags)}")
     elif frame.flags:
         words.append(f"flags={frame.flags:02x}")
-    return " ".join([*words, *_payload(kind, frame.payload)])
+    return " ".join([*words, *_payload(name, frame.payload)])
 
 
-def _message_type(type_id: int) -> type[Message] | None:
+def _name(type_id: int) -> str:
     if type_id in UNSOLICITED or type_id in REQUESTS:
-        return UNSOLICITED.get(type_id) or REQUESTS[type_id]
-    return REPLIES.get(type_id & ~_REPLY) if type_id & _REPLY else None
+        return (UNSOLICITED.get(type_id) or REQUESTS[type_id]).NAME
+    request = REQUESTS.get(type_id & ~_REPLY) if type_id & _REPLY else None
+    return f"{request.NAME}_REPLY" if request is not None else ""
 
 
-def _payload(kind: type[Message] | None, payload: bytes) -> list[str]:
-    if kind is not None:
+def _payload(name: str, payload: bytes) -> list[str]:
+    if name:
         try:
-            return _fields(kind.unpack(payload))
+            return _fields(TYPES[name].unpack(payload))
         except ValueError:
             pass
     return [f"payload={payload.hex()}"] if payload else []

@@ -4,21 +4,15 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, TypedDict
+from typing import TypedDict
 
 import pytest
 
 from edmctl.link.frame import Frame, FrameDecoder, encode_frame
-from edmctl.link.messages import REPLIES, REQUESTS, UNSOLICITED, param_crc
-from tests.link.frame_text import render
-
-if TYPE_CHECKING:
-    from edmctl.link.wire import Message
+from edmctl.link.messages import param_crc
+from tests.link.frame_text import TYPES, render
 
 GOLDEN = Path(__file__).with_name("golden")
-TYPES: dict[str, type[Message]] = {
-    kind.NAME: kind for table in (REQUESTS, REPLIES, UNSOLICITED) for kind in table.values()
-}
 NAMES = sorted(TYPES)
 DEFAULT_PARAM_CRC = 0x7B4AA305
 
@@ -106,7 +100,7 @@ def test_every_flipped_bit_is_rejected(name: str) -> None:
 def test_a_payload_of_the_wrong_length_is_refused(name: str) -> None:
     payload = decoded(name).payload
     for wrong in (payload + b"\0", payload[:-1]) if payload else (b"\0",):
-        with pytest.raises(ValueError, match=f"{name}: payload of {len(wrong)} bytes, expected"):
+        with pytest.raises(ValueError, match=f"{TYPES[name].NAME}: payload of {len(wrong)} bytes, expected"):
             TYPES[name].unpack(wrong)
 
 

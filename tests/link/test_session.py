@@ -301,8 +301,11 @@ def test_a_reply_to_something_else_is_not_taken(line: ScriptedLine, session: Ses
 
 def test_a_reply_that_cannot_be_read_is_a_mismatch(line: ScriptedLine, session: Session) -> None:
     line.answers[GetParam.ID] = lambda frame: reply_to(frame, b"123")
-    with pytest.raises(ProtocolMismatch, match="GET_PARAM_REPLY: payload of 3 bytes, expected 4"):
+    with pytest.raises(ProtocolMismatch, match=r"reply to GET_PARAM .*: payload of 3 bytes, expected 4"):
         session.request(GetParam(4))
+    line.answers[PiezoSet.ID] = lambda frame: reply_to(frame, b"1")
+    with pytest.raises(ProtocolMismatch, match=r"reply to PIEZO_SET .*: payload of 1 bytes, expected 0"):
+        session.request(PiezoSet(1.0, 1.0))
 
 
 def test_heartbeats_go_every_50_ms_while_waiting(line: ScriptedLine, session: Session) -> None:

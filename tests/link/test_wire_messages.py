@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import inf, nan
 
 import pytest
@@ -14,9 +14,7 @@ from hypothesis import strategies as st
 from edmctl.link.frame import Frame, FrameDecoder, encode_frame
 from edmctl.link.messages import (
     PARAMS,
-    REPLIES,
     REQUESTS,
-    UNSOLICITED,
     GetStatusReply,
     HelloReply,
     Log,
@@ -26,9 +24,10 @@ from edmctl.link.messages import (
     param_crc,
 )
 from edmctl.link.schema import Field, Layout, load_schema
+from edmctl.link.wire import Message
+from tests.link.frame_text import TYPES
 
 SCHEMA = load_schema()
-TYPES = {kind.NAME: kind for table in (REQUESTS, REPLIES, UNSOLICITED) for kind in table.values()}
 BITS = {"u8": 8, "u16": 16, "u32": 32, "u64": 64}
 
 
@@ -67,6 +66,21 @@ def test_every_message_comes_back_as_it_went(
     (frame,) = FrameDecoder().feed(encode_frame(sent.ID, seq, session, 0, sent.pack()))
     assert frame == Frame(sent.ID, seq, session, 0, sent.pack())
     assert TYPES[name].unpack(frame.payload) == sent
+
+
+def test_a_class_gets_its_codec_once_whoever_asks_first() -> None:
+    @dataclass(frozen=True, slots=True)
+    class Probe(Message):
+        ID, NAME = 0xBF, "PROBE"
+        WIRE = "u16/10"
+
+        gap_v: float
+
+    pack, unpack = Probe(1.5).pack, Probe.unpack
+    assert [unpack(pack()), unpack(pack())] == [Probe(1.5), Probe(1.5)]
+    made = vars(Probe)["pack"]
+    assert (pack(), Probe(1.5).pack()) == (b"\x0f\x00", b"\x0f\x00")
+    assert vars(Probe)["pack"] is made
 
 
 def test_values_go_to_the_nearest_count() -> None:
@@ -113,12 +127,11 @@ def test_records_are_packed_as_tightly_as_on_the_wire() -> None:
 
 
 def test_every_command_knows_its_reply() -> None:
-    for id_, request in REQUESTS.items():
-        payload = REPLIES[id_].unpack
+    for request in REQUESTS.values():
         reply = next(layout for name, layout in SCHEMA.layouts() if name == f"{request.NAME}_REPLY")
         zeros = bytes(reply.size)
         command = request.unpack(bytes(next(x.size for n, x in SCHEMA.layouts() if n == request.NAME)))
-        assert command.unpack_reply(zeros) == payload(zeros)
+        assert command.unpack_reply(zeros) == TYPES[f"{request.NAME}_REPLY"].unpack(zeros)
 
 
 @given(st.sampled_from(sorted(PARAMS)), st.data())

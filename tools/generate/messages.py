@@ -29,7 +29,7 @@ from struct import pack
 from typing import TYPE_CHECKING
 from zlib import crc32
 
-from edmctl.link.wire import Message, Param, Request
+from edmctl.link.wire import Ack, Message, Param, Request
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -40,10 +40,7 @@ SCHEMA_HASH = 0x{hash:08X}
 '''
 _REGISTRIES = '''
 REQUESTS: dict[int, type[Request[Message]]] = {{kind.ID: kind for kind in ({commands})}}
-"""Commands by id."""
-
-REPLIES = {{id_: request.REPLY for id_, request in REQUESTS.items()}}
-"""Replies by the id of their command; on the wire the type is id | 0x40."""
+"""Commands by id; on the wire the type of a reply is that id | 0x40."""
 
 UNSOLICITED: dict[int, type[Message]] = {{kind.ID: kind for kind in ({others})}}
 """What the controller sends by itself, by id."""
@@ -79,7 +76,7 @@ def messages_source(schema: Schema) -> str:
             (message.request, ""),
             (message.unsolicited, ""),
         ):
-            if layout is not None:
+            if layout is not None and (layout.fields or not suffix):
                 parts.append(_class(message, layout, suffix))
     parts.append(
         _REGISTRIES.format(
@@ -100,14 +97,15 @@ def _enumeration(enumeration: Enumeration) -> str:
 def _class(message: MessageSpec, layout: Layout, suffix: str) -> str:
     """Return the class of one direction of a message; `suffix` is "Reply" for a reply, else empty."""
     is_request = layout is message.request
-    base = f"Request[{message.class_name}Reply]" if is_request else "Message"
+    reply = f"{message.class_name}Reply" if message.reply is not None and message.reply.fields else "Ack"
+    base = f"Request[{reply}]" if is_request else "Message"
     name = message.name + suffix.upper().replace("REPLY", "_REPLY")
     lines = [
         "@dataclass(frozen=True, slots=True)\n" if layout.fields else "",
         f"class {message.class_name}{suffix}({base}):\n",
         _docstring(f"Reply to {message.name}." if suffix else message.note),
         f'\n    ID, NAME = 0x{message.id:02X}, "{name}"\n',
-        f"    REPLY = {message.class_name}Reply\n" if is_request else "",
+        f"    REPLY = {reply}\n" if is_request and reply != "Ack" else "",
     ]
     if layout.fields:
         wire = [_wire(f) for f in layout.fields] + (["records"] if layout.record else [])
