@@ -11,7 +11,7 @@ from edmctl.errors import EdmError, ProfileError
 from edmctl.profile.diagnose import MOST_SHOWN
 from edmctl.profile.setup import load_setup
 from edmctl.rules.load import load_profile
-from tests.profile.documents import shipped_text
+from tests.rules.documents import shipped_text
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -19,7 +19,7 @@ from edmctl.profile.shipped import shipped_names
 from edmctl.profile.tables import field_at
 from edmctl.rules.load import load_profile
 from edmctl.simulator.config import DischargeConstants
-from tests.profile.documents import copy_shipped, loaded, problems, shipped_text
+from tests.rules.documents import copy_shipped, loaded, problems, shipped_text
 
 
 @pytest.mark.parametrize("name", shipped_names())
