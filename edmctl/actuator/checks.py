@@ -30,7 +30,7 @@ LEAST_CORRELATION = 0.5
 LEAST_UM_PER_V, MOST_UM_PER_V = 0.01, 100.0
 """Stacks and amplified actuators have 0.05 to 5 µm/V, with a 10 V command before the amplifier up to 50 µm/V."""
 LEAST_RANGE_UM, MOST_RANGE_UM = 0.5, 5000.0
-"""A few hundred µm told in mm come to less; the longest amplified actuators move 2 mm."""
+"""A few hundred µm given in mm come to less; the longest amplified actuators move 2 mm."""
 LONGEST_LAG_S = 0.02
 """A delay that identification searches for."""
 MOST_SPAN_V = 2500.0
@@ -88,8 +88,8 @@ def _check_time(record: Record) -> None:
     if len(wrong):
         k = int(wrong[0])
         does = "stands still" if steps_s[k] == 0.0 else "goes back"
-        told = f"{record.t_s[k + 1]:.9g} s after {record.t_s[k]:.9g} s"
-        what = f"time {does} at sample {k + 2}, {told} (such steps in all: {len(wrong)})"
+        when = f"{record.t_s[k + 1]:.9g} s after {record.t_s[k]:.9g} s"
+        what = f"time {does} at sample {k + 2}, {when} (such steps in all: {len(wrong)})"
         if steps_s[k] == 0.0:
             hint = "Write t_s with more digits, or leave out the repeated samples."
         else:

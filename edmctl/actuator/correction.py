@@ -51,7 +51,7 @@ class SlowCorrection:
     def observe(
         self, time_s: float, y_um: float, z_um: float, sd_um: float, *, keep_gain: bool = False
     ) -> None:
-        """Take one reading: the model said `y_um` (uncorrected) where `z_um` ± `sd_um` was measured.
+        """Learn from one reading: the model said `y_um` (uncorrected) where `z_um` ± `sd_um` was measured.
 
         keep_gain : correct the zero only (the filter stays optimal for a gain that is merely considered).
 

@@ -1,7 +1,7 @@
 """From measured records to an actuator model, with held-out errors and bands of uncertainty.
 
 Thresholds, knots and time constants are chosen from what the records cover; then everything is one convex
-problem (`fitting`) on triangles of the data (`design`). Errors are told on blocks of the record that the model
+problem (`fitting`) on triangles of the data (`design`). Errors are given for blocks of the record that the model
 did not see, because errors on the training data flatter every model.
 """
 

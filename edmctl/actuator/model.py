@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 CREEP_FROM_S, CREEP_TO_S = 0.1, 10.0
-"""Creep rates are customarily told between these times after a step."""
+"""Creep rates are customarily given between these times after a step."""
 
 
 SLOW_CYCLE_S, CYCLE_SAMPLES = 100.0, 400
@@ -74,7 +74,7 @@ class ActuatorModel:
         """Displacement in µm, shape (n,), for a voltage that was applied from `state` on.
 
         t_s, u_v : ndarray, shape (n,); time strictly ascending, every turning point of the voltage a sample.
-        state : left as it is. Default: conditioned, come to the first voltage as its first move tells.
+        state : left as it is. Default: conditioned, come to the first voltage as its first move shows.
 
         Raises ValueError for arrays that are not one-dimensional, equally long, finite, or whose time runs back.
         """

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 SLEW_V_S = 1000.0
-"""Slew limit of a "step" unless told otherwise: 0–150 V in 0.15 s."""
+"""Slew limit of a "step" where none is given: 0–150 V in 0.15 s."""
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 
 

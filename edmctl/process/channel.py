@@ -96,11 +96,11 @@ class ToolWear:
         return math.hypot(self._touch_u_um, self.u_rel * self.per_uj * since_uj)
 
     def restart(self, wear_um: float) -> None:
-        """Take a measured wear that says nothing of the wear per energy: a new start."""
+        """Begin anew from a measured wear that says nothing of the wear per energy."""
         self._measured_um = wear_um
 
     def learn(self, since_uj: float, wear_um: float, drift_u_um: float) -> None:
-        """Take a measured wear: one Kalman step on the wear per energy, and a new start.
+        """Learn from a measured wear: one Kalman step on the wear per energy, and a new start.
 
         `drift_u_um` is what the displacement may have drifted by since the last one. It belongs to the next cut as
         wear does, and spoils only what is learned of the rate. A wear further from what was believed than chance

@@ -1,7 +1,7 @@
 """Depth and wear between two touches, from feed and discharge energy; what every touch teaches is kept.
 
 The feed below a known bottom, `depth + wear`, is known from the tool's displacement to within the working gap. How
-it divides is not: that takes the wear ratio. The energy of the discharges tells the depth by itself, as far as the
+it divides is not: that takes the wear ratio. The energy of the discharges gives the depth by itself, as far as the
 volume removed per energy is known. Both unknowns are logarithms with a joint normal distribution; a cut is judged by
 one Kalman step on the feed, a touch by two, on depth and wear. Depth by energy instead of counts of discharges, and
 refitting at every touch, follow the closing aim of Muralidhara et al. 2009, §5.
@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 ARC_REMOVAL = 0.3
 """An arc removes this share of the work that a normal discharge of its energy does [assumed]."""
 ARC_WEAR = 3.0
-"""And takes this many times as much of the tool in proportion [assumed]."""
+"""And removes this many times as much of the tool in proportion [assumed]."""
 USUAL_ARCS = 0.04
 """Energy of arcs over that of normal discharges in a clean gap (1.5 % of the pulses): what a recipe's wear ratio
 holds, until a hole has shown its own."""

@@ -80,13 +80,13 @@ def fitted_plane(
     own_u = np.broadcast_to(np.asarray(touch_u_um, dtype=np.float64), (count,))
     noise = np.diag(own_u**2) + own_u.min(initial=np.inf) ** 2 * np.ones((count, count))
     weights = np.linalg.inv(noise)
-    told, sums = ways.T @ weights @ ways, ways.T @ weights @ heights
+    information, sums = ways.T @ weights @ ways, ways.T @ weights @ heights
     for step in steps:
         way = np.asarray(step.way_um) / step.u_um
-        told, sums = told + np.outer(way, way), sums + way * step.um / step.u_um
+        information, sums = information + np.outer(way, way), sums + way * step.um / step.u_um
     for _ in range(2):
         prior = np.eye(2) / (1e-3 * tilt_u_mrad) ** 2 if tilt_u_mrad > 0.0 else np.eye(2) * 1e18
-        covariance = np.linalg.inv(told + prior)
+        covariance = np.linalg.inv(information + prior)
         slope = covariance @ sums
         found_mrad = 1e3 * float(np.hypot(*slope))
         if tilt_u_mrad <= 0.0 or found_mrad <= CONTRADICTION_SDS * tilt_u_mrad:

@@ -1,4 +1,4 @@
-"""What one touch of the reference tells of several holes: how the wear since the touch before divides among them.
+"""What one touch of the reference says about several holes: how the wear since the touch before divides among them.
 
 Each hole is expected to have worn the tool by a share, known badly in the same direction for all (the wear ratio)
 and a little for itself. The tool's length and the drift of the sensor since the touch before make up the one length

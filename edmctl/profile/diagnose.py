@@ -38,9 +38,9 @@ _CODES = {
     "string_too_long": Code.OUT_OF_RANGE,
     "string_pattern_mismatch": Code.OUT_OF_RANGE,
 }
-MOST_TOLD = 100
-_TELLING = (Code.OUT_OF_RANGE, Code.NOT_A_CHOICE)
-"""Of several complaints about one value (a choice or a number), the most telling comes first."""
+MOST_SHOWN = 100
+_MOST_SPECIFIC = (Code.OUT_OF_RANGE, Code.NOT_A_CHOICE)
+"""Of several complaints about one value (a choice or a number), the most specific comes first."""
 
 
 def schema_problems(error: ValidationError, model: type[BaseModel], data: TomlTable) -> dict[KeyPath, Code]:
@@ -62,10 +62,12 @@ def schema_diagnostics(
     problems: Mapping[KeyPath, Code], model: type[BaseModel], data: TomlTable, sources: Sources
 ) -> list[Diagnostic]:
     """One diagnostic per wrong key or value, in the order of the file; of very many only some, and their number."""
-    told = dict(islice(problems.items(), MOST_TOLD))
-    found = sorted((_diagnostic(code, path, model, data, sources) for path, code in told.items()), key=_place)
-    if len(told) < len(problems):
-        message = f"{len(problems) - len(told)} more keys or values are wrong"
+    shown = dict(islice(problems.items(), MOST_SHOWN))
+    found = sorted(
+        (_diagnostic(code, path, model, data, sources) for path, code in shown.items()), key=_place
+    )
+    if len(shown) < len(problems):
+        message = f"{len(problems) - len(shown)} more keys or values are wrong"
         found.append(Diagnostic(found[-1].code, message, "mend these first"))
     return found
 
@@ -97,7 +99,7 @@ def _unknown_keys(table: KeyPath, model: type[BaseModel], data: TomlTable) -> di
 
 
 def _rank(code: Code) -> int:
-    return _TELLING.index(code) if code in _TELLING else len(_TELLING)
+    return _MOST_SPECIFIC.index(code) if code in _MOST_SPECIFIC else len(_MOST_SPECIFIC)
 
 
 def _code(detail: ErrorDetails) -> Code:

@@ -119,7 +119,7 @@ def _or_nan(depth_um: float | None) -> float:
 COLUMNS = ("name", "x_um", "y_um", "theta_deg", "depth_um")
 NEEDED = ("x_um", "y_um")
 MOST_COMPLAINTS = 20
-"""Of one file: who has more wrong lines than this has one mistake in all of them."""
+"""Of one file: more wrong lines than this are one mistake in all of them."""
 
 
 _FORM = "the first line names the columns, x_um,y_um at least; each further line is a place"
@@ -171,7 +171,7 @@ class _Line:
             raise self.wrong(f"no CSV: {error}", _FORM) from error
 
     def location(self, cell: int | None = None) -> Location:
-        """The line, or one of its cells where commas alone tell where that is."""
+        """The line, or one of its cells where commas alone show where that is."""
         column, length = 1, max(1, len(self.text))
         parts = self.text.split(",")
         if cell is not None and cell < len(parts) and '"' not in self.text:

@@ -74,7 +74,7 @@ def profile_schema() -> dict[str, Any]:
 
 
 def _required_keys(schema: dict[str, Any]) -> dict[str, Any]:
-    """Take the required keys out of the tables' definitions: for each table, what it must hold.
+    """Move the required keys out of the tables' definitions: for each table, what it must hold.
 
     Items of a list keep theirs, because a list is inherited whole or not at all.
     """
@@ -83,6 +83,6 @@ def _required_keys(schema: dict[str, Any]) -> dict[str, Any]:
         kinds = description.get("oneOf", description.get("anyOf", [description]))
         names = [kind["$ref"].rpartition("/")[2] for kind in kinds if "$ref" in kind]
         if names:
-            taken = [schema["$defs"][name].pop("required", []) for name in names]
-            found[table] = {"anyOf": [{"required": keys} for keys in taken]}
+            required = [schema["$defs"][name].pop("required", []) for name in names]
+            found[table] = {"anyOf": [{"required": keys} for keys in required]}
     return found

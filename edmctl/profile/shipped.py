@@ -55,7 +55,7 @@ def find_profile(name_or_path: str) -> Path:
     if shipped := find_shipped(name_or_path):
         return shipped
     if _is_there(given):
-        return given  # reading it tells what it is instead
+        return given  # reading it says what it is instead
     names = shipped_names()
     close = difflib.get_close_matches(given.stem, names, n=1)
     meant = f"Did you mean {close[0]}? " if close else ""

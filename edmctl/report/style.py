@@ -38,10 +38,10 @@ STRIP_MM = 3.0
 
 BLACK, GREY, LIGHT = "#000000", "#999999", "#E5E5E5"
 FAINT = "#6B6B6B"
-BLUE, VERMILLION, GREEN, ORANGE = "#0072B2", "#D55E00", "#009E73", "#E69F00"
+BLUE, VERMILION, GREEN, ORANGE = "#0072B2", "#D55E00", "#009E73", "#E69F00"
 SKY, PURPLE, YELLOW = "#56B4E9", "#CC79A7", "#F0E442"
 
-OPEN, NORMAL, ARC, SHORT = GREY, BLUE, ORANGE, VERMILLION
+OPEN, NORMAL, ARC, SHORT = GREY, BLUE, ORANGE, VERMILION
 """Colours of the pulse classes in every figure."""
 DEVIATIONS = "PuOr"
 """Diverging colours for what is too deep or not deep enough, told apart by the colour-blind."""
@@ -50,7 +50,7 @@ PULSE_HATCHES = {"open": "/////", "normal": "", "arc": "....", "short": "xxxxx"}
 """Patterns of areas, which tell the classes apart where there is no colour."""
 PULSE_DASHES: dict[str, Dash] = {"arc": "-", "short": (0, (3.0, 1.2))}
 
-READING_MARKS = {"Z1": ("^", GREEN), "Z2": ("v", VERMILLION), "Z3": ("s", PURPLE), "Zr": ("D", ORANGE)}
+READING_MARKS = {"Z1": ("^", GREEN), "Z2": ("v", VERMILION), "Z3": ("s", PURPLE), "Zr": ("D", ORANGE)}
 """How readings are marked, by their kind."""
 
 _SETTINGS = {

@@ -103,7 +103,7 @@ def _written(table: TomlTable, sources: Sources, machine: Setup) -> ProfileFile:
 def _places(
     profile: Profile, path: Path, sources: Sources
 ) -> tuple[tuple[Place, ...], tuple[Diagnostic, ...]]:
-    """The places of a profile, or why they cannot be told; files are relative to the text that names them."""
+    """The places of a profile, or why they are not known; files are relative to the text that names them."""
     where = sources.value(("sites",))
     folder = Path() if where.file == SET_OPTION else Path(where.file).parent
     try:

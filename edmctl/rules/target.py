@@ -21,24 +21,24 @@ LEAST_SHEET_UM = 1.0
 """Nobody makes holes through less; the thinnest foils that are sold are some µm."""
 
 
-def _least_told_um(job: Job) -> float:
-    """The least tolerance that touches which scatter as much as they may can tell."""
+def _least_resolved_um(job: Job) -> float:
+    """The least tolerance that touches resolve which scatter as much as they may."""
     measure = job.profile.measure
     return 2.0 * measure.max_sd_um / math.sqrt(measure.touches)
 
 
 def tolerance(job: Job) -> Iterator[Finding]:
-    """Rule 11: the tolerance can be told from the scatter of the touches."""
+    """Rule 11: the tolerance is wider than the scatter of the touches."""
     target, measure = job.profile.target, job.profile.measure
     if target.kind != "depth":
         return
-    least_um = _least_told_um(job)
+    least_um = _least_resolved_um(job)
     if target.tolerance_um < least_um:
         yield Finding(
             Code.TOLERANCE,
             ("target", "tolerance_um"),
             f"tolerance {target.tolerance_um:g} µm is below what {measure.touches} touches of up to "
-            f"{measure.max_sd_um:g} µm scatter can tell, {least_um:.2f} µm",
+            f"{measure.max_sd_um:g} µm scatter can resolve, {least_um:.2f} µm",
             f"use at least {rounded_up(max(least_um, SPARE * job.forecast.depth_u95_um))} µm",
         )
 
@@ -49,7 +49,7 @@ def depth_shown(job: Job) -> Iterator[Finding]:
     if target.kind != "depth":
         return
     u95_um = job.forecast.depth_u95_um
-    if _least_told_um(job) <= target.tolerance_um < u95_um:
+    if _least_resolved_um(job) <= target.tolerance_um < u95_um:
         why = "" if job.setup.sensor.fitted else ": without a displacement sensor the gain is known to 2.5 %"
         yield Finding(
             Code.NOT_SHOWN,

@@ -104,8 +104,8 @@ def violations(profile: Profile, setup: Setup, places: tuple[Place, ...] = ()) -
 
     Rules that need a value which a partial profile lacks are left out.
     """
-    once = _held(reference_stated_once, Job(profile, setup))
-    shaped = _held(sites.path_keys, Job(profile, setup))
+    once = _findings(reference_stated_once, Job(profile, setup))
+    shaped = _findings(sites.path_keys, Job(profile, setup))
     try:
         known = without(profile, ("servo", "reference")) if once else _with_share(profile)
     except AttributeError as error:
@@ -113,7 +113,7 @@ def violations(profile: Profile, setup: Setup, places: tuple[Place, ...] = ()) -
             raise
         known = without(profile, ("servo", "reference"))
     job = Job(without(known, ("path",)) if shaped else known, setup, places)
-    return [*once, *shaped, *(finding for rule in RULES for finding in _held(rule, job))]
+    return [*once, *shaped, *(finding for rule in RULES for finding in _findings(rule, job))]
 
 
 def reference_stated_once(job: Job) -> Iterable[Finding]:
@@ -129,7 +129,7 @@ def reference_stated_once(job: Job) -> Iterable[Finding]:
         yield Finding(Code.REFERENCE_ONCE, ("servo",), "servo.reference is missing", hint)
 
 
-def _held(rule: Callable[[Job], Iterable[Finding]], job: Job) -> list[Finding]:
+def _findings(rule: Callable[[Job], Iterable[Finding]], job: Job) -> list[Finding]:
     """Findings of a rule; none where it asks for a value that could not be read."""
     try:
         return list(rule(job))

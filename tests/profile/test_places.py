@@ -12,7 +12,7 @@ from edmctl.errors import ProfileError
 from edmctl.profile.findings import Code
 from edmctl.profile.places import MOST_PLACES, Place, places
 from edmctl.rules.load import load_profile
-from tests.profile.documents import problems
+from tests.rules.documents import problems
 
 GRID = 'sites=[{kind="grid",x_um=500,columns=3,rows=2,dx_um=300,dy_um=400}]'
 SHALLOW = ("target.depth_um=20", "jump.height_um=60", "limits.max_time_s=1e5")

@@ -17,7 +17,7 @@ from edmctl.report.style import (
     DASHED,
     GREY,
     PAGE_MM,
-    VERMILLION,
+    VERMILION,
     draw_envelope,
     house_style,
     letter_panels,
@@ -78,11 +78,9 @@ def _draw_column(panels: NDArray[np.object_], trial: Trial) -> None:
     t_s = trial.t_s
     draw_envelope(voltage, broken(t_s, trial.applied_v), 1.0, BLACK, width=0.7)
     draw_envelope(displacement, broken(t_s, trial.truth_um), 1.0, GREY, "truth", 2.4)
-    draw_envelope(
-        displacement, broken(t_s, trial.paper_um), 1.0, VERMILLION, "Maxwell, no creep", dash=DASHED
-    )
+    draw_envelope(displacement, broken(t_s, trial.paper_um), 1.0, VERMILION, "Maxwell, no creep", dash=DASHED)
     draw_envelope(displacement, broken(t_s, trial.ours_um), 1.0, BLUE, "edmctl")
-    draw_envelope(error, broken(t_s, trial.paper_um - trial.truth_um), 1.0, VERMILLION, dash=DASHED)
+    draw_envelope(error, broken(t_s, trial.paper_um - trial.truth_um), 1.0, VERMILION, dash=DASHED)
     for axes in (error, own_error):
         draw_envelope(axes, broken(t_s, trial.ours_um - trial.truth_um), 1.0, BLUE)
         axes.axhline(0.0, color=BLACK, linewidth=0.4)

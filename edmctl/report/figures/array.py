@@ -15,7 +15,7 @@ from edmctl.report.style import (
     DEVIATIONS,
     GREY,
     PAGE_MM,
-    VERMILLION,
+    VERMILION,
     NothingToDraw,
     draw_points,
     letter_panels,
@@ -207,7 +207,7 @@ def _draw_errors(axes: Axes, holes: _Holes) -> None:
 
 
 def _draw_wear(axes: Axes, holes: _Holes) -> None:
-    _points(axes, holes.wear_um, holes.wear_u95_um, holes.wear_basis, VERMILLION, "s")
+    _points(axes, holes.wear_um, holes.wear_u95_um, holes.wear_basis, VERMILION, "s")
     axes.set_ylabel("tool wear (µm)")
     axes.set_xlabel("hole, in the order of machining; bars: 95 %")
     axes.set_title(open_marks([*holes.depth_basis, *holes.wear_basis]), loc="right", pad=3.0)

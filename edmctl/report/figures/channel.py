@@ -20,7 +20,7 @@ from edmctl.report.style import (
     DEVIATIONS,
     GREY,
     PAGE_MM,
-    VERMILLION,
+    VERMILION,
     NothingToDraw,
     draw_points,
     letter_panels,
@@ -260,7 +260,7 @@ def _draw_floor(axes: Axes, channel: Channel) -> None:
         known = np.isfinite(channel.touched_u95_um)
         label = "touched by the tool" + (", 95 % of the mean" if known else "")
         u95_um = channel.touched_u95_um if known else None
-        draw_points(axes, s_um / 1000.0, depth_um, u95_um, VERMILLION, label=label)
+        draw_points(axes, s_um / 1000.0, depth_um, u95_um, VERMILION, label=label)
         drawn_um.append(depth_um)
     all_um, edge_um = np.concatenate(drawn_um), 0.1 * BAND_TOLERANCES * tolerance_um
     axes.set_ylim(float(all_um.max()) + edge_um, float(all_um.min()) - edge_um)  # deep is down

@@ -20,7 +20,7 @@ from edmctl.report.style import (
     PAGE_MM,
     PURPLE,
     SKY,
-    VERMILLION,
+    VERMILION,
     NothingToDraw,
     draw_points,
     letter_panels,
@@ -48,7 +48,7 @@ PAUSE_S = 1.0
 NEW_SITE_UM = 2.0
 """An estimated depth that falls by more than this belongs to another place."""
 
-_COLOURS = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, BLACK)
+_COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY, BLACK)
 _DASHES = ("-", (0, (4, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)), (0, (2.5, 1.2)))
 
 

@@ -17,7 +17,7 @@ from edmctl.report.style import (
     GREY,
     NORMAL,
     PULSE_HATCHES,
-    VERMILLION,
+    VERMILION,
     NothingToDraw,
     draw_points,
     letter_panels,
@@ -125,7 +125,7 @@ def _draw_volume(axes: Axes, found: Removal, edges_s: Array, sums_uj: Array, exp
         axes.plot(
             [0.0, end_j],
             [0.0, fit.value * end_j],
-            color=VERMILLION,
+            color=VERMILION,
             linewidth=1.0,
             label=f"κ = {to_its_u95(fit.value, fit.u95)} µm³/µJ",
         )

@@ -16,7 +16,7 @@ from edmctl.report.style import (
     DASHED,
     GREY,
     LINE,
-    VERMILLION,
+    VERMILION,
     NothingToDraw,
     draw_envelope,
     draw_points,
@@ -84,8 +84,8 @@ def _draw_estimates(axes: Axes, rows: dict[str, Array], per_s: float) -> None:
     if np.isfinite(rows["est_wear"]).any():
         wear = broken(time_s, rows["est_wear"])
         time = wear.time_s / per_s
-        axes.plot(time, wear.mean, color=VERMILLION, linestyle=DASHED, linewidth=1.0, label="estimated wear")
-        _draw_band(axes, rows, "est_wear", per_s, VERMILLION)
+        axes.plot(time, wear.mean, color=VERMILION, linestyle=DASHED, linewidth=1.0, label="estimated wear")
+        _draw_band(axes, rows, "est_wear", per_s, VERMILION)
 
 
 def _draw_band(axes: Axes, rows: dict[str, Array], name: str, per_s: float, colour: str) -> None:
@@ -113,7 +113,7 @@ def _draw_known(axes: Axes, known: Sequence[KnownDepth], per_s: float, *, sensor
     for is_touched, words in ((True, touched), (False, f"{{}} without a touch{corrected}")):
         for name, colour, mark, asked in (
             ("depth", BLUE, "o", "touched"),
-            ("wear", VERMILLION, "s", "wear_touched"),
+            ("wear", VERMILION, "s", "wear_touched"),
         ):
             values = [
                 (one.time_s / per_s, getattr(one, f"{name}_um"), getattr(one, f"{name}_u95_um"))

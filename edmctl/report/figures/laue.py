@@ -17,7 +17,7 @@ from edmctl.report.style import (
     NORMAL,
     OPEN,
     PULSE_HATCHES,
-    VERMILLION,
+    VERMILION,
     NothingToDraw,
     letter_panels,
     new_figure,
@@ -106,7 +106,7 @@ def _draw_laue(axes: Axes, found: Delays, fit: RandomIgnition) -> None:
     axes.plot(
         line_us,
         np.exp(-(line_us - fit.lag_us) / fit.mean_us),
-        color=VERMILLION,
+        color=VERMILION,
         linestyle=DASHED,
         linewidth=1.0,
         label=label,

@@ -23,7 +23,7 @@ from edmctl.report.style import (
     GREEN,
     GREY,
     PAGE_MM,
-    VERMILLION,
+    VERMILION,
     NothingToDraw,
     new_figure,
     shared_legend,
@@ -49,7 +49,7 @@ STEP, PITCH = 1.0, 4.4
 """Width of one reading, and distance from site to site, on the horizontal axis."""
 MEASURED, CONTACT = "measured", "by contact, estimated displacement"
 UNTOUCHED, ESTIMATED = "without a touch", "estimated from voltage"
-QUANTITIES = (("depth", BLUE), ("wear", VERMILLION), ("feed", GREEN))
+QUANTITIES = (("depth", BLUE), ("wear", VERMILION), ("feed", GREEN))
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,7 +147,7 @@ def _draw_site(axes: Axes, readings: _Readings, left: float, words: str, *, alon
     for name, colour, at, ends in (
         ("feed", GREEN, low, (z_um[0], z_um[1])),
         ("depth", BLUE, high, (z_um[2], z_um[1])),
-        ("wear", VERMILLION, high, (z_um[0], z_um[2])),
+        ("wear", VERMILION, high, (z_um[0], z_um[2])),
     ):
         _arrow(axes, at, ends, colour)
         if alone:

@@ -16,7 +16,7 @@ from edmctl.report.style import (
     BLACK,
     BLUE,
     GREY,
-    VERMILLION,
+    VERMILION,
     NothingToDraw,
     draw_envelope,
     legend_above,
@@ -111,7 +111,7 @@ def _draw_sequence(
     lines = envelopes(run, "/entry/servo", ["v_cmd", place, "state"], derive, part)
     time_s = lines["v_cmd"].time_s
     unit_s, label = time_unit(float(time_s[-1] - time_s[0]))
-    for axes, name, colour in ((upper, "v_cmd", VERMILLION), (lower, place, GREY if sensed else BLUE)):
+    for axes, name, colour in ((upper, "v_cmd", VERMILION), (lower, place, GREY if sensed else BLUE)):
         draw_envelope(axes, lines[name], unit_s, colour)
         mark_readings(axes, readings, name, unit_s)
         axes.locator_params(axis="y", nbins=5)
@@ -218,7 +218,7 @@ def _draw_column(
             )
         axes.locator_params(axis="x", nbins=bins)
         axes.locator_params(axis="y", nbins=5)
-    upper.plot(time_s, columns["v_cmd"], color=VERMILLION)
+    upper.plot(time_s, columns["v_cmd"], color=VERMILION)
     _line(lower, time_s, columns["z_sensor"], GREY, 1.0, "sensor")
     _line(lower, time_s, columns["z_model"], BLUE, 0.8, "estimated")
     lower.set_xlim(time_s[0], time_s[-1])

@@ -11,7 +11,7 @@ from edmctl.report.signals import Envelope, envelopes, within
 from edmctl.report.style import (
     BLACK,
     BLUE,
-    VERMILLION,
+    VERMILION,
     NothingToDraw,
     draw_envelope,
     letter_panels,
@@ -98,7 +98,7 @@ def _draw_pair(
 
     for axes, name, colour, label in (
         (panels[0], "v_gap", BLUE, "voltage (V)"),
-        (panels[1], "i_gap", VERMILLION, "current (A)"),
+        (panels[1], "i_gap", VERMILION, "current (A)"),
     ):
         line = lines[name]
         draw_envelope(axes, line, MS, colour, width=0.6, begin_s=zero_s)

@@ -8,10 +8,10 @@ import pytest
 
 from edmctl.console.diagnostics import render_diagnostics
 from edmctl.errors import EdmError, ProfileError
-from edmctl.profile.diagnose import MOST_TOLD
+from edmctl.profile.diagnose import MOST_SHOWN
 from edmctl.profile.setup import load_setup
 from edmctl.rules.load import load_profile
-from tests.profile.documents import shipped_text
+from tests.rules.documents import shipped_text
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -81,5 +81,5 @@ def test_more_than_anybody_writes_is_refused_in_few_words(name: str, tmp_path: P
     path.write_text(f'extends = "cu270"\n{HOSTILE[name]}', encoding="utf-8")
     with pytest.raises(ProfileError) as refused:
         load_profile(str(path))
-    assert len(refused.value.diagnostics) <= MOST_TOLD + 1
+    assert len(refused.value.diagnostics) <= MOST_SHOWN + 1
     assert len(render_diagnostics(refused.value.diagnostics)) < 100_000

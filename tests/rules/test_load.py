@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 from edmctl.errors import ProfileError, UsageError
 from edmctl.profile.findings import Code
 from edmctl.profile.profile_file import ProfileFile, profile_schema
-from edmctl.profile.read import extend
+from edmctl.profile.read import changes, extend
 from edmctl.profile.setup import load_setup
 from edmctl.profile.shipped import shipped_names
 from edmctl.profile.tables import field_at
 from edmctl.rules.load import load_profile
 from edmctl.simulator.config import DischargeConstants
-from tests.profile.documents import copy_shipped, loaded, problems, shipped_text
+from tests.rules.documents import copy_shipped, loaded, problems, shipped_text
 
 
 @pytest.mark.parametrize("name", shipped_names())
@@ -66,6 +66,12 @@ def test_extends_inherits_and_lists_what_it_overrides() -> None:
     assert 'tool.material = "W" (was "Cu", w252.toml)' in w.overrides
     assert "target.depth_um = 240.0 (was 180.0, w252.toml)" in w.overrides
     assert w.sim.theta == 0.0358
+
+
+def test_values_that_are_removed_are_listed_in_the_order_of_the_file() -> None:
+    before: dict[str, object] = {"target": {f"key_{number}": number for number in range(20)}}
+    removed = [f"target.key_{number} removed (was {number}, --set)" for number in range(20)]
+    assert list(changes(before, {}, "--set")) == removed
 
 
 def test_an_override_lists_old_and_new_value_and_keeps_the_rest() -> None:

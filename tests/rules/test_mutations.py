@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.profile.findings import Code
-from tests.profile.documents import (
+from tests.rules.documents import (
     NAMES,
     NEWER,
     WrittenKey,

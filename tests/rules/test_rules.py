@@ -12,7 +12,7 @@ from edmctl.profile.findings import Code
 from edmctl.profile.model import Measure
 from edmctl.profile.setup import Controller, Setup
 from edmctl.rules.load import load_profile
-from tests.profile.documents import problems
+from tests.rules.documents import problems
 
 ISOPULSE = "pulse.mode=isopulse"
 FEED_TARGET = 'target={kind="feed",feed_um=250}'

@@ -12,7 +12,7 @@ from edmctl.process.path import circle, lengths_um, rectangle, spiral
 from edmctl.profile.findings import Code
 from edmctl.profile.setup import Setup
 from edmctl.rules.load import load_profile
-from tests.profile.documents import problems
+from tests.rules.documents import problems
 
 DEEP = ("limits.max_time_s=1e5", "jump.height_um=70")
 
