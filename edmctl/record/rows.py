@@ -7,12 +7,14 @@ so its arrays must not be changed afterwards.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol, TypeAlias
+
+from edmctl.results.telemetry import PulseBlockBatch, PulseTrain, TelemetryBlock, WaveformBatch
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     import numpy as np
     from numpy.typing import NDArray
@@ -22,12 +24,29 @@ if TYPE_CHECKING:
 
 
 class EventLevel(IntEnum):
-    """Weight of an event. From WARNING on, an event is on disk before the call returns."""
+    """Weight of an event. From WARNING on, an event is flushed at once."""
 
     DEBUG = 0
     INFO = 1
     WARNING = 2
     ERROR = 3
+
+
+@dataclass(frozen=True, slots=True)
+class EventRow:
+    """A state, jump, fault or decision. A copy of `args` is kept.
+
+    `message` is cut to 160 bytes; of `args` the last values are left out when their JSON exceeds 200 bytes.
+    """
+
+    time_s: float
+    code: int
+    level: EventLevel
+    message: str
+    args: Mapping[str, float | int | str | bool] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "args", dict(self.args))
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +101,10 @@ class SlowRow:
 
 @dataclass(frozen=True, slots=True)
 class TruthMap:
-    """The floor of a channel as the virtual machine knows it: depths, shape (m, n), over y (m,) and x (n,), µm."""
+    """The floor of a channel as the virtual machine knows it: depths, shape (m, n), over y (m,) and x (n,), µm.
+
+    It replaces an earlier one.
+    """
 
     x_um: FloatArray
     y_um: FloatArray
@@ -125,6 +147,13 @@ class TouchRow:
     drift_um: float
     speed_um_s: float
     accepted: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class RejectedTouch:
+    """Marks the reading of that time as one that is not used, because of what was touched after it."""
+
+    time_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,6 +212,49 @@ class SiteRow:
     wear_basis: str = ""
     verdict: str = ""
     """A `Verdict`; empty where no depth was wanted."""
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """The result of the run as a JSON object; it replaces an earlier one."""
+
+    json_text: str
+
+
+Row: TypeAlias = (
+    ServoBlock
+    | SlowRow
+    | PulseBlockBatch
+    | PulseTrain
+    | EventRow
+    | TouchRow
+    | RejectedTouch
+    | SiteRow
+    | TelemetryBlock
+    | WaveformBatch
+    | LinkRow
+    | TruthMap
+    | Summary
+)
+"""What a run file takes. A TelemetryBlock is the black box: what the controller kept from before a fault."""
+
+
+class Recorder(Protocol):
+    """Takes what procedures see, in order of time: into a run file, or nowhere."""
+
+    def append(self, row: Row) -> None:
+        """Append a row, or a block whose arrays are kept by reference.
+
+        May raise RunFileError once, when the disk fails; later rows are then ignored, so that the caller can still
+        bring the machine to its safe point.
+        """
+
+
+class NullRecorder:
+    """Keeps nothing: for runs without a file."""
+
+    def append(self, row: Row) -> None:
+        """Do nothing."""
 
 
 @dataclass(frozen=True, slots=True)

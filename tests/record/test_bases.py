@@ -26,9 +26,9 @@ NEW = ("depth_basis", "wear_basis", "verdict")
 
 def a_run(folder: Path, *rows: SiteRow, z_sensor_um: float = 50.0) -> Path:
     writer = RunWriter.create(folder / "run.h5", a_meta())
-    writer.touch(TouchRow(1.0, "Z1", "A1", 20.0, z_sensor_um, 49.0, 3, 0.3, 0.0, 1.0))
+    writer.append(TouchRow(1.0, "Z1", "A1", 20.0, z_sensor_um, 49.0, 3, 0.3, 0.0, 1.0))
     for row in rows:
-        writer.site_result(row)
+        writer.append(row)
     return writer.finish("done", 0)
 
 

@@ -53,7 +53,7 @@ KILLED = (
     CREATED
     + """
 for k in range(1_000_000):
-    writer.append_servo(servo_block(100 * k, 100))
+    writer.append(servo_block(100 * k, 100))
     if k % 20 == 19:
         writer.flush()
         print(100 * (k + 1), flush=True)
@@ -66,14 +66,14 @@ FULL_DISK = (
 import resource, signal
 from edmctl.errors import RunFileError
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-writer.append_servo(servo_block(0, 1000))
+writer.append(servo_block(0, 1000))
 writer.flush()
 resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, resource.RLIM_INFINITY))
 failures = []
 for k in range(10, 4000):
     try:
-        writer.append_servo(servo_block(100 * k, 100))
-        writer.append_slow(SlowRow(k, 1.0, 0.8, 0.8, 0.2, 0.7, 0.1, 0.0, 1.0, 1.0, 0.1))
+        writer.append(servo_block(100 * k, 100))
+        writer.append(SlowRow(k, 1.0, 0.8, 0.8, 0.2, 0.7, 0.1, 0.0, 1.0, 1.0, 0.1))
         if k % 7 == 0:
             writer.flush()
     except RunFileError as error:
@@ -100,7 +100,7 @@ whole = RunWriter.create(Path({path!r} + ".whole"), a_meta())
 fill(whole)
 limit = whole.finish("done", 0).stat().st_size + {more_bytes}
 writer = RunWriter.create(Path({path!r}), a_meta())
-writer.append_servo(servo_block(0, 1000))
+writer.append(servo_block(0, 1000))
 writer.flush()
 resource.setrlimit(resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
 try:
