@@ -31,17 +31,8 @@ from edmctl.record.layout import (
     Table,
 )
 from edmctl.record.reader import RunFile, open_run
-from edmctl.record.rows import (
-    EventLevel,
-    EventRow,
-    Leaf,
-    RunMeta,
-    ServoBlock,
-    SiteRow,
-    SlowRow,
-    Summary,
-    TouchRow,
-)
+from edmctl.record.rows import EventLevel, EventRow, ServoBlock, SiteRow, SlowRow, Summary, TouchRow
+from edmctl.record.run_meta import Leaf, RunMeta
 from edmctl.record.writer import RunWriter
 from edmctl.report.kinds import NAMES
 from edmctl.results.telemetry import PulseBlockBatch, PulseTrain

@@ -25,7 +25,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.record.background import SYNC_INTERVAL_S, BackgroundWriter
-from edmctl.record.rows import EventLevel, EventRow, NullRecorder, RunMeta, ServoBlock, SlowRow
+from edmctl.record.rows import EventLevel, EventRow, NullRecorder, ServoBlock, SlowRow
+from edmctl.record.run_meta import RunMeta
 from edmctl.record.writer import FLUSH_INTERVAL_S, RunWriter
 from edmctl.results.telemetry import PulseBlockBatch, PulseTrain
 

@@ -25,7 +25,8 @@ from edmctl.errors import RunFileError
 from edmctl.record.background import BackgroundWriter
 from edmctl.record.reader import open_run
 from edmctl.record.recovery import recover
-from edmctl.record.rows import EventLevel, EventRow, RunMeta, ServoBlock, TouchRow
+from edmctl.record.rows import EventLevel, EventRow, ServoBlock, TouchRow
+from edmctl.record.run_meta import RunMeta
 from edmctl.results.telemetry import PulseTrain
 
 SERVO_HZ, PULSE_HZ = 1000, 2300

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from edmctl.record.rows import NullRecorder, Recorder, RunMeta, ServoBlock, SlowRow
+from edmctl.record.rows import NullRecorder, Recorder, ServoBlock, SlowRow
+from edmctl.record.run_meta import RunMeta
 from edmctl.record.writer import RunWriter
 from edmctl.results.telemetry import PulseBlockBatch, PulseTrain
 

@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from edmctl.jobs.run_header import RunName
-    from edmctl.record.rows import Recorder, RunMeta
+    from edmctl.record.rows import Recorder
+    from edmctl.record.run_meta import RunMeta
 
 
 @contextmanager

@@ -23,7 +23,8 @@ from edmctl.record.writer import FLUSH_INTERVAL_S, RunWriter
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from edmctl.record.rows import Row, RunMeta
+    from edmctl.record.rows import Row
+    from edmctl.record.run_meta import RunMeta
 
 BACKLOG_BYTES = 64 * 1024 * 1024
 """Rows that may wait in memory: about six minutes of the full log (1 kHz servo and every pulse at 2.3 kHz are

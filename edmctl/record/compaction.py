@@ -1,4 +1,4 @@
-"""Writes a run file anew: compressed, with nothing but its rows, and sealed.
+"""Writes a run file anew: compressed, with nothing but its rows, and sealed; so a complete one gets its name.
 
 While a run goes on nothing is compressed, because SWMR never reuses the space of a compressed chunk that
 grows. So at the end everything is copied: groups, attributes, hard links and dimension scales as they are, rows
@@ -17,8 +17,10 @@ from typing import TYPE_CHECKING
 import h5py
 import numpy as np
 
-from edmctl.record.checksum import seal
+from edmctl.errors import RunFileError
+from edmctl.record.disk import HDF5_ERRORS, cannot_name, rename_without_replacing
 from edmctl.record.hdf5 import open_hdf5
+from edmctl.record.integrity import seal
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -192,3 +194,30 @@ def _filtered(values: NDArray[np.generic], chunk_rows: int) -> bytes:
     planes = np.zeros((size, chunk_rows), np.uint8)
     planes[:, : len(values)] = values.view(np.uint8).reshape(len(values), size).T
     return zlib.compress(planes.data, LEVEL)
+
+
+CLOSING = ".closing"
+"""Ending of the compressed copy while it is written; whoever dies then leaves the `.partial` file as it was."""
+
+
+def close_run(partial: Path, path: Path) -> None:
+    """Make `path` of the complete and closed file `partial`; a file of that name is never replaced.
+
+    Raises RunFileError E9004 when the name is taken or cannot be given; then `partial` stays.
+    """
+    closing = path.with_name(path.name + CLOSING)
+    try:
+        closing.unlink(missing_ok=True)
+        # Every chunk is read once: a cache would keep up to 8 MB of each dataset.
+        with open_hdf5(partial, rdcc_nbytes=0) as source:
+            compact(source, closing)
+    except HDF5_ERRORS:
+        # Better large than lost: the disk may not have room for a second file.
+        rename_without_replacing(partial, path)
+        return
+    try:
+        rename_without_replacing(closing, path)
+    except RunFileError as error:
+        closing.unlink(missing_ok=True)
+        raise cannot_name(partial, path, error.__cause__ or error) from error
+    partial.unlink(missing_ok=True)

@@ -4,18 +4,24 @@ from __future__ import annotations
 
 import json
 import math
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Self
 
 import h5py
 import numpy as np
 from h5py import h5d, h5s
 
+from edmctl.errors import EdmError
 from edmctl.record import layout
-from edmctl.record.opening import open_file
+from edmctl.record.compaction import CLOSING
+from edmctl.record.disk import PARTIAL, partial_path
+from edmctl.record.integrity import Seal, look_at_seal
+from edmctl.record.locks import interrupted, is_live
+from edmctl.record.opening import damaged, open_file
 from edmctl.record.rows import TruthMap
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
     from types import TracebackType
 
@@ -237,3 +243,97 @@ def open_run(path: Path) -> RunFile:
     E9007 it is damaged.
     """
     return RunFile(open_file(path), path)
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[RunFile]:
+    """Open the run file at `path` for a `with` block that works on what is in it.
+
+    A file without a fitting check sum may hold anything: texts that are none, rows of another form, places that lead
+    nowhere. What that brings about in the block becomes RunFileError E9007; with a file that is whole it is a bug,
+    and stays as it is. Raises RunFileError as `open_run`.
+    """
+    with _blamed(path), open_run(path) as run:
+        yield run
+
+
+@contextmanager
+def reading_unverified(path: Path) -> Iterator[RunFile]:
+    """Do as `reading`, without comparing the check sum first: that takes reading the whole file."""
+    with _blamed(path), RunFile(open_file(path, verify=False), path) as run:
+        yield run
+
+
+@contextmanager
+def _blamed(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except EdmError:
+        raise
+    except Exception as error:
+        if _is_whole(path):
+            raise
+        why = next(iter(str(error).splitlines()), "") or type(error).__name__
+        raise damaged(path, why.rstrip(".")) from error
+
+
+def _is_whole(path: Path) -> bool:
+    try:
+        return look_at_seal(path) is Seal.WHOLE
+    except OSError:
+        return False
+
+
+LONGEST_CLOSING_LOOKS = 240
+"""How often to look for the final name of a file that is being compressed."""
+
+
+def present_name(path: Path) -> Path:
+    """Return what a run file is called now: with `.partial` until it is finished, without after.
+
+    The name is returned as it is where there is neither.
+    """
+    if path.exists():
+        return path
+    other = path.with_suffix("") if path.suffix == PARTIAL else partial_path(path)
+    return other if other.exists() else path
+
+
+def follow(path: Path, pause: Callable[[], None]) -> Iterator[RunFile]:
+    """Yield the run file at `path`, again after each `pause`, with what its writer has added, until it has an end.
+
+    The last one yielded has the end in it. A file that is finished is yielded once. Raises RunFileError: E9008 its
+    writer died, else as `open_run`.
+    """
+    with reading(path) as run:
+        while True:
+            # Asked first: rows that were flushed between the two are seen, however the writer ended.
+            lives = _lives(path)
+            if not run.is_finished:
+                run.refresh()
+            yield run
+            if run.is_finished or (not lives and not path.exists()):
+                return
+            if not lives:
+                raise interrupted(path)
+            pause()
+
+
+def final_name(path: Path, pause: Callable[[], None]) -> Path:
+    """Return the name that the run file at `path` has got at its end; wait while it is being compressed."""
+    if path.suffix != PARTIAL:
+        return path
+    complete = path.with_suffix("")
+    closing = complete.with_name(complete.name + CLOSING)
+    for _ in range(LONGEST_CLOSING_LOOKS):
+        if complete.exists() or not closing.exists():
+            break
+        pause()
+    return complete if complete.exists() else path
+
+
+def _lives(path: Path) -> bool:
+    try:
+        return is_live(path)
+    except OSError:
+        return False

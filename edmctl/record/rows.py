@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Protocol, TypeAlias
 from edmctl.results.telemetry import PulseBlockBatch, PulseTrain, TelemetryBlock, WaveformBatch
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
 
     import numpy as np
     from numpy.typing import NDArray
@@ -255,65 +255,3 @@ class NullRecorder:
 
     def append(self, row: Row) -> None:
         """Do nothing."""
-
-
-@dataclass(frozen=True, slots=True)
-class Leaf:
-    """One value of a profile by its dotted key, with the unit that its key names."""
-
-    key: str
-    value: float | int | str | bool
-    units: str
-
-
-@dataclass(frozen=True, slots=True)
-class SourceText:
-    """A file that went into a run: where it was found, and its text."""
-
-    path: str
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class RunMeta:
-    """Everything about a run that is known before it starts."""
-
-    run_id: str
-    title: str
-    start_time: str
-    """ISO 8601 with offset."""
-    command: Sequence[str]
-    host: str
-    simulated: bool
-    seed: int | None
-    profile_text: str
-    profile_sha256: str
-    """Of the recipe in effect, after `extends`, overrides and defaults."""
-    edmctl_version: str
-    sim_sha256: str = ""
-    """Of the `[sim]` table in effect."""
-    parent_run: str = ""
-    """The run that this one goes on with; empty without."""
-    parent_time_s: float = 0.0
-    """Time of the job in the runs before, pauses left out."""
-    profile_path: str = ""
-    profile_parents: Sequence[SourceText] = ()
-    """The files that the profile extends, nearest first."""
-    profile_leaves: Sequence[Leaf] = ()
-    profile_overrides: Sequence[str] = ()
-    setup_text: str = ""
-    """The setup file verbatim; empty for the stock machine."""
-    setup_toml: str = ""
-    """Every value of the setup in effect."""
-    protocol_version: str = ""
-    firmware_version: str = ""
-    controller_serial: str = ""
-    calibration: str = ""
-    """The actuator model of the run, in words."""
-    calibration_text: str = ""
-    """The calibration file verbatim; empty without."""
-    user: str = ""
-    work_material: str = ""
-    work_thickness_um: float = math.nan
-    tool_material: str = ""
-    tool_diameter_um: float = math.nan

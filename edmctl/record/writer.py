@@ -19,22 +19,23 @@ import numpy as np
 
 from edmctl.errors import RunFileError
 from edmctl.record import layout
-from edmctl.record.closing import close_run
+from edmctl.record.compaction import close_run
 from edmctl.record.create import LIBRARY_VERSIONS, empty_run_file
 from edmctl.record.disk import (
     HDF5_ERRORS,
     already_there,
     cannot_create,
     close_without_writing,
+    give_back,
     make_folder,
     partial_path,
     reason,
+    reserve,
     write_new,
 )
 from edmctl.record.hdf5 import open_hdf5
-from edmctl.record.liveness import hold, release
+from edmctl.record.locks import hold, release
 from edmctl.record.rows import EventRow, RejectedTouch, SiteRow, Summary, TruthMap
-from edmctl.record.space import give_back, reserve
 from edmctl.record.stores import Segment, store_of
 from edmctl.results.telemetry import PulseTrain
 
@@ -44,7 +45,8 @@ if TYPE_CHECKING:
 
     import h5py
 
-    from edmctl.record.rows import Row, RunMeta
+    from edmctl.record.rows import Row
+    from edmctl.record.run_meta import RunMeta
     from edmctl.record.stores import RowStore
 
 FLUSH_INTERVAL_S = 0.5

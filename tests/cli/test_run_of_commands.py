@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.record.leaves import profile_leaves
 from edmctl.record.rows import SlowRow, Summary
+from edmctl.record.run_meta import profile_leaves
 from edmctl.record.writer import RunWriter
 from tests.cli.run_files import killed
 from tests.record.samples import PROFILE, a_meta

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.record.leaves import profile_leaves
-from edmctl.record.rows import RunMeta, ServoBlock, SiteRow, SlowRow, SourceText, Summary, TouchRow
+from edmctl.record.rows import ServoBlock, SiteRow, SlowRow, Summary, TouchRow
+from edmctl.record.run_meta import RunMeta, SourceText, profile_leaves
 from edmctl.results.telemetry import PulseBlockBatch, PulseTrain, TelemetryBlock
 
 if TYPE_CHECKING:

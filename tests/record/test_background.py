@@ -26,7 +26,7 @@ from tests.record.samples import a_site_row, fill, servo_block, slow_row, train
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from edmctl.record.rows import RunMeta
+    from edmctl.record.run_meta import RunMeta
 
 ROOT = Path(__file__).parents[2]
 LONG_S = 30.0

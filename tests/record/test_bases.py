@@ -9,9 +9,9 @@ import h5py
 import numpy as np
 import pytest
 
-from edmctl.record.bases import Labels, labels_of
 from edmctl.record.layout import RESULTS
 from edmctl.record.reader import open_run
+from edmctl.record.results import Labels, labels_of
 from edmctl.record.rows import SiteRow, TouchRow
 from edmctl.record.run_index import read_head
 from edmctl.record.writer import RunWriter

@@ -15,14 +15,14 @@ import numpy as np
 import pytest
 
 from edmctl.errors import RunFileError
-from edmctl.record import closing
+from edmctl.record import compaction
 from edmctl.record.reader import open_run
 from edmctl.record.writer import RunWriter
 from tests.record.samples import fill
 from tests.tiers import tiers
 
 if TYPE_CHECKING:
-    from edmctl.record.rows import RunMeta
+    from edmctl.record.run_meta import RunMeta
 
 ROOT = Path(__file__).parents[2]
 
@@ -173,7 +173,7 @@ def test_a_file_that_is_not_compressed_for_want_of_space_keeps_none_that_was_res
     def no_room(source: object, target: Path) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(closing, "compact", no_room)
+    monkeypatch.setattr(compaction, "compact", no_room)
     writer = RunWriter.create(tmp_path / "run.h5", meta)
     fill(writer)
     content = writer.finish("done", 0).read_bytes()

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.record.estimated import estimated_depth
-from edmctl.record.event_names import Told
+from edmctl.record.events import Told
 from edmctl.record.reader import open_run
+from edmctl.record.results import estimated_depth
 from edmctl.record.rows import EventLevel, EventRow, SlowRow
 from edmctl.record.run_index import read_head
 from edmctl.record.writer import RunWriter

@@ -11,22 +11,15 @@ import pytest
 
 from edmctl.record import layout
 from edmctl.record.reader import open_run
-from edmctl.record.rows import (
-    EventLevel,
-    EventRow,
-    NullRecorder,
-    Recorder,
-    RejectedTouch,
-    RunMeta,
-    Summary,
-    TouchRow,
-)
+from edmctl.record.rows import EventLevel, EventRow, NullRecorder, Recorder, RejectedTouch, Summary, TouchRow
 from edmctl.record.writer import FLUSH_INTERVAL_S, RunWriter
 from tests.record.samples import a_site_row, fill, servo_block, slow_row, train
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
+
+    from edmctl.record.run_meta import RunMeta
 
 
 class Clock:

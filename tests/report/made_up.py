@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.record.event_names import Told
-from edmctl.record.leaves import profile_leaves
+from edmctl.record.events import Told
 from edmctl.record.rows import EventLevel, EventRow, SlowRow
+from edmctl.record.run_meta import profile_leaves
 from edmctl.record.writer import RunWriter
 from edmctl.results.telemetry import PulseBlockBatch, PulseTrain
 from tests.record.samples import a_meta

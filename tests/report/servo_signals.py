@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from edmctl.record.rows import Leaf
+    from edmctl.record.run_meta import Leaf
 
     Array = NDArray[np.float64]
 

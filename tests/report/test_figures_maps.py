@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from edmctl.process import path as ways
-from edmctl.record.event_names import Told
+from edmctl.record.events import Told
 from edmctl.record.reader import open_run
 from edmctl.record.rows import SlowRow, Summary, TouchRow, TruthMap
 from edmctl.report.figures import array, channel, erosion, steps

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from edmctl.record.event_names import Told
+from edmctl.record.events import Told
 from edmctl.record.reader import open_run
 from edmctl.record.rows import EventLevel, EventRow
 from edmctl.report.figures import energy, jumps, laue, pulses

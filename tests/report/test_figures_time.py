@@ -15,10 +15,10 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
-from edmctl.record.event_names import State
-from edmctl.record.leaves import profile_leaves
+from edmctl.record.events import State
 from edmctl.record.reader import open_run
 from edmctl.record.rows import SlowRow, TouchRow
+from edmctl.record.run_meta import profile_leaves
 from edmctl.report.figures.spectrum import line_hz, peak_hz, segment_size, welch
 from edmctl.report.kinds import KINDS as KINDS_OF_FIGURES
 from edmctl.report.kinds import draw, kind_called
