@@ -25,7 +25,7 @@ from edmctl.procedures.channel.way import way_of_path
 from edmctl.procedures.job import job_of
 from edmctl.procedures.machining import run_job
 from edmctl.profile.setup import Setup
-from edmctl.record.recorder import NullRecorder
+from edmctl.record.rows import NullRecorder
 from edmctl.report.figures.channel import Channel, Floor, HeightMap, channel_figure
 from edmctl.report.style import house_style, rendered
 from edmctl.rules.load import load_profile

@@ -34,7 +34,7 @@ from edmctl.procedures.job import job_of
 from edmctl.procedures.job_state import JobTally, NoStateStore
 from edmctl.procedures.machining import run_job
 from edmctl.profile.setup import Setup
-from edmctl.record.recorder import NullRecorder
+from edmctl.record.rows import EventRow, NullRecorder, TouchRow
 from edmctl.rules.load import load_profile
 from edmctl.simulator import BenchConfig, open_bench
 from edmctl.simulator.injection import parse_injection
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from edmctl.link.transport import Transport
-    from edmctl.record.rows import EventLevel, TouchRow
+    from edmctl.record.rows import Row
     from edmctl.results.job import JobResult
     from edmctl.results.progress import Progress
     from edmctl.simulator.bench import HoleTruth
@@ -84,21 +84,12 @@ class Ears(NullRecorder):
     kinds: list[str] = field(default_factory=list)
     doubts: list[str] = field(default_factory=list)
 
-    def touch(self, row: TouchRow) -> None:
-        """Keep the kind."""
-        self.kinds.append(row.kind)
-
-    def event(
-        self,
-        time_s: float,
-        code: int,
-        level: EventLevel,
-        message: str,
-        args: Mapping[str, float | int | str | bool] | None = None,
-    ) -> None:
-        """Keep doubts."""
-        if code in DOUBTS:
-            self.doubts.append(message)
+    def append(self, row: Row) -> None:
+        """Keep the kind of a touch, and doubts."""
+        if isinstance(row, TouchRow):
+            self.kinds.append(row.kind)
+        elif isinstance(row, EventRow) and row.code in DOUBTS:
+            self.doubts.append(row.message)
 
 
 class _Silent:

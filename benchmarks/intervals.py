@@ -44,7 +44,7 @@ from edmctl.procedures.job_state import JobTally, job_state
 from edmctl.procedures.machining import run_job
 from edmctl.profile.places import Place
 from edmctl.profile.setup import Sensor, Setup
-from edmctl.record.recorder import NullRecorder
+from edmctl.record.rows import NullRecorder
 from edmctl.record.tool_account import Books, HomeSeen
 from edmctl.rules.load import load_profile
 from edmctl.simulator import kernel as k

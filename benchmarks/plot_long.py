@@ -31,7 +31,8 @@ from edmctl.record.layout import (
     Table,
 )
 from edmctl.record.reader import RunFile, open_run
-from edmctl.record.rows import EventLevel, Leaf, RunMeta, ServoBlock, SiteRow, SlowRow, TouchRow
+from edmctl.record.rows import EventLevel, EventRow, ServoBlock, SiteRow, SlowRow, Summary, TouchRow
+from edmctl.record.run_meta import Leaf, RunMeta
 from edmctl.record.writer import RunWriter
 from edmctl.report.kinds import NAMES
 from edmctl.results.telemetry import PulseBlockBatch, PulseTrain
@@ -89,7 +90,7 @@ def repeated(short: RunFile, path: Path, hours: float) -> int:
     times = int(hours * 3600.0 / length_s) + 1
     for number in range(times):
         write_once(writer, short, groups, number, number * length_s)
-    writer.summary(f'{{"time_s": {times * length_s}}}')
+    writer.append(Summary(f'{{"time_s": {times * length_s}}}'))
     writer.finish("done", 0)
     return times
 
@@ -98,35 +99,37 @@ def write_once(
     writer: RunWriter, short: RunFile, groups: dict[str, dict[str, NDArray[Any]]], number: int, later_s: float
 ) -> None:
     """Write the rows of the run once, `later_s` later and as hole `number`."""
-    writer.append_servo(ServoBlock(**fields(SERVO, groups[SERVO.path], later_s)))
+    writer.append(ServoBlock(**fields(SERVO, groups[SERVO.path], later_s)))
     slow = fields(SLOW, groups[SLOW.path], later_s)
     for row in range(len(slow["time_s"])):
-        writer.append_slow(SlowRow(**{name: column[row].item() for name, column in slow.items()}))
-    writer.append_pulse_blocks(PulseBlockBatch(**fields(PULSE_BLOCKS, groups[PULSE_BLOCKS.path], later_s)))
+        writer.append(SlowRow(**{name: column[row].item() for name, column in slow.items()}))
+    writer.append(PulseBlockBatch(**fields(PULSE_BLOCKS, groups[PULSE_BLOCKS.path], later_s)))
     pulses, segments = fields(PULSES, groups[PULSES.path], 0.0), groups[SEGMENTS.path]
     bounds = [*segments["first_row"].astype(int), len(pulses["pulse_class"])]
     for i, (first, stop) in enumerate(pairwise(bounds)):
         first_pulse = int(segments["first_pulse"][i]) + 10_000_000 * number
         start_s, period_s = float(segments["t0"][i]) + later_s, float(segments["period"][i])
         parts = {name: column[first:stop] for name, column in pulses.items()}
-        writer.append_pulses(PulseTrain(first_pulse, start_s, period_s, **parts))
+        writer.append(PulseTrain(first_pulse, start_s, period_s, **parts))
     for row in short.table(EVENTS.path):
         args = row["args"].decode()
-        writer.event(
-            float(row["time"]) + later_s,
-            int(row["code"]),
-            EventLevel(int(row["level"])),
-            row["message"].decode(),
-            parsed(args),
+        writer.append(
+            EventRow(
+                float(row["time"]) + later_s,
+                int(row["code"]),
+                EventLevel(int(row["level"])),
+                row["message"].decode(),
+                parsed(args),
+            )
         )
     site = f"hole-{number + 1}"
     for row in short.table(TOUCHES.path):
         touch = {**entries(TOUCHES, row), "site": site}
         touch["time_s"] += later_s
-        writer.touch(TouchRow(**touch))
+        writer.append(TouchRow(**touch))
     for row in short.table(RESULTS.path):
         place = {"x_um": PITCH_UM * (number % COLUMNS), "y_um": PITCH_UM * (number // COLUMNS)}
-        writer.site_result(SiteRow(**{**entries(RESULTS, row), **place, "site": site}))
+        writer.append(SiteRow(**{**entries(RESULTS, row), **place, "site": site}))
 
 
 def parsed(args: str) -> dict[str, Any]:

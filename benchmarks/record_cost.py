@@ -25,15 +25,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.record.background import SYNC_INTERVAL_S, BackgroundWriter
-from edmctl.record.recorder import NullRecorder
-from edmctl.record.rows import EventLevel, RunMeta, ServoBlock, SlowRow
+from edmctl.record.rows import EventLevel, EventRow, NullRecorder, ServoBlock, SlowRow
+from edmctl.record.run_meta import RunMeta
 from edmctl.record.writer import FLUSH_INTERVAL_S, RunWriter
 from edmctl.results.telemetry import PulseBlockBatch, PulseTrain
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.record.recorder import Recorder
+    from edmctl.record.rows import Recorder
 
 STEPS = 10
 """Hand-overs in a second, as a telemetry that comes in blocks of 0.1 s has them."""
@@ -56,26 +56,26 @@ class Log:
         self._blocks(recorder, number / STEPS)
         if number % STEPS == 0:
             args = {"argument": 0, "displacement_um": 120.25, "actuator_v": 61.5}
-            recorder.event(number / STEPS, 3, EventLevel.DEBUG, "JUMP", args)
+            recorder.append(EventRow(number / STEPS, 3, EventLevel.DEBUG, "JUMP", args))
 
     def _blocks(self, recorder: Recorder, start_s: float) -> None:
         random = self._random
         noise = random.standard_normal(SERVO_ROWS)
         time_s = start_s + np.arange(SERVO_ROWS) / (STEPS * SERVO_ROWS)
         small = (3 * noise).astype(np.int8)
-        recorder.append_servo(
+        recorder.append(
             ServoBlock(
                 time_s, noise, noise + 1, noise + 2, noise + 3, noise + 4, noise + 5, small, small.view("u1")
             )
         )
-        recorder.append_slow(SlowRow(start_s, 1.0, 0.8, 0.8, 0.2, 0.7, 0.1, 0.0, 1.0, 1.0, 0.1))
+        recorder.append(SlowRow(start_s, 1.0, 0.8, 0.8, 0.2, 0.7, 0.1, 0.0, 1.0, 1.0, 0.1))
         sums = random.random(PULSE_BLOCKS)
         counts = (23 * sums).astype(np.uint8)
-        recorder.append_pulse_blocks(
+        recorder.append(
             PulseBlockBatch(start_s + sums, counts, counts, counts, counts, 100 * sums, 50 * sums)
         )
         delay_us = random.exponential(20.0, PULSES)
-        recorder.append_pulses(
+        recorder.append(
             PulseTrain(
                 self._pulse,
                 self._pulse / 2300,
@@ -160,7 +160,7 @@ def handing_over_us(folder: Path) -> float:
     calls = 500
     start = time.perf_counter()
     for _ in range(calls):
-        writer.append_slow(row)
+        writer.append(row)
     took_s = time.perf_counter() - start
     writer.finish("done", 0)
     return 1e6 * took_s / calls

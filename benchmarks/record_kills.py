@@ -25,7 +25,8 @@ from edmctl.errors import RunFileError
 from edmctl.record.background import BackgroundWriter
 from edmctl.record.reader import open_run
 from edmctl.record.recovery import recover
-from edmctl.record.rows import EventLevel, RunMeta, ServoBlock, TouchRow
+from edmctl.record.rows import EventLevel, EventRow, ServoBlock, TouchRow
+from edmctl.record.run_meta import RunMeta
 from edmctl.results.telemetry import PulseTrain
 
 SERVO_HZ, PULSE_HZ = 1000, 2300
@@ -74,15 +75,15 @@ def write_for_ever(path: Path) -> None:
         pulse = np.arange(block * pulses, (block + 1) * pulses)
         time_s = start_s + row / SERVO_HZ
         value = servo_at(row)
-        writer.append_servo(ServoBlock(time_s, value, value, value, value, value, value, row % 3, row % 10))
+        writer.append(ServoBlock(time_s, value, value, value, value, value, value, row % 3, row % 10))
         train = PulseTrain(
             block * pulses, start_s + block * BLOCK_S, 1 / PULSE_HZ, pulse % 4, 0.1 * (pulse % 1300),
             0.2 * (pulse % 600), 0.5 * (pulse % 80),
         )  # fmt: skip
-        writer.append_pulses(train)
-        writer.event(start_s + block * BLOCK_S, block % 60000, EventLevel.INFO, f"block {block}")
+        writer.append(train)
+        writer.append(EventRow(start_s + block * BLOCK_S, block % 60000, EventLevel.INFO, f"block {block}"))
         if block % 7 == 0:
-            writer.touch(TouchRow(start_s + block * BLOCK_S, "Z2", "A1", 1.0, block, 0.0, 1, 0.0, 0.0, 1.0))
+            writer.append(TouchRow(start_s + block * BLOCK_S, "Z2", "A1", 1.0, block, 0.0, 1, 0.0, 0.0, 1.0))
         block += 1
         time.sleep(max(0.0, start_s + block * BLOCK_S - time.monotonic()))
 

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from edmctl.record.recorder import NullRecorder, Recorder
-from edmctl.record.rows import RunMeta, ServoBlock, SlowRow
+from edmctl.record.rows import NullRecorder, Recorder, ServoBlock, SlowRow
+from edmctl.record.run_meta import RunMeta
 from edmctl.record.writer import RunWriter
 from edmctl.results.telemetry import PulseBlockBatch, PulseTrain
 
@@ -45,11 +45,11 @@ def hand_over(recorder: Recorder) -> None:
     pulse_class = rng.integers(0, 4, PULSES).astype(np.uint8)
     pulse = rng.random(PULSES)
     for i in range(CALLS):
-        recorder.append_servo(ServoBlock(wave, wave, wave, wave, wave, wave, wave, counts, counts))
-        recorder.append_slow(SlowRow(0.1 * i, 1.0, 0.8, 0.8, 0.2, 0.7, 0.1, 0.0, 1.0, 1.0, 0.1))
-        recorder.append_pulse_blocks(PulseBlockBatch(wave, counts, counts, counts, counts, wave, wave))
+        recorder.append(ServoBlock(wave, wave, wave, wave, wave, wave, wave, counts, counts))
+        recorder.append(SlowRow(0.1 * i, 1.0, 0.8, 0.8, 0.2, 0.7, 0.1, 0.0, 1.0, 1.0, 0.1))
+        recorder.append(PulseBlockBatch(wave, counts, counts, counts, counts, wave, wave))
         first = i * PULSES
-        recorder.append_pulses(
+        recorder.append(
             PulseTrain(first, first / 2300, 1 / 2300, pulse_class, pulse, pulse, pulse),
         )
 

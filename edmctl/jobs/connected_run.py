@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from edmctl.jobs.plan import Plan
     from edmctl.jobs.run_header import RunName
-    from edmctl.record.recorder import Recorder
+    from edmctl.record.rows import Recorder
     from edmctl.results.progress import Observer
 
     Warn = Callable[[Sequence[Diagnostic]], None]

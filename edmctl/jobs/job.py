@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from edmctl.jsonout import JsonValue
     from edmctl.procedures.job import Job
     from edmctl.procedures.job_state import JobTally, StateStore
-    from edmctl.record.recorder import Recorder
+    from edmctl.record.rows import Recorder
     from edmctl.results.channel import ChannelResult, ChannelTruth
     from edmctl.results.job import JobResult, SiteResult
     from edmctl.results.progress import Observer

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from edmctl.machine.controller import LinkMachine
     from edmctl.procedures.job import Job
     from edmctl.procedures.run import JobRun
-    from edmctl.record.recorder import Recorder
+    from edmctl.record.rows import Recorder
     from edmctl.results.progress import Observer
 
     Warn = Callable[[Sequence[Diagnostic]], None]

@@ -9,14 +9,15 @@ from edmctl.errors import EdmError, RunFileError
 from edmctl.exitcodes import MEANING, ExitCode, error_exit_code
 from edmctl.jsonout import render_json
 from edmctl.labels import NOT_SHOWN_CODE, Verdict
+from edmctl.record.rows import Summary
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
     from pathlib import Path
 
     from edmctl.jobs.run_header import RunName
-    from edmctl.record.recorder import Recorder
-    from edmctl.record.rows import RunMeta
+    from edmctl.record.rows import Recorder
+    from edmctl.record.run_meta import RunMeta
 
 
 @contextmanager
@@ -34,14 +35,14 @@ def recorded(
     file is called then. `waits` says that the machine's time stands still while a slow disk is waited for.
     """
     if name is None:
-        from edmctl.record.recorder import NullRecorder
+        from edmctl.record.rows import NullRecorder
 
         yield NullRecorder()
         return
     from edmctl.record.background import BackgroundWriter
 
     def summarize() -> None:
-        writer.summary(render_json(summary()))
+        writer.append(Summary(render_json(summary())))
 
     writer = BackgroundWriter.create(name.path, meta(name), waits=waits)
     try:

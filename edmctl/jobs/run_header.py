@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from edmctl.jobs.plan import Plan
     from edmctl.machine.interface import MachineIdentity
     from edmctl.profile.setup import Setup
-    from edmctl.record.rows import RunMeta, SourceText
+    from edmctl.record.run_meta import RunMeta, SourceText
     from edmctl.rules.load import LoadedProfile
 
 
@@ -81,8 +81,7 @@ def run_meta(
     name: RunName, plan: Plan, seed: int | None, identity: MachineIdentity, choice: Choice
 ) -> RunMeta:
     """Describe a run for its file."""
-    from edmctl.record.leaves import profile_leaves
-    from edmctl.record.rows import RunMeta
+    from edmctl.record.run_meta import RunMeta, profile_leaves
     from edmctl.version import __version__
 
     loaded, profile = plan.loaded, plan.loaded.profile
@@ -138,7 +137,7 @@ def _title(loaded: LoadedProfile) -> str:
 def _parents(loaded: LoadedProfile) -> tuple[SourceText, ...]:
     """The files that the profile extends, read again: a loaded profile keeps its own text only."""
     from edmctl.profile.read import read_chain
-    from edmctl.record.rows import SourceText
+    from edmctl.record.run_meta import SourceText
 
     return tuple(SourceText(source.name, source.text) for source in read_chain(loaded.path).sources[1:])
 

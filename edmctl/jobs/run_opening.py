@@ -21,7 +21,7 @@ def find_run(named: Path) -> Path:
 
     What is not found is returned as it was named, so that opening it says so.
     """
-    from edmctl.record.following import present_name
+    from edmctl.record.reader import present_name
 
     at_path = present_name(named)
     if at_path.is_file() or (named.name.endswith((_COMPLETE, _PARTIAL)) and named.name != str(named)):
@@ -40,7 +40,7 @@ def reading_unless_killed(path: Path) -> Iterator[RunFile]:
 
     Raises RunFileError: E9005–E9007 it cannot be read, E9008 its writer was killed.
     """
-    from edmctl.record.safe_reading import reading
+    from edmctl.record.reader import reading
 
     with reading(path) as opened:
         unless_killed(opened)
@@ -52,7 +52,7 @@ def unless_killed(opened: RunFile, command: str = "") -> None:
 
     command : how its job goes on, if it does; the run file becomes whole by that as well.
     """
-    from edmctl.record.liveness import interrupted, is_live
+    from edmctl.record.locks import interrupted, is_live
 
     if not opened.is_finished and not is_live(opened.path):
         error = interrupted(opened.path)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from edmctl.procedures.job import Job
     from edmctl.procedures.job_state import StateStore
     from edmctl.procedures.run import JobRun
-    from edmctl.record.recorder import Recorder
+    from edmctl.record.rows import Recorder
     from edmctl.results.job import JobResult
     from edmctl.results.progress import Observer
 

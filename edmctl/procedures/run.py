@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.procedures.monitoring.drift import uncertainty_now
 from edmctl.procedures.settings import gap_reference_v
-from edmctl.record.rows import EventLevel
+from edmctl.record.rows import EventLevel, EventRow
 from edmctl.results.progress import Extremes, Observer, Phase, Progress
 from edmctl.results.pulses import PulseShares
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from edmctl.procedures.state_keeper import JobStateKeeper
     from edmctl.profile.model import Profile
     from edmctl.profile.setup import Setup
-    from edmctl.record.recorder import Recorder
+    from edmctl.record.rows import Recorder
 
 Args = Mapping[str, float | int | str | bool]
 
@@ -65,7 +65,7 @@ class JobRun:
         """Write a decision or result to the run file and tell the observer."""
         if level >= EventLevel.WARNING:
             self.tally.warning, self.tally.warned_s = message, self.machine.time_s
-        self.recorder.event(self.machine.time_s, code, level, message, args)
+        self.recorder.append(EventRow(self.machine.time_s, code, level, message, args))
         self.observer.note(message)
 
     def begin(self, phase: Phase) -> None:

@@ -32,7 +32,7 @@ from edmctl.procedures.settings import (
 )
 from edmctl.procedures.state_keeper import JobStateKeeper, total_pause_s
 from edmctl.procedures.stop import safe_state_on_error
-from edmctl.record.rows import EventLevel
+from edmctl.record.rows import EventLevel, EventRow
 from edmctl.results.job import site_result_of
 from edmctl.results.progress import Phase
 
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from edmctl.procedures.job import Job
     from edmctl.procedures.job_state import JobTally, StateStore
     from edmctl.procedures.run import Args
-    from edmctl.record.recorder import Recorder
+    from edmctl.record.rows import Recorder
     from edmctl.results.progress import Observer
 
 
@@ -167,11 +167,15 @@ def _record_end(run: JobRun, error: EdmError, record_left: Callable[[JobRun], No
             depth: Args = {"site": reached.site, "depth_um": reached.depth_estimated_um}
             if math.isfinite(reached.depth_estimated_u95_um):
                 depth = {**depth, "depth_u95_um": reached.depth_estimated_u95_um}
-            run.recorder.event(
-                run.machine.time_s, RunEvent.LEFT_UNMEASURED, EventLevel.WARNING, str(reached), depth
+            run.recorder.append(
+                EventRow(
+                    run.machine.time_s, RunEvent.LEFT_UNMEASURED, EventLevel.WARNING, str(reached), depth
+                )
             )
         args = {"code": error.code, "hint": error.hint}
-        run.recorder.event(run.machine.time_s, RunEvent.ENDED_EARLY, EventLevel.ERROR, error.message, args)
+        run.recorder.append(
+            EventRow(run.machine.time_s, RunEvent.ENDED_EARLY, EventLevel.ERROR, error.message, args)
+        )
 
 
 def _record_black_box(run: JobRun) -> None:
@@ -186,7 +190,7 @@ def _record_black_box(run: JobRun) -> None:
             _record_samples(run)
         batch = run.machine.waveforms()
         if batch is not None:
-            run.recorder.waveforms(batch)
+            run.recorder.append(batch)
 
 
 def _record_samples(run: JobRun) -> None:
@@ -195,4 +199,4 @@ def _record_samples(run: JobRun) -> None:
         return
     if not run.setup.sensor.fitted:
         block = replace(block, displacement_um=np.full(len(block.time_s), np.nan))
-    run.recorder.black_box(block)
+    run.recorder.append(block)

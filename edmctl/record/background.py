@@ -17,15 +17,14 @@ from edmctl.errors import RunFileError
 from edmctl.record import layout
 from edmctl.record.disk import make_lasting
 from edmctl.record.disk_thread import GIVE_UP_S, leave_signals_to_the_main_thread
-from edmctl.record.rows import EventLevel
+from edmctl.record.rows import TruthMap
 from edmctl.record.writer import FLUSH_INTERVAL_S, RunWriter
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
     from pathlib import Path
 
-    from edmctl.record.rows import LinkRow, RunMeta, ServoBlock, SiteRow, SlowRow, TouchRow, TruthMap
-    from edmctl.results.telemetry import PulseBlockBatch, PulseTrain, TelemetryBlock, WaveformBatch
+    from edmctl.record.rows import Row
+    from edmctl.record.run_meta import RunMeta
 
 BACKLOG_BYTES = 64 * 1024 * 1024
 """Rows that may wait in memory: about six minutes of the full log (1 kHz servo and every pulse at 2.3 kHz are
@@ -53,7 +52,7 @@ class BackgroundWriter:
     def __init__(self, writer: RunWriter, *, waits: bool) -> None:
         self._writer = writer
         self._waits = waits
-        self._rows: deque[tuple[Callable[[], None], int]] = deque()
+        self._rows: deque[Row] = deque()
         # Each is changed by one thread only: handing over takes no lock.
         self._handed_bytes = 0
         self._taken_bytes = 0
@@ -82,74 +81,20 @@ class BackgroundWriter:
         """The file as it is called now."""
         return self._writer.path
 
-    def append_servo(self, block: ServoBlock) -> None:
-        """Append servo samples; the arrays are kept by reference."""
-        self._hand_over(lambda: self._writer.append_servo(block), _size(layout.SERVO, len(block.time_s)))
-
-    def append_slow(self, row: SlowRow) -> None:
-        """Append one row of the supervisor's view."""
-        self._hand_over(lambda: self._writer.append_slow(row), _ROW_BYTES)
-
-    def append_pulse_blocks(self, blocks: PulseBlockBatch) -> None:
-        """Append pulse sums; the arrays are kept by reference."""
-        rows = len(blocks.time_s)
-        self._hand_over(lambda: self._writer.append_pulse_blocks(blocks), _size(layout.PULSE_BLOCKS, rows))
-
-    def append_pulses(self, train: PulseTrain) -> None:
-        """Append single pulses; the arrays are kept by reference."""
-        rows = len(train.pulse_class)
-        self._hand_over(lambda: self._writer.append_pulses(train), _size(layout.PULSES, rows))
-
-    def event(
-        self,
-        time_s: float,
-        code: int,
-        level: EventLevel,
-        message: str,
-        args: Mapping[str, float | int | str | bool] | None = None,
-    ) -> None:
-        """Append an event; from WARNING on it is flushed at once."""
-        # The caller may go on to use its mapping.
-        kept = dict(args or {})
-        self._hand_over(
-            lambda: self._writer.event(time_s, code, level, message, kept),
-            _ROW_BYTES,
-            at_once=level >= EventLevel.WARNING,
-        )
-
-    def touch(self, row: TouchRow) -> None:
-        """Append a reading of surface or bottom; it is flushed at once."""
-        self._hand_over(lambda: self._writer.touch(row), _ROW_BYTES, at_once=True)
-
-    def reject_touch(self, time_s: float) -> None:
-        """Mark the reading of that time as one that was not used; it is flushed at once."""
-        self._hand_over(lambda: self._writer.reject_touch(time_s), _ROW_BYTES, at_once=True)
-
-    def site_result(self, row: SiteRow) -> None:
-        """Append the result at a site; it is flushed at once."""
-        self._hand_over(lambda: self._writer.site_result(row), _ROW_BYTES, at_once=True)
-
-    def black_box(self, block: TelemetryBlock) -> None:
-        """Append what the controller kept from before a fault; it is flushed at once."""
-        size = _size(layout.BLACK_BOX, len(block.time_s))
-        self._hand_over(lambda: self._writer.black_box(block), size, at_once=True)
-
-    def waveforms(self, block: WaveformBatch) -> None:
-        """Append the gap about a fault; it is flushed at once."""
-        size = _size(layout.WAVEFORMS, len(block.time_s))
-        self._hand_over(lambda: self._writer.waveforms(block), size, at_once=True)
-
-    def append_link(self, row: LinkRow) -> None:
-        """Append how the line did."""
-        self._hand_over(lambda: self._writer.append_link(row), _ROW_BYTES)
-
-    def truth_map(self, truth: TruthMap) -> None:
-        """Write (or replace) the true floor of a channel."""
-        self._hand_over(lambda: self._writer.truth_map(truth), truth.depth_um.nbytes)
-
-    def summary(self, json_text: str) -> None:
-        """Write (or replace) the result as a JSON object."""
-        self._hand_over(lambda: self._writer.summary(json_text), len(json_text))
+    def append(self, row: Row) -> None:
+        """Hand a row over, or a block whose arrays are kept by reference; urgent ones are flushed at once."""
+        if not self._accepts:
+            return
+        backlog_bytes = self._handed_bytes - self._taken_bytes
+        if self._failure is None and backlog_bytes > BACKLOG_BYTES:
+            self._hold_up()
+        if self._failure is not None:
+            self._accepts = False
+            raise self._failure
+        self._rows.append(row)
+        self._handed_bytes += _size(row)
+        if backlog_bytes > _WAKE_BYTES or layout.is_urgent(row):
+            self._wake.set()
 
     def finish(self, status: str, exit_code: int) -> Path:
         """Have the rest and the end written, close, and give the file its name, as `RunWriter.finish` does.
@@ -170,20 +115,6 @@ class BackgroundWriter:
         with contextlib.suppress(RunFileError):
             self.finish(status, exit_code)
         return self.path
-
-    def _hand_over(self, write: Callable[[], None], size_bytes: int, *, at_once: bool = False) -> None:
-        if not self._accepts:
-            return
-        backlog_bytes = self._handed_bytes - self._taken_bytes
-        if self._failure is None and backlog_bytes > BACKLOG_BYTES:
-            self._hold_up()
-        if self._failure is not None:
-            self._accepts = False
-            raise self._failure
-        self._rows.append((write, size_bytes))
-        self._handed_bytes += size_bytes
-        if at_once or backlog_bytes > _WAKE_BYTES:
-            self._wake.set()
 
     def _hold_up(self) -> None:
         """Wait until there is room, or take it that the disk hangs."""
@@ -260,13 +191,16 @@ class BackgroundWriter:
 
     def _work_off(self) -> None:
         for _ in range(len(self._rows)):
-            write, size_bytes = self._rows.popleft()
-            write()
-            self._taken_bytes += size_bytes
+            row = self._rows.popleft()
+            self._writer.append(row)
+            self._taken_bytes += _size(row)
             self._taken_at_s = time.monotonic()
         self._taken.set()
 
 
-def _size(table: layout.Table, rows: int) -> int:
-    """Memory of a block: its arrays are of 8 bytes a value at most."""
-    return _VALUE_BYTES * len(table.columns) * rows
+def _size(row: Row) -> int:
+    """Memory of a row, or of a block, whose arrays are of 8 bytes a value at most."""
+    table = layout.TABLE_OF.get(type(row))
+    if table is not None and table.in_blocks:
+        return _VALUE_BYTES * len(table.columns) * len(getattr(row, table.columns[0].field))
+    return row.depth_um.nbytes if isinstance(row, TruthMap) else _ROW_BYTES

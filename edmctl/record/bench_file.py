@@ -23,7 +23,7 @@ from edmctl.files import open_regular
 from edmctl.record import locks
 from edmctl.record.disk import HDF5_ERRORS, reason
 from edmctl.record.hdf5 import image_of, open_hdf5
-from edmctl.record.superblock import MAGIC
+from edmctl.record.integrity import MAGIC
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -11,9 +11,19 @@ from edmctl.actuator.record import Record
 from edmctl.errors import RecordError, RunFileError
 from edmctl.files import RECORD_BYTES, open_regular, read_bytes
 from edmctl.record import disk, layout
-from edmctl.record.delimited import read_delimited
+from edmctl.record.delimited import (
+    DISPLACEMENT,
+    STACK,
+    TIME,
+    TOOL,
+    VOLTAGE,
+    WANTED,
+    advice,
+    find_columns,
+    read_delimited,
+)
 from edmctl.record.hdf5 import image_of, open_hdf5
-from edmctl.record.naming import DISPLACEMENT, STACK, TIME, TOOL, VOLTAGE, WANTED, advice, find_columns
+from edmctl.record.integrity import MAGIC
 from edmctl.record.reader import open_run
 
 if TYPE_CHECKING:
@@ -24,7 +34,6 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 HDF5_SUFFIXES = (".h5", ".hdf5", ".hdf", ".nxs")
 RUN_COLUMNS = {TIME: "time", VOLTAGE: "v_cmd", DISPLACEMENT: "z_sensor"}
 """Where a run file holds the columns of a record."""
@@ -88,7 +97,7 @@ def write_columns(path: Path, columns: Mapping[str, NDArray[np.generic]]) -> Non
 
 def _read(path: Path, needed: Sequence[str]) -> dict[str, Array]:
     content = _content(path)
-    if content.startswith(HDF5_SIGNATURE):
+    if content.startswith(MAGIC):
         return _read_hdf5(path, needed)
     if content and path.suffix.lower() in HDF5_SUFFIXES:
         hint = "Give an HDF5 file, or a CSV file under the name .csv."
@@ -100,8 +109,8 @@ def _content(path: Path) -> bytes:
     """The file's bytes; of HDF5 only its signature."""
     try:
         with open_regular(path) as file:
-            start = file.read(len(HDF5_SIGNATURE))
-        return start if start == HDF5_SIGNATURE else read_bytes(path, RECORD_BYTES)
+            start = file.read(len(MAGIC))
+        return start if start == MAGIC else read_bytes(path, RECORD_BYTES)
     except (OSError, ValueError) as error:
         why = "there is no such file" if isinstance(error, FileNotFoundError) else disk.reason(error)
         raise RecordError(

@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import platform
+from functools import cache
 from typing import TYPE_CHECKING
 
 import h5py
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from edmctl.record.rows import RunMeta
+    from edmctl.record.run_meta import RunMeta
 
 
 RUNNING = "running"
@@ -33,8 +34,9 @@ LIBRARY_VERSIONS = ("v110", "v110")
 """The oldest format that can be written in SWMR mode, and read by every HDF5 since 1.10."""
 
 _TEXT = h5py.string_dtype()
-_TEXT_TYPE = h5py.h5t.py_create(_TEXT, logical=True)
+_TEXT_TYPE, _TEXT_IN_MEMORY = h5py.h5t.py_create(_TEXT, logical=True), h5py.h5t.py_create(_TEXT)
 _ONE = h5py.h5s.create(h5py.h5s.SCALAR)
+_NO_ROWS = h5py.h5s.create_simple((0,), (h5py.h5s.UNLIMITED,))
 
 
 def empty_run_file(meta: RunMeta) -> bytes:
@@ -214,10 +216,19 @@ def _create_group(file: h5py.File, path: str) -> h5py.h5g.GroupID:
 def _create_growing(
     parent: h5py.h5g.GroupID, name: str, dtype: np.dtype[np.generic], chunk_rows: int
 ) -> h5py.h5d.DatasetID:
+    return h5py.h5d.create(parent, name.encode(), _type_of(dtype), _NO_ROWS, _chunks_of(chunk_rows))
+
+
+@cache
+def _type_of(dtype: np.dtype[np.generic]) -> h5py.h5t.TypeID:
+    return h5py.h5t.py_create(dtype, logical=True)
+
+
+@cache
+def _chunks_of(rows: int) -> h5py.h5p.PropDCID:
     chunked = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
-    chunked.set_chunk((chunk_rows,))
-    empty = h5py.h5s.create_simple((0,), (h5py.h5s.UNLIMITED,))
-    return h5py.h5d.create(parent, name.encode(), h5py.h5t.py_create(dtype, logical=True), empty, chunked)
+    chunked.set_chunk((rows,))
+    return chunked
 
 
 def _describe(dataset: h5py.h5d.DatasetID, units: str, long_name: str) -> None:
@@ -234,6 +245,7 @@ def _put_attributes(
     for name, value in attributes.items():
         is_number = isinstance(value, int | float)
         values = np.array(value) if is_number else np.array(value, _TEXT)
-        kind = h5py.h5t.py_create(values.dtype, logical=True) if is_number else _TEXT_TYPE
+        kind = _type_of(values.dtype) if is_number else _TEXT_TYPE
         space = h5py.h5s.create_simple(values.shape) if values.shape else _ONE
-        h5py.h5a.create(target, name.encode(), kind, space).write(values)
+        attribute = h5py.h5a.create(target, name.encode(), kind, space)
+        attribute.write(values, kind if is_number else _TEXT_IN_MEMORY)

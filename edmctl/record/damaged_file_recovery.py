@@ -25,7 +25,7 @@ from edmctl.record.compaction import compact
 from edmctl.record.create import LIBRARY_VERSIONS, empty_run_file
 from edmctl.record.disk import reason, write_new
 from edmctl.record.hdf5 import open_hdf5
-from edmctl.record.hdf5_heap_check import are_sound, end_at_breaks
+from edmctl.record.integrity import are_sound, end_at_breaks, read_superblock
 from edmctl.record.opening import open_unjudged, refuse_foreign
 from edmctl.record.recovery import (
     BROKEN,
@@ -38,8 +38,7 @@ from edmctl.record.recovery import (
     refuse,
     temporary,
 )
-from edmctl.record.rows import Leaf, RunMeta, SourceText
-from edmctl.record.superblock import read_superblock
+from edmctl.record.run_meta import Leaf, RunMeta, SourceText
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

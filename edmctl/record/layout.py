@@ -12,6 +12,24 @@ compression leaves 3. Everything else is in its plain unit.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from edmctl.record.rows import (
+    EventLevel,
+    EventRow,
+    LinkRow,
+    RejectedTouch,
+    ServoBlock,
+    SiteRow,
+    SlowRow,
+    TouchRow,
+)
+from edmctl.results.telemetry import PulseBlockBatch, PulseTrain, TelemetryBlock, WaveformBatch
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from edmctl.record.rows import Row
 
 SCHEMA = "edmctl-run/2"
 READABLE = ("edmctl-run/1", SCHEMA)
@@ -53,6 +71,10 @@ class Table:
     """Column of an NXdata that viewers plot."""
     auxiliary: tuple[str, ...] = ()
     """Columns that they plot beside it: all in its unit, because a viewer has one ordinate."""
+    in_blocks: bool = False
+    """Rows are handed over as arrays, one for each column."""
+    at_once: bool = False
+    """Rows are flushed as soon as they are handed over."""
 
     @property
     def is_compound(self) -> bool:
@@ -177,6 +199,7 @@ SERVO = Table(
         Column("state", "state", "u1", PURE, "state of the controller"),
     ),
     signal="v_gap_avg",
+    in_blocks=True,
 )
 
 SLOW = Table(
@@ -225,6 +248,7 @@ PULSE_BLOCKS = Table(
     ),
     signal="n_normal",
     auxiliary=("n_open", "n_arc", "n_short"),
+    in_blocks=True,
 )
 
 PULSES = Table(
@@ -240,6 +264,7 @@ PULSES = Table(
     ),
     signal="td",
     auxiliary=("te",),
+    in_blocks=True,
 )
 
 SEGMENTS = Table(
@@ -294,6 +319,7 @@ TOUCHES = Table(
             "1 when the reading was used, 0 when another one counts instead",
         ),
     ),
+    at_once=True,
 )
 
 RESULTS = Table(
@@ -378,6 +404,7 @@ RESULTS = Table(
         Column("wear_basis", "wear_basis", "S9", TEXT, "the same of the wear"),
         Column("verdict", "verdict", "S9", TEXT, "`shown`, `missed` or `not shown`; empty for a feed"),
     ),
+    at_once=True,
 )
 
 BLACK_BOX = Table(
@@ -399,6 +426,8 @@ BLACK_BOX = Table(
         Column("flags", "flags", "u1", PURE, "TlmFlags of the protocol"),
     ),
     signal="v_gap_avg",
+    in_blocks=True,
+    at_once=True,
 )
 
 WAVEFORMS = Table(
@@ -413,6 +442,8 @@ WAVEFORMS = Table(
         Column("i_gap", "current_a", "f4", "A", "gap current"),
     ),
     signal="v_gap",
+    in_blocks=True,
+    at_once=True,
 )
 
 LINK = Table(
@@ -456,6 +487,20 @@ TABLES = (
     LINK,
 )
 
+TABLE_OF: Mapping[type, Table] = {
+    ServoBlock: SERVO,
+    SlowRow: SLOW,
+    PulseBlockBatch: PULSE_BLOCKS,
+    PulseTrain: PULSES,
+    EventRow: EVENTS,
+    TouchRow: TOUCHES,
+    SiteRow: RESULTS,
+    TelemetryBlock: BLACK_BOX,
+    WaveformBatch: WAVEFORMS,
+    LinkRow: LINK,
+}
+"""The table that rows of a type go to."""
+
 TRUTH = Grid(
     "/entry/truth",
     128,
@@ -471,3 +516,11 @@ DEFAULT_PLOT = "/entry/data"
 DEFAULT_SIGNAL = "z_sensor"
 DEFAULT_AXIS = "time"
 DEFAULT_AUXILIARY = ("z_model",)
+
+
+def is_urgent(row: Row) -> bool:
+    """Whether a row is flushed as soon as it is handed over: what a killed process must not lose."""
+    if isinstance(row, EventRow):
+        return row.level >= EventLevel.WARNING
+    table = TABLE_OF.get(type(row))
+    return table.at_once if table is not None else isinstance(row, RejectedTouch)

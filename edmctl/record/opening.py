@@ -7,12 +7,9 @@ from typing import TYPE_CHECKING
 from edmctl.errors import RunFileError
 from edmctl.files import open_regular
 from edmctl.record import layout
-from edmctl.record.checksum import Seal, look_at_seal
 from edmctl.record.disk import HDF5_ERRORS, PARTIAL
-from edmctl.record.hdf5 import open_hdf5
-from edmctl.record.hdf5_heap_check import are_sound
-from edmctl.record.superblock import MAGIC, read_superblock
-from edmctl.record.swmr_open import open_swmr
+from edmctl.record.hdf5 import open_hdf5, open_swmr
+from edmctl.record.integrity import MAGIC, Seal, are_sound, look_at_seal, read_superblock
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import RunFileError
 from edmctl.record import layout
-from edmctl.record.checksum import Seal, look_at_seal
-from edmctl.record.closing import CLOSING
-from edmctl.record.compaction import compact
+from edmctl.record.compaction import CLOSING, compact
 from edmctl.record.disk import HDF5_ERRORS, PARTIAL, error_number, reason, rename_without_replacing
-from edmctl.record.liveness import is_live
+from edmctl.record.integrity import Seal, look_at_seal
+from edmctl.record.locks import is_live
 from edmctl.record.opening import damaged, open_file
 from edmctl.record.stores import fit_utf8
 from edmctl.version import __version__

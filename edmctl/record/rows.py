@@ -7,12 +7,14 @@ so its arrays must not be changed afterwards.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol, TypeAlias
+
+from edmctl.results.telemetry import PulseBlockBatch, PulseTrain, TelemetryBlock, WaveformBatch
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping
 
     import numpy as np
     from numpy.typing import NDArray
@@ -22,12 +24,29 @@ if TYPE_CHECKING:
 
 
 class EventLevel(IntEnum):
-    """Weight of an event. From WARNING on, an event is on disk before the call returns."""
+    """Weight of an event. From WARNING on, an event is flushed at once."""
 
     DEBUG = 0
     INFO = 1
     WARNING = 2
     ERROR = 3
+
+
+@dataclass(frozen=True, slots=True)
+class EventRow:
+    """A state, jump, fault or decision. A copy of `args` is kept.
+
+    `message` is cut to 160 bytes; of `args` the last values are left out when their JSON exceeds 200 bytes.
+    """
+
+    time_s: float
+    code: int
+    level: EventLevel
+    message: str
+    args: Mapping[str, float | int | str | bool] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "args", dict(self.args))
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +101,10 @@ class SlowRow:
 
 @dataclass(frozen=True, slots=True)
 class TruthMap:
-    """The floor of a channel as the virtual machine knows it: depths, shape (m, n), over y (m,) and x (n,), µm."""
+    """The floor of a channel as the virtual machine knows it: depths, shape (m, n), over y (m,) and x (n,), µm.
+
+    It replaces an earlier one.
+    """
 
     x_um: FloatArray
     y_um: FloatArray
@@ -125,6 +147,13 @@ class TouchRow:
     drift_um: float
     speed_um_s: float
     accepted: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class RejectedTouch:
+    """Marks the reading of that time as one that is not used, because of what was touched after it."""
+
+    time_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,62 +215,43 @@ class SiteRow:
 
 
 @dataclass(frozen=True, slots=True)
-class Leaf:
-    """One value of a profile by its dotted key, with the unit that its key names."""
+class Summary:
+    """The result of the run as a JSON object; it replaces an earlier one."""
 
-    key: str
-    value: float | int | str | bool
-    units: str
+    json_text: str
 
 
-@dataclass(frozen=True, slots=True)
-class SourceText:
-    """A file that went into a run: where it was found, and its text."""
+Row: TypeAlias = (
+    ServoBlock
+    | SlowRow
+    | PulseBlockBatch
+    | PulseTrain
+    | EventRow
+    | TouchRow
+    | RejectedTouch
+    | SiteRow
+    | TelemetryBlock
+    | WaveformBatch
+    | LinkRow
+    | TruthMap
+    | Summary
+)
+"""What a run file takes. A TelemetryBlock is the black box: what the controller kept from before a fault."""
 
-    path: str
-    text: str
+
+class Recorder(Protocol):
+    """Takes what procedures see, in order of time: into a run file, or nowhere."""
+
+    def append(self, row: Row) -> None:
+        """Append a row, or a block whose arrays are kept by reference.
+
+        May raise RunFileError once, when the disk fails; later rows are then ignored, so that the caller can still
+        bring the machine to its safe point.
+        """
 
 
-@dataclass(frozen=True, slots=True)
-class RunMeta:
-    """Everything about a run that is known before it starts."""
+class NullRecorder:
+    """Keeps nothing: for runs without a file."""
 
-    run_id: str
-    title: str
-    start_time: str
-    """ISO 8601 with offset."""
-    command: Sequence[str]
-    host: str
-    simulated: bool
-    seed: int | None
-    profile_text: str
-    profile_sha256: str
-    """Of the recipe in effect, after `extends`, overrides and defaults."""
-    edmctl_version: str
-    sim_sha256: str = ""
-    """Of the `[sim]` table in effect."""
-    parent_run: str = ""
-    """The run that this one goes on with; empty without."""
-    parent_time_s: float = 0.0
-    """Time of the job in the runs before, pauses left out."""
-    profile_path: str = ""
-    profile_parents: Sequence[SourceText] = ()
-    """The files that the profile extends, nearest first."""
-    profile_leaves: Sequence[Leaf] = ()
-    profile_overrides: Sequence[str] = ()
-    setup_text: str = ""
-    """The setup file verbatim; empty for the stock machine."""
-    setup_toml: str = ""
-    """Every value of the setup in effect."""
-    protocol_version: str = ""
-    firmware_version: str = ""
-    controller_serial: str = ""
-    calibration: str = ""
-    """The actuator model of the run, in words."""
-    calibration_text: str = ""
-    """The calibration file verbatim; empty without."""
-    user: str = ""
-    work_material: str = ""
-    work_thickness_um: float = math.nan
-    tool_material: str = ""
-    tool_diameter_um: float = math.nan
+    def append(self, row: Row) -> None:
+        """Do nothing."""

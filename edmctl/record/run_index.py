@@ -10,14 +10,13 @@ import numpy as np
 
 from edmctl.errors import RunFileError
 from edmctl.labels import weakest, worst
-from edmctl.record.bases import labels_of
 from edmctl.record.create import NO_EXIT_CODE
 from edmctl.record.disk import PARTIAL
-from edmctl.record.estimated import estimated_depth, left_site
-from edmctl.record.event_reader import error_code_of
+from edmctl.record.events import error_code_of
 from edmctl.record.layout import RESULTS
-from edmctl.record.liveness import is_live
-from edmctl.record.safe_reading import reading_unverified
+from edmctl.record.locks import is_live
+from edmctl.record.reader import reading_unverified
+from edmctl.record.results import estimated_depth, labels_of, left_site
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -19,42 +19,47 @@ import numpy as np
 
 from edmctl.errors import RunFileError
 from edmctl.record import layout
-from edmctl.record.closing import close_run
+from edmctl.record.compaction import close_run
 from edmctl.record.create import LIBRARY_VERSIONS, empty_run_file
 from edmctl.record.disk import (
     HDF5_ERRORS,
     already_there,
     cannot_create,
     close_without_writing,
+    give_back,
     make_folder,
     partial_path,
     reason,
+    reserve,
     write_new,
 )
 from edmctl.record.hdf5 import open_hdf5
-from edmctl.record.liveness import hold, release
-from edmctl.record.rows import EventLevel
-from edmctl.record.segments import Segments
-from edmctl.record.space import give_back, reserve
-from edmctl.record.stores import BlockStore, CompoundStore, RowStore, Store
+from edmctl.record.locks import hold, release
+from edmctl.record.rows import EventRow, RejectedTouch, SiteRow, Summary, TruthMap
+from edmctl.record.stores import Segment, store_of
+from edmctl.results.telemetry import PulseTrain
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
     from pathlib import Path
 
     import h5py
 
-    from edmctl.record.rows import LinkRow, RunMeta, ServoBlock, SiteRow, SlowRow, TouchRow, TruthMap
-    from edmctl.results.telemetry import PulseBlockBatch, PulseTrain, TelemetryBlock, WaveformBatch
+    from edmctl.record.rows import Row
+    from edmctl.record.run_meta import RunMeta
+    from edmctl.record.stores import RowStore
 
 FLUSH_INTERVAL_S = 0.5
 """Rows reach the disk at most this long, plus one block, after they were handed over."""
 CHUNK_CACHE_BYTES = 256 * 1024
 """Of each of the 70 datasets: two of the largest chunks. HDF5 would keep up to 8 MB that nobody reads again."""
+_ARGS_BYTES = next(np.dtype(c.dtype).itemsize for c in layout.EVENTS.columns if c.name == "args")
 
 
 @dataclass(frozen=True, slots=True)
-class _Event:
+class _StoredEvent:
+    """An event as its table holds it."""
+
     time_s: float
     seq: int
     code: int
@@ -75,32 +80,8 @@ class RunWriter:
         self._flush_due_s = monotonic_s() + FLUSH_INTERVAL_S
         self._failure: RunFileError | None = None
         self._accepts = True
-        self._events = 0
-        self._servo = BlockStore(file, layout.SERVO)
-        self._slow = RowStore(file, layout.SLOW)
-        self._pulse_blocks = BlockStore(file, layout.PULSE_BLOCKS)
-        self._pulses = BlockStore(file, layout.PULSES)
-        self._segments = RowStore(file, layout.SEGMENTS)
-        self._event_rows = CompoundStore(file, layout.EVENTS)
-        self._touches = CompoundStore(file, layout.TOUCHES)
-        self._results = CompoundStore(file, layout.RESULTS)
-        self._black_box = BlockStore(file, layout.BLACK_BOX)
-        self._waveforms = BlockStore(file, layout.WAVEFORMS)
-        self._link = RowStore(file, layout.LINK)
-        self._stores: tuple[Store, ...] = (
-            self._servo,
-            self._slow,
-            self._pulse_blocks,
-            self._segments,
-            self._pulses,
-            self._event_rows,
-            self._touches,
-            self._results,
-            self._black_box,
-            self._waveforms,
-            self._link,
-        )
-        self._train = Segments()
+        self._stores = {table.path: store_of(file, table) for table in layout.TABLES}
+        self._segment: Segment | None = None
         self._wear_um = 0.0
 
     @classmethod
@@ -133,105 +114,33 @@ class RunWriter:
         """The file as it is called now."""
         return self._partial if self._partial.exists() else self._path
 
-    def append_servo(self, block: ServoBlock) -> None:
-        """Append servo samples; the arrays are kept by reference."""
-        if self._accepts:
-            self._servo.add(block)
-            self._tend(self._servo)
+    def append(self, row: Row) -> None:
+        """Append a row, or a block whose arrays are kept by reference.
 
-    def append_slow(self, row: SlowRow) -> None:
-        """Append one row of the supervisor's view."""
-        if self._accepts:
-            self._slow.add(row)
-            self._tend(self._slow)
-
-    def append_pulse_blocks(self, blocks: PulseBlockBatch) -> None:
-        """Append pulse sums; the arrays are kept by reference."""
-        if self._accepts:
-            self._pulse_blocks.add(blocks)
-            self._tend(self._pulse_blocks)
-
-    def append_pulses(self, train: PulseTrain) -> None:
-        """Append single pulses; the arrays are kept by reference."""
-        if self._accepts:
-            segment = self._train.follow(train, self._pulses.rows)
-            if segment is not None:
-                self._segments.add(segment)
-            self._pulses.add(train)
-            self._tend(self._pulses)
-
-    def event(
-        self,
-        time_s: float,
-        code: int,
-        level: EventLevel,
-        message: str,
-        args: Mapping[str, float | int | str | bool] | None = None,
-    ) -> None:
-        """Append an event; from WARNING on it is on disk when the call returns.
-
-        `message` is cut to 160 bytes; of `args` the last values are left out when their JSON exceeds 200
-        bytes.
+        Urgent ones (`layout.is_urgent`) are on disk when the call returns. Raises RunFileError E9003 once, when the
+        disk fails; later rows are ignored.
         """
         if not self._accepts:
             return
-        self._event_rows.add(_Event(time_s, self._events, code, level, message, _compact_json(args or {})))
-        self._events += 1
-        if level >= EventLevel.WARNING:
-            self.flush()
-        else:
-            self._tend(self._event_rows)
-
-    def touch(self, row: TouchRow) -> None:
-        """Append a reading of surface or bottom; it is on disk when the call returns."""
-        if self._accepts:
-            self._touches.add(row)
-            self.flush()
-
-    def reject_touch(self, time_s: float) -> None:
-        """Mark the reading of that time as one that was not used, by what was touched after it.
-
-        The mark is on disk when the call returns.
-        """
-        if self._accepts:
-            self._guarded(lambda: self._reject_touch(time_s))
-
-    def site_result(self, row: SiteRow) -> None:
-        """Append the result at a site and add its wear to the tool's; both are on disk when the call returns."""
-        if self._accepts:
-            self._results.add(row)
-            self._wear_um += row.wear_um
-            self._guarded(self._put_wear)
-            self.flush()
-
-    def black_box(self, block: TelemetryBlock) -> None:
-        """Append what the controller kept from before a fault; it is on disk when the call returns."""
-        if self._accepts:
-            self._black_box.add(block)
-            self.flush()
-
-    def waveforms(self, block: WaveformBatch) -> None:
-        """Append the gap about a fault; it is on disk when the call returns."""
-        if self._accepts:
-            self._waveforms.add(block)
-            self.flush()
-
-    def append_link(self, row: LinkRow) -> None:
-        """Append how the line did."""
-        if self._accepts:
-            self._link.add(row)
-            self._tend(self._link)
-
-    def truth_map(self, truth: TruthMap) -> None:
-        """Write (or replace) the true floor of a channel."""
-        if self._accepts:
-            self._guarded(lambda: self._put_truth(truth), more_bytes=2 * truth.depth_um.nbytes)
-
-    def summary(self, json_text: str) -> None:
-        """Write (or replace) the result as a JSON object."""
-        if self._accepts:
-            utf8 = json_text.encode()
+        if isinstance(row, RejectedTouch):
+            self._guarded(lambda: self._reject_touch(row.time_s))
+        elif isinstance(row, TruthMap):
+            self._guarded(lambda: self._put_truth(row), more_bytes=2 * row.depth_um.nbytes)
+        elif isinstance(row, Summary):
+            utf8 = row.json_text.encode()
             self._guarded(lambda: self._put_summary(utf8), more_bytes=2 * len(utf8))
+        else:
+            store = self._stores[layout.TABLE_OF[type(row)].path]
+            if isinstance(row, PulseTrain):
+                self._follow(row, store.rows)
+            elif isinstance(row, SiteRow):
+                self._wear_um += row.wear_um
+                self._guarded(self._put_wear)
+            store.add(_stored_event(row, store.rows) if isinstance(row, EventRow) else row)
+            if layout.is_urgent(row):
+                self.flush()
+            else:
+                self._tend(store)
 
     def flush(self) -> None:
         """Bring everything handed over so far to the operating system."""
@@ -269,7 +178,13 @@ class RunWriter:
             self.finish(status, exit_code)
         return self.path
 
-    def _tend(self, store: Store) -> None:
+    def _follow(self, train: PulseTrain, row: int) -> None:
+        """Begin a segment where `train`, stored from `row` on, does not continue the last one."""
+        if self._segment is None or not self._segment.continues_in(train, row):
+            self._segment = Segment(row, train.first_pulse, train.start_s, train.period_s)
+            self._stores[layout.SEGMENTS.path].add(self._segment)
+
+    def _tend(self, store: RowStore) -> None:
         if self._monotonic_s() >= self._flush_due_s:
             self.flush()
         elif store.waiting >= store.limit:
@@ -278,7 +193,7 @@ class RunWriter:
     def _guarded(self, action: Callable[[], None], more_bytes: int = 0) -> None:
         """Do what writes to the file, in space taken before; the rows that wait and `more_bytes` fit into it."""
         try:
-            reserve(self._file, more_bytes + sum(store.growth_bytes for store in self._stores))
+            reserve(self._file, more_bytes + sum(store.growth_bytes for store in self._stores.values()))
             action()
         except HDF5_ERRORS as error:
             self._accepts = False
@@ -293,7 +208,7 @@ class RunWriter:
             raise self._failure from error
 
     def _flush(self) -> None:
-        for store in self._stores:
+        for store in self._stores.values():
             store.write(everything=True)
         self._file.flush()
         self._flush_due_s = self._monotonic_s() + FLUSH_INTERVAL_S
@@ -335,9 +250,8 @@ class RunWriter:
         give_back(self._partial)
 
 
-def _compact_json(args: Mapping[str, float | int | str | bool]) -> str:
-    width = next(np.dtype(c.dtype).itemsize for c in layout.EVENTS.columns if c.name == "args")
-    kept = dict(args)
-    while len(text := json.dumps(kept, separators=(",", ":"))) > width:
+def _stored_event(row: EventRow, seq: int) -> _StoredEvent:
+    kept = dict(row.args)
+    while len(text := json.dumps(kept, separators=(",", ":"))) > _ARGS_BYTES:
         kept.popitem()
-    return text
+    return _StoredEvent(row.time_s, seq, row.code, row.level, row.message, text)

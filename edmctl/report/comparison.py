@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from edmctl.labels import weakest
-from edmctl.record.estimated import estimated_depth
+from edmctl.record.results import estimated_depth
 from edmctl.record.run_index import plain_number
 from edmctl.report.numbers import CLASSES, numbers_of
 from edmctl.wording import TIP

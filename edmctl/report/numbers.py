@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.labels import weakest
-from edmctl.record.bases import labels_of
+from edmctl.record.results import labels_of
 from edmctl.results.job import SiteTruth
 from edmctl.wording import TIP
 
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-    from edmctl.record.bases import Labels
     from edmctl.record.reader import RunFile
+    from edmctl.record.results import Labels
 
 CLASSES = ("open", "normal", "arc", "short")
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.labels import marked, weakest
-from edmctl.record.estimated import estimated_depth
+from edmctl.record.results import estimated_depth
 from edmctl.report import page_tables
 from edmctl.report.kinds import KINDS, Kind, draw
 from edmctl.report.numbers import numbers_of, target_depths_um

@@ -14,8 +14,7 @@ import numpy as np
 
 from edmctl.labels import Basis
 from edmctl.record import layout
-from edmctl.record.event_names import Told
-from edmctl.record.event_reader import happened
+from edmctl.record.events import Told, happened
 from edmctl.report.numbers import numbers_of
 from edmctl.report.signals import ROW_S, intervals
 

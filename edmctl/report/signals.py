@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.record import layout
-from edmctl.record.event_names import State
+from edmctl.record.events import State
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

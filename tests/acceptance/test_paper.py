@@ -18,7 +18,7 @@ from edmctl.machine.controller import LinkMachine
 from edmctl.procedures.job import job_of
 from edmctl.procedures.machining import run_job
 from edmctl.profile.setup import Sensor, Setup
-from edmctl.record.recorder import NullRecorder
+from edmctl.record.rows import NullRecorder
 from edmctl.rules.load import load_profile
 from edmctl.simulator import open_bench
 

@@ -6,7 +6,7 @@ import shutil
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from edmctl.record.rows import EventLevel
+from edmctl.record.rows import EventLevel, EventRow
 from edmctl.record.writer import RunWriter
 from tests.record.samples import a_meta, fill
 
@@ -26,7 +26,9 @@ def begun(folder: Path, run_id: str, start: str = "2026-01-01T12:00:00+00:00") -
     """A run that goes on, with everything in its file that it may hold."""
     writer = RunWriter.create(folder / f"{run_id}.h5", replace(a_meta(), run_id=run_id, start_time=start))
     fill(writer, rows=1000)
-    writer.event(1.0, 120, EventLevel.INFO, 'Cut 1: "feed", then touch', {"cut": 1, "feed_um": 20.5})
+    writer.append(
+        EventRow(1.0, 120, EventLevel.INFO, 'Cut 1: "feed", then touch', {"cut": 1, "feed_um": 20.5})
+    )
     writer.flush()
     return writer
 

@@ -39,7 +39,7 @@ def run(tmp_path: Path) -> Path:
     writer = begun(tmp_path, "one")
     time_s = 10.0 + 0.1 * np.arange(len(ODD))
     zeros = np.zeros(len(ODD), np.int8)
-    writer.append_servo(ServoBlock(time_s, ODD, ODD, ODD, ODD, ODD, ODD, zeros, zeros))
+    writer.append(ServoBlock(time_s, ODD, ODD, ODD, ODD, ODD, ODD, zeros, zeros))
     return writer.finish("done", 0)
 
 
@@ -186,7 +186,7 @@ def test_a_file_is_replaced_where_that_is_wanted_and_stays_where_it_fails(
 def test_a_log_that_the_run_did_not_keep_leads_to_the_one_it_kept(here: Here, tmp_path: Path) -> None:
     writer = RunWriter.create(tmp_path / "sums.h5", a_meta())
     counts = np.array([5, 6])
-    writer.append_pulse_blocks(
+    writer.append(
         PulseBlockBatch(np.array([0.0, 0.01]), counts, counts, counts, counts, counts * 1.0, counts * 2.0)
     )
     run = writer.finish("done", 0)

@@ -49,7 +49,7 @@ def test_what_was_not_touched_is_marked(here: Here, tmp_path: Path) -> None:
     bases = {"estimated": "~180.00 ± 0.90", "model": "≈180.00 ± 0.90", "touched": " 180.00 ± 0.90"}
     for basis in bases:
         writer = RunWriter.create(tmp_path / f"{basis}.h5", a_meta())
-        writer.site_result(replace(a_site_row(), depth_basis=basis, wear_basis="touched", verdict="shown"))
+        writer.append(replace(a_site_row(), depth_basis=basis, wear_basis="touched", verdict="shown"))
         writer.finish("done", 0)
     said = here("run", "list", str(tmp_path)).out
     rows = {line.split()[0]: line for line in said.splitlines() if "±" in line}

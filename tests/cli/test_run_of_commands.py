@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.record.leaves import profile_leaves
-from edmctl.record.rows import SlowRow
+from edmctl.record.rows import SlowRow, Summary
+from edmctl.record.run_meta import profile_leaves
 from edmctl.record.writer import RunWriter
 from tests.cli.run_files import killed
 from tests.record.samples import PROFILE, a_meta
@@ -30,10 +30,10 @@ def made(folder: Path, run_id: str, *command: str, found: Mapping[str, object] |
     meta = replace(a_meta(), run_id=run_id, command=("edmctl", *command), profile_leaves=leaves)
     writer = RunWriter.create(folder / f"{run_id}.h5", meta)
     if found is not None:
-        writer.summary(json.dumps(found))
+        writer.append(Summary(json.dumps(found)))
         return writer.finish("done", 0)
     row = SlowRow(12.0, 1.0, 0.8, 0.8, 0.2, 0.7, 0.1, 0.0, 153.06, 40.0, 0.1)
-    writer.append_slow(replace(row, depth_u95_um=6.5))
+    writer.append(replace(row, depth_u95_um=6.5))
     return writer.finish("machine fault", 6)
 
 

@@ -13,8 +13,8 @@ import h5py
 import pytest
 
 from edmctl.cli.app import main
-from edmctl.record.checksum import SEAL_BYTES
-from edmctl.record.liveness import hold, release
+from edmctl.record.integrity import SEAL_BYTES
+from edmctl.record.locks import hold, release
 from edmctl.report.kinds import KINDS, NAMES, Kind, kind_called
 from edmctl.report.style import NothingToDraw, new_figure
 from tests.cli.commands import ROOT, SHALLOW

@@ -23,7 +23,7 @@ from edmctl.console.live_view import Histories
 from edmctl.errors import RunFileError
 from edmctl.machine.states import MachineState
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.record.rows import EventLevel, ServoBlock, SlowRow
+from edmctl.record.rows import EventLevel, EventRow, ServoBlock, SlowRow, Summary
 from edmctl.record.writer import RunWriter
 from tests.cli.commands import CU270, ROOT, environment
 from tests.cli.run_files import begun, finished, killed
@@ -111,9 +111,9 @@ def test_following_ends_with_the_run_and_tells_its_news(tmp_path: Path) -> None:
         if looks > 3:
             writer.finish("done", 0)
             return
-        writer.append_servo(servo(20.0 + looks))
-        writer.append_slow(slow(20.0 + looks))
-        writer.event(20.0 + looks, 130, EventLevel.INFO, f"Look {looks}.")
+        writer.append(servo(20.0 + looks))
+        writer.append(slow(20.0 + looks))
+        writer.append(EventRow(20.0 + looks, 130, EventLevel.INFO, f"Look {looks}."))
         writer.flush()
 
     seen = Seen()
@@ -131,7 +131,7 @@ def test_following_ends_with_the_run_and_tells_its_news(tmp_path: Path) -> None:
 def test_a_look_takes_every_row_since_the_one_before(tmp_path: Path) -> None:
     writer = RunWriter.create(tmp_path / "fast.h5", a_meta())
     plan = {"cut": 1, "feed_um": 200.0, "wear_ratio": 0.5, "target_um": 100.0}
-    writer.event(100.0, RunEvent.CUT_PLANNED, EventLevel.INFO, "Cut 1.", plan)
+    writer.append(EventRow(100.0, RunEvent.CUT_PLANNED, EventLevel.INFO, "Cut 1.", plan))
     looks = 0
 
     def machine(begin_s: float) -> None:
@@ -140,13 +140,11 @@ def test_a_look_takes_every_row_since_the_one_before(tmp_path: Path) -> None:
         level, state = np.ones(1000), np.full(1000, int(MachineState.MACHINING))
         gap_v = np.where(np.arange(1000) == 300, 1.5, 9.6)
         z_um = 60.0 + 0.3 * (time_s - 100.0)
-        writer.append_servo(
-            ServoBlock(time_s, z_um / 3, z_um, z_um, gap_v, level, level, level.astype(int), state)
-        )
+        writer.append(ServoBlock(time_s, z_um / 3, z_um, z_um, gap_v, level, level, level.astype(int), state))
         for now_s in time_s[9::10]:
             fed_um = 0.3 * (now_s - 100.0)
             row = SlowRow(now_s, 0.3, 0.8, 0.8, 0.2, 0.7, 0.1, 0.0, fed_um / 1.5, fed_um / 3.0, math.nan)
-            writer.append_slow(replace(row, wear_u95_um=0.7))
+            writer.append(replace(row, wear_u95_um=0.7))
         writer.flush()
 
     def wait() -> None:
@@ -291,9 +289,11 @@ def test_every_jump_counts_whatever_asked_for_it() -> None:
 
 def test_a_hole_that_was_left_and_its_error_are_told_in_words(here: Here, tmp_path: Path) -> None:
     writer = RunWriter.create(tmp_path / "a.h5", a_meta())
-    writer.event(9.0, RunEvent.ENDED_EARLY, EventLevel.ERROR, "The power came back.", {"code": "E4005"})
+    writer.append(
+        EventRow(9.0, RunEvent.ENDED_EARLY, EventLevel.ERROR, "The power came back.", {"code": "E4005"})
+    )
     reached = {"site": "one", "depth_estimated_um": 1.86, "depth_target_um": 20.0}
-    writer.summary(json.dumps({"reached": reached, "home_um": -0.69}))
+    writer.append(Summary(json.dumps({"reached": reached, "home_um": -0.69})))
     writer.finish("no port, or link lost", 4)
     said = here("run", "show", str(tmp_path / "a.h5")).out
     assert "left at about 1.86 of 20 µm (estimated)" in said

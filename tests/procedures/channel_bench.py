@@ -28,13 +28,13 @@ from edmctl.procedures.run import JobRun
 from edmctl.procedures.state_keeper import JobStateKeeper
 from edmctl.profile.places import Place
 from edmctl.profile.setup import Setup
-from edmctl.record.recorder import NullRecorder
+from edmctl.record.rows import EventRow, NullRecorder
 from edmctl.rules.load import load_profile
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
 
-    from edmctl.record.rows import EventLevel
+    from edmctl.record.rows import Row
     from edmctl.results.progress import Progress
 
 CIRCLE = str(Path(__file__).parents[2] / "profiles" / "channel-circle.toml")
@@ -166,15 +166,9 @@ class Noted(NullRecorder):
     codes: list[int] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
-    def event(
-        self,
-        time_s: float,
-        code: int,
-        level: EventLevel,
-        message: str,
-        args: Mapping[str, float | int | str | bool] | None = None,
-    ) -> None:
-        self.codes.append(code)
+    def append(self, row: Row) -> None:
+        if isinstance(row, EventRow):
+            self.codes.append(row.code)
 
     def progress(self, p: Progress) -> None:
         pass

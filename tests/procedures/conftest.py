@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from random import Random
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -24,7 +24,17 @@ from edmctl.procedures.run import JobRun
 from edmctl.procedures.settings import controller_settings, pulse_settings, telemetry_settings
 from edmctl.procedures.state_keeper import JobStateKeeper
 from edmctl.profile.setup import Sensor, Setup
-from edmctl.record.recorder import NullRecorder
+from edmctl.record.rows import (
+    EventRow,
+    LinkRow,
+    NullRecorder,
+    RejectedTouch,
+    ServoBlock,
+    SiteRow,
+    SlowRow,
+    TouchRow,
+)
+from edmctl.results.telemetry import PulseBlockBatch
 from edmctl.rules.load import load_profile
 from edmctl.simulator import BenchConfig, VirtualBench, open_bench
 from edmctl.simulator.actuator import VirtualActuator
@@ -34,11 +44,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from edmctl.procedures.job_state import StateStore
-    from edmctl.record.recorder import Recorder
-    from edmctl.record.rows import EventLevel, LinkRow, ServoBlock, SiteRow, SlowRow, TouchRow
+    from edmctl.record.rows import EventLevel, Recorder, Row
     from edmctl.results.job import JobResult
     from edmctl.results.progress import Phase, Progress
-    from edmctl.results.telemetry import PulseBlockBatch
 
 CU270 = str(Path(__file__).parents[2] / "profiles" / "cu270.toml")
 QUICK = (
@@ -66,37 +74,24 @@ class Seen(NullRecorder):
     sites: list[SiteRow] = field(default_factory=list)
     links: list[LinkRow] = field(default_factory=list)
 
-    def append_servo(self, block: ServoBlock) -> None:
-        self.servo.append(block)
+    def append(self, row: Row) -> None:
+        if isinstance(row, EventRow):
+            self.events.append((row.time_s, row.code, row.level, row.message, row.args))
+        elif isinstance(row, RejectedTouch):
+            (i,) = (i for i, touch in enumerate(self.touches) if touch.time_s == row.time_s)
+            self.touches[i] = replace(self.touches[i], accepted=False)
+        elif (kept := self._kept().get(type(row))) is not None:
+            kept.append(row)
 
-    def append_pulse_blocks(self, blocks: PulseBlockBatch) -> None:
-        self.pulses.append(blocks)
-
-    def append_slow(self, row: SlowRow) -> None:
-        self.slow.append(row)
-
-    def event(
-        self,
-        time_s: float,
-        code: int,
-        level: EventLevel,
-        message: str,
-        args: Mapping[str, float | int | str | bool] | None = None,
-    ) -> None:
-        self.events.append((time_s, code, level, message, args or {}))
-
-    def touch(self, row: TouchRow) -> None:
-        self.touches.append(row)
-
-    def reject_touch(self, time_s: float) -> None:
-        (i,) = (i for i, row in enumerate(self.touches) if row.time_s == time_s)
-        self.touches[i] = replace(self.touches[i], accepted=False)
-
-    def site_result(self, row: SiteRow) -> None:
-        self.sites.append(row)
-
-    def append_link(self, row: LinkRow) -> None:
-        self.links.append(row)
+    def _kept(self) -> dict[type, list[Any]]:
+        return {
+            ServoBlock: self.servo,
+            PulseBlockBatch: self.pulses,
+            SlowRow: self.slow,
+            TouchRow: self.touches,
+            SiteRow: self.sites,
+            LinkRow: self.links,
+        }
 
 
 @dataclass(slots=True)

@@ -13,7 +13,7 @@ from edmctl.errors import MachineFault
 from edmctl.forecasts.forecast import forecast, stroke_um
 from edmctl.link.faults import FaultCode
 from edmctl.link.messages import WaveformRead
-from edmctl.machine.interface import Machine, MachineState, TelemetryBlock
+from edmctl.machine.interface import Machine, MachineState
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.cut_decision import refuse_wrong_setup
 from edmctl.procedures.monitoring.monitors import LinkMonitor, SensorMonitor, record_link
@@ -22,6 +22,7 @@ from edmctl.process.wear import DepthAndWear
 from edmctl.results.job import ObjectiveMissed
 from edmctl.results.link import LinkReport
 from edmctl.results.progress import Phase
+from edmctl.results.telemetry import TelemetryBlock, WaveformBatch
 from edmctl.simulator.injection import parse_injection
 
 from .conftest import Seen
@@ -31,8 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from edmctl.link.wire import Message
-    from edmctl.record.rows import EventLevel
-    from edmctl.results.telemetry import TelemetryBlock, WaveformBatch
+    from edmctl.record.rows import EventLevel, Row
     from edmctl.simulator.port import Outcome
 
     from .conftest import Done, Shop
@@ -233,11 +233,13 @@ def test_a_dead_gap_sensor_refuses_the_start(shop: OpenShop) -> None:
 class Box(Seen):
     """A recorder that also keeps the black box and the waveforms."""
 
-    def black_box(self, block: TelemetryBlock) -> None:
-        self.box = block
-
-    def waveforms(self, block: WaveformBatch) -> None:
-        self.gap = block
+    def append(self, row: Row) -> None:
+        if isinstance(row, TelemetryBlock):
+            self.box = row
+        elif isinstance(row, WaveformBatch):
+            self.gap = row
+        else:
+            super().append(row)
 
 
 def test_a_latched_fault_brings_the_black_box_into_the_run_file(shop: OpenShop) -> None:

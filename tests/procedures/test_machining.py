@@ -14,7 +14,7 @@ from edmctl.labels import Basis
 from edmctl.machine.interface import EventCode, MachineState
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.settings import controller_settings
-from edmctl.record.rows import EventLevel
+from edmctl.record.rows import EventLevel, ServoBlock
 from edmctl.results.job import ObjectiveMissed
 from edmctl.results.progress import Phase
 from edmctl.simulator import kernel
@@ -24,7 +24,7 @@ from .conftest import Seen
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.record.rows import ServoBlock
+    from edmctl.record.rows import Row
 
     from .conftest import Done, Shop
 
@@ -338,8 +338,8 @@ def test_a_fault_while_machining_is_a_machine_fault(shop: OpenShop) -> None:
 
 def test_a_full_disk_in_the_middle_of_a_cut_ends_retracted(shop: OpenShop) -> None:
     class FullDisk(Seen):
-        def append_servo(self, block: ServoBlock) -> None:
-            if block.state[-1] == MachineState.MACHINING:
+        def append(self, row: Row) -> None:
+            if isinstance(row, ServoBlock) and row.state[-1] == MachineState.MACHINING:
                 raise RunFileError("no space left", code="E9003")
 
     s = shop()

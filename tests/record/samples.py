@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.record.leaves import profile_leaves
-from edmctl.record.rows import RunMeta, ServoBlock, SiteRow, SlowRow, SourceText, TouchRow
+from edmctl.record.rows import ServoBlock, SiteRow, SlowRow, Summary, TouchRow
+from edmctl.record.run_meta import RunMeta, SourceText, profile_leaves
 from edmctl.results.telemetry import PulseBlockBatch, PulseTrain, TelemetryBlock
 
 if TYPE_CHECKING:
-    from edmctl.record.recorder import Recorder
+    from edmctl.record.rows import Recorder
 
 PROFILE = {"servo": {"reference": 0.8, "forward_um_s": 5.0}, "meta": {"name": "cu270"}, "jump": {"on": True}}
 
@@ -73,15 +73,15 @@ def a_site_row() -> SiteRow:
 def fill(writer: Recorder, rows: int = 10_000, block: int = 10) -> None:
     """Everything that a run may hold."""
     for first in range(0, rows, block):
-        writer.append_servo(servo_block(first, block))
+        writer.append(servo_block(first, block))
     for k in range(30):
-        writer.append_slow(slow_row(k))
+        writer.append(slow_row(k))
     counts = np.array([5, 6])
-    writer.append_pulse_blocks(
+    writer.append(
         PulseBlockBatch(np.array([0.0, 0.01]), counts, counts, counts, counts, counts * 1.0, counts * 2.0)
     )
-    writer.append_pulses(train(0, 300, 0.0))
-    writer.black_box(black_box(2048))
-    writer.touch(TouchRow(1.0, "Z1", "A1", 20.0, 50.0, 49.0, 3, 0.3, 0.0, 1.0))
-    writer.site_result(a_site_row())
-    writer.summary('{"ok": true}')
+    writer.append(train(0, 300, 0.0))
+    writer.append(black_box(2048))
+    writer.append(TouchRow(1.0, "Z1", "A1", 20.0, 50.0, 49.0, 3, 0.3, 0.0, 1.0))
+    writer.append(a_site_row())
+    writer.append(Summary('{"ok": true}'))

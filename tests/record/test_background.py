@@ -19,14 +19,14 @@ from edmctl.errors import RunFileError
 from edmctl.record import background, layout
 from edmctl.record.background import BackgroundWriter
 from edmctl.record.reader import open_run
-from edmctl.record.rows import EventLevel, TouchRow
+from edmctl.record.rows import EventLevel, EventRow, Summary, TouchRow
 from edmctl.record.writer import FLUSH_INTERVAL_S, RunWriter
 from tests.record.samples import a_site_row, fill, servo_block, slow_row, train
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from edmctl.record.rows import RunMeta
+    from edmctl.record.run_meta import RunMeta
 
 ROOT = Path(__file__).parents[2]
 LONG_S = 30.0
@@ -92,9 +92,9 @@ def test_the_file_holds_the_same_rows_as_one_that_is_waited_for(tmp_path: Path, 
 @pytest.mark.parametrize(
     ("hand_over", "path"),
     [
-        (lambda writer: writer.touch(TOUCH), "/entry/touches"),
-        (lambda writer: writer.site_result(a_site_row()), "/entry/results"),
-        (lambda writer: writer.event(0.1, 3001, EventLevel.WARNING, "arc"), "/entry/events"),
+        (lambda writer: writer.append(TOUCH), "/entry/touches"),
+        (lambda writer: writer.append(a_site_row()), "/entry/results"),
+        (lambda writer: writer.append(EventRow(0.1, 3001, EventLevel.WARNING, "arc")), "/entry/events"),
     ],
 )
 def test_what_must_not_be_lost_is_flushed_without_a_further_call(
@@ -118,7 +118,7 @@ def test_rows_are_flushed_when_nothing_more_comes(
     tmp_path: Path, meta: RunMeta, flushed: threading.Event
 ) -> None:
     writer = BackgroundWriter.create(tmp_path / "run.h5", meta)
-    writer.append_servo(servo_block(0, 10))
+    writer.append(servo_block(0, 10))
     assert flushed.wait(LONG_S)
     with open_run(writer.path) as run:
         assert len(run.column("/entry/servo", "time")) == 10
@@ -132,7 +132,7 @@ def test_a_kill_loses_a_second_at_most() -> None:
 
 def test_the_disk_is_asked_to_keep_what_it_has(tmp_path: Path, meta: RunMeta, disk: Disk) -> None:
     writer = BackgroundWriter.create(tmp_path / "run.h5", meta)
-    writer.append_servo(servo_block(0, 10))
+    writer.append(servo_block(0, 10))
     assert disk.asked.wait(LONG_S)
     with open_run(writer.path) as run:
         assert len(run.column("/entry/servo", "time")) == 10
@@ -144,11 +144,11 @@ def test_a_disk_that_hangs_holds_up_nobody_and_loses_nothing(
     tmp_path: Path, meta: RunMeta, disk: Disk
 ) -> None:
     writer = BackgroundWriter.create(tmp_path / "run.h5", meta)
-    writer.append_servo(servo_block(0, 10))
+    writer.append(servo_block(0, 10))
     assert disk.asked.wait(LONG_S)
     for first in range(10, 5000, 10):
-        writer.append_servo(servo_block(first, 10))
-        writer.touch(TOUCH)
+        writer.append(servo_block(first, 10))
+        writer.append(TOUCH)
     disk.free.set()
     with open_run(writer.finish("done", 0)) as run:
         np.testing.assert_array_equal(run.column("/entry/servo", "time"), 0.01 * np.arange(5000))
@@ -160,12 +160,12 @@ def test_a_backlog_beyond_its_bound_ends_a_real_job_once(
 ) -> None:
     monkeypatch.setattr(background, "BACKLOG_BYTES", 1 << 20)
     writer = BackgroundWriter.create(tmp_path / "run.h5", meta)
-    writer.append_servo(servo_block(0, 10))
+    writer.append(servo_block(0, 10))
     assert disk.asked.wait(LONG_S)
     block, handed, errors = servo_block(10, 1000), 0, []
     for _ in range(100):
         try:
-            writer.append_servo(block)
+            writer.append(block)
         except RunFileError as raised:
             errors.append(raised)
         handed += not errors
@@ -175,7 +175,7 @@ def test_a_backlog_beyond_its_bound_ends_a_real_job_once(
     assert (error.code, error.exit_code) == ("E9009", 9)
     assert "1 MB wait" in error.message
     assert str(writer.path) in error.hint
-    writer.summary("{}")
+    writer.append(Summary("{}"))
     with pytest.raises(RunFileError) as refusal:
         writer.finish("done", 0)
     assert refusal.value is error
@@ -190,12 +190,12 @@ def test_a_disk_that_comes_back_after_the_job_was_ended_still_gets_the_rows(
     monkeypatch.setattr(background, "BACKLOG_BYTES", 1 << 20)
     monkeypatch.setattr(background, "GIVE_UP_S", LONG_S)
     writer = BackgroundWriter.create(tmp_path / "run.h5", meta)
-    writer.append_servo(servo_block(0, 10))
+    writer.append(servo_block(0, 10))
     assert disk.asked.wait(LONG_S)
     for k in range(15):
-        writer.append_servo(servo_block(10 + 1000 * k, 1000))
+        writer.append(servo_block(10 + 1000 * k, 1000))
     with pytest.raises(RunFileError, match="has not taken rows"):
-        writer.append_servo(servo_block(15_010, 1000))
+        writer.append(servo_block(15_010, 1000))
     disk.free.set()
     with open_run(writer.abandon("run file or disk", 9)) as run:
         assert (run.text("/entry/status"), run.number("/entry/exit_code")) == ("run file or disk", 9)
@@ -208,13 +208,13 @@ def test_a_virtual_machine_waits_for_a_slow_disk(
 ) -> None:
     monkeypatch.setattr(background, "BACKLOG_BYTES", 1 << 20)
     writer = BackgroundWriter.create(tmp_path / "run.h5", meta, waits=True)
-    writer.append_servo(servo_block(0, 10))
+    writer.append(servo_block(0, 10))
     assert disk.asked.wait(LONG_S)
     handed: list[int] = []
 
     def control() -> None:
         for k in range(40):
-            writer.append_servo(servo_block(10 + 1000 * k, 1000))
+            writer.append(servo_block(10 + 1000 * k, 1000))
             handed.append(k)
             if k == 14:
                 held_up.set()
@@ -240,10 +240,10 @@ def test_an_error_of_the_disk_is_raised_once_and_later_rows_are_ignored(
     monkeypatch.setattr(background, "BACKLOG_BYTES", 1000)
     writer = BackgroundWriter.create(tmp_path / "run.h5", meta, waits=waits)
     monkeypatch.setattr(os, "posix_fallocate", full)
-    writer.touch(TOUCH)
+    writer.append(TOUCH)
     writer._thread.join(LONG_S)
     with pytest.raises(RunFileError, match="No space left on device") as refusal:
-        writer.append_servo(servo_block(0, 10))
+        writer.append(servo_block(0, 10))
     assert (refusal.value.code, refusal.value.exit_code) == ("E9003", 9)
     fill(writer, rows=100)
     with pytest.raises(RunFileError, match="No space left"):
@@ -255,7 +255,7 @@ def test_an_error_of_the_disk_is_raised_once_and_later_rows_are_ignored(
 def test_a_mistake_in_the_rows_reaches_the_caller(tmp_path: Path, meta: RunMeta) -> None:
     writer = BackgroundWriter.create(tmp_path / "run.h5", meta)
     good = servo_block(0, 3)
-    writer.append_servo(type(good)(good.time_s[:2], *[getattr(good, n) for n in good.__slots__[1:]]))
+    writer.append(type(good)(good.time_s[:2], *[getattr(good, n) for n in good.__slots__[1:]]))
     with pytest.raises(TypeError, match="differ in length"):
         writer.finish("done", 0)
     assert of_this_file() == []
@@ -264,9 +264,9 @@ def test_a_mistake_in_the_rows_reaches_the_caller(tmp_path: Path, meta: RunMeta)
 def test_an_abandoned_run_has_its_rows_and_its_status(tmp_path: Path, meta: RunMeta) -> None:
     writer = BackgroundWriter.create(tmp_path / "run.h5", meta)
     for k in range(30):
-        writer.append_slow(slow_row(k))
-    writer.append_pulses(train(0, 300, 0.0))
-    writer.summary('{"ok": false}')
+        writer.append(slow_row(k))
+    writer.append(train(0, 300, 0.0))
+    writer.append(Summary('{"ok": false}'))
     path = writer.abandon("interrupted", 130)
     assert path == tmp_path / "run.h5"
     assert writer.abandon("again", 1) == path
@@ -282,7 +282,7 @@ def test_what_the_caller_does_to_its_values_afterwards_changes_no_event(
 ) -> None:
     writer = BackgroundWriter.create(tmp_path / "run.h5", meta)
     args: dict[str, float | int | str | bool] = {"depth_um": 1.0}
-    writer.event(0.1, 1, EventLevel.INFO, "depth", args)
+    writer.append(EventRow(0.1, 1, EventLevel.INFO, "depth", args))
     args["depth_um"] = 2.0
     with open_run(writer.finish("done", 0)) as run:
         assert run.table("/entry/events")["args"][0] == b'{"depth_um":1.0}'

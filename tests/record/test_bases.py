@@ -9,9 +9,9 @@ import h5py
 import numpy as np
 import pytest
 
-from edmctl.record.bases import Labels, labels_of
 from edmctl.record.layout import RESULTS
 from edmctl.record.reader import open_run
+from edmctl.record.results import Labels, labels_of
 from edmctl.record.rows import SiteRow, TouchRow
 from edmctl.record.run_index import read_head
 from edmctl.record.writer import RunWriter
@@ -26,9 +26,9 @@ NEW = ("depth_basis", "wear_basis", "verdict")
 
 def a_run(folder: Path, *rows: SiteRow, z_sensor_um: float = 50.0) -> Path:
     writer = RunWriter.create(folder / "run.h5", a_meta())
-    writer.touch(TouchRow(1.0, "Z1", "A1", 20.0, z_sensor_um, 49.0, 3, 0.3, 0.0, 1.0))
+    writer.append(TouchRow(1.0, "Z1", "A1", 20.0, z_sensor_um, 49.0, 3, 0.3, 0.0, 1.0))
     for row in rows:
-        writer.site_result(row)
+        writer.append(row)
     return writer.finish("done", 0)
 
 

@@ -15,14 +15,14 @@ import numpy as np
 import pytest
 
 from edmctl.errors import RunFileError
-from edmctl.record import closing
+from edmctl.record import compaction
 from edmctl.record.reader import open_run
 from edmctl.record.writer import RunWriter
 from tests.record.samples import fill
 from tests.tiers import tiers
 
 if TYPE_CHECKING:
-    from edmctl.record.rows import RunMeta
+    from edmctl.record.run_meta import RunMeta
 
 ROOT = Path(__file__).parents[2]
 
@@ -53,7 +53,7 @@ KILLED = (
     CREATED
     + """
 for k in range(1_000_000):
-    writer.append_servo(servo_block(100 * k, 100))
+    writer.append(servo_block(100 * k, 100))
     if k % 20 == 19:
         writer.flush()
         print(100 * (k + 1), flush=True)
@@ -66,14 +66,14 @@ FULL_DISK = (
 import resource, signal
 from edmctl.errors import RunFileError
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-writer.append_servo(servo_block(0, 1000))
+writer.append(servo_block(0, 1000))
 writer.flush()
 resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, resource.RLIM_INFINITY))
 failures = []
 for k in range(10, 4000):
     try:
-        writer.append_servo(servo_block(100 * k, 100))
-        writer.append_slow(SlowRow(k, 1.0, 0.8, 0.8, 0.2, 0.7, 0.1, 0.0, 1.0, 1.0, 0.1))
+        writer.append(servo_block(100 * k, 100))
+        writer.append(SlowRow(k, 1.0, 0.8, 0.8, 0.2, 0.7, 0.1, 0.0, 1.0, 1.0, 0.1))
         if k % 7 == 0:
             writer.flush()
     except RunFileError as error:
@@ -100,7 +100,7 @@ whole = RunWriter.create(Path({path!r} + ".whole"), a_meta())
 fill(whole)
 limit = whole.finish("done", 0).stat().st_size + {more_bytes}
 writer = RunWriter.create(Path({path!r}), a_meta())
-writer.append_servo(servo_block(0, 1000))
+writer.append(servo_block(0, 1000))
 writer.flush()
 resource.setrlimit(resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
 try:
@@ -173,7 +173,7 @@ def test_a_file_that_is_not_compressed_for_want_of_space_keeps_none_that_was_res
     def no_room(source: object, target: Path) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(closing, "compact", no_room)
+    monkeypatch.setattr(compaction, "compact", no_room)
     writer = RunWriter.create(tmp_path / "run.h5", meta)
     fill(writer)
     content = writer.finish("done", 0).read_bytes()

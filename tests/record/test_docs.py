@@ -149,7 +149,7 @@ def test_edmctl_reads_its_own_file(example: Example, real_run: Path) -> None:
 
 def test_a_live_run_is_followed_to_its_end(tmp_path: Path) -> None:
     writer = RunWriter.create(tmp_path / "run.h5", a_meta())
-    writer.append_slow(slow_row(20))
+    writer.append(slow_row(20))
     writer.flush()
     impatient = f"import time\ntime.sleep = lambda s: None\n{EXAMPLES['live']}"
     with subprocess.Popen(
@@ -157,7 +157,7 @@ def test_a_live_run_is_followed_to_its_end(tmp_path: Path) -> None:
     ) as follower:
         assert follower.stdout is not None
         first = follower.stdout.readline()
-        writer.append_slow(slow_row(40))
+        writer.append(slow_row(40))
         writer.finish("done", 0)
         rest = follower.communicate(timeout=60)[0]
     assert (first, rest) == ("2.0 s: 2.0 µm\n", "4.0 s: 4.0 µm\n")

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.record.estimated import estimated_depth
-from edmctl.record.event_names import Told
+from edmctl.record.events import Told
 from edmctl.record.reader import open_run
-from edmctl.record.rows import EventLevel, SlowRow
+from edmctl.record.results import estimated_depth
+from edmctl.record.rows import EventLevel, EventRow, SlowRow
 from edmctl.record.run_index import read_head
 from edmctl.record.writer import RunWriter
 from tests.record.samples import a_meta, a_site_row
@@ -25,12 +25,12 @@ def machined(writer: RunWriter, from_s: float, to_depth_um: float) -> None:
     for k in range(1, 11):
         depth_um = math.nan if k == 10 else to_depth_um * k / 9
         row = SlowRow(from_s + 0.1 * k, 1.0, 0.8, 0.8, 0.2, 0.7, 0.1, 0.0, depth_um, 0.5, math.nan)
-        writer.append_slow(replace(row, depth_u95_um=0.04 * depth_um))
+        writer.append(replace(row, depth_u95_um=0.04 * depth_um))
 
 
 def result(writer: RunWriter, time_s: float) -> None:
-    writer.event(time_s, Told.SITE_MEASURED, EventLevel.INFO, "Measured.", {"depth_um": 20.0})
-    writer.site_result(a_site_row())
+    writer.append(EventRow(time_s, Told.SITE_MEASURED, EventLevel.INFO, "Measured.", {"depth_um": 20.0}))
+    writer.append(a_site_row())
 
 
 @pytest.fixture

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.record.event_names import Told
-from edmctl.record.event_reader import happened
+from edmctl.record.events import Told, happened
 
 if TYPE_CHECKING:
     from edmctl.record.reader import RunFile

@@ -10,15 +10,16 @@ import h5py
 import pytest
 
 from edmctl.record import layout, rows
-from edmctl.record.leaves import profile_leaves, unit_of
 from edmctl.record.reader import open_run
+from edmctl.record.rows import EventRow
+from edmctl.record.run_meta import profile_leaves, unit_of
 from edmctl.record.writer import RunWriter
 from edmctl.results.telemetry import PulseBlockBatch
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from edmctl.record.rows import RunMeta
+    from edmctl.record.run_meta import RunMeta
 
 
 def test_every_described_path_exists_and_nothing_else_does(run_path: Path) -> None:
@@ -71,7 +72,7 @@ def test_no_text_of_a_dataset_lies_in_the_global_heap(run_path: Path) -> None:
 
 def test_texts_beyond_ascii_are_read_as_they_were_written(tmp_path: Path, meta: RunMeta) -> None:
     writer = RunWriter.create(tmp_path / "run.h5", replace(meta, title="Größe Ø 270 µm", user=""))
-    writer.event(1.0, 100, rows.EventLevel.INFO, "55 µm → 60 µm")
+    writer.append(EventRow(1.0, 100, rows.EventLevel.INFO, "55 µm → 60 µm"))
     path = writer.finish("done", 0)
     with open_run(path) as run:
         assert run.text("/entry/title") == "Größe Ø 270 µm"

@@ -35,7 +35,7 @@ def live(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """A file with 10,000 rows of the servo whose writer goes on."""
     writer = RunWriter.create(tmp_path_factory.mktemp("live") / "run.h5", a_meta())
     fill(writer)
-    writer.truth_map(TruthMap(np.arange(4.0), np.arange(3.0), np.arange(12.0).reshape(3, 4)))
+    writer.append(TruthMap(np.arange(4.0), np.arange(3.0), np.arange(12.0).reshape(3, 4)))
     writer.flush()
     yield writer.path
     writer.finish("done", 0)

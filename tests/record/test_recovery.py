@@ -14,11 +14,11 @@ import pytest
 
 from edmctl.errors import RunFileError
 from edmctl.record import layout, recovery
-from edmctl.record.checksum import SEAL_BYTES, Seal, look_at_seal
 from edmctl.record.compaction import compact
 from edmctl.record.create import compound_dtype
 from edmctl.record.damaged_file_recovery import salvage
-from edmctl.record.liveness import is_live
+from edmctl.record.integrity import SEAL_BYTES, Seal, look_at_seal
+from edmctl.record.locks import is_live
 from edmctl.record.opening import open_file
 from edmctl.record.reader import open_run
 from edmctl.record.recovery import is_complete, recover

@@ -15,7 +15,7 @@ from edmctl.machine.interface import MachineIdentity
 from edmctl.profile.setup import Setup
 
 if TYPE_CHECKING:
-    from edmctl.record.rows import RunMeta
+    from edmctl.record.run_meta import RunMeta
 
 PROFILES = Path(__file__).parents[2] / "profiles"
 

@@ -15,7 +15,7 @@ from tests.record.samples import train
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from edmctl.record.rows import RunMeta
+    from edmctl.record.run_meta import RunMeta
 
 
 def test_pulses_that_wait_while_whole_chunks_are_written_keep_their_values(
@@ -26,7 +26,7 @@ def test_pulses_that_wait_while_whole_chunks_are_written_keep_their_values(
     writer = RunWriter.create(tmp_path / "run.h5", meta, monotonic_s=lambda: 0.0)
     values = train(0, pulses, 0.0)
     delay_us = values.delay_us % 130.0
-    writer.append_pulses(
+    writer.append(
         type(values)(0, 0.0, 4e-4, values.pulse_class, delay_us, 130.0 - delay_us, values.plateau_v)
     )
     with open_run(writer.finish("done", 0)) as run:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from edmctl.machine.interface import EventCode, MachineState
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.record.event_names import State, Told
+from edmctl.record.events import State, Told
 
 
 def test_every_code_that_is_looked_for_is_that_of_its_writer() -> None:

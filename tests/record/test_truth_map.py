@@ -14,15 +14,15 @@ from edmctl.record.writer import RunWriter
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from edmctl.record.rows import RunMeta
+    from edmctl.record.run_meta import RunMeta
 
 
 def test_a_map_is_read_back_with_its_axes_and_viewers_find_it(tmp_path: Path, meta: RunMeta) -> None:
     x_um, y_um = np.arange(0.0, 1000.0, 5.0), np.arange(-10.0, 700.0, 5.0)
     depth_um = np.add.outer(y_um, 2.0 * x_um)
     writer = RunWriter.create(tmp_path / "run.h5", meta)
-    writer.truth_map(TruthMap(x_um[:2], y_um[:3], depth_um[:3, :2]))
-    writer.truth_map(TruthMap(x_um, y_um, depth_um))
+    writer.append(TruthMap(x_um[:2], y_um[:3], depth_um[:3, :2]))
+    writer.append(TruthMap(x_um, y_um, depth_um))
     path = writer.finish("done", 0)
     with open_run(path) as run:
         found = run.truth_map()

@@ -11,14 +11,15 @@ import pytest
 
 from edmctl.record import layout
 from edmctl.record.reader import open_run
-from edmctl.record.recorder import NullRecorder, Recorder
-from edmctl.record.rows import EventLevel, RunMeta, TouchRow
+from edmctl.record.rows import EventLevel, EventRow, NullRecorder, Recorder, RejectedTouch, Summary, TouchRow
 from edmctl.record.writer import FLUSH_INTERVAL_S, RunWriter
 from tests.record.samples import a_site_row, fill, servo_block, slow_row, train
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
+
+    from edmctl.record.run_meta import RunMeta
 
 
 class Clock:
@@ -54,7 +55,7 @@ def test_the_size_of_blocks_leaves_no_trace(tmp_path: Path, meta: RunMeta, block
     rows = 4 * layout.SERVO.chunk_rows + 616
     writer = RunWriter.create(tmp_path / "run.h5", meta)
     for first in range(0, rows, block):
-        writer.append_servo(servo_block(first, min(block, rows - first)))
+        writer.append(servo_block(first, min(block, rows - first)))
     with open_run(writer.finish("done", 0)) as run:
         servo = run.columns("/entry/servo")
     np.testing.assert_array_equal(servo["time"], 0.01 * np.arange(rows))
@@ -69,14 +70,14 @@ def test_only_whole_chunks_are_written_before_a_flush_is_due(tmp_path: Path, met
     writer = RunWriter.create(tmp_path / "run.h5", meta, Clock())
     servo_chunk, slow_chunk = layout.SERVO.chunk_rows, layout.SLOW.chunk_rows
     writer.flush()
-    writer.append_servo(servo_block(0, 5 * servo_chunk + 5))
+    writer.append(servo_block(0, 5 * servo_chunk + 5))
     for k in range(3):
-        writer.append_slow(slow_row(k))
+        writer.append(slow_row(k))
     writer.flush()
     for k in range(4 * slow_chunk):
-        writer.append_slow(slow_row(k))
+        writer.append(slow_row(k))
     assert stored("/entry/slow/time") == 4 * slow_chunk
-    writer.append_servo(servo_block(0, 4 * servo_chunk))
+    writer.append(servo_block(0, 4 * servo_chunk))
     assert stored("/entry/servo/time") == 9 * servo_chunk
     writer.flush()
     assert stored("/entry/servo/time") == 9 * servo_chunk + 5
@@ -87,11 +88,11 @@ def test_only_whole_chunks_are_written_before_a_flush_is_due(tmp_path: Path, met
 def test_rows_reach_the_disk_when_the_flush_is_due(tmp_path: Path, meta: RunMeta) -> None:
     clock = Clock()
     writer = RunWriter.create(tmp_path / "run.h5", meta, clock)
-    writer.append_servo(servo_block(0, 10))
+    writer.append(servo_block(0, 10))
     with open_run(writer.path) as run:
         assert len(run.columns("/entry/servo")["time"]) == 0
     clock.now_s += FLUSH_INTERVAL_S
-    writer.append_servo(servo_block(10, 10))
+    writer.append(servo_block(10, 10))
     with open_run(writer.path) as run:
         assert len(run.columns("/entry/servo")["time"]) == 20
     writer.finish("done", 0)
@@ -104,8 +105,8 @@ def test_a_flush_is_due_at_least_once_a_second() -> None:
 @pytest.mark.parametrize("level", list(EventLevel))
 def test_important_events_are_on_disk_at_once(tmp_path: Path, meta: RunMeta, level: EventLevel) -> None:
     writer = RunWriter.create(tmp_path / "run.h5", meta, Clock())
-    writer.append_servo(servo_block(0, 10))
-    writer.event(0.1, 3001, level, "short circuit for 3.0 s", {"short_s": 3.0})
+    writer.append(servo_block(0, 10))
+    writer.append(EventRow(0.1, 3001, level, "short circuit for 3.0 s", {"short_s": 3.0}))
     with open_run(writer.path) as run:
         events = run.table("/entry/events")
     assert len(events) == (1 if level >= EventLevel.WARNING else 0)
@@ -114,7 +115,7 @@ def test_important_events_are_on_disk_at_once(tmp_path: Path, meta: RunMeta, lev
 
 def test_touches_are_on_disk_at_once(tmp_path: Path, meta: RunMeta) -> None:
     writer = RunWriter.create(tmp_path / "run.h5", meta, Clock())
-    writer.touch(TouchRow(1.0, "Z1", "A1", 20.0, 50.0, 49.0, 3, 0.3, 0.0, 1.0))
+    writer.append(TouchRow(1.0, "Z1", "A1", 20.0, 50.0, 49.0, 3, 0.3, 0.0, 1.0))
     with open_run(writer.path) as run:
         row = run.table("/entry/touches")[0]
     assert (row["kind"], row["site"], row["z_sensor"], row["n"], row["accepted"]) == (
@@ -130,19 +131,19 @@ def test_touches_are_on_disk_at_once(tmp_path: Path, meta: RunMeta) -> None:
 def test_a_reading_that_later_ones_refute_is_marked_at_once(tmp_path: Path, meta: RunMeta) -> None:
     writer = RunWriter.create(tmp_path / "run.h5", meta)
     for time_s in (1.5, 2.5, 3.5):
-        writer.touch(TouchRow(time_s, "Z1", "A1", 20.0, 50.0, 49.0, 3, 0.3, 0.0, 1.0))
-    writer.reject_touch(2.5)
+        writer.append(TouchRow(time_s, "Z1", "A1", 20.0, 50.0, 49.0, 3, 0.3, 0.0, 1.0))
+    writer.append(RejectedTouch(2.5))
     with open_run(writer.path) as run:
         assert run.table("/entry/touches")["accepted"].tolist() == [1, 0, 1]
-    writer.touch(TouchRow(4.5, "Z1", "A1", 20.0, 50.0, 49.0, 3, 0.3, 0.0, 1.0))
+    writer.append(TouchRow(4.5, "Z1", "A1", 20.0, 50.0, 49.0, 3, 0.3, 0.0, 1.0))
     with open_run(writer.finish("done", 0)) as run:
         assert run.table("/entry/touches")["accepted"].tolist() == [1, 0, 1, 1]
 
 
 def test_events_are_numbered_and_texts_cut_between_characters(tmp_path: Path, meta: RunMeta) -> None:
     writer = RunWriter.create(tmp_path / "run.h5", meta)
-    writer.event(0.1, 1, EventLevel.INFO, "x" + "µ" * 100)
-    writer.event(0.2, 2, EventLevel.INFO, "second", {f"key{i:02d}": i for i in range(40)})
+    writer.append(EventRow(0.1, 1, EventLevel.INFO, "x" + "µ" * 100))
+    writer.append(EventRow(0.2, 2, EventLevel.INFO, "second", {f"key{i:02d}": i for i in range(40)}))
     with open_run(writer.finish("done", 0)) as run:
         first, second = run.table("/entry/events")
     assert first["message"].decode() == "x" + "µ" * 79
@@ -153,11 +154,11 @@ def test_events_are_numbered_and_texts_cut_between_characters(tmp_path: Path, me
 
 def test_pulse_times_are_rebuilt_from_segments(tmp_path: Path, meta: RunMeta) -> None:
     writer = RunWriter.create(tmp_path / "run.h5", meta)
-    writer.append_pulses(train(0, 100, 1.0))
-    writer.append_pulses(train(100, 50, 1.0 + 100 * 4e-4 + 1e-6))
-    writer.append_pulses(train(150, 50, 5.0))
-    writer.append_pulses(train(900, 10, 5.0 + 50 * 4e-4))
-    writer.append_pulses(train(910, 10, 5.0 + 60 * 4e-4, period_s=5e-4))
+    writer.append(train(0, 100, 1.0))
+    writer.append(train(100, 50, 1.0 + 100 * 4e-4 + 1e-6))
+    writer.append(train(150, 50, 5.0))
+    writer.append(train(900, 10, 5.0 + 50 * 4e-4))
+    writer.append(train(910, 10, 5.0 + 60 * 4e-4, period_s=5e-4))
     with open_run(writer.finish("done", 0)) as run:
         segments = run.columns("/entry/pulses/segments")
         times_s = run.pulse_times_s()
@@ -176,7 +177,7 @@ def test_a_period_rounded_to_nanoseconds_does_not_drift(tmp_path: Path, meta: Ru
     period_s = 1 / 2300
     writer = RunWriter.create(tmp_path / "run.h5", meta)
     for first in range(0, 200_000, 200):
-        writer.append_pulses(train(first, 200, first * period_s, round(period_s, 9)))
+        writer.append(train(first, 200, first * period_s, round(period_s, 9)))
     with open_run(writer.finish("done", 0)) as run:
         error_s = run.pulse_times_s() - period_s * np.arange(200_000)
     assert np.abs(error_s).max() < 3e-6
@@ -185,7 +186,7 @@ def test_a_period_rounded_to_nanoseconds_does_not_drift(tmp_path: Path, meta: Ru
 def test_columns_of_different_length_are_refused(tmp_path: Path, meta: RunMeta) -> None:
     writer = RunWriter.create(tmp_path / "run.h5", meta)
     good = servo_block(0, 3)
-    writer.append_servo(type(good)(good.time_s[:2], *[getattr(good, n) for n in good.__slots__[1:]]))
+    writer.append(type(good)(good.time_s[:2], *[getattr(good, n) for n in good.__slots__[1:]]))
     with pytest.raises(TypeError, match="differ in length"):
         writer.flush()
 
@@ -197,8 +198,8 @@ def test_the_end_is_written_in_place(tmp_path: Path, meta: RunMeta) -> None:
         assert run.number("/entry/exit_code") == -1
         assert not run.is_finished
         assert run.summary() is None
-    writer.summary('{"ok": false}')
-    writer.summary('{"ok": true, "depth_um": 180.0}')
+    writer.append(Summary('{"ok": false}'))
+    writer.append(Summary('{"ok": true, "depth_um": 180.0}'))
     with open_run(writer.finish("depth reached", 0)) as run:
         assert run.text("/entry/status") == "depth reached"
         assert run.number("/entry/exit_code") == 0
@@ -232,7 +233,7 @@ def test_the_wear_of_all_sites_adds_up_in_the_tool(tmp_path: Path, meta: RunMeta
     with open_run(writer.path) as run:
         assert run.number("/entry/tool/length_wear_total") == 0.0
     for wear_um in (70.0, 12.5):
-        writer.site_result(replace(a_site_row(), wear_um=wear_um))
+        writer.append(replace(a_site_row(), wear_um=wear_um))
     with open_run(writer.finish("done", 0)) as run:
         assert run.number("/entry/tool/length_wear_total") == 82.5
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.record.event_names import Told
-from edmctl.record.leaves import profile_leaves
-from edmctl.record.rows import EventLevel, SlowRow
+from edmctl.record.events import Told
+from edmctl.record.rows import EventLevel, EventRow, SlowRow
+from edmctl.record.run_meta import profile_leaves
 from edmctl.record.writer import RunWriter
 from edmctl.results.telemetry import PulseBlockBatch, PulseTrain
 from tests.record.samples import a_meta
@@ -48,7 +48,7 @@ def cut(writer: RunWriter, start_s: float, from_um: float = 0.0, to_um: float = 
     """Rows of the supervisor of a cut of `CUT_S`, whose depth grows evenly; wear is a tenth of it."""
     for k in range(int(10 * CUT_S)):
         depth_um = from_um + (to_um - from_um) * k / (10 * CUT_S - 1)
-        writer.append_slow(
+        writer.append(
             SlowRow(
                 start_s + 0.1 * k, 1.0, 0.8, 0.8, 0.2, 0.7, 0.1, 0.0, depth_um, 0.1 * depth_um, 0.1,
                 jump_period_s=5.0, depth_u95_um=0.5,
@@ -59,7 +59,7 @@ def cut(writer: RunWriter, start_s: float, from_um: float = 0.0, to_um: float = 
 def measured(writer: RunWriter, time_s: float, depth_um: float, told: Told = Told.SITE_MEASURED) -> None:
     """Tell a depth, with 0.4 µm as half its 95 % interval."""
     values = {"depth_um": depth_um, "wear_um": 0.1 * depth_um, "depth_u95_um": 0.4, "wear_u95_um": 0.1}
-    writer.event(time_s, told, EventLevel.INFO, "Depth.", values)
+    writer.append(EventRow(time_s, told, EventLevel.INFO, "Depth.", values))
 
 
 def pulses(
@@ -73,7 +73,7 @@ def pulses(
     discharge_us = np.where(kinds == 0, 0.0, ON_TIME_US - delay_us)
     plateau_v = np.where(kinds == 2, arc_v, 20.0)
     first = round(start_s * HZ)
-    writer.append_pulses(PulseTrain(first, start_s, 1.0 / HZ, kinds, delay_us, discharge_us, plateau_v))
+    writer.append(PulseTrain(first, start_s, 1.0 / HZ, kinds, delay_us, discharge_us, plateau_v))
 
 
 def blocks(
@@ -82,6 +82,6 @@ def blocks(
     """Blocks of 10 ms that are all alike."""
     opens, normals, arcs, shorts = (np.full(rows, count) for count in counts)
     time_s = start_s + 0.01 * np.arange(rows)
-    writer.append_pulse_blocks(
+    writer.append(
         PulseBlockBatch(time_s, opens, normals, arcs, shorts, np.zeros(rows), np.full(rows, energy_uj))
     )

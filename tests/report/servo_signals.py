@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from edmctl.record.rows import Leaf
+    from edmctl.record.run_meta import Leaf
 
     Array = NDArray[np.float64]
 
@@ -66,7 +66,7 @@ def write_run(
     """Return a writer of a run file that holds the signals and results; the caller adds to it and ends it."""
     writer = RunWriter.create(path, replace(a_meta(), profile_leaves=tuple(leaves)))
     if signals is not None:
-        writer.append_servo(signals.block())
+        writer.append(signals.block())
     for row in results:
-        writer.site_result(row)
+        writer.append(row)
     return writer

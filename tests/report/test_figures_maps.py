@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from edmctl.process import path as ways
-from edmctl.record.event_names import Told
+from edmctl.record.events import Told
 from edmctl.record.reader import open_run
-from edmctl.record.rows import SlowRow, TouchRow, TruthMap
+from edmctl.record.rows import SlowRow, Summary, TouchRow, TruthMap
 from edmctl.report.figures import array, channel, erosion, steps
 from edmctl.report.figures.array import short_names
 from edmctl.report.removal import along, hole_starts_s, known_depths, lengths_um, planned_path, removal
@@ -71,8 +71,8 @@ def test_a_hole_that_was_not_touched_stands_at_the_depth_of_its_result(tmp_path:
         made_up.measured(writer, 100.0 * k + 30.0, depth_um, told)
     # The touch of the second hole has told that the first is less deep than was thought.
     first = replace(a_site_row(), site="1", depth_um=18.6, depth_u95_um=0.7, estimated_um=20.0)
-    writer.site_result(first)
-    writer.site_result(replace(a_site_row(), site="2", depth_um=19.0, measuring_stops=1))
+    writer.append(first)
+    writer.append(replace(a_site_row(), site="2", depth_um=19.0, measuring_stops=1))
     path = writer.finish("done", 0)
     with open_run(path) as run:
         told_um = known_depths(run, hole_starts_s(run))
@@ -94,9 +94,9 @@ def test_a_hole_through_the_sheet_has_its_wear_and_the_sheet_but_no_depth(tmp_pa
     writer = made_up.new_run(tmp_path, {"target": {"kind": "through"}})
     made_up.cut(writer, 0.0, 0.0, 900.0)
     row = replace(a_site_row(), depth_um=1080.0, wear_um=200.0, measuring_stops=1, through=True)
-    writer.touch(TouchRow(31.0, "Z1", row.site, 20.0, 50.0, 49.0, 3, 0.3, 0.0, 1.0))
-    writer.touch(TouchRow(41.0, "Z3", row.site, 20.0, 250.0, 249.0, 3, 0.3, 0.0, 1.0))
-    writer.site_result(row)
+    writer.append(TouchRow(31.0, "Z1", row.site, 20.0, 50.0, 49.0, 3, 0.3, 0.0, 1.0))
+    writer.append(TouchRow(41.0, "Z3", row.site, 20.0, 250.0, 249.0, 3, 0.3, 0.0, 1.0))
+    writer.append(row)
     path = writer.finish("done", 0)
     with open_run(path) as run:
         (told,) = known_depths(run, hole_starts_s(run))
@@ -123,7 +123,7 @@ def test_the_highest_feed_is_told_with_its_time_wherever_it_is(tmp_path: Path) -
     writer = made_up.new_run(tmp_path)
     for k in range(1000):
         feed_um_s = 0.5 if k < 920 else 6.0
-        writer.append_slow(SlowRow(0.1 * k, feed_um_s, 0.8, 0.8, 0.2, 0.7, 0.1, 0.0, 0.1 * k, 0.01 * k, 0.1))
+        writer.append(SlowRow(0.1 * k, feed_um_s, 0.8, 0.8, 0.2, 0.7, 0.1, 0.0, 0.1 * k, 0.01 * k, 0.1))
     told = texts(erosion.draw, writer.finish("done", 0))
     (cut_off,) = [text for text in told if text.endswith("cut off")]
     assert cut_off.startswith("up to 4.9 µm/s at 99.9 s")
@@ -131,7 +131,7 @@ def test_the_highest_feed_is_told_with_its_time_wherever_it_is(tmp_path: Path) -
 
 def test_one_hole_is_no_array(tmp_path: Path) -> None:
     writer = made_up.new_run(tmp_path)
-    writer.site_result(a_site_row())
+    writer.append(a_site_row())
     assert "--kind steps" in nothing(array.draw, writer.finish("done", 0))
 
 
@@ -141,7 +141,7 @@ def test_what_was_not_touched_is_drawn_open(tmp_path: Path) -> None:
     writer = made_up.new_run(tmp_path)
     for stops, estimated_um in ((1, 0.0), (1, 2.0), (0, 20.0)):
         row = replace(a_site_row(), site=f"{stops}{estimated_um}", x_um=100.0 * estimated_um)
-        writer.site_result(replace(row, measuring_stops=stops, estimated_um=estimated_um))
+        writer.append(replace(row, measuring_stops=stops, estimated_um=estimated_um))
     path = writer.finish("done", 0)
     _, errors, _, *_ = panels(array.draw, path)
     points = [bars.lines[0] for bars in errors.containers if isinstance(bars, ErrorbarContainer)]
@@ -159,8 +159,8 @@ def test_without_a_sensor_there_is_one_line_of_readings(tmp_path: Path) -> None:
     made_up.cut(writer, 0.0)
     made_up.measured(writer, 30.0, 20.0)
     for kind in ("Z1", "Z2", "Z3"):
-        writer.touch(TouchRow(25.0, kind, "A1", 20.0, math.nan, 50.0, 3, 0.3, 0.0, 1.0))
-    writer.site_result(replace(a_site_row(), measuring_stops=1))
+        writer.append(TouchRow(25.0, kind, "A1", 20.0, math.nan, 50.0, 3, 0.3, 0.0, 1.0))
+    writer.append(replace(a_site_row(), measuring_stops=1))
     path = writer.finish("done", 0)
     told = texts(steps.draw, path)
     assert "by contact, estimated displacement" in told
@@ -185,7 +185,7 @@ def test_each_hole_of_an_array_is_shown_with_its_error(array_run_file: Path) -> 
 def test_holes_are_called_by_the_numbers_of_their_names(tmp_path: Path) -> None:
     writer = made_up.new_run(tmp_path)
     for place, number in enumerate((4, 1, 2)):
-        writer.site_result(replace(a_site_row(), site=f"hole-{number}", x_um=300.0 * place))
+        writer.append(replace(a_site_row(), site=f"hole-{number}", x_um=300.0 * place))
     places, _, wear, *_ = panels(array.draw, writer.finish("done", 0))
     assert [text.get_text().partition("\n")[0] for text in places.texts] == ["4", "1", "2"]
     assert [text.get_text() for text in wear.get_xticklabels()] == ["4", "1", "2"]
@@ -197,7 +197,7 @@ def test_colours_are_centred_on_no_error_however_many_holes(tmp_path: Path, hole
     writer = made_up.new_run(tmp_path)
     for k in range(holes):
         x_um, y_um = 300.0 * (k % 10), 300.0 * (k // 10)
-        writer.site_result(replace(a_site_row(), x_um=x_um, y_um=y_um, depth_um=20.0 + 0.03 * k))
+        writer.append(replace(a_site_row(), x_um=x_um, y_um=y_um, depth_um=20.0 + 0.03 * k))
     map_axes = panels(array.draw, writer.finish("done", 0))[0]
     (discs,) = map_axes.collections
     low_um, high_um = discs.get_clim()
@@ -270,7 +270,7 @@ def test_a_channel_of_a_real_machine_shows_what_was_touched(tmp_path: Path) -> N
     from matplotlib.container import ErrorbarContainer
 
     writer = made_up.new_run(tmp_path, SQUARE)
-    writer.summary(FLOOR)
+    writer.append(Summary(FLOOR))
     path = writer.finish("done", 0)
     told = texts(channel.draw, path)
     assert "depth − target, touched (µm)" in told
@@ -286,7 +286,7 @@ def test_the_floor_is_looked_up_under_the_path(tmp_path: Path) -> None:
     writer = made_up.new_run(tmp_path, SQUARE)
     x_um, y_um = np.arange(300.0, 701.0, 5.0), np.arange(0.0, 201.0, 5.0)
     # As deep as x says, so each place of the path has its own depth.
-    writer.truth_map(TruthMap(x_um, y_um, np.tile(0.04 * x_um, (len(y_um), 1))))
+    writer.append(TruthMap(x_um, y_um, np.tile(0.04 * x_um, (len(y_um), 1))))
     floor = panels(channel.draw, writer.finish("done", 0))[1]
     line = next(line for line in floor.get_lines() if "simulated truth" in str(line.get_label()))
     s_mm, depth_um = np.asarray(line.get_xydata()).T

@@ -15,10 +15,10 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
-from edmctl.record.event_names import State
-from edmctl.record.leaves import profile_leaves
+from edmctl.record.events import State
 from edmctl.record.reader import open_run
 from edmctl.record.rows import SlowRow, TouchRow
+from edmctl.record.run_meta import profile_leaves
 from edmctl.report.figures.spectrum import line_hz, peak_hz, segment_size, welch
 from edmctl.report.kinds import KINDS as KINDS_OF_FIGURES
 from edmctl.report.kinds import draw, kind_called
@@ -178,9 +178,7 @@ def test_a_reference_that_follows_the_duty_factor_is_in_volts(tmp_path: Path) ->
     signals = a_cut(20.0)
     writer = write_run(tmp_path / "a.h5", signals)
     for k in range(200):
-        writer.append_slow(
-            SlowRow(0.1 * k, 1.0, 0.8, 0.8 if k < 100 else 0.9, 0.2, 0.7, 0.1, 0.0, 0.0, 0.0, 0.1)
-        )
+        writer.append(SlowRow(0.1 * k, 1.0, 0.8, 0.8 if k < 100 else 0.9, 0.2, 0.7, 0.1, 0.0, 0.0, 0.0, 0.1))
     figure = drawn("gap", writer.finish("done", 0))
     time_s, reference_v = line_called(figure, "reference")
     assert reference_v[time_s < 9.8] == pytest.approx(9.6, abs=0.01)
@@ -296,7 +294,7 @@ def test_steps_stay_readable_however_many_sites_there_are(count: int, tmp_path: 
 
 def test_steps_are_the_readings_and_the_estimate_begins_at_its_own_reading(tmp_path: Path) -> None:
     writer = write_run(tmp_path / "a.h5", results=sites(1))
-    writer.touch(TouchRow(1.0, "Z1", "A1", 16.0, 50.0, 48.0, 3, 0.1, 0.0, 1.0))
+    writer.append(TouchRow(1.0, "Z1", "A1", 16.0, 50.0, 48.0, 3, 0.1, 0.0, 1.0))
     figure = drawn("steps", writer.finish("done", 0))
     levels_um = [data(line)[1][0] for line in figure.axes[0].get_lines() if line.get_linewidth() == 1.2]
     assert levels_um == [50.0, 300.0, 120.0]
@@ -342,7 +340,7 @@ def test_a_long_name_of_a_site_lies_on_nothing(tmp_path: Path) -> None:
     writer = write_run(tmp_path / "a.h5", a_cut(20.0))
     for k, kind in enumerate(("Z1", "Z2", "Z3")):
         name = "3141 µm along the path of the left one of two spirals"
-        writer.touch(TouchRow(5.0 + 5.0 * k, kind, name, 16.0, 50.0, 48.0, 3, 0.1, 0.0, 1.0))
+        writer.append(TouchRow(5.0 + 5.0 * k, kind, name, 16.0, 50.0, 48.0, 3, 0.1, 0.0, 1.0))
     figure = drawn("touching", writer.finish("done", 0))
     assert "Touches of Z2: 3141 µm along the path of the left one o…" in texts(figure)
     assert not overlaps(figure)
@@ -419,10 +417,10 @@ def write_waveforms(path: Path, *, fault: bool) -> Path:
     writer = write_run(path, leaves=profile_leaves({"pulse": {"frequency_hz": 2000.0}}))
     time_s = np.arange(0.0, 0.04, 1e-6)
     on = (time_s % 5e-4) < 1.5e-4
-    writer.waveforms(WaveformBatch(100.0 + time_s, np.where(on, 22.0, 0.0), np.where(on, 0.12, 0.0)))
+    writer.append(WaveformBatch(100.0 + time_s, np.where(on, 22.0, 0.0), np.where(on, 0.12, 0.0)))
     if fault:
         signals = replace(a_cut(0.02), state=np.array([MACHINING, int(State.FAULT)], np.uint8))
-        writer.append_servo(replace(signals.block(), time_s=np.array([100.0, 100.032])))
+        writer.append(replace(signals.block(), time_s=np.array([100.0, 100.032])))
     return writer.finish("machine fault", 6)
 
 

@@ -29,7 +29,7 @@ def explain(file: FileArgument, as_json: JsonOption = False, debug: DebugOption 
         from edmctl.console.story import render_story
         from edmctl.jobs.resume.way_on import command_to_go_on
         from edmctl.jobs.run_opening import find_run, unless_killed
-        from edmctl.record.safe_reading import reading
+        from edmctl.record.reader import reading
 
         with reading(find_run(file)) as opened:
             outcome.run_file = opened.path
@@ -88,7 +88,7 @@ def events_of(opened: "RunFile", start: int = 0) -> list[FileEvent]:
     """The events of the file from row `start` on, in the order in which they were written."""
     from edmctl.machine.interface import EventCode
     from edmctl.procedures.event_codes import RunEvent
-    from edmctl.record.event_reader import happened
+    from edmctl.record.events import happened
 
     names = {int(code): code.name for code in (*EventCode, *RunEvent)}
     found = []
@@ -254,7 +254,7 @@ def _depths(values: "dict[str, float | int | str | bool]", depths_um: list[float
 
 def _ended(opened: "RunFile", events: list[FileEvent]) -> str:
     from edmctl.record.create import NO_EXIT_CODE
-    from edmctl.record.event_reader import error_code_of
+    from edmctl.record.events import error_code_of
 
     if not opened.is_finished:
         return (

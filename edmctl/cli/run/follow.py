@@ -39,7 +39,7 @@ def follow_run(path: Path, reporter: Reporter, wait: Callable[[], None] = pause)
     Of what was decided before the first look the newest is told first. Raises RunFileError: E9008 its writer died,
     else as `open_run`.
     """
-    from edmctl.record.following import final_name, follow
+    from edmctl.record.reader import final_name, follow
 
     watcher: _Watcher | None = None
     for run in follow(path, wait):

@@ -112,7 +112,7 @@ def recovered_before(resumption: "Resumption") -> list[Diagnostic]:
     The job goes by its journal, so it does not depend on this.
     """
     from edmctl.record.disk import partial_path
-    from edmctl.record.liveness import is_live
+    from edmctl.record.locks import is_live
 
     path = resumption.path.with_name(f"{resumption.job.run_id}.h5")
     partial = partial_path(path)

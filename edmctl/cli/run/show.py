@@ -59,7 +59,7 @@ def _tell(outcome: Outcome, path: Path) -> None:
     from edmctl.cli.run.summary import summary_of
     from edmctl.console.run_view import render_run
     from edmctl.jobs.run_opening import unless_killed
-    from edmctl.record.safe_reading import reading
+    from edmctl.record.reader import reading
 
     with reading(path) as opened:
         outcome.run_file = path

@@ -104,8 +104,8 @@ def summary_of(opened: RunFile) -> RunSummary:
     from edmctl.cli.run.explain import events_of, sentences_of, wanted
     from edmctl.jobs.resume.way_on import command_to_go_on
     from edmctl.record.create import NO_EXIT_CODE
-    from edmctl.record.estimated import estimated_depth
-    from edmctl.record.event_reader import error_code_of
+    from edmctl.record.events import error_code_of
+    from edmctl.record.results import estimated_depth
     from edmctl.record.run_index import status_of
     from edmctl.report.numbers import numbers_of
 

@@ -45,7 +45,7 @@ def on_machine(command: str, port: str) -> str:
 def _is_live(resumption: Resumption) -> bool:
     from edmctl.record.disk import partial_path
     from edmctl.record.journal import SUFFIX
-    from edmctl.record.liveness import is_live
+    from edmctl.record.locks import is_live
 
     journal = resumption.path
     partial = partial_path(journal.with_name(f"{journal.name.removesuffix(SUFFIX)}.h5"))

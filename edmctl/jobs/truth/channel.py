@@ -11,7 +11,7 @@ from edmctl.results.channel import ChannelTruth
 
 if TYPE_CHECKING:
     from edmctl.profile.model import Profile
-    from edmctl.record.recorder import Recorder
+    from edmctl.record.rows import Recorder
     from edmctl.simulator import VirtualBench
 
 STEP_UM = 5.0
@@ -42,4 +42,4 @@ def keep_truth_map(recorder: Recorder, bench: VirtualBench) -> None:
     from edmctl.record.rows import TruthMap
 
     with suppress(RunFileError):
-        recorder.truth_map(TruthMap(*bench.truth_map()))
+        recorder.append(TruthMap(*bench.truth_map()))

@@ -338,7 +338,7 @@ def machine_path(run: JobRun) -> Decision | None:
     if result is not None:
         result = judged_channel(target_of(run.profile), result)
         keep(replace(result, finished=True))
-        run.recorder.site_result(channel_row(run, result))
+        run.recorder.append(channel_row(run, result))
     return decision if decision.missed else None
 
 
@@ -346,4 +346,4 @@ def record_left_channel(run: JobRun) -> None:
     """Write what is known of a channel that was looked at, where its job ends early."""
     channel = run.tally.channel
     if channel is not None and not channel.finished:
-        run.recorder.site_result(channel_row(run, channel))
+        run.recorder.append(channel_row(run, channel))

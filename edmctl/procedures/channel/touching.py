@@ -18,7 +18,7 @@ from edmctl.procedures.touch.surface_plane import fit_pad_slope, level_surface, 
 from edmctl.process.path import Way, even_places
 from edmctl.process.touch_check import against_sparks, is_short
 from edmctl.profile.places import Place
-from edmctl.record.rows import EventLevel
+from edmctl.record.rows import EventLevel, RejectedTouch
 from edmctl.results.channel import FloorPlace
 
 if TYPE_CHECKING:
@@ -168,7 +168,7 @@ def _short_ones_again(
             {"kind": "Z2", "off_um": off.um, "u_um": off.u_um, "z_um": z2.z_um},
             level=EventLevel.WARNING,
         )
-        run.recorder.reject_touch(z2.time_s)
+        run.recorder.append(RejectedTouch(z2.time_s))
         move_to(run, place)
         expected = ExpectedBottom(end_um, gap_um, u_um, "the held tool and the other places")
         found.append((s_um, place, read_expected(run, place.name, expected)))

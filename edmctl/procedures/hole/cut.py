@@ -13,7 +13,7 @@ from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.running_cut import CutControl
 from edmctl.procedures.servo.arc_recovery import NO_SPARK, ArcRecovery, with_a_check
 from edmctl.procedures.servo.supervisor import StopReason, Supervisor
-from edmctl.record.rows import EventLevel
+from edmctl.record.rows import EventLevel, EventRow
 from edmctl.results.pulses import pulse_shares
 
 if TYPE_CHECKING:
@@ -147,7 +147,9 @@ def _record_stop_reason(run: JobRun, supervisor: Supervisor) -> None:
         else str(supervisor.stop_reason)
     )
     args = {"displacement_um": supervisor.displacement_um}
-    run.recorder.event(run.machine.time_s, RunEvent.CUT_GIVEN_UP, EventLevel.WARNING, message, args)
+    run.recorder.append(
+        EventRow(run.machine.time_s, RunEvent.CUT_GIVEN_UP, EventLevel.WARNING, message, args)
+    )
 
 
 def _result(

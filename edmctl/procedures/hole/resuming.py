@@ -41,7 +41,7 @@ from edmctl.procedures.touch.reference_pad import ToolLength, read_pad
 from edmctl.procedures.touch.surface_plane import fit_pad_slope, level_surface, touch_beside
 from edmctl.process.wear import DepthAndWear, Reading
 from edmctl.profile.places import Place
-from edmctl.record.rows import EventLevel
+from edmctl.record.rows import EventLevel, RejectedTouch
 from edmctl.wording import decimal, length
 
 if TYPE_CHECKING:
@@ -249,7 +249,7 @@ def _touch_washed(run: JobRun, site: Place, short: SurfaceReading, reach_um: flo
         {"kind": "Z2", "z_um": short.z_um},
         level=EventLevel.WARNING,
     )
-    run.recorder.reject_touch(short.time_s)
+    run.recorder.append(RejectedTouch(short.time_s))
     wash(run, short.z_um)
     return _touch(run, "Z2", site, site.name, short.z_um, reach_um)
 

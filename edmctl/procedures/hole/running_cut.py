@@ -13,7 +13,7 @@ from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.target import target_of
 from edmctl.procedures.settings import pulse_settings
 from edmctl.process.servo import least_jump_um
-from edmctl.record.rows import EventLevel
+from edmctl.record.rows import EventLevel, EventRow
 
 if TYPE_CHECKING:
     from edmctl.machine.interface import MachineEvent
@@ -83,7 +83,9 @@ class CutControl:
         for change in changes:
             if change.code is RunEvent.JUMP_PERIOD:
                 level = EventLevel.DEBUG
-                run.recorder.event(run.machine.time_s, change.code, level, change.message, change.args)
+                run.recorder.append(
+                    EventRow(run.machine.time_s, change.code, level, change.message, change.args)
+                )
             else:
                 run.decide(change.code, change.message, change.args)
                 anew = True
@@ -129,7 +131,7 @@ class CutControl:
             "asked": " and ".join(adaptive.asking),
             **{f"asking_{name}": round(share, 5) for name, share in adaptive.asking.items()},
         }
-        run.recorder.event(run.machine.time_s, code, EventLevel.DEBUG, message, args)
+        run.recorder.append(EventRow(run.machine.time_s, code, EventLevel.DEBUG, message, args))
 
     def finish(self) -> None:
         """Leave the generator as the recipe wants it, for what comes after the cut."""

@@ -128,7 +128,7 @@ def record_results(run: JobRun) -> None:
     tally = run.tally
     for name in tally.unwritten:
         tally.sites[name] = judged(run.job, tally.sites[name])
-        run.recorder.site_result(site_row(tally.sites[name]))
+        run.recorder.append(site_row(tally.sites[name]))
     tally.unwritten.clear()
 
 
@@ -138,4 +138,4 @@ def record_left(run: JobRun) -> None:
     tally = run.tally
     if tally.open_site in tally.sites:
         tally.sites[tally.open_site] = replace(tally.sites[tally.open_site], finished=False)
-        run.recorder.site_result(site_row(tally.sites[tally.open_site]))
+        run.recorder.append(site_row(tally.sites[tally.open_site]))

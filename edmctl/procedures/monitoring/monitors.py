@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from edmctl.forecasts.forecast import stroke_um
 from edmctl.machine.faults import host_fault
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.record.rows import EventLevel, LinkRow
+from edmctl.record.rows import EventLevel, EventRow, LinkRow
 from edmctl.results.progress import Extremes, Phase
 from edmctl.results.pulses import pulse_shares
 
@@ -52,7 +52,7 @@ class LinkMonitor:
         self._look_for_noise(now_s)
         if now_s >= self._next_report_s:
             self._next_report_s = REPORT_S * (now_s // REPORT_S + 1.0)
-            self._run.recorder.append_link(_row(now_s, self._run.machine.link_report()))
+            self._run.recorder.append(_row(now_s, self._run.machine.link_report()))
 
     def _look_for_noise(self, now_s: float) -> None:
         bad = self._run.machine.bad_frames
@@ -81,12 +81,14 @@ class LinkMonitor:
 def record_link(run: JobRun) -> None:
     """Close the statistics of the line in the run file, and sum them up in an event."""
     report = run.machine.link_report()
-    run.recorder.append_link(_row(run.machine.time_s, report))
+    run.recorder.append(_row(run.machine.time_s, report))
     message = (
         f"Link: {report.frames_received} frames in, {report.bad_frames} damaged, {report.lost_frames} lost, "
         f"{report.retries} commands repeated; round trip {report.rtt_p50_ms:.2f} ms."
     )
-    run.recorder.event(run.machine.time_s, RunEvent.LINK, EventLevel.INFO, message, _figures(report))
+    run.recorder.append(
+        EventRow(run.machine.time_s, RunEvent.LINK, EventLevel.INFO, message, _figures(report))
+    )
 
 
 def _row(time_s: float, report: LinkReport) -> LinkRow:

@@ -21,14 +21,14 @@ from edmctl.machine.interface import (
 from edmctl.procedures.actuator.tracker import FeedError, Trace
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.monitoring.drift import Rests
-from edmctl.record.rows import EventLevel, ServoBlock
+from edmctl.record.rows import EventLevel, EventRow, ServoBlock
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from edmctl.actuator.estimator import Estimator
     from edmctl.procedures.actuator.tracker import Tracker
-    from edmctl.record.recorder import Recorder
+    from edmctl.record.rows import Recorder
     from edmctl.results.telemetry import PulseBlockBatch, PulseTrain
 
 Floats = NDArray[np.float64]
@@ -190,7 +190,7 @@ class Watch:
         self._trace.append(block.time_s, model_um)
         rows = self._thinned(self._row_block(block, model_um))
         if len(rows.time_s):
-            self._recorder.append_servo(rows)
+            self._recorder.append(rows)
         if compared and self._comparer is not None:
             self._comparer(block, model_um)
 
@@ -228,11 +228,11 @@ class Watch:
 
     def pulse_blocks(self, batch: PulseBlockBatch) -> None:
         """Record."""
-        self._recorder.append_pulse_blocks(batch)
+        self._recorder.append(batch)
 
     def pulses(self, batch: PulseTrain) -> None:
         """Record."""
-        self._recorder.append_pulses(batch)
+        self._recorder.append(batch)
 
     def event(self, event: MachineEvent) -> None:
         """Record; what the model said at a touch is kept, because its reading is asked for much later."""
@@ -244,14 +244,14 @@ class Watch:
             "displacement_um": event.displacement_um,
             "actuator_v": event.actuator_v,
         }
-        self._recorder.event(event.time_s, event.code, EventLevel.DEBUG, event.code.name, args)
+        self._recorder.append(EventRow(event.time_s, event.code, EventLevel.DEBUG, event.code.name, args))
 
     def log(self, level: int, text: str) -> None:
         """Record a line of the controller's own log."""
         block = self.latest
         time_s = 0.0 if block is None else float(block.time_s[-1])
         weight = EventLevel(min(max(level, EventLevel.DEBUG), EventLevel.ERROR))
-        self._recorder.event(time_s, RunEvent.CONTROLLER_LOG, weight, text)
+        self._recorder.append(EventRow(time_s, RunEvent.CONTROLLER_LOG, weight, text))
 
 
 def _now(block: TelemetryBlock) -> tuple[float, float]:

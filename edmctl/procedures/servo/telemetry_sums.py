@@ -93,7 +93,7 @@ class TelemetrySums:
     def record(self, progress: Progress, duty_v: float, status: MachineStatus | None = None) -> None:
         """Record what is shown, with the power and the state of the dielectric; `duty_v` is that of an open gap."""
         run, ratios = self._run, progress.ratios
-        run.recorder.append_slow(
+        run.recorder.append(
             SlowRow(
                 time_s=progress.time_s,
                 feed_um_s=progress.feed_um_s,

@@ -17,7 +17,7 @@ from edmctl.procedures.touch.reading import SurfaceReading, take_reading
 from edmctl.process.next_cut import COVERAGE
 from edmctl.process.touch_check import Deviation, against_sparks, between, is_long, is_short
 from edmctl.process.wear import TOUCH_SD_PRIOR_UM
-from edmctl.record.rows import EventLevel
+from edmctl.record.rows import EventLevel, RejectedTouch
 
 if TYPE_CHECKING:
     from edmctl.procedures.hole.cut import CutResult
@@ -78,7 +78,7 @@ def read_expected(run: JobRun, place: str, expected: ExpectedBottom) -> SurfaceR
         again = take_reading(run, "Z2", place, expected.z_um, u_um)
         # Nothing under the tool makes a reading longer; of two within their noise the newer one is told.
         used, other = (z2, again) if z2.z_um > again.z_um + TOUCH_SD_PRIOR_UM else (again, z2)
-        run.recorder.reject_touch(other.time_s)
+        run.recorder.append(RejectedTouch(other.time_s))
         z2 = used
     middle_um, doubt_u_um = between(z2.z_um, above_um, way_um, u_um)
     message = f"It is taken to be at {middle_um:.2f} ± {COVERAGE * doubt_u_um:.2f} µm."

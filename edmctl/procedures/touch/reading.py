@@ -180,7 +180,7 @@ def _reduced(run: JobRun, kind: str, touches: tuple[Touch, ...]) -> SurfaceReadi
 
 def _report(run: JobRun, place: str, touches: tuple[Touch, ...], found: SurfaceReading, refused: str) -> None:
     reading = found.reading
-    run.recorder.touch(
+    run.recorder.append(
         TouchRow(
             time_s=found.time_s,
             kind=found.kind,

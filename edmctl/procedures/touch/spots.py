@@ -25,7 +25,7 @@ from edmctl.procedures.touch.reading import (
 from edmctl.process.plane import Step
 from edmctl.process.touch_check import agreeing_spots, between_spots, is_constant
 from edmctl.process.wear import pooled_reading, tilt_uncertainty_um
-from edmctl.record.rows import EventLevel
+from edmctl.record.rows import EventLevel, RejectedTouch
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -110,7 +110,7 @@ def read_at_spots(
 def _reject(run: JobRun, readings: Sequence[SurfaceReading]) -> None:
     """Tell the run file that other readings count instead of these, or none."""
     for one in readings:
-        run.recorder.reject_touch(one.time_s)
+        run.recorder.append(RejectedTouch(one.time_s))
 
 
 def _at_further_spot(

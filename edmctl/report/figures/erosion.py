@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.record import layout
-from edmctl.record.bases import has_sensor
+from edmctl.record.results import has_sensor
 from edmctl.report.removal import hole_starts_s, known_depths
 from edmctl.report.signals import MEAN_S, broken, running_mean
 from edmctl.report.style import (

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.record import layout
-from edmctl.record.event_names import Told
-from edmctl.record.event_reader import happened
+from edmctl.record.events import Told, happened
 from edmctl.report.signals import MEAN_S, broken, cuts_s, running_mean
 from edmctl.report.style import (
     BLACK,

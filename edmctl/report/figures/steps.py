@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.labels import Basis, marked
-from edmctl.record.bases import has_sensor
+from edmctl.record.results import has_sensor
 from edmctl.report.numbers import numbers_of
 from edmctl.report.style import (
     BLACK,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.record.event_names import State, Told
+from edmctl.record.events import State, Told
 from edmctl.report.signals import envelopes
 from edmctl.report.style import (
     BLACK,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.record.event_names import State
+from edmctl.record.events import State
 from edmctl.report.signals import Envelope, envelopes, within
 from edmctl.report.style import (
     BLACK,

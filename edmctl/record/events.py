@@ -1,19 +1,48 @@
-"""What the events of a run file tell."""
+"""The events of a run file: their codes, and the states of the controller, by which figures look for them."""
 
 from __future__ import annotations
 
 import json
 import math
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import TYPE_CHECKING
 
 from edmctl.record import layout
-from edmctl.record.event_names import Told
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from edmctl.record.reader import RunFile
+
+
+class State(IntEnum):
+    """States of the controller, by the names of the protocol."""
+
+    BOOT = 0
+    IDLE = 1
+    ARMED = 2
+    APPROACH = 3
+    MACHINING = 4
+    JUMP = 5
+    TOUCH = 6
+    MOVING = 7
+    FAULT = 8
+    ESTOP = 9
+
+
+class Told(IntEnum):
+    """What an event of a run file tells: below 100 by the controller, else by procedures, who have more codes."""
+
+    JUMP_DONE = 5
+    TOUCH = 6
+    FACE_FITTED = 112
+    SITE_MEASURED = 130
+    LEFT_UNMEASURED = 133
+    SITE_ESTIMATED = 134
+    ENDED_EARLY = 160
+    JUMP_PERIOD = 161
+    CHANNEL_MEASURED = 171
 
 
 _KNOWN = {int(code): code for code in Told}
