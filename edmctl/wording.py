@@ -227,6 +227,27 @@ def _words(key: str) -> str:
     return f"{words.removesuffix(' model')} from voltage" if words.endswith(" model") else words
 
 
+def start_utc(iso: str) -> str:
+    """Return an ISO time to the second, in UTC; as it is where it is none."""
+    from datetime import UTC, datetime
+
+    try:
+        time = datetime.fromisoformat(iso)
+    except ValueError:
+        return printable(iso) or UNKNOWN
+    return f"{time.astimezone(UTC) if time.tzinfo else time:%Y-%m-%d %H:%M:%S}"
+
+
+def file_size(size_bytes: int) -> str:
+    """Return the size of a file: `640 B`, `2.1 MB`."""
+    value, unit = float(size_bytes), "B"
+    for larger in ("kB", "MB", "GB", "TB"):
+        if value < 999.5:
+            break
+        value, unit = value / 1000.0, larger
+    return f"{value:.0f} {unit}" if unit == "B" or value >= 99.5 else f"{value:.1f} {unit}"
+
+
 def named_with_unit(key: str, unit: str) -> str:
     """Return the name of a value with its unit, where the name does not end with that already."""
     ending = unit.replace("deg", "").replace("/", "_").lower()

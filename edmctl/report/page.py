@@ -168,7 +168,7 @@ def _tiles(run: RunFile, numbers: RunNumbers) -> str:
 
 
 def _key_numbers(run: RunFile, numbers: RunNumbers) -> Iterator[tuple[str, str, str]]:
-    sites = numbers.sites
+    sites, totals = numbers.sites, numbers.totals
     estimated = estimated_depth(run)
     if math.isfinite(estimated.depth_um):
         yield (
@@ -196,13 +196,13 @@ def _key_numbers(run: RunFile, numbers: RunNumbers) -> Iterator[tuple[str, str, 
             "the least and the greatest",
         )
     yield "machining", duration(numbers.total("machining_time_s")), "with the servo on"
-    yield "removal rate", removal_rate(numbers.mrr_mm3_min), "volume over machining time"
+    yield "removal rate", removal_rate(totals.mrr_mm3_min), "volume over machining time"
     per = "the sheet's thickness" if numbers.depth_name == TIP else "depth"
-    yield "wear ratio", decimal(numbers.wear_ratio_lin, 3), f"wear over {per}"
+    yield "wear ratio", decimal(totals.wear_ratio_lin, 3), f"wear over {per}"
     yield (
         "arcs",
-        percent(numbers.ratio("arc"), 2),
-        f"of {count(int(numbers.total('pulses')), NARROW)} pulses",
+        percent(totals.ratios.arc, 2),
+        f"of {count(totals.pulses, NARROW)} pulses",
     )
 
 

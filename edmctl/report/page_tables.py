@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from edmctl.record.reader import RunFile
-    from edmctl.report.numbers import RunNumbers, SiteNumbers
+    from edmctl.report.numbers import RunNumbers
+    from edmctl.results.run_file import SiteNumbers
 
 U95_NOTE = "± is half the 95 % interval of a result; lengths in µm."
 FEED_NOTE = "Feed is depth and wear together; its ± is at most the sum of theirs."
@@ -138,15 +139,16 @@ def _doubt(site: SiteNumbers) -> bool:
 
 def pulses(numbers: RunNumbers) -> PageTable | None:
     """How many pulses of which class, for each site and altogether."""
-    if not numbers.total("pulses") > 0:
+    totals = numbers.totals
+    if not totals.pulses:
         return None
     rows = [
         [site.name, count(site.pulses), *(percent(share, 2) for share in site.ratios)]
         for site in numbers.sites
     ]
     if len(rows) > 1:
-        whole = [percent(numbers.ratio(name), 2) for name in CLASSES]
-        rows.append(["all", count(int(numbers.total("pulses"))), *whole])
+        whole = [percent(getattr(totals.ratios, name), 2) for name in CLASSES]
+        rows.append(["all", count(totals.pulses), *whole])
     return PageTable("Pulses while machining", ["site", "pulses", *CLASSES], rows)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from edmctl.console.forecast_table import render_forecast
+from edmctl.console.profile_tables import render_forecast
 from edmctl.forecasts.forecast import forecast
 from edmctl.profile.setup import Setup
 from edmctl.rules.load import load_profile

@@ -1,7 +1,6 @@
 """`edmctl ports`: which ports this computer has, who holds them, and who answers there."""
 
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,6 +9,7 @@ import typer
 from edmctl.cli.options import DebugOption, JsonOption, SetupOption
 from edmctl.cli.outcome import Outcome, Output, run_command, stream_style
 from edmctl.cli.shell import shell
+from edmctl.results.equipment import Controller, PortRow
 
 if TYPE_CHECKING:
     from edmctl.link.messages import HelloReply
@@ -21,34 +21,6 @@ ProbeOption = Annotated[
     bool,
     typer.Option("--probe", help="Say hello at the ports that `auto` would ask, and show who answers."),
 ]
-
-
-@dataclass(frozen=True, slots=True)
-class Controller:
-    """Who answered at a port. `fault` is the number of the latched fault, 0 for none."""
-
-    serial: str
-    firmware: str
-    protocol: str
-    state: str
-    fault: int
-    fault_name: str
-    simulated: bool
-
-
-@dataclass(frozen=True, slots=True)
-class PortRow:
-    """A port. `known`: `auto` may ask it; `controller` and `error` are None where it was not asked."""
-
-    device: str
-    description: str
-    usb_id: str
-    usb_serial: str
-    held_by: str
-    in_setup: bool
-    known: bool
-    controller: Controller | None
-    error: str | None
 
 
 def ports(
@@ -64,7 +36,7 @@ def ports(
     """
 
     def body(outcome: Outcome) -> None:
-        from edmctl.console.ports_table import render_ports
+        from edmctl.console.equipment_tables import render_ports
         from edmctl.profile.setup import load_setup
 
         rows = port_rows(load_setup(setup), probe=probe)

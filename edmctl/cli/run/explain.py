@@ -3,16 +3,15 @@
 import json
 import math
 import sys
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.cli.options import DebugOption, FileArgument, JsonOption
 from edmctl.cli.outcome import Outcome, Output, run_command, stream_style
 from edmctl.labels import PAD
+from edmctl.results.run_file import FileEvent, Sentence
 from edmctl.wording import duration, earlier, ended_as, facts, with_u95
 
 if TYPE_CHECKING:
-    from edmctl.console.story import Sentence
     from edmctl.record.reader import RunFile
 
 ENDS = ("ENDED_EARLY", "TARGET_MISSED", "SITES_LEFT", "SETUP_WRONG", "VERDICT")
@@ -20,13 +19,13 @@ ENDS = ("ENDED_EARLY", "TARGET_MISSED", "SITES_LEFT", "SETUP_WRONG", "VERDICT")
 
 
 def explain(file: FileArgument, as_json: JsonOption = False, debug: DebugOption = False) -> int:
-    """Tell the story of a run in plain sentences.
+    """Describe a run in plain sentences.
 
     What it did, when, and why.
     """
 
     def body(outcome: Outcome) -> None:
-        from edmctl.console.story import render_story
+        from edmctl.console.explanation import render_sentences
         from edmctl.jobs.resume.way_on import command_to_go_on
         from edmctl.jobs.run_opening import find_run, unless_killed
         from edmctl.record.safe_reading import reading
@@ -34,28 +33,18 @@ def explain(file: FileArgument, as_json: JsonOption = False, debug: DebugOption 
         with reading(find_run(file)) as opened:
             outcome.run_file = opened.path
             outcome.simulated = opened.is_simulated
-            told = sentences_of(opened)
-            outcome.result = {"story": told}
-            outcome.text = render_story(told, stream_style(sys.stdout))
+            sentences = sentences_of(opened)
+            outcome.result = {"story": sentences}
+            outcome.text = render_sentences(sentences, stream_style(sys.stdout))
             unless_killed(opened, command_to_go_on(opened.path))
 
     return run_command(Output("run explain", as_json, debug=debug), body)
 
 
-@dataclass(frozen=True, slots=True)
-class FileEvent:
-    """An event as the file holds it, its code by name."""
-
-    time_s: float
-    code: str
-    level: int
-    message: str
-    args: dict[str, object]
-
-
-def sentences_of(opened: "RunFile") -> "list[Sentence]":
+def sentences_of(opened: "RunFile") -> list[Sentence]:
     """The story of an open run file, from what was wanted to what ended it."""
-    from edmctl.console.story import Sentence, holes_of, story
+    from edmctl.console.explanation import explain as explained
+    from edmctl.console.explanation import holes_of
 
     events = events_of(opened)
     values = opened.profile_values()
@@ -63,8 +52,8 @@ def sentences_of(opened: "RunFile") -> "list[Sentence]":
     period_s = float(values.get("jump.period_s", 0.0))
     makes_holes = _alone(opened, values) is None
     several = makes_holes and (len(depths_of_holes(values)) > 1 or "file" in _kinds(values))
-    told = [*touches_of(opened), *story(events, period_s, names_holes=several)]
-    told.sort(key=lambda sentence: sentence.time_s)
+    sentences = [*touches_of(opened), *explained(events, period_s, names_holes=several)]
+    sentences.sort(key=lambda sentence: sentence.time_s)
     ends = [
         ("SETTLED", _settled(opened, events, holes_of(events))),
         ("DONE", _done(opened, events) if several else ""),
@@ -73,15 +62,15 @@ def sentences_of(opened: "RunFile") -> "list[Sentence]":
     ]
     return [
         Sentence(0.0, wanted(opened), "WANTED"),
-        *told,
+        *sentences,
         *(Sentence(last_s, text, code) for code, text in ends if text),
     ]
 
 
 def _found(opened: "RunFile") -> str:
     """What a command found that makes no hole."""
-    told = "; ".join(f"{name} {value}" for name, value in facts(opened.summary() or {}))
-    return f"Found: {told}." if told else ""
+    found = "; ".join(f"{name} {value}" for name, value in facts(opened.summary() or {}))
+    return f"Found: {found}." if found else ""
 
 
 def events_of(opened: "RunFile", start: int = 0) -> list[FileEvent]:
@@ -121,11 +110,9 @@ def _kinds(values: "dict[str, float | int | str | bool]") -> set[str]:
     return {site["kind"] for site in json.loads(str(values.get("sites") or "[]"))}
 
 
-def touches_of(opened: "RunFile") -> "list[Sentence]":
+def touches_of(opened: "RunFile") -> list[Sentence]:
     """One sentence per reading of pad, face or bottom."""
-    from edmctl.console.story import Sentence
-
-    told = []
+    sentences = []
     for row in opened.table("/entry/touches"):
         kind, site = (row[name].decode(errors="ignore") for name in ("kind", "site"))
         where = {
@@ -139,8 +126,8 @@ def touches_of(opened: "RunFile") -> "list[Sentence]":
         refused = "" if row["accepted"] else "; the reading was not used"
         times = "1 touch" if row["n"] == 1 else f"{row['n']} touches"
         text = f"Touched {where} at {z_um:.2f} µm ({kind}, {times}{spread}){refused}."
-        told.append(Sentence(float(row["time"]), text, "TOUCHED"))
-    return told
+        sentences.append(Sentence(float(row["time"]), text, "TOUCHED"))
+    return sentences
 
 
 def _settled(opened: "RunFile", events: list[FileEvent], holes: list[str]) -> str:
@@ -162,14 +149,14 @@ def _settled(opened: "RunFile", events: list[FileEvent], holes: list[str]) -> st
             grew |= round(row["depth_u95"], 2) > round(said[1], 2)
     if not changed:
         return ""
-    told = (
+    message = (
         f"The touches that came later gave holes that had not been touched new depths: {', '.join(changed)}."
     )
     why = (
         "An interval that grew holds that the touch was not quite where it was expected, and that nobody knows how "
         "the holes share the difference."
     )
-    return f"{told} {why}" if grew else told
+    return f"{message} {why}" if grew else message
 
 
 def _number(value: object) -> float:
@@ -278,7 +265,7 @@ def _ended(opened: "RunFile", events: list[FileEvent]) -> str:
     return f"The run ended with exit code {exit_code} ({how}){took}{_why(events)}"
 
 
-def trouble_of(sentences: "list[Sentence]") -> str:
+def trouble_of(sentences: list[Sentence]) -> str:
     """What ended a run that did not come to its end, with what to do about it; empty where no sentence says so."""
     for number, sentence in reversed(list(enumerate(sentences))):
         if sentence.code in ENDS:

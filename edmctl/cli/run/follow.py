@@ -6,18 +6,18 @@ import math
 import time
 from typing import TYPE_CHECKING
 
-from edmctl.console.story import PAD
 from edmctl.jobs.run_samples import PULSES_S, SampleReader
+from edmctl.labels import PAD
 from edmctl.wording import duration
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from edmctl.cli.run.explain import FileEvent
     from edmctl.console.progress import Reporter
     from edmctl.record.reader import RunFile
     from edmctl.results.progress import Phase, Progress
+    from edmctl.results.run_file import FileEvent
 
 LOOK_EVERY_S = 0.5
 FEED_AFTER_S = 10.0
@@ -217,7 +217,7 @@ def _phase(state: int, *, machining: bool) -> Phase:
 
 
 def _is_news(event: FileEvent) -> bool:
-    from edmctl.console.story import DEBUG, LEFT_OUT
+    from edmctl.console.explanation import DEBUG, LEFT_OUT
 
     return event.level != DEBUG and event.code not in LEFT_OUT and event.code != "JUMPED"
 
