@@ -6,7 +6,7 @@ import math
 from string import ascii_uppercase
 from typing import TYPE_CHECKING
 
-from edmctl.console.layout import render_columns, render_table, width_of
+from edmctl.console.layout import NARROW_GAP, render_table, width_of
 from edmctl.console.style import PLAIN, Style
 from edmctl.labels import marked, meanings
 from edmctl.wording import UNKNOWN, count, escaped, named_with_unit, shortened
@@ -44,9 +44,9 @@ def render_comparison(comparison: Comparison, style: Style = PLAIN) -> str:
     both = ((comparison.quantities, "result"), (comparison.sites, "site"))
     beside = [_quantities(quantities, heading) for quantities, heading in both if quantities]
     settings = _settings(comparison, columns)
-    fits = columns is None or all(width_of(table) <= columns for table in [settings, *beside])
+    fits = columns is None or all(width_of(table, NARROW_GAP) <= columns for table in [settings, *beside])
     if len(comparison.runs) > MOST_BESIDE or not fits:
-        blocks += _row_a_run(comparison, style, columns or ROW_COLUMNS)
+        blocks += _row_a_run(comparison, style, min(columns or ROW_COLUMNS, ROW_COLUMNS))
     else:
         letters = list(settings)[1:]
         blocks.append(render_table(settings, style) if comparison.differs else _nothing_differs(letters))
@@ -84,18 +84,18 @@ def _nothing_differs(letters: Sequence[str]) -> str:
 
 
 def _runs(runs: Sequence[ComparedRun], style: Style) -> str:
-    rows = [
-        [
-            letter(number),
-            escaped(run.file),
-            run.start[:_HEADING_TIME].replace("T", " "),
+    table = {
+        "": [letter(number) for number in range(len(runs))],
+        "file": [escaped(run.file) for run in runs],
+        "started": [run.start[:_HEADING_TIME].replace("T", " ") for run in runs],
+        "status": [
             run.status
             + (", simulated" if run.simulated else "")
-            + ("" if run.seed is None else f", seed {run.seed}"),
-        ]
-        for number, run in enumerate(runs)
-    ]
-    return render_columns(["", "file", "started", "status"], rows, style, align="<")
+            + ("" if run.seed is None else f", seed {run.seed}")
+            for run in runs
+        ],
+    }
+    return render_table(table, style, left=list(table), cut_first="file")
 
 
 def _settings(comparison: Comparison, columns: int | None) -> Table:

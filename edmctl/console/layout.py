@@ -17,7 +17,7 @@ USUAL_COLUMNS = 80
 """Width of a terminal that nobody has made wider."""
 LEAST_CELLS = 11
 """A column is cut to no less than this."""
-_GAP, _NARROW_GAP = "   ", "  "
+_GAP, NARROW_GAP = "   ", "  "
 """Between the columns of a table."""
 _ASCII = str.maketrans(
     {"µ": "u", "±": "+-", "–": "-", "−": "-", "…": "~", "·": "*", "°": " deg ", "×": "x", "→": "->"}
@@ -81,8 +81,8 @@ def render_table(
     """
     shown, gap, columns = dict(table), _GAP, style.columns
     if columns is not None and (excess := width_of(shown) - columns) > 0:
-        if width_of(shown, _NARROW_GAP) <= columns:
-            gap = _NARROW_GAP
+        if width_of(shown, NARROW_GAP) <= columns:
+            gap = NARROW_GAP
         elif cut_first:
             longest = max(LEAST_CELLS, max(map(len, shown[cut_first])) - excess)
             shown[cut_first] = [without_middle(text, longest) for text in shown[cut_first]]
