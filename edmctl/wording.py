@@ -56,7 +56,7 @@ _WORDS = {
 }
 _LINK_ERRORS = "E4"
 """They share a status, although a machine that lost its power has lost no port."""
-_TOLD_ELSEWHERE = (
+_SHOWN_ELSEWHERE = (
     "link",
     "calibration",
     "time_s",
@@ -182,11 +182,11 @@ def plural(number: int, noun: str) -> str:
 def facts(result: Mapping[str, object]) -> Iterator[tuple[str, str]]:
     """Yield the single values of a result by their names in words, with their units; lists are left out.
 
-    Times of the whole job, the actuator model and the link have places of their own wherever a result is told. Half
+    Times of the whole job, the actuator model and the link have places of their own wherever a result is shown. Half
     of a 95 % interval stands behind what it belongs to.
     """
     for key, value in result.items():
-        if key in _TOLD_ELSEWHERE or (key.endswith("_u95_um") and _of_u95(key) in result):
+        if key in _SHOWN_ELSEWHERE or (key.endswith("_u95_um") and _of_u95(key) in result):
             continue
         u95_um = result.get(f"{key.removesuffix('_um')}_u95_um")
         if isinstance(value, Mapping) and key == "reached":

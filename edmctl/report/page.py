@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from edmctl.record.reader import RunFile
     from edmctl.report.numbers import RunNumbers
     from edmctl.report.page_tables import PageTable
+    from edmctl.results.run_file import Sentence
 
 NARROW = "\u202f"
 """A narrow space that a line does not break."""
@@ -84,11 +85,11 @@ def _address(figure: Figure) -> str:
 
 
 def render_page(
-    run: RunFile, pictures: Sequence[Picture], story: Sequence[tuple[float, str]], trouble: str = ""
+    run: RunFile, pictures: Sequence[Picture], sentences: Sequence[Sentence], trouble: str = ""
 ) -> str:
     """Return the page of an open run file.
 
-    story : time in s and sentence, in order; the first says what was wanted, the last what ended the run
+    sentences : in order of time; the first says what was wanted, the last what ended the run
     trouble : what ended a run that is not done, and what to do about it; empty where nobody has said so
     """
     numbers = numbers_of(run)
@@ -96,10 +97,10 @@ def render_page(
     style = Path(__file__).with_name("page.css").read_text(encoding="utf-8")
     links = "".join(f'<a href="#{name}">{heading}</a>' for name, heading in _CONTENTS)
     body = [
-        _section("wanted", [_paragraph(text) for _, text in story[:1]], _wanted(run)),
+        _section("wanted", [_paragraph(sentence.text) for sentence in sentences[:1]], _wanted(run)),
         _section("numbers", [_tiles(run, numbers)], page_tables.all_numbers(run)),
         _section("figures", _figures(pictures)),
-        _section("story", [_story(story[1:])]),
+        _section("story", [_history(sentences[1:])]),
         _section("source", [_table(page_tables.provenance(run))]),
     ]
     return "\n".join(
@@ -119,7 +120,11 @@ def render_page(
             f"<h1>{escape(title)}</h1>",
             _paragraph(_subtitle(run), "sub"),
             f'<p><span class="status {"done" if _is_done(run) else "other"}">{escape(_status(run))}</span></p>',
-            *([] if _is_done(run) else [_paragraph(trouble or (story[-1][1] if story else ""), "trouble")]),
+            *(
+                []
+                if _is_done(run)
+                else [_paragraph(trouble or (sentences[-1].text if sentences else ""), "trouble")]
+            ),
             f"<nav>{links}</nav>",
             "</header>",
             "<main>",
@@ -233,8 +238,8 @@ def _figure(number: int, picture: Picture) -> str:
     )
 
 
-def _story(story: Sequence[tuple[float, str]]) -> str:
-    rows = [(duration(time_s), text) for time_s, text in story]
+def _history(sentences: Sequence[Sentence]) -> str:
+    rows = [(duration(sentence.time_s), sentence.text) for sentence in sentences]
     return _table(page_tables.PageTable("", ("at", ""), rows, words=True))
 
 

@@ -72,8 +72,8 @@ def results(numbers: RunNumbers) -> PageTable | None:
         for site in numbers.sites
     ]
     per = "the thickness of the sheet" if numbers.depth_name == TIP else "depth"
-    told = meanings({basis for site in numbers.sites for basis in (site.depth_basis, site.wear_basis)})
-    note = " ".join([U95_NOTE, FEED_NOTE, f"Wear ratio is wear over {per}.", *told])
+    marks = meanings({basis for site in numbers.sites for basis in (site.depth_basis, site.wear_basis)})
+    note = " ".join([U95_NOTE, FEED_NOTE, f"Wear ratio is wear over {per}.", *marks])
     if any(_doubt(site) for site in numbers.sites):
         header.append("verdict")
         rows = [[*row, site.verdict] for row, site in zip(rows, numbers.sites, strict=True)]
@@ -127,8 +127,8 @@ def _one_site(site: SiteNumbers) -> PageTable:
         row("verdict", site.verdict if _doubt(site) else ""),
     ]
     shown = [row for row in rows if {*row[1:]} - {"", UNKNOWN}]
-    told = meanings(bases) if site.depth_basis != site.wear_basis else []
-    notes = [U95_NOTE, FEED_NOTE if math.isfinite(site.feed_um) else "", *told]
+    marks = meanings(bases) if site.depth_basis != site.wear_basis else []
+    notes = [U95_NOTE, FEED_NOTE if math.isfinite(site.feed_um) else "", *marks]
     return PageTable("Results", header, shown, " ".join(filter(None, notes)))
 
 

@@ -125,5 +125,4 @@ def page_of(opened: "RunFile") -> str:
     from edmctl.report.page import pictures_of, render_page
 
     sentences = sentences_of(opened)
-    story = [(sentence.time_s, sentence.text) for sentence in sentences]
-    return render_page(opened, pictures_of(opened), story, trouble_of(sentences))
+    return render_page(opened, pictures_of(opened), sentences, trouble_of(sentences))

@@ -42,7 +42,7 @@ def draw(run: RunFile) -> Figure:
     time_s = run.column(PATH, "time").astype(np.float64)
     if len(time_s) < 2:
         raise NothingToDraw(
-            "The run has no waveforms: the controller keeps those about a fault, and latched none, or keeps none."
+            "The run has no waveforms: the controller latched no fault, or keeps no waveforms about one."
         )
     fault_s = _fault_s(run, time_s)
     zero_s = float(time_s[-1]) if fault_s is None else fault_s
