@@ -68,6 +68,11 @@ _SHOWN_ELSEWHERE = (
 )
 
 
+def plain_number(value: object) -> float:
+    """Return a number out of a result or a profile, NaN where there is none."""
+    return float(value) if isinstance(value, int | float) else math.nan
+
+
 def duration(seconds: float) -> str:
     """Return a time rounded to a second: `47 s`, `15 min 02 s`, `1 h 04 min`."""
     if not math.isfinite(seconds):
@@ -158,8 +163,7 @@ def ended_as(status: str, error_code: str) -> str:
 def left_at(reached: Mapping[str, object]) -> str:
     """Return how deep a hole was left, from `reached` of a result: `about 1.86 ± 0.70 of 20 µm (estimated)`."""
     names = ("depth_estimated_um", "depth_estimated_u95_um", "depth_target_um")
-    known = (reached.get(name) for name in names)
-    depth_um, u95_um, target_um = (float(one) if isinstance(one, int | float) else math.nan for one in known)
+    depth_um, u95_um, target_um = (plain_number(reached.get(name)) for name in names)
     wanted = f" of {target_um:g}" if math.isfinite(target_um) else ""
     return f"about {with_u95(depth_um, u95_um)}{wanted} µm (estimated)"
 

@@ -18,6 +18,7 @@ from edmctl.record.layout import RESULTS
 from edmctl.record.liveness import is_live
 from edmctl.record.safe_reading import reading_unverified
 from edmctl.results.run_file import RunHead, Unreadable
+from edmctl.wording import plain_number
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -134,11 +135,6 @@ def status_of(run: RunFile) -> str:
     if run.is_finished:
         return run.text("/entry/status")
     return RUNNING if is_live(run.path) else INTERRUPTED
-
-
-def plain_number(value: object) -> float:
-    """Return a number out of a result object, NaN where there is none."""
-    return float(value) if isinstance(value, int | float) else math.nan
 
 
 def _mean(values: NDArray[np.float64]) -> float:

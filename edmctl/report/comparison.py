@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 
 from edmctl.labels import weakest
 from edmctl.record.estimated import estimated_depth
-from edmctl.record.run_index import plain_number
 from edmctl.report.numbers import CLASSES, numbers_of
 from edmctl.results.comparison import Amount, ComparedRun, Comparison, Quantity, Setting
-from edmctl.wording import TIP
+from edmctl.wording import TIP, plain_number
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -257,5 +256,4 @@ def _relative_length_u95(numbers: RunNumbers) -> float:
 
 
 def _whole_time_s(run: RunFile) -> float:
-    time_s = (run.summary() or {}).get("time_s")
-    return float(time_s) if isinstance(time_s, int | float) else math.nan
+    return plain_number((run.summary() or {}).get("time_s"))

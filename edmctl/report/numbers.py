@@ -11,7 +11,7 @@ from edmctl.labels import weakest
 from edmctl.record.bases import labels_of
 from edmctl.results.pulses import PulseShares
 from edmctl.results.run_file import SiteNumbers, Totals
-from edmctl.wording import TIP
+from edmctl.wording import TIP, plain_number
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -138,8 +138,8 @@ def _site(
         depth_basis=labels.depth_basis,
         wear_basis=labels.wear_basis,
         verdict=labels.verdict,
-        truth_depth_um=math.nan if through else _number(truth.get("depth_um")),
-        truth_wear_um=_number(truth.get("wear_um")),
+        truth_depth_um=math.nan if through else plain_number(truth.get("depth_um")),
+        truth_wear_um=plain_number(truth.get("wear_um")),
     )
 
 
@@ -148,12 +148,8 @@ def _later(row: np.void, name: str) -> float:
     return float(row[name]) if name in (row.dtype.names or ()) else 0.0
 
 
-def _number(value: object) -> float:
-    return float(value) if isinstance(value, int | float) else math.nan
-
-
 def target_depths_um(values: Mapping[str, object]) -> tuple[float, float] | None:
     """Depth and tolerance that a profile asks for; None where it asks for something else."""
     if values.get("target.kind") != "depth":
         return None
-    return _number(values.get("target.depth_um")), _number(values.get("target.tolerance_um"))
+    return plain_number(values.get("target.depth_um")), plain_number(values.get("target.tolerance_um"))

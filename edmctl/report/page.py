@@ -15,7 +15,18 @@ from edmctl.report import page_tables
 from edmctl.report.kinds import KINDS, Kind, draw
 from edmctl.report.numbers import numbers_of, target_depths_um
 from edmctl.report.style import NothingToDraw, house_style, rendered
-from edmctl.wording import TIP, UNKNOWN, about, count, decimal, duration, percent, removal_rate, with_u95
+from edmctl.wording import (
+    TIP,
+    UNKNOWN,
+    about,
+    count,
+    decimal,
+    duration,
+    percent,
+    plain_number,
+    removal_rate,
+    with_u95,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -148,8 +159,8 @@ def _status(run: RunFile) -> str:
 
 
 def _subtitle(run: RunFile) -> str:
-    time_s = (run.summary() or {}).get("time_s")
-    took = f" · {duration(time_s)}" if isinstance(time_s, int | float) else ""
+    time_s = plain_number((run.summary() or {}).get("time_s"))
+    took = f" · {duration(time_s)}" if math.isfinite(time_s) else ""
     return f"{run.text('/entry/run_id')} · {run.text('/entry/start_time')[:16].replace('T', ' ')}{took}"
 
 

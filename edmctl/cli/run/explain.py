@@ -9,7 +9,7 @@ from edmctl.cli.options import DebugOption, FileArgument, JsonOption
 from edmctl.cli.outcome import Outcome, Output, run_command, stream_style
 from edmctl.labels import PAD
 from edmctl.results.run_file import FileEvent, Sentence
-from edmctl.wording import duration, earlier, ended_as, facts, with_u95
+from edmctl.wording import duration, earlier, ended_as, facts, plain_number, with_u95
 
 if TYPE_CHECKING:
     from edmctl.record.reader import RunFile
@@ -133,7 +133,7 @@ def touches_of(opened: "RunFile") -> list[Sentence]:
 def _settled(opened: "RunFile", events: list[FileEvent], holes: list[str]) -> str:
     """Which holes a later touch of the pad gave another depth than feed and energy had."""
     said_um = {
-        hole: (depth_um, _number(event.args.get("depth_u95_um")))
+        hole: (depth_um, plain_number(event.args.get("depth_u95_um")))
         for event, hole in zip(events, holes, strict=True)
         if event.code == "SITE_ESTIMATED" and isinstance(depth_um := event.args.get("depth_um"), float)
     }
@@ -157,10 +157,6 @@ def _settled(opened: "RunFile", events: list[FileEvent], holes: list[str]) -> st
         "the holes share the difference."
     )
     return f"{message} {why}" if grew else message
-
-
-def _number(value: object) -> float:
-    return float(value) if isinstance(value, int | float) else math.nan
 
 
 def _done(opened: "RunFile", events: list[FileEvent]) -> str:
@@ -252,13 +248,13 @@ def _ended(opened: "RunFile", events: list[FileEvent]) -> str:
     if exit_code == NO_EXIT_CODE:
         return "The program that wrote the file was killed. What is above is what could be recovered."
     summary = opened.summary() or {}
-    machining_s, time_s = summary.get("machining_time_s"), summary.get("time_s")
+    machining_s, time_s = plain_number(summary.get("machining_time_s")), plain_number(summary.get("time_s"))
     took = ""
-    if isinstance(time_s, int | float) and isinstance(machining_s, int | float):
+    if math.isfinite(time_s) and math.isfinite(machining_s):
         took = f" after {duration(time_s)}, {duration(machining_s)} of them machining"
-        earlier_s, pause_s = summary.get("earlier_time_s"), summary.get("pause_s")
-        if isinstance(earlier_s, int | float) and earlier_s:
-            took += f", {earlier(earlier_s, pause_s if isinstance(pause_s, int | float) else math.nan)}"
+        earlier_s = plain_number(summary.get("earlier_time_s", 0.0))
+        if math.isfinite(earlier_s) and earlier_s:
+            took += f", {earlier(earlier_s, plain_number(summary.get('pause_s')))}"
     if exit_code == 0:
         return f"The run came to its end{took}."
     how = ended_as(opened.text("/entry/status"), error_code_of(opened))

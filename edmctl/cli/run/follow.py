@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.jobs.run_samples import PULSES_S, SampleReader
 from edmctl.labels import PAD
-from edmctl.wording import duration
+from edmctl.wording import duration, plain_number
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -56,10 +56,12 @@ class _Watcher:
         from edmctl.cli.run.explain import depths_of_holes
 
         values = run.profile_values()
-        self._mean_open_v = _number(values.get("pulse.open_voltage_v")) * _number(values.get("pulse.duty"))
+        self._mean_open_v = plain_number(values.get("pulse.open_voltage_v")) * plain_number(
+            values.get("pulse.duty")
+        )
         self._places = max(1, len(depths_of_holes(values)))
         by_depth = values.get("target.kind") == "depth"
-        self._target_um = _number(values.get("target.depth_um")) if by_depth else math.nan
+        self._target_um = plain_number(values.get("target.depth_um")) if by_depth else math.nan
         self._by_feed = values.get("target.kind") == "feed"
         self._samples = SampleReader()
         self._cut = _Cut()
@@ -96,9 +98,9 @@ class _Watcher:
         elif event.code == "CUT_PLANNED":
             self._step, self._jumps, self._last_jump_s = f"cut {event.args.get('cut', '')}", 0, math.nan
             self._cut = _Cut(
-                event.time_s, *(_number(event.args.get(name)) for name in ("feed_um", "wear_ratio"))
+                event.time_s, *(plain_number(event.args.get(name)) for name in ("feed_um", "wear_ratio"))
             )
-            self._target_um = _number(event.args.get("target_um", self._target_um))
+            self._target_um = plain_number(event.args.get("target_um", self._target_um))
         elif event.code == "CUT_ENDED":
             self._step = ""
         elif event.code == "JUMPED":
@@ -220,7 +222,3 @@ def _is_news(event: FileEvent) -> bool:
     from edmctl.console.explanation import DEBUG, LEFT_OUT
 
     return event.level != DEBUG and event.code not in LEFT_OUT and event.code != "JUMPED"
-
-
-def _number(value: object) -> float:
-    return float(value) if isinstance(value, int | float) else math.nan

@@ -7,6 +7,7 @@ import math
 from typing import TYPE_CHECKING
 
 from edmctl.results.run_file import JumpTimes, RunSummary, Sentence
+from edmctl.wording import plain_number
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -89,9 +90,9 @@ def _software(opened: RunFile) -> dict[str, str]:
 
 def _time_s(opened: RunFile, summary: Mapping[str, object] | None, events: Sequence[FileEvent]) -> float:
     """Return how long the job took; of one without an end, to its last row."""
-    time_s = (summary or {}).get("time_s")
-    if isinstance(time_s, int | float):
-        return float(time_s)
+    time_s = plain_number((summary or {}).get("time_s"))
+    if math.isfinite(time_s):
+        return time_s
     servo = opened.rows("/entry/servo")
     last = opened.column("/entry/servo", "time", servo - 1, servo).tolist() if servo else []
     return _earlier_s(opened) + max([*last, *(event.time_s for event in events[-1:])], default=math.nan)
@@ -104,8 +105,7 @@ def _earlier_s(opened: RunFile) -> float:
 
 
 def _pause_s(summary: Mapping[str, object] | None) -> float:
-    pause_s = (summary or {}).get("pause_s", 0.0)
-    return float(pause_s) if isinstance(pause_s, int | float) else math.nan
+    return plain_number((summary or {}).get("pause_s", 0.0))
 
 
 def jumps_of(events: Sequence[FileEvent]) -> JumpTimes:
