@@ -53,6 +53,16 @@ def render_run(run: RunSummary, style: Style = PLAIN) -> str:
     return "\n\n".join(filter(None, parts))
 
 
+def render_sentences(sentences: Sequence[Sentence], style: Style = PLAIN) -> str:
+    """Render a line per sentence, its time first."""
+    times = [duration(sentence.time_s) for sentence in sentences]
+    width = max((len(time) for time in times), default=0)
+    return "\n".join(
+        f"{style.paint(f'{time:>{width}}', Ink.FAINT)}  {sentence.text}"
+        for time, sentence in zip(times, sentences, strict=True)
+    )
+
+
 def _head(run: RunSummary) -> list[tuple[str, str]]:
     times = ""
     if math.isfinite(run.time_s):

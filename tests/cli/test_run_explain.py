@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import h5py
 import pytest
 
-from edmctl.console.explanation import explain, holes_of
+from edmctl.jobs.run_events import event_sentences, holes_of
 from edmctl.results.run_file import FileEvent
 from tests.cli.commands import CU270, Here
 from tests.faults.workshop import Workshop
@@ -188,7 +188,7 @@ def test_what_is_no_run_file_is_refused(here: Here, tmp_path: Path, content: byt
 def test_jumps_of_one_kind_make_one_sentence_with_their_reason() -> None:
     calm = [jump(10.0 * i, 10.0, 0.012) for i in range(1, 4)]
     asked = [jump(190.0 + 2.0 * i, 2.0, 0.01, 0.02, {"shorts": 0.04} if i == 0 else {}) for i in range(41)]
-    told = explain([*calm, *asked, event(300.0, "CUT_ENDED", 1, "Cut 1 ended.")], period_s=10.0)
+    told = event_sentences([*calm, *asked, event(300.0, "CUT_ENDED", 1, "Cut 1 ended.")], period_s=10.0)
     assert [sentence.text for sentence in told] == [
         "From 10 s to 30 s it jumped 3 times, every 10 s, as its period asks for; 1.2 % arcs between jumps.",
         "From 3 min 10 s to 4 min 30 s it jumped 41 times, every 2 s, because shorts asked for more flushing: "
@@ -199,7 +199,7 @@ def test_jumps_of_one_kind_make_one_sentence_with_their_reason() -> None:
 
 def test_jumps_are_not_grouped_over_a_change_of_the_gap() -> None:
     change = event(15.0, "REFERENCE_CHANGED", 1, "Servo reference 0.8 → 0.82: arcs.")
-    told = explain([jump(10.0, 1.5, 0.1), change, jump(20.0, 1.5, 0.1)], period_s=10.0)
+    told = event_sentences([jump(10.0, 1.5, 0.1), change, jump(20.0, 1.5, 0.1)], period_s=10.0)
     assert [sentence.code for sentence in told] == ["JUMPED", "REFERENCE_CHANGED", "JUMPED"]
 
 
@@ -209,11 +209,11 @@ def test_single_steps_are_left_out() -> None:
         event(2.0, "READING", 1, "Z1"),
         event(3.0, "LINK", 1, "Link"),
     ]
-    assert explain(events, period_s=10.0) == []
+    assert event_sentences(events, period_s=10.0) == []
 
 
 def test_a_file_of_an_earlier_version_knows_no_reasons() -> None:
-    told = explain([event(10.0, "JUMPED", 0, "jump", {"height_um": 60.0})], period_s=10.0)
+    told = event_sentences([event(10.0, "JUMPED", 0, "jump", {"height_um": 60.0})], period_s=10.0)
     assert [sentence.text for sentence in told] == ["It jumped once, as its period asks for."]
 
 

@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 
 from edmctl.cli.run.follow import follow_run
-from edmctl.cli.run.summary import jumps_of
 from edmctl.cli.signals import SignalArrived
 from edmctl.console.live_view import Histories
 from edmctl.console.progress import Reporter
 from edmctl.errors import RunFileError
+from edmctl.jobs.run_summary import jumps_of
 from edmctl.machine.states import MachineState
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.record.rows import EventLevel, ServoBlock, SlowRow

@@ -197,7 +197,7 @@ def test_a_page_of_a_run_that_failed_begins_with_the_fault_and_its_remedy(faulte
 def test_a_hole_that_was_left_is_told_by_its_estimate(
     faulted_run_file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("edmctl.report.pictures.KINDS", ())
+    monkeypatch.setattr("edmctl.report.page.KINDS", ())
     numbers = page_of(faulted_run_file).partition('id="story"')[0].partition('id="numbers"')[2]
     assert ">estimated<" in numbers
     assert re.search(r"<dt>depth</dt><dd>~?\d+\.\d\d ± \d+\.\d\d µm<", numbers)

@@ -9,13 +9,13 @@ import typer
 from edmctl.cli.options import DebugOption, JsonOption, SetupOption
 from edmctl.cli.outcome import Outcome, Output, run_command, stream_style
 from edmctl.cli.shell import shell
-from edmctl.results.equipment import Controller, PortRow
 
 if TYPE_CHECKING:
     from edmctl.link.messages import HelloReply
     from edmctl.link.ports import PortInfo
     from edmctl.link.probing import ProbedPort
     from edmctl.profile.setup import Setup
+    from edmctl.results.equipment import Controller, PortRow
 
 ProbeOption = Annotated[
     bool,
@@ -46,7 +46,7 @@ def ports(
     return run_command(Output("ports", as_json, debug=debug), body)
 
 
-def port_rows(setup: "Setup", *, probe: bool) -> list[PortRow]:
+def port_rows(setup: "Setup", *, probe: bool) -> "list[PortRow]":
     """Look at every port that is listed or named in the setup; with `probe` ask those that may be asked."""
     from edmctl.cli.simulate.registry import served_ports
     from edmctl.jobs.secret_file import asks_for_secret, secret_of
@@ -79,8 +79,9 @@ def _named(setup: "Setup") -> tuple[str, ...]:
     return tuple(dict.fromkeys((*mine, *setup.link.candidates)))
 
 
-def _row(port: "PortInfo", named: tuple[str, ...], known: bool, answer: "ProbedPort | None") -> PortRow:
+def _row(port: "PortInfo", named: tuple[str, ...], known: bool, answer: "ProbedPort | None") -> "PortRow":
     from edmctl.link.ports import port_owner, same_port
+    from edmctl.results.equipment import PortRow
 
     return PortRow(
         device=port.device,
@@ -95,9 +96,10 @@ def _row(port: "PortInfo", named: tuple[str, ...], known: bool, answer: "ProbedP
     )
 
 
-def _controller(hello: "HelloReply") -> Controller:
+def _controller(hello: "HelloReply") -> "Controller":
     from edmctl.link.faults import FAULTS
     from edmctl.link.messages import State
+    from edmctl.results.equipment import Controller
 
     names = {int(code): row.name for code, row in FAULTS.items()}
     return Controller(

@@ -53,7 +53,7 @@ class _Watcher:
     """Knows what has been told already, and what the events say about where the job stands."""
 
     def __init__(self, run: RunFile) -> None:
-        from edmctl.cli.run.explain import depths_of_holes
+        from edmctl.jobs.run_explanation import depths_of_holes
 
         values = run.profile_values()
         self._mean_open_v = plain_number(values.get("pulse.open_voltage_v")) * plain_number(
@@ -73,7 +73,7 @@ class _Watcher:
 
     def report(self, run: RunFile, reporter: Reporter) -> None:
         """Report the newest state, and the events since the last one."""
-        from edmctl.cli.run.explain import events_of
+        from edmctl.jobs.run_events import events_of
 
         events = events_of(run, self._seen)
         self._seen += len(events)
@@ -219,6 +219,6 @@ def _phase(state: int, *, machining: bool) -> Phase:
 
 
 def _is_news(event: FileEvent) -> bool:
-    from edmctl.console.explanation import DEBUG, LEFT_OUT
+    from edmctl.jobs.run_events import DEBUG, LEFT_OUT
 
     return event.level != DEBUG and event.code not in LEFT_OUT and event.code != "JUMPED"

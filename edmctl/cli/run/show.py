@@ -54,9 +54,9 @@ def show(
 
 def _tell(outcome: Outcome, path: Path) -> None:
     """Leave the summary as the result. Raises RunFileError E9008 when the writer was killed."""
-    from edmctl.cli.run.summary import summary_of
     from edmctl.console.run_view import render_run
     from edmctl.jobs.run_opening import unless_killed
+    from edmctl.jobs.run_summary import summary_of
     from edmctl.record.safe_reading import reading
 
     with reading(path) as opened:

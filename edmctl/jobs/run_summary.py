@@ -1,4 +1,4 @@
-"""What a run file says, gathered for people and as JSON."""
+"""The summary of a run from its file, for people and as JSON."""
 
 from __future__ import annotations
 
@@ -28,8 +28,9 @@ WARNING_LEVEL = 2
 
 def summary_of(opened: RunFile) -> RunSummary:
     """Read the summary of an open run file, also of one without an end."""
-    from edmctl.cli.run.explain import events_of, sentences_of, wanted
     from edmctl.jobs.resume.way_on import command_to_go_on
+    from edmctl.jobs.run_events import events_of
+    from edmctl.jobs.run_explanation import sentences_of, wanted
     from edmctl.record.create import NO_EXIT_CODE
     from edmctl.record.estimated import estimated_depth
     from edmctl.record.event_reader import error_code_of

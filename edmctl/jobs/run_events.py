@@ -1,4 +1,4 @@
-"""A run described in sentences, in order, from the events of its file.
+"""Events of a run file with their names, and as sentences in order of time.
 
 Many jumps come to few sentences: intervals in which arcs had shortened the period, and those in which they had not.
 """
@@ -10,15 +10,14 @@ from dataclasses import dataclass, field
 from itertools import groupby, pairwise
 from typing import TYPE_CHECKING
 
-from edmctl.console.style import PLAIN, Ink, Style
 from edmctl.labels import PAD
-from edmctl.results.run_file import Sentence
+from edmctl.results.run_file import FileEvent, Sentence
 from edmctl.wording import duration, plural
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from edmctl.results.run_file import FileEvent
+    from edmctl.record.reader import RunFile
 
 LEFT_OUT = frozenset({"READING", "LINK", "STAGE_MOVED", "CONTROLLER_LOG", "JUMP_PERIOD", "APPROACHED"})
 """Single steps that the sentences about readings, jumps and cuts stand for."""
@@ -47,7 +46,32 @@ class Jump:
     asking: Mapping[str, float] = field(default_factory=dict)
 
 
-def explain(events: Sequence[FileEvent], period_s: float, *, names_holes: bool = False) -> list[Sentence]:
+def events_of(opened: RunFile, start: int = 0) -> list[FileEvent]:
+    """The events of the file from row `start` on, in the order in which they were written."""
+    from edmctl.machine.interface import EventCode
+    from edmctl.procedures.event_codes import RunEvent
+    from edmctl.record.event_reader import happened
+
+    names = {int(code): code.name for code in (*EventCode, *RunEvent)}
+    found = []
+    for event in happened(opened, start=start):
+        name, args = names.get(event.told, str(event.told)), dict(event.values)
+        if name == RunEvent.ENDED_EARLY.name and not args.get("hint"):
+            args["hint"] = _hint_of(str(args.get("code", "")))
+        found.append(FileEvent(event.time_s, name, event.level, event.message, args))
+    return found
+
+
+def _hint_of(error_code: str) -> str:
+    """What the row of a fault advises, where the run's own advice was too long for the file."""
+    from edmctl.link.faults import FAULTS
+
+    return next((row.hint for row in FAULTS.values() if row.error == error_code), "")
+
+
+def event_sentences(
+    events: Sequence[FileEvent], period_s: float, *, names_holes: bool = False
+) -> list[Sentence]:
     """Describe the events: jumps by intervals with their reason, hints where there are some, all else as recorded.
 
     period_s : jump period of the recipe
@@ -86,16 +110,6 @@ def holes_of(events: Sequence[FileEvent]) -> list[str]:
         if event.code in ("TARGET_REACHED", "TARGET_MISSED"):
             hole = ""
     return found
-
-
-def render_sentences(sentences: Sequence[Sentence], style: Style = PLAIN) -> str:
-    """Render a line per sentence, its time first."""
-    times = [duration(sentence.time_s) for sentence in sentences]
-    width = max((len(time) for time in times), default=0)
-    return "\n".join(
-        f"{style.paint(f'{time:>{width}}', Ink.FAINT)}  {sentence.text}"
-        for time, sentence in zip(times, sentences, strict=True)
-    )
 
 
 def _jump(event: FileEvent, period_s: float) -> Jump:
