@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.forecasts.forecast import Forecast, forecast
+from edmctl.forecasts.forecast import forecast
 from edmctl.jobs.connect import connected
 from edmctl.procedures.channel.way import way_of_path
 from edmctl.procedures.job import job_of
@@ -28,6 +28,7 @@ from edmctl.profile.setup import Setup
 from edmctl.record.rows import NullRecorder
 from edmctl.report.figures.channel import Channel, Floor, HeightMap, channel_figure
 from edmctl.report.style import house_style, rendered
+from edmctl.results.forecast import Forecast
 from edmctl.rules.load import load_profile
 
 if TYPE_CHECKING:
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
 
     from edmctl.process.path import Way
     from edmctl.results.channel import ChannelResult
+    from edmctl.results.forecast import Forecast
     from edmctl.results.job import JobResult
     from edmctl.results.progress import Progress
     from edmctl.rules.load import LoadedProfile

@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from types import TracebackType
 
     from edmctl.errors import Diagnostic
-    from edmctl.forecasts.forecast import Forecast
     from edmctl.jobs.calibration.request import CalibrationRequest, Checked
     from edmctl.jobs.calibration.run import CalibrationReport
     from edmctl.jobs.job import Report
@@ -41,6 +40,7 @@ if TYPE_CHECKING:
     from edmctl.jobs.procedure_command import Procedure, ProcedureReport
     from edmctl.machine.stop import StopRequest
     from edmctl.record.reader import RunFile
+    from edmctl.results.forecast import Forecast
     from edmctl.results.progress import Observer, Progress
     from edmctl.rules.load import LoadedProfile
 

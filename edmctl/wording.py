@@ -56,7 +56,7 @@ _WORDS = {
 }
 _LINK_ERRORS = "E4"
 """They share a status, although a machine that lost its power has lost no port."""
-_TOLD_ELSEWHERE = (
+_SHOWN_ELSEWHERE = (
     "link",
     "calibration",
     "time_s",
@@ -66,6 +66,11 @@ _TOLD_ELSEWHERE = (
     "pause_s",
     "home_um",
 )
+
+
+def plain_number(value: object) -> float:
+    """Return a number out of a result or a profile, NaN where there is none."""
+    return float(value) if isinstance(value, int | float) else math.nan
 
 
 def duration(seconds: float) -> str:
@@ -158,8 +163,7 @@ def ended_as(status: str, error_code: str) -> str:
 def left_at(reached: Mapping[str, object]) -> str:
     """Return how deep a hole was left, from `reached` of a result: `about 1.86 ± 0.70 of 20 µm (estimated)`."""
     names = ("depth_estimated_um", "depth_estimated_u95_um", "depth_target_um")
-    known = (reached.get(name) for name in names)
-    depth_um, u95_um, target_um = (float(one) if isinstance(one, int | float) else math.nan for one in known)
+    depth_um, u95_um, target_um = (plain_number(reached.get(name)) for name in names)
     wanted = f" of {target_um:g}" if math.isfinite(target_um) else ""
     return f"about {with_u95(depth_um, u95_um)}{wanted} µm (estimated)"
 
@@ -182,11 +186,11 @@ def plural(number: int, noun: str) -> str:
 def facts(result: Mapping[str, object]) -> Iterator[tuple[str, str]]:
     """Yield the single values of a result by their names in words, with their units; lists are left out.
 
-    Times of the whole job, the actuator model and the link have places of their own wherever a result is told. Half
+    Times of the whole job, the actuator model and the link have places of their own wherever a result is shown. Half
     of a 95 % interval stands behind what it belongs to.
     """
     for key, value in result.items():
-        if key in _TOLD_ELSEWHERE or (key.endswith("_u95_um") and _of_u95(key) in result):
+        if key in _SHOWN_ELSEWHERE or (key.endswith("_u95_um") and _of_u95(key) in result):
             continue
         u95_um = result.get(f"{key.removesuffix('_um')}_u95_um")
         if isinstance(value, Mapping) and key == "reached":
@@ -225,6 +229,27 @@ def _words(key: str) -> str:
     if words[:2] in ("z1", "z2", "z3"):
         words = f"Z{words[1:]}"
     return f"{words.removesuffix(' model')} from voltage" if words.endswith(" model") else words
+
+
+def start_utc(iso: str) -> str:
+    """Return an ISO time to the second, in UTC; as it is where it is none."""
+    from datetime import UTC, datetime
+
+    try:
+        time = datetime.fromisoformat(iso)
+    except ValueError:
+        return printable(iso) or UNKNOWN
+    return f"{time.astimezone(UTC) if time.tzinfo else time:%Y-%m-%d %H:%M:%S}"
+
+
+def file_size(size_bytes: int) -> str:
+    """Return the size of a file: `640 B`, `2.1 MB`."""
+    value, unit = float(size_bytes), "B"
+    for larger in ("kB", "MB", "GB", "TB"):
+        if value < 999.5:
+            break
+        value, unit = value / 1000.0, larger
+    return f"{value:.0f} {unit}" if unit == "B" or value >= 99.5 else f"{value:.1f} {unit}"
 
 
 def named_with_unit(key: str, unit: str) -> str:

@@ -52,7 +52,7 @@ class Snapshot:
         """Keep the first view past the moment."""
         if self.view:
             return
-        self._histories.take(p)
+        self._histories.update(p)
         if p.depth_um > SHOWN_AT_UM and p.time_left_s > 0:
             lines = draw_view(p, self._histories, WIDTH, HEIGHT, Style(colour=True, live=True))
             self.view = [text for text, _ in lines]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, TextIO
 
 from edmctl.cli.signals import SignalArrived, ignore_signals, signal_name
 from edmctl.console.diagnostics import render_diagnostics, summary_line
-from edmctl.console.reporters import reporter_for
+from edmctl.console.progress import EventReporter, LineReporter, Reporter
 from edmctl.console.style import Style, style_of
 from edmctl.errors import Diagnostic, EdmError, Interrupted, MachineFault, ProfileError, RunFileError
 from edmctl.exitcodes import ExitCode, error_exit_code
@@ -20,8 +20,6 @@ from edmctl.jsonout import SCHEMA, render_json, render_json_line
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
     from pathlib import Path
-
-    from edmctl.console.progress import Reporter
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,11 +139,24 @@ def say(output: Output, diagnostics: Sequence[Diagnostic]) -> None:
 def watching(output: Output) -> Iterator[Reporter]:
     """Give a reporter for stderr, and leave the terminal clean behind it."""
     style = stream_style(sys.stderr)
-    reporter = reporter_for(sys.stderr, style, events=output.events, quiet=output.quiet)
+    reporter = _reporter(output, style)
     try:
         yield reporter
     finally:
         reporter.close()
+
+
+def _reporter(output: Output, style: Style) -> Reporter:
+    """JSON lines when asked for, else silence when asked for, else the best that stderr can show."""
+    if output.events:
+        return EventReporter(sys.stderr)
+    if output.quiet:
+        return Reporter()
+    if style.live:
+        from edmctl.console.live import LiveReporter
+
+        return LiveReporter(sys.stderr, style)
+    return LineReporter(sys.stderr)
 
 
 def stream_style(stream: TextIO) -> Style:

@@ -4,94 +4,28 @@ from __future__ import annotations
 
 import math
 from string import ascii_uppercase
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
+from edmctl.console.layout import NARROW_GAP, render_table, width_of
 from edmctl.console.style import PLAIN, Style
-from edmctl.console.tables import render_columns, width_of
 from edmctl.labels import marked, meanings
-from edmctl.wording import UNKNOWN, count, escaped, named_with_unit
+from edmctl.wording import UNKNOWN, count, escaped, named_with_unit, shortened
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+
+    from edmctl.results.comparison import Amount, ComparedRun, Comparison, Quantity
+
+    Table = Mapping[str, Sequence[str]]
 
 MOST_BESIDE = 4
 """More runs than these have a row each: beside one another they would not fit on a terminal."""
 ROW_COLUMNS = 116
 """A table with a row a run is as wide as this at most; what does not fit makes another."""
 MOST_LETTERS = 30
-"""A value longer than this is cut off."""
+"""A value longer than this is cut off, on a narrow terminal a shorter one."""
+LEAST_LETTERS = 11
 _HEADING_TIME = 16
-
-
-class ComparedRunView(Protocol):
-    """A run of the comparison."""
-
-    @property
-    def file(self) -> str: ...
-    @property
-    def title(self) -> str: ...
-    @property
-    def start(self) -> str: ...
-    @property
-    def status(self) -> str: ...
-    @property
-    def simulated(self) -> bool: ...
-    @property
-    def seed(self) -> int | None: ...
-
-
-class SettingView(Protocol):
-    """Something that is not the same in all runs."""
-
-    @property
-    def key(self) -> str: ...
-    @property
-    def units(self) -> str: ...
-    @property
-    def values(self) -> Sequence[str]: ...
-
-
-class AmountView(Protocol):
-    """A quantity in one run, and against the first."""
-
-    @property
-    def value(self) -> float: ...
-    @property
-    def u95(self) -> float: ...
-    @property
-    def difference(self) -> float: ...
-    @property
-    def difference_u95(self) -> float: ...
-    @property
-    def beyond(self) -> bool: ...
-    @property
-    def basis(self) -> str: ...
-
-
-class QuantityView(Protocol):
-    """One quantity in every run; shown is `factor` times its value."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def decimals(self) -> int: ...
-    @property
-    def factor(self) -> float: ...
-    @property
-    def amounts(self) -> Sequence[AmountView]: ...
-
-
-class ComparisonView(Protocol):
-    """Several runs against the first."""
-
-    @property
-    def runs(self) -> Sequence[ComparedRunView]: ...
-    @property
-    def differs(self) -> Sequence[SettingView]: ...
-    @property
-    def quantities(self) -> Sequence[QuantityView]: ...
-    @property
-    def sites(self) -> Sequence[QuantityView]: ...
 
 
 def letter(number: int) -> str:
@@ -100,21 +34,28 @@ def letter(number: int) -> str:
     return f"{ascii_uppercase[index]}{turn + 1 if turn else ''}"
 
 
-def render_comparison(comparison: ComparisonView, style: Style = PLAIN) -> str:
-    """Render the runs, what differs, and the quantities: a few runs beside each other, many below each other."""
+def render_comparison(comparison: Comparison, style: Style = PLAIN) -> str:
+    """Render the runs, what differs, and the quantities: a few runs beside each other, many below each other.
+
+    Where runs beside each other are wider than a terminal, they stand below each other.
+    """
+    columns = style.columns
     blocks = [_runs(comparison.runs, style)]
-    if len(comparison.runs) > MOST_BESIDE:
-        blocks += _row_a_run(comparison, style)
+    both = ((comparison.quantities, "result"), (comparison.sites, "site"))
+    beside = [_quantities(quantities, heading) for quantities, heading in both if quantities]
+    settings = _settings(comparison, columns)
+    fits = columns is None or all(width_of(table, NARROW_GAP) <= columns for table in [settings, *beside])
+    if len(comparison.runs) > MOST_BESIDE or not fits:
+        blocks += _row_a_run(comparison, style, min(columns or ROW_COLUMNS, ROW_COLUMNS))
     else:
-        blocks.append(_settings(comparison, style))
-        for quantities, heading in ((comparison.quantities, "result"), (comparison.sites, "site")):
-            if quantities:
-                blocks.append(_quantities(quantities, heading, style))
+        letters = list(settings)[1:]
+        blocks.append(render_table(settings, style) if comparison.differs else _nothing_differs(letters))
+        blocks += [render_table(table, style) for table in beside]
     blocks.append(_reading(comparison))
     return "\n\n".join(block for block in blocks if block)
 
 
-def _row_a_run(comparison: ComparisonView, style: Style) -> list[str]:
+def _row_a_run(comparison: Comparison, style: Style, columns: int) -> list[str]:
     """Tables with a row for each run and a column for each setting and quantity, as many tables as they need."""
     settings = {
         named_with_unit(setting.key, setting.units): [_short(value) for value in setting.values]
@@ -127,22 +68,14 @@ def _row_a_run(comparison: ComparisonView, style: Style) -> list[str]:
     letters = [letter(number) for number in range(len(comparison.runs))]
     tables: list[dict[str, list[str]]] = []
     for name, cells in (settings | quantities).items():
-        if not tables or _width_of({**tables[-1], name: cells}) > ROW_COLUMNS:
+        if not tables or width_of({**tables[-1], name: cells}) > columns:
             tables.append({"": letters})
         tables[-1][name] = cells
     same = [] if settings else [_nothing_differs(letters)]
-    return [*same, *(render_columns(list(table), _transposed(table), style) for table in tables)]
+    return [*same, *(render_table(table, style) for table in tables)]
 
 
-def _width_of(table: Mapping[str, Sequence[str]]) -> int:
-    return width_of(list(table), _transposed(table))
-
-
-def _transposed(table: Mapping[str, Sequence[str]]) -> list[tuple[str, ...]]:
-    return list(zip(*table.values(), strict=True))
-
-
-def _mark(amount: AmountView) -> str:
+def _mark(amount: Amount) -> str:
     return " *" if amount.beyond else "  "
 
 
@@ -150,46 +83,47 @@ def _nothing_differs(letters: Sequence[str]) -> str:
     return f"Nothing was set differently in {', '.join(letters)}."
 
 
-def _runs(runs: Sequence[ComparedRunView], style: Style) -> str:
-    rows = [
-        [
-            letter(number),
-            escaped(run.file),
-            run.start[:_HEADING_TIME].replace("T", " "),
+def _runs(runs: Sequence[ComparedRun], style: Style) -> str:
+    table = {
+        "": [letter(number) for number in range(len(runs))],
+        "file": [escaped(run.file) for run in runs],
+        "started": [run.start[:_HEADING_TIME].replace("T", " ") for run in runs],
+        "status": [
             run.status
             + (", simulated" if run.simulated else "")
-            + ("" if run.seed is None else f", seed {run.seed}"),
-        ]
-        for number, run in enumerate(runs)
-    ]
-    return render_columns(["", "file", "started", "status"], rows, style, align="<")
+            + ("" if run.seed is None else f", seed {run.seed}")
+            for run in runs
+        ],
+    }
+    return render_table(table, style, left=list(table), cut_first="file")
 
 
-def _settings(comparison: ComparisonView, style: Style) -> str:
-    letters = [letter(number) for number in range(len(comparison.runs))]
-    rows = [
-        [named_with_unit(setting.key, setting.units), *map(_short, setting.values)]
-        for setting in comparison.differs
-    ]
-    return render_columns(["what differs", *letters], rows, style) if rows else _nothing_differs(letters)
+def _settings(comparison: Comparison, columns: int | None) -> Table:
+    names = [named_with_unit(setting.key, setting.units) for setting in comparison.differs]
+    most = MOST_LETTERS
+    if columns is not None:
+        for_each = (columns - max(map(len, names), default=0)) // len(comparison.runs)
+        most = min(MOST_LETTERS, max(LEAST_LETTERS, for_each - 3))
+    table = {"what differs": names}
+    for number in range(len(comparison.runs)):
+        table[letter(number)] = [_short(setting.values[number], most) for setting in comparison.differs]
+    return table
 
 
-def _quantities(quantities: Sequence[QuantityView], heading: str, style: Style) -> str:
-    header = [heading, letter(0)]
-    for number in range(1, len(quantities[0].amounts)):
-        header += [letter(number), f"{letter(number)} − A"]
-    rows = []
-    for quantity in quantities:
-        first, *others = quantity.amounts
-        row = [quantity.name, _value(quantity, first)]
-        for amount in others:
-            difference = _number(quantity, amount.difference, amount.difference_u95, sign=True)
-            row += [_value(quantity, amount), f"{difference}{_mark(amount)}"]
-        rows.append(row)
-    return render_columns(header, rows, style)
+def _quantities(quantities: Sequence[Quantity], heading: str) -> Table:
+    table = {heading: [quantity.name for quantity in quantities]}
+    for number in range(len(quantities[0].amounts)):
+        amounts = [(quantity, quantity.amounts[number]) for quantity in quantities]
+        table[letter(number)] = [_value(quantity, amount) for quantity, amount in amounts]
+        if number:
+            table[f"{letter(number)} − A"] = [
+                f"{_number(quantity, amount.difference, amount.difference_u95, sign=True)}{_mark(amount)}"
+                for quantity, amount in amounts
+            ]
+    return table
 
 
-def _reading(comparison: ComparisonView) -> str:
+def _reading(comparison: Comparison) -> str:
     """How the tables are to be read."""
     amounts = [amount for quantity in comparison.quantities for amount in quantity.amounts[1:]]
     if not any(math.isfinite(amount.difference_u95) for amount in amounts):
@@ -204,11 +138,11 @@ def _reading(comparison: ComparisonView) -> str:
     )
 
 
-def _value(quantity: QuantityView, amount: AmountView) -> str:
+def _value(quantity: Quantity, amount: Amount) -> str:
     return marked(_number(quantity, amount.value, amount.u95), amount.basis)
 
 
-def _number(quantity: QuantityView, value: float, u95: float, *, sign: bool = False) -> str:
+def _number(quantity: Quantity, value: float, u95: float, *, sign: bool = False) -> str:
     if not math.isfinite(value):
         return UNKNOWN
     text = _decimal(quantity.factor * value, quantity.decimals, sign=sign)
@@ -225,6 +159,5 @@ def _decimal(value: float, decimals: int, *, sign: bool = False) -> str:
     return f"{rounded:{'+' if sign and rounded else ''}.{decimals}f}".replace("-", "−")
 
 
-def _short(text: str) -> str:
-    text = escaped(text) or UNKNOWN
-    return text if len(text) <= MOST_LETTERS else f"{text[: MOST_LETTERS - 1]}…"
+def _short(text: str, most: int = MOST_LETTERS) -> str:
+    return shortened(escaped(text) or UNKNOWN, most)

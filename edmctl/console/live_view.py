@@ -10,18 +10,17 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from edmctl.console.bars import PULSE_INKS, depth_bar, pulse_bar
-from edmctl.console.cells import cells_of, cut, plain_ascii, printable, render_line
+from edmctl.console.charts import PULSE_INKS, SPAN_S, History, chart, depth_bar, pulse_bar
+from edmctl.console.layout import cells_of, cut, plain_ascii, render_line
 from edmctl.console.progress import depth_words, has_pulses, while_cutting
-from edmctl.console.sparkline import SPAN_S, History, chart
 from edmctl.console.style import Ink, Style
-from edmctl.wording import duration
+from edmctl.wording import duration, printable
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from edmctl.console.cells import Span
-    from edmctl.console.views import ProgressView
+    from edmctl.console.layout import Span
+    from edmctl.results.progress import Progress
 
 LABEL = 8
 GAP = 2
@@ -44,15 +43,17 @@ class Histories:
     gap_v: History = field(default_factory=History)
     displacement_um: History = field(default_factory=History)
 
-    def take(self, p: ProgressView) -> None:
+    def update(self, p: Progress) -> None:
         """Add what came since the last report."""
         for before in p.past:
-            self.displacement_um.take(before.time_s, before.displacement_low_um, before.displacement_high_um)
-            self.gap_v.take(before.time_s, before.gap_low_v, before.gap_high_v)
+            self.displacement_um.update(
+                before.time_s, before.displacement_low_um, before.displacement_high_um
+            )
+            self.gap_v.update(before.time_s, before.gap_low_v, before.gap_high_v)
         low_um, high_um = p.displacement_low_um, p.displacement_high_um
-        self.displacement_um.take(p.time_s, low_um, high_um)
+        self.displacement_um.update(p.time_s, low_um, high_um)
         low_v, high_v = (p.gap_low_v, p.gap_high_v) if has_pulses(p.ratios) else (math.nan, math.nan)
-        self.gap_v.take(p.time_s, low_v, high_v)
+        self.gap_v.update(p.time_s, low_v, high_v)
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +68,7 @@ class _Place:
 
 
 def draw_view(
-    p: ProgressView, histories: Histories, width: int, height: int, style: Style
+    p: Progress, histories: Histories, width: int, height: int, style: Style
 ) -> list[tuple[str, int]]:
     """Return the lines, at most `height` of at most `width` cells, each painted and with the cells it takes."""
     place = _place(width, height, style)
@@ -114,14 +115,14 @@ def _row(label: str, bar: list[Span], words: list[Span]) -> list[Span]:
     return [*line, *bar, (" " * GAP, None), *words] if bar else [*line, *words]
 
 
-def _head(p: ProgressView, width: int, style: Style) -> list[Span]:
+def _head(p: Progress, width: int, style: Style) -> list[Span]:
     """What is being done, where, and for how long; the names are cut before the times are."""
     where = [printable(p.site)] if p.site else []
     if p.step:
         where.append(p.step)
     if p.sites_total > 1:
         where.append(f"{p.sites_done} of {p.sites_total} done")
-    told = ", ".join(where)
+    place = ", ".join(where)
     about = "about " if width >= NARROWEST + 10 else ""
     left = f", {about}{duration(p.time_left_s)} left" if p.time_left_s > 0 else ""
     times = f"{duration(p.time_s)}{left}"
@@ -129,17 +130,17 @@ def _head(p: ProgressView, width: int, style: Style) -> list[Span]:
     if free < len(p.phase):
         return [(str(p.phase), Ink.STRONG), (f" {times}", Ink.FAINT)]
     phase = cut(str(p.phase), free)
-    told = cut(f" {told}", free - cells_of(phase)) if told else ""
-    used = cells_of(phase) + cells_of(told if style.unicode else plain_ascii(told))
+    place = cut(f" {place}", free - cells_of(phase)) if place else ""
+    used = cells_of(phase) + cells_of(place if style.unicode else plain_ascii(place))
     return [
         (phase, Ink.STRONG),
-        (told, None),
+        (place, None),
         (" " * (width - used - cells_of(times)), None),
         (times, Ink.FAINT),
     ]
 
 
-def _depth(p: ProgressView, place: _Place) -> list[list[Span]]:
+def _depth(p: Progress, place: _Place) -> list[list[Span]]:
     """Depth beside its target; feed where that is what the job wants."""
     if math.isfinite(p.feed_target_um) and math.isfinite(p.feed_um):
         bar = _bar(p.feed_um, math.nan, p.feed_target_um, place)
@@ -156,7 +157,7 @@ def _bar(done_um: float, u95_um: float, target_um: float, place: _Place) -> list
     return depth_bar(done_um, u95_um, target_um, place.chart, unicode=place.style.unicode)
 
 
-def _pulses(p: ProgressView, place: _Place) -> list[list[Span]]:
+def _pulses(p: Progress, place: _Place) -> list[list[Span]]:
     if not has_pulses(p.ratios):
         return []
     style = place.style
@@ -177,7 +178,7 @@ def _share(name: str, percent: float, cells: int) -> Span:
     return words, PULSE_INKS[name]
 
 
-def _gap(p: ProgressView, history: History, place: _Place) -> list[list[Span]]:
+def _gap(p: Progress, history: History, place: _Place) -> list[list[Span]]:
     if not has_pulses(p.ratios) or not math.isfinite(p.gap_v):
         return []
     words = f"{p.gap_v:.1f} V, reference {p.reference_v:.1f} V"
@@ -187,7 +188,7 @@ def _gap(p: ProgressView, history: History, place: _Place) -> list[list[Span]]:
     return _charted("gap", history, scale, "V", words, p.reference_v, p.time_s, place)
 
 
-def _tool(p: ProgressView, history: History, place: _Place) -> list[list[Span]]:
+def _tool(p: Progress, history: History, place: _Place) -> list[list[Span]]:
     """Where the tool stands: the chart spans what it did in the last minute."""
     if not math.isfinite(p.displacement_um):
         return []
@@ -227,7 +228,7 @@ def _charted(
     ]
 
 
-def _feed(p: ProgressView) -> list[list[Span]]:
+def _feed(p: Progress) -> list[list[Span]]:
     """Feed so far, its rate, and the wear of the tool, as far as they are known."""
     feed = []
     if math.isfinite(p.feed_um) and math.isnan(p.feed_target_um):
@@ -243,7 +244,7 @@ def _feed(p: ProgressView) -> list[list[Span]]:
     return [_row("feed" if math.isnan(p.feed_target_um) else "", [], [(", ".join(feed), None)])]
 
 
-def _jumps(p: ProgressView) -> list[list[Span]]:
+def _jumps(p: Progress) -> list[list[Span]]:
     if not p.jumps:
         return []
     parts = [f"{p.jumps} in this {p.step.partition(' ')[0] or 'job'}"]
@@ -253,7 +254,7 @@ def _jumps(p: ProgressView) -> list[list[Span]]:
     return [_row("jumps", [], [(", ".join(parts), None)])]
 
 
-def _warning(p: ProgressView) -> list[list[Span]]:
+def _warning(p: Progress) -> list[list[Span]]:
     if not p.warning:
         return []
     ago = f" {duration(max(0.0, p.time_s - p.warned_s))} ago" if math.isfinite(p.warned_s) else ""

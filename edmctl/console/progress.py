@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import time
-from typing import TYPE_CHECKING, Protocol, TextIO
+from typing import TYPE_CHECKING, TextIO
 
 from edmctl.console.result_table import render_ratios
 from edmctl.jsonout import render_json_line
@@ -17,19 +17,44 @@ from edmctl.wording import duration
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from edmctl.console.views import ProgressView, RatiosView
+    from edmctl.results.progress import Progress
+    from edmctl.results.pulses import PulseShares
 
 PASSING_PHASE = "jumping"
 """Comes and goes every few seconds of machining, so it is no news of its own."""
 _IN_A_CUT = ("machining", PASSING_PHASE)
 LINE_EVERY_S = 30.0
 EVENT_EVERY_S = 1.0
+_EVENT_KEYS = (
+    *(
+        "phase",
+        "site",
+        "time_s",
+        "gap_v",
+        "reference_v",
+        "ratios",
+        "depth_um",
+        "depth_u95_um",
+        "depth_target_um",
+    ),
+    *(
+        "displacement_um",
+        "time_left_s",
+        "step",
+        "feed_um",
+        "feed_target_um",
+        "feed_um_s",
+        "wear_um",
+        "wear_u95_um",
+    ),
+    *("jumps", "jump_period_s", "sites_done", "sites_total", "warning"),
+)
 
 
-class Reporter(Protocol):
-    """Watches a job. It is an `Observer` of the procedures and a little more."""
+class Reporter:
+    """Watches a job, and shows nothing of it; the others show what their stream can."""
 
-    def progress(self, p: ProgressView) -> None:
+    def progress(self, p: Progress) -> None:
         """Take the newest state; called at 10 Hz or so of machine time."""
 
     def note(self, text: str) -> None:
@@ -40,22 +65,6 @@ class Reporter(Protocol):
 
     def close(self) -> None:
         """Leave the terminal clean."""
-
-
-class QuietReporter:
-    """Says nothing."""
-
-    def progress(self, p: ProgressView) -> None:
-        """Ignore it."""
-
-    def note(self, text: str) -> None:
-        """Ignore it."""
-
-    def runs(self, done: int, total: int) -> None:
-        """Ignore it."""
-
-    def close(self) -> None:
-        """Nothing to clean."""
 
 
 class Pace:
@@ -76,14 +85,14 @@ class Pace:
         return True
 
 
-class LineReporter:
+class LineReporter(Reporter):
     """Plain lines, never a carriage return."""
 
     def __init__(self, stream: TextIO, clock: Callable[[], float] = time.monotonic) -> None:
         self._out = _PatientStream(stream)
         self._pace = Pace(LINE_EVERY_S, clock)
 
-    def progress(self, p: ProgressView) -> None:
+    def progress(self, p: Progress) -> None:
         """Write a line when one is due."""
         if self._pace.is_due(p.phase):
             self._out.write(progress_line(p) + "\n")
@@ -97,18 +106,15 @@ class LineReporter:
         if self._pace.is_due("runs"):
             self._out.write(f"{done} of {total} runs done\n")
 
-    def close(self) -> None:
-        """Nothing to clean."""
 
-
-class EventReporter:
+class EventReporter(Reporter):
     """JSON lines: each has the key `event`: `progress`, `runs` or `note`."""
 
     def __init__(self, stream: TextIO, clock: Callable[[], float] = time.monotonic) -> None:
         self._out = _PatientStream(stream)
         self._pace = Pace(EVENT_EVERY_S, clock)
 
-    def progress(self, p: ProgressView) -> None:
+    def progress(self, p: Progress) -> None:
         """Write a `progress` object when one is due."""
         if self._pace.is_due(p.phase):
             self._emit("progress", progress_mapping(p))
@@ -122,14 +128,11 @@ class EventReporter:
         if self._pace.is_due("runs"):
             self._emit("runs", {"done": done, "total": total})
 
-    def close(self) -> None:
-        """Nothing to clean."""
-
     def _emit(self, event: str, fields: Mapping[str, object]) -> None:
         self._out.write(render_json_line({"event": event, **fields}))
 
 
-def progress_line(p: ProgressView) -> str:
+def progress_line(p: Progress) -> str:
     """Return the state in one line of plain text; gap, pulses and depth only while there are pulses."""
     parts = [f"{duration(p.time_s)}: {phase_words(p)}"]
     if has_pulses(p.ratios):
@@ -141,55 +144,31 @@ def progress_line(p: ProgressView) -> str:
     return "; ".join(parts)
 
 
-def depth_words(p: ProgressView) -> str:
+def depth_words(p: Progress) -> str:
     """Return the depth, and the target where it is a depth: a feed target has none."""
     u95 = f" ± {p.depth_u95_um:.1f}" if math.isfinite(p.depth_u95_um) else ""
     of_target = f" of {p.depth_target_um:.1f}" if math.isfinite(p.depth_target_um) else ""
     return f"{while_cutting(p)}{p.depth_um:.1f}{u95}{of_target} µm"
 
 
-def while_cutting(p: ProgressView) -> str:
+def while_cutting(p: Progress) -> str:
     """Return the mark of depth and wear in a cut: estimated, until the next touch."""
     return marked("", Basis.ESTIMATED) if p.phase in _IN_A_CUT else ""
 
 
-def phase_words(p: ProgressView) -> str:
+def phase_words(p: Progress) -> str:
     """Return what is being done, and where among several places."""
     return f"{p.phase} {p.site}" if p.site else str(p.phase)
 
 
-def has_pulses(ratios: RatiosView) -> bool:
+def has_pulses(ratios: PulseShares) -> bool:
     """Say whether any pulse was counted: without one all shares are zero or unknown."""
     return ratios.open + ratios.normal + ratios.arc + ratios.short > 0.0
 
 
-def progress_mapping(p: ProgressView) -> dict[str, object]:
+def progress_mapping(p: Progress) -> dict[str, object]:
     """Return the state with the keys of the JSON result."""
-    shares = {"open": p.ratios.open, "normal": p.ratios.normal, "arc": p.ratios.arc, "short": p.ratios.short}
-    return {
-        "phase": p.phase,
-        "site": p.site,
-        "time_s": p.time_s,
-        "gap_v": p.gap_v,
-        "reference_v": p.reference_v,
-        "ratios": shares,
-        "depth_um": p.depth_um,
-        "depth_u95_um": p.depth_u95_um,
-        "depth_target_um": p.depth_target_um,
-        "displacement_um": p.displacement_um,
-        "time_left_s": p.time_left_s,
-        "step": p.step,
-        "feed_um": p.feed_um,
-        "feed_target_um": p.feed_target_um,
-        "feed_um_s": p.feed_um_s,
-        "wear_um": p.wear_um,
-        "wear_u95_um": p.wear_u95_um,
-        "jumps": p.jumps,
-        "jump_period_s": p.jump_period_s,
-        "sites_done": p.sites_done,
-        "sites_total": p.sites_total,
-        "warning": p.warning,
-    }
+    return {key: getattr(p, key) for key in _EVENT_KEYS}
 
 
 class _PatientStream:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from math import isfinite, isnan
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
+from edmctl.console.layout import USUAL_COLUMNS, labelled, narrowed, render_columns, render_table, wrapped
 from edmctl.console.style import PLAIN, Style
-from edmctl.console.tables import render_columns, width_of, wrapped
 from edmctl.labels import Verdict, heading, marked, meanings
 from edmctl.wording import (
     TIP,
@@ -25,31 +25,26 @@ from edmctl.wording import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from edmctl.console.views import (
-        ChannelTruthView,
-        ChannelView,
-        JobView,
-        MeasuredView,
-        RatiosView,
-        SiteView,
-        TruthView,
-    )
+    from edmctl.results.channel import ChannelResult, ChannelTruth
+    from edmctl.results.job import JobResult, SiteResult, SiteTruth
+    from edmctl.results.pulses import PulseShares
+    from edmctl.results.run_file import SiteNumbers
 
-COLUMNS = 80
-"""Width of a terminal that nobody has made wider."""
+    Site: TypeAlias = SiteResult | SiteNumbers
+
 _LABEL = 21
 FIRST_TO_GO = ("feed µm", "stops", "machining")
 """Columns of a table that is too wide, the dispensable ones first: a feed is depth and wear together."""
 MOST_BLOCKS = 2
-"""Sites that are told at length; more make a table."""
+"""Sites with a block of their own; more make a table."""
 
 
 def render_job(
-    job: JobView,
-    truths: Sequence[TruthView] = (),
+    job: JobResult,
+    truths: Sequence[SiteTruth] = (),
     style: Style = PLAIN,
-    channel_truth: ChannelTruthView | None = None,
-    columns: int = COLUMNS,
+    channel_truth: ChannelTruth | None = None,
+    columns: int = USUAL_COLUMNS,
 ) -> str:
     """Render one block per site, one line each where there are many, and a closing line.
 
@@ -72,7 +67,7 @@ def render_job(
 
 
 def render_sites(
-    pairs: Sequence[tuple[MeasuredView, TruthView | None]], style: Style = PLAIN, columns: int = COLUMNS
+    pairs: Sequence[tuple[Site, SiteTruth | None]], style: Style = PLAIN, columns: int = USUAL_COLUMNS
 ) -> list[str]:
     """Return a block per site, or one table where there are many; what can be done without goes where it is wide."""
     if len(pairs) > MOST_BLOCKS:
@@ -80,7 +75,7 @@ def render_sites(
     return [_site_block(site, truth, style, columns) for site, truth in pairs]
 
 
-def _site_lines(pairs: Sequence[tuple[MeasuredView, TruthView | None]], style: Style, columns: int) -> str:
+def _site_lines(pairs: Sequence[tuple[Site, SiteTruth | None]], style: Style, columns: int) -> str:
     through = sum(site.through for site, _ in pairs)
     bases = {basis for site, _ in pairs for basis in (site.depth_basis, site.wear_basis)}
     what = TIP if through == len(pairs) else "depth"
@@ -102,17 +97,10 @@ def _site_lines(pairs: Sequence[tuple[MeasuredView, TruthView | None]], style: S
         table["true µm"] = [decimal(truth.depth_um) if truth else UNKNOWN for _, truth in pairs]
     if any(_doubt(site.verdict) for site, _ in pairs):
         table["verdict"] = [site.verdict or "" for site, _ in pairs]
-    for name in FIRST_TO_GO:
-        if width_of(list(table), _rows(table)) > columns:
-            del table[name]
-    return "\n".join([render_columns(list(table), _rows(table), style), *meanings(bases)])
+    return "\n".join([render_table(narrowed(table, columns, FIRST_TO_GO), style), *meanings(bases)])
 
 
-def _rows(table: dict[str, list[str]]) -> list[tuple[str, ...]]:
-    return list(zip(*table.values(), strict=True))
-
-
-def _site_block(site: MeasuredView, truth: TruthView | None, style: Style, columns: int) -> str:
+def _site_block(site: Site, truth: SiteTruth | None, style: Style, columns: int) -> str:
     bases = (site.depth_basis, site.wear_basis)
     header = [printable(site.name), heading(bases)]
     depth_um, wear_um = length(site.depth_um, site.depth_u95_um), length(site.wear_um, site.wear_u95_um)
@@ -148,9 +136,9 @@ def _site_block(site: MeasuredView, truth: TruthView | None, style: Style, colum
         machining += f"; the last {length(site.estimated_um)} were not touched"
         if length(site.z2_um) != UNKNOWN:
             machining += ", Z2 and Z3 are where contact would be"
-    lines = [table, _labelled("machining", machining, columns)]
+    lines = [table, labelled("machining", machining, _LABEL, columns)]
     if _doubt(site.verdict):
-        lines.append(_labelled("verdict", f"{site.verdict}", columns))
+        lines.append(labelled("verdict", f"{site.verdict}", _LABEL, columns))
     return "\n".join([*lines, *(meanings(bases) if site.depth_basis != site.wear_basis else ())])
 
 
@@ -159,15 +147,11 @@ def _doubt(verdict: str | None) -> bool:
     return verdict in (Verdict.MISSED, Verdict.NOT_SHOWN)
 
 
-def _pulses(site: SiteView, columns: int) -> str:
-    return _labelled("pulses", f"{count(site.pulses)}: {render_ratios(site.ratios)}", columns)
+def _pulses(site: SiteResult, columns: int) -> str:
+    return labelled("pulses", f"{count(site.pulses)}: {render_ratios(site.ratios)}", _LABEL, columns)
 
 
-def _labelled(label: str, text: str, columns: int) -> str:
-    return "\n".join(wrapped(f"{label:{_LABEL}}{text}", columns, " " * _LABEL))
-
-
-def _channel_block(channel: ChannelView, truth: ChannelTruthView | None, style: Style) -> str:
+def _channel_block(channel: ChannelResult, truth: ChannelTruth | None, style: Style) -> str:
     header = [channel.name, heading((channel.depth_basis, channel.wear_basis))]
     depth = ["depth, mean", length(channel.depth_um, channel.depth_u95_um)]
     floor = ["floor, rms about its mean", length(channel.floor_sd_um)]
@@ -186,12 +170,7 @@ def _channel_block(channel: ChannelView, truth: ChannelTruthView | None, style: 
     return "\n".join([*lines, f"{'verdict':27}{channel.verdict}"] if _doubt(channel.verdict) else lines)
 
 
-def render_ratios(ratios: RatiosView, decimals: int = 2) -> str:
+def render_ratios(ratios: PulseShares, decimals: int = 2) -> str:
     """Return the shares of the four pulse classes in words."""
-    shares = (
-        ("open", ratios.open),
-        ("normal", ratios.normal),
-        ("arc", ratios.arc),
-        ("short", ratios.short),
-    )
-    return ", ".join(f"{percent(share, decimals)} {name}" for name, share in shares)
+    shares = {name: getattr(ratios, name) for name in ("open", "normal", "arc", "short")}
+    return ", ".join(f"{percent(share, decimals)} {name}" for name, share in shares.items())

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 import shlex
-import textwrap
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
-from edmctl.console.result_table import render_sites
-from edmctl.console.runs_table import size, start_utc
+from edmctl.console.layout import USUAL_COLUMNS, labelled, wrapped
+from edmctl.console.result_table import render_ratios, render_sites
 from edmctl.console.style import PLAIN, Ink, Style
-from edmctl.console.views import MeasuredView
 from edmctl.labels import marked, weakest
 from edmctl.wording import (
     about,
@@ -20,130 +18,30 @@ from edmctl.wording import (
     earlier,
     ended_as,
     facts,
+    file_size,
     left_at,
     percent,
     printable,
     removal_rate,
+    start_utc,
 )
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from edmctl.console.story import Sentence
-    from edmctl.console.views import TruthView
+    from edmctl.results.run_file import RunSummary, Sentence
 
-CLASSES = ("open", "normal", "arc", "short")
 MOST_MOMENTS = 24
 """Lines of the time line; where there are more, those in the middle are left out."""
+WIDEST = 100
 _LABEL = 14
 
 
-class SiteNumbersView(MeasuredView, Protocol):
-    """What is known of one hole or channel; `truth` is None on a real machine."""
-
-    @property
-    def truth(self) -> TruthView | None: ...
-
-
-class JumpsView(Protocol):
-    """The jumps of a run and the times between them; unknown values are NaN."""
-
-    @property
-    def count(self) -> int: ...
-    @property
-    def shortest_s(self) -> float: ...
-    @property
-    def median_s(self) -> float: ...
-    @property
-    def longest_s(self) -> float: ...
-
-
-class TotalsView(Protocol):
-    """Sums over all sites; unknown values are NaN."""
-
-    @property
-    def pulses(self) -> int: ...
-    @property
-    def ratios(self) -> Mapping[str, float]: ...
-    @property
-    def energy_j(self) -> float: ...
-    @property
-    def mrr_mm3_min(self) -> float: ...
-    @property
-    def wear_ratio_lin(self) -> float: ...
-    @property
-    def wear_ratio_vol(self) -> float: ...
-
-
-class RunView(Protocol):
-    """Everything that is told of a run."""
-
-    @property
-    def file(self) -> str: ...
-    @property
-    def size_bytes(self) -> int: ...
-    @property
-    def wanted(self) -> str: ...
-    @property
-    def run_id(self) -> str: ...
-    @property
-    def parent_run(self) -> str: ...
-    @property
-    def command(self) -> Sequence[str]: ...
-    @property
-    def start_time(self) -> str: ...
-    @property
-    def status(self) -> str: ...
-    @property
-    def exit_code(self) -> int | None: ...
-    @property
-    def error_code(self) -> str: ...
-    @property
-    def recovery(self) -> str: ...
-    @property
-    def way_on(self) -> str: ...
-    @property
-    def time_s(self) -> float: ...
-    @property
-    def machining_time_s(self) -> float: ...
-    @property
-    def earlier_time_s(self) -> float: ...
-    @property
-    def pause_s(self) -> float: ...
-    @property
-    def machine(self) -> Mapping[str, str]: ...
-    @property
-    def simulated(self) -> bool: ...
-    @property
-    def seed(self) -> int | None: ...
-    @property
-    def software(self) -> Mapping[str, str]: ...
-    @property
-    def overrides(self) -> Sequence[str]: ...
-    @property
-    def sites(self) -> Sequence[SiteNumbersView]: ...
-    @property
-    def est_depth_um(self) -> float: ...
-    @property
-    def est_depth_u95_um(self) -> float: ...
-    @property
-    def totals(self) -> TotalsView: ...
-    @property
-    def jumps(self) -> JumpsView: ...
-    @property
-    def summary(self) -> Mapping[str, object] | None: ...
-    @property
-    def moments(self) -> Sequence[Sentence]: ...
-    @property
-    def warnings(self) -> Sequence[Sentence]: ...
-    @property
-    def rows(self) -> Mapping[str, int]: ...
-
-
-def render_run(run: RunView, style: Style = PLAIN, columns: int = 80) -> str:
-    """Render a run in paragraphs no wider than `columns`, but for tables of many sites."""
+def render_run(run: RunSummary, style: Style = PLAIN) -> str:
+    """Render a run in paragraphs no wider than a terminal and `WIDEST`, but for tables of many sites."""
+    columns = min(style.columns or USUAL_COLUMNS, WIDEST)
     parts = [
-        style.paint(_wrapped(printable(run.wanted), columns), Ink.STRONG),
+        style.paint("\n".join(wrapped(printable(run.wanted), columns)), Ink.STRONG),
         "\n".join(_lines(_head(run), columns)),
         *render_sites([(site, site.truth) for site in run.sites], style, columns),
         "\n".join(_lines(_numbers(run), columns)),
@@ -155,7 +53,17 @@ def render_run(run: RunView, style: Style = PLAIN, columns: int = 80) -> str:
     return "\n\n".join(filter(None, parts))
 
 
-def _head(run: RunView) -> list[tuple[str, str]]:
+def render_sentences(sentences: Sequence[Sentence], style: Style = PLAIN) -> str:
+    """Render a line per sentence, its time first."""
+    times = [duration(sentence.time_s) for sentence in sentences]
+    width = max((len(time) for time in times), default=0)
+    return "\n".join(
+        f"{style.paint(f'{time:>{width}}', Ink.FAINT)}  {sentence.text}"
+        for time, sentence in zip(times, sentences, strict=True)
+    )
+
+
+def _head(run: RunSummary) -> list[tuple[str, str]]:
     times = ""
     if math.isfinite(run.time_s):
         times = f" after {duration(run.time_s)}"
@@ -185,12 +93,11 @@ def _head(run: RunView) -> list[tuple[str, str]]:
     ]
 
 
-def _numbers(run: RunView) -> list[tuple[str, str]]:
+def _numbers(run: RunSummary) -> list[tuple[str, str]]:
     totals, jumps = run.totals, run.jumps
     pulses = removed = ""
     if totals.pulses:
-        shares = ", ".join(f"{percent(totals.ratios[name], 2)} {name}" for name in CLASSES)
-        pulses = f"{count(totals.pulses)}: {shares}"
+        pulses = f"{count(totals.pulses)}: {render_ratios(totals.ratios)}"
         depth = weakest(site.depth_basis for site in run.sites)
         both = weakest([depth, *(site.wear_basis for site in run.sites)])
         removed = (
@@ -220,11 +127,11 @@ def _numbers(run: RunView) -> list[tuple[str, str]]:
     ]
 
 
-def _file(run: RunView) -> list[tuple[str, str]]:
+def _file(run: RunSummary) -> list[tuple[str, str]]:
     rows = ", ".join(f"{name} {count(number)}" for name, number in run.rows.items() if number)
     versions = ", ".join(f"{name} {version}" for name, version in run.software.items() if version)
     return [
-        ("file", f"{run.file}, {size(run.size_bytes)}"),
+        ("file", f"{run.file}, {file_size(run.size_bytes)}"),
         ("rows", rows or "none"),
         ("written by", versions),
     ]
@@ -240,24 +147,13 @@ def _moments(title: str, moments: Sequence[Sentence], style: Style, columns: int
     times = [duration(moment.time_s) if moment else "" for moment in shown]
     width = max(map(len, times))
     lines = [style.paint(title, Ink.STRONG)]
-    told = f" (`{rest}` tells them)" if rest else ""
+    more = f" (`{rest}` has them)" if rest else ""
     for time, moment in zip(times, shown, strict=True):
-        text = printable(moment.text) if moment else f"… {left_out} more{told}"
-        wrapped = _wrapped(text, columns - width - 2).splitlines() or [""]
-        lines.append(f"{style.paint(f'{time:>{width}}', Ink.FAINT)}  {wrapped[0]}")
-        lines += [f"{'':{width}}  {line}" for line in wrapped[1:]]
+        text = printable(moment.text) if moment else f"… {left_out} more{more}"
+        first, *others = wrapped(f"{time:>{width}}  {text}", columns, " " * (width + 2))
+        lines += [style.paint(first[:width], Ink.FAINT) + first[width:], *others]
     return "\n".join(lines)
 
 
 def _lines(pairs: Sequence[tuple[str, str]], columns: int) -> list[str]:
-    lines = []
-    for label, text in pairs:
-        if text:
-            wrapped = _wrapped(printable(text), columns - _LABEL).splitlines()
-            labels = [label, *[""] * (len(wrapped) - 1)]
-            lines += [f"{name:{_LABEL}}{line}" for name, line in zip(labels, wrapped, strict=True)]
-    return lines
-
-
-def _wrapped(text: str, columns: int) -> str:
-    return textwrap.fill(text, max(columns, 20), break_long_words=False, break_on_hyphens=False)
+    return [labelled(label, printable(text), _LABEL, columns) for label, text in pairs if text]

@@ -1,4 +1,4 @@
-"""Whether a stream wants colour, whether it can redraw, and whether it shows more than ASCII."""
+"""How to write to a stream: whether it wants colour, can redraw, shows more than ASCII, and how wide it is."""
 
 from __future__ import annotations
 
@@ -30,11 +30,12 @@ class Ink(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Style:
-    """How to write to one stream."""
+    """How to write to one stream; `columns` is the width of a terminal, None for files and pipes."""
 
     colour: bool
     live: bool
     unicode: bool = True
+    columns: int | None = None
 
     def paint(self, text: str, ink: Ink) -> str:
         """Return `text` in `ink`, or unchanged where colour is off."""
@@ -57,7 +58,19 @@ def style_of(stream: TextIO, environ: Mapping[str, str]) -> Style:
         colour = True
     else:
         colour = terminal and not dumb
-    return Style(colour=colour, live=terminal and not dumb, unicode=_shows_unicode(stream, environ))
+    return Style(
+        colour=colour,
+        live=terminal and not dumb,
+        unicode=_shows_unicode(stream, environ),
+        columns=_columns() if terminal else None,
+    )
+
+
+def _columns() -> int:
+    """Return the width of the terminal, or what `COLUMNS` says."""
+    from shutil import get_terminal_size
+
+    return get_terminal_size().columns
 
 
 def _shows_unicode(stream: TextIO, environ: Mapping[str, str]) -> bool:

@@ -36,6 +36,7 @@ from edmctl.forecasts.removal import (
 )
 from edmctl.process.discharge import mrr_mm3_min, pulse_energy_uj
 from edmctl.process.path_ordering import nearest_first
+from edmctl.results.forecast import Forecast
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -173,44 +174,6 @@ def _plane_time_s(profile: Profile, setup: Setup, stands: Sequence[Stand]) -> fl
 
 STROKE_RESERVE_UM = 15.0
 """Stroke kept free beyond the job, for creep and retraction."""
-
-
-@dataclass(frozen=True, slots=True)
-class Forecast:
-    """Expected course of a job.
-
-    Times, cuts, measuring stops and pulses are those of the whole job, as is `tool_wear_um`; depth, wear and feed
-    are of its deepest hole or of its channel, whose cuts are its passes, `depth_min_um` is that of its shallowest
-    hole. `holes_in_reach` are those, in working order, for which the stroke lasts. `limit_cycle_um` is the
-    half-amplitude of the servo's swing; `channel_um` and `layers` are 0 where there is no channel. `depth_u95_um` is
-    half the 95 % interval of the depth that will be known least, NaN where no depth is wanted.
-    """
-
-    machining_time_s: float
-    measuring_time_s: float
-    time_s: float
-    cuts: int
-    feed_rate_um_s: float
-    feed_um: float
-    depth_um: float
-    depth_min_um: float
-    wear_um: float
-    stroke_um: float
-    stroke_available_um: float
-    loop_delay_s: float
-    limit_cycle_um: float
-    limit_cycle_period_s: float
-    spark_energy_uj: float
-    mrr_mm3_min: float
-    jump_share: float
-    pulses: int
-    holes: int
-    holes_in_reach: int
-    stops: int
-    tool_wear_um: float
-    channel_um: float
-    layers: int
-    depth_u95_um: float
 
 
 def forecast(profile: Profile, setup: Setup, places: Sequence[Place] = ()) -> Forecast:

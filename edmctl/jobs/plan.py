@@ -11,10 +11,10 @@ from edmctl.jobs.surroundings import NONE, Surroundings
 from edmctl.wording import plural
 
 if TYPE_CHECKING:
-    from edmctl.forecasts.forecast import Forecast
     from edmctl.procedures.job_state import JobState
     from edmctl.profile.setup import Setup
     from edmctl.record.journal import Journal, JournalledJob
+    from edmctl.results.forecast import Forecast
     from edmctl.rules.load import LoadedProfile
 
 SIMULATOR = "sim:"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,6 +16,8 @@ from edmctl.record.layout import RESULTS
 from edmctl.record.locks import is_live
 from edmctl.record.reader import reading_unverified
 from edmctl.record.results import estimated_depth, labels_of, left_site
+from edmctl.results.run_file import RunHead, Unreadable
+from edmctl.wording import plain_number
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -29,64 +30,6 @@ if TYPE_CHECKING:
 ENDINGS = (".h5", f".h5{PARTIAL}")
 RUNNING, INTERRUPTED = "running", "interrupted"
 _RESULTS = ("depth", "depth_u95", "wear", "wear_u95", "machining_time", "through")
-
-
-@dataclass(frozen=True, slots=True)
-class RunHead:
-    """One run file of a folder. Depth and wear are means of its sites; unknown values are NaN or None.
-
-    Without sites they are what the run touched, as `measure-wear` does. `est_depth_um` is how deep a hole is that
-    was left without a result. Of `through` of its sites, holes through a sheet, the depth is how far the tip went
-    below the face.
-
-    `depth_basis` and `wear_basis` are those of the site that is known least, `verdict` is that of the worst; empty
-    without sites.
-
-    `status` is `running` while its writer lives, `interrupted` when that was killed, else as the run ended;
-    `error_code` is of what ended it early, empty where nothing did.
-    """
-
-    path: Path
-    size_bytes: int
-    run_id: str
-    parent_run: str
-    name: str
-    title: str
-    start_time: str
-    end_time: str
-    status: str
-    exit_code: int | None
-    error_code: str
-    simulated: bool
-    seed: int | None
-    work: str
-    tool: str
-    sites: int
-    through: int
-    depth_um: float
-    depth_u95_um: float
-    est_depth_um: float
-    est_depth_u95_um: float
-    wear_um: float
-    wear_u95_um: float
-    machining_time_s: float
-    depth_basis: str
-    wear_basis: str
-    verdict: str
-
-    @property
-    def file_name(self) -> str:
-        return self.path.name
-
-
-@dataclass(frozen=True, slots=True)
-class Unreadable:
-    """A file of a folder that is no run file that this version can read, and why."""
-
-    path: Path
-    size_bytes: int
-    changed_s: float
-    error: RunFileError
 
 
 def heads_of(folder: Path) -> Iterator[RunHead | Unreadable]:
@@ -191,11 +134,6 @@ def status_of(run: RunFile) -> str:
     if run.is_finished:
         return run.text("/entry/status")
     return RUNNING if is_live(run.path) else INTERRUPTED
-
-
-def plain_number(value: object) -> float:
-    """Return a number out of a result object, NaN where there is none."""
-    return float(value) if isinstance(value, int | float) else math.nan
 
 
 def _mean(values: NDArray[np.float64]) -> float:

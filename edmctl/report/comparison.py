@@ -8,65 +8,15 @@ from typing import TYPE_CHECKING
 
 from edmctl.labels import weakest
 from edmctl.record.results import estimated_depth
-from edmctl.record.run_index import plain_number
 from edmctl.report.numbers import CLASSES, numbers_of
-from edmctl.wording import TIP
+from edmctl.results.comparison import Amount, ComparedRun, Comparison, Quantity, Setting
+from edmctl.wording import TIP, plain_number
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from edmctl.record.reader import RunFile
     from edmctl.report.numbers import RunNumbers
-
-
-@dataclass(frozen=True, slots=True)
-class ComparedRun:
-    """A run of the comparison."""
-
-    file: str
-    run_id: str
-    title: str
-    start: str
-    status: str
-    simulated: bool
-    seed: int | None
-    sites: int
-
-
-@dataclass(frozen=True, slots=True)
-class Setting:
-    """Something that is not the same in all runs; `values` has one text a run, empty where a run has none."""
-
-    key: str
-    units: str
-    values: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Amount:
-    """A quantity in one run, and against the first run. What is not known is NaN.
-
-    `difference_u95` combines the uncertainties of both; `beyond` says that the difference is larger. `basis` is what
-    a depth or wear rests on, empty for all else.
-    """
-
-    value: float
-    u95: float
-    difference: float
-    difference_u95: float
-    beyond: bool
-    basis: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class Quantity:
-    """One quantity in every run, in the unit of `key`; what is shown under `name` is `factor` times that."""
-
-    key: str
-    name: str
-    decimals: int
-    factor: float
-    amounts: tuple[Amount, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,16 +27,6 @@ class _Shown:
     name: str
     decimals: int = 2
     factor: float = 1.0
-
-
-@dataclass(frozen=True, slots=True)
-class Comparison:
-    """Several runs; `sites` has the depths and wears of places that all of them have, where there are several."""
-
-    runs: tuple[ComparedRun, ...]
-    differs: tuple[Setting, ...]
-    quantities: tuple[Quantity, ...]
-    sites: tuple[Quantity, ...]
 
 
 def compare(runs: Sequence[RunFile]) -> Comparison:
@@ -182,8 +122,9 @@ def _quantities(runs: Sequence[RunFile], numbers: Sequence[RunNumbers]) -> list[
     def totals(key: str) -> list[float]:
         return [n.total(key) for n in numbers]
 
-    mrr = [n.mrr_mm3_min for n in numbers]
-    lengths, volumes = [n.wear_ratio_lin for n in numbers], [n.wear_ratio_vol for n in numbers]
+    sums = [n.totals for n in numbers]
+    mrr = [of_run.mrr_mm3_min for of_run in sums]
+    lengths, volumes = [of_run.wear_ratio_lin for of_run in sums], [of_run.wear_ratio_vol for of_run in sums]
     depth_shown = _Shown("depth_um", f"{mean}{depth}, µm")
     wear_shown = _Shown("wear_um", f"{mean}tool wear, µm")
     rows = [
@@ -205,7 +146,11 @@ def _quantities(runs: Sequence[RunFile], numbers: Sequence[RunNumbers]) -> list[
         (_Shown("energy_j", f"{total}discharge energy, J"), totals("energy_j"), nothing),
         (_Shown("pulses", f"{total}pulses", 0), totals("pulses"), nothing),
         *(
-            (_Shown(f"ratio_{name}", f"{name}, %", 2, 100.0), [n.ratio(name) for n in numbers], nothing)
+            (
+                _Shown(f"ratio_{name}", f"{name}, %", 2, 100.0),
+                [getattr(of_run.ratios, name) for of_run in sums],
+                nothing,
+            )
             for name in CLASSES
         ),
     ]
@@ -290,7 +235,7 @@ def _wear_ratio_u95(numbers: RunNumbers) -> float:
 
     The thickness of a sheet is taken as the profile has it.
     """
-    length_um, ratio = numbers.mean("length_um"), numbers.wear_ratio_lin
+    length_um, ratio = numbers.mean("length_um"), numbers.totals.wear_ratio_lin
     if not length_um > 0.0 or not math.isfinite(ratio):
         return math.nan
     length_u95_um = math.fsum(0.0 if s.through else s.depth_u95_um for s in numbers.sites) / len(
@@ -311,5 +256,4 @@ def _relative_length_u95(numbers: RunNumbers) -> float:
 
 
 def _whole_time_s(run: RunFile) -> float:
-    time_s = (run.summary() or {}).get("time_s")
-    return float(time_s) if isinstance(time_s, int | float) else math.nan
+    return plain_number((run.summary() or {}).get("time_s"))

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING
 
 from edmctl.labels import weakest
 from edmctl.record.results import labels_of
-from edmctl.results.job import SiteTruth
-from edmctl.wording import TIP
+from edmctl.results.pulses import PulseShares
+from edmctl.results.run_file import SiteNumbers, Totals
+from edmctl.wording import TIP, plain_number
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
     import numpy as np
 
@@ -21,57 +22,6 @@ if TYPE_CHECKING:
     from edmctl.record.results import Labels
 
 CLASSES = ("open", "normal", "arc", "short")
-
-
-@dataclass(frozen=True, slots=True)
-class SiteNumbers:
-    """What is known of one hole, or of a channel. Unknown values are NaN."""
-
-    name: str
-    x_um: float
-    y_um: float
-    z1_um: float
-    z2_um: float
-    z3_um: float
-    face_um: float
-    """How much further than the reference pad the face lies here."""
-    depth_um: float
-    depth_u95_um: float
-    wear_um: float
-    wear_u95_um: float
-    feed_um: float
-    depth_model_um: float
-    wear_model_um: float
-    machining_time_s: float
-    cuts: int
-    pulses: int
-    ratios: tuple[float, ...]
-    """Shares of the pulses, as CLASSES."""
-    energy_j: float
-    wear_ratio_lin: float
-    wear_ratio_vol: float
-    mrr_mm3_min: float
-    measuring_stops: int
-    estimated_um: float
-    """Part of the depth that was cut after the last touch."""
-    through: bool
-    """The hole goes through the sheet: `depth_um` is how far the tip went below the face, `z2_um` where it ended."""
-    length_um: float
-    """How long the hole is: its depth, or the thickness of the sheet that it goes through."""
-    depth_basis: str
-    """What the depth rests on, a `Basis`."""
-    wear_basis: str
-    verdict: str
-    """A `Verdict`, or empty."""
-    truth_depth_um: float
-    """What the virtual machine knows of itself; NaN on a real one, and the depth of a hole through the sheet."""
-    truth_wear_um: float
-
-    @property
-    def truth(self) -> SiteTruth | None:
-        """What the virtual machine knows of the place; None where there is none."""
-        known = SiteTruth(self.truth_depth_um, self.truth_wear_um)
-        return known if math.isfinite(known.depth_um) or math.isfinite(known.wear_um) else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,37 +57,32 @@ class RunNumbers:
             return "depth"
         return TIP if through == len(self.sites) else f"depth or {TIP}"
 
-    def ratio(self, pulse_class: str) -> float:
-        """Share of a class among the pulses of all sites."""
-        index = CLASSES.index(pulse_class)
-        pulses = self.total("pulses")
-        found = math.fsum(site.ratios[index] * site.pulses for site in self.sites if site.pulses)
-        return found / pulses if pulses > 0 else math.nan
-
     @property
-    def mrr_mm3_min(self) -> float:
-        """Removed volume over machining time."""
-        return self._per(lambda site: site.mrr_mm3_min * site.machining_time_s, "machining_time_s")
-
-    @property
-    def wear_ratio_lin(self) -> float:
-        """Wear over the length of the holes; NaN for a channel, whose wear has nothing to do with depth alone."""
-        if not all(math.isfinite(site.wear_ratio_lin) for site in self.sites):
-            return math.nan
-        return self._per(lambda site: site.wear_um, "length_um")
-
-    @property
-    def wear_ratio_vol(self) -> float:
-        """Tool volume lost over removed volume."""
+    def totals(self) -> Totals:
+        """Sums over the sites, and rates and ratios of them."""
+        pulses, machining_s, length_um = (
+            self.total(name) for name in ("pulses", "machining_time_s", "length_um")
+        )
         removed = [site.mrr_mm3_min * site.machining_time_s for site in self.sites]
-        whole = math.fsum(removed)
-        if not whole > 0.0:
-            return math.nan
-        return math.fsum(s.wear_ratio_vol * v for s, v in zip(self.sites, removed, strict=True)) / whole
+        lost = [site.wear_ratio_vol * volume for site, volume in zip(self.sites, removed, strict=True)]
+        # The wear of a channel has nothing to do with its depth alone.
+        is_linear = all(math.isfinite(site.wear_ratio_lin) for site in self.sites)
+        counts = [
+            math.fsum(site.ratios[number] * site.pulses for site in self.sites if site.pulses)
+            for number in range(len(CLASSES))
+        ]
+        return Totals(
+            pulses=int(pulses) if math.isfinite(pulses) else 0,
+            ratios=PulseShares(*(_share(number, pulses) for number in counts)),
+            energy_j=self.total("energy_j"),
+            mrr_mm3_min=_share(math.fsum(removed), machining_s),
+            wear_ratio_lin=_share(self.total("wear_um"), length_um) if is_linear else math.nan,
+            wear_ratio_vol=_share(math.fsum(lost), math.fsum(removed)),
+        )
 
-    def _per(self, amount: Callable[[SiteNumbers], float], name: str) -> float:
-        whole = self.total(name)
-        return math.fsum(amount(site) for site in self.sites) / whole if whole > 0.0 else math.nan
+
+def _share(part: float, whole: float) -> float:
+    return part / whole if whole > 0.0 else math.nan
 
 
 def numbers_of(run: RunFile) -> RunNumbers:
@@ -193,8 +138,8 @@ def _site(
         depth_basis=labels.depth_basis,
         wear_basis=labels.wear_basis,
         verdict=labels.verdict,
-        truth_depth_um=math.nan if through else _number(truth.get("depth_um")),
-        truth_wear_um=_number(truth.get("wear_um")),
+        truth_depth_um=math.nan if through else plain_number(truth.get("depth_um")),
+        truth_wear_um=plain_number(truth.get("wear_um")),
     )
 
 
@@ -203,12 +148,8 @@ def _later(row: np.void, name: str) -> float:
     return float(row[name]) if name in (row.dtype.names or ()) else 0.0
 
 
-def _number(value: object) -> float:
-    return float(value) if isinstance(value, int | float) else math.nan
-
-
 def target_depths_um(values: Mapping[str, object]) -> tuple[float, float] | None:
     """Depth and tolerance that a profile asks for; None where it asks for something else."""
     if values.get("target.kind") != "depth":
         return None
-    return _number(values.get("target.depth_um")), _number(values.get("target.tolerance_um"))
+    return plain_number(values.get("target.depth_um")), plain_number(values.get("target.tolerance_um"))

@@ -15,7 +15,18 @@ from edmctl.report import page_tables
 from edmctl.report.kinds import KINDS, Kind, draw
 from edmctl.report.numbers import numbers_of, target_depths_um
 from edmctl.report.style import NothingToDraw, house_style, rendered
-from edmctl.wording import TIP, UNKNOWN, about, count, decimal, duration, percent, removal_rate, with_u95
+from edmctl.wording import (
+    TIP,
+    UNKNOWN,
+    about,
+    count,
+    decimal,
+    duration,
+    percent,
+    plain_number,
+    removal_rate,
+    with_u95,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -25,6 +36,7 @@ if TYPE_CHECKING:
     from edmctl.record.reader import RunFile
     from edmctl.report.numbers import RunNumbers
     from edmctl.report.page_tables import PageTable
+    from edmctl.results.run_file import Sentence
 
 NARROW = "\u202f"
 """A narrow space that a line does not break."""
@@ -84,11 +96,11 @@ def _address(figure: Figure) -> str:
 
 
 def render_page(
-    run: RunFile, pictures: Sequence[Picture], story: Sequence[tuple[float, str]], trouble: str = ""
+    run: RunFile, pictures: Sequence[Picture], sentences: Sequence[Sentence], trouble: str = ""
 ) -> str:
     """Return the page of an open run file.
 
-    story : time in s and sentence, in order; the first says what was wanted, the last what ended the run
+    sentences : in order of time; the first says what was wanted, the last what ended the run
     trouble : what ended a run that is not done, and what to do about it; empty where nobody has said so
     """
     numbers = numbers_of(run)
@@ -96,10 +108,10 @@ def render_page(
     style = Path(__file__).with_name("page.css").read_text(encoding="utf-8")
     links = "".join(f'<a href="#{name}">{heading}</a>' for name, heading in _CONTENTS)
     body = [
-        _section("wanted", [_paragraph(text) for _, text in story[:1]], _wanted(run)),
+        _section("wanted", [_paragraph(sentence.text) for sentence in sentences[:1]], _wanted(run)),
         _section("numbers", [_tiles(run, numbers)], page_tables.all_numbers(run)),
         _section("figures", _figures(pictures)),
-        _section("story", [_story(story[1:])]),
+        _section("story", [_history(sentences[1:])]),
         _section("source", [_table(page_tables.provenance(run))]),
     ]
     return "\n".join(
@@ -119,7 +131,11 @@ def render_page(
             f"<h1>{escape(title)}</h1>",
             _paragraph(_subtitle(run), "sub"),
             f'<p><span class="status {"done" if _is_done(run) else "other"}">{escape(_status(run))}</span></p>',
-            *([] if _is_done(run) else [_paragraph(trouble or (story[-1][1] if story else ""), "trouble")]),
+            *(
+                []
+                if _is_done(run)
+                else [_paragraph(trouble or (sentences[-1].text if sentences else ""), "trouble")]
+            ),
             f"<nav>{links}</nav>",
             "</header>",
             "<main>",
@@ -143,8 +159,8 @@ def _status(run: RunFile) -> str:
 
 
 def _subtitle(run: RunFile) -> str:
-    time_s = (run.summary() or {}).get("time_s")
-    took = f" · {duration(time_s)}" if isinstance(time_s, int | float) else ""
+    time_s = plain_number((run.summary() or {}).get("time_s"))
+    took = f" · {duration(time_s)}" if math.isfinite(time_s) else ""
     return f"{run.text('/entry/run_id')} · {run.text('/entry/start_time')[:16].replace('T', ' ')}{took}"
 
 
@@ -168,7 +184,7 @@ def _tiles(run: RunFile, numbers: RunNumbers) -> str:
 
 
 def _key_numbers(run: RunFile, numbers: RunNumbers) -> Iterator[tuple[str, str, str]]:
-    sites = numbers.sites
+    sites, totals = numbers.sites, numbers.totals
     estimated = estimated_depth(run)
     if math.isfinite(estimated.depth_um):
         yield (
@@ -196,13 +212,13 @@ def _key_numbers(run: RunFile, numbers: RunNumbers) -> Iterator[tuple[str, str, 
             "the least and the greatest",
         )
     yield "machining", duration(numbers.total("machining_time_s")), "with the servo on"
-    yield "removal rate", removal_rate(numbers.mrr_mm3_min), "volume over machining time"
+    yield "removal rate", removal_rate(totals.mrr_mm3_min), "volume over machining time"
     per = "the sheet's thickness" if numbers.depth_name == TIP else "depth"
-    yield "wear ratio", decimal(numbers.wear_ratio_lin, 3), f"wear over {per}"
+    yield "wear ratio", decimal(totals.wear_ratio_lin, 3), f"wear over {per}"
     yield (
         "arcs",
-        percent(numbers.ratio("arc"), 2),
-        f"of {count(int(numbers.total('pulses')), NARROW)} pulses",
+        percent(totals.ratios.arc, 2),
+        f"of {count(totals.pulses, NARROW)} pulses",
     )
 
 
@@ -233,8 +249,8 @@ def _figure(number: int, picture: Picture) -> str:
     )
 
 
-def _story(story: Sequence[tuple[float, str]]) -> str:
-    rows = [(duration(time_s), text) for time_s, text in story]
+def _history(sentences: Sequence[Sentence]) -> str:
+    rows = [(duration(sentence.time_s), sentence.text) for sentence in sentences]
     return _table(page_tables.PageTable("", ("at", ""), rows, words=True))
 
 

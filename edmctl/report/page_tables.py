@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from edmctl.record.reader import RunFile
-    from edmctl.report.numbers import RunNumbers, SiteNumbers
+    from edmctl.report.numbers import RunNumbers
+    from edmctl.results.run_file import SiteNumbers
 
 U95_NOTE = "± is half the 95 % interval of a result; lengths in µm."
 FEED_NOTE = "Feed is depth and wear together; its ± is at most the sum of theirs."
@@ -71,8 +72,8 @@ def results(numbers: RunNumbers) -> PageTable | None:
         for site in numbers.sites
     ]
     per = "the thickness of the sheet" if numbers.depth_name == TIP else "depth"
-    told = meanings({basis for site in numbers.sites for basis in (site.depth_basis, site.wear_basis)})
-    note = " ".join([U95_NOTE, FEED_NOTE, f"Wear ratio is wear over {per}.", *told])
+    marks = meanings({basis for site in numbers.sites for basis in (site.depth_basis, site.wear_basis)})
+    note = " ".join([U95_NOTE, FEED_NOTE, f"Wear ratio is wear over {per}.", *marks])
     if any(_doubt(site) for site in numbers.sites):
         header.append("verdict")
         rows = [[*row, site.verdict] for row, site in zip(rows, numbers.sites, strict=True)]
@@ -126,8 +127,8 @@ def _one_site(site: SiteNumbers) -> PageTable:
         row("verdict", site.verdict if _doubt(site) else ""),
     ]
     shown = [row for row in rows if {*row[1:]} - {"", UNKNOWN}]
-    told = meanings(bases) if site.depth_basis != site.wear_basis else []
-    notes = [U95_NOTE, FEED_NOTE if math.isfinite(site.feed_um) else "", *told]
+    marks = meanings(bases) if site.depth_basis != site.wear_basis else []
+    notes = [U95_NOTE, FEED_NOTE if math.isfinite(site.feed_um) else "", *marks]
     return PageTable("Results", header, shown, " ".join(filter(None, notes)))
 
 
@@ -138,15 +139,16 @@ def _doubt(site: SiteNumbers) -> bool:
 
 def pulses(numbers: RunNumbers) -> PageTable | None:
     """How many pulses of which class, for each site and altogether."""
-    if not numbers.total("pulses") > 0:
+    totals = numbers.totals
+    if not totals.pulses:
         return None
     rows = [
         [site.name, count(site.pulses), *(percent(share, 2) for share in site.ratios)]
         for site in numbers.sites
     ]
     if len(rows) > 1:
-        whole = [percent(numbers.ratio(name), 2) for name in CLASSES]
-        rows.append(["all", count(int(numbers.total("pulses"))), *whole])
+        whole = [percent(getattr(totals.ratios, name), 2) for name in CLASSES]
+        rows.append(["all", count(totals.pulses), *whole])
     return PageTable("Pulses while machining", ["site", "pulses", *CLASSES], rows)
 
 

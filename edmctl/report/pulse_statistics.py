@@ -14,6 +14,8 @@ import numpy as np
 
 from edmctl.record import layout
 from edmctl.report.numbers import CLASSES
+from edmctl.report.signals import cuts_s
+from edmctl.report.style import NothingToDraw
 from edmctl.wording import U95
 
 if TYPE_CHECKING:
@@ -45,9 +47,15 @@ def has_every_pulse(run: RunFile) -> bool:
     return run.rows(layout.PULSES.path) > 0
 
 
-def has_pulses(run: RunFile) -> bool:
-    """Whether pulses were recorded, one by one or in blocks."""
-    return has_every_pulse(run) or run.rows(layout.PULSE_BLOCKS.path) > 0
+def cuts_with_pulses(run: RunFile) -> Array:
+    """Return begin and end of each interval of cutting, shape (n, 2), s. Raises NothingToDraw without pulses."""
+    cuts = cuts_s(run)
+    if not len(cuts) or not (has_every_pulse(run) or run.rows(layout.PULSE_BLOCKS.path)):
+        raise NothingToDraw(
+            "No pulses were recorded while cutting: the run ended before its first cut, "
+            'or its profile has log.pulses = "off".'
+        )
+    return cuts
 
 
 def pulse_counts(run: RunFile, edges_s: Array) -> Counts:

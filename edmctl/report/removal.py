@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from edmctl.record.reader import RunFile
-    from edmctl.report.numbers import SiteNumbers
+    from edmctl.results.run_file import SiteNumbers
 
     Array = NDArray[np.float64]
     Flags = NDArray[np.bool_]

@@ -20,6 +20,7 @@ from edmctl.profile.profile_file import ProfileFile, SimSettings
 from edmctl.profile.read import apply_overrides, read_chain
 from edmctl.profile.setup import Setup
 from edmctl.profile.shipped import find_profile, shipped_names
+from edmctl.results.forecast import ProfileSummary
 from edmctl.rules.target import time_limit
 from edmctl.rules.violations import (
     in_share_only,
@@ -138,33 +139,18 @@ def _sha256(model: BaseModel, found: tuple[Place, ...] = ()) -> str:
     return hashlib.sha256(canonical.encode()).hexdigest()
 
 
-@dataclass(frozen=True, slots=True)
-class Summary:
-    """A profile and its forecast; `refused` says why the machine cannot run it, and the forecast is None then."""
-
-    profile: str
-    name: str
-    description: str
-    time_s: float | None
-    depth_um: float | None
-    holes: int | None
-    channel_um: float | None
-    tool_wear_um: float | None
-    refused: str = ""
-
-
-def summaries(setup: Setup) -> list[Summary]:
+def summaries(setup: Setup) -> list[ProfileSummary]:
     """A summary of every shipped profile, for a machine."""
     return [_summary(name, setup) for name in shipped_names()]
 
 
-def _summary(name: str, setup: Setup) -> Summary:
+def _summary(name: str, setup: Setup) -> ProfileSummary:
     try:
         loaded = load_profile(name, setup=setup)
     except ProfileError as error:
-        return Summary(name, name, "", None, None, None, None, None, refused=error.message)
+        return ProfileSummary(name, name, "", None, None, None, None, None, refused=error.message)
     expected, meta = forecast(loaded.profile, setup, loaded.places), loaded.profile.meta
-    return Summary(
+    return ProfileSummary(
         profile=name,
         name=meta.name,
         description=meta.description,

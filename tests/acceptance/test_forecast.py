@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.forecasts.forecast import Forecast, forecast
+from edmctl.forecasts.forecast import forecast
 from edmctl.jobs.connect import bench_config
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
@@ -18,12 +18,14 @@ from edmctl.procedures.job import job_of
 from edmctl.procedures.machining import run_job
 from edmctl.profile.setup import Setup
 from edmctl.record.rows import NullRecorder
+from edmctl.results.forecast import Forecast
 from edmctl.rules.load import load_profile
 from edmctl.simulator import open_bench
 from tests.acceptance.test_paper import Nobody
 from tests.tiers import tiers
 
 if TYPE_CHECKING:
+    from edmctl.results.forecast import Forecast
     from edmctl.results.job import JobResult
 
 TIME, FEED = 0.10, 0.05

@@ -10,11 +10,11 @@ import pytest
 
 from edmctl.errors import ProtocolMismatch
 from edmctl.jobs.doctor import host as doctor_host
-from edmctl.jobs.doctor.checks import CheckStatus
 from edmctl.jobs.doctor.machine import _line, _round_trip
 from edmctl.link.faults import FaultCode
 from edmctl.link.messages import ResetCause, State
 from edmctl.profile.setup import Sensor, Setup
+from edmctl.results.equipment import CheckStatus
 from edmctl.results.link import LinkReport
 from edmctl.simulator import kernel as k
 from edmctl.simulator.injection import parse_injection

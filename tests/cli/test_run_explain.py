@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import h5py
 import pytest
 
-from edmctl.console.story import holes_of, story
+from edmctl.jobs.run_events import event_sentences, holes_of
+from edmctl.results.run_file import FileEvent
 from tests.cli.commands import CU270, Here
 from tests.faults.workshop import Workshop
 
@@ -27,15 +27,11 @@ QUICK = (
 )
 
 
-@dataclass(frozen=True)
-class Event:
+def event(
+    time_s: float, code: str, level: int = 1, message: str = "", args: dict[str, object] | None = None
+) -> FileEvent:
     """An event as a run file holds it."""
-
-    time_s: float
-    code: str
-    level: int = 1
-    message: str = ""
-    args: Mapping[str, object] = field(default_factory=dict)
+    return FileEvent(time_s, code, level, message, args or {})
 
 
 def jump(
@@ -44,10 +40,10 @@ def jump(
     arcs: float,
     shorts: float = 0.0,
     asking: Mapping[str, float] | None = None,
-) -> Event:
+) -> FileEvent:
     asking = asking or {}
     args = {"period_s": period_s, "arcs": arcs, "shorts": shorts, "asked": " and ".join(asking)}
-    return Event(
+    return event(
         time_s, "JUMPED", 0, "jump", {**args, **{f"asking_{name}": share for name, share in asking.items()}}
     )
 
@@ -156,14 +152,14 @@ def test_an_array_names_the_hole_of_each_sentence_and_counts_them(here: Here, tm
 
 def test_a_hole_ends_with_its_target_and_the_pad_is_none() -> None:
     events = [
-        Event(1.0, "STAGE_MOVED", message="At a (1) (500, 0) µm."),
-        Event(2.0, "CUT_ENDED"),
-        Event(3.0, "STAGE_MOVED", message="At the reference pad (0, 0) µm."),
-        Event(4.0, "SITE_MEASURED"),
-        Event(5.0, "TARGET_REACHED"),
-        Event(6.0, "SITES_LEFT"),
-        Event(7.0, "STAGE_MOVED", message="At b (900, 0) µm."),
-        Event(8.0, "TARGET_MISSED"),
+        event(1.0, "STAGE_MOVED", message="At a (1) (500, 0) µm."),
+        event(2.0, "CUT_ENDED"),
+        event(3.0, "STAGE_MOVED", message="At the reference pad (0, 0) µm."),
+        event(4.0, "SITE_MEASURED"),
+        event(5.0, "TARGET_REACHED"),
+        event(6.0, "SITES_LEFT"),
+        event(7.0, "STAGE_MOVED", message="At b (900, 0) µm."),
+        event(8.0, "TARGET_MISSED"),
     ]
     assert holes_of(events) == ["a (1)"] * 5 + ["", "b", "b"]
 
@@ -192,7 +188,7 @@ def test_what_is_no_run_file_is_refused(here: Here, tmp_path: Path, content: byt
 def test_jumps_of_one_kind_make_one_sentence_with_their_reason() -> None:
     calm = [jump(10.0 * i, 10.0, 0.012) for i in range(1, 4)]
     asked = [jump(190.0 + 2.0 * i, 2.0, 0.01, 0.02, {"shorts": 0.04} if i == 0 else {}) for i in range(41)]
-    told = story([*calm, *asked, Event(300.0, "CUT_ENDED", 1, "Cut 1 ended.")], period_s=10.0)
+    told = event_sentences([*calm, *asked, event(300.0, "CUT_ENDED", 1, "Cut 1 ended.")], period_s=10.0)
     assert [sentence.text for sentence in told] == [
         "From 10 s to 30 s it jumped 3 times, every 10 s, as its period asks for; 1.2 % arcs between jumps.",
         "From 3 min 10 s to 4 min 30 s it jumped 41 times, every 2 s, because shorts asked for more flushing: "
@@ -202,22 +198,22 @@ def test_jumps_of_one_kind_make_one_sentence_with_their_reason() -> None:
 
 
 def test_jumps_are_not_grouped_over_a_change_of_the_gap() -> None:
-    change = Event(15.0, "REFERENCE_CHANGED", 1, "Servo reference 0.8 → 0.82: arcs.")
-    told = story([jump(10.0, 1.5, 0.1), change, jump(20.0, 1.5, 0.1)], period_s=10.0)
+    change = event(15.0, "REFERENCE_CHANGED", 1, "Servo reference 0.8 → 0.82: arcs.")
+    told = event_sentences([jump(10.0, 1.5, 0.1), change, jump(20.0, 1.5, 0.1)], period_s=10.0)
     assert [sentence.code for sentence in told] == ["JUMPED", "REFERENCE_CHANGED", "JUMPED"]
 
 
 def test_single_steps_are_left_out() -> None:
     events = [
-        Event(1.0, "MOVE_DONE", 0, "MOVE_DONE"),
-        Event(2.0, "READING", 1, "Z1"),
-        Event(3.0, "LINK", 1, "Link"),
+        event(1.0, "MOVE_DONE", 0, "MOVE_DONE"),
+        event(2.0, "READING", 1, "Z1"),
+        event(3.0, "LINK", 1, "Link"),
     ]
-    assert story(events, period_s=10.0) == []
+    assert event_sentences(events, period_s=10.0) == []
 
 
 def test_a_file_of_an_earlier_version_knows_no_reasons() -> None:
-    told = story([Event(10.0, "JUMPED", 0, "jump", {"height_um": 60.0})], period_s=10.0)
+    told = event_sentences([event(10.0, "JUMPED", 0, "jump", {"height_um": 60.0})], period_s=10.0)
     assert [sentence.text for sentence in told] == ["It jumped once, as its period asks for."]
 
 

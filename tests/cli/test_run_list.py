@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.console.runs_table import render_runs, size, start_utc
+from edmctl.console.runs_table import render_runs
+from edmctl.console.style import Style
 from edmctl.record.run_index import read_head
 from edmctl.record.writer import RunWriter
+from edmctl.wording import file_size, start_utc
 from tests.cli.run_files import begun, finished, killed
 from tests.record.samples import a_meta, a_site_row
 
@@ -140,7 +142,7 @@ def test_a_folder_that_is_not_there_is_an_error(here: Here, tmp_path: Path) -> N
 @pytest.mark.parametrize("columns", [60, 80, 140])
 def test_the_table_fits_the_terminal(tmp_path: Path, columns: int) -> None:
     heads = [read_head(finished(tmp_path, run_id)) for run_id in ("a", "b")]
-    text = render_runs(heads, columns=columns)
+    text = render_runs(heads, Style(colour=False, live=False, columns=columns))
     assert max(map(len, text.splitlines())) <= columns
     assert "180.00 ± 0.90" in text
     assert ("Not shown" in text) == (columns < 140)
@@ -153,7 +155,7 @@ def test_where_nothing_else_can_go_status_and_names_get_shorter(tmp_path: Path) 
         read_head(finished(tmp_path, "a")),
     ]
     for columns, shown in ((70, name), (40, "measure…19.506Z")):
-        text = render_runs(heads, columns=columns)
+        text = render_runs(heads, Style(colour=False, live=False, columns=columns))
         assert max(map(len, text.splitlines())) <= columns
         assert f"{shown}   exit 7" in text
 
@@ -167,7 +169,7 @@ def test_a_text_out_of_a_file_cannot_command_the_terminal(tmp_path: Path) -> Non
     [(0, "0 B"), (999, "999 B"), (1000, "1.0 kB"), (215_640, "216 kB"), (2_092_156, "2.1 MB")],
 )
 def test_sizes_are_read_at_a_glance(size_bytes: int, text: str) -> None:
-    assert size(size_bytes) == text
+    assert file_size(size_bytes) == text
 
 
 def test_a_folder_that_is_not_there_is_named_as_such(here: Here) -> None:

@@ -15,45 +15,40 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from edmctl.cli.run.explain import FileEvent
 from edmctl.cli.run.follow import follow_run
-from edmctl.cli.run.summary import jumps_of
 from edmctl.cli.signals import SignalArrived
 from edmctl.console.live_view import Histories
+from edmctl.console.progress import Reporter
 from edmctl.errors import RunFileError
+from edmctl.jobs.run_summary import jumps_of
 from edmctl.machine.states import MachineState
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.record.rows import EventLevel, EventRow, ServoBlock, SlowRow, Summary
 from edmctl.record.writer import RunWriter
+from edmctl.results.run_file import FileEvent
 from tests.cli.commands import CU270, ROOT, environment
 from tests.cli.run_files import begun, finished, killed
 from tests.record.samples import a_meta
 
 if TYPE_CHECKING:
-    from edmctl.console.views import ProgressView
+    from edmctl.results.progress import Progress
     from tests.cli.commands import Here
 
 QUICK = ("target.depth_um=8", "measure.settle_s=0.2", "measure.touches=2", "approach.speed_um_s=5.0")
 
 
-class Seen:
-    """A reporter that keeps what it was told."""
+class Seen(Reporter):
+    """A reporter that keeps what it gets."""
 
     def __init__(self) -> None:
         self.notes: list[str] = []
-        self.states: list[ProgressView] = []
+        self.states: list[Progress] = []
 
-    def progress(self, p: ProgressView) -> None:
+    def progress(self, p: Progress) -> None:
         self.states.append(p)
 
     def note(self, text: str) -> None:
         self.notes.append(text)
-
-    def runs(self, done: int, total: int) -> None:
-        """There are none."""
-
-    def close(self) -> None:
-        """Nothing to clean."""
 
 
 def test_a_job_is_shown_with_the_figures_of_its_own_result(here: Here) -> None:
@@ -159,7 +154,7 @@ def test_a_look_takes_every_row_since_the_one_before(tmp_path: Path) -> None:
     seen, histories = Seen(), Histories()
     follow_run(tmp_path / "fast.h5.partial", seen, wait)
     for state in seen.states:
-        histories.take(state)
+        histories.update(state)
     assert histories.gap_v.low == pytest.approx(1.5)
     assert histories.gap_v.high == pytest.approx(9.6)
     assert histories.displacement_um.low == pytest.approx(60.0)

@@ -9,18 +9,19 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.errors import UsageError
-from edmctl.jobs.simulate.statistics import Run, RunSite, summarize
+from edmctl.jobs.simulate.statistics import summarize
 from edmctl.jobs.simulate.sweep import parse_sweep
 from edmctl.labels import Basis, Verdict
 from edmctl.results.job import SiteTruth
+from edmctl.results.simulation import SimulatedRun, SimulatedSite
 from tests.cli.commands import SHALLOW, in_process_of_its_own
 
 if TYPE_CHECKING:
     from tests.cli.commands import Here
 
 
-def run(seed: int, depth_um: float, true_um: float, *, ok: bool = True) -> Run:
-    return Run(
+def run(seed: int, depth_um: float, true_um: float, *, ok: bool = True) -> SimulatedRun:
+    return SimulatedRun(
         seed=seed,
         ok=ok,
         exit_code=0 if ok else 7,
@@ -31,8 +32,8 @@ def run(seed: int, depth_um: float, true_um: float, *, ok: bool = True) -> Run:
     )
 
 
-def site(name: str, depth_um: float, true_um: float, basis: Basis = Basis.TOUCHED) -> RunSite:
-    return RunSite(
+def site(name: str, depth_um: float, true_um: float, basis: Basis = Basis.TOUCHED) -> SimulatedSite:
+    return SimulatedSite(
         name=name,
         depth_um=depth_um,
         depth_u95_um=1.0,
@@ -80,10 +81,12 @@ def test_a_case_sums_up_its_runs() -> None:
 
 
 def test_runs_without_a_hole_only_count_as_failed() -> None:
-    case = summarize("cu270", (), [run(1, 180.0, 180.0), Run(2, ok=False, exit_code=6, error="fault")])
+    case = summarize(
+        "cu270", (), [run(1, 180.0, 180.0), SimulatedRun(2, ok=False, exit_code=6, error="fault")]
+    )
     assert case.failed == 1
     assert case.spreads["depth_um"].mean == 180.0
-    none = summarize("cu270", (), [Run(2, ok=False, exit_code=6, error="fault")])
+    none = summarize("cu270", (), [SimulatedRun(2, ok=False, exit_code=6, error="fault")])
     assert (none.spreads, none.truth) == ({}, {})
 
 

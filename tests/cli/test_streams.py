@@ -9,12 +9,14 @@ import pytest
 
 from edmctl.errors import UsageError
 from edmctl.jobs.simulate.seeds import seed_to_use
-from edmctl.jobs.simulate.statistics import Spread, _spread
+from edmctl.jobs.simulate.statistics import _statistics
 from edmctl.jobs.simulate.sweep import parse_sweep
 from tests.cli.commands import command, environment
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from edmctl.results.simulation import Statistics
 
 
 @pytest.mark.parametrize(
@@ -57,5 +59,5 @@ def test_equal_values_are_no_sweep() -> None:
 
 
 def test_one_run_has_no_standard_deviation() -> None:
-    spread: Spread = _spread([1.0])
-    assert spread.sd != spread.sd
+    found: Statistics = _statistics([1.0])
+    assert found.sd != found.sd

@@ -7,9 +7,8 @@ import random
 
 import pytest
 
-from edmctl.console.bars import count_bar, depth_bar, pulse_bar
-from edmctl.console.sparkline import SPAN_S, History, chart
-from tests.console.views import Ratios
+from edmctl.console.charts import SPAN_S, History, chart, count_bar, depth_bar, pulse_bar
+from edmctl.results.pulses import PulseShares
 
 
 def lines_of(
@@ -22,14 +21,14 @@ def lines_of(
 def steady(seconds: float = SPAN_S) -> History:
     history = History()
     for i in range(round(10 * seconds)):
-        history.take(0.1 * i, 5.0, 5.0)
+        history.update(0.1 * i, 5.0, 5.0)
     return history
 
 
 @pytest.mark.parametrize("unicode", [True, False])
 def test_one_short_peak_in_a_minute_is_seen(unicode: bool) -> None:
     flat, peaked = steady(), steady()
-    peaked.take(SPAN_S, 5.0, 10.0)
+    peaked.update(SPAN_S, 5.0, 10.0)
     before = lines_of(flat, SPAN_S, unicode=unicode)[0]
     assert before != lines_of(peaked, SPAN_S, unicode=unicode)[0]
 
@@ -39,7 +38,7 @@ def test_low_and_high_of_every_column_are_those_of_its_samples() -> None:
     samples = [(0.1 * i, rng.uniform(0, 5), rng.uniform(5, 10)) for i in range(590)]
     history = History()
     for row in samples:
-        history.take(*row)
+        history.update(*row)
     step_s = SPAN_S / 24
     for i, found in enumerate(history.columns(24, 58.9)):
         index = math.floor(58.9 / step_s) - 23 + i
@@ -50,30 +49,30 @@ def test_low_and_high_of_every_column_are_those_of_its_samples() -> None:
 
 def test_a_minute_is_kept_and_no_more() -> None:
     history = History()
-    history.take(0.0, 1.0, 99.0)
-    history.take(61.0, 4.0, 6.0)
+    history.update(0.0, 1.0, 99.0)
+    history.update(61.0, 4.0, 6.0)
     assert (history.low, history.high) == (4.0, 6.0)
 
 
 def test_unknown_values_and_a_new_clock() -> None:
     history = History()
-    history.take(5.0, math.nan, math.nan)
+    history.update(5.0, math.nan, math.nan)
     assert math.isnan(history.low)
-    history.take(6.0, 1.0, 2.0)
-    history.take(0.5, 7.0, 8.0)
+    history.update(6.0, 1.0, 2.0)
+    history.update(0.5, 7.0, 8.0)
     assert (history.low, history.high) == (7.0, 8.0)
 
 
 def test_the_reference_is_a_line_where_nothing_else_is() -> None:
     history = History()
-    history.take(59.9, 9.0, 9.0)
+    history.update(59.9, 9.0, 9.0)
     assert set(lines_of(history, 59.9, mark=0.0)[1]) == {"⣀"}
     assert set(lines_of(history, 59.9, mark=0.0, unicode=False)[1]) == {"-"}
 
 
 def test_values_off_the_scale_stay_in_the_chart() -> None:
     history = History()
-    history.take(1.0, -500.0, 500.0)
+    history.update(1.0, -500.0, 500.0)
     assert all(len(line) == 30 for line in lines_of(history, 1.0))
 
 
@@ -109,10 +108,10 @@ def test_a_count_fills_the_bar_when_all_are_done() -> None:
 
 
 def test_pulse_classes_share_the_bar() -> None:
-    drawn = "".join(text for text, _ in pulse_bar(Ratios(0.5, 0.3, 0.1, 0.1), 20, unicode=False))
+    drawn = "".join(text for text, _ in pulse_bar(PulseShares(0.5, 0.3, 0.1, 0.1), 20, unicode=False))
     assert drawn == "." * 10 + "#" * 6 + "aa" + "SS"
 
 
 def test_without_colour_the_classes_differ_in_pattern() -> None:
-    drawn = "".join(text for text, _ in pulse_bar(Ratios(0.4, 0.4, 0.1, 0.1), 10, colour=False))
+    drawn = "".join(text for text, _ in pulse_bar(PulseShares(0.4, 0.4, 0.1, 0.1), 10, colour=False))
     assert len(set(drawn)) == 4

@@ -6,18 +6,23 @@ import io
 import math
 import re
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.console.cells import cells_of
+from edmctl.console.layout import cells_of
 from edmctl.console.live import LiveReporter
 from edmctl.console.live_view import Histories, draw_view
 from edmctl.console.style import Style
-from tests.console.views import Ratios, State
+from edmctl.results.pulses import PulseShares
+from tests.console.views import made_state
+
+if TYPE_CHECKING:
+    from edmctl.results.progress import Progress
 
 PLAIN_VIEW = Style(colour=False, live=True)
 ASCII_VIEW = Style(colour=False, live=True, unicode=False)
-FULL = State(
+FULL = made_state(
     phase="machining",
     site="hole-4",
     step="cut 2",
@@ -60,9 +65,9 @@ class Writes(io.StringIO):
         return super().write(text)
 
 
-def drawn(state: State, width: int = 100, height: int = 40, style: Style = PLAIN_VIEW) -> str:
+def drawn(state: Progress, width: int = 100, height: int = 40, style: Style = PLAIN_VIEW) -> str:
     histories = Histories()
-    histories.take(state)
+    histories.update(state)
     return "\n".join(text for text, _ in draw_view(state, histories, width, height, style))
 
 
@@ -85,7 +90,7 @@ def test_everything_that_is_known_is_shown() -> None:
 
 
 def test_a_procedure_without_a_depth_shows_none() -> None:
-    picture = drawn(State(depth_um=math.nan, ratios=Ratios(0.0, 0.0, 0.0, 0.0)))
+    picture = drawn(made_state(depth_um=math.nan, ratios=PulseShares(0.0, 0.0, 0.0, 0.0)))
     assert "depth" not in picture
     assert "8 min 00 s left" in picture
 
@@ -102,7 +107,7 @@ def test_a_feed_that_is_the_target_is_the_bar() -> None:
 def test_no_line_is_wider_than_the_terminal(width: int, height: int, style: Style) -> None:
     long = replace(FULL, site="a-rather-long-name-of-a-hole-" * 4, warning="长" * 150)
     histories = Histories()
-    histories.take(long)
+    histories.update(long)
     lines = draw_view(long, histories, width, height, style)
     assert 1 <= len(lines) <= height
     for text, cells in lines:
@@ -146,18 +151,18 @@ def test_without_colour_there_is_none() -> None:
 @pytest.mark.parametrize(
     "state",
     [
-        State(gap_v=math.nan, time_left_s=math.nan, depth_um=math.nan),
-        State(reference_v=0.0, depth_target_um=0.0),
-        State(depth_target_um=math.nan),
-        State(ratios=Ratios(math.nan, math.nan, math.nan, math.nan)),
-        State(depth_um=999.0, gap_v=99.0, ratios=Ratios(1.0, 0.0, 0.0, 0.0)),
-        State(depth_um=-5.0, depth_u95_um=400.0, gap_low_v=3.0, gap_high_v=3.0),
-        State(time_s=math.nan, gap_low_v=1.0, gap_high_v=2.0),
-        State(displacement_um=math.nan, jumps=3, time_left_s=math.inf),
+        made_state(gap_v=math.nan, time_left_s=math.nan, depth_um=math.nan),
+        made_state(reference_v=0.0, depth_target_um=0.0),
+        made_state(depth_target_um=math.nan),
+        made_state(ratios=PulseShares(math.nan, math.nan, math.nan, math.nan)),
+        made_state(depth_um=999.0, gap_v=99.0, ratios=PulseShares(1.0, 0.0, 0.0, 0.0)),
+        made_state(depth_um=-5.0, depth_u95_um=400.0, gap_low_v=3.0, gap_high_v=3.0),
+        made_state(time_s=math.nan, gap_low_v=1.0, gap_high_v=2.0),
+        made_state(displacement_um=math.nan, jumps=3, time_left_s=math.inf),
     ],
 )
-def test_odd_values_do_not_break_the_picture(state: State) -> None:
-    assert "cut 1" in drawn(state)
+def test_odd_values_do_not_break_the_picture(state: Progress) -> None:
+    assert "approaching" in drawn(state)
 
 
 def test_a_closed_terminal_does_not_stop_the_job() -> None:
@@ -167,7 +172,7 @@ def test_a_closed_terminal_does_not_stop_the_job() -> None:
 
     reporter = LiveReporter(Closed(), PLAIN_VIEW, clock=lambda: 0.0)
     reporter.note("Z1 done")
-    reporter.progress(State())
+    reporter.progress(made_state())
     reporter.runs(1, 2)
     reporter.close()
 
@@ -181,7 +186,7 @@ def erased(rows: int) -> str:
 def test_the_picture_vanishes_notes_stay_and_the_cursor_is_back() -> None:
     out = io.StringIO()
     reporter = LiveReporter(out, PLAIN_VIEW, clock=lambda: 0.0)
-    reporter.progress(State())
+    reporter.progress(made_state())
     reporter.note("Z1 done")
     reporter.close()
     text = out.getvalue()
@@ -217,7 +222,7 @@ def test_reports_between_two_pictures_are_not_lost() -> None:
 def test_a_narrower_terminal_is_cleared_of_what_it_wrapped(monkeypatch: pytest.MonkeyPatch) -> None:
     out, clock, width = Writes(), HandClock(), 80
     reporter = LiveReporter(out, PLAIN_VIEW, clock)
-    monkeypatch.setattr("edmctl.console.screen.Screen.size", lambda _: (width, 40))
+    monkeypatch.setattr("edmctl.console.live.Screen.size", lambda _: (width, 40))
     reporter.progress(FULL)
     first = out.parts[0].split("\r")[1]
     rows = [len(re.sub(r"\x1b\[[?0-9;]*[a-zA-Z]", "", line)) for line in first.split("\n")]

@@ -9,52 +9,54 @@ from dataclasses import replace
 import pytest
 
 from edmctl.console.result_table import render_job
-from tests.console.views import Channel, ChannelTruth, Job, Site, Truth
+from tests.console.views import CHANNEL_TRUTH, TRUTH, made_channel, made_job, made_site
 
 
 def test_measured_modelled_and_true_values_stand_side_by_side() -> None:
-    lines = render_job(Job(), [Truth()]).splitlines()
+    lines = render_job(made_job(), [TRUTH]).splitlines()
     assert lines[0].split() == ["site", "1", "measured", "from", "voltage", "truth"]
     assert lines[1].split() == ["depth", "180.21", "±", "0.62", "µm", "180.94", "µm", "180.05", "µm"]
     assert lines[2].split() == ["tool", "wear", "70.03", "±", "0.55", "µm", "70.41", "µm", "70.11", "µm"]
 
 
 def test_hardware_has_no_truth() -> None:
-    assert "truth" not in render_job(Job())
+    assert "truth" not in render_job(made_job())
 
 
 def test_time_cuts_pulses_and_tool_are_told() -> None:
-    text = render_job(Job(), [Truth()])
+    text = render_job(made_job(), [TRUTH])
     assert "15 min 02 s in 3 cuts" in text
     assert "2 010 334: 50.00 % open, 40.00 % normal, 2.00 % arc, 8.00 % short" in " ".join(text.split())
     assert "Whole job 19 min 01 s; the tool is 70.03 µm shorter." in text
 
 
 def test_each_site_has_its_block() -> None:
-    text = render_job(Job(sites=(Site(), Site(name="site 2"))), [Truth(), Truth()])
+    text = render_job(made_job(sites=(made_site(), made_site(name="site 2"))), [TRUTH, TRUTH])
     assert text.index("site 1") < text.index("site 2")
     assert text.count("Z2 bottom") == 2
 
 
 def test_a_face_at_another_height_makes_the_rows_add_up() -> None:
-    below = render_job(Job(sites=(Site(face_um=1.5),)))
+    below = render_job(made_job(sites=(made_site(face_um=1.5),)))
     assert "face below the pad 1.50 µm" in " ".join(below.split())
-    assert "face below" not in render_job(Job(sites=(Site(face_um=0.001),)))
+    assert "face below" not in render_job(made_job(sites=(made_site(face_um=0.001),)))
 
 
 def test_columns_are_aligned() -> None:
-    lines = render_job(Job(), [Truth()]).splitlines()[:3]
+    lines = render_job(made_job(), [TRUTH]).splitlines()[:3]
     assert {line.index("µm") for line in lines[1:]} == {lines[1].index("µm")}
 
 
 def test_what_was_not_measured_is_a_dash() -> None:
-    site = replace(Site(), depth_um=math.nan, depth_u95_um=math.nan)
-    assert "depth                –" in render_job(Job(sites=(site,))) or "–" in render_job(Job(sites=(site,)))
+    site = replace(made_site(), depth_um=math.nan, depth_u95_um=math.nan)
+    assert "depth                –" in render_job(made_job(sites=(site,))) or "–" in render_job(
+        made_job(sites=(site,))
+    )
 
 
 def test_many_sites_make_a_table_with_a_line_each() -> None:
-    sites = tuple(Site(name=f"grid-{i}") for i in range(1, 10))
-    lines = render_job(Job(sites=sites), [Truth()] * 9).splitlines()
+    sites = tuple(made_site(name=f"grid-{i}") for i in range(1, 10))
+    lines = render_job(made_job(sites=sites), [TRUTH] * 9).splitlines()
     assert lines[0].split() == [
         "site",
         "depth",
@@ -71,13 +73,13 @@ def test_many_sites_make_a_table_with_a_line_each() -> None:
     ]
     assert max(map(len, lines)) <= 80
     assert [line.split()[0] for line in lines[1:10]] == [site.name for site in sites]
-    assert "truth" not in render_job(Job(sites=sites))
+    assert "truth" not in render_job(made_job(sites=sites))
 
 
 def test_a_wide_terminal_shows_all_columns_and_a_narrow_one_the_results() -> None:
-    sites = tuple(Site(name=f"grid-{i}") for i in range(1, 10))
+    sites = tuple(made_site(name=f"grid-{i}") for i in range(1, 10))
     wide, narrow = (
-        render_job(Job(sites=sites), [Truth()] * 9, columns=columns).splitlines() for columns in (120, 60)
+        render_job(made_job(sites=sites), [TRUTH] * 9, columns=columns).splitlines() for columns in (120, 60)
     )
     assert "feed µm" in wide[0]
     assert narrow[0].split() == ["site", "depth", "µm", "tool", "wear", "µm", "true", "µm"]
@@ -85,21 +87,21 @@ def test_a_wide_terminal_shows_all_columns_and_a_narrow_one_the_results() -> Non
 
 
 def test_no_line_of_a_result_is_wider_than_a_terminal() -> None:
-    text = render_job(Job(sites=(Site(estimated_um=12.3, through=True),)), [Truth()])
+    text = render_job(made_job(sites=(made_site(estimated_um=12.3, through=True),)), [TRUTH])
     assert max(map(len, text.splitlines())) <= 80
     assert "8.00 % short" in " ".join(text.split())
 
 
 def test_a_depth_that_was_not_touched_at_the_end_says_so() -> None:
-    text = render_job(Job(sites=(Site(estimated_um=12.3),)))
+    text = render_job(made_job(sites=(made_site(estimated_um=12.3),)))
     assert "the last 12.30 µm were not touched" in " ".join(text.split())
-    assert "not touched" not in render_job(Job())
+    assert "not touched" not in render_job(made_job())
 
 
 def test_what_was_not_touched_does_not_stand_under_measured() -> None:
     def first_lines(depth_basis: str, wear_basis: str) -> str:
-        site = Site(depth_basis=depth_basis, wear_basis=wear_basis)
-        return "\n".join(render_job(Job(sites=(site,))).splitlines()[:3])
+        site = made_site(depth_basis=depth_basis, wear_basis=wear_basis)
+        return "\n".join(render_job(made_job(sites=(site,))).splitlines()[:3])
 
     assert "measured" in first_lines("touched", "touched")
     assert "measured" not in first_lines("estimated", "estimated")
@@ -108,18 +110,22 @@ def test_what_was_not_touched_does_not_stand_under_measured() -> None:
     assert "measured" not in mixed
     assert "~180.21 ± 0.62 µm" in mixed
     assert "  70.03 ± 0.55 µm" in mixed
-    assert "~ estimated" in render_job(Job(sites=(Site(depth_basis="estimated"),)))
+    assert "~ estimated" in render_job(made_job(sites=(made_site(depth_basis="estimated"),)))
 
 
 def test_lengths_by_the_model_alone_stand_there_once() -> None:
-    alone = Site(depth_basis="model", wear_basis="model", depth_model_um=180.21, wear_model_um=70.03)
-    assert "from voltage" not in render_job(Job(sites=(alone,)))
-    assert "from voltage" in render_job(Job())
+    alone = made_site(depth_basis="model", wear_basis="model", depth_model_um=180.21, wear_model_um=70.03)
+    assert "from voltage" not in render_job(made_job(sites=(alone,)))
+    assert "from voltage" in render_job(made_job())
 
 
 def test_a_line_of_many_sites_marks_what_was_not_touched() -> None:
-    sites = (Site(name="a"), Site(name="b", depth_basis="estimated", wear_basis="estimated"), Site(name="c"))
-    text = render_job(Job(sites=sites))
+    sites = (
+        made_site(name="a"),
+        made_site(name="b", depth_basis="estimated", wear_basis="estimated"),
+        made_site(name="c"),
+    )
+    text = render_job(made_job(sites=sites))
     rows = {line.split()[0]: line for line in text.splitlines()[1:4]}
     assert "~180.21 ± 0.62" in rows["b"]
     assert "~70.03 ± 0.55" in rows["b"]
@@ -128,34 +134,36 @@ def test_a_line_of_many_sites_marks_what_was_not_touched() -> None:
 
 
 def test_a_depth_that_is_missed_or_not_shown_says_so() -> None:
-    assert "verdict" not in render_job(Job())
-    assert "verdict              not shown" in render_job(Job(sites=(Site(verdict="not shown"),)))
-    many = render_job(Job(sites=(Site(), Site(), Site(name="bad", verdict="missed"))), columns=120)
+    assert "verdict" not in render_job(made_job())
+    assert "verdict              not shown" in render_job(made_job(sites=(made_site(verdict="not shown"),)))
+    many = render_job(
+        made_job(sites=(made_site(), made_site(), made_site(name="bad", verdict="missed"))), columns=120
+    )
     assert next(line for line in many.splitlines() if line.startswith("bad")).endswith("missed")
-    assert "not shown" in render_job(Job(sites=(), channel=Channel(verdict="not shown")))
+    assert "not shown" in render_job(made_job(sites=(), channel=made_channel(verdict="not shown")))
 
 
 def test_a_channel_has_its_floor_and_what_is_true_of_it() -> None:
-    text = render_job(Job(sites=(), channel=Channel()), (), channel_truth=ChannelTruth())
+    text = render_job(made_job(sites=(), channel=made_channel()), (), channel_truth=CHANNEL_TRUTH)
     assert "25.10 ± 0.60 µm" in text
     assert "24.70 µm" in text
     assert re.search(r"floor, rms about its mean +0\.\d\d µm +0\.81 µm", text)
     assert "12 layers in 19 passes" in text
-    assert "truth" not in render_job(Job(sites=(), channel=Channel()))
+    assert "truth" not in render_job(made_job(sites=(), channel=made_channel()))
 
 
 @pytest.mark.parametrize(
     ("pause_s", "words"), [(125.0, "after a pause of 2 min 05 s"), (math.nan, "after an unknown pause")]
 )
 def test_a_job_that_was_taken_up_tells_the_time_before_and_the_pause(pause_s: float, words: str) -> None:
-    text = render_job(Job(earlier_time_s=600.0, pause_s=pause_s))
+    text = render_job(made_job(earlier_time_s=600.0, pause_s=pause_s))
     told = " ".join(text.split())
     assert f"Whole job 19 min 01 s, 10 min 00 s before it was taken up {words}; the tool is" in told
     assert max(map(len, text.splitlines())) <= 80
 
 
 def test_a_through_hole_has_a_tip_below_the_face_and_no_bottom() -> None:
-    text = render_job(Job(sites=(Site(through=True),)))
+    text = render_job(made_job(sites=(made_site(through=True),)))
     assert "tip below the face" in text
     assert "Z2 bottom" not in text
     assert "through the sheet" in text

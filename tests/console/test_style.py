@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+from dataclasses import replace
 
 import pytest
 
@@ -28,7 +29,13 @@ class Terminal(io.StringIO):
     ],
 )
 def test_stream_and_environment_decide(stream: io.StringIO, environ: dict[str, str], expected: Style) -> None:
-    assert style_of(stream, {**environ, "LANG": "de_DE.UTF-8"}) == expected
+    assert replace(style_of(stream, {**environ, "LANG": "de_DE.UTF-8"}), columns=None) == expected
+
+
+def test_a_terminal_has_a_width_and_a_file_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "61")
+    assert style_of(Terminal(), {}).columns == 61
+    assert style_of(io.StringIO(), {}).columns is None
 
 
 @pytest.mark.skipif(os.name == "nt", reason="the locale decides on POSIX")

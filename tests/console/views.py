@@ -1,153 +1,130 @@
-"""Plain values in the shapes that the renderers take."""
+"""Results as the renderers take them, made up; what a test is about is changed by name."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any, cast
+
+from edmctl.actuator.uncertainty import Bands
+from edmctl.jobs.calibration.fit import Figures, FileFigures, Findings
+from edmctl.jobs.calibration.request import LeverFound
+from edmctl.labels import Basis, Verdict
+from edmctl.results.channel import ChannelResult, ChannelTruth
+from edmctl.results.job import JobResult, SiteResult, SiteTruth
+from edmctl.results.progress import Phase, Progress
+from edmctl.results.pulses import PulseShares
+
+RATIOS = PulseShares(0.5, 0.4, 0.02, 0.08)
+TRUTH = SiteTruth(180.05, 70.11)
+CHANNEL_TRUTH = ChannelTruth(24.7, 0.81, 0.9, 40.0)
 
 
-@dataclass(frozen=True, slots=True)
-class Ratios:
-    open: float = 0.5
-    normal: float = 0.4
-    arc: float = 0.02
-    short: float = 0.08
+def made_state(**changes: Any) -> Progress:
+    """The state of a job whose tool sparks."""
+    known = Progress(
+        phase=Phase.APPROACHING,
+        time_s=125.0,
+        gap_v=9.4,
+        reference_v=9.6,
+        ratios=RATIOS,
+        depth_um=42.25,
+        depth_target_um=180.0,
+        displacement_um=110.0,
+        time_left_s=480.0,
+    )
+    return replace(known, **changes)
 
 
-@dataclass(frozen=True, slots=True)
-class Extremes:
-    time_s: float
-    gap_low_v: float = math.nan
-    gap_high_v: float = math.nan
-    displacement_low_um: float = math.nan
-    displacement_high_um: float = math.nan
+def made_site(**changes: Any) -> SiteResult:
+    """A hole that was touched."""
+    known = SiteResult(
+        name="site 1",
+        x_um=0.0,
+        y_um=0.0,
+        theta_deg=0.0,
+        depth_um=180.21,
+        depth_u95_um=0.62,
+        wear_um=70.03,
+        wear_u95_um=0.55,
+        feed_um=250.24,
+        z1_um=53.1,
+        z2_um=303.34,
+        z3_um=123.13,
+        face_um=0.0,
+        measuring_stops=3,
+        estimated_um=0.0,
+        depth_model_um=180.94,
+        wear_model_um=70.41,
+        zero_drift_um=0.0,
+        feed_model_error_max_um=math.nan,
+        feed_model_error_rms_um=math.nan,
+        feed_model_error_max_pct=math.nan,
+        feed_model_error_rms_pct=math.nan,
+        machining_time_s=902.4,
+        cuts=3,
+        pulses=2_010_334,
+        ratios=RATIOS,
+        gap_ratio_mean=0.8,
+        working_gap_um=3.0,
+        energy_j=300.0,
+        wear_ratio_lin=0.389,
+        wear_ratio_vol=0.3,
+        mrr_mm3_min=8e-4,
+        verdict=Verdict.SHOWN,
+    )
+    return replace(known, **changes)
 
 
-@dataclass(frozen=True, slots=True)
-class State:
-    phase: str = "cut 1"
-    time_s: float = 125.0
-    gap_v: float = 9.4
-    reference_v: float = 9.6
-    ratios: Ratios = field(default_factory=Ratios)
-    depth_um: float = 42.25
-    depth_target_um: float = 180.0
-    displacement_um: float = 110.0
-    time_left_s: float = 480.0
-    depth_u95_um: float = math.nan
-    site: str = ""
-    step: str = ""
-    feed_um: float = math.nan
-    feed_target_um: float = math.nan
-    feed_um_s: float = math.nan
-    wear_um: float = math.nan
-    wear_u95_um: float = math.nan
-    gap_low_v: float = math.nan
-    gap_high_v: float = math.nan
-    displacement_low_um: float = math.nan
-    displacement_high_um: float = math.nan
-    past: tuple[Extremes, ...] = ()
-    jumps: int = 0
-    jump_period_s: float = math.nan
-    last_jump_s: float = math.nan
-    sites_done: int = 0
-    sites_total: int = 0
-    warning: str = ""
-    warned_s: float = math.nan
+def made_channel(**changes: Any) -> ChannelResult:
+    """A channel that was touched."""
+    known = ChannelResult(
+        name="spiral",
+        length_um=8123.0,
+        width_um=160.0,
+        layers=12,
+        passes=19,
+        depth_um=25.1,
+        depth_u95_um=0.6,
+        floor_sd_um=0.4,
+        wear_um=41.2,
+        wear_u95_um=2.0,
+        feed_um=66.3,
+        z1_um=53.1,
+        z3_um=94.3,
+        machining_time_s=2400.0,
+        pulses=5_000_000,
+        ratios=RATIOS,
+        energy_j=600.0,
+        working_gap_um=3.0,
+        measuring_stops=4,
+        floor=(),
+        depth_basis=Basis.TOUCHED,
+        wear_basis=Basis.TOUCHED,
+        verdict=Verdict.SHOWN,
+    )
+    return replace(known, **changes)
 
 
-@dataclass(frozen=True, slots=True)
-class Truth:
-    depth_um: float = 180.05
-    wear_um: float = 70.11
+def made_job(**changes: Any) -> JobResult:
+    """A job of one hole."""
+    return replace(JobResult((made_site(),), 1141.0, 902.4, 238.6, 70.03), **changes)
 
 
-@dataclass(frozen=True, slots=True)
-class Site:
-    name: str = "site 1"
-    depth_basis: str = "touched"
-    wear_basis: str = "touched"
-    verdict: str | None = "shown"
-    depth_um: float = 180.21
-    depth_u95_um: float = 0.62
-    wear_um: float = 70.03
-    wear_u95_um: float = 0.55
-    feed_um: float = 250.24
-    z1_um: float = 53.1
-    z2_um: float = 303.34
-    z3_um: float = 123.13
-    face_um: float = 0.0
-    measuring_stops: int = 3
-    estimated_um: float = 0.0
-    through: bool = False
-    depth_model_um: float = 180.94
-    wear_model_um: float = 70.41
-    machining_time_s: float = 902.4
-    cuts: int = 3
-    pulses: int = 2010334
-    ratios: Ratios = field(default_factory=Ratios)
+def made_figures(**changes: Any) -> Figures:
+    """Errors of a model."""
+    return replace(Figures(2.26, 0.438, 0.5, 0.097, 451.3), **changes)
 
 
-@dataclass(frozen=True, slots=True)
-class ChannelTruth:
-    depth_um: float = 24.7
-    floor_sd_um: float = 0.81
-    wear_um: float = 40.0
-
-
-@dataclass(frozen=True, slots=True)
-class Channel:
-    name: str = "spiral"
-    depth_basis: str = "touched"
-    wear_basis: str = "touched"
-    verdict: str | None = "shown"
-    length_um: float = 8123.0
-    layers: int = 12
-    passes: int = 19
-    depth_um: float = 25.1
-    depth_u95_um: float = 0.6
-    floor_sd_um: float = 0.4
-    wear_um: float = 41.2
-    wear_u95_um: float = 2.0
-    machining_time_s: float = 2400.0
-    pulses: int = 5_000_000
-    ratios: Ratios = field(default_factory=Ratios)
-
-
-@dataclass(frozen=True, slots=True)
-class Job:
-    sites: tuple[Site, ...] = (Site(),)
-    channel: Channel | None = None
-    time_s: float = 1141.0
-    tool_wear_total_um: float = 70.03
-    earlier_time_s: float = 0.0
-    pause_s: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class Figures:
-    max_um: float = 2.26
-    rms_um: float = 0.438
-    max_pct: float = 0.5
-    rms_pct: float = 0.097
-    range_um: float = 451.3
-    name: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class Bands:
-    displacement_sd_um: float = 0.1
-    displacement_sd_max_um: float = 0.4
-    gain_um_per_v: float = 2.975
-    gain_sd_um_per_v: float = 0.001
-    loop_width: float = 0.125
-    loop_width_sd: float = 0.001
-    gamma_per_decade: float = 0.028
-    gamma_sd_per_decade: float = 0.0005
+def made_file(name: str, max_um: float = 2.26) -> FileFigures:
+    """Errors on a validation file."""
+    return FileFigures(name, 0.0, max_um, 0.438, 0.5, 0.097, 451.3, 1.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Model:
+    """What tables show of an actuator model."""
+
     stroke_um: float = 446.25
     delay_s: float = 0.0006
     low_v: float = 0.0
@@ -156,42 +133,35 @@ class Model:
 
 @dataclass(frozen=True, slots=True)
 class Found:
+    """What tables show of an identification."""
+
     model: Model = field(default_factory=Model)
-    bands: Bands = field(default_factory=Bands)
+    bands: Bands = field(default_factory=lambda: Bands(0.1, 0.4, 2.975, 0.001, 0.125, 0.001, 0.028, 0.0005))
     problems: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
 
-BASELINES = {"line": Figures(44.07, 16.39, 9.77, 3.63), "maxwell": Figures(26.29, 4.92, 5.83, 1.09)}
+BASELINES = {
+    "line": Figures(44.07, 16.39, 9.77, 3.63, 451.3),
+    "maxwell": Figures(26.29, 4.92, 5.83, 1.09, 451.3),
+}
 
 
 @dataclass(frozen=True, slots=True)
-class Findings:
+class _Findings:
     identification: Found = field(default_factory=Found)
-    train: Figures = field(default_factory=Figures)
-    held_out: Figures = field(default_factory=Figures)
+    train: Figures = field(default_factory=made_figures)
+    held_out: Figures = field(default_factory=made_figures)
     held_out_baselines: dict[str, Figures] = field(default_factory=lambda: BASELINES)
     validated: Figures | None = None
     validated_baselines: dict[str, Figures] = field(default_factory=dict)
-    files: tuple[Figures, ...] = ()
+    files: tuple[FileFigures, ...] = ()
     refit: tuple[str, ...] = ("zero",)
 
 
-@dataclass(frozen=True, slots=True)
-class Lever:
-    factor: float = 18.02
-    u95: float = 0.05
+def made_findings(**changes: Any) -> Findings:
+    """What tables show of a calibration."""
+    return cast("Findings", replace(_Findings(), **changes))
 
 
-@dataclass(frozen=True, slots=True)
-class Leg:
-    u_v: float
-    duration_s: float
-
-
-@dataclass(frozen=True, slots=True)
-class Plan:
-    legs: tuple[Leg, ...] = (Leg(150.0, 2.0), Leg(0.0, 0.5))
-    high_v: float = 150.0
-    duration_s: float = 62.0
-    samples: int = 12400
+LEVER = LeverFound(18.02, 0.05, 0.0, 100)

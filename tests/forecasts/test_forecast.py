@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.forecasts.forecast import Forecast, forecast
+from edmctl.forecasts.forecast import forecast
 from edmctl.forecasts.measuring_time import approach_time_s, jumps_time_s, touch_time_s
 from edmctl.forecasts.removal import RECOVERY_S
 from edmctl.profile.setup import Sensor, Setup
+from edmctl.results.forecast import Forecast
 from edmctl.rules.load import load_profile
+
+if TYPE_CHECKING:
+    from edmctl.results.forecast import Forecast
 
 
 def forecast_of(name: str, *overrides: str) -> Forecast:

@@ -15,23 +15,24 @@ import pytest
 from edmctl.record.reader import open_run
 from edmctl.report.kinds import KINDS, kind_called
 from edmctl.report.page import pictures_of, render_page
+from edmctl.results.run_file import Sentence
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-STORY = [
-    (0.0, "Wanted was a hole."),
-    (61.0, "It jumped <once> & stopped."),
-    (62.0, "The run came to its end."),
+SENTENCES = [
+    Sentence(0.0, "Wanted was a hole.", "EVENT"),
+    Sentence(61.0, "It jumped <once> & stopped.", "EVENT"),
+    Sentence(62.0, "The run came to its end.", "EVENT"),
 ]
 MOST_BYTES = 5_000_000
 BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 
 
 def page_of(path: Path) -> str:
-    """The page of a run with a short story."""
+    """The page of a run with a few sentences."""
     with open_run(path) as run:
-        return render_page(run, pictures_of(run), STORY)
+        return render_page(run, pictures_of(run), SENTENCES)
 
 
 @pytest.fixture(scope="module")
@@ -143,7 +144,7 @@ def test_a_run_that_failed_says_so_at_the_top(
     monkeypatch.setattr("edmctl.report.page.KINDS", ())
     header = page_of(faulted_run_file).partition("</header>")[0]
     assert '<span class="status other">machine fault · simulated</span>' in header
-    assert STORY[-1][1] in header
+    assert SENTENCES[-1].text in header
 
 
 def test_a_figure_with_too_much_in_it_is_png(full_run_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -187,16 +188,16 @@ def test_a_browser_opens_the_page_without_a_complaint(page: str, tmp_path: Path)
 
 def test_a_page_of_a_run_that_failed_begins_with_the_fault_and_its_remedy(faulted_run_file: Path) -> None:
     with open_run(faulted_run_file) as run:
-        page = render_page(run, [], STORY, "The <tool> is stuck. Pull it.")
-        without = render_page(run, [], STORY)
+        page = render_page(run, [], SENTENCES, "The <tool> is stuck. Pull it.")
+        without = render_page(run, [], SENTENCES)
     assert '<p class="trouble">The &lt;tool&gt; is stuck. Pull it.</p>\n<nav>' in page
-    assert f'<p class="trouble">{STORY[-1][1]}</p>\n<nav>' in without
+    assert f'<p class="trouble">{SENTENCES[-1].text}</p>\n<nav>' in without
 
 
 def test_a_hole_that_was_left_is_told_by_its_estimate(
     faulted_run_file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("edmctl.report.pictures.KINDS", ())
+    monkeypatch.setattr("edmctl.report.page.KINDS", ())
     numbers = page_of(faulted_run_file).partition('id="story"')[0].partition('id="numbers"')[2]
     assert ">estimated<" in numbers
     assert re.search(r"<dt>depth</dt><dd>~?\d+\.\d\d ± \d+\.\d\d µm<", numbers)

@@ -69,7 +69,7 @@ def approach(
 
     def body(outcome: Outcome) -> None:
         from edmctl.cli.procedure_output import Asked, perform_told
-        from edmctl.console.surface_table import render_surface
+        from edmctl.console.procedure_tables import render_surface
         from edmctl.jobs.approach import Approach
         from edmctl.jobs.checking import check
         from edmctl.jobs.plan import JobRequest
@@ -134,7 +134,7 @@ def _forewarned_place(
 
 
 def _tell_plan(outcome: Outcome, plan: "Plan", place: tuple[float, float] | None, *, contact: bool) -> None:
-    from edmctl.console.surface_table import render_approach_plan
+    from edmctl.console.procedure_tables import render_approach_plan
     from edmctl.forecasts.measuring_time import approach_time_s, beside_pad_um, touch_time_s
 
     profile, setup = plan.loaded.profile, plan.setup

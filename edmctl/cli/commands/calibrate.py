@@ -137,7 +137,7 @@ def calibrate(
 
 
 def _tell_plan(outcome: Outcome, checked: "Checked") -> None:
-    from edmctl.console.calibration_table import render_lever, render_plan
+    from edmctl.console.calibration_tables import render_lever, render_plan
 
     plan = checked.plan
     outcome.result = {
@@ -176,7 +176,7 @@ def _described(given: "Given") -> dict[str, object]:
 
 
 def _tell_lever(outcome: Outcome, checked: "Checked") -> None:
-    from edmctl.console.calibration_table import render_lever
+    from edmctl.console.calibration_tables import render_lever
 
     outcome.result = {"lever": checked.lever}
     if checked.lever:
@@ -184,7 +184,7 @@ def _tell_lever(outcome: Outcome, checked: "Checked") -> None:
 
 
 def _run(outcome: Outcome, checked: "Checked", seed: int) -> None:
-    from edmctl.console.calibration_table import render_calibration
+    from edmctl.console.calibration_tables import render_calibration
     from edmctl.jobs.calibration.run import calibrate_files, calibrate_machine
 
     with watching(outcome.output) as reporter:

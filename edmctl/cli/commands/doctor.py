@@ -40,7 +40,7 @@ def doctor(
     """
 
     def body(outcome: Outcome) -> None:
-        from edmctl.console.doctor_table import render_checks
+        from edmctl.console.equipment_tables import render_checks
         from edmctl.jobs.doctor.checks import Checks
 
         checks = Checks()

@@ -75,7 +75,7 @@ def jump_flush(
 
     def body(outcome: Outcome) -> None:
         from edmctl.cli.procedure_output import Asked, perform_told
-        from edmctl.console.jump_table import render_jumps
+        from edmctl.console.procedure_tables import render_jumps
         from edmctl.jobs.checking import check
         from edmctl.jobs.jump_flush import JUMPS_ALONE, Jumps, refuse_hurry
         from edmctl.jobs.plan import JobRequest
@@ -105,7 +105,7 @@ def jump_flush(
 
 
 def _tell_plan(outcome: Outcome, plan: "Plan", count: int) -> None:
-    from edmctl.console.jump_table import render_jump_plan
+    from edmctl.console.procedure_tables import render_jump_plan
     from edmctl.forecasts.measuring_time import conditioning_time_s, jumps_time_s
     from edmctl.jobs.jump_flush import end_um
     from edmctl.procedures.jump_series import SETTLE_AT_DEPTH_S

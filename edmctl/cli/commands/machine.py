@@ -156,7 +156,7 @@ def _forewarn(outcome: Outcome, plan: "Plan", name: RunName) -> None:
 
 
 def _forecast(outcome: Outcome, plan: "Plan") -> None:
-    from edmctl.console.forecast_table import render_forecast
+    from edmctl.console.profile_tables import render_forecast
 
     outcome.result = {"forecast": plan.forecast}
     outcome.text = render_forecast(plan.loaded.profile.meta.name, plan.forecast, stream_style(sys.stdout))

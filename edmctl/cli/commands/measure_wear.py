@@ -107,11 +107,12 @@ def measure_wear(
 
 
 def _rendered(run: "WearRun", style: "Style") -> str:
-    from edmctl.console.wear_table import render_reference, render_wear
+    from edmctl.console.procedure_tables import render_reference, render_wear
 
     label = run.account.label
     if run.touched is not None:
-        return render_reference(label, run.touched.reading, run.touched.model_um, style)
+        reading, model_um = run.touched.reading, run.touched.model_um
+        return render_reference(label, reading.mean_um, reading.sd_um, reading.touches, model_um, style)
     assert run.found is not None
     name = run.bottom.name if run.bottom else label
     return render_wear(name, run.found, run.account.worn_um, run.total_um, run.truth, style)
@@ -132,7 +133,7 @@ def _forewarn(outcome: Outcome, plan: "Plan", run: "WearRun", folder: Path) -> N
 
 
 def _tell_plan(outcome: Outcome, plan: "Plan", *, reference: bool) -> None:
-    from edmctl.console.wear_table import render_wear_plan
+    from edmctl.console.procedure_tables import render_wear_plan
     from edmctl.forecasts.measuring_time import move_time_s, park_to_pad_um, reading_time_s, touch_time_s
     from edmctl.jobs.wear.measure import measuring_profile
 

@@ -1,7 +1,6 @@
 """`edmctl ports`: which ports this computer has, who holds them, and who answers there."""
 
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,39 +15,12 @@ if TYPE_CHECKING:
     from edmctl.link.ports import PortInfo
     from edmctl.link.probing import ProbedPort
     from edmctl.profile.setup import Setup
+    from edmctl.results.equipment import Controller, PortRow
 
 ProbeOption = Annotated[
     bool,
     typer.Option("--probe", help="Say hello at the ports that `auto` would ask, and show who answers."),
 ]
-
-
-@dataclass(frozen=True, slots=True)
-class Controller:
-    """Who answered at a port. `fault` is the number of the latched fault, 0 for none."""
-
-    serial: str
-    firmware: str
-    protocol: str
-    state: str
-    fault: int
-    fault_name: str
-    simulated: bool
-
-
-@dataclass(frozen=True, slots=True)
-class PortRow:
-    """A port. `known`: `auto` may ask it; `controller` and `error` are None where it was not asked."""
-
-    device: str
-    description: str
-    usb_id: str
-    usb_serial: str
-    held_by: str
-    in_setup: bool
-    known: bool
-    controller: Controller | None
-    error: str | None
 
 
 def ports(
@@ -64,7 +36,7 @@ def ports(
     """
 
     def body(outcome: Outcome) -> None:
-        from edmctl.console.ports_table import render_ports
+        from edmctl.console.equipment_tables import render_ports
         from edmctl.profile.setup import load_setup
 
         rows = port_rows(load_setup(setup), probe=probe)
@@ -74,7 +46,7 @@ def ports(
     return run_command(Output("ports", as_json, debug=debug), body)
 
 
-def port_rows(setup: "Setup", *, probe: bool) -> list[PortRow]:
+def port_rows(setup: "Setup", *, probe: bool) -> "list[PortRow]":
     """Look at every port that is listed or named in the setup; with `probe` ask those that may be asked."""
     from edmctl.cli.simulate.registry import served_ports
     from edmctl.jobs.secret_file import asks_for_secret, secret_of
@@ -107,8 +79,9 @@ def _named(setup: "Setup") -> tuple[str, ...]:
     return tuple(dict.fromkeys((*mine, *setup.link.candidates)))
 
 
-def _row(port: "PortInfo", named: tuple[str, ...], known: bool, answer: "ProbedPort | None") -> PortRow:
+def _row(port: "PortInfo", named: tuple[str, ...], known: bool, answer: "ProbedPort | None") -> "PortRow":
     from edmctl.link.ports import port_owner, same_port
+    from edmctl.results.equipment import PortRow
 
     return PortRow(
         device=port.device,
@@ -123,9 +96,10 @@ def _row(port: "PortInfo", named: tuple[str, ...], known: bool, answer: "ProbedP
     )
 
 
-def _controller(hello: "HelloReply") -> Controller:
+def _controller(hello: "HelloReply") -> "Controller":
     from edmctl.link.faults import FAULTS
     from edmctl.link.messages import State
+    from edmctl.results.equipment import Controller
 
     names = {int(code): row.name for code, row in FAULTS.items()}
     return Controller(

@@ -9,7 +9,6 @@ import typer
 from edmctl.cli import completion
 from edmctl.cli.options import DebugOption, JsonOption, SetOption, SetupOption
 from edmctl.cli.outcome import Outcome, Output, run_command, stream_style
-from edmctl.console.toml_view import render_toml
 from edmctl.errors import Diagnostic, EdmError, ProfileError
 
 if TYPE_CHECKING:
@@ -100,7 +99,7 @@ def list_shipped(setup: SetupOption = None, as_json: JsonOption = False, debug: 
     """
 
     def body(outcome: Outcome) -> None:
-        from edmctl.console.profile_table import render_profiles
+        from edmctl.console.profile_tables import render_profiles
         from edmctl.profile.setup import load_setup
         from edmctl.rules.load import summaries
 
@@ -144,6 +143,8 @@ def _values(loaded: "LoadedProfile") -> dict[str, Any]:
 
 
 def _as_toml(loaded: "LoadedProfile") -> str:
+    from edmctl.console.profile_tables import render_toml
+
     tables = _values(loaded)
     tables["servo"].pop("reference_v", None)  # stated once: loading turned it into `reference`
     origin = [f"# {loaded.path}", *(f"# {override}" for override in loaded.overrides)]

@@ -9,6 +9,7 @@ import typer
 from edmctl.cli.options import DebugOption, FileArgument, JsonOption
 from edmctl.cli.outcome import Outcome, Output, mutter, run_command, stream_style
 from edmctl.errors import UsageError
+from edmctl.wording import count, file_size
 
 if TYPE_CHECKING:
     from edmctl.cli.run.export_output import Sink
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
     from edmctl.record.reader import RunFile
     from edmctl.report.export_tables import ExportTable
     from edmctl.report.export_writers import TableWriter
+
+HEADER = ("table", "rows", "size", "file")
 
 TableOption = Annotated[
     list[str] | None,
@@ -96,11 +99,12 @@ def export(
 def _export(outcome: Outcome, opened: "RunFile", request: "ExportRequest") -> None:
     """Write one table after the other, so that what is there stays when a later one fails."""
     from edmctl.cli.run.export_output import new_file, stdout
-    from edmctl.console.export_table import Exported, render_export
+    from edmctl.console.layout import render_columns
     from edmctl.jobs.output_files import make_folder
     from edmctl.machine.interface import EventCode
     from edmctl.procedures.event_codes import RunEvent
     from edmctl.report.export_tables import TABLES, ExportTable
+    from edmctl.results.run_file import Exported
 
     names = {int(code): code.name for code in (*EventCode, *RunEvent)}
     tables = [ExportTable(opened, name, names) for name in request.tables or TABLES]
@@ -125,7 +129,8 @@ def _export(outcome: Outcome, opened: "RunFile", request: "ExportRequest") -> No
             _write(opened, request, table, sink)
         columns = [column.name for column in table.columns]
         written.append(Exported(table.name, str(path), table.rows, path.stat().st_size, columns))
-        outcome.text = render_export(written, stream_style(sys.stdout))
+        rows = [[one.table, count(one.rows), file_size(one.size_bytes), one.path] for one in written]
+        outcome.text = render_columns(HEADER, rows, stream_style(sys.stdout), "<>><")
 
 
 def _write(opened: "RunFile", request: "ExportRequest", table: "ExportTable", sink: "Sink") -> None:

@@ -6,18 +6,18 @@ import math
 import time
 from typing import TYPE_CHECKING
 
-from edmctl.console.story import PAD
 from edmctl.jobs.run_samples import PULSES_S, SampleReader
-from edmctl.wording import duration
+from edmctl.labels import PAD
+from edmctl.wording import duration, plain_number
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from edmctl.cli.run.explain import FileEvent
     from edmctl.console.progress import Reporter
     from edmctl.record.reader import RunFile
     from edmctl.results.progress import Phase, Progress
+    from edmctl.results.run_file import FileEvent
 
 LOOK_EVERY_S = 0.5
 FEED_AFTER_S = 10.0
@@ -53,13 +53,15 @@ class _Watcher:
     """Knows what has been told already, and what the events say about where the job stands."""
 
     def __init__(self, run: RunFile) -> None:
-        from edmctl.cli.run.explain import depths_of_holes
+        from edmctl.jobs.run_explanation import depths_of_holes
 
         values = run.profile_values()
-        self._mean_open_v = _number(values.get("pulse.open_voltage_v")) * _number(values.get("pulse.duty"))
+        self._mean_open_v = plain_number(values.get("pulse.open_voltage_v")) * plain_number(
+            values.get("pulse.duty")
+        )
         self._places = max(1, len(depths_of_holes(values)))
         by_depth = values.get("target.kind") == "depth"
-        self._target_um = _number(values.get("target.depth_um")) if by_depth else math.nan
+        self._target_um = plain_number(values.get("target.depth_um")) if by_depth else math.nan
         self._by_feed = values.get("target.kind") == "feed"
         self._samples = SampleReader()
         self._cut = _Cut()
@@ -71,7 +73,7 @@ class _Watcher:
 
     def report(self, run: RunFile, reporter: Reporter) -> None:
         """Report the newest state, and the events since the last one."""
-        from edmctl.cli.run.explain import events_of
+        from edmctl.jobs.run_events import events_of
 
         events = events_of(run, self._seen)
         self._seen += len(events)
@@ -96,9 +98,9 @@ class _Watcher:
         elif event.code == "CUT_PLANNED":
             self._step, self._jumps, self._last_jump_s = f"cut {event.args.get('cut', '')}", 0, math.nan
             self._cut = _Cut(
-                event.time_s, *(_number(event.args.get(name)) for name in ("feed_um", "wear_ratio"))
+                event.time_s, *(plain_number(event.args.get(name)) for name in ("feed_um", "wear_ratio"))
             )
-            self._target_um = _number(event.args.get("target_um", self._target_um))
+            self._target_um = plain_number(event.args.get("target_um", self._target_um))
         elif event.code == "CUT_ENDED":
             self._step = ""
         elif event.code == "JUMPED":
@@ -217,10 +219,6 @@ def _phase(state: int, *, machining: bool) -> Phase:
 
 
 def _is_news(event: FileEvent) -> bool:
-    from edmctl.console.story import DEBUG, LEFT_OUT
+    from edmctl.jobs.run_events import DEBUG, LEFT_OUT
 
     return event.level != DEBUG and event.code not in LEFT_OUT and event.code != "JUMPED"
-
-
-def _number(value: object) -> float:
-    return float(value) if isinstance(value, int | float) else math.nan

@@ -1,6 +1,5 @@
 """`edmctl run list`: the runs of a folder in a table."""
 
-import shutil
 import sys
 from datetime import UTC, datetime
 from pathlib import Path
@@ -14,9 +13,7 @@ from edmctl.errors import RunFileError, UsageError
 from edmctl.jobs.run_opening import RUNS, find_run
 
 if TYPE_CHECKING:
-    from edmctl.record.run_index import RunHead, Unreadable
-
-WORDS = {"E9005": "no run file", "E9006": "of a later version", "E9007": "damaged"}
+    from edmctl.results.run_file import RunHead, Unreadable
 
 FolderArgument = Annotated[
     Path | None, typer.Argument(metavar="[FOLDER]", help=f"Where the run files are; {RUNS} without.")
@@ -51,7 +48,9 @@ def _only(folder: Path | None, out: Path | None) -> Path:
 
 
 def _list(outcome: Outcome, folder: Path) -> None:
-    from edmctl.record.run_index import RunHead, Unreadable, heads_of, read_head
+    from edmctl.console.runs_table import render_runs
+    from edmctl.record.run_index import heads_of, read_head
+    from edmctl.results.run_file import RunHead, Unreadable
 
     if folder == RUNS and not folder.exists():
         outcome.result = {"folder": str(folder), "runs": []}
@@ -70,12 +69,12 @@ def _list(outcome: Outcome, folder: Path) -> None:
         "folder": str(folder),
         "runs": [_unread(head) if isinstance(head, Unreadable) else _read(head) for head in found],
     }
-    outcome.text = _table(found) if found else f"No run files in {folder}."
+    outcome.text = render_runs(found, stream_style(sys.stdout)) if found else f"No run files in {folder}."
 
 
 def _since(head: "RunHead | Unreadable") -> tuple[str, str]:
     """What the runs are sorted by: their start, of unreadable ones their last change."""
-    from edmctl.record.run_index import Unreadable
+    from edmctl.results.run_file import Unreadable
 
     if isinstance(head, Unreadable):
         return _changed(head), head.path.name
@@ -102,25 +101,3 @@ def _unread(file: "Unreadable") -> dict[str, object]:
         "size_bytes": file.size_bytes,
         "error": {"code": file.error.code, "message": file.error.message, "hint": file.error.hint},
     }
-
-
-def _table(found: "list[RunHead | Unreadable]") -> str:
-    from edmctl.console.runs_table import BrokenFile, render_runs
-    from edmctl.record.run_index import Unreadable
-
-    rows: list[RunHead | BrokenFile] = []
-    for head in found:
-        if isinstance(head, Unreadable):
-            rows.append(
-                BrokenFile(
-                    head.path.name,
-                    head.size_bytes,
-                    _changed(head),
-                    WORDS.get(head.error.code, head.error.code),
-                    head.error.message,
-                )
-            )
-        else:
-            rows.append(head)
-    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
-    return render_runs(rows, stream_style(sys.stdout), width)

@@ -121,9 +121,8 @@ def _content(opened: "RunFile", target: "Target") -> bytes:
 
 def page_of(opened: "RunFile") -> str:
     """The page with all figures and numbers of an open run file."""
-    from edmctl.cli.run.explain import sentences_of, trouble_of
+    from edmctl.jobs.run_explanation import sentences_of, trouble_of
     from edmctl.report.page import pictures_of, render_page
 
     sentences = sentences_of(opened)
-    story = [(sentence.time_s, sentence.text) for sentence in sentences]
-    return render_page(opened, pictures_of(opened), story, trouble_of(sentences))
+    return render_page(opened, pictures_of(opened), sentences, trouble_of(sentences))

@@ -1,6 +1,5 @@
 """`edmctl run show`: one run on a page, also while it goes on."""
 
-import shutil
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -15,7 +14,6 @@ FollowOption = Annotated[
     bool,
     typer.Option("--follow", "-f", help="Watch a run that goes on until it ends; Ctrl-C ends the watching."),
 ]
-WIDEST = 100
 
 
 def show(
@@ -56,9 +54,9 @@ def show(
 
 def _tell(outcome: Outcome, path: Path) -> None:
     """Leave the summary as the result. Raises RunFileError E9008 when the writer was killed."""
-    from edmctl.cli.run.summary import summary_of
     from edmctl.console.run_view import render_run
     from edmctl.jobs.run_opening import unless_killed
+    from edmctl.jobs.run_summary import summary_of
     from edmctl.record.reader import reading
 
     with reading(path) as opened:
@@ -66,9 +64,5 @@ def _tell(outcome: Outcome, path: Path) -> None:
         summary = summary_of(opened)
         outcome.simulated, outcome.seed = summary.simulated, summary.seed
         outcome.result = summary
-        outcome.text = render_run(summary, stream_style(sys.stdout), _columns())
+        outcome.text = render_run(summary, stream_style(sys.stdout))
         unless_killed(opened, summary.way_on)
-
-
-def _columns() -> int:
-    return min(shutil.get_terminal_size((80, 24)).columns, WIDEST) if sys.stdout.isatty() else 80

@@ -124,7 +124,7 @@ def _try(outcome: Outcome, asked: "list[Waveform]", calibration: Path | None, se
 
 def _report(outcome: Outcome, trial: "Trial", plot: Path | None, data: Path | None) -> None:
     """Say the figures; then write the files, so that a full disk leaves the figures known."""
-    from edmctl.console.actuator_table import render_actuator
+    from edmctl.console.calibration_tables import render_actuator
     from edmctl.jobs.actuator_trial.files import write_data, write_figure
 
     result: dict[str, object] = {**trial.as_mapping(), "plot_file": None, "data_file": None}

@@ -14,20 +14,20 @@ from typing import TYPE_CHECKING
 from edmctl.__main__ import spare_start_up
 from edmctl.cli.shell import shell
 from edmctl.cli.signals import ignore_signals
-from edmctl.console.progress import QuietReporter
+from edmctl.console.progress import Reporter
 from edmctl.errors import Interrupted, RunFileError
 from edmctl.exitcodes import ExitCode, error_exit_code
 from edmctl.jobs.checking import check
 from edmctl.jobs.job import carry_out
 from edmctl.jobs.run_header import name_run, run_path
-from edmctl.jobs.simulate.statistics import Run, run_of
+from edmctl.jobs.simulate.statistics import run_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from edmctl.console.progress import Reporter
     from edmctl.jobs.plan import JobRequest
+    from edmctl.results.simulation import SimulatedRun
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +55,7 @@ def check_names(tasks: Sequence[Task]) -> None:
             raise
 
 
-def perform_all(tasks: Sequence[Task], reporter: Reporter) -> list[Run]:
+def perform_all(tasks: Sequence[Task], reporter: Reporter) -> list[SimulatedRun]:
     """Perform `tasks`, side by side where there are cores, and return the runs in the order of the tasks."""
     workers = min(len(tasks), _cores())
     if workers == 1:
@@ -80,14 +80,14 @@ def perform_all(tasks: Sequence[Task], reporter: Reporter) -> list[Run]:
         return [future.result() for future in futures]
 
 
-def perform(task: Task, reporter: Reporter | None = None) -> Run:
+def perform(task: Task, reporter: Reporter | None = None) -> SimulatedRun:
     """Perform one task.
 
     A run that fails is a result too. A stop (Interrupted) or a disk that refuses (RunFileError) is raised.
     """
     plan = check(task.request, shell())
     name = name_run(task.out, task.run_id, plan.loaded, datetime.now(UTC)) if task.out else None
-    report = carry_out(plan, task.seed, reporter or QuietReporter(), name)
+    report = carry_out(plan, task.seed, reporter or Reporter(), name)
     if isinstance(report.error, Interrupted | RunFileError):
         raise report.error
     exit_code = error_exit_code(report.error) if report.error else 0
@@ -117,7 +117,7 @@ def _end_with_parent() -> None:
         os._exit(int(ExitCode.INTERNAL))
 
 
-def _one_by_one(tasks: Sequence[Task], reporter: Reporter) -> list[Run]:
+def _one_by_one(tasks: Sequence[Task], reporter: Reporter) -> list[SimulatedRun]:
     if len(tasks) == 1:
         return [perform(tasks[0], reporter)]
     runs = []

@@ -35,7 +35,7 @@ from edmctl.wording import plural
 if TYPE_CHECKING:
     from edmctl.cli.simulate.batch import Task
     from edmctl.jobs.plan import JobRequest, Plan
-    from edmctl.jobs.simulate.statistics import Run
+    from edmctl.results.simulation import SimulatedRun
 
 MOST_RUNS = 100_000
 
@@ -200,7 +200,7 @@ def _one_machine(seed: int) -> Diagnostic:
 
 
 def _forecast(outcome: Outcome, cases: list["_Case"]) -> None:
-    from edmctl.console.forecast_table import render_forecasts
+    from edmctl.console.profile_tables import render_forecasts
 
     outcome.result = {
         "cases": [
@@ -214,7 +214,7 @@ def _forecast(outcome: Outcome, cases: list["_Case"]) -> None:
 
 def _simulate(outcome: Outcome, batch: "_Batch") -> None:
     from edmctl.cli.simulate.batch import perform_all
-    from edmctl.console.spread_table import render_cases
+    from edmctl.console.statistics_table import render_cases
     from edmctl.jobs.simulate.statistics import summarize
 
     with watching(outcome.output) as reporter:
@@ -247,7 +247,7 @@ def _label(stem: str, request: "JobRequest", requests: int) -> str:
     return stem if requests == 1 else request.overrides[-1]
 
 
-def _refuse_failures(runs: list["Run"], batch: "_Batch") -> None:
+def _refuse_failures(runs: list["SimulatedRun"], batch: "_Batch") -> None:
     failed = [(batch.cases[number // batch.runs], run) for number, run in enumerate(runs) if not run.ok]
     if failed:
         case, first = failed[0]

@@ -4,31 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass, field
-from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError
+from edmctl.results.equipment import Check, CheckStatus
 
 if TYPE_CHECKING:
     from edmctl.errors import EdmError
-
-
-class CheckStatus(StrEnum):
-    """How a check came out."""
-
-    OK = "ok"
-    WARN = "warn"
-    FAIL = "fail"
-
-
-@dataclass(frozen=True, slots=True)
-class Check:
-    """One line of `doctor`; `fix` is empty where there is nothing to put right."""
-
-    name: str
-    status: CheckStatus
-    message: str
-    fix: str = ""
 
 
 def ok(name: str, message: str) -> Check:

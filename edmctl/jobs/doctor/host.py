@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.errors import EdmError, installing
-from edmctl.jobs.doctor.checks import Check, fail, ok, warn
+from edmctl.jobs.doctor.checks import fail, ok, warn
 from edmctl.jobs.resume.way_on import on_machine
 from edmctl.version import __version__
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from edmctl.jobs.doctor.checks import Checks
     from edmctl.profile.setup import Setup
+    from edmctl.results.equipment import Check
 
 LIBRARIES = ("numpy", "scipy", "numba", "h5py", "pyserial", "pydantic")
 LEAST_FREE_BYTES = 100e6

@@ -6,7 +6,7 @@ import time
 from typing import TYPE_CHECKING
 
 from edmctl.errors import EdmError, Interrupted, LinkLost
-from edmctl.jobs.doctor.checks import Check, fail, ok, warn
+from edmctl.jobs.doctor.checks import fail, ok, warn
 from edmctl.wording import decimal
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         TelemetryBlock,
     )
     from edmctl.profile.setup import Setup
+    from edmctl.results.equipment import Check
     from edmctl.results.link import LinkReport
 
 QUESTIONS = 100

@@ -4,101 +4,18 @@ from __future__ import annotations
 
 import math
 import statistics
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from edmctl.labels import Basis, Verdict
+from edmctl.labels import Basis
 from edmctl.results.job import SiteTruth
+from edmctl.results.simulation import Case, SimulatedRun, SimulatedSite, Statistics
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from edmctl.jobs.job import Report
     from edmctl.results.channel import ChannelResult
     from edmctl.results.job import SiteResult
-
-
-@dataclass(frozen=True, slots=True)
-class RunSite:
-    """One hole or channel of a simulated run, as it was found and as it truly is."""
-
-    name: str
-    depth_um: float
-    depth_u95_um: float
-    wear_um: float
-    wear_u95_um: float
-    measuring_stops: int
-    depth_basis: Basis
-    wear_basis: Basis
-    verdict: Verdict | None
-    truth: SiteTruth
-
-    @property
-    def depth_error_um(self) -> float:
-        """Depth as found less true depth."""
-        return self.depth_um - self.truth.depth_um
-
-    @property
-    def wear_error_um(self) -> float:
-        """Wear as found less true wear."""
-        return self.wear_um - self.truth.wear_um
-
-
-@dataclass(frozen=True, slots=True)
-class Run:
-    """One simulated run; what was not reached is NaN. `calibration` says in words what its actuator model was.
-
-    Depth, wear and feed are those of the first hole or of the channel; `sites` has all of them. `cuts` of a channel
-    are its passes.
-    """
-
-    seed: int
-    ok: bool
-    exit_code: int
-    error: str | None
-    depth_um: float = math.nan
-    depth_u95_um: float = math.nan
-    wear_um: float = math.nan
-    wear_u95_um: float = math.nan
-    feed_um: float = math.nan
-    depth_basis: Basis | None = None
-    wear_basis: Basis | None = None
-    verdict: Verdict | None = None
-    truth: SiteTruth = field(default_factory=SiteTruth)
-    machining_time_s: float = math.nan
-    time_s: float = math.nan
-    cuts: int = 0
-    calibration: str = ""
-    sites: tuple[RunSite, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class Spread:
-    """Mean, standard deviation (NaN for one value) and range."""
-
-    mean: float
-    sd: float
-    minimum: float
-    maximum: float
-
-
-@dataclass(frozen=True, slots=True)
-class Case:
-    """Runs that differ in their seed only. `truth` has the spreads of what the plant knows.
-
-    `spreads` holds depths and wears that were touched, `by_model` those touched without a sensor, `estimated` those
-    that were not touched.
-    """
-
-    label: str
-    overrides: tuple[str, ...]
-    runs: tuple[Run, ...]
-    failed: int
-    spreads: Mapping[str, Spread]
-    by_model: Mapping[str, Spread]
-    estimated: Mapping[str, Spread]
-    truth: Mapping[str, Spread]
-    coverage: Mapping[str, float]
 
 
 _SITE_QUANTITIES = {
@@ -112,17 +29,17 @@ _RUN_QUANTITIES = ("machining_time_s", "time_s")
 _TRUE_QUANTITIES = ("depth_um", "wear_um")
 
 
-def run_of(seed: int, exit_code: int, report: Report) -> Run:
+def run_of(seed: int, exit_code: int, report: Report) -> SimulatedRun:
     """Reduce a report to one row."""
     message = report.error.message if report.error else None
     model = report.model.text if report.model else ""
     made, channel = _made(report), report.job.channel
     if not made:
-        return Run(
+        return SimulatedRun(
             seed, report.error is None, exit_code, message, time_s=report.job.time_s, calibration=model
         )
     sites = tuple(
-        RunSite(
+        SimulatedSite(
             name=site.name,
             depth_um=site.depth_um,
             depth_u95_um=site.depth_u95_um,
@@ -137,7 +54,7 @@ def run_of(seed: int, exit_code: int, report: Report) -> Run:
         for site, truth in made
     )
     site, truth = made[0]
-    return Run(
+    return SimulatedRun(
         seed=seed,
         ok=report.error is None,
         exit_code=exit_code,
@@ -167,7 +84,7 @@ def _made(report: Report) -> list[tuple[SiteResult | ChannelResult, SiteTruth]]:
     return list(zip(report.job.sites, report.truths, strict=True)) if report.truths else []
 
 
-def summarize(label: str, overrides: tuple[str, ...], runs: Sequence[Run]) -> Case:
+def summarize(label: str, overrides: tuple[str, ...], runs: Sequence[SimulatedRun]) -> Case:
     """Sum up the runs of one set of values; those that made nothing count as failed only."""
     made = [run for run in runs if run.sites]
     sites = [site for run in made for site in run.sites]
@@ -176,35 +93,35 @@ def summarize(label: str, overrides: tuple[str, ...], runs: Sequence[Run]) -> Ca
         overrides=overrides,
         runs=tuple(runs),
         failed=sum(not run.ok for run in runs),
-        spreads={**_of_basis(sites, Basis.TOUCHED), **_spreads(made, _RUN_QUANTITIES)},
+        spreads={**_of_basis(sites, Basis.TOUCHED), **_statistics_of(made, _RUN_QUANTITIES)},
         by_model=_of_basis(sites, Basis.MODEL),
         estimated=_of_basis(sites, Basis.ESTIMATED),
-        truth=_spreads([site.truth for site in sites], _TRUE_QUANTITIES),
+        truth=_statistics_of([site.truth for site in sites], _TRUE_QUANTITIES),
         coverage=_coverage(sites),
     )
 
 
-def _of_basis(sites: Sequence[RunSite], basis: Basis) -> dict[str, Spread]:
+def _of_basis(sites: Sequence[SimulatedSite], basis: Basis) -> dict[str, Statistics]:
     """Spreads of what rests on one basis: a depth that was estimated is its target, and scatters by nothing."""
-    found: dict[str, Spread] = {}
+    found: dict[str, Statistics] = {}
     for key, name in _SITE_QUANTITIES.items():
-        found |= _spreads([site for site in sites if getattr(site, name) is basis], (key,))
+        found |= _statistics_of([site for site in sites if getattr(site, name) is basis], (key,))
     return found
 
 
-def _spreads(
-    rows: Sequence[Run] | Sequence[RunSite] | Sequence[SiteTruth], keys: Sequence[str]
-) -> dict[str, Spread]:
+def _statistics_of(
+    rows: Sequence[SimulatedRun] | Sequence[SimulatedSite] | Sequence[SiteTruth], keys: Sequence[str]
+) -> dict[str, Statistics]:
     found = {key: [v for row in rows if math.isfinite(v := getattr(row, key))] for key in keys}
-    return {key: _spread(values) for key, values in found.items() if values}
+    return {key: _statistics(values) for key, values in found.items() if values}
 
 
-def _spread(values: Sequence[float]) -> Spread:
+def _statistics(values: Sequence[float]) -> Statistics:
     sd = statistics.stdev(values) if len(values) > 1 else math.nan
-    return Spread(statistics.fmean(values), sd, min(values), max(values))
+    return Statistics(statistics.fmean(values), sd, min(values), max(values))
 
 
-def _coverage(sites: Sequence[RunSite]) -> dict[str, float]:
+def _coverage(sites: Sequence[SimulatedSite]) -> dict[str, float]:
     """Share of holes and channels whose 95 % interval held the truth, where there is one."""
     held = {
         "depth": [abs(s.depth_error_um) <= s.depth_u95_um for s in sites if math.isfinite(s.depth_error_um)],

@@ -7,7 +7,6 @@ in its stead.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -27,6 +26,7 @@ from edmctl.report.style import (
     new_figure,
     shared_legend,
 )
+from edmctl.wording import plain_number
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -105,7 +105,7 @@ def draw(run: RunFile) -> Figure:
             path_um=path_um,
             floor=None if work is None else _floor(work, path_um),
             touched=touched,
-            touched_u95_um=_um(_result(run), "depth_u95_um"),
+            touched_u95_um=plain_number(_result(run).get("depth_u95_um")),
             target_um=float(values["target.depth_um"]),
             tolerance_um=float(values["target.tolerance_um"]),
         )
@@ -128,13 +128,9 @@ def _touched(run: RunFile) -> list[tuple[float, float]]:
     """Length along the path and depth of the touches of the last measuring stop, µm."""
     floor = _result(run).get("floor")
     return [
-        (_um(place, "s_um"), _um(place, "depth_um")) for place in (floor if isinstance(floor, list) else ())
+        (plain_number(place.get("s_um")), plain_number(place.get("depth_um")))
+        for place in (floor if isinstance(floor, list) else ())
     ]
-
-
-def _um(place: Mapping[str, object], name: str) -> float:
-    value = place.get(name)
-    return float(value) if isinstance(value, int | float) else math.nan
 
 
 def _floor(work: HeightMap, path_um: Array) -> Floor:

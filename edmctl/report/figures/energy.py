@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.report.pulse_statistics import has_pulses, spark_energies
+from edmctl.report.pulse_statistics import cuts_with_pulses, spark_energies
 from edmctl.report.removal import cumulated, in_this_run, kappa, removal
-from edmctl.report.signals import cuts_s
 from edmctl.report.style import (
     ARC,
     BLACK,
@@ -43,11 +42,7 @@ UJ_PER_J = 1e6
 
 def draw(run: RunFile) -> Figure:
     """Draw the histogram of energies, and the volume by measured depths over the energy of all discharges so far."""
-    cuts = cuts_s(run)
-    if not has_pulses(run) or not len(cuts):
-        raise NothingToDraw(
-            'No pulses were recorded while cutting: the run ended before, or its profile says log.pulses = "off".'
-        )
+    cuts = cuts_with_pulses(run)
     found = removal(run)
     edges_s = np.unique(np.concatenate([cuts[[0, -1], [0, 1]], found.began_s, found.time_s]))
     energies = spark_energies(run, edges_s)

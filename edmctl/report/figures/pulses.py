@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.report.numbers import CLASSES
-from edmctl.report.pulse_statistics import ARC, SHORT, has_every_pulse, has_pulses, pulse_counts
-from edmctl.report.signals import cuts_s
+from edmctl.report.pulse_statistics import ARC, SHORT, cuts_with_pulses, has_every_pulse, pulse_counts
 from edmctl.report.style import (
     PULSE_COLOURS,
     PULSE_DASHES,
@@ -36,11 +35,7 @@ INTERVALS = 160
 
 def draw(run: RunFile) -> Figure:
     """Draw the share of each class in intervals of time, the rare ones again, and over all; only while cutting."""
-    cuts = cuts_s(run)
-    if not has_pulses(run) or not len(cuts):
-        raise NothingToDraw(
-            'No pulses were recorded while cutting: the run ended before, or its profile says log.pulses = "off".'
-        )
+    cuts = cuts_with_pulses(run)
     edges_s = np.linspace(cuts[0, 0], cuts[-1, 1], INTERVALS + 1)
     counts = _while_cutting(run, edges_s, cuts)
     if not counts.sum():

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from edmctl.record.reader import RunFile
-    from edmctl.report.numbers import SiteNumbers
+    from edmctl.results.run_file import SiteNumbers
 
 HEIGHT_MM = 72.0
 COLUMN_SITES = 3

@@ -59,7 +59,7 @@ def draw(run: RunFile) -> Figure:
     part = _rows_between(run, begin_s, end_s)
     if part[1] - part[0] < 2:
         raise NothingToDraw(
-            "The servo signals do not cover the touches of this run, which a whole run file does."
+            "The servo signals of this file do not cover its touches; those of a whole run file do."
         )
     sequence = _sequence(touches)
     whole_part = _rows_of_sequence(run, sequence)

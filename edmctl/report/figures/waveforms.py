@@ -17,6 +17,7 @@ from edmctl.report.style import (
     letter_panels,
     new_figure,
 )
+from edmctl.wording import plain_number
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -42,7 +43,7 @@ def draw(run: RunFile) -> Figure:
     time_s = run.column(PATH, "time").astype(np.float64)
     if len(time_s) < 2:
         raise NothingToDraw(
-            "The run has no waveforms: the controller keeps those about a fault, and latched none, or keeps none."
+            "The run has no waveforms: the controller latched no fault, or keeps no waveforms about one."
         )
     fault_s = _fault_s(run, time_s)
     zero_s = float(time_s[-1]) if fault_s is None else fault_s
@@ -79,11 +80,8 @@ def _fault_s(run: RunFile, time_s: Array) -> float | None:
 
 
 def _detail(run: RunFile, time_s: Array, zero_s: float) -> tuple[float, float]:
-    frequency_hz = run.profile_values().get("pulse.frequency_hz", 0.0)
-    if isinstance(frequency_hz, int | float) and frequency_hz > 0.0:
-        period_s = 1.0 / float(frequency_hz)
-    else:
-        period_s = float(time_s[-1] - time_s[0]) / 40.0
+    frequency_hz = plain_number(run.profile_values().get("pulse.frequency_hz"))
+    period_s = 1.0 / frequency_hz if frequency_hz > 0.0 else float(time_s[-1] - time_s[0]) / 40.0
     return zero_s - PERIODS_BEFORE * period_s, zero_s + PERIODS_AFTER * period_s
 
 

@@ -1,20 +1,19 @@
-"""What a run file says, gathered for people and as JSON."""
+"""The summary of a run from its file, for people and as JSON."""
 
 from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from edmctl.console.story import Sentence
+from edmctl.results.run_file import JumpTimes, RunSummary, Sentence
+from edmctl.wording import plain_number
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from edmctl.cli.run.explain import FileEvent
     from edmctl.record.reader import RunFile
-    from edmctl.report.numbers import RunNumbers, SiteNumbers
+    from edmctl.results.run_file import FileEvent
 
 TIME_LINE = frozenset(
     {
@@ -23,86 +22,15 @@ TIME_LINE = frozenset(
         *("CHANNEL_MEASURED", "WEAR_MEASURED", "SURFACE_FOUND", "JUMP_MEASURED", "ENDED_EARLY"),
     }
 )
-"""Kinds of sentences that a time line is made of; `run explain` tells all."""
+"""Kinds of sentences that a time line is made of; `run explain` has all."""
 WARNING_LEVEL = 2
 
 
-@dataclass(frozen=True, slots=True)
-class Jumps:
-    """Every jump that the tool made, also those out of a short, and the times between those of one cut, s.
-
-    The times are NaN with fewer than two.
-    """
-
-    count: int
-    shortest_s: float
-    median_s: float
-    longest_s: float
-
-
-@dataclass(frozen=True, slots=True)
-class Totals:
-    """Sums over all sites; unknown values are NaN."""
-
-    pulses: int
-    ratios: dict[str, float]
-    energy_j: float
-    mrr_mm3_min: float
-    wear_ratio_lin: float
-    wear_ratio_vol: float
-
-
-@dataclass(frozen=True, slots=True)
-class RunSummary:
-    """Everything that `run show` tells. `rows` are those of each table, `summary` is the result of the command.
-
-    Times are those of the job: `earlier_time_s` of `time_s` passed in the runs that it goes on with, 0 without any.
-    The pauses between them are left out; they were `pause_s`, NaN where nobody knows.
-    `way_on` is the command that takes up the job; empty where there is nothing to take up.
-    `est_depth_um` is how deep the hole is that was left without a result; NaN where there is none.
-    """
-
-    file: str
-    size_bytes: int
-    run_id: str
-    parent_run: str
-    title: str
-    wanted: str
-    command: tuple[str, ...]
-    user: str
-    start_time: str
-    end_time: str
-    status: str
-    exit_code: int | None
-    error_code: str
-    recovery: str
-    way_on: str
-    simulated: bool
-    seed: int | None
-    time_s: float
-    machining_time_s: float
-    earlier_time_s: float
-    pause_s: float
-    sites: tuple[SiteNumbers, ...]
-    est_depth_um: float
-    est_depth_u95_um: float
-    totals: Totals
-    jumps: Jumps
-    touches: tuple[dict[str, object], ...]
-    moments: tuple[Sentence, ...]
-    warnings: tuple[Sentence, ...]
-    machine: dict[str, str]
-    software: dict[str, str]
-    profile: dict[str, object]
-    overrides: tuple[str, ...]
-    rows: dict[str, int]
-    summary: dict[str, object] | None
-
-
 def summary_of(opened: RunFile) -> RunSummary:
-    """Read what is told of an open run file, also of one without an end."""
-    from edmctl.cli.run.explain import events_of, sentences_of, wanted
+    """Read the summary of an open run file, also of one without an end."""
     from edmctl.jobs.resume.way_on import command_to_go_on
+    from edmctl.jobs.run_events import events_of
+    from edmctl.jobs.run_explanation import sentences_of, wanted
     from edmctl.record.create import NO_EXIT_CODE
     from edmctl.record.events import error_code_of
     from edmctl.record.results import estimated_depth
@@ -139,7 +67,7 @@ def summary_of(opened: RunFile) -> RunSummary:
         sites=numbers.sites,
         est_depth_um=estimated.depth_um,
         est_depth_u95_um=estimated.depth_u95_um,
-        totals=_totals(numbers),
+        totals=numbers.totals,
         jumps=jumps_of(events),
         touches=tuple(_touches(opened)),
         moments=tuple(sentence for sentence in sentences if sentence.code in TIME_LINE),
@@ -162,39 +90,26 @@ def _software(opened: RunFile) -> dict[str, str]:
 
 
 def _time_s(opened: RunFile, summary: Mapping[str, object] | None, events: Sequence[FileEvent]) -> float:
-    """How long the job took; of one without an end, to its last row."""
-    told = (summary or {}).get("time_s")
-    if isinstance(told, int | float):
-        return float(told)
+    """Return how long the job took; of one without an end, to its last row."""
+    time_s = plain_number((summary or {}).get("time_s"))
+    if math.isfinite(time_s):
+        return time_s
     servo = opened.rows("/entry/servo")
     last = opened.column("/entry/servo", "time", servo - 1, servo).tolist() if servo else []
     return _earlier_s(opened) + max([*last, *(event.time_s for event in events[-1:])], default=math.nan)
 
 
 def _earlier_s(opened: RunFile) -> float:
-    """Time of the job in the runs before; files of older versions do not tell."""
+    """Time of the job in the runs before; files of older versions do not have it."""
     earlier_s = opened.number("/entry/parent_time")
     return earlier_s if math.isfinite(earlier_s) else 0.0
 
 
 def _pause_s(summary: Mapping[str, object] | None) -> float:
-    told = (summary or {}).get("pause_s", 0.0)
-    return float(told) if isinstance(told, int | float) else math.nan
+    return plain_number((summary or {}).get("pause_s", 0.0))
 
 
-def _totals(numbers: RunNumbers) -> Totals:
-    pulses = numbers.total("pulses")
-    return Totals(
-        pulses=int(pulses) if math.isfinite(pulses) else 0,
-        ratios={name: numbers.ratio(name) for name in ("open", "normal", "arc", "short")},
-        energy_j=numbers.total("energy_j"),
-        mrr_mm3_min=numbers.mrr_mm3_min,
-        wear_ratio_lin=numbers.wear_ratio_lin,
-        wear_ratio_vol=numbers.wear_ratio_vol,
-    )
-
-
-def jumps_of(events: Sequence[FileEvent]) -> Jumps:
+def jumps_of(events: Sequence[FileEvent]) -> JumpTimes:
     """Count the jumps, whatever asked for them, and the times from one to the next of the same cut."""
     from statistics import median
 
@@ -209,8 +124,8 @@ def jumps_of(events: Sequence[FileEvent]) -> Jumps:
         elif event.code == "CUT_ENDED":
             last_s = math.nan
     if not apart_s:
-        return Jumps(count, math.nan, math.nan, math.nan)
-    return Jumps(count, min(apart_s), median(apart_s), max(apart_s))
+        return JumpTimes(count, math.nan, math.nan, math.nan)
+    return JumpTimes(count, min(apart_s), median(apart_s), max(apart_s))
 
 
 def _touches(opened: RunFile) -> list[dict[str, object]]:

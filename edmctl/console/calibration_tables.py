@@ -1,136 +1,34 @@
-"""The table of `calibrate`: how well the actuator is known, beside what simpler models would say."""
+"""Tables of actuator models: what a calibration found, its plan, and the errors of models on a virtual actuator."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
-from edmctl.console.model_errors import MODEL_NAMES, ErrorsView
+from edmctl.console.layout import render_columns
 from edmctl.console.style import PLAIN, Style
-from edmctl.console.tables import render_columns
 from edmctl.wording import U95, count, decimal, duration, with_u95
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from edmctl.actuator.identification import Identification
+    from edmctl.actuator.validation import ErrorFigures
+    from edmctl.jobs.actuator_trial.trial import WaveformResult
+    from edmctl.jobs.calibration.fit import Figures, FileFigures, Findings
+    from edmctl.jobs.calibration.request import LeverFound
+    from edmctl.procedures.actuator.calibration import CalibrationPlan
+
+    Errors = ErrorFigures | Figures | FileFigures
+
+_MAXWELL = "Maxwell, no creep"
+MODEL_NAMES = {"line": "straight line", "maxwell": _MAXWELL, "paper": _MAXWELL, "ours": "edmctl"}
+"""`maxwell` is fitted to all the data, `paper` to one slow cycle."""
 SMALL_RANGE_UM = 100.0
-"""Errors on a smaller range are told to the nanometre."""
+"""Errors on a smaller range have three decimals."""
 _NAME_WIDTH = 15
 
 
-class FiguresView(ErrorsView, Protocol):
-    """Errors with the range that was measured, which their percentages are of."""
-
-    @property
-    def range_um(self) -> float: ...
-
-
-class FileView(FiguresView, Protocol):
-    """Errors on one validation file."""
-
-    @property
-    def name(self) -> str: ...
-
-
-class BandsView(Protocol):
-    """Standard uncertainties with the values that they belong to."""
-
-    @property
-    def displacement_sd_um(self) -> float: ...
-    @property
-    def displacement_sd_max_um(self) -> float: ...
-    @property
-    def gain_um_per_v(self) -> float: ...
-    @property
-    def gain_sd_um_per_v(self) -> float: ...
-    @property
-    def loop_width(self) -> float: ...
-    @property
-    def loop_width_sd(self) -> float: ...
-    @property
-    def gamma_per_decade(self) -> float: ...
-    @property
-    def gamma_sd_per_decade(self) -> float: ...
-
-
-class ModelView(Protocol):
-    """What is told of the model itself."""
-
-    @property
-    def stroke_um(self) -> float: ...
-    @property
-    def delay_s(self) -> float: ...
-    @property
-    def low_v(self) -> float: ...
-    @property
-    def high_v(self) -> float: ...
-
-
-class IdentificationView(Protocol):
-    """The model, how sure it is, and what stands against it."""
-
-    @property
-    def model(self) -> ModelView: ...
-    @property
-    def bands(self) -> BandsView: ...
-    @property
-    def problems(self) -> Sequence[str]: ...
-    @property
-    def notes(self) -> Sequence[str]: ...
-
-
-class FindingsView(Protocol):
-    """Everything that a calibration found; `validated` is None without validation files."""
-
-    @property
-    def identification(self) -> IdentificationView: ...
-    @property
-    def train(self) -> FiguresView: ...
-    @property
-    def held_out(self) -> FiguresView: ...
-    @property
-    def held_out_baselines(self) -> Mapping[str, FiguresView]: ...
-    @property
-    def validated(self) -> FiguresView | None: ...
-    @property
-    def validated_baselines(self) -> Mapping[str, FiguresView]: ...
-    @property
-    def files(self) -> Sequence[FileView]: ...
-    @property
-    def refit(self) -> Sequence[str]: ...
-
-
-class LeverView(Protocol):
-    """Lever factor with the half-width of its 95 % interval."""
-
-    @property
-    def factor(self) -> float: ...
-    @property
-    def u95(self) -> float: ...
-
-
-class LegView(Protocol):
-    """A straight line to a voltage."""
-
-    @property
-    def u_v(self) -> float: ...
-    @property
-    def duration_s(self) -> float: ...
-
-
-class PlanView(Protocol):
-    """What an actuator will be driven through."""
-
-    @property
-    def legs(self) -> Sequence[LegView]: ...
-    @property
-    def high_v(self) -> float: ...
-    @property
-    def duration_s(self) -> float: ...
-    @property
-    def samples(self) -> int: ...
-
-
-def render_calibration(found: FindingsView, lever: LeverView | None = None, style: Style = PLAIN) -> str:
+def render_calibration(found: Findings, lever: LeverFound | None = None, style: Style = PLAIN) -> str:
     """Render the errors of the models, what the actuator is like, and what is not accepted and why."""
     fitted = ("edmctl, fitted data", found.train)
     blocks = [_errors("held-out blocks", [*_models(found.held_out_baselines, found.held_out), fitted], style)]
@@ -143,12 +41,12 @@ def render_calibration(found: FindingsView, lever: LeverView | None = None, styl
     return "\n\n".join(blocks)
 
 
-def render_lever(lever: LeverView) -> str:
+def render_lever(lever: LeverFound) -> str:
     """Render the lever factor alone."""
     return "\n".join(_lever_lines(lever))
 
 
-def render_plan(plan: PlanView, style: Style = PLAIN) -> str:
+def render_plan(plan: CalibrationPlan, style: Style = PLAIN) -> str:
     """Render every leg with the time it begins at, and the whole."""
     rows, time_s = [], 0.0
     for leg in plan.legs:
@@ -161,22 +59,22 @@ def render_plan(plan: PlanView, style: Style = PLAIN) -> str:
     return "\n".join([render_columns(["at s", "to V", "in s"], rows, style, align=">"), total])
 
 
-def _models(baselines: Mapping[str, FiguresView], ours: FiguresView) -> list[tuple[str, FiguresView]]:
+def _models(baselines: Mapping[str, Errors], ours: Errors) -> list[tuple[str, Errors]]:
     return [*((MODEL_NAMES[key], figures) for key, figures in baselines.items()), (MODEL_NAMES["ours"], ours)]
 
 
-def _errors(title: str, rows: Sequence[tuple[str, FiguresView]], style: Style) -> str:
+def _errors(title: str, rows: Sequence[tuple[str, Errors]], style: Style) -> str:
     header = [title, "max µm", "RMS µm", "max %", "RMS %"]
     return render_columns(header, [[name, *_numbers(figures)] for name, figures in rows], style)
 
 
-def _numbers(figures: FiguresView) -> list[str]:
+def _numbers(figures: Errors) -> list[str]:
     digits = 3 if figures.range_um < SMALL_RANGE_UM else 2
     lengths = [f"{value:.{digits}f}" for value in (figures.max_um, figures.rms_um)]
     return [*lengths, decimal(figures.max_pct), decimal(figures.rms_pct)]
 
 
-def _validation(found: FindingsView, ours: FiguresView, style: Style) -> str:
+def _validation(found: Findings, ours: Errors, style: Style) -> str:
     """Errors on the files that no model was fitted to, and on each of them where there are several."""
     title = found.files[0].name if len(found.files) == 1 else f"{len(found.files)} files"
     rows = _models(found.validated_baselines, ours)
@@ -186,7 +84,7 @@ def _validation(found: FindingsView, ours: FiguresView, style: Style) -> str:
     return f"{_errors(title, rows, style)}\n{again} fitted to each file first."
 
 
-def _properties(found: IdentificationView) -> list[str]:
+def _properties(found: Identification) -> list[str]:
     model, bands = found.model, found.bands
     stroke_sd_um = bands.gain_sd_um_per_v * (model.high_v - model.low_v)
     loop_width = with_u95(100.0 * bands.loop_width, U95 * 100.0 * bands.loop_width_sd)
@@ -207,7 +105,29 @@ def _properties(found: IdentificationView) -> list[str]:
     return [*(f"{name:{_NAME_WIDTH}}{text}" for name, text in lines.items()), by_sensor]
 
 
-def _lever_lines(lever: LeverView | None) -> list[str]:
+def _lever_lines(lever: LeverFound | None) -> list[str]:
     if lever is None:
         return []
     return [f"{'lever factor':{_NAME_WIDTH}}{lever.factor:.3f} ± {lever.u95:.3f}"]
+
+
+def render_actuator(waveforms: Sequence[WaveformResult], stroke_um: float, style: Style = PLAIN) -> str:
+    """Render one row per waveform and model, and what the figures mean."""
+    header = ["waveform", "model", "max µm", "RMS µm", "max %", "RMS %"]
+    rows = [
+        [
+            waveform.name if index == 0 else "",
+            MODEL_NAMES[key],
+            *(decimal(value) for value in (errors.max_um, errors.rms_um, errors.max_pct, errors.rms_pct)),
+        ]
+        for waveform in waveforms
+        for index, (key, errors) in enumerate(waveform.models.items())
+    ]
+    return "\n".join(
+        [
+            render_columns(header, rows, style, align="<<>"),
+            f"Errors against the simulated truth, in percent of the stroke of {decimal(stroke_um)} µm.",
+            "Each model gets one zero per waveform (its mean error is taken off): the sensor's zero is not known.",
+            "The sensor's gain error stays in.",
+        ]
+    )

@@ -1,12 +1,13 @@
-"""A small chart of a signal in text, and the last minute that it is drawn from.
+"""Charts in text: bars of depth, counts and pulse classes, and the last minute of a signal.
 
-Every column shows the lowest and the highest value of its time, so that no short peak is lost.
+Every column of a signal shows the lowest and the highest value of its time, so that no short peak is lost.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.console.style import Ink
@@ -14,16 +15,90 @@ from edmctl.console.style import Ink
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from edmctl.console.cells import Span
+    from edmctl.console.layout import Span
+    from edmctl.results.pulses import PulseShares
 
+BEYOND = 1.08
+"""The depth bar goes so far beyond its target, so that a hole that comes out too deep is seen."""
 SPAN_S = 60.0
 _MOST = 4000
 """Reports that are kept: a minute of them at 60 Hz."""
-
 _LEFT = (0x01, 0x02, 0x04, 0x40)
 _RIGHT = (0x08, 0x10, 0x20, 0x80)
 """Dots of a braille cell from top to bottom."""
 _ASCII_CELL = {(False, False): " ", (True, False): "'", (False, True): ".", (True, True): ":"}
+
+
+@dataclass(frozen=True, slots=True)
+class _Glyphs:
+    done: str
+    band: str
+    rest: str
+    target: str
+    open: str
+    normal: str
+    arc: str
+    short: str
+
+
+_UNICODE = _Glyphs("█", "▒", "─", "│", "░", "█", "▓", "▞")
+_ASCII = _Glyphs("#", "~", "-", "|", ".", "#", "a", "S")
+PULSE_INKS = {"open": Ink.OPEN, "normal": Ink.NORMAL, "arc": Ink.ARC, "short": Ink.SHORT}
+
+
+def depth_bar(
+    done_um: float, u95_um: float, target_um: float, cells: int, *, unicode: bool = True
+) -> list[Span]:
+    """Draw what is surely done, the band of the 95 % interval around the tip (a cell at least), and the target."""
+    glyphs = _UNICODE if unicode else _ASCII
+    full_um = BEYOND * target_um
+    if not (full_um > 0.0 and math.isfinite(done_um)) or cells < 1:
+        return [(glyphs.rest * cells, Ink.FAINT)]
+
+    def place(value_um: float) -> float:
+        return min(max(value_um / full_um, 0.0), 1.0) * cells
+
+    band_um = u95_um if math.isfinite(u95_um) else 0.0
+    sure, likely = math.floor(place(done_um - band_um)), math.ceil(place(done_um + band_um))
+    if band_um == 0.0:
+        sure = likely = round(place(done_um))
+    at = min(round(place(target_um)), cells - 1)
+    parts = [(0, sure, glyphs.done, Ink.SIGNAL), (sure, likely, glyphs.band, Ink.BAND)]
+    parts += [(likely, cells, glyphs.rest, Ink.FAINT)]
+    spans: list[Span] = []
+    for begin, end, glyph, ink in parts:
+        if begin <= at < end:
+            spans += [
+                (glyph * (at - begin), ink),
+                (glyphs.target, Ink.STRONG),
+                (glyph * (end - at - 1), ink),
+            ]
+        else:
+            spans.append((glyph * (end - begin), ink))
+    return [span for span in spans if span[0]]
+
+
+def count_bar(done: int, total: int, cells: int, *, unicode: bool = True) -> list[Span]:
+    """Draw how many of a number are done."""
+    glyphs = _UNICODE if unicode else _ASCII
+    filled = min(cells, cells * done // max(1, total))
+    return [(glyphs.done * filled, Ink.SIGNAL), (glyphs.rest * (cells - filled), Ink.FAINT)]
+
+
+def pulse_bar(ratios: PulseShares, cells: int, *, unicode: bool = True, colour: bool = True) -> list[Span]:
+    """Draw the classes side by side; with colour all are solid, without it each has a pattern."""
+    glyphs = _UNICODE if unicode else _ASCII
+    spans: list[Span] = []
+    drawn, total = 0, 0.0
+    for name, ink in PULSE_INKS.items():
+        share = float(getattr(ratios, name))
+        total += share if math.isfinite(share) else 0.0
+        end = max(drawn, min(cells, round(total * cells)))
+        glyph = glyphs.done if unicode and colour else getattr(glyphs, name)
+        spans.append((glyph * (end - drawn), ink))
+        drawn = end
+    spans.append((" " * (cells - drawn), None))
+    return [span for span in spans if span[0]]
 
 
 class History:
@@ -32,7 +107,7 @@ class History:
     def __init__(self) -> None:
         self._rows: deque[tuple[float, float, float]] = deque(maxlen=_MOST)
 
-    def take(self, time_s: float, low: float, high: float) -> None:
+    def update(self, time_s: float, low: float, high: float) -> None:
         """Add one report; unknown values are left out, and a clock that goes back begins anew."""
         rows = self._rows
         if not math.isfinite(time_s):

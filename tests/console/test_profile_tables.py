@@ -1,11 +1,12 @@
-"""The forecast of a hole, of an array and of a channel, as a table."""
+"""Profiles for people: forecasts of a hole, of an array and of a channel, and the list of profiles."""
 
 from __future__ import annotations
 
-from edmctl.console.forecast_table import render_forecast
+from edmctl.console.profile_tables import render_forecast, render_forecasts, render_profiles
+from edmctl.console.style import Style
 from edmctl.forecasts.forecast import forecast
 from edmctl.profile.setup import Setup
-from edmctl.rules.load import load_profile
+from edmctl.rules.load import load_profile, summaries
 
 
 def table_of(name: str, *overrides: str) -> dict[str, list[str]]:
@@ -53,3 +54,16 @@ def test_a_channel_tells_its_length_layers_and_wear() -> None:
 
 def test_a_hole_through_a_foil_feeds_on_beyond_it() -> None:
     assert table_of("foil-through")["feed"][0] == "146.35 µm"
+
+
+def test_the_list_of_profiles_and_a_sweep_fit_a_narrow_terminal() -> None:
+    found = summaries(Setup())
+    loaded = load_profile("cu270")
+    sweep = [(f"servo.reference=0.7{i}", forecast(loaded.profile, Setup(), loaded.places)) for i in range(3)]
+    for columns in (None, 80, 70):
+        style = Style(colour=False, live=False, columns=columns)
+        profiles, forecasts = render_profiles(found, style), render_forecasts(sweep, style)
+        assert ("tool wear" in profiles) == ("stroke µm" in forecasts) == (columns is None)
+        assert columns is None or max(map(len, [*profiles.splitlines(), *forecasts.splitlines()])) <= columns
+        assert "17 min 36 s" in profiles
+    assert "Rectangular chann… on Cu, 20 µm deep" in profiles

@@ -5,7 +5,7 @@ from __future__ import annotations
 import tomllib
 from typing import TYPE_CHECKING
 
-from edmctl.console.toml_view import render_toml
+from edmctl.console.profile_tables import render_toml
 
 if TYPE_CHECKING:
     from edmctl.toml_text import Scalar

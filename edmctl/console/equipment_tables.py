@@ -1,62 +1,39 @@
-"""The ports of this computer, and below them who answered."""
+"""Tables of `doctor` and `ports`: what is connected, who answers there, and what each check found."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
+from edmctl.console.layout import render_columns
 from edmctl.console.style import PLAIN, Ink, Style
-from edmctl.console.tables import render_columns
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from edmctl.results.equipment import Check, PortRow
 
 NOTHING = (
     "This computer lists no serial ports, the setup names none, and nobody serves a virtual one.\n"
     "Plug the controller in, or try the virtual one: `edmctl simulate serve --link edm`, then --port edm."
 )
+_INKS = {"warn": Ink.WARNING, "fail": Ink.ERROR}
 
 
-class ControllerView(Protocol):
-    """A controller that answered."""
-
-    @property
-    def serial(self) -> str: ...
-    @property
-    def firmware(self) -> str: ...
-    @property
-    def protocol(self) -> str: ...
-    @property
-    def state(self) -> str: ...
-    @property
-    def fault(self) -> int: ...
-    @property
-    def fault_name(self) -> str: ...
-    @property
-    def simulated(self) -> bool: ...
+def render_checks(checks: Sequence[Check], style: Style = PLAIN) -> str:
+    """Render the checks under each other, names aligned."""
+    width = max((len(check.name) for check in checks), default=0)
+    lines = []
+    for check in checks:
+        status = f"{check.status:4}"
+        ink = _INKS.get(str(check.status))
+        painted = style.paint(status, ink) if ink else status
+        lines.append(f"{painted}  {check.name:{width}}  {check.message}")
+        if check.fix:
+            lines.append(f"{'':{width + 8}}{style.paint('fix:', Ink.NOTE)} {check.fix}")
+    return "\n".join(lines)
 
 
-class PortView(Protocol):
-    """A port, and what it said if it was asked."""
-
-    @property
-    def device(self) -> str: ...
-    @property
-    def description(self) -> str: ...
-    @property
-    def usb_id(self) -> str: ...
-    @property
-    def usb_serial(self) -> str: ...
-    @property
-    def held_by(self) -> str: ...
-    @property
-    def in_setup(self) -> bool: ...
-    @property
-    def controller(self) -> ControllerView | None: ...
-    @property
-    def error(self) -> str | None: ...
-
-
-def render_ports(ports: Sequence[PortView], style: Style = PLAIN) -> str:
+def render_ports(ports: Sequence[PortRow], style: Style = PLAIN) -> str:
     """Render a table, and a line for each port that was asked."""
     if not ports:
         return NOTHING
@@ -77,15 +54,15 @@ def render_ports(ports: Sequence[PortView], style: Style = PLAIN) -> str:
     return "\n".join([*lines, "", *answers] if answers else lines)
 
 
-def _answer(port: PortView, style: Style) -> str:
+def _answer(port: PortRow, style: Style) -> str:
     found = port.controller
     if found is None:
         return f"{style.paint('no', Ink.WARNING)}, {port.error}"
     kind = "virtual controller" if found.simulated else "controller"
-    told = (
+    answer = (
         f"{kind} {found.serial}, firmware {found.firmware}, protocol {found.protocol}, in state {found.state}"
     )
     if found.fault:
         fault = f"fault {found.fault} {found.fault_name}".rstrip()
-        told += f", {style.paint(fault, Ink.ERROR)} latched"
-    return told
+        answer += f", {style.paint(fault, Ink.ERROR)} latched"
+    return answer

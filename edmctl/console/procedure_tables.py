@@ -1,0 +1,164 @@
+"""Tables of commands that do one procedure: an approach, electrode jumps, a measurement of wear."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from edmctl.console.layout import render_columns
+from edmctl.console.style import PLAIN, Style
+from edmctl.labels import Basis, heading
+from edmctl.wording import coordinates, decimal, duration, length, plural
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from edmctl.results.measurements import JumpSeries, SurfaceFound, WearResult
+
+MOST_ROWS = 20
+"""More jumps are in the JSON object and in the run file."""
+
+
+def render_surface(found: SurfaceFound, style: Style = PLAIN) -> str:
+    """Render where the gap or the surface was found."""
+    rows = [
+        ["displacement", length(found.displacement_um), length(found.model_um)],
+        ["actuator", f"{decimal(found.actuator_v)} V"],
+        ["way from home", duration(found.travel_s)],
+    ]
+    if found.touches:
+        rows.append(["touches", f"{found.touches} within {length(found.sd_um)} rms"])
+    place = f"{found.kind} at {coordinates(found.x_um, found.y_um)}"
+    return render_columns([place, "measured", "from voltage"], rows, style)
+
+
+def render_approach_plan(forecast: Mapping[str, float | str], style: Style = PLAIN) -> str:
+    """Render what an approach will do."""
+    rows = [
+        ["expected", length(float(forecast["expected_um"]))],
+        ["gives up after", length(float(forecast["max_travel_um"]))],
+        ["speed", f"{float(forecast['speed_um_s']):g} µm/s"],
+        ["time", duration(float(forecast["time_s"]))],
+    ]
+    place = f"{forecast['kind']} at ({float(forecast['x_um']):.0f}, {float(forecast['y_um']):.0f}) µm"
+    return render_columns([place, "forecast"], rows, style)
+
+
+def render_jumps(series: JumpSeries, style: Style = PLAIN) -> str:
+    """Render a line per jump, at most `MOST_ROWS`, and what all of them come to."""
+    rows = [
+        [
+            str(jump.number),
+            length(jump.height_um),
+            length(jump.height_model_um),
+            length(jump.residual_um),
+            length(jump.residual_model_um),
+            _ms(jump.settling_s),
+        ]
+        for jump in series.jumps[:MOST_ROWS]
+    ]
+    header = ["jump", "height", "by voltage", "residual", "by voltage", "settled after"]
+    table = render_columns(header, rows, style, align=">")
+    left = len(series.jumps) - MOST_ROWS
+    more = [f"… and {plural(left, 'more jump')}"] if left > 0 else []
+    s = series.summary
+    lines = [
+        f"From {length(series.start_um)} ({decimal(series.start_v)} V), {length(series.wanted_um)} wanted.",
+        table,
+        *more,
+        f"Height {length(s.height_mean_um)} on average, {length(s.height_max_um)} at most; residual "
+        f"{length(s.residual_mean_um)}, at most {length(s.residual_max_um)}; the model is off the residual by "
+        f"{length(s.model_error_mean_um)}, at most {length(s.model_error_max_um)}; settled after "
+        f"{_ms(s.settling_mean_s)}, at most {_ms(s.settling_max_s)}.",
+    ]
+    return "\n".join(lines)
+
+
+def render_jump_plan(forecast: Mapping[str, float], style: Style = PLAIN) -> str:
+    """Render what a series will be."""
+    rows = [
+        ["jumps", f"{forecast['count']:.0f}"],
+        ["height", length(forecast["height_um"])],
+        ["speed", f"{forecast['speed_um_s']:g} µm/s"],
+        ["dwell", _ms(forecast["dwell_s"])],
+        ["every", f"{forecast['period_s']:g} s"],
+        ["from", length(forecast["from_um"])],
+        ["time", duration(forecast["time_s"])],
+    ]
+    return render_columns(["jump-flush", "forecast"], rows, style)
+
+
+def render_wear(
+    name: str,
+    found: WearResult,
+    ledger_um: float,
+    total_um: float,
+    truth: Mapping[str, float] | None,
+    style: Style = PLAIN,
+) -> str:
+    """Render what was found at the hole `name`.
+
+    ledger_um : sum of the wears of the tool's jobs since its reference; total_um : what it has lost in all
+    """
+    header = [name, heading((found.wear_basis,))]
+    wear = ["tool wear", length(found.wear_um, found.wear_u95_um)]
+    depth = ["depth", length(found.depth_um, found.depth_u95_um)]
+    feed = ["feed", length(found.feed_um, found.feed_u95_um)]
+    # Lengths by the model alone would stand there twice.
+    if found.wear_basis != Basis.MODEL:
+        header.append("from voltage")
+        wear.append(length(found.wear_model_um))
+        depth.append(length(found.depth_model_um))
+        feed.append(length(found.feed_model_um))
+    if truth is not None:
+        header.append("truth")
+        wear.append(length(truth["wear_um"]))
+        depth.append(length(truth["depth_um"]))
+    rows = [
+        depth,
+        wear,
+        feed,
+        ["Z1 reference", length(found.z1_um)],
+        ["Z2 bottom", length(found.z2_um)],
+        ["Z3 pad", length(found.z3_um)],
+        ["drift of Z3", length(found.drift_um)],
+    ]
+    parts = [
+        [part.source, length(part.depth_um), length(part.wear_um), length(part.feed_um)]
+        for part in found.budget
+    ]
+    return "\n\n".join(
+        [
+            render_columns(header, rows, style),
+            render_columns(["standard uncertainty", "depth", "tool wear", "feed"], parts, style),
+            f"{found.touches} touches of every Z. The tool's jobs account for {length(ledger_um)} of wear; it has "
+            f"lost {length(total_um)} in all.",
+        ]
+    )
+
+
+def render_reference(
+    tool: str, z1_um: float, sd_um: float, touches: int, model_um: float, style: Style = PLAIN
+) -> str:
+    """Render the reference of a tool: its mean Z1, and the scatter of the touches."""
+    rows = [
+        ["Z1 reference", length(z1_um), length(model_um)],
+        ["touches", f"{touches} within {length(sd_um)} rms"],
+    ]
+    return render_columns([tool, "measured", "from voltage"], rows, style)
+
+
+def render_wear_plan(
+    readings: Sequence[str], touches: int, speed_um_s: float, time_s: float, style: Style = PLAIN
+) -> str:
+    """Render what will be touched."""
+    rows = [
+        ["readings", ", ".join(readings)],
+        ["touches each", str(touches)],
+        ["speed", f"{speed_um_s:g} µm/s"],
+        ["time", duration(time_s)],
+    ]
+    return render_columns(["measure-wear", "forecast"], rows, style)
+
+
+def _ms(seconds: float) -> str:
+    return f"{1e3 * seconds:.0f} ms"

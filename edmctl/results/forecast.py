@@ -1,0 +1,58 @@
+"""What a job will take, and what a profile makes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Forecast:
+    """Expected course of a job.
+
+    Times, cuts, measuring stops and pulses are those of the whole job, as is `tool_wear_um`; depth, wear and feed
+    are of its deepest hole or of its channel, whose cuts are its passes, `depth_min_um` is that of its shallowest
+    hole. `holes_in_reach` are those, in working order, for which the stroke lasts. `limit_cycle_um` is the
+    half-amplitude of the servo's swing; `channel_um` and `layers` are 0 where there is no channel. `depth_u95_um` is
+    half the 95 % interval of the depth that will be known least, NaN where no depth is wanted.
+    """
+
+    machining_time_s: float
+    measuring_time_s: float
+    time_s: float
+    cuts: int
+    feed_rate_um_s: float
+    feed_um: float
+    depth_um: float
+    depth_min_um: float
+    wear_um: float
+    stroke_um: float
+    stroke_available_um: float
+    loop_delay_s: float
+    limit_cycle_um: float
+    limit_cycle_period_s: float
+    spark_energy_uj: float
+    mrr_mm3_min: float
+    jump_share: float
+    pulses: int
+    holes: int
+    holes_in_reach: int
+    stops: int
+    tool_wear_um: float
+    channel_um: float
+    layers: int
+    depth_u95_um: float
+
+
+@dataclass(frozen=True, slots=True)
+class ProfileSummary:
+    """A profile and its forecast; `refused` says why the machine cannot run it, and the forecast is None then."""
+
+    profile: str
+    name: str
+    description: str
+    time_s: float | None
+    depth_um: float | None
+    holes: int | None
+    channel_um: float | None
+    tool_wear_um: float | None
+    refused: str = ""

@@ -1,0 +1,224 @@
+"""What a run file says: of each hole, of the whole run, and one run of a folder."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from edmctl.results.job import SiteTruth
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from edmctl.errors import RunFileError
+    from edmctl.results.pulses import PulseShares
+
+
+@dataclass(frozen=True, slots=True)
+class RunHead:
+    """One run file of a folder. Depth and wear are means of its sites; unknown values are NaN or None.
+
+    Without sites they are what the run touched, as `measure-wear` does. `est_depth_um` is how deep a hole is that
+    was left without a result. Of `through` of its sites, holes through a sheet, the depth is how far the tip went
+    below the face.
+
+    `depth_basis` and `wear_basis` are those of the site that is known least, `verdict` is that of the worst; empty
+    without sites.
+
+    `status` is `running` while its writer lives, `interrupted` when that was killed, else as the run ended;
+    `error_code` is of what ended it early, empty where nothing did.
+    """
+
+    path: Path
+    size_bytes: int
+    run_id: str
+    parent_run: str
+    name: str
+    title: str
+    start_time: str
+    end_time: str
+    status: str
+    exit_code: int | None
+    error_code: str
+    simulated: bool
+    seed: int | None
+    work: str
+    tool: str
+    sites: int
+    through: int
+    depth_um: float
+    depth_u95_um: float
+    est_depth_um: float
+    est_depth_u95_um: float
+    wear_um: float
+    wear_u95_um: float
+    machining_time_s: float
+    depth_basis: str
+    wear_basis: str
+    verdict: str
+
+
+@dataclass(frozen=True, slots=True)
+class Unreadable:
+    """A file of a folder that is no run file that this version can read, and why."""
+
+    path: Path
+    size_bytes: int
+    changed_s: float
+    error: RunFileError
+
+
+@dataclass(frozen=True, slots=True)
+class SiteNumbers:
+    """What is known of one hole, or of a channel. Unknown values are NaN."""
+
+    name: str
+    x_um: float
+    y_um: float
+    z1_um: float
+    z2_um: float
+    z3_um: float
+    face_um: float
+    """How much further than the reference pad the face lies here."""
+    depth_um: float
+    depth_u95_um: float
+    wear_um: float
+    wear_u95_um: float
+    feed_um: float
+    depth_model_um: float
+    wear_model_um: float
+    machining_time_s: float
+    cuts: int
+    pulses: int
+    ratios: tuple[float, ...]
+    """Shares of the pulses, as CLASSES."""
+    energy_j: float
+    wear_ratio_lin: float
+    wear_ratio_vol: float
+    mrr_mm3_min: float
+    measuring_stops: int
+    estimated_um: float
+    """Part of the depth that was cut after the last touch."""
+    through: bool
+    """The hole goes through the sheet: `depth_um` is how far the tip went below the face, `z2_um` where it ended."""
+    length_um: float
+    """How long the hole is: its depth, or the thickness of the sheet that it goes through."""
+    depth_basis: str
+    """What the depth rests on, a `Basis`."""
+    wear_basis: str
+    verdict: str
+    """A `Verdict`, or empty."""
+    truth_depth_um: float
+    """What the virtual machine knows of itself; NaN on a real one, and the depth of a hole through the sheet."""
+    truth_wear_um: float
+
+    @property
+    def truth(self) -> SiteTruth | None:
+        """What the virtual machine knows of the place; None where there is none."""
+        known = SiteTruth(self.truth_depth_um, self.truth_wear_um)
+        return known if math.isfinite(known.depth_um) or math.isfinite(known.wear_um) else None
+
+
+@dataclass(frozen=True, slots=True)
+class JumpTimes:
+    """Every jump that the tool made, also those out of a short, and the times between those of one cut, s.
+
+    The times are NaN with fewer than two.
+    """
+
+    count: int
+    shortest_s: float
+    median_s: float
+    longest_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Totals:
+    """Sums over all sites; unknown values are NaN."""
+
+    pulses: int
+    ratios: PulseShares
+    energy_j: float
+    mrr_mm3_min: float
+    wear_ratio_lin: float
+    wear_ratio_vol: float
+
+
+@dataclass(frozen=True, slots=True)
+class FileEvent:
+    """An event as the file holds it, its code by name."""
+
+    time_s: float
+    code: str
+    level: int
+    message: str
+    args: dict[str, object]
+
+
+@dataclass(frozen=True, slots=True)
+class Sentence:
+    """One sentence about a run; `code` names the kind of event that it describes."""
+
+    time_s: float
+    text: str
+    code: str
+
+
+@dataclass(frozen=True, slots=True)
+class RunSummary:
+    """Everything that `run show` shows. `rows` are those of each table, `summary` is the result of the command.
+
+    Times are those of the job: `earlier_time_s` of `time_s` passed in the runs that it goes on with, 0 without any.
+    The pauses between them are left out; they were `pause_s`, NaN where nobody knows.
+    `way_on` is the command that takes up the job; empty where there is nothing to take up.
+    `est_depth_um` is how deep the hole is that was left without a result; NaN where there is none.
+    """
+
+    file: str
+    size_bytes: int
+    run_id: str
+    parent_run: str
+    title: str
+    wanted: str
+    command: tuple[str, ...]
+    user: str
+    start_time: str
+    end_time: str
+    status: str
+    exit_code: int | None
+    error_code: str
+    recovery: str
+    way_on: str
+    simulated: bool
+    seed: int | None
+    time_s: float
+    machining_time_s: float
+    earlier_time_s: float
+    pause_s: float
+    sites: tuple[SiteNumbers, ...]
+    est_depth_um: float
+    est_depth_u95_um: float
+    totals: Totals
+    jumps: JumpTimes
+    touches: tuple[dict[str, object], ...]
+    moments: tuple[Sentence, ...]
+    warnings: tuple[Sentence, ...]
+    machine: dict[str, str]
+    software: dict[str, str]
+    profile: dict[str, object]
+    overrides: tuple[str, ...]
+    rows: dict[str, int]
+    summary: dict[str, object] | None
+
+
+@dataclass(frozen=True, slots=True)
+class Exported:
+    """One table that became a file."""
+
+    table: str
+    path: str
+    rows: int
+    size_bytes: int
+    columns: Sequence[str]
