@@ -250,6 +250,7 @@ def test_a_terminal_of_the_c_locale_gets_ascii(tmp_path: Path) -> None:
     assert seen.isascii()
 
 
+@pytest.mark.slow
 def test_a_dumb_terminal_gets_lines(tmp_path: Path) -> None:
     _, seen = on_a_terminal("machine", *SHALLOW, "--seed", "1", cwd=tmp_path, TERM="dumb", LC_ALL="C.UTF-8")
     assert "reference 9.6 V" in seen

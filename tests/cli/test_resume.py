@@ -520,6 +520,7 @@ def test_a_job_that_was_stopped_before_its_first_touch_leaves_a_reference_in_the
     assert abs(measured["wear_um"] - measured["truth"]["wear_um"]) <= measured["wear_u95_um"]
 
 
+@pytest.mark.slow
 def test_a_run_that_is_stopped_before_it_looks_forgets_nothing(
     here: Here, left: Left, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -557,6 +558,7 @@ def test_a_hole_of_one_cut_that_was_broken_off_is_finished(here: Here, change: s
     assert site["cuts"] == 2
 
 
+@pytest.mark.slow
 def test_cuts_that_came_to_their_end_count_in_every_run(here: Here) -> None:
     few = ("wear.max_cuts=2", "wear.expected_ratio=0.7", "wear.first_fraction=0.5")
     with at_event(RunEvent.SITE_MEASURED, stop):

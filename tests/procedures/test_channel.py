@@ -225,6 +225,7 @@ def test_without_any_time_there_is_no_result(make: Callable[..., Made]) -> None:
     assert done.decision.missed
 
 
+@pytest.mark.slow
 def test_a_layer_that_takes_longer_than_believed_is_measured_and_the_channel_goes_on(
     make: Callable[..., Made],
 ) -> None:

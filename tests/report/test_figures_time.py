@@ -349,6 +349,7 @@ def test_a_long_name_of_a_site_lies_on_nothing(tmp_path: Path) -> None:
     assert not overlaps(figure)
 
 
+@pytest.mark.slow
 def test_a_limit_cycle_is_marked_with_its_frequency(tmp_path: Path) -> None:
     path = write_run(tmp_path / "a.h5", a_cut(120.0, swing_hz=6.25)).finish("done", 0)
     figure = drawn("spectrum", path)

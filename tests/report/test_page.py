@@ -173,6 +173,7 @@ def console_of(page: Path, folder: Path) -> tuple[list[str], str]:
     return [line for line in done.stderr.splitlines() if "CONSOLE" in line], done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(BROWSER is None, reason="chromium is not installed")
 def test_a_browser_opens_the_page_without_a_complaint(page: str, tmp_path: Path) -> None:
     file = tmp_path / "page.html"
