@@ -13,14 +13,14 @@ if TYPE_CHECKING:
 def tiers(*default: object, slow: Iterable[object] = (), full: Iterable[object] = ()) -> list[Any]:
     """The values of all tiers: `parametrize("seed", tiers(1, slow=(2, 3), full=range(4, 40)))`.
 
-    A value that is a tuple is the values of several parameters.
+    A value that is a tuple holds those of several parameters; one that is a tuple itself is put into another.
     """
     return [
-        *default,
-        *(_marked(value, pytest.mark.slow) for value in slow),
-        *(_marked(value, pytest.mark.full) for value in full),
+        *(_value(value) for value in default),
+        *(_value(value, pytest.mark.slow) for value in slow),
+        *(_value(value, pytest.mark.full) for value in full),
     ]
 
 
-def _marked(value: object, tier: pytest.MarkDecorator) -> object:
-    return pytest.param(*(value if isinstance(value, tuple) else (value,)), marks=tier)
+def _value(value: object, *marks: pytest.MarkDecorator) -> object:
+    return pytest.param(*(value if isinstance(value, tuple) else (value,)), marks=marks)

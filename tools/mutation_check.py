@@ -466,7 +466,8 @@ def _failing(copy: Path, arguments: list[str], most_s: float) -> str:
             return f"tests that do not end in {most_s:.0f} s"
     if tests.returncode == 0:
         return ""
-    failed = [line.split(" ")[1] for line in out.splitlines() if line.startswith(("FAILED ", "ERROR "))]
+    told = (line.partition(" - ")[0] for line in out.splitlines() if line.startswith(("FAILED ", "ERROR ")))
+    failed = [line.partition(" ")[2] for line in told]
     if tests.returncode != 1 or not failed:
         raise RuntimeError(f"pytest {' '.join(arguments)} ended with {tests.returncode}:\n{out[-2000:]}")
     return failed[0].removeprefix("tests/")

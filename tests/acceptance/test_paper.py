@@ -6,30 +6,23 @@ Few seeds, so that it runs with every change; the figures over 20 and 40 seeds a
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from random import Random
 from statistics import fmean
 from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.jobs.connect import bench_config
-from edmctl.link.session import Session
-from edmctl.machine.controller import LinkMachine
-from edmctl.procedures.job import job_of
-from edmctl.procedures.machining import run_job
-from edmctl.profile.setup import Sensor, Setup
-from edmctl.record.rows import NullRecorder
-from edmctl.rules.load import load_profile
+import edmctl
 from edmctl.simulator import open_bench
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from edmctl.results.job import SiteResult
-    from edmctl.results.progress import Progress
+    from edmctl.simulator import BenchConfig, VirtualBench
 
 pytestmark = pytest.mark.slow
 
 FEED_250 = 'target={kind="feed",feed_um=250}'
-STOCK = Setup()
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,30 +39,11 @@ class Hole:
         return abs(self.true_depth_um - self.measured.depth_um) <= self.measured.depth_u95_um
 
 
-class Nobody:
-    """An observer that does not look."""
-
-    def progress(self, p: Progress) -> None:
-        """Look away."""
-
-    def note(self, text: str) -> None:
-        """Look away."""
-
-
-def machine(
-    profile: str, seed: int, *overrides: str, setup: Setup = STOCK, sensor_gain_sd: float | None = None
-) -> Hole:
-    """Make one hole on a fresh bench; `sensor_gain_sd` replaces the spread of the plant's sensor gain."""
-    loaded = load_profile(profile, (*overrides, 'log.pulses="off"'), setup=setup)
-    config = bench_config(loaded, setup)
-    if sensor_gain_sd is not None:
-        config = replace(config, sensors=replace(config.sensors, gain_sd=sensor_gain_sd))
-    bench = open_bench(config, seed)
-    session = Session(bench.transport, Random(1), heartbeat_s=0.2)
-    session.open()
-    job = job_of(loaded.profile, setup)
-    result = run_job(LinkMachine(session), job, recorder=NullRecorder(), observer=Nobody())
-    return Hole(result.sites[0], bench.truth()[0].depth_um, bench.tool_wear_um)
+def machine(profile: str, seed: int, *overrides: str, setup: Path | None = None) -> Hole:
+    """Make one hole on a fresh bench."""
+    bench = edmctl.connect(seed=seed, setup=setup)
+    report = bench.machine(profile, overrides=(*overrides, 'log.pulses="off"'))
+    return Hole(report.sites[0], report.truths[0].depth_um, report.truths[0].wear_um)
 
 
 @pytest.fixture(scope="module")
@@ -117,14 +91,22 @@ def test_a_depth_target_is_met_and_its_interval_holds_the_truth() -> None:
     assert sum(not hole.is_covered for hole in holes) <= 1
 
 
-def test_the_interval_is_as_wide_as_the_setup_says_and_not_as_the_plant_is() -> None:
+def test_the_interval_is_as_wide_as_the_setup_says_and_not_as_the_plant_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A sensor off by 5 % that the setup believes good to 0.3 %, then one that the setup knows to be bad."""
+
+    def with_a_bad_sensor(config: BenchConfig, seed: int) -> VirtualBench:
+        return open_bench(replace(config, sensors=replace(config.sensors, gain_sd=0.05)), seed)
+
+    monkeypatch.setattr("edmctl.simulator.open_bench", with_a_bad_sensor)
     shallow = 'target={kind="depth",depth_um=60.0,tolerance_um=8.0}'
     # 50 µm of jump, because a shallow hole leaves no room for the recipe's 80 µm.
     overrides = (shallow, "jump.height_um=50.0")
-    careful = Setup(sensor=Sensor(gain_u_rel=0.05, drift_um_per_s=0.005))
-    trusting = [machine("cu150", seed, *overrides, sensor_gain_sd=0.05) for seed in (1, 2, 3, 4)]
-    wary = [machine("cu150", seed, *overrides, setup=careful, sensor_gain_sd=0.05) for seed in (1, 2, 3, 4)]
+    careful = tmp_path / "careful.toml"
+    careful.write_text("[sensor]\ngain_u_rel = 0.05\ndrift_um_per_s = 0.005\n", encoding="utf-8")
+    trusting = [machine("cu150", seed, *overrides) for seed in (1, 2, 3, 4)]
+    wary = [machine("cu150", seed, *overrides, setup=careful) for seed in (1, 2, 3, 4)]
     for wide, narrow in zip(wary, trusting, strict=True):
         # 1.96 × 5 % of the depth alone; the same plant and the same readings otherwise.
         assert wide.measured.depth_u95_um > 1.96 * 0.05 * wide.measured.depth_um

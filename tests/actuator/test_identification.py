@@ -16,6 +16,7 @@ from edmctl.simulator.actuator import VirtualActuator
 from tests.actuator.apa400m import default_model
 from tests.actuator.models import Array, clock, make_model
 from tests.actuator.truth import play
+from tests.tiers import tiers
 
 STROKE_SHARE_MAX, STROKE_SHARE_RMS = 0.010, 0.003
 
@@ -70,7 +71,7 @@ def test_noise_free_data_of_the_class_are_reproduced() -> None:
     assert found.accepted
 
 
-@pytest.mark.parametrize("seed", [11, 17, 23])
+@pytest.mark.parametrize("seed", tiers(11, slow=(17, 23)))
 def test_an_actuator_outside_the_class_is_followed(seed: int) -> None:
     found = identify([calibration_record(seed)])
     assert found.accepted, found.problems

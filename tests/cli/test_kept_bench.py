@@ -21,7 +21,8 @@ from edmctl.record.tool_account import books_of
 from edmctl.simulator import kernel as k
 from edmctl.simulator.saving import bench_state, restored_bench
 from tests.cli.commands import CU270, SHALLOW
-from tests.cli.test_processes import read_until, start
+from tests.cli.left_jobs import at_time_of_cut, stop
+from tests.cli.test_processes import start
 from tests.tiers import tiers
 
 if TYPE_CHECKING:
@@ -92,7 +93,7 @@ def test_the_file_is_never_older_than_what_is_told_of_the_bench(
     assert any(cuts for _, _, cuts in told)
 
 
-@pytest.mark.parametrize("lost_s", tiers(-4500.0, 0.0, slow=(4500.0,)))
+@pytest.mark.parametrize("lost_s", tiers(-4500.0, slow=(0.0, 4500.0)))
 def test_time_that_no_command_tells_of_counts_for_the_age_of_a_reference(here: Here, lost_s: float) -> None:
     """A sensor that drifts as fast as one in thirty does, and a bench that stood under power."""
     assert here("measure-wear", "--reference", *KEPT, "--seed", "131039").exit_code == 0
@@ -167,13 +168,10 @@ def test_a_fresh_machine_has_no_ledger(here: Here) -> None:
 
 
 def test_ctrl_c_keeps_what_was_done(here: Here) -> None:
-    process = start("machine", "--profile", CU270, *KEPT, "--seed", "1", "--run-id", "r", cwd=Path.cwd())
-    assert process.stderr is not None
-    read_until(process.stderr, "machining; gap")
-    process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=60)
-    assert process.returncode == -signal.SIGINT, err
-    assert "Go on with `edmctl machine --resume r --port sim:bench.h5`" in " ".join(err.split())
+    with at_time_of_cut(4.0, stop):
+        said = here("machine", "--profile", CU270, *KEPT, "--seed", "1", "--run-id", "r")
+    assert said.exit_code == 130, said.err
+    assert "Go on with `edmctl machine --resume r --port sim:bench.h5`" in " ".join(said.err.split())
     bench = kept()
     assert bench.is_safe
     (hole,) = bench.truth()
@@ -193,6 +191,7 @@ def test_ctrl_c_keeps_what_was_done(here: Here) -> None:
     assert here("machine", *SHALLOW, *KEPT, "--json").document["result"]["sites"][0]["x_um"] == 1000.0
 
 
+@pytest.mark.slow
 def test_a_killed_command_leaves_the_bench_as_it_was_a_moment_before(here: Here) -> None:
     long = ("--profile", CU270, "--seed", "1", "--run-id", "r", "--events")
     process = start("machine", *long, *KEPT, cwd=Path.cwd())
@@ -217,6 +216,7 @@ def test_a_killed_command_leaves_the_bench_as_it_was_a_moment_before(here: Here)
     assert said.document["result"]["sites"][0]["x_um"] == 1000.0
 
 
+@pytest.mark.slow
 def test_the_ledger_tells_of_the_holes_in_the_order_they_were_made(here: Here) -> None:
     far = '{kind="point",name="far",x_um=1000,y_um=0}'
     near = '{kind="point",name="near",x_um=500,y_um=0}'

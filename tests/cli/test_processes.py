@@ -16,6 +16,7 @@ import h5py
 import pytest
 
 from tests.cli.commands import CU270, SHALLOW, command, environment, in_process_of_its_own
+from tests.tiers import tiers
 
 
 def start(*arguments: str, cwd: Path) -> subprocess.Popen[str]:
@@ -60,7 +61,7 @@ def test_a_signal_stops_in_order(number: signal.Signals, exit_code: int, tmp_pat
         assert file["/entry/servo/v_cmd"][-1] == 0.0
 
 
-@pytest.mark.parametrize(("runs", "sign"), [("1", "machining; gap"), ("4", "0 of 4 runs done")])
+@pytest.mark.parametrize(("runs", "sign"), tiers(("4", "0 of 4 runs done"), slow=(("1", "machining; gap"),)))
 def test_a_signal_stops_a_simulation(runs: str, sign: str, tmp_path: Path) -> None:
     process = start("simulate", "--profile", CU270, "--seed", "1", "--runs", runs, "--json", cwd=tmp_path)
     assert process.stderr is not None
@@ -197,7 +198,7 @@ def test_a_terminal_gets_a_picture(tmp_path: Path) -> None:
     assert "reference 9.6 V" in seen
 
 
-@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("stop", tiers(signal.SIGINT, slow=(signal.SIGTERM,)))
 def test_a_stopped_job_gives_the_cursor_back(tmp_path: Path, stop: signal.Signals) -> None:
     exit_code, seen = on_a_terminal(
         "machine", *SHALLOW, cwd=tmp_path, stop_at="\x1b[?25l", stop=stop, TERM="xterm", LC_ALL="C.UTF-8"
@@ -234,6 +235,7 @@ def test_a_signal_that_a_callback_swallows_is_not_lost(tmp_path: Path) -> None:
     assert done.stderr == ""
 
 
+@pytest.mark.slow
 def test_a_stopped_batch_leaves_no_word_of_its_workers(tmp_path: Path) -> None:
     many = ("simulate", "--profile", CU270, "--runs", "40", *SHALLOW[2:])
     exit_code, seen = on_a_terminal(*many, cwd=tmp_path, stop_at="0 of 40", stop=signal.SIGTERM, TERM="dumb")
@@ -241,12 +243,14 @@ def test_a_stopped_batch_leaves_no_word_of_its_workers(tmp_path: Path) -> None:
     assert "leaked" not in seen
 
 
+@pytest.mark.slow
 def test_a_terminal_of_the_c_locale_gets_ascii(tmp_path: Path) -> None:
     _, seen = on_a_terminal("machine", *DEEP, cwd=tmp_path, TERM="xterm", LC_ALL="C")
     assert "reference 9.6 V" in seen
     assert seen.isascii()
 
 
+@pytest.mark.slow
 def test_a_dumb_terminal_gets_lines(tmp_path: Path) -> None:
     _, seen = on_a_terminal("machine", *SHALLOW, "--seed", "1", cwd=tmp_path, TERM="dumb", LC_ALL="C.UTF-8")
     assert "reference 9.6 V" in seen
@@ -263,11 +267,13 @@ def test_ascii_locales_do_not_break_the_output(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("arguments", "shown"),
-    [
+    tiers(
         (("machine", "--profile", CU270, "--seed", "1", "--run-id", "r"), b"touch"),
-        (("simulate", "--profile", CU270, "--runs", "2"), b"runs"),
-        (("simulate", "serve"), b"serving"),
-    ],
+        slow=(
+            (("simulate", "--profile", CU270, "--runs", "2"), b"runs"),
+            (("simulate", "serve"), b"serving"),
+        ),
+    ),
 )
 def test_a_terminal_that_hangs_up_ends_the_command_by_its_signal(
     arguments: tuple[str, ...], shown: bytes, tmp_path: Path

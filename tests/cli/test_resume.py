@@ -51,6 +51,7 @@ from tests.cli.left_jobs import (
     stop,
 )
 from tests.serving import serving
+from tests.tiers import tiers
 
 if TYPE_CHECKING:
     from edmctl.machine.interface import Touch
@@ -108,6 +109,7 @@ def ledger_goes_on(*entries: Entry) -> None:
     logbook.append(logbook.lines[0].serial, *entries)
 
 
+@pytest.mark.slow
 def test_a_deep_hole_with_a_worn_tool_is_finished(here: Here) -> None:
     deep = ("--set", 'target={kind="depth",depth_um=180.0,tolerance_um=2.0}')
     with at_time_of_cut(165.0, stop):
@@ -119,6 +121,7 @@ def test_a_deep_hole_with_a_worn_tool_is_finished(here: Here) -> None:
     assert abs(site["truth"]["depth_um"] - 180.0) <= 2.0
 
 
+@pytest.mark.slow
 def test_an_array_is_taken_up_whose_finished_holes_were_not_judged_yet(
     here: Here, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -159,6 +162,7 @@ def test_an_interrupted_job_reaches_its_depth(here: Here, left: Left, how: str) 
     assert "a-r1.h5" in str(error_of(again)["message"])
 
 
+@pytest.mark.slow
 def test_the_times_of_all_runs_of_a_job_add_up(here: Here, killed: Path) -> None:
     before = read_journal(Path("runs/a.journal")).state
     earlier_s, cut_s = float(before["time_s"]), float(before["machining_time_s"])  # type: ignore[arg-type]
@@ -189,6 +193,7 @@ def test_the_times_of_all_runs_of_a_job_add_up(here: Here, killed: Path) -> None
     assert f"before it was taken up after a pause of {round(result['pause_s'])} s" in told, told
 
 
+@pytest.mark.slow
 def test_time_that_other_commands_let_pass_on_a_kept_bench_is_a_pause(here: Here, killed: Path) -> None:
     assert here("calibrate", *BENCH, "--json").exit_code == 0
     result = here(*RESUME, *BENCH).document["result"]
@@ -259,6 +264,7 @@ def test_one_that_dies_before_it_touches_keeps_what_was_known(here: Here, killed
     assert_on_target(here(*RESUME, *BENCH))
 
 
+@pytest.mark.slow
 def test_one_that_died_before_any_touch_goes_on_with_a_worn_tool(here: Here) -> None:
     deep = (*MACHINE, "--set", "target.depth_um=110.0", *BENCH, "--seed", "4")
     assert here(*deep, "--run-id", "before", "--quiet").exit_code == 0
@@ -496,6 +502,7 @@ def test_a_reference_from_the_future_has_no_known_age(ahead_s: float, age_s: flo
     assert _aged(reference, replace(account, reference_bench_s=math.nan), Now(500.0)).age_s == math.inf
 
 
+@pytest.mark.slow
 def test_a_job_that_was_stopped_before_its_first_touch_leaves_a_reference_in_the_end(
     here: Here, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -513,6 +520,7 @@ def test_a_job_that_was_stopped_before_its_first_touch_leaves_a_reference_in_the
     assert abs(measured["wear_um"] - measured["truth"]["wear_um"]) <= measured["wear_u95_um"]
 
 
+@pytest.mark.slow
 def test_a_run_that_is_stopped_before_it_looks_forgets_nothing(
     here: Here, left: Left, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -539,11 +547,9 @@ def test_a_run_that_is_stopped_before_it_looks_forgets_nothing(
     assert_on_target(here(*RESUME, *BENCH))
 
 
-@pytest.mark.parametrize(
-    ("change", "at_s"), [('wear.remeasure="never"', INTO_THE_CUT_S), ("wear.max_cuts=1", INTO_THE_CUT_S)]
-)
-def test_a_hole_of_one_cut_that_was_broken_off_is_finished(here: Here, change: str, at_s: float) -> None:
-    with at_time_of_cut(at_s, stop):
+@pytest.mark.parametrize("change", tiers("wear.max_cuts=1", slow=('wear.remeasure="never"',)))
+def test_a_hole_of_one_cut_that_was_broken_off_is_finished(here: Here, change: str) -> None:
+    with at_time_of_cut(INTO_THE_CUT_S, stop):
         order = (*MACHINE, "--set", change, "--set", "target.tolerance_um=6", *BENCH)
         assert here(*order, "--seed", "3", "--run-id", "a", "--quiet").exit_code == 130
     said = here(*RESUME, *BENCH)
@@ -552,6 +558,7 @@ def test_a_hole_of_one_cut_that_was_broken_off_is_finished(here: Here, change: s
     assert site["cuts"] == 2
 
 
+@pytest.mark.slow
 def test_cuts_that_came_to_their_end_count_in_every_run(here: Here) -> None:
     few = ("wear.max_cuts=2", "wear.expected_ratio=0.7", "wear.first_fraction=0.5")
     with at_event(RunEvent.SITE_MEASURED, stop):
@@ -562,7 +569,7 @@ def test_cuts_that_came_to_their_end_count_in_every_run(here: Here) -> None:
     assert site["cuts"] == 2
 
 
-@pytest.mark.parametrize("jump_s", [7200.0, -7200.0, -3.8e8])
+@pytest.mark.parametrize("jump_s", tiers(-7200.0, slow=(7200.0, -3.8e8)))
 def test_a_clock_that_jumps_in_mid_run_changes_nothing(
     here: Here, monkeypatch: pytest.MonkeyPatch, jump_s: float
 ) -> None:

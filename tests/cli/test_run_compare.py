@@ -163,6 +163,7 @@ def test_runs_that_were_the_same_differ_in_nothing(here: Here, runs: tuple[Path,
     assert " *" not in said.out.partition("\n± is")[0]
 
 
+@pytest.mark.slow
 def test_the_figure_is_drawn_into_a_new_file_only(here: Here, runs: tuple[Path, Path]) -> None:
     figure = runs[0].parent / "both.svg"
     arguments = ("run", "compare", *map(str, runs), "--out", str(figure))

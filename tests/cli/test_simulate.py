@@ -192,6 +192,7 @@ def test_every_value_of_a_sweep_is_checked_before_the_first_run(here: Here) -> N
     assert "servo.reference=0.5" in said.err
 
 
+@pytest.mark.slow
 def test_channels_are_summed_up_like_holes(here: Here) -> None:
     quick = ("--set", "target.depth_um=4", "--set", "path.radius_um=150")
     said = here("simulate", "--profile", "channel-circle", *quick, "--runs", "2", "--seed", "9200", "--json")

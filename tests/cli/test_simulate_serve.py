@@ -182,6 +182,7 @@ def test_a_socket_that_others_reach_needs_a_secret_that_nobody_reads(
     assert (said.exit_code, said.document["error"]["code"]) == (2, code)
 
 
+@pytest.mark.slow
 def test_a_command_finds_the_secret_in_its_environment_or_setup(
     here: Here, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

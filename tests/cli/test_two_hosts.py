@@ -60,6 +60,7 @@ def heeding_no_lock(port: str) -> Iterator[int]:
         os.close(number)
 
 
+@pytest.mark.slow
 def test_whatever_its_surroundings_it_is_refused_and_the_job_goes_on(
     here: Here, bench: VirtualBench, undisturbed: dict[str, Any], tmp_path: Path
 ) -> None:

@@ -16,6 +16,7 @@ from tests.cli.commands import CU270
 from tests.faults.test_rows import QUICK, UNCONDITIONED
 from tests.faults.workshop import Workshop
 from tests.serving import serving
+from tests.tiers import tiers
 
 if TYPE_CHECKING:
     from tests.cli.commands import Here
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
 @pytest.mark.parametrize(
     "code",
-    [FaultCode.ESTOP, FaultCode.PIEZO_TRACK, FaultCode.RESET, FaultCode.POWER_LOSS],
+    tiers(FaultCode.ESTOP, slow=(FaultCode.PIEZO_TRACK, FaultCode.RESET, FaultCode.POWER_LOSS)),
     ids=lambda c: c.name,
 )
 def test_a_fault_at_a_port_is_cleared_at_that_port(code: FaultCode, here: Here, tmp_path: Path) -> None:

@@ -217,6 +217,25 @@ def test_a_request_returns_its_typed_reply(line: ScriptedLine, session: Session)
     assert session.request(GetParam(4)) == GetParamReply(-7)
 
 
+def test_the_answer_to_a_command_that_was_repeated_tells_no_round_trip(
+    line: ScriptedLine, session: Session
+) -> None:
+    """Nobody knows which of the copies was answered (Karn and Partridge 1987)."""
+    for _ in range(20):
+        session.request(PiezoSet(1.0, 1.0))
+    copies = 0
+
+    def third_time(frame: Frame) -> bytes:
+        nonlocal copies
+        copies += 1
+        return reply_to(frame, GetParamReply(-7).pack()) if copies == 3 else b""
+
+    line.answers[GetParam.ID] = third_time
+    assert session.request(GetParam(4)) == GetParamReply(-7)
+    assert session.statistics.retries == 2
+    assert session.link_report().rtt_p99_ms == 0.0
+
+
 def test_sequence_numbers_count_on_and_wrap(line: ScriptedLine, session: Session) -> None:
     for _ in range(300):
         session.request(PiezoSet(1.0, 1.0))
@@ -472,6 +491,27 @@ def test_a_reply_that_waited_to_be_read_tells_the_time_of_its_heartbeat(
     line.answers[Heartbeat.ID] = held_up
     session.pump(0.2)
     assert session.latest_s >= line.clock_s
+
+
+def test_an_answer_that_was_overtaken_is_neither_followed_nor_malformed(
+    line: ScriptedLine, session: Session
+) -> None:
+    session.pump(1.0)
+    held: list[bytes] = []
+
+    def by_pairs(frame: Frame) -> bytes:
+        beat = Heartbeat.unpack(frame.payload)
+        held.append(
+            reply_to(frame, HeartbeatReply(beat.t_host_us, int(line.clock_s * 1e6), 1, 0, 0, 0).pack())
+        )
+        return b"".join(held.pop() for _ in range(2)) if len(held) == 2 else b""
+
+    line.answers[Heartbeat.ID] = by_pairs
+    before_s = session.heard_s
+    session.pump(1.0)
+    assert session.statistics.malformed == 0
+    assert session.heard_s > before_s + 0.8
+    assert session.statistics.heartbeats_answered > 30
 
 
 def test_an_answer_to_no_heartbeat_is_counted(line: ScriptedLine, session: Session) -> None:

@@ -149,6 +149,7 @@ def test_a_gap_is_learned_however_wide(make: Callable[..., Made]) -> None:
     assert done.found.working_gap_um == pytest.approx(24.0, abs=0.2)
 
 
+@pytest.mark.slow
 def test_a_tool_that_was_not_held_teaches_no_gap(make: Callable[..., Made]) -> None:
     done = make(misses_um=lambda _: 1.0)
     believed = scanning_run(done.world.machine)[0].profile.measure.expected_gap_um
@@ -225,6 +226,7 @@ def test_without_any_time_there_is_no_result(make: Callable[..., Made]) -> None:
     assert done.decision.missed
 
 
+@pytest.mark.slow
 def test_a_layer_that_takes_longer_than_believed_is_measured_and_the_channel_goes_on(
     make: Callable[..., Made],
 ) -> None:

@@ -30,6 +30,7 @@ from edmctl.simulator import BenchConfig, VirtualBench, open_bench
 from edmctl.simulator.injection import parse_injection
 from tests.procedures.channel_bench import CIRCLE
 from tests.procedures.conftest import Seen, Told
+from tests.tiers import tiers
 
 if TYPE_CHECKING:
     from edmctl.process.path import Way
@@ -150,7 +151,7 @@ def test_a_clean_channel_doubts_nothing(made: Made) -> None:
     assert doubts(made) == []
 
 
-@pytest.mark.parametrize("name", ["CHIP", "LOOSE_CHIP"])
+@pytest.mark.parametrize("name", tiers("CHIP", slow=("LOOSE_CHIP",)))
 @pytest.mark.parametrize(
     "kind",
     ["Z1", "Zr", "Z2", "Z3"],

@@ -12,6 +12,7 @@ from edmctl.process.plane import fitted_plane, unknown_plane
 from edmctl.results.job import ObjectiveMissed
 from edmctl.simulator.injection import parse_injection
 from tests.procedures.conftest import Shop
+from tests.tiers import tiers
 
 TILT_MRAD = 0.6
 """Twice the standard uncertainty that the setup states."""
@@ -75,7 +76,7 @@ def doubts(shop: Shop) -> list[str]:
 
 
 @pytest.mark.parametrize("touch", [ZR_TOUCH, ZR_TOUCH + 1])
-@pytest.mark.parametrize("size_um", [3.0, 12.0, 20.0])
+@pytest.mark.parametrize("size_um", tiers(12.0, slow=(3.0, 20.0)))
 @pytest.mark.parametrize("name", ["CHIP", "LOOSE_CHIP"])
 def test_a_chip_on_the_face_costs_a_spot_and_no_accuracy(name: str, size_um: float, touch: int) -> None:
     shop = Shop(("measure.site_dx_um=5000",), seed=3101)

@@ -6,6 +6,7 @@ import pytest
 
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.results.job import ObjectiveMissed
+from tests.tiers import tiers
 
 from .conftest import Shop
 from .test_face import SPOTS, doubts, move_the_far_face
@@ -19,7 +20,7 @@ def withdrawn(shop: Shop) -> list[str]:
     return [message for _, code, _, message, _ in shop.seen.events if code == RunEvent.DOUBT_WITHDRAWN]
 
 
-@pytest.mark.parametrize("voltage_v", [60.0, 80.0, 100.0, 120.0])
+@pytest.mark.parametrize("voltage_v", tiers(60.0, 120.0, slow=(80.0, 100.0)))
 def test_a_higher_open_voltage_alone_puts_nothing_in_doubt(voltage_v: float) -> None:
     shop = Shop((f"pulse.open_voltage_v={voltage_v:g}",), seed=3201)
     (site,) = shop.run_job().sites
@@ -27,7 +28,7 @@ def test_a_higher_open_voltage_alone_puts_nothing_in_doubt(voltage_v: float) -> 
     assert abs(site.depth_um - shop.bench.truth()[0].depth_um) <= site.depth_u95_um < 1.0
 
 
-@pytest.mark.parametrize("gap_um", [10.0, 14.0, 20.0])
+@pytest.mark.parametrize("gap_um", tiers(14.0, slow=(10.0, 20.0)))
 def test_a_wrong_belief_of_the_gap_is_doubted_until_a_stop_has_measured_it(gap_um: float) -> None:
     shop = Shop((f"measure.expected_gap_um={gap_um:g}",), seed=3202)
     (site,) = shop.run_job().sites
@@ -39,7 +40,7 @@ def test_a_wrong_belief_of_the_gap_is_doubted_until_a_stop_has_measured_it(gap_u
 
 @pytest.mark.parametrize(
     ("voltage_v", "gap_um"),
-    [(40.0, 0.5), (40.0, 6.0), (40.0, 8.0), (100.0, 3.4), (100.0, 6.0), (100.0, 20.0)],
+    tiers((40.0, 0.5), (100.0, 20.0), slow=((40.0, 6.0), (40.0, 8.0), (100.0, 3.4), (100.0, 6.0))),
 )
 def test_a_belief_somewhat_wrong_leaves_nothing_in_doubt_at_the_end(voltage_v: float, gap_um: float) -> None:
     overrides = (f"pulse.open_voltage_v={voltage_v:g}", f"measure.expected_gap_um={gap_um:g}")

@@ -28,6 +28,7 @@ from edmctl.results.progress import Phase
 from edmctl.simulator import kernel as k
 from edmctl.simulator.injection import parse_injection
 from tests.procedures.conftest import Shop
+from tests.tiers import tiers
 
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
@@ -202,7 +203,7 @@ def kept() -> tuple[Shop, Reference, Bottom, float]:
     return shop, reference, bottom, z1.z_um + site.wear_um
 
 
-@pytest.mark.parametrize("size_um", [3.0, 8.0, 15.0])
+@pytest.mark.parametrize("size_um", tiers(8.0, slow=(3.0, 15.0)))
 @pytest.mark.parametrize("name", ["CHIP", "LOOSE_CHIP"])
 def test_a_chip_on_the_bottom_is_told_and_covered(
     kept: tuple[Shop, Reference, Bottom, float], name: str, size_um: float

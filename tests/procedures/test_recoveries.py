@@ -15,7 +15,7 @@ from edmctl.procedures.hole.breakthrough import Breakthrough, SparkLoss
 from edmctl.procedures.hole.cut_planning import CutStart, first_plan
 from edmctl.procedures.servo import arc_recovery as burning
 from edmctl.procedures.servo.adaptive import MOST_JUMPS, ShortRecovery
-from edmctl.procedures.servo.arc_recovery import ARC_BURN, MOST_BURNS, ArcRecovery
+from edmctl.procedures.servo.arc_recovery import AGAIN_S, ARC_BURN, MOST_BURNS, ArcRecovery
 from edmctl.procedures.servo.limits import JUMP_AFTER_S, STALL_S, StallDetection
 from edmctl.procedures.settings import OPEN_LOST_S, controller_settings
 from edmctl.procedures.touch.approach import ABOVE_BOTTOM_UM, BEYOND_BOTTOM_UM, UNKNOWN_SDS
@@ -67,15 +67,11 @@ def test_a_single_burn_costs_the_way_back_and_no_more(shop: OpenShop) -> None:
     assert s.bench.controller.fault == 0
 
 
-@pytest.mark.parametrize(("seen_um", "unknown_um"), [(math.nan, 5.0), (48.0, 0.2)])
-def test_the_ramp_back_from_a_burn_ends_above_where_the_bottom_can_be(
-    shop: OpenShop, monkeypatch: pytest.MonkeyPatch, seen_um: float, unknown_um: float
-) -> None:
-    """Where telemetry told no sparks the bottom is what was planned, as far as that is known 100 s later."""
-    s = shop()
-    ramps_um: list[float] = []
-    ways_um: list[float] = []
-    monkeypatch.setattr(burning, "lower_to", lambda _, target_um: ramps_um.append(target_um))
+BURN = MachineFault("", code=ARC_BURN, fault=3002)
+
+
+def burns_of(s: Shop, seen_um: float, ways_um: list[float]) -> tuple[ArcRecovery, SimpleNamespace]:
+    """The burns of a cut, and a supervisor that last saw the tool at `seen_um`; approaches go to `ways_um`."""
     machine = SimpleNamespace(
         time_s=100.0,
         clear_fault=lambda _: None,
@@ -86,10 +82,43 @@ def test_the_ramp_back_from_a_burn_ends_above_where_the_bottom_can_be(
     watch = SimpleNamespace(displacement_um=0.0)
     run = replace(s.run(), machine=machine, watch=watch)  # type: ignore[arg-type]
     start = CutStart(50.0, 3.0, 2.0, drift_u_um_per_s=0.04, gap_u_um=0.0)
-    supervisor = SimpleNamespace(displacement_um=seen_um, sparking_s=1.0, seen_s=95.0)
-    cutting = SimpleNamespace(set_generator=lambda: None, start=lambda: None, open_v=40.0, reference_v=20.0)
-    burns = ArcRecovery(run, first_plan(s.profile, start), supervisor, cutting)  # type: ignore[arg-type]
-    burns.answer(MachineFault("", code=ARC_BURN, fault=3002))
+    adapting = SimpleNamespace(soften=lambda *_: None)
+    supervisor = SimpleNamespace(displacement_um=seen_um, sparking_s=1.0, seen_s=95.0, adapting=adapting)
+    nothing = dict.fromkeys(("set_generator", "start", "tell_changes"), lambda: None)
+    cutting = SimpleNamespace(**nothing, open_v=40.0, reference_v=20.0)
+    return ArcRecovery(run, first_plan(s.profile, start), supervisor, cutting), supervisor  # type: ignore[arg-type]
+
+
+def test_burns_far_apart_are_answered_and_soon_after_each_other_only_two(
+    shop: OpenShop, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(burning, "lower_to", lambda *_: None)
+
+    def answered(apart_s: float) -> int:
+        ways_um: list[float] = []
+        burns, supervisor = burns_of(shop(), 48.0, ways_um)
+        for _ in range(MOST_BURNS):
+            try:
+                burns.answer(BURN)
+            except MachineFault:
+                break
+            supervisor.sparking_s += apart_s
+        return len(ways_um)
+
+    assert answered(AGAIN_S + 1.0) == MOST_BURNS - 1
+    assert answered(AGAIN_S - 1.0) == 2
+
+
+@pytest.mark.parametrize(("seen_um", "unknown_um"), [(math.nan, 5.0), (48.0, 0.2)])
+def test_the_ramp_back_from_a_burn_ends_above_where_the_bottom_can_be(
+    shop: OpenShop, monkeypatch: pytest.MonkeyPatch, seen_um: float, unknown_um: float
+) -> None:
+    """Where telemetry told no sparks the bottom is what was planned, as far as that is known 100 s later."""
+    ramps_um: list[float] = []
+    ways_um: list[float] = []
+    monkeypatch.setattr(burning, "lower_to", lambda _, target_um: ramps_um.append(target_um))
+    burns, _ = burns_of(shop(), seen_um, ways_um)
+    burns.answer(BURN)
     spark_um = 48.0
     assert ramps_um == [pytest.approx(spark_um - ABOVE_BOTTOM_UM - UNKNOWN_SDS * unknown_um)]
     assert ways_um == [pytest.approx(spark_um + BEYOND_BOTTOM_UM + UNKNOWN_SDS * unknown_um)]

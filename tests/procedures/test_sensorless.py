@@ -16,6 +16,7 @@ from edmctl.procedures.monitoring.drift import displacement_uncertainty
 from edmctl.procedures.settings import controller_settings, pulse_settings, telemetry_settings
 from edmctl.simulator import kernel as k
 from edmctl.simulator.injection import parse_injection
+from tests.tiers import tiers
 
 from .conftest import Done, Shop, calibrated
 
@@ -32,7 +33,7 @@ def blind() -> Done:
     return Done(shop, shop.run_job())
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", tiers(1, slow=(2, 3)))
 def test_depth_and_wear_hold_the_truth_within_their_uncertainty(shop: OpenShop, seed: int) -> None:
     s = shop(
         ('target={kind="depth",depth_um=40.0,tolerance_um=4.0}',),

@@ -125,6 +125,18 @@ def test_a_tool_that_does_not_advance_is_stalled_after_a_minute(watched: tuple[S
     assert supervisor.stop_reason is StopReason.STALLED
 
 
+def test_a_tool_that_stands_asks_for_one_jump_before_it_is_stalled(watched: tuple[Shop, Supervisor]) -> None:
+    _, supervisor = watched
+    asked_s = []
+    for i in range(600):
+        supervisor.on_telemetry(a_slice(i, 60.0))
+        due = supervisor.jump_due(0.1 * i)
+        if due is not None and due[0] is RunEvent.STALL_JUMP:
+            asked_s.append(0.1 * i)
+            supervisor.jumped(RunEvent.STALL_JUMP, 0.1 * i)
+    assert asked_s == [pytest.approx(30.0, abs=0.3)]
+
+
 def test_a_slow_advance_is_no_stall(deep: tuple[Shop, Supervisor]) -> None:
     _, supervisor = deep
     for i in range(1500):

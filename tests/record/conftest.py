@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,13 +23,17 @@ def meta() -> RunMeta:
 
 
 @pytest.fixture
-def write_run(tmp_path: Path, meta: RunMeta) -> Callable[[str], Path]:
-    """Write a complete run file of the given name and return its path."""
+def write_run(tmp_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """Put a complete run file of the given name into the test's folder and return its path."""
+
+    def make(folder: Path) -> None:
+        writer = RunWriter.create(folder / "run.h5", a_meta())
+        fill(writer)
+        writer.finish("done", 0)
 
     def write(name: str) -> Path:
-        writer = RunWriter.create(tmp_path / name, meta)
-        fill(writer)
-        return writer.finish("done", 0)
+        made = once(tmp_path_factory, "made-up-run", make) / "run.h5"
+        return Path(shutil.copyfile(made, tmp_path / name))
 
     return write
 

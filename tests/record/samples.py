@@ -70,7 +70,7 @@ def a_site_row() -> SiteRow:
     )  # fmt: skip
 
 
-def fill(writer: Recorder, rows: int = 10_000, block: int = 10) -> None:
+def fill(writer: Recorder, rows: int = 10_000, block: int = 100) -> None:
     """Everything that a run may hold."""
     for first in range(0, rows, block):
         writer.append(servo_block(first, block))

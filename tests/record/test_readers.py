@@ -21,6 +21,7 @@ from edmctl.record.recovery import recover
 from edmctl.record.rows import TruthMap
 from edmctl.record.writer import RunWriter
 from tests.record.samples import a_meta, fill
+from tests.tiers import tiers
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -49,7 +50,7 @@ def recovered(live: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return recover(left).path
 
 
-@pytest.fixture(params=["real_run", "recovered"])
+@pytest.fixture(params=tiers("real_run", slow=("recovered",)))
 def path(request: pytest.FixtureRequest) -> Path:
     found: Path = request.getfixturevalue(request.param)
     return found

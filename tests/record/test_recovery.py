@@ -6,6 +6,7 @@ import os
 import random
 import shutil
 import signal
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import h5py
@@ -23,26 +24,29 @@ from edmctl.record.opening import open_file
 from edmctl.record.reader import open_run
 from edmctl.record.recovery import is_complete, recover
 from edmctl.record.writer import RunWriter
+from tests.golden import once
 from tests.record.samples import a_meta, fill
 from tests.record.test_crash import KILLED, start
 from tests.tiers import tiers
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
 
 @pytest.fixture
-def killed(tmp_path: Path) -> Path:
+def killed(tmp_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What a killed writer leaves behind."""
-    writer = RunWriter.create(tmp_path / "living" / "run.h5", a_meta())
-    fill(writer)
-    writer.flush()
+
+    def make(folder: Path) -> None:
+        writer = RunWriter.create(folder / "living" / "run.h5", a_meta())
+        fill(writer)
+        writer.flush()
+        shutil.copyfile(folder / "living" / "run.h5.partial", folder / "run.h5.partial")
+        writer.finish("done", 0)
+
     (tmp_path / "runs").mkdir()
-    left = tmp_path / "runs" / "run.h5.partial"
-    shutil.copyfile(tmp_path / "living" / "run.h5.partial", left)
-    writer.finish("done", 0)
-    return left
+    made = once(tmp_path_factory, "killed-writer", make) / "run.h5.partial"
+    return Path(shutil.copyfile(made, tmp_path / "runs" / "run.h5.partial"))
 
 
 def flipped(path: Path, bit: int, new: Path) -> Path:

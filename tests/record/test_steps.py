@@ -22,7 +22,7 @@ def test_pulses_that_wait_while_whole_chunks_are_written_keep_their_values(
     tmp_path: Path, meta: RunMeta
 ) -> None:
     """A long train fills chunks and leaves a rest, which is written by the next flush."""
-    pulses = 4 * layout.PULSES.chunk_rows + 1000
+    pulses = 2 * layout.PULSES.chunk_rows + 1000
     writer = RunWriter.create(tmp_path / "run.h5", meta, monotonic_s=lambda: 0.0)
     values = train(0, pulses, 0.0)
     delay_us = values.delay_us % 130.0

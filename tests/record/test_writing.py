@@ -14,6 +14,7 @@ from edmctl.record.reader import open_run
 from edmctl.record.rows import EventLevel, EventRow, NullRecorder, Recorder, RejectedTouch, Summary, TouchRow
 from edmctl.record.writer import FLUSH_INTERVAL_S, RunWriter
 from tests.record.samples import a_site_row, fill, servo_block, slow_row, train
+from tests.tiers import tiers
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -50,7 +51,7 @@ def test_the_black_box_is_kept_in_columns(run_path: Path) -> None:
     np.testing.assert_array_equal(box["flags"], k % 32)
 
 
-@pytest.mark.parametrize("block", [1, 7, 5000])
+@pytest.mark.parametrize("block", tiers(7, 5000, slow=(1,)))
 def test_the_size_of_blocks_leaves_no_trace(tmp_path: Path, meta: RunMeta, block: int) -> None:
     rows = 4 * layout.SERVO.chunk_rows + 616
     writer = RunWriter.create(tmp_path / "run.h5", meta)

@@ -14,6 +14,7 @@ from edmctl.report import style
 from edmctl.report.figures.actuator import Trial, draw
 from edmctl.report.signals import broken
 from edmctl.report.style import check_figure
+from tests.tiers import tiers
 
 pytest.importorskip("matplotlib")
 
@@ -35,6 +36,7 @@ def texts_of(svg: bytes) -> list[str]:
     return [(e.text or "").strip() for e in ET.fromstring(svg).iter("{http://www.w3.org/2000/svg}text")]
 
 
+@pytest.mark.slow
 def test_one_waveform_fills_a_column_of_a_journal_and_several_a_page() -> None:
     assert png_size_mm(draw([trial()], "a.png"))[0] == pytest.approx(85.0, abs=0.2)
     assert png_size_mm(draw([trial(), trial()], "a.png"))[0] == pytest.approx(180.0, abs=0.2)
@@ -48,7 +50,9 @@ def test_every_axis_has_its_unit_and_every_line_its_name() -> None:
         assert text in texts
 
 
-@pytest.mark.parametrize(("name", "magic"), [("a.png", b"\x89PNG"), ("a.SVG", b"<?xml"), ("a.pdf", b"%PDF")])
+@pytest.mark.parametrize(
+    ("name", "magic"), tiers(("a.SVG", b"<?xml"), slow=(("a.png", b"\x89PNG"), ("a.pdf", b"%PDF")))
+)
 def test_the_same_data_give_the_same_bytes(name: str, magic: bytes) -> None:
     first = draw([trial()], name)
     assert first.startswith(magic)

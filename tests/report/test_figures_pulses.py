@@ -17,6 +17,7 @@ from edmctl.report.removal import cumulated, in_this_run, kappa, removal
 from edmctl.report.signals import broken, cuts_s, running_mean
 from edmctl.report.style import NothingToDraw, house_style, rendered
 from tests.report import made_up
+from tests.tiers import tiers
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -214,7 +215,7 @@ def test_kappa_of_a_resumed_run_is_of_what_it_removed_itself(tmp_path: Path) -> 
     assert fit.u95 == pytest.approx(0.4 * np.sqrt(2.0) * section_um2 / 2e6)
 
 
-@pytest.mark.parametrize("kind", ["blocks", "full"])
+@pytest.mark.parametrize("kind", tiers("blocks", slow=("full",)))
 def test_kappa_of_a_virtual_run_is_that_of_its_process(request: pytest.FixtureRequest, kind: str) -> None:
     path: Path = request.getfixturevalue("run_file" if kind == "blocks" else "full_run_file")
     told = texts(energy.draw, path)

@@ -282,7 +282,7 @@ def test_a_run_that_ended_in_a_fault_is_drawn_up_to_it(faulted_run_file: Path) -
     assert "Touches of Z1: cu270-cu" in texts(drawn("touching", faulted_run_file))
 
 
-@pytest.mark.parametrize("count", tiers(1, 4, 13, slow=(3, 12), full=(60,)))
+@pytest.mark.parametrize("count", tiers(1, 4, slow=(3, 12, 13), full=(60,)))
 def test_steps_stay_readable_however_many_sites_there_are(count: int, tmp_path: Path) -> None:
     path = write_run(tmp_path / "a.h5", results=sites(count)).finish("done", 0)
     figure = drawn("steps", path)
@@ -336,6 +336,7 @@ def test_touching_shows_the_whole_way_from_the_first_surface_to_the_last(run_fil
     assert begin < touches["time"][0] < touches["time"][-1] < end
 
 
+@pytest.mark.slow
 def test_a_long_name_of_a_site_lies_on_nothing(tmp_path: Path) -> None:
     writer = write_run(tmp_path / "a.h5", a_cut(20.0))
     for k, kind in enumerate(("Z1", "Z2", "Z3")):
@@ -346,6 +347,7 @@ def test_a_long_name_of_a_site_lies_on_nothing(tmp_path: Path) -> None:
     assert not overlaps(figure)
 
 
+@pytest.mark.slow
 def test_a_limit_cycle_is_marked_with_its_frequency(tmp_path: Path) -> None:
     path = write_run(tmp_path / "a.h5", a_cut(120.0, swing_hz=6.25)).finish("done", 0)
     figure = drawn("spectrum", path)
@@ -353,11 +355,13 @@ def test_a_limit_cycle_is_marked_with_its_frequency(tmp_path: Path) -> None:
     assert {"each frequency", "mean over 1/12 octave"} == legend_of(figure)
 
 
+@pytest.mark.slow
 def test_a_spectrum_of_one_segment_is_one_segment(tmp_path: Path) -> None:
     path = write_run(tmp_path / "a.h5", a_cut(6.0)).finish("done", 0)
     assert "1 segment of 5.12 s, 100 Hz" in texts(drawn("spectrum", path))
 
 
+@pytest.mark.slow
 def test_what_is_folded_into_a_spectrum_is_told(run_file: Path, full_run_file: Path) -> None:
     told = "faster than 50 Hz: folded in"
     assert told in texts(drawn("spectrum", run_file))

@@ -36,8 +36,8 @@ def page_of(path: Path) -> str:
 
 
 @pytest.fixture(scope="module")
-def page(full_run_file: Path) -> str:
-    return page_of(full_run_file)
+def page(run_file: Path) -> str:
+    return page_of(run_file)
 
 
 class Elements(HTMLParser):
@@ -106,8 +106,8 @@ def test_a_figure_is_drawn_or_the_reason_is_told(page: str) -> None:
     assert "channel" not in names
 
 
-def test_the_numbers_are_those_of_the_file(full_run_file: Path, page: str) -> None:
-    with open_run(full_run_file) as run:
+def test_the_numbers_are_those_of_the_file(run_file: Path, page: str) -> None:
+    with open_run(run_file) as run:
         (row,) = run.table("/entry/results")
         summary = run.summary() or {}
         recipe = run.text("/entry/profile/recipe_sha256")
@@ -147,10 +147,10 @@ def test_a_run_that_failed_says_so_at_the_top(
     assert SENTENCES[-1].text in header
 
 
-def test_a_figure_with_too_much_in_it_is_png(full_run_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_figure_with_too_much_in_it_is_png(run_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("edmctl.report.page.KINDS", (kind_called("gap"),))
     monkeypatch.setattr("edmctl.report.page.MOST_SVG_BYTES", 1000)
-    with open_run(full_run_file) as run:
+    with open_run(run_file) as run:
         (picture,) = pictures_of(run)
     assert picture.address.startswith("data:image/png;base64,")
 
@@ -174,6 +174,7 @@ def console_of(page: Path, folder: Path) -> tuple[list[str], str]:
     return [line for line in done.stderr.splitlines() if "CONSOLE" in line], done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(BROWSER is None, reason="chromium is not installed")
 def test_a_browser_opens_the_page_without_a_complaint(page: str, tmp_path: Path) -> None:
     file = tmp_path / "page.html"

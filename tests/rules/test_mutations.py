@@ -18,6 +18,7 @@ from tests.rules.documents import (
     with_line,
     written_keys,
 )
+from tests.tiers import tiers
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -117,7 +118,9 @@ def test_there_are_more_than_five_hundred_mutants() -> None:
     assert sum(1 for name in NAMES for _ in mutants(name)) >= 500
 
 
-@pytest.mark.parametrize("name", [*NAMES, *NEWER])
+@pytest.mark.parametrize(
+    "name", tiers("w252", "channel-circle", slow=sorted({*NAMES, *NEWER} - {"w252", "channel-circle"}))
+)
 def test_every_broken_key_and_value_is_pointed_at(name: str, tmp_path: Path) -> None:
     copy_shipped(tmp_path)
     path = tmp_path / f"{name}.toml"

@@ -69,6 +69,19 @@ def test_no_contact_where_expected_is_a_fault(rig: RigMaker) -> None:
     assert_safe(r)
 
 
+def test_no_ramp_is_faster_than_the_slew_limit_either_way(rig: RigMaker) -> None:
+    r = rig()
+    r.arm({"slew_limit_v_s": 50.0})
+    r.session.request(m.TlmStart(1000, 14, m.PulseLog.OFF))
+    for target_v in (60.0, 20.0):
+        r.session.request(m.PiezoSet(target_v, 500.0))
+        r.wait(m.EventCode.MOVE_DONE, 5.0)
+    v = r.column("actuator_v")
+    steps_v = v[20:] - v[:-20]  # over 20 ms: telemetry has steps of its own
+    assert steps_v.max() == pytest.approx(1.0, abs=0.05)
+    assert steps_v.min() == pytest.approx(-1.0, abs=0.05)
+
+
 def test_a_ramp_into_the_work_is_a_collision(rig: RigMaker) -> None:
     r = rig()
     r.arm()

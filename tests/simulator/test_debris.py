@@ -77,7 +77,7 @@ def strike(
     return Struck(log["cls"], energy, depth, wear, voltage / count, plant)
 
 
-@pytest.mark.parametrize("fraction", tiers(0.25, slow=(0.1, 0.4)))
+@pytest.mark.parametrize("fraction", tiers(slow=(0.1, 0.25, 0.4)))
 def test_arcs_come_as_often_as_debris_says_also_right_after_a_bridge(fraction: float) -> None:
     # A gap of 1 µm makes bridges frequent; they hold until they burn off, because the gap does not grow.
     struck = strike(

@@ -171,6 +171,7 @@ def test_only_a_client_that_is_silent_makes_room_for_another(monkeypatch: pytest
     assert "silent for" in said[0]
 
 
+@pytest.mark.slow
 def test_a_thousand_connections_keep_nobody_from_the_machine() -> None:
     bench, said = open_bench(NEAR, 4), list[str]()
     endpoint = SocketEndpoint("127.0.0.1", 0, said.append)

@@ -12,6 +12,7 @@ import pytest
 from edmctl.link import messages as m
 from edmctl.simulator import BenchConfig, DischargeConstants
 from edmctl.simulator import kernel as k
+from edmctl.simulator.injection import parse_injection
 
 if TYPE_CHECKING:
     from tests.simulator.conftest import Rig
@@ -39,6 +40,17 @@ def test_the_servo_advances_in_an_open_gap_and_backs_out_of_a_short(rig: RigMake
     assert gap_v[advancing].mean() > gap_v[~advancing].mean()
     assert gap_v.mean() == pytest.approx(0.8 * 12.0, rel=0.03)
     assert z[-1000:].mean() > z[:1000].mean() + 1.0
+
+
+def test_a_short_that_lasts_is_left_four_times_as_fast_after_half_a_second(rig: RigMaker) -> None:
+    r = rig()
+    r.bench.inject(parse_injection("WIRE_SHORT@sparks+4"))
+    servo_record(r, 3.0, short_back_um_s=2.0)
+    shorted = (r.column("flags").astype(int) & m.TlmFlags.SHORTED) > 0
+    v = r.column("actuator_v")[np.flatnonzero(shorted)[0] :]
+    slow_v_s, fast_v_s = (v[400] - v[100]) / 0.3, (v[900] - v[600]) / 0.3
+    assert slow_v_s < 0.0
+    assert fast_v_s == pytest.approx(4.0 * slow_v_s, rel=0.05)
 
 
 def test_limit_cycle_has_the_period_and_size_of_theory(rig: RigMaker) -> None:
