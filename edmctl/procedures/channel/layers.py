@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from edmctl.forecasts.removal import SIDE_DISCHARGE_SHARE, removal_um3_s
 from edmctl.procedures.channel.scan import PassPlan, PassResult, run_pass
 from edmctl.procedures.channel.touching import learned_gap_um
@@ -143,7 +145,8 @@ class Layers:
         """Make one pass, against the direction of the one before."""
         run, left = self._run, self._limits.left()
         if left.seconds <= 0.0:
-            return _not_begun(left.limit, len(self._way.points))
+            nothing = np.zeros(len(self._way.points))
+            return PassResult(nothing, nothing, fault="TIMEOUT", message=left.limit)
         way = self._way.reversed() if self.sums.number % 2 else self._way
         rest_s = passes_after * way.length_um / self._speed_um_s
         plan = PassPlan(
@@ -221,10 +224,3 @@ def wear_of(profile: Profile) -> ToolWear:
 
 def _removal_um3_per_uj(profile: Profile) -> float:
     return profile.work.removal_um3_per_uj * (1.0 - SIDE_DISCHARGE_SHARE)
-
-
-def _not_begun(limit: str, points: int) -> PassResult:
-    import numpy as np
-
-    nothing = np.zeros(points)
-    return PassResult(0.0, 0.0, math.nan, (0, 0, 0, 0), 0.0, 0.0, nothing, nothing, "TIMEOUT", limit)

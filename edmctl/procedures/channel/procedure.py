@@ -6,7 +6,7 @@ stop, so the last layers are cut by what was measured and not by what was assume
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -134,29 +134,23 @@ def _ended(run: JobRun, target: HoleTarget, result: ChannelResult, *, last: bool
     return None
 
 
+@dataclass(slots=True, eq=False)
 class _MeasuringStops:
     """The measuring stops of a channel: when the next is due, and what they find."""
 
-    def __init__(
-        self,
-        run: JobRun,
-        target: HoleTarget,
-        way: Way,
-        surface: ChannelSurface,
-        layers: Layers,
-        keep: Callable[[ChannelResult], None],
-    ) -> None:
-        self._run = run
-        self._target = target
-        self._way = way
-        self._face = surface
-        self._layers = layers
-        self._keep = keep
-        self._number = 0
-        self._learned = False
-        self.result: ChannelResult | None = None
-        layers.keep = partial(self._keep_state, "machining")
-        if channel_begun(run) is None:
+    run: JobRun
+    target: HoleTarget
+    way: Way
+    surface: ChannelSurface
+    layers: Layers
+    keep: Callable[[ChannelResult], None]
+    result: ChannelResult | None = None
+    _number: int = 0
+    _learned: bool = False
+
+    def __post_init__(self) -> None:
+        self.layers.keep = partial(self._keep_state, "machining")
+        if channel_begun(self.run) is None:
             self._keep_state("measuring")
 
     def due(self, layers_after: int) -> bool:
@@ -165,18 +159,18 @@ class _MeasuringStops:
         After the second layer for wear and gap; whenever the tool's face is no longer known to half the tolerance;
         and before the last layer, which is to end at the target, where it is not known to a quarter.
         """
-        if not self._learned and self._layers.layers + 1 >= LAYERS_BEFORE_FIRST_STOP:
+        if not self._learned and self.layers.layers + 1 >= LAYERS_BEFORE_FIRST_STOP:
             return True
-        unknown = self._layers.wear_u_um / self._target.tolerance_um
+        unknown = self.layers.wear_u_um / self.target.tolerance_um
         return unknown > 0.5 or (layers_after == 1 and unknown > 0.25)
 
     def measure(self, places: int) -> ChannelResult:
         """Touch floor and pad, learn from them, and keep the result."""
-        layers = self._layers
+        layers = self.layers
         if layers.last is None:
             raise ValueError("nothing was cut")
         plan, done = layers.last
-        found = measure_floor(self._run, self._face, plan, done, layers.wear, layers.since_uj, places)
+        found = measure_floor(self.run, self.surface, plan, done, layers.wear, layers.since_uj, places)
         uneven_um = abs(plan.held.depth_um - layers.depth_um) if done.fault else 0.0
         layers.learn(found)
         self._learned |= done.held
@@ -187,25 +181,25 @@ class _MeasuringStops:
 
         Raises PreconditionError E8060, E8061 where they are not as they were left.
         """
-        run, layers = self._run, self._layers
+        run, layers = self.run, self.layers
         self._number, self._learned = stops_left(left)
-        plan, done = go_on_from(run, left, layers, self._way)
+        plan, done = go_on_from(run, left, layers, self.way)
         unknown = unknown_of_left(run, left)
         try:
-            found = measure_floor(run, self._face, plan, done, layers.wear, 0.0, PLACES_AT_THE_END, unknown)
+            found = measure_floor(run, self.surface, plan, done, layers.wear, 0.0, PLACES_AT_THE_END, unknown)
         except MachineFault as fault:
             raise with_journal_hint(fault) from fault
         uneven_um = layers.aim_um - layers.depth_um
-        refuse_other_channel(run, left, self._face, self._result(found, 0.0), uneven_um)
+        refuse_other_channel(run, left, self.surface, self._result(found, 0.0), uneven_um)
         layers.take_up(found)
         return self._keep_result(found, self._result(found, uneven_um))
 
     def _result(self, found: FloorReading, uneven_um: float) -> ChannelResult:
-        layers = self._layers
+        layers = self.layers
         return channel_result(
-            self._run,
-            self._way.length_um,
-            self._face,
+            self.run,
+            self.way.length_um,
+            self.surface,
             found,
             layers.sums,
             layers=layers.layers,
@@ -217,25 +211,25 @@ class _MeasuringStops:
     def _keep_result(self, found: FloorReading, result: ChannelResult) -> ChannelResult:
         self._number += 1
         self.result = result
-        self._layers.measured_u_um = result.wear_u95_um / COVERAGE
-        self._run.tally.depth_um, self._run.tally.unmeasured_site = found.depth_um, ""
-        self._keep(result)
+        self.layers.measured_u_um = result.wear_u95_um / COVERAGE
+        self.run.tally.depth_um, self.run.tally.unmeasured_site = found.depth_um, ""
+        self.keep(result)
         self._keep_state("measuring")
         self._report(found, result)
         return result
 
     def _keep_state(self, phase: str) -> None:
         """Write down how far the channel has come, for a run that goes on with it."""
-        self._run.keeper.keep(phase, UnderWay(self._state), self._run.machine.time_s)
+        self.run.keeper.keep(phase, UnderWay(self._state), self.run.machine.time_s)
 
     def _state(self, state: JobState, now_s: float) -> JobState:
         return channel_state(
-            self._run, self._face, self._layers, self._number, learned=self._learned, state=state, now_s=now_s
+            self.run, self.surface, self.layers, self._number, learned=self._learned, state=state, now_s=now_s
         )
 
     def leave(self) -> None:
         """Keep by estimate what was cut since the last stop, where the channel is left before the next."""
-        run, layers = self._run, self._layers
+        run, layers = self.run, self.layers
         if self.result is not None and run.tally.unmeasured_site:
             # A short may have pulled the tool back; the floor stays where it is.
             run.tally.depth_um = max(run.tally.depth_um, layers.depth_um, self.result.depth_um)
@@ -247,10 +241,10 @@ class _MeasuringStops:
                 most_um=max(run.tally.depth_um, layers.aim_um),
                 wear_um=layers.wear.um(layers.since_uj),
             )
-            self._keep(left)
+            self.keep(left)
 
     def _report(self, found: FloorReading, result: ChannelResult) -> None:
-        self._run.decide(
+        self.run.decide(
             RunEvent.CHANNEL_MEASURED,
             f"Floor {length(result.depth_um, result.depth_u95_um)} deep, {found.sd_um:.2f} µm rms from "
             f"place to place, wear {length(result.wear_um, result.wear_u95_um)}; a held tool leaves a gap "

@@ -141,8 +141,7 @@ def go_on_from(run: JobRun, state: JobState, layers: Layers, way: Way) -> tuple[
     held = HeldTool(layers.surface.z1.z_um, layers.surface.plane, layers.aim_um, layers.gap_um)
     limits_um = np.array([held.z_um((float(x), float(y)), state.wear_um) for x, y in way.points])
     plan = PassPlan(way, 0.0, held, uj_per_um=0.0, since_uj=0.0, rest_s=0.0)
-    nothing = np.zeros(len(way.points))
-    return plan, PassResult(0.0, 0.0, math.nan, (0, 0, 0, 0), 0.0, 0.0, limits_um, nothing)
+    return plan, PassResult(limits_um, np.zeros(len(way.points)))
 
 
 def stops_left(state: JobState) -> tuple[int, bool]:

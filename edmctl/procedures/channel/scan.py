@@ -16,7 +16,7 @@ import numpy as np
 from edmctl.errors import PreconditionError
 from edmctl.machine.interface import CutRequest, EventCode, MachineState, ScanLine
 from edmctl.procedures.hole.cut_planning import energy_of
-from edmctl.procedures.job_state import RunningCut
+from edmctl.procedures.job_state import Counts, RunningCut
 from edmctl.procedures.servo.limits import RatioLimits
 from edmctl.procedures.servo.telemetry_sums import RATIO_WINDOW_S, TelemetrySums
 from edmctl.procedures.settings import gap_reference_v
@@ -79,14 +79,14 @@ class PassResult:
     the way, `used_uj` the wearing energy of the pass when the tool was there, shape (n,).
     """
 
-    time_s: float
-    held_share: float
-    gap_ratio_mean: float
-    counts: tuple[int, int, int, int]
-    energy_j: float
-    wearing_uj: float
     limits_um: Floats
     used_uj: Floats
+    time_s: float = 0.0
+    held_share: float = 0.0
+    gap_ratio_mean: float = math.nan
+    counts: Counts = (0, 0, 0, 0)
+    energy_j: float = 0.0
+    wearing_uj: float = 0.0
     fault: str = ""
     message: str = ""
 

@@ -188,42 +188,27 @@ class Watch:
             model_um = self._tracker.estimator.advance(block.time_s, block.actuator_v)
             self.feed_error.update(block, model_um)
         self._trace.append(block.time_s, model_um)
-        rows = self._thinned(self._row_block(block, model_um))
+        rows = self._rows(block, model_um)
         if len(rows.time_s):
             self._recorder.append(rows)
         if compared and self._comparer is not None:
             self._comparer(block, model_um)
 
-    def _row_block(self, block: TelemetryBlock, model_um: Floats) -> ServoBlock:
-        direction = _DIRECTION[block.state, block.flags]
-        return ServoBlock(
-            time_s=block.time_s,
-            actuator_v=block.actuator_v,
-            displacement_um=block.displacement_um if self._sensor else np.full_like(model_um, math.nan),
-            model_um=model_um,
-            gap_v=block.gap_v,
-            gap_ratio=block.gap_v / self._duty_voltage_v,
-            current_a=block.current_a,
-            direction=direction,
-            state=block.state,
-        )
-
-    def _thinned(self, rows: ServoBlock) -> ServoBlock:
-        """Each `record_every`-th sample of the run, however it comes in blocks; none where there is none in this."""
-        if self._every == 1:
-            return rows
+    def _rows(self, block: TelemetryBlock, model_um: Floats) -> ServoBlock:
+        """Return each `record_every`-th sample of the run, however it comes in blocks; a block may have none."""
         pick = slice(self._skip, None, self._every)
-        self._skip = (self._skip - len(rows.time_s)) % self._every
+        self._skip = (self._skip - len(block.time_s)) % self._every
+        sensor_um = block.displacement_um if self._sensor else np.full_like(model_um, math.nan)
         return ServoBlock(
-            time_s=rows.time_s[pick],
-            actuator_v=rows.actuator_v[pick],
-            displacement_um=rows.displacement_um[pick],
-            model_um=rows.model_um[pick],
-            gap_v=rows.gap_v[pick],
-            gap_ratio=rows.gap_ratio[pick],
-            current_a=rows.current_a[pick],
-            direction=rows.direction[pick],
-            state=rows.state[pick],
+            time_s=block.time_s[pick],
+            actuator_v=block.actuator_v[pick],
+            displacement_um=sensor_um[pick],
+            model_um=model_um[pick],
+            gap_v=block.gap_v[pick],
+            gap_ratio=block.gap_v[pick] / self._duty_voltage_v,
+            current_a=block.current_a[pick],
+            direction=_DIRECTION[block.state[pick], block.flags[pick]],
+            state=block.state[pick],
         )
 
     def pulse_blocks(self, batch: PulseBlockBatch) -> None:

@@ -7,6 +7,7 @@ than the way back; after the second the gap is kept wider and the pulses pause l
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.errors import MachineFault
@@ -30,23 +31,23 @@ MOST_BURNS = 6
 """and neither can so many in one cut."""
 
 
+@dataclass(slots=True, eq=False)
 class ArcRecovery:
     """The burns of one cut, and the answer to each."""
 
-    def __init__(self, run: JobRun, plan: CutPlan, supervisor: Supervisor, cutting: CutControl) -> None:
-        self._run = run
-        self._plan = plan
-        self._supervisor = supervisor
-        self._cutting = cutting
-        self._number = 0
-        self._last_s = -math.inf
+    run: JobRun
+    plan: CutPlan
+    supervisor: Supervisor
+    control: CutControl
+    _number: int = 0
+    _last_s: float = -math.inf
 
     def answer(self, fault: MachineFault) -> None:
         """Go on with the cut after a burn; every other fault, and one burn too many, is raised again."""
         while True:
             if fault.code != ARC_BURN:
                 raise fault
-            spark_s = self._supervisor.sparking_s
+            spark_s = self.supervisor.sparking_s
             self._number += 1
             soon = spark_s - self._last_s < AGAIN_S
             if self._number >= MOST_BURNS or (self._number > 2 and soon):
@@ -60,7 +61,7 @@ class ArcRecovery:
                 return
 
     def _go_on(self, code: int) -> None:
-        run, supervisor = self._run, self._supervisor
+        run, supervisor = self.run, self.supervisor
         spark_um, unknown_um = self._sparked_at(run.machine.time_s)
         run.decide(
             RunEvent.ARC_BURN_RECOVERY,
@@ -72,25 +73,25 @@ class ArcRecovery:
         run.machine.arm()
         if self._number > 1:
             supervisor.adaptive.soften(REFERENCE_STEP, DUTY_SHARE, f"burn {self._number} of this cut")
-            self._cutting.report_changes()
+            self.control.report_changes()
         run.machine.rest(REST_S)
-        self._cutting.set_generator()
+        self.control.set_generator()
         lower_to(run, spark_um - ABOVE_BOTTOM_UM - unknown_um)
         way_um = spark_um - run.watch.displacement_um + BEYOND_BOTTOM_UM + unknown_um
-        first_sparks_v = 0.5 * (self._cutting.open_v + self._cutting.reference_v)
+        first_sparks_v = 0.5 * (self.control.open_v + self.control.reference_v)
         run.machine.approach(run.profile.approach.speed_um_s, way_um, first_sparks_v)
-        self._cutting.start()
+        self.control.start()
 
     def _sparked_at(self, now_s: float) -> tuple[float, float]:
         """Return where the tool sparked, and how far from there it may find the bottom now.
 
         Seen by samples of this cut that is the drift since the last of them; without any it is what was planned.
         """
-        seen_um, plan = self._supervisor.displacement_um, self._plan
+        seen_um, plan = self.supervisor.displacement_um, self.plan
         if math.isnan(seen_um):
             u_um = math.hypot(plan.start.bottom_u_at(now_s), plan.start.gap_u_um)
             return plan.start.bottom_um - plan.start.gap_um, UNKNOWN_SDS * u_um
-        since_s = max(0.0, now_s - self._supervisor.seen_s)
+        since_s = max(0.0, now_s - self.supervisor.seen_s)
         return seen_um, UNKNOWN_SDS * plan.start.drift_u_um_per_s * since_s
 
 
