@@ -11,7 +11,7 @@ from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.cut_decision import Decision, decide, refuse_wrong_setup
 from edmctl.procedures.hole.cut_planning import CutPlan, CutStart, energy_of, learned_gap_um
 from edmctl.procedures.hole.first_sparks import judge_again
-from edmctl.procedures.hole.settling import settle_unmeasured, unmeasured
+from edmctl.procedures.hole.unmeasured_holes import settle_unmeasured, unmeasured
 from edmctl.procedures.touch.bottom import UNFINISHED_GAP_U_UM, read_bottom
 from edmctl.procedures.touch.reference_pad import (
     TOUCH_U_UM,
