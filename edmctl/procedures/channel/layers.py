@@ -128,7 +128,7 @@ class Layers:
         self.gap_um = learned_gap_um(*self.last, found, self.wear, self.gap_um)
         self._start_from(found)
 
-    def take_up(self, found: FloorReading) -> None:
+    def resume(self, found: FloorReading) -> None:
         """Take the first measuring stop after an earlier run: its last seconds of sparks are in no sum.
 
         So it tells where tool and floor are, and nothing of wear per energy or of the gap.

@@ -79,7 +79,7 @@ def machine_channel(
     stops = _MeasuringStops(run, target, way, surface, layers, keep)
     try:
         if left is not None:
-            ended = _ended(run, target, stops.take_up(left), last=False)
+            ended = _ended(run, target, stops.resume(left), last=False)
             if ended is not None:
                 return stops.result, ended
         return _cut_down(run, target, layers, stops, path.layer_um)
@@ -176,7 +176,7 @@ class _MeasuringStops:
         self._learned |= done.held
         return self._keep_result(found, self._result(found, uneven_um))
 
-    def take_up(self, left: JobState) -> ChannelResult:
+    def resume(self, left: JobState) -> ChannelResult:
         """Touch floor and pad where an earlier run has left them, and keep the result; its journal stands till then.
 
         Raises PreconditionError E8060, E8061 where they are not as they were left.
@@ -191,7 +191,7 @@ class _MeasuringStops:
             raise with_journal_hint(fault) from fault
         uneven_um = layers.aim_um - layers.depth_um
         refuse_other_channel(run, left, self.surface, self._result(found, 0.0), uneven_um)
-        layers.take_up(found)
+        layers.resume(found)
         return self._keep_result(found, self._result(found, uneven_um))
 
     def _result(self, found: FloorReading, uneven_um: float) -> ChannelResult:

@@ -44,7 +44,7 @@ def machine_sites(run: JobRun) -> Decision | None:
             return worn_out
         open_site(run, site)
         begun = resumed is not None and resumed.begun and resumed.site == site.name
-        decision = _take_up(run, site, knowledge, limits) if begun else None
+        decision = _resume(run, site, knowledge, limits) if begun else None
         if decision is None:
             decision = _machine_fresh(run, site, knowledge, left[number:], limits)
         run.keeper.keep(MOVING, None)
@@ -54,7 +54,7 @@ def machine_sites(run: JobRun) -> Decision | None:
     return None
 
 
-def _take_up(run: JobRun, site: Place, knowledge: JobKnowledge, limits: TimeLimits) -> Decision | None:
+def _resume(run: JobRun, site: Place, knowledge: JobKnowledge, limits: TimeLimits) -> Decision | None:
     """Go on with the hole that an earlier run has begun; None where it is to be made anew."""
     if run.profile.target.kind == "through" and not run.job.restart_hole:
         return resume_through_hole(run, site, knowledge, limits)

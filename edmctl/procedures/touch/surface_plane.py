@@ -88,7 +88,7 @@ class SurfacePlane:
         if self.touched:
             self._fit()
 
-    def take_step(self, step: Step) -> None:
+    def set_pad_step(self, step: Step) -> None:
         """Take what two spots of the pad say of the slope, in place of what they said before."""
         self._pad_step = step
         self._fit()
@@ -118,7 +118,7 @@ def fit_pad_slope(run: JobRun, surface: SurfacePlane, reading: SurfaceReading) -
     believed_um = 1e-3 * surface.tilt_u_mrad * math.hypot(*step.way_um)
     if abs(step.um) <= CONTRADICTION_SDS * math.hypot(believed_um, step.u_um):
         return reading
-    surface.take_step(step)
+    surface.set_pad_step(step)
     slope_x, slope_y = (float(1e3 * slope) for slope in surface.plane.slope)
     run.decide(
         RunEvent.FACE_FITTED,
