@@ -42,6 +42,19 @@ LEADING_AREA = 0.02
 """Area of a loop that runs the wrong way round, of its box; hysteresis and delay make 0 to 0.2 the right way."""
 LEAST_CLIPPED = 5
 """Samples that a displacement stands at its limit, one after the other."""
+LEAST_LOOP = 1e-4
+"""RMS distance from a straight line over the range; a stage with its own position control leaves more."""
+DOUBTFUL_STEP_S = 1.0
+DOUBTFUL_SWING_S = 300.0
+"""Slower swings are rather fast ones on a clock in ms."""
+SHORT_S = 5.0
+"""A shorter record says next to nothing about creep."""
+GAP_STEPS = 20.0
+"""A gap lasts this many sample periods."""
+SPIKE_SHARE = 0.1
+"""Height of a spike over the displacement's range."""
+SD_PER_BEND = 0.605
+"""Standard deviation of normal noise over the median of its second differences: 1.4826 / √6."""
 
 
 def check_record(record: Record) -> tuple[str, ...]:
@@ -224,21 +237,6 @@ def _loop_area(u_v: Array, y_um: Array) -> float:
     u, y = u[inside], y[inside]
     swings = 0.5 * float(np.abs(np.diff(u)).sum())
     return 0.5 * float(u[:-1] @ y[1:] - u[1:] @ y[:-1]) / max(swings, 1.0)
-
-
-LEAST_LOOP = 1e-4
-"""RMS distance from a straight line over the range; a stage with its own position control leaves more."""
-DOUBTFUL_STEP_S = 1.0
-DOUBTFUL_SWING_S = 300.0
-"""Slower swings are rather fast ones on a clock in ms."""
-SHORT_S = 5.0
-"""A shorter record says next to nothing about creep."""
-GAP_STEPS = 20.0
-"""A gap lasts this many sample periods."""
-SPIKE_SHARE = 0.1
-"""Height of a spike over the displacement's range."""
-SD_PER_BEND = 0.605
-"""Standard deviation of normal noise over the median of its second differences: 1.4826 / √6."""
 
 
 def doubts_about(record: Record) -> tuple[str, ...]:

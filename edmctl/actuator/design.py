@@ -27,6 +27,19 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 BLOCKS = 64
+PLAYS, HINGES = 10, 4
+THRESHOLD_EXPONENT = 1.4
+"""Thresholds lie denser near zero, where the weights of soft PZT are largest."""
+CREEPING_SHARES = (0.0, 0.25, 0.5)
+"""Plays that creep, by threshold over the largest."""
+FIRST_TAU_S, FIRST_TAU_SHARE = 0.02, 1e-3
+OWN_TAU_SHARE = 0.2
+"""Fastest lag, at most so long and such a share of the record; slowest that has a weight of its own."""
+TAU_RATIO = 5.0
+"""Lags in steps of 5 stay within 0.6 % of a decade's creep of the logarithm of time."""
+LONGEST_TAU_S = 4000.0
+"""Creep is continued up to here: longer than a hole takes."""
+ROWS_AT_ONCE = 128
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,20 +173,6 @@ def _features(design: Design, record: Record) -> Array:
     return features
 
 
-PLAYS, HINGES = 10, 4
-THRESHOLD_EXPONENT = 1.4
-"""Thresholds lie denser near zero, where the weights of soft PZT are largest."""
-CREEPING_SHARES = (0.0, 0.25, 0.5)
-"""Plays that creep, by threshold over the largest."""
-FIRST_TAU_S, FIRST_TAU_SHARE = 0.02, 1e-3
-OWN_TAU_SHARE = 0.2
-"""Fastest lag, at most so long and such a share of the record; slowest that has a weight of its own."""
-TAU_RATIO = 5.0
-"""Lags in steps of 5 stay within 0.6 % of a decade's creep of the logarithm of time."""
-LONGEST_TAU_S = 4000.0
-"""Creep is continued up to here: longer than a hole takes."""
-
-
 def choose_design(
     records: Sequence[Record], *, hinges: int = HINGES, plays: int = PLAYS, creep: bool = True
 ) -> Design:
@@ -216,9 +215,6 @@ def _time_constants(records: Sequence[Record]) -> tuple[Array, NDArray[np.int64]
 
 def _steps_of_tau(first_s: float, last_s: float) -> int:
     return 1 + int(np.floor(np.log(last_s / first_s) / np.log(TAU_RATIO) + 1e-9))
-
-
-ROWS_AT_ONCE = 128
 
 
 def triangle_of(rows: Array) -> Array:

@@ -33,6 +33,8 @@ RIDGE = 1e-10
 """Only settles what the records leave open: held-out errors do not change from here to 1e-6."""
 FLOOR_SHARE = 0.01
 """Least slope of the play of threshold 0, of the mean slope; it is half of it in measured actuators."""
+ROUNDING = 1e-13
+"""A slope this small against the largest possible one is zero."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,10 +130,6 @@ def curvature(design: Design) -> Array:
             for play, share in ((k + 1, 1.0), (k + 2, -2.0), (k + 3, 1.0)):
                 rows[k, piece, play * pieces + piece] = share * width_v[1:].mean() / width_v[play]
     return rows.reshape(-1, design.features)
-
-
-ROUNDING = 1e-13
-"""A slope this small against the largest possible one is zero."""
 
 
 def nnls(matrix: Array, target: Array, start: Array | None = None) -> Array:

@@ -43,6 +43,8 @@ QUICK_TAUS_S = 0.04 * np.power(TAU_RATIO, np.arange(7.0))
 FOLDS, RESAMPLES = 8, 40
 LONGEST_FIXED_DELAY_S = 1.0
 LEAST_SAMPLES = 200
+LONGEST_DELAY_S = 0.02
+DELAY_STEPS = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,10 +174,6 @@ def _refuse(records: Sequence[Record]) -> None:
             raise ValueError(f"{record.name}: time does not ascend")
         if not float(np.cov(record.u_v, record.y_um)[0, 1]) > 0.0:
             raise ValueError(f"{record.name}: the displacement does not rise with the voltage")
-
-
-LONGEST_DELAY_S = 0.02
-DELAY_STEPS = 16
 
 
 def _delay_grid(records: Sequence[Record]) -> Array:

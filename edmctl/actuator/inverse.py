@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+STEPS = 32
+"""Points of a path; more of them change its end by less than 0.1 % of the way."""
+
 
 @dataclass(frozen=True, slots=True)
 class Solution:
@@ -83,10 +86,6 @@ class Inverse:
             )
             state.u_v, state.t_s = float(u_v[-1]), float(times_s[-1])
         return u_v, beyond
-
-
-STEPS = 32
-"""Points of a path; more of them change its end by less than 0.1 % of the way."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 CREEP_FROM_S, CREEP_TO_S = 0.1, 10.0
 """Creep rates are customarily given between these times after a step."""
 
-
 SLOW_CYCLE_S, CYCLE_SAMPLES = 100.0, 400
+CLOCK_ROUNDING_S = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,9 +273,6 @@ def _turned(model: ActuatorModel, plays_v: Array, turns: Sequence[float]) -> Arr
     for u_v in turns:
         plays_v = np.clip(plays_v, u_v - model.thresholds_v, u_v + model.thresholds_v)
     return plays_v
-
-
-CLOCK_ROUNDING_S = 1e-9
 
 
 def consecutive(t_s: ArrayLike, values: ArrayLike, since_s: float = -math.inf) -> tuple[Array, Array]:

@@ -13,6 +13,12 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+HELD_SHARE = 0.02
+"""A voltage that stays within this share of the span is held."""
+TURN_SHARE = 0.3
+"""A swing of less than this share of the span says nothing about the rate of a record."""
+RATES_APART = 2.0
+
 
 class Record(NamedTuple):
     """Consecutive samples of one measurement.
@@ -31,13 +37,6 @@ class Record(NamedTuple):
     y_um: Array
     previous_v: float | None = None
     name: str = "record"
-
-
-HELD_SHARE = 0.02
-"""A voltage that stays within this share of the span is held."""
-TURN_SHARE = 0.3
-"""A swing of less than this share of the span says nothing about the rate of a record."""
-RATES_APART = 2.0
 
 
 def length_s(records: Sequence[Record]) -> float:

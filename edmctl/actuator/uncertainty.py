@@ -36,6 +36,10 @@ SMOOTHNESS = (0.0, 1e-4, 1e-3)
 SMOOTHNESS_COST = 1.1
 """The smoothest model is taken that has at most this times the least held-out RMS error: swings beyond the
 records profit, and held-out blocks of the records cannot show it."""
+SQRT_2 = math.sqrt(2.0)
+CREEP_DECADES = math.log10(CREEP_TO_S / CREEP_FROM_S)
+BOOTSTRAP_SEED = 20090804
+"""Fixed, so that the same record gives the same file."""
 
 
 def smoothest(
@@ -95,12 +99,6 @@ def _zero_of(found: Fit, number: int, error_um: Array) -> float:
     """Zero of a record; of one that a fold held out whole, by its mean."""
     zero_um = float(found.zeros_um[number])
     return float(-error_um.mean()) if np.isnan(zero_um) else zero_um
-
-
-SQRT_2 = math.sqrt(2.0)
-CREEP_DECADES = math.log10(CREEP_TO_S / CREEP_FROM_S)
-BOOTSTRAP_SEED = 20090804
-"""Fixed, so that the same record gives the same file."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,8 +46,9 @@ if TYPE_CHECKING:
     from edmctl.profile.setup import Setup
     from edmctl.profile.sites import PathTable
 
-
 PLANE_TOUCHES = 3
+STROKE_RESERVE_UM = 15.0
+"""Stroke kept free beyond the job, for creep and retraction."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,10 +171,6 @@ def _plane_time_s(profile: Profile, setup: Setup, stands: Sequence[Stand]) -> fl
     """Touch three places of an array, far apart, before anything is machined."""
     move_s = max(between_s(a, b, setup) for a in stands for b in stands)
     return PLANE_TOUCHES * (move_s + face_time_s(profile, profile.approach.offset_um))
-
-
-STROKE_RESERVE_UM = 15.0
-"""Stroke kept free beyond the job, for creep and retraction."""
 
 
 def forecast(profile: Profile, setup: Setup, places: Sequence[Place] = ()) -> Forecast:

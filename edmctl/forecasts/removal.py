@@ -19,6 +19,19 @@ if TYPE_CHECKING:
     from edmctl.profile.model import Profile, Pulse
     from edmctl.profile.setup import Setup
 
+SIDE_DISCHARGE_SHARE = 0.05
+"""Discharges that burn at the wall of the hole: 3 % in a clean gap, more with debris."""
+YIELD_CLEAN, YIELD_LOST = 1.04, 0.056
+"""Removal of per-pulse runs over that of the voltage law, which counts arcs as full discharges: the first in a
+clean gap, less the second per debris in it."""
+FLUSH_DEPTH_RATIO = 0.7
+"""Depth over diameter of a hole that takes twice as long to flush as a flat face."""
+LEAST_YIELD = 0.5
+LEAST_MACHINING_SHARE = 0.1
+"""However much it jumps; a recipe that jumps more than 0.3 of the time is refused anyway."""
+RECOVERY_S = 0.25
+"""Machining lost after a jump, while the servo comes back to the gap from a little above it."""
+
 
 @dataclass(frozen=True, slots=True)
 class Hole:
@@ -50,20 +63,6 @@ def completion(profile: Profile) -> float:
     target = profile.target
     given = target.completion_um if target.kind == "through" else None
     return profile.tool.diameter_um / 2.0 if given is None else given
-
-
-SIDE_DISCHARGE_SHARE = 0.05
-"""Discharges that burn at the wall of the hole: 3 % in a clean gap, more with debris."""
-YIELD_CLEAN, YIELD_LOST = 1.04, 0.056
-"""Removal of per-pulse runs over that of the voltage law, which counts arcs as full discharges: the first in a
-clean gap, less the second per debris in it."""
-FLUSH_DEPTH_RATIO = 0.7
-"""Depth over diameter of a hole that takes twice as long to flush as a flat face."""
-LEAST_YIELD = 0.5
-LEAST_MACHINING_SHARE = 0.1
-"""However much it jumps; a recipe that jumps more than 0.3 of the time is refused anyway."""
-RECOVERY_S = 0.25
-"""Machining lost after a jump, while the servo comes back to the gap from a little above it."""
 
 
 def removal_um3_s(profile: Profile, depth_um: float) -> float:

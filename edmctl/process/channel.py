@@ -17,9 +17,10 @@ from edmctl.process.live_erosion import ARC_REMOVAL, ARC_WEAR, WIDENING_SDS, Ene
 if TYPE_CHECKING:
     from edmctl.process.plane import Plane
 
-
 LEAST_LAYER_SHARE = 0.05
 """A rest below this share of a layer is no layer of its own."""
+SCATTER_U_REL = 0.02
+"""Relative standard deviation of the wear per energy from one stop to the next [assumed]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,10 +62,6 @@ def channel_width_um(diameter_um: float, side_gap_um: float) -> float:
 def passes_needed(layer_um: float, width_um: float, speed_um_s: float, removal_um3_s: float) -> int:
     """Passes at this speed in which the sparks can remove a layer."""
     return max(1, math.ceil(layer_um * width_um * speed_um_s / removal_um3_s))
-
-
-SCATTER_U_REL = 0.02
-"""Relative standard deviation of the wear per energy from one stop to the next [assumed]."""
 
 
 def wearing_uj(energy: Energy) -> float:

@@ -46,6 +46,8 @@ if TYPE_CHECKING:
 SCHEMA: Final = "edmctl-calibration/1"
 HASH = "sha256"
 AGAIN = "Run edmctl calibrate again."
+HOME_VARIABLE = "EDMCTL_HOME"
+CALIBRATION_VARIABLE = "EDMCTL_CALIBRATION"
 
 
 def measured_file(path: Path, samples: int, previous_v: float | None = None) -> MeasuredFile:
@@ -186,10 +188,6 @@ def _sources(source: Source) -> Sources:
 
 def _figures(errors: ErrorFigures) -> Figures:
     return Figures.model_validate(errors, from_attributes=True)
-
-
-HOME_VARIABLE = "EDMCTL_HOME"
-CALIBRATION_VARIABLE = "EDMCTL_CALIBRATION"
 
 
 def data_folder(environ: Mapping[str, str]) -> Path:

@@ -14,6 +14,11 @@ if TYPE_CHECKING:
     from edmctl.errors import Location
     from edmctl.profile.positions import KeyPath
 
+PAD_MARGIN_UM = 50.0
+"""Surface left between a hole and the reference pad, for the burr and the stages."""
+WALL_UM = 20.0
+"""Work left standing between two holes or two sides of a channel."""
+
 
 class Code(StrEnum):
     """One code per kind of problem. Codes are never reused."""
@@ -67,12 +72,6 @@ class Code(StrEnum):
     LAYER = "W3131"
     NOT_SHOWN = "W3132"
     LESS_THAN_TOLERANCE = "W3133"
-
-
-PAD_MARGIN_UM = 50.0
-"""Surface left between a hole and the reference pad, for the burr and the stages."""
-WALL_UM = 20.0
-"""Work left standing between two holes or two sides of a channel."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,9 +23,13 @@ if TYPE_CHECKING:
     from edmctl.profile.model import Profile
     from edmctl.profile.sites import CircleSites, GridSites
 
-
 MOST_PLACES = 1000
 """More holes than any tool lasts for."""
+COLUMNS = ("name", "x_um", "y_um", "theta_deg", "depth_um")
+NEEDED = ("x_um", "y_um")
+MOST_COMPLAINTS = 20
+"""Of one file: more wrong lines than this are one mistake in all of them."""
+_FORM = "the first line names the columns, x_um,y_um at least; each further line is a place"
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,15 +118,6 @@ def _circle(circle: CircleSites, entry: int) -> Iterator[Place]:
 
 def _or_nan(depth_um: float | None) -> float:
     return math.nan if depth_um is None else depth_um
-
-
-COLUMNS = ("name", "x_um", "y_um", "theta_deg", "depth_um")
-NEEDED = ("x_um", "y_um")
-MOST_COMPLAINTS = 20
-"""Of one file: more wrong lines than this are one mistake in all of them."""
-
-
-_FORM = "the first line names the columns, x_um,y_um at least; each further line is a place"
 
 
 def read_places_file(path: Path) -> list[tuple[PointSite, Location]]:

@@ -29,6 +29,9 @@ _STRINGS = (
     re.compile(r"'[^'\n]*'"),
 )
 
+TomlTable: TypeAlias = "dict[str, object]"
+SET_OPTION = "--set"
+
 
 @dataclass(frozen=True, slots=True)
 class Entry:
@@ -191,11 +194,6 @@ class _Scanner:
             if self.text[self.at] == ",":
                 self.at += 1
         self.at += 1
-
-
-TomlTable: TypeAlias = "dict[str, object]"
-
-SET_OPTION = "--set"
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from pathlib import Path
 
-    from edmctl.profile.positions import KeyPath, TomlTable
-
+    from edmctl.profile.positions import KeyPath
 
 MOST_PARENTS = 20
 MOST_KEYS = 20_000
@@ -30,6 +29,12 @@ _SYNTAX_PLACE = re.compile(
 )
 _LONG_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]+[ \t]*\.[ \t]*){""" + str(MOST_PARTS) + "}")
 _DECIMAL_COMMA = re.compile(r"\s*([+-]?\d+),(\d+)\s*(?:#.*)?")
+_BARE_WORD = re.compile(r"[A-Za-z][\w.+/ -]*")
+_SITES = re.compile(r"\s*sites\s*[.\[]")
+_HINT_SITES = (
+    "write all places, --set 'sites=[{x_um=600},{x_um=1000,y_um=400}]', or put them into the profile"
+)
+_HINT = "write --set servo.reference=0.82, with the value as in a file: 0.8 and not .8, text in quotes"
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,15 +156,6 @@ def _syntax_place(source: Source, message: str) -> tuple[Location, str]:
     return Location(source.name, line, column, 1, source_line), what
 
 
-_DEEPEST = 32
-_BARE_WORD = re.compile(r"[A-Za-z][\w.+/ -]*")
-_SITES = re.compile(r"\s*sites\s*[.\[]")
-_HINT_SITES = (
-    "write all places, --set 'sites=[{x_um=600},{x_um=1000,y_um=400}]', or put them into the profile"
-)
-_HINT = "write --set servo.reference=0.82, with the value as in a file: 0.8 and not .8, text in quotes"
-
-
 def apply_overrides(below: Merged, overrides: Sequence[str]) -> Merged:
     """Lay `key=value` texts over what files hold; a whole table as value replaces the table.
 
@@ -214,7 +210,7 @@ def _key_path(key: str) -> tuple[str, ...]:
     while isinstance(below, dict) and len(below) == 1:
         ((part, below),) = below.items()
         path = (*path, part)
-    return path if len(path) <= _DEEPEST else ()
+    return path if len(path) <= MOST_PARTS else ()
 
 
 def _diagnostic(text: str, message: str, hint: str = _HINT) -> Diagnostic:

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
 
     from edmctl.profile.positions import KeyPath
 
-
 ONE_LINE = r"^[^\x00-\x1f\x7f]*$"
 """No control characters: HDF5 texts end at a NUL, and a terminal obeys the others."""
 

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
     from edmctl.profile.model import Profile
 
-
 SLOPE_PER_FEED_MIN, SLOPE_PER_FEED_GOOD = 1.2, 3.0
 OFFSET_MIN_UM = 45.0
 """Actuator model error near 0 V (35 µm) and error left by a jump (10 µm), Muralidhara et al. 2009, §2.2."""

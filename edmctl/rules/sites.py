@@ -15,6 +15,14 @@ if TYPE_CHECKING:
     from edmctl.profile.places import Place
     from edmctl.profile.sites import PathTable
 
+NEEDED = {
+    "rectangle": ("width_um", "height_um"),
+    "circle": ("radius_um",),
+    "spiral": ("radius_um", "pitch_um", "turns"),
+}
+"""Keys of `[path]` by its kind; the others of these do not go with it."""
+_STEPS_PER_TURN = 360
+
 
 def sites_or_path(job: Job) -> Iterator[Finding]:
     """Rule 26: a job makes holes or a channel."""
@@ -145,14 +153,6 @@ def _closest(places: tuple[Place, ...], apart_um: float) -> tuple[Place, Place, 
     return found
 
 
-NEEDED = {
-    "rectangle": ("width_um", "height_um"),
-    "circle": ("radius_um",),
-    "spiral": ("radius_um", "pitch_um", "turns"),
-}
-"""Keys of `[path]` by its kind; the others of these do not go with it."""
-
-
 def path_keys(job: Job) -> Iterator[Finding]:
     """Rule 25: a path has the sizes of its kind, and no others."""
     path = job.profile.path
@@ -262,6 +262,3 @@ def _distance_from_spiral_um(path: PathTable, x_um: float, y_um: float) -> float
             least_um, math.hypot(radius_um * math.cos(angle) - x_um, radius_um * math.sin(angle) - y_um)
         )
     return least_um
-
-
-_STEPS_PER_TURN = 360

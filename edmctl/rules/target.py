@@ -12,10 +12,8 @@ from edmctl.profile.findings import Code, Finding, rounded_up
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-
 SPARE = 1.25
 """A tolerance has to be wider than the forecast of the interval by this: touches scatter from job to job."""
-
 
 LEAST_SHEET_UM = 1.0
 """Nobody makes holes through less; the thinnest foils that are sold are some µm."""

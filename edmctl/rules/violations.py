@@ -64,6 +64,8 @@ RULES: tuple[Callable[[Job], Iterable[Finding]], ...] = (
 """Every rule, in order of its number. Rule 12 (one touch speed for Z1, Z2 and Z3) has no key to break it."""
 
 TIME_LIMIT_FORECASTS = 3.0
+_TARGETS: dict[object, type[Table]] = {"depth": DepthTarget, "feed": FeedTarget, "through": ThroughTarget}
+_SITES = TypeAdapter(list[SiteTable])
 
 
 def with_time_limit(profile: Profile, setup: Setup, places: tuple[Place, ...] = ()) -> Profile:
@@ -137,10 +139,6 @@ def _findings(rule: Callable[[Job], Iterable[Finding]], job: Job) -> list[Findin
         if lacks_value(error):
             return []
         raise
-
-
-_TARGETS: dict[object, type[Table]] = {"depth": DepthTarget, "feed": FeedTarget, "through": ThroughTarget}
-_SITES = TypeAdapter(list[SiteTable])
 
 
 def partial_profile(table: TomlTable, problems: Mapping[KeyPath, Code]) -> Profile:
