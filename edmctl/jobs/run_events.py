@@ -50,12 +50,12 @@ def events_of(opened: RunFile, start: int = 0) -> list[FileEvent]:
     """The events of the file from row `start` on, in the order in which they were written."""
     from edmctl.machine.interface import EventCode
     from edmctl.procedures.event_codes import RunEvent
-    from edmctl.record.events import happened
+    from edmctl.record.events import recorded_events
 
     names = {int(code): code.name for code in (*EventCode, *RunEvent)}
     found = []
-    for event in happened(opened, start=start):
-        name, args = names.get(event.told, str(event.told)), dict(event.values)
+    for event in recorded_events(opened, start=start):
+        name, args = names.get(event.code, str(event.code)), dict(event.values)
         if name == RunEvent.ENDED_EARLY.name and not args.get("hint"):
             args["hint"] = _hint_of(str(args.get("code", "")))
         found.append(FileEvent(event.time_s, name, event.level, event.message, args))

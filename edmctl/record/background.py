@@ -71,7 +71,7 @@ class BackgroundWriter:
     def create(cls, path: Path, meta: RunMeta, *, waits: bool = False) -> BackgroundWriter:
         """Create `path`.partial, as `RunWriter.create` does, and start to write into it.
 
-        waits : whether the caller is made to wait when the disk is too slow, instead of being told by RunFileError
+        waits : whether the caller is made to wait when the disk is too slow, instead of getting RunFileError
         E9009; for a virtual machine, whose clock stands meanwhile. Raises RunFileError E9001, E9002.
         """
         return cls(RunWriter.create(path, meta), waits=waits)
@@ -159,7 +159,7 @@ class BackgroundWriter:
         try:
             self._write_until_the_end()
         except BaseException as error:
-            # Whatever it is, the caller is told; it ends the job.
+            # Whatever it is, the caller gets it; it ends the job.
             self._failure = self._failure or error
         finally:
             self._rows.clear()

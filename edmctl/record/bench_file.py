@@ -53,9 +53,9 @@ def bench_lock(path: Path, wait_s: float = 0.0) -> Iterator[None]:
         try:
             _locked(lock, time.monotonic() + wait_s, held)
         except BlockingIOError as busy:
-            told = f" ({busy.strerror})" if isinstance(busy, locks.Held) else ""
+            holder = f" ({busy.strerror})" if isinstance(busy, locks.LockHeld) else ""
             raise RunFileError(
-                f"The bench {path} is in use by another program{told}.",
+                f"The bench {path} is in use by another program{holder}.",
                 hint="Let the other program end (--wait SECONDS waits for it), or take another file.",
                 code="E9023",
             ) from None

@@ -178,9 +178,9 @@ def _arrays(path: Path, found: Mapping[str, h5py.Dataset | NDArray[np.generic]])
         raise RecordError(message, hint=hint, code="E3606")
     lengths = {name: data.shape[0] for name, data in found.items()}
     if len(set(lengths.values())) > 1:
-        told = ", ".join(f"{name} {length}" for name, length in lengths.items())
+        each = ", ".join(f"{name} {length}" for name, length in lengths.items())
         raise RecordError(
-            f"{path}: its columns differ in length: {told}.",
+            f"{path}: its columns differ in length: {each}.",
             hint="Every sample has a time, a voltage and a displacement.",
             code="E3606",
         )

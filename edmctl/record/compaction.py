@@ -20,7 +20,7 @@ from h5py import h5a, h5d, h5ds, h5g, h5o, h5p, h5s
 from edmctl.errors import RunFileError
 from edmctl.record.disk import HDF5_ERRORS, cannot_name, rename_without_replacing
 from edmctl.record.hdf5 import open_hdf5
-from edmctl.record.integrity import seal
+from edmctl.record.integrity import append_checksum
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -48,7 +48,7 @@ def compact(
 ) -> None:
     """Copy `source` into the new file `target`, which is safe on the disk when the call returns.
 
-    `rows` tells for paths of datasets how many of their rows are copied; of the others, all are. `values` are put in
+    `rows` gives for paths of datasets how many of their rows are copied; of the others, all are. `values` are put in
     the place of those of the source. Raises what h5py raises; then there is no `target`.
     """
     try:
@@ -56,7 +56,7 @@ def compact(
             _Copy(source, file, rows or {}).run()
             for path, value in (values or {}).items():
                 file[path][()] = value
-        seal(target)
+        append_checksum(target)
         _sync(target)
     except BaseException as error:
         if not isinstance(error, FileExistsError):

@@ -1,8 +1,8 @@
 """Makes a complete run file of what can be read of a damaged one.
 
 That is done in a process of its own, which has a time limit, because HDF5 does not survive every damage; and from
-a copy, where the file lost its end or its texts are endless. What can be read is poured into an empty run file:
-rows of a column that cannot be read become NaN, or 0 in columns of whole numbers, and are told.
+a copy, where the file lost its end or its texts are endless. What can be read is copied into an empty run file:
+rows of a column that cannot be read become NaN, or 0 in columns of whole numbers, and are counted.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ _LEAST_S, _BYTES_PER_S = 60.0, 1e6
 _COPY, _RAW = ".copy", ".raw"
 
 
-def salvage(path: Path, target: Path | None = None) -> Recovered:
+def recover_damaged(path: Path, target: Path | None = None) -> Recovered:
     """Write what can be read of the damaged file at `path` into a new one; the old one stays as it is.
 
     Raises RunFileError: as `recover`, and E9007 where nothing can be read.
@@ -79,12 +79,12 @@ def _beyond(path: Path, why: str) -> RunFileError:
     )
 
 
-def _salvaged(path: Path, target: Path) -> Recovered:
+def _recovered(path: Path, target: Path) -> Recovered:
     copy = temporary(target).with_suffix(_COPY)
     try:
         with _opened(path, copy) as source:
             refuse_foreign(path, source)
-            return _poured(source, path, target)
+            return _rebuilt(source, path, target)
     except BROKEN as error:
         raise _beyond(path, reason(error)) from error
     finally:
@@ -105,7 +105,7 @@ def _opened(path: Path, copy: Path) -> h5py.File:
     return open_unjudged(path)
 
 
-def _poured(source: h5py.File, path: Path, target: Path) -> Recovered:
+def _rebuilt(source: h5py.File, path: Path, target: Path) -> Recovered:
     """Fill an empty run file with what can be read of `source`."""
     raw, new = temporary(target).with_suffix(_RAW), temporary(target)
     rows: dict[str, int] = {}
@@ -123,10 +123,10 @@ def _poured(source: h5py.File, path: Path, target: Path) -> Recovered:
             file["/entry/summary"].resize(summary.shape)
             file["/entry/summary"][:] = summary
             for table in layout.TABLES:
-                told = _pour_table(source, file, table, path.stat().st_size, unread)
+                claimed = _copy_table(source, file, table, path.stat().st_size, unread)
                 rows[table.path] = count = _length(file, table)
-                if told > count:
-                    lost[table.path] = told - count
+                if claimed > count:
+                    lost[table.path] = claimed - count
             if not any(rows.values()):
                 raise _beyond(path, "none of its rows can be read")
             values = ending(end_time, path) | {"/entry/status": RECOVERED.encode()}
@@ -199,7 +199,7 @@ def _length(file: h5py.File, table: Table) -> int:
     return length
 
 
-def _pour_table(
+def _copy_table(
     source: h5py.File, file: h5py.File, table: Table, size_bytes: int, unread: dict[str, int]
 ) -> int:
     """Fill a table; returns how many rows the source said it has."""
@@ -214,11 +214,11 @@ def _pour_table(
     for name in names:
         target = file[table.path + name]
         target.resize((rows,))
-        bad = _pour(found[name], target, rows, table)
+        bad = _copy_rows(found[name], target, rows, table)
         if bad and not _is_absent(source, table, name):
             unread[table.path + name] = bad
-    told: int = max(lengths.values())
-    return told
+    claimed: int = max(lengths.values())
+    return claimed
 
 
 def _is_absent(source: h5py.File, table: Table, name: str) -> bool:
@@ -260,7 +260,7 @@ def _read(dataset: h5py.Dataset, start: int, stop: int) -> NDArray[np.generic] |
     return None
 
 
-def _pour(dataset: h5py.Dataset | None, target: h5py.Dataset, rows: int, table: Table) -> int:
+def _copy_rows(dataset: h5py.Dataset | None, target: h5py.Dataset, rows: int, table: Table) -> int:
     """Copy rows, and put NaN or 0 where none can be read; returns how many those are."""
     unknown = np.nan if target.dtype.kind == "f" else np.zeros((), target.dtype)
     there, good = 0, 0
@@ -291,10 +291,10 @@ def _fitted(values: NDArray[Any], dtype: np.dtype[Any], table: Table) -> NDArray
 
 
 def main() -> None:
-    """Salvage for the parent process; the answer is one JSON object."""
+    """Recover for the parent process; the answer is one JSON object."""
     path, target = map(Path, sys.argv[1:])
     try:
-        answer = asdict(_salvaged(path, target))
+        answer = asdict(_recovered(path, target))
     except RunFileError as error:
         answer = {"error": error.message, "code": error.code, "hint": error.hint}
     print(json.dumps(answer, default=str))  # noqa: T201 - the parent reads it

@@ -42,7 +42,7 @@ class DiskThread:
     def run(self, path: Path, write: Callable[[], None]) -> None:
         """Return when `write`, of the file at `path`, has run; what it raises comes out here.
 
-        What the machine's line raises meanwhile comes out after it; of a lost line the machine's next call tells.
+        What the machine's line raises meanwhile comes out after it; a lost line, out of the machine's next call.
         Raises RunFileError E9009 where the disk hangs.
         """
         if self._attend is None:

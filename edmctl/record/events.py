@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from edmctl.record.reader import RunFile
 
 
-class State(IntEnum):
+class RecordedState(IntEnum):
     """States of the controller, by the names of the protocol."""
 
     BOOT = 0
@@ -31,8 +31,8 @@ class State(IntEnum):
     ESTOP = 9
 
 
-class Told(IntEnum):
-    """What an event of a run file tells: below 100 by the controller, else by procedures, who have more codes."""
+class RecordedCode(IntEnum):
+    """Codes of events: below 100 those of the controller, else those of procedures, which have more."""
 
     JUMP_DONE = 5
     TOUCH = 6
@@ -45,15 +45,15 @@ class Told(IntEnum):
     CHANNEL_MEASURED = 171
 
 
-_KNOWN = {int(code): code for code in Told}
+_KNOWN = {int(code): code for code in RecordedCode}
 
 
 @dataclass(frozen=True, slots=True)
-class Happened:
-    """One event: when, its code (one of Told or another), level, sentence, and the numbers that it tells."""
+class RecordedEvent:
+    """One event: its time, code (a RecordedCode or another), level, sentence, and values."""
 
     time_s: float
-    told: int
+    code: int
     level: int
     message: str
     values: Mapping[str, object]
@@ -64,11 +64,11 @@ class Happened:
         return float(value) if isinstance(value, int | float) else math.nan
 
 
-def happened(run: RunFile, *wanted: Told, start: int = 0) -> list[Happened]:
-    """Return the events from row `start` on, as they were written; those of every code where none is wanted."""
+def recorded_events(run: RunFile, *wanted: RecordedCode, start: int = 0) -> list[RecordedEvent]:
+    """Return the events of the `wanted` codes, all where none is given, from row `start` on."""
     codes = {int(code) for code in wanted}
     return [
-        Happened(
+        RecordedEvent(
             float(row["time"]),
             _KNOWN.get(int(row["code"]), int(row["code"])),
             int(row["level"]),
@@ -81,13 +81,13 @@ def happened(run: RunFile, *wanted: Told, start: int = 0) -> list[Happened]:
 
 
 def error_code_of(run: RunFile) -> str:
-    """Code of the error that ended a run early; empty where none did, or the file does not tell."""
-    ends = happened(run, Told.ENDED_EARLY)
+    """Return the code of the error that ended a run early; empty where none did, or the file has none."""
+    ends = recorded_events(run, RecordedCode.ENDED_EARLY)
     return str(ends[-1].values.get("code", "")) if ends else ""
 
 
 def _values(utf8: bytes) -> Mapping[str, object]:
-    """An event whose text was damaged still happened."""
+    """The values of an event; none where their text is damaged."""
     try:
         values = json.loads(utf8)
     except ValueError:

@@ -29,7 +29,7 @@ _READ_BYTES = 64
 
 @dataclass(frozen=True, slots=True)
 class Superblock:
-    """`end_bytes` is the length of the data, None where it is not told; `open_for_writing` that nobody closed it."""
+    """The length of the data, None where it is not given, and whether a writer has not closed the file."""
 
     end_bytes: int | None
     open_for_writing: bool
@@ -51,36 +51,36 @@ SEAL_BYTES = len(_FORM.format(length=0, crc=0))
 _AT_ONCE = 1 << 20
 
 
-class Seal(Enum):
-    """What a file's seal says."""
+class Checksum(Enum):
+    """Whether a file has a check sum behind its data, and whether that fits."""
 
     NONE = "none"
-    WHOLE = "whole"
+    FITS = "fits"
     BROKEN = "broken"
 
 
-def seal(path: Path) -> None:
-    """Put the seal behind the end of the closed file at `path`."""
+def append_checksum(path: Path) -> None:
+    """Append length and check sum to the closed file at `path`."""
     with path.open("r+b") as file:
         length, crc = _sum(file, None)
         file.write(_FORM.format(length=length, crc=crc).encode())
 
 
-def look_at_seal(path: Path) -> Seal:
-    """Compare the file at `path` with its seal. Raises OSError."""
+def verify_checksum(path: Path) -> Checksum:
+    """Compare the file at `path` with its check sum. Raises OSError."""
     with path.open("rb") as file:
         length = file.seek(0, 2) - SEAL_BYTES
         if length < 0:
-            return Seal.NONE
+            return Checksum.NONE
         file.seek(length)
         found = _SEAL.fullmatch(file.read(SEAL_BYTES))
         if found is None:
-            return Seal.NONE
+            return Checksum.NONE
         if int(found[1]) != length:
-            return Seal.BROKEN
+            return Checksum.BROKEN
         file.seek(0)
         _, crc = _sum(file, length)
-    return Seal.WHOLE if crc == int(found[2], 16) else Seal.BROKEN
+    return Checksum.FITS if crc == int(found[2], 16) else Checksum.BROKEN
 
 
 def _sum(file: BinaryIO, length: int | None) -> tuple[int, int]:

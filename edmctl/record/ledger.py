@@ -1,7 +1,7 @@
 """The job ledger: what was done on which machine with which tool, line by line, beside the run files.
 
 A line of `ledger.jsonl` is one JSON object and is never changed. What holds now (where there are holes, where a tool
-would touch, how much it has lost) follows from reading all lines of a machine in order: `record.bookkeeping`.
+would touch, how much it has lost) follows from reading all lines of a machine in order: `tool_account`.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """Locks that also hold where the file system knows none: network disks without a lock service answer ENOLCK.
 
 There a lock is a file that only one can make, with computer and process of who did. One whose process is gone is
-taken away; of another computer's, or of one that has restarted since, nobody here can tell, and it stays until it is
+taken away; of another computer's, or of one that has restarted since, that cannot be known, and it stays until it is
 removed by hand.
 
-Of a run file its writer holds a lock that ends with its process. HDF5's own lock does not tell: it is given up in
+Of a run file its writer holds a lock that ends with its process. HDF5's own lock is no sign: it is given up in
 SWMR mode, and readers take it too. The writer's is a record lock on a byte beyond the end of every file, which
 nobody else takes.
 """
@@ -33,7 +33,7 @@ UNWRITTEN_S = 10.0
 _UNKNOWN = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP)
 
 
-class Held(BlockingIOError):
+class LockHeld(BlockingIOError):
     """Another program has the lock that the name `lock` is; `by` is what the file says of who that is."""
 
     def __init__(self, lock: Path, by: str) -> None:
@@ -42,7 +42,7 @@ class Held(BlockingIOError):
 
 
 def are_known(folder: Path) -> bool:
-    """Whether files in a folder, or in its parent until it is there, can be locked; yes where nobody can tell."""
+    """Whether files in a folder, or its parent until it is there, can be locked; yes where that cannot be known."""
     while not folder.is_dir() and folder != folder.parent:
         folder = folder.parent
     # Network disks lock folders by themselves: only a file tells.
@@ -52,7 +52,7 @@ def are_known(folder: Path) -> bool:
 
 
 def of_hdf5(path: Path) -> bool | None:
-    """What h5py is told of locks for a file at `path`: its own way where there are any, none where there are not."""
+    """Return h5py's `locking` for a file at `path`: None, its own way, where there are locks, else False."""
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | getattr(os, "O_NONBLOCK", 0))
     except OSError:
@@ -80,8 +80,8 @@ def _takes_lock(descriptor: int) -> bool:
 def exclusive(descriptor: int, path: Path) -> Iterator[None]:
     """Lock an open file for a `with` block, or in its stead the name `path`, where no locks are known.
 
-    Raises BlockingIOError where another has it, which is `Held` where the name is the lock; OSError where neither
-    can be done.
+    Raises BlockingIOError where another has it, which is `LockHeld` where the name is the lock; OSError where
+    neither can be done.
     """
     import fcntl
 
@@ -106,12 +106,12 @@ def _named(path: Path) -> Iterator[None]:
         try:
             _make(path, me)
         except FileExistsError:
-            raise Held(path, _told(path)) from None
+            raise LockHeld(path, _content(path)) from None
     try:
         yield
     finally:
         with suppress(OSError):
-            if _told(path) == me:
+            if _content(path) == me:
                 path.unlink()
 
 
@@ -134,18 +134,18 @@ def _take_away_left(path: Path) -> None:
             clearing.unlink()
         _make(clearing, _name_of(os.getpid()))
         try:
-            told = _told(path)
-            if _is_gone(told) if told else _is_old(path):
-                _remove(path, told)
+            content = _content(path)
+            if _is_gone(content) if content else _is_old(path):
+                _remove(path, content)
         finally:
             clearing.unlink()
 
 
-def _remove(path: Path, told: str) -> None:
+def _remove(path: Path, content: str) -> None:
     """Remove a lock that says this, and none that somebody has made in its place meanwhile."""
     aside = path.with_name(f"{path.name}.{os.getpid()}")
     path.rename(aside)
-    if _told(aside) == told:
+    if _content(aside) == content:
         aside.unlink()
     else:
         aside.rename(path)
@@ -167,19 +167,19 @@ def _name_of(number: int) -> str:
     return f"{socket.gethostname()} - - {number} -"
 
 
-def _is_gone(told: str) -> bool:
+def _is_gone(content: str) -> bool:
     """Whether a name of a process is of this computer, and of none that lives."""
-    *where, number, _ = told.split(" ") if told.count(" ") == 4 else ["", "", ""]
+    *where, number, _ = content.split(" ") if content.count(" ") == 4 else ["", "", ""]
     if where != _name_of(os.getpid()).split(" ")[:3] or not (number.isascii() and number.isdigit()):
         return False
     if not is_alive(int(number)):
         return True
     now = _name_of(int(number))
     # Of other people's processes not every computer tells when they began.
-    return now != told and not now.endswith(" -")
+    return now != content and not now.endswith(" -")
 
 
-def _told(path: Path) -> str:
+def _content(path: Path) -> str:
     try:
         return read_bytes(path).decode(errors="replace")
     except OSError:

@@ -9,7 +9,7 @@ from edmctl.files import open_regular
 from edmctl.record import layout
 from edmctl.record.disk import HDF5_ERRORS, PARTIAL
 from edmctl.record.hdf5 import open_hdf5, open_swmr
-from edmctl.record.integrity import MAGIC, Seal, are_sound, look_at_seal, read_superblock
+from edmctl.record.integrity import MAGIC, Checksum, are_sound, read_superblock, verify_checksum
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -27,9 +27,9 @@ def open_file(path: Path, *, verify: bool = True) -> h5py.File:
     """
     _look_at_begin(path)
     seal = _seal_of(path) if verify else None
-    if seal is Seal.BROKEN:
+    if seal is Checksum.BROKEN:
         raise damaged(path, "its check sum does not fit")
-    if seal is not Seal.WHOLE and not are_sound(path):
+    if seal is not Checksum.FITS and not are_sound(path):
         raise damaged(path, "its texts cannot be read")
     try:
         file = open_unjudged(path)
@@ -37,7 +37,7 @@ def open_file(path: Path, *, verify: bool = True) -> h5py.File:
         raise damaged(path, _too_short(path) or str(error).splitlines()[0]) from error
     try:
         refuse_foreign(path, file)
-        if seal is Seal.NONE:
+        if seal is Checksum.NONE:
             _check_length(path)
     except BaseException:
         file.close()
@@ -73,9 +73,9 @@ def _look_at_begin(path: Path) -> None:
         raise _unreadable(path, error) from error
 
 
-def _seal_of(path: Path) -> Seal:
+def _seal_of(path: Path) -> Checksum:
     try:
-        return look_at_seal(path)
+        return verify_checksum(path)
     except OSError as error:
         raise _unreadable(path, error) from error
 

@@ -15,7 +15,7 @@ from edmctl.errors import EdmError
 from edmctl.record import layout
 from edmctl.record.compaction import CLOSING
 from edmctl.record.disk import PARTIAL, partial_path
-from edmctl.record.integrity import Seal, look_at_seal
+from edmctl.record.integrity import Checksum, verify_checksum
 from edmctl.record.locks import interrupted, is_live
 from edmctl.record.opening import damaged, open_file
 from edmctl.record.rows import TruthMap
@@ -279,7 +279,7 @@ def _blamed(path: Path) -> Iterator[None]:
 
 def _is_whole(path: Path) -> bool:
     try:
-        return look_at_seal(path) is Seal.WHOLE
+        return verify_checksum(path) is Checksum.FITS
     except OSError:
         return False
 

@@ -15,7 +15,7 @@ from edmctl.errors import RunFileError
 from edmctl.record import layout
 from edmctl.record.compaction import CLOSING, compact
 from edmctl.record.disk import HDF5_ERRORS, PARTIAL, error_number, reason, rename_without_replacing
-from edmctl.record.integrity import Seal, look_at_seal
+from edmctl.record.integrity import Checksum, verify_checksum
 from edmctl.record.locks import is_live
 from edmctl.record.opening import damaged, open_file
 from edmctl.record.stores import fit_utf8
@@ -60,22 +60,22 @@ def recovered_name(path: Path) -> Path:
 
 def is_complete(path: Path) -> bool:
     """Whether there is nothing to recover: a file with an end and a check sum that fits."""
-    return path.suffix != PARTIAL and _seal_of(path) is Seal.WHOLE
+    return path.suffix != PARTIAL and _seal_of(path) is Checksum.FITS
 
 
-def _seal_of(path: Path) -> Seal:
+def _seal_of(path: Path) -> Checksum:
     try:
-        return look_at_seal(path) if path.is_file() else Seal.NONE
+        return verify_checksum(path) if path.is_file() else Checksum.NONE
     except OSError:
-        return Seal.NONE
+        return Checksum.NONE
 
 
 def recover(path: Path, target: Path | None = None) -> Recovered:
     """Write all that a killed writer left at `path` into a new file; the old one stays as it is.
 
     Raises RunFileError: E9001 the new name is taken, E9002 it cannot be written, E9005 this is no run file, E9006 a
-    later version wrote it, E9007 a part of it cannot be read (`salvage` copes with that), E9014 a process is still
-    writing it.
+    later version wrote it, E9007 a part of it cannot be read (`recover_damaged` copes with that), E9014 a process
+    is still writing it.
     """
     target = target or recovered_name(path)
     refuse(path, target)

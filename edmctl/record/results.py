@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.labels import Basis
-from edmctl.record.events import Told, happened
+from edmctl.record.events import RecordedCode, recorded_events
 from edmctl.record.layout import RESULTS, SLOW, TOUCHES
 
 if TYPE_CHECKING:
@@ -52,7 +52,12 @@ def _labels(row: np.void, touched: Basis) -> Labels:
 
 _LAST_ROWS = 100
 """Among so many last rows of the supervisor an estimate is looked for: the very last may have none."""
-_SETTLES = (Told.SITE_MEASURED, Told.SITE_ESTIMATED, Told.CHANNEL_MEASURED, Told.LEFT_UNMEASURED)
+_SETTLES = (
+    RecordedCode.SITE_MEASURED,
+    RecordedCode.SITE_ESTIMATED,
+    RecordedCode.CHANNEL_MEASURED,
+    RecordedCode.LEFT_UNMEASURED,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,20 +91,22 @@ def estimated_depth(run: RunFile) -> Estimated:
 
 def left_site(run: RunFile) -> str:
     """Name of the hole that was under way when the job ended, where it has a row of results; else empty."""
-    named = [str(event.values.get("site", "")) for event in happened(run, Told.LEFT_UNMEASURED)]
+    named = [
+        str(event.values.get("site", "")) for event in recorded_events(run, RecordedCode.LEFT_UNMEASURED)
+    ]
     return named[-1] if named else ""
 
 
 def _settled_s(run: RunFile) -> float:
-    """When the last depth was told that became, or may have become, a result.
+    """Return the time of the last depth that is, or may be, a result.
 
-    A hole that was left has one where its estimate was told with an interval.
+    A hole that was left has one where its estimate has an interval.
     """
     return max(
         (
             event.time_s
-            for event in happened(run, *_SETTLES)
-            if event.told != Told.LEFT_UNMEASURED or math.isfinite(event.number("depth_u95_um"))
+            for event in recorded_events(run, *_SETTLES)
+            if event.code != RecordedCode.LEFT_UNMEASURED or math.isfinite(event.number("depth_u95_um"))
         ),
         default=math.inf,
     )

@@ -1,4 +1,4 @@
-"""What a folder of run files has to say about itself, from a few values of each."""
+"""An overview of the run files in a folder, from a few values of each."""
 
 from __future__ import annotations
 

@@ -143,7 +143,7 @@ def _take_reference(books: Books, entry: ReferenceTouched, line: Line) -> None:
 def _take_site(books: Books, entry: SiteMachined) -> None:
     """Add a hole; one that was taken up again stands in the place of its first part, wear and all.
 
-    A job that was taken up again tells once more what it had measured before: that is no news of the tool.
+    A job that was resumed writes once more what it had measured before; that changes nothing of the tool.
     """
     account = books.account(entry.tool)
     worn_before_um = account.lost_um

@@ -14,7 +14,7 @@ import numpy as np
 
 from edmctl.labels import Basis
 from edmctl.record import layout
-from edmctl.record.events import Told, happened
+from edmctl.record.events import RecordedCode, recorded_events
 from edmctl.report.numbers import numbers_of
 from edmctl.report.signals import ROW_S, intervals
 
@@ -30,8 +30,13 @@ if TYPE_CHECKING:
     Flags = NDArray[np.bool_]
     Values = Mapping[str, float | int | str | bool]
 
-_DEPTH_EVENTS = (Told.SITE_MEASURED, Told.SITE_ESTIMATED, Told.CHANNEL_MEASURED, Told.LEFT_UNMEASURED)
-_ESTIMATES = (Told.SITE_ESTIMATED, Told.LEFT_UNMEASURED)
+_DEPTH_EVENTS = (
+    RecordedCode.SITE_MEASURED,
+    RecordedCode.SITE_ESTIMATED,
+    RecordedCode.CHANNEL_MEASURED,
+    RecordedCode.LEFT_UNMEASURED,
+)
+_ESTIMATES = (RecordedCode.SITE_ESTIMATED, RecordedCode.LEFT_UNMEASURED)
 SAME_HOLE_SHARE = 0.5
 """A cut that begins at less of the depth that the cut before ended with, begins another hole."""
 CHORD_UM = 5.0
@@ -62,12 +67,12 @@ def known_depths(run: RunFile, began_s: Array) -> list[KnownDepth]:
         KnownDepth(
             event.time_s,
             _hole(began_s, event.time_s),
-            event.told not in _ESTIMATES,
-            event.told not in _ESTIMATES,
+            event.code not in _ESTIMATES,
+            event.code not in _ESTIMATES,
             *(event.number(name) for name in ("depth_um", "depth_u95_um", "wear_um", "wear_u95_um")),
         )
-        for event in happened(run, *_DEPTH_EVENTS)
-        if event.told != Told.LEFT_UNMEASURED or math.isfinite(event.number("depth_u95_um"))
+        for event in recorded_events(run, *_DEPTH_EVENTS)
+        if event.code != RecordedCode.LEFT_UNMEASURED or math.isfinite(event.number("depth_u95_um"))
     ]
     sites = numbers_of(run).sites
     if not known:

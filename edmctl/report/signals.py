@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.record import layout
-from edmctl.record.events import State
+from edmctl.record.events import RecordedState
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -30,7 +30,7 @@ POINTS = 900
 """Intervals of a figure one column wide: a pixel each at 300 dpi."""
 BLOCK_ROWS = 1 << 20
 MIN_WORK_S = 1.0
-WORKING = (State.APPROACH, State.MACHINING, State.JUMP, State.TOUCH)
+WORKING = (RecordedState.APPROACH, RecordedState.MACHINING, RecordedState.JUMP, RecordedState.TOUCH)
 APART_S = 2.0
 """Rows come every 0.1 s, and a jump with its search for the gap takes less than this."""
 ROW_S = 0.1
@@ -112,7 +112,7 @@ def _extremes(groups: Floats) -> tuple[Array, Array, Array]:
     return low.astype(np.float64), means, high.astype(np.float64)
 
 
-def within(state: NDArray[np.generic], states: Sequence[State]) -> NDArray[np.bool_]:
+def within(state: NDArray[np.generic], states: Sequence[RecordedState]) -> NDArray[np.bool_]:
     """Return whether the controller was in one of `states`, shape (n,)."""
     inside: NDArray[np.bool_] = state == states[0]
     for other in states[1:]:
@@ -120,7 +120,9 @@ def within(state: NDArray[np.generic], states: Sequence[State]) -> NDArray[np.bo
     return inside
 
 
-def in_states(values: NDArray[np.generic], state: NDArray[np.generic], states: Sequence[State]) -> Floats:
+def in_states(
+    values: NDArray[np.generic], state: NDArray[np.generic], states: Sequence[RecordedState]
+) -> Floats:
     """Return the values while the controller was in one of `states`, NaN elsewhere; shape (n,)."""
     masked: Floats = np.where(within(state, states), values, np.float32(np.nan))
     return masked
@@ -167,7 +169,7 @@ def sampling_hz(run: RunFile) -> float:
 class Spans:
     """Gathers, block by block, when the controller was in one of some states."""
 
-    def __init__(self, states: Sequence[State]) -> None:
+    def __init__(self, states: Sequence[RecordedState]) -> None:
         self._states = states
         self._was = False
         self._last_s = np.nan

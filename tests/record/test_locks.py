@@ -91,7 +91,7 @@ def test_without_locks_a_bench_is_still_one_programs(tmp_path: Path) -> None:
 def test_a_name_that_is_taken_tells_who_has_it(tmp_path: Path) -> None:
     name = tmp_path / "x.lock"
     with locks.exclusive(0, name):
-        with pytest.raises(locks.Held, match="says that") as held, locks.exclusive(0, name):
+        with pytest.raises(locks.LockHeld, match="says that") as held, locks.exclusive(0, name):
             pass
         assert held.value.errno == errno.EWOULDBLOCK
         assert (held.value.lock, held.value.by) == (name, locks._name_of(os.getpid()))

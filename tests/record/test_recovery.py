@@ -17,8 +17,8 @@ from edmctl.errors import RunFileError
 from edmctl.record import layout, recovery
 from edmctl.record.compaction import compact
 from edmctl.record.create import compound_dtype
-from edmctl.record.damaged_file_recovery import salvage
-from edmctl.record.integrity import SEAL_BYTES, Seal, look_at_seal
+from edmctl.record.damaged_file_recovery import recover_damaged
+from edmctl.record.integrity import SEAL_BYTES, Checksum, verify_checksum
 from edmctl.record.locks import is_live
 from edmctl.record.opening import open_file
 from edmctl.record.reader import open_run
@@ -64,7 +64,7 @@ def test_a_killed_run_becomes_a_complete_file(killed: Path) -> None:
     assert made.lost_rows == {}
     assert killed.read_bytes() == before
     assert sorted(p.name for p in killed.parent.iterdir()) == ["run.h5", "run.h5.partial"]
-    assert look_at_seal(made.path) is Seal.WHOLE
+    assert verify_checksum(made.path) is Checksum.FITS
     assert is_complete(made.path)
     with h5py.File(made.path), open_run(made.path) as run:
         assert run.is_finished
@@ -180,7 +180,7 @@ def test_a_damaged_column_costs_that_column(write_run: Callable[[str], Path], tm
     with pytest.raises(RunFileError) as refusal:
         recover(broken)
     assert refusal.value.code == "E9007"
-    made = salvage(broken)
+    made = recover_damaged(broken)
     assert made.path == tmp_path / "broken.recovered.h5"
     assert made.lost_rows == {}
     assert made.unread_rows == {"/entry/servo/v_cmd": 10_000}  # all in one chunk
@@ -214,7 +214,7 @@ def test_results_of_an_earlier_version_keep_their_columns(
             table[name] = rows[next((new for new, was in earlier.items() if was == name), name)]
         del run["/entry/results"]
         run.create_dataset("/entry/results", data=table, chunks=(32,), maxshape=(None,))
-    with open_run(salvage(old).path) as run:
+    with open_run(recover_damaged(old).path) as run:
         found = run.table("/entry/results")
         assert (found["depth_model_error"] == 1.5).all()
         assert (found["wear_model_error"] == -0.5).all()
@@ -228,7 +228,7 @@ def test_rows_whose_time_is_lost_end_the_table(write_run: Callable[[str], Path],
     with h5py.File(path) as run:
         chunk = run["/entry/servo/time"].id.get_chunk_info(0)
     broken = flipped(path, 8 * (chunk.byte_offset + chunk.size // 2), tmp_path / "broken.h5")
-    made = salvage(broken)
+    made = recover_damaged(broken)
     assert (made.rows["/entry/servo"], made.lost_rows) == (0, {"/entry/servo": 10_000})
     assert made.rows["/entry/slow"] == 30
 
@@ -240,7 +240,7 @@ def test_a_killed_file_that_lost_its_end_gives_what_is_left(killed: Path, share:
     with pytest.raises(RunFileError) as refusal:
         recover(killed)
     assert refusal.value.code == "E9007"
-    made = salvage(killed)
+    made = recover_damaged(killed)
     assert made.rows["/entry/servo"] > 0
     with open_run(made.path) as run:
         k = np.arange(run.rows("/entry/servo"))
@@ -261,7 +261,7 @@ def test_texts_without_an_end_are_found_before_hdf5_goes_through_them(
     assert refusal.value.code == "E9007"
     with pytest.raises(RunFileError):
         open_file(broken, verify=False)
-    assert salvage(broken).rows["/entry/servo"] == 10_000
+    assert recover_damaged(broken).rows["/entry/servo"] == 10_000
 
 
 def test_a_file_that_claims_more_rows_than_it_can_hold_is_damaged(killed: Path) -> None:
@@ -273,7 +273,7 @@ def test_a_file_that_claims_more_rows_than_it_can_hold_is_damaged(killed: Path) 
     with pytest.raises(RunFileError) as refusal:
         recover(made)
     assert refusal.value.code == "E9007"
-    assert salvage(made).rows["/entry/events"] == 0
+    assert recover_damaged(made).rows["/entry/events"] == 0
 
 
 def test_two_recoveries_at_once_do_not_meet(killed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -284,14 +284,14 @@ def test_two_recoveries_at_once_do_not_meet(killed: Path, monkeypatch: pytest.Mo
         monkeypatch.setattr(recovery, "compact", first_copy)
         monkeypatch.setattr(os, "getpid", lambda: 4242)
         second = recover(killed)
-        assert look_at_seal(second.path) is Seal.WHOLE
+        assert verify_checksum(second.path) is Checksum.FITS
         first_copy(*arguments)
 
     monkeypatch.setattr(recovery, "compact", interleaved)
     with pytest.raises(RunFileError) as refusal:
         recover(killed)
     assert refusal.value.code == "E9001"
-    assert look_at_seal(killed.with_suffix("")) is Seal.WHOLE
+    assert verify_checksum(killed.with_suffix("")) is Checksum.FITS
     assert sorted(p.name for p in killed.parent.iterdir()) == ["run.h5", "run.h5.partial"]
 
 
@@ -327,7 +327,7 @@ def test_salvage_of_any_damage_ends_in_a_file_or_an_error(run_path: Path, tmp_pa
     new = tmp_path / "broken.recovered.h5"
     refusal = None
     try:
-        salvage(broken)
+        recover_damaged(broken)
     except RunFileError as error:
         refusal = error
     if refusal is None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.record.events import Told
+from edmctl.record.events import RecordedCode
 from edmctl.record.rows import EventLevel, EventRow, SlowRow
 from edmctl.record.run_meta import profile_leaves
 from edmctl.record.writer import RunWriter
@@ -56,7 +56,9 @@ def cut(writer: RunWriter, start_s: float, from_um: float = 0.0, to_um: float = 
         )  # fmt: skip
 
 
-def measured(writer: RunWriter, time_s: float, depth_um: float, told: Told = Told.SITE_MEASURED) -> None:
+def measured(
+    writer: RunWriter, time_s: float, depth_um: float, told: RecordedCode = RecordedCode.SITE_MEASURED
+) -> None:
     """Tell a depth, with 0.4 µm as half its 95 % interval."""
     values = {"depth_um": depth_um, "wear_um": 0.1 * depth_um, "depth_u95_um": 0.4, "wear_u95_um": 0.1}
     writer.append(EventRow(time_s, told, EventLevel.INFO, "Depth.", values))

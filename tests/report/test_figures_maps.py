@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from edmctl.process import path as ways
-from edmctl.record.events import Told
+from edmctl.record.events import RecordedCode
 from edmctl.record.reader import open_run
 from edmctl.record.rows import SlowRow, Summary, TouchRow, TruthMap
 from edmctl.report.figures import array, channel, erosion, steps
@@ -66,7 +66,9 @@ def test_measured_points_stand_at_their_depth_with_their_bars(tmp_path: Path) ->
 
 def test_a_hole_that_was_not_touched_stands_at_the_depth_of_its_result(tmp_path: Path) -> None:
     writer = made_up.new_run(tmp_path)
-    for k, (depth_um, told) in enumerate(((20.0, Told.SITE_ESTIMATED), (19.0, Told.SITE_MEASURED))):
+    for k, (depth_um, told) in enumerate(
+        ((20.0, RecordedCode.SITE_ESTIMATED), (19.0, RecordedCode.SITE_MEASURED))
+    ):
         made_up.cut(writer, 100.0 * k)
         made_up.measured(writer, 100.0 * k + 30.0, depth_um, told)
     # The touch of the second hole has told that the first is less deep than was thought.
@@ -84,7 +86,7 @@ def test_a_hole_that_was_not_touched_stands_at_the_depth_of_its_result(tmp_path:
 def test_the_band_of_a_depth_is_named_after_it_and_nothing_is_corrected_by_no_touch(tmp_path: Path) -> None:
     writer = made_up.new_run(tmp_path)
     made_up.cut(writer, 0.0)
-    made_up.measured(writer, 30.0, 20.0, Told.SITE_ESTIMATED)
+    made_up.measured(writer, 30.0, 20.0, RecordedCode.SITE_ESTIMATED)
     _, labels = panels(erosion.draw, writer.finish("done", 0))[0].get_legend_handles_labels()
     assert labels[:2] == ["estimated depth", "its 95 % band"]
     assert "depth without a touch" in labels

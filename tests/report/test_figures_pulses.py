@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from edmctl.record.events import Told
+from edmctl.record.events import RecordedCode
 from edmctl.record.reader import open_run
 from edmctl.record.rows import EventLevel, EventRow
 from edmctl.report.figures import energy, jumps, laue, pulses
@@ -183,7 +183,7 @@ def test_kappa_is_the_volume_of_touched_holes_over_their_energy(tmp_path: Path) 
     made_up.cut(writer, 40.0, 15.0, 20.0)
     made_up.measured(writer, 65.0, 20.0)
     made_up.cut(writer, 80.0, 0.0, 22.0)
-    made_up.measured(writer, 101.0, 22.0, Told.SITE_ESTIMATED)
+    made_up.measured(writer, 101.0, 22.0, RecordedCode.SITE_ESTIMATED)
     with open_run(writer.finish("done", 0)) as run:
         found = removal(run)
     section_um2 = np.pi / 4.0 * 110.0**2
@@ -242,7 +242,7 @@ def test_a_narrow_range_of_jump_periods_has_an_even_scale_and_a_wide_one_powers(
         writer = made_up.new_run(tmp_path, name=f"{after_s}.h5")
         made_up.cut(writer, 0.0)
         for time_s in (5.0, 5.0 + after_s):
-            writer.append(EventRow(time_s, Told.JUMP_DONE, EventLevel.DEBUG, "JUMP_DONE", {}))
+            writer.append(EventRow(time_s, RecordedCode.JUMP_DONE, EventLevel.DEBUG, "JUMP_DONE", {}))
         with open_run(writer.finish("done", 0)) as run, house_style():
             periods = jumps.draw(run).axes[1]
         scales.append(periods.get_yscale())
@@ -260,7 +260,7 @@ def test_the_first_jump_of_a_cut_has_no_jump_before_it() -> None:
 def test_a_single_jump_is_one_jump_with_nothing_before_it(tmp_path: Path) -> None:
     writer = made_up.new_run(tmp_path)
     made_up.cut(writer, 0.0)
-    writer.append(EventRow(5.0, Told.JUMP_DONE, EventLevel.DEBUG, "JUMP_DONE", {}))
+    writer.append(EventRow(5.0, RecordedCode.JUMP_DONE, EventLevel.DEBUG, "JUMP_DONE", {}))
     told = texts(jumps.draw, writer.finish("done", 0))
     assert "1 jump" in told
     assert "time since the jump before" not in told

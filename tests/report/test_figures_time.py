@@ -15,7 +15,7 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
-from edmctl.record.events import State
+from edmctl.record.events import RecordedState
 from edmctl.record.reader import open_run
 from edmctl.record.rows import SlowRow, TouchRow
 from edmctl.record.run_meta import profile_leaves
@@ -423,7 +423,7 @@ def write_waveforms(path: Path, *, fault: bool) -> Path:
     on = (time_s % 5e-4) < 1.5e-4
     writer.append(WaveformBatch(100.0 + time_s, np.where(on, 22.0, 0.0), np.where(on, 0.12, 0.0)))
     if fault:
-        signals = replace(a_cut(0.02), state=np.array([MACHINING, int(State.FAULT)], np.uint8))
+        signals = replace(a_cut(0.02), state=np.array([MACHINING, int(RecordedState.FAULT)], np.uint8))
         writer.append(replace(signals.block(), time_s=np.array([100.0, 100.032])))
     return writer.finish("machine fault", 6)
 
@@ -504,7 +504,7 @@ def test_what_comes_before_the_first_touch_is_left_out(long_run: Path) -> None:
 
 
 def test_spans_go_on_from_block_to_block() -> None:
-    spans = Spans([State.TOUCH])
+    spans = Spans([RecordedState.TOUCH])
     spans.take(np.arange(4.0), np.array([0, 6, 6, 6]))
     spans.take(np.arange(4.0, 8.0), np.array([6, 0, 6, 6]))
     assert spans.joined() == [(1.0, 5.0), (6.0, 7.0)]

@@ -71,7 +71,7 @@ def recover(
 
 def recover_file(file: Path, out: Path | None = None) -> "Recovered":
     """Recover `file`, and save what can be read where it is damaged. Raises RunFileError."""
-    from edmctl.record.damaged_file_recovery import salvage
+    from edmctl.record.damaged_file_recovery import recover_damaged
     from edmctl.record.recovery import recover as recover_whole
 
     try:
@@ -79,7 +79,7 @@ def recover_file(file: Path, out: Path | None = None) -> "Recovered":
     except RunFileError as error:
         if error.code != "E9007":
             raise
-        return salvage(file, out)
+        return recover_damaged(file, out)
 
 
 def told(file: Path, made: "Recovered", status: str) -> str:

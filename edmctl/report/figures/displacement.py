@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.record.events import State
+from edmctl.record.events import RecordedState
 from edmctl.report.signals import Envelope, envelopes, rows_worked
 from edmctl.report.style import (
     BLACK,
@@ -49,8 +49,10 @@ def draw(run: RunFile) -> Figure:
         sensor_um = columns["z_sensor"].astype(np.float32, copy=False)
         model_um = columns["z_model"].astype(np.float32, copy=False)
         error_um = model_um - sensor_um
-        resting = state != State.JUMP
-        sparking = (state == State.MACHINING) & (columns["s"].astype(np.float32, copy=False) > SHORTED)
+        resting = state != RecordedState.JUMP
+        sparking = (state == RecordedState.MACHINING) & (
+            columns["s"].astype(np.float32, copy=False) > SHORTED
+        )
         nan = np.float32(np.nan)
         return {
             "sensor": np.where(resting, sensor_um, nan),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.record.events import State
+from edmctl.record.events import RecordedState
 from edmctl.report.signals import Envelope, Spans, envelopes, in_states, rows_worked
 from edmctl.report.style import (
     BLACK,
@@ -41,7 +41,7 @@ HEIGHT_MM = 82.0
 PROBES, PROBE_ROWS = 60, 512
 MIN_RATIO = 0.05
 """Below, a gap voltage over its share is mostly rounding."""
-SPARKING = (State.APPROACH, State.MACHINING)
+SPARKING = (RecordedState.APPROACH, RecordedState.MACHINING)
 """Elsewhere the generator is off, and the telemetry repeats the last gap voltage."""
 
 
@@ -53,13 +53,13 @@ def draw(run: RunFile) -> Figure:
             "The run ended before the first touch or cut, so there is no gap voltage yet; a run that gets "
             "further has it."
         )
-    touching = Spans([State.TOUCH])
+    touching = Spans([RecordedState.TOUCH])
 
     def derive(columns: Mapping[str, NDArray[np.generic]]) -> dict[str, NDArray[np.floating]]:
         state = columns["state"]
         touching.take(columns["time"], state)
         gap_v = in_states(columns["v_gap_avg"], state, SPARKING)
-        jumping = state == State.JUMP
+        jumping = state == RecordedState.JUMP
         sensor_um = columns["z_sensor"].astype(np.float32, copy=False)
         tool_um = np.where(jumping, np.float32(np.nan), sensor_um)
         return {"gap": gap_v, "tool": tool_um, "all": sensor_um}
@@ -97,7 +97,7 @@ def _by_model(run: RunFile, rows: tuple[int, int]) -> dict[str, Envelope]:
     def derive(columns: Mapping[str, NDArray[np.generic]]) -> dict[str, NDArray[np.floating]]:
         model_um = columns["z_model"].astype(np.float32, copy=False)
         return {
-            "tool": np.where(columns["state"] == State.JUMP, np.float32(np.nan), model_um),
+            "tool": np.where(columns["state"] == RecordedState.JUMP, np.float32(np.nan), model_um),
             "all": model_um,
         }
 

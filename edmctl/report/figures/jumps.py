@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.record import layout
-from edmctl.record.events import Told, happened
+from edmctl.record.events import RecordedCode, recorded_events
 from edmctl.report.signals import MEAN_S, broken, cuts_s, running_mean
 from edmctl.report.style import (
     BLACK,
@@ -42,7 +42,7 @@ FEW = 400
 
 def draw(run: RunFile) -> Figure:
     """Draw the shares of arcs and shorts with a mark for each jump, and the time from jump to jump."""
-    at_s = np.array([event.time_s for event in happened(run, Told.JUMP_DONE)])
+    at_s = np.array([event.time_s for event in recorded_events(run, RecordedCode.JUMP_DONE)])
     if not len(at_s):
         mode = run.profile_values().get("jump.mode", "")
         why = 'its profile says jump.mode = "off"' if mode == "off" else "it ended before the first was due"

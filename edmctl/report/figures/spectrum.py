@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.record.events import State
+from edmctl.record.events import RecordedState
 from edmctl.report.signals import BLOCK_ROWS, Spans, sampling_hz
 from edmctl.report.style import (
     BLACK,
@@ -106,13 +106,13 @@ def draw(run: RunFile) -> Figure:
 
 def _parts_of_machining(run: RunFile, rate_hz: float) -> list[Rows]:
     """Return the rows of machining without jumps and without holes in time, after the servo has settled."""
-    machining = Spans([State.MACHINING])
+    machining = Spans([RecordedState.MACHINING])
     rows = 0
     last_s = np.nan
     for block in run.blocks("/entry/servo", ["time", "state"], BLOCK_ROWS):
         time_s, state = block["time"].astype(np.float64), block["state"].copy()
         # A missing sample ends a part: the one after it does not count.
-        state[np.diff(time_s, prepend=last_s) * rate_hz > 1.5] = State.JUMP
+        state[np.diff(time_s, prepend=last_s) * rate_hz > 1.5] = RecordedState.JUMP
         machining.take(np.arange(rows, rows + len(state)), state)
         rows += len(state)
         last_s = float(time_s[-1])

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.record.events import State, Told
+from edmctl.record.events import RecordedCode, RecordedState
 from edmctl.report.signals import envelopes
 from edmctl.report.style import (
     BLACK,
@@ -103,7 +103,7 @@ def _draw_sequence(
     upper, lower = figure.subplots(2, 1, sharex=True)
 
     def derive(columns: Columns) -> dict[str, NDArray[np.floating]]:
-        jumping = columns["state"] == State.JUMP
+        jumping = columns["state"] == RecordedState.JUMP
         return {name: np.where(jumping, np.float32(np.nan), columns[name]) for name in ("v_cmd", place)}
 
     sensed = bool(np.isfinite(readings["z_sensor"]).any())
@@ -160,7 +160,7 @@ def _contacts(run: RunFile, touch: np.void) -> tuple[float, float, Array]:
     """Return what to show, and when the tool touched; the time of the reading is that of its last contact."""
     last_s = float(touch["time"])
     events = run.table("/entry/events")
-    times_s = events["time"][events["code"] == Told.TOUCH].astype(np.float64)
+    times_s = events["time"][events["code"] == RecordedCode.TOUCH].astype(np.float64)
     earliest_s = _touching_since(run, last_s)
     times_s = times_s[(times_s >= earliest_s) & (times_s <= last_s + 1e-3)]
     contacts_s = times_s if len(times_s) else np.array([last_s])
@@ -169,7 +169,7 @@ def _contacts(run: RunFile, touch: np.void) -> tuple[float, float, Array]:
 
 def _touching_until(run: RunFile, last_s: float) -> float:
     part = _rows_between(run, last_s, last_s + AFTER_S)
-    elsewhere = np.flatnonzero(run.column("/entry/servo", "state", *part) != State.TOUCH)
+    elsewhere = np.flatnonzero(run.column("/entry/servo", "state", *part) != RecordedState.TOUCH)
     if not len(elsewhere) or elsewhere[0] == 0:
         return last_s + AFTER_S
     return float(run.column("/entry/servo", "time", *part)[elsewhere[0]])
@@ -178,7 +178,7 @@ def _touching_until(run: RunFile, last_s: float) -> float:
 def _touching_since(run: RunFile, last_s: float) -> float:
     part = _rows_between(run, last_s - LONGEST_S, last_s)
     time_s = run.column("/entry/servo", "time", *part).astype(np.float64)
-    elsewhere = np.flatnonzero(run.column("/entry/servo", "state", *part) != State.TOUCH)
+    elsewhere = np.flatnonzero(run.column("/entry/servo", "state", *part) != RecordedState.TOUCH)
     # The state of the last rows may already be the next one.
     elsewhere = elsewhere[time_s[elsewhere] < last_s - 0.1]
     if len(elsewhere):

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.record.events import State
+from edmctl.record.events import RecordedState
 from edmctl.report.signals import Envelope, envelopes, within
 from edmctl.report.style import (
     BLACK,
@@ -70,8 +70,8 @@ def _fault_s(run: RunFile, time_s: Array) -> float | None:
     """
     candidates_s = [run.column("/entry/black_box", "time")[-1:].astype(np.float64)]
     state = run.column("/entry/servo", "state")
-    first = int(np.argmax(within(state, (State.FAULT, State.ESTOP)))) if len(state) else 0
-    if len(state) and state[first] in (State.FAULT, State.ESTOP):
+    first = int(np.argmax(within(state, (RecordedState.FAULT, RecordedState.ESTOP)))) if len(state) else 0
+    if len(state) and state[first] in (RecordedState.FAULT, RecordedState.ESTOP):
         candidates_s.append(run.column("/entry/servo", "time", first, first + 1).astype(np.float64))
     for found_s in np.concatenate(candidates_s):
         if time_s[0] <= found_s <= time_s[-1]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.record.events import Told
+from edmctl.record.events import RecordedCode
 from edmctl.record.reader import open_run
 from edmctl.record.results import estimated_depth
 from edmctl.record.rows import EventLevel, EventRow, SlowRow
@@ -29,7 +29,9 @@ def machined(writer: RunWriter, from_s: float, to_depth_um: float) -> None:
 
 
 def result(writer: RunWriter, time_s: float) -> None:
-    writer.append(EventRow(time_s, Told.SITE_MEASURED, EventLevel.INFO, "Measured.", {"depth_um": 20.0}))
+    writer.append(
+        EventRow(time_s, RecordedCode.SITE_MEASURED, EventLevel.INFO, "Measured.", {"depth_um": 20.0})
+    )
     writer.append(a_site_row())
 
 

@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.record.events import Told, happened
+from edmctl.record.events import RecordedCode, recorded_events
 
 if TYPE_CHECKING:
     from edmctl.record.reader import RunFile
 
 EVENTS = np.array(
     [
-        (1.0, int(Told.JUMP_DONE), 0, b"Jumped.", b'{"height_um": 60.5, "asked": true}'),
+        (1.0, int(RecordedCode.JUMP_DONE), 0, b"Jumped.", b'{"height_um": 60.5, "asked": true}'),
         (2.0, 32000, 2, "Half a \u00b5".encode()[:-1], b'{"code": "E6'),
-        (3.0, int(Told.SITE_MEASURED), 1, b"Measured.", b""),
+        (3.0, int(RecordedCode.SITE_MEASURED), 1, b"Measured.", b""),
     ],
     [("time", "f8"), ("code", "i4"), ("level", "i4"), ("message", "S40"), ("args", "S60")],
 )
@@ -35,13 +35,19 @@ def run() -> RunFile:
 
 
 def test_an_event_whose_texts_were_damaged_still_happened() -> None:
-    jumped, damaged, measured = happened(run())
-    assert (jumped.told, jumped.number("height_um"), jumped.message) == (Told.JUMP_DONE, 60.5, "Jumped.")
-    assert (damaged.told, damaged.level, damaged.message, damaged.values) == (32000, 2, "Half a ", {})
+    jumped, damaged, measured = recorded_events(run())
+    assert (jumped.code, jumped.number("height_um"), jumped.message) == (
+        RecordedCode.JUMP_DONE,
+        60.5,
+        "Jumped.",
+    )
+    assert (damaged.code, damaged.level, damaged.message, damaged.values) == (32000, 2, "Half a ", {})
     assert math.isnan(measured.number("depth_um"))
     assert math.isnan(jumped.number("asked")) is False
 
 
 def test_only_what_is_wanted_is_told_and_from_the_row_that_is_asked_for() -> None:
-    assert [event.time_s for event in happened(run(), Told.SITE_MEASURED, Told.JUMP_DONE)] == [1.0, 3.0]
-    assert [event.time_s for event in happened(run(), start=1)] == [2.0, 3.0]
+    assert [
+        event.time_s for event in recorded_events(run(), RecordedCode.SITE_MEASURED, RecordedCode.JUMP_DONE)
+    ] == [1.0, 3.0]
+    assert [event.time_s for event in recorded_events(run(), start=1)] == [2.0, 3.0]

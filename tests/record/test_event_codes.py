@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from edmctl.machine.interface import EventCode, MachineState
 from edmctl.procedures.event_codes import RunEvent
-from edmctl.record.events import State, Told
+from edmctl.record.events import RecordedCode, RecordedState
 
 
 def test_every_code_that_is_looked_for_is_that_of_its_writer() -> None:
     written = {code.name: int(code) for code in (*EventCode, *RunEvent)}
-    assert {told.name: int(told) for told in Told} == {told.name: written[told.name] for told in Told}
+    assert {code.name: int(code) for code in RecordedCode} == {
+        code.name: written[code.name] for code in RecordedCode
+    }
 
 
 def test_every_state_is_that_of_the_protocol() -> None:
-    assert {state.name: int(state) for state in State} == {state.name: int(state) for state in MachineState}
+    assert {state.name: int(state) for state in RecordedState} == {
+        state.name: int(state) for state in MachineState
+    }
