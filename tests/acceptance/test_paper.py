@@ -17,7 +17,7 @@ from edmctl.simulator import open_bench
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from edmctl.procedures.results import SiteResult
+    from edmctl.results.job import SiteResult
     from edmctl.simulator import BenchConfig, VirtualBench
 
 pytestmark = pytest.mark.slow

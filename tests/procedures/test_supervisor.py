@@ -129,7 +129,7 @@ def test_a_tool_that_stands_asks_for_one_jump_before_it_is_stalled(watched: tupl
     _, supervisor = watched
     asked_s = []
     for i in range(600):
-        supervisor.take(a_slice(i, 60.0))
+        supervisor.on_telemetry(a_slice(i, 60.0))
         due = supervisor.jump_due(0.1 * i)
         if due is not None and due[0] is RunEvent.STALL_JUMP:
             asked_s.append(0.1 * i)
