@@ -102,14 +102,14 @@ SERVO = (
         "touch_tick",
         "ist[CONTACT] == 1 and st[TICK_GAP_V] > par[SHORT_BELOW]",
         "False",
-        "simulator/test_faults.py faults/test_rows.py",
+        "simulator/test_services.py",
     ),
     Mutation(
         "only an actuator that lags is a tracking fault",
         "monitor_tick",
         "abs(st[APPLIED_V] - monitor_v)",
         "st[APPLIED_V] - monitor_v",
-        "simulator/test_faults.py",
+        "simulator/test_services.py",
     ),
     Mutation(
         "the stages go on in a short",
@@ -291,7 +291,7 @@ DECISION = (
     Mutation(
         "a depth is shown however wide its interval",
         "verdict_of",
-        "depth_u95_um <= goal.tolerance_um",
+        "depth_u95_um <= target.tolerance_um",
         "True",
         "procedures/test_verdict.py",
     ),
@@ -311,7 +311,7 @@ DECISION = (
     ),
     Mutation(
         "a cut that stands asks for one jump after the other",
-        "Stall.take",
+        "StallDetection.update",
         "stood_s > JUMP_AFTER_S and not self._tried",
         "stood_s > JUMP_AFTER_S",
         "procedures/test_supervisor.py",
@@ -325,7 +325,7 @@ DECISION = (
     ),
     Mutation(
         "a third burn ends the cut however late",
-        "Burns.answer",
+        "ArcRecovery.answer",
         "self._number > 2 and soon",
         "self._number > 2",
         "procedures/test_recoveries.py",

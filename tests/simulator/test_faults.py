@@ -283,3 +283,20 @@ def test_faults_of_the_host_are_brought_about_too(rig: RigMaker) -> None:
     r.bench.clear_injections()
     assert np.array_equal(plant.par, before[0])
     assert plant.st[k.WALK] == before[1]
+
+
+def test_an_arc_ends_with_the_pulse_that_makes_its_run_full(rig: RigMaker) -> None:
+    """At 1 kHz every millisecond has one pulse."""
+    r = rig()
+    r.bench.inject(parse_injection("CARBON@sparks+2"))
+    r.arm({"arc_run": 20})
+    r.session.request(m.PulseConfig(300.0, 700.0, 40.0, 0.12, m.PulseMode.ISOFREQUENCY, 0.0))
+    r.to_pad()
+    r.session.request(m.TlmStart(1000, 14, m.PulseLog.OFF))
+    r.start_sparking()
+    assert r.wait_fault(10.0).code == FaultCode.ARC_BURN
+    r.session.pump(0.2)
+    arcs = r.column("n_arc")
+    last = np.flatnonzero(arcs)[-1]
+    assert arcs[last - 19 : last + 1].sum() == 20.0
+    assert arcs[last - 20] == 0.0

@@ -66,6 +66,15 @@ def test_the_schema_comes_in_parts(rig: RigMaker) -> None:
     assert r.session.request(m.GetSchema(total + 5)).n == 0
 
 
+@pytest.mark.parametrize("gain", [0.5, 1.5], ids=["lags", "leads"])
+def test_an_actuator_away_from_its_command_is_a_fault_whichever_way(rig: RigMaker, gain: float) -> None:
+    r = rig()
+    r.bench.plant.par[k.MONITOR_GAIN] = gain
+    r.arm()
+    r.session.request(m.PiezoSet(60.0, 100.0))
+    assert r.wait_fault(2.0).code == FaultCode.PIEZO_TRACK
+
+
 def test_the_black_box_is_the_telemetry_up_to_the_fault(rig: RigMaker) -> None:
     r = rig(NEAR)
     r.arm()
