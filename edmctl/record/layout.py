@@ -47,7 +47,7 @@ class Column:
 
     name: str
     field: str
-    """Name of the value in the row or block that is handed over."""
+    """Name of the value in the row or block that is handed over, with dots where it lies deeper."""
     dtype: str
     units: str
     long_name: str
@@ -453,21 +453,37 @@ LINK = Table(
     "the line between host and controller, every ten seconds; counts since it was opened",
     (
         _TIME,
-        Column("frames_sent", "frames_sent", "u8", PURE, "frames sent"),
-        Column("frames_received", "frames_received", "u8", PURE, "frames received"),
-        Column("bad_frames", "bad_frames", "u4", PURE, "damaged frames received"),
-        Column("lost_frames", "lost_frames", "u4", PURE, "telemetry frames missing"),
-        Column("retries", "retries", "u4", PURE, "commands repeated"),
+        Column("frames_sent", "report.frames_sent", "u8", PURE, "frames sent"),
+        Column("frames_received", "report.frames_received", "u8", PURE, "frames received"),
+        Column("bad_frames", "report.bad_frames", "u4", PURE, "damaged frames received"),
+        Column("lost_frames", "report.lost_frames", "u4", PURE, "telemetry frames missing"),
+        Column("retries", "report.retries", "u4", PURE, "commands repeated"),
         Column(
-            "bad_frames_there", "controller_bad_frames", "u4", PURE, "damaged frames that the controller got"
+            "bad_frames_there",
+            "report.controller_bad_frames",
+            "u4",
+            PURE,
+            "damaged frames that the controller got",
         ),
         Column(
-            "dropped_there", "controller_dropped_frames", "u4", PURE, "frames that the controller dropped"
+            "dropped_there",
+            "report.controller_dropped_frames",
+            "u4",
+            PURE,
+            "frames that the controller dropped",
         ),
-        Column("rtt_p50", "rtt_p50_ms", "f4", "ms", "round trip of a command, median"),
-        Column("rtt_p99", "rtt_p99_ms", "f4", "ms", "round trip of a command, 99th percentile"),
-        Column("clock_offset", "clock_offset_s", "f8", "s", "clock of the controller ahead of the host's"),
-        Column("clock_rate", "clock_rate_ppm", "f4", "ppm", "clock of the controller faster than the host's"),
+        Column("rtt_p50", "report.rtt_p50_ms", "f4", "ms", "round trip of a command, median"),
+        Column("rtt_p99", "report.rtt_p99_ms", "f4", "ms", "round trip of a command, 99th percentile"),
+        Column(
+            "clock_offset", "report.clock_offset_s", "f8", "s", "clock of the controller ahead of the host's"
+        ),
+        Column(
+            "clock_rate",
+            "report.clock_rate_ppm",
+            "f4",
+            "ppm",
+            "clock of the controller faster than the host's",
+        ),
     ),
     signal="rtt_p50",
     auxiliary=("rtt_p99",),

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from edmctl.results.link import LinkReport
+
     FloatArray = NDArray[np.floating]
     IntArray = NDArray[np.integer]
 
@@ -116,18 +118,7 @@ class LinkRow:
     """How the line did from its opening until now."""
 
     time_s: float
-    frames_sent: int
-    frames_received: int
-    bad_frames: int
-    lost_frames: int
-    retries: int
-    controller_bad_frames: int
-    controller_dropped_frames: int
-    rtt_p50_ms: float
-    rtt_p99_ms: float
-    clock_offset_s: float
-    """Of the controller's clock against the host's."""
-    clock_rate_ppm: float
+    report: LinkReport
 
 
 @dataclass(frozen=True, slots=True)

@@ -52,7 +52,7 @@ class LinkMonitor:
         self._look_for_noise(now_s)
         if now_s >= self._next_report_s:
             self._next_report_s = REPORT_S * (now_s // REPORT_S + 1.0)
-            self._run.recorder.append(_row(now_s, self._run.machine.link_report()))
+            self._run.recorder.append(LinkRow(now_s, self._run.machine.link_report()))
 
     def _look_for_noise(self, now_s: float) -> None:
         bad = self._run.machine.bad_frames
@@ -81,30 +81,13 @@ class LinkMonitor:
 def record_link(run: JobRun) -> None:
     """Close the statistics of the line in the run file, and sum them up in an event."""
     report = run.machine.link_report()
-    run.recorder.append(_row(run.machine.time_s, report))
+    run.recorder.append(LinkRow(run.machine.time_s, report))
     message = (
         f"Link: {report.frames_received} frames in, {report.bad_frames} damaged, {report.lost_frames} lost, "
         f"{report.retries} commands repeated; round trip {report.rtt_p50_ms:.2f} ms."
     )
     run.recorder.append(
         EventRow(run.machine.time_s, RunEvent.LINK, EventLevel.INFO, message, _figures(report))
-    )
-
-
-def _row(time_s: float, report: LinkReport) -> LinkRow:
-    return LinkRow(
-        time_s=time_s,
-        frames_sent=report.frames_sent,
-        frames_received=report.frames_received,
-        bad_frames=report.bad_frames,
-        lost_frames=report.lost_frames,
-        retries=report.retries,
-        controller_bad_frames=report.controller_bad_frames,
-        controller_dropped_frames=report.controller_dropped_frames,
-        rtt_p50_ms=report.rtt_p50_ms,
-        rtt_p99_ms=report.rtt_p99_ms,
-        clock_offset_s=report.clock_offset_s,
-        clock_rate_ppm=report.clock_rate_ppm,
     )
 
 
