@@ -6,18 +6,24 @@ but the wire.
 
 from __future__ import annotations
 
+import os
 from contextlib import ExitStack, contextmanager
 from dataclasses import fields
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edmctl.errors import Diagnostic
-from edmctl.jobs.plan import FRESH, Where
+from edmctl.errors import Diagnostic, UsageError
+from edmctl.files import read_bytes
+from edmctl.jobs.plan import FRESH, Where, where_is
 from edmctl.jobs.session import Bench
 from edmctl.jobs.surroundings import NONE, Surroundings
+from edmctl.jobs.sweep import seed_to_use
+from edmctl.link.gate import LEAST_SECRET
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
+    from edmctl.jobs.surroundings import Surroundings
     from edmctl.link.transport import Transport
     from edmctl.machine.controller import LinkMachine
     from edmctl.profile.setup import Setup
@@ -140,7 +146,6 @@ def bench_config(loaded: LoadedProfile | None, setup: Setup) -> BenchConfig:
 
 
 def _line(where: Where, setup: Setup, say: Callable[[str], None], environ: Mapping[str, str]) -> Transport:
-    from edmctl.jobs.secret_file import asks_for_secret, secret_of
     from edmctl.link.probing import open_selector
 
     link = setup.link
@@ -154,3 +159,61 @@ def _line(where: Where, setup: Setup, say: Callable[[str], None], environ: Mappi
         say,
         secret_of(link.secret_file, environ) if asks_for_secret(where.selector, *link.candidates) else b"",
     )
+
+
+SEED = 1
+"""Of a fresh virtual machine, which a question does not depend on. One that will be kept is any machine."""
+
+
+@contextmanager
+def machine_at(
+    setup: Setup,
+    port: str | None,
+    wait_s: float,
+    say: Callable[[str], None],
+    surroundings: Surroundings,
+) -> Iterator[LinkMachine]:
+    """Connect to the machine that the option or the setup names.
+
+    Raises LinkLost and ProtocolMismatch.
+    """
+    where = where_is(port, setup, wait_s)
+    seed = SEED if where.bench_file is None else seed_to_use(None)
+    with connected(None, setup, seed, say, where, surroundings) as bench:
+        bench.begin()
+        yield bench.machine
+
+
+SECRET_VARIABLE = "EDMCTL_SECRET_FILE"
+
+
+def asks_for_secret(*ports: str) -> bool:
+    """Whether one of the ports may ask for a secret."""
+    return any(port.lower().startswith("socket://") for port in ports)
+
+
+def secret_of(named: str | None, environ: Mapping[str, str]) -> bytes:
+    """Return the secret in the file that $EDMCTL_SECRET_FILE names, else in that `named`; empty without either."""
+    path = environ.get(SECRET_VARIABLE) or named
+    return read_secret(Path(os.path.expanduser(path))) if path else b""  # noqa: PTH111 - knows every user, or none
+
+
+def read_secret(path: Path) -> bytes:
+    """Return what a secret file holds, without blanks about it.
+
+    Raises UsageError E2047: it cannot be read, others may read it, or it is too short.
+    """
+    try:
+        secret, mode = read_bytes(path).strip(), path.stat().st_mode
+    except OSError as error:
+        raise _unfit(f"Cannot read the secret file {path}: {error.strerror}.") from error
+    if os.name == "posix" and mode & 0o077:
+        raise _unfit(f"Others may read the secret file {path}.", f"`chmod 600 {path}`")
+    if len(secret) < LEAST_SECRET:
+        raise _unfit(f"The secret in {path} is shorter than {LEAST_SECRET} bytes.")
+    return secret
+
+
+def _unfit(message: str, remedy: str = "") -> UsageError:
+    made = "`(umask 077; openssl rand -hex 32 > FILE)` makes one; the computers at both ends need the same."
+    return UsageError(message, hint=remedy or made, code="E2047")

@@ -6,12 +6,13 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from edmctl.jobs.ledger.last_home import with_home
+from edmctl.jobs.ledger.elapsed import with_home
 from edmctl.jobs.ledger.places_taken import next_free_x_um, refuse_taken
-from edmctl.jobs.ledger.tool_identity import account_of, other_tool
-from edmctl.jobs.ledger.tool_life import (
+from edmctl.jobs.ledger.tool import (
+    account_of,
     left_to_finish,
     on_worn_tool,
+    other_tool,
     refuse_too_short,
     refuse_unknown_length,
     refuse_worn_out,
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
     from edmctl.errors import Diagnostic
     from edmctl.jobs.ledger.places_taken import Place
-    from edmctl.jobs.ledger.tool_identity import ToolIdentity
+    from edmctl.jobs.ledger.tool import ToolIdentity
     from edmctl.jobs.plan import Plan
     from edmctl.jobs.run_header import RunName
     from edmctl.procedures.job import CalibratedActuator, Job

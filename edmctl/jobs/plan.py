@@ -1,4 +1,4 @@
-"""What is asked for, on which machine, and what checking made of it: plain values that all of a job speaks of."""
+"""What is asked for, on which machine, and what checking makes of it: plain values that all of a job speaks of."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.errors import UsageError
+from edmctl.jobs.calibration.selection import look_at_named, refuse_unasked
 from edmctl.jobs.surroundings import NONE, Surroundings
 from edmctl.wording import plural
 
@@ -167,6 +168,54 @@ class Plan:
     resumed: Resumption | None = None
     surroundings: Surroundings = NONE
 
+    def forecast_left(self) -> Forecast:
+        """Return the forecast of what is left of the job: holes that earlier runs have finished are left out.
+
+        The one that was interrupted counts as a whole one, and so does a channel.
+        """
+        from edmctl.forecasts.forecast import forecast
+
+        if self.resumed is None:
+            return self.forecast
+        done = {str(site["name"]) for site in self.resumed.state.done}
+        left = [place for place in self.loaded.places if place.name not in done]
+        return forecast(self.loaded.profile, self.setup, left) if left else self.forecast
+
     def tool_for(self) -> LoadedProfile | None:
         """What goes onto a virtual bench; None where a bench that is kept stays as it is."""
         return self.loaded if self.names_tool or self.where.bench_file is None else None
+
+
+def check(request: JobRequest, surroundings: Surroundings = NONE) -> Plan:
+    """Load and check everything the request names, for the program in `surroundings`.
+
+    Raises ProfileError, RecordError, UsageError, LinkLost, PreconditionError.
+    """
+    if request.profile is None:
+        raise UsageError(
+            "No profile was named.",
+            hint="Say --profile NAME|FILE or set EDMCTL_PROFILE; `--profile cu270` takes a shipped one.",
+            code="E2002",
+        )
+    from edmctl.forecasts.forecast import forecast
+    from edmctl.profile.read import read_source
+    from edmctl.profile.setup import load_setup
+    from edmctl.rules.load import load_profile
+
+    setup = load_setup(request.setup)
+    where = where_is(request.port, setup, request.wait_s)
+    loaded = load_profile(request.profile, request.overrides, setup=setup)
+    refuse_unasked(setup, allow_model=request.allow_model)
+    look_at_named(request.calibration, surroundings.environ, setup, loaded.profile)
+    return Plan(
+        request=request,
+        where=where,
+        simulated=True if where.in_process else None,
+        loaded=loaded,
+        setup=setup,
+        setup_text=read_source(request.setup).text if request.setup else "",
+        forecast=forecast(loaded.profile, setup, loaded.places),
+        calibration=request.calibration,
+        new_tool=request.new_tool,
+        surroundings=surroundings,
+    )

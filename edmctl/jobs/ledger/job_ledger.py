@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic
 from edmctl.jobs.job_preparation import hole_radius_um, logbook_of, prepared_job
-from edmctl.jobs.ledger.tool_identity import tool_identity
+from edmctl.jobs.ledger.tool import tool_identity
 from edmctl.process.next_cut import COVERAGE
 from edmctl.record.ledger_entries import (
     UNFINISHED,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from edmctl.errors import PreconditionError
+from edmctl.errors import PreconditionError, UsageError
 from edmctl.profile.findings import PAD_MARGIN_UM
 from edmctl.wording import coordinates, length
 
@@ -75,3 +75,30 @@ def told(hole: SiteMachined, folder: Path) -> str:
     depth = "of unknown depth" if math.isnan(hole.depth_um) else f"{length(hole.depth_um)} deep"
     where = coordinates(hole.x_um, hole.y_um)
     return f"{hole.name}, {depth} at {where}, {hole.status}, recorded in {folder / hole.run_file}"
+
+
+def place_of(text: str | None) -> tuple[float, float] | None:
+    """Return the stage coordinates that are named, None where none are. Raises UsageError E2061."""
+    place = None if text is None else coordinates_in(text)
+    if text is not None and place is None:
+        raise no_place(text)
+    return place
+
+
+def coordinates_in(text: str) -> tuple[float, float] | None:
+    """Return x and y in µm where the text is two numbers with a comma between them."""
+    parts = text.split(",")
+    try:
+        numbers = [float(part) for part in parts]
+    except ValueError:
+        return None
+    if len(numbers) != 2 or not all(map(math.isfinite, numbers)):
+        return None
+    return numbers[0], numbers[1]
+
+
+def no_place(text: str) -> UsageError:
+    """Return the error of a text that names no place."""
+    return UsageError(
+        f"--site {text} is no X,Y in µm.", hint="Say two numbers, e.g. --site 500,0.", code="E2061"
+    )

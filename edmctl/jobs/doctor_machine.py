@@ -6,11 +6,11 @@ import time
 from typing import TYPE_CHECKING
 
 from edmctl.errors import EdmError, Interrupted, LinkLost
-from edmctl.jobs.doctor.checks import fail, ok, warn
+from edmctl.jobs.doctor_host import fail, ok, warn
 from edmctl.wording import decimal
 
 if TYPE_CHECKING:
-    from edmctl.jobs.doctor.checks import Checks
+    from edmctl.jobs.doctor_host import Checks
     from edmctl.machine.controller import LinkMachine
     from edmctl.machine.interface import (
         MachineEvent,
