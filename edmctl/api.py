@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from types import TracebackType
 
     from edmctl.errors import Diagnostic
-    from edmctl.jobs.calibration.request import CalibrationRequest, Checked
+    from edmctl.jobs.calibration.request import CalibrationRequest, CheckedCalibration
     from edmctl.jobs.calibration.run import CalibrationReport
     from edmctl.jobs.job import Report
     from edmctl.jobs.plan import Plan
@@ -449,7 +449,7 @@ def _calibration(
 
 def _checked_calibration(
     request: CalibrationRequest, surroundings: Surroundings, warn: Warn | None
-) -> Checked:
+) -> CheckedCalibration:
     """Check what is asked for, and tell what is doubtful about the files."""
     from edmctl.jobs.calibration.request import check as check_calibration
 

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic, UsageError
 from edmctl.files import read_bytes
-from edmctl.jobs.plan import FRESH, Where, where_is
-from edmctl.jobs.session import Bench
+from edmctl.jobs.plan import FRESH, MachineAddress, where_is
+from edmctl.jobs.session import ConnectedMachine
 from edmctl.jobs.surroundings import NONE, Surroundings
 from edmctl.jobs.sweep import seed_to_use
 from edmctl.link.gate import LEAST_SECRET
@@ -34,7 +34,7 @@ VIRTUAL_BEAT_SHARE = 0.8
 """Of the watchdog's time: where time is virtual nothing is late."""
 
 
-def seed_warning(where: Where, asked: int | None) -> list[Diagnostic]:
+def seed_warning(where: MachineAddress, asked: int | None) -> list[Diagnostic]:
     """Return what is to be said of a seed that no machine will use."""
     if asked is None or where.seed_of(asked) is not None:
         return []
@@ -53,9 +53,9 @@ def connected(
     setup: Setup,
     seed: int,
     say: Callable[[str], None],
-    where: Where = FRESH,
+    where: MachineAddress = FRESH,
     surroundings: Surroundings = NONE,
-) -> Iterator[Bench]:
+) -> Iterator[ConnectedMachine]:
     """Open the machine and say hello. From then on `surroundings` may stop it in order, with a word to `say`.
 
     loaded : what stands on a virtual bench in this process; None where neither tool nor work matters. In a bench
@@ -67,7 +67,7 @@ def connected(
     from edmctl.machine.controller import LinkMachine
 
     line: Transport
-    on: Callable[[LinkMachine], Bench] = Bench
+    on: Callable[[LinkMachine], ConnectedMachine] = ConnectedMachine
     with ExitStack() as held:
         if where.in_process:
             from edmctl.actuator.compiling import compiling_told
@@ -86,7 +86,7 @@ def connected(
             yield on(machine)
 
 
-def introduction(where: Where, bench: Bench) -> str:
+def introduction(where: MachineAddress, bench: ConnectedMachine) -> str:
     """Return what is said of the machine at the start of a run."""
     identity = bench.machine.identity
     if where.bench_file is not None:
@@ -101,15 +101,15 @@ def introduction(where: Where, bench: Bench) -> str:
 
 @contextmanager
 def _virtual(
-    loaded: LoadedProfile | None, setup: Setup, seed: int, say: Callable[[str], None], where: Where
-) -> Iterator[tuple[Transport, Callable[[LinkMachine], Bench]]]:
+    loaded: LoadedProfile | None, setup: Setup, seed: int, say: Callable[[str], None], where: MachineAddress
+) -> Iterator[tuple[Transport, Callable[[LinkMachine], ConnectedMachine]]]:
     """Open a virtual bench, fresh or that of a file: the line to it, and what it is with a machine behind that."""
     config, made_by = bench_config(loaded, setup), where.seed_of(seed)
     if where.bench_file is None:
         from edmctl.simulator import open_bench
 
         fresh = open_bench(config, seed)
-        yield fresh.transport, lambda machine: Bench(machine, fresh, made_by)
+        yield fresh.transport, lambda machine: ConnectedMachine(machine, fresh, made_by)
         return
     from edmctl.jobs.persistent_simulator import fit, kept_line
 
@@ -122,7 +122,9 @@ def _virtual(
 
         yield (
             line,
-            lambda machine: Bench(machine, bench, made_by, begin, line.keep_worn, line.keep_all, line.kept_s),
+            lambda machine: ConnectedMachine(
+                machine, bench, made_by, begin, line.keep_worn, line.keep_all, line.kept_s
+            ),
         )
 
 
@@ -145,7 +147,9 @@ def bench_config(loaded: LoadedProfile | None, setup: Setup) -> BenchConfig:
     )
 
 
-def _line(where: Where, setup: Setup, say: Callable[[str], None], environ: Mapping[str, str]) -> Transport:
+def _line(
+    where: MachineAddress, setup: Setup, say: Callable[[str], None], environ: Mapping[str, str]
+) -> Transport:
     from edmctl.link.probing import open_selector
 
     link = setup.link

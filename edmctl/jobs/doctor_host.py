@@ -44,7 +44,7 @@ class Checks:
 
     done: list[Check] = field(default_factory=list)
 
-    def take(self, *checks: Check) -> None:
+    def add(self, *checks: Check) -> None:
         """Add checks."""
         self.done += checks
 
@@ -118,7 +118,7 @@ def load(checks: Checks, path: Path | None) -> Setup:
     except EdmError as error:
         checks.fail("setup", error)
         return Setup()
-    checks.take(ok("setup", f"{path}" if path else "none named; the defaults hold"))
+    checks.add(ok("setup", f"{path}" if path else "none named; the defaults hold"))
     return setup
 
 

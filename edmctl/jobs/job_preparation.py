@@ -49,7 +49,7 @@ def hole_radius_um(profile: Profile) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class Prepared:
+class PreparedJob:
     """A job as it can be done now, on which machine, where it cuts, the account of its tool, and the other holes."""
 
     job: Job
@@ -87,7 +87,7 @@ def prepared_job(
     actuator: CalibratedActuator | None,
     logbook: Logbook | None,
     resuming: Collection[str] = (),
-) -> Prepared:
+) -> PreparedJob:
     """Return the job for the tool as earlier jobs have left it, its single hole clear of all others.
 
     `resuming` are the file names of the runs that are taken up again: their holes are those of this job.
@@ -97,7 +97,7 @@ def prepared_job(
     loaded, setup = plan.loaded, plan.setup
     if logbook is None:
         job = job_of(loaded.profile, setup, loaded.places, actuator)
-        return Prepared(job, identity.serial, ToolAccount(loaded.profile.tool.label))
+        return PreparedJob(job, identity.serial, ToolAccount(loaded.profile.tool.label))
     books = books_of(logbook.lines, identity.serial)
     account = account_of(plan, identity, books)
     left = plan.resumed.state if plan.resumed else None
@@ -114,7 +114,7 @@ def prepared_job(
     own_um = math.fsum(hole.wear_um for hole in own if not math.isnan(hole.wear_um))
     job = with_home(job, books, identity.now)
     job = replace(job, tool_wear_before_um=account.lost_um - own_um)
-    return Prepared(job, identity.serial, account, _places(job, radius_um), holes, books)
+    return PreparedJob(job, identity.serial, account, _places(job, radius_um), holes, books)
 
 
 def forewarned(plan: Plan, name: RunName, identity: ToolIdentity) -> list[Diagnostic]:

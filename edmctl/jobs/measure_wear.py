@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from edmctl.jobs.ledger.elapsed import Now
-    from edmctl.jobs.plan import Plan, Where
+    from edmctl.jobs.plan import MachineAddress, Plan
     from edmctl.jobs.procedures import Warn
     from edmctl.jobs.run_header import RunName
     from edmctl.jobs.session import MachineSession
@@ -76,7 +76,7 @@ def bottom_of(
         return _bottom(made[-1]) if made else None
     hole = _asked(asked, books.holes)
     if hole is None:
-        names = "; ".join(_told(hole) for hole in books.holes[-MOST_NAMES:]) or "none"
+        names = "; ".join(_hole_in_words(hole) for hole in books.holes[-MOST_NAMES:]) or "none"
         raise PreconditionError(
             f"The ledger knows no hole {asked!r}; it knows: {names}.",
             hint="Name one of them, its run id, or say --site X,Y within its rim.",
@@ -120,7 +120,7 @@ def _asked(asked: str, holes: list[SiteMachined]) -> SiteMachined | None:
     )
 
 
-def _told(hole: SiteMachined) -> str:
+def _hole_in_words(hole: SiteMachined) -> str:
     run_id = hole.run_file.removesuffix(".h5")
     return f"{hole.name} at {hole.x_um:.0f},{hole.y_um:.0f} of {run_id}"
 
@@ -387,7 +387,7 @@ _NOT_KEPT = Diagnostic(
 
 
 def _reference_of(
-    account: ToolAccount, logbook: Logbook | None, identity: ToolIdentity, where: Where
+    account: ToolAccount, logbook: Logbook | None, identity: ToolIdentity, where: MachineAddress
 ) -> ReferenceTouched:
     """Return the tool's reference. Raises PreconditionError E8041 where it has none."""
     if account.reference is not None:

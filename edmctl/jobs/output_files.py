@@ -74,21 +74,21 @@ def _taken(path: Path, hint: str) -> RunFileError:
 
 
 class Sink:
-    """A binary file whose errors become those that `told` makes of them."""
+    """A binary file whose errors become those that `error_of` makes of them."""
 
     closed = False
 
-    def __init__(self, file: BinaryIO, told: Callable[[OSError], EdmError]) -> None:
+    def __init__(self, file: BinaryIO, error_of: Callable[[OSError], EdmError]) -> None:
         self._file = file
-        self._told = told
+        self._error_of = error_of
         self._written = 0
 
     def write(self, data: bytes) -> int:
-        """Write all of `data`. Raises what `told` makes of an OSError."""
+        """Write all of `data`. Raises what `error_of` makes of an OSError."""
         try:
             self._file.write(data)
         except OSError as refused:
-            raise self._told(refused) from refused
+            raise self._error_of(refused) from refused
         self._written += len(data)
         return len(data)
 
@@ -97,7 +97,7 @@ class Sink:
         try:
             self._file.flush()
         except OSError as refused:
-            raise self._told(refused) from refused
+            raise self._error_of(refused) from refused
 
     def tell(self) -> int:
         """How many bytes were written."""
@@ -126,7 +126,7 @@ def new_file(path: Path, *, overwrite: bool = False) -> Iterator[Sink]:
     Raises RunFileError: E9011 there is something of that name, E9012 it cannot be written.
     """
 
-    def told(refused: OSError) -> EdmError:
+    def error_of(refused: OSError) -> EdmError:
         return unwritable(str(path), str(refused.strerror), "Check folder and space.")
 
     written = path.with_name(f".{path.name}.new") if overwrite else path
@@ -138,14 +138,14 @@ def new_file(path: Path, *, overwrite: bool = False) -> Iterator[Sink]:
         check_free(path)
         raise
     except OSError as refused:
-        raise told(refused) from refused
+        raise error_of(refused) from refused
     try:
-        sink = Sink(file, told)
+        sink = Sink(file, error_of)
         yield sink
         sink.flush()
         file.close()
         if overwrite:
-            _take_the_place(written, path, told)
+            _take_the_place(written, path, error_of)
     except BaseException:
         with suppress(OSError):
             file.close()
@@ -153,11 +153,11 @@ def new_file(path: Path, *, overwrite: bool = False) -> Iterator[Sink]:
         raise
 
 
-def _take_the_place(written: Path, path: Path, told: Callable[[OSError], EdmError]) -> None:
+def _take_the_place(written: Path, path: Path, error_of: Callable[[OSError], EdmError]) -> None:
     try:
         written.replace(path)
     except OSError as refused:
-        raise told(refused) from refused
+        raise error_of(refused) from refused
 
 
 def _opened(path: Path) -> BinaryIO:

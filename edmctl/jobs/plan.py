@@ -22,7 +22,7 @@ SIMULATOR = "sim:"
 
 
 @dataclass(frozen=True, slots=True)
-class Where:
+class MachineAddress:
     """Which machine: the selector of its port, and how long to wait for the port."""
 
     selector: str = SIMULATOR
@@ -51,11 +51,11 @@ class Where:
         return seed if self.in_process and (file is None or not file.exists()) else None
 
 
-FRESH = Where()
+FRESH = MachineAddress()
 """A virtual machine that is gone with the command."""
 
 
-def where_is(option: str | None, setup: Setup, wait_s: float = 0.0) -> Where:
+def where_is(option: str | None, setup: Setup, wait_s: float = 0.0) -> MachineAddress:
     """Return the machine that the option (or its environment variable), else the setup, else nobody names.
 
     Raises UsageError E2006 for a name of nothing.
@@ -69,7 +69,7 @@ def where_is(option: str | None, setup: Setup, wait_s: float = 0.0) -> Where:
     selector = option or setup.port or SIMULATOR
     if selector == SIMULATOR.rstrip(":"):
         selector = SIMULATOR
-    return Where(selector, wait_s)
+    return MachineAddress(selector, wait_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,8 +137,8 @@ class Resumption:
             "time_s": state.time_s,
         }
 
-    def told(self) -> str:
-        """The same for people."""
+    def message(self) -> str:
+        """Return the same for people."""
         state, done = self.state, {str(site["name"]) for site in self.state.done}
         left = ", ".join(name for name, *_ in self.job.places if name not in done)
         begun = f"; {state.site} was interrupted at about {state.depth_um:.1f} µm" if state.begun else ""
@@ -156,7 +156,7 @@ class Plan:
     """
 
     request: JobRequest
-    where: Where
+    where: MachineAddress
     simulated: bool | None
     loaded: LoadedProfile
     setup: Setup

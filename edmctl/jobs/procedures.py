@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
     from edmctl.errors import Diagnostic, EdmError
     from edmctl.jobs.calibration.selection import ModelUsed
+    from edmctl.jobs.job_preparation import PreparedJob
     from edmctl.jobs.ledger.tool import ToolIdentity
     from edmctl.jobs.plan import Plan
     from edmctl.jobs.run_header import RunName
@@ -41,7 +42,6 @@ if TYPE_CHECKING:
 
     Warn = Callable[[Sequence[Diagnostic]], None]
 
-    from edmctl.jobs.job_preparation import Prepared
     from edmctl.results.measurements import JumpSeries, SurfaceFound
 
 
@@ -163,7 +163,7 @@ def perform(
 
 
 def checked_site(
-    prepared: Prepared, place: tuple[float, float] | None, folder: Path, port: str, *, contact: bool
+    prepared: PreparedJob, place: tuple[float, float] | None, folder: Path, port: str, *, contact: bool
 ) -> Place:
     """Return the place to approach.
 

@@ -22,9 +22,9 @@ from edmctl.jobs.connect import seed_warning
 from edmctl.jobs.sweep import seed_to_use, simulated_by
 
 if TYPE_CHECKING:
-    from edmctl.jobs.calibration.request import Checked, Given
+    from edmctl.jobs.calibration.request import CheckedCalibration, MeasuredRecord
     from edmctl.jobs.calibration.run import CalibrationReport
-    from edmctl.jobs.plan import Where
+    from edmctl.jobs.plan import MachineAddress
 
 FromOption = Annotated[
     list[Path] | None,
@@ -127,7 +127,7 @@ def calibrate(
         _run(outcome, checked, used_seed)
 
 
-def _tell_plan(outcome: Outcome, checked: "Checked") -> None:
+def _tell_plan(outcome: Outcome, checked: "CheckedCalibration") -> None:
     from edmctl.console.calibration_tables import render_lever, render_plan
 
     plan = checked.plan
@@ -154,7 +154,7 @@ def _tell_plan(outcome: Outcome, checked: "Checked") -> None:
     outcome.text = "\n".join(lines)
 
 
-def _described(given: "Given") -> dict[str, object]:
+def _described(given: "MeasuredRecord") -> dict[str, object]:
     record = given.record
     return {
         "name": record.name,
@@ -166,7 +166,7 @@ def _described(given: "Given") -> dict[str, object]:
     }
 
 
-def _tell_lever(outcome: Outcome, checked: "Checked") -> None:
+def _tell_lever(outcome: Outcome, checked: "CheckedCalibration") -> None:
     from edmctl.console.calibration_tables import render_lever
 
     outcome.result = {"lever": checked.lever}
@@ -174,7 +174,7 @@ def _tell_lever(outcome: Outcome, checked: "Checked") -> None:
         outcome.text = render_lever(checked.lever)
 
 
-def _run(outcome: Outcome, checked: "Checked", seed: int) -> None:
+def _run(outcome: Outcome, checked: "CheckedCalibration", seed: int) -> None:
     from edmctl.console.calibration_tables import render_calibration
     from edmctl.jobs.calibration.run import calibrate_files, calibrate_machine
 
@@ -192,14 +192,14 @@ def _run(outcome: Outcome, checked: "Checked", seed: int) -> None:
     outcome.warn(done.findings.warnings)
 
 
-def _again(where: "Where", seed: int | None) -> str:
+def _again(where: "MachineAddress", seed: int | None) -> str:
     """Return the options that name the same virtual machine."""
     if where.bench_file is not None:
         return f" --port {where.selector}"
     return "" if seed is None else f" --seed {seed}"
 
 
-def _whereabouts(done: "CalibrationReport", checked: "Checked", seed: int | None) -> str:
+def _whereabouts(done: "CalibrationReport", checked: "CheckedCalibration", seed: int | None) -> str:
     """Where the file is, and how `machine` comes to use it."""
     from edmctl.profile.calibration import CALIBRATION_VARIABLE
 

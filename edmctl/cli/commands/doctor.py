@@ -71,16 +71,16 @@ def _look(
             mutter(f"{text}\n")
 
     port, wait_s = place
-    checks.take(doctor_host.versions())
-    checks.take(doctor_host.run_folder(out))
+    checks.add(doctor_host.versions())
+    checks.add(doctor_host.run_folder(out))
     setup = doctor_host.load(checks, setup_file)
     selector = port or setup.port
-    checks.take(*doctor_host.line_settings(selector))
+    checks.add(*doctor_host.line_settings(selector))
     try:
         with machine_at(setup, port, wait_s, say, shell()) as machine:
             outcome.simulated = machine.identity.simulated
             doctor_machine.look(checks, machine, setup)
-            checks.take(doctor_host.calibration(os.environ, setup, machine.identity.serial, port or ""))
+            checks.add(doctor_host.calibration(os.environ, setup, machine.identity.serial, port or ""))
             if sensors:
                 say("doctor: arming, and making pulses with the tool retracted, for about a second.")
                 doctor_machine.test_sensors(checks, machine, setup)

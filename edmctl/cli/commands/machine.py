@@ -100,7 +100,7 @@ def _forecast(outcome: Outcome, plan: "Plan", name: "RunName") -> None:
 
     text, result = "", dict[str, object]()
     if plan.resumed is not None:
-        text, result["resumed"] = f"{plan.resumed.told()}\n", plan.resumed.as_mapping()
+        text, result["resumed"] = f"{plan.resumed.message()}\n", plan.resumed.as_mapping()
     elif (identity := identity_before(outcome, plan)) is not None:
         outcome.warn(forewarned(plan, name, identity))
     forecast = plan.forecast_left()

@@ -157,12 +157,12 @@ def stdout() -> Iterator["Sink"]:
     from edmctl.cli.outcome import unwritable
     from edmctl.jobs.output_files import Sink
 
-    def told(refused: OSError) -> EdmError:
+    def error_of(refused: OSError) -> EdmError:
         return NobodyReads("") if isinstance(refused, BrokenPipeError) else unwritable(refused)
 
     sys.stdout.flush()
     try:
-        sink = Sink(sys.stdout.buffer, told)
+        sink = Sink(sys.stdout.buffer, error_of)
         yield sink
         sink.flush()
     except NobodyReads:

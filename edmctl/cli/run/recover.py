@@ -57,10 +57,10 @@ def recover(outcome: Outcome, file: FileArgument, out: OutOption = None) -> None
         "lost_rows": made.lost_rows,
         "unread_rows": made.unread_rows,
     }
-    outcome.text = told(path, made, status)
+    outcome.text = recovery_message(path, made, status)
 
 
-def told(file: Path, made: "Recovered", status: str) -> str:
+def recovery_message(file: Path, made: "Recovered", status: str) -> str:
     """What was recovered, for people."""
     lines = [
         f"Recovered into {made.path}, status `{status}`.",

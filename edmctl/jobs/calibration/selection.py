@@ -192,7 +192,7 @@ def _covers(calibration: Calibration, profile: Profile) -> bool:
     return reaches_up(model, top_v) and reaches_down(model, 0.0, top_v)
 
 
-def _range_told(path: Path, calibration: Calibration, profile: Profile) -> str:
+def _range_in_words(path: Path, calibration: Calibration, profile: Profile) -> str:
     model, top_v = calibration.actuator, profile.limits.stroke_v_max
     return f"{path} covers {model.low_v:.1f} V to {model.high_v:.1f} V; limits.stroke_v_max is {top_v:.1f} V"
 
@@ -201,7 +201,7 @@ def _refuse_narrow(path: Path, calibration: Calibration, setup: Setup, profile: 
     if setup.sensor.fitted or _covers(calibration, profile):
         return
     raise PreconditionError(
-        f"No sensor is fitted, and {_range_told(path, calibration, profile)}, from 0 V on.",
+        f"No sensor is fitted, and {_range_in_words(path, calibration, profile)}, from 0 V on.",
         hint="Calibrate from 0 V over the whole stroke, or lower limits.stroke_v_max to what it covers.",
         code="E8032",
     )
@@ -216,7 +216,7 @@ def _doubts(
         problems = " ".join(calibration.quality.problems)
         doubts.append(not_accepted(str(path), problems, "Run `edmctl calibrate` again."))
     if not _covers(calibration, profile):
-        message = f"{_range_told(path, calibration, profile)}. Beyond it the model guesses."
+        message = f"{_range_in_words(path, calibration, profile)}. Beyond it the model guesses."
         doubts.append(narrow(message, "Calibrate from 0 V over the whole stroke."))
     if not setup.sensor.fitted:
         doubts.append(_cost(calibration))

@@ -59,7 +59,7 @@ class JobLedger:
     def job(self, resuming: Collection[str] = ()) -> Job:
         """Return the job as it can be done now; `resuming` as in `prepared_job`. Nothing is written down yet.
 
-        Raises PreconditionError: whatever `prepared_job` and `Prepared.refuse` raise.
+        Raises PreconditionError: whatever `prepared_job` and `PreparedJob.refuse` raise.
         """
         self._logbook = logbook_of(self.plan, self.name)
         session = self.session

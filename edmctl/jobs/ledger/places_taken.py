@@ -48,7 +48,7 @@ def refuse_taken(
         for hole in holes:
             if math.hypot(hole.x_um - x_um, hole.y_um - y_um) < hole.radius_um + radius_um:
                 raise PreconditionError(
-                    f"{name} at {coordinates(x_um, y_um)} would run into {told(hole, folder)}.",
+                    f"{name} at {coordinates(x_um, y_um)} would run into {hole_in_words(hole, folder)}.",
                     hint="Give it another place, or keep the run files of new work in another folder with --out; "
                     "`edmctl machine --resume` finishes an interrupted hole or channel.",
                     code="E8042",
@@ -70,7 +70,7 @@ def refuse_pad(place: Place, job: Job) -> None:
         )
 
 
-def told(hole: SiteMachined, folder: Path) -> str:
+def hole_in_words(hole: SiteMachined, folder: Path) -> str:
     """A hole in words: name, depth, place, and the run file in `folder` that tells of it."""
     depth = "of unknown depth" if math.isnan(hole.depth_um) else f"{length(hole.depth_um)} deep"
     where = coordinates(hole.x_um, hole.y_um)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from edmctl.jobs.plan import Plan, Where
+    from edmctl.jobs.plan import MachineAddress, Plan
     from edmctl.jobs.session import MachineSession
     from edmctl.profile.model import Profile, Tool
     from edmctl.profile.places import Place
@@ -52,7 +52,7 @@ def tool_identity(session: MachineSession) -> ToolIdentity:
     return replace(_identity_of(bench.virtual), is_new=bench.seed is not None)
 
 
-def tool_identity_in_file(where: Where) -> ToolIdentity | None:
+def tool_identity_in_file(where: MachineAddress) -> ToolIdentity | None:
     """Return what the file of a kept bench shows; None where there is none to read.
 
     Raises RunFileError: those of `read_bench`, E9024 there is no folder where it could be kept.
@@ -74,7 +74,7 @@ def _identity_of(bench: VirtualBench) -> ToolIdentity:
     return ToolIdentity(bench.plant.serial, now, bench.tool_label, bench.plant.config.tool_diameter_um)
 
 
-def not_seen(where: Where) -> str:
+def not_seen(where: MachineAddress) -> str:
     """Return what a dry run says of a machine that it would have to connect to."""
     return (
         f"job ledger and bench were not looked at: {where.selector} tells who it is only once it is connected"

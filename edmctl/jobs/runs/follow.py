@@ -17,9 +17,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from edmctl.console.progress import Reporter
     from edmctl.record.reader import RunFile
-    from edmctl.results.progress import Extremes, Phase, Progress
+    from edmctl.results.progress import Extremes, Observer, Phase, Progress
     from edmctl.results.run_file import FileEvent
 
 SLICE_S = 0.1
@@ -112,7 +111,7 @@ def pause() -> None:
     time.sleep(LOOK_EVERY_S)
 
 
-def follow_run(path: Path, reporter: Reporter, wait: Callable[[], None] = pause) -> Path:
+def follow_run(path: Path, reporter: Observer, wait: Callable[[], None] = pause) -> Path:
     """Report the state of the run at `path` until it has an end; return what the file is called then.
 
     Of what was decided before the first look the newest is told first. Raises RunFileError: E9008 its writer died,
@@ -150,7 +149,7 @@ class _Watcher:
         self._done = self._jumps = 0
         self._last_jump_s = self._warned_s = math.nan
 
-    def report(self, run: RunFile, reporter: Reporter) -> None:
+    def report(self, run: RunFile, reporter: Observer) -> None:
         """Report the newest state, and the events since the last one."""
         from edmctl.jobs.runs.events import events_of
 
