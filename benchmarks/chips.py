@@ -25,7 +25,7 @@ from random import Random
 from typing import TYPE_CHECKING
 
 from edmctl.errors import EdmError
-from edmctl.jobs.truth.wear import TrueWear
+from edmctl.jobs.truth import TrueWear
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest

@@ -32,10 +32,8 @@ from edmctl.actuator.record import Record
 from edmctl.actuator.waveforms import calibration_legs, sampled
 from edmctl.errors import EdmError
 from edmctl.jobs.connect import bench_config
-from edmctl.jobs.ledger.elapsed import Now
-from edmctl.jobs.ledger.last_home import with_home, with_home_left
-from edmctl.jobs.truth.channel import channel_truth
-from edmctl.jobs.truth.wear import TrueWear
+from edmctl.jobs.ledger.elapsed import Now, with_home, with_home_left
+from edmctl.jobs.truth import TrueWear, channel_truth
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest

@@ -50,9 +50,8 @@ class Kept:
 
 def states_of_a_run(folder: Path) -> list[Progress]:
     """All states of the main job, to a shallow depth."""
-    from edmctl.jobs.checking import check
     from edmctl.jobs.job import carry_out
-    from edmctl.jobs.plan import JobRequest
+    from edmctl.jobs.plan import JobRequest, check
     from edmctl.jobs.run_header import RunName
 
     kept = Kept()

@@ -28,7 +28,7 @@ from threading import Timer
 from typing import TYPE_CHECKING
 
 from benchmarks.serving import environment, result, served, start
-from edmctl.jobs.truth.channel import channel_truth
+from edmctl.jobs.truth import channel_truth
 from edmctl.record.bench_file import read_bench
 from edmctl.simulator.saving import restored_bench
 

@@ -18,13 +18,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
-from edmctl.jobs.checking import check
 from edmctl.jobs.job import carry_out
-from edmctl.jobs.plan import SIMULATOR, JobRequest, where_is
+from edmctl.jobs.plan import SIMULATOR, JobRequest, check, where_is
 from edmctl.jobs.resume.selection import name_of_resumed
 from edmctl.jobs.run_header import name_run, plain_name
-from edmctl.jobs.simulate.seeds import seed_to_use
-from edmctl.jobs.surroundings import Surroundings
+from edmctl.jobs.surroundings import Surroundings, Unobserved
+from edmctl.jobs.sweep import seed_to_use
 from edmctl.toml_text import toml_value
 
 if TYPE_CHECKING:
@@ -33,30 +32,20 @@ if TYPE_CHECKING:
     from types import TracebackType
 
     from edmctl.errors import Diagnostic
-    from edmctl.jobs.calibration.request import CalibrationRequest, Checked
+    from edmctl.jobs.calibration.request import CalibrationRequest, CheckedCalibration
     from edmctl.jobs.calibration.run import CalibrationReport
     from edmctl.jobs.job import Report
     from edmctl.jobs.plan import Plan
-    from edmctl.jobs.procedure_command import Procedure, ProcedureReport
+    from edmctl.jobs.procedures import Procedure, ProcedureReport
     from edmctl.machine.stop import StopRequest
     from edmctl.record.reader import RunFile
     from edmctl.results.forecast import Forecast
-    from edmctl.results.progress import Observer, Progress
+    from edmctl.results.progress import Observer
     from edmctl.rules.load import LoadedProfile
 
     Overrides = Mapping[str, object] | Sequence[str]
     File = str | PathLike[str]
     Warn = Callable[[Sequence[Diagnostic]], None]
-
-
-class Unobserved:
-    """An observer that nobody looks at."""
-
-    def progress(self, p: Progress) -> None:
-        """Ignore it."""
-
-    def note(self, text: str) -> None:
-        """Ignore it."""
 
 
 class Machine:
@@ -170,7 +159,7 @@ class Machine:
         `site_um` are stage coordinates; without, where `machine` would put its first hole. Raises as `machine`;
         E8042 a hole is there, E8044 the tool does not reach the surface.
         """
-        from edmctl.jobs.approach import Approach
+        from edmctl.jobs.procedures import Approach
 
         plan = self._plan(self._request(profile, overrides, calibration, allow_model), stop, warn)
         return self._perform(plan, Approach(plan, site_um, contact=contact), out, run_id, observer, warn)
@@ -190,7 +179,7 @@ class Machine:
         warn: Warn | None = None,
     ) -> ProcedureReport:
         """Make electrode jumps beside the work, without sparks, and measure them. Raises as `machine`."""
-        from edmctl.jobs.jump_flush import JUMPS_ALONE, Jumps, refuse_hurry
+        from edmctl.jobs.procedures import JUMPS_ALONE, Jumps, refuse_hurry
 
         changes = (*_texts(overrides), *JUMPS_ALONE)
         plan = self._plan(self._request(profile, changes, calibration, allow_model), stop, warn)
@@ -218,7 +207,7 @@ class Machine:
         `site` names another hole of the ledger in `out`; without a profile the tool last in use is meant. Raises as
         `machine`; E8041 there is no reference, E8045 no such hole.
         """
-        from edmctl.jobs.wear.measure import TOUCHES_LIKE, WearRun
+        from edmctl.jobs.measure_wear import TOUCHES_LIKE, WearRun
 
         request = self._request(profile or TOUCHES_LIKE, overrides, calibration, allow_model, new_tool)
         plan = replace(self._plan(request, stop, warn), names_tool=profile is not None)
@@ -295,7 +284,7 @@ class Machine:
         observer: Observer | None,
         warn: Warn | None,
     ) -> ProcedureReport:
-        from edmctl.jobs.procedure_command import name_of, perform
+        from edmctl.jobs.procedures import name_of, perform
 
         name = name_of(plan, procedure.name, Path(out), run_id)
         seed = seed_to_use(self.seed)
@@ -460,7 +449,7 @@ def _calibration(
 
 def _checked_calibration(
     request: CalibrationRequest, surroundings: Surroundings, warn: Warn | None
-) -> Checked:
+) -> CheckedCalibration:
     """Check what is asked for, and tell what is doubtful about the files."""
     from edmctl.jobs.calibration.request import check as check_calibration
 

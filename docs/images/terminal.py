@@ -11,12 +11,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edmctl.cli.commands.machine import closing_text
+from edmctl.cli.running import closing_text
 from edmctl.console.live_view import Histories, draw_view
+from edmctl.console.result_table import render_job
 from edmctl.console.style import PLAIN, Style
-from edmctl.jobs.checking import check
 from edmctl.jobs.job import carry_out
-from edmctl.jobs.plan import JobRequest
+from edmctl.jobs.plan import JobRequest, check
 from edmctl.jobs.run_header import RunName
 
 if TYPE_CHECKING:
@@ -71,7 +71,8 @@ def main() -> None:
         os.environ["EDMCTL_HOME"] = folder  # no calibration of this machine's own
         name = RunName(RUN_ID, Path("runs") / f"{RUN_ID}.h5", datetime.now(UTC))
         report = carry_out(plan, SEED, snapshot, name)
-    result = closing_text(report, SEED, PLAIN)
+    table = render_job(report.job, report.truths, PLAIN, report.channel_truth)
+    result = closing_text(table, report, SEED)
     (HERE / "machine.svg").write_text(_picture(snapshot), encoding="utf-8")
     block = f"<!-- result -->\n```text\n{result}\n```\n<!-- end -->"
     readme = README.read_text(encoding="utf-8")

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from io import TextIOWrapper
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
@@ -22,7 +23,7 @@ from edmctl.cli.commands import (
     reset,
 )
 from edmctl.cli.outcome import Outcome, Output, finish, interrupted, mutter, unwritable
-from edmctl.cli.run.app import app as run_files
+from edmctl.cli.run import app as run_files
 from edmctl.cli.signals import SignalArrived, leave, raising_signals
 from edmctl.cli.simulate import seeds as simulate
 from edmctl.errors import UsageError
@@ -100,7 +101,7 @@ def _run(arguments: Sequence[str]) -> int:
         )
         sys.stdout.flush()
     except _ClickError as mistake:
-        return finish(Outcome(output), _usage_error(mistake, output.command))
+        return finish(Outcome(output), _usage_error(mistake, arguments))
     except SignalArrived as arrived:
         return finish(Outcome(output), interrupted(arrived.signal_number))
     except BrokenPipeError:
@@ -123,12 +124,39 @@ def _prepare_streams(arguments: Sequence[str]) -> None:
             stream.reconfigure(encoding="utf-8" if is_json else None, errors="replace")
 
 
-def _usage_error(mistake: Exception, command: str) -> UsageError:
+def _usage_error(mistake: Exception, arguments: Sequence[str]) -> UsageError:
     context = getattr(mistake, "ctx", None)
-    path = context.command_path if context else f"edmctl {command}".rstrip()
+    path = context.command_path if context else f"edmctl {_command_of(arguments)}".rstrip()
     message = mistake.format_message()  # type: ignore[attr-defined]
     end = "" if message.endswith((".", "?")) else "."
-    return UsageError(f"{message}{end}", hint=f"`{path} --help` lists what there is.")
+    hint = _meant(message, path, arguments) or f"`{path} --help` lists what there is."
+    return UsageError(f"{message}{end}", hint=hint)
+
+
+def _meant(message: str, path: str, arguments: Sequence[str]) -> str:
+    """Return the command that was probably meant: a profile without its option, a subcommand without its group."""
+    stray = re.search(r"unexpected extra argument(?:\(s\))? \((.+)\)", message)
+    if stray is not None and any("--profile" in parameter.opts for parameter in _parameters(path)):
+        return f"A profile is named with an option: `{path} --profile {stray[1].split()[0]}`."
+    unknown = re.search(r"No such command '(.+)'", message)
+    groups = [
+        f"`edmctl {group.name} {unknown[1]}`"
+        for group in app.registered_groups
+        if unknown is not None and path == "edmctl" and unknown[1] in _commands_of(group.typer_instance)
+    ]
+    return f"Did you mean {' or '.join(groups)}?" if groups else ""
+
+
+def _parameters(path: str) -> list[Any]:
+    """The parameters of a command that is no group's."""
+    command = typer.main.get_command(app)
+    for word in path.split()[1:]:
+        command = getattr(command, "commands", {}).get(word, command)
+    return list(command.params)
+
+
+def _commands_of(group: typer.Typer | None) -> list[str]:
+    return [command.name or "" for command in group.registered_commands] if group is not None else []
 
 
 def _command_of(arguments: Sequence[str]) -> str:

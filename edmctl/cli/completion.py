@@ -80,7 +80,7 @@ def unfinished(incomplete: str) -> list[str]:
 
 
 def _ids(ending: str) -> list[str]:
-    from edmctl.jobs.run_opening import RUNS
+    from edmctl.jobs.runs.opening import RUNS
 
     found: list[tuple[float, str]] = []
     with suppress(OSError):

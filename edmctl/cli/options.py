@@ -1,13 +1,23 @@
-"""The options that several commands share."""
+"""The options that several commands share, and the way from a function to a command that has them.
 
-from __future__ import annotations
+A parameter whose type is a group of options (a dataclass) stands for all of them, in its place.
+"""
 
+import dataclasses
+import functools
+import inspect
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
 from edmctl.cli import completion
+from edmctl.cli.outcome import Outcome, Output, run_command
+from edmctl.cli.signals import shell
+
+if TYPE_CHECKING:
+    from edmctl.jobs.plan import Plan
 
 ProfileOption: TypeAlias = Annotated[
     str | None,
@@ -80,7 +90,7 @@ RunIdOption: TypeAlias = Annotated[
 DryRunOption: TypeAlias = Annotated[
     bool, typer.Option("--dry-run", help="Check and forecast the job; touch nothing.")
 ]
-FileArgument: TypeAlias = Annotated[
+RunArgument: TypeAlias = Annotated[
     Path,
     typer.Argument(
         metavar="RUN",
@@ -88,12 +98,113 @@ FileArgument: TypeAlias = Annotated[
         autocompletion=completion.runs,
     ),
 ]
-JsonOption: TypeAlias = Annotated[
-    bool,
-    typer.Option(
-        "--json", help="Write one JSON object to stdout, also on failure; a single line in files and pipes."
-    ),
-]
-EventsOption: TypeAlias = Annotated[bool, typer.Option("--events", help="Progress as JSON lines on stderr.")]
-QuietOption: TypeAlias = Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")]
-DebugOption: TypeAlias = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
+_JSON = "Write one JSON object to stdout, also on failure; a single line in files and pipes."
+_OUTPUT = {
+    "json": Annotated[bool, typer.Option("--json", help=_JSON)],
+    "events": Annotated[bool, typer.Option("--events", help="Progress as JSON lines on stderr.")],
+    "quiet": Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")],
+    "debug": Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")],
+}
+RESULT, NOTES, PROGRESS = ("json", "debug"), ("json", "quiet", "debug"), tuple(_OUTPUT)
+"""What a command leaves: a result alone, words on the way as well, or all of its progress."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class JobOptions:
+    """What to do, on which machine, by which calibration."""
+
+    profile: ProfileOption = None
+    overrides: SetOption = None
+    setup: SetupOption = None
+    port: PortOption = None
+    wait: WaitOption = 0.0
+    seed: SeedOption = None
+    calibration: CalibrationOption = None
+    allow_model: AllowModelOption = False
+
+    def plan(
+        self,
+        outcome: Outcome,
+        changes: Sequence[str] = (),
+        *,
+        like: str | None = None,
+        new_tool: bool = False,
+    ) -> "Plan":
+        """Check what is asked for, with `changes` to the profile; `like` is the profile where none is named.
+
+        Raises ProfileError, RecordError, UsageError, LinkLost, PreconditionError.
+        """
+        from edmctl.jobs.plan import JobRequest, check
+
+        request = JobRequest(
+            profile=self.profile or like,
+            overrides=(*(self.overrides or ()), *changes),
+            setup=self.setup,
+            port=self.port,
+            calibration=self.calibration,
+            allow_model=self.allow_model,
+            wait_s=self.wait,
+            new_tool=new_tool,
+        )
+        plan = check(request, shell())
+        outcome.simulated = plan.simulated
+        outcome.warn(plan.loaded.warnings)
+        return plan
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class RunOptions:
+    """Where the run goes, unless it is only planned."""
+
+    out: OutOption = Path("runs")
+    run_id: RunIdOption = None
+    dry_run: DryRunOption = False
+
+
+def command(name: str, leaves: Sequence[str] = RESULT) -> Callable[[Callable[..., None]], Callable[..., int]]:
+    """Make a command of a function whose first parameter is its `Outcome`: options in, exit code out."""
+
+    def decorate(body: Callable[..., None]) -> Callable[..., int]:
+        groups: dict[str, type[Any]] = {}
+        parameters: list[inspect.Parameter] = []
+        for own in list(inspect.signature(body).parameters.values())[1:]:
+            if own.annotation in (JobOptions, RunOptions):
+                groups[own.name] = own.annotation
+                fields = dataclasses.fields(own.annotation)
+                parameters += [_parameter(field.name, field.type, field.default) for field in fields]
+            else:
+                parameters.append(_parameter(own.name, own.annotation, own.default))
+        parameters += [_parameter(key, _OUTPUT[key], default=False) for key in leaves]
+
+        @functools.wraps(body)
+        def run(**given: Any) -> int:
+            output = Output(name, **{key: given.pop(key) for key in leaves})
+            for group, kind in groups.items():
+                given[group] = kind(
+                    **{field.name: given.pop(field.name) for field in dataclasses.fields(kind)}
+                )
+            return run_command(output, lambda outcome: body(outcome, **given))
+
+        run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        run.__annotations__ = {p.name: p.annotation for p in parameters}
+        return run
+
+    return decorate
+
+
+def with_options_of(other: Callable[..., int]) -> Callable[[Callable[..., int]], Callable[..., int]]:
+    """Give a function that takes a context the options and the help of a command."""
+
+    def decorate(function: Callable[..., int]) -> Callable[..., int]:
+        first = next(iter(inspect.signature(function).parameters.values()))
+        rest = inspect.signature(other).parameters.values()
+        function.__signature__ = inspect.Signature([first, *rest])  # type: ignore[attr-defined]
+        function.__annotations__ = {p.name: p.annotation for p in (first, *rest)}
+        function.__doc__ = other.__doc__
+        return function
+
+    return decorate
+
+
+def _parameter(name: str, annotation: Any, default: object) -> inspect.Parameter:
+    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)

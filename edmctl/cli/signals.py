@@ -11,16 +11,19 @@ import sys
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
+from edmctl.jobs.surroundings import Surroundings
+from edmctl.machine.stop import StopRequest
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from sys import UnraisableHookArgs
     from types import FrameType
     from typing import NoReturn
 
-    from edmctl.machine.stop import StopRequest
 
 _SHOW_CURSOR = "\r\x1b[K\x1b[?25h"
 """In the place of the line that the terminal has written ^C into."""
+_WAY_ON = "`edmctl run list` has the run, and `edmctl run explain RUN` tells how it goes on"
 _STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 
 
@@ -89,7 +92,7 @@ def stopping_signals(stop: StopRequest, abort: Callable[[], None]) -> Iterator[N
             stop.request(number)
             return
         abort()
-        _say(f"{signal_name(number)} again: aborted.\n")
+        _say(f"{signal_name(number)} again: aborted; {_WAY_ON}.\n")
         die_of(number)
 
     with _handling(handle):
@@ -172,3 +175,41 @@ def _say(text: str) -> None:
         os.write(number, (before + text).encode())
     except (OSError, ValueError):
         return
+
+
+class AnnouncedStop(StopRequest):
+    """Says once what happens now. A signal handler could not: it may have interrupted the drawing of a picture."""
+
+    __slots__ = ("_announced", "_say")
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        super().__init__()
+        self._say = say
+        self._announced = False
+
+    def check(self) -> None:
+        """Announce the stop that was asked for, and raise `Interrupted`."""
+        if self.signal_number is not None and not self._announced:
+            self._announced = True
+            name = signal_name(self.signal_number)
+            self._say(f"{name}: pulses off, retracting, closing the file. Once more aborts.")
+        super().check()
+
+
+def shell() -> Surroundings:
+    """Return what jobs are told of this process; a signal stops their machine in order."""
+    return Surroundings(
+        command=("edmctl", *sys.argv[1:]),
+        environ=dict(os.environ),
+        stop=AnnouncedStop,
+        guard=stopping_signals,
+        settled=ignore_signals,
+    )
+
+
+def begin_worker() -> None:
+    """Begin a worker process of the command line: its parent answers for all signals."""
+    from edmctl.__main__ import spare_start_up
+
+    spare_start_up()
+    ignore_signals()

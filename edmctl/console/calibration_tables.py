@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from edmctl.actuator.identification import Identification
     from edmctl.actuator.validation import ErrorFigures
-    from edmctl.jobs.actuator_trial.trial import WaveformResult
+    from edmctl.jobs.actuator_trial import WaveformResult
     from edmctl.jobs.calibration.fit import Figures, FileFigures, Findings
     from edmctl.jobs.calibration.request import LeverFound
     from edmctl.procedures.actuator.calibration import CalibrationPlan

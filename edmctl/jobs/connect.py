@@ -6,18 +6,24 @@ but the wire.
 
 from __future__ import annotations
 
+import os
 from contextlib import ExitStack, contextmanager
 from dataclasses import fields
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edmctl.errors import Diagnostic
-from edmctl.jobs.plan import FRESH, Where
-from edmctl.jobs.session import Bench
+from edmctl.errors import Diagnostic, UsageError
+from edmctl.files import read_bytes
+from edmctl.jobs.plan import FRESH, MachineAddress, where_is
+from edmctl.jobs.session import ConnectedMachine
 from edmctl.jobs.surroundings import NONE, Surroundings
+from edmctl.jobs.sweep import seed_to_use
+from edmctl.link.gate import LEAST_SECRET
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
+    from edmctl.jobs.surroundings import Surroundings
     from edmctl.link.transport import Transport
     from edmctl.machine.controller import LinkMachine
     from edmctl.profile.setup import Setup
@@ -28,7 +34,7 @@ VIRTUAL_BEAT_SHARE = 0.8
 """Of the watchdog's time: where time is virtual nothing is late."""
 
 
-def seed_warning(where: Where, asked: int | None) -> list[Diagnostic]:
+def seed_warning(where: MachineAddress, asked: int | None) -> list[Diagnostic]:
     """Return what is to be said of a seed that no machine will use."""
     if asked is None or where.seed_of(asked) is not None:
         return []
@@ -47,9 +53,9 @@ def connected(
     setup: Setup,
     seed: int,
     say: Callable[[str], None],
-    where: Where = FRESH,
+    where: MachineAddress = FRESH,
     surroundings: Surroundings = NONE,
-) -> Iterator[Bench]:
+) -> Iterator[ConnectedMachine]:
     """Open the machine and say hello. From then on `surroundings` may stop it in order, with a word to `say`.
 
     loaded : what stands on a virtual bench in this process; None where neither tool nor work matters. In a bench
@@ -61,7 +67,7 @@ def connected(
     from edmctl.machine.controller import LinkMachine
 
     line: Transport
-    on: Callable[[LinkMachine], Bench] = Bench
+    on: Callable[[LinkMachine], ConnectedMachine] = ConnectedMachine
     with ExitStack() as held:
         if where.in_process:
             from edmctl.actuator.compiling import compiling_told
@@ -80,7 +86,7 @@ def connected(
             yield on(machine)
 
 
-def introduction(where: Where, bench: Bench) -> str:
+def introduction(where: MachineAddress, bench: ConnectedMachine) -> str:
     """Return what is said of the machine at the start of a run."""
     identity = bench.machine.identity
     if where.bench_file is not None:
@@ -95,15 +101,15 @@ def introduction(where: Where, bench: Bench) -> str:
 
 @contextmanager
 def _virtual(
-    loaded: LoadedProfile | None, setup: Setup, seed: int, say: Callable[[str], None], where: Where
-) -> Iterator[tuple[Transport, Callable[[LinkMachine], Bench]]]:
+    loaded: LoadedProfile | None, setup: Setup, seed: int, say: Callable[[str], None], where: MachineAddress
+) -> Iterator[tuple[Transport, Callable[[LinkMachine], ConnectedMachine]]]:
     """Open a virtual bench, fresh or that of a file: the line to it, and what it is with a machine behind that."""
     config, made_by = bench_config(loaded, setup), where.seed_of(seed)
     if where.bench_file is None:
         from edmctl.simulator import open_bench
 
         fresh = open_bench(config, seed)
-        yield fresh.transport, lambda machine: Bench(machine, fresh, made_by)
+        yield fresh.transport, lambda machine: ConnectedMachine(machine, fresh, made_by)
         return
     from edmctl.jobs.persistent_simulator import fit, kept_line
 
@@ -116,7 +122,9 @@ def _virtual(
 
         yield (
             line,
-            lambda machine: Bench(machine, bench, made_by, begin, line.keep_worn, line.keep_all, line.kept_s),
+            lambda machine: ConnectedMachine(
+                machine, bench, made_by, begin, line.keep_worn, line.keep_all, line.kept_s
+            ),
         )
 
 
@@ -139,8 +147,9 @@ def bench_config(loaded: LoadedProfile | None, setup: Setup) -> BenchConfig:
     )
 
 
-def _line(where: Where, setup: Setup, say: Callable[[str], None], environ: Mapping[str, str]) -> Transport:
-    from edmctl.jobs.secret_file import asks_for_secret, secret_of
+def _line(
+    where: MachineAddress, setup: Setup, say: Callable[[str], None], environ: Mapping[str, str]
+) -> Transport:
     from edmctl.link.probing import open_selector
 
     link = setup.link
@@ -154,3 +163,61 @@ def _line(where: Where, setup: Setup, say: Callable[[str], None], environ: Mappi
         say,
         secret_of(link.secret_file, environ) if asks_for_secret(where.selector, *link.candidates) else b"",
     )
+
+
+SEED = 1
+"""Of a fresh virtual machine, which a question does not depend on. One that will be kept is any machine."""
+
+
+@contextmanager
+def machine_at(
+    setup: Setup,
+    port: str | None,
+    wait_s: float,
+    say: Callable[[str], None],
+    surroundings: Surroundings,
+) -> Iterator[LinkMachine]:
+    """Connect to the machine that the option or the setup names.
+
+    Raises LinkLost and ProtocolMismatch.
+    """
+    where = where_is(port, setup, wait_s)
+    seed = SEED if where.bench_file is None else seed_to_use(None)
+    with connected(None, setup, seed, say, where, surroundings) as bench:
+        bench.begin()
+        yield bench.machine
+
+
+SECRET_VARIABLE = "EDMCTL_SECRET_FILE"
+
+
+def asks_for_secret(*ports: str) -> bool:
+    """Whether one of the ports may ask for a secret."""
+    return any(port.lower().startswith("socket://") for port in ports)
+
+
+def secret_of(named: str | None, environ: Mapping[str, str]) -> bytes:
+    """Return the secret in the file that $EDMCTL_SECRET_FILE names, else in that `named`; empty without either."""
+    path = environ.get(SECRET_VARIABLE) or named
+    return read_secret(Path(os.path.expanduser(path))) if path else b""  # noqa: PTH111 - knows every user, or none
+
+
+def read_secret(path: Path) -> bytes:
+    """Return what a secret file holds, without blanks about it.
+
+    Raises UsageError E2047: it cannot be read, others may read it, or it is too short.
+    """
+    try:
+        secret, mode = read_bytes(path).strip(), path.stat().st_mode
+    except OSError as error:
+        raise _unfit(f"Cannot read the secret file {path}: {error.strerror}.") from error
+    if os.name == "posix" and mode & 0o077:
+        raise _unfit(f"Others may read the secret file {path}.", f"`chmod 600 {path}`")
+    if len(secret) < LEAST_SECRET:
+        raise _unfit(f"The secret in {path} is shorter than {LEAST_SECRET} bytes.")
+    return secret
+
+
+def _unfit(message: str, remedy: str = "") -> UsageError:
+    made = "`(umask 077; openssl rand -hex 32 > FILE)` makes one; the computers at both ends need the same."
+    return UsageError(message, hint=remedy or made, code="E2047")

@@ -10,8 +10,7 @@ from itertools import zip_longest
 from typing import TYPE_CHECKING
 
 from edmctl.errors import RunFileError
-from edmctl.jobs.connected_run import connected_run
-from edmctl.jobs.recording import ending
+from edmctl.jobs.connected_run import connected_run, ending
 from edmctl.jobs.result import Result, html_table
 from edmctl.results.job import SiteTruth
 from edmctl.wording import length
@@ -27,7 +26,7 @@ if TYPE_CHECKING:
     from edmctl.jobs.resume.checkpoint import JobCheckpoint
     from edmctl.jobs.run_header import RunName
     from edmctl.jobs.session import MachineSession
-    from edmctl.jobs.truth.wear import TrueWear
+    from edmctl.jobs.truth import TrueWear
     from edmctl.jsonout import JsonValue
     from edmctl.procedures.job import Job
     from edmctl.procedures.job_state import JobTally, StateStore
@@ -69,6 +68,11 @@ class Report(Result):
     def channel(self) -> ChannelResult | None:
         """The channel, if the job makes one."""
         return self.job.channel
+
+    @property
+    def reached(self) -> bool:
+        """Whether a hole or a channel was measured or left."""
+        return bool(self.sites) or self.channel is not None
 
     def brief(self) -> list[str]:
         """Return how many holes there are, and how deep the first one is."""
@@ -126,7 +130,7 @@ def carry_out(
     """
     from edmctl.jobs.ledger.job_ledger import JobLedger
     from edmctl.jobs.resume.checkpoint import JobCheckpoint, tell_way_on
-    from edmctl.jobs.truth.wear import TrueWear
+    from edmctl.jobs.truth import TrueWear
     from edmctl.procedures.job_state import JobTally
 
     ledger = JobTally()
@@ -156,7 +160,7 @@ def carry_out(
             _run(session, entries, kept, job, recorder, observer, ledger, journal)
         finally:
             if session.bench.virtual and plan.loaded.profile.path is not None:
-                from edmctl.jobs.truth.channel import keep_truth_map
+                from edmctl.jobs.truth import keep_truth_map
 
                 keep_truth_map(recorder, session.bench.virtual)
 
@@ -205,7 +209,7 @@ def _report(plan: Plan, session: MachineSession, ledger: JobTally, true_wear: Tr
     used = session.choice.used if session.choice else None
     channel = None
     if virtual and true_wear and job.channel is not None:
-        from edmctl.jobs.truth.channel import channel_truth
+        from edmctl.jobs.truth import channel_truth
 
         channel = channel_truth(plan.loaded.profile, virtual, virtual.tool_wear_um - true_wear.before_um)
     return Report(simulated, job, truths, session.error, session.run_file, used, channel)

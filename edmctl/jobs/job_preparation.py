@@ -6,12 +6,13 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from edmctl.jobs.ledger.last_home import with_home
+from edmctl.jobs.ledger.elapsed import with_home
 from edmctl.jobs.ledger.places_taken import next_free_x_um, refuse_taken
-from edmctl.jobs.ledger.tool_identity import account_of, other_tool
-from edmctl.jobs.ledger.tool_life import (
+from edmctl.jobs.ledger.tool import (
+    account_of,
     left_to_finish,
     on_worn_tool,
+    other_tool,
     refuse_too_short,
     refuse_unknown_length,
     refuse_worn_out,
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
     from edmctl.errors import Diagnostic
     from edmctl.jobs.ledger.places_taken import Place
-    from edmctl.jobs.ledger.tool_identity import ToolIdentity
+    from edmctl.jobs.ledger.tool import ToolIdentity
     from edmctl.jobs.plan import Plan
     from edmctl.jobs.run_header import RunName
     from edmctl.procedures.job import CalibratedActuator, Job
@@ -48,7 +49,7 @@ def hole_radius_um(profile: Profile) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class Prepared:
+class PreparedJob:
     """A job as it can be done now, on which machine, where it cuts, the account of its tool, and the other holes."""
 
     job: Job
@@ -86,7 +87,7 @@ def prepared_job(
     actuator: CalibratedActuator | None,
     logbook: Logbook | None,
     resuming: Collection[str] = (),
-) -> Prepared:
+) -> PreparedJob:
     """Return the job for the tool as earlier jobs have left it, its single hole clear of all others.
 
     `resuming` are the file names of the runs that are taken up again: their holes are those of this job.
@@ -96,7 +97,7 @@ def prepared_job(
     loaded, setup = plan.loaded, plan.setup
     if logbook is None:
         job = job_of(loaded.profile, setup, loaded.places, actuator)
-        return Prepared(job, identity.serial, ToolAccount(loaded.profile.tool.label))
+        return PreparedJob(job, identity.serial, ToolAccount(loaded.profile.tool.label))
     books = books_of(logbook.lines, identity.serial)
     account = account_of(plan, identity, books)
     left = plan.resumed.state if plan.resumed else None
@@ -113,7 +114,7 @@ def prepared_job(
     own_um = math.fsum(hole.wear_um for hole in own if not math.isnan(hole.wear_um))
     job = with_home(job, books, identity.now)
     job = replace(job, tool_wear_before_um=account.lost_um - own_um)
-    return Prepared(job, identity.serial, account, _places(job, radius_um), holes, books)
+    return PreparedJob(job, identity.serial, account, _places(job, radius_um), holes, books)
 
 
 def forewarned(plan: Plan, name: RunName, identity: ToolIdentity) -> list[Diagnostic]:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, BinaryIO
 
-from edmctl.errors import RunFileError
+from edmctl.errors import EdmError, RunFileError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
     from pathlib import Path
 
 _ANOTHER = "Choose another name."
@@ -69,3 +71,94 @@ def unwritable(what: str, why: str, hint: str) -> RunFileError:
 
 def _taken(path: Path, hint: str) -> RunFileError:
     return RunFileError(f"{path} exists already and is not overwritten.", hint=hint, code="E9011")
+
+
+class Sink:
+    """A binary file whose errors become those that `error_of` makes of them."""
+
+    closed = False
+
+    def __init__(self, file: BinaryIO, error_of: Callable[[OSError], EdmError]) -> None:
+        self._file = file
+        self._error_of = error_of
+        self._written = 0
+
+    def write(self, data: bytes) -> int:
+        """Write all of `data`. Raises what `error_of` makes of an OSError."""
+        try:
+            self._file.write(data)
+        except OSError as refused:
+            raise self._error_of(refused) from refused
+        self._written += len(data)
+        return len(data)
+
+    def flush(self) -> None:
+        """Hand on what waits. Raises as `write`."""
+        try:
+            self._file.flush()
+        except OSError as refused:
+            raise self._error_of(refused) from refused
+
+    def tell(self) -> int:
+        """How many bytes were written."""
+        return self._written
+
+    def readable(self) -> bool:
+        return False
+
+    def writable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return False
+
+    def close(self) -> None:
+        """Leave the file open: it is closed by who opened it."""
+        self.flush()
+
+
+@contextmanager
+def new_file(path: Path, *, overwrite: bool = False) -> Iterator[Sink]:
+    """Give a sink into a new file; when the block fails, none is left.
+
+    overwrite : take the place of a file of that name, which stays until the new one is whole
+
+    Raises RunFileError: E9011 there is something of that name, E9012 it cannot be written.
+    """
+
+    def error_of(refused: OSError) -> EdmError:
+        return unwritable(str(path), str(refused.strerror), "Check folder and space.")
+
+    written = path.with_name(f".{path.name}.new") if overwrite else path
+    try:
+        if overwrite:
+            written.unlink(missing_ok=True)
+        file = _opened(written)
+    except FileExistsError:
+        check_free(path)
+        raise
+    except OSError as refused:
+        raise error_of(refused) from refused
+    try:
+        sink = Sink(file, error_of)
+        yield sink
+        sink.flush()
+        file.close()
+        if overwrite:
+            _take_the_place(written, path, error_of)
+    except BaseException:
+        with suppress(OSError):
+            file.close()
+        written.unlink(missing_ok=True)
+        raise
+
+
+def _take_the_place(written: Path, path: Path, error_of: Callable[[OSError], EdmError]) -> None:
+    try:
+        written.replace(path)
+    except OSError as refused:
+        raise error_of(refused) from refused
+
+
+def _opened(path: Path) -> BinaryIO:
+    return path.open("xb", buffering=1 << 20)

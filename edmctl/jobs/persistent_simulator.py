@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from dataclasses import fields
 from typing import TYPE_CHECKING
 
-from edmctl.jobs.ledger.tool_identity import is_unnamed
+from edmctl.jobs.ledger.tool import is_unnamed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

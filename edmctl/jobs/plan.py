@@ -1,4 +1,4 @@
-"""What is asked for, on which machine, and what checking made of it: plain values that all of a job speaks of."""
+"""What is asked for, on which machine, and what checking makes of it: plain values that all of a job speaks of."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.errors import UsageError
+from edmctl.jobs.calibration.selection import look_at_named, refuse_unasked
 from edmctl.jobs.surroundings import NONE, Surroundings
 from edmctl.wording import plural
 
@@ -21,7 +22,7 @@ SIMULATOR = "sim:"
 
 
 @dataclass(frozen=True, slots=True)
-class Where:
+class MachineAddress:
     """Which machine: the selector of its port, and how long to wait for the port."""
 
     selector: str = SIMULATOR
@@ -50,11 +51,11 @@ class Where:
         return seed if self.in_process and (file is None or not file.exists()) else None
 
 
-FRESH = Where()
+FRESH = MachineAddress()
 """A virtual machine that is gone with the command."""
 
 
-def where_is(option: str | None, setup: Setup, wait_s: float = 0.0) -> Where:
+def where_is(option: str | None, setup: Setup, wait_s: float = 0.0) -> MachineAddress:
     """Return the machine that the option (or its environment variable), else the setup, else nobody names.
 
     Raises UsageError E2006 for a name of nothing.
@@ -68,7 +69,7 @@ def where_is(option: str | None, setup: Setup, wait_s: float = 0.0) -> Where:
     selector = option or setup.port or SIMULATOR
     if selector == SIMULATOR.rstrip(":"):
         selector = SIMULATOR
-    return Where(selector, wait_s)
+    return MachineAddress(selector, wait_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,8 +137,8 @@ class Resumption:
             "time_s": state.time_s,
         }
 
-    def told(self) -> str:
-        """The same for people."""
+    def message(self) -> str:
+        """Return the same for people."""
         state, done = self.state, {str(site["name"]) for site in self.state.done}
         left = ", ".join(name for name, *_ in self.job.places if name not in done)
         begun = f"; {state.site} was interrupted at about {state.depth_um:.1f} µm" if state.begun else ""
@@ -155,7 +156,7 @@ class Plan:
     """
 
     request: JobRequest
-    where: Where
+    where: MachineAddress
     simulated: bool | None
     loaded: LoadedProfile
     setup: Setup
@@ -167,6 +168,54 @@ class Plan:
     resumed: Resumption | None = None
     surroundings: Surroundings = NONE
 
+    def forecast_left(self) -> Forecast:
+        """Return the forecast of what is left of the job: holes that earlier runs have finished are left out.
+
+        The one that was interrupted counts as a whole one, and so does a channel.
+        """
+        from edmctl.forecasts.forecast import forecast
+
+        if self.resumed is None:
+            return self.forecast
+        done = {str(site["name"]) for site in self.resumed.state.done}
+        left = [place for place in self.loaded.places if place.name not in done]
+        return forecast(self.loaded.profile, self.setup, left) if left else self.forecast
+
     def tool_for(self) -> LoadedProfile | None:
         """What goes onto a virtual bench; None where a bench that is kept stays as it is."""
         return self.loaded if self.names_tool or self.where.bench_file is None else None
+
+
+def check(request: JobRequest, surroundings: Surroundings = NONE) -> Plan:
+    """Load and check everything the request names, for the program in `surroundings`.
+
+    Raises ProfileError, RecordError, UsageError, LinkLost, PreconditionError.
+    """
+    if request.profile is None:
+        raise UsageError(
+            "No profile was named.",
+            hint="Say --profile NAME|FILE or set EDMCTL_PROFILE; `--profile cu270` takes a shipped one.",
+            code="E2002",
+        )
+    from edmctl.forecasts.forecast import forecast
+    from edmctl.profile.read import read_source
+    from edmctl.profile.setup import load_setup
+    from edmctl.rules.load import load_profile
+
+    setup = load_setup(request.setup)
+    where = where_is(request.port, setup, request.wait_s)
+    loaded = load_profile(request.profile, request.overrides, setup=setup)
+    refuse_unasked(setup, allow_model=request.allow_model)
+    look_at_named(request.calibration, surroundings.environ, setup, loaded.profile)
+    return Plan(
+        request=request,
+        where=where,
+        simulated=True if where.in_process else None,
+        loaded=loaded,
+        setup=setup,
+        setup_text=read_source(request.setup).text if request.setup else "",
+        forecast=forecast(loaded.profile, setup, loaded.places),
+        calibration=request.calibration,
+        new_tool=request.new_tool,
+        surroundings=surroundings,
+    )

@@ -31,7 +31,7 @@ def _no_time() -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class Bench:
+class ConnectedMachine:
     """A connected machine, and the virtual bench behind it where that is in this process.
 
     `seed` made the virtual bench; None where it was there before. `begin` puts the profile's tool into a bench that
@@ -57,7 +57,7 @@ class Bench:
 class MachineSession:
     """What a command has in hand as it goes, and in the end: `run_file` as it is called then, the expected error."""
 
-    bench: Bench
+    bench: ConnectedMachine
     disk: DiskThread
     choice: Choice | None = None
     run_file: Path | None = None

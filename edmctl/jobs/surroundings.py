@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from contextlib import AbstractContextManager
 
+    from edmctl.results.progress import Progress
+
 
 def _unguarded(stop: StopRequest, abort: Callable[[], None]) -> AbstractContextManager[None]:
     return nullcontext()
@@ -23,6 +25,16 @@ def _nothing() -> None:
 
 def _silent_stop(say: Callable[[str], None]) -> StopRequest:
     return StopRequest()
+
+
+class Unobserved:
+    """An observer that nobody looks at."""
+
+    def progress(self, p: Progress) -> None:
+        """Ignore it."""
+
+    def note(self, text: str) -> None:
+        """Ignore it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -207,9 +207,10 @@ class Session:
         It is that of the newest reply to a heartbeat and what has passed since that was sent, for the reply may
         have waited long to be read; with much to spare, for a served controller keeps its pace only roughly.
         """
-        if not self._knows_pace or self.last_heartbeat is None:
+        beat = self.last_heartbeat
+        if beat is None or not self._knows_pace:
             return inf
-        since_s = self.transport.now_s() - 1e-6 * self.last_heartbeat.t_host_us
+        since_s = self.transport.now_s() - 1e-6 * beat.t_host_us
         return self._clock.newest_s + self.pace * (SPARE_SHARE * since_s + SPARE_S)
 
     def machine_now_s(self) -> float:

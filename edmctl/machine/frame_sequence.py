@@ -53,10 +53,12 @@ class SampleStream:
 
     def wrong(self, frames: Sequence[Tlm]) -> str:
         """Take the next frames; return what cannot be in them, in words, and nothing where all can."""
+        latest_s = self._session.latest_s
         for frame in frames:
-            if problem := self._wrong_frame(frame):
-                return problem
-            self._last, self._newest_s = frame, self._end_s(frame)
+            end_s = self._end_s(frame)
+            if reason := self._wrong_frame(frame, end_s, end_s - latest_s):
+                return reason
+            self._last, self._newest_s = frame, end_s
         return ""
 
     def too_old(self, arrived: Sequence[Tlm]) -> EdmError | None:
@@ -72,7 +74,7 @@ class SampleStream:
             return None
         return host_fault("SAMPLES_LOST", f" (the newest is {age_s:.1f} s old)")
 
-    def _wrong_frame(self, frame: Tlm) -> str:
+    def _wrong_frame(self, frame: Tlm, end_s: float, ahead_s: float) -> str:
         settings, last = self._settings, self._last
         if frame.n == 0:
             return "TLM without samples"
@@ -81,11 +83,10 @@ class SampleStream:
                 f"TLM with {frame.n} samples {frame.period_us} µs apart, asked for were {settings.batch} "
                 f"samples {settings.period_us} µs apart"
             )
-        ahead_s = self._end_s(frame) - self._session.latest_s
         if ahead_s > 0.0:
             return f"samples {ahead_s:.1f} s ahead of the controller's own time"
         if last is None:
-            behind_s = self._newest_s - self._end_s(frame)
+            behind_s = self._newest_s - end_s
             return f"first samples of {behind_s:.1f} s before" if behind_s > OLDEST_SAMPLE_S else ""
         missing = (frame.counter - last.counter - 1) & 0xFFFF
         due_us = last.t0_us + last.n * frame.period_us

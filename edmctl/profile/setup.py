@@ -125,6 +125,9 @@ def load_setup(path: Path | None = None) -> Setup:
         return Setup()
     source = read_source(path)
     sources, table = Sources((source,), source), parse(source)
+    if {"servo", "target", "extends"} & set(table):
+        message = f"{path} is a profile, and a setup is wanted: the settings of a machine"
+        raise ProfileError((Diagnostic(Code.UNKNOWN_KEY, message, f"say --profile {path}"),))
     try:
         setup = Setup.model_validate(table)
     except ValidationError as error:

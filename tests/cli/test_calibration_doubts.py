@@ -10,9 +10,9 @@ import pytest
 
 from edmctl.actuator.identification import identify
 from edmctl.actuator.record import Record
-from edmctl.jobs.actuator_trial.trial import run_trial
-from edmctl.jobs.actuator_trial.waveforms import Waveform
-from edmctl.jobs.calibration.doubts import reaches_down, reaches_up
+from edmctl.jobs.actuator_trial import run_trial
+from edmctl.jobs.actuator_waveforms import Waveform
+from edmctl.jobs.calibration.selection import reaches_down, reaches_up
 
 
 class Range(NamedTuple):

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, cast
 import pytest
 
 from edmctl.errors import ProtocolMismatch
-from edmctl.jobs.doctor import host as doctor_host
-from edmctl.jobs.doctor.machine import _line, _round_trip
+from edmctl.jobs import doctor_host as doctor_host
+from edmctl.jobs.doctor_machine import _line, _round_trip
 from edmctl.link.faults import FaultCode
 from edmctl.link.messages import ResetCause, State
 from edmctl.profile.setup import Sensor, Setup
@@ -255,7 +255,7 @@ def test_a_virtual_machine_has_no_adapter(system: tuple[Path, Path], tmp_path: P
 def test_a_slow_line_is_blamed_on_an_adapter_where_there_is_one(
     monkeypatch: pytest.MonkeyPatch, port: str, is_told: bool
 ) -> None:
-    monkeypatch.setattr("edmctl.jobs.doctor.machine.SLOW_S", -1.0)
+    monkeypatch.setattr("edmctl.jobs.doctor_machine.SLOW_S", -1.0)
     machine = SimpleNamespace(identity=SimpleNamespace(transport=port), status=lambda: None)
     check = _round_trip(cast("LinkMachine", machine))
     assert check.status is CheckStatus.WARN

@@ -13,7 +13,7 @@ import pytest
 
 from edmctl.jobs import connected_run
 from edmctl.jobs.job import truths_of
-from edmctl.jobs.truth.wear import TrueWear
+from edmctl.jobs.truth import TrueWear
 from edmctl.jsonout import render_json
 from edmctl.procedures.job_state import JobState, NoStateStore
 from edmctl.record.reader import open_run
@@ -257,7 +257,7 @@ def test_a_bug_is_one_line_and_debug_shows_where(
     here: Here, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from edmctl.cli.app import main
-    from edmctl.jobs import checking
+    from edmctl.jobs import plan as checking
 
     def broken(*_: object) -> None:
         raise ZeroDivisionError("made for this test")

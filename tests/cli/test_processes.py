@@ -73,6 +73,21 @@ def test_a_signal_stops_a_simulation(runs: str, sign: str, tmp_path: Path) -> No
     assert json.loads(out)["exit_code"] == 130
 
 
+def test_runs_that_are_finished_outlast_a_signal(tmp_path: Path) -> None:
+    many = ("simulate", "--seed", "1", "--runs", "40", *SHALLOW, "--json")
+    process = start(*many, cwd=tmp_path)
+    assert process.stderr is not None
+    read_until(process.stderr, "1 of 40 runs done")
+    process.send_signal(signal.SIGINT)
+    out, _ = process.communicate(timeout=60)
+    assert process.returncode == -signal.SIGINT
+    document = json.loads(out)
+    (case,) = document["result"]["cases"]
+    assert document["exit_code"] == 130
+    assert 1 <= document["result"]["finished"] == len(case["runs"]) < 40
+    assert all(run["ok"] for run in case["runs"])
+
+
 def test_a_second_signal_aborts() -> None:
     code = (
         "import os, signal\n"
@@ -88,7 +103,7 @@ def test_a_second_signal_aborts() -> None:
         [sys.executable, "-c", code], env=environment(), capture_output=True, encoding="utf-8", check=False
     )
     assert (done.returncode, done.stdout) == (-signal.SIGINT, "going on abort")
-    assert "SIGINT again: aborted." in done.stderr
+    assert "SIGINT again: aborted; `edmctl run list` has the run" in done.stderr
 
 
 def test_signals_that_were_ignored_stay_ignored() -> None:

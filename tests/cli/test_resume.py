@@ -17,10 +17,10 @@ import pytest
 
 from edmctl.errors import LinkLost
 from edmctl.jobs.ledger.elapsed import CALENDAR, Now
+from edmctl.jobs.measure_wear import _aged
 from edmctl.jobs.resume.checkpoint import tell_way_on
 from edmctl.jobs.resume.selection import checked, find_run, taken_up
 from edmctl.jobs.run_header import RunName
-from edmctl.jobs.wear.measure import _aged
 from edmctl.machine.controller import LinkMachine
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job import REPORT_DELAY_S, job_of
@@ -303,6 +303,7 @@ def test_a_run_has_several_names_and_a_dry_run_touches_nothing(here: Here, kille
     resumed = said.document["result"]["resumed"]
     assert (resumed["run_id"], resumed["done"], resumed["left"]) == ("a", [], ["cu270-cu"])
     assert 0.0 < resumed["depth_um"] < TARGET_UM
+    assert said.document["result"]["forecast"]["depth_um"] == TARGET_UM
     assert {file: file.read_bytes() for file in Path().rglob("*") if file.is_file()} == before
     assert "cu270-cu was interrupted at about" in here("machine", "--resume", named, *BENCH, "--dry-run").out
     way_on = "edmctl machine --resume a --port sim:bench.h5"

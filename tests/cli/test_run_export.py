@@ -15,8 +15,8 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from edmctl.cli.run.export_output import new_file
 from edmctl.errors import RunFileError, installing
+from edmctl.jobs.output_files import new_file
 from edmctl.record.reader import open_run
 from edmctl.record.rows import ServoBlock
 from edmctl.record.writer import RunWriter
@@ -178,7 +178,7 @@ def test_a_file_is_replaced_where_that_is_wanted_and_stays_where_it_fails(
     assert (said.exit_code, said.err) == (0, "")
     assert there.read_text().startswith("site,")
     there.write_text("mine")
-    monkeypatch.setattr("edmctl.cli.run.export_output._opened", lambda path: FullDisk())
+    monkeypatch.setattr("edmctl.jobs.output_files._opened", lambda path: FullDisk())
     assert here("run", "export", str(run), "-t", "results", "-o", str(there), "--overwrite").exit_code == 9
     assert there.read_text() == "mine"
 
@@ -232,7 +232,7 @@ class FullDisk(io.BytesIO):
 def test_a_full_disk_is_an_error_and_leaves_no_part_of_a_file(
     here: Here, run: Path, tmp_path: Path, form: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("edmctl.cli.run.export_output._opened", lambda path: FullDisk())
+    monkeypatch.setattr("edmctl.jobs.output_files._opened", lambda path: FullDisk())
     said = here("run", "export", str(run), "--format", form, "-o", str(tmp_path / "out"))
     assert said.exit_code == 9
     assert "E9012" in said.err

@@ -23,7 +23,7 @@ from tests.cli.test_start_up import HEAVY, modules_after
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from edmctl.cli.run.plot_request import Target
+    from edmctl.jobs.runs.plot import Target
     from edmctl.record.reader import RunFile
     from tests.cli.commands import Here
 
@@ -88,7 +88,7 @@ def names_in(folder: Path) -> list[str]:
 def test_all_that_can_be_drawn_goes_beside_the_run(
     here: Here, run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("edmctl.cli.run.plot_request.KINDS", SOME)
+    monkeypatch.setattr("edmctl.jobs.runs.plot.KINDS", SOME)
     said = here("run", "plot", str(run))
     assert said.exit_code == 0, said.err
     assert names_in(run.parent) == ["one-gap.png", "one.h5"]
@@ -135,6 +135,23 @@ def test_one_figure_goes_into_the_file_that_is_named(here: Here, run: Path) -> N
     }
 
 
+def test_what_is_there_already_is_kept_and_the_rest_is_drawn(
+    here: Here, run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kinds = tuple(kind for kind in KINDS if kind.name in ("gap", "displacement"))
+    monkeypatch.setattr("edmctl.jobs.runs.plot.KINDS", kinds)
+    there = run.parent / "one-gap.png"
+    there.write_bytes(b"mine")
+    said = here("run", "plot", str(run))
+    assert said.exit_code == 0, said.err
+    assert there.read_bytes() == b"mine"
+    assert [word for word in said.out.split() if word.endswith(".png")] == [
+        str(run.parent / "one-displacement.png")
+    ]
+    assert "1 figure of that name kept: --overwrite draws them anew" in said.err
+    assert here("run", "plot", str(run)).exit_code == 9, "every figure is there"
+
+
 def test_a_figure_replaces_none_unless_it_is_told_to(here: Here, run: Path) -> None:
     there = run.parent / "one-gap.png"
     there.write_bytes(b"mine")
@@ -146,12 +163,6 @@ def test_a_figure_replaces_none_unless_it_is_told_to(here: Here, run: Path) -> N
     assert told.exit_code == 0, told.err
     assert there.read_bytes().startswith(PNG)
     assert names_in(run.parent) == ["one-gap.png", "one.h5"]
-
-
-def test_nothing_is_drawn_where_one_of_many_is_taken(here: Here, run: Path) -> None:
-    (run.parent / "one-channel.png").write_bytes(b"mine")
-    assert here("run", "plot", str(run)).exit_code == 9
-    assert names_in(run.parent) == ["one-channel.png", "one.h5"]
 
 
 def test_a_figure_that_was_asked_for_and_cannot_be_is_an_error_and_the_others_are_drawn(
@@ -172,7 +183,7 @@ def test_a_figure_that_was_asked_for_and_cannot_be_is_an_error_and_the_others_ar
 def test_a_run_with_nothing_to_draw_is_an_error(
     here: Here, run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("edmctl.cli.run.plot_request.KINDS", SOME[1:])
+    monkeypatch.setattr("edmctl.jobs.runs.plot.KINDS", SOME[1:])
     said = here("run", "plot", str(run))
     assert (said.exit_code, said.out) == (8, "")
     assert "E8091" in said.err
@@ -239,7 +250,7 @@ def test_a_live_run_is_drawn_as_far_as_it_goes(here: Here, run: Path) -> None:
 def test_on_a_terminal_each_figure_is_announced(
     here: Here, run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("edmctl.cli.run.plot_request.KINDS", SOME)
+    monkeypatch.setattr("edmctl.jobs.runs.plot.KINDS", SOME)
     stderr = Terminal()
     monkeypatch.setattr(sys, "stderr", stderr)
     here("run", "plot", str(run))

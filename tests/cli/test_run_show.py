@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from edmctl.cli.run.follow import follow_run
 from edmctl.cli.signals import SignalArrived
 from edmctl.console.live_view import Histories
 from edmctl.console.progress import Reporter
 from edmctl.errors import RunFileError
-from edmctl.jobs.run_summary import jumps_of
+from edmctl.jobs.runs.follow import follow_run
+from edmctl.jobs.runs.summary import jumps_of
 from edmctl.machine.states import MachineState
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.record.rows import EventLevel, EventRow, ServoBlock, SlowRow, Summary
@@ -211,7 +211,7 @@ def slow(time_s: float) -> SlowRow:
 def test_a_finished_run_is_not_waited_for(
     here: Here, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("edmctl.cli.run.follow.time.sleep", pytest.fail)
+    monkeypatch.setattr("edmctl.jobs.runs.follow.time.sleep", pytest.fail)
     said = here("run", "show", "--follow", str(finished(tmp_path, "a")), "--quiet")
     assert (said.exit_code, said.err) == (0, "")
     assert "status        done" in said.out
@@ -264,7 +264,7 @@ def test_ctrl_c_ends_the_following_and_nothing_else(
     def stop(_: float) -> None:
         raise SignalArrived(signal.SIGINT)
 
-    monkeypatch.setattr("edmctl.cli.run.follow.time.sleep", stop)
+    monkeypatch.setattr("edmctl.jobs.runs.follow.time.sleep", stop)
     writer = begun(tmp_path, "living")
     said = here("run", "show", "--follow", str(tmp_path / "living.h5"), "--quiet")
     assert said.exit_code == 130

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.errors import UsageError
-from edmctl.jobs.simulate.statistics import summarize
-from edmctl.jobs.simulate.sweep import parse_sweep
+from edmctl.jobs.statistics import summarize
+from edmctl.jobs.sweep import parse_sweep
 from edmctl.labels import Basis, Verdict
 from edmctl.results.job import SiteTruth
 from edmctl.results.simulation import SimulatedRun, SimulatedSite

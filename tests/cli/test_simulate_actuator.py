@@ -14,9 +14,8 @@ from edmctl.actuator.identification import Identification, identify
 from edmctl.actuator.record import Record
 from edmctl.actuator.waveforms import calibration_legs, sampled
 from edmctl.errors import UsageError, installing
-from edmctl.jobs.actuator_trial.csv_waveform import command_from
-from edmctl.jobs.actuator_trial.trial import run_trial
-from edmctl.jobs.actuator_trial.waveforms import Wanted, Waveform, waveforms
+from edmctl.jobs.actuator_trial import run_trial
+from edmctl.jobs.actuator_waveforms import Wanted, Waveform, command_from, waveforms
 from edmctl.profile.calibration import calibration_of, save_calibration
 from edmctl.profile.calibration_tables import Made
 from edmctl.simulator.actuator import RATE_HZ, VirtualActuator
@@ -24,7 +23,7 @@ from edmctl.simulator.actuator import RATE_HZ, VirtualActuator
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from edmctl.jobs.actuator_trial.trial import Trial
+    from edmctl.jobs.actuator_trial import Trial
     from tests.cli.commands import Here
 
 SHORT = ("simulate", "actuator", "sine", "--cycles", "1", "--quiet", "--seed", "3")

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.errors import UsageError
-from edmctl.jobs.simulate.seeds import seed_to_use
-from edmctl.jobs.simulate.statistics import _statistics
-from edmctl.jobs.simulate.sweep import parse_sweep
+from edmctl.jobs.statistics import _statistics
+from edmctl.jobs.sweep import parse_sweep, seed_to_use
 from tests.cli.commands import command, environment
 
 if TYPE_CHECKING:

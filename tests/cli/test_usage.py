@@ -9,6 +9,7 @@ import pytest
 from edmctl.errors import EdmError
 from edmctl.exitcodes import MEANING, ExitCode
 from edmctl.version import __version__
+from tests.cli.commands import CU270
 
 if TYPE_CHECKING:
     from tests.cli.commands import Here
@@ -29,6 +30,38 @@ MISTAKES = [
         "one key at a time",
     ),
 ]
+
+
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        ("machine cu270", "`edmctl machine --profile cu270`"),
+        ("jump-flush cu150 --count 3", "`edmctl jump-flush --profile cu150`"),
+        ("list", "`edmctl profile list` or `edmctl run list`"),
+        ("explain a", "`edmctl run explain`"),
+    ],
+)
+def test_a_word_out_of_place_is_answered_with_the_right_one(words: str, meant: str, here: Here) -> None:
+    said = here(*words.split())
+    assert said.exit_code == ExitCode.USAGE
+    assert meant in said.err
+
+
+def test_a_profile_for_a_setup_is_one_mistake(here: Here) -> None:
+    said = here("machine", "--profile", "cu270", "--setup", CU270, "--dry-run")
+    assert said.exit_code == ExitCode.PROFILE
+    assert said.err.count("error[") == 1
+    assert f"say --profile {CU270}" in said.err
+
+
+def test_a_wrong_key_of_a_sweep_is_told_of_the_sweep(here: Here) -> None:
+    sweep = "servo.referenc=0.7:0.8:2"
+    said = here("simulate", "--profile", "cu270", "--sweep", sweep, "--dry-run")
+    assert said.exit_code == ExitCode.PROFILE
+    assert "--> --sweep:1:7" in said.err
+    assert f"1 | {sweep}" in said.err
+    said = here("simulate", "--profile", "cu270", "--set", "servo.gain=1", "--sweep", "target.depth_um=8:9:2")
+    assert "--> --set:1:" in said.err
 
 
 @pytest.mark.parametrize(("arguments", "code", "message"), MISTAKES)

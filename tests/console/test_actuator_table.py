@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from edmctl.console.calibration_tables import render_actuator
-from edmctl.jobs.actuator_trial.trial import ModelErrors, Truth, WaveformResult
+from edmctl.jobs.actuator_trial import ModelErrors, Truth, WaveformResult
 
 
 def made_waveform(name: str) -> WaveformResult:

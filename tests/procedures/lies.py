@@ -8,7 +8,7 @@ from random import Random
 from typing import TYPE_CHECKING
 
 from edmctl.errors import EdmError
-from edmctl.jobs.truth.channel import channel_truth
+from edmctl.jobs.truth import channel_truth
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.results.job import ObjectiveMissed

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.jobs.truth.wear import TrueWear
+from edmctl.jobs.truth import TrueWear
 from edmctl.procedures.job_state import NoStateStore
 from edmctl.profile.places import Place
 from edmctl.results.job import ObjectiveMissed

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.errors import EdmError, Interrupted, PreconditionError
-from edmctl.jobs.ledger.elapsed import CALENDAR, Now
-from edmctl.jobs.ledger.last_home import with_home, with_home_left
-from edmctl.jobs.truth.wear import TrueWear
+from edmctl.jobs.ledger.elapsed import CALENDAR, Now, with_home, with_home_left
+from edmctl.jobs.truth import TrueWear
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.interface import Axis
 from edmctl.machine.stop import StopRequest

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.jobs.calibration.selection import Choice, ModelUsed
-from edmctl.jobs.checking import check
-from edmctl.jobs.plan import JobRequest
+from edmctl.jobs.plan import JobRequest, check
 from edmctl.jobs.run_header import name_run, run_meta
 from edmctl.machine.interface import MachineIdentity
 from edmctl.profile.setup import Setup

@@ -8,26 +8,23 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from edmctl.cli.options import (
-    DebugOption,
+    PROGRESS,
     DryRunOption,
-    EventsOption,
-    JsonOption,
     PortOption,
-    QuietOption,
     SeedOption,
     SetupOption,
     WaitOption,
+    command,
 )
-from edmctl.cli.outcome import Outcome, Output, run_command, stream_style, watching
-from edmctl.cli.shell import shell
-from edmctl.cli.signals import ignore_signals
+from edmctl.cli.outcome import Outcome, stream_style, watching
+from edmctl.cli.signals import ignore_signals, shell
 from edmctl.jobs.connect import seed_warning
-from edmctl.jobs.simulate.seeds import seed_to_use, simulated_by
+from edmctl.jobs.sweep import seed_to_use, simulated_by
 
 if TYPE_CHECKING:
-    from edmctl.jobs.calibration.request import Checked, Given
+    from edmctl.jobs.calibration.request import CheckedCalibration, MeasuredRecord
     from edmctl.jobs.calibration.run import CalibrationReport
-    from edmctl.jobs.plan import Where
+    from edmctl.jobs.plan import MachineAddress
 
 FromOption = Annotated[
     list[Path] | None,
@@ -81,7 +78,9 @@ LeverOption = Annotated[
 ]
 
 
+@command("calibrate", PROGRESS)
 def calibrate(
+    outcome: Outcome,
     sources: FromOption = None,
     validate: ValidateOption = None,
     refit: RefitOption = "zero",
@@ -94,49 +93,41 @@ def calibrate(
     wait: WaitOption = 0.0,
     seed: SeedOption = None,
     dry_run: DryRunOption = False,
-    as_json: JsonOption = False,
-    events: EventsOption = False,
-    quiet: QuietOption = False,
-    debug: DebugOption = False,
-) -> int:
+) -> None:
     """Identify the actuator, and write a calibration.
 
     A machine drives its actuator for five minutes beside the work, without pulses, and watches it with the
     displacement sensor. The errors told are on data that the model did not see.
     """
+    from edmctl.jobs.calibration.request import CalibrationRequest, check
 
-    def body(outcome: Outcome) -> None:
-        from edmctl.jobs.calibration.request import CalibrationRequest, check
-
-        used_seed = seed_to_use(seed)
-        checked = check(
-            CalibrationRequest(
-                sources=tuple(sources or ()),
-                validation=tuple(validate or ()),
-                refit=refit,
-                previous_v=tuple(previous_voltage or ()),
-                delay_s=delay,
-                output=output,
-                lever=lever,
-                setup=setup,
-                port=port,
-                wait_s=wait,
-            ),
-            shell(),
-        )
-        outcome.simulated = checked.simulated
-        outcome.warn([*checked.doubts, *seed_warning(checked.where, seed)])
-        if dry_run:
-            _tell_plan(outcome, checked)
-        elif checked.plan is None and not checked.sources:
-            _tell_lever(outcome, checked)
-        else:
-            _run(outcome, checked, used_seed)
-
-    return run_command(Output("calibrate", as_json, events, quiet, debug), body)
+    used_seed = seed_to_use(seed)
+    checked = check(
+        CalibrationRequest(
+            sources=tuple(sources or ()),
+            validation=tuple(validate or ()),
+            refit=refit,
+            previous_v=tuple(previous_voltage or ()),
+            delay_s=delay,
+            output=output,
+            lever=lever,
+            setup=setup,
+            port=port,
+            wait_s=wait,
+        ),
+        shell(),
+    )
+    outcome.simulated = checked.simulated
+    outcome.warn([*checked.doubts, *seed_warning(checked.where, seed)])
+    if dry_run:
+        _tell_plan(outcome, checked)
+    elif checked.plan is None and not checked.sources:
+        _tell_lever(outcome, checked)
+    else:
+        _run(outcome, checked, used_seed)
 
 
-def _tell_plan(outcome: Outcome, checked: "Checked") -> None:
+def _tell_plan(outcome: Outcome, checked: "CheckedCalibration") -> None:
     from edmctl.console.calibration_tables import render_lever, render_plan
 
     plan = checked.plan
@@ -163,7 +154,7 @@ def _tell_plan(outcome: Outcome, checked: "Checked") -> None:
     outcome.text = "\n".join(lines)
 
 
-def _described(given: "Given") -> dict[str, object]:
+def _described(given: "MeasuredRecord") -> dict[str, object]:
     record = given.record
     return {
         "name": record.name,
@@ -175,7 +166,7 @@ def _described(given: "Given") -> dict[str, object]:
     }
 
 
-def _tell_lever(outcome: Outcome, checked: "Checked") -> None:
+def _tell_lever(outcome: Outcome, checked: "CheckedCalibration") -> None:
     from edmctl.console.calibration_tables import render_lever
 
     outcome.result = {"lever": checked.lever}
@@ -183,7 +174,7 @@ def _tell_lever(outcome: Outcome, checked: "Checked") -> None:
         outcome.text = render_lever(checked.lever)
 
 
-def _run(outcome: Outcome, checked: "Checked", seed: int) -> None:
+def _run(outcome: Outcome, checked: "CheckedCalibration", seed: int) -> None:
     from edmctl.console.calibration_tables import render_calibration
     from edmctl.jobs.calibration.run import calibrate_files, calibrate_machine
 
@@ -201,14 +192,14 @@ def _run(outcome: Outcome, checked: "Checked", seed: int) -> None:
     outcome.warn(done.findings.warnings)
 
 
-def _again(where: "Where", seed: int | None) -> str:
+def _again(where: "MachineAddress", seed: int | None) -> str:
     """Return the options that name the same virtual machine."""
     if where.bench_file is not None:
         return f" --port {where.selector}"
     return "" if seed is None else f" --seed {seed}"
 
 
-def _whereabouts(done: "CalibrationReport", checked: "Checked", seed: int | None) -> str:
+def _whereabouts(done: "CalibrationReport", checked: "CheckedCalibration", seed: int | None) -> str:
     """Where the file is, and how `machine` comes to use it."""
     from edmctl.profile.calibration import CALIBRATION_VARIABLE
 

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from edmctl.cli.options import DebugOption, JsonOption, PortOption, QuietOption, SetupOption, WaitOption
-from edmctl.cli.outcome import Outcome, Output, mutter, run_command, stream_style
-from edmctl.cli.shell import shell
+from edmctl.cli.options import NOTES, PortOption, SetupOption, WaitOption, command
+from edmctl.cli.outcome import Outcome, mutter, stream_style
+from edmctl.cli.signals import shell
 
 if TYPE_CHECKING:
     from edmctl.errors import EdmError
-    from edmctl.jobs.doctor.checks import Checks
+    from edmctl.jobs.doctor_host import Checks
 
 OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder of the run files.")]
 SensorsOption = Annotated[
@@ -24,36 +24,31 @@ SensorsOption = Annotated[
 ]
 
 
+@command("doctor", NOTES)
 def doctor(
+    outcome: Outcome,
     setup: SetupOption = None,
     port: PortOption = None,
     wait: WaitOption = 0.0,
     sensors: SensorsOption = False,
     out: OutOption = Path("runs"),
-    as_json: JsonOption = False,
-    quiet: QuietOption = False,
-    debug: DebugOption = False,
-) -> int:
+) -> None:
     """Check computer, line and machine, and name the remedies.
 
     Nothing moves, but with --sensors.
     """
+    from edmctl.console.equipment_tables import render_checks
+    from edmctl.jobs.doctor_host import Checks
 
-    def body(outcome: Outcome) -> None:
-        from edmctl.console.equipment_tables import render_checks
-        from edmctl.jobs.doctor.checks import Checks
-
-        checks = Checks()
-        error = None
-        try:
-            error = _look(outcome, checks, setup, (port, wait), out, sensors=sensors)
-        finally:
-            outcome.result = {"checks": checks.as_list()}
-            outcome.text = render_checks(checks.done, stream_style(sys.stdout))
-        if error or (error := checks.error()):
-            raise error
-
-    return run_command(Output("doctor", as_json, quiet=quiet, debug=debug), body)
+    checks = Checks()
+    error = None
+    try:
+        error = _look(outcome, checks, setup, (port, wait), out, sensors=sensors)
+    finally:
+        outcome.result = {"checks": checks.as_list()}
+        outcome.text = render_checks(checks.done, stream_style(sys.stdout))
+    if error or (error := checks.error()):
+        raise error
 
 
 def _look(
@@ -67,25 +62,25 @@ def _look(
 ) -> "EdmError | None":
     """Do every check that can be done; the error of the line or the protocol, if that is what fails."""
     from edmctl.errors import EdmError, Interrupted, LinkLost, ProtocolMismatch
-    from edmctl.jobs.doctor import host as doctor_host
-    from edmctl.jobs.doctor import machine as doctor_machine
-    from edmctl.jobs.machine_at import machine_at
+    from edmctl.jobs import doctor_host as doctor_host
+    from edmctl.jobs import doctor_machine as doctor_machine
+    from edmctl.jobs.connect import machine_at
 
     def say(text: str) -> None:
         if not outcome.output.quiet:
             mutter(f"{text}\n")
 
     port, wait_s = place
-    checks.take(doctor_host.versions())
-    checks.take(doctor_host.run_folder(out))
+    checks.add(doctor_host.versions())
+    checks.add(doctor_host.run_folder(out))
     setup = doctor_host.load(checks, setup_file)
     selector = port or setup.port
-    checks.take(*doctor_host.line_settings(selector))
+    checks.add(*doctor_host.line_settings(selector))
     try:
         with machine_at(setup, port, wait_s, say, shell()) as machine:
             outcome.simulated = machine.identity.simulated
             doctor_machine.look(checks, machine, setup)
-            checks.take(doctor_host.calibration(os.environ, setup, machine.identity.serial, port or ""))
+            checks.add(doctor_host.calibration(os.environ, setup, machine.identity.serial, port or ""))
             if sensors:
                 say("doctor: arming, and making pulses with the tool retracted, for about a second.")
                 doctor_machine.test_sensors(checks, machine, setup)

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from edmctl.cli.options import DebugOption, JsonOption, SetupOption
-from edmctl.cli.outcome import Outcome, Output, run_command, stream_style
-from edmctl.cli.shell import shell
+from edmctl.cli.options import SetupOption, command
+from edmctl.cli.outcome import Outcome, stream_style
+from edmctl.cli.signals import shell
 
 if TYPE_CHECKING:
     from edmctl.link.messages import HelloReply
@@ -23,33 +23,25 @@ ProbeOption = Annotated[
 ]
 
 
-def ports(
-    setup: SetupOption = None,
-    probe: ProbeOption = False,
-    as_json: JsonOption = False,
-    debug: DebugOption = False,
-) -> int:
+@command("ports")
+def ports(outcome: Outcome, setup: SetupOption = None, probe: ProbeOption = False) -> None:
     """List serial ports, those of the setup, and virtual ones.
 
     Nothing is opened but with --probe, and then only ports of known USB ids, those that the setup names, and
     those that `edmctl simulate serve` serves.
     """
+    from edmctl.console.equipment_tables import render_ports
+    from edmctl.profile.setup import load_setup
 
-    def body(outcome: Outcome) -> None:
-        from edmctl.console.equipment_tables import render_ports
-        from edmctl.profile.setup import load_setup
-
-        rows = port_rows(load_setup(setup), probe=probe)
-        outcome.result = {"ports": rows}
-        outcome.text = render_ports(rows, stream_style(sys.stdout))
-
-    return run_command(Output("ports", as_json, debug=debug), body)
+    rows = port_rows(load_setup(setup), probe=probe)
+    outcome.result = {"ports": rows}
+    outcome.text = render_ports(rows, stream_style(sys.stdout))
 
 
 def port_rows(setup: "Setup", *, probe: bool) -> "list[PortRow]":
     """Look at every port that is listed or named in the setup; with `probe` ask those that may be asked."""
-    from edmctl.cli.simulate.registry import served_ports
-    from edmctl.jobs.secret_file import asks_for_secret, secret_of
+    from edmctl.cli.simulate.serve import served_ports
+    from edmctl.jobs.connect import asks_for_secret, secret_of
     from edmctl.link import ports as link_ports
     from edmctl.link import probing
 

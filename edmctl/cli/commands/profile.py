@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from edmctl.cli import completion
-from edmctl.cli.options import DebugOption, JsonOption, SetOption, SetupOption
-from edmctl.cli.outcome import Outcome, Output, run_command, stream_style
+from edmctl.cli.options import SetOption, SetupOption, command
+from edmctl.cli.outcome import Outcome, stream_style
+from edmctl.console.profile_tables import render_toml
 from edmctl.errors import Diagnostic, EdmError, ProfileError
 
 if TYPE_CHECKING:
@@ -36,94 +37,75 @@ FileArgument = Annotated[
 
 
 @app.command()
+@command("profile check")
 def check(
-    profiles: FilesArgument,
-    overrides: SetOption = None,
-    setup: SetupOption = None,
-    as_json: JsonOption = False,
-    debug: DebugOption = False,
-) -> int:
+    outcome: Outcome, profiles: FilesArgument, overrides: SetOption = None, setup: SetupOption = None
+) -> None:
     """Check profiles; report every problem.
 
     With --setup they are checked for that machine.
     """
+    from edmctl.profile.setup import load_setup
 
-    def body(outcome: Outcome) -> None:
-        from edmctl.profile.setup import load_setup
-
-        verdicts: list[dict[str, object]] = []
-        outcome.result = {"profiles": verdicts}
-        problems: list[Diagnostic] = []
-        machine = load_setup(setup)
-        for name in profiles:
-            found = _problems_of(name, overrides or [], machine)
-            errors = sum(not d.is_warning for d in found)
-            warnings = len(found) - errors
-            verdicts.append({"profile": name, "ok": not errors, "errors": errors, "warnings": warnings})
-            problems += found
-            if not errors:
-                outcome.text += f"{name}: ok\n"
-        outcome.text = outcome.text.rstrip("\n")
-        if any(not d.is_warning for d in problems):
-            raise ProfileError(tuple(problems))
-        outcome.warn(problems)
-
-    return run_command(Output("profile check", json=as_json, debug=debug), body)
+    verdicts: list[dict[str, object]] = []
+    outcome.result = {"profiles": verdicts}
+    problems: list[Diagnostic] = []
+    machine = load_setup(setup)
+    for name in profiles:
+        found = _problems_of(name, overrides or [], machine)
+        errors = sum(not d.is_warning for d in found)
+        warnings = len(found) - errors
+        verdicts.append({"profile": name, "ok": not errors, "errors": errors, "warnings": warnings})
+        problems += found
+        if not errors:
+            outcome.text += f"{name}: ok\n"
+    outcome.text = outcome.text.rstrip("\n")
+    if any(not d.is_warning for d in problems):
+        raise ProfileError(tuple(problems))
+    outcome.warn(problems)
 
 
 @app.command()
-def show(
-    profile: FileArgument,
-    overrides: SetOption = None,
-    as_json: JsonOption = False,
-    debug: DebugOption = False,
-) -> int:
+@command("profile show")
+def show(outcome: Outcome, profile: FileArgument, overrides: SetOption = None) -> None:
     """Show every value of a profile."""
+    from edmctl.rules.load import load_profile
 
-    def body(outcome: Outcome) -> None:
-        from edmctl.rules.load import load_profile
-
-        loaded = load_profile(profile, overrides or [])
-        outcome.warn(loaded.warnings)
-        outcome.result = _values(loaded)
-        outcome.text = _as_toml(loaded)
-
-    return run_command(Output("profile show", json=as_json, debug=debug), body)
+    loaded = load_profile(profile, overrides or [])
+    outcome.warn(loaded.warnings)
+    outcome.result = _values(loaded)
+    outcome.text = _as_toml(loaded)
 
 
 @app.command("list")
-def list_shipped(setup: SetupOption = None, as_json: JsonOption = False, debug: DebugOption = False) -> int:
+@command("profile list")
+def list_shipped(outcome: Outcome, setup: SetupOption = None) -> None:
     """List the shipped profiles, and what each would take.
 
     With --setup on that machine.
     """
+    from edmctl.console.profile_tables import render_profiles
+    from edmctl.profile.setup import load_setup
+    from edmctl.rules.load import summaries
 
-    def body(outcome: Outcome) -> None:
-        from edmctl.console.profile_tables import render_profiles
-        from edmctl.profile.setup import load_setup
-        from edmctl.rules.load import summaries
-
-        found = summaries(load_setup(setup))
-        outcome.result = {"profiles": found}
-        outcome.text = render_profiles(found, stream_style(sys.stdout))
-
-    return run_command(Output("profile list", json=as_json, debug=debug), body)
+    found = summaries(load_setup(setup))
+    outcome.result = {"profiles": found}
+    outcome.text = render_profiles(found, stream_style(sys.stdout))
 
 
 @app.command()
-def schema(as_json: JsonOption = False, debug: DebugOption = False) -> int:
+@command("profile schema")
+def schema(
+    outcome: Outcome,
+) -> None:
     """Write the JSON schema of profiles.
 
     With --json it is the `result` of the usual object.
     """
+    from edmctl.profile.profile_file import profile_schema
 
-    def body(outcome: Outcome) -> None:
-        from edmctl.profile.profile_file import profile_schema
-
-        outcome.result = profile_schema()
-        outcome.text = json.dumps(outcome.result, indent=2, ensure_ascii=False)
-
-    return run_command(Output("profile schema", json=as_json, debug=debug), body)
+    outcome.result = profile_schema()
+    outcome.text = json.dumps(outcome.result, indent=2, ensure_ascii=False)
 
 
 def _problems_of(name: str, overrides: list[str], setup: "Setup") -> list[Diagnostic]:
@@ -143,8 +125,6 @@ def _values(loaded: "LoadedProfile") -> dict[str, Any]:
 
 
 def _as_toml(loaded: "LoadedProfile") -> str:
-    from edmctl.console.profile_tables import render_toml
-
     tables = _values(loaded)
     tables["servo"].pop("reference_v", None)  # stated once: loading turned it into `reference`
     origin = [f"# {loaded.path}", *(f"# {override}" for override in loaded.overrides)]

@@ -4,9 +4,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from edmctl.cli.options import DebugOption, JsonOption, PortOption, SetupOption, WaitOption
-from edmctl.cli.outcome import Outcome, Output, mutter, run_command
-from edmctl.cli.shell import shell
+from edmctl.cli.options import PortOption, SetupOption, WaitOption, command
+from edmctl.cli.outcome import Outcome, mutter
+from edmctl.cli.signals import shell
 from edmctl.errors import PreconditionError
 
 if TYPE_CHECKING:
@@ -18,38 +18,34 @@ AckOption = Annotated[
 ]
 
 
+@command("reset")
 def reset(
+    outcome: Outcome,
     ack: AckOption = None,
     setup: SetupOption = None,
     port: PortOption = None,
     wait: WaitOption = 0.0,
-    as_json: JsonOption = False,
-    debug: DebugOption = False,
-) -> int:
+) -> None:
     """Clear the latched fault, or tell which one it is.
 
     The fault must be named, so that nobody clears another one than the one that was looked at.
     """
+    from edmctl.jobs.connect import machine_at
+    from edmctl.jobs.plan import where_is
+    from edmctl.profile.setup import load_setup
 
-    def body(outcome: Outcome) -> None:
-        from edmctl.jobs.machine_at import machine_at
-        from edmctl.jobs.plan import where_is
-        from edmctl.profile.setup import load_setup
-
-        settings = load_setup(setup)
-        where = where_is(port, settings)
-        lasting = where.lasting
-        if (file := where.bench_file) is not None and not file.exists():
-            raise PreconditionError(
-                f"There is no bench {file}, and a new one holds no fault.",
-                hint="Name the machine that holds the fault with --port or EDMCTL_PORT.",
-                code="E8013",
-            )
-        with machine_at(settings, port, wait, lambda text: mutter(text + "\n"), shell()) as machine:
-            outcome.simulated = machine.identity.simulated
-            _clear(outcome, machine, ack, lasting=lasting)
-
-    return run_command(Output("reset", as_json, debug=debug), body)
+    settings = load_setup(setup)
+    where = where_is(port, settings)
+    lasting = where.lasting
+    if (file := where.bench_file) is not None and not file.exists():
+        raise PreconditionError(
+            f"There is no bench {file}, and a new one holds no fault.",
+            hint="Name the machine that holds the fault with --port or EDMCTL_PORT.",
+            code="E8013",
+        )
+    with machine_at(settings, port, wait, lambda text: mutter(text + "\n"), shell()) as machine:
+        outcome.simulated = machine.identity.simulated
+        _clear(outcome, machine, ack, lasting=lasting)
 
 
 def _clear(outcome: Outcome, machine: "LinkMachine", ack: int | None, *, lasting: bool) -> None:

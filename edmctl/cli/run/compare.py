@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from edmctl.cli import completion
-from edmctl.cli.options import DebugOption, JsonOption
-from edmctl.cli.outcome import Outcome, Output, run_command, stream_style
+from edmctl.cli.options import command
+from edmctl.cli.outcome import Outcome, stream_style
 
 if TYPE_CHECKING:
     from edmctl.record.reader import RunFile
@@ -28,52 +28,44 @@ OutOption = Annotated[
 ]
 
 
-def compare(
-    files: FilesArgument,
-    out: OutOption = None,
-    as_json: JsonOption = False,
-    debug: DebugOption = False,
-) -> int:
+@command("run compare")
+def compare(outcome: Outcome, files: FilesArgument, out: OutOption = None) -> None:
     """Show what was different about runs, and by how much.
 
     Of the results it is told whether they differ by more than their uncertainty.
     """
+    from edmctl.console.compare_table import render_comparison
+    from edmctl.errors import UsageError
+    from edmctl.jobs import output_files
+    from edmctl.jobs.runs.opening import find_run, reading_unless_killed
+    from edmctl.report.comparison import compare as compared
 
-    def body(outcome: Outcome) -> None:
-        from edmctl.console.compare_table import render_comparison
-        from edmctl.errors import UsageError
-        from edmctl.jobs import output_files
-        from edmctl.jobs.run_opening import find_run, reading_unless_killed
-        from edmctl.report.comparison import compare as compared
+    if len(files) < 2:
+        raise UsageError(
+            "There is only one run to compare.", hint="Name at least two run files.", code="E2073"
+        )
+    if out is not None:
+        from edmctl.report.style import check_figure
 
-        if len(files) < 2:
-            raise UsageError(
-                "There is only one run to compare.", hint="Name at least two run files.", code="E2073"
-            )
+        check_figure(out.name)
+        output_files.check_free(out)
+    with ExitStack() as stack:
+        runs = [stack.enter_context(reading_unless_killed(find_run(file))) for file in files]
+        found = compared(runs)
+        result: dict[str, object] = {
+            "runs": found.runs,
+            "differs": found.differs,
+            "quantities": found.quantities,
+            "sites": found.sites,
+            "figure": None,
+        }
+        outcome.simulated = all(run.simulated for run in found.runs)
+        outcome.result = result
+        outcome.text = render_comparison(found, stream_style(sys.stdout))
         if out is not None:
-            from edmctl.report.style import check_figure
-
-            check_figure(out.name)
-            output_files.check_free(out)
-        with ExitStack() as stack:
-            runs = [stack.enter_context(reading_unless_killed(find_run(file))) for file in files]
-            found = compared(runs)
-            result: dict[str, object] = {
-                "runs": found.runs,
-                "differs": found.differs,
-                "quantities": found.quantities,
-                "sites": found.sites,
-                "figure": None,
-            }
-            outcome.simulated = all(run.simulated for run in found.runs)
-            outcome.result = result
-            outcome.text = render_comparison(found, stream_style(sys.stdout))
-            if out is not None:
-                output_files.write(out, _drawn(runs, out))
-                result["figure"] = str(out)
-                outcome.text += f"\nFigure {out}"
-
-    return run_command(Output("run compare", as_json, debug=debug), body)
+            output_files.write(out, _drawn(runs, out))
+            result["figure"] = str(out)
+            outcome.text += f"\nFigure {out}"
 
 
 def _drawn(runs: "list[RunFile]", out: Path) -> bytes:

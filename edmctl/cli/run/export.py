@@ -1,24 +1,25 @@
 """`edmctl run export`: the tables of a run as CSV, Parquet or JSON, for whatever reads those."""
 
+import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from edmctl.cli.options import DebugOption, FileArgument, JsonOption
-from edmctl.cli.outcome import Outcome, Output, mutter, run_command, stream_style
-from edmctl.errors import UsageError
+from edmctl.cli.options import RunArgument, command
+from edmctl.cli.outcome import Outcome, mutter, stream_style
+from edmctl.errors import EdmError, UsageError
 from edmctl.wording import count, file_size
 
 if TYPE_CHECKING:
-    from edmctl.cli.run.export_output import Sink
-    from edmctl.cli.run.export_request import ExportRequest
+    from edmctl.jobs.output_files import Sink
+    from edmctl.jobs.runs.export import ExportRequest
     from edmctl.record.reader import RunFile
     from edmctl.report.export_tables import ExportTable
     from edmctl.report.export_writers import TableWriter
-
-HEADER = ("table", "rows", "size", "file")
 
 TableOption = Annotated[
     list[str] | None,
@@ -47,60 +48,54 @@ ExportOutOption = Annotated[
     ),
 ]
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace files of the same name.")]
+HEADER = ("table", "rows", "size", "file")
 OTHER_LOG = {"pulses": "blocks", "blocks": "pulses"}
 """A run logs single pulses, or sums over blocks of them."""
 
 
+@command("run export")
 def export(
-    file: FileArgument,
+    outcome: Outcome,
+    file: RunArgument,
     table: TableOption = None,
     form: FormatOption = None,
     out: ExportOutOption = None,
     overwrite: OverwriteOption = False,
-    as_json: JsonOption = False,
-    debug: DebugOption = False,
-) -> int:
+) -> None:
     """Write tables of a run as CSV, Parquet or JSON.
 
     The name of each column has its unit.
     """
+    from edmctl.jobs.runs.export import Format, export_request
+    from edmctl.jobs.runs.opening import find_run, plain_stem, reading_unless_killed
+    from edmctl.report.export_tables import TABLES
+    from edmctl.report.export_writers import need_pyarrow
 
-    def body(outcome: Outcome) -> None:
-        from edmctl.cli.run.export_request import Format, export_request
-        from edmctl.jobs.run_opening import find_run, plain_stem, reading_unless_killed
-        from edmctl.report.export_tables import TABLES
-        from edmctl.report.export_writers import need_pyarrow
-
-        path = find_run(file)
-        request = export_request(
-            plain_stem(path),
-            path.parent,
-            list(TABLES),
-            table or [],
-            form,
-            out,
-            as_json=as_json,
-            overwrite=overwrite,
-        )
-        if request.form is Format.PARQUET:
-            need_pyarrow()
-            if request.to_stdout and sys.stdout.isatty():
-                raise UsageError(
-                    "Parquet is nothing for a terminal.", hint="Give a file with -o.", code="E2085"
-                )
-        with reading_unless_killed(path) as opened:
-            outcome.run_file = path
-            outcome.simulated = opened.is_simulated
-            _export(outcome, opened, request)
-
-    return run_command(Output("run export", as_json, debug=debug), body)
+    path = find_run(file)
+    request = export_request(
+        plain_stem(path),
+        path.parent,
+        list(TABLES),
+        table or [],
+        form,
+        out,
+        as_json=outcome.output.json,
+        overwrite=overwrite,
+    )
+    if request.form is Format.PARQUET:
+        need_pyarrow()
+        if request.to_stdout and sys.stdout.isatty():
+            raise UsageError("Parquet is nothing for a terminal.", hint="Give a file with -o.", code="E2085")
+    with reading_unless_killed(path) as opened:
+        outcome.run_file = path
+        outcome.simulated = opened.is_simulated
+        _export(outcome, opened, request)
 
 
 def _export(outcome: Outcome, opened: "RunFile", request: "ExportRequest") -> None:
     """Write one table after the other, so that what is there stays when a later one fails."""
-    from edmctl.cli.run.export_output import new_file, stdout
     from edmctl.console.layout import render_columns
-    from edmctl.jobs.output_files import make_folder
+    from edmctl.jobs.output_files import make_folder, new_file
     from edmctl.machine.interface import EventCode
     from edmctl.procedures.event_codes import RunEvent
     from edmctl.report.export_tables import TABLES, ExportTable
@@ -141,7 +136,7 @@ def _write(opened: "RunFile", request: "ExportRequest", table: "ExportTable", si
 
 
 def _writer(opened: "RunFile", request: "ExportRequest", table: "ExportTable", sink: "Sink") -> "TableWriter":
-    from edmctl.cli.run.export_request import Format
+    from edmctl.jobs.runs.export import Format
     from edmctl.report.export_writers import CsvWriter, JsonWriter, ParquetWriter
 
     if request.form is Format.PARQUET:
@@ -150,3 +145,26 @@ def _writer(opened: "RunFile", request: "ExportRequest", table: "ExportTable", s
     if request.form is Format.CSV:
         return CsvWriter(sink, table.columns)
     return JsonWriter(sink, table.columns, lines=request.form is Format.JSONL)
+
+
+class NobodyReads(EdmError):
+    """The reader of stdout has gone: no failure of the command."""
+
+
+@contextmanager
+def stdout() -> Iterator["Sink"]:
+    """Give a sink into stdout; that nobody reads any more ends the block in order. Raises RunFileError E9010."""
+    from edmctl.cli.outcome import unwritable
+    from edmctl.jobs.output_files import Sink
+
+    def error_of(refused: OSError) -> EdmError:
+        return NobodyReads("") if isinstance(refused, BrokenPipeError) else unwritable(refused)
+
+    sys.stdout.flush()
+    try:
+        sink = Sink(sys.stdout.buffer, error_of)
+        yield sink
+        sink.flush()
+    except NobodyReads:
+        with suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from edmctl.cli.options import DebugOption, JsonOption
-from edmctl.cli.outcome import Outcome, Output, run_command, stream_style
+from edmctl.cli.options import command
+from edmctl.cli.outcome import Outcome, stream_style
 from edmctl.errors import RunFileError, UsageError
-from edmctl.jobs.run_opening import RUNS, find_run
+from edmctl.jobs.runs.opening import RUNS, find_run
 
 if TYPE_CHECKING:
     from edmctl.results.run_file import RunHead, Unreadable
@@ -24,18 +24,13 @@ OutOption = Annotated[
 ]
 
 
-def list_runs(
-    folder: FolderArgument = None,
-    out: OutOption = None,
-    as_json: JsonOption = False,
-    debug: DebugOption = False,
-) -> int:
+@command("run list")
+def list_runs(outcome: Outcome, folder: FolderArgument = None, out: OutOption = None) -> None:
     """List the runs of a folder, and what became of them.
 
     The newest comes last: status, depth, wear and time of each.
     """
-    output = Output("run list", as_json, debug=debug)
-    return run_command(output, lambda outcome: _list(outcome, _only(folder, out)))
+    _list(outcome, _only(folder, out))
 
 
 def _only(folder: Path | None, out: Path | None) -> Path:

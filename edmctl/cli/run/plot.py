@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from edmctl.cli import completion
-from edmctl.cli.options import DebugOption, FileArgument, JsonOption
-from edmctl.cli.outcome import Outcome, Output, mutter, run_command
+from edmctl.cli.options import RunArgument, command
+from edmctl.cli.outcome import Outcome, mutter
+from edmctl.wording import plural
 
 if TYPE_CHECKING:
-    from edmctl.cli.run.plot_request import PlotRequest, Target
+    from edmctl.jobs.runs.plot import PlotRequest, Target
     from edmctl.record.reader import RunFile
 
 KindOption = Annotated[
@@ -39,43 +40,42 @@ FormatOption = Annotated[
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace figures of the same name.")]
 
 
+@command("run plot")
 def plot(
-    file: FileArgument,
+    outcome: Outcome,
+    file: RunArgument,
     kind: KindOption = None,
     out: OutOption = None,
     form: FormatOption = None,
     overwrite: OverwriteOption = False,
-    as_json: JsonOption = False,
-    debug: DebugOption = False,
-) -> int:
+) -> None:
     """Draw figures of a run, or one page with all of it.
 
     Figures are for print or for the screen; --kind report makes an HTML page with all of them.
     """
+    from edmctl.jobs.runs.opening import find_run, plain_stem, reading_unless_killed
+    from edmctl.jobs.runs.plot import plot_request
+    from edmctl.report.style import need_matplotlib
 
-    def body(outcome: Outcome) -> None:
-        from edmctl.cli.run.plot_request import plot_request
-        from edmctl.jobs.run_opening import find_run, plain_stem, reading_unless_killed
-        from edmctl.report.style import need_matplotlib
-
-        path = find_run(file)
-        request = plot_request(plain_stem(path), path.parent, kind or [], out, form)
-        need_matplotlib()
-        with reading_unless_killed(path) as opened:
-            outcome.run_file = path
-            outcome.simulated = opened.is_simulated
-            outcome.seed = opened.seed
-            request.check(overwrite)
-            _draw(outcome, opened, request, overwrite)
-
-    return run_command(Output("run plot", as_json, debug=debug), body)
+    path = find_run(file)
+    request = plot_request(plain_stem(path), path.parent, kind or [], out, form)
+    need_matplotlib()
+    with reading_unless_killed(path) as opened:
+        outcome.run_file = path
+        outcome.simulated = opened.is_simulated
+        outcome.seed = opened.seed
+        left = request.to_draw(overwrite)
+        _draw(outcome, opened, left, overwrite)
+    if len(left.targets) < len(request.targets):
+        kept = len(request.targets) - len(left.targets)
+        mutter(f"{plural(kept, 'figure')} of that name kept: --overwrite draws them anew\n")
 
 
 def _draw(outcome: Outcome, opened: "RunFile", request: "PlotRequest", overwrite: bool) -> None:
     """Draw and write one file after the other, so that what is there stays when a later one fails."""
-    from edmctl.cli.run.plot_request import REPLACE_HINT
     from edmctl.errors import PreconditionError
     from edmctl.jobs import output_files
+    from edmctl.jobs.runs.plot import REPLACE_HINT
     from edmctl.report.style import NothingToDraw
 
     written: list[dict[str, object]] = []
@@ -121,7 +121,7 @@ def _content(opened: "RunFile", target: "Target") -> bytes:
 
 def page_of(opened: "RunFile") -> str:
     """The page with all figures and numbers of an open run file."""
-    from edmctl.jobs.run_explanation import sentences_of, trouble_of
+    from edmctl.jobs.runs.explanation import sentences_of, trouble_of
     from edmctl.report.page import pictures_of, render_page
 
     sentences = sentences_of(opened)

@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
-from edmctl.cli.options import DebugOption, EventsOption, FileArgument, JsonOption, QuietOption
-from edmctl.cli.outcome import Outcome, Output, run_command, stream_style, watching
+from edmctl.cli.options import PROGRESS, RunArgument, command
+from edmctl.cli.outcome import Outcome, stream_style, watching
 from edmctl.errors import RunFileError
 
 FollowOption = Annotated[
@@ -16,47 +16,36 @@ FollowOption = Annotated[
 ]
 
 
-def show(
-    file: FileArgument,
-    follow: FollowOption = False,
-    as_json: JsonOption = False,
-    events: EventsOption = False,
-    quiet: QuietOption = False,
-    debug: DebugOption = False,
-) -> int:
+@command("run show", PROGRESS)
+def show(outcome: Outcome, file: RunArgument, follow: FollowOption = False) -> None:
     """Show one run: what was wanted, and what became of it.
 
     With times and what the file holds.
     """
-    output = Output("run show", as_json, events, quiet, debug)
+    from edmctl.jobs.runs.opening import find_run
 
-    def body(outcome: Outcome) -> None:
-        from edmctl.jobs.run_opening import find_run
+    path = find_run(file)
+    killed: RunFileError | None = None
+    if follow:
+        from edmctl.jobs.runs.follow import follow_run
 
-        path = find_run(file)
-        killed: RunFileError | None = None
-        if follow:
-            from edmctl.cli.run.follow import follow_run
-
-            try:
-                with watching(output) as reporter:
-                    path = follow_run(path, reporter)
-            except RunFileError as error:
-                if error.code != "E9008":
-                    raise
-                killed = error
-        _tell(outcome, path)
-        if killed is not None:
-            raise killed
-
-    return run_command(output, body)
+        try:
+            with watching(outcome.output) as reporter:
+                path = follow_run(path, reporter)
+        except RunFileError as error:
+            if error.code != "E9008":
+                raise
+            killed = error
+    _tell(outcome, path)
+    if killed is not None:
+        raise killed
 
 
 def _tell(outcome: Outcome, path: Path) -> None:
     """Leave the summary as the result. Raises RunFileError E9008 when the writer was killed."""
     from edmctl.console.run_view import render_run
-    from edmctl.jobs.run_opening import unless_killed
-    from edmctl.jobs.run_summary import summary_of
+    from edmctl.jobs.runs.opening import unless_killed
+    from edmctl.jobs.runs.summary import summary_of
     from edmctl.record.reader import reading
 
     with reading(path) as opened:

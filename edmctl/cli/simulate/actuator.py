@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from edmctl.cli.options import DebugOption, JsonOption, QuietOption, SeedOption
-from edmctl.cli.outcome import Outcome, Output, run_command, stream_style, watching
-from edmctl.jobs.simulate.seeds import seed_to_use
+from edmctl.cli.options import NOTES, SeedOption, command
+from edmctl.cli.outcome import Outcome, stream_style, watching
+from edmctl.jobs.sweep import seed_to_use
 
 if TYPE_CHECKING:
-    from edmctl.jobs.actuator_trial.trial import Trial
-    from edmctl.jobs.actuator_trial.waveforms import Waveform
+    from edmctl.jobs.actuator_trial import Trial
+    from edmctl.jobs.actuator_waveforms import Waveform
 
 
 class Shape(StrEnum):
@@ -67,7 +67,9 @@ DataOption = Annotated[
 ]
 
 
+@command("simulate actuator", NOTES)
 def actuator(
+    outcome: Outcome,
     shape: ShapeArgument,
     frequency: FrequencyOption = None,
     low: LowOption = None,
@@ -78,36 +80,29 @@ def actuator(
     seed: SeedOption = None,
     plot: PlotOption = None,
     data: DataOption = None,
-    as_json: JsonOption = False,
-    quiet: QuietOption = False,
-    debug: DebugOption = False,
-) -> int:
+) -> None:
     """Drive a virtual actuator, and say how well models follow it.
 
     The models are a straight line, the paper's practice (Maxwell elements without creep, fitted to one slow
     cycle), and edmctl's, calibrated as a machine would be: through the displacement sensor.
     """
+    from edmctl.jobs.actuator_trial import check_outputs
+    from edmctl.jobs.actuator_waveforms import Wanted, waveforms
 
-    def body(outcome: Outcome) -> None:
-        from edmctl.jobs.actuator_trial.files import check_outputs
-        from edmctl.jobs.actuator_trial.waveforms import Wanted, waveforms
-
-        outcome.simulated = True
-        used_seed = seed_to_use(seed)
-        wanted = Wanted(shape.value, frequency, low, high, cycles, source)
-        asked = waveforms(wanted)
-        check_outputs(plot, data)
-        outcome.seed = used_seed
-        trial = _try(outcome, asked, calibration, used_seed)
-        _report(outcome, trial, plot, data)
-
-    return run_command(Output("simulate actuator", json=as_json, quiet=quiet, debug=debug), body)
+    outcome.simulated = True
+    used_seed = seed_to_use(seed)
+    wanted = Wanted(shape.value, frequency, low, high, cycles, source)
+    asked = waveforms(wanted)
+    check_outputs(plot, data)
+    outcome.seed = used_seed
+    trial = _try(outcome, asked, calibration, used_seed)
+    _report(outcome, trial, plot, data)
 
 
 def _try(outcome: Outcome, asked: "list[Waveform]", calibration: Path | None, seed: int) -> "Trial":
     """Get the models and drive every waveform."""
     from edmctl.actuator.compiling import compiling_told
-    from edmctl.jobs.actuator_trial.trial import known_model, run_trial
+    from edmctl.jobs.actuator_trial import known_model, run_trial
 
     known = None
     if calibration:
@@ -125,7 +120,7 @@ def _try(outcome: Outcome, asked: "list[Waveform]", calibration: Path | None, se
 def _report(outcome: Outcome, trial: "Trial", plot: Path | None, data: Path | None) -> None:
     """Say the figures; then write the files, so that a full disk leaves the figures known."""
     from edmctl.console.calibration_tables import render_actuator
-    from edmctl.jobs.actuator_trial.files import write_data, write_figure
+    from edmctl.jobs.actuator_trial import write_data, write_figure
 
     result: dict[str, object] = {**trial.as_mapping(), "plot_file": None, "data_file": None}
     outcome.result = result

@@ -1,24 +1,25 @@
 """`edmctl simulate serve`: a virtual controller that other programs reach as they reach a real one."""
 
+import glob
+import json
 import math
+import os
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from edmctl.cli.options import (
-    DebugOption,
-    JsonOption,
-    ProfileOption,
-    QuietOption,
-    SeedOption,
-    SetOption,
-    SetupOption,
-)
-from edmctl.cli.outcome import Outcome, Output, mutter, run_command
+from edmctl.cli.options import NOTES, ProfileOption, SeedOption, SetOption, SetupOption, command
+from edmctl.cli.outcome import Outcome, Output, mutter
 from edmctl.errors import UsageError
-from edmctl.jobs.simulate.seeds import seed_to_use
+from edmctl.jobs.sweep import seed_to_use
+from edmctl.link.ports import PortInfo
+from edmctl.profile.calibration import data_folder
+from edmctl.record.locks import is_alive
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -102,7 +103,9 @@ class _Place:
     secret: bytes
 
 
+@command("simulate serve", NOTES)
 def serve(
+    outcome: Outcome,
     profile: ProfileOption = None,
     overrides: SetOption = None,
     setup: SetupOption = None,
@@ -116,48 +119,39 @@ def serve(
     bench: BenchOption = None,
     fault: FaultOption = None,
     seconds: ForOption = None,
-    as_json: JsonOption = False,
-    quiet: QuietOption = False,
-    debug: DebugOption = False,
-) -> int:
+) -> None:
     """Serve a virtual controller on a pty or a socket until Ctrl-C.
 
     It is the machine of `sim:`, and lives on between the programs that use it one after the other. What --fault
     breaks stays broken until SIGUSR1 mends it.
     """
-    output = Output("simulate serve", as_json, quiet=quiet, debug=debug)
+    from edmctl.jobs.connect import bench_config
+    from edmctl.profile.setup import load_setup
+    from edmctl.rules.load import load_profile
 
-    def body(outcome: Outcome) -> None:
-        from edmctl.jobs.connect import bench_config
-        from edmctl.profile.setup import load_setup
-        from edmctl.rules.load import load_profile
-
-        outcome.simulated = True
-        if link is not None and socket is not None:
-            raise UsageError("--link and --socket exclude each other.", hint="Leave one out.", code="E2040")
-        injections, factor = _injections(fault), _speed(speed)
-        place = _place(socket, secret_file, allow_remote=allow_remote)
-        if seconds is not None and not math.isfinite(seconds):
-            raise UsageError(
-                f"--for {seconds} is no length of time.", hint="Leave it out for no end.", code="E2045"
-            )
-        settings = load_setup(setup)
-        loaded = load_profile(profile, tuple(overrides or ()), setup=settings) if profile else None
-        used_seed = seed_to_use(seed)
-        # A bench that was kept is the machine that it is, whatever seed would make another.
-        outcome.seed = used_seed if seed is not None or bench is None or not bench.exists() else None
-        request = ServeRequest(
-            bench_config(loaded, settings), used_seed, factor, baud, injections, bench, seconds
+    outcome.simulated = True
+    if link is not None and socket is not None:
+        raise UsageError("--link and --socket exclude each other.", hint="Leave one out.", code="E2040")
+    injections, factor = _injections(fault), _speed(speed)
+    place = _place(socket, secret_file, allow_remote=allow_remote)
+    if seconds is not None and not math.isfinite(seconds):
+        raise UsageError(
+            f"--for {seconds} is no length of time.", hint="Leave it out for no end.", code="E2045"
         )
-        _serve(outcome, request, link, place)
-
-    return run_command(output, body)
+    settings = load_setup(setup)
+    loaded = load_profile(profile, tuple(overrides or ()), setup=settings) if profile else None
+    used_seed = seed_to_use(seed)
+    # A bench that was kept is the machine that it is, whatever seed would make another.
+    outcome.seed = used_seed if seed is not None or bench is None or not bench.exists() else None
+    request = ServeRequest(
+        bench_config(loaded, settings), used_seed, factor, baud, injections, bench, seconds
+    )
+    _serve(outcome, request, link, place)
 
 
 def _serve(outcome: Outcome, request: ServeRequest, link: Path | None, place: _Place | None) -> None:
     from edmctl.actuator.compiling import compiling_told
     from edmctl.cli.signals import requests_by_signal, stopping_signals
-    from edmctl.cli.simulate.registry import announced
     from edmctl.jobs.persistent_simulator import kept_bench
     from edmctl.machine.stop import StopRequest
     from edmctl.simulator.news import News
@@ -282,7 +276,7 @@ def _speed(text: str) -> float | None:
 
 def _place(text: str | None, secret_file: Path | None, *, allow_remote: bool) -> _Place | None:
     """Where to serve a socket, and with which secret; None without one."""
-    from edmctl.jobs.secret_file import read_secret
+    from edmctl.jobs.connect import read_secret
     from edmctl.simulator.socket_endpoint import address_of, is_loopback
 
     if text is None:
@@ -325,3 +319,49 @@ def _injections(texts: list[str] | None) -> tuple["Injection", ...]:
         raise UsageError(
             str(error), hint="Say --fault NAME or --fault NAME@sparks+2.", code="E2043"
         ) from error
+
+
+@contextmanager
+def announced(port: str, serial: str) -> Iterator[None]:
+    """Note that a port is served, for a `with` block; where nothing can be written nobody is told."""
+    note = _folder() / f"{socket.gethostname()}-{os.getpid()}.json"
+    with suppress(OSError):
+        note.parent.mkdir(parents=True, exist_ok=True)
+        where = port if "://" in port else str(Path(port).absolute())
+        note.write_text(json.dumps({"port": where, "serial": serial}), encoding="utf-8")
+    try:
+        yield
+    finally:
+        with suppress(OSError):
+            note.unlink()
+            note.parent.rmdir()  # unless others serve too
+            note.parent.parent.rmdir()  # unless anything else is kept there
+
+
+def served_ports() -> list[PortInfo]:
+    """Return the ports that living processes of this user serve; notes that a killed one has left are removed."""
+    found = []
+    with suppress(OSError):
+        # A home may be that of several computers: what another one serves is neither here nor gone.
+        for note in sorted(_folder().glob(f"{glob.escape(socket.gethostname())}-*.json")):
+            told, number = _read(note), note.stem.rpartition("-")[2]
+            if told is None or not (number.isascii() and number.isdigit() and is_alive(int(number))):
+                with suppress(OSError):
+                    note.unlink()
+            else:
+                found.append(PortInfo(told[0], f"virtual controller {told[1]}, served by process {number}"))
+    return found
+
+
+def _folder() -> Path:
+    return data_folder(os.environ) / "served"
+
+
+def _read(note: Path) -> tuple[str, str] | None:
+    from edmctl.files import read_bytes
+
+    try:
+        told = json.loads(read_bytes(note))
+        return str(told["port"]), str(told["serial"])
+    except (OSError, ValueError, TypeError, KeyError):
+        return None

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from edmctl.errors import Diagnostic, RecordError, RunFileError, UsageError
 from edmctl.jobs import output_files
-from edmctl.jobs.plan import Where, where_is
+from edmctl.jobs.plan import MachineAddress, where_is
 from edmctl.jobs.surroundings import NONE, Surroundings
 from edmctl.wording import U95
 
@@ -53,7 +53,7 @@ class CalibrationRequest:
         return self.lever is not None and not (self.sources or self.validation or self.output)
 
 
-class Given(NamedTuple):
+class MeasuredRecord(NamedTuple):
     """A file of measured data."""
 
     path: Path
@@ -71,14 +71,14 @@ class LeverFound:
 
 
 @dataclass(frozen=True, slots=True)
-class Checked:
+class CheckedCalibration:
     """A checked request. `plan` is what to drive a machine through; None where nothing is driven."""
 
     setup: Setup
-    where: Where
+    where: MachineAddress
     simulated: bool | None
-    sources: tuple[Given, ...]
-    validation: tuple[Given, ...]
+    sources: tuple[MeasuredRecord, ...]
+    validation: tuple[MeasuredRecord, ...]
     refit: tuple[Refit, ...]
     delay_s: float | None
     output: Path | None
@@ -88,7 +88,7 @@ class Checked:
     surroundings: Surroundings
 
 
-def check(request: CalibrationRequest, surroundings: Surroundings = NONE) -> Checked:
+def check(request: CalibrationRequest, surroundings: Surroundings = NONE) -> CheckedCalibration:
     """Check options and files, for the program in `surroundings`.
 
     Raises UsageError, ProfileError, RecordError, RunFileError, LinkLost, PreconditionError.
@@ -98,7 +98,7 @@ def check(request: CalibrationRequest, surroundings: Surroundings = NONE) -> Che
     from edmctl.profile.setup import load_setup
 
     setup = load_setup(request.setup)
-    plan, simulated, where = None, None, Where()
+    plan, simulated, where = None, None, MachineAddress()
     if not request.sources and not request.lever_only:
         from edmctl.procedures.actuator.calibration import plan_calibration
 
@@ -111,7 +111,7 @@ def check(request: CalibrationRequest, surroundings: Surroundings = NONE) -> Che
     count = len(request.sources)
     sources, doubts = _read(request.sources, histories[:count])
     validation, more_doubts = _read(request.validation, histories[count:])
-    return Checked(
+    return CheckedCalibration(
         setup=setup,
         where=where,
         simulated=simulated,
@@ -212,20 +212,20 @@ def _histories(request: CalibrationRequest) -> list[float | None]:
 
 def _read(
     paths: Sequence[Path], histories: Sequence[float | None]
-) -> tuple[tuple[Given, ...], list[Diagnostic]]:
+) -> tuple[tuple[MeasuredRecord, ...], list[Diagnostic]]:
     if not paths:
         return (), []
     from edmctl.actuator.checks import check_record
     from edmctl.record.columns import read_record
 
-    found: list[Given] = []
+    found: list[MeasuredRecord] = []
     doubts: list[Diagnostic] = []
     for path, previous_v in zip(paths, histories, strict=True):
         record = read_record(path, previous_v)
         columns = {"t_s": record.t_s, "u_V": record.u_v, "y_um": record.y_um}
         _refuse_huge(path, columns, "E3612")
         doubts += doubtful(check_record(record), "W3610")
-        found.append(Given(path, record))
+        found.append(MeasuredRecord(path, record))
     return tuple(found), doubts
 
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from edmctl.actuator.model import ActuatorModel
     from edmctl.actuator.record import Record
     from edmctl.jobs.calibration.fit import Figures, Findings
-    from edmctl.jobs.calibration.request import Checked, LeverFound
+    from edmctl.jobs.calibration.request import CheckedCalibration, LeverFound
     from edmctl.jsonout import JsonValue
     from edmctl.procedures.actuator.calibration import CalibrationPlan, MeasuredActuator
     from edmctl.results.progress import Observer
@@ -97,7 +97,7 @@ class CalibrationReport(Result):
 
 
 def calibrate_machine(
-    plan: CalibrationPlan, checked: Checked, seed: int, observer: Observer, warn: Warn
+    plan: CalibrationPlan, checked: CheckedCalibration, seed: int, observer: Observer, warn: Warn
 ) -> CalibrationReport:
     """Drive the machine, fit, and save. What was measured is kept where it comes to no calibration."""
     from edmctl.procedures.actuator.calibration import measure_actuator
@@ -133,7 +133,7 @@ def _not_replaced(path: Path) -> Diagnostic:
     return Diagnostic("W3652", message, hint, is_warning=True)
 
 
-def calibrate_files(checked: Checked, observer: Observer) -> CalibrationReport:
+def calibrate_files(checked: CheckedCalibration, observer: Observer) -> CalibrationReport:
     """Fit measured files, and save where a name was given."""
     from edmctl.actuator.compiling import compiling_told
 
@@ -157,7 +157,7 @@ def _doubts(measured: MeasuredActuator) -> list[Diagnostic]:
     return doubts
 
 
-def _fit(records: Sequence[Record], checked: Checked, observer: Observer) -> Findings:
+def _fit(records: Sequence[Record], checked: CheckedCalibration, observer: Observer) -> Findings:
     from edmctl.jobs.calibration.fit import find
 
     observer.note(f"fitting {sum(len(record.t_s) for record in records)} samples")
@@ -165,7 +165,9 @@ def _fit(records: Sequence[Record], checked: Checked, observer: Observer) -> Fin
     return find(records, validation, checked.refit, checked.delay_s)
 
 
-def _save(findings: Findings, path: Path, checked: Checked, serial: str | None, *, simulated: bool) -> None:
+def _save(
+    findings: Findings, path: Path, checked: CheckedCalibration, serial: str | None, *, simulated: bool
+) -> None:
     """Write the calibration file; from here on a signal could only cut off what is settled."""
     from edmctl.profile.calibration import calibration_of, measured_file, save_calibration
     from edmctl.profile.calibration_tables import Made

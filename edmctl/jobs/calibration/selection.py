@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from edmctl.errors import Diagnostic, PreconditionError
-from edmctl.jobs.calibration import doubts as calibration_doubts
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -16,6 +15,55 @@ if TYPE_CHECKING:
     from edmctl.profile.calibration_tables import Calibration
     from edmctl.profile.model import Profile
     from edmctl.profile.setup import Setup
+
+LOW_END_SHARE = 0.15
+"""Of the voltages to be used: a calibration that begins so far above the lowest still serves there."""
+
+
+class VoltageRange(Protocol):
+    """Voltages that a model was identified over."""
+
+    @property
+    def low_v(self) -> float: ...
+    @property
+    def high_v(self) -> float: ...
+
+
+def owner(calibration: Calibration) -> str:
+    """Return the serial number of the machine that it was made on, or words where it names none."""
+    return calibration.serial or "an unnamed machine"
+
+
+def of_another(path: Path, calibration: Calibration, serial: str, this: str, hint: str) -> list[Diagnostic]:
+    """Warn (W8101) of a calibration of another machine than `serial`, which `this` introduces."""
+    if calibration.serial == serial:
+        return []
+    return [_doubt("W8101", f"{path} is of {owner(calibration)}; {this} {serial}.", hint)]
+
+
+def not_accepted(what: str, problems: str, hint: str) -> Diagnostic:
+    """Warn (W8102) of a calibration that was not accepted."""
+    return _doubt("W8102", f"{what} was not accepted: {problems}", hint)
+
+
+def narrow(message: str, hint: str) -> Diagnostic:
+    """Warn (W8104) of a calibration that does not hold all voltages to be used."""
+    return _doubt("W8104", message, hint)
+
+
+def reaches_down(model: VoltageRange, low_v: float, high_v: float) -> bool:
+    """Whether a calibration begins low enough for voltages from `low_v` to `high_v`."""
+    return model.low_v <= low_v + LOW_END_SHARE * (high_v - low_v)
+
+
+def reaches_up(model: VoltageRange, high_v: float, tolerance_v: float = 0.0) -> bool:
+    """Whether a calibration ends no more than `tolerance_v` below `high_v`."""
+    return high_v <= model.high_v + tolerance_v
+
+
+def _doubt(code: str, message: str, hint: str) -> Diagnostic:
+    return Diagnostic(code, message, hint, is_warning=True)
+
 
 SHORT_HASH = 12
 LOAD_UM_PER_N = 5.0
@@ -133,7 +181,7 @@ def _used(path: Path, calibration: Calibration, setup: Setup, serial: str) -> Mo
     short, accepted = calibration.sha256[:SHORT_HASH], calibration.quality.accepted
     words = ["accepted" if accepted else "not accepted"]
     if calibration.serial != serial:
-        words.append(f"of {calibration_doubts.owner(calibration)}, not of {serial}")
+        words.append(f"of {owner(calibration)}, not of {serial}")
     text = f"calibration {path} (sha256 {short}, {', '.join(words)})"
     return ModelUsed(not setup.sensor.fitted, str(path), short, accepted, text)
 
@@ -141,10 +189,10 @@ def _used(path: Path, calibration: Calibration, setup: Setup, serial: str) -> Mo
 def _covers(calibration: Calibration, profile: Profile) -> bool:
     """Whether the calibration holds all voltages of the job: 0 V, where the tool rests, to the profile's limit."""
     model, top_v = calibration.actuator, profile.limits.stroke_v_max
-    return calibration_doubts.reaches_up(model, top_v) and calibration_doubts.reaches_down(model, 0.0, top_v)
+    return reaches_up(model, top_v) and reaches_down(model, 0.0, top_v)
 
 
-def _range_told(path: Path, calibration: Calibration, profile: Profile) -> str:
+def _range_in_words(path: Path, calibration: Calibration, profile: Profile) -> str:
     model, top_v = calibration.actuator, profile.limits.stroke_v_max
     return f"{path} covers {model.low_v:.1f} V to {model.high_v:.1f} V; limits.stroke_v_max is {top_v:.1f} V"
 
@@ -153,7 +201,7 @@ def _refuse_narrow(path: Path, calibration: Calibration, setup: Setup, profile: 
     if setup.sensor.fitted or _covers(calibration, profile):
         return
     raise PreconditionError(
-        f"No sensor is fitted, and {_range_told(path, calibration, profile)}, from 0 V on.",
+        f"No sensor is fitted, and {_range_in_words(path, calibration, profile)}, from 0 V on.",
         hint="Calibrate from 0 V over the whole stroke, or lower limits.stroke_v_max to what it covers.",
         code="E8032",
     )
@@ -163,13 +211,13 @@ def _doubts(
     path: Path, calibration: Calibration, setup: Setup, profile: Profile, serial: str
 ) -> list[Diagnostic]:
     elsewhere = "Every actuator is another one: run `edmctl calibrate` here."
-    doubts = calibration_doubts.of_another(path, calibration, serial, "this machine is", elsewhere)
+    doubts = of_another(path, calibration, serial, "this machine is", elsewhere)
     if not calibration.quality.accepted:
         problems = " ".join(calibration.quality.problems)
-        doubts.append(calibration_doubts.not_accepted(str(path), problems, "Run `edmctl calibrate` again."))
+        doubts.append(not_accepted(str(path), problems, "Run `edmctl calibrate` again."))
     if not _covers(calibration, profile):
-        message = f"{_range_told(path, calibration, profile)}. Beyond it the model guesses."
-        doubts.append(calibration_doubts.narrow(message, "Calibrate from 0 V over the whole stroke."))
+        message = f"{_range_in_words(path, calibration, profile)}. Beyond it the model guesses."
+        doubts.append(narrow(message, "Calibrate from 0 V over the whole stroke."))
     if not setup.sensor.fitted:
         doubts.append(_cost(calibration))
     return doubts

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic
 from edmctl.jobs.job_preparation import hole_radius_um, logbook_of, prepared_job
-from edmctl.jobs.ledger.tool_identity import tool_identity
+from edmctl.jobs.ledger.tool import tool_identity
 from edmctl.process.next_cut import COVERAGE
 from edmctl.record.ledger_entries import (
     UNFINISHED,
@@ -59,7 +59,7 @@ class JobLedger:
     def job(self, resuming: Collection[str] = ()) -> Job:
         """Return the job as it can be done now; `resuming` as in `prepared_job`. Nothing is written down yet.
 
-        Raises PreconditionError: whatever `prepared_job` and `Prepared.refuse` raise.
+        Raises PreconditionError: whatever `prepared_job` and `PreparedJob.refuse` raise.
         """
         self._logbook = logbook_of(self.plan, self.name)
         session = self.session

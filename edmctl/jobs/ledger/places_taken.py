@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from edmctl.errors import PreconditionError
+from edmctl.errors import PreconditionError, UsageError
 from edmctl.profile.findings import PAD_MARGIN_UM
 from edmctl.wording import coordinates, length
 
@@ -48,7 +48,7 @@ def refuse_taken(
         for hole in holes:
             if math.hypot(hole.x_um - x_um, hole.y_um - y_um) < hole.radius_um + radius_um:
                 raise PreconditionError(
-                    f"{name} at {coordinates(x_um, y_um)} would run into {told(hole, folder)}.",
+                    f"{name} at {coordinates(x_um, y_um)} would run into {hole_in_words(hole, folder)}.",
                     hint="Give it another place, or keep the run files of new work in another folder with --out; "
                     "`edmctl machine --resume` finishes an interrupted hole or channel.",
                     code="E8042",
@@ -70,8 +70,35 @@ def refuse_pad(place: Place, job: Job) -> None:
         )
 
 
-def told(hole: SiteMachined, folder: Path) -> str:
+def hole_in_words(hole: SiteMachined, folder: Path) -> str:
     """A hole in words: name, depth, place, and the run file in `folder` that tells of it."""
     depth = "of unknown depth" if math.isnan(hole.depth_um) else f"{length(hole.depth_um)} deep"
     where = coordinates(hole.x_um, hole.y_um)
     return f"{hole.name}, {depth} at {where}, {hole.status}, recorded in {folder / hole.run_file}"
+
+
+def place_of(text: str | None) -> tuple[float, float] | None:
+    """Return the stage coordinates that are named, None where none are. Raises UsageError E2061."""
+    place = None if text is None else coordinates_in(text)
+    if text is not None and place is None:
+        raise no_place(text)
+    return place
+
+
+def coordinates_in(text: str) -> tuple[float, float] | None:
+    """Return x and y in µm where the text is two numbers with a comma between them."""
+    parts = text.split(",")
+    try:
+        numbers = [float(part) for part in parts]
+    except ValueError:
+        return None
+    if len(numbers) != 2 or not all(map(math.isfinite, numbers)):
+        return None
+    return numbers[0], numbers[1]
+
+
+def no_place(text: str) -> UsageError:
+    """Return the error of a text that names no place."""
+    return UsageError(
+        f"--site {text} is no X,Y in µm.", hint="Say two numbers, e.g. --site 500,0.", code="E2061"
+    )

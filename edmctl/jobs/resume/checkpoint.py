@@ -31,7 +31,7 @@ def tell_way_on(error: EdmError, plan: Plan, name: RunName | None) -> None:
         return
     from edmctl.jobs.resume.checks import refuse_untouchable
     from edmctl.jobs.resume.selection import find_run
-    from edmctl.jobs.resume.way_on import resume_command
+    from edmctl.jobs.runs.opening import resume_command
 
     try:
         refuse_untouchable(find_run(str(name.journal), name.path.parent), plan)

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError, RunFileError, UsageError
-from edmctl.jobs.ledger.last_home import with_home_left
+from edmctl.jobs.ledger.elapsed import with_home_left
 from edmctl.jobs.plan import Resumption
 from edmctl.jobs.resume.checks import refuse_untouchable, refuse_used_tool
 from edmctl.jobs.run_header import RunName, run_path
@@ -95,7 +95,7 @@ def checked(
     Raises PreconditionError: E8053 profile or setup are not what they were, E8054 the journal tells nothing of its
     channel, E8056 its tool was used since, E8058 the virtual bench is gone. Whatever `check` raises.
     """
-    from edmctl.jobs.checking import check
+    from edmctl.jobs.plan import check
     from edmctl.record.ledger import Logbook
 
     job = resumption.job

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from edmctl.jobs.run_samples import PULSES_S, SampleReader
 from edmctl.labels import PAD
 from edmctl.wording import duration, plain_number
 
@@ -14,10 +14,88 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from edmctl.console.progress import Reporter
+    import numpy as np
+    from numpy.typing import NDArray
+
     from edmctl.record.reader import RunFile
-    from edmctl.results.progress import Phase, Progress
+    from edmctl.results.progress import Extremes, Observer, Phase, Progress
     from edmctl.results.run_file import FileEvent
+
+SLICE_S = 0.1
+"""As often as a job reports what it does."""
+SPAN_S = 60.0
+"""As much is drawn; what is older is not looked at."""
+MOST_ROWS = 60_000
+"""Rows in that time at 1 kHz, the highest rate there is."""
+PULSES_S = 2.0
+"""The supervisor writes ten rows a second while there are pulses: without one for so long there are none."""
+_MOST_SLOW = int(10.0 * (SPAN_S + PULSES_S))
+
+
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """The newest row, and the slices since the last look, of which the last one ends with it."""
+
+    time_s: float
+    gap_v: float
+    displacement_um: float
+    state: int
+    slices: tuple[Extremes, ...]
+
+
+class SampleReader:
+    """Reads each row once, however long ago the last look was. The first look goes back by `SPAN_S`."""
+
+    def __init__(self) -> None:
+        self._read = 0
+
+    def read(self, run: RunFile) -> Samples | None:
+        """Return what has come since the last call, the newest row again where nothing has; None before any."""
+        import numpy as np
+
+        from edmctl.results.progress import Extremes
+
+        rows = run.rows("/entry/servo")
+        if not rows:
+            return None
+        first = min(max(self._read, rows - MOST_ROWS), rows - 1)
+        self._read = rows
+        time_s, gap_v, sensor_um, model_um = (
+            run.column("/entry/servo", name, first, rows).astype(float)
+            for name in ("time", "v_gap_avg", "z_sensor", "z_model")
+        )
+        height_um = sensor_um if math.isfinite(sensor_um[-1]) else model_um
+        drawn = int(np.searchsorted(time_s, time_s[-1] - SPAN_S))
+        parts = np.floor(time_s[drawn:] / SLICE_S)
+        begins = drawn + np.flatnonzero(np.diff(parts, prepend=-1.0))
+        ends_s = time_s[np.append(begins[1:], len(time_s)) - 1]
+        lows_v, highs_v = (extreme.reduceat(gap_v, begins) for extreme in (np.fmin, np.fmax))
+        quiet = ~_with_pulses(run, ends_s)
+        lows_v[quiet] = highs_v[quiet] = math.nan
+        lows_um, highs_um = (extreme.reduceat(height_um, begins) for extreme in (np.fmin, np.fmax))
+        return Samples(
+            float(time_s[-1]),
+            float(gap_v[-1]),
+            float(height_um[-1]),
+            int(run.column("/entry/servo", "state", rows - 1, rows)[0]),
+            tuple(
+                Extremes(*map(float, row))
+                for row in zip(ends_s, lows_v, highs_v, lows_um, highs_um, strict=True)
+            ),
+        )
+
+
+def _with_pulses(run: RunFile, times_s: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether there were pulses at each time, shape (n,)."""
+    import numpy as np
+
+    rows = run.rows("/entry/slow")
+    told_s = run.column("/entry/slow", "time", max(0, rows - _MOST_SLOW), rows).astype(float)
+    told_s = np.concatenate([[-math.inf], told_s])
+    since_s: NDArray[np.float64] = times_s - told_s[np.searchsorted(told_s, times_s, side="right") - 1]
+    found: NDArray[np.bool_] = since_s <= PULSES_S
+    return found
+
 
 LOOK_EVERY_S = 0.5
 FEED_AFTER_S = 10.0
@@ -33,7 +111,7 @@ def pause() -> None:
     time.sleep(LOOK_EVERY_S)
 
 
-def follow_run(path: Path, reporter: Reporter, wait: Callable[[], None] = pause) -> Path:
+def follow_run(path: Path, reporter: Observer, wait: Callable[[], None] = pause) -> Path:
     """Report the state of the run at `path` until it has an end; return what the file is called then.
 
     Of what was decided before the first look the newest is told first. Raises RunFileError: E9008 its writer died,
@@ -53,7 +131,7 @@ class _Watcher:
     """Knows what has been told already, and what the events say about where the job stands."""
 
     def __init__(self, run: RunFile) -> None:
-        from edmctl.jobs.run_explanation import depths_of_holes
+        from edmctl.jobs.runs.explanation import depths_of_holes
 
         values = run.profile_values()
         self._mean_open_v = plain_number(values.get("pulse.open_voltage_v")) * plain_number(
@@ -71,9 +149,9 @@ class _Watcher:
         self._done = self._jumps = 0
         self._last_jump_s = self._warned_s = math.nan
 
-    def report(self, run: RunFile, reporter: Reporter) -> None:
+    def report(self, run: RunFile, reporter: Observer) -> None:
         """Report the newest state, and the events since the last one."""
-        from edmctl.jobs.run_events import events_of
+        from edmctl.jobs.runs.events import events_of
 
         events = events_of(run, self._seen)
         self._seen += len(events)
@@ -219,6 +297,6 @@ def _phase(state: int, *, machining: bool) -> Phase:
 
 
 def _is_news(event: FileEvent) -> bool:
-    from edmctl.jobs.run_events import DEBUG, LEFT_OUT
+    from edmctl.jobs.runs.events import DEBUG, LEFT_OUT
 
     return event.level != DEBUG and event.code not in LEFT_OUT and event.code != "JUMPED"

@@ -6,7 +6,7 @@ import json
 import math
 from typing import TYPE_CHECKING
 
-from edmctl.jobs.run_events import event_sentences, events_of, holes_of
+from edmctl.jobs.runs.events import event_sentences, events_of, holes_of
 from edmctl.labels import PAD
 from edmctl.results.run_file import Sentence
 from edmctl.wording import duration, earlier, ended_as, facts, plain_number, with_u95

@@ -1,4 +1,4 @@
-"""Which machine it is and which tool is in it, as far as that can be told before anything moves."""
+"""Which machine it is and which tool is in it, as far as that is known before anything moves; what is left of it."""
 
 from __future__ import annotations
 
@@ -7,13 +7,20 @@ import re
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from edmctl.errors import Diagnostic
+from edmctl.errors import Diagnostic, EdmError, PreconditionError
 from edmctl.jobs.ledger.elapsed import CALENDAR, Now
+from edmctl.jobs.runs.opening import command_to_go_on, on_machine
+from edmctl.wording import length
 
 if TYPE_CHECKING:
-    from edmctl.jobs.plan import Plan, Where
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from edmctl.jobs.plan import MachineAddress, Plan
     from edmctl.jobs.session import MachineSession
-    from edmctl.profile.model import Tool
+    from edmctl.profile.model import Profile, Tool
+    from edmctl.profile.places import Place
+    from edmctl.profile.setup import Setup
     from edmctl.record.ledger import Logbook
     from edmctl.record.tool_account import Books, ToolAccount
     from edmctl.simulator.bench import VirtualBench
@@ -45,7 +52,7 @@ def tool_identity(session: MachineSession) -> ToolIdentity:
     return replace(_identity_of(bench.virtual), is_new=bench.seed is not None)
 
 
-def tool_identity_in_file(where: Where) -> ToolIdentity | None:
+def tool_identity_in_file(where: MachineAddress) -> ToolIdentity | None:
     """Return what the file of a kept bench shows; None where there is none to read.
 
     Raises RunFileError: those of `read_bench`, E9024 there is no folder where it could be kept.
@@ -67,7 +74,7 @@ def _identity_of(bench: VirtualBench) -> ToolIdentity:
     return ToolIdentity(bench.plant.serial, now, bench.tool_label, bench.plant.config.tool_diameter_um)
 
 
-def not_seen(where: Where) -> str:
+def not_seen(where: MachineAddress) -> str:
     """Return what a dry run says of a machine that it would have to connect to."""
     return (
         f"job ledger and bench were not looked at: {where.selector} tells who it is only once it is connected"
@@ -145,3 +152,97 @@ def name_tool(plan: Plan, session: MachineSession, logbook: Logbook | None) -> N
         return
     if is_unnamed(identity.tool, identity.diameter_um, tool):
         logbook.append(identity.serial, ToolNamed(tool.label, NAMELESS))
+
+
+NEAR_UM = 10.0
+"""The first touch finds a surface that lies so far from where the recipe says: then nothing has to be told to it."""
+_NEW = "Dress or change the tool, and say --new-tool for a new one."
+
+
+def on_worn_tool(profile: Profile, account: ToolAccount) -> Profile:
+    """Return the recipe with the gap at 0 V that the tool's last touch left, where that is another one."""
+    moved_um = account.pad_um - profile.approach.offset_um
+    if math.isnan(moved_um) or abs(moved_um) <= NEAR_UM:
+        return profile
+    approach = profile.approach.model_copy(
+        update={
+            "offset_um": account.pad_um,
+            "max_travel_um": profile.approach.max_travel_um + moved_um,
+        }
+    )
+    return profile.model_copy(update={"approach": approach})
+
+
+def refuse_too_short(worn: Profile, setup: Setup, stroke_um: float, account: ToolAccount, port: str) -> None:
+    """Raise PreconditionError E8044 where the actuator does not take the worn tool down by `stroke_um`."""
+    from edmctl.forecasts.forecast import stroke_available_um
+
+    available_um = stroke_available_um(worn, setup)
+    if stroke_um > available_um:
+        raise PreconditionError(
+            f"{account.label} touches the pad at {length(account.pad_um)} by now; a stroke of {length(stroke_um)} "
+            f"is needed then, and the actuator has {length(available_um)}.",
+            hint=f"Set the tool lower and say `{on_machine('edmctl measure-wear --reference', port)}`, or change it "
+            "and say --new-tool. Keep run files of another machine or of new work in another folder with --out.",
+            code="E8044",
+        )
+
+
+def refuse_unknown_length(account: ToolAccount, folder: Path, port: str) -> None:
+    """Raise PreconditionError E8048 where a job of the tool was killed, and nobody knows what it took off."""
+    if not account.killed:
+        return
+    run_file = folder / account.killed[-1].run_file
+    command = command_to_go_on(run_file)
+    anew = f"touch the pad anew with `{on_machine('edmctl measure-wear --reference', port)}`."
+    raise PreconditionError(
+        f"How long the tool {account.label} is, nobody knows: {run_file} was killed while it machined.",
+        hint=f"Finish it with `{command}`; to give it up, {anew}"
+        if command
+        else f"{anew[0].upper()}{anew[1:]}",
+        code="E8048",
+    )
+
+
+def refuse_worn_out(
+    profile: Profile, setup: Setup, places: Sequence[Place], account: ToolAccount
+) -> list[Diagnostic]:
+    """Return a warning where the tool will not last for the whole job.
+
+    Raises PreconditionError E8043 where it will not last for one hole of it.
+    """
+    from edmctl.forecasts.forecast import forecast
+
+    expected, limit_um = forecast(profile, setup, places), profile.tool.max_wear_um
+    lost = f"{account.label} has lost {length(account.lost_um)} so far"
+    if account.lost_um + expected.wear_um > limit_um:
+        raise PreconditionError(
+            f"{lost} and would lose {length(expected.wear_um)} more; tool.max_wear_um is {length(limit_um)}.",
+            hint=_NEW,
+            code="E8043",
+        )
+    if account.lost_um + expected.tool_wear_um > limit_um:
+        message = (
+            f"{lost}; the whole job takes {length(expected.tool_wear_um)}, of {length(limit_um)} in all."
+        )
+        hint = f"The job will stop in order before a hole that the tool cannot make. {_NEW}"
+        return [Diagnostic("W8110", message, hint, is_warning=True)]
+    return []
+
+
+def left_to_finish(tool: str, serial: str, folder: Path) -> list[Diagnostic]:
+    """Return a warning (W8115) of each job of the tool that could still be taken up, and not after another job."""
+    from edmctl.record.journal import SUFFIX, read_journal
+
+    warnings = []
+    for journal in sorted(folder.glob(f"*{SUFFIX}")):
+        run_file = journal.with_suffix(".h5")
+        try:
+            job = read_journal(journal).job
+        except (EdmError, OSError):
+            continue
+        if (job.tool, job.serial) == (tool, serial) and (command := command_to_go_on(run_file)):
+            message = f"{run_file} was interrupted and cannot be finished once {tool} has done another job."
+            hint = f"Stop this job and finish that one first, with `{command}`."
+            warnings.append(Diagnostic("W8115", message, hint, is_warning=True))
+    return warnings

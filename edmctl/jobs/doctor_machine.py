@@ -6,11 +6,11 @@ import time
 from typing import TYPE_CHECKING
 
 from edmctl.errors import EdmError, Interrupted, LinkLost
-from edmctl.jobs.doctor.checks import fail, ok, warn
+from edmctl.jobs.doctor_host import fail, ok, warn
 from edmctl.wording import decimal
 
 if TYPE_CHECKING:
-    from edmctl.jobs.doctor.checks import Checks
+    from edmctl.jobs.doctor_host import Checks
     from edmctl.machine.controller import LinkMachine
     from edmctl.machine.interface import (
         MachineEvent,
@@ -41,13 +41,13 @@ SAMPLES_SHARE = 0.6
 
 def look(checks: Checks, machine: LinkMachine, setup: Setup) -> None:
     """Everything that can be seen without moving. Raises LinkLost."""
-    checks.take(ok("port", f"{machine.identity.transport} is open"))
+    checks.add(ok("port", f"{machine.identity.transport} is open"))
     machine.rest(SETTLED_S)
     before = machine.link_report()
-    checks.take(*_identity(machine), _round_trip(machine), _samples(machine), _line(machine, before))
+    checks.add(*_identity(machine), _round_trip(machine), _samples(machine), _line(machine, before))
     status = machine.status()
-    checks.take(*_interlocks(status), _fault(machine), _actuator(status), _sensor(status, setup))
-    checks.take(ok("dielectric", f"{decimal(status.temperature_c, 1)} °C, {status.flow_lpm:.2f} L/min"))
+    checks.add(*_interlocks(status), _fault(machine), _actuator(status), _sensor(status, setup))
+    checks.add(ok("dielectric", f"{decimal(status.temperature_c, 1)} °C, {status.flow_lpm:.2f} L/min"))
 
 
 def test_sensors(checks: Checks, machine: LinkMachine, setup: Setup) -> None:
@@ -57,7 +57,7 @@ def test_sensors(checks: Checks, machine: LinkMachine, setup: Setup) -> None:
 
     state = machine.status().state
     if state is not MachineState.IDLE:
-        checks.take(
+        checks.add(
             fail(
                 "gap sensor",
                 f"Not tested: the controller is in state {state.name}.",
@@ -79,7 +79,7 @@ def test_sensors(checks: Checks, machine: LinkMachine, setup: Setup) -> None:
         checks.fail("gap sensor", error)
     else:
         told = f"{gap_v:.2f} V of {GAP_V * GAP_DUTY:.2f} V with the generator on, none with it off"
-        checks.take(ok("gap sensor", told))
+        checks.add(ok("gap sensor", told))
 
 
 def _motion(setup: Setup) -> MotionSettings:

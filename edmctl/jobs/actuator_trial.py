@@ -15,8 +15,9 @@ from edmctl.actuator.identification import identify
 from edmctl.actuator.record import Record
 from edmctl.actuator.validation import judge
 from edmctl.actuator.waveforms import calibration_legs, sampled, sine
-from edmctl.errors import Diagnostic
-from edmctl.jobs.calibration import doubts as calibration_doubts
+from edmctl.errors import Diagnostic, UsageError
+from edmctl.jobs import output_files
+from edmctl.jobs.calibration import selection
 from edmctl.simulator.actuator import HIGH_V, LOW_V, RATE_HZ, SLEW_V_S, Drive, VirtualActuator
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from edmctl.actuator.model import ActuatorModel
-    from edmctl.jobs.actuator_trial.waveforms import Waveform
+    from edmctl.jobs.actuator_waveforms import Waveform
 
     Array = NDArray[np.float64]
 
@@ -127,7 +128,7 @@ def known_model(path: Path, seed: int) -> tuple[ActuatorModel, list[Diagnostic]]
     calibration = load_calibration(path)
     hint = "Say the --seed it was made with, or leave --calibration out."
     own = VirtualActuator(seed).serial
-    doubts = calibration_doubts.of_another(path, calibration, own, "this actuator is that of", hint)
+    doubts = selection.of_another(path, calibration, own, "this actuator is that of", hint)
     return calibration.model(), doubts + _unaccepted(calibration.quality.problems)
 
 
@@ -141,7 +142,7 @@ def _calibrated(seed: int) -> tuple[ActuatorModel, list[Diagnostic]]:
 def _unaccepted(problems: Sequence[str]) -> list[Diagnostic]:
     """What stands against a calibration."""
     hint = "The figures show what it costs."
-    return [calibration_doubts.not_accepted("The calibration", problem, hint) for problem in problems]
+    return [selection.not_accepted("The calibration", problem, hint) for problem in problems]
 
 
 def _measured(seed: int, command_v: Array, every: int = 1) -> Record:
@@ -167,12 +168,12 @@ def _beyond(waveform: Waveform, driven: Drive, ours: ActuatorModel) -> list[Diag
     """Whether the waveform leaves the voltages that the model was identified over."""
     low_v, top_v = float(driven.applied_v.min()), float(driven.applied_v.max())
     ends = []
-    if not calibration_doubts.reaches_up(ours, top_v, NOTICED_V):
+    if not selection.reaches_up(ours, top_v, NOTICED_V):
         ends.append(f"up to {top_v:.1f} V and the calibration to {ours.high_v:.1f} V")
-    if not calibration_doubts.reaches_down(ours, low_v, top_v):
+    if not selection.reaches_down(ours, low_v, top_v):
         ends.append(f"down to {low_v:.1f} V and the calibration to {ours.low_v:.1f} V")
     hint = "Calibrate over the whole stroke."
-    return [calibration_doubts.narrow(f"{waveform.name} goes {end}.", hint) for end in ends]
+    return [selection.narrow(f"{waveform.name} goes {end}.", hint) for end in ends]
 
 
 def _traced(driven: Drive, models: dict[str, Predictor]) -> Trace:
@@ -192,3 +193,73 @@ def _judged(name: str, trace: Trace, stroke_um: float) -> WaveformResult:
         models[key] = ModelErrors(errors.max_um, errors.rms_um, share * errors.max_um, share * errors.rms_um)
         range_um = errors.range_um
     return WaveformResult(name, Truth(range_um), models)
+
+
+DATA_SUFFIXES = (".csv", ".h5")
+
+
+def check_outputs(plot: Path | None, data: Path | None) -> None:
+    """Refuse files that could not be written, before minutes of work find out.
+
+    Raises UsageError (E2011 figure's name, E2012 data's), PreconditionError (E8090 no matplotlib), RunFileError
+    (E9011 exists, E9012 no folder).
+    """
+    if data and data.suffix.lower() not in DATA_SUFFIXES:
+        raise UsageError(
+            f"Data cannot be written into {data.name!r}: its name ends in none of {', '.join(DATA_SUFFIXES)}.",
+            hint="Take .csv for spreadsheets and .h5 for long records.",
+            code="E2012",
+        )
+    if plot:
+        from edmctl.report.style import check_figure
+
+        check_figure(plot.name)
+    for path in (plot, data):
+        if path is None:
+            continue
+        output_files.check_free(path)
+        if not path.parent.is_dir():
+            raise output_files.unwritable(str(path), f"there is no folder {path.parent}", "Make it first.")
+
+
+def write_data(trial: Trial, path: Path) -> None:
+    """Write every sample; with several waveforms, one after the other under their number in the table."""
+    import numpy as np
+
+    from edmctl.record.columns import write_columns
+
+    traces = trial.traces
+    columns: dict[str, Array] = {}
+    if len(traces) > 1:
+        columns["waveform"] = np.concatenate(
+            [np.full(trace.t_s.size, float(number)) for number, trace in enumerate(traces, 1)]
+        )
+    for name, values in {
+        "t_s": [trace.t_s for trace in traces],
+        "u_V": [trace.applied_v for trace in traces],
+        "truth_um": [trace.truth_um for trace in traces],
+        "sensor_um": [trace.sensor_um for trace in traces],
+        "paper_um": [trace.models_um["paper"] for trace in traces],
+        "ours_um": [trace.models_um["ours"] for trace in traces],
+        "line_um": [trace.models_um["line"] for trace in traces],
+    }.items():
+        columns[name] = np.concatenate(values)
+    write_columns(path, columns)
+
+
+def write_figure(trial: Trial, path: Path) -> None:
+    """Draw the figure and write it."""
+    from edmctl.report.figures import actuator as figure
+
+    panels = [
+        figure.Trial(
+            waveform.name,
+            trace.t_s,
+            trace.applied_v,
+            trace.truth_um,
+            trace.models_um["paper"],
+            trace.models_um["ours"],
+        )
+        for waveform, trace in zip(trial.waveforms, trial.traces, strict=True)
+    ]
+    output_files.write(path, figure.draw(panels, path.name))

@@ -28,9 +28,9 @@ WARNING_LEVEL = 2
 
 def summary_of(opened: RunFile) -> RunSummary:
     """Read the summary of an open run file, also of one without an end."""
-    from edmctl.jobs.resume.way_on import command_to_go_on
-    from edmctl.jobs.run_events import events_of
-    from edmctl.jobs.run_explanation import sentences_of, wanted
+    from edmctl.jobs.runs.events import events_of
+    from edmctl.jobs.runs.explanation import sentences_of, wanted
+    from edmctl.jobs.runs.opening import command_to_go_on
     from edmctl.record.create import NO_EXIT_CODE
     from edmctl.record.events import error_code_of
     from edmctl.record.results import estimated_depth

@@ -5,24 +5,39 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from edmctl.errors import Diagnostic, PreconditionError
 from edmctl.jobs.job_preparation import logbook_of
-from edmctl.jobs.ledger.last_home import with_home
-from edmctl.jobs.ledger.tool_identity import NAMELESS, ToolIdentity, account_of, tool_identity
-from edmctl.jobs.ledger.tool_life import left_to_finish, refuse_unknown_length
-from edmctl.jobs.resume.way_on import on_machine
-from edmctl.jobs.wear.bottom import bottom_of
+from edmctl.jobs.ledger.elapsed import with_home
+from edmctl.jobs.ledger.places_taken import coordinates_in
+from edmctl.jobs.ledger.tool import (
+    NAMELESS,
+    ToolIdentity,
+    account_of,
+    left_to_finish,
+    refuse_unknown_length,
+    tool_identity,
+)
+from edmctl.jobs.runs.opening import command_to_go_on, on_machine
 from edmctl.procedures.measure_wear import (
     LEAST_TOUCHES,
+    Bottom,
     Reference,
     measure_wear,
     refuse_drift,
     touch_pad,
 )
 from edmctl.procedures.monitoring.drift import counted_pause_s
-from edmctl.record.ledger_entries import Entry, ReferenceTouched, RunEnded, ToolChanged, WearMeasured
+from edmctl.process.next_cut import COVERAGE
+from edmctl.record.ledger_entries import (
+    UNFINISHED,
+    Entry,
+    ReferenceTouched,
+    RunEnded,
+    ToolChanged,
+    WearMeasured,
+)
 from edmctl.record.tool_account import Books, ToolAccount, books_of
 from edmctl.wording import length
 
@@ -30,17 +45,89 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from edmctl.jobs.ledger.elapsed import Now
-    from edmctl.jobs.plan import Plan, Where
-    from edmctl.jobs.procedure_command import Warn
+    from edmctl.jobs.plan import MachineAddress, Plan
+    from edmctl.jobs.procedures import Warn
     from edmctl.jobs.run_header import RunName
     from edmctl.jobs.session import MachineSession
     from edmctl.procedures.job import Job
-    from edmctl.procedures.measure_wear import Bottom
     from edmctl.procedures.run import JobRun
     from edmctl.procedures.touch.reading import SurfaceReading
     from edmctl.profile.model import Profile
     from edmctl.record.ledger import Logbook
+    from edmctl.record.ledger_entries import SiteMachined
+    from edmctl.record.tool_account import Books
     from edmctl.results.measurements import WearResult
+
+MOST_NAMES = 8
+"""More of them nobody reads in a message."""
+
+
+def bottom_of(
+    asked: str | None, books: Books, account: ToolAccount, diameter_um: float, folder: Path
+) -> Bottom | None:
+    """Return the hole that was asked for, or else the last one that the tool made and measured; None without any.
+
+    `folder` holds the run files.
+
+    Raises PreconditionError: E8045 no such hole, or one of unknown depth; E8046 the tool does not go into it.
+    """
+    if asked is None:
+        made = [hole for hole in account.holes if hole.status != UNFINISHED]
+        return _bottom(made[-1]) if made else None
+    hole = _asked(asked, books.holes)
+    if hole is None:
+        names = "; ".join(_hole_in_words(hole) for hole in books.holes[-MOST_NAMES:]) or "none"
+        raise PreconditionError(
+            f"The ledger knows no hole {asked!r}; it knows: {names}.",
+            hint="Name one of them, its run id, or say --site X,Y within its rim.",
+            code="E8045",
+        )
+    if math.isnan(hole.depth_um):
+        run_file = folder / hole.run_file
+        command = command_to_go_on(run_file)
+        raise PreconditionError(
+            f"Nobody knows how deep {hole.name} is: {run_file} ended before it was measured.",
+            hint=f"Finish it with `{command}`, or name another hole with --site."
+            if command
+            else "Name another hole with --site.",
+            code="E8045",
+        )
+    if diameter_um >= 2.0 * hole.radius_um:
+        raise PreconditionError(
+            f"A tool of {length(diameter_um)} does not go into {hole.name}, which is {length(2.0 * hole.radius_um)} "
+            "wide.",
+            hint="Name a hole that this tool made, or leave --site out.",
+            code="E8046",
+        )
+    return _bottom(hole)
+
+
+def _asked(asked: str, holes: list[SiteMachined]) -> SiteMachined | None:
+    """The last hole of that name or else of that run, or the one around that place."""
+    place = coordinates_in(asked)
+    if place is None:
+        named = [hole for hole in holes if hole.name == asked]
+        of_run = [hole for hole in holes if hole.run_file.removesuffix(".h5") == asked.removesuffix(".h5")]
+        return next(reversed(named or of_run), None)
+    x_um, y_um = place
+    return next(
+        (
+            hole
+            for hole in reversed(holes)
+            if math.hypot(hole.x_um - x_um, hole.y_um - y_um) <= hole.radius_um
+        ),
+        None,
+    )
+
+
+def _hole_in_words(hole: SiteMachined) -> str:
+    run_id = hole.run_file.removesuffix(".h5")
+    return f"{hole.name} at {hole.x_um:.0f},{hole.y_um:.0f} of {run_id}"
+
+
+def _bottom(hole: SiteMachined) -> Bottom:
+    known = Bottom(hole.name, hole.x_um, hole.y_um, hole.depth_um)
+    return known if math.isnan(hole.depth_u95_um) else replace(known, depth_u_um=hole.depth_u95_um / COVERAGE)
 
 
 TOUCHES_LIKE = "cu270"
@@ -54,6 +141,25 @@ def measuring_profile(profile: Profile, speed_um_s: float = math.nan) -> Profile
     if not math.isnan(speed_um_s):
         changes["speed_um_s"] = speed_um_s
     return profile.model_copy(update={"measure": measure.model_copy(update=changes)})
+
+
+def wear_forecast(plan: Plan, *, reference: bool) -> dict[str, Any]:
+    """Return what is touched, how, and how long it takes."""
+    from edmctl.forecasts.measuring_time import move_time_s, park_to_pad_um, reading_time_s, touch_time_s
+
+    profile, setup = measuring_profile(plan.loaded.profile), plan.setup
+    time_s = touch_time_s(profile, setup)
+    if not reference:
+        deep_um = profile.approach.offset_um + plan.forecast.feed_um
+        moves_s = 2.0 * move_time_s(max(profile.measure.site_dx_um, park_to_pad_um(setup)), setup)
+        readings_s = reading_time_s(profile, deep_um) + reading_time_s(profile, profile.approach.offset_um)
+        time_s += moves_s + readings_s
+    return {
+        "readings": ["Z1"] if reference else ["Z3", "Z2", "Z3"],
+        "touches": profile.measure.touches,
+        "speed_um_s": profile.measure.speed_um_s,
+        "time_s": time_s,
+    }
 
 
 @dataclass(slots=True, eq=False)
@@ -281,7 +387,7 @@ _NOT_KEPT = Diagnostic(
 
 
 def _reference_of(
-    account: ToolAccount, logbook: Logbook | None, identity: ToolIdentity, where: Where
+    account: ToolAccount, logbook: Logbook | None, identity: ToolIdentity, where: MachineAddress
 ) -> ReferenceTouched:
     """Return the tool's reference. Raises PreconditionError E8041 where it has none."""
     if account.reference is not None:

@@ -1,26 +1,72 @@
-"""Checks of `doctor` that need no machine: this computer, its files, and how its line is set."""
+"""What `doctor` finds: one check after the other; those of this computer, its files, and how its line is set."""
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import platform
 import shutil
 from contextlib import suppress
+from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edmctl.errors import EdmError, installing
-from edmctl.jobs.doctor.checks import fail, ok, warn
-from edmctl.jobs.resume.way_on import on_machine
+from edmctl.errors import EdmError, PreconditionError, installing
+from edmctl.jobs.runs.opening import on_machine
+from edmctl.results.equipment import Check, CheckStatus
 from edmctl.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from edmctl.jobs.doctor.checks import Checks
     from edmctl.profile.setup import Setup
-    from edmctl.results.equipment import Check
+
+
+def ok(name: str, message: str) -> Check:
+    """A check without a finding."""
+    return Check(name, CheckStatus.OK, message)
+
+
+def warn(name: str, message: str, fix: str) -> Check:
+    """A check with a finding that stops nothing."""
+    return Check(name, CheckStatus.WARN, message, fix)
+
+
+def fail(name: str, message: str, fix: str) -> Check:
+    """A check with a finding that stops a job."""
+    return Check(name, CheckStatus.FAIL, message, fix)
+
+
+@dataclass(slots=True)
+class Checks:
+    """Every check done so far, in order."""
+
+    done: list[Check] = field(default_factory=list)
+
+    def add(self, *checks: Check) -> None:
+        """Add checks."""
+        self.done += checks
+
+    def fail(self, name: str, error: EdmError) -> None:
+        """Add a check that ended with an error."""
+        self.done.append(fail(name, error.message, error.hint))
+
+    def as_list(self) -> list[dict[str, str]]:
+        """Every check as a mapping of plain values."""
+        return [{**dataclasses.asdict(check), "status": check.status.value} for check in self.done]
+
+    def error(self) -> PreconditionError | None:
+        """The error of the failed checks; None where none failed."""
+        failed = [check.name for check in self.done if check.status is CheckStatus.FAIL]
+        if not failed:
+            return None
+        return PreconditionError(
+            f"{len(failed)} of {len(self.done)} checks failed: {', '.join(failed)}.",
+            hint="The fix stands beside each of them.",
+            code="E8040",
+        )
+
 
 LIBRARIES = ("numpy", "scipy", "numba", "h5py", "pyserial", "pydantic")
 LEAST_FREE_BYTES = 100e6
@@ -72,7 +118,7 @@ def load(checks: Checks, path: Path | None) -> Setup:
     except EdmError as error:
         checks.fail("setup", error)
         return Setup()
-    checks.take(ok("setup", f"{path}" if path else "none named; the defaults hold"))
+    checks.add(ok("setup", f"{path}" if path else "none named; the defaults hold"))
     return setup
 
 

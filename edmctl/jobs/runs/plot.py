@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from edmctl.errors import UsageError
@@ -34,12 +34,17 @@ class PlotRequest:
     targets: tuple[Target, ...]
     by_name: bool
 
-    def check(self, overwrite: bool) -> None:
-        """Raise RunFileError E9011 for a file that is there already, E9012 for a folder that cannot be made."""
+    def to_draw(self, overwrite: bool) -> PlotRequest:
+        """Return the request without the figures that are there already, where not every one of them was named.
+
+        Raises RunFileError: E9011 every figure is there, or one that was named; E9012 a folder cannot be made.
+        """
         for target in self.targets:
             output_files.check_folder(target.path.parent)
-            if not overwrite:
-                output_files.check_free(target.path, REPLACE_HINT)
+        there = [] if overwrite else [target for target in self.targets if target.path.exists()]
+        if there and (self.by_name or len(there) == len(self.targets)):
+            output_files.check_free(there[0].path, REPLACE_HINT)
+        return replace(self, targets=tuple(target for target in self.targets if target not in there))
 
 
 REPLACE_HINT = "Choose another place with --out, or replace it with --overwrite."

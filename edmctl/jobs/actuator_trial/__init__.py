@@ -1,1 +1,0 @@
-"""`simulate actuator`: waveforms through a virtual actuator and the models of it."""

@@ -1,1 +1,0 @@
-"""Many simulated runs: seeds, sweeps and their statistics."""

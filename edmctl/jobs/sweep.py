@@ -1,0 +1,127 @@
+"""Seeds of the simulator, and one profile value in equal steps (`KEY=START:STOP:COUNT`)."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+import secrets
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from edmctl.errors import UsageError
+from edmctl.wording import plural
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from edmctl.errors import Diagnostic
+
+# Nine digits at most: short enough to read out and type again.
+_NEW_SEEDS = 1_000_000_000
+# The run file keeps the seed in 64 bits with a sign.
+_LARGEST = 2**63 - 1
+
+
+def simulated_by(seed: int | None) -> str:
+    """Return the remark on a simulated result; a served controller's seed is not known here."""
+    return "Simulated. " if seed is None else f"Simulated, seed {seed}. "
+
+
+def seed_to_use(asked: int | None, runs: int = 1) -> int:
+    """Return the first seed that was asked for, else a new one, to be printed and recorded.
+
+    Raises UsageError (E2005) when the run file cannot hold it, or the last of the seeds of `runs` runs.
+    """
+    if asked is None:
+        return secrets.randbelow(_NEW_SEEDS)
+    largest = _LARGEST - (runs - 1)
+    if not 0 <= asked <= largest:
+        of_runs = f" (of the first of {runs} runs)" if runs > 1 else ""
+        raise UsageError(
+            f"Seed {asked} does not lie between 0 and {largest}{of_runs}.",
+            hint="Leave --seed out for a random one.",
+            code="E2005",
+        )
+    return asked
+
+
+_FORM = re.compile(r"(?P<key>[A-Za-z0-9_.-]+)=(?P<start>[^:]+):(?P<stop>[^:]+):(?P<count>[^:]+)")
+_MOST = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class Sweep:
+    """A key and its values, as `--set` takes them."""
+
+    key: str
+    values: tuple[str, ...]
+
+    def overrides(self) -> tuple[str, ...]:
+        """Return one `KEY=VALUE` per value."""
+        return tuple(f"{self.key}={value}" for value in self.values)
+
+
+def parse_sweep(text: str) -> Sweep:
+    """Parse `KEY=START:STOP:COUNT`; both ends are included. Raises UsageError (E2003).
+
+    Whole ends that are whole steps apart give whole numbers, for keys that take no others.
+    """
+    match = _FORM.fullmatch(text)
+    if not match:
+        raise _refused(text, "is not of the form KEY=START:STOP:COUNT")
+    try:
+        start, stop, count = float(match["start"]), float(match["stop"]), int(match["count"])
+    except ValueError:
+        raise _refused(text, "START and STOP must be numbers and COUNT a whole number") from None
+    if not (math.isfinite(start) and math.isfinite(stop) and math.isfinite(stop - start)):
+        raise _refused(text, "START and STOP must be finite")
+    if not 2 <= count <= _MOST:
+        raise _refused(text, f"COUNT must be 2 to {_MOST}")
+    step = (stop - start) / (count - 1)
+    whole = all(re.fullmatch(r"[+-]?\d+", match[name]) for name in ("start", "stop")) and step.is_integer()
+    values = (start + index * step for index in range(count))
+    written = tuple(str(int(v)) if whole else repr(float(f"{v:.12g}")) for v in values)
+    if len(set(written)) < count:
+        raise _refused(text, "its values must differ")
+    return Sweep(match["key"], written)
+
+
+MOST_RUNS = 100_000
+
+
+def sweep_steps(sweeps: Sequence[str], runs: int) -> tuple[str, ...]:
+    """Return one `KEY=VALUE` per value of the one sweep; none without a sweep. Raises UsageError E2003."""
+    if not sweeps:
+        return ()
+    if len(sweeps) > 1:
+        raise UsageError(
+            f"--sweep goes over one key at a time, and {len(sweeps)} are given.",
+            hint="Say one of them with --sweep and each value of the other with --set, in a command of its own.",
+            code="E2003",
+        )
+    steps = parse_sweep(sweeps[0]).overrides()
+    if len(steps) * runs > MOST_RUNS:
+        raise UsageError(
+            f"{len(steps)} values with {plural(runs, 'run')} each are {len(steps) * runs} runs; "
+            f"at most {MOST_RUNS} go at a time.",
+            hint=f"Take --runs {MOST_RUNS // len(steps)} or fewer, or fewer values.",
+            code="E2003",
+        )
+    return steps
+
+
+def of_sweep(diagnostic: Diagnostic, sweep: str, steps: Sequence[str]) -> Diagnostic:
+    """Return a diagnostic that points at a swept value as one that points at the sweep."""
+    where = diagnostic.where
+    if where is None or where.file != "--set" or where.source_line not in steps:
+        return diagnostic
+    return dataclasses.replace(
+        diagnostic, where=dataclasses.replace(where, file="--sweep", source_line=sweep)
+    )
+
+
+def _refused(text: str, reason: str) -> UsageError:
+    return UsageError(
+        f"--sweep {text!r}: {reason}.", hint="An example: --sweep servo.reference=0.70:0.90:5", code="E2003"
+    )

@@ -1,1 +1,0 @@
-"""What the virtual machine truly has: for judging measurements, never for making them."""

@@ -1,1 +1,0 @@
-"""`measure-wear`: what the ledger knows before it, and the procedure."""
