@@ -95,7 +95,7 @@ def test_a_schema_that_contradicts_itself_is_refused(
 def test_every_fault_row_becomes_a_code_and_a_text() -> None:
     path = SCHEMA_PATH.with_name("faults.toml")
     rows = tomllib.loads(path.read_text(encoding="utf-8"))["fault"]
-    assert [code.value for code in FaultCode] == [row["code"] for row in rows]
+    assert [(code.value, code.name) for code in FaultCode] == [(row["code"], row["name"]) for row in rows]
     for row in rows:
         made = FAULTS[row["code"]]
         assert (made.name, made.message, made.hint) == (row["name"], row["message"], row["hint"])

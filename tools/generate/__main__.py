@@ -1,7 +1,7 @@
 """Writes what is made from data files and models: `python -m tools.generate [--check]`, from the project's folder.
 
-Made are edmctl/link/messages.py and faults.py, and the marked parts of pages in docs/. With --check nothing is
-written; the exit code is 1 where a file is out of date.
+Made are edmctl/link/messages.py and the marked parts of pages in docs/. With --check nothing is written; the
+exit code is 1 where a file is out of date.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from pathlib import Path
 
 from edmctl.link.schema import SCHEMA_PATH, load_schema
 from tools.generate import faults_page, profile_page, protocol_page, run_file_page
-from tools.generate.faults import faults_source
 from tools.generate.messages import messages_source
 from tools.generate.text import filled, formatted
 
@@ -30,10 +29,9 @@ def wanted_files() -> dict[Path, str]:
         "run-file.md": {"layout": run_file_page.layout_tables()},
     }
     link, docs = _ROOT / "edmctl" / "link", _ROOT / "docs"
-    return {
-        link / "messages.py": formatted(messages_source(schema)),
-        link / "faults.py": formatted(faults_source(faults)),
-    } | {docs / name: filled((docs / name).read_text(encoding="utf-8"), made) for name, made in parts.items()}
+    return {link / "messages.py": formatted(messages_source(schema))} | {
+        docs / name: filled((docs / name).read_text(encoding="utf-8"), made) for name, made in parts.items()
+    }
 
 
 def main(arguments: list[str]) -> int:

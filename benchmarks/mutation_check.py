@@ -1,4 +1,4 @@
-"""Break the program in 40 ways and see whether the tests notice: `python tools/mutation_check.py [NAME…]`.
+"""Break the program in 40 ways and see whether the tests notice: `python benchmarks/mutation_check.py [NAME…]`.
 
 Each mutation changes one expression or statement of servo, session, record or decision code in a temporary copy.
 The test files that should see it run first, and where they pass the whole default tier does, but with `--targeted`.
