@@ -209,7 +209,7 @@ def shell() -> Surroundings:
 
 def begin_worker() -> None:
     """Begin a worker process of the command line: its parent answers for all signals."""
-    from edmctl.__main__ import spare_start_up
+    from edmctl.cli.start_up import spare_start_up
 
     spare_start_up()
     ignore_signals()

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from edmctl.console.layout import Span
-    from edmctl.results.pulses import PulseShares
+    from edmctl.results.telemetry import PulseShares
 
 BEYOND = 1.08
 """The depth bar goes so far beyond its target, so that a hole that comes out too deep is seen."""

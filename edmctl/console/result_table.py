@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
     from edmctl.results.channel import ChannelResult, ChannelTruth
     from edmctl.results.job import JobResult, SiteResult, SiteTruth
-    from edmctl.results.pulses import PulseShares
     from edmctl.results.run_file import SiteNumbers
+    from edmctl.results.telemetry import PulseShares
 
     Site: TypeAlias = SiteResult | SiteNumbers
 

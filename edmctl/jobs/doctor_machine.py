@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     )
     from edmctl.profile.setup import Setup
     from edmctl.results.equipment import Check
-    from edmctl.results.link import LinkReport
+    from edmctl.results.telemetry import LinkReport
 
 QUESTIONS = 100
 SLOW_S = 0.01

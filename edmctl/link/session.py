@@ -32,9 +32,8 @@ from edmctl.link.messages import (
 )
 from edmctl.link.nak import CommandRefused, nak_error
 from edmctl.link.receiver import Receiver, Subscriptions
-from edmctl.link.retransmit_timer import LONGEST_S, RetransmitTimer
-from edmctl.link.statistics import Statistics, link_report
-from edmctl.link.stepped_clock import SteppedLine
+from edmctl.link.statistics import LONGEST_S, RetransmitTimer, Statistics, link_report
+from edmctl.link.transport import SteppedLine
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -43,7 +42,7 @@ if TYPE_CHECKING:
     from edmctl.link.messages import Boot
     from edmctl.link.transport import Transport
     from edmctl.link.wire import Request
-    from edmctl.results.link import LinkReport
+    from edmctl.results.telemetry import LinkReport
 
 __all__ = ["DEADLINE_S", "HEARTBEAT_S", "SILENCE_S", "CommandRefused", "Session"]
 

@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
+
+from edmctl.errors import LinkLost
+from edmctl.link.frame import FrameDecoder, encode_frame
+from edmctl.link.messages import Advance, AdvanceReply, Status
+
+if TYPE_CHECKING:
+    from edmctl.link.frame import Frame
 
 
 class Transport(Protocol):
@@ -40,3 +47,85 @@ class Transport(Protocol):
     def close(self) -> None:
         """Give the line back."""
         ...
+
+
+PATIENCE_S = 20.0
+"""Longest wait, by the computer's clock, for one ADVANCE: the simulator may have to compile itself first."""
+MOST_STILL = 1000
+"""So many answers in a row in which no time has passed are those of a clock that stands."""
+_REPLY = 0x40
+_LEAST_US = 1
+
+
+class SteppedLine:
+    """Wraps a line after HELLO has said that the controller's clock is driven; `session` is that of HELLO."""
+
+    live = False
+
+    def __init__(self, line: Transport, session: int) -> None:
+        self.name = line.name
+        self._line = line
+        self._session = session
+        self._seq = 0
+        self._decoder = FrameDecoder(watch_for_abort=False)
+        self._now_s = 0.0
+        self._still = 0
+        self._failure: LinkLost | None = None
+
+    def write(self, data: bytes) -> None:
+        """Hand bytes to the line."""
+        self._line.write(data)
+
+    def read(self, timeout_s: float) -> bytes:
+        """Let up to `timeout_s` of controller time pass; everything sent meanwhile, ADVANCE's reply included."""
+        return self._advance(max(_LEAST_US, round(timeout_s * 1e6)))
+
+    def now_s(self) -> float:
+        """Return controller time; 0 until the first wait has told it."""
+        return self._now_s
+
+    def close(self) -> None:
+        """Give the line back."""
+        self._line.close()
+
+    def _advance(self, timeout_us: int) -> bytes:
+        if self._failure is not None:
+            raise self._failure
+        seq = self._seq
+        self._seq = (seq + 1) & 0xFF
+        self._line.write(encode_frame(Advance.ID, seq, self._session, 0, Advance(timeout_us).pack()))
+        end_s = self._line.now_s() + PATIENCE_S
+        data = b""
+        while (left_s := end_s - self._line.now_s()) > 0.0:
+            part = self._line.read(left_s)
+            data += part
+            for frame in self._decoder.feed(part):
+                if frame.type_id == Advance.ID | _REPLY and frame.seq == seq:
+                    self._note(_time_s(frame, self.name))
+                    return data
+        raise self._fail(f"did not let time pass within {PATIENCE_S:.0f} s")
+
+    def _note(self, now_s: float) -> None:
+        """Take the time of an answer; LinkLost where it stands still for good. A restart sets it back."""
+        self._still = self._still + 1 if now_s == self._now_s else 0
+        self._now_s = now_s
+        if self._still > MOST_STILL:
+            raise self._fail(f"lets no time pass in {MOST_STILL} waits")
+
+    def _fail(self, message: str) -> LinkLost:
+        self._failure = LinkLost(
+            f"The simulated controller at {self.name} {message}.",
+            hint="See whether `edmctl simulate serve` still runs, and start it again.",
+            code="E4008",
+        )
+        return self._failure
+
+
+def _time_s(reply: Frame, name: str) -> float:
+    if reply.flags != Status.OK:
+        raise LinkLost(
+            f"The controller at {name} says that its clock is driven, but refuses ADVANCE.",
+            hint="Serve it again with the `edmctl` of this version.",
+            code="E4008",
+        )
+    return AdvanceReply.unpack(reply.payload).t_dev_us * 1e-6

@@ -65,7 +65,7 @@ if TYPE_CHECKING:
     from edmctl.link.session import Session
     from edmctl.machine.faults import FaultLatched
     from edmctl.machine.interface import MachineListener
-    from edmctl.results.link import LinkReport
+    from edmctl.results.telemetry import LinkReport
 
 SELF_TEST_S = 1.0
 """A self-test takes no longer: it averages the gap voltage twice for some tenths of a second."""

@@ -39,7 +39,8 @@ from edmctl.results.telemetry import (
 )
 
 if TYPE_CHECKING:
-    from edmctl.results.link import LinkReport
+    from edmctl.results.telemetry import LinkReport
+
 
 __all__ = [
     "Axis",

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from edmctl.results.channel import ChannelResult
-    from edmctl.results.link import LinkReport
+    from edmctl.results.telemetry import LinkReport
 
 PERIOD_S = 5.0
 """Between two states of a cut: 1.5 µm of feed at 0.3 µm/s, far less than the touch of the bottom looks for."""

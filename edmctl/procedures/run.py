@@ -11,7 +11,7 @@ from edmctl.procedures.monitoring.drift import uncertainty_now
 from edmctl.procedures.settings import gap_reference_v
 from edmctl.record.rows import EventLevel, EventRow
 from edmctl.results.progress import Extremes, Observer, Phase, Progress
-from edmctl.results.pulses import PulseShares
+from edmctl.results.telemetry import PulseShares
 
 if TYPE_CHECKING:
     from edmctl.forecasts.measuring_stops import Displacement

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from edmctl.results.link import LinkReport
+    from edmctl.results.telemetry import LinkReport
 
     FloatArray = NDArray[np.floating]
     IntArray = NDArray[np.integer]

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 from edmctl.labels import weakest
 from edmctl.record.results import labels_of
-from edmctl.results.pulses import PulseShares
 from edmctl.results.run_file import SiteNumbers, Totals
+from edmctl.results.telemetry import PulseShares
 from edmctl.wording import TIP, plain_number
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from edmctl.labels import Basis, Verdict
-    from edmctl.results.pulses import PulseShares
+    from edmctl.results.telemetry import PulseShares
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import ObjectiveNotReached
 from edmctl.labels import Basis, Verdict
-from edmctl.results.pulses import PulseShares
+from edmctl.results.telemetry import PulseShares
 
 if TYPE_CHECKING:
     from edmctl.results.channel import ChannelResult
-    from edmctl.results.link import LinkReport
+    from edmctl.results.telemetry import LinkReport
 
 
 @dataclass(frozen=True, slots=True)

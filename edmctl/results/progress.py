@@ -8,7 +8,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
-    from edmctl.results.pulses import PulseShares
+    from edmctl.results.telemetry import PulseShares
 
 
 class Phase(StrEnum):

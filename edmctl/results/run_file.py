@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from edmctl.errors import RunFileError
-    from edmctl.results.pulses import PulseShares
+    from edmctl.results.telemetry import PulseShares
 
 
 @dataclass(frozen=True, slots=True)

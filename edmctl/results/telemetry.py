@@ -21,6 +21,24 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
+class PulseShares:
+    """Share of the pulses in each class; they sum to 1, or are all 0 when there was no pulse."""
+
+    open: float
+    normal: float
+    arc: float
+    short: float
+
+
+def pulse_shares(open_count: int, normal_count: int, arc_count: int, short_count: int) -> PulseShares:
+    """Shares from counts."""
+    total = open_count + normal_count + arc_count + short_count
+    if total == 0:
+        return PulseShares(0.0, 0.0, 0.0, 0.0)
+    return PulseShares(open_count / total, normal_count / total, arc_count / total, short_count / total)
+
+
+@dataclass(frozen=True, slots=True)
 class TelemetryBlock:
     """Consecutive servo samples in columns, each of shape (n,).
 
@@ -97,3 +115,25 @@ class WaveformBatch:
     time_s: AnyFloats
     gap_v: AnyFloats
     current_a: AnyFloats
+
+
+@dataclass(frozen=True, slots=True)
+class LinkReport:
+    """How the line did so far.
+
+    `controller_bad_frames` and `controller_dropped_frames` are what the controller threw away of ours, as far as it
+    told. The clock is the controller's against the host's: offset in s, rate as deviation from one in ppm.
+    """
+
+    frames_sent: int
+    frames_received: int
+    bad_frames: int
+    retries: int
+    lost_frames: int
+    controller_bad_frames: int
+    controller_dropped_frames: int
+    rtt_p50_ms: float
+    rtt_p99_ms: float
+    clock_offset_s: float
+    clock_rate_ppm: float
+    clock_residual_us: float

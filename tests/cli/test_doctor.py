@@ -15,7 +15,7 @@ from edmctl.link.faults import FaultCode
 from edmctl.link.messages import ResetCause, State
 from edmctl.profile.setup import Sensor, Setup
 from edmctl.results.equipment import CheckStatus
-from edmctl.results.link import LinkReport
+from edmctl.results.telemetry import LinkReport
 from edmctl.simulator import kernel as k
 from edmctl.simulator.injection import parse_injection
 from tests.faults.workshop import Workshop

@@ -21,7 +21,7 @@ from edmctl.console.progress import Reporter
 from edmctl.errors import RunFileError
 from edmctl.jobs.runs.follow import follow_run
 from edmctl.jobs.runs.summary import jumps_of
-from edmctl.machine.states import MachineState
+from edmctl.machine.interface import MachineState
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.record.rows import EventLevel, EventRow, ServoBlock, SlowRow, Summary
 from edmctl.record.writer import RunWriter

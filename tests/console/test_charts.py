@@ -8,7 +8,7 @@ import random
 import pytest
 
 from edmctl.console.charts import SPAN_S, History, chart, count_bar, depth_bar, pulse_bar
-from edmctl.results.pulses import PulseShares
+from edmctl.results.telemetry import PulseShares
 
 
 def lines_of(

@@ -14,7 +14,7 @@ from edmctl.console.layout import cells_of
 from edmctl.console.live import LiveReporter
 from edmctl.console.live_view import Histories, draw_view
 from edmctl.console.style import Style
-from edmctl.results.pulses import PulseShares
+from edmctl.results.telemetry import PulseShares
 from tests.console.views import made_state
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ import math
 from dataclasses import replace
 
 from edmctl.console.progress import EventReporter, LineReporter, depth_words, progress_line
-from edmctl.results.pulses import PulseShares
+from edmctl.results.telemetry import PulseShares
 from tests.console.views import made_state
 
 

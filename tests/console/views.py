@@ -13,7 +13,7 @@ from edmctl.labels import Basis, Verdict
 from edmctl.results.channel import ChannelResult, ChannelTruth
 from edmctl.results.job import JobResult, SiteResult, SiteTruth
 from edmctl.results.progress import Phase, Progress
-from edmctl.results.pulses import PulseShares
+from edmctl.results.telemetry import PulseShares
 
 RATIOS = PulseShares(0.5, 0.4, 0.02, 0.08)
 TRUTH = SiteTruth(180.05, 70.11)

@@ -7,7 +7,7 @@ from random import Random
 import pytest
 
 from edmctl.link.clock import ClockFit
-from edmctl.link.retransmit_timer import LONGEST_S, SHORTEST_S, RetransmitTimer
+from edmctl.link.statistics import LONGEST_S, SHORTEST_S, RetransmitTimer
 
 OFFSET_S = 1234.5
 

@@ -10,7 +10,7 @@ from edmctl.errors import LinkLost
 from edmctl.link import messages as m
 from edmctl.link.frame import FrameDecoder, encode_frame
 from edmctl.link.session import Session
-from edmctl.link.stepped_clock import SteppedLine
+from edmctl.link.transport import SteppedLine
 from edmctl.simulator import BenchConfig, open_bench
 
 

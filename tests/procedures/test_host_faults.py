@@ -20,9 +20,8 @@ from edmctl.procedures.monitoring.monitors import LinkMonitor, SensorMonitor, re
 from edmctl.procedures.servo.limits import LEAST_S, LONGEST_SHARE, TimeLimits
 from edmctl.process.wear import DepthAndWear
 from edmctl.results.job import ObjectiveMissed
-from edmctl.results.link import LinkReport
 from edmctl.results.progress import Phase
-from edmctl.results.telemetry import TelemetryBlock, WaveformBatch
+from edmctl.results.telemetry import LinkReport, TelemetryBlock, WaveformBatch
 from edmctl.simulator.injection import parse_injection
 
 from .conftest import Seen

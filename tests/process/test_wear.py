@@ -16,7 +16,7 @@ from edmctl.process.wear import (
     student_97_5,
     tilt_uncertainty_um,
 )
-from edmctl.results.pulses import PulseShares, pulse_shares
+from edmctl.results.telemetry import PulseShares, pulse_shares
 
 GAIN_U, TILT_U_UM, DRIFT_U, Z1_Z3_S, Z2_Z3_S = 0.003, 0.15, 0.0017, 900.0, 40.0
 heights = st.floats(-500.0, 500.0)

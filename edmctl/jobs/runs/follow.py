@@ -191,7 +191,7 @@ class _Watcher:
     def _state(self, run: RunFile) -> Progress | None:
         """The newest state; None before the first sample."""
         from edmctl.results.progress import Progress
-        from edmctl.results.pulses import PulseShares
+        from edmctl.results.telemetry import PulseShares
 
         samples = self._samples.read(run)
         if samples is None:
@@ -283,7 +283,7 @@ def _newest_slow(run: RunFile, now_s: float) -> dict[str, float]:
 
 def _phase(state: int, *, machining: bool) -> Phase:
     """What the state of the controller comes to in the words of a job."""
-    from edmctl.machine.states import MachineState
+    from edmctl.machine.interface import MachineState
     from edmctl.results.progress import Phase
 
     if state == MachineState.JUMP:

@@ -13,7 +13,7 @@ from edmctl.process.discharge import mrr_mm3_min
 from edmctl.process.wear import TOUCH_PRIOR_DOF, student_97_5
 from edmctl.record.rows import SiteRow
 from edmctl.results.channel import ChannelResult
-from edmctl.results.pulses import pulse_shares
+from edmctl.results.telemetry import pulse_shares
 
 if TYPE_CHECKING:
     from edmctl.procedures.channel.touching import ChannelSurface, FloorReading

@@ -14,13 +14,13 @@ from edmctl.procedures.hole.running_cut import CutControl
 from edmctl.procedures.servo.arc_recovery import NO_SPARK, ArcRecovery, with_a_check
 from edmctl.procedures.servo.supervisor import StopReason, Supervisor
 from edmctl.record.rows import EventLevel, EventRow
-from edmctl.results.pulses import pulse_shares
+from edmctl.results.telemetry import pulse_shares
 
 if TYPE_CHECKING:
     from edmctl.procedures.hole.cut_planning import CutPlan
     from edmctl.procedures.run import JobRun
     from edmctl.procedures.servo.limits import TimeLeft
-    from edmctl.results.pulses import PulseShares
+    from edmctl.results.telemetry import PulseShares
 
 WATCH_SLICE_S = 0.1
 STATUS_PERIOD_S = 5.0

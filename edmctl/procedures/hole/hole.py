@@ -20,7 +20,7 @@ from edmctl.process.touch_check import Deviation
 from edmctl.process.wear import share_u
 from edmctl.process.working_gap import first_gap_u_um, first_sparks_um
 from edmctl.results.job import SiteResult
-from edmctl.results.pulses import pulse_shares
+from edmctl.results.telemetry import pulse_shares
 
 if TYPE_CHECKING:
     from edmctl.procedures.hole.cut_planning import CutPlan

@@ -14,12 +14,12 @@ from edmctl.machine.faults import host_fault
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.record.rows import EventLevel, EventRow, LinkRow
 from edmctl.results.progress import Extremes, Phase
-from edmctl.results.pulses import pulse_shares
+from edmctl.results.telemetry import pulse_shares
 
 if TYPE_CHECKING:
     from edmctl.machine.interface import TelemetryBlock
     from edmctl.procedures.run import JobRun
-    from edmctl.results.link import LinkReport
+    from edmctl.results.telemetry import LinkReport
 
 Floats = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from edmctl.record.rows import EventLevel
 if TYPE_CHECKING:
     from edmctl.actuator.estimator import Estimator
     from edmctl.procedures.run import JobRun
-    from edmctl.results.pulses import PulseShares
+    from edmctl.results.telemetry import PulseShares
 
 UNSTABLE_S = 30.0
 """A cut over its arc or short limit for so long is ended. Badly flushed holes that come out well are over it for up

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.procedures.settings import telemetry_settings
 from edmctl.record.rows import SlowRow
-from edmctl.results.pulses import PulseShares, pulse_shares
+from edmctl.results.telemetry import PulseShares, pulse_shares
 
 if TYPE_CHECKING:
     from edmctl.machine.interface import MachineStatus
