@@ -3,10 +3,9 @@
 The names below are loaded when they are used; `edmctl.api` tells of them.
 """
 
-from typing import TYPE_CHECKING
-
 from edmctl.version import __version__
 
+TYPE_CHECKING = False  # importing `typing` takes as long as all the rest of a start
 if TYPE_CHECKING:
     from edmctl.api import Machine, calibrate_files, connect, forecast, load_profile, open_run, simulate
 
