@@ -45,7 +45,6 @@ from edmctl.profile.setup import Sensor, Setup
 from edmctl.record.rows import NullRecorder
 from edmctl.record.tool_account import Books, HomeSeen
 from edmctl.rules.load import load_profile
-from edmctl.simulator import kernel as k
 from edmctl.simulator import open_bench
 from edmctl.simulator.actuator import VirtualActuator
 from edmctl.simulator.injection import parse_injection
@@ -163,12 +162,13 @@ class Kept:
         self.state = json.loads(json.dumps(state.as_mapping()))
         if state.time_s >= self.case.change_s and not self._changed:
             self._changed = True
-            self.bench.plant.par[k.THETA] *= self.case.change
-        st = self.bench.plant.st
+            self.bench.plant.unit.theta *= self.case.change
         if state.phase == "machining":
-            self._face_um.setdefault(state.site, st[k.SURFACE])
+            self._face_um.setdefault(state.site, self.bench.plant.state.surface_um)
         elif state.site in self._face_um:
-            tip_um = st[k.TRUE_Z] - self._face_um[state.site] - st[k.WEAR]
+            tip_um = (
+                self.bench.plant.state.true_z_um - self._face_um[state.site] - self.bench.plant.state.wear_um
+            )
             self.tips_um[state.site] = max(tip_um, self.tips_um.get(state.site, 0.0))
 
 
@@ -241,7 +241,7 @@ def _bench(loaded: LoadedProfile, setup: Setup, case: Case) -> VirtualBench:
     discharge = replace(config.discharge, kappa_um3_per_uj=config.discharge.kappa_um3_per_uj * case.removal)
     bench = open_bench(replace(config, discharge=discharge, theta=config.theta * case.theta), case.seed)
     if case.drift is not None:
-        bench.plant.par[k.SENSOR_DRIFT] = case.drift * DRIFT_SD_UM_S
+        bench.plant.unit.sensor_drift_um_s = case.drift * DRIFT_SD_UM_S
     return bench
 
 

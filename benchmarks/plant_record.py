@@ -84,21 +84,26 @@ def main() -> None:
     from edmctl.jobs.connect import bench_config
     from edmctl.profile.setup import Setup
     from edmctl.rules.load import load_profile
-    from edmctl.simulator import kernel as k
     from edmctl.simulator import open_bench
     from edmctl.simulator.endpoints import PtyEndpoint
     from edmctl.simulator.serve import Server
 
     link, seed, file, profile, *overrides = sys.argv[1:]
     bench = open_bench(bench_config(load_profile(profile, tuple(overrides)), Setup()), int(seed))
-    controller, ist, st = bench.controller, bench.plant.ist, bench.plant.st
+    controller = bench.controller
     with Path(file).open("wb", buffering=0) as rows:
         parent = os.getppid()
 
         def note() -> None:
             if os.getppid() != parent:
                 raise SystemExit("whoever measures is gone")
-            row = (time.monotonic(), ist[k.PULSE_NO], st[k.APPLIED_V], controller.state, controller.fault)
+            row = (
+                time.monotonic(),
+                bench.controller.loop.pulse_no,
+                bench.plant.drive.actuator_v,
+                controller.state,
+                controller.fault,
+            )
             rows.write(np.array(row, ROW).tobytes())
 
         note()

@@ -24,7 +24,6 @@ from benchmarks.serving import result, start
 from edmctl.procedures.job_state import job_state
 from edmctl.record.bench_file import read_bench, write_bench
 from edmctl.record.journal import read_journal
-from edmctl.simulator import kernel as k
 from edmctl.simulator.saving import bench_state, restored_bench
 from edmctl.simulator.workpiece import TILE
 
@@ -86,7 +85,7 @@ def seated_anew(way_um: float) -> Callable[[VirtualBench], None]:
     """Return what puts the tool in further out or in."""
 
     def change(bench: VirtualBench) -> None:
-        bench.plant.st[k.WEAR] += way_um
+        bench.plant.state.wear_um += way_um
         bench.plant.arrive()
 
     return change

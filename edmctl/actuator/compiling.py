@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import threading
 from contextlib import contextmanager, suppress
+from functools import lru_cache
+from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
@@ -16,6 +19,8 @@ if TYPE_CHECKING:
 
 _F = TypeVar("_F", bound="Callable[..., Any]")
 
+COMPILES = not numba.config.DISABLE_JIT  # type: ignore[attr-defined]
+"""Whether loops are compiled; without, the same source runs as plain Python (NUMBA_DISABLE_JIT=1)."""
 TOLD_EVERY_S = 4.0
 """Whoever waits for a compiler hears of it so often."""
 _COMPILING = "numba:compile"
@@ -25,7 +30,17 @@ _unkept: list[str] = []
 
 
 class _Kept(FunctionCache):
-    """Compiled code on disk as far as there is a disk: what fails costs time, never the job."""
+    """Compiled code on disk as far as there is a disk: what fails costs time, never the job.
+
+    numba compares the file of the function alone. This compares all that was compiled into it: the files of every
+    function that it calls, and the constants that they use.
+    """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)  # type: ignore[no-untyped-call]
+        found: dict[str, object] = {}
+        _note_sources(function, found)
+        self._cache_file._source_stamp = tuple(sorted((name, repr(value)) for name, value in found.items()))
 
     def load_overload(self, sig: object, target_context: object) -> object:
         """Load; None where there is nothing, or a file that was cut short."""
@@ -44,6 +59,26 @@ class _Kept(FunctionCache):
             _unkept.append(f"{self.cache_path}: {refused.strerror}")
 
 
+def _note_sources(function: Callable[..., Any], found: dict[str, object]) -> None:
+    """Note what a function is compiled from: its file, its constants, and those of the functions that it calls."""
+    module = function.__module__
+    if f"{module}.{function.__qualname__}" in found:
+        return
+    found[f"{module}.{function.__qualname__}"] = found[module] = _hash_of(function.__code__.co_filename)
+    for name in function.__code__.co_names:
+        value = function.__globals__.get(name)
+        called = getattr(value, "py_func", None)
+        if called is not None:
+            _note_sources(called, found)
+        elif isinstance(value, int | float | tuple):
+            found[f"{module}.{name}"] = value
+
+
+@lru_cache
+def _hash_of(path: str) -> str:
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
 def compiled(function: _F) -> _F:
     """Compile a part of a cached function; frees the GIL, no fastmath, so that plain Python gives the same bits."""
     return cast("_F", numba.njit(nogil=True, error_model="numpy")(function))
@@ -52,10 +87,10 @@ def compiled(function: _F) -> _F:
 def cached(function: _F) -> _F:
     """Compile at the first call like `compiled`, and keep the code on disk: beside its file, or for the user."""
     dispatcher = numba.njit(nogil=True, error_model="numpy")(function)
-    if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
+    if not COMPILES:
         return function
     try:
-        dispatcher._cache = _Kept(function)  # type: ignore[attr-defined, no-untyped-call]
+        dispatcher._cache = _Kept(function)  # type: ignore[attr-defined]
     except RuntimeError:  # numba found no folder that can be written
         _unkept.append("no folder of the program or the user can be written")
     return cast("_F", dispatcher)

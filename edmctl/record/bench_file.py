@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 State = Mapping[str, object]
 
 KIND = "edmctl-bench"
-SCHEMA = 2
+SCHEMA = 3
 _HASH = "sha256"
 _OTHER_PARTS = (KeyError, TypeError, AttributeError, MemoryError, RecursionError)
 """What comes of parts that are missing, of another kind or of absurd size."""

@@ -11,16 +11,17 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from edmctl.link.messages import PARAMS
-from edmctl.simulator import kernel as k
 from edmctl.simulator.config import BenchConfig
+from edmctl.simulator.kernel import run_actuator
 from edmctl.simulator.plant import BLOCK, Plant
+from edmctl.simulator.plant_interface import TICK_S
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
 
-RATE_HZ = 1.0 / k.TICK_S
+RATE_HZ = 1.0 / TICK_S
 LOW_V, HIGH_V = PARAMS["piezo_max_v"].minimum, PARAMS["piezo_max_v"].maximum
 SLEW_V_S = PARAMS["slew_limit_v_s"].default
 
@@ -47,8 +48,7 @@ class VirtualActuator:
 
     def __init__(self, seed: int) -> None:
         self._plant = Plant(BenchConfig(), seed)
-        self._plant.par[k.SLEW_LIMIT] = SLEW_V_S
-        self._plant.par[k.PIEZO_MAX] = HIGH_V
+        self._command_v = 0.0
 
     @property
     def serial(self) -> str:
@@ -63,18 +63,20 @@ class VirtualActuator:
         """
         plant = self._plant
         command_v = np.ascontiguousarray(command_v, dtype=np.float64)
-        t_s = (plant.ist[k.TICK] + np.arange(command_v.size)) / RATE_HZ
+        t_s = (plant.readings.tick + np.arange(command_v.size)) / RATE_HZ
         applied_v, truth_um, sensor_um = (np.empty(command_v.size) for _ in range(3))
         for start in range(0, command_v.size, _TICKS_AT_ONCE):
             part = slice(start, start + _TICKS_AT_ONCE)
-            plant.random.provide(plant.ist, 0, 2 * command_v[part].size)
-            k.drive(
+            plant.random.provide(plant.state, 0, 2 * command_v[part].size)
+            self._command_v = run_actuator(
                 command_v[part],
-                plant.par,
-                plant.st,
-                plant.ist,
-                plant.plays,
-                plant.creep,
+                self._command_v,
+                SLEW_V_S,
+                HIGH_V,
+                plant.unit.shared,
+                plant.state.shared,
+                plant.drive.shared,
+                plant.readings.shared,
                 plant.random.noise,
                 applied_v[part],
                 truth_um[part],

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from edmctl.errors import LinkLost
 from edmctl.simulator.controller import VirtualController
 from edmctl.simulator.damage import LineDamage
-from edmctl.simulator.kernel import COMMAND_V, TICK_S, WEAR
 from edmctl.simulator.plant import Plant
+from edmctl.simulator.plant_interface import TICK_S
 from edmctl.simulator.workpiece import compile_loops
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ class VirtualBench:
     @property
     def is_safe(self) -> bool:
         """Whether the controller is not armed and the tool is retracted."""
-        return not self.controller.armed and self.controller.st.item(COMMAND_V) == 0.0
+        return not self.controller.armed and self.controller.loop.command_v == 0.0
 
     def truth(self) -> tuple[HoleTruth, ...]:
         """Every hole made so far, in the order of making; what was cut on a path is in the map alone."""
@@ -123,7 +123,7 @@ class VirtualBench:
 
     def new_tool(self) -> None:
         """Change the tool for a new one of its kind and name."""
-        self.plant.st[WEAR] = 0.0
+        self.plant.state.wear_um = 0.0
         self.plant.arrive()
 
     @property

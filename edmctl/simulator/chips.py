@@ -14,8 +14,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.simulator import kernel as k
-
 if TYPE_CHECKING:
     from edmctl.simulator.plant import Plant
 
@@ -61,7 +59,7 @@ class Chips:
         x, y = self.plant.position_um
         place = float(x) + away_um * math.cos(angle), float(y) + away_um * math.sin(angle)
         self.lying.append(Chip(*place, height_um, WASHED_AWAY if loose else 0.0))
-        self._depth_um = self.plant.st.item(k.DEPTH)
+        self._depth_um = self.plant.state.depth_um
         self.plant.set_surface()
 
     def clear(self) -> None:
@@ -103,16 +101,16 @@ class Chips:
 
     def _clear_um(self) -> float:
         """Height of the tool above what it would meet."""
-        st = self.plant.st
-        return st.item(k.SURFACE) + st.item(k.DEPTH) + st.item(k.WEAR) - st.item(k.TRUE_Z)
+        state = self.plant.state
+        return state.surface_um + state.depth_um + state.wear_um - state.true_z_um
 
     def _erode(self) -> bool:
         """Take from the highest chip under the tool what the sparks have removed since the last look."""
-        depth_um = self.plant.st.item(k.DEPTH)
-        removed_um3 = (depth_um - self._depth_um) / self.plant.par.item(k.PER_HOLE_AREA)
+        depth_um = self.plant.state.depth_um
+        removed_um3 = (depth_um - self._depth_um) / self.plant.state.per_hole_area
         self._depth_um = depth_um
         under = [chip for chip in self.lying if self._is_under(chip)]
-        if not under or not removed_um3 > 0.0 or not self.plant.ist[k.PULSES_ON]:
+        if not under or not removed_um3 > 0.0 or not self.plant.drive.pulses_on:
             return False
         chip = max(under, key=lambda one: one.height_um)
         chip.height_um = max(0.0, chip.height_um**3 - removed_um3) ** (1.0 / 3.0)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.link import messages as m
 from edmctl.link.messages import State, Status
-from edmctl.simulator import kernel as k
+from edmctl.simulator.controller_state import HOLD
 from edmctl.simulator.injection import Trigger
 from edmctl.simulator.motion_commands import MotionCommands
 from edmctl.simulator.service_commands import TLM_MAX_HZ, ServiceCommands
@@ -110,7 +110,7 @@ class Commands:
             return Status.BAD_STATE, b""
         if request.fault != self._c.fault:
             return Status.OUT_OF_RANGE, b""
-        if self._c.ist[k.MODE] != k.HOLD:
+        if self._c.loop.mode != HOLD:
             return Status.BUSY, b""
         if open_inputs := self._c.guards.open_interlocks():
             return Status.INTERLOCK, open_inputs.to_bytes(2, "little")

@@ -8,22 +8,23 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from edmctl.link import messages as m
 from edmctl.link.faults import FaultCode
 from edmctl.link.messages import EventCode, Interlocks, State
-from edmctl.simulator import kernel as k
-from edmctl.simulator.blackbox import BlackBox
+from edmctl.simulator import controller_state as k
 from edmctl.simulator.commands import Commands
+from edmctl.simulator.controller_state import LoopState, Settings
+from edmctl.simulator.fault_recorder import BlackBox, Waveforms
 from edmctl.simulator.guards import KERNEL_FAULTS, Guards, input_fault
 from edmctl.simulator.injector import Injector
+from edmctl.simulator.kernel import LOOK, run
 from edmctl.simulator.motion import Motion
 from edmctl.simulator.parameters import Parameters
+from edmctl.simulator.plant import USUAL_PULSES
+from edmctl.simulator.plant_interface import TICK_NS
 from edmctl.simulator.port import DevicePort
 from edmctl.simulator.telemetry import SLICE_TICKS, Telemetry
 from edmctl.simulator.waiting import HostWait
-from edmctl.simulator.waveforms import Waveforms
 
 if TYPE_CHECKING:
     from edmctl.simulator.plant import Plant
@@ -52,18 +53,17 @@ class VirtualController:
 
     def __init__(self, plant: Plant) -> None:
         self.plant = plant
-        self.st, self.ist, self.par = plant.st, plant.ist, plant.par
+        self.settings, self.loop = Settings(), LoopState()
         self.commands = Commands(self)
         self.port = DevicePort(self.commands.execute, self.host_heard, self._host_came)
-        self.parameters = Parameters(plant)
-        self.motion = Motion(plant)
+        self.parameters = Parameters(self.settings)
+        self.motion = Motion(plant, self.settings, self.loop)
         self.guards = Guards(plant, self.parameters)
         self.black_box = BlackBox()
         self.waveforms = Waveforms(plant)
-        self.telemetry = Telemetry(plant, self.port.send, self.step)
+        self.telemetry = Telemetry(self.settings, self.loop, plant.readings, self.port.send, self.step)
         self.injector = Injector(self)
         self.host_wait = HostWait(self)
-        self._history = np.zeros(k.HISTORY)
         self.boot_count = 1
         self.boot_tick = 0
         self.reset_cause = m.ResetCause.POWER_ON
@@ -75,13 +75,24 @@ class VirtualController:
         self.disarming = self.pulses_allowed = False
         self._heard_tick = 0
         self._repeat_tick = NEVER
+        self.set_generator(*USUAL_PULSES)
         self.set_state(State.IDLE)
+
+    def set_generator(
+        self, on_time_us: float, off_time_us: float, open_v: float, peak_a: float, set_us: float
+    ) -> None:
+        """Set the pulse generator: times, open voltage, peak current, discharge time (0: as the pulse comes)."""
+        plant, settings = self.plant, self.settings
+        plant.set_generator(on_time_us, off_time_us, open_v, peak_a, set_us)
+        settings.open_v, settings.nominal_siemens = open_v, plant.unit.nominal_siemens
+        settings.pulse_period_ns = plant.unit.pulse_period_ns
+        settings.duty_v = open_v * on_time_us / (on_time_us + off_time_us)
+        settings.per_duty_v = 1.0 / settings.duty_v
 
     @property
     def tick(self) -> int:
         """Milliseconds since the machine was set up; resets do not touch them."""
-        tick: int = self.ist.item(k.TICK)
-        return tick
+        return self.plant.readings.tick
 
     @property
     def time_us(self) -> int:
@@ -116,7 +127,7 @@ class VirtualController:
         while now < end:
             happened = self.step(min(end, self._next_deadline(now)) - now)
             self.telemetry.send_full_frames()
-            self.plant.follow_stages()
+            self.motion.follow_stages()
             if happened:
                 self._conclude(happened)
             now = self.tick
@@ -125,26 +136,25 @@ class VirtualController:
     def step(self, ticks: int) -> int:
         """Run the kernel for at most `ticks` ms; returns what happened, in the kernel's words."""
         plant = self.plant
-        pulses = ticks * k.TICK_NS // self.ist.item(k.PULSE_PERIOD) + 2
-        plant.random.provide(self.ist, pulses, 2 * ticks + 2)
-        return k.run(
+        pulses = ticks * TICK_NS // self.settings.pulse_period_ns + 2
+        plant.random.provide(plant.state, pulses, 2 * ticks + 2)
+        return run(
             ticks,
-            self.par,
-            self.st,
-            self.ist,
-            plant.plays,
-            plant.creep,
-            self._history,
+            plant.unit.shared,
+            plant.state.shared,
+            plant.scope.shared,
             plant.random.pulse,
             plant.random.tables,
             plant.random.noise,
+            plant.ground.levels,
+            plant.drive.shared,
+            plant.readings.shared,
+            self.settings.shared,
+            self.loop.shared,
+            self.black_box.ring,
             self.telemetry.samples,
             self.telemetry.blocks,
             self.telemetry.pulses,
-            self.black_box.ring,
-            self.waveforms.ring,
-            self.motion.path,
-            plant.ground.levels,
         )
 
     @property
@@ -191,8 +201,8 @@ class VirtualController:
         """Enter a state; the watchdog runs, inputs and monitors count while it is an armed one."""
         self.state = state
         self.armed = state not in _UNARMED
-        self.ist[k.TLM_STATE] = state
-        self.ist[k.WATCHED] = int(self.armed)
+        self.loop.link_state = state
+        self.loop.watched = int(self.armed)
 
     def emit(
         self,
@@ -209,8 +219,8 @@ class VirtualController:
             t_us=self.time_us - ago_ticks * 1000 & 0xFFFFFFFF,
             code=code,
             arg=arg,
-            displacement_um=self.st.item(k.SENSOR_Z) if z_um is None else z_um,
-            actuator_v=self.st.item(k.APPLIED_V) if v is None else v,
+            displacement_um=self.loop.displacement_um if z_um is None else z_um,
+            actuator_v=self.plant.drive.actuator_v if v is None else v,
         )
         self.port.send_event(event)
         self._repeat_later()
@@ -219,16 +229,16 @@ class VirtualController:
         """Turn what the kernel reports into states and events."""
         if happened in KERNEL_FAULTS:
             self.raise_fault(KERNEL_FAULTS[happened])
-        elif happened == k.LOOK:
+        elif happened == LOOK:
             self.plant.look()
         elif happened == k.RAMP_DONE:
             self._end_ramp()
         elif happened == k.TOUCHED:
-            mean = self.st.item(k.TOUCH_SUM) / max(1, self.ist.item(k.TOUCH_COUNT))
-            number, dwell = self.ist.item(k.TOUCH_NO), self.ist.item(k.DWELL_TICKS)
-            self.emit(EventCode.TOUCH, number, mean, self.st.item(k.TOUCH_V), dwell)
+            mean = self.loop.touch_sum / max(1, self.loop.touch_count)
+            number, dwell = self.loop.touch_no, self.loop.dwell_ticks
+            self.emit(EventCode.TOUCH, number, mean, self.loop.touch_v, dwell)
         elif happened == k.JUMP_DONE:
-            self.set_state(State.MACHINING if self.ist[k.JUMP_RESUMES] else State.ARMED)
+            self.set_state(State.MACHINING if self.loop.jump_resumes else State.ARMED)
             self.emit(EventCode.JUMP_DONE)
         elif happened == k.TESTED:
             self._end_test()
@@ -245,9 +255,9 @@ class VirtualController:
             self.emit(EventCode.MOVE_DONE)
 
     def _end_test(self) -> None:
-        off_v = self.st.item(k.TEST_OFF_V)
-        on_v = self.st.item(k.TOUCH_SUM) / max(1, self.ist.item(k.TOUCH_COUNT))
-        duty_v = self.par.item(k.DUTY_V)
+        off_v = self.loop.test_off_v
+        on_v = self.loop.touch_sum / max(1, self.loop.touch_count)
+        duty_v = self.settings.duty_v
         if max(abs(off_v), abs(on_v - duty_v)) > self.parameters.test_error * duty_v:
             self.raise_fault(FaultCode.GAP_SENSOR, round(1000.0 * on_v))
             return
@@ -270,8 +280,8 @@ class VirtualController:
             t_us=self.time_us & 0xFFFFFFFF,
             code=code,
             detail=detail,
-            displacement_um=self.st.item(k.SENSOR_Z),
-            gap_v=self.st.item(k.GAP_V),
+            displacement_um=self.loop.displacement_um,
+            gap_v=self.loop.gap_v,
         )
         self.port.send_event(report)
         self._repeat_later()
@@ -311,7 +321,7 @@ class VirtualController:
         self.boot_tick = self.tick
         self.reset_cause = cause
         self._repeat_tick = NEVER
-        at_rest = self.st.item(k.COMMAND_V) == 0.0
+        at_rest = self.loop.command_v == 0.0
         if self.fault:
             self.set_state(State.ESTOP if self.fault == FaultCode.ESTOP else State.FAULT)
         else:

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.simulator import kernel as k
 from edmctl.simulator.workpiece import Footprint, Tip, Workpiece
 
 if TYPE_CHECKING:
@@ -21,6 +20,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
     from edmctl.simulator.config import BenchConfig
+    from edmctl.simulator.plant_state import PlantState, Unit
 
 NO_LEVELS = np.array([[math.inf], [1.0], [1.0]])
 EDGE_X_UM = -2000.0  # the work begins here; the parking place lies beyond
@@ -42,9 +42,9 @@ class Ground:
     `work` is the height map, `holes` is what was cut by a tool that stood.
     """
 
-    def __init__(self, config: BenchConfig, par: Floats, st: Floats, ist: NDArray[np.int64]) -> None:
+    def __init__(self, config: BenchConfig, unit: Unit, state: PlantState) -> None:
         self._config = config
-        self._par, self._st, self._ist = par, st, ist
+        self._unit, self._state = unit, state
         self.work = Workpiece(config.cell_um)
         self.holes: list[Hole] = []
         self.here: Hole | None = None
@@ -67,7 +67,7 @@ class Ground:
         )
         self._stands = True
         self._take_up(x_um, y_um)
-        self._found_um = float(self._st[k.DEPTH])
+        self._found_um = self._state.depth_um
 
     def leave(self) -> None:
         """Remember what became of the work here, before the stage moves."""
@@ -96,34 +96,35 @@ class Ground:
         work = Workpiece(self.work.cell_um)
         work.tiles = {key: tile.copy() for key, tile in self.work.tiles.items()}
         if self._footprint is not None:
-            self._footprint.settle(float(self._st[k.DEPTH]), work)
+            self._footprint.settle(self._state.depth_um, work)
         return work.region()
 
     def _take_up(self, x_um: float, y_um: float) -> None:
-        c, par, st = self._config, self._par, self._st
+        c, state = self._config, self._state
         self._place = (x_um, y_um)
-        self._ist[k.LEVEL_AT] = 0
-        par[k.PER_HOLE_AREA], st[k.RARITY] = par[k.PER_DISC_AREA], 1.0
+        state.per_hole_area, state.rarity = self._unit.per_disc_area, 1.0
+        state.level_at, state.next_level_um = 0, math.inf
         if x_um < EDGE_X_UM:
             self._footprint, self.levels, self.solid = None, NO_LEVELS, False
-            st[k.DEPTH] = 0.0
+            state.depth_um = 0.0
             return
         radius_um = c.tool_diameter_um / 2.0
         tip = Tip(radius_um, radius_um + c.discharge.side_gap_um, c.tip_rounding_um)
         print_ = Footprint(self.work, x_um, y_um, tip, c.thickness_um)
         self._footprint, self.levels = print_, print_.table
         self.solid = print_.level_um < math.inf
-        st[k.DEPTH] = print_.level_um if self.solid else c.thickness_um
-        par[k.PER_HOLE_AREA] /= print_.sinking
-        st[k.RARITY] = print_.rarity
+        state.depth_um = print_.level_um if self.solid else c.thickness_um
+        state.next_level_um = float(self.levels[0, 0])
+        state.per_hole_area /= print_.sinking
+        state.rarity = print_.rarity
 
     def settle(self) -> None:
         """Write into the map what was cut here so far."""
         if self._footprint is not None:
-            self._footprint.settle(float(self._st[k.DEPTH]))
+            self._footprint.settle(self._state.depth_um)
 
     def _note_hole(self) -> None:
-        depth_um = float(self._st[k.DEPTH])
+        depth_um = self._state.depth_um
         if not self._stands or not depth_um > self._found_um:
             return
         if self.here is None:

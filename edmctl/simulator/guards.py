@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.link.faults import FaultCode
 from edmctl.link.messages import Interlocks
-from edmctl.simulator import kernel as k
+from edmctl.simulator import controller_state as c
 
 if TYPE_CHECKING:
     from edmctl.simulator.parameters import Parameters
@@ -16,18 +16,18 @@ if TYPE_CHECKING:
 NOISE_TICKS = 1000
 
 KERNEL_FAULTS = {
-    k.FAULT_TRAVEL: FaultCode.TRAVEL_LIMIT,
-    k.FAULT_NO_CONTACT: FaultCode.NO_CONTACT,
-    k.FAULT_STUCK_CONTACT: FaultCode.STUCK_CONTACT,
-    k.FAULT_COLLISION: FaultCode.COLLISION,
-    k.FAULT_SHORT: FaultCode.SHORT_STUCK,
-    k.FAULT_ARC: FaultCode.ARC_BURN,
-    k.FAULT_NO_SPARK: FaultCode.NO_SPARK,
-    k.FAULT_TRACK: FaultCode.PIEZO_TRACK,
-    k.FAULT_MONITOR: FaultCode.PIEZO_OV,
-    k.FAULT_GAP_SENSOR: FaultCode.GAP_SENSOR,
-    k.FAULT_GENERATOR: FaultCode.GEN_FAULT,
-    k.FAULT_MODE_SWITCH: FaultCode.MODE_SWITCH,
+    c.FAULT_TRAVEL: FaultCode.TRAVEL_LIMIT,
+    c.FAULT_NO_CONTACT: FaultCode.NO_CONTACT,
+    c.FAULT_STUCK_CONTACT: FaultCode.STUCK_CONTACT,
+    c.FAULT_COLLISION: FaultCode.COLLISION,
+    c.FAULT_SHORT: FaultCode.SHORT_STUCK,
+    c.FAULT_ARC: FaultCode.ARC_BURN,
+    c.FAULT_NO_SPARK: FaultCode.NO_SPARK,
+    c.FAULT_TRACK: FaultCode.PIEZO_TRACK,
+    c.FAULT_MONITOR: FaultCode.PIEZO_OV,
+    c.FAULT_GAP_SENSOR: FaultCode.GAP_SENSOR,
+    c.FAULT_GENERATOR: FaultCode.GEN_FAULT,
+    c.FAULT_MODE_SWITCH: FaultCode.MODE_SWITCH,
 }
 """The fault for what the kernel found."""
 

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.link.messages import ResetCause, State
-from edmctl.simulator import kernel as k
+from edmctl.simulator.controller_state import PACK
 from edmctl.simulator.injection import CHIPS, Injection, LineState, Trigger
+from edmctl.simulator.plant_interface import TICK_S
 
 if TYPE_CHECKING:
     from edmctl.simulator.controller import VirtualController
@@ -26,27 +27,27 @@ DRIFT_UM_S = 5.0
 WEAR_FACTOR = 5.0
 ABORT_ZEROS = 32
 
-_Change = tuple[str, int | str, float]
+_Change = tuple[str, str, float]
 
 _PARTS: dict[str, tuple[_Change, ...]] = {
     "SILENCE": (("line", "silent", True),),
     "UNPLUG": (("line", "unplugged", True),),
     "LINE_NOISE": (("line", "noise", NOISE_SHARE),),
-    "ACTUATOR_WEAK": (("par", k.STROKE, STROKE_LEFT),),
-    "AMPLIFIER_DEAD": (("par", k.DRIVE, 0.0),),
-    "MONITOR_HIGH": (("par", k.MONITOR_GAIN, 0.0), ("par", k.MONITOR_ZERO, MONITOR_HIGH_V)),
+    "ACTUATOR_WEAK": (("unit", "stroke_share", STROKE_LEFT),),
+    "AMPLIFIER_DEAD": (("unit", "amplifier_gain", 0.0),),
+    "MONITOR_HIGH": (("unit", "monitor_gain", 0.0), ("unit", "monitor_zero_v", MONITOR_HIGH_V)),
     "STAGE_LIMIT": (("plant", "limit_switch", True),),
     "TOOL_LOST": (("plant", "tool_lost_um", TOOL_LOST_UM),),
-    "STUCK_CONTACT": (("st", k.ASPERITY, HUGE),),
+    "STUCK_CONTACT": (("state", "asperity_um", HUGE),),
     "OBSTACLE": (("plant", "obstacle_um", OBSTACLE_UM),),
     # Asperities so high that they touch at any gap: every pulse is a short, and the contact is closed.
-    "WIRE_SHORT": (("par", k.ROUGHNESS, HUGE), ("st", k.ASPERITY, HUGE)),
+    "WIRE_SHORT": (("unit", "roughness_um", HUGE), ("state", "asperity_um", HUGE)),
     # A spot that ignites at once at any gap, and always as an arc.
-    "CARBON": (("par", k.ARC_BASE, HUGE), ("par", k.TAU_REFERENCE, 0.0)),
-    "GAP_SENSOR_LOW": (("par", k.GAP_STUCK, 0.0),),
-    "GENERATOR_LEAK": (("par", k.OFF_TIME_A, LEAK_A),),
+    "CARBON": (("unit", "arc_base", HUGE), ("unit", "tau_reference_us", 0.0)),
+    "GAP_SENSOR_LOW": (("unit", "gap_stuck_v", 0.0),),
+    "GENERATOR_LEAK": (("unit", "off_time_a", LEAK_A),),
     "OVER_CURRENT": (("plant", "current_factor", CURRENT_FACTOR),),
-    "MODE_SWITCH": (("ist", k.STRAY_PULSES, 1),),
+    "MODE_SWITCH": (("unit", "stray_pulses", 1),),
     "ESTOP": (("plant", "estop", True),),
     "DOOR": (("plant", "door_open", True),),
     "DIELECTRIC_LEVEL": (("plant", "dielectric_level_ok", False),),
@@ -55,7 +56,7 @@ _PARTS: dict[str, tuple[_Change, ...]] = {
     "HV_SUPPLY": (("plant", "hv_supply_ok", False),),
     "SAMPLES_LOST": (("telemetry", "lost", True),),
     "SAMPLES_FROZEN": (("telemetry", "frozen", True),),
-    "STALL": (("par", k.KAPPA, 0.0),),
+    "STALL": (("unit", "kappa_um3_per_uj", 0.0),),
 }
 _RESETS = {
     "WATCHDOG": ResetCause.WATCHDOG,
@@ -89,7 +90,7 @@ class Injector:
         """Let an injection happen."""
         due = None
         if injection.trigger is Trigger.TIME:
-            due = self._c.boot_tick + round(injection.seconds / k.TICK_S)
+            due = self._c.boot_tick + round(injection.seconds / TICK_S)
         self._pending.append(_Pending(injection, due, injection.nth))
 
     def clear(self) -> None:
@@ -107,7 +108,7 @@ class Injector:
                 continue
             pending.to_come -= 1
             if pending.to_come == 0:
-                pending.due_tick = now + round(pending.injection.seconds / k.TICK_S)
+                pending.due_tick = now + round(pending.injection.seconds / TICK_S)
 
     def next_tick(self, now: int) -> int:
         """The tick before which the clock must stop for the next injection."""
@@ -121,7 +122,7 @@ class Injector:
         """Bring about what is due at tick `now`."""
         if not self._pending:
             return
-        if self._looks_for_sparks and self._c.ist.item(k.TICK_COUNTS) >> k.PACK:
+        if self._looks_for_sparks and self._c.loop.tick_counts >> PACK:
             self.note(Trigger.SPARKS)
         due = [p for p in self._pending if p.due_tick is not None and p.due_tick <= now]
         for pending in due:
@@ -136,7 +137,7 @@ class Injector:
         )
 
     def _apply(self, injection: Injection, now: int) -> None:
-        name, par = injection.name, self._c.par
+        name, unit = injection.name, self._c.plant.unit
         if name in _RESETS:
             self._c.reset(_RESETS[name])
         elif name == "ABORT_RUN":
@@ -144,37 +145,36 @@ class Injector:
         elif name in CHIPS:
             self._c.plant.chips.drop(injection.size_um, loose=name == "LOOSE_CHIP")
         elif name == "GAP_SENSOR_HIGH":
-            self._break("par", k.GAP_STUCK, par.item(k.OPEN_V))
+            self._break("unit", "gap_stuck_v", unit.open_v)
         elif name == "WEAR_FAST":
-            self._break("par", k.THETA, WEAR_FACTOR * par.item(k.THETA))
+            self._break("unit", "theta", WEAR_FACTOR * unit.theta)
         elif name == "SENSOR_DRIFT":
             # The drift counts from tick 0; what it would be by now is taken off.
-            self._break("st", k.WALK, self._c.st.item(k.WALK) - DRIFT_UM_S * now * k.TICK_S)
-            self._break("par", k.SENSOR_DRIFT, par.item(k.SENSOR_DRIFT) + DRIFT_UM_S)
+            self._break("state", "walk_um", self._c.plant.state.walk_um - DRIFT_UM_S * now * TICK_S)
+            self._break("unit", "sensor_drift_um_s", unit.sensor_drift_um_s + DRIFT_UM_S)
         for change in _PARTS.get(name, ()):
             self._break(*change)
 
-    def _break(self, where: str, key: int | str, value: float) -> None:
-        self._broken.append((where, key, self._read(where, key)))
-        self._write(where, key, value)
-
-    def _read(self, where: str, key: int | str) -> float:
-        if isinstance(key, str):
-            old: float = getattr(self._owner(where), key)
-            return old
-        return float(getattr(self._c, where)[key])
+    def _break(self, where: str, name: str, value: float) -> None:
+        self._broken.append((where, name, getattr(self._owner(where), name)))
+        self._write(where, name, value)
 
     def _owner(self, where: str) -> object:
-        return {"line": self.line, "telemetry": self._c.telemetry, "plant": self._c.plant}[where]
-
-    def _write(self, where: str, key: int | str, value: float) -> None:
         plant = self._c.plant
-        if isinstance(key, int):
-            getattr(self._c, where)[key] = value
-        elif where != "plant":
-            setattr(self._owner(where), key, value)
-        elif key == "current_factor":
+        owners: dict[str, object] = {
+            "line": self.line,
+            "telemetry": self._c.telemetry,
+            "plant": plant,
+            "unit": plant.unit,
+            "state": plant.state,
+        }
+        return owners[where]
+
+    def _write(self, where: str, name: str, value: float) -> None:
+        plant = self._c.plant
+        if where == "plant" and name == "current_factor":
             plant.set_current_factor(value)
-        else:
-            setattr(plant, key, value)
+            return
+        setattr(self._owner(where), name, value)
+        if where == "plant":
             plant.set_surface()

@@ -6,11 +6,11 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from edmctl.simulator import kernel as k
+from edmctl.simulator.controller_state import HOLD, RAMP, TEST_OFF
+from edmctl.simulator.plant_interface import PATH_LINES, TICK_S
 
 if TYPE_CHECKING:
+    from edmctl.simulator.controller_state import LoopState, Settings
     from edmctl.simulator.plant import Plant
 
 STAGE_SETTLE_TICKS = 50
@@ -35,88 +35,93 @@ class StageMove:
 class Motion:
     """Begins and ends what moves; the kernel carries it out."""
 
-    def __init__(self, plant: Plant) -> None:
-        self._plant = plant
-        self._st, self._ist, self._par = plant.st, plant.ist, plant.par
+    def __init__(self, plant: Plant, settings: Settings, loop: LoopState) -> None:
+        self._plant, self._settings, self._loop = plant, settings, loop
         self.stage: StageMove | None = None
-        self.path = np.zeros((k.PATH_LINES, k.PATH_COLUMNS))
         self.path_ends = False
 
     def begin(self, mode: int) -> None:
         """Let the kernel begin a motion."""
-        self._ist[k.MODE] = mode
-        self._ist[k.PHASE] = 0
-        self._ist[k.LIMIT_TICKS] = 0
+        self._loop.mode = mode
+        self._loop.phase = 0
+        self._loop.limit_ticks = 0
 
     def hold(self) -> None:
         """Pulses off, tool and stages held where they are."""
-        self._ist[k.PULSES_ON] = 0
+        self._plant.drive.pulses_on = 0
         self._end_scan()
-        self.begin(k.HOLD)
+        self.begin(HOLD)
 
     def start_ramp(self, target_v: float, slew_v_s: float) -> None:
         """Pulses off, then ramp the actuator."""
-        self._ist[k.PULSES_ON] = 0
+        self._plant.drive.pulses_on = 0
         self._end_scan()
-        self._st[k.TARGET_V], self._st[k.RAMP_V_S] = target_v, slew_v_s
-        self.begin(k.RAMP)
+        self._loop.target_v, self._loop.ramp_v_s = target_v, slew_v_s
+        self.begin(RAMP)
 
     def pulses_on(self) -> None:
         """Switch the generator on, with fresh counters of what would stop it."""
-        ist, st = self._ist, self._st
-        ist[k.PULSES_ON] = 1
-        ist[k.NEXT_PULSE] = ist.item(k.TICK) * k.TICK_NS
-        ist[k.OPEN_TICKS] = ist[k.SHORT_TICKS] = ist[k.SHORTED] = ist[k.ARC_RUN] = ist[k.MISREADS] = 0
-        st[k.LAST_SPARK_Z] = st[k.SLOW_Z]
+        loop, drive = self._loop, self._plant.drive
+        drive.pulses_on = 1
+        drive.pulse_starts += 1
+        loop.open_ticks = loop.short_ticks = loop.shorted = loop.arc_run = loop.misreads = 0
+        loop.last_spark_um = loop.slow_displacement_um
 
     def start_test(self) -> None:
         """Test the gap sensor: generator off first, then on."""
-        self._st[k.TOUCH_SUM] = 0.0
-        self._ist[k.TOUCH_COUNT] = self._ist[k.MISREADS] = self._ist[k.SHORT_TICKS] = 0
-        self._ist[k.PULSES_ON] = 0
-        self.begin(k.TEST_OFF)
+        loop = self._loop
+        loop.touch_sum = 0.0
+        loop.touch_count = loop.misreads = loop.short_ticks = 0
+        self._plant.drive.pulses_on = 0
+        self.begin(TEST_OFF)
 
     def start_stage(self, axis: int, target: float, speed: float) -> None:
         """Let an axis travel (µm and µm/s, degrees and degrees/s) and come to rest."""
         start = self._plant.reported[axis]
-        travel_ticks = math.ceil(abs(target - start) / speed / k.TICK_S)
-        self.stage = StageMove(axis, start, target, self._ist.item(k.TICK), travel_ticks)
+        travel_ticks = math.ceil(abs(target - start) / speed / TICK_S)
+        self.stage = StageMove(axis, start, target, self._plant.readings.tick, travel_ticks)
 
     def stop_stage(self) -> None:
         """End a stage move where the stage is now."""
         if self.stage is None:
             return
         move, self.stage = self.stage, None
-        share = min(1.0, (self._ist.item(k.TICK) - move.start_tick) / max(1, move.travel_ticks))
+        share = min(1.0, (self._plant.readings.tick - move.start_tick) / max(1, move.travel_ticks))
         self._plant.stage_lands(move.axis, move.start + share * (move.target - move.start))
 
     def start_scan(self) -> None:
         """Let the stages follow the lines that will come."""
-        self._ist[k.SCANNING] = 1
-        self._ist[k.PATH_COUNT] = 0
+        self._loop.scanning = 1
+        self._loop.path_count = 0
         self.path_ends = False
         self._plant.begin_scan()
 
     def append_line(self, x_um: float, y_um: float, speed_um_s: float, z_um: float, last: bool) -> bool:
         """Append a line to the path; False where the queue is full."""
-        count = self._ist.item(k.PATH_COUNT)
-        if count == k.PATH_LINES:
+        loop = self._loop
+        if loop.path_count == PATH_LINES:
             return False
-        row = (self._ist.item(k.PATH_AT) + count) % k.PATH_LINES
-        self.path[row] = (x_um, y_um, speed_um_s, z_um, float(last), *self._plant.stage_errors_um())
-        self._ist[k.PATH_COUNT] = count + 1
+        row = (loop.path_at + loop.path_count) % PATH_LINES
+        loop.path_x_um[row], loop.path_y_um[row] = x_um, y_um
+        loop.path_speed_um_s[row], loop.path_z_um[row], loop.path_last[row] = speed_um_s, z_um, float(last)
+        self._plant.draw_line_error(row)
+        loop.path_count += 1
         self.path_ends = last
         return True
 
     @property
     def stages_follow(self) -> bool:
         """Whether a scan has lines to go."""
-        return bool(self._ist[k.PATH_COUNT])
+        return bool(self._loop.path_count)
+
+    def follow_stages(self) -> None:
+        """Let the stages report where the scan has brought them."""
+        self._plant.follow_stages(scan_goes_on=bool(self._loop.scanning))
 
     def _end_scan(self) -> None:
-        self._ist[k.SCANNING] = self._ist[k.PATH_COUNT] = 0
-        self._plant.follow_stages()
+        self._loop.scanning = self._loop.path_count = 0
+        self.follow_stages()
 
     def volts(self, length_um: float) -> float:
         """Volts that move the tool by a length, by the mean gain."""
-        return length_um * self._par.item(k.V_PER_UM)
+        return length_um * self._settings.v_per_um

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 from edmctl.link import messages as m
 from edmctl.link.faults import FaultCode
 from edmctl.link.messages import State, Status
-from edmctl.simulator import kernel as k
+from edmctl.simulator.controller_state import APPROACH, HOLD, JUMP_UP, SERVO, TOUCH_FAST
 from edmctl.simulator.injection import Trigger
+from edmctl.simulator.plant_interface import TICK_S
+from edmctl.simulator.servo import BLEND_TICKS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -62,7 +64,7 @@ class MotionCommands:
             return Status.BAD_STATE, b""
         if request.axis > m.Axis.THETA or request.speed == 0:
             return Status.OUT_OF_RANGE, b""
-        if self._c.st[k.SLOW_Z] - self._c.zero_um > self._c.parameters["safe_z_um"]:
+        if self._c.loop.slow_displacement_um - self._c.zero_um > self._c.parameters["safe_z_um"]:
             return Status.INTERLOCK, b""
         self._c.motion.start_stage(request.axis, request.target * 1e-3, request.speed * 1e-3)
         self._c.set_state(State.MOVING)
@@ -78,14 +80,14 @@ class MotionCommands:
     def _set_zero(self, request: m.SetZero) -> Outcome:
         if not self._armed_at_rest():
             return Status.BAD_STATE, b""
-        above_um = self._c.st.item(k.SLOW_Z) - request.zero_um
+        above_um = self._c.loop.slow_displacement_um - request.zero_um
         if not -MOST_BELOW_ZERO_UM <= above_um <= MOST_ABOVE_ZERO_UM:
             return Status.OUT_OF_RANGE, b""
         self._c.zero_um = request.zero_um
         return OK
 
     def _armed_at_rest(self) -> bool:
-        at_rest = self._c.ist[k.MODE] == k.HOLD and self._c.st[k.COMMAND_V] == 0.0
+        at_rest = self._c.loop.mode == HOLD and self._c.loop.command_v == 0.0
         return self._c.state is State.ARMED and bool(at_rest)
 
     def _approach(self, request: m.Approach) -> Outcome:
@@ -93,29 +95,29 @@ class MotionCommands:
             return Status.BAD_STATE, b""
         if request.speed_um_s <= 0.0:
             return Status.OUT_OF_RANGE, b""
-        st = self._c.st
-        st[k.GAP_REF] = request.gap_ref_v
-        st[k.SLOW_V_S] = self._c.motion.volts(request.speed_um_s)
-        st[k.START_Z] = st[k.SLOW_Z]
-        st[k.Z_MAX] = request.max_travel_um
-        st[k.GAP_V] = self._c.par[k.DUTY_V]
+        loop = self._c.loop
+        loop.gap_ref_v = request.gap_ref_v
+        loop.slow_v_s = self._c.motion.volts(request.speed_um_s)
+        loop.start_z_um = loop.slow_displacement_um
+        loop.z_max_um = request.max_travel_um
+        loop.gap_v = self._c.settings.duty_v
         self._c.motion.pulses_on()
-        self._c.motion.begin(k.APPROACH)
+        self._c.motion.begin(APPROACH)
         self._c.set_state(State.APPROACH)
         return OK
 
     def _servo_start(self, request: m.ServoStart | m.ScanStart) -> Outcome:
         if self._c.state is not State.ARMED or not self._c.pulses_allowed:
             return Status.BAD_STATE, b""
-        st, ist = self._c.st, self._c.ist
-        st[k.GAP_REF] = st[k.GAP_V] = request.gap_ref_v
-        st[k.Z_LIMIT] = request.z_limit_um
-        st[k.RATE_V_S] = st[k.INTEGRAL] = 0.0
-        ist[k.TIME_TICKS] = max(1, round(request.max_time_s / k.TICK_S))
-        ist[k.SERVO_COUNT] = 0
-        ist[k.DIRECTION] = 1
+        loop = self._c.loop
+        loop.gap_ref_v = loop.gap_v = request.gap_ref_v
+        loop.z_limit_um = request.z_limit_um
+        loop.rate_v_s = loop.integral_um_s = 0.0
+        loop.time_ticks = max(1, round(request.max_time_s / TICK_S))
+        loop.servo_count = 0
+        loop.direction = 1
         self._c.motion.pulses_on()
-        self._c.motion.begin(k.SERVO)
+        self._c.motion.begin(SERVO)
         self._c.set_state(State.MACHINING)
         return OK
 
@@ -127,7 +129,7 @@ class MotionCommands:
 
     def _path_move(self, request: m.PathMove) -> Outcome:
         motion = self._c.motion
-        scanning = self._c.state is State.MACHINING and self._c.ist[k.SCANNING]
+        scanning = self._c.state is State.MACHINING and self._c.loop.scanning
         if not scanning or motion.path_ends:
             return Status.BAD_STATE, b""
         if request.speed_um_s <= 0.0:
@@ -142,24 +144,24 @@ class MotionCommands:
         return OK
 
     def _jump(self, request: m.Jump) -> Outcome:
-        resumes = self._c.ist[k.MODE] == k.SERVO
+        resumes = self._c.loop.mode == SERVO
         if not resumes and self._c.state is not State.ARMED:
             return Status.BAD_STATE, b""
         if request.speed_um_s <= 0.0:
             return Status.OUT_OF_RANGE, b""
-        st, ist = self._c.st, self._c.ist
+        loop = self._c.loop
         slew = min(self._c.motion.volts(request.speed_um_s), self._c.parameters["slew_limit_v_s"])
-        st[k.START_V] = st[k.COMMAND_V]
-        st[k.JUMP_V] = min(self._c.motion.volts(request.height_um), float(st[k.COMMAND_V]))
-        st[k.CLEARANCE_V] = min(self._c.motion.volts(request.clearance_um), float(st[k.JUMP_V]))
-        st[k.FAST_V_S] = self._c.motion.volts(self._c.parameters["short_back_um_s"])
-        ramp_ticks = math.ceil(float(st[k.JUMP_V]) / slew / k.TICK_S)
-        ist[k.PHASE_TICKS] = ramp_ticks + k.BLEND_TICKS
-        ist[k.DWELL_TICKS] = max(1, round(request.dwell_s / k.TICK_S))
-        ist[k.JUMP_RESUMES] = int(resumes)
-        ist[k.PULSES_ON] = 0
+        loop.start_v = loop.command_v
+        loop.jump_v = min(self._c.motion.volts(request.height_um), loop.command_v)
+        loop.clearance_v = min(self._c.motion.volts(request.clearance_um), loop.jump_v)
+        loop.fast_v_s = self._c.motion.volts(self._c.parameters["short_back_um_s"])
+        ramp_ticks = math.ceil(loop.jump_v / slew / TICK_S)
+        loop.phase_ticks = ramp_ticks + BLEND_TICKS
+        loop.dwell_ticks = max(1, round(request.dwell_s / TICK_S))
+        loop.jump_resumes = int(resumes)
+        self._c.plant.drive.pulses_on = 0
         self._c.telemetry.flush()
-        self._c.motion.begin(k.JUMP_UP)
+        self._c.motion.begin(JUMP_UP)
         self._c.set_state(State.JUMP)
         return OK
 
@@ -168,19 +170,19 @@ class MotionCommands:
             return Status.BAD_STATE, b""
         if request.touches == 0 or request.speed_um_s <= 0.0 or request.fast_um_s <= 0.0:
             return Status.OUT_OF_RANGE, b""
-        if self._c.ist[k.CONTACT]:
+        if self._c.plant.readings.contact:
             self._c.raise_fault(FaultCode.STUCK_CONTACT)
             return OK
-        st, ist = self._c.st, self._c.ist
-        st[k.FAST_V_S], st[k.SLOW_V_S] = (
+        loop = self._c.loop
+        loop.fast_v_s, loop.slow_v_s = (
             self._c.motion.volts(request.fast_um_s),
             self._c.motion.volts(request.speed_um_s),
         )
-        st[k.FAST_TO], st[k.Z_MAX] = request.fast_to_um, request.z_max_um
-        st[k.BACK_V] = self._c.motion.volts(request.back_off_um)
-        ist[k.DWELL_TICKS] = max(1, round(request.dwell_s / k.TICK_S))
-        ist[k.TOUCHES_LEFT], ist[k.TOUCH_NO] = request.touches, 0
-        self._c.motion.begin(k.TOUCH_FAST)
+        loop.fast_to_um, loop.z_max_um = request.fast_to_um, request.z_max_um
+        loop.back_v = self._c.motion.volts(request.back_off_um)
+        loop.dwell_ticks = max(1, round(request.dwell_s / TICK_S))
+        loop.touches_left, loop.touch_no = request.touches, 0
+        self._c.motion.begin(TOUCH_FAST)
         self._c.set_state(State.TOUCH)
         self._c.injector.note(Trigger.TOUCH)
         return OK
@@ -204,7 +206,7 @@ class MotionCommands:
             return Status.OUT_OF_RANGE, b""
         isopulse = request.mode == m.PulseMode.ISOPULSE
         self._c.waveforms.forget()  # they were made with the setting before
-        self._c.plant.set_generator(
+        self._c.set_generator(
             request.on_time_us,
             request.off_time_us,
             request.open_voltage_v,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from edmctl.link.faults import FAULTS
-from edmctl.simulator.kernel import TICK_S
+from edmctl.simulator.plant_interface import TICK_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -6,40 +6,23 @@ import math
 from typing import TYPE_CHECKING
 
 from edmctl.link.messages import PARAMS, param_crc
-from edmctl.simulator import kernel as k
+from edmctl.simulator.plant_interface import TICK_S
 
 if TYPE_CHECKING:
-    from edmctl.simulator.plant import Plant
+    from edmctl.simulator.controller_state import Settings
 
 TICK_US = 1000  # this controller decides on whole milliseconds
 FULL_SCALE_V = 150.0  # what track_error is a share of
 DISPLACEMENT_FILTER_S = 0.05  # low-pass of the sensor for depth limits
 
-_FLOATS = {
-    "piezo_max_v": k.PIEZO_MAX,
-    "slew_limit_v_s": k.SLEW_LIMIT,
-    "forward_um_s": k.FORWARD,
-    "back_um_s": k.BACK,
-    "short_back_um_s": k.SHORT_BACK,
-    "hysteresis": k.HYSTERESIS,
-    "kp_um_s": k.KP,
-    "ki_um_s2": k.KI,
-    "short_v": k.SHORT_BELOW,
-    "arc_v": k.ARC_BELOW,
-    "arc_delay_us": k.ARC_DELAY,
-    "open_lost_um": k.OPEN_LOST,
-    "monitor_min_v": k.MONITOR_MIN,
-    "monitor_max_v": k.MONITOR_MAX,
-    "over_current": k.OVER_CURRENT,
-}
 _BY_ID = {param.id: param for param in PARAMS.values()}
 
 
 class Parameters:
     """The parameter set of one controller."""
 
-    def __init__(self, plant: Plant) -> None:
-        self._plant = plant
+    def __init__(self, settings: Settings) -> None:
+        self._settings = settings
         self._values: dict[str, float] = {}
         self._staged: dict[str, float] = {}
         self.reset()
@@ -83,27 +66,27 @@ class Parameters:
         self._apply()
 
     def _apply(self) -> None:
-        par, ist, v = self._plant.par, self._plant.ist, self._values
-        for name, index in _FLOATS.items():
-            par[index] = v[name]
-        par[k.V_PER_UM] = 1.0 / v["gain_um_per_v"]
-        par[k.SENSOR_MISSING] = 1.0 - v["sensor_fitted"]
-        par[k.FILTER_ALPHA] = 1.0 - math.exp(-2.0 * math.pi * v["filter_hz"] * k.TICK_S)
-        par[k.DISPLACEMENT_ALPHA] = 1.0 - math.exp(-k.TICK_S / DISPLACEMENT_FILTER_S)
-        par[k.TRACK_V] = v["track_error"] * FULL_SCALE_V
-        ist[k.TRACK_TICKS_MAX] = max(1, round(v["track_s"] / k.TICK_S))
-        ist[k.MISREADS_MAX] = int(v["misread_pulses"])
+        settings, v = self._settings, self._values
+        for name in PARAMS.keys() & settings.numbers().keys():
+            setattr(settings, name, v[name])
+        settings.v_per_um = 1.0 / v["gain_um_per_v"]
+        settings.sensor_missing = 1 - int(v["sensor_fitted"])
+        settings.filter_alpha = 1.0 - math.exp(-2.0 * math.pi * v["filter_hz"] * TICK_S)
+        settings.displacement_alpha = 1.0 - math.exp(-TICK_S / DISPLACEMENT_FILTER_S)
+        settings.track_v = v["track_error"] * FULL_SCALE_V
+        settings.track_ticks_max = max(1, round(v["track_s"] / TICK_S))
+        settings.misreads_max = int(v["misread_pulses"])
+        settings.law = int(v["servo_law"])
+        settings.servo_ticks = max(1, round(v["servo_period_us"] / 1000.0))
+        settings.latency_decisions = int(v["servo_latency"])
+        settings.block_size = int(v["block_pulses"])
+        settings.short_ticks_max = round(v["short_stuck_s"] / TICK_S)
+        settings.arc_run_max = int(v["arc_run"])
+        settings.open_ticks_max = round(v["open_lost_s"] / TICK_S)
         self.bad_frames = int(v["bad_frames"])
         self.test_error = v["test_error"]
         self.retract_v_s = v["retract_v_s"]
-        self.watchdog_ticks = round(v["watchdog_s"] / k.TICK_S)
+        self.watchdog_ticks = round(v["watchdog_s"] / TICK_S)
         self.dielectric_required = bool(v["dielectric_required"])
         self.flow_min_lpm = v["flow_min_lpm"]
         self.temperature_max_c = v["temperature_max_c"]
-        ist[k.LAW] = int(v["servo_law"])
-        ist[k.SERVO_TICKS] = max(1, round(v["servo_period_us"] / 1000.0))
-        ist[k.SERVO_LATENCY] = int(v["servo_latency"])
-        ist[k.BLOCK_SIZE] = int(v["block_pulses"])
-        ist[k.SHORT_TICKS_MAX] = round(v["short_stuck_s"] / k.TICK_S)
-        ist[k.ARC_RUN_MAX] = int(v["arc_run"])
-        ist[k.OPEN_TICKS_MAX] = round(v["open_lost_s"] / k.TICK_S)

@@ -10,14 +10,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from edmctl.simulator import kernel as k
 from edmctl.simulator.chips import Chips
 from edmctl.simulator.ground import Ground
+from edmctl.simulator.plant_interface import TICK_NS, Drive, Readings
+from edmctl.simulator.plant_kernel import run_plant
+from edmctl.simulator.plant_state import PlantState, Scope, Unit
 from edmctl.simulator.random_blocks import BLOCK as BLOCK
 from edmctl.simulator.random_blocks import RandomBlocks
-from edmctl.simulator.unit import build_actuator, set_actuator
+from edmctl.simulator.unit import draw_actuator, set_actuator
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from edmctl.simulator.config import BenchConfig
     from edmctl.simulator.ground import Hole
 
@@ -32,6 +36,9 @@ CLEAR_UM = 1e6
 REFERENCE_V = 40.0  # open voltage at which gap_reference_um holds; the gap grows in proportion
 FLUSH_DIAMETER_UM = 270.0  # tool diameter at which flush_time_s holds; it grows with the square
 
+USUAL_PULSES = (130.435, 304.348, 40.0, 0.12, 0.0)
+"""Until the generator is set: on and off time, µs, open voltage, peak current, discharge time (0: as it comes)."""
+
 SERIAL_LENGTH = 12  # bytes in the reply to HELLO
 
 
@@ -43,19 +50,17 @@ class Plant:
         build = np.random.default_rng(build_seed)
         self.config = config
         self.serial = serial_number(seed)
-        self.par = np.zeros(k.PAR_SIZE)
-        self.st = np.zeros(k.ST_SIZE)
-        self.ist = np.zeros(k.IST_SIZE, dtype=np.int64)
-        self.ist[k.TLM_NEXT] = -1
+        self.unit, self.state, self.scope = Unit(), PlantState(), Scope()
+        self.drive, self.readings = Drive(), Readings()
         self.random = RandomBlocks(run_seed, config.discharge.scatter)
         self._stage_noise = np.random.default_rng(stage_seed)
         self._tilt_mrad = config.sensors.tilt_sd_mrad * build.standard_normal(2)
         self._offset_um = config.offset_um + build.normal(0.0, 1.0)
         self._set_discharge()
         self._set_sensors(build)
-        self.plays, self.creep = build_actuator(build)
-        set_actuator(self.par, self.st, self.plays, self.creep)
-        self.ground = Ground(config, self.par, self.st, self.ist)
+        draw_actuator(self.unit, build)
+        set_actuator(self.unit, self.state)
+        self.ground = Ground(config, self.unit, self.state)
         self.tools_worn_um: dict[str, float] = {}  # those that lie beside the machine
         self.position_um = np.array([PARK_X_UM, 0.0])
         self.theta_deg = 0.0
@@ -70,13 +75,32 @@ class Plant:
         self.obstacle_um = math.inf  # something that the tool meets there, wherever the stage stands
         self.chips = Chips(self)
         self.current_factor = 1.0  # of the generator's current, above 1 where its limit has failed
-        self.set_generator(130.435, 304.348, 40.0, 0.12, 0.0)
+        self.set_generator(*USUAL_PULSES)
         self.arrive()
+
+    def advance(self, controller: Callable[[Readings, Drive], object], ticks: int) -> None:
+        """Let milliseconds pass under any controller, which is called before each of them."""
+        for _ in range(ticks):
+            controller(self.readings, self.drive)
+            self.random.provide(self.state, TICK_NS // self.unit.pulse_period_ns + 2, 4)
+            look = run_plant(
+                self.unit.shared,
+                self.state.shared,
+                self.scope.shared,
+                self.random.pulse,
+                self.random.tables,
+                self.random.noise,
+                self.ground.levels,
+                self.drive.shared,
+                self.readings.shared,
+            )
+            if look:
+                self.look()
 
     @property
     def tool_wear_um(self) -> float:
         """Length lost by the tool so far, µm."""
-        return float(self.st[k.WEAR])
+        return self.state.wear_um
 
     def fit_tool(self, label: str, diameter_um: float, theta: float, tip_rounding_um: float) -> None:
         """Put a tool in, as long as its gauge says unless it was here before; the one that is in keeps its wear."""
@@ -93,7 +117,7 @@ class Plant:
         self.leave()
         if label != before.tool_label:
             self.tools_worn_um[before.tool_label] = self.tool_wear_um
-            self.st[k.WEAR] = self.tools_worn_um.pop(label, 0.0)
+            self.state.wear_um = self.tools_worn_um.pop(label, 0.0)
         self._set_tool()
         self.ground.set_tool(self.config)
         self.arrive()
@@ -113,26 +137,25 @@ class Plant:
             self.position_um[axis] = target + s.stage_sd_um * self._stage_noise.standard_normal()
         self.arrive()
 
-    def stage_errors_um(self) -> tuple[float, float]:
-        """Draw how far from the place asked for the stages will be, x and y."""
-        x, y = self.config.sensors.stage_sd_um * self._stage_noise.standard_normal(2)
-        return float(x), float(y)
+    def draw_line_error(self, row: int) -> None:
+        """Draw how far from the place asked for the stages will be at the end of a line."""
+        error = self.config.sensors.stage_sd_um * self._stage_noise.standard_normal(2)
+        self.state.line_error_x_um[row], self.state.line_error_y_um[row] = error
 
     def begin_scan(self) -> None:
         """Hand the stages over to the kernel."""
         self._scanning = True
         self.ground.set_moving()
-        st = self.st
-        st[k.STAGE_X], st[k.STAGE_Y] = self.reported[:2]
-        st[k.STAGE_ERROR_X], st[k.STAGE_ERROR_Y] = self.position_um - self.reported[:2]
-        st[k.STAGE_WAY] = 0.0
+        self.drive.stage_x_um, self.drive.stage_y_um = self.reported[:2]
+        self.state.stage_error_x_um, self.state.stage_error_y_um = self.position_um - self.reported[:2]
+        self.state.stage_way_um = 0.0
 
-    def follow_stages(self) -> None:
+    def follow_stages(self, *, scan_goes_on: bool) -> None:
         """Take note of where a scan has brought the stages, and of its end."""
         if not self._scanning:
             return
-        self.reported[:2] = self.st[k.STAGE_X].item(), self.st[k.STAGE_Y].item()
-        if not self.ist[k.SCANNING]:
+        self.reported[:2] = self.drive.stage_x_um, self.drive.stage_y_um
+        if not scan_goes_on:
             self.look()
             self._scanning = False
 
@@ -143,17 +166,15 @@ class Plant:
     def arrive(self) -> None:
         """Set what lies under the tool: a hole that it fits into, the face of the work, or nothing."""
         self.ground.arrive(*self._xy())
-        self.st[k.DEBRIS] = 0.0
-        self.st[k.BRIDGE_UNTIL] = self.st[k.CARBON] = 0.0
+        self.state.debris_um3 = self.state.bridge_until_um = self.state.carbon = 0.0
         self.set_surface()
 
     def look(self) -> None:
         """Look again what lies under the tool: it has moved in its cut, or the sheet has given way."""
         if self._scanning:
-            st = self.st
-            st[k.STAGE_WAY] = 0.0
-            self.position_um[0] = st[k.STAGE_X] + st[k.STAGE_ERROR_X]
-            self.position_um[1] = st[k.STAGE_Y] + st[k.STAGE_ERROR_Y]
+            self.state.stage_way_um = 0.0
+            self.position_um[0] = self.drive.stage_x_um + self.state.stage_error_x_um
+            self.position_um[1] = self.drive.stage_y_um + self.state.stage_error_y_um
         self.ground.look(*self._xy())
         self.set_surface()
 
@@ -162,7 +183,7 @@ class Plant:
         x, y = self._xy()
         tilt = (self._tilt_mrad[0] * x + self._tilt_mrad[1] * y) * 1e-3
         surface = self._offset_um + tilt - self.chips.under_tool_um() if self.ground.solid else CLEAR_UM
-        self.st[k.SURFACE] = min(surface + self.tool_lost_um, self.obstacle_um)
+        self.state.surface_um = min(surface + self.tool_lost_um, self.obstacle_um)
 
     def _xy(self) -> tuple[float, float]:
         return float(self.position_um[0]), float(self.position_um[1])
@@ -171,72 +192,67 @@ class Plant:
         self, on_time_us: float, off_time_us: float, open_v: float, peak_a: float, set_us: float
     ) -> None:
         """Wire the pulse generator: its series resistance gives the peak current in a normal discharge."""
-        self.par[k.OPEN_V], self.par[k.ON_TIME], self.par[k.DISCHARGE_SET] = open_v, on_time_us, set_us
-        self.par[k.NOMINAL_SIEMENS] = peak_a / max(open_v - self.par[k.DISCHARGE_V], 0.1)
+        unit = self.unit
+        unit.open_v, unit.on_time_us, unit.discharge_set_us = open_v, on_time_us, set_us
+        self.unit.nominal_siemens = peak_a / max(open_v - unit.discharge_v, 0.1)
         self.set_current_factor(self.current_factor)
-        self.par[k.PER_OPEN_GAP] = REFERENCE_V / (self.config.discharge.gap_reference_um * open_v)
-        self.par[k.DUTY_V] = open_v * on_time_us / (on_time_us + off_time_us)
-        self.par[k.PER_DUTY_V] = 1.0 / self.par[k.DUTY_V]
-        self.ist[k.PULSE_PERIOD] = round((on_time_us + off_time_us) * 1000.0)
+        unit.per_open_gap = REFERENCE_V / (self.config.discharge.gap_reference_um * open_v)
+        unit.pulse_period_ns = round((on_time_us + off_time_us) * 1000.0)
 
     def set_current_factor(self, factor: float) -> None:
         """Let the generator give `factor` times the current that it is set to."""
         self.current_factor = factor
-        self.par[k.SIEMENS] = factor * self.par[k.NOMINAL_SIEMENS]
+        self.unit.siemens = factor * self.unit.nominal_siemens
+
+    def monitor_v(self) -> float:
+        """What the voltage monitor of the actuator's amplifier reads now."""
+        return self.unit.monitor_gain * self.state.amplifier_v + self.unit.monitor_zero_v
 
     def _set_discharge(self) -> None:
-        d = self.config.discharge
-        values = {
-            k.KAPPA: d.kappa_um3_per_uj,
-            k.DISCHARGE_V: d.discharge_v,
-            k.ARC_PLATEAU_V: d.arc_v,
-            k.SHORT_PLATEAU_V: d.short_v,
-            k.TAU_REFERENCE: d.tau_reference_us,
-            k.GAP_EXPONENT: d.gap_exponent,
-            k.FORMATIVE: d.formative_us,
-            k.ROUGHNESS: d.roughness_um,
-            k.DEBRIS_GAP_FACTOR: d.debris_gap_factor,
-            k.ARC_BASE: d.arc_base,
-            k.ARC_DEBRIS: d.arc_debris,
-            k.BRIDGE_BASE: d.bridge_base,
-            k.PER_BRIDGE_DEBRIS: 1.0 / d.bridge_debris,
-            k.PER_BRIDGE_GAP: 1.0 / d.bridge_gap_um,
-            k.BRIDGE_CLEAR: d.bridge_clear,
-            k.SIDE_BASE: d.side_base,
-            k.SIDE_DEBRIS: d.side_debris,
-        }
-        for index, value in values.items():
-            self.par[index] = value
+        unit, d = self.unit, self.config.discharge
+        unit.kappa_um3_per_uj = d.kappa_um3_per_uj
+        unit.discharge_v = d.discharge_v
+        unit.arc_plateau_v = d.arc_v
+        unit.short_plateau_v = d.short_v
+        unit.tau_reference_us = d.tau_reference_us
+        unit.gap_exponent = d.gap_exponent
+        unit.formative_us = d.formative_us
+        unit.roughness_um = d.roughness_um
+        unit.debris_gap_factor = d.debris_gap_factor
+        unit.arc_base = d.arc_base
+        unit.arc_debris = d.arc_debris
+        unit.bridge_base = d.bridge_base
+        unit.per_bridge_debris = 1.0 / d.bridge_debris
+        unit.per_bridge_gap = 1.0 / d.bridge_gap_um
+        unit.bridge_clear = d.bridge_clear
+        unit.side_base = d.side_base
+        unit.side_debris = d.side_debris
         self._set_tool()
 
     def _set_tool(self) -> None:
-        c, d = self.config, self.config.discharge
+        unit, c, d = self.unit, self.config, self.config.discharge
         radius, outer = c.tool_diameter_um / 2.0, c.tool_diameter_um / 2.0 + d.side_gap_um
-        values = {
-            k.TOOL_AREA: math.pi * radius**2,
-            k.PER_TOOL_AREA: 1.0 / (math.pi * radius**2),
-            k.PER_DISC_AREA: 1.0 / (math.pi * outer**2),
-            k.ANNULUS_AREA: math.pi * (outer**2 - radius**2),
-            k.THETA: c.theta,
-            k.FLUSH_TIME: d.flush_time_s * (c.tool_diameter_um / FLUSH_DIAMETER_UM) ** 2,
-            k.PER_FLUSH_DEPTH: 1.0 / (d.flush_depth_ratio * c.tool_diameter_um),
-        }
-        for index, value in values.items():
-            self.par[index] = value
+        unit.tool_area_um2 = math.pi * radius**2
+        unit.per_tool_area = 1.0 / (math.pi * radius**2)
+        unit.per_disc_area = 1.0 / (math.pi * outer**2)
+        unit.annulus_area_um2 = math.pi * (outer**2 - radius**2)
+        unit.theta = c.theta
+        unit.flush_time_s = d.flush_time_s * (c.tool_diameter_um / FLUSH_DIAMETER_UM) ** 2
+        unit.per_flush_depth = 1.0 / (d.flush_depth_ratio * c.tool_diameter_um)
 
     def _set_sensors(self, build: np.random.Generator) -> None:
-        s, p = self.config.sensors, self.par
-        p[k.SENSOR_GAIN] = 1.0 + build.normal(0.0, s.gain_sd)
-        p[k.SENSOR_BEND] = s.nonlinearity_um
-        p[k.SENSOR_DRIFT] = build.normal(0.0, s.drift_sd_um_s)
-        p[k.SENSOR_NOISE] = s.noise_um
+        s, unit = self.config.sensors, self.unit
+        unit.sensor_gain = 1.0 + build.normal(0.0, s.gain_sd)
+        unit.sensor_bend_um = s.nonlinearity_um
+        unit.sensor_drift_um_s = build.normal(0.0, s.drift_sd_um_s)
+        unit.sensor_noise_um = s.noise_um
         if not s.fitted:
-            p[k.SENSOR_GAIN] = p[k.SENSOR_BEND] = p[k.SENSOR_DRIFT] = 0.0
-        p[k.SENSOR_WALK] = s.walk_um if s.fitted else 0.0
-        p[k.CONTACT_SD] = s.contact_sd_um
-        p[k.CONTACT_COMPLIANCE] = CONTACT_COMPLIANCE
-        p[k.DRIVE] = p[k.STROKE] = p[k.MONITOR_GAIN] = 1.0
-        p[k.GAP_STUCK] = -1.0
+            unit.sensor_gain = unit.sensor_bend_um = unit.sensor_drift_um_s = 0.0
+        unit.sensor_walk_um = s.walk_um if s.fitted else 0.0
+        unit.contact_sd_um = s.contact_sd_um
+        unit.contact_compliance = CONTACT_COMPLIANCE
+        unit.amplifier_gain = unit.stroke_share = unit.monitor_gain = 1.0
+        unit.gap_stuck_v = -1.0
 
 
 def serial_number(seed: int) -> str:

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from statistics import NormalDist
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from edmctl.simulator import kernel as k
+from edmctl.simulator.discharge import TABLE
+
+if TYPE_CHECKING:
+    from edmctl.simulator.plant_state import PlantState
 
 Floats = NDArray[np.float64]
 
@@ -34,26 +38,26 @@ class RandomBlocks:
     def _fill_noise(self, start: int) -> None:
         self._noise.standard_normal(out=self.noise[start:])
 
-    def provide(self, ist: NDArray[np.int64], pulses: int, noises: int) -> None:
-        """Make sure that so many numbers lie ahead of the kernel's read positions."""
-        at = ist.item(k.RANDOM_AT)
+    def provide(self, state: PlantState, pulses: int, noises: int) -> None:
+        """Make sure that so many numbers lie ahead of the places up to which they are used."""
+        at = state.random_at
         if at + pulses > BLOCK:
             rest = BLOCK - at
             self.pulse[:, :rest] = self.pulse[:, at:].copy()
             self._fill_pulse(rest)
-            ist[k.RANDOM_AT] = 0
-        at = ist.item(k.NOISE_AT)
+            state.random_at = 0
+        at = state.noise_at
         if at + noises > BLOCK:
             rest = BLOCK - at
             self.noise[:rest] = self.noise[at:].copy()
             self._fill_noise(rest)
-            ist[k.NOISE_AT] = 0
+            state.noise_at = 0
 
 
 def _tables(scatter: float) -> Floats:
     """Equally likely values of |N(0, 1)| and of a lognormal of mean one: the middles of TABLE equal steps."""
     normal = NormalDist()
-    steps = (np.arange(k.TABLE) + 0.5) / k.TABLE
+    steps = (np.arange(TABLE) + 0.5) / TABLE
     half = np.array([normal.inv_cdf(0.5 + 0.5 * p) for p in steps])
     volume = np.exp([scatter * normal.inv_cdf(p) for p in steps])
     return np.stack([half, volume / volume.mean()])

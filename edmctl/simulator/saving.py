@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 from collections.abc import Mapping
 from copy import deepcopy
 from typing import TYPE_CHECKING
@@ -16,10 +17,10 @@ import numpy as np
 
 from edmctl.errors import RunFileError
 from edmctl.link.messages import ResetCause
-from edmctl.simulator import kernel as k
 from edmctl.simulator.bench import VirtualBench
 from edmctl.simulator.config import BenchConfig, DischargeConstants, SensorConstants
-from edmctl.simulator.gap_signals import RecentPulses
+from edmctl.simulator.controller_kernel import BOX_COLUMNS
+from edmctl.simulator.fault_recorder import PULSE, PULSE_COLUMNS, RecentPulses, Waveforms
 from edmctl.simulator.ground import Hole
 from edmctl.simulator.workpiece import TILE
 
@@ -27,13 +28,13 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from edmctl.simulator.plant import Plant
-    from edmctl.simulator.waveforms import Waveforms
+    from edmctl.simulator.records import Record
 
 State = Mapping[str, object]
 """Names of arrays, numbers, texts and further states."""
 
-_NAMES = {"par": "PAR_SIZE", "st": "ST_SIZE", "ist": "IST_SIZE"}
-"""The plant's flat arrays, and the constant of the kernel that ends the list of their names."""
+_PLANT_RECORDS = ("unit", "state", "drive", "readings")
+_CONTROLLER_RECORDS = ("settings", "loop")
 _PLANT_VALUES = (
     "serial",
     "theta_deg",
@@ -49,10 +50,25 @@ _PLANT_VALUES = (
     "current_factor",
     "_offset_um",
 )
-_PLANT_ARRAYS = ("plays", "creep", "position_um", "_tilt_mrad")
+_PLANT_ARRAYS = ("position_um", "_tilt_mrad")
 _RANDOM_ARRAYS = ("pulse", "noise", "tables")
 _STREAMS = ("_decide", "_shape", "_delay", "_noise")
 _NO_HOLE = -1
+
+# Files of schema 2 hold the numbers of all records in three groups, under these names.
+_OLD_GROUPS = ("par", "st", "ist")
+_OLD_BANKS = {
+    "plays": ("play_threshold_v", "play_um_per_v", "play_v"),
+    "creep": ("creep_decay", "creep_share", "creep_um"),
+}
+_OLD_NAMES = {
+    "displacement_um": "SENSOR_Z",
+    "slow_displacement_um": "SLOW_Z",
+    "mode_velocity_um_s": "MODE_V",
+    "actuator_v": "APPLIED_V",
+}
+_UNITS = re.compile("(_um3_per_uj|(_um[23]?|_us|_ns|_uc|_uj|_v)?(_s2?)?)$")
+"""What a name of today has more than one of then."""
 
 
 def bench_state(bench: VirtualBench) -> State:
@@ -79,8 +95,14 @@ def restored_bench(state: State) -> VirtualBench:
     """
     try:
         bench = VirtualBench(_config(_part(state, "config")), seed=0)
-        _restore_plant(bench.plant, _part(state, "plant"))
-        _restore_controller(bench, _part(state, "controller"))
+        plant, controller = _part(state, "plant"), _part(state, "controller")
+        if "par" in plant:
+            _restore_old_records(bench, plant)
+        else:
+            _restore_records(bench.plant, _PLANT_RECORDS, plant)
+            _restore_records(bench.controller, _CONTROLLER_RECORDS, controller)
+        _restore_plant(bench.plant, plant)
+        _restore_controller(bench, controller)
     except (KeyError, IndexError, TypeError, ValueError) as error:
         raise RunFileError(
             f"The saved bench does not fit this version: {type(error).__name__} {error}.",
@@ -92,11 +114,48 @@ def restored_bench(state: State) -> VirtualBench:
     return bench
 
 
-def _names(size_name: str) -> list[str]:
-    """Names of an array's entries, in order: those that the kernel defines before the array's size."""
-    names = list(vars(k))
-    end = names.index(size_name)
-    return names[end - vars(k)[size_name] : end]
+def _records_state(owner: object, names: tuple[str, ...]) -> State:
+    """Records of plant or controller: their numbers, and each series."""
+    records: dict[str, Record] = {name: getattr(owner, name) for name in names}
+    return {name: {"numbers": record.numbers(), **record.arrays()} for name, record in records.items()}
+
+
+def _restore_records(owner: object, names: tuple[str, ...], state: State) -> None:
+    for name in names:
+        record: Record = getattr(owner, name)
+        part = _part(state, name)
+        numbers = _part(part, "numbers")
+        for field in record.numbers():
+            setattr(record, field, numbers[field])
+        for field in record.arrays():
+            _fill(record.array(field), part[field])
+
+
+def _restore_old_records(bench: VirtualBench, state: State) -> None:
+    """Take from a file of schema 2 what it knows; the rest was set when the bench was built, or is by a restart."""
+    old = {name: value for group in _OLD_GROUPS for name, value in _part(state, group).items()}
+    series = {
+        name: bank[row]
+        for group, names in _OLD_BANKS.items()
+        for bank in [np.asarray(state[group])]
+        for row, name in enumerate(names)
+    }
+    plant, controller = bench.plant, bench.controller
+    for record in (
+        plant.unit,
+        plant.state,
+        plant.drive,
+        plant.readings,
+        controller.settings,
+        controller.loop,
+    ):
+        for field in record.numbers():
+            names = (_OLD_NAMES.get(field, field.upper()), _UNITS.sub("", field).upper())
+            found = next((old[name] for name in names if name in old), None)
+            if found is not None:
+                setattr(record, field, type(getattr(record, field))(found))
+        for field in record.arrays().keys() & series.keys():
+            _fill(record.array(field), series[field])
 
 
 def _plant_state(plant: Plant) -> State:
@@ -105,13 +164,9 @@ def _plant_state(plant: Plant) -> State:
     ground.settle()
     here = next((i for i, hole in enumerate(holes) if hole is ground.here), _NO_HOLE)
     tiles = ground.work.tiles
-    arrays = {
-        array: dict(zip(_names(size), getattr(plant, array).tolist(), strict=True))
-        for array, size in _NAMES.items()
-    }
     random = plant.random
     return {
-        **arrays,
+        **_records_state(plant, _PLANT_RECORDS),
         **{name: _plain(getattr(plant, name)) for name in _PLANT_VALUES},
         **{name: getattr(plant, name).copy() for name in _PLANT_ARRAYS},
         "reported": np.array(plant.reported),
@@ -129,9 +184,6 @@ def _plant_state(plant: Plant) -> State:
 
 
 def _restore_plant(plant: Plant, state: State) -> None:
-    for array, size in _NAMES.items():
-        values = _part(state, array)
-        getattr(plant, array)[:] = [values[name] for name in _names(size)]
     for name in _PLANT_VALUES:
         setattr(plant, name, type(getattr(plant, name))(state[name]))
     for name in _PLANT_ARRAYS:
@@ -168,12 +220,13 @@ def _controller_state(bench: VirtualBench, boots: int) -> State:
     box = controller.black_box
     frozen = box._frozen
     return {
+        **_records_state(controller, _CONTROLLER_RECORDS),
         "fault": controller.fault,
         "boot_count": boots,
         "event_no": controller.port._event_no,
         "ring": box.ring.copy(),
         "is_frozen": int(frozen is not None),
-        "frozen_ring": frozen[0] if frozen else np.zeros((0, k.BOX_COLUMNS)),
+        "frozen_ring": frozen[0] if frozen else np.zeros((0, BOX_COLUMNS)),
         "frozen_tick": frozen[1] if frozen else 0,
         "frozen_start": frozen[2] if frozen else 0,
         **_waveform_state(controller.waveforms),
@@ -184,9 +237,9 @@ def _waveform_state(waveforms: Waveforms) -> State:
     """The pulses about a latched fault; none without one."""
     pulses = waveforms.frozen
     if pulses is None:
-        return {"waveform_pulses": np.zeros((0, k.RECENT_COLUMNS))}
+        return {"waveform_pulses": np.zeros((0, len(PULSE_COLUMNS)))}
     return {
-        "waveform_pulses": pulses.rows,
+        "waveform_pulses": pulses.rows.view(np.float64).reshape(-1, len(PULSE_COLUMNS)),
         "waveform_times_ns": np.array([pulses.fault_ns, pulses.period_ns, waveforms.boot_ns], dtype=np.int64),
         "waveform_generator": np.array([pulses.open_v, pulses.on_time_us]),
     }
@@ -211,11 +264,11 @@ def _restore_waveforms(waveforms: Waveforms, state: State) -> None:
     times_ns, generator = np.zeros(3, dtype=np.int64), np.zeros(2)
     _fill(times_ns, state["waveform_times_ns"])
     _fill(generator, state["waveform_generator"])
-    rows = np.zeros((len(np.asarray(state["waveform_pulses"])), k.RECENT_COLUMNS))
+    rows = np.zeros((len(np.asarray(state["waveform_pulses"])), len(PULSE_COLUMNS)))
     _fill(rows, state["waveform_pulses"])
     fault_ns, period_ns, waveforms.boot_ns = times_ns.tolist()
     open_v, on_time_us = generator.tolist()
-    waveforms.frozen = RecentPulses(rows, fault_ns, period_ns, open_v, on_time_us)
+    waveforms.frozen = RecentPulses(rows.view(PULSE)[:, 0], fault_ns, period_ns, open_v, on_time_us)
 
 
 def _config(state: State) -> BenchConfig:

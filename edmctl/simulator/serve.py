@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.link.faults import FaultCode
 from edmctl.simulator.damage import LineDamage
-from edmctl.simulator.kernel import TICK_S
+from edmctl.simulator.plant_interface import TICK_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable

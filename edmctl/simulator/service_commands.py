@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from edmctl.link import messages as m
 from edmctl.link.messages import Status
-from edmctl.simulator import kernel as k
 from edmctl.simulator.telemetry import bytes_per_second
 
 if TYPE_CHECKING:
@@ -69,22 +68,18 @@ class ServiceCommands:
             state=self._c.state,
             fault=self._c.fault,
             interlocks=self._c.guards.open_interlocks(),
-            displacement_um=self._c.st.item(k.SENSOR_Z),
+            displacement_um=self._c.loop.displacement_um,
             x_um=plant.reported[m.Axis.X],
             y_um=plant.reported[m.Axis.Y],
             theta_deg=plant.reported[m.Axis.THETA],
-            actuator_v=self._c.st.item(k.APPLIED_V),
-            gap_v=self._c.st.item(k.GAP_V),
+            actuator_v=self._c.plant.drive.actuator_v,
+            gap_v=self._c.loop.gap_v,
             temperature_c=plant.dielectric_temperature_c,
             flow_lpm=plant.dielectric_flow_lpm,
-            monitor_v=self._monitor_v(),
+            monitor_v=plant.monitor_v(),
             flags=self._c.black_box.newest_flags(self._c.tick),
         )
         return Status.OK, reply.pack()
-
-    def _monitor_v(self) -> float:
-        par, st = self._c.par, self._c.st
-        return par.item(k.MONITOR_GAIN) * st.item(k.AMPLIFIER_V) + par.item(k.MONITOR_ZERO)
 
     def _black_box(self, request: m.BlackboxRead) -> Outcome:
         c = self._c
@@ -105,11 +100,11 @@ class ServiceCommands:
     def _tlm_start(self, request: m.TlmStart) -> Outcome:
         if request.period_us * TLM_MAX_HZ < 1_000_000:
             return Status.RATE_TOO_HIGH, b""
-        pulses = request.period_us * 1000 / self._c.ist.item(k.PULSE_PERIOD)
+        pulses = request.period_us * 1000 / self._c.settings.pulse_period_ns
         if request.period_us % 1000 or not 1 <= request.batch <= 14 or pulses > 255:
             return Status.OUT_OF_RANGE, b""
         needed = (1.0 + RATE_RESERVE) * bytes_per_second(
-            request, self._c.ist.item(k.PULSE_PERIOD), self._c.ist.item(k.BLOCK_SIZE)
+            request, self._c.settings.pulse_period_ns, self._c.settings.block_size
         )
         if self._c.baud and needed > self._c.baud / BITS_PER_BYTE:
             return Status.RATE_TOO_HIGH, b""

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from edmctl.link.messages import PulseBlocks, PulseLog, Pulses, Tlm, TlmStart
-from edmctl.simulator import kernel as k
+from edmctl.simulator.plant_interface import TICK_NS
+from edmctl.simulator.records import rows
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    import numpy as np
+    from numpy.typing import NDArray
+
     from edmctl.link.wire import Message
-    from edmctl.simulator.plant import Plant
+    from edmctl.simulator.controller_state import LoopState, Settings
+    from edmctl.simulator.plant_interface import Readings
 
 SAMPLE_BYTES, BLOCK_BYTES, PULSE_BYTES = 16, 12, 6
 BLOCKS_PER_FRAME, PULSES_PER_FRAME = 19, 38
@@ -43,12 +46,20 @@ class Telemetry:
     the last one before.
     """
 
-    def __init__(self, plant: Plant, send: Callable[[Message], None], run: Callable[[int], int]) -> None:
-        self._plant, self._send, self._run = plant, send, run
-        self.samples = np.zeros(SAMPLE_BYTES * 2 * SLICE_TICKS, dtype=np.uint8)
+    def __init__(
+        self,
+        settings: Settings,
+        loop: LoopState,
+        readings: Readings,
+        send: Callable[[Message], None],
+        run: Callable[[int], int],
+    ) -> None:
+        self._settings, self._loop, self._readings = settings, loop, readings
+        self._send, self._run = send, run
+        self.samples = rows(Tlm.record_dtype(), 2 * SLICE_TICKS)
         records = SLICE_TICKS * PULSES_PER_TICK + PULSES_PER_FRAME
-        self.blocks = np.zeros(BLOCK_BYTES * records, dtype=np.uint8)
-        self.pulses = np.zeros(PULSE_BYTES * records, dtype=np.uint8)
+        self.blocks = rows(PulseBlocks.record_dtype(), records)
+        self.pulses = rows(Pulses.record_dtype(), records)
         self._batch = 1
         self._full = False
         self._per_frame = BLOCKS_PER_FRAME
@@ -57,69 +68,66 @@ class Telemetry:
         self._start_tick = 0
         self.lost = self.frozen = False
         self._sent_us = 0
+        loop.tlm_next = -1
 
     def start(self, request: TlmStart) -> None:
         """Begin a telemetry stream; the period counts from controller time zero."""
-        ist = self._plant.ist
+        loop, settings = self._loop, self._settings
         ticks = request.period_us // 1000
-        ist[k.TLM_TICKS] = ticks
-        ist[k.TLM_NEXT] = self._start_tick + ((ist.item(k.TICK) - self._start_tick) // ticks + 1) * ticks
-        ist[k.TLM_N] = 0
-        ist[k.SAMPLE_COUNTS] = 0
-        self._plant.st[k.CHARGE] = 0.0
-        ist[k.PULSE_LOG] = request.pulse_log
-        ist[k.LOG_N] = ist[k.BLOCK_COUNT] = 0
+        settings.tlm_ticks = ticks
+        since = self._readings.tick - self._start_tick
+        loop.tlm_next = self._start_tick + (since // ticks + 1) * ticks
+        loop.tlm_n = loop.sample_counts = 0
+        loop.charge_uc = 0.0
+        settings.pulse_log = request.pulse_log
+        loop.log_n = loop.block_count = 0
         self._batch = request.batch
         self._full = request.pulse_log == PulseLog.FULL
         self._per_frame = PULSES_PER_FRAME if self._full else BLOCKS_PER_FRAME
 
     def forget(self) -> None:
         """Stop at once; what is pending is lost."""
-        ist = self._plant.ist
-        ist[k.TLM_NEXT] = -1
-        ist[k.PULSE_LOG] = PulseLog.OFF
-        ist[k.TLM_N] = ist[k.LOG_N] = ist[k.BLOCK_COUNT] = 0
-        ist[k.BLOCK_OPEN : k.BLOCK_SHORT + 1] = 0
-        self._plant.st[k.DELAY_SUM] = self._plant.st[k.ENERGY_SUM] = 0.0
+        loop = self._loop
+        loop.tlm_next = -1
+        self._settings.pulse_log = PulseLog.OFF
+        loop.tlm_n = loop.log_n = loop.block_count = loop.block_counts = 0
+        loop.delay_sum_us = loop.energy_sum_uj = 0.0
 
     def restart(self) -> None:
         """Stop at once and count frames and time from zero, as after a reset."""
         self.forget()
         self._tlm_counter = self._pulse_counter = 0
-        self._start_tick = self._plant.ist.item(k.TICK)
+        self._start_tick = self._readings.tick
 
     def stop(self) -> None:
         """Send what is pending, then stop."""
         self.flush()
-        self._plant.ist[k.TLM_NEXT] = -1
-        self._plant.ist[k.PULSE_LOG] = PulseLog.OFF
+        self._loop.tlm_next = -1
+        self._settings.pulse_log = PulseLog.OFF
 
     def send_full_frames(self) -> None:
         """Send every frame that is full."""
-        ist = self._plant.ist
-        samples = ist.item(k.TLM_N)
+        samples, records = self._loop.tlm_n, self._loop.log_n
         if samples >= self._batch:
             self._send_samples(samples, samples // self._batch * self._batch)
-        records = ist.item(k.LOG_N)
         if records >= self._per_frame:
             self._send_pulses(records, records // self._per_frame * self._per_frame)
 
     def flush(self) -> None:
         """Send everything pending, the begun pulse block included."""
-        ist = self._plant.ist
-        if samples := ist.item(k.TLM_N):
+        loop = self._loop
+        if samples := loop.tlm_n:
             self._send_samples(samples, samples)
-        if ist.item(k.BLOCK_COUNT):
+        if loop.block_count:
             self._run(0)
-        if records := ist.item(k.LOG_N):
+        if records := loop.log_n:
             self._send_pulses(records, records)
 
     def _send_samples(self, pending: int, count: int) -> None:
-        ist = self._plant.ist
-        period, batch = ist.item(k.TLM_TICKS), self._batch
-        last_tick = ist.item(k.TLM_NEXT) - period - self._start_tick
+        period, batch = self._settings.tlm_ticks, self._batch
+        last_tick = self._loop.tlm_next - period - self._start_tick
         first_us = (last_tick - (pending - 1) * period) * 1000
-        data = self.samples[: count * SAMPLE_BYTES].tobytes()
+        data = self.samples[:count].tobytes()
         for start in range(0, count, batch):
             n = min(batch, count - start)
             t0_us = (first_us + start * period * 1000) & 0xFFFFFFFF
@@ -129,16 +137,15 @@ class Telemetry:
             if not self.lost:
                 self._send(Tlm(self._tlm_counter, self._sent_us, period * 1000, n, 0, records))
             self._tlm_counter = (self._tlm_counter + 1) & 0xFFFF
-        self._keep(self.samples, SAMPLE_BYTES, count, pending)
-        ist[k.TLM_N] = pending - count
+        self._loop.tlm_n = _keep(self.samples, count, pending)
 
     def _send_pulses(self, pending: int, count: int) -> None:
-        ist = self._plant.ist
+        loop = self._loop
         buffer, size = (self.pulses, PULSE_BYTES) if self._full else (self.blocks, BLOCK_BYTES)
-        data = buffer[: count * size].tobytes()
-        period_ns, block = ist.item(k.PULSE_PERIOD), ist.item(k.BLOCK_SIZE)
+        data = buffer[:count].tobytes()
+        period_ns, block = self._settings.pulse_period_ns, self._settings.block_size
         step = 1 if self._full else block
-        number, t0_ns = ist.item(k.LOG_PULSE_NO), ist.item(k.LOG_T0) - self._start_tick * k.TICK_NS
+        number, t0_ns = loop.log_pulse_no, loop.log_t0_ns - self._start_tick * TICK_NS
         for start in range(0, count, self._per_frame):
             n = min(self._per_frame, count - start)
             records = data[start * size : (start + n) * size]
@@ -147,15 +154,13 @@ class Telemetry:
             self._send(Pulses(*header, n, records) if self._full else PulseBlocks(*header, block, n, records))
             number += n * step
             t0_ns += n * step * period_ns
-        self._keep(buffer, size, count, pending)
-        ist[k.LOG_N], ist[k.LOG_PULSE_NO], ist[k.LOG_T0] = (
-            pending - count,
-            number,
-            t0_ns + self._start_tick * k.TICK_NS,
-        )
+        loop.log_n = _keep(buffer, count, pending)
+        loop.log_pulse_no, loop.log_t0_ns = number, t0_ns + self._start_tick * TICK_NS
 
-    @staticmethod
-    def _keep(buffer: k.Bytes, size: int, sent: int, pending: int) -> None:
-        rest = (pending - sent) * size
-        if rest:
-            buffer[:rest] = buffer[sent * size : sent * size + rest].copy()
+
+def _keep(buffer: NDArray[np.void], sent: int, pending: int) -> int:
+    """Move what is not sent to the front; how many records that is."""
+    rest = pending - sent
+    if rest:
+        buffer[:rest] = buffer[sent:pending].copy()
+    return rest

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from edmctl.simulator.kernel import TICK_S
+from edmctl.simulator.plant_interface import TICK_S
 
 if TYPE_CHECKING:
     from edmctl.simulator.controller import VirtualController

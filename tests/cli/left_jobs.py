@@ -19,7 +19,6 @@ from edmctl.procedures.state_keeper import MACHINING as MACHINING_PHASE
 from edmctl.procedures.state_keeper import JobStateKeeper
 from edmctl.record.bench_file import read_bench, write_bench
 from edmctl.record.journal import read_journal
-from edmctl.simulator import kernel as k
 from edmctl.simulator.saving import bench_state, restored_bench
 from edmctl.simulator.workpiece import TILE
 from tests.cli.commands import CU270
@@ -187,7 +186,7 @@ def lengthen_tool(way_um: float) -> Callable[[VirtualBench], None]:
     """Return what seats the tool anew, so much further out: nothing but its length tells."""
 
     def change(bench: VirtualBench) -> None:
-        bench.plant.st[k.WEAR] -= way_um
+        bench.plant.state.wear_um -= way_um
         bench.plant.arrive()
 
     return change

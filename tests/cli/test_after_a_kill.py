@@ -15,7 +15,6 @@ import pytest
 from edmctl.jobs.connect import bench_config
 from edmctl.profile.setup import Setup
 from edmctl.rules.load import load_profile
-from edmctl.simulator import kernel as k
 from edmctl.simulator import open_bench
 from tests.cli.commands import CU270, SHALLOW, command, environment
 from tests.serving import serving
@@ -40,8 +39,8 @@ def kill_while_it_sparks(bench: VirtualBench, port: str, cwd: Path) -> None:
         stderr=subprocess.PIPE,
         encoding="utf-8",
     )
-    ist, end_s = bench.plant.ist, time.monotonic() + 60.0
-    while not (bench.controller.state.name == "MACHINING" and ist[k.PULSES_ON]):
+    end_s = time.monotonic() + 60.0
+    while not (bench.controller.state.name == "MACHINING" and bench.plant.drive.pulses_on):
         assert host.poll() is None, host.communicate()[1]
         assert time.monotonic() < end_s
         time.sleep(0.01)
@@ -73,7 +72,7 @@ def test_the_next_command_finds_a_machine_that_is_safe_and_a_fault_that_says_why
         kill_while_it_sparks(bench, port, Path())
         time.sleep(AFTER_S)
         said = here(*arguments)
-        pulses = bench.plant.ist.item(k.PULSE_NO)
+        pulses = bench.controller.loop.pulse_no
         assert bench.controller.fault == 1001
         if name == "doctor":
             (check,) = [c for c in said.document["result"]["checks"] if c["name"] == "fault"]
@@ -86,5 +85,5 @@ def test_the_next_command_finds_a_machine_that_is_safe_and_a_fault_that_says_why
         else:
             assert_fault_told(said, port)
         assert here("reset", "--ack", "1001", "--port", port).exit_code == 0
-        assert bench.plant.ist.item(k.PULSE_NO) == pulses
-        assert bench.plant.st[k.COMMAND_V] == 0.0
+        assert bench.controller.loop.pulse_no == pulses
+        assert bench.controller.loop.command_v == 0.0

@@ -16,7 +16,6 @@ from edmctl.link.messages import ResetCause, State
 from edmctl.profile.setup import Sensor, Setup
 from edmctl.results.equipment import CheckStatus
 from edmctl.results.telemetry import LinkReport
-from edmctl.simulator import kernel as k
 from edmctl.simulator.injection import parse_injection
 from tests.faults.workshop import Workshop
 
@@ -100,7 +99,7 @@ def latched(workshop: Workshop) -> None:
 
 
 def monitor(workshop: Workshop) -> None:
-    workshop.bench.plant.par[k.MONITOR_ZERO] = 10.0
+    workshop.bench.plant.unit.monitor_zero_v = 10.0
 
 
 @pytest.mark.parametrize(
@@ -150,7 +149,7 @@ def test_a_dead_gap_sensor_fails_and_leaves_the_tool_up(here: Here, workshop: Wo
     check = found(said)["gap sensor"]
     assert check["status"] == "fail"
     assert "`edmctl reset --ack 3003`" in check["fix"]
-    assert workshop.bench.controller.st.item(k.COMMAND_V) == 0.0
+    assert workshop.bench.controller.loop.command_v == 0.0
 
 
 def test_sensors_are_not_tested_on_a_machine_that_is_not_idle(here: Here, workshop: Workshop) -> None:

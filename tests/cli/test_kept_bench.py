@@ -18,7 +18,6 @@ from edmctl.record.bench_file import bench_lock, read_bench, write_bench
 from edmctl.record.ledger import Logbook, SiteMachined, WearMeasured
 from edmctl.record.ledger_entries import UNFINISHED
 from edmctl.record.tool_account import books_of
-from edmctl.simulator import kernel as k
 from edmctl.simulator.saving import bench_state, restored_bench
 from tests.cli.commands import CU270, SHALLOW
 from tests.cli.left_jobs import at_time_of_cut, stop
@@ -98,7 +97,7 @@ def test_time_that_no_command_tells_of_counts_for_the_age_of_a_reference(here: H
     """A sensor that drifts as fast as one in thirty does, and a bench that stood under power."""
     assert here("measure-wear", "--reference", *KEPT, "--seed", "131039").exit_code == 0
     bench = kept()
-    bench.plant.par[k.SENSOR_DRIFT] = lost_s and math.copysign(2.0 / 600.0, lost_s)
+    bench.plant.unit.sensor_drift_um_s = lost_s and math.copysign(2.0 / 600.0, lost_s)
     bench.controller.advance(round(1000.0 * abs(lost_s)))
     write_bench(Path("bench.h5"), bench_state(bench))
     document = here("measure-wear", *KEPT, "--json").document

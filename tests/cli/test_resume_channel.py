@@ -19,8 +19,8 @@ from edmctl.record.ledger_entries import SiteMachined
 from edmctl.record.reader import open_run
 from edmctl.record.tool_account import books_of
 from edmctl.rules.load import load_profile
-from edmctl.simulator import kernel as k
 from edmctl.simulator.chips import Chip
+from edmctl.simulator.plant_interface import TICK_S
 from edmctl.simulator.saving import restored_bench
 from tests.cli.commands import ROOT
 from tests.cli.left_jobs import (
@@ -174,8 +174,8 @@ def test_a_channel_that_stood_for_hours_is_taken_up(here: Here, left_at: LeaveAt
     left_at(20.0)
 
     def wait(bench: VirtualBench) -> None:
-        bench.plant.par[k.SENSOR_DRIFT] = 0.0
-        bench.plant.ist[k.TICK] += int(hours * 3600.0 / k.TICK_S)
+        bench.plant.unit.sensor_drift_um_s = 0.0
+        bench.plant.readings.tick += int(hours * 3600.0 / TICK_S)
 
     bench_changed(wait)
     said = here(*RESUME, *BENCH)

@@ -14,7 +14,6 @@ from edmctl.link.faults import FAULTS, FaultRow
 from edmctl.link.messages import State
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.record import writer
-from edmctl.simulator import kernel as k
 from tests.cli.commands import CU270, Here, Said
 from tests.faults.workshop import Workshop
 
@@ -166,10 +165,10 @@ def test_a_row_is_told_in_time_and_safely_and_the_machine_goes_on_after_it(
 def assert_retracts(workshop: Workshop) -> None:
     """Pulses off, and the tool at 0 V as soon as it can be, with nobody at the line."""
     controller = workshop.bench.controller
-    assert not controller.ist[k.PULSES_ON]
+    assert not controller.plant.drive.pulses_on
     controller.advance(1000)
-    assert not controller.ist[k.PULSES_ON]
-    assert controller.st.item(k.COMMAND_V) == 0.0
+    assert not controller.plant.drive.pulses_on
+    assert controller.loop.command_v == 0.0
     assert controller.state in (State.IDLE, State.FAULT, State.ESTOP)
 
 

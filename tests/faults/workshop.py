@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from edmctl.link.frame import encode_frame
-from edmctl.simulator import kernel as k
 from edmctl.simulator.bench import MemoryTransport, VirtualBench
 from edmctl.simulator.injection import parse_injection
 
@@ -31,7 +30,7 @@ class WatchedLine(MemoryTransport):
         workshop, controller = self._workshop, self._workshop.bench.controller
         if workshop.bench.line.noise:
             controller.receive(bytes(DAMAGED))
-        timed = workshop.fine and controller.ist[k.PULSES_ON]
+        timed = workshop.fine and controller.plant.drive.pulses_on
         data = super().read(min(timeout_s, ONE_TICK_S) if timed else timeout_s)
         workshop.look()
         return data
@@ -81,7 +80,7 @@ class Workshop:
                 self.cause_s = self.last_pulses_s = applied[0][1] * ONE_TICK_S
         if self.cause_s is None:
             return
-        if controller.ist[k.PULSES_ON]:
+        if controller.plant.drive.pulses_on:
             self.last_pulses_s = controller.tick * ONE_TICK_S
         elif self.first_off_s is None:
             self.first_off_s = self.last_pulses_s

@@ -19,7 +19,6 @@ with coverage_guided(__name__ == "__main__"):
     from edmctl.link import messages as m
     from edmctl.link.frame import ABORT, Frame, FrameDecoder, encode_frame
     from edmctl.simulator import BenchConfig, open_bench
-    from edmctl.simulator import kernel as k
     from edmctl.simulator.injection import INJECTIONS, parse_injection
 
 STEPS, SECONDS = 60, 4.0
@@ -153,10 +152,9 @@ class Run:
     def check(self) -> None:
         """What must hold at any time."""
         controller, plant = self.bench.controller, self.bench.plant
-        pulses_on = bool(plant.ist[k.PULSES_ON])
+        pulses_on = bool(plant.drive.pulses_on)
         assert not (pulses_on and controller.state in UNARMED), f"pulses on in {controller.state!r}"
-        for name, index in (("command", k.COMMAND_V), ("applied", k.APPLIED_V)):
-            volts = float(plant.st[index])
+        for name, volts in (("command", controller.loop.command_v), ("applied", plant.drive.actuator_v)):
             assert LEAST_V <= volts <= GREATEST_V, f"{name}: {volts} V"
         assert not (controller.fault and controller.armed), f"armed with fault {controller.fault}"
         frames: list[Frame] = self.decoder.feed(controller.port.take_output())

@@ -23,7 +23,6 @@ from edmctl.machine.interface import (
     TouchRequest,
 )
 from edmctl.machine.waits import VIRTUAL_SLICE_S
-from edmctl.simulator import kernel as k
 
 from .conftest import PULSES, SETTINGS, TELEMETRY, Heard
 
@@ -289,7 +288,7 @@ def test_the_identity_says_that_the_machine_is_virtual(rig: MakeRig) -> None:
 def test_stages_move_by_the_zero_of_a_sensor_that_has_drifted(rig: MakeRig) -> None:
     r = rig()
     r.ready()
-    r.bench.plant.st[k.WALK] += 40.0
+    r.bench.plant.state.walk_um += 40.0
     r.machine.rest(1.0)
     with pytest.raises(CommandRefused, match="INTERLOCK"):
         r.machine.move_stage(Axis.X, -4000.0, 5000.0)

@@ -15,7 +15,6 @@ from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.faults import FaultLatched, InterlockOpen, NothingLatched, WrongFault
 from edmctl.machine.interface import Interlock, MachineState, PulseLog, TelemetryFlag
-from edmctl.simulator import kernel as k
 from edmctl.simulator.bench import MemoryTransport
 from edmctl.simulator.injection import parse_injection
 
@@ -58,7 +57,7 @@ def test_a_cut_whose_host_died_has_ended_when_the_next_one_has_said_hello(rig: M
     r.sparking()
     r.machine.watch_cut(0.5)
     machine = another_host(r)
-    assert r.bench.plant.ist[k.PULSES_ON] == 0
+    assert r.bench.plant.drive.pulses_on == 0
     assert (machine.hello.state, machine.hello.fault) == (MachineState.FAULT, 1001)
     machine.wait_for_rest()
     status = machine.status()

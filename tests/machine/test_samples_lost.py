@@ -14,8 +14,8 @@ from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.frame_sequence import OLDEST_SAMPLE_S
 from edmctl.machine.interface import Axis, JumpRequest, MachineState, TouchRequest
-from edmctl.simulator import kernel as k
 from edmctl.simulator.injection import parse_injection
+from edmctl.simulator.plant_interface import TICK_S
 
 from .conftest import TELEMETRY, Heard
 
@@ -54,7 +54,7 @@ def test_a_cut_without_samples_ends_within_a_second(rig: Callable[[], Rig]) -> N
     assert caught.value.code == "E4022"
     assert r.bench.transport.now_s() - lost_s <= FOUND_S
     r.machine.safe_stop()
-    assert not r.bench.controller.ist[k.PULSES_ON]
+    assert not r.bench.controller.plant.drive.pulses_on
     assert r.bench.is_safe
 
 
@@ -97,7 +97,7 @@ def test_no_motion_begins_without_samples(
     assert caught.value.code == "E4022"
     assert r.bench.transport.now_s() == lost_s
     assert r.bench.controller.state is MachineState.ARMED
-    assert r.bench.controller.st.item(k.COMMAND_V) == 0.0
+    assert r.bench.controller.loop.command_v == 0.0
 
 
 def test_without_telemetry_nobody_waits_for_samples(rig: Callable[[], Rig]) -> None:
@@ -156,7 +156,7 @@ class HeldUp:
 
     def pass_by(self, duration_s: float) -> None:
         self.now += duration_s
-        self._controller.advance(max(0, round(self.now / k.TICK_S) - self._controller.tick))
+        self._controller.advance(max(0, round(self.now / TICK_S) - self._controller.tick))
         self._waiting += self._controller.port.take_output()
 
 
@@ -206,7 +206,7 @@ def test_a_host_that_was_held_up_reads_what_waits_and_goes_on(
     times_s = [float(t) for block in r.heard.blocks for t in block.time_s]
     assert times_s[-1] - times_s[0] > 2.7
     lose_s = line.now
-    r.bench.inject(parse_injection(f"SAMPLES_LOST@{k.TICK_S * r.bench.controller.tick}"))
+    r.bench.inject(parse_injection(f"SAMPLES_LOST@{TICK_S * r.bench.controller.tick}"))
     with pytest.raises(LinkLost, match="do not come any more"):
         let_pass(3.0, hearing=True)
     assert line.now - lose_s <= FOUND_S

@@ -10,7 +10,6 @@ import pytest
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.servo.adaptive import CLEAN_S, LONGEST_SHARE, PATIENCE, AdaptiveControl
 from edmctl.rules.load import load_profile
-from edmctl.simulator import kernel as k
 
 from .conftest import CU270
 
@@ -155,7 +154,7 @@ FEED_30 = ('target={kind="feed",feed_um=30.0}', ADAPTIVE, "pulse.current_a=0.12"
 
 def test_a_badly_flushed_cut_jumps_more_often_and_says_why(shop: OpenShop) -> None:
     clean, dirty = shop(FEED_30), shop(FEED_30)
-    dirty.bench.plant.par[k.FLUSH_TIME] *= 100.0
+    dirty.bench.plant.unit.flush_time_s *= 100.0
     clean.run_job()
     dirty.run_job()
 
@@ -184,7 +183,7 @@ def test_a_badly_flushed_cut_jumps_more_often_and_says_why(shop: OpenShop) -> No
 def test_a_wider_gap_and_longer_pauses_reach_the_machine_in_the_middle_of_a_cut(shop: OpenShop) -> None:
     # By these thresholds every gap is bad, and nothing helps.
     s = shop((*FEED_30, "adaptive.arc_high=0.0011", "adaptive.arc_low=0.001", "adaptive.duty_min=0.2"))
-    pulse_period = s.bench.plant.ist[k.PULSE_PERIOD]
+    pulse_period = s.bench.controller.settings.pulse_period_ns
     result = s.run_job()
     codes = [code for _, code, _, _, _ in s.seen.events]
     assert RunEvent.REFERENCE_CHANGED in codes
@@ -196,4 +195,4 @@ def test_a_wider_gap_and_longer_pauses_reach_the_machine_in_the_middle_of_a_cut(
     assert sum(row.gap_ratio for row in last) / len(last) == pytest.approx(0.9, abs=0.03)
     site = result.sites[0]
     assert site.pulses < 0.9 * site.machining_time_s * s.profile.pulse.frequency_hz
-    assert s.bench.plant.ist[k.PULSE_PERIOD] == pulse_period
+    assert s.bench.controller.settings.pulse_period_ns == pulse_period

@@ -13,7 +13,6 @@ from edmctl.jobs.truth import TrueWear
 from edmctl.procedures.job_state import NoStateStore
 from edmctl.profile.places import Place
 from edmctl.results.job import ObjectiveMissed
-from edmctl.simulator import kernel as k
 from tests.tiers import tiers
 
 from .conftest import Told
@@ -76,7 +75,7 @@ class Changing(Told):
     def progress(self, p: Progress) -> None:
         assert self.bench is not None
         if p.site == self.hole and self.change != 1.0:
-            self.bench.plant.par[k.THETA] *= self.change
+            self.bench.plant.unit.theta *= self.change
             self.change = 1.0
 
 

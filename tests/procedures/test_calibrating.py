@@ -20,7 +20,6 @@ from edmctl.procedures.actuator.calibration import CalibrationPlan, measure_actu
 from edmctl.profile.setup import Actuator, Sensor, Setup, Stage
 from edmctl.results.progress import Phase
 from edmctl.simulator import BenchConfig, open_bench
-from edmctl.simulator import kernel as k
 from edmctl.simulator.config import SensorConstants
 from tests.procedures.conftest import Told
 
@@ -55,7 +54,7 @@ class Rig:
 
     @property
     def applied_v(self) -> float:
-        return self.bench.controller.st.item(k.APPLIED_V)
+        return self.bench.controller.plant.drive.actuator_v
 
 
 def test_the_plan_spans_the_stroke_in_296_s_at_200_hz() -> None:
@@ -108,7 +107,7 @@ def test_no_pulse_is_possible_meanwhile() -> None:
 
     class Watching(Told):
         def progress(self, p: Progress) -> None:
-            seen.append((rig.bench.controller.pulses_allowed, rig.bench.controller.ist.item(k.PULSES_ON)))
+            seen.append((rig.bench.controller.pulses_allowed, rig.bench.controller.plant.drive.pulses_on))
 
     rig.told = Watching()
     rig.measure()

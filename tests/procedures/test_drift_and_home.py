@@ -35,7 +35,7 @@ from edmctl.profile.places import Place
 from edmctl.record.tool_account import Books, HomeSeen
 from edmctl.results.job import site_result_of
 from edmctl.results.progress import Phase
-from edmctl.simulator import kernel as k
+from edmctl.simulator.plant_interface import TICK_S
 from tests.procedures.conftest import Shop, armed
 from tests.procedures.test_resuming import Kept
 from tests.procedures.test_resuming import left as left_at
@@ -52,21 +52,21 @@ FAST_UM_S = 0.005
 def drifting(rate_um_s: float, hours: float = 0.0, overrides: tuple[str, ...] = ()) -> Shop:
     """A shop whose sensor drifts, and has done so for some hours."""
     shop = Shop(overrides)
-    shop.bench.plant.par[k.SENSOR_DRIFT] = rate_um_s
+    shop.bench.plant.unit.sensor_drift_um_s = rate_um_s
     return later(shop, hours)
 
 
 def later(shop: Shop, hours: float) -> Shop:
     """Let an idle machine be some hours older; nothing but the clock and what drifts with it is another."""
-    shop.bench.plant.ist[k.TICK] += round(hours * 3600.0 / k.TICK_S)
+    shop.bench.plant.readings.tick += round(hours * 3600.0 / TICK_S)
     shop.bench.controller.advance(1)
     return shop
 
 
 def known_since(shop: Shop, age_s: float) -> Shop:
     """Let the job know where home was so long ago, as the job ledger does."""
-    rate_um_s = shop.bench.plant.par.item(k.SENSOR_DRIFT)
-    home_um = rate_um_s * (shop.bench.plant.ist.item(k.TICK) * k.TICK_S - age_s)
+    rate_um_s = shop.bench.plant.unit.sensor_drift_um_s
+    home_um = rate_um_s * (shop.bench.plant.readings.tick * TICK_S - age_s)
     shop.job = replace(shop.job, home_um=home_um, home_age_s=age_s)
     return shop
 
@@ -172,7 +172,7 @@ def test_the_wear_of_one_hole_holds_with_the_worst_drift_of_hundreds_of_machines
     for seed in (21, 22, 23, 24):
         target = f'target={{kind="depth",depth_um={depth_um},tolerance_um=2.0}}'
         shop = Shop((target,), seed)
-        shop.bench.plant.par[k.SENSOR_DRIFT] = rate_um_s
+        shop.bench.plant.unit.sensor_drift_um_s = rate_um_s
         wear = TrueWear(shop.bench, NoStateStore())
         shop.run_job(journal=wear)
         (site,) = shop.ledger.sites.values()
@@ -215,7 +215,7 @@ def test_stages_stand_still_while_the_tool_is_low() -> None:
 
 def stand_out(shop: Shop, by_um: float) -> None:
     """Let the actuator hold the tool that far out although its voltage is 0; the sensor shows it."""
-    shop.bench.plant.par[k.ACTUATOR_ZERO] -= by_um
+    shop.bench.plant.unit.actuator_zero_um -= by_um
 
 
 @pytest.mark.parametrize("out_um", [35.0, 60.0])
@@ -237,7 +237,7 @@ def test_a_tool_that_stands_out_is_not_moved_however_long_the_sensor_may_have_dr
 ) -> None:
     shop = Shop()
     if drift_um_s is not None:
-        shop.bench.plant.par[k.SENSOR_DRIFT] = drift_um_s
+        shop.bench.plant.unit.sensor_drift_um_s = drift_um_s
     later(shop, hours)
     stand_out(shop, out_um)
     before = shop.bench.plant.position_um.copy()
@@ -366,11 +366,11 @@ def test_the_next_morning_a_worn_tool_over_the_pad_finds_its_home(
     state = next(state for state in reversed(states) if when(state))
     assert left.bench.tool_wear_um > 25.0
     shop = Shop(TWO_DEEP_HOLES)
-    shop.bench.plant.st[k.WEAR] = state.wear_um + math.fsum(
+    shop.bench.plant.state.wear_um = state.wear_um + math.fsum(
         float(str(done["wear_um"])) for done in state.done
     )
     over_the_pad(shop)
-    shop.bench.plant.par[k.SENSOR_DRIFT] = rate_um_s
+    shop.bench.plant.unit.sensor_drift_um_s = rate_um_s
     later(shop, 12.0)
     shop.job = replace(shop.job, resumed=state, pause_s=12.0 * 3600.0)
     run = armed(shop)
@@ -389,7 +389,7 @@ def test_over_a_place_that_is_not_cut_yet_a_touch_tells_too(rate_um_s: float) ->
     with pytest.raises(Interrupted):
         shop.run_job(journal=kept)
     assert not kept.states[-1].begun
-    shop.bench.plant.par[k.SENSOR_DRIFT] = rate_um_s
+    shop.bench.plant.unit.sensor_drift_um_s = rate_um_s
     later(shop, 6.0)
     shop.job = replace(shop.job, resumed=kept.states[-1], pause_s=6.0 * 3600.0)
     shop.ledger, shop.machine = JobTally(), LinkMachine(shop.session, StopRequest())
@@ -485,8 +485,8 @@ def test_homes_before_a_break_tell_until_those_after_it_do(new: tuple[float, flo
 def test_home_by_a_hole_that_was_left_tells_how_much_deeper_that_may_be(deeper_um: float) -> None:
     shop = Shop()
     state = left_at(shop, 6.0)
-    shop.bench.plant.par[k.SENSOR_DRIFT] = FAST_UM_S
-    drifted_um = FAST_UM_S * k.TICK_S * shop.bench.plant.ist.item(k.TICK) + FAST_UM_S * 12.0 * 3600.0
+    shop.bench.plant.unit.sensor_drift_um_s = FAST_UM_S
+    drifted_um = FAST_UM_S * TICK_S * shop.bench.plant.readings.tick + FAST_UM_S * 12.0 * 3600.0
     later(shop, 12.0)
     believed = replace(state, depth_um=state.depth_um - deeper_um, feed_u_um=deeper_um / 2.0)
     shop.job = replace(shop.job, resumed=believed, pause_s=12.0 * 3600.0)

@@ -17,7 +17,6 @@ from edmctl.procedures.settings import controller_settings
 from edmctl.record.rows import EventLevel, ServoBlock
 from edmctl.results.job import ObjectiveMissed
 from edmctl.results.progress import Phase
-from edmctl.simulator import kernel
 
 from .conftest import Seen
 
@@ -365,7 +364,7 @@ def test_a_cut_that_stalls_is_given_up_in_order_and_measured(shop: OpenShop) -> 
     s = shop()
 
     def erode_nothing() -> None:
-        s.bench.plant.par[kernel.KAPPA] = 0.0
+        s.bench.plant.unit.kappa_um3_per_uj = 0.0
 
     s.told.when[Phase.MACHINING] = erode_nothing
     with pytest.raises(ObjectiveMissed, match="stopped advancing") as caught:

@@ -25,7 +25,6 @@ from edmctl.procedures.session import running
 from edmctl.procedures.touch.approach import find_contact, find_gap
 from edmctl.profile.places import Place
 from edmctl.results.progress import Phase
-from edmctl.simulator import kernel as k
 from edmctl.simulator.injection import parse_injection
 from tests.procedures.conftest import Shop
 from tests.tiers import tiers
@@ -117,14 +116,14 @@ def test_touching_needs_no_dielectric(shop: type[Shop]) -> None:
     dry = shop((SPARKLESS,))
     with ready(dry) as run:
         z1 = touch_pad(run, "Z1", 50.0)
-    assert abs(z1.z_um - dry.bench.plant.st[k.SURFACE]) <= 2.0
+    assert abs(z1.z_um - dry.bench.plant.state.surface_um) <= 2.0
     with pytest.raises(PreconditionError), ready(dry, pulses=True):
         pass
 
 
 def test_a_pad_that_moves_is_told(shop: type[Shop]) -> None:
     drifting = shop()
-    drifting.bench.plant.par[k.SENSOR_DRIFT] = 0.1
+    drifting.bench.plant.unit.sensor_drift_um_s = 0.1
     reference = Reference(50.0, 0.05, 3, math.nan, 0.0)
     with pytest.raises(ObjectiveNotReached) as caught, ready(drifting) as run:
         refuse_drift(run, measure_wear(run, reference, 55.0, None))
@@ -156,7 +155,7 @@ def test_contact_is_the_surface_and_the_gap_is_before_it(shop: type[Shop]) -> No
     with ready(finding, pulses=True) as run:
         contact = find_contact(run, SITE)
         gap = find_gap(run, SITE)
-        surface_um = float(finding.bench.plant.st[k.SURFACE])
+        surface_um = float(finding.bench.plant.state.surface_um)
     assert (contact.kind, gap.kind) == ("contact", "spark gap")
     assert abs(contact.displacement_um - surface_um) <= 1.0
     assert 1.0 <= surface_um - gap.displacement_um <= 10.0

@@ -20,7 +20,6 @@ from edmctl.procedures.servo.limits import JUMP_AFTER_S, STALL_S, StallDetection
 from edmctl.procedures.settings import OPEN_LOST_S, controller_settings
 from edmctl.procedures.touch.approach import ABOVE_BOTTOM_UM, BEYOND_BOTTOM_UM, UNKNOWN_SDS
 from edmctl.results.job import ObjectiveMissed
-from edmctl.simulator import kernel as k
 from edmctl.simulator.injection import parse_injection
 
 if TYPE_CHECKING:
@@ -135,7 +134,7 @@ def test_after_the_second_burn_the_gap_is_kept_wider_and_the_pauses_longer(shop:
     duties = [args for _, code, _, _, args in s.seen.events if code == RunEvent.DUTY_CHANGED]
     assert [duty["to"] for duty in duties] == pytest.approx([0.24])
     # The next approach and the next cut start with the recipe's own pulses.
-    assert s.bench.plant.par[k.DUTY_V] == pytest.approx(s.profile.pulse.duty_voltage_v)
+    assert s.bench.controller.settings.duty_v == pytest.approx(s.profile.pulse.duty_voltage_v)
 
 
 def test_a_spot_that_burns_at_once_again_is_given_up_with_the_fault(shop: OpenShop) -> None:
@@ -145,7 +144,7 @@ def test_a_spot_that_burns_at_once_again_is_given_up_with_the_fault(shop: OpenSh
     assert caught.value.code == "E63002"
     assert codes(s).count(RunEvent.ARC_BURN_RECOVERY) == 2 < MOST_BURNS
     controller = s.bench.controller
-    assert (controller.fault, controller.st.item(k.COMMAND_V)) == (3002, 0.0)
+    assert (controller.fault, controller.loop.command_v) == (3002, 0.0)
 
 
 def test_any_other_fault_ends_the_cut_at_once(shop: OpenShop) -> None:
@@ -336,11 +335,12 @@ class Tip:
     face_um: float = math.nan
 
     def keep(self, state: JobState, *, urgent: bool = False) -> None:
-        st = self.shop.bench.plant.st
         if state.phase == "machining" and math.isnan(self.face_um):
-            self.face_um = st[k.SURFACE]
+            self.face_um = self.shop.bench.plant.state.surface_um
         elif state.phase == "measuring" and state.begun and math.isnan(self.below_um):
-            self.below_um = st[k.TRUE_Z] - self.face_um - st[k.WEAR]
+            self.below_um = (
+                self.shop.bench.plant.state.true_z_um - self.face_um - self.shop.bench.plant.state.wear_um
+            )
 
 
 @pytest.mark.parametrize(

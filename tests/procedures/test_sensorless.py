@@ -14,8 +14,8 @@ from edmctl.procedures.actuator.sensorless import SensorlessMachine
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.monitoring.drift import displacement_uncertainty
 from edmctl.procedures.settings import controller_settings, pulse_settings, telemetry_settings
-from edmctl.simulator import kernel as k
 from edmctl.simulator.injection import parse_injection
+from edmctl.simulator.plant_interface import TICK_S
 from tests.tiers import tiers
 
 from .conftest import Done, Shop, calibrated
@@ -87,7 +87,7 @@ def test_the_host_ends_a_cut_where_the_estimate_reaches_its_limit(blind: Done) -
 def test_the_controller_goes_by_volts_times_the_mean_gain(blind: Done) -> None:
     shop = blind.shop
     assert shop.bench.controller.parameters["sensor_fitted"] == 0.0
-    shop.bench.plant.st[k.APPLIED_V] = 0.0
+    shop.bench.plant.drive.actuator_v = 0.0
     status = shop.machine.status()
     assert status.displacement_um == pytest.approx(2.967 * status.actuator_v, abs=1e-3)
 
@@ -104,7 +104,7 @@ def test_without_a_calibration_nothing_moves(shop: OpenShop) -> None:
 @pytest.mark.parametrize("known", [False, True])
 def test_a_sensor_that_should_be_there_and_is_not_is_refused(shop: OpenShop, *, known: bool) -> None:
     s = shop(calibration=calibrated() if known else None)
-    s.bench.plant.par[k.SENSOR_GAIN] = 0.0
+    s.bench.plant.unit.sensor_gain = 0.0
     with pytest.raises(PreconditionError, match="per volt while the actuator swings") as caught:
         s.run_job()
     assert caught.value.code == "E8033"
@@ -136,12 +136,12 @@ def test_a_scanning_tool_is_held_where_the_inverse_puts_it() -> None:
     machine.start_scan(CutRequest(9.6, 20.0, 100.0))
     for _ in range(80):
         assert machine.watch_cut(0.1) is None
-    assert s.bench.plant.st[k.TRUE_Z] == pytest.approx(20.0, abs=1.5)
+    assert s.bench.plant.state.true_z_um == pytest.approx(20.0, abs=1.5)
     x_um = machine.status().x_um
     assert machine.path_move(ScanLine(x_um - 30.0, 0.0, 20.0, 26.0, last=False))
     for _ in range(30):
         assert machine.watch_cut(0.1) is None
-    assert s.bench.plant.st[k.TRUE_Z] == pytest.approx(26.0, abs=1.5)
+    assert s.bench.plant.state.true_z_um == pytest.approx(26.0, abs=1.5)
     assert machine.status().x_um == pytest.approx(x_um - 30.0)
     assert machine.stop_cut().code is EventCode.STOPPED
 
@@ -165,5 +165,5 @@ def test_without_samples_there_is_no_estimate_and_no_cut() -> None:
         s.run_job()
     assert caught.value.code == "E4022"
     ((_, lost_tick),) = s.bench.controller.injector.applied
-    assert s.ledger.time_s < lost_tick * k.TICK_S + 5.0
+    assert s.ledger.time_s < lost_tick * TICK_S + 5.0
     assert s.bench.is_safe

@@ -15,8 +15,8 @@ from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.approach import ABOVE_BOTTOM_UM, find_gap, lower_to, raise_by
 from edmctl.procedures.touch.reading import take_reading
-from edmctl.simulator import kernel
 from edmctl.simulator.injection import parse_injection
+from edmctl.simulator.plant_interface import TICK_S
 
 from .conftest import armed
 
@@ -123,7 +123,7 @@ def test_a_closed_contact_before_the_feed_is_refused(shop: OpenShop) -> None:
     s = shop()
     run = armed(s)
     move_to(run, run.job.pad)
-    s.bench.plant.st[kernel.ASPERITY] = 1e3  # a chip between tool and work
+    s.bench.plant.state.asperity_um = 1e3  # a chip between tool and work
     s.machine.rest(0.2)
     with pytest.raises(PreconditionError, match="contact sensor"):
         take_reading(run, "Z1", "hole", 50.0)
@@ -209,7 +209,7 @@ def test_a_tool_is_not_lowered_by_samples_from_before_the_last_ramp(
     deaf_after_ramps(s, run, monkeypatch, 2.0)
     lower_to(run, 30.0)
     assert run.watch.displacement_um == pytest.approx(30.0, abs=4.0)
-    assert float(s.bench.plant.st[kernel.SENSOR_Z]) < 31.0
+    assert float(s.bench.controller.loop.displacement_um) < 31.0
 
 
 def test_a_line_without_samples_ends_the_lowering(shop: OpenShop) -> None:
@@ -217,8 +217,8 @@ def test_a_line_without_samples_ends_the_lowering(shop: OpenShop) -> None:
     run = armed(s)
     condition(run)
     move_to(run, run.job.pad)
-    s.bench.inject(parse_injection(f"SAMPLES_LOST@{s.bench.controller.tick * kernel.TICK_S}"))
+    s.bench.inject(parse_injection(f"SAMPLES_LOST@{s.bench.controller.tick * TICK_S}"))
     with pytest.raises(LinkLost) as lost:
         lower_to(run, 30.0)
     assert lost.value.code == "E4022"
-    assert float(s.bench.plant.st[kernel.SENSOR_Z]) < 31.0
+    assert float(s.bench.controller.loop.displacement_um) < 31.0

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from edmctl.simulator import BenchConfig
-from edmctl.simulator import kernel as k
 from edmctl.simulator.plant import Plant
+from edmctl.simulator.plant_kernel import actuator_tick
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -19,9 +19,8 @@ def drive(plant: Plant, actuator_v: NDArray[np.float64]) -> NDArray[np.float64]:
     """Free displacement [µm] for a voltage sampled at 1 kHz."""
     out = np.empty(actuator_v.size)
     for i, v in enumerate(actuator_v):
-        plant.st[k.APPLIED_V] = v
-        k.actuator_tick(plant.par, plant.st, plant.plays, plant.creep)
-        out[i] = plant.st[k.FREE_Z]
+        actuator_tick(plant.unit.shared[0], plant.state.shared[0], v)
+        out[i] = plant.state.free_z_um
     return out
 
 
@@ -55,7 +54,7 @@ def test_rest_is_zero_and_the_mode_rings_at_its_frequency() -> None:
     plant = Plant(BenchConfig(), 1)
     assert abs(drive(plant, np.zeros(200))[-1]) < 1e-6
     drive(plant, np.full(400, 50.0))
-    plant.st[k.MODE_V] = 2000.0
+    plant.state.mode_velocity_um_s = 2000.0
     ring = drive(plant, np.full(100, 50.0))
     ring -= ring[-1]
     assert np.abs(ring[:10]).max() > 3.0 * np.abs(ring[40:60]).max()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from random import Random
 
 import pytest
@@ -9,7 +10,6 @@ import pytest
 from edmctl.link import messages as m
 from edmctl.link.session import Session
 from edmctl.simulator import BenchConfig, open_bench
-from edmctl.simulator import kernel as k
 from edmctl.simulator.ground import NO_LEVELS, Ground
 
 CONFIG = BenchConfig(tool_diameter_um=120.0, offset_um=10.0)
@@ -20,9 +20,10 @@ def one_depth(ground: Ground, x_um: float, y_um: float) -> None:
     """The rule without a map: the depth of the hole that the tool fits into, and the whole disc."""
     ground.levels, ground.solid = NO_LEVELS, x_um > -2000.0
     ground._place, ground._footprint = (x_um, y_um), None
-    ground._st[k.DEPTH] = ground.here.depth_um if ground.here else 0.0
-    ground._st[k.RARITY] = 1.0
-    ground._par[k.PER_HOLE_AREA] = ground._par[k.PER_DISC_AREA]
+    state = ground._state
+    state.depth_um = ground.here.depth_um if ground.here else 0.0
+    state.rarity, state.next_level_um = 1.0, math.inf
+    state.per_hole_area = ground._unit.per_disc_area
 
 
 def run(seed: int) -> tuple[bytes, list[float], float]:

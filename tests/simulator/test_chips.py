@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from edmctl.simulator import BenchConfig, VirtualBench, open_bench
-from edmctl.simulator import kernel as k
 from edmctl.simulator.chips import LIFT_UM
 from edmctl.simulator.injection import parse_injection
 
@@ -20,7 +19,7 @@ def bench(seed: int = 3001) -> VirtualBench:
 
 def surface_um(made: VirtualBench) -> float:
     """How far the tool is from what lies under it."""
-    return made.plant.st.item(k.SURFACE)
+    return made.plant.state.surface_um
 
 
 def test_a_chip_shortens_the_way_by_its_height_and_only_under_the_tool() -> None:
@@ -38,9 +37,9 @@ def test_a_chip_shortens_the_way_by_its_height_and_only_under_the_tool() -> None
 
 def _lift(made: VirtualBench) -> None:
     """Let the tool come down to the chip and up again."""
-    near_um = surface_um(made) + made.plant.st.item(k.DEPTH)
+    near_um = surface_um(made) + made.plant.state.depth_um
     for height_um in (near_um - 1.0, near_um - LIFT_UM - 5.0):
-        made.plant.st[k.TRUE_Z] = height_um
+        made.plant.state.true_z_um = height_um
         made.plant.chips.look()
 
 
@@ -63,11 +62,11 @@ def test_sparks_eat_a_chip_by_what_they_remove() -> None:
     made = bench()
     made.plant.chips.drop(8.0, loose=False)
     clean_um = surface_um(made) + 8.0
-    made.plant.ist[k.PULSES_ON] = 1
-    made.plant.st[k.DEPTH] += 0.5 * 8.0**3 * made.plant.par.item(k.PER_HOLE_AREA)
+    made.plant.drive.pulses_on = 1
+    made.plant.state.depth_um += 0.5 * 8.0**3 * made.plant.state.per_hole_area
     made.plant.chips.look()
     assert clean_um - surface_um(made) == pytest.approx(8.0 * 0.5 ** (1.0 / 3.0))
-    made.plant.st[k.DEPTH] += 8.0**3 * made.plant.par.item(k.PER_HOLE_AREA)
+    made.plant.state.depth_um += 8.0**3 * made.plant.state.per_hole_area
     made.plant.chips.look()
     assert not made.plant.chips.lying
     assert surface_um(made) == pytest.approx(clean_um)

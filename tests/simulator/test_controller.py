@@ -12,7 +12,6 @@ from edmctl.link import messages as m
 from edmctl.link.faults import FaultCode
 from edmctl.link.session import CommandRefused
 from edmctl.simulator import BenchConfig
-from edmctl.simulator import kernel as k
 
 if TYPE_CHECKING:
     from edmctl.link.wire import Param
@@ -24,9 +23,9 @@ TOUCH = m.TouchOff(20.0, 40.0, 1.0, 90.0, 5.0, 0.3, 3)
 
 def assert_safe(r: Rig) -> None:
     """Pulses off now, and the tool back at 0 V within a second."""
-    assert r.bench.plant.ist[k.PULSES_ON] == 0
+    assert r.bench.plant.drive.pulses_on == 0
     r.session.pump(1.0)
-    assert r.bench.plant.st[k.APPLIED_V] == 0.0
+    assert r.bench.plant.drive.actuator_v == 0.0
     assert r.bench.controller.state is m.State.FAULT
 
 
@@ -40,7 +39,7 @@ def test_touches_find_the_surface_within_their_spread(rig: RigMaker) -> None:
     assert [e.arg for e in touches] == [1, 2, 3]
     found = np.mean([e.displacement_um for e in touches])
     plant = r.bench.plant
-    expected = plant.st[k.SURFACE] * plant.par[k.SENSOR_GAIN]
+    expected = plant.state.surface_um * plant.unit.sensor_gain
     assert found == pytest.approx(expected, abs=0.6)
     assert np.std([e.displacement_um for e in touches]) < 0.5
 
@@ -126,12 +125,12 @@ def test_a_silent_host_loses_its_sparks_after_the_watchdog(rig: RigMaker) -> Non
     controller = r.bench.controller
     controller.host_heard()
     controller.advance(249)
-    assert r.bench.plant.ist[k.PULSES_ON] == 1
+    assert r.bench.plant.drive.pulses_on == 1
     controller.advance(1)
-    assert r.bench.plant.ist[k.PULSES_ON] == 0
+    assert r.bench.plant.drive.pulses_on == 0
     assert controller.fault == FaultCode.HOST_SILENT
     controller.advance(1000)
-    assert r.bench.plant.st[k.APPLIED_V] == 0.0
+    assert r.bench.plant.drive.actuator_v == 0.0
 
 
 def test_an_abort_run_stops_everything(rig: RigMaker) -> None:
@@ -142,7 +141,7 @@ def test_an_abort_run_stops_everything(rig: RigMaker) -> None:
     r.session.pump(0.5)
     r.session.abort()
     r.bench.transport.read(0.001)
-    assert r.bench.plant.ist[k.PULSES_ON] == 0
+    assert r.bench.plant.drive.pulses_on == 0
     assert r.bench.controller.fault == FaultCode.ABORT_RUN
 
 
@@ -174,8 +173,8 @@ def test_a_bridge_that_never_breaks_is_a_stuck_short(rig: RigMaker) -> None:
     r.to_pad()
     r.start_sparking()
     r.session.pump(0.5)
-    r.bench.plant.par[k.BRIDGE_CLEAR] = 0.0
-    r.bench.plant.st[k.BRIDGE_UNTIL] = 1e9
+    r.bench.plant.unit.bridge_clear = 0.0
+    r.bench.plant.state.bridge_until_um = 1e9
     assert r.wait_fault(5.0).code == FaultCode.SHORT_STUCK
     assert_safe(r)
 
@@ -232,7 +231,7 @@ def test_the_generator_is_not_rewired_in_a_cut(rig: RigMaker) -> None:
     r.start_sparking()
     r.session.pump(1.0)
     r.session.request(m.Jump(20.0, 500.0, 0.5, 2.0))
-    assert r.bench.plant.ist[k.PULSES_ON] == 0
+    assert r.bench.plant.drive.pulses_on == 0
     with pytest.raises(CommandRefused) as refused:
         r.session.request(m.PulseConfig(130.0, 300.0, 100.0, 3.0, m.PulseMode.ISOFREQUENCY, 0.0))
     assert refused.value.status == m.Status.BAD_STATE
@@ -275,7 +274,7 @@ def test_a_cut_ends_at_its_depth_limit_with_the_hole_in_the_work(rig: RigMaker) 
     assert end.displacement_um == pytest.approx(60.0, abs=0.8)
     (hole,) = r.bench.truth()
     plant = r.bench.plant
-    gap = plant.st[k.SURFACE] + hole.depth_um + r.bench.tool_wear_um - plant.st[k.TRUE_Z]
+    gap = plant.state.surface_um + hole.depth_um + r.bench.tool_wear_um - plant.state.true_z_um
     assert 2.0 < gap < 5.0
     assert r.bench.tool_wear_um / hole.depth_um == pytest.approx(0.389, abs=0.03)
 
@@ -289,7 +288,7 @@ def test_every_pulse_is_accounted_for_in_either_log(rig: RigMaker) -> None:
         r.start_sparking(max_time_s=2.0)
         r.wait(m.EventCode.TIME_UP, 10.0)
         r.session.request(m.TlmStop())
-        struck = int(r.bench.plant.ist[k.PULSE_NO])
+        struck = int(r.bench.controller.loop.pulse_no)
         sampled = sum(r.column(f"n_{c}").sum() for c in ("open", "normal", "arc", "short"))
         if log is m.PulseLog.FULL:
             logged = sum(p.n for p in r.pulses)

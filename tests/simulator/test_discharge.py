@@ -9,16 +9,15 @@ import numpy as np
 import pytest
 
 from edmctl.simulator import BenchConfig
-from edmctl.simulator import kernel as k
-from edmctl.simulator.parameters import Parameters
+from edmctl.simulator.controller_state import NORMAL, OPEN, SHORT
 from edmctl.simulator.plant import BLOCK, Plant
+from tests.simulator.struck_pulses import PulseLog
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-ON_TIME_US, OFF_TIME_US = 130.435, 304.348
+ON_TIME_US = 130.435
 # Normalised mean gap voltage against the gap, clean oil, 40 V, 30 %.
-RECENT = np.zeros((k.RECENT, k.RECENT_COLUMNS))
 VOLTAGE_LAW = {
     1.0: 0.556,
     1.5: 0.571,
@@ -41,43 +40,34 @@ def fixed_gap(
     `rarity` is the face of the tool over what of the sheet is left under it.
     """
     plant = Plant(BenchConfig(), seed)
-    Parameters(plant)
-    plant.set_generator(ON_TIME_US, OFF_TIME_US, 40.0, 0.12, 0.0)
-    st, ist = plant.st, plant.ist
-    ist[k.PULSE_LOG] = k.LOG_FULL
-    st[k.RARITY] = rarity
-    records = np.zeros(6 * 64, dtype=np.uint8)
+    state, log = plant.state, PulseLog(plant)
+    state.rarity = rarity
     taken, voltage_sum, count = [], 0.0, 0
     while count < pulses:
-        st[k.DEBRIS] = st[k.DEPTH] = st[k.WEAR] = 0.0
-        st[k.TRUE_Z] = st[k.SURFACE] - gap_um
-        ist[k.LOG_N] = 0
-        plant.random.provide(ist, 64, 1)
-        sum_v, n, _ = k.pulses_of_tick(
-            plant.par, st, ist, plant.random.pulse, plant.random.tables, records, records, RECENT
-        )
-        voltage_sum, count = voltage_sum + sum_v, count + n
-        taken.append(records[: 6 * n].copy())
-        ist[k.TICK] += 1
-    dtype = np.dtype([("cls", "u1"), ("delay", "<u2"), ("discharge", "<u2"), ("plateau", "u1")])
-    return voltage_sum / count, np.concatenate(taken).view(dtype)
+        state.debris_um3 = state.depth_um = state.wear_um = 0.0
+        state.true_z_um = state.surface_um - gap_um
+        sum_v, struck = log.strike()
+        voltage_sum, count = voltage_sum + sum_v, count + len(struck)
+        taken.append(struck)
+        plant.readings.tick += 1
+    return voltage_sum / count, np.concatenate(taken)
 
 
 def test_ignition_is_rarer_by_the_share_of_the_face_that_has_nothing_under_it() -> None:
     tau_us = []
     for rarity in (1.0, 4.0):
         _, pulses = fixed_gap(2.5, 20_000, rarity=rarity)
-        unlit = float((pulses["cls"] == k.OPEN).mean())
+        unlit = float((pulses["pulse_class"] == OPEN).mean())
         tau_us.append(ON_TIME_US / -math.log(unlit))
     assert tau_us[1] / tau_us[0] == pytest.approx(4.0, rel=0.06)
     _, pulses = fixed_gap(2.5, 1000, rarity=math.inf)
-    assert (pulses["cls"] == k.OPEN).mean() > 0.99
+    assert (pulses["pulse_class"] == OPEN).mean() > 0.99
 
 
 def test_ignition_delays_follow_a_laue_line() -> None:
     _, pulses = fixed_gap(3.0, 60_000)
     on_time = 10.0 * ON_TIME_US
-    ignited = np.sort(pulses["delay"][pulses["cls"] == k.NORMAL].astype(float)) * 0.1
+    ignited = np.sort(pulses["delay_us"][pulses["pulse_class"] == NORMAL].astype(float)) * 0.1
     survivors = 1.0 - (np.arange(ignited.size) + 0.5) / len(pulses)
     inside = (ignited > 5.0) & (ignited < 0.09 * on_time)
     x, y = ignited[inside], np.log(survivors[inside])
@@ -96,16 +86,16 @@ def test_mean_voltage_follows_the_gap(gap_um: float) -> None:
 def test_a_closed_gap_is_a_short_and_an_open_one_stays_open() -> None:
     shorted_v, shorts = fixed_gap(-0.5, 2_000)
     open_v, opens = fixed_gap(30.0, 2_000)
-    assert np.all(shorts["cls"] == k.SHORT)
+    assert np.all(shorts["pulse_class"] == SHORT)
     assert shorted_v == pytest.approx(0.3, abs=0.01)
-    assert np.all(opens["cls"] == k.OPEN)
+    assert np.all(opens["pulse_class"] == OPEN)
     assert open_v == pytest.approx(12.0, abs=0.001)
 
 
 def test_pulse_energy_is_a_few_hundred_microjoules() -> None:
     _, pulses = fixed_gap(1.5, 5_000)
-    normal = pulses[pulses["cls"] == k.NORMAL]
-    energy_uj = 22.0 * 18.0 / 150.0 * normal["discharge"] * 0.1
+    normal = pulses[pulses["pulse_class"] == NORMAL]
+    energy_uj = 22.0 * 18.0 / 150.0 * normal["discharge_us"] * 0.1
     assert energy_uj.max() < 344.5
     assert 200.0 < energy_uj.mean() < 344.0
 
@@ -124,10 +114,10 @@ def test_random_numbers_do_not_depend_on_where_blocks_end() -> None:
         plant = Plant(BenchConfig(), 9)
         out = []
         for _ in range(0, 3 * BLOCK, step):
-            plant.random.provide(plant.ist, step, step)
-            at = int(plant.ist[k.RANDOM_AT])
+            plant.random.provide(plant.state, step, step)
+            at = plant.state.random_at
             out.append(plant.random.pulse[:, at : at + step].copy())
-            plant.ist[k.RANDOM_AT] += step
+            plant.state.random_at += step
         return np.concatenate(out, axis=1)
 
     assert np.array_equal(draw(512), draw(4096))

@@ -12,7 +12,6 @@ from edmctl.link import messages as m
 from edmctl.link.faults import FAULTS, FaultCode
 from edmctl.link.session import CommandRefused
 from edmctl.simulator import BenchConfig
-from edmctl.simulator import kernel as k
 from edmctl.simulator.injection import parse_injection
 
 if TYPE_CHECKING:
@@ -91,13 +90,13 @@ def test_a_fault_is_named_in_time_safe_latched_and_cleared(rig: RigMaker, inject
         run_job(r)
     controller, plant = r.bench.controller, r.bench.plant
     assert controller.fault == code
-    assert plant.ist[k.PULSES_ON] == 0
+    assert plant.drive.pulses_on == 0
     applied = [tick for done, tick in controller.injector.applied if done == injection]
     r.bench.line.silent = False
     if row.code not in WAITS:
         assert pulses_off_s(r, applied[0]) <= row.pulses_off_s + 1e-9
     controller.advance(1500)
-    assert (plant.st[k.APPLIED_V], plant.ist[k.PULSES_ON]) == (0.0, 0)
+    assert (plant.drive.actuator_v, plant.drive.pulses_on) == (0.0, 0)
     assert controller.state is (m.State.ESTOP if code == FaultCode.ESTOP else m.State.FAULT)
     assert controller.motion.stage is None
     for forbidden in (m.Arm(crc), m.PiezoSet(10.0, 10.0), m.ClearFault(9999), m.PulseEnable(1), m.Disarm()):
@@ -128,7 +127,7 @@ def silent_host(r: Rig) -> None:
         controller.host_heard()
         controller.advance(1)
     ((_, since),) = controller.injector.applied
-    while r.bench.plant.ist[k.PULSES_ON] == 1:
+    while r.bench.plant.drive.pulses_on == 1:
         r.bench.transport.write(b"\x00anything\x00")
         controller.advance(1)
     assert (controller.tick - since) * 1e-3 <= FAULTS[FaultCode.HOST_SILENT].pulses_off_s
@@ -146,7 +145,7 @@ def noisy_host(r: Rig) -> None:
         controller.receive(b"\x00damaged %d\x00" % n)
     assert controller.fault == 0
     controller.receive(b"\x00damaged again\x00")
-    assert r.bench.plant.ist[k.PULSES_ON] == 0
+    assert r.bench.plant.drive.pulses_on == 0
 
 
 def clean_cut(r: Rig, params: dict[str, float]) -> None:
@@ -244,11 +243,11 @@ def test_a_reset_in_a_cut_ends_safe_and_without_a_session(rig: RigMaker, cause: 
     while not controller.injector.applied:
         controller.host_heard()
         controller.advance(10)
-    assert plant.ist[k.PULSES_ON] == 0
+    assert plant.drive.pulses_on == 0
     assert controller.boot_count == 2
     assert controller.time_us < 20_000
     controller.advance(1500)
-    assert plant.st[k.APPLIED_V] == 0.0
+    assert plant.drive.actuator_v == 0.0
     expected = 0 if cause == "POWER_LOSS" else FaultCode.RESET
     assert controller.fault == expected
     assert controller.state is (m.State.FAULT if expected else m.State.IDLE)
@@ -271,18 +270,18 @@ def test_the_line_unplugged_and_noise_are_left_to_whoever_carries_the_bytes(rig:
 def test_faults_of_the_host_are_brought_about_too(rig: RigMaker) -> None:
     r = rig(NEAR)
     plant = r.bench.plant
-    before = (plant.par.copy(), plant.st[k.WALK])
+    before = (plant.unit.numbers(), plant.state.walk_um)
     for name in ("Z_MISMATCH", "STALL", "SETUP"):
         r.bench.inject(parse_injection(f"{FAULTS[FaultCode[name]].inject}@0"))
     now_s = r.bench.controller.tick * 1e-3
     r.bench.controller.advance(10_000)
-    drift = plant.st[k.SENSOR_Z] - plant.st[k.TRUE_Z]
+    drift = r.bench.controller.loop.displacement_um - plant.state.true_z_um
     assert drift == pytest.approx(5.0 * (10.0 - now_s), abs=2.0)
-    assert plant.par[k.KAPPA] == 0.0
-    assert plant.par[k.THETA] == pytest.approx(5.0 * before[0][k.THETA])
+    assert plant.unit.kappa_um3_per_uj == 0.0
+    assert plant.unit.theta == pytest.approx(5.0 * before[0]["theta"])
     r.bench.clear_injections()
-    assert np.array_equal(plant.par, before[0])
-    assert plant.st[k.WALK] == before[1]
+    assert plant.unit.numbers() == before[0]
+    assert plant.state.walk_um == before[1]
 
 
 def test_an_arc_ends_with_the_pulse_that_makes_its_run_full(rig: RigMaker) -> None:

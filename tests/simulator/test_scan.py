@@ -10,7 +10,6 @@ import pytest
 
 from edmctl.link import messages as m
 from edmctl.simulator import BenchConfig, DischargeConstants, SensorConstants
-from edmctl.simulator import kernel as k
 from edmctl.simulator.saving import bench_state, restored_bench
 
 if TYPE_CHECKING:
@@ -77,13 +76,13 @@ def test_passes_to_and_fro_leave_a_flat_floor_a_gap_below_the_held_tool(rig: Rig
 
 def test_a_scan_loses_no_volume_between_the_sparks_and_the_map(rig: RigMaker) -> None:
     r = rig(SMALL, seed=6)
-    r.bench.plant.par[k.SIDE_BASE] = r.bench.plant.par[k.SIDE_DEBRIS] = 0.0
+    r.bench.plant.unit.side_base = r.bench.plant.unit.side_debris = 0.0
     # The wear of a tool that wears as much as the work counts what the discharges took.
-    r.bench.plant.par[k.THETA] = 1e-4
-    r.bench.plant.par[k.ARC_BASE] = r.bench.plant.par[k.ARC_DEBRIS] = 0.0
+    r.bench.plant.unit.theta = 1e-4
+    r.bench.plant.unit.arc_base = r.bench.plant.unit.arc_debris = 0.0
     face_um = over_the_work(r)
     scan(r, face_um - 1.0, passes=4)
-    worn_um3 = r.bench.tool_wear_um * r.bench.plant.par[k.TOOL_AREA]
+    worn_um3 = r.bench.tool_wear_um * r.bench.plant.unit.tool_area_um2
     _, _, depth_um = r.bench.truth_map()
     cell_um2 = r.bench.plant.config.cell_um**2
     assert depth_um.sum() * cell_um2 == pytest.approx(worn_um3 / 1e-4, rel=1e-3)
@@ -100,7 +99,7 @@ def test_the_map_and_the_channel_in_it_survive_saving(rig: RigMaker) -> None:
         np.testing.assert_array_equal(ours, theirs)
     assert again.truth_map()[2].max() > 1.0
     assert again.truth() == ()
-    assert again.plant.st[k.DEPTH] == r.bench.plant.st[k.DEPTH] > 0.0
+    assert again.plant.state.depth_um == r.bench.plant.state.depth_um > 0.0
 
 
 def test_looking_at_the_truth_in_mid_scan_changes_nothing(rig: RigMaker) -> None:

@@ -22,7 +22,6 @@ from edmctl.link.frame import FrameDecoder, encode_frame
 from edmctl.link.opening import open_line
 from edmctl.link.session import Session
 from edmctl.simulator import BenchConfig, open_bench, socket_endpoint
-from edmctl.simulator import kernel as k
 from edmctl.simulator.endpoints import Endpoint, PtyEndpoint
 from edmctl.simulator.injection import parse_injection
 from edmctl.simulator.news import News
@@ -487,7 +486,7 @@ def test_a_server_that_stood_still_trips_the_watchdog_before_it_reads_what_piled
         os.write(client, beat)
         server.turn()
     assert controller.armed is not trips
-    assert controller.st.item(k.COMMAND_V) == (0.0 if trips else 20.0)
+    assert controller.loop.command_v == (0.0 if trips else 20.0)
     os.close(client)
     endpoint.close()
 
@@ -507,7 +506,7 @@ def test_nothing_is_left_to_compile_when_somebody_waits() -> None:
     """A compiler in the middle of a job holds the server up for seconds, and its watchdog ends that job."""
     script = """
 from pathlib import Path
-from edmctl.simulator import BenchConfig, open_bench, kernel, workpiece
+from edmctl.simulator import BenchConfig, kernel, open_bench, workpiece
 from edmctl.simulator.endpoints import PtyEndpoint
 from edmctl.simulator.serve import Server
 endpoint = PtyEndpoint()
@@ -515,7 +514,7 @@ Server(open_bench(BenchConfig(), 1), endpoint, 1.0)
 endpoint.close()
 functions = {**vars(kernel), **vars(workpiece)}
 cached = {name: f for name, f in functions.items() if hasattr(f, "stats") and f.stats.cache_path}
-del cached["drive"]  # of an actuator alone
+del cached["run_actuator"]
 print(len(cached), [name for name, function in cached.items() if not function.signatures])
 """
     told = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True).stdout

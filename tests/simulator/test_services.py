@@ -16,7 +16,7 @@ from edmctl.link.faults import FaultCode
 from edmctl.link.schema import load_schema
 from edmctl.link.session import CommandRefused, Session
 from edmctl.simulator import BenchConfig
-from edmctl.simulator import kernel as k
+from edmctl.simulator.controller_kernel import BOX_TICKS
 from edmctl.simulator.injection import parse_injection
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def test_the_schema_comes_in_parts(rig: RigMaker) -> None:
 @pytest.mark.parametrize("gain", [0.5, 1.5], ids=["lags", "leads"])
 def test_an_actuator_away_from_its_command_is_a_fault_whichever_way(rig: RigMaker, gain: float) -> None:
     r = rig()
-    r.bench.plant.par[k.MONITOR_GAIN] = gain
+    r.bench.plant.unit.monitor_gain = gain
     r.arm()
     r.session.request(m.PiezoSet(60.0, 100.0))
     assert r.wait_fault(2.0).code == FaultCode.PIEZO_TRACK
@@ -88,11 +88,11 @@ def test_the_black_box_is_the_telemetry_up_to_the_fault(rig: RigMaker) -> None:
     fault = r.wait_fault(5.0)
     r.session.pump(1.0)
     records, t0_us = black_box(r)
-    assert len(records) == 16 * k.BOX
+    assert len(records) == 16 * BOX_TICKS
     told = b"".join(t.records for t in r.samples)
     begin = (t0_us - r.samples[0].t0_us) // 1000 * 16
     assert told[begin : begin + len(records)] == records
-    assert t0_us + (k.BOX - 1) * 1000 == fault.t_us
+    assert t0_us + (BOX_TICKS - 1) * 1000 == fault.t_us
     r.bench.clear_injections()
     r.session.request(m.ClearFault(fault.code))
     r.session.pump(0.1)
@@ -104,7 +104,7 @@ def test_a_young_controller_has_a_short_black_box(rig: RigMaker) -> None:
     r.session.pump(0.1)
     total = r.session.request(m.BlackboxRead(0)).total
     assert total == r.bench.controller.tick
-    assert total < k.BOX
+    assert total < BOX_TICKS
     assert r.session.request(m.BlackboxRead(total - 3)).n == 3
 
 
@@ -121,7 +121,7 @@ def test_a_reboot_ends_the_session_and_clears_no_fault(rig: RigMaker) -> None:
     assert (controller.boot_count, controller.reset_cause) == (2, m.ResetCause.COMMANDED)
     assert (controller.state, controller.fault) == (m.State.FAULT, FaultCode.ABORT_RUN)
     assert controller.parameters.crc == m.param_crc({})
-    assert r.bench.plant.ist[k.TLM_NEXT] == -1
+    assert r.bench.controller.loop.tlm_next == -1
     assert (r.session.hello.boot_count, r.session.hello.fault) == (2, FaultCode.ABORT_RUN)
     r.session.request(m.ClearFault(FaultCode.ABORT_RUN))
     reboot(r)
@@ -146,7 +146,7 @@ def test_a_sound_gap_sensor_passes_the_test(rig: RigMaker) -> None:
     event = r.wait(m.EventCode.TEST_DONE, 1.0)
     assert event.arg == pytest.approx(12_000, abs=60)
     assert r.bench.controller.state is m.State.ARMED
-    assert r.bench.plant.ist[k.PULSES_ON] == 0
+    assert r.bench.plant.drive.pulses_on == 0
 
 
 @pytest.mark.parametrize("stuck", ["GAP_SENSOR_HIGH", "GAP_SENSOR_LOW"])
@@ -156,7 +156,7 @@ def test_a_stuck_gap_sensor_fails_the_test(rig: RigMaker, stuck: str) -> None:
     r.arm()
     r.session.request(m.SelfTest())
     assert r.wait_fault(1.0).code == FaultCode.GAP_SENSOR
-    assert r.bench.plant.ist[k.PULSES_ON] == 0
+    assert r.bench.plant.drive.pulses_on == 0
 
 
 def test_a_gap_voltage_at_closed_contact_is_seen_in_a_touch(rig: RigMaker) -> None:

@@ -11,7 +11,6 @@ import pytest
 
 from edmctl.link import messages as m
 from edmctl.simulator import BenchConfig, DischargeConstants
-from edmctl.simulator import kernel as k
 from edmctl.simulator.injection import parse_injection
 
 if TYPE_CHECKING:
@@ -123,10 +122,10 @@ def test_a_jump_clears_the_gap_and_comes_back(rig: RigMaker) -> None:
     r = rig(dirty)
     servo_record(r, 40.0)
     before = r.column("displacement_um")[-200:].mean()
-    debris = r.bench.plant.st[k.DEBRIS]
+    debris = r.bench.plant.state.debris_um3
     r.session.request(m.Jump(60.0, 2000.0, 0.02, 2.0))
     r.wait(m.EventCode.JUMP_DONE, 5.0)
-    assert r.bench.plant.st[k.DEBRIS] < 0.5 * debris
+    assert r.bench.plant.state.debris_um3 < 0.5 * debris
     r.samples.clear()
     r.session.pump(2.0)
     assert r.column("displacement_um")[-200:].mean() == pytest.approx(before, abs=3.0)

@@ -11,7 +11,8 @@ import pytest
 
 from edmctl.link import messages as m
 from edmctl.simulator import BenchConfig, SensorConstants
-from edmctl.simulator import kernel as k
+from edmctl.simulator.plant_interface import TICK_S
+from edmctl.simulator.plant_kernel import renew_clearing
 from edmctl.simulator.saving import bench_state, restored_bench
 
 if TYPE_CHECKING:
@@ -52,7 +53,7 @@ def through(rig: RigMaker) -> Rig:
     r.session.request(m.TlmStart(1000, 10, m.PulseLog.OFF))
     cut(r, 2.0)
     r.before = open_share(r, 1.0)  # type: ignore[attr-defined]
-    assert r.session.pump_until(lambda: math.isinf(r.bench.plant.st[k.RARITY]), 100.0)
+    assert r.session.pump_until(lambda: math.isinf(r.bench.plant.state.rarity), 100.0)
     return r
 
 
@@ -66,7 +67,7 @@ def test_behind_a_foil_every_pulse_is_open_and_the_truth_says_through(through: R
 
 def test_a_through_hole_gives_no_contact_and_debris_falls_out(through: Rig) -> None:
     through.session.pump(0.5)
-    assert through.bench.plant.st[k.DEBRIS] < 1.0
+    assert through.bench.plant.state.debris_um3 < 1.0
     through.session.request(m.ServoStop())
     through.session.request(m.PiezoSet(0.0, 300.0))
     through.wait(m.EventCode.MOVE_DONE, 5.0)
@@ -78,9 +79,9 @@ def test_debris_leaves_faster_the_more_of_the_face_is_open_below(rig: RigMaker) 
     plant = rig(FOIL).bench.plant
     rates = []
     for rarity in (1.0, 2.0, math.inf):
-        plant.st[k.RARITY] = rarity
-        k.renew_clearing(plant.par, plant.st, plant.ist)
-        rates.append(-math.log(plant.st[k.TICK_CLEARING]) / k.TICK_S)
+        plant.state.rarity = rarity
+        renew_clearing(plant.unit.shared[0], plant.state.shared[0])
+        rates.append(-math.log(plant.state.tick_clearing) / TICK_S)
     assert rates[1] - rates[0] == pytest.approx(25.0)
     assert rates[2] - rates[0] == pytest.approx(50.0)
 
@@ -93,7 +94,7 @@ def test_a_rounded_tool_opens_a_foil_bit_by_bit(rig: RigMaker) -> None:
     rarities = [1.0]
 
     def is_through() -> bool:
-        rarities.append(float(r.bench.plant.st[k.RARITY]))
+        rarities.append(float(r.bench.plant.state.rarity))
         return math.isinf(rarities[-1])
 
     assert r.session.pump_until(is_through, 200.0)
@@ -109,7 +110,7 @@ def test_a_through_hole_is_kept(through: Rig) -> None:
     again = restored_bench(bench_state(through.bench))
     assert again.truth() == through.bench.truth()
     assert again.truth()[0].through
-    assert again.plant.st[k.SURFACE] == through.bench.plant.st[k.SURFACE] > 1e5
+    assert again.plant.state.surface_um == through.bench.plant.state.surface_um > 1e5
 
 
 def test_a_hole_beside_a_hole_meets_the_wall_between_them(rig: RigMaker) -> None:
@@ -121,13 +122,13 @@ def test_a_hole_beside_a_hole_meets_the_wall_between_them(rig: RigMaker) -> None
     r.wait(m.EventCode.MOVE_DONE, 5.0)
     depth_um = r.bench.truth()[0].depth_um
     plant = r.bench.plant
-    surface_um = plant.st.item(k.SURFACE)
+    surface_um = plant.state.surface_um
     for away_um, found_um in ((0.0, depth_um), (60.0, 0.0), (200.0, 0.0)):
         plant.stage_lands(0, away_um)
-        assert plant.st[k.DEPTH] == found_um
-        assert plant.st[k.SURFACE] == surface_um
+        assert plant.state.depth_um == found_um
+        assert plant.state.surface_um == surface_um
     plant.stage_lands(0, 60.0)
-    assert plant.par[k.PER_HOLE_AREA] > 1.2 * plant.par[k.PER_DISC_AREA]
+    assert plant.state.per_hole_area > 1.2 * plant.unit.per_disc_area
 
 
 def test_a_tool_that_is_put_back_has_its_wear_and_the_work_stays(rig: RigMaker) -> None:
@@ -143,13 +144,13 @@ def test_a_tool_that_is_put_back_has_its_wear_and_the_work_stays(rig: RigMaker) 
     assert bench.tool_wear_um == worn_um
     bench.fit_tool("b", 120.0, 0.3, 0.0)
     assert (bench.tool_label, bench.tool_wear_um) == ("b", 0.0)
-    assert bench.plant.par[k.TOOL_AREA] == pytest.approx(math.pi * 60.0**2)
-    assert bench.plant.st[k.DEPTH] == 0.0  # it does not fit into the hole of the smaller tool
+    assert bench.plant.unit.tool_area_um2 == pytest.approx(math.pi * 60.0**2)
+    assert bench.plant.state.depth_um == 0.0  # it does not fit into the hole of the smaller tool
     assert bench.truth() == holes
     bench = restored_bench(bench_state(bench))
     assert bench.tool_label == "b"
     bench.fit_tool("a", 80.0, 0.05, 0.0)
     assert (bench.tool_label, bench.tool_wear_um) == ("a", worn_um)
-    assert bench.plant.st[k.DEPTH] == holes[0].depth_um
+    assert bench.plant.state.depth_um == holes[0].depth_um
     bench.fit_tool("b", 120.0, 0.3, 2.0)
     assert bench.tool_wear_um == 0.0

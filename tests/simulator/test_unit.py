@@ -35,8 +35,9 @@ def test_seeds_too_long_for_a_serial_are_hashed_apart() -> None:
 
 def test_the_same_seed_is_the_same_actuator_with_and_without_a_sensor(rig: Callable[..., Rig]) -> None:
     with_one, without = rig(), rig(NO_SENSOR)
-    assert np.array_equal(with_one.bench.plant.plays, without.bench.plant.plays)
-    assert with_one.bench.plant.st[5] == without.bench.plant.st[5]
+    unit, other = with_one.bench.plant.unit, without.bench.plant.unit
+    assert np.array_equal(unit.array("play_um_per_v"), other.array("play_um_per_v"))
+    assert unit.actuator_zero_um == other.actuator_zero_um
 
 
 def ramped(rig: Rig, volts: float) -> None:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from edmctl.simulator import BenchConfig
-from edmctl.simulator import kernel as k
 from edmctl.simulator.actuator import HIGH_V, RATE_HZ, SLEW_V_S, VirtualActuator
 from edmctl.simulator.plant import Plant
+from edmctl.simulator.plant_kernel import actuator_tick
 
 RISE = np.minimum(0.05 * np.arange(3000.0), 90.0)
 
@@ -18,9 +18,8 @@ def test_it_moves_as_the_actuator_of_the_bench_with_the_same_seed() -> None:
     plant = Plant(BenchConfig(), 5)
     expected = np.empty(RISE.size)
     for i, v in enumerate(driven.applied_v):
-        plant.st[k.APPLIED_V] = v
-        k.actuator_tick(plant.par, plant.st, plant.plays, plant.creep)
-        expected[i] = plant.st[k.FREE_Z]
+        actuator_tick(plant.unit.shared[0], plant.state.shared[0], v)
+        expected[i] = plant.state.free_z_um
     assert np.array_equal(driven.truth_um, expected)
 
 
@@ -49,7 +48,7 @@ def test_the_controller_slows_clamps_and_rounds_the_command() -> None:
 
 def test_the_sensor_is_off_by_its_gain_error_and_its_noise() -> None:
     driven = VirtualActuator(1).drive(np.concatenate([RISE, np.full(20_000, 90.0)]))
-    gain = Plant(BenchConfig(), 1).par[k.SENSOR_GAIN]
+    gain = Plant(BenchConfig(), 1).unit.sensor_gain
     rest = driven.sensor_um[5000:] - gain * driven.truth_um[5000:]
     assert abs(rest.mean()) < 0.3
     assert np.diff(rest).std() / np.sqrt(2.0) == pytest.approx(0.15, rel=0.05)

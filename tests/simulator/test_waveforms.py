@@ -14,8 +14,9 @@ from edmctl.link import messages as m
 from edmctl.link.faults import FaultCode
 from edmctl.link.session import CommandRefused, Session
 from edmctl.simulator import BenchConfig
-from edmctl.simulator import kernel as k
+from edmctl.simulator.controller_state import OPEN
 from edmctl.simulator.injection import parse_injection
+from edmctl.simulator.plant_interface import TICK_NS
 from edmctl.simulator.saving import bench_state, restored_bench
 
 if TYPE_CHECKING:
@@ -107,7 +108,7 @@ def test_the_waveforms_are_those_of_the_pulses_that_telemetry_told(rig: RigMaker
         if start_us + ON_US > fault_us:
             continue
         assert v[-50:] == pytest.approx(0.0, abs=0.5), "no voltage between pulses"
-        if pulse["pulse_class"] == k.OPEN:
+        if pulse["pulse_class"] == OPEN:
             assert np.abs(a).max() < 0.005
             assert v[10:120].mean() == pytest.approx(40.0, abs=0.1)
             continue
@@ -140,9 +141,7 @@ def test_a_pulse_that_the_fault_meets_is_cut_off_within_10_us(rig: RigMaker) -> 
     r = cutting(rig)
     for _ in range(40):  # until a fault falls into a pulse
         r.session.pump(0.001)
-        into_ns = (
-            r.bench.controller.tick * k.TICK_NS - r.bench.controller.waveforms.ring[:, k.PULSE_START].max()
-        )
+        into_ns = r.bench.controller.tick * TICK_NS - r.bench.plant.scope.array("start_ns").max()
         if 20_000.0 < into_ns < 80_000.0:
             break
     r.bench.controller.raise_fault(FaultCode.DOOR)

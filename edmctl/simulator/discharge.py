@@ -1,0 +1,176 @@
+"""The pulses of a millisecond, one by one: ignition, arcs, shorts, bridges, removal, wear and debris.
+
+The ignition delay is exponential (Laue) about a mean that grows with a power of the gap; arcs and bridges grow with
+the debris in it. Constants and their sources: config.py.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from edmctl.actuator.compiling import compiled
+from edmctl.simulator.plant_interface import TICK_NS
+from edmctl.simulator.plant_state import SCOPE_PULSES
+
+if TYPE_CHECKING:
+    from edmctl.simulator.plant_interface import Drive, Readings
+    from edmctl.simulator.plant_state import PlantState, Scope, Unit
+    from edmctl.simulator.records import Floats
+
+TABLE = 1024  # values in each table of a distribution
+SHAPES = float(TABLE * TABLE)
+DENSEST = 0.6  # debris fraction of a gap packed full: about the densest random packing of spheres
+DEBRIS_GAP_UM = 0.3  # debris does not get thinner than this [assumed]
+LEAST_GAP_UM = 0.02
+CARBON_RUN, CARBON_ARCING, CARBON_HEALING = (
+    20,
+    50.0,
+    0.01,
+)  # arcs in a row, carbon that arcs, less a spark [assumed]
+
+
+@compiled
+def power(base: float, exponent: float) -> float:
+    """`base ** exponent`; small whole exponents, the usual ones, by multiplication."""
+    whole = int(exponent)
+    if whole != exponent or whole > 8:
+        return float(base**exponent)
+    result = 1.0
+    for _ in range(whole):
+        result *= base
+    return result
+
+
+@compiled
+def strike_pulses(
+    unit: Unit,
+    state: PlantState,
+    scope: Scope,
+    drive: Drive,
+    readings: Readings,
+    random: Floats,
+    tables: Floats,
+) -> None:
+    """Strike every pulse of this tick and show what can be read of them.
+
+    `random` has three rows, a column a pulse: a uniform number that decides bridge, arc and side discharge in
+    turn, a uniform number that picks roughness and crater scatter from their tables, a unit exponential for the
+    delay. `tables`, shape (2, TABLE), holds equally likely values of a half-normal and a unit-mean lognormal.
+    """
+    tick_start = readings.tick * TICK_NS
+    if drive.pulse_starts != state.pulse_starts:
+        state.pulse_starts = drive.pulse_starts
+        state.next_pulse_ns = tick_start
+    open_v, on_time = unit.open_v, unit.on_time_us
+    tau_reference = unit.tau_reference_us * state.rarity
+    per_period = 1e3 / unit.pulse_period_ns
+    per_tool, per_hole, per_ohm = unit.per_tool_area, state.per_hole_area, unit.siemens
+    reach = state.surface_um - state.true_z_um
+    depth, wear, debris = state.depth_um, state.wear_um, state.debris_um3
+    bridge_until, carbon = state.bridge_until_um, state.carbon
+    clearing, per_gap, per_debris = state.clearing, unit.per_open_gap, unit.per_bridge_debris
+    side_slope = unit.side_debris * min(1.0, depth * 0.01)
+    true_run = state.true_arc_run
+    tick_end = tick_start + TICK_NS
+    next_pulse, period = state.next_pulse_ns, unit.pulse_period_ns
+    at, place = state.random_at, scope.at
+    voltage_sum, charge, count = 0.0, 0.0, 0
+    stuck, leak_a = unit.gap_stuck_v, unit.off_time_a
+    readings.first_pulse_ns = next_pulse
+
+    while next_pulse < tick_end:
+        gap = reach + depth + wear
+        fraction = min(DENSEST, debris * per_tool / max(gap, DEBRIS_GAP_UM))
+        chance = random[0, at]
+        shape = int(random[1, at] * SHAPES)  # two table places in one number
+        local = (
+            max(LEAST_GAP_UM, gap * (1.0 - unit.debris_gap_factor * fraction))
+            - unit.roughness_um * tables[0, shape % TABLE]
+        )
+        # Each decision cuts the interval that `chance` is uniform in, and leaves the piece it fell into.
+        low, width = 0.0, 1.0
+        if bridge_until > 0.0:
+            if gap > bridge_until:
+                bridge_until = 0.0
+            elif chance < unit.bridge_clear:
+                bridge_until = 0.0
+                width = unit.bridge_clear
+        if bridge_until == 0.0:
+            relative = fraction * per_debris
+            bound = unit.bridge_base * relative * relative * relative * width
+            if chance >= bound:
+                low, width = bound, width - bound
+            else:
+                limit = bound * math.exp(-gap * unit.per_bridge_gap)
+                if chance < limit:
+                    bridge_until = 1.3 * max(gap, LEAST_GAP_UM)
+                else:
+                    low, width = limit, bound - limit
+
+        delay, plateau, discharge, energy = on_time, open_v, 0.0, 0.0
+        if gap <= 0.0 or bridge_until > 0.0 or local <= 0.0:
+            delay, plateau, discharge = 0.0, unit.short_plateau_v, on_time
+            charge += (open_v - plateau) * per_ohm * discharge
+        else:
+            tau = tau_reference * power(local * per_gap, unit.gap_exponent)
+            ignition = unit.formative_us + tau * random[2, at]
+            if ignition < on_time:
+                arc_p = unit.arc_base + unit.arc_debris * fraction * fraction
+                if carbon > CARBON_ARCING:
+                    arc_p = 0.9
+                efficiency, tool_share = 1.0, unit.theta
+                arcing = arc_p * width
+                if chance - low < arcing:
+                    width = arcing
+                    delay, plateau = 0.0, unit.arc_plateau_v
+                    true_run += 1
+                    carbon += 1.0 if true_run > CARBON_RUN else 0.0
+                    efficiency, tool_share = 0.3, 3.0 * tool_share
+                else:
+                    low += arcing
+                    width -= arcing
+                    delay, plateau = ignition, unit.discharge_v
+                    true_run = 0
+                    carbon = max(0.0, carbon - CARBON_HEALING)
+                discharge = on_time - delay
+                if unit.discharge_set_us > 0.0:
+                    discharge = min(discharge, unit.discharge_set_us)
+                pulse_charge = (open_v - plateau) * per_ohm * discharge
+                charge += pulse_charge
+                energy = plateau * pulse_charge
+                removal = unit.kappa_um3_per_uj * energy * efficiency * tables[1, shape // TABLE]
+                worn = removal * tool_share
+                debris += removal + worn
+                if chance - low >= (unit.side_base + side_slope * fraction) * width:
+                    depth += removal * per_hole
+                    wear += worn * per_tool
+        debris *= clearing
+        voltage_sum += (delay * open_v + discharge * plateau) * per_period
+        readings.delay_us[count] = delay
+        readings.discharge_us[count] = discharge
+        readings.plateau_v[count] = plateau if stuck < 0.0 else stuck
+        readings.energy_uj[count] = energy
+        newest = place & (SCOPE_PULSES - 1)
+        scope.start_ns[newest] = next_pulse
+        scope.delay_us[newest] = delay
+        scope.discharge_us[newest] = discharge
+        scope.plateau_v[newest] = plateau
+        scope.siemens[newest] = per_ohm
+        scope.leak_a[newest] = leak_a
+        scope.stuck_v[newest] = stuck
+        place += 1
+        count += 1
+        at += 1
+        next_pulse += period
+
+    state.depth_um, state.wear_um, state.debris_um3 = depth, wear, debris
+    state.bridge_until_um, state.carbon, state.true_arc_run = bridge_until, carbon, true_run
+    state.random_at, state.next_pulse_ns, scope.at = at, next_pulse, place
+    if charge > 0.0 and leak_a > 0.0:
+        charge += leak_a * (period * 1e-3 - on_time) * count
+    if stuck >= 0.0:
+        voltage_sum = stuck * count
+    readings.pulses, readings.charge_uc = count, charge
+    readings.gap_v = voltage_sum / count if count > 0 else math.nan
+    readings.generator_siemens, readings.off_time_a = per_ohm, leak_a

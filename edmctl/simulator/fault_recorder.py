@@ -1,0 +1,251 @@
+"""What a fault freezes: every millisecond of the last two seconds, and the waveforms of the gap about the fault.
+
+The black box holds the milliseconds as telemetry would have told them. The plant knows a pulse by its ignition
+delay, discharge time and plateau; what an oscilloscope would show of it is put together here: the open voltage comes
+up through the series resistor, breaks down to the plateau, and falls when the generator's switch opens. All time
+constants are assumed; docs/virtual-machine.md lists them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmctl.link.messages import BlackboxReadReply, Tlm, WaveformReadReply
+from edmctl.simulator.controller_kernel import BOX_COLUMNS, BOX_TICKS
+from edmctl.simulator.controller_state import ARC, NORMAL, OPEN, PACK, SHORT
+from edmctl.simulator.plant_interface import STEPS_PER_V, TICK_NS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from edmctl.simulator.plant import Plant
+
+Floats: TypeAlias = NDArray[np.float64]
+
+SAMPLES_PER_REPLY = 14
+_COUNTS = (("n_open", OPEN), ("n_normal", NORMAL), ("n_arc", ARC), ("n_short", SHORT))
+_MOST = 0xFFFF
+
+PULSES_BEFORE, PERIODS_AFTER = 64, 16
+MOST_SAMPLES = 65536
+MOST_AFTER = MOST_SAMPLES // 5
+WAVEFORM_PER_REPLY = 58
+_LONG_AGO_NS = -1e18
+_RECORD = WaveformReadReply.record_dtype()
+_V_PER_COUNT, _A_PER_COUNT = 0.01, 0.001
+PULSE_COLUMNS = ("start_ns", "delay_us", "discharge_us", "plateau_v", "siemens", "leak_a", "stuck_v")
+PULSE = np.dtype([(name, np.float64) for name in PULSE_COLUMNS])
+"""A pulse of `Scope`."""
+
+SAMPLE_NS = 1000
+RISE_US = 0.5  # of the open voltage: series resistor and capacitance of gap and leads [assumed]
+BREAKDOWN_US = 0.1  # of the voltage at ignition [assumed]
+CURRENT_US = 0.3  # of the current, both ways: inductance of the leads [assumed]
+DECAY_US = 2.0  # of the voltage once the switch is open [assumed]
+SWITCH_OFF_US = 5.0  # from a fault until the switch is open; the protocol asks for 10
+PLATEAU_NOISE = 0.025  # rms over plateau voltage [assumed]
+VOLTAGE_NOISE_V, CURRENT_NOISE_A = 0.05, 0.0005  # rms of the converters [assumed]
+
+
+class BlackBox:
+    """A ring that the kernel writes; a fault freezes what it holds then."""
+
+    def __init__(self) -> None:
+        self.ring = np.zeros((BOX_TICKS, BOX_COLUMNS))
+        self._frozen: tuple[NDArray[np.float64], int, int] | None = None
+
+    def freeze(self, now: int, start: int) -> None:
+        """Keep the ring as it is at tick `now` of a controller started at tick `start`; what is kept stays."""
+        if self._frozen is None:
+            self._frozen = (self.ring.copy(), now, start)
+
+    @property
+    def frozen_tick(self) -> int | None:
+        """When a fault froze it; None while it goes on."""
+        return None if self._frozen is None else self._frozen[1]
+
+    def thaw(self) -> None:
+        """Let the ring go on."""
+        self._frozen = None
+
+    def newest_flags(self, now: int) -> int:
+        """TlmFlags of the millisecond that ended at tick `now`."""
+        return int(self.ring[now - 1 & (BOX_TICKS - 1), 5]) & 255
+
+    def read(self, offset: int, now: int, start: int) -> BlackboxReadReply:
+        """Part of what is held, oldest first, from sample `offset` on."""
+        ring, end, origin = self._frozen or (self.ring, now, start)
+        total = min(BOX_TICKS, end - origin)
+        first = end - total + offset
+        n = max(0, min(SAMPLES_PER_REPLY, total - offset))
+        records = _records(ring[np.arange(first, first + n) & (BOX_TICKS - 1)])
+        return BlackboxReadReply(total, (first + 1 - origin) * 1000 & 0xFFFFFFFF, n, records)
+
+
+def _records(rows: NDArray[np.float64]) -> bytes:
+    """Pack rows of the ring, shape (n, BOX_COLUMNS), as the kernel packs samples of 1 ms."""
+    records = np.zeros(len(rows), dtype=Tlm.record_dtype())
+    records["displacement_um"] = np.floor(rows[:, 0] * 1000.0 + 0.5)
+    records["actuator_v"] = rows[:, 1] * STEPS_PER_V + 0.5
+    records["gap_v"] = np.minimum(_MOST, rows[:, 2] * 200.0 + 0.5)
+    records["current_a"] = np.minimum(_MOST, rows[:, 3] / 1000.0 * 1000.0 + 0.5)
+    counts = rows[:, 4].astype(np.int64)
+    for name, index in _COUNTS:
+        records[name] = np.minimum(255, counts >> (PACK * index) & ((1 << PACK) - 1))
+    rest = rows[:, 5].astype(np.int64)
+    records["state"], records["flags"] = rest >> 8, rest & 255
+    return records.tobytes()
+
+
+@dataclass(frozen=True, slots=True)
+class RecentPulses:
+    """Pulses before a fault, oldest first, as `PULSE`s, and how the generator was set.
+
+    `fault_ns` counts from the setting up of the machine, as the starts of the pulses do.
+    """
+
+    rows: NDArray[np.void]
+    fault_ns: int
+    period_ns: int
+    open_v: float
+    on_time_us: float
+
+
+def gap_signals(
+    pulses: RecentPulses, begin_ns: int, samples: int, random: np.random.Generator
+) -> tuple[Floats, Floats]:
+    """Voltage [V] and current [A] at `samples` instants, SAMPLE_NS apart, from `begin_ns` on."""
+    v, a = np.zeros(samples), np.zeros(samples)
+    lively = np.full(samples, VOLTAGE_NOISE_V)
+    noise = random.standard_normal((2, samples))
+    for row, first, end in _stretches(pulses, begin_ns, samples):
+        start_us = (row["start_ns"] - begin_ns) * 1e-3
+        t_us = np.arange(first, end) * (SAMPLE_NS * 1e-3) - start_us
+        safe_us = (pulses.fault_ns - row["start_ns"]) * 1e-3 + SWITCH_OFF_US
+        opens_us = min(pulses.on_time_us, row["delay_us"] + row["discharge_us"], safe_us)
+        here = slice(first, end)
+        v[here], a[here] = _one_pulse(row, t_us, pulses.open_v, opens_us)
+        burns = (t_us >= row["delay_us"]) & (t_us < opens_us)
+        lively[here][burns] += PLATEAU_NOISE * row["plateau_v"]
+        if row["discharge_us"] > 0.0:
+            leaks = (t_us >= opens_us) & (t_us < min(pulses.period_ns * 1e-3, safe_us))
+            a[here][leaks] += row["leak_a"]
+    v += lively * noise[0]
+    for row, first, end in _stretches(pulses, begin_ns, samples):
+        if row["stuck_v"] >= 0.0:
+            v[first:end] = row["stuck_v"]
+    return v, a + CURRENT_NOISE_A * noise[1]
+
+
+def _stretches(pulses: RecentPulses, begin_ns: int, samples: int) -> Iterator[tuple[np.void, int, int]]:
+    """Each pulse with its first sample and the one behind its last: it lasts until the next one begins."""
+    firsts = np.ceil((pulses.rows["start_ns"] - begin_ns) / SAMPLE_NS).astype(np.int64)
+    ends = np.append(firsts[1:], samples)
+    for row, first, end in zip(pulses.rows, firsts.tolist(), ends.tolist(), strict=True):
+        if end > max(first, 0):
+            yield row, max(first, 0), end
+
+
+def _one_pulse(row: np.void, t_us: Floats, open_v: float, opens_us: float) -> tuple[Floats, Floats]:
+    """Voltage and current of a pulse at times since its begin; its switch is open from `opens_us` on."""
+    delay_us = min(float(row["delay_us"]), opens_us)
+    burning_us = opens_us - delay_us
+    plateau_v = row["plateau_v"]
+    current_a = (open_v - plateau_v) * row["siemens"]
+    lit_v = open_v * -np.expm1(-delay_us / RISE_US)
+    last_v, last_a = lit_v, 0.0
+    if burning_us > 0.0:
+        last_v = plateau_v + (lit_v - plateau_v) * np.exp(-burning_us / BREAKDOWN_US)
+        last_a = current_a * -np.expm1(-burning_us / CURRENT_US)
+    lit_t_us, off_t_us = np.maximum(t_us - delay_us, 0.0), np.maximum(t_us - opens_us, 0.0)
+    parts = [t_us < delay_us, t_us < opens_us]
+    v = np.select(
+        parts,
+        [
+            open_v * -np.expm1(-t_us / RISE_US),
+            plateau_v + (lit_v - plateau_v) * np.exp(-lit_t_us / BREAKDOWN_US),
+        ],
+        last_v * np.exp(-off_t_us / DECAY_US),
+    )
+    a = np.select(
+        parts,
+        [np.zeros(len(t_us)), current_a * -np.expm1(-lit_t_us / CURRENT_US)],
+        last_a * np.exp(-off_t_us / CURRENT_US),
+    )
+    return v, a
+
+
+class Waveforms:
+    """What a fault froze of the newest pulses, which the plant keeps.
+
+    frozen : the pulses about the fault, None without one. boot_ns : when the controller started that saw it.
+    """
+
+    def __init__(self, plant: Plant) -> None:
+        self._plant = plant
+        self.frozen: RecentPulses | None = None
+        self.boot_ns = 0
+        self._records = b""
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin anew, as after a reset or with another setting of the generator; what is frozen stays."""
+        self._plant.scope.array("start_ns")[:] = _LONG_AGO_NS
+
+    def freeze(self, now: int, start: int) -> None:
+        """Keep the pulses up to tick `now` of a controller started at tick `start`; what is kept stays."""
+        if self.frozen is not None:
+            return
+        plant, fault_ns = self._plant, now * TICK_NS
+        period_ns = plant.unit.pulse_period_ns
+        oldest_ns = fault_ns - min(PULSES_BEFORE * period_ns, (MOST_SAMPLES - MOST_AFTER) * SAMPLE_NS)
+        ring = np.rec.fromarrays([plant.scope.array(name) for name in PULSE_COLUMNS], PULSE)
+        rows = ring[ring["start_ns"].argsort(kind="stable")]
+        self.frozen = RecentPulses(
+            rows=rows[rows["start_ns"] >= oldest_ns],
+            fault_ns=fault_ns,
+            period_ns=period_ns,
+            open_v=plant.unit.open_v,
+            on_time_us=plant.unit.on_time_us,
+        )
+        self.boot_ns = start * TICK_NS
+        self._records = b""
+
+    def thaw(self) -> None:
+        """Let the memory go on."""
+        self.frozen = None
+        self._records = b""
+
+    def read(self, offset: int, now: int) -> WaveformReadReply | None:
+        """Part of what is held, from sample `offset` on; None while the time after the fault still runs."""
+        pulses = self.frozen
+        if pulses is None or len(pulses.rows) == 0:
+            return WaveformReadReply(0, 0, SAMPLE_NS, 0, b"")
+        end_ns = pulses.fault_ns + min(PERIODS_AFTER * pulses.period_ns, MOST_AFTER * SAMPLE_NS)
+        if now * TICK_NS < end_ns:
+            return None
+        begin_ns = int(pulses.rows["start_ns"][0]) // SAMPLE_NS * SAMPLE_NS
+        total = (end_ns - begin_ns) // SAMPLE_NS
+        if not self._records:
+            self._records = self._drawn(pulses, begin_ns, total)
+        n = max(0, min(WAVEFORM_PER_REPLY, total - offset))
+        records = self._records[offset * _RECORD.itemsize : (offset + n) * _RECORD.itemsize]
+        t0_us = (begin_ns - self.boot_ns) // 1000 & 0xFFFFFFFF
+        return WaveformReadReply(total, t0_us, SAMPLE_NS, n, records)
+
+    def _drawn(self, pulses: RecentPulses, begin_ns: int, total: int) -> bytes:
+        """Every sample as the wire carries it. The noise is the machine's and the moment's own."""
+        random = np.random.default_rng([*self._plant.serial.encode(), pulses.fault_ns // TICK_NS])
+        v, a = gap_signals(pulses, begin_ns, total, random)
+        records = np.zeros(total, dtype=_RECORD)
+        records["gap_v"], records["current_a"] = _counts(v, _V_PER_COUNT), _counts(a, _A_PER_COUNT)
+        return records.tobytes()
+
+
+def _counts(values: NDArray[np.float64], per_count: float) -> NDArray[np.float64]:
+    limits = np.iinfo(np.int16)
+    return np.clip(np.rint(values / per_count), limits.min, limits.max)

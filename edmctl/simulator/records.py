@@ -1,0 +1,85 @@
+"""Records that Python and compiled code share: each name and type stands once, the memory is laid out as in C.
+
+A record is a class with annotations:
+
+    @record
+    class Tool(Record):
+        length_um: float
+        sites: int
+        wear_um: Floats = series(16)
+
+Python reads and writes plain attributes. Compiled code gets `shared`, an array of one record, and uses the same
+names.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from typing import TYPE_CHECKING, Any, Self, TypeVar
+
+import numpy as np
+
+from edmctl.actuator.compiling import COMPILES
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+    Rows = NDArray[Any]
+    """Records of the wire, by their names."""
+
+_KINDS: dict[str, Any] = {"float": ctypes.c_double, "int": ctypes.c_int64}
+
+
+def series(length: int) -> Any:
+    """Declare a field of so many floats."""
+    return ctypes.c_double * length
+
+
+class Record(ctypes.Structure):
+    """Named numbers; all are zero at first."""
+
+    _shared: Sequence[Self] | None = None
+
+    @property
+    def shared(self) -> Sequence[Self]:
+        """The record for compiled code: its only entry."""
+        if self._shared is None:
+            dtype = np.dtype(type(self))
+            self._shared = np.frombuffer(self, dtype) if COMPILES else [self]  # type: ignore[call-overload]
+        return self._shared
+
+    def array(self, name: str) -> Floats:
+        """A series as an array that shares its memory."""
+        return np.ctypeslib.as_array(getattr(self, name))
+
+    def numbers(self) -> dict[str, float]:
+        """Every single number by its name, in order."""
+        return {name: getattr(self, name) for name, kind, *_ in self._fields_ if kind in _KINDS.values()}
+
+    def arrays(self) -> dict[str, Floats]:
+        """A copy of every series by its name."""
+        return {
+            name: self.array(name).copy() for name, kind, *_ in self._fields_ if kind not in _KINDS.values()
+        }
+
+    def __deepcopy__(self, _: object) -> Self:
+        return type(self).from_buffer_copy(self)
+
+
+def rows(dtype: np.dtype[Any], length: int) -> Rows:
+    """So many empty records of the wire, for compiled code to fill by their names."""
+    empty = np.zeros(length, dtype)
+    return empty if COMPILES else empty.view(np.recarray)
+
+
+_R = TypeVar("_R", bound=Record)
+
+
+def record(cls: type[_R]) -> type[_R]:
+    """Make the fields of a record of its annotations."""
+    declared = vars(cls)
+    cls._fields_ = [(name, declared.get(name) or _KINDS[kind]) for name, kind in cls.__annotations__.items()]
+    return cls

@@ -1,0 +1,129 @@
+"""The command of the actuator: the gap servo's law and the ramps of every other motion, within slew and range.
+
+Muralidhara et al. 2009, Fig. 6: filtered mean gap voltage, comparator, ramp up or down from the present level.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from edmctl.actuator.compiling import compiled
+from edmctl.simulator.controller_state import (
+    APPROACH,
+    HISTORY,
+    HOLD,
+    JUMP_DOWN,
+    JUMP_RETURN,
+    JUMP_UP,
+    RAMP,
+    RELAY,
+    SERVO,
+    TOUCH_BACK,
+    TOUCH_FAST,
+    TOUCH_HUNT,
+    TOUCH_SLOW,
+)
+from edmctl.simulator.plant_interface import TICK_S, on_grid
+
+if TYPE_CHECKING:
+    from edmctl.simulator.controller_state import LoopState, Settings
+    from edmctl.simulator.plant_interface import Drive, Readings
+
+SETTLE_TICKS = 100  # generator on before the approach judges the gap voltage
+SHORT_HURRY_TICKS = 500  # a short this long retracts four times as fast
+BLEND_TICKS = 8  # of a jump's ramp, at each end
+HOLD_PER_S = 4.0  # of the way to a scan's limit; well below the bandwidth of the displacement's low-pass
+
+
+@compiled
+def command_tick(settings: Settings, loop: LoopState, drive: Drive, readings: Readings) -> None:
+    """Move the actuator's command by one millisecond, within slew and range, onto the converter's grid."""
+    drive.stage_moves = 0
+    mode = loop.mode
+    before = loop.command_v
+    v = before
+    if mode == HOLD:
+        pass
+    elif mode == SERVO:
+        v += loop.rate_v_s * TICK_S
+    elif mode in (RAMP, TOUCH_BACK):
+        step = loop.ramp_v_s * TICK_S
+        v = min(loop.target_v, v + step) if loop.target_v > v else max(loop.target_v, v - step)
+    elif mode == APPROACH:
+        if loop.phase >= SETTLE_TICKS:
+            v += loop.slow_v_s * TICK_S
+    elif mode == JUMP_UP:
+        v = loop.start_v - loop.jump_v * s_curve(loop.phase + 1, loop.phase_ticks)
+    elif mode == JUMP_DOWN:
+        back = loop.clearance_v - loop.jump_v
+        v = (loop.start_v - loop.jump_v) - back * s_curve(loop.phase + 1, loop.phase_ticks)
+    elif mode in (JUMP_RETURN, TOUCH_FAST):
+        v += loop.fast_v_s * TICK_S
+    elif mode == TOUCH_SLOW:
+        v += loop.slow_v_s * TICK_S
+    elif mode == TOUCH_HUNT:
+        v += (-1.0 if readings.contact == 1 else 1.0) * loop.slow_v_s * TICK_S
+    most = settings.slew_limit_v_s * TICK_S
+    loop.slewed = 1 if abs(v - before) > most else 0
+    v = min(before + most, max(before - most, v))
+    loop.limit_ticks = loop.limit_ticks + 1 if v > settings.piezo_max_v else 0
+    v = min(settings.piezo_max_v, max(0.0, v))
+    loop.command_v = v
+    drive.actuator_v = on_grid(v)
+
+
+@compiled
+def s_curve(tick: int, ticks: int) -> float:
+    """Share of a ramp after `tick` of `ticks`: constant speed with soft ends, so that the tool does not ring."""
+    blend = min(BLEND_TICKS, 0.5 * ticks)
+    peak = 1.0 / (ticks - blend)
+    if tick < blend:
+        return float(0.5 * peak * tick * tick / blend)
+    if tick <= ticks - blend:
+        return float(peak * (tick - 0.5 * blend))
+    rest = ticks - tick
+    return float(1.0 - 0.5 * peak * rest * rest / blend)
+
+
+@compiled
+def servo_tick(settings: Settings, loop: LoopState) -> None:
+    """Gap servo: relay with hysteresis, or PI velocity.
+
+    Decisions fall every `servo_ticks` and act on the value `latency_decisions` decisions old.
+    """
+    if settings.servo_ticks > 1 and loop.phase % settings.servo_ticks != 0:
+        return
+    count = loop.servo_count
+    per_duty_v = settings.per_duty_v
+    loop.history[count & (HISTORY - 1)] = loop.gap_v * per_duty_v
+    loop.servo_count = count + 1
+    s = loop.history[max(0, count - settings.latency_decisions) & (HISTORY - 1)]
+    error = s - loop.gap_ref_v * per_duty_v
+    if loop.shorted == 1:
+        hurry = 4.0 if loop.short_ticks > SHORT_HURRY_TICKS else 1.0
+        loop.rate_v_s = -hurry * settings.short_back_um_s * settings.v_per_um
+        loop.direction = -1
+        return
+    if settings.law == RELAY:
+        if error > 0.5 * settings.hysteresis:
+            loop.direction = 1
+        elif error < -0.5 * settings.hysteresis:
+            loop.direction = -1
+        speed = settings.forward_um_s if loop.direction > 0 else -settings.back_um_s
+        loop.rate_v_s = speed * settings.v_per_um
+        return
+    dt = settings.servo_ticks * TICK_S
+    forward, back = settings.forward_um_s, settings.back_um_s
+    loop.integral_um_s = min(forward, max(-back, loop.integral_um_s + settings.ki_um_s2 * error * dt))
+    speed = min(forward, max(-back, settings.kp_um_s * error + loop.integral_um_s))
+    loop.direction = 1 if speed >= 0.0 else -1
+    loop.rate_v_s = speed * settings.v_per_um
+
+
+@compiled
+def hold_at_limit(settings: Settings, loop: LoopState) -> None:
+    """Let the servo feed no faster than brings a scanning tool softly to its limit, from either side."""
+    most = HOLD_PER_S * (loop.z_limit_um - loop.slow_displacement_um)
+    if loop.rate_v_s > most * settings.v_per_um:
+        loop.rate_v_s = max(most, -settings.back_um_s) * settings.v_per_um
+        loop.integral_um_s = min(loop.integral_um_s, max(0.0, most))
