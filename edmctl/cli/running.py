@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, TypeVar
 
 from edmctl.cli.outcome import note, stream_style, watching
 from edmctl.cli.signals import ignore_signals
-from edmctl.jobs.connect import seed_warning
 from edmctl.jobs.sweep import seed_to_use, simulated_by
 
 if TYPE_CHECKING:
@@ -36,6 +35,8 @@ def run_and_tell(
 
     Raises the error that ended it.
     """
+    from edmctl.jobs.connect import seed_warning
+
     outcome.warn(seed_warning(plan.where, asked_seed))
     seed = seed_to_use(asked_seed)
     outcome.seed = plan.where.seed_of(seed)

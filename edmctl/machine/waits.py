@@ -22,9 +22,7 @@ if TYPE_CHECKING:
     from edmctl.machine.stop import StopRequest
 
 SLICE_S = 0.1
-"""A wait on a live line looks around this often, and so does every cut (decision 0012)."""
-VIRTUAL_SLICE_S = 0.5
-"""Outside a cut where time is virtual: events and faults end a slice anyway, and it passes in a millisecond."""
+"""A wait looks around this often."""
 GRACE_S = 5.0
 """How much longer than computed a motion may take before it counts as lost."""
 SLOWEST = 4.0
@@ -58,10 +56,6 @@ class Waits:
         """The clock that waiting goes by: the controller's."""
         return self._session.machine_now_s()
 
-    @property
-    def _slice_s(self) -> float:
-        return SLICE_S if self._session.transport.live else VIRTUAL_SLICE_S
-
     def begin(self, command: Request[object]) -> None:
         """Send a motion command, where nothing forbids it; what earlier motions reported is of no interest to it."""
         self.look()
@@ -82,7 +76,7 @@ class Waits:
         """Let time pass."""
         end_s = self.now_s + duration_s
         while (left_s := end_s - self.now_s) > 1e-6:
-            self.slice(min(left_s, self._slice_s))
+            self.slice(min(left_s, SLICE_S))
 
     def slice(self, duration_s: float) -> None:
         """Read for one slice or until there is news; then hand over, and raise what must be raised."""
@@ -121,7 +115,7 @@ class Waits:
             self._refuse_strange(codes)
             if self.now_s > deadline_s or self._stands_since(begun_s, _MOVING):
                 raise _not_reported(codes, f"within {expected_s + grace_s:.1f} s")
-            self.slice(self._slice_s)
+            self.slice(SLICE_S)
         return event
 
     def cut(self, duration_s: float) -> MachineEvent | None:

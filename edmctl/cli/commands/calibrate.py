@@ -18,7 +18,6 @@ from edmctl.cli.options import (
 )
 from edmctl.cli.outcome import Outcome, stream_style, watching
 from edmctl.cli.signals import ignore_signals, shell
-from edmctl.jobs.connect import seed_warning
 from edmctl.jobs.sweep import seed_to_use, simulated_by
 
 if TYPE_CHECKING:
@@ -100,6 +99,7 @@ def calibrate(
     displacement sensor. The errors told are on data that the model did not see.
     """
     from edmctl.jobs.calibration.request import CalibrationRequest, check
+    from edmctl.jobs.connect import seed_warning
 
     used_seed = seed_to_use(seed)
     checked = check(

@@ -18,8 +18,6 @@ from edmctl.cli.outcome import Outcome, Output, mutter
 from edmctl.errors import UsageError
 from edmctl.jobs.sweep import seed_to_use
 from edmctl.link.ports import PortInfo
-from edmctl.profile.calibration import data_folder
-from edmctl.record.locks import is_alive
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -340,6 +338,8 @@ def announced(port: str, serial: str) -> Iterator[None]:
 
 def served_ports() -> list[PortInfo]:
     """Return the ports that living processes of this user serve; notes that a killed one has left are removed."""
+    from edmctl.record.locks import is_alive
+
     found = []
     with suppress(OSError):
         # A home may be that of several computers: what another one serves is neither here nor gone.
@@ -354,6 +354,8 @@ def served_ports() -> list[PortInfo]:
 
 
 def _folder() -> Path:
+    from edmctl.profile.calibration import data_folder
+
     return data_folder(os.environ) / "served"
 
 

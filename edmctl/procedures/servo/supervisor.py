@@ -196,24 +196,12 @@ class Supervisor(TelemetrySums):
 
     def _note_sparks(self, block: TelemetryBlock) -> None:
         """Where the tool sparked last; a host that was held up finds the end of the cut within its block."""
-        # A slice has some ten samples: plain numbers are sooner summed than arrays.
-        samples = zip(
-            block.state.tobytes(),
-            block.n_normal.tolist(),
-            block.n_arc.tolist(),
-            block.time_s.tolist(),
-            strict=True,
-        )
-        sparked = [
-            (number, time_s)
-            for number, (state, normals, arcs, time_s) in enumerate(samples)
-            if state == _MACHINING and (normals or arcs)
-        ]
-        if not sparked:
+        sparked = (block.state == _MACHINING) & (block.n_normal + block.n_arc > 0)
+        if not sparked.any():
             return
-        since_s, heights_um = sparked[-1][1] - NEWEST_S, block.displacement_um.tolist()
-        newest_um = [heights_um[number] for number, time_s in sparked if time_s > since_s]
-        self._spark_um = math.fsum(newest_um) / len(newest_um)
+        times_s = block.time_s[sparked]
+        newest = times_s > times_s[-1] - NEWEST_S
+        self._spark_um = float(block.displacement_um[sparked][newest].mean())
         self._deepest_um = max(self._deepest_um, self._spark_um)
 
     def _follow_tool(self, block: TelemetryBlock, gap_v: float, now_s: float) -> None:
