@@ -81,9 +81,9 @@ def burns_of(s: Shop, seen_um: float, ways_um: list[float]) -> tuple[ArcRecovery
     watch = SimpleNamespace(displacement_um=0.0)
     run = replace(s.run(), machine=machine, watch=watch)  # type: ignore[arg-type]
     start = CutStart(50.0, 3.0, 2.0, drift_u_um_per_s=0.04, gap_u_um=0.0)
-    adapting = SimpleNamespace(soften=lambda *_: None)
-    supervisor = SimpleNamespace(displacement_um=seen_um, sparking_s=1.0, seen_s=95.0, adapting=adapting)
-    nothing = dict.fromkeys(("set_generator", "start", "tell_changes"), lambda: None)
+    adaptive = SimpleNamespace(soften=lambda *_: None)
+    supervisor = SimpleNamespace(displacement_um=seen_um, sparking_s=1.0, seen_s=95.0, adaptive=adaptive)
+    nothing = dict.fromkeys(("set_generator", "start", "report_changes"), lambda: None)
     cutting = SimpleNamespace(**nothing, open_v=40.0, reference_v=20.0)
     return ArcRecovery(run, first_plan(s.profile, start), supervisor, cutting), supervisor  # type: ignore[arg-type]
 
