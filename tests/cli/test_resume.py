@@ -548,7 +548,7 @@ def test_a_run_that_is_stopped_before_it_looks_forgets_nothing(
     assert_on_target(here(*RESUME, *BENCH))
 
 
-@pytest.mark.parametrize("change", tiers("wear.max_cuts=1", slow=('wear.remeasure="never"',)))
+@pytest.mark.parametrize("change", tiers('wear.remeasure="never"', slow=("wear.max_cuts=1",)))
 def test_a_hole_of_one_cut_that_was_broken_off_is_finished(here: Here, change: str) -> None:
     with at_time_of_cut(INTO_THE_CUT_S, stop):
         order = (*MACHINE, "--set", change, "--set", "target.tolerance_um=6", *BENCH)

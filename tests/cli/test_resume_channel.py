@@ -118,7 +118,7 @@ def channel_of(document: dict[str, Any]) -> dict[str, Any]:
     return channel
 
 
-@pytest.mark.parametrize("seconds", tiers(45.0, slow=(2.0, 130.0, 160.0)))
+@pytest.mark.parametrize("seconds", tiers(45.0, slow=(160.0,), full=(2.0, 130.0)))
 def test_a_channel_is_finished_wherever_it_was_left(here: Here, left_at: LeaveAt, seconds: float) -> None:
     journal = left_at(seconds)
     assert journal.state["begun"]
@@ -168,7 +168,7 @@ def test_a_channel_may_be_interrupted_again_and_again(here: Here, left_at: Leave
     channel_of(said.document)
 
 
-@pytest.mark.parametrize("hours", tiers(slow=(1.6, 10.0)))
+@pytest.mark.parametrize("hours", tiers(slow=(1.6,), full=(10.0,)))
 def test_a_channel_that_stood_for_hours_is_taken_up(here: Here, left_at: LeaveAt, hours: float) -> None:
     """By then the sensor may have drifted by more than the tool is clear: what is under the tool is touched."""
     left_at(20.0)
@@ -193,7 +193,7 @@ def test_a_stop_right_after_the_take_up_is_a_stop(here: Here, left_at: LeaveAt) 
     assert here(*RESUME, *BENCH).exit_code == 0
 
 
-@pytest.mark.parametrize("height_um", tiers(slow=(6.0, 18.0), full=(10.0,)))
+@pytest.mark.parametrize("height_um", tiers(slow=(6.0,), full=(10.0, 18.0)))
 def test_a_chip_on_the_floor_spoils_no_channel(here: Here, left_at: LeaveAt, height_um: float) -> None:
     left_at(130.0)
 
@@ -274,7 +274,7 @@ def test_a_channel_that_is_hardly_begun_may_be_on_other_work_and_is_told_wider(
     assert taken_up["depth_u95_um"] > 1.1 * own["depth_u95_um"]
 
 
-@pytest.mark.parametrize("way_um", tiers(20.0, slow=(-25.0,)))
+@pytest.mark.parametrize("way_um", tiers(20.0, full=(-25.0,)))
 def test_another_tool_in_a_channel_is_refused(here: Here, left_at: LeaveAt, way_um: float) -> None:
     left_at(130.0)
     bench_changed(lengthen_tool(way_um))
@@ -306,7 +306,7 @@ def test_a_sheet_that_is_thicker_than_believed_is_no_other_tool(here: Here) -> N
     assert said.document["result"]["sites"][0]["through"]
 
 
-@pytest.mark.parametrize("seconds", tiers(66.0, slow=(5.0, 95.0), full=(40.0, 75.0)))
+@pytest.mark.parametrize("seconds", tiers(66.0, slow=(95.0,), full=(5.0, 40.0, 75.0)))
 def test_a_hole_through_a_sheet_is_finished_wherever_it_was_left(
     here: Here, foil_left_at: LeaveAt, seconds: float
 ) -> None:

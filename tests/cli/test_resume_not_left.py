@@ -83,7 +83,7 @@ def worn_so_far_um() -> float:
     return restored_bench(read_bench(Path("bench.h5"))).tool_wear_um
 
 
-@pytest.mark.parametrize("seconds", tiers(12.0, slow=(30.0, 55.0)))
+@pytest.mark.parametrize("seconds", tiers(12.0, slow=(30.0,), full=(55.0,)))
 def test_untouched_work_is_refused_and_made_from_its_face_when_asked(
     here: Here, left_at: LeaveAt, seconds: float
 ) -> None:
@@ -138,7 +138,7 @@ def test_a_tool_that_is_gone_says_what_was_expected(here: Here, left_at: LeaveAt
     assert list(Path("runs").glob("*.journal"))
 
 
-@pytest.mark.parametrize("seconds", tiers(3.0, slow=(0.5, 30.0), full=(12.0, 55.0)))
+@pytest.mark.parametrize("seconds", tiers(3.0, slow=(0.5,), full=(12.0, 30.0, 55.0)))
 def test_the_work_that_was_left_is_taken_up(here: Here, left_at: LeaveAt, seconds: float) -> None:
     left_at(seconds)
     said = here(*RESUME, *BENCH)
