@@ -353,7 +353,7 @@ def served_ports() -> list[PortInfo]:
 
 
 def _folder() -> Path:
-    from edmctl.profile.calibration import data_folder
+    from edmctl.profile.calibration_place import data_folder
 
     return data_folder(os.environ) / "served"
 
