@@ -124,7 +124,8 @@ def load(checks: Checks, path: Path | None) -> Setup:
 
 def calibration(environ: Mapping[str, str], setup: Setup, serial: str, port: str) -> Check:
     """Whether the calibration that a job would use is there, can be read, and is of this machine."""
-    from edmctl.profile.calibration import find_calibration, load_calibration
+    from edmctl.profile.calibration import load_calibration
+    from edmctl.profile.calibration_place import find_calibration
 
     path = find_calibration(None, environ, setup, serial)
     remedy = f"Run `{on_machine('edmctl calibrate', port)}`."

@@ -12,9 +12,7 @@ import hashlib
 import json
 import os
 import re
-from pathlib import Path
 from typing import TYPE_CHECKING, Final
-from urllib.parse import quote
 
 import numpy as np
 from pydantic import ValidationError
@@ -36,18 +34,16 @@ from edmctl.profile.read import parse, read_source
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from pathlib import Path
 
     from edmctl.actuator.identification import Identification
     from edmctl.actuator.validation import ErrorFigures
     from edmctl.profile.positions import Source, TomlTable
-    from edmctl.profile.setup import Setup
 
 
 SCHEMA: Final = "edmctl-calibration/1"
 HASH = "sha256"
 AGAIN = "Run edmctl calibrate again."
-HOME_VARIABLE = "EDMCTL_HOME"
-CALIBRATION_VARIABLE = "EDMCTL_CALIBRATION"
 
 
 def measured_file(path: Path, samples: int, previous_v: float | None = None) -> MeasuredFile:
@@ -188,33 +184,3 @@ def _sources(source: Source) -> Sources:
 
 def _figures(errors: ErrorFigures) -> Figures:
     return Figures.model_validate(errors, from_attributes=True)
-
-
-def data_folder(environ: Mapping[str, str]) -> Path:
-    """Folder of what edmctl keeps: $EDMCTL_HOME, else where the system wants such data of a user."""
-    home = environ.get(HOME_VARIABLE)
-    if home:
-        return Path(home)
-    import platformdirs
-
-    return platformdirs.user_data_path("edmctl", appauthor=False)
-
-
-def default_path(serial: str, environ: Mapping[str, str]) -> Path:
-    """File of the machine with that serial number; what a file's name cannot hold is written as %XX."""
-    return data_folder(environ) / "calibration" / f"{quote(serial, safe=' ')}.toml"
-
-
-def find_calibration(
-    option: Path | None, environ: Mapping[str, str], setup: Setup, serial: str
-) -> Path | None:
-    """Which calibration file is used: that of the option, $EDMCTL_CALIBRATION, the setup, the machine's own.
-
-    Only the last need not exist: without it there is none. The others were asked for, and loading them says
-    what is wrong with them.
-    """
-    named = option or environ.get(CALIBRATION_VARIABLE) or setup.actuator.calibration
-    if named:
-        return Path(named)
-    own = default_path(serial, environ)
-    return own if own.is_file() else None

@@ -22,12 +22,11 @@ from edmctl.errors import ProfileError, RecordError, RunFileError
 from edmctl.profile.calibration import (
     SCHEMA,
     calibration_of,
-    default_path,
-    find_calibration,
     load_calibration,
     measured_file,
     save_calibration,
 )
+from edmctl.profile.calibration_place import default_path, find_calibration
 from edmctl.profile.calibration_tables import (
     Calibration,
     Figures,

@@ -9,7 +9,6 @@ import typer
 from edmctl.cli import completion
 from edmctl.cli.options import SetOption, SetupOption, command
 from edmctl.cli.outcome import Outcome, stream_style
-from edmctl.console.profile_tables import render_toml
 from edmctl.errors import Diagnostic, EdmError, ProfileError
 
 if TYPE_CHECKING:
@@ -125,6 +124,8 @@ def _values(loaded: "LoadedProfile") -> dict[str, Any]:
 
 
 def _as_toml(loaded: "LoadedProfile") -> str:
+    from edmctl.console.profile_tables import render_toml
+
     tables = _values(loaded)
     tables["servo"].pop("reference_v", None)  # stated once: loading turned it into `reference`
     origin = [f"# {loaded.path}", *(f"# {override}" for override in loaded.overrides)]

@@ -18,6 +18,7 @@ from edmctl.cli.outcome import Outcome, Output, mutter
 from edmctl.errors import UsageError
 from edmctl.jobs.sweep import seed_to_use
 from edmctl.link.ports import PortInfo
+from edmctl.record.locks import is_alive
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -338,7 +339,6 @@ def announced(port: str, serial: str) -> Iterator[None]:
 
 def served_ports() -> list[PortInfo]:
     """Return the ports that living processes of this user serve; notes that a killed one has left are removed."""
-    from edmctl.record.locks import is_alive
 
     found = []
     with suppress(OSError):
@@ -354,7 +354,7 @@ def served_ports() -> list[PortInfo]:
 
 
 def _folder() -> Path:
-    from edmctl.profile.calibration import data_folder
+    from edmctl.profile.calibration_place import data_folder
 
     return data_folder(os.environ) / "served"
 

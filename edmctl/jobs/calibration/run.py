@@ -101,7 +101,7 @@ def calibrate_machine(
 ) -> CalibrationReport:
     """Drive the machine, fit, and save. What was measured is kept where it comes to no calibration."""
     from edmctl.procedures.actuator.calibration import measure_actuator
-    from edmctl.profile.calibration import default_path
+    from edmctl.profile.calibration_place import default_path
 
     with connected(None, checked.setup, seed, observer.note, checked.where, checked.surroundings) as bench:
         identity = bench.machine.identity

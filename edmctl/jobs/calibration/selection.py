@@ -117,7 +117,7 @@ def _refuse_unconditioned(setup: Setup) -> None:
 
 def look_at_named(option: Path | None, environ: Mapping[str, str], setup: Setup, profile: Profile) -> None:
     """Load a calibration that was asked for, so that what is wrong with it is said before anything is connected."""
-    from edmctl.profile.calibration import CALIBRATION_VARIABLE, find_calibration
+    from edmctl.profile.calibration_place import CALIBRATION_VARIABLE, find_calibration
 
     _refuse_unconditioned(setup)
     if option or environ.get(CALIBRATION_VARIABLE) or setup.actuator.calibration:
@@ -141,7 +141,7 @@ def choose(
     Raises RecordError when one that was found cannot be used, PreconditionError when a machine without a sensor has
     none (E8031) or one that covers too little (E8032).
     """
-    from edmctl.profile.calibration import find_calibration
+    from edmctl.profile.calibration_place import find_calibration
 
     path = find_calibration(option, environ, setup, serial)
     if path is None:

@@ -7,8 +7,6 @@ import time
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from edmctl.procedures.job import REPORT_DELAY_S
-
 if TYPE_CHECKING:
     from edmctl.procedures.job import Job
     from edmctl.record.tool_account import Books
@@ -49,6 +47,7 @@ def with_home(job: Job, books: Books, now: Now) -> Job:
     Where the clock was set back since, nobody knows how long ago that was, nor where home is by now; how fast it
     moved before is known all the same.
     """
+    from edmctl.procedures.job import REPORT_DELAY_S
     from edmctl.procedures.monitoring.drift import displacement_uncertainty, seen_between_jobs_um_s
 
     if not books.homes:
@@ -68,6 +67,8 @@ def with_home_left(job: Job) -> Job:
 
     A run that was killed has told the ledger no more than its first touch of the pad.
     """
+    from edmctl.procedures.job import REPORT_DELAY_S
+
     left = job.resumed
     age_s = left.home_age_s + job.pause_s + REPORT_DELAY_S if left is not None else math.nan
     if left is None or not math.isfinite(age_s) or age_s >= job.home_age_s:
