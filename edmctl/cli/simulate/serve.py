@@ -18,7 +18,6 @@ from edmctl.cli.outcome import Outcome, Output, mutter
 from edmctl.errors import UsageError
 from edmctl.jobs.sweep import seed_to_use
 from edmctl.link.ports import PortInfo
-from edmctl.profile.calibration import data_folder
 from edmctl.record.locks import is_alive
 
 if TYPE_CHECKING:
@@ -354,6 +353,8 @@ def served_ports() -> list[PortInfo]:
 
 
 def _folder() -> Path:
+    from edmctl.profile.calibration import data_folder
+
     return data_folder(os.environ) / "served"
 
 
