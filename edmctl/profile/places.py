@@ -7,21 +7,17 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from pydantic import ValidationError
-
 from edmctl.errors import Diagnostic, Location, ProfileError
 from edmctl.files import read_bytes
 from edmctl.profile.findings import Code
 from edmctl.profile.shipped import is_file
-from edmctl.profile.sites import PointSite
-from edmctl.profile.tables import field_at, nearest, permitted
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
     from edmctl.profile.model import Profile
-    from edmctl.profile.sites import CircleSites, GridSites
+    from edmctl.profile.sites import CircleSites, GridSites, PointSite
 
 MOST_PLACES = 1000
 """More holes than any tool lasts for."""
@@ -199,6 +195,8 @@ def _unreadable(message: str, hint: str) -> ProfileError:
 
 def _header(line: _Line, cells: list[str]) -> list[str]:
     """The names of the columns."""
+    from edmctl.profile.tables import nearest
+
     if len(cells) == 1 and (";" in line.text or "\t" in line.text):
         raise line.wrong("the columns are not separated by commas", _FORM)
     for index, column in enumerate(cells):
@@ -216,6 +214,10 @@ def _header(line: _Line, cells: list[str]) -> list[str]:
 
 def _point(line: _Line, columns: list[str], cells: list[str]) -> PointSite:
     """The place of a line."""
+    from pydantic import ValidationError
+
+    from edmctl.profile.sites import PointSite
+
     if len(cells) > len(columns):
         message = f"{len(cells)} cells under {len(columns)} columns"
         raise line.wrong(message, "write numbers with a point, and one comma from cell to cell")
@@ -239,5 +241,8 @@ def _point(line: _Line, columns: list[str], cells: list[str]) -> PointSite:
 
 
 def _hint(column: str) -> str:
+    from edmctl.profile.sites import PointSite
+    from edmctl.profile.tables import field_at, permitted
+
     info = field_at(PointSite, (column,))
     return f"write {permitted(info)}" if info else ""
