@@ -339,7 +339,6 @@ def announced(port: str, serial: str) -> Iterator[None]:
 
 def served_ports() -> list[PortInfo]:
     """Return the ports that living processes of this user serve; notes that a killed one has left are removed."""
-
     found = []
     with suppress(OSError):
         # A home may be that of several computers: what another one serves is neither here nor gone.
