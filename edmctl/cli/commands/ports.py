@@ -40,8 +40,8 @@ def ports(outcome: Outcome, setup: SetupOption = None, probe: ProbeOption = Fals
 
 def port_rows(setup: "Setup", *, probe: bool) -> "list[PortRow]":
     """Look at every port that is listed or named in the setup; with `probe` ask those that may be asked."""
-    from edmctl.cli.simulate.serve import served_ports
     from edmctl.jobs.connect import asks_for_secret, secret_of
+    from edmctl.jobs.served_controllers import served_ports
     from edmctl.link import ports as link_ports
     from edmctl.link import probing
 
@@ -49,7 +49,9 @@ def port_rows(setup: "Setup", *, probe: bool) -> "list[PortRow]":
     named = _named(setup)
     known = link_ports.probable_ports(link.usb_ids, named)
     served = [
-        port for port in served_ports() if not any(link_ports.same_port(port.device, k.device) for k in known)
+        port
+        for port in served_ports(shell().environ)
+        if not any(link_ports.same_port(port.device, k.device) for k in known)
     ]
     every_known = [*known, *served]
     may_ask = probe and asks_for_secret(*(port.device for port in every_known))

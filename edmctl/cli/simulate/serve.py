@@ -1,12 +1,6 @@
 """`edmctl simulate serve`: a virtual controller that other programs reach as they reach a real one."""
 
-import glob
-import json
 import math
-import os
-import socket
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -17,8 +11,6 @@ from edmctl.cli.options import NOTES, ProfileOption, SeedOption, SetOption, Setu
 from edmctl.cli.outcome import Outcome, Output, mutter
 from edmctl.errors import UsageError
 from edmctl.jobs.sweep import seed_to_use
-from edmctl.link.ports import PortInfo
-from edmctl.record.locks import is_alive
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -150,8 +142,9 @@ def serve(
 
 def _serve(outcome: Outcome, request: ServeRequest, link: Path | None, place: _Place | None) -> None:
     from edmctl.actuator.compiling import compiling_told
-    from edmctl.cli.signals import requests_by_signal, stopping_signals
+    from edmctl.cli.signals import requests_by_signal, shell, stopping_signals
     from edmctl.jobs.persistent_simulator import kept_bench
+    from edmctl.jobs.served_controllers import announced
     from edmctl.machine.stop import StopRequest
     from edmctl.simulator.news import News
     from edmctl.simulator.plant import serial_number
@@ -176,7 +169,7 @@ def _serve(outcome: Outcome, request: ServeRequest, link: Path | None, place: _P
         try:
             news = News(bench, say, keep)
             with (
-                announced(endpoint.name, bench.plant.serial),
+                announced(endpoint.name, bench.plant.serial, shell().environ),
                 stopping_signals(stop, endpoint.close),
                 requests_by_signal(REPAIR_SIGNAL) as repair_asked,
             ):
@@ -318,51 +311,3 @@ def _injections(texts: list[str] | None) -> tuple["Injection", ...]:
         raise UsageError(
             str(error), hint="Say --fault NAME or --fault NAME@sparks+2.", code="E2043"
         ) from error
-
-
-@contextmanager
-def announced(port: str, serial: str) -> Iterator[None]:
-    """Note that a port is served, for a `with` block; where nothing can be written nobody is told."""
-    note = _folder() / f"{socket.gethostname()}-{os.getpid()}.json"
-    with suppress(OSError):
-        note.parent.mkdir(parents=True, exist_ok=True)
-        where = port if "://" in port else str(Path(port).absolute())
-        note.write_text(json.dumps({"port": where, "serial": serial}), encoding="utf-8")
-    try:
-        yield
-    finally:
-        with suppress(OSError):
-            note.unlink()
-            note.parent.rmdir()  # unless others serve too
-            note.parent.parent.rmdir()  # unless anything else is kept there
-
-
-def served_ports() -> list[PortInfo]:
-    """Return the ports that living processes of this user serve; notes that a killed one has left are removed."""
-    found = []
-    with suppress(OSError):
-        # A home may be that of several computers: what another one serves is neither here nor gone.
-        for note in sorted(_folder().glob(f"{glob.escape(socket.gethostname())}-*.json")):
-            told, number = _read(note), note.stem.rpartition("-")[2]
-            if told is None or not (number.isascii() and number.isdigit() and is_alive(int(number))):
-                with suppress(OSError):
-                    note.unlink()
-            else:
-                found.append(PortInfo(told[0], f"virtual controller {told[1]}, served by process {number}"))
-    return found
-
-
-def _folder() -> Path:
-    from edmctl.profile.calibration_place import data_folder
-
-    return data_folder(os.environ) / "served"
-
-
-def _read(note: Path) -> tuple[str, str] | None:
-    from edmctl.files import read_bytes
-
-    try:
-        told = json.loads(read_bytes(note))
-        return str(told["port"]), str(told["serial"])
-    except (OSError, ValueError, TypeError, KeyError):
-        return None
