@@ -23,6 +23,8 @@ from typing import Any
 
 COMMAND = ["machine", "--profile", "cu270", "--set", "target.depth_um=40", "--seed", "1"]
 KERNEL = "edmctl.simulator.kernel"
+CALLER = "edmctl.simulator.controller"
+"""May have the kernel's entry under its own name."""
 PARTS = ("kernel", "imports", "rest", "total")
 HERE = Path(__file__).resolve().parents[1]
 
@@ -52,9 +54,13 @@ class Meter:
 
     def _meter_kernel(self) -> None:
         """Time the kernel once it is there; its first call loads compiled code."""
-        kernel = sys.modules.get(KERNEL)
+        kernel, caller = sys.modules.get(KERNEL), sys.modules.get(CALLER)
         entry = getattr(kernel, "run", None)
-        if entry is None or getattr(entry, "is_metered", False):
+        if entry is None:
+            return
+        if getattr(entry, "is_metered", False):
+            if hasattr(caller, "run"):
+                caller.run = entry  # type: ignore[union-attr]
             return
         calls = 0
 
@@ -72,6 +78,7 @@ class Meter:
 
         run.is_metered = True  # type: ignore[attr-defined]
         kernel.run = run  # type: ignore[union-attr]
+        self._meter_kernel()
 
 
 def measure(arguments: list[str]) -> None:
