@@ -74,17 +74,18 @@ def test_a_signal_stops_a_simulation(runs: str, sign: str, tmp_path: Path) -> No
 
 
 def test_runs_that_are_finished_outlast_a_signal(tmp_path: Path) -> None:
-    many = ("simulate", "--seed", "1", "--runs", "40", *SHALLOW, "--json")
+    many = ("simulate", "--seed", "1", "--runs", "400", *SHALLOW, "--json", "--events")
     process = start(*many, cwd=tmp_path)
     assert process.stderr is not None
-    read_until(process.stderr, "1 of 40 runs done")
+    read_until(process.stderr, '"done": 0')
+    read_until(process.stderr, '"event": "runs"')
     process.send_signal(signal.SIGINT)
     out, _ = process.communicate(timeout=60)
     assert process.returncode == -signal.SIGINT
     document = json.loads(out)
     (case,) = document["result"]["cases"]
     assert document["exit_code"] == 130
-    assert 1 <= document["result"]["finished"] == len(case["runs"]) < 40
+    assert 1 <= document["result"]["finished"] == len(case["runs"]) < 400
     assert all(run["ok"] for run in case["runs"])
 
 
