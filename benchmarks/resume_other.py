@@ -63,14 +63,14 @@ def as_it_is(_: VirtualBench) -> None:
 def other_work(bench: VirtualBench) -> None:
     """Put in a board that nobody has cut."""
     bench.plant.leave()
-    bench.plant.ground.holes.clear()
-    bench.plant.ground.work.tiles.clear()
+    bench.plant.work_under_tool.holes.clear()
+    bench.plant.work_under_tool.work.tiles.clear()
     bench.plant.arrive()
 
 
 def moved_work(bench: VirtualBench) -> None:
     """Clamp the board half a millimetre further on."""
-    ground = bench.plant.ground
+    ground = bench.plant.work_under_tool
     bench.plant.leave()
     tiles_on = round(500.0 / (TILE * ground.work.cell_um))
     ground.work.tiles = {

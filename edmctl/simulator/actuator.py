@@ -13,8 +13,9 @@ import numpy as np
 from edmctl.link.messages import PARAMS
 from edmctl.simulator.config import BenchConfig
 from edmctl.simulator.kernel import run_actuator
-from edmctl.simulator.plant import BLOCK, Plant
+from edmctl.simulator.plant import Plant
 from edmctl.simulator.plant_interface import TICK_S
+from edmctl.simulator.unit import BLOCK
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -6,16 +6,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.errors import LinkLost
+from edmctl.simulator.commands import Commands
 from edmctl.simulator.controller import VirtualController
-from edmctl.simulator.damage import LineDamage
+from edmctl.simulator.injection import LineDamage
 from edmctl.simulator.plant import Plant
 from edmctl.simulator.plant_interface import TICK_S
 from edmctl.simulator.workpiece import compile_loops
 
 if TYPE_CHECKING:
     from edmctl.simulator.config import BenchConfig
-    from edmctl.simulator.ground import Floats
     from edmctl.simulator.injection import Injection, LineState
+    from edmctl.simulator.work_under_tool import Floats
 
 
 SETTLE_TICKS, MOST_SETTLES = 50, 2000
@@ -50,7 +51,7 @@ class MemoryTransport:
         """Let up to `timeout_s` of virtual time pass; bytes of the controller, or b"" when none came."""
         self._check()
         self._controller.host_wait.wait(timeout_s)
-        return self._controller.port.take_output()
+        return self._controller.link.take_output()
 
     def now_s(self) -> float:
         """Virtual time: the controller's."""
@@ -72,7 +73,7 @@ class VirtualBench:
 
     def __init__(self, config: BenchConfig, seed: int) -> None:
         self.plant = Plant(config, seed)
-        self.controller = VirtualController(self.plant)
+        self.controller = VirtualController(self.plant, Commands)
         self.transport = MemoryTransport(self.controller)
 
     @property
@@ -115,7 +116,7 @@ class VirtualBench:
 
     def truth_map(self) -> tuple[Floats, Floats, Floats]:
         """The smallest rectangle with all that was cut so far: x (n,), y (m,) and depth (m, n) of its cells, µm."""
-        return self.plant.ground.true_map()
+        return self.plant.work_under_tool.true_map()
 
     def fit_tool(self, label: str, diameter_um: float, theta: float, tip_rounding_um: float) -> None:
         """Put the tool of that label in; one that was in before comes back with its wear. The work stays."""

@@ -12,21 +12,22 @@ from edmctl.link import messages as m
 from edmctl.link.faults import FaultCode
 from edmctl.link.messages import EventCode, Interlocks, State
 from edmctl.simulator import controller_state as k
-from edmctl.simulator.commands import Commands
 from edmctl.simulator.controller_state import LoopState, Settings
 from edmctl.simulator.fault_recorder import BlackBox, Waveforms
 from edmctl.simulator.guards import KERNEL_FAULTS, Guards, input_fault
 from edmctl.simulator.injector import Injector
 from edmctl.simulator.kernel import LOOK, run
+from edmctl.simulator.link_endpoint import HostWait, LinkEndpoint
 from edmctl.simulator.motion import Motion
 from edmctl.simulator.parameters import Parameters
 from edmctl.simulator.plant import USUAL_PULSES
 from edmctl.simulator.plant_interface import TICK_NS
-from edmctl.simulator.port import DevicePort
 from edmctl.simulator.telemetry import SLICE_TICKS, Telemetry
-from edmctl.simulator.waiting import HostWait
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from edmctl.simulator.link_endpoint import Executor
     from edmctl.simulator.plant import Plant
 
 EVENT_REPEAT_TICKS = 100
@@ -46,24 +47,25 @@ _BY_ITSELF = (m.ResetCause.WATCHDOG, m.ResetCause.BROWN_OUT)
 class VirtualController:
     """One controller over one plant. Feed it bytes, let time pass, take bytes.
 
+    commands : makes what executes the commands of the line.
     host_time_scale : controller seconds per second of the host. What watches the host counts by the host's time.
     board : kind of board that it says to be, 0 = virtual. baud : of the line, 0 where it has none.
     zero_um : displacement that `safe_z_um` counts from, told by the host since it armed.
     """
 
-    def __init__(self, plant: Plant) -> None:
+    def __init__(self, plant: Plant, commands: Callable[[VirtualController], Executor]) -> None:
         self.plant = plant
         self.settings, self.loop = Settings(), LoopState()
-        self.commands = Commands(self)
-        self.port = DevicePort(self.commands.execute, self.host_heard, self._host_came)
+        self.commands = commands(self)
+        self.link = LinkEndpoint(self.commands.execute, self.host_heard, self._host_came)
         self.parameters = Parameters(self.settings)
         self.motion = Motion(plant, self.settings, self.loop)
         self.guards = Guards(plant, self.parameters)
         self.black_box = BlackBox()
         self.waveforms = Waveforms(plant)
-        self.telemetry = Telemetry(self.settings, self.loop, plant.readings, self.port.send, self.step)
+        self.telemetry = Telemetry(self.settings, self.loop, plant.readings, self.link.send, self.step)
         self.injector = Injector(self)
-        self.host_wait = HostWait(self)
+        self.host_wait = HostWait(self.link, self.advance)
         self.boot_count = 1
         self.boot_tick = 0
         self.reset_cause = m.ResetCause.POWER_ON
@@ -101,10 +103,10 @@ class VirtualController:
 
     def receive(self, data: bytes) -> None:
         """Take bytes from the line and execute the commands in them."""
-        for part in self.port.up_to_aborts(data):
-            if self.port.receive(part):
+        for part in self.link.up_to_aborts(data):
+            if self.link.receive(part):
                 self.raise_fault(FaultCode.ABORT_RUN)
-        if self.guards.too_noisy(self.port.rx_bad, self.tick, self.armed, self.host_time_scale):
+        if self.guards.too_noisy(self.link.rx_bad, self.tick, self.armed, self.host_time_scale):
             self.raise_fault(FaultCode.LINE_NOISE, self.parameters.bad_frames)
         if self.reset_asked:
             self.reset(m.ResetCause.COMMANDED)
@@ -146,7 +148,7 @@ class VirtualController:
             plant.random.pulse,
             plant.random.tables,
             plant.random.noise,
-            plant.ground.levels,
+            plant.work_under_tool.levels,
             plant.drive.shared,
             plant.readings.shared,
             self.settings.shared,
@@ -192,7 +194,7 @@ class VirtualController:
         elif self.armed and now - self._heard_tick >= self._watchdog_ticks:
             self.raise_fault(FaultCode.HOST_SILENT)
         if now >= self._repeat_tick:
-            if self.port.repeat_events():
+            if self.link.repeat_events():
                 self._repeat_later()
             else:
                 self._repeat_tick = NEVER
@@ -215,14 +217,14 @@ class VirtualController:
         """Report an event, after the telemetry up to it."""
         self.telemetry.flush()
         event = m.Event(
-            event_no=self.port.next_event_no(),
+            event_no=self.link.next_event_no(),
             t_us=self.time_us - ago_ticks * 1000 & 0xFFFFFFFF,
             code=code,
             arg=arg,
             displacement_um=self.loop.displacement_um if z_um is None else z_um,
             actuator_v=self.plant.drive.actuator_v if v is None else v,
         )
-        self.port.send_event(event)
+        self.link.send_event(event)
         self._repeat_later()
 
     def _conclude(self, happened: int) -> None:
@@ -276,14 +278,14 @@ class VirtualController:
         self.disarming = self.pulses_allowed = False
         self.set_state(State.ESTOP if code is FaultCode.ESTOP else State.FAULT)
         report = m.Fault(
-            event_no=self.port.next_event_no(),
+            event_no=self.link.next_event_no(),
             t_us=self.time_us & 0xFFFFFFFF,
             code=code,
             detail=detail,
             displacement_um=self.loop.displacement_um,
             gap_v=self.loop.gap_v,
         )
-        self.port.send_event(report)
+        self.link.send_event(report)
         self._repeat_later()
 
     def _freeze(self) -> None:
@@ -307,7 +309,7 @@ class VirtualController:
     def reset(self, cause: m.ResetCause) -> None:
         """Start anew: no session, default parameters, pulses off, tool retracting. A latched fault outlives it."""
         self.telemetry.restart()
-        self.port.restart()
+        self.link.restart()
         self.parameters.reset()
         self.plant.look()  # so that a bench that is restored from here goes on bit for bit
         self.motion.start_ramp(0.0, self.parameters.retract_v_s)
@@ -328,4 +330,4 @@ class VirtualController:
             self.set_state(State.IDLE if at_rest else State.BOOT)
         if at_rest:
             self.motion.hold()
-        self.port.send(m.Boot(cause, self.boot_count))
+        self.link.send(m.Boot(cause, self.boot_count))

@@ -1,16 +1,32 @@
-"""Where a served controller can be reached, and the pty under a name that usually is it."""
+"""Where a served controller can be reached: a pty under a name, or a TCP socket for one client after the other."""
 
 from __future__ import annotations
 
-import contextlib
+import hmac
 import os
+import secrets
 import select
+import socket
 import tty
+from contextlib import suppress
+from dataclasses import dataclass
+from ipaddress import ip_address
 from pathlib import Path
-from typing import Protocol
+from time import monotonic
+from typing import TYPE_CHECKING, Protocol
 
 from edmctl.errors import LinkLost
+from edmctl.link import gate
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+SILENT_S = 5.0
+"""A client that has sent no valid frame for so long makes room for the next one that comes."""
+GATE_S = 5.0
+"""A client that has not answered the challenge by then is turned away."""
+MOST_AT_GATE = 16
+_MOST_A_TURN = 64
 _MOST_READ = 65536
 
 
@@ -110,11 +126,11 @@ class PtyEndpoint:
     def close(self) -> None:
         """Remove the link and hang up."""
         if self._link is not None:
-            with contextlib.suppress(OSError):
+            with suppress(OSError):
                 if self._link.readlink() == Path(self.device):
                     self._link.unlink()
         for number in (self._ours, self._theirs):
-            with contextlib.suppress(OSError):
+            with suppress(OSError):
                 os.close(number)
 
 
@@ -130,3 +146,193 @@ def _publish(link: Path, device: str) -> None:
             hint="Take another path for --link.",
             code="E4021",
         ) from error
+
+
+@dataclass(slots=True)
+class _AtGate:
+    """Somebody who was asked for the secret."""
+
+    client: socket.socket
+    address: str
+    number: bytes
+    since_s: float
+    said: bytes = b""
+
+
+class SocketEndpoint:
+    """A TCP socket with one client at a time; with a `secret` only for who knows it.
+
+    While the client sends valid frames others are told that it is busy; `heard` tells of them.
+
+    Raises LinkLost E4021 where the address cannot be taken.
+    """
+
+    def __init__(
+        self, host: str, port: int, say: Callable[[str], None] = lambda _: None, secret: bytes = b""
+    ) -> None:
+        self._say = say
+        self._secret = secret
+        self._client: socket.socket | None = None
+        self._heard_s = 0.0
+        self._turned_away = 0
+        self._at_gate: list[_AtGate] = []
+        try:
+            family = socket.AF_INET6 if ":" in host else socket.AF_INET
+            self._listener = socket.create_server((host, port), family=family)
+        except (OSError, UnicodeError, TypeError) as error:
+            reason = getattr(error, "strerror", None) or "no such host"
+            raise LinkLost(
+                f"Cannot serve on {host}:{port}: {reason}.", hint="Take another host or port.", code="E4021"
+            ) from error
+        self._listener.setblocking(False)
+        address = self._listener.getsockname()
+        shown = f"[{address[0]}]" if ":" in address[0] else address[0]
+        self._name = f"socket://{shown}:{address[1]}"
+
+    @property
+    def name(self) -> str:
+        """The URL for `--port`."""
+        return self._name
+
+    def descriptors(self) -> list[int]:
+        """The listener, whoever is asked for the secret, and the client where there is one."""
+        every = (self._listener, *(waiting.client for waiting in self._at_gate), self._client)
+        return [s.fileno() for s in every if s is not None]
+
+    def heard(self) -> None:
+        """The client has sent a valid frame."""
+        self._heard_s = monotonic()
+
+    def receive(self) -> bytes:
+        """Take clients or turn them away; return what the present one has sent."""
+        data = self._received()  # a client that has gone keeps nobody out
+        self._accept()
+        self._look_at_gate()
+        return data
+
+    def transmit(self, data: bytes) -> int:
+        """Send as much as the socket takes; without a client all of it goes nowhere."""
+        if self._client is None:
+            return len(data)
+        try:
+            return self._client.send(data)
+        except BlockingIOError:
+            return 0
+        except OSError:
+            self._drop_client()
+            return len(data)
+
+    def has_client(self) -> bool:
+        """Whether a client is connected."""
+        return self._client is not None
+
+    def close(self) -> None:
+        """Hang up and stop listening."""
+        self._drop_client()
+        for waiting in self._at_gate:
+            waiting.client.close()
+        self._at_gate.clear()
+        self._listener.close()
+
+    def _received(self) -> bytes:
+        if self._client is None:
+            return b""
+        data = _said_by(self._client, _MOST_READ)
+        if data == b"":
+            self._drop_client()
+        return data or b""
+
+    def _accept(self) -> None:
+        for _ in range(_MOST_A_TURN):
+            try:
+                client, (host, port, *_) = self._listener.accept()
+            except OSError:
+                return
+            client.setblocking(False)
+            address = f"{host}:{port}"
+            if self._is_busy():
+                self._turn_away(client, address, gate.BUSY)
+            elif self._secret:
+                if len(self._at_gate) >= MOST_AT_GATE:  # the oldest has had the longest time to answer
+                    oldest = self._at_gate.pop(0)
+                    self._turn_away(oldest.client, oldest.address, gate.REFUSED)
+                number = secrets.token_hex(16).encode()
+                _tell(client, gate.line_of(gate.CHALLENGE, number))
+                self._at_gate.append(_AtGate(client, address, number, monotonic()))
+            else:
+                self._take(client, address)
+
+    def _is_busy(self) -> bool:
+        return self._client is not None and monotonic() - self._heard_s < SILENT_S
+
+    def _look_at_gate(self) -> None:
+        for waiting in tuple(self._at_gate):
+            more = _said_by(waiting.client, gate.LONGEST_LINE)
+            waiting.said += more or b""
+            is_over = more == b"" or monotonic() - waiting.since_s > GATE_S
+            if b"\n" not in waiting.said and len(waiting.said) < gate.LONGEST_LINE and not is_over:
+                continue
+            self._at_gate.remove(waiting)
+            said = gate.words_of(waiting.said.partition(b"\n")[0])
+            wanted = gate.answer_to(waiting.number, self._secret)
+            if len(said) != 2 or said[0] != gate.ANSWER or not hmac.compare_digest(said[1], wanted):
+                self._turn_away(waiting.client, waiting.address, gate.REFUSED)
+            elif self._is_busy():
+                self._turn_away(waiting.client, waiting.address, gate.BUSY)
+            else:
+                _tell(waiting.client, gate.line_of(gate.READY))
+                self._take(waiting.client, waiting.address)
+
+    def _take(self, client: socket.socket, address: str) -> None:
+        if self._client is not None:
+            self._say(f"the client before has been silent for {SILENT_S:g} s and makes room for {address}")
+            self._drop_client()
+        client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._client = client
+        self.heard()
+
+    def _turn_away(self, client: socket.socket, address: str, why: bytes) -> None:
+        _tell(client, gate.line_of(why))
+        client.close()
+        self._turned_away += 1
+        # Told by name whenever their number has doubled: nobody shall fill a log from outside.
+        if self._turned_away & (self._turned_away - 1) == 0:
+            told = "busy" if why == gate.BUSY else "without the secret"
+            self._say(f"turned away {address} ({told}), {self._turned_away} in all")
+
+    def _drop_client(self) -> None:
+        if self._client is not None:
+            self._client.close()
+            self._client = None
+
+
+def address_of(host: str) -> str:
+    """Return the address that a host's name stands for now. Raises LinkLost E4021 where there is none."""
+    try:
+        found = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
+        return str(found[0][4][0])
+    except (OSError, UnicodeError, ValueError) as error:
+        raise LinkLost(
+            f"Cannot serve on {host}: no such host.", hint="Take another host.", code="E4021"
+        ) from error
+
+
+def is_loopback(address: str) -> bool:
+    """Whether only this computer reaches an address."""
+    return ip_address(address.partition("%")[0]).is_loopback
+
+
+def _said_by(client: socket.socket, most: int) -> bytes | None:
+    """What a client has sent: None where nothing has come, b"" where it is gone."""
+    try:
+        return client.recv(most)
+    except BlockingIOError:
+        return None
+    except OSError:
+        return b""
+
+
+def _tell(client: socket.socket, line: bytes) -> None:
+    """Send a line to somebody who may be gone; it fits into any socket's buffer."""
+    with suppress(OSError):
+        client.send(line)

@@ -1,12 +1,14 @@
-"""Faults that can be brought about on the virtual machine: their names, and when they happen."""
+"""Faults that can be brought about on the virtual machine: names, times, and what a bad line does."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from enum import Enum
+from random import Random
 
 from edmctl.link.faults import FAULTS
+from edmctl.link.messages import Advance
 
 
 class Trigger(Enum):
@@ -97,6 +99,9 @@ INJECTIONS: dict[str, str] = {
 CHIPS = ("CHIP", "LOOSE_CHIP")
 USUAL_CHIP_UM = 8.0
 
+DAMAGE_SEED = 1
+_ADVANCE = bytes([Advance.ID])
+
 _ALIASES = {row.name: row.inject for row in FAULTS.values() if row.inject.isupper() or "@" in row.inject}
 
 
@@ -150,3 +155,36 @@ def _when(text: str) -> tuple[Trigger, float, int]:
     if (plus and trigger is Trigger.TIME) or not (math.isfinite(value) and value >= 0.0 and counted):
         raise ValueError(f"{text!r} is no time; say SECONDS, arm+S, touch+S, touch3+S or sparks+S")
     return trigger, value, nth
+
+
+class LineDamage:
+    """Loses or damages the host's frames as the line's state says; always the same ones in a run.
+
+    ADVANCE passes: it is no part of the line that is imitated.
+    """
+
+    def __init__(self, line: LineState) -> None:
+        self._line = line
+        self._random = Random(DAMAGE_SEED)
+
+    def to(self, data: bytes) -> bytes:
+        """Return what arrives of `data`, which holds whole frames."""
+        if self._line.silent:
+            return b"".join(b"\0" + part + b"\0" for part in data.split(b"\0") if _is_advance(part))
+        if not self._line.noise:
+            return data
+        return b"\0".join(self._of_frame(part) for part in data.split(b"\0"))
+
+    def _of_frame(self, part: bytes) -> bytes:
+        if not part or _is_advance(part) or self._random.random() >= self._line.noise:
+            return part
+        damaged = bytearray(part)
+        # A byte that becomes zero would only cut the frame in two.
+        at = self._random.randrange(len(damaged))
+        damaged[at] = damaged[at] ^ 1 or 2
+        return bytes(damaged)
+
+
+def _is_advance(part: bytes) -> bool:
+    """COBS puts its first code byte before the type, which is never zero."""
+    return part[1:2] == _ADVANCE

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from edmctl.link.messages import ResetCause, State
 from edmctl.simulator.controller_state import PACK
@@ -11,7 +11,9 @@ from edmctl.simulator.injection import CHIPS, Injection, LineState, Trigger
 from edmctl.simulator.plant_interface import TICK_S
 
 if TYPE_CHECKING:
-    from edmctl.simulator.controller import VirtualController
+    from edmctl.simulator.controller_state import LoopState
+    from edmctl.simulator.plant import Plant
+    from edmctl.simulator.telemetry import Telemetry
 
 NEVER = 1 << 62
 HUGE = 1e12
@@ -72,6 +74,26 @@ class _Pending:
     to_come: int = 1  # of its triggers
 
 
+class Injected(Protocol):
+    """What an injector must know of a controller: its clock, its state, what to break and how to restart it."""
+
+    plant: Plant
+    loop: LoopState
+    telemetry: Telemetry
+    state: State
+    boot_tick: int
+
+    @property
+    def tick(self) -> int:
+        """Milliseconds since the machine was set up."""
+
+    def reset(self, cause: ResetCause) -> None:
+        """Start anew."""
+
+    def receive(self, data: bytes) -> None:
+        """Take bytes from the line."""
+
+
 class Injector:
     """Keeps what is still to happen to one machine, and what was broken already.
 
@@ -79,7 +101,7 @@ class Injector:
     applied : what has happened, with its tick.
     """
 
-    def __init__(self, controller: VirtualController) -> None:
+    def __init__(self, controller: Injected) -> None:
         self._c = controller
         self.line = LineState()
         self.applied: list[tuple[Injection, int]] = []

@@ -10,6 +10,7 @@ from edmctl.link.faults import FaultCode
 from edmctl.link.messages import State, Status
 from edmctl.simulator.controller_state import APPROACH, HOLD, JUMP_UP, SERVO, TOUCH_FAST
 from edmctl.simulator.injection import Trigger
+from edmctl.simulator.link_endpoint import OK
 from edmctl.simulator.plant_interface import TICK_S
 from edmctl.simulator.servo import BLEND_TICKS
 
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from edmctl.simulator.controller import VirtualController
-    from edmctl.simulator.port import Outcome
+    from edmctl.simulator.link_endpoint import Outcome
 
 # What the virtual generator can do.
 PERIOD_US_MIN, PERIOD_US_MAX = 20.0, 1e6
@@ -25,7 +26,6 @@ OPEN_V_MAX, CURRENT_A_MAX = 300.0, 10.0
 MOST_BELOW_ZERO_UM, MOST_ABOVE_ZERO_UM = 5.0, 25.0
 """A tool at rest at 0 V reads no further from its home: noise and drift since the host looked are below 1 µm, and
 after a deep cut creep holds it up to 20 µm lower for a while. Another zero is a mistake of the host."""
-OK: Outcome = (Status.OK, b"")
 
 
 class MotionCommands:

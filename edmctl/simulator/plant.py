@@ -10,20 +10,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from edmctl.simulator.chips import Chips
-from edmctl.simulator.ground import Ground
 from edmctl.simulator.plant_interface import TICK_NS, Drive, Readings
 from edmctl.simulator.plant_kernel import run_plant
 from edmctl.simulator.plant_state import PlantState, Scope, Unit
-from edmctl.simulator.random_blocks import BLOCK as BLOCK
-from edmctl.simulator.random_blocks import RandomBlocks
-from edmctl.simulator.unit import draw_actuator, set_actuator
+from edmctl.simulator.unit import RandomBlocks, draw_actuator, set_actuator
+from edmctl.simulator.work_under_tool import Chips, WorkUnderTool
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from edmctl.simulator.config import BenchConfig
-    from edmctl.simulator.ground import Hole
+    from edmctl.simulator.work_under_tool import Hole
 
 Floats = NDArray[np.float64]
 
@@ -60,7 +57,7 @@ class Plant:
         self._set_sensors(build)
         draw_actuator(self.unit, build)
         set_actuator(self.unit, self.state)
-        self.ground = Ground(config, self.unit, self.state)
+        self.work_under_tool = WorkUnderTool(config, self.unit, self.state)
         self.tools_worn_um: dict[str, float] = {}  # those that lie beside the machine
         self.position_um = np.array([PARK_X_UM, 0.0])
         self.theta_deg = 0.0
@@ -73,7 +70,8 @@ class Plant:
         self.hv_supply_ok = True
         self.tool_lost_um = 0.0  # broken off; not wear
         self.obstacle_um = math.inf  # something that the tool meets there, wherever the stage stands
-        self.chips = Chips(self)
+        self.chips = Chips(self.serial, self.position_um, self.state, self.drive, self.set_surface)
+        self.chips.tool_diameter_um = config.tool_diameter_um
         self.current_factor = 1.0  # of the generator's current, above 1 where its limit has failed
         self.set_generator(*USUAL_PULSES)
         self.arrive()
@@ -90,7 +88,7 @@ class Plant:
                 self.random.pulse,
                 self.random.tables,
                 self.random.noise,
-                self.ground.levels,
+                self.work_under_tool.levels,
                 self.drive.shared,
                 self.readings.shared,
             )
@@ -119,12 +117,13 @@ class Plant:
             self.tools_worn_um[before.tool_label] = self.tool_wear_um
             self.state.wear_um = self.tools_worn_um.pop(label, 0.0)
         self._set_tool()
-        self.ground.set_tool(self.config)
+        self.work_under_tool.set_tool(self.config)
+        self.chips.tool_diameter_um = diameter_um
         self.arrive()
 
     def true_holes(self) -> tuple[Hole, ...]:
         """Every hole with its present depth."""
-        return self.ground.true_holes()
+        return self.work_under_tool.true_holes()
 
     def stage_lands(self, axis: int, target: float) -> None:
         """Put an axis (0 x, 1 y in µm; 2 theta in degrees) where the stage really stops; it reports `target`."""
@@ -145,7 +144,7 @@ class Plant:
     def begin_scan(self) -> None:
         """Hand the stages over to the kernel."""
         self._scanning = True
-        self.ground.set_moving()
+        self.work_under_tool.set_moving()
         self.drive.stage_x_um, self.drive.stage_y_um = self.reported[:2]
         self.state.stage_error_x_um, self.state.stage_error_y_um = self.position_um - self.reported[:2]
         self.state.stage_way_um = 0.0
@@ -161,11 +160,11 @@ class Plant:
 
     def leave(self) -> None:
         """Remember the work under the tool before the stage moves."""
-        self.ground.leave()
+        self.work_under_tool.leave()
 
     def arrive(self) -> None:
         """Set what lies under the tool: a hole that it fits into, the face of the work, or nothing."""
-        self.ground.arrive(*self._xy())
+        self.work_under_tool.arrive(*self._xy())
         self.state.debris_um3 = self.state.bridge_until_um = self.state.carbon = 0.0
         self.set_surface()
 
@@ -175,14 +174,16 @@ class Plant:
             self.state.stage_way_um = 0.0
             self.position_um[0] = self.drive.stage_x_um + self.state.stage_error_x_um
             self.position_um[1] = self.drive.stage_y_um + self.state.stage_error_y_um
-        self.ground.look(*self._xy())
+        self.work_under_tool.look(*self._xy())
         self.set_surface()
 
     def set_surface(self) -> None:
         """Set how far the tool is from what lies under it: the tilted face, nothing, or what should not be there."""
         x, y = self._xy()
         tilt = (self._tilt_mrad[0] * x + self._tilt_mrad[1] * y) * 1e-3
-        surface = self._offset_um + tilt - self.chips.under_tool_um() if self.ground.solid else CLEAR_UM
+        surface = (
+            self._offset_um + tilt - self.chips.under_tool_um() if self.work_under_tool.solid else CLEAR_UM
+        )
         self.state.surface_um = min(surface + self.tool_lost_um, self.obstacle_um)
 
     def _xy(self) -> tuple[float, float]:

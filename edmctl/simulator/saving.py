@@ -21,7 +21,7 @@ from edmctl.simulator.bench import VirtualBench
 from edmctl.simulator.config import BenchConfig, DischargeConstants, SensorConstants
 from edmctl.simulator.controller_kernel import BOX_COLUMNS
 from edmctl.simulator.fault_recorder import PULSE, PULSE_COLUMNS, RecentPulses, Waveforms
-from edmctl.simulator.ground import Hole
+from edmctl.simulator.work_under_tool import Hole
 from edmctl.simulator.workpiece import TILE
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ def restored_bench(state: State) -> VirtualBench:
             code="E9021",
         ) from error
     bench.controller.reset(ResetCause.POWER_ON)
-    bench.controller.port.take_output()  # nobody was there to hear it
+    bench.controller.link.take_output()  # nobody was there to hear it
     return bench
 
 
@@ -160,7 +160,7 @@ def _restore_old_records(bench: VirtualBench, state: State) -> None:
 
 def _plant_state(plant: Plant) -> State:
     holes = plant.true_holes()
-    ground = plant.ground
+    ground = plant.work_under_tool
     ground.settle()
     here = next((i for i, hole in enumerate(holes) if hole is ground.here), _NO_HOLE)
     tiles = ground.work.tiles
@@ -189,7 +189,7 @@ def _restore_plant(plant: Plant, state: State) -> None:
     for name in _PLANT_ARRAYS:
         _fill(getattr(plant, name), state[name])
     plant.reported = [float(value) for value in np.asarray(state["reported"])]
-    ground = plant.ground
+    ground = plant.work_under_tool
     ground.holes = [
         Hole(float(x), float(y), float(depth), bool(through))
         for x, y, depth, through in np.asarray(state["holes"])
@@ -223,7 +223,7 @@ def _controller_state(bench: VirtualBench, boots: int) -> State:
         **_records_state(controller, _CONTROLLER_RECORDS),
         "fault": controller.fault,
         "boot_count": boots,
-        "event_no": controller.port._event_no,
+        "event_no": controller.link._event_no,
         "ring": box.ring.copy(),
         "is_frozen": int(frozen is not None),
         "frozen_ring": frozen[0] if frozen else np.zeros((0, BOX_COLUMNS)),
@@ -250,7 +250,7 @@ def _restore_controller(bench: VirtualBench, state: State) -> None:
     box = controller.black_box
     controller.fault = _integer(state, "fault")
     controller.boot_count = _integer(state, "boot_count")
-    controller.port._event_no = _integer(state, "event_no")
+    controller.link._event_no = _integer(state, "event_no")
     _fill(box.ring, state["ring"])
     if state["is_frozen"]:
         ring = np.zeros_like(box.ring)

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from edmctl.link.faults import FaultCode
-from edmctl.simulator.damage import LineDamage
+from edmctl.link.faults import FAULTS, FaultCode
+from edmctl.simulator.injection import LineDamage
 from edmctl.simulator.plant_interface import TICK_S
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ class Server:
         self._speed = speed
         self._waiting = bytearray()
         self.traffic = Traffic()
-        self._controller.port.driven = speed is None
+        self._controller.link.driven = speed is None
         self._controller.host_time_scale = speed or 1.0
         bench.warm_up()  # a stall of seconds in the middle of a job would trip the watchdog
         self._heard_s = self._base_s = self._looked_s = monotonic()
@@ -149,12 +149,12 @@ class Server:
         self._count_frames(data)
         # One by one: what a frame or a run of zeros brings about comes before the frame behind it, however the
         # bytes were read.
-        before = self._controller.port.rx_frames
+        before = self._controller.link.rx_frames
         for part in _PARTS.findall(data):
             self._controller.receive(self._damage.to(part))
-        if self._controller.port.rx_frames != before:
+        if self._controller.link.rx_frames != before:
             self._endpoint.heard()
-        if self._controller.port.greeting:
+        if self._controller.link.greeting:
             # An answer before the first ADVANCE counts as one that was waited for.
             self._controller.host_wait.wait(0.0)
 
@@ -173,7 +173,7 @@ class Server:
         self._bench.settle()
 
     def _transmit(self) -> None:
-        port = self._controller.port
+        port = self._controller.link
         if self._speed is not None or port.due:
             self._queue(port.take_output())
         while self._waiting:
@@ -190,3 +190,45 @@ class Server:
             self.traffic.frames_out += frames
         else:
             self.traffic.dropped_frames += frames
+
+
+class EventMonitor:
+    """Says what happens to a served machine, as it happens: call it often.
+
+    rested : called when a machine that was armed is not any more.
+    faults : codes of the faults latched since the start, in order.
+    """
+
+    def __init__(
+        self, bench: VirtualBench, say: Callable[[str], None], rested: Callable[[], None] = lambda: None
+    ) -> None:
+        self._controller = bench.controller
+        self._say, self._rested = say, rested
+        self._injected = 0
+        self._fault = self._controller.fault
+        self._armed = False
+        self.faults: list[int] = []
+        if self._fault:
+            say(f"{_fault_words(self._fault)} is latched from before")
+
+    def __call__(self) -> None:
+        """Say what is new."""
+        controller = self._controller
+        applied = controller.injector.applied
+        for injection, tick in applied[self._injected :]:
+            self._say(f"{tick * TICK_S:.3f} s: {injection} happened")
+        self._injected = len(applied)
+        if controller.fault != self._fault:
+            old, self._fault = self._fault, controller.fault
+            if self._fault:
+                self.faults.append(self._fault)
+            words = f"{_fault_words(self._fault)} latched" if self._fault else f"{_fault_words(old)} cleared"
+            since = controller.black_box.frozen_tick if self._fault else None
+            self._say(f"{(since or controller.tick) * TICK_S:.3f} s: {words}")
+        was_armed, self._armed = self._armed, controller.armed
+        if was_armed and not self._armed:
+            self._rested()
+
+
+def _fault_words(code: int) -> str:
+    return f"fault {code} {FAULTS[code].name}"

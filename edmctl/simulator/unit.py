@@ -1,23 +1,29 @@
-"""The actuator of one unit of the machine, as its seed draws it.
+"""One unit of the machine as its seed draws it: its actuator, and its random numbers.
 
-It is deliberately richer than any estimator of this project: forty play operators on thresholds of no one's grid, a
-tanh envelope on their sum, twelve creep time constants, an amplifier's lag and an output-side mode (class of
-Kuhnen's modified Prandtl-Ishlinskii operator with linear creep). It is scaled to the 445 µm at 150 V of
+The actuator is deliberately richer than any estimator of this project: forty play operators on thresholds of no
+one's grid, a tanh envelope on their sum, twelve creep time constants, an amplifier's lag and an output-side mode
+(class of Kuhnen's modified Prandtl-Ishlinskii operator with linear creep). It is scaled to the 445 µm at 150 V of
 Muralidhara et al. 2009, §2.1.
 """
 
 from __future__ import annotations
 
 import math
+from statistics import NormalDist
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.simulator.discharge import TABLE
 from edmctl.simulator.plant_interface import TICK_S
 from edmctl.simulator.plant_state import CREEP_TERMS, PLAYS
 
 if TYPE_CHECKING:
     from edmctl.simulator.plant_state import PlantState, Unit
+    from edmctl.simulator.records import Floats
+
+BLOCK = 32768
+"""Random numbers that are drawn at once."""
 
 PLAY_SPAN_V = 62.0
 REVERSIBLE_SHARE = 0.48
@@ -72,3 +78,48 @@ def set_actuator(unit: Unit, state: PlantState) -> None:
     y += ENVELOPE_UM * math.tanh((y - ENVELOPE_CENTRE_UM) / ENVELOPE_WIDTH_UM)
     state.array("creep_um")[:] = y
     unit.actuator_zero_um = y * (1.0 + float(unit.array("creep_share").sum()))
+
+
+class RandomBlocks:
+    """Random numbers in blocks, one stream a quantity, so that results do not depend on where blocks end."""
+
+    def __init__(self, seed: np.random.SeedSequence, scatter: float) -> None:
+        streams = [np.random.Generator(np.random.SFC64(s)) for s in seed.spawn(4)]
+        self._decide, self._shape, self._delay, self._noise = streams
+        self.pulse = np.empty((3, BLOCK))
+        self.noise = np.empty(BLOCK)
+        self.tables = _tables(scatter)
+        self._fill_pulse(0)
+        self._fill_noise(0)
+
+    def _fill_pulse(self, start: int) -> None:
+        self._decide.random(out=self.pulse[0, start:])
+        self._shape.random(out=self.pulse[1, start:])
+        self._delay.standard_exponential(out=self.pulse[2, start:])
+
+    def _fill_noise(self, start: int) -> None:
+        self._noise.standard_normal(out=self.noise[start:])
+
+    def provide(self, state: PlantState, pulses: int, noises: int) -> None:
+        """Make sure that so many numbers lie ahead of the places up to which they are used."""
+        at = state.random_at
+        if at + pulses > BLOCK:
+            rest = BLOCK - at
+            self.pulse[:, :rest] = self.pulse[:, at:].copy()
+            self._fill_pulse(rest)
+            state.random_at = 0
+        at = state.noise_at
+        if at + noises > BLOCK:
+            rest = BLOCK - at
+            self.noise[:rest] = self.noise[at:].copy()
+            self._fill_noise(rest)
+            state.noise_at = 0
+
+
+def _tables(scatter: float) -> Floats:
+    """Equally likely values of |N(0, 1)| and of a lognormal of mean one: the middles of TABLE equal steps."""
+    normal = NormalDist()
+    steps = (np.arange(TABLE) + 0.5) / TABLE
+    half = np.array([normal.inv_cdf(0.5 + 0.5 * p) for p in steps])
+    volume = np.exp([scatter * normal.inv_cdf(p) for p in steps])
+    return np.stack([half, volume / volume.mean()])

@@ -162,7 +162,7 @@ def bench_changed(change: Callable[[VirtualBench], None]) -> None:
 
 def swap_work(bench: VirtualBench) -> None:
     """Put in a board that nobody has cut."""
-    ground = bench.plant.ground
+    ground = bench.plant.work_under_tool
     bench.plant.leave()
     ground.holes.clear()
     ground.work.tiles.clear()
@@ -171,7 +171,7 @@ def swap_work(bench: VirtualBench) -> None:
 
 def move_work(bench: VirtualBench) -> None:
     """Clamp the board anew, half a millimetre further along x: the stages tell the places that they told before."""
-    ground = bench.plant.ground
+    ground = bench.plant.work_under_tool
     bench.plant.leave()
     tiles_on = round(500.0 / (TILE * ground.work.cell_um))
     ground.work.tiles = {

@@ -19,9 +19,9 @@ from edmctl.record.ledger_entries import SiteMachined
 from edmctl.record.reader import open_run
 from edmctl.record.tool_account import books_of
 from edmctl.rules.load import load_profile
-from edmctl.simulator.chips import Chip
 from edmctl.simulator.plant_interface import TICK_S
 from edmctl.simulator.saving import restored_bench
+from edmctl.simulator.work_under_tool import Chip
 from tests.cli.commands import ROOT
 from tests.cli.left_jobs import (
     BENCH,
@@ -333,9 +333,9 @@ def test_a_sheet_that_is_open_where_it_cannot_be_is_refused(here: Here, foil_lef
 
     def open_it(bench: Any) -> None:
         bench.plant.leave()
-        for cells in bench.plant.ground.work.tiles.values():
+        for cells in bench.plant.work_under_tool.work.tiles.values():
             cells[cells > 0.0] = 50.0
-        for hole in bench.plant.ground.holes:
+        for hole in bench.plant.work_under_tool.holes:
             hole.depth_um = 50.0
         bench.plant.arrive()
 

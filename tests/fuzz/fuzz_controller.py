@@ -157,7 +157,7 @@ class Run:
         for name, volts in (("command", controller.loop.command_v), ("applied", plant.drive.actuator_v)):
             assert LEAST_V <= volts <= GREATEST_V, f"{name}: {volts} V"
         assert not (controller.fault and controller.armed), f"armed with fault {controller.fault}"
-        frames: list[Frame] = self.decoder.feed(controller.port.take_output())
+        frames: list[Frame] = self.decoder.feed(controller.link.take_output())
         assert self.decoder.bad == 0, "the controller sent what is no frame"
         for frame in frames:
             self.check_frame(frame)

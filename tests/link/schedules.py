@@ -15,7 +15,7 @@ from tests.link.lossy import Faults, LossyLine
 
 if TYPE_CHECKING:
     from edmctl.link.wire import Message, Request
-    from edmctl.simulator.port import Outcome
+    from edmctl.simulator.link_endpoint import Outcome
 
 LOSS = Faults(drop=0.2, duplicate=0.1, delay=0.1, corrupt=0.05)
 COMMANDS = 12
@@ -94,4 +94,4 @@ def _count_effects(bench: VirtualBench, effects: Counter[bytes]) -> None:
             effects[message.pack()] += 1
         return execute(message)
 
-    bench.controller.port._execute = counting
+    bench.controller.link._execute = counting

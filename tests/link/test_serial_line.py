@@ -22,8 +22,8 @@ from edmctl.link.serial_line import SerialLine, open_port
 from edmctl.link.session import HEARTBEAT_S, Session
 from edmctl.machine.requests import default_settings
 from edmctl.simulator import BenchConfig, open_bench
+from edmctl.simulator.endpoints import SocketEndpoint
 from edmctl.simulator.serve import Server
-from edmctl.simulator.socket_endpoint import SocketEndpoint
 from tests.serving import serving
 
 if TYPE_CHECKING:

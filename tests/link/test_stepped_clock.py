@@ -21,7 +21,7 @@ class Served:
 
     def __init__(self, seed: int, piece: int = 100, *, refuses: bool = False) -> None:
         self.bench = open_bench(BenchConfig(), seed)
-        self.bench.controller.port.driven = True
+        self.bench.controller.link.driven = True
         self._decoder = FrameDecoder()
         self._out = bytearray()
         self._piece = piece
@@ -44,10 +44,10 @@ class Served:
                 )
                 continue
             controller.receive(encode_frame(*frame))
-            if controller.port.greeting:
+            if controller.link.greeting:
                 controller.host_wait.wait(0.0)
-            if controller.port.due:
-                self._out += controller.port.take_output()
+            if controller.link.due:
+                self._out += controller.link.take_output()
 
     def read(self, timeout_s: float) -> bytes:
         if not self._out or self.deaf:

@@ -157,7 +157,7 @@ class HeldUp:
     def pass_by(self, duration_s: float) -> None:
         self.now += duration_s
         self._controller.advance(max(0, round(self.now / TICK_S) - self._controller.tick))
-        self._waiting += self._controller.port.take_output()
+        self._waiting += self._controller.link.take_output()
 
 
 class NoThread:

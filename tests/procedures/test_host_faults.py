@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from edmctl.link.wire import Message
     from edmctl.record.rows import EventLevel, Row
-    from edmctl.simulator.port import Outcome
+    from edmctl.simulator.link_endpoint import Outcome
 
     from .conftest import Done, Shop
 
@@ -282,7 +282,7 @@ def test_a_line_that_dies_while_a_fault_is_read_does_not_hide_the_fault(
         s.bench.line.silent = s.bench.line.unplugged = asked[0] > dies_after
         return execute(message)
 
-    monkeypatch.setattr(s.bench.controller.port, "_execute", mute)
+    monkeypatch.setattr(s.bench.controller.link, "_execute", mute)
     s.bench.inject(parse_injection("ESTOP"))
     with pytest.raises(MachineFault, match="Emergency stop") as caught:
         s.run_job(seen)

@@ -10,13 +10,13 @@ import pytest
 from edmctl.link import messages as m
 from edmctl.link.session import Session
 from edmctl.simulator import BenchConfig, open_bench
-from edmctl.simulator.ground import NO_LEVELS, Ground
+from edmctl.simulator.work_under_tool import NO_LEVELS, WorkUnderTool
 
 CONFIG = BenchConfig(tool_diameter_um=120.0, offset_um=10.0)
 SITES_NM = (0, 400_000, 0, 400_000, 0)
 
 
-def one_depth(ground: Ground, x_um: float, y_um: float) -> None:
+def one_depth(ground: WorkUnderTool, x_um: float, y_um: float) -> None:
     """The rule without a map: the depth of the hole that the tool fits into, and the whole disc."""
     ground.levels, ground.solid = NO_LEVELS, x_um > -2000.0
     ground._place, ground._footprint = (x_um, y_um), None
@@ -62,7 +62,7 @@ def test_a_blind_hole_is_bit_for_bit_that_of_one_depth_and_one_area(
     seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     mapped = run(seed)
-    monkeypatch.setattr(Ground, "_take_up", one_depth)
+    monkeypatch.setattr(WorkUnderTool, "_take_up", one_depth)
     assert run(seed) == mapped
     assert len(mapped[1]) == 2
     assert min(mapped[1]) > 3.0

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from edmctl.simulator import BenchConfig, VirtualBench, open_bench
-from edmctl.simulator.chips import LIFT_UM
 from edmctl.simulator.injection import parse_injection
+from edmctl.simulator.work_under_tool import LIFT_UM
 
 
 def bench(seed: int = 3001) -> VirtualBench:

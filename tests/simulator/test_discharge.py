@@ -10,7 +10,8 @@ import pytest
 
 from edmctl.simulator import BenchConfig
 from edmctl.simulator.controller_state import NORMAL, OPEN, SHORT
-from edmctl.simulator.plant import BLOCK, Plant
+from edmctl.simulator.plant import Plant
+from edmctl.simulator.unit import BLOCK
 from tests.simulator.struck_pulses import PulseLog
 
 if TYPE_CHECKING:

@@ -22,8 +22,8 @@ from edmctl.simulator import (
     saving,
 )
 from edmctl.simulator.injection import parse_injection
-from edmctl.simulator.random_blocks import BLOCK
 from edmctl.simulator.saving import bench_state, restored_bench
+from edmctl.simulator.unit import BLOCK
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -37,7 +37,7 @@ NEAR = BenchConfig(offset_um=20.0, discharge=DischargeConstants(scatter=0.4))
 def power_cycled(bench: VirtualBench) -> VirtualBench:
     """The bench itself after its power was cut at rest."""
     bench.controller.reset(m.ResetCause.POWER_ON)
-    bench.controller.port.take_output()
+    bench.controller.link.take_output()
     return bench
 
 
@@ -162,7 +162,7 @@ def test_a_machine_saved_in_mid_cut_has_lost_its_power_and_retracted(rig: RigMak
     assert again.controller.loop.command_v == 0.0
     assert again.controller.boot_count == r.bench.controller.boot_count + 1
     assert again.truth() == r.bench.truth()
-    assert again.controller.port.take_output() == b""
+    assert again.controller.link.take_output() == b""
 
 
 @pytest.mark.parametrize(("name", "state"), [("ESTOP", m.State.ESTOP), ("DOOR", m.State.FAULT)])

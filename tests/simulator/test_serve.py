@@ -21,12 +21,10 @@ from edmctl.link import messages as m
 from edmctl.link.frame import FrameDecoder, encode_frame
 from edmctl.link.opening import open_line
 from edmctl.link.session import Session
-from edmctl.simulator import BenchConfig, open_bench, socket_endpoint
-from edmctl.simulator.endpoints import Endpoint, PtyEndpoint
+from edmctl.simulator import BenchConfig, endpoints, open_bench
+from edmctl.simulator.endpoints import Endpoint, PtyEndpoint, SocketEndpoint
 from edmctl.simulator.injection import parse_injection
-from edmctl.simulator.news import News
-from edmctl.simulator.serve import Server
-from edmctl.simulator.socket_endpoint import SocketEndpoint
+from edmctl.simulator.serve import EventMonitor, Server
 from tests.serving import serving
 
 if TYPE_CHECKING:
@@ -160,7 +158,7 @@ def test_only_a_client_that_is_silent_makes_room_for_another(monkeypatch: pytest
     endpoint = SocketEndpoint("127.0.0.1", 0, said.append)
     with running(Server(bench, endpoint, 1.0), endpoint), client_of(endpoint) as silent:
         assert until(endpoint.has_client)
-        monkeypatch.setattr(socket_endpoint, "SILENT_S", 0.2)
+        monkeypatch.setattr(endpoints, "SILENT_S", 0.2)
         time.sleep(0.3)
         silent.sendall(b"\0no frame at all\0")
         with client_of(endpoint) as second:
@@ -221,8 +219,8 @@ def test_strangers_at_the_gate_are_few_and_do_not_stay(monkeypatch: pytest.Monke
     endpoint = SocketEndpoint("127.0.0.1", 0, secret=SECRET)
     with running(Server(bench, endpoint, 1.0), endpoint), ExitStack() as others:
         strangers = [others.enter_context(client_of(endpoint)) for _ in range(40)]
-        assert until(lambda: len(endpoint.descriptors()) == 1 + socket_endpoint.MOST_AT_GATE)
-        monkeypatch.setattr(socket_endpoint, "GATE_S", 0.1)
+        assert until(lambda: len(endpoint.descriptors()) == 1 + endpoints.MOST_AT_GATE)
+        monkeypatch.setattr(endpoints, "GATE_S", 0.1)
         assert until(lambda: len(endpoint.descriptors()) == 1)
         for stranger in strangers:
             assert stranger.makefile("rb").read().splitlines()[-1].startswith(gate.GREETING)
@@ -230,12 +228,12 @@ def test_strangers_at_the_gate_are_few_and_do_not_stay(monkeypatch: pytest.Monke
 
 
 def test_only_this_computer_is_loopback() -> None:
-    assert socket_endpoint.is_loopback(socket_endpoint.address_of("localhost"))
-    assert not socket_endpoint.is_loopback(socket_endpoint.address_of("0.0.0.0"))
-    assert not socket_endpoint.is_loopback("::")
+    assert endpoints.is_loopback(endpoints.address_of("localhost"))
+    assert not endpoints.is_loopback(endpoints.address_of("0.0.0.0"))
+    assert not endpoints.is_loopback("::")
     for nobody in ("a..b", ".", "no such host"):
         with pytest.raises(LinkLost, match="no such host"):
-            socket_endpoint.address_of(nobody)
+            endpoints.address_of(nobody)
 
 
 def test_whoever_comes_back_at_once_is_not_kept_out_by_itself() -> None:
@@ -339,7 +337,7 @@ def test_a_session_survives_when_one_frame_in_twenty_is_damaged() -> None:
         for _ in range(100):
             assert session.request(m.GetStatus()).state == m.State.IDLE
         session.close()
-    assert bench.controller.port.rx_bad > 3
+    assert bench.controller.link.rx_bad > 3
     assert bench.controller.fault == 0
 
 
@@ -369,7 +367,7 @@ def test_an_unplugged_line_ends_the_server_and_the_client_is_told() -> None:
 
 def test_news_of_faults_and_injections() -> None:
     bench, said, rests = open_bench(NEAR, 4), list[str](), list[int]()
-    news = News(bench, said.append, lambda: rests.append(bench.controller.tick))
+    news = EventMonitor(bench, said.append, lambda: rests.append(bench.controller.tick))
     session = Session(bench.transport, Random(1))
     session.open()
     session.request(m.Arm(m.param_crc({})))

@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from edmctl.simulator import BenchConfig, VirtualBench
     from edmctl.simulator.endpoints import Endpoint
     from edmctl.simulator.injection import Injection
-    from edmctl.simulator.news import News
-    from edmctl.simulator.serve import Server
+    from edmctl.simulator.serve import EventMonitor, Server
 
 FASTEST = "max"
 LEAST_SPEED, MOST_SPEED = 0.05, 1000.0
@@ -146,9 +145,8 @@ def _serve(outcome: Outcome, request: ServeRequest, link: Path | None, place: _P
     from edmctl.jobs.persistent_simulator import kept_bench
     from edmctl.jobs.served_controllers import announced
     from edmctl.machine.stop import StopRequest
-    from edmctl.simulator.news import News
     from edmctl.simulator.plant import serial_number
-    from edmctl.simulator.serve import Server
+    from edmctl.simulator.serve import EventMonitor, Server
 
     def say(text: str) -> None:
         _say(outcome.output, text)
@@ -167,7 +165,7 @@ def _serve(outcome: Outcome, request: ServeRequest, link: Path | None, place: _P
         bench.warm_up()  # before anybody can say hello
         endpoint = _endpoint(link, place, outcome.output)
         try:
-            news = News(bench, say, keep)
+            news = EventMonitor(bench, say, keep)
             with (
                 announced(endpoint.name, bench.plant.serial, shell().environ),
                 stopping_signals(stop, endpoint.close),
@@ -205,8 +203,7 @@ def _is_over(bench: "VirtualBench", stop: "StopRequest", seconds: float | None) 
 
 
 def _endpoint(link: Path | None, place: _Place | None, output: Output) -> "Endpoint":
-    from edmctl.simulator.endpoints import PtyEndpoint
-    from edmctl.simulator.socket_endpoint import SocketEndpoint
+    from edmctl.simulator.endpoints import PtyEndpoint, SocketEndpoint
 
     if place is not None:
         return SocketEndpoint(place.host, place.port, lambda text: _say(output, text), place.secret)
@@ -219,7 +216,7 @@ def _ready(bench: "VirtualBench", endpoint: "Endpoint", speed: float | None) -> 
 
 
 def _summary(
-    bench: "VirtualBench", endpoint: "Endpoint", server: "Server", news: "News", speed: float | None
+    bench: "VirtualBench", endpoint: "Endpoint", server: "Server", news: "EventMonitor", speed: float | None
 ) -> dict[str, object]:
     controller = bench.controller
     return {
@@ -235,7 +232,7 @@ def _summary(
     }
 
 
-def _closing(bench: "VirtualBench", server: "Server", news: "News") -> str:
+def _closing(bench: "VirtualBench", server: "Server", news: "EventMonitor") -> str:
     traffic = server.traffic
     faults = ", ".join(str(code) for code in news.faults) or "none"
     late = f"; its clock was set back by {traffic.paused_s:.1f} s in all" if traffic.paused_s else ""
@@ -269,7 +266,7 @@ def _speed(text: str) -> float | None:
 def _place(text: str | None, secret_file: Path | None, *, allow_remote: bool) -> _Place | None:
     """Where to serve a socket, and with which secret; None without one."""
     from edmctl.jobs.connect import read_secret
-    from edmctl.simulator.socket_endpoint import address_of, is_loopback
+    from edmctl.simulator.endpoints import address_of, is_loopback
 
     if text is None:
         if allow_remote or secret_file is not None:

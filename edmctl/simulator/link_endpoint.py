@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections import OrderedDict, deque
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from edmctl.link.frame import ABORT_RUN, Frame, FrameDecoder, encode_frame
 from edmctl.link.messages import REQUESTS, Advance, GetSchema, Heartbeat, Hello, Status
+from edmctl.simulator.plant_interface import TICK_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -17,12 +19,21 @@ if TYPE_CHECKING:
 REPLY_BIT = 0x40
 REPLIES_KEPT = 8
 NONCES_KEPT = 8
+ANSWERS_PER_TICK = 8
 _HALF = 128
 """Commands may run so far ahead of the newest one executed; what lies behind it is a late copy."""
 Outcome = tuple[Status, bytes]
+OK: Outcome = (Status.OK, b"")
 
 
-class DevicePort:
+class Executor(Protocol):
+    """What carries out commands."""
+
+    def execute(self, message: Message) -> Outcome:
+        """Carry out a command and return the status and payload of its reply."""
+
+
+class LinkEndpoint:
     """Turns bytes into commands and messages into bytes.
 
     `execute` gets each valid command of the session once. A copy of one of the last commands gets the reply that the
@@ -50,7 +61,7 @@ class DevicePort:
         self._replies: OrderedDict[tuple[int, int], bytes] = OrderedDict()
         self._unacknowledged: list[tuple[int, bytes]] = []
         self._hello = b""
-        self._welcome: Outcome = (Status.OK, b"")
+        self._welcome = OK
         self._former_nonces: deque[int] = deque(maxlen=NONCES_KEPT)
         self.begin_session(0)
 
@@ -234,3 +245,24 @@ class DevicePort:
         except ValueError:
             return Status.BAD_LENGTH, b""
         return self._execute(message)
+
+
+class HostWait:
+    """Lets time pass for a host that waits.
+
+    The controller answers commands at once, without time. So that a host which asks again and again cannot stop the
+    clock, a millisecond passes after every eight answers.
+    """
+
+    def __init__(self, link: LinkEndpoint, advance: Callable[[int], None]) -> None:
+        self._link, self._advance = link, advance
+        self._answers = 0
+
+    def wait(self, timeout_s: float) -> None:
+        """Let up to `timeout_s` pass: nothing where an answer is there already, else whole milliseconds."""
+        urgent = self._link.urgent
+        if urgent and self._answers < ANSWERS_PER_TICK:
+            self._answers += 1
+            return
+        self._answers = 0
+        self._advance(1 if urgent else max(1, math.floor(timeout_s / TICK_S + 0.5)))

@@ -1,4 +1,4 @@
-"""What lies under the tool: its place on the work, the hole that it is in, and what the kernel must know of both.
+"""What lies under the tool: its place on the work, the hole that it is in, and chips on it.
 
 The kernel's state holds one depth and the area that sinks with it. This looks them up in the height map when the
 tool comes to a place, and writes them back when it leaves.
@@ -7,6 +7,7 @@ tool comes to a place, and writes them back when it leaves.
 from __future__ import annotations
 
 import math
+import zlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -15,15 +16,27 @@ import numpy as np
 from edmctl.simulator.workpiece import Footprint, Tip, Workpiece
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
 
     from edmctl.simulator.config import BenchConfig
+    from edmctl.simulator.plant_interface import Drive
     from edmctl.simulator.plant_state import PlantState, Unit
 
 NO_LEVELS = np.array([[math.inf], [1.0], [1.0]])
 EDGE_X_UM = -2000.0  # the work begins here; the parking place lies beyond
+
+LOOK_TICKS = 10
+"""Lifts and sparks are looked for this often while there is a chip; a jump takes longer."""
+LIFT_UM = 20.0
+"""A tool this far above a chip has lifted off: what is drawn in then may carry the chip away."""
+WASHED_AWAY = 0.5
+"""Chance of that at each lift, of a loose chip [assumed]."""
+LEAST_UM = 0.05
+"""What is left of a chip below this is dust."""
 
 
 @dataclass(slots=True)
@@ -36,7 +49,7 @@ class Hole:
     through: bool = False
 
 
-class Ground:
+class WorkUnderTool:
     """The work under one tool. `levels` is the table for the kernel, `solid` whether there is anything to meet.
 
     `work` is the height map, `holes` is what was cut by a tool that stood.
@@ -132,3 +145,107 @@ class Ground:
             self.holes.append(self.here)
         self.here.depth_um = min(depth_um, self._config.thickness_um)
         self.here.through = not self.solid
+
+
+@dataclass(slots=True)
+class Chip:
+    """A chip at a point of the work, `height_um` high and as wide; `chance` is that of going at a lift."""
+
+    x_um: float
+    y_um: float
+    height_um: float
+    chance: float
+    lifted: bool = True
+
+
+class Chips:
+    """Chips that lie on the work: where the tool comes over one, contact closes earlier by the chip's height.
+
+    A chip lies at a point, as wide as it is high; a tool that stands further off than its radius and half the chip
+    misses it. A loose one may be washed away whenever the tool lifts off it, a firm one stays. Sparks strike the
+    nearest point, so they eat the chip before anything else. The random numbers are its own: a machine without chips
+    is not changed by them.
+
+    changed : called when another height lies under the tool.
+    """
+
+    def __init__(
+        self,
+        serial: str,
+        position_um: Floats,
+        state: PlantState,
+        drive: Drive,
+        changed: Callable[[], None],
+    ) -> None:
+        self._position_um, self._state, self._drive, self._changed = position_um, state, drive, changed
+        self._random = np.random.default_rng([zlib.crc32(serial.encode()), zlib.crc32(b"chips")])
+        self._depth_um = 0.0
+        self.tool_diameter_um = 0.0
+        self.lying: list[Chip] = []
+
+    def drop(self, height_um: float, *, loose: bool) -> None:
+        """Let a chip fall somewhere under the tool where it stands."""
+        radius_um = self.tool_diameter_um / 2.0
+        away_um = radius_um * math.sqrt(self._random.random())
+        angle = 2.0 * math.pi * self._random.random()
+        x, y = self._position_um
+        place = float(x) + away_um * math.cos(angle), float(y) + away_um * math.sin(angle)
+        self.lying.append(Chip(*place, height_um, WASHED_AWAY if loose else 0.0))
+        self._depth_um = self._state.depth_um
+        self._changed()
+
+    def clear(self) -> None:
+        """Sweep the work."""
+        if self.lying:
+            self.lying.clear()
+            self._changed()
+
+    def under_tool_um(self) -> float:
+        """Height of the highest chip under the tool, 0 without one."""
+        return max((chip.height_um for chip in self.lying if self._is_under(chip)), default=0.0)
+
+    def next_tick(self, now: int) -> int | None:
+        """The tick at which to look again; None while nothing can happen to a chip."""
+        near = any(not chip.lifted or self._is_under(chip) for chip in self.lying)
+        return now + LOOK_TICKS if near else None
+
+    def look(self) -> None:
+        """See what lifts and sparks have done since the last time."""
+        if not self.lying:
+            return
+        changed = self._erode()
+        for chip in list(self.lying):
+            clear_um = self._clear_um()
+            if not self._is_under(chip) or clear_um > LIFT_UM:
+                if not chip.lifted and self._random.random() < chip.chance:
+                    self.lying.remove(chip)
+                    changed = True
+                chip.lifted = True
+            elif clear_um < LIFT_UM / 2.0:
+                chip.lifted = False
+        if changed:
+            self._changed()
+
+    def _is_under(self, chip: Chip) -> bool:
+        x, y = self._position_um
+        reach_um = self.tool_diameter_um / 2.0 + chip.height_um / 2.0
+        return math.hypot(chip.x_um - float(x), chip.y_um - float(y)) <= reach_um
+
+    def _clear_um(self) -> float:
+        """Height of the tool above what it would meet."""
+        state = self._state
+        return state.surface_um + state.depth_um + state.wear_um - state.true_z_um
+
+    def _erode(self) -> bool:
+        """Take from the highest chip under the tool what the sparks have removed since the last look."""
+        depth_um = self._state.depth_um
+        removed_um3 = (depth_um - self._depth_um) / self._state.per_hole_area
+        self._depth_um = depth_um
+        under = [chip for chip in self.lying if self._is_under(chip)]
+        if not under or not removed_um3 > 0.0 or not self._drive.pulses_on:
+            return False
+        chip = max(under, key=lambda one: one.height_um)
+        chip.height_um = max(0.0, chip.height_um**3 - removed_um3) ** (1.0 / 3.0)
+        if chip.height_um < LEAST_UM:
+            self.lying.remove(chip)
+        return True
