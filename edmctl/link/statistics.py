@@ -1,4 +1,4 @@
-"""What a session keeps count of, and the report made from it."""
+"""What a session measures of its line: counts, round trips, and the report made from them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _KEPT = 2000
 
 
 class RetransmitTimer:
-    """Says how long to wait for a reply, from the smoothed round trip and its deviation.
+    """Says how long to wait for a reply, from the smoothed round trip and its deviation (Jacobson and Karels 1988).
 
     The newest round trips are kept for statistics.
     """

@@ -1,4 +1,4 @@
-"""What a session needs of a line: bytes out, bytes in, and the clock that waiting goes by."""
+"""What a session needs of a line: bytes both ways, and the clock that waiting goes by; a line in stepped time."""
 
 from __future__ import annotations
 
@@ -58,7 +58,12 @@ _LEAST_US = 1
 
 
 class SteppedLine:
-    """Wraps a line after HELLO has said that the controller's clock is driven; `session` is that of HELLO."""
+    """A line to a simulated controller whose time stands still except while the host waits.
+
+    Every wait becomes an ADVANCE; what the controller sent until then comes back before its reply. So a run over a
+    real tty takes no longer than it must, and is the same run every time. Wraps a line after HELLO has said that the
+    controller's clock is driven; `session` is that of HELLO.
+    """
 
     live = False
 

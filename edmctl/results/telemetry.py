@@ -1,5 +1,7 @@
 """Samples and pulses of a machine, many at a time, in µm, V, A and s: made when decoded, kept as they are.
 
+With them stand the shares of the pulse classes, and how the line did that brought them.
+
 Displacements are those of the inductive sensor on the actuator, positive towards the work and zero near 0 V.
 Times are seconds since the first message of the run, on the controller's clock.
 """
