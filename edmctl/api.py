@@ -27,7 +27,7 @@ from edmctl.jobs.sweep import seed_to_use
 from edmctl.toml_text import toml_value
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from os import PathLike
     from types import TracebackType
 
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from edmctl.jobs.job import Report
     from edmctl.jobs.plan import Plan
     from edmctl.jobs.procedures import Procedure, ProcedureReport
+    from edmctl.jobs.surroundings import Warn
     from edmctl.machine.stop import StopRequest
     from edmctl.record.reader import RunFile
     from edmctl.results.forecast import Forecast
@@ -45,7 +46,6 @@ if TYPE_CHECKING:
 
     Overrides = Mapping[str, object] | Sequence[str]
     File = str | PathLike[str]
-    Warn = Callable[[Sequence[Diagnostic]], None]
 
 
 class Machine:

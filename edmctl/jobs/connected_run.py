@@ -20,19 +20,17 @@ from edmctl.record.disk_thread import DiskThread
 from edmctl.record.rows import Summary
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping
     from pathlib import Path
 
     from edmctl.jobs.plan import Plan
     from edmctl.jobs.run_header import RunName
+    from edmctl.jobs.surroundings import Warn
     from edmctl.record.rows import Recorder
+    from edmctl.record.run_meta import RunMeta
     from edmctl.results.progress import Observer
 
-    Warn = Callable[[Sequence[Diagnostic]], None]
     Act = Callable[[Recorder], None]
-    from collections.abc import Callable, Iterator
-
-    from edmctl.record.run_meta import RunMeta
 
 
 def connected_run(

@@ -19,13 +19,14 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from edmctl.errors import Diagnostic, EdmError
+    from edmctl.errors import EdmError
     from edmctl.jobs.calibration.selection import ModelUsed
     from edmctl.jobs.ledger.job_ledger import JobLedger
     from edmctl.jobs.plan import Plan
     from edmctl.jobs.resume.checkpoint import JobCheckpoint
     from edmctl.jobs.run_header import RunName
     from edmctl.jobs.session import MachineSession
+    from edmctl.jobs.surroundings import Warn
     from edmctl.jobs.truth import TrueWear
     from edmctl.jsonout import JsonValue
     from edmctl.procedures.job import Job
@@ -119,7 +120,7 @@ def carry_out(
     seed: int,
     observer: Observer,
     name: RunName | None,
-    warn: Callable[[Sequence[Diagnostic]], None] | None = None,
+    warn: Warn | None = None,
 ) -> Report:
     """Run the job on the machine that the plan names, into the run file `name` where there is one.
 

@@ -46,9 +46,9 @@ if TYPE_CHECKING:
 
     from edmctl.jobs.ledger.elapsed import Now
     from edmctl.jobs.plan import MachineAddress, Plan
-    from edmctl.jobs.procedures import Warn
     from edmctl.jobs.run_header import RunName
     from edmctl.jobs.session import MachineSession
+    from edmctl.jobs.surroundings import Warn
     from edmctl.procedures.job import Job
     from edmctl.procedures.run import JobRun
     from edmctl.procedures.touch.reading import SurfaceReading

@@ -23,26 +23,24 @@ from edmctl.profile.places import Place
 from edmctl.record.tool_account import books_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Mapping
     from pathlib import Path
 
-    from edmctl.errors import Diagnostic, EdmError
+    from edmctl.errors import EdmError
     from edmctl.jobs.calibration.selection import ModelUsed
     from edmctl.jobs.job_preparation import PreparedJob
     from edmctl.jobs.ledger.tool import ToolIdentity
     from edmctl.jobs.plan import Plan
     from edmctl.jobs.run_header import RunName
     from edmctl.jobs.session import MachineSession
+    from edmctl.jobs.surroundings import Warn
     from edmctl.jsonout import JsonValue
     from edmctl.machine.controller import LinkMachine
     from edmctl.procedures.job import Job
     from edmctl.procedures.run import JobRun
     from edmctl.record.rows import Recorder
-    from edmctl.results.progress import Observer
-
-    Warn = Callable[[Sequence[Diagnostic]], None]
-
     from edmctl.results.measurements import JumpSeries, SurfaceFound
+    from edmctl.results.progress import Observer
 
 
 class Procedure(Protocol):

@@ -9,10 +9,13 @@ from typing import TYPE_CHECKING
 from edmctl.machine.stop import StopRequest
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
     from contextlib import AbstractContextManager
 
+    from edmctl.errors import Diagnostic
     from edmctl.results.progress import Progress
+
+    Warn = Callable[[Sequence[Diagnostic]], None]
 
 
 def _unguarded(stop: StopRequest, abort: Callable[[], None]) -> AbstractContextManager[None]:

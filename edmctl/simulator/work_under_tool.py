@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
-
     from edmctl.simulator.config import BenchConfig
     from edmctl.simulator.plant_interface import Drive
     from edmctl.simulator.plant_state import PlantState, Unit
+
+    Floats = NDArray[np.float64]
 
 NO_LEVELS = np.array([[math.inf], [1.0], [1.0]])
 EDGE_X_UM = -2000.0  # the work begins here; the parking place lies beyond

@@ -15,17 +15,16 @@ from edmctl.jobs.result import Result
 from edmctl.jsonout import to_json_value
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     from edmctl.actuator.model import ActuatorModel
     from edmctl.actuator.record import Record
     from edmctl.jobs.calibration.fit import Figures, Findings
     from edmctl.jobs.calibration.request import CheckedCalibration, LeverFound
+    from edmctl.jobs.surroundings import Warn
     from edmctl.jsonout import JsonValue
     from edmctl.procedures.actuator.calibration import CalibrationPlan, MeasuredActuator
     from edmctl.results.progress import Observer
-
-    Warn = Callable[[Sequence[Diagnostic]], None]
 
 
 @dataclass(frozen=True, slots=True, repr=False)

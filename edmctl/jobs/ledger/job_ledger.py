@@ -20,19 +20,18 @@ from edmctl.record.ledger_entries import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping, Sequence
+    from collections.abc import Collection, Mapping, Sequence
 
     from edmctl.jobs.ledger.places_taken import Place
     from edmctl.jobs.plan import Plan
     from edmctl.jobs.run_header import RunName
     from edmctl.jobs.session import MachineSession
+    from edmctl.jobs.surroundings import Warn
     from edmctl.procedures.job import Job
     from edmctl.procedures.job_state import JobState, StateStore
     from edmctl.record.ledger import Logbook
     from edmctl.results.channel import ChannelResult
     from edmctl.results.job import JobResult, SiteResult
-
-    Warn = Callable[[Sequence[Diagnostic]], None]
 
 DONE = "done"
 
