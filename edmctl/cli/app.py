@@ -62,7 +62,7 @@ _ClickError = cast("type[Exception]", typer.BadParameter.__mro__[2])
 @app.callback(invoke_without_command=True)
 def edmctl(
     context: typer.Context,
-    version: Annotated[bool, typer.Option("--version", help="Say the version and exit.")] = False,
+    version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
 ) -> None:
     """Controller for a micro-EDM machine with a piezo-driven tool."""
     if version:

@@ -17,7 +17,7 @@ PlaceOption = Annotated[
     typer.Option(
         "--site",
         metavar="X,Y",
-        help="Stage coordinates in µm; without, where `machine` would put its first hole.",
+        help="Stage coordinates in µm. Default: where `machine` would put its first hole.",
     ),
 ]
 

@@ -15,13 +15,13 @@ CountOption = Annotated[
     int, typer.Option("--count", "-n", metavar="N", min=1, max=MOST_JUMPS, help="Jumps to make.")
 ]
 HeightOption = Annotated[
-    float | None, typer.Option("--height-um", metavar="UM", help="Instead of the profile's jump.height_um.")
+    float | None, typer.Option("--height-um", metavar="UM", help="Overrides jump.height_um of the profile.")
 ]
 SpeedOption = Annotated[
-    float | None, typer.Option("--speed", metavar="UM_S", help="Instead of the profile's jump.speed_um_s.")
+    float | None, typer.Option("--speed", metavar="UM_S", help="Overrides jump.speed_um_s of the profile.")
 ]
 PeriodOption = Annotated[
-    float | None, typer.Option("--period-s", metavar="S", help="Instead of the profile's jump.period_s.")
+    float | None, typer.Option("--period-s", metavar="S", help="Overrides jump.period_s of the profile.")
 ]
 
 

@@ -21,7 +21,7 @@ ReferenceOption = Annotated[
 SiteOption = Annotated[
     str | None,
     typer.Option(
-        "--site", metavar="NAME|X,Y", help="The hole to touch; without, the last one that the tool made."
+        "--site", metavar="NAME|X,Y", help="The hole to touch. Default: the last one that the tool made."
     ),
 ]
 

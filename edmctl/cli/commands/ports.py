@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 ProbeOption = Annotated[
     bool,
-    typer.Option("--probe", help="Say hello at the ports that `auto` would ask, and show who answers."),
+    typer.Option("--probe", help="Ask the controllers at the ports that `auto` would ask who they are."),
 ]
 
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 AckOption = Annotated[
     int | None,
-    typer.Option("--ack", metavar="CODE", help="The fault to clear; without, it is only told."),
+    typer.Option("--ack", metavar="CODE", help="The fault to clear. Default: show it only."),
 ]
 
 
