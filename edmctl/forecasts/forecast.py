@@ -35,7 +35,7 @@ from edmctl.forecasts.removal import (
     time_share_of_jumps,
 )
 from edmctl.process.discharge import mrr_mm3_min, pulse_energy_uj
-from edmctl.process.path import nearest_first
+from edmctl.process.path_ordering import nearest_first
 from edmctl.results.forecast import Forecast
 
 if TYPE_CHECKING:

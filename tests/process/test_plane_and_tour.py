@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from edmctl.process.path import nearest_first, spread_out
+from edmctl.process.path_ordering import nearest_first, spread_out
 from edmctl.process.plane import fitted_plane, unknown_plane
 
 
