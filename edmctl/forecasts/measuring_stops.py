@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from edmctl.actuator.estimator import GAIN_SD_BETWEEN_DAYS, ZERO_DRIFT_UM_PER_S
+from edmctl.actuator.correction import GAIN_SD_BETWEEN_DAYS, ZERO_DRIFT_UM_PER_S
 from edmctl.forecasts.removal import SIDE_DISCHARGE_SHARE, feed_rate_um_s
 from edmctl.process.discharge import first_gap_u_um, hole_area_um2
 from edmctl.process.live_erosion import Energy, ErosionEstimate

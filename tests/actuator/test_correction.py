@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from edmctl.actuator.estimator import GAIN_SD_BETWEEN_DAYS, SlowCorrection
+from edmctl.actuator.correction import GAIN_SD_BETWEEN_DAYS, SlowCorrection
 
 LOW_UM, HIGH_UM = 20.0, 350.0
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from edmctl.actuator.estimator import SlowCorrection
+from edmctl.actuator.correction import SlowCorrection
 from edmctl.machine.interface import MachineState, TelemetryBlock
 from edmctl.procedures.actuator.tracker import Tracker, at_rest
 from edmctl.procedures.event_codes import RunEvent

@@ -224,7 +224,7 @@ def _doubts(
 
 
 def _cost(calibration: Calibration) -> Diagnostic:
-    from edmctl.actuator.estimator import GAIN_SD_BETWEEN_DAYS
+    from edmctl.actuator.correction import GAIN_SD_BETWEEN_DAYS
 
     held_out = calibration.quality.held_out
     return Diagnostic(

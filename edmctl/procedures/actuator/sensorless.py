@@ -16,7 +16,7 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from edmctl.actuator.estimator import SlowCorrection
+from edmctl.actuator.correction import SlowCorrection
 from edmctl.actuator.inverse import travel_by
 from edmctl.machine.interface import (
     Axis,

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from edmctl.actuator.estimator import Estimator, SlowCorrection
+from edmctl.actuator.correction import SlowCorrection
+from edmctl.actuator.estimator import Estimator
 from edmctl.actuator.model import ActuatorState
 from edmctl.actuator.validation import ErrorFigures
 from edmctl.machine.interface import MachineState
