@@ -8,7 +8,9 @@ processor time, largest memory of the process (no less than that of this one), a
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
+import math
 import os
 import subprocess
 import sys
@@ -31,10 +33,11 @@ from edmctl.record.layout import (
     Table,
 )
 from edmctl.record.reader import RunFile, open_run
-from edmctl.record.rows import EventLevel, EventRow, ServoBlock, SiteRow, SlowRow, Summary, TouchRow
+from edmctl.record.rows import EventLevel, EventRow, ServoBlock, SlowRow, Summary, TouchRow
 from edmctl.record.run_meta import Leaf, RunMeta
 from edmctl.record.writer import RunWriter
 from edmctl.report.kinds import NAMES
+from edmctl.results.job import SiteResult, site_result_of
 from edmctl.results.telemetry import PulseBlockBatch, PulseTrain
 
 if TYPE_CHECKING:
@@ -129,7 +132,16 @@ def write_once(
         writer.append(TouchRow(**touch))
     for row in short.table(RESULTS.path):
         place = {"x_um": PITCH_UM * (number % COLUMNS), "y_um": PITCH_UM * (number // COLUMNS)}
-        writer.append(SiteRow(**{**entries(RESULTS, row), **place, "site": site}))
+        writer.append(site_of(entries(RESULTS, row) | place | {"name": site}))
+
+
+def site_of(row: dict[str, Any]) -> SiteResult:
+    """The result of a site out of a row of the results, which has not all of it."""
+    names = {field.name for field in dataclasses.fields(SiteResult)}
+    ratios = {name: row[f"ratios.{name}"] for name in ("open", "normal", "arc", "short")}
+    unknown = dict.fromkeys(("theta_deg", "gap_ratio_mean", "working_gap_um"), math.nan)
+    known = {name: value for name, value in row.items() if name in names}
+    return site_result_of({**unknown, **known, "ratios": ratios})
 
 
 def parsed(args: str) -> dict[str, Any]:

@@ -20,10 +20,10 @@ from edmctl.record.rows import (
     LinkRow,
     RejectedTouch,
     ServoBlock,
-    SiteRow,
     SlowRow,
     TouchRow,
 )
+from edmctl.results.job import SiteResult
 from edmctl.results.telemetry import PulseBlockBatch, PulseTrain, TelemetryBlock, WaveformBatch
 
 if TYPE_CHECKING:
@@ -328,7 +328,7 @@ RESULTS = Table(
     32,
     "one row per site",
     (
-        Column("site", "site", "S128", TEXT, "site"),
+        Column("site", "name", "S128", TEXT, "site"),
         Column("x", "x_um", "f8", "um", "x of the site"),
         Column("y", "y_um", "f8", "um", "y of the site"),
         Column("z1", "z1_um", "f8", "um", "surface before machining"),
@@ -350,10 +350,10 @@ RESULTS = Table(
         Column("machining_time", "machining_time_s", "f8", "s", "time with the servo on"),
         Column("cuts", "cuts", "u2", PURE, "cuts"),
         Column("pulses", "pulses", "u8", PURE, "pulses"),
-        Column("r_open", "ratio_open", "f8", PURE, "share of open pulses"),
-        Column("r_normal", "ratio_normal", "f8", PURE, "share of normal discharges"),
-        Column("r_arc", "ratio_arc", "f8", PURE, "share of arcs"),
-        Column("r_short", "ratio_short", "f8", PURE, "share of shorts"),
+        Column("r_open", "ratios.open", "f8", PURE, "share of open pulses"),
+        Column("r_normal", "ratios.normal", "f8", PURE, "share of normal discharges"),
+        Column("r_arc", "ratios.arc", "f8", PURE, "share of arcs"),
+        Column("r_short", "ratios.short", "f8", PURE, "share of shorts"),
         Column(
             "energy",
             "energy_j",
@@ -510,7 +510,7 @@ TABLE_OF: Mapping[type, Table] = {
     PulseTrain: PULSES,
     EventRow: EVENTS,
     TouchRow: TOUCHES,
-    SiteRow: RESULTS,
+    SiteResult: RESULTS,
     TelemetryBlock: BLACK_BOX,
     WaveformBatch: WAVEFORMS,
     LinkRow: LINK,

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import TYPE_CHECKING, Protocol, TypeAlias
 
+from edmctl.results.job import SiteResult
 from edmctl.results.telemetry import PulseBlockBatch, PulseTrain, TelemetryBlock, WaveformBatch
 
 if TYPE_CHECKING:
@@ -148,64 +149,6 @@ class RejectedTouch:
 
 
 @dataclass(frozen=True, slots=True)
-class SiteRow:
-    """Result at one site. Unknown values are NaN."""
-
-    site: str
-    x_um: float
-    y_um: float
-    z1_um: float
-    z2_um: float
-    z3_um: float
-    depth_um: float
-    depth_u95_um: float
-    wear_um: float
-    wear_u95_um: float
-    feed_um: float
-    depth_model_um: float
-    wear_model_um: float
-    machining_time_s: float
-    cuts: int
-    pulses: int
-    ratio_open: float
-    ratio_normal: float
-    ratio_arc: float
-    ratio_short: float
-    energy_j: float = math.nan
-    """Mean gap current × plateau voltage of a normal discharge × time, over all cuts."""
-    wear_ratio_lin: float = math.nan
-    """Wear per depth."""
-    wear_ratio_vol: float = math.nan
-    """Tool volume lost per hole volume."""
-    mrr_mm3_min: float = math.nan
-    """Material removal rate: hole volume per machining time."""
-    depth_model_error_um: float = math.nan
-    """Depth by the model minus depth by the sensor."""
-    wear_model_error_um: float = math.nan
-    zero_drift_um: float = math.nan
-    """How far the rest at 0 V moved from Z1 to Z3, by the sensor beside the model."""
-    feed_model_error_max_um: float = math.nan
-    """Displacement by the model minus that by the sensor while machining, averaged over 0.1 s: the largest."""
-    feed_model_error_rms_um: float = math.nan
-    feed_model_error_max_pct: float = math.nan
-    """Of the feed."""
-    feed_model_error_rms_pct: float = math.nan
-    face_um: float = 0.0
-    """How much further than the pad the face lies at the site."""
-    measuring_stops: int = 0
-    """Times that the bottom, and the pad after it, were touched."""
-    estimated_um: float = 0.0
-    """Part of the depth that was cut after the last touch, and is estimated."""
-    through: bool = False
-    """The hole goes through the sheet: `depth` is how far the tip went below the face, `z2` where the tip ended."""
-    depth_basis: str = ""
-    """What the depth rests on, a `Basis`."""
-    wear_basis: str = ""
-    verdict: str = ""
-    """A `Verdict`; empty where no depth was wanted."""
-
-
-@dataclass(frozen=True, slots=True)
 class Summary:
     """The result of the run as a JSON object; it replaces an earlier one."""
 
@@ -220,7 +163,7 @@ Row: TypeAlias = (
     | EventRow
     | TouchRow
     | RejectedTouch
-    | SiteRow
+    | SiteResult
     | TelemetryBlock
     | WaveformBatch
     | LinkRow

@@ -88,7 +88,8 @@ class RowStore:
         widths = [np.dtype(column.dtype).itemsize for column in self._table.columns]
         fitted = [
             tuple(
-                fit_utf8(v, width) if isinstance(v, str) else v for v, width in zip(row, widths, strict=True)
+                fit_utf8(v or "", width) if v is None or isinstance(v, str) else v
+                for v, width in zip(row, widths, strict=True)
             )
             for row in rows
         ]

@@ -35,8 +35,9 @@ from edmctl.record.disk import (
 )
 from edmctl.record.hdf5 import open_hdf5
 from edmctl.record.locks import hold, release
-from edmctl.record.rows import EventRow, RejectedTouch, SiteRow, Summary, TruthMap
+from edmctl.record.rows import EventRow, RejectedTouch, Summary, TruthMap
 from edmctl.record.stores import Segment, store_of
+from edmctl.results.job import SiteResult
 from edmctl.results.telemetry import PulseTrain
 
 if TYPE_CHECKING:
@@ -133,7 +134,7 @@ class RunWriter:
             store = self._stores[layout.TABLE_OF[type(row)].path]
             if isinstance(row, PulseTrain):
                 self._follow(row, store.rows)
-            elif isinstance(row, SiteRow):
+            elif isinstance(row, SiteResult):
                 self._wear_um += row.wear_um
                 self._guarded(self._put_wear)
             store.add(_stored_event(row, store.rows) if isinstance(row, EventRow) else row)

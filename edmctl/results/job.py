@@ -143,6 +143,16 @@ class SiteResult:
     finished: bool = True
     in_doubt: bool = False
 
+    @property
+    def depth_model_error_um(self) -> float:
+        """Depth by the model minus depth by the sensor."""
+        return self.depth_model_um - self.depth_um
+
+    @property
+    def wear_model_error_um(self) -> float:
+        """Wear by the model minus wear by the sensor."""
+        return self.wear_model_um - self.wear_um
+
 
 @dataclass(frozen=True, slots=True)
 class Reached:

@@ -9,6 +9,7 @@ import pytest
 
 from edmctl.console.runs_table import render_runs
 from edmctl.console.style import Style
+from edmctl.labels import Basis, Verdict
 from edmctl.record.run_index import read_head
 from edmctl.record.writer import RunWriter
 from edmctl.wording import file_size, start_utc
@@ -48,10 +49,14 @@ def test_a_row_says_what_became_of_a_run(here: Here, tmp_path: Path) -> None:
 
 
 def test_what_was_not_touched_is_marked(here: Here, tmp_path: Path) -> None:
-    bases = {"estimated": "~180.00 ± 0.90", "model": "≈180.00 ± 0.90", "touched": " 180.00 ± 0.90"}
+    bases = {
+        Basis.ESTIMATED: "~180.00 ± 0.90",
+        Basis.MODEL: "≈180.00 ± 0.90",
+        Basis.TOUCHED: " 180.00 ± 0.90",
+    }
     for basis in bases:
         writer = RunWriter.create(tmp_path / f"{basis}.h5", a_meta())
-        writer.append(replace(a_site_row(), depth_basis=basis, wear_basis="touched", verdict="shown"))
+        writer.append(replace(a_site_row(), depth_basis=basis, verdict=Verdict.SHOWN))
         writer.finish("done", 0)
     said = here("run", "list", str(tmp_path)).out
     rows = {line.split()[0]: line for line in said.splitlines() if "±" in line}

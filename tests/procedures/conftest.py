@@ -30,10 +30,10 @@ from edmctl.record.rows import (
     NullRecorder,
     RejectedTouch,
     ServoBlock,
-    SiteRow,
     SlowRow,
     TouchRow,
 )
+from edmctl.results.job import SiteResult
 from edmctl.results.telemetry import PulseBlockBatch
 from edmctl.rules.load import load_profile
 from edmctl.simulator import BenchConfig, VirtualBench, open_bench
@@ -71,7 +71,7 @@ class Seen(NullRecorder):
         default_factory=list
     )
     touches: list[TouchRow] = field(default_factory=list)
-    sites: list[SiteRow] = field(default_factory=list)
+    sites: list[SiteResult] = field(default_factory=list)
     links: list[LinkRow] = field(default_factory=list)
 
     def append(self, row: Row) -> None:
@@ -89,7 +89,7 @@ class Seen(NullRecorder):
             PulseBlockBatch: self.pulses,
             SlowRow: self.slow,
             TouchRow: self.touches,
-            SiteRow: self.sites,
+            SiteResult: self.sites,
             LinkRow: self.links,
         }
 

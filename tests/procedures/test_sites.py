@@ -82,9 +82,9 @@ def test_the_face_is_touched_before_an_array(array: Shop) -> None:
 
 
 def test_every_result_is_written_once_in_the_order_of_machining(array: Shop) -> None:
-    assert [row.site for row in array.seen.sites] == list(array.ledger.sites)
+    assert [row.name for row in array.seen.sites] == list(array.ledger.sites)
     for row in array.seen.sites:
-        assert row.depth_um == array.ledger.sites[row.site].depth_um
+        assert row.depth_um == array.ledger.sites[row.name].depth_um
 
 
 def test_a_tool_that_may_wear_no_further_ends_the_job_and_says_what_is_left(shop: OpenShop) -> None:
@@ -187,7 +187,7 @@ def test_a_hole_left_in_the_middle_teaches_the_later_ones_nothing_wrong(shop: Op
     for site in after.run_job().sites:
         assert true_depth_um(after, site) == pytest.approx(DEPTH_UM, abs=2.0)
         assert abs(true_depth_um(after, site) - site.depth_um) <= 1.5 * site.depth_u95_um
-    assert [row.site for row in after.seen.sites] == list(after.ledger.sites)
+    assert [row.name for row in after.seen.sites] == list(after.ledger.sites)
 
 
 def test_an_array_left_between_two_holes_finds_the_pad_with_a_worn_tool(shop: OpenShop) -> None:

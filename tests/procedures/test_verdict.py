@@ -101,7 +101,7 @@ def after_corrections(shop: Shop, depths: dict[str, tuple[float, float]]) -> Dec
     run = again.run()
     record_results(run)
     for row in again.seen.sites:
-        assert row.verdict == again.ledger.sites[row.site].verdict
+        assert row.verdict == again.ledger.sites[row.name].verdict
     return judge_holes(run, None)
 
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.record.rows import ServoBlock, SiteRow, SlowRow, Summary, TouchRow
+from edmctl.record.rows import ServoBlock, SlowRow, Summary, TouchRow
 from edmctl.record.run_meta import RunMeta, SourceText, profile_leaves
-from edmctl.results.telemetry import PulseBlockBatch, PulseTrain, TelemetryBlock
+from edmctl.results.job import SiteResult
+from edmctl.results.telemetry import PulseBlockBatch, PulseShares, PulseTrain, TelemetryBlock
 
 if TYPE_CHECKING:
     from edmctl.record.rows import Recorder
@@ -62,11 +64,18 @@ def black_box(rows: int) -> TelemetryBlock:
     )
 
 
-def a_site_row() -> SiteRow:
+def a_site_row() -> SiteResult:
     """The result at one site."""
-    return SiteRow(
-        "A1", 0.0, 1500.0, 50.0, 300.0, 120.0, 180.0, 0.9, 70.0, 1.1, 250.0, 178.0, 69.0, 870.0, 3,
-        2_000_000, 0.2, 0.7, 0.1, 0.0, 610.0, 0.39, 0.34, 0.7, -2.0, -1.0, measuring_stops=3,
+    return SiteResult(
+        name="A1", x_um=0.0, y_um=1500.0, theta_deg=0.0,
+        depth_um=180.0, depth_u95_um=0.9, wear_um=70.0, wear_u95_um=1.1, feed_um=250.0,
+        z1_um=50.0, z2_um=300.0, z3_um=120.0, face_um=0.0, measuring_stops=3, estimated_um=0.0,
+        depth_model_um=178.0, wear_model_um=69.0, zero_drift_um=math.nan,
+        feed_model_error_max_um=math.nan, feed_model_error_rms_um=math.nan,
+        feed_model_error_max_pct=math.nan, feed_model_error_rms_pct=math.nan,
+        machining_time_s=870.0, cuts=3, pulses=2_000_000, ratios=PulseShares(0.2, 0.7, 0.1, 0.0),
+        gap_ratio_mean=0.8, working_gap_um=3.4, energy_j=610.0,
+        wear_ratio_lin=0.39, wear_ratio_vol=0.34, mrr_mm3_min=0.7,
     )  # fmt: skip
 
 

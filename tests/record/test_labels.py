@@ -9,10 +9,11 @@ import h5py
 import numpy as np
 import pytest
 
+from edmctl.labels import Basis, Verdict
 from edmctl.record.layout import RESULTS
 from edmctl.record.reader import open_run
 from edmctl.record.results import Labels, labels_of
-from edmctl.record.rows import SiteRow, TouchRow
+from edmctl.record.rows import TouchRow
 from edmctl.record.run_index import read_head
 from edmctl.record.writer import RunWriter
 from edmctl.report.numbers import numbers_of
@@ -21,10 +22,12 @@ from tests.record.samples import a_meta, a_site_row
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from edmctl.results.job import SiteResult
+
 NEW = ("depth_basis", "wear_basis", "verdict")
 
 
-def a_run(folder: Path, *rows: SiteRow, z_sensor_um: float = 50.0) -> Path:
+def a_run(folder: Path, *rows: SiteResult, z_sensor_um: float = 50.0) -> Path:
     writer = RunWriter.create(folder / "run.h5", a_meta())
     writer.append(TouchRow(1.0, "Z1", "A1", 20.0, z_sensor_um, 49.0, 3, 0.3, 0.0, 1.0))
     for row in rows:
@@ -55,7 +58,9 @@ def labels(path: Path) -> list[Labels]:
 
 
 def test_what_was_written_is_read(tmp_path: Path) -> None:
-    row = replace(a_site_row(), depth_basis="estimated", wear_basis="touched", verdict="not shown")
+    row = replace(
+        a_site_row(), depth_basis=Basis.ESTIMATED, wear_basis=Basis.TOUCHED, verdict=Verdict.NOT_SHOWN
+    )
     assert labels(a_run(tmp_path, row)) == [Labels("estimated", "touched", "not shown")]
 
 
@@ -83,12 +88,12 @@ def test_an_older_file_without_a_sensor_has_touches_by_the_model(tmp_path: Path)
 
 
 def test_the_head_of_a_run_has_the_weakest_basis_and_the_worst_verdict(tmp_path: Path) -> None:
-    good = replace(a_site_row(), depth_basis="touched", wear_basis="touched", verdict="shown")
+    good = replace(a_site_row(), depth_basis=Basis.TOUCHED, wear_basis=Basis.TOUCHED, verdict=Verdict.SHOWN)
     path = a_run(
         tmp_path,
         good,
-        replace(good, site="A2", depth_basis="estimated", verdict="missed"),
-        replace(good, site="A3", verdict="not shown"),
+        replace(good, name="A2", depth_basis=Basis.ESTIMATED, verdict=Verdict.MISSED),
+        replace(good, name="A3", verdict=Verdict.NOT_SHOWN),
     )
     head = read_head(path)
     assert (head.depth_basis, head.wear_basis, head.verdict) == ("estimated", "touched", "missed")

@@ -100,7 +100,6 @@ def test_a_group_of_columns_says_what_viewers_plot(run_path: Path, table: layout
         (layout.SLOW, rows.SlowRow),
         (layout.PULSE_BLOCKS, PulseBlockBatch),
         (layout.TOUCHES, rows.TouchRow),
-        (layout.RESULTS, rows.SiteRow),
     ],
 )
 def test_every_value_of_a_row_is_stored_once(

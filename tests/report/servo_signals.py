@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.record.rows import ServoBlock, SiteRow
+from edmctl.record.rows import ServoBlock
 from edmctl.record.writer import RunWriter
 from tests.record.samples import a_meta, a_site_row
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from edmctl.record.run_meta import Leaf
+    from edmctl.results.job import SiteResult
 
     Array = NDArray[np.float64]
 
@@ -55,13 +56,16 @@ def a_cut(seconds: float, swing_hz: float = 6.25) -> Signals:
     return Signals(9.6 + 0.5 * swing + noise, sensor_um, sensor_um + 2.0, state)
 
 
-def sites(count: int) -> list[SiteRow]:
+def sites(count: int) -> list[SiteResult]:
     """Results of so many holes."""
-    return [replace(a_site_row(), site=f"A{k + 1}") for k in range(count)]
+    return [replace(a_site_row(), name=f"A{k + 1}") for k in range(count)]
 
 
 def write_run(
-    path: Path, signals: Signals | None = None, results: Sequence[SiteRow] = (), leaves: Sequence[Leaf] = ()
+    path: Path,
+    signals: Signals | None = None,
+    results: Sequence[SiteResult] = (),
+    leaves: Sequence[Leaf] = (),
 ) -> RunWriter:
     """Return a writer of a run file that holds the signals and results; the caller adds to it and ends it."""
     writer = RunWriter.create(path, replace(a_meta(), profile_leaves=tuple(leaves)))

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from edmctl.labels import Basis
 from edmctl.process import path as ways
 from edmctl.record.events import RecordedCode
 from edmctl.record.reader import open_run
@@ -72,9 +73,10 @@ def test_a_hole_that_was_not_touched_stands_at_the_depth_of_its_result(tmp_path:
         made_up.cut(writer, 100.0 * k)
         made_up.measured(writer, 100.0 * k + 30.0, depth_um, told)
     # The touch of the second hole has told that the first is less deep than was thought.
-    first = replace(a_site_row(), site="1", depth_um=18.6, depth_u95_um=0.7, estimated_um=20.0)
+    first = replace(a_site_row(), name="1", depth_um=18.6, depth_u95_um=0.7, estimated_um=20.0)
+    first = replace(first, depth_basis=Basis.ESTIMATED)
     writer.append(first)
-    writer.append(replace(a_site_row(), site="2", depth_um=19.0, measuring_stops=1))
+    writer.append(replace(a_site_row(), name="2", depth_um=19.0, measuring_stops=1))
     path = writer.finish("done", 0)
     with open_run(path) as run:
         told_um = known_depths(run, hole_starts_s(run))
@@ -96,8 +98,9 @@ def test_a_hole_through_the_sheet_has_its_wear_and_the_sheet_but_no_depth(tmp_pa
     writer = made_up.new_run(tmp_path, {"target": {"kind": "through"}})
     made_up.cut(writer, 0.0, 0.0, 900.0)
     row = replace(a_site_row(), depth_um=1080.0, wear_um=200.0, measuring_stops=1, through=True)
-    writer.append(TouchRow(31.0, "Z1", row.site, 20.0, 50.0, 49.0, 3, 0.3, 0.0, 1.0))
-    writer.append(TouchRow(41.0, "Z3", row.site, 20.0, 250.0, 249.0, 3, 0.3, 0.0, 1.0))
+    row = replace(row, depth_basis=Basis.ESTIMATED)
+    writer.append(TouchRow(31.0, "Z1", row.name, 20.0, 50.0, 49.0, 3, 0.3, 0.0, 1.0))
+    writer.append(TouchRow(41.0, "Z3", row.name, 20.0, 250.0, 249.0, 3, 0.3, 0.0, 1.0))
     writer.append(row)
     path = writer.finish("done", 0)
     with open_run(path) as run:
@@ -142,8 +145,9 @@ def test_what_was_not_touched_is_drawn_open(tmp_path: Path) -> None:
 
     writer = made_up.new_run(tmp_path)
     for stops, estimated_um in ((1, 0.0), (1, 2.0), (0, 20.0)):
-        row = replace(a_site_row(), site=f"{stops}{estimated_um}", x_um=100.0 * estimated_um)
-        writer.append(replace(row, measuring_stops=stops, estimated_um=estimated_um))
+        row = replace(a_site_row(), name=f"{stops}{estimated_um}", x_um=100.0 * estimated_um)
+        basis = Basis.ESTIMATED if estimated_um else Basis.TOUCHED
+        writer.append(replace(row, measuring_stops=stops, estimated_um=estimated_um, depth_basis=basis))
     path = writer.finish("done", 0)
     _, errors, _, *_ = panels(array.draw, path)
     points = [bars.lines[0] for bars in errors.containers if isinstance(bars, ErrorbarContainer)]
@@ -187,7 +191,7 @@ def test_each_hole_of_an_array_is_shown_with_its_error(array_run_file: Path) -> 
 def test_holes_are_called_by_the_numbers_of_their_names(tmp_path: Path) -> None:
     writer = made_up.new_run(tmp_path)
     for place, number in enumerate((4, 1, 2)):
-        writer.append(replace(a_site_row(), site=f"hole-{number}", x_um=300.0 * place))
+        writer.append(replace(a_site_row(), name=f"hole-{number}", x_um=300.0 * place))
     places, _, wear, *_ = panels(array.draw, writer.finish("done", 0))
     assert [text.get_text().partition("\n")[0] for text in places.texts] == ["4", "1", "2"]
     assert [text.get_text() for text in wear.get_xticklabels()] == ["4", "1", "2"]

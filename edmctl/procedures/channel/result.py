@@ -11,8 +11,7 @@ from edmctl.procedures.touch.reference_pad import pad_u_um
 from edmctl.process.channel import channel_width_um
 from edmctl.process.discharge import mrr_mm3_min
 from edmctl.process.wear import TOUCH_PRIOR_DOF, student_97_5
-from edmctl.record.rows import SiteRow
-from edmctl.results.job import ChannelResult
+from edmctl.results.job import ChannelResult, SiteResult
 from edmctl.results.telemetry import pulse_shares
 
 if TYPE_CHECKING:
@@ -155,36 +154,46 @@ def _uncertainties(
     return factor * depth_u_um, factor * wear_u_um
 
 
-def channel_row(run: JobRun, result: ChannelResult) -> SiteRow:
+def channel_row(run: JobRun, result: ChannelResult) -> SiteResult:
     """Return the channel as a row of the results: Z2 is the mean of its floor."""
     path = run.profile.path
     assert path is not None
     volume_um3 = result.depth_um * result.width_um * result.length_um
-    return SiteRow(
-        site=result.name,
+    time_s = result.machining_time_s
+    return SiteResult(
+        name=result.name,
         x_um=path.x_um,
         y_um=path.y_um,
-        z1_um=result.z1_um,
-        z2_um=result.z3_um + result.depth_um,
-        z3_um=result.z3_um,
+        theta_deg=math.nan,
         depth_um=result.depth_um,
         depth_u95_um=result.depth_u95_um,
         wear_um=result.wear_um,
         wear_u95_um=result.wear_u95_um,
         feed_um=result.feed_um,
+        z1_um=result.z1_um,
+        z2_um=result.z3_um + result.depth_um,
+        z3_um=result.z3_um,
+        face_um=0.0,
+        measuring_stops=result.measuring_stops,
+        estimated_um=0.0,
         depth_model_um=math.nan,
         wear_model_um=math.nan,
-        machining_time_s=result.machining_time_s,
+        zero_drift_um=math.nan,
+        feed_model_error_max_um=math.nan,
+        feed_model_error_rms_um=math.nan,
+        feed_model_error_max_pct=math.nan,
+        feed_model_error_rms_pct=math.nan,
+        machining_time_s=time_s,
         cuts=result.passes,
         pulses=result.pulses,
-        ratio_open=result.ratios.open,
-        ratio_normal=result.ratios.normal,
-        ratio_arc=result.ratios.arc,
-        ratio_short=result.ratios.short,
+        ratios=result.ratios,
+        gap_ratio_mean=math.nan,
+        working_gap_um=result.working_gap_um,
         energy_j=result.energy_j,
-        mrr_mm3_min=mrr_mm3_min(volume_um3 / time_s) if (time_s := result.machining_time_s) else math.nan,
-        measuring_stops=result.measuring_stops,
+        wear_ratio_lin=math.nan,
+        wear_ratio_vol=math.nan,
+        mrr_mm3_min=mrr_mm3_min(volume_um3 / time_s) if time_s else math.nan,
         depth_basis=result.depth_basis,
         wear_basis=result.wear_basis,
-        verdict=result.verdict or "",
+        verdict=result.verdict,
     )

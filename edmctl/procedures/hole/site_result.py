@@ -10,14 +10,12 @@ from edmctl.procedures.actuator.tracker import FeedError
 from edmctl.procedures.hole.target import target_of
 from edmctl.procedures.hole.verdict import judged
 from edmctl.procedures.job_state import CutTotals
-from edmctl.record.rows import SiteRow
 
 if TYPE_CHECKING:
     from edmctl.procedures.hole.cut import CutResult
     from edmctl.procedures.job_state import RunningCut
     from edmctl.procedures.run import JobRun
     from edmctl.profile.places import Place
-    from edmctl.results.job import SiteResult
 
 
 @dataclass(slots=True)
@@ -58,50 +56,6 @@ class CutSums:
         return sum(cut.time_s * cut.gap_ratio_mean for cut in sparking) / time_s if time_s else math.nan
 
 
-def site_row(result: SiteResult) -> SiteRow:
-    """Return the same as a row of the run file."""
-    return SiteRow(
-        site=result.name,
-        x_um=result.x_um,
-        y_um=result.y_um,
-        z1_um=result.z1_um,
-        z2_um=result.z2_um,
-        z3_um=result.z3_um,
-        depth_um=result.depth_um,
-        depth_u95_um=result.depth_u95_um,
-        wear_um=result.wear_um,
-        wear_u95_um=result.wear_u95_um,
-        feed_um=result.feed_um,
-        face_um=result.face_um,
-        measuring_stops=result.measuring_stops,
-        estimated_um=result.estimated_um,
-        depth_model_um=result.depth_model_um,
-        wear_model_um=result.wear_model_um,
-        zero_drift_um=result.zero_drift_um,
-        feed_model_error_max_um=result.feed_model_error_max_um,
-        feed_model_error_rms_um=result.feed_model_error_rms_um,
-        feed_model_error_max_pct=result.feed_model_error_max_pct,
-        feed_model_error_rms_pct=result.feed_model_error_rms_pct,
-        machining_time_s=result.machining_time_s,
-        cuts=result.cuts,
-        pulses=result.pulses,
-        ratio_open=result.ratios.open,
-        ratio_normal=result.ratios.normal,
-        ratio_arc=result.ratios.arc,
-        ratio_short=result.ratios.short,
-        energy_j=result.energy_j,
-        wear_ratio_lin=result.wear_ratio_lin,
-        wear_ratio_vol=result.wear_ratio_vol,
-        mrr_mm3_min=result.mrr_mm3_min,
-        depth_model_error_um=result.depth_model_um - result.depth_um,
-        wear_model_error_um=result.wear_model_um - result.wear_um,
-        through=result.through,
-        depth_basis=result.depth_basis,
-        wear_basis=result.wear_basis,
-        verdict=result.verdict or "",
-    )
-
-
 def open_site(run: JobRun, site: Place) -> None:
     """Begin the account of a site; the readings of the one before may teach the actuator's estimator now."""
     tally = run.tally
@@ -128,7 +82,7 @@ def record_results(run: JobRun) -> None:
     tally = run.tally
     for name in tally.unwritten:
         tally.sites[name] = judged(run.job, tally.sites[name])
-        run.recorder.append(site_row(tally.sites[name]))
+        run.recorder.append(tally.sites[name])
     tally.unwritten.clear()
 
 
@@ -138,4 +92,4 @@ def record_left(run: JobRun) -> None:
     tally = run.tally
     if tally.open_site in tally.sites:
         tally.sites[tally.open_site] = replace(tally.sites[tally.open_site], finished=False)
-        run.recorder.append(site_row(tally.sites[tally.open_site]))
+        run.recorder.append(tally.sites[tally.open_site])
