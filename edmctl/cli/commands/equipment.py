@@ -6,13 +6,14 @@ answers there; and clear the fault that a controller has latched.
 
 import os
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from edmctl.cli.options import NOTES, PortOption, SetupOption, WaitOption, command
-from edmctl.cli.outcome import Outcome, mutter, stream_style
+from edmctl.cli.outcome import Outcome, stream_style, tell
 from edmctl.cli.signals import shell
 from edmctl.errors import PreconditionError
 
@@ -77,10 +78,7 @@ def _look(
     from edmctl.jobs import doctor_machine as doctor_machine
     from edmctl.jobs.connect import machine_at
 
-    def say(text: str) -> None:
-        if not outcome.output.quiet:
-            mutter(f"{text}\n")
-
+    say = partial(tell, outcome.output)
     port, wait_s = place
     checks.add(doctor_host.versions())
     checks.add(doctor_host.run_folder(out))
@@ -227,7 +225,7 @@ def reset(
             hint="Name the machine that holds the fault with --port or EDMCTL_PORT.",
             code="E8013",
         )
-    with machine_at(settings, port, wait, lambda text: mutter(text + "\n"), shell()) as machine:
+    with machine_at(settings, port, wait, partial(tell, outcome.output), shell()) as machine:
         outcome.simulated = machine.identity.simulated
         _clear(outcome, machine, ack, lasting=lasting)
 
