@@ -171,9 +171,9 @@ def in_this_run(found: Removal, energy_uj: Array) -> Removal:
     """
     before = {int(hole): k for k, hole in reversed(list(enumerate(found.hole))) if energy_uj[k] <= 0.0}
     kept = np.array([k not in before.values() for k in range(len(found.hole))], np.bool_)
-    earlier_um3 = np.array([found.volume_um3[before[h]] if h in before else 0.0 for h in found.hole.tolist()])
-    earlier_u95_um3 = np.array(
-        [found.volume_u95_um3[before[h]] if h in before else 0.0 for h in found.hole.tolist()]
+    earlier_um3, earlier_u95_um3 = (
+        np.array([values[before[hole]] if hole in before else 0.0 for hole in found.hole.tolist()])
+        for values in (found.volume_um3, found.volume_u95_um3)
     )
     return replace(
         found,
