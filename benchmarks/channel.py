@@ -35,9 +35,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from edmctl.process.path import Way
-    from edmctl.results.channel import ChannelResult
     from edmctl.results.forecast import Forecast
-    from edmctl.results.job import JobResult
+    from edmctl.results.job import ChannelResult, JobResult
     from edmctl.results.progress import Progress
     from edmctl.rules.load import LoadedProfile
 

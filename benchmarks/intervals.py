@@ -55,8 +55,7 @@ if TYPE_CHECKING:
     from edmctl.procedures.job import Job
     from edmctl.procedures.job_state import JobState
     from edmctl.profile.model import Profile
-    from edmctl.results.channel import ChannelResult
-    from edmctl.results.job import SiteResult
+    from edmctl.results.job import ChannelResult, SiteResult
     from edmctl.results.progress import Progress
     from edmctl.rules.load import LoadedProfile
     from edmctl.simulator import VirtualBench

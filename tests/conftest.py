@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from hypothesis import settings
 
-from edmctl.simulator import BenchConfig, open_bench
+from edmctl.cli.start_up import spare_start_up
 
 if TYPE_CHECKING:
     import pytest
@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 # A busy machine is no failure, the same tree gives the same examples, and nothing is left in the tree.
 settings.register_profile("edmctl", deadline=None, derandomize=True, database=None)
 settings.load_profile("edmctl")
+
+# As a command does: threads of BLAS that wait for each other cost more than half of the time of a fit.
+spare_start_up()
 
 # Whoever starts the tests may ignore signals (nohup does); the processes that tests start would inherit that.
 for _name in ("SIGINT", "SIGTERM", "SIGHUP"):
@@ -26,4 +29,6 @@ for _name in ("SIGINT", "SIGTERM", "SIGHUP"):
 def pytest_sessionstart(session: pytest.Session) -> None:
     """Compile once before the workers begin, who would all do it otherwise, and the servers that they wait for."""
     if getattr(session.config.option, "numprocesses", None):
+        from edmctl.simulator import BenchConfig, open_bench
+
         open_bench(BenchConfig(), 0).warm_up()

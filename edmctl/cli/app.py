@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import sys
+from functools import cache
 from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
@@ -52,7 +53,7 @@ _ClickError = cast("type[Exception]", typer.BadParameter.__mro__[2])
 @app.callback(invoke_without_command=True)
 def edmctl(
     context: typer.Context,
-    version: Annotated[bool, typer.Option("--version", help="Say the version and exit.")] = False,
+    version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
 ) -> None:
     """Controller for a micro-EDM machine with a piezo-driven tool."""
     if version:
@@ -86,9 +87,7 @@ def _run(arguments: Sequence[str]) -> int:
         command=_command_of(arguments), json="--json" in arguments, events="--events" in arguments
     )
     try:
-        code = typer.main.get_command(app).main(
-            args=list(arguments), prog_name="edmctl", standalone_mode=False
-        )
+        code = _commands().main(args=list(arguments), prog_name="edmctl", standalone_mode=False)
         sys.stdout.flush()
     except _ClickError as mistake:
         return finish(Outcome(output), _usage_error(mistake, arguments))
@@ -101,6 +100,12 @@ def _run(arguments: Sequence[str]) -> int:
     except SystemExit as left:
         return left.code if isinstance(left.code, int) else 0
     return int(code or 0)
+
+
+@cache
+def _commands() -> Any:
+    """The commands of `app` as its library runs them, made once for callers that go on afterwards."""
+    return typer.main.get_command(app)
 
 
 def _prepare_streams(arguments: Sequence[str]) -> None:

@@ -41,7 +41,7 @@ SetOption: TypeAlias = Annotated[
 ]
 SetupOption: TypeAlias = Annotated[
     Path | None,
-    typer.Option("--setup", metavar="FILE", help="Settings of the machine itself (TOML); defaults without."),
+    typer.Option("--setup", metavar="FILE", help="Settings of the machine itself (TOML)."),
 ]
 PortOption: TypeAlias = Annotated[
     str | None,
@@ -49,7 +49,7 @@ PortOption: TypeAlias = Annotated[
         "--port",
         metavar="SELECTOR",
         envvar="EDMCTL_PORT",
-        help="Which machine: sim: (as without), sim:FILE (a virtual one that is kept there), a serial port, "
+        help="Which machine: sim: (default), sim:FILE (a virtual one that is kept there), a serial port, "
         "socket://HOST:PORT, serial:ID, auto.",
         autocompletion=completion.ports,
     ),
@@ -57,19 +57,19 @@ PortOption: TypeAlias = Annotated[
 WaitOption: TypeAlias = Annotated[
     float,
     typer.Option(
-        "--wait", metavar="SECONDS", min=0.0, help="Wait so long for a port that is held or absent."
+        "--wait", metavar="SECONDS", min=0.0, help="Longest wait for a port that is held or absent."
     ),
 ]
 SeedOption: TypeAlias = Annotated[
     int | None,
-    typer.Option("--seed", metavar="N", help="Seed of the simulator; random without."),
+    typer.Option("--seed", metavar="N", help="Seed of the simulator. Default: random."),
 ]
 CalibrationOption: TypeAlias = Annotated[
     Path | None,
     typer.Option(
         "--calibration",
         metavar="FILE",
-        help="Calibration of the actuator; EDMCTL_CALIBRATION, the setup's, or the machine's own without.",
+        help="Calibration of the actuator. Default: EDMCTL_CALIBRATION, the setup's, or the machine's own.",
     ),
 ]
 AllowModelOption: TypeAlias = Annotated[
@@ -78,14 +78,14 @@ AllowModelOption: TypeAlias = Annotated[
 ]
 NewToolOption: TypeAlias = Annotated[
     bool,
-    typer.Option("--new-tool", help="The electrode was changed: forget length and wear of the one before."),
+    typer.Option("--new-tool", help="The electrode was changed: begin its length and wear anew."),
 ]
 OutOption: TypeAlias = Annotated[
     Path, typer.Option("--out", metavar="DIR", help="Folder of run files and job ledger.")
 ]
 RunIdOption: TypeAlias = Annotated[
     str | None,
-    typer.Option("--run-id", metavar="ID", help="Name of the run file; made from profile and time without."),
+    typer.Option("--run-id", metavar="ID", help="Name of the run file. Default: profile and time."),
 ]
 DryRunOption: TypeAlias = Annotated[
     bool, typer.Option("--dry-run", help="Check and forecast the job; touch nothing.")

@@ -25,8 +25,7 @@ from edmctl.wording import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from edmctl.results.channel import ChannelResult, ChannelTruth
-    from edmctl.results.job import JobResult, SiteResult, SiteTruth
+    from edmctl.results.job import ChannelResult, ChannelTruth, JobResult, SiteResult, SiteTruth
     from edmctl.results.run_file import SiteNumbers
     from edmctl.results.telemetry import PulseShares
 

@@ -32,8 +32,7 @@ if TYPE_CHECKING:
     from edmctl.procedures.job import Job
     from edmctl.procedures.job_state import JobTally, StateStore
     from edmctl.record.rows import Recorder
-    from edmctl.results.channel import ChannelResult, ChannelTruth
-    from edmctl.results.job import JobResult, SiteResult
+    from edmctl.results.job import ChannelResult, ChannelTruth, JobResult, SiteResult
     from edmctl.results.progress import Observer
     from edmctl.simulator.bench import HoleTruth
 

@@ -14,8 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from edmctl.jobs.job import Report
-    from edmctl.results.channel import ChannelResult
-    from edmctl.results.job import SiteResult
+    from edmctl.results.job import ChannelResult, SiteResult
 
 
 _SITE_QUANTITIES = {

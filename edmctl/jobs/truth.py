@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from edmctl.errors import RunFileError
-from edmctl.results.channel import ChannelTruth
+from edmctl.results.job import ChannelTruth
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -17,7 +17,16 @@ from edmctl.link.clock import ClockFit, ControllerClock
 from edmctl.link.compatibility import check_hello
 from edmctl.link.frame import ABORT, encode_frame
 from edmctl.link.heartbeat import HeartbeatThread
-from edmctl.link.link_errors import fell_silent, no_answer, other_host, restarted, taken_over, unanswered
+from edmctl.link.link_errors import (
+    CommandRefused,
+    fell_silent,
+    nak_error,
+    no_answer,
+    other_host,
+    restarted,
+    taken_over,
+    unanswered,
+)
 from edmctl.link.messages import (
     PROTO_MAJOR,
     PROTO_MINOR,
@@ -30,7 +39,6 @@ from edmctl.link.messages import (
     Status,
     TlmStart,
 )
-from edmctl.link.nak import CommandRefused, nak_error
 from edmctl.link.receiver import Receiver, Subscriptions
 from edmctl.link.statistics import LONGEST_S, RetransmitTimer, Statistics, link_report
 from edmctl.link.transport import SteppedLine

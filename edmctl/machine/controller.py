@@ -6,6 +6,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from edmctl.errors import EdmError, LinkLost
+from edmctl.link.link_errors import CommandRefused
 from edmctl.link.messages import (
     Approach,
     Arm,
@@ -26,7 +27,6 @@ from edmctl.link.messages import (
     TouchOff,
     param_crc,
 )
-from edmctl.link.nak import CommandRefused
 from edmctl.machine.faults import latched_error
 from edmctl.machine.inbox import Inbox
 from edmctl.machine.interface import (

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
 
+from edmctl.link.link_errors import CommandRefused
 from edmctl.link.messages import BlackboxRead, BlackboxReadReply, GetStatus, Status, Tlm, WaveformRead
-from edmctl.link.nak import CommandRefused
 from edmctl.machine.decode import telemetry_block, waveform_batch
 from edmctl.machine.interface import MachineIdentity, MachineStatus, TelemetryBlock, WaveformBatch
 from edmctl.machine.plausibility import impossible, wrong_block, wrong_status

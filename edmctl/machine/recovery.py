@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from edmctl.errors import MachineFault
+from edmctl.link.link_errors import CommandRefused
 from edmctl.link.messages import ClearFault, Status
-from edmctl.link.nak import CommandRefused
 from edmctl.machine.faults import (
     InterlockOpen,
     NothingLatched,

@@ -12,7 +12,7 @@ from edmctl.results.progress import Phase
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from edmctl.results.channel import ChannelResult
+    from edmctl.results.job import ChannelResult
     from edmctl.results.telemetry import LinkReport
 
 PERIOD_S = 5.0

@@ -1,4 +1,7 @@
-"""A machine made ready for a job or one procedure and put away after it: armed, conditioned, recorded, retracted."""
+"""A machine made ready for a job or one procedure and put away after it: armed, conditioned, recorded, retracted.
+
+Whatever ends a procedure early, the machine is brought to its safe state first.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +34,6 @@ from edmctl.procedures.settings import (
     telemetry_settings,
 )
 from edmctl.procedures.state_keeper import JobStateKeeper, total_pause_s
-from edmctl.procedures.stop import safe_state_on_error
 from edmctl.record.rows import EventLevel, EventRow
 from edmctl.results.job import site_result_of
 from edmctl.results.progress import Phase
@@ -200,3 +202,20 @@ def _record_samples(run: JobRun) -> None:
     if not run.setup.sensor.fitted:
         block = replace(block, displacement_um=np.full(len(block.time_s), np.nan))
     run.recorder.append(block)
+
+
+@contextmanager
+def safe_state_on_error(machine: Machine) -> Iterator[None]:
+    """Pulses off, retract, idle, when anything is raised inside; the error then goes on its way unchanged.
+
+    A failure of the safe stop itself becomes a note of that error and never takes its place: the controller's
+    watchdog reaches the safe state without the host.
+    """
+    try:
+        yield
+    except BaseException as error:
+        try:
+            machine.safe_stop()
+        except Exception as failure:
+            error.add_note(f"While stopping: {failure!r}")
+        raise

@@ -10,8 +10,7 @@ from edmctl.actuator.uncertainty import Bands
 from edmctl.jobs.calibration.fit import Figures, FileFigures, Findings
 from edmctl.jobs.calibration.request import LeverFound
 from edmctl.labels import Basis, Verdict
-from edmctl.results.channel import ChannelResult, ChannelTruth
-from edmctl.results.job import JobResult, SiteResult, SiteTruth
+from edmctl.results.job import ChannelResult, ChannelTruth, JobResult, SiteResult, SiteTruth
 from edmctl.results.progress import Phase, Progress
 from edmctl.results.telemetry import PulseShares
 

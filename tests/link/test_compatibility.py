@@ -11,6 +11,7 @@ import pytest
 
 from edmctl.errors import ProtocolMismatch
 from edmctl.link.compatibility import check_hello, differing, fetch_schema
+from edmctl.link.link_errors import CommandRefused
 from edmctl.link.messages import (
     PROTO_MAJOR,
     PROTO_MINOR,
@@ -20,7 +21,6 @@ from edmctl.link.messages import (
     Hello,
     Status,
 )
-from edmctl.link.nak import CommandRefused
 from edmctl.link.schema import load_schema
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ import typer
 from edmctl.cli.app import app
 from edmctl.link.faults import FAULTS, FaultRow
 from edmctl.link.frame import Frame
+from edmctl.link.link_errors import nak_error
 from edmctl.link.messages import Arm, Status
-from edmctl.link.nak import nak_error
 
 
 def commands() -> set[str]:

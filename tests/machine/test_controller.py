@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from edmctl.errors import Interrupted, LinkLost, MachineFault, PreconditionError
+from edmctl.link.link_errors import CommandRefused
 from edmctl.link.messages import PARAMS, PROTO_MAJOR, PROTO_MINOR, GetParam
-from edmctl.link.nak import CommandRefused
 from edmctl.machine.interface import (
     Axis,
     ControllerSettings,

@@ -13,7 +13,7 @@ from edmctl.machine.interface import EventCode, MachineState
 from edmctl.procedures.actuator.conditioning import condition
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.running_cut import CLEARANCE_UM, jump_request
-from edmctl.procedures.hole.sites import machine_sites
+from edmctl.procedures.machining import machine_sites
 from edmctl.procedures.touch.approach import lower_to, raise_by
 from edmctl.profile.places import Place
 

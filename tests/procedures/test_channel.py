@@ -24,7 +24,7 @@ from edmctl.procedures.touch.reading import SurfaceReading
 from edmctl.process.path import even_places
 from edmctl.process.plane import Plane
 from edmctl.process.wear import Reading
-from edmctl.results.channel import ChannelResult, FloorPlace
+from edmctl.results.job import ChannelResult, FloorPlace
 from tests.procedures.channel_bench import Noted, ScanningMachine, scanning_run
 
 if TYPE_CHECKING:

@@ -34,7 +34,7 @@ from tests.tiers import tiers
 
 if TYPE_CHECKING:
     from edmctl.process.path import Way
-    from edmctl.results.channel import ChannelResult
+    from edmctl.results.job import ChannelResult
 
 DEPTH_UM = 5.0
 QUICK = (

@@ -51,19 +51,19 @@ PreviousOption = Annotated[
     typer.Option(
         "--previous-voltage",
         metavar="V",
-        help="Held before the first sample: once for all files, or once for each, --from before --validate. "
-        "Without: the actuator had been cycled over the record's range.",
+        help="Voltage before the first sample: once for all files, or once for each, --from before --validate. "
+        "Default: the actuator had been cycled over the record's range.",
     ),
 ]
 DelayOption = Annotated[
-    float | None, typer.Option("--delay", metavar="S", help="Delay of the displacement; found without.")
+    float | None, typer.Option("--delay", metavar="S", help="Delay of the displacement. Default: found.")
 ]
 OutputOption = Annotated[
     Path | None,
     typer.Option(
         "--output",
         metavar="FILE",
-        help="Calibration file to write; without, the machine's own, and none with --from.",
+        help="Calibration file to write. Default: the machine's own; none with --from.",
     ),
 ]
 LeverOption = Annotated[

@@ -49,7 +49,7 @@ def doctor(
 
     Nothing moves, but with --sensors.
     """
-    from edmctl.console.equipment_tables import render_checks
+    from edmctl.console.procedure_tables import render_checks
     from edmctl.jobs.doctor_host import Checks
 
     checks = Checks()
@@ -106,7 +106,7 @@ def _look(
 
 ProbeOption = Annotated[
     bool,
-    typer.Option("--probe", help="Say hello at the ports that `auto` would ask, and show who answers."),
+    typer.Option("--probe", help="Ask the controllers at the ports that `auto` would ask who they are."),
 ]
 
 
@@ -117,7 +117,7 @@ def ports(outcome: Outcome, setup: SetupOption = None, probe: ProbeOption = Fals
     Nothing is opened but with --probe, and then only ports of known USB ids, those that the setup names, and
     those that `edmctl simulate serve` serves.
     """
-    from edmctl.console.equipment_tables import render_ports
+    from edmctl.console.procedure_tables import render_ports
     from edmctl.profile.setup import load_setup
 
     rows = port_rows(load_setup(setup), probe=probe)
@@ -196,7 +196,7 @@ def _controller(hello: "HelloReply") -> "Controller":
 
 AckOption = Annotated[
     int | None,
-    typer.Option("--ack", metavar="CODE", help="The fault to clear; without, it is only told."),
+    typer.Option("--ack", metavar="CODE", help="The fault to clear. Default: show it only."),
 ]
 
 

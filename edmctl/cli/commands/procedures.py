@@ -27,7 +27,7 @@ PlaceOption = Annotated[
     typer.Option(
         "--site",
         metavar="X,Y",
-        help="Stage coordinates in µm; without, where `machine` would put its first hole.",
+        help="Stage coordinates in µm. Default: where `machine` would put its first hole.",
     ),
 ]
 
@@ -64,13 +64,13 @@ CountOption = Annotated[
     int, typer.Option("--count", "-n", metavar="N", min=1, max=MOST_JUMPS, help="Jumps to make.")
 ]
 HeightOption = Annotated[
-    float | None, typer.Option("--height-um", metavar="UM", help="Instead of the profile's jump.height_um.")
+    float | None, typer.Option("--height-um", metavar="UM", help="Overrides jump.height_um of the profile.")
 ]
 SpeedOption = Annotated[
-    float | None, typer.Option("--speed", metavar="UM_S", help="Instead of the profile's jump.speed_um_s.")
+    float | None, typer.Option("--speed", metavar="UM_S", help="Overrides jump.speed_um_s of the profile.")
 ]
 PeriodOption = Annotated[
-    float | None, typer.Option("--period-s", metavar="S", help="Instead of the profile's jump.period_s.")
+    float | None, typer.Option("--period-s", metavar="S", help="Overrides jump.period_s of the profile.")
 ]
 
 
@@ -114,7 +114,7 @@ ReferenceOption = Annotated[
 SiteOption = Annotated[
     str | None,
     typer.Option(
-        "--site", metavar="NAME|X,Y", help="The hole to touch; without, the last one that the tool made."
+        "--site", metavar="NAME|X,Y", help="The hole to touch. Default: the last one that the tool made."
     ),
 ]
 

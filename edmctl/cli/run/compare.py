@@ -41,9 +41,7 @@ def compare(outcome: Outcome, files: FilesArgument, out: OutOption = None) -> No
     from edmctl.report.comparison import compare as compared
 
     if len(files) < 2:
-        raise UsageError(
-            "There is only one run to compare.", hint="Name at least two run files.", code="E2073"
-        )
+        raise UsageError("Only one run is named.", hint="Name at least two run files.", code="E2073")
     if out is not None:
         from edmctl.report.style import check_figure
 

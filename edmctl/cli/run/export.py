@@ -26,14 +26,14 @@ TableOption = Annotated[
         "--table",
         "-t",
         metavar="TABLE",
-        help="servo, slow, pulses, blocks, segments, events, touches, results, black-box, waveforms or link; "
-        "all that have rows without. Repeatable.",
+        help="servo, slow, pulses, blocks, segments, events, touches, results, black-box, waveforms or link. "
+        "Default: all that have rows. Repeatable.",
     ),
 ]
 FormatOption = Annotated[
     str | None,
     typer.Option(
-        "--format", metavar="FORMAT", help="csv (as without), parquet, json or jsonl; else the ending of -o."
+        "--format", metavar="FORMAT", help="csv, parquet, json or jsonl. Default: the ending of -o, else csv."
     ),
 ]
 ExportOutOption = Annotated[
@@ -42,7 +42,7 @@ ExportOutOption = Annotated[
         "--out",
         "-o",
         metavar="FILE|FOLDER|-",
-        help="A file by its ending (one table), the folder, or - for stdout. Without: stdout for one table, "
+        help="A file by its ending (one table), the folder, or - for stdout. Default: stdout for one table, "
         "else files beside the run file.",
     ),
 ]
@@ -83,7 +83,9 @@ def export(
     if request.form is Format.PARQUET:
         need_pyarrow()
         if request.to_stdout and sys.stdout.isatty():
-            raise UsageError("Parquet is nothing for a terminal.", hint="Give a file with -o.", code="E2085")
+            raise UsageError(
+                "Parquet cannot be shown on a terminal.", hint="Give a file with -o.", code="E2085"
+            )
     with reading_unless_killed(path) as opened:
         outcome.run_file = path
         outcome.simulated = opened.is_simulated

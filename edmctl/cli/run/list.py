@@ -16,11 +16,13 @@ if TYPE_CHECKING:
     from edmctl.results.run_file import RunHead, Unreadable
 
 FolderArgument = Annotated[
-    Path | None, typer.Argument(metavar="[FOLDER]", help=f"Where the run files are; {RUNS} without.")
+    Path | None, typer.Argument(metavar="[FOLDER]", help=f"Folder of the run files. Default: {RUNS}.")
 ]
 OutOption = Annotated[
     Path | None,
-    typer.Option("--out", metavar="DIR", help="The same, by the name that it has where runs are made."),
+    typer.Option(
+        "--out", metavar="DIR", help="The same folder, by the option of the commands that make runs."
+    ),
 ]
 
 

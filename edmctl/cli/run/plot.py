@@ -20,7 +20,7 @@ KindOption = Annotated[
     typer.Option(
         "--kind",
         metavar="KIND",
-        help="One of those below; all figures there is something for without. Repeatable.",
+        help="One of those below. Default: all that the run has data for. Repeatable.",
         autocompletion=completion.figures,
     ),
 ]
@@ -30,12 +30,12 @@ OutOption = Annotated[
         "--out",
         "-o",
         metavar="FILE|FOLDER",
-        help="A file by its ending (one figure), or the folder; beside the run file without.",
+        help="A file by its ending (one figure), or the folder. Default: beside the run file.",
     ),
 ]
 FormatOption = Annotated[
     str | None,
-    typer.Option("--format", metavar="FORMAT", help="Of the figures: png (as without), svg or pdf."),
+    typer.Option("--format", metavar="FORMAT", help="Format of the figures: png (default), svg or pdf."),
 ]
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace figures of the same name.")]
 

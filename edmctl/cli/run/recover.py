@@ -24,7 +24,9 @@ FileArgument = Annotated[
 ]
 OutOption = Annotated[
     Path | None,
-    typer.Option("--out", "-o", metavar="FILE", help="The new file; else RUN without .partial, beside it."),
+    typer.Option(
+        "--out", "-o", metavar="FILE", help="The new file. Default: RUN without .partial, beside it."
+    ),
 ]
 
 

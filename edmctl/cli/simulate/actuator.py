@@ -39,14 +39,14 @@ ShapeArgument = Annotated[
     ),
 ]
 FrequencyOption = Annotated[
-    float | None, typer.Option("--frequency", metavar="HZ", help="Of sine, square and triangle; 1 without.")
+    float | None, typer.Option("--frequency", metavar="HZ", help="Of sine, square and triangle. Default: 1.")
 ]
 CyclesOption = Annotated[
-    int | None, typer.Option("--cycles", metavar="N", min=1, help="Of sine, square and triangle; 5 without.")
+    int | None, typer.Option("--cycles", metavar="N", min=1, help="Of sine, square and triangle. Default: 5.")
 ]
-LowOption = Annotated[float | None, typer.Option("--low", metavar="V", help="Lowest voltage; 0 without.")]
+LowOption = Annotated[float | None, typer.Option("--low", metavar="V", help="Lowest voltage. Default: 0.")]
 HighOption = Annotated[
-    float | None, typer.Option("--high", metavar="V", help="Highest voltage; 120 without.")
+    float | None, typer.Option("--high", metavar="V", help="Highest voltage. Default: 120.")
 ]
 FromOption = Annotated[
     Path | None, typer.Option("--from", metavar="FILE.csv", help="Voltage to apply: columns t_s and u_V.")
@@ -56,7 +56,7 @@ CalibrationOption = Annotated[
     typer.Option(
         "--calibration",
         metavar="FILE",
-        help="Judge this calibration; without, one is made on the same actuator.",
+        help="Calibration to judge. Default: one made on the same actuator.",
     ),
 ]
 PlotOption = Annotated[

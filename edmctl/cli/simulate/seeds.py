@@ -37,19 +37,21 @@ app.command("serve")(serve)
 
 RunsOption = Annotated[
     int,
-    typer.Option("--runs", "-n", metavar="N", min=1, max=MOST_RUNS, help="Runs, with seeds one apart."),
+    typer.Option(
+        "--runs", "-n", metavar="N", min=1, max=MOST_RUNS, help="Number of runs, with seeds one apart."
+    ),
 ]
 SweepOption = Annotated[
     list[str] | None,
     typer.Option(
         "--sweep",
         metavar="KEY=START:STOP:COUNT",
-        help="All runs for each of these values.",
+        help="Make all runs for each of these values.",
         autocompletion=completion.swept,
     ),
 ]
 OutOption = Annotated[
-    Path | None, typer.Option("--out", metavar="DIR", help="Write a run file of each run; none without.")
+    Path | None, typer.Option("--out", metavar="DIR", help="Write a run file of each run. Default: none.")
 ]
 
 

@@ -62,13 +62,11 @@ BenchOption = Annotated[
 ]
 FaultOption = Annotated[
     list[str] | None,
-    typer.Option(
-        "--fault", metavar="NAME[@WHEN]", help="Let something go wrong, e.g. ESTOP@sparks+2. Repeatable."
-    ),
+    typer.Option("--fault", metavar="NAME[@WHEN]", help="Inject a fault, e.g. ESTOP@sparks+2. Repeatable."),
 ]
 ForOption = Annotated[
     float | None,
-    typer.Option("--for", metavar="SECONDS", min=0.0, help="End after so much of the controller's time."),
+    typer.Option("--for", metavar="SECONDS", min=0.0, help="End after this much of the controller's time."),
 ]
 
 

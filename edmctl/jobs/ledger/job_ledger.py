@@ -30,8 +30,7 @@ if TYPE_CHECKING:
     from edmctl.procedures.job import Job
     from edmctl.procedures.job_state import JobState, StateStore
     from edmctl.record.ledger import Logbook
-    from edmctl.results.channel import ChannelResult
-    from edmctl.results.job import JobResult, SiteResult
+    from edmctl.results.job import ChannelResult, JobResult, SiteResult
 
 DONE = "done"
 

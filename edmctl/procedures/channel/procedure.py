@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from edmctl.procedures.job_state import JobState
     from edmctl.procedures.run import JobRun
     from edmctl.process.path import Way
-    from edmctl.results.channel import ChannelResult
+    from edmctl.results.job import ChannelResult
 
 LAYERS_BEFORE_FIRST_STOP = 2
 """Then wear and gap are measured for the first time: early, because both were only assumed."""

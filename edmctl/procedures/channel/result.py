@@ -12,7 +12,7 @@ from edmctl.process.channel import channel_width_um
 from edmctl.process.discharge import mrr_mm3_min
 from edmctl.process.wear import TOUCH_PRIOR_DOF, student_97_5
 from edmctl.record.rows import SiteRow
-from edmctl.results.channel import ChannelResult
+from edmctl.results.job import ChannelResult
 from edmctl.results.telemetry import pulse_shares
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from edmctl.process.path import Way, even_places
 from edmctl.process.touch_check import against_sparks, is_short
 from edmctl.profile.places import Place
 from edmctl.record.rows import EventLevel, RejectedTouch
-from edmctl.results.channel import FloorPlace
+from edmctl.results.job import FloorPlace
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

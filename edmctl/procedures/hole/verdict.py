@@ -24,8 +24,7 @@ if TYPE_CHECKING:
     from edmctl.procedures.hole.target import HoleTarget
     from edmctl.procedures.job import Job
     from edmctl.procedures.run import Args, JobRun
-    from edmctl.results.channel import ChannelResult
-    from edmctl.results.job import SiteResult
+    from edmctl.results.job import ChannelResult, SiteResult
 
 MOST_NAMED = 5
 """So many holes a message names; of the others it says how many they are."""
