@@ -33,6 +33,11 @@ class Verdict(StrEnum):
     MISSED = "missed"
 
 
+def is_doubtful(verdict: str | None) -> bool:
+    """Whether a verdict is worth a word: there is one, and the hole is not as it was wanted, or not shown to be."""
+    return verdict in (Verdict.MISSED, Verdict.NOT_SHOWN)
+
+
 PAD = "the reference pad"
 """Name of the place where every Z1 and Z3 is touched, in tables beside names of holes."""
 NOT_SHOWN_CODE = "E7013"

@@ -118,7 +118,7 @@ def complain(output: Output, error: EdmError) -> None:
     """Write an error to stderr: every diagnostic of a profile, one message for all else."""
     if output.debug:
         mutter("".join(traceback.format_exception(error)))
-    say(output, _diagnostics_of(error))
+    say(output, diagnostics_of(error))
 
 
 def say(output: Output, diagnostics: Sequence[Diagnostic]) -> None:
@@ -185,6 +185,12 @@ def note(output: Output, text: str) -> None:
         reporter.note(text)
 
 
+def tell(output: Output, text: str) -> None:
+    """Write a line to stderr, unless silence was asked for."""
+    if not output.quiet:
+        mutter(f"{text}\n")
+
+
 def mutter(text: str) -> None:
     """Write to stderr. That it takes nothing changes nothing about the job."""
     with suppress(OSError, ValueError):
@@ -192,7 +198,7 @@ def mutter(text: str) -> None:
 
 
 def _document(exit_code: int, outcome: Outcome, error: EdmError | None) -> dict[str, object]:
-    found = _diagnostics_of(error) if error else ()
+    found = diagnostics_of(error) if error else ()
     return {
         "schema": SCHEMA,
         "command": outcome.output.command,
@@ -207,14 +213,19 @@ def _document(exit_code: int, outcome: Outcome, error: EdmError | None) -> dict[
     }
 
 
-def _diagnostics_of(error: EdmError) -> Sequence[Diagnostic]:
+def diagnostics_of(error: EdmError) -> Sequence[Diagnostic]:
+    """Return every diagnostic of a profile, or the one that any other error is."""
     if isinstance(error, ProfileError):
         return error.diagnostics
-    return [Diagnostic(error.code, error.message, error.hint, error.where)]
+    return [_diagnostic(error)]
+
+
+def _diagnostic(error: EdmError) -> Diagnostic:
+    return Diagnostic(error.code, error.message, error.hint, error.where)
 
 
 def _error_mapping(error: EdmError) -> dict[str, object]:
-    mapping = _problem(Diagnostic(error.code, error.message, error.hint, error.where))
+    mapping = _problem(_diagnostic(error))
     if isinstance(error, ProfileError):
         mapping["all"] = [_problem(d) for d in error.diagnostics if not d.is_warning]
     if isinstance(error, MachineFault):

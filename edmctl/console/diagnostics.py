@@ -18,29 +18,21 @@ MOST_COLUMNS = 300
 
 def render_diagnostics(diagnostics: Sequence[Diagnostic], style: Style = PLAIN) -> str:
     """Render every diagnostic, in the order given, separated by an empty line."""
-    return "\n\n".join(
-        render_problem(d.code, d.message, hint=d.hint, where=d.where, is_warning=d.is_warning, style=style)
-        for d in diagnostics
-    )
+    return "\n\n".join(_rendered(diagnostic, style) for diagnostic in diagnostics)
 
 
-def render_problem(
-    code: str,
-    message: str,
-    *,
-    hint: str = "",
-    where: Location | None = None,
-    is_warning: bool = False,
-    style: Style = PLAIN,
-) -> str:
-    """Render one problem as it stands on stderr, without a final newline."""
-    kind, ink = ("warning", Ink.WARNING) if is_warning else ("error", Ink.ERROR)
-    lines = [style.paint(f"{kind}[{code}]", ink) + style.paint(f": {message}", Ink.STRONG)]
+def _rendered(diagnostic: Diagnostic, style: Style) -> str:
+    """One problem as it stands on stderr, without a final newline."""
+    where = diagnostic.where
+    kind, ink = ("warning", Ink.WARNING) if diagnostic.is_warning else ("error", Ink.ERROR)
+    lines = [
+        style.paint(f"{kind}[{diagnostic.code}]", ink) + style.paint(f": {diagnostic.message}", Ink.STRONG)
+    ]
     gutter = len(str(where.line)) if where else 1
     if where:
         lines += _source_lines(where, gutter, style, ink)
-    if hint:
-        lines.append(f"{' ' * gutter} {style.paint('= help:', Ink.NOTE)} {hint}")
+    if diagnostic.hint:
+        lines.append(f"{' ' * gutter} {style.paint('= help:', Ink.NOTE)} {diagnostic.hint}")
     return "\n".join(lines)
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from edmctl.console.layout import USUAL_COLUMNS, labelled, narrowed, render_columns, render_table, wrapped
 from edmctl.console.style import PLAIN, Style
-from edmctl.labels import Verdict, heading, marked, meanings
+from edmctl.labels import heading, is_doubtful, marked, meanings
 from edmctl.wording import (
     TIP,
     UNKNOWN,
@@ -94,7 +94,7 @@ def _site_lines(pairs: Sequence[tuple[Site, SiteTruth | None]], style: Style, co
     }
     if any(truth for _, truth in pairs):
         table["true µm"] = [decimal(truth.depth_um) if truth else UNKNOWN for _, truth in pairs]
-    if any(_doubt(site.verdict) for site, _ in pairs):
+    if any(is_doubtful(site.verdict) for site, _ in pairs):
         table["verdict"] = [site.verdict or "" for site, _ in pairs]
     return "\n".join([render_table(narrowed(table, columns, FIRST_TO_GO), style), *meanings(bases)])
 
@@ -136,14 +136,9 @@ def _site_block(site: Site, truth: SiteTruth | None, style: Style, columns: int)
         if length(site.z2_um) != UNKNOWN:
             machining += ", Z2 and Z3 are where contact would be"
     lines = [table, labelled("machining", machining, _LABEL, columns)]
-    if _doubt(site.verdict):
+    if is_doubtful(site.verdict):
         lines.append(labelled("verdict", f"{site.verdict}", _LABEL, columns))
     return "\n".join([*lines, *(meanings(bases) if site.depth_basis != site.wear_basis else ())])
-
-
-def _doubt(verdict: str | None) -> bool:
-    """Whether a verdict is worth a word: there is one, and the hole is not as it was wanted."""
-    return verdict in (Verdict.MISSED, Verdict.NOT_SHOWN)
 
 
 def _pulses(site: SiteResult, columns: int) -> str:
@@ -166,7 +161,7 @@ def _channel_block(channel: ChannelResult, truth: ChannelTruth | None, style: St
     pulses = f"{count(channel.pulses)}: {render_ratios(channel.ratios)}"
     machining = f"{duration(channel.machining_time_s)}, {made}"
     lines = [table, f"{'machining':27}{machining}", f"{'pulses':27}{pulses}"]
-    return "\n".join([*lines, f"{'verdict':27}{channel.verdict}"] if _doubt(channel.verdict) else lines)
+    return "\n".join([*lines, f"{'verdict':27}{channel.verdict}"] if is_doubtful(channel.verdict) else lines)
 
 
 def render_ratios(ratios: PulseShares, decimals: int = 2) -> str:

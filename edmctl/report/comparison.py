@@ -181,19 +181,14 @@ def _places(numbers: Sequence[RunNumbers]) -> list[Quantity]:
     for name in (site.name for site in numbers[0].sites if all(site.name in sites for sites in by_name)):
         there = [sites[name] for sites in by_name]
         ways = [TIP if site.through else "depth" for site in there]
-        depth = _Shown("depth_um", f"{name} {_depth_name(ways)}, µm")
-        wear = _Shown("wear_um", f"{name} tool wear, µm")
-        depths = _quantity(
-            depth,
-            [site.depth_um for site in there],
-            [site.depth_u95_um for site in there],
-            [site.depth_basis for site in there],
-        )
-        wears = _quantity(
-            wear,
-            [site.wear_um for site in there],
-            [site.wear_u95_um for site in there],
-            [site.wear_basis for site in there],
+        depths, wears = (
+            _quantity(
+                _Shown(f"{key}_um", f"{name} {called}, µm"),
+                [getattr(site, f"{key}_um") for site in there],
+                [getattr(site, f"{key}_u95_um") for site in there],
+                [getattr(site, f"{key}_basis") for site in there],
+            )
+            for key, called in (("depth", _depth_name(ways)), ("wear", "tool wear"))
         )
         found += [_of_a_kind(depths, ways), wears]
     return found

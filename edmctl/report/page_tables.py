@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from edmctl.labels import Verdict, heading, marked, meanings, weakest
+from edmctl.labels import heading, is_doubtful, marked, meanings, weakest
 from edmctl.report.numbers import CLASSES, numbers_of
 from edmctl.wording import (
     TIP,
@@ -74,7 +74,7 @@ def results(numbers: RunNumbers) -> PageTable | None:
     per = "the thickness of the sheet" if numbers.depth_name == TIP else "depth"
     marks = meanings({basis for site in numbers.sites for basis in (site.depth_basis, site.wear_basis)})
     note = " ".join([U95_NOTE, FEED_NOTE, f"Wear ratio is wear over {per}.", *marks])
-    if any(_doubt(site) for site in numbers.sites):
+    if any(is_doubtful(site.verdict) for site in numbers.sites):
         header.append("verdict")
         rows = [[*row, site.verdict] for row, site in zip(rows, numbers.sites, strict=True)]
     return PageTable("What each site has become", header, rows, note)
@@ -124,17 +124,12 @@ def _one_site(site: SiteNumbers) -> PageTable:
         row("wear ratio, lengths", marked(decimal(site.wear_ratio_lin, 3), of_both)),
         row("wear ratio, volumes", marked(decimal(site.wear_ratio_vol, 3), of_both)),
         row("discharge energy, J", significant(site.energy_j)),
-        row("verdict", site.verdict if _doubt(site) else ""),
+        row("verdict", site.verdict if is_doubtful(site.verdict) else ""),
     ]
     shown = [row for row in rows if {*row[1:]} - {"", UNKNOWN}]
     marks = meanings(bases) if site.depth_basis != site.wear_basis else []
     notes = [U95_NOTE, FEED_NOTE if math.isfinite(site.feed_um) else "", *marks]
     return PageTable("Results", header, shown, " ".join(filter(None, notes)))
-
-
-def _doubt(site: SiteNumbers) -> bool:
-    """Whether a hole is not as it was wanted, or not shown to be."""
-    return site.verdict in (Verdict.MISSED, Verdict.NOT_SHOWN)
 
 
 def pulses(numbers: RunNumbers) -> PageTable | None:

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from edmctl.record.reader import RunFile
+    from edmctl.report.signals import Array
 
-    Array = NDArray[np.float64]
     Counts = NDArray[np.int64]
 
 OPEN, NORMAL, ARC, SHORT = range(4)

@@ -16,7 +16,7 @@ from edmctl.labels import Basis
 from edmctl.record import layout
 from edmctl.record.events import RecordedCode, recorded_events
 from edmctl.report.numbers import numbers_of
-from edmctl.report.signals import ROW_S, intervals
+from edmctl.report.signals import ROW_S, floats, intervals
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from edmctl.record.reader import RunFile
+    from edmctl.report.signals import Array
     from edmctl.results.run_file import SiteNumbers
 
-    Array = NDArray[np.float64]
     Flags = NDArray[np.bool_]
     Values = Mapping[str, float | int | str | bool]
 
@@ -86,8 +86,7 @@ def known_depths(run: RunFile, began_s: Array) -> list[KnownDepth]:
 
 def hole_starts_s(run: RunFile) -> Array:
     """Return when each hole began: its first estimate of depth lies far above the last one of the hole before."""
-    time_s = run.column(layout.SLOW.path, "time").astype(np.float64)
-    depth_um = run.column(layout.SLOW.path, "est_depth").astype(np.float64)
+    time_s, depth_um = floats(run, layout.SLOW.path, ("time", "est_depth")).values()
     began: list[float] = []
     before_um = math.inf
     for part in intervals(time_s):
@@ -172,9 +171,9 @@ def in_this_run(found: Removal, energy_uj: Array) -> Removal:
     """
     before = {int(hole): k for k, hole in reversed(list(enumerate(found.hole))) if energy_uj[k] <= 0.0}
     kept = np.array([k not in before.values() for k in range(len(found.hole))], np.bool_)
-    earlier_um3 = np.array([found.volume_um3[before[h]] if h in before else 0.0 for h in found.hole.tolist()])
-    earlier_u95_um3 = np.array(
-        [found.volume_u95_um3[before[h]] if h in before else 0.0 for h in found.hole.tolist()]
+    earlier_um3, earlier_u95_um3 = (
+        np.array([values[before[hole]] if hole in before else 0.0 for hole in found.hole.tolist()])
+        for values in (found.volume_um3, found.volume_u95_um3)
     )
     return replace(
         found,

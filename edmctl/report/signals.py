@@ -16,7 +16,7 @@ from edmctl.record import layout
 from edmctl.record.events import RecordedState
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -126,6 +126,19 @@ def in_states(
     """Return the values while the controller was in one of `states`, NaN elsewhere; shape (n,)."""
     masked: Floats = np.where(within(state, states), values, np.float32(np.nan))
     return masked
+
+
+def without_jumps(values: NDArray[np.generic], state: NDArray[np.generic]) -> Floats:
+    """Return the values, NaN while the tool jumped; shape (n,)."""
+    resting: Floats = np.where(state == RecordedState.JUMP, np.float32(np.nan), values)
+    return resting
+
+
+def floats(
+    run: RunFile, path: str, names: Iterable[str], part: tuple[int, int] | None = None
+) -> dict[str, Array]:
+    """Return columns of a group, shape (n,), to calculate with; `part` picks rows."""
+    return {name: run.column(path, name, *(part or ())).astype(np.float64) for name in names}
 
 
 def rows_worked(run: RunFile) -> tuple[int, int]:

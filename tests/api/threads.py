@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import edmctl
-from edmctl.report.export_tables import TABLES
+from edmctl.report.export import TABLES
 from edmctl.toml_text import toml_value
 from tests.cli.commands import command, environment
 

@@ -11,7 +11,7 @@ import h5py
 import pytest
 
 from edmctl.cli.app import main
-from edmctl.console.compare_table import letter
+from edmctl.console.runs_tables import letter
 from tests.cli.commands import SHALLOW
 
 if TYPE_CHECKING:

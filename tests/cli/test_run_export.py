@@ -20,8 +20,7 @@ from edmctl.jobs.output_files import new_file
 from edmctl.record.reader import open_run
 from edmctl.record.rows import ServoBlock
 from edmctl.record.writer import RunWriter
-from edmctl.report.export_tables import TABLES, ExportTable
-from edmctl.report.export_writers import CsvWriter, formatted
+from edmctl.report.export import TABLES, CsvWriter, ExportTable, formatted
 from edmctl.results.telemetry import PulseBlockBatch
 from tests.cli.commands import CU270, command, environment
 from tests.cli.run_files import begun, finished, killed
@@ -273,7 +272,7 @@ def test_numbers_that_repeat_are_written_as_others_are() -> None:
 
 
 def test_rows_come_in_blocks(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("edmctl.report.export_tables.BLOCK_ROWS", 100)
+    monkeypatch.setattr("edmctl.report.export.BLOCK_ROWS", 100)
     with open_run(run) as opened:
         table = ExportTable(opened, "servo", {})
         assert [len(block[0]) for block in table.blocks()] == [100] * 10 + [6]

@@ -8,7 +8,7 @@ import typer
 
 from edmctl.cli import completion
 from edmctl.cli.options import SetOption, SetupOption, command
-from edmctl.cli.outcome import Outcome, stream_style
+from edmctl.cli.outcome import Outcome, diagnostics_of, stream_style
 from edmctl.errors import Diagnostic, EdmError, ProfileError
 
 if TYPE_CHECKING:
@@ -112,10 +112,8 @@ def _problems_of(name: str, overrides: list[str], setup: "Setup") -> list[Diagno
 
     try:
         return list(load_profile(name, overrides, setup).warnings)
-    except ProfileError as error:
-        return list(error.diagnostics)
     except EdmError as error:
-        return [Diagnostic(error.code, error.message, error.hint, error.where)]
+        return list(diagnostics_of(error))
 
 
 def _values(loaded: "LoadedProfile") -> dict[str, Any]:

@@ -34,7 +34,7 @@ def compare(outcome: Outcome, files: FilesArgument, out: OutOption = None) -> No
 
     Of the results it is told whether they differ by more than their uncertainty.
     """
-    from edmctl.console.compare_table import render_comparison
+    from edmctl.console.runs_tables import render_comparison
     from edmctl.errors import UsageError
     from edmctl.jobs import output_files
     from edmctl.jobs.runs.opening import find_run, reading_unless_killed
@@ -67,7 +67,7 @@ def compare(outcome: Outcome, files: FilesArgument, out: OutOption = None) -> No
 
 
 def _drawn(runs: "list[RunFile]", out: Path) -> bytes:
-    from edmctl.console.compare_table import letter
+    from edmctl.console.runs_tables import letter
     from edmctl.report.figures.comparison import draw
     from edmctl.report.style import house_style, rendered
 

@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from edmctl.jobs.output_files import Sink
     from edmctl.jobs.runs.export import ExportRequest
     from edmctl.record.reader import RunFile
-    from edmctl.report.export_tables import ExportTable
-    from edmctl.report.export_writers import TableWriter
+    from edmctl.report.export import ExportTable, TableWriter
 
 TableOption = Annotated[
     list[str] | None,
@@ -68,8 +67,7 @@ def export(
     """
     from edmctl.jobs.runs.export import Format, export_request
     from edmctl.jobs.runs.opening import find_run, plain_stem, reading_unless_killed
-    from edmctl.report.export_tables import TABLES
-    from edmctl.report.export_writers import need_pyarrow
+    from edmctl.report.export import TABLES, need_pyarrow
 
     path = find_run(file)
     request = export_request(
@@ -100,7 +98,7 @@ def _export(outcome: Outcome, opened: "RunFile", request: "ExportRequest") -> No
     from edmctl.jobs.output_files import make_folder, new_file
     from edmctl.machine.interface import EventCode
     from edmctl.procedures.event_codes import RunEvent
-    from edmctl.report.export_tables import TABLES, ExportTable
+    from edmctl.report.export import TABLES, ExportTable
     from edmctl.results.run_file import Exported
 
     names = {int(code): code.name for code in (*EventCode, *RunEvent)}
@@ -139,7 +137,7 @@ def _write(opened: "RunFile", request: "ExportRequest", table: "ExportTable", si
 
 def _writer(opened: "RunFile", request: "ExportRequest", table: "ExportTable", sink: "Sink") -> "TableWriter":
     from edmctl.jobs.runs.export import Format
-    from edmctl.report.export_writers import CsvWriter, JsonWriter, ParquetWriter
+    from edmctl.report.export import CsvWriter, JsonWriter, ParquetWriter
 
     if request.form is Format.PARQUET:
         about = {name: opened.text(f"/entry/{name}") for name in ("run_id", "title", "start_time", "status")}

@@ -45,7 +45,7 @@ def _only(folder: Path | None, out: Path | None) -> Path:
 
 
 def _list(outcome: Outcome, folder: Path) -> None:
-    from edmctl.console.runs_table import render_runs
+    from edmctl.console.runs_tables import render_runs
     from edmctl.record.run_index import heads_of, read_head
     from edmctl.results.run_file import RunHead, Unreadable
 

@@ -154,7 +154,7 @@ def _simulate(outcome: Outcome, cases: list["Case"], tasks: list["Task"]) -> Non
 
 
 def _tell(outcome: Outcome, cases: list["Case"], runs: int, done: "dict[int, SimulatedRun]") -> None:
-    from edmctl.console.statistics_table import render_cases
+    from edmctl.console.runs_tables import render_cases
     from edmctl.jobs.statistics import summarize
 
     finished = [

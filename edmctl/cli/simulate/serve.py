@@ -2,13 +2,14 @@
 
 import math
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from edmctl.cli.options import NOTES, ProfileOption, SeedOption, SetOption, SetupOption, command
-from edmctl.cli.outcome import Outcome, Output, mutter
+from edmctl.cli.outcome import Outcome, Output, tell
 from edmctl.errors import UsageError
 from edmctl.jobs.sweep import seed_to_use
 
@@ -146,9 +147,7 @@ def _serve(outcome: Outcome, request: ServeRequest, link: Path | None, place: _P
     from edmctl.simulator.plant import serial_number
     from edmctl.simulator.serve import EventMonitor, Server
 
-    def say(text: str) -> None:
-        _say(outcome.output, text)
-
+    say = partial(tell, outcome.output)
     stop = StopRequest()
     with compiling_told(say), kept_bench(request.bench_file, request.config, request.seed) as (bench, keep):
         if outcome.seed is not None and bench.plant.serial != serial_number(outcome.seed):
@@ -204,7 +203,7 @@ def _endpoint(link: Path | None, place: _Place | None, output: Output) -> "Endpo
     from edmctl.simulator.endpoints import PtyEndpoint, SocketEndpoint
 
     if place is not None:
-        return SocketEndpoint(place.host, place.port, lambda text: _say(output, text), place.secret)
+        return SocketEndpoint(place.host, place.port, partial(tell, output), place.secret)
     return PtyEndpoint(link)
 
 
@@ -238,11 +237,6 @@ def _closing(bench: "VirtualBench", server: "Server", news: "EventMonitor") -> s
         f"Served {bench.plant.serial}: {traffic.frames_in} frames in, {traffic.frames_out} out, "
         f"{traffic.dropped_frames} dropped; faults: {faults}{late}."
     )
-
-
-def _say(output: Output, text: str) -> None:
-    if not output.quiet:
-        mutter(f"{text}\n")
 
 
 def _speed(text: str) -> float | None:

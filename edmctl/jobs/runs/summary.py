@@ -130,7 +130,7 @@ def jumps_of(events: Sequence[FileEvent]) -> JumpTimes:
 
 def _touches(opened: RunFile) -> list[dict[str, object]]:
     from edmctl.record.layout import TOUCHES
-    from edmctl.report.export_tables import named
+    from edmctl.report.export import named
 
     names = {column.name: named(column) for column in TOUCHES.columns}
     found = []
@@ -153,6 +153,6 @@ def _warnings(events: Sequence[FileEvent]) -> list[Sentence]:
 
 
 def _rows(opened: RunFile) -> dict[str, int]:
-    from edmctl.report.export_tables import TABLES
+    from edmctl.report.export import TABLES
 
     return {name: opened.rows(table.path) for name, table in TABLES.items()}

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
+    from edmctl.report.signals import Array
 
 HEIGHT_MM = 130.0
 

@@ -30,11 +30,9 @@ if TYPE_CHECKING:
     from matplotlib.collections import PatchCollection
     from matplotlib.figure import Figure
     from matplotlib.text import Text
-    from numpy.typing import NDArray
 
     from edmctl.record.reader import RunFile
-
-    Array = NDArray[np.float64]
+    from edmctl.report.signals import Array
 
 _MARKS = {
     Basis.MODEL: marked(" by model", Basis.MODEL),

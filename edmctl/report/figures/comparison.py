@@ -34,12 +34,10 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
     from edmctl.record.reader import RunFile
     from edmctl.report.numbers import RunNumbers
-
-    Array = NDArray[np.float64]
+    from edmctl.report.signals import Array
 
 HEIGHT_MM = 70.0
 SLOW = "/entry/slow"

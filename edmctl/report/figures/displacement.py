@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.record.events import RecordedState
-from edmctl.report.signals import Envelope, envelopes, rows_worked
+from edmctl.report.signals import Envelope, envelopes, rows_worked, without_jumps
 from edmctl.report.style import (
     BLACK,
     BLUE,
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from edmctl.record.reader import RunFile
-
+    from edmctl.report.signals import Columns, Floats
 
 HEIGHT_MM = 84.0
 SHORTED = 0.05
@@ -44,21 +44,19 @@ def draw(run: RunFile) -> Figure:
     """Draw the figure, 85 mm wide. Raises NothingToDraw without a sensor or an estimate to compare."""
     rows = rows_worked(run)
 
-    def derive(columns: Mapping[str, NDArray[np.generic]]) -> dict[str, NDArray[np.floating]]:
+    def derive(columns: Columns) -> dict[str, Floats]:
         state = columns["state"]
         sensor_um = columns["z_sensor"].astype(np.float32, copy=False)
         model_um = columns["z_model"].astype(np.float32, copy=False)
         error_um = model_um - sensor_um
-        resting = state != RecordedState.JUMP
         sparking = (state == RecordedState.MACHINING) & (
             columns["s"].astype(np.float32, copy=False) > SHORTED
         )
-        nan = np.float32(np.nan)
         return {
-            "sensor": np.where(resting, sensor_um, nan),
-            "model": np.where(resting, model_um, nan),
+            "sensor": without_jumps(sensor_um, state),
+            "model": without_jumps(model_um, state),
             "error": error_um,
-            "steady error": np.where(sparking, error_um, nan),
+            "steady error": np.where(sparking, error_um, np.float32(np.nan)),
         }
 
     lines = envelopes(run, "/entry/servo", ["z_sensor", "z_model", "s", "state"], derive, rows)

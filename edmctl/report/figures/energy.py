@@ -28,13 +28,12 @@ from edmctl.wording import count, to_its_u95
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
     from edmctl.record.reader import RunFile
     from edmctl.report.pulse_statistics import SparkEnergies
     from edmctl.report.removal import Removal
+    from edmctl.report.signals import Array
 
-    Array = NDArray[np.float64]
 
 UM3_PER_MM3 = 1e9
 UJ_PER_J = 1e6

@@ -9,7 +9,7 @@ import numpy as np
 from edmctl.record import layout
 from edmctl.record.results import has_sensor
 from edmctl.report.removal import hole_starts_s, known_depths
-from edmctl.report.signals import MEAN_S, broken, running_mean
+from edmctl.report.signals import MEAN_S, broken, floats, running_mean
 from edmctl.report.style import (
     BLACK,
     BLUE,
@@ -31,12 +31,10 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
     from edmctl.record.reader import RunFile
     from edmctl.report.removal import KnownDepth
-
-    Array = NDArray[np.float64]
+    from edmctl.report.signals import Array
 
 COLUMNS = ("time", "est_depth", "est_depth_u95", "est_wear", "est_wear_u95", "feed_um_s")
 DOTTED = (0, (1, 1.5))
@@ -50,7 +48,7 @@ FAR = 3.0
 
 def draw(run: RunFile) -> Figure:
     """Draw the estimates of each hole from 0 on, its measured values at the times of their touches, and the feed."""
-    rows = {name: run.column(layout.SLOW.path, name).astype(np.float64) for name in COLUMNS}
+    rows = floats(run, layout.SLOW.path, COLUMNS)
     if not np.isfinite(rows["est_depth"]).any():
         raise NothingToDraw("Nothing was cut: the run ended before its first cut.")
     has_feed = bool(np.isfinite(rows["feed_um_s"]).any())

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.record.events import RecordedState
-from edmctl.report.signals import Envelope, Spans, envelopes, in_states, rows_worked
+from edmctl.report.signals import Envelope, Spans, envelopes, floats, in_states, rows_worked, without_jumps
 from edmctl.report.style import (
     BLACK,
     BLUE,
@@ -30,11 +30,9 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
     from edmctl.record.reader import RunFile
-
-    Array = NDArray[np.float64]
+    from edmctl.report.signals import Array, Columns, Floats
 
 PALE = "#BDBDBD"
 HEIGHT_MM = 82.0
@@ -55,20 +53,19 @@ def draw(run: RunFile) -> Figure:
         )
     touching = Spans([RecordedState.TOUCH])
 
-    def derive(columns: Mapping[str, NDArray[np.generic]]) -> dict[str, NDArray[np.floating]]:
+    def derive(columns: Columns) -> dict[str, Floats]:
         state = columns["state"]
         touching.take(columns["time"], state)
         gap_v = in_states(columns["v_gap_avg"], state, SPARKING)
-        jumping = state == RecordedState.JUMP
-        sensor_um = columns["z_sensor"].astype(np.float32, copy=False)
-        tool_um = np.where(jumping, np.float32(np.nan), sensor_um)
-        return {"gap": gap_v, "tool": tool_um, "all": sensor_um}
+        return {"gap": gap_v, **_places(columns, "z_sensor")}
 
     lines = envelopes(run, "/entry/servo", ["v_gap_avg", "z_sensor", "state"], derive, rows)
-    source = "sensor"
+    place = "z_sensor"
     if lines["all"].is_empty:
-        source = "model"
-        lines |= _by_model(run, rows)
+        place = "z_model"
+        lines |= envelopes(
+            run, "/entry/servo", [place, "state"], lambda columns: _places(columns, place), rows
+        )
     figure = new_figure(HEIGHT_MM)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[1.0, 1.25])
     time_s = lines["gap"].time_s
@@ -83,7 +80,7 @@ def draw(run: RunFile) -> Figure:
                 label="touching" if number == 0 and axes is upper else "_",
             )
     _draw_voltage(upper, run, lines["gap"], rows, unit_s)
-    _draw_tool(lower, run, lines, unit_s, source)
+    _draw_tool(lower, run, lines, unit_s, place)
     lower.set_xlabel(label)
     lower.set_xlim(time_s[0] / unit_s, time_s[-1] / unit_s)
     letter_panels((upper, lower))
@@ -93,15 +90,10 @@ def draw(run: RunFile) -> Figure:
     return figure
 
 
-def _by_model(run: RunFile, rows: tuple[int, int]) -> dict[str, Envelope]:
-    def derive(columns: Mapping[str, NDArray[np.generic]]) -> dict[str, NDArray[np.floating]]:
-        model_um = columns["z_model"].astype(np.float32, copy=False)
-        return {
-            "tool": np.where(columns["state"] == RecordedState.JUMP, np.float32(np.nan), model_um),
-            "all": model_um,
-        }
-
-    return envelopes(run, "/entry/servo", ["z_model", "state"], derive, rows)
+def _places(columns: Columns, name: str) -> dict[str, Floats]:
+    """Where the tool was without its jumps, and with them."""
+    all_um = columns[name].astype(np.float32, copy=False)
+    return {"tool": without_jumps(all_um, columns["state"]), "all": all_um}
 
 
 def _draw_voltage(axes: Axes, run: RunFile, gap: Envelope, rows: tuple[int, int], unit_s: float) -> None:
@@ -122,8 +114,7 @@ def _draw_voltage(axes: Axes, run: RunFile, gap: Envelope, rows: tuple[int, int]
 def _reference_v(run: RunFile, time_s: Array, rows: tuple[int, int]) -> Array:
     """Return the servo's reference in volts at some times, NaN where there was no cut."""
     reference_v = np.full(len(time_s), np.nan)
-    slow_s = run.column("/entry/slow", "time").astype(np.float64)
-    share = run.column("/entry/slow", "s_ref").astype(np.float64)
+    slow_s, share = floats(run, "/entry/slow", ("time", "s_ref")).values()
     open_s, open_v = _open_gap(run, rows)
     if not len(slow_s) or not len(open_s):
         return reference_v
@@ -143,10 +134,9 @@ def _open_gap(run: RunFile, rows: tuple[int, int]) -> tuple[Array, Array]:
     times, volts = [], []
     for start in np.unique(np.linspace(rows[0], max(rows[0], rows[1] - PROBE_ROWS), PROBES, dtype=np.int64)):
         part = (int(start), min(int(start) + PROBE_ROWS, rows[1]))
-        gap_v, ratio, state, time_s = (
-            run.column("/entry/servo", name, *part).astype(np.float64)
-            for name in ("v_gap_avg", "s", "state", "time")
-        )
+        gap_v, ratio, state, time_s = floats(
+            run, "/entry/servo", ("v_gap_avg", "s", "state", "time"), part
+        ).values()
         known = np.isin(state, SPARKING) & (ratio > MIN_RATIO)
         if known.any():
             times.append(float(time_s[known].mean()))
@@ -154,7 +144,7 @@ def _open_gap(run: RunFile, rows: tuple[int, int]) -> tuple[Array, Array]:
     return np.array(times), np.array(volts)
 
 
-def _draw_tool(axes: Axes, run: RunFile, lines: Mapping[str, Envelope], unit_s: float, source: str) -> None:
+def _draw_tool(axes: Axes, run: RunFile, lines: Mapping[str, Envelope], unit_s: float, place: str) -> None:
     tool, everything = lines["tool"], lines["all"]
     time = tool.time_s / unit_s
     jumps = np.isfinite(everything.low) & ~(
@@ -169,11 +159,11 @@ def _draw_tool(axes: Axes, run: RunFile, lines: Mapping[str, Envelope], unit_s: 
             linewidth=0.5,
             label="jump",
         )
-    name = "sensor" if source == "sensor" else "estimated"
+    name = "sensor" if place == "z_sensor" else "estimated"
     if not tool.sampled:
         axes.fill_between(time, tool.low, tool.high, color=BLUE, linewidth=0.0)
     axes.plot(time, tool.mean, color=BLUE, linewidth=0.9, label=name)
-    mark_readings(axes, run.table("/entry/touches"), "z_sensor" if source == "sensor" else "z_model", unit_s)
+    mark_readings(axes, run.table("/entry/touches"), place, unit_s)
     axes.set_ylabel("tool displacement (µm)")
 
 

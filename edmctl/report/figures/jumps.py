@@ -8,7 +8,7 @@ import numpy as np
 
 from edmctl.record import layout
 from edmctl.record.events import RecordedCode, recorded_events
-from edmctl.report.signals import MEAN_S, broken, cuts_s, running_mean
+from edmctl.report.signals import MEAN_S, broken, cuts_s, floats, running_mean
 from edmctl.report.style import (
     BLACK,
     BLUE,
@@ -28,11 +28,9 @@ from edmctl.wording import plural
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
     from edmctl.record.reader import RunFile
-
-    Array = NDArray[np.float64]
+    from edmctl.report.signals import Array
 
 RANGE_OF_LOG = 8.0
 """A narrower range of periods is drawn on an even scale from 0, where it has more than one label."""
@@ -47,10 +45,7 @@ def draw(run: RunFile) -> Figure:
         mode = run.profile_values().get("jump.mode", "")
         why = 'its profile says jump.mode = "off"' if mode == "off" else "it ended before the first was due"
         raise NothingToDraw(f"The tool did not jump in this run: {why}.")
-    slow = {
-        name: run.column(layout.SLOW.path, name).astype(np.float64)
-        for name in ("time", "r_arc", "r_short", "jump_period")
-    }
+    slow = floats(run, layout.SLOW.path, ("time", "r_arc", "r_short", "jump_period"))
     if not len(slow["time"]):
         raise NothingToDraw("The run has jumps, but no rows of the supervisor beside them.")
     per_s, label = time_unit(float(slow["time"][-1]))

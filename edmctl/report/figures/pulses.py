@@ -26,8 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from edmctl.record.reader import RunFile
-
-    Array = NDArray[np.float64]
+    from edmctl.report.signals import Array
 
 INTERVALS = 160
 """Of time over the whole run; a column of a journal shows no more steps."""

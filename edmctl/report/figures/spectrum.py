@@ -32,11 +32,11 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     from edmctl.record.reader import RunFile
+    from edmctl.report.signals import Array
 
-    Array = NDArray[np.float64]
     Rows = tuple[int, int]
 
 HEIGHT_MM = 96.0
@@ -183,10 +183,7 @@ def peak_hz(spectrum: Spectrum) -> float | None:
         return None
     # The geometric mean of both sides is on the slope, however steep it is.
     around = [np.sqrt(np.median(density[low[k] : k]) * np.median(density[k + 1 : high[k]])) for k in inside]
-    excess = density[inside] / np.maximum(around, TINY)
-    best = int(np.argmax(excess))
-    enough = STANDS_OUT * (1.0 + SCATTER / np.sqrt(spectrum.averaged))
-    return float(frequency_hz[inside[best]]) if excess[best] >= enough else None
+    return _standing_out(spectrum, inside, around)
 
 
 def line_hz(spectrum: Spectrum) -> float | None:
@@ -197,10 +194,15 @@ def line_hz(spectrum: Spectrum) -> float | None:
     inside = np.flatnonzero(high - low >= 2 * SMALLEST)
     if not len(inside):
         return None
-    excess = np.array([density[k] / max(np.median(density[low[k] : high[k]]), TINY) for k in inside])
+    return _standing_out(spectrum, inside, [np.median(density[low[k] : high[k]]) for k in inside])
+
+
+def _standing_out(spectrum: Spectrum, inside: NDArray[np.int64], around: ArrayLike) -> float | None:
+    """Return the frequency that is highest above the density `around` it, shape (n,); None where all are too low."""
+    excess = spectrum.density[inside] / np.maximum(around, TINY)
     best = int(np.argmax(excess))
     enough = STANDS_OUT * (1.0 + SCATTER / np.sqrt(spectrum.averaged))
-    return float(frequency_hz[inside[best]]) if excess[best] >= enough else None
+    return float(spectrum.frequency_hz[inside[best]]) if excess[best] >= enough else None
 
 
 def octave_means(spectrum: Spectrum) -> tuple[Array, Array]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.record.events import RecordedCode, RecordedState
-from edmctl.report.signals import envelopes
+from edmctl.report.signals import envelopes, floats, without_jumps
 from edmctl.report.style import (
     BLACK,
     BLUE,
@@ -27,16 +27,12 @@ from edmctl.report.style import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
     from numpy.typing import NDArray
 
     from edmctl.record.reader import RunFile
-
-    Array = NDArray[np.float64]
-    Columns = Mapping[str, NDArray[np.generic]]
+    from edmctl.report.signals import Array, Columns, Floats
 
 HEIGHT_MM, ZOOM_MM = 152.0, 82.0
 LONGEST_S = 600.0
@@ -102,9 +98,8 @@ def _draw_sequence(
 ) -> None:
     upper, lower = figure.subplots(2, 1, sharex=True)
 
-    def derive(columns: Columns) -> dict[str, NDArray[np.floating]]:
-        jumping = columns["state"] == RecordedState.JUMP
-        return {name: np.where(jumping, np.float32(np.nan), columns[name]) for name in ("v_cmd", place)}
+    def derive(columns: Columns) -> dict[str, Floats]:
+        return {name: without_jumps(columns[name], columns["state"]) for name in ("v_cmd", place)}
 
     sensed = bool(np.isfinite(readings["z_sensor"]).any())
     place = "z_sensor" if sensed else "z_model"
@@ -124,10 +119,7 @@ def _draw_sequence(
 
 
 def _draw_zoom(figure: SubFigure, run: RunFile, part: tuple[int, int], contacts_s: Array) -> None:
-    columns = {
-        name: run.column("/entry/servo", name, *part).astype(np.float64)
-        for name in ("time", "v_cmd", "z_sensor", "z_model")
-    }
+    columns = floats(run, "/entry/servo", ("time", "v_cmd", "z_sensor", "z_model"), part)
     panels = figure.subplots(2, 2, sharex="col", width_ratios=[1.7, 1.0])
     _draw_column(panels[:, 0], columns, contacts_s, 5)
     near = np.abs(columns["time"] - contacts_s[-1]) <= NEAR_S

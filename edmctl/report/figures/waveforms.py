@@ -27,8 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from edmctl.record.reader import RunFile
-
-    Array = NDArray[np.float64]
+    from edmctl.report.signals import Array, Columns, Floats
 
 PATH = "/entry/waveforms"
 HEIGHT_MM = 112.0
@@ -85,7 +84,7 @@ def _detail(run: RunFile, time_s: Array, zero_s: float) -> tuple[float, float]:
     return zero_s - PERIODS_BEFORE * period_s, zero_s + PERIODS_AFTER * period_s
 
 
-def _as_they_are(columns: Mapping[str, NDArray[np.generic]]) -> dict[str, NDArray[np.floating]]:
+def _as_they_are(columns: Columns) -> dict[str, Floats]:
     return {name: columns[name].astype(np.float32, copy=False) for name in ("v_gap", "i_gap")}
 
 
