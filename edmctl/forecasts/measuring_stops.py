@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.actuator.correction import GAIN_SD_BETWEEN_DAYS, ZERO_DRIFT_UM_PER_S
 from edmctl.forecasts.removal import SIDE_DISCHARGE_SHARE, feed_rate_um_s
-from edmctl.process.discharge import hole_area_um2
+from edmctl.process.discharge import first_gap_u_um, hole_area_um2
 from edmctl.process.live_erosion import Energy, ErosionEstimate
 from edmctl.process.next_cut import (
     COVERAGE,
@@ -21,7 +21,6 @@ from edmctl.process.next_cut import (
     largest_first_um,
     next_cut,
 )
-from edmctl.process.working_gap import first_gap_u_um
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

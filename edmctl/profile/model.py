@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from edmctl.process.working_gap import USUAL_GAP_UM
+from edmctl.process.discharge import USUAL_GAP_UM
 from edmctl.profile.sites import Array, PathTable, SiteTable
 from edmctl.profile.tables import ONE_LINE, Table
 

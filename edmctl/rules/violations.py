@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, get_args
 from pydantic import TypeAdapter
 
 from edmctl.forecasts.forecast import Job, forecast
-from edmctl.process.working_gap import usual_gap_um
+from edmctl.process.discharge import usual_gap_um
 from edmctl.profile.findings import Code, Finding
 from edmctl.profile.model import DepthTarget, FeedTarget, Profile, ThroughTarget
 from edmctl.profile.sites import SiteTable

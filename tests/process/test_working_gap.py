@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from edmctl.process.working_gap import first_gap_u_um, first_sparks_um, usual_gap_um
+from edmctl.process.discharge import first_gap_u_um, first_sparks_um, usual_gap_um
 
 
 @pytest.mark.parametrize("voltage_v", [30.0, 40.0, 80.0, 200.0])

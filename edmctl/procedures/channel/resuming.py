@@ -37,9 +37,9 @@ from edmctl.procedures.monitoring.drift import pause_drift_u_um
 from edmctl.procedures.touch.reading import BEYOND_SIGMAS, NO_CONTACT
 from edmctl.procedures.touch.surface_plane import level_surface
 from edmctl.process.channel import HeldTool, wearing_uj
+from edmctl.process.discharge import first_gap_u_um
 from edmctl.process.next_cut import COVERAGE
 from edmctl.process.wear import DepthAndWear, share_u
-from edmctl.process.working_gap import first_gap_u_um
 from edmctl.profile.places import Place
 
 if TYPE_CHECKING:

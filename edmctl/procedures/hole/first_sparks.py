@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.hole import DoubtedSurface, FirstSparks
+from edmctl.process.discharge import FIRST_GAP_U_UM
 from edmctl.process.next_cut import COVERAGE, GAP_U_UM
 from edmctl.process.wear import share_u
-from edmctl.process.working_gap import FIRST_GAP_U_UM
 from edmctl.record.rows import EventLevel
 from edmctl.wording import signed
 

@@ -15,10 +15,15 @@ from edmctl.procedures.monitoring.drift import pause_drift_u_um
 from edmctl.procedures.touch.home import pad_from_home_um
 from edmctl.procedures.touch.reference_pad import OFFSET_U_UM, ToolLength, read_pad
 from edmctl.procedures.touch.surface_plane import SurfacePlane, fit_pad_slope, level_surface
-from edmctl.process.discharge import hole_area_um2, mrr_mm3_min, tool_area_um2
+from edmctl.process.discharge import (
+    first_gap_u_um,
+    first_sparks_um,
+    hole_area_um2,
+    mrr_mm3_min,
+    tool_area_um2,
+)
 from edmctl.process.touch_check import Deviation
 from edmctl.process.wear import share_u
-from edmctl.process.working_gap import first_gap_u_um, first_sparks_um
 from edmctl.results.job import SiteResult
 from edmctl.results.telemetry import pulse_shares
 

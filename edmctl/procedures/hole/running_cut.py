@@ -7,12 +7,12 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from edmctl.actuator.inverse import jump_volts
+from edmctl.forecasts.removal import least_jump_um
 from edmctl.machine.interface import CutRequest, EventCode
 from edmctl.machine.requests import JumpRequest
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.target import target_of
 from edmctl.procedures.settings import pulse_settings
-from edmctl.process.servo import least_jump_um
 from edmctl.record.rows import EventLevel, EventRow
 
 if TYPE_CHECKING:

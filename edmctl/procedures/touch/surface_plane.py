@@ -10,13 +10,13 @@ from edmctl.forecasts.measuring_stops import FACE_LIMIT_UM
 from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.touch.reference_pad import TOUCH_U_UM, pad_middle_um
 from edmctl.procedures.touch.spots import Spots, beside, read_at_spots
-from edmctl.process.path_ordering import spread_out
 from edmctl.process.plane import (
     CONTRADICTION_SDS,
     TOUCHES_FOR_A_PLANE,
     Plane,
     Step,
     fitted_plane,
+    spread_out,
     unknown_plane,
 )
 from edmctl.process.touch_check import Deviation
