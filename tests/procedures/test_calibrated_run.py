@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from edmctl.actuator.estimator import Estimator
+from edmctl.actuator.model import Estimator
 from edmctl.machine.interface import EventCode, MachineState
 from edmctl.procedures.actuator.conditioning import condition
 from edmctl.procedures.event_codes import RunEvent

@@ -26,7 +26,7 @@ from edmctl.record.rows import EventLevel, EventRow, ServoBlock
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.actuator.estimator import Estimator
+    from edmctl.actuator.model import Estimator
     from edmctl.procedures.actuator.tracker import Tracker
     from edmctl.record.rows import Recorder
     from edmctl.results.telemetry import PulseBlockBatch, PulseTrain

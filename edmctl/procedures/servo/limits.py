@@ -13,7 +13,7 @@ from edmctl.procedures.event_codes import RunEvent
 from edmctl.record.rows import EventLevel
 
 if TYPE_CHECKING:
-    from edmctl.actuator.estimator import Estimator
+    from edmctl.actuator.model import Estimator
     from edmctl.procedures.run import JobRun
     from edmctl.results.telemetry import PulseShares
 
