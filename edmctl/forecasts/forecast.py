@@ -14,14 +14,16 @@ from edmctl.forecasts.channel import (
     channel_passes,
     stops_after,
 )
-from edmctl.forecasts.measuring_stops import FACE_LIMIT_UM, channel_depth_u95_um, planned_cuts
-from edmctl.forecasts.measuring_time import (
+from edmctl.forecasts.measuring import (
+    FACE_LIMIT_UM,
     Stand,
     beside_pad_um,
     between_s,
+    channel_depth_u95_um,
     descent_time_s,
     face_time_s,
     pad_of,
+    planned_cuts,
     stop_time_s,
     touch_time_s,
 )

@@ -53,7 +53,7 @@ def look(checks: Checks, machine: LinkMachine, setup: Setup) -> None:
 def test_sensors(checks: Checks, machine: LinkMachine, setup: Setup) -> None:
     """Arm, test the gap sensor and disarm; refused unless the machine is idle. Raises LinkLost."""
     from edmctl.machine.interface import MachineState, PulseMode, PulseSettings
-    from edmctl.procedures.stop import safe_state_on_error
+    from edmctl.procedures.session import safe_state_on_error
 
     state = machine.status().state
     if state is not MachineState.IDLE:

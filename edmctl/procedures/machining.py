@@ -1,22 +1,38 @@
-"""The main job: measure, machine and judge every site, or a channel, and leave the machine retracted and idle."""
+"""The main job: all places one after the other, or a channel, judged; the machine is left retracted and idle.
+
+What one place teaches, the next one uses.
+"""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from edmctl.forecasts.forecast import working_order
 from edmctl.procedures.channel.procedure import machine_path, record_left_channel
-from edmctl.procedures.hole.site_result import record_left, record_results
-from edmctl.procedures.hole.sites import machine_sites
-from edmctl.procedures.hole.verdict import judge_holes
+from edmctl.procedures.hole.cut_decision import Decision
+from edmctl.procedures.hole.hole import JobKnowledge, begin_hole, initial_knowledge
+from edmctl.procedures.hole.resuming import check_last_hole, resume_hole, resume_through_hole
+from edmctl.procedures.hole.site import keep_hole_begun, machine_hole
+from edmctl.procedures.hole.site_result import judge_holes, open_site, record_left, record_results
+from edmctl.procedures.job import target_of
 from edmctl.procedures.job_state import JobTally
+from edmctl.procedures.run import MOVING
+from edmctl.procedures.servo.limits import TimeLimits
 from edmctl.procedures.session import running
+from edmctl.procedures.touch.surface_plane import touch_plane, touch_where_unknown
+from edmctl.process.plane import TOUCHES_FOR_A_PLANE
+from edmctl.record.rows import EventLevel, RunEvent
 from edmctl.results.job import ObjectiveMissed
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from edmctl.machine.interface import Machine
     from edmctl.procedures.job import Job
     from edmctl.procedures.job_state import StateStore
     from edmctl.procedures.run import JobRun
+    from edmctl.profile.places import Place
     from edmctl.record.rows import Recorder
     from edmctl.results.job import JobResult
     from edmctl.results.progress import Observer
@@ -69,3 +85,79 @@ def run_job(
 def _record_left(run: JobRun) -> None:
     record_left(run)
     record_left_channel(run)
+
+
+def machine_sites(run: JobRun) -> Decision | None:
+    """Machine every place that is not done yet; the decision of the first that misses its objective, None if all do.
+
+    A tool that would lose more than it may ends the job before the next place, with what is done and what remains.
+    """
+    limits, knowledge = TimeLimits(run), initial_knowledge(run)
+    resumed = run.job.resumed
+    done = set(run.tally.sites)
+    left = [site for site in working_order(run.profile, run.setup, run.job.sites) if site.name not in done]
+    if resumed is not None and not resumed.begun and left:
+        check_last_hole(run, knowledge)
+    for number, site in enumerate(left):
+        worn_out = _worn_out(run, knowledge, left[number:])
+        if worn_out is not None:
+            return worn_out
+        open_site(run, site)
+        begun = resumed is not None and resumed.begun and resumed.site == site.name
+        decision = _resume(run, site, knowledge, limits) if begun else None
+        if decision is None:
+            decision = _machine_fresh(run, site, knowledge, left[number:], limits)
+        run.keeper.keep(MOVING, None)
+        if decision.missed:
+            name = f"{site.name}: " if len(run.job.sites) > 1 else ""
+            return replace(decision, missed=f"{name}{decision.missed}", site=site.name)
+    return None
+
+
+def _resume(run: JobRun, site: Place, knowledge: JobKnowledge, limits: TimeLimits) -> Decision | None:
+    """Go on with the hole that an earlier run has begun; None where it is to be made anew."""
+    if run.profile.target.kind == "through" and not run.job.restart_hole:
+        return resume_through_hole(run, site, knowledge, limits)
+    return resume_hole(run, site, knowledge, limits)
+
+
+def _machine_fresh(
+    run: JobRun, site: Place, knowledge: JobKnowledge, left: Sequence[Place], limits: TimeLimits
+) -> Decision:
+    hole = begin_hole(run, site, knowledge)
+    if _touch_surface(run, site, knowledge, left):
+        run.keeper.set_surface(tuple(knowledge.surface.touched), knowledge.surface.doubt_u_um)
+        hole = begin_hole(run, site, knowledge)
+    keep_hole_begun(run, hole)
+    return machine_hole(run, hole, knowledge, limits, is_last=len(left) == 1)
+
+
+def _touch_surface(run: JobRun, site: Place, knowledge: JobKnowledge, left: Sequence[Place]) -> bool:
+    """Touch the face where its tilt would limit the depths; whether anything was touched."""
+    assert knowledge.tool is not None
+    wanted = run.profile.array.surface == "plane" and len(left) >= TOUCHES_FOR_A_PLANE
+    if wanted and not knowledge.surface.touched:
+        touch_plane(run, left, knowledge.surface, knowledge.tool)
+        return True
+    if run.profile.target.kind == "through":
+        return False
+    return touch_where_unknown(run, site, knowledge.surface, knowledge.tool)
+
+
+def _worn_out(run: JobRun, knowledge: JobKnowledge, left: Sequence[Place]) -> Decision | None:
+    """Return the end before a place for which the tool may not be worn any further; None while it may."""
+    lost_um = run.job.tool_wear_before_um + run.tally.wear_um
+    target = target_of(run.profile, left[0])
+    feed_um, ratio = target.feed_um, knowledge.estimate.wear_ratio
+    next_um = feed_um * ratio / (1.0 + ratio) if target.kind == "feed" else target.depth_um * ratio
+    limit_um = run.profile.tool.max_wear_um
+    if lost_um + next_um <= limit_um:
+        return None
+    names = ", ".join(site.name for site in left)
+    message = (
+        f"The tool has lost {lost_um:.0f} µm and {left[0].name} would take {next_um:.0f} µm more; "
+        f"tool.max_wear_um is {limit_um:.0f} µm. Done: {len(run.tally.sites)}; left: {names}."
+    )
+    hint = "Dress or change the tool, and machine the places that are left."
+    run.decide(RunEvent.SITES_LEFT, message, {"left": len(left), "hint": hint}, level=EventLevel.WARNING)
+    return Decision(None, message, message, hint)

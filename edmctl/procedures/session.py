@@ -1,4 +1,7 @@
-"""A machine made ready for a job or one procedure and put away after it: armed, conditioned, recorded, retracted."""
+"""A machine made ready for a job or one procedure and put away after it: armed, conditioned, recorded, retracted.
+
+Whatever ends a procedure early, the machine is brought to its safe state first.
+"""
 
 from __future__ import annotations
 
@@ -9,30 +12,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.errors import (
-    EdmError,
-    LinkLost,
-    MachineFault,
-    PreconditionError,
-    ProtocolMismatch,
-    RunFileError,
-)
+from edmctl.errors import EdmError, LinkLost, MachineFault, PreconditionError, ProtocolMismatch, RunFileError
 from edmctl.procedures.actuator.conditioning import condition
 from edmctl.procedures.actuator.sensorless import SensorlessMachine
-from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job_state import NoStateStore
 from edmctl.procedures.monitoring.monitors import IdleMonitor, LinkMonitor, SensorMonitor, record_link
 from edmctl.procedures.monitoring.watch import Watch
-from edmctl.procedures.run import JobRun
-from edmctl.procedures.settings import (
-    controller_settings,
-    pulse_settings,
-    recorded_every,
-    telemetry_settings,
-)
-from edmctl.procedures.state_keeper import JobStateKeeper, total_pause_s
-from edmctl.procedures.stop import safe_state_on_error
-from edmctl.record.rows import EventLevel, EventRow
+from edmctl.procedures.run import JobRun, JobStateKeeper, total_pause_s
+from edmctl.procedures.settings import controller_settings, pulse_settings, recorded_every, telemetry_settings
+from edmctl.record.rows import EventLevel, EventRow, RunEvent
 from edmctl.results.job import site_result_of
 from edmctl.results.progress import Phase
 
@@ -45,6 +33,23 @@ if TYPE_CHECKING:
     from edmctl.procedures.run import Args
     from edmctl.record.rows import Recorder
     from edmctl.results.progress import Observer
+
+
+@contextmanager
+def safe_state_on_error(machine: Machine) -> Iterator[None]:
+    """Pulses off, retract, idle, when anything is raised inside; the error then goes on its way unchanged.
+
+    A failure of the safe stop itself becomes a note of that error and never takes its place: the controller's
+    watchdog reaches the safe state without the host.
+    """
+    try:
+        yield
+    except BaseException as error:
+        try:
+            machine.safe_stop()
+        except Exception as failure:
+            error.add_note(f"While stopping: {failure!r}")
+        raise
 
 
 @contextmanager

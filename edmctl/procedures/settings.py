@@ -13,7 +13,7 @@ from edmctl.machine.interface import (
     ServoLaw,
     TelemetrySettings,
 )
-from edmctl.procedures.hole.target import target_of
+from edmctl.procedures.job import target_of
 
 if TYPE_CHECKING:
     from edmctl.profile.model import Profile

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError
 from edmctl.machine.interface import Axis
-from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job import REPORT_DELAY_S
 from edmctl.procedures.run import rest_and_look
 from edmctl.procedures.settings import controller_settings
@@ -20,6 +19,7 @@ from edmctl.procedures.touch.home import (
     home_now,
     most_over_um,
 )
+from edmctl.record.rows import RunEvent
 from edmctl.results.progress import Phase
 from edmctl.wording import coordinates, duration
 

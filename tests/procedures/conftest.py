@@ -20,9 +20,8 @@ from edmctl.procedures.job import CalibratedActuator, Job, job_of
 from edmctl.procedures.job_state import JobTally
 from edmctl.procedures.machining import run_job
 from edmctl.procedures.monitoring.watch import Watch
-from edmctl.procedures.run import JobRun
+from edmctl.procedures.run import JobRun, JobStateKeeper
 from edmctl.procedures.settings import controller_settings, pulse_settings, telemetry_settings
-from edmctl.procedures.state_keeper import JobStateKeeper
 from edmctl.profile.setup import Sensor, Setup
 from edmctl.record.rows import (
     EventRow,

@@ -17,8 +17,8 @@ from edmctl.errors import LinkLost, PreconditionError
 from edmctl.machine.interface import Axis, MotionSettings, PulseLog, TelemetrySettings, joined
 from edmctl.procedures.monitoring.drift import DRIFT_SDS, first_home_um
 from edmctl.procedures.run import NO_PULSES
+from edmctl.procedures.session import safe_state_on_error
 from edmctl.procedures.settings import RETRACT_UM_S
-from edmctl.procedures.stop import safe_state_on_error
 from edmctl.procedures.touch.home import CREEP_LOOK_S, CREEP_WAIT_S, READING_MARGIN_UM
 from edmctl.results.progress import Phase, Progress
 

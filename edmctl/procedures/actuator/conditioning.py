@@ -18,9 +18,9 @@ from edmctl.actuator.record import Record
 from edmctl.errors import PreconditionError
 from edmctl.machine.interface import joined
 from edmctl.procedures.actuator.tracker import home
-from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.run import rest_and_look
 from edmctl.procedures.stages import move_to
+from edmctl.record.rows import RunEvent
 from edmctl.results.progress import Phase
 from edmctl.wording import signed
 

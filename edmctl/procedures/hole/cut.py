@@ -9,11 +9,9 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import MachineFault
 from edmctl.machine.interface import EventCode, MachineEvent
-from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.hole.running_cut import CutControl
-from edmctl.procedures.servo.arc_recovery import NO_SPARK, ArcRecovery, with_a_check
+from edmctl.procedures.hole.running_cut import NO_SPARK, ArcRecovery, CutControl, with_a_check
 from edmctl.procedures.servo.supervisor import StopReason, Supervisor
-from edmctl.record.rows import EventLevel, EventRow
+from edmctl.record.rows import EventLevel, EventRow, RunEvent
 from edmctl.results.telemetry import pulse_shares
 
 if TYPE_CHECKING:

@@ -6,22 +6,21 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from edmctl.forecasts.measuring_stops import cut_budget
+from edmctl.forecasts.measuring import cut_budget
 from edmctl.labels import Verdict
 from edmctl.machine.faults import host_fault
-from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.cut import CutEnd, CutResult
 from edmctl.procedures.hole.cut_planning import CutPlan, CutStart, following_plan
-from edmctl.procedures.hole.target import verdict_of
+from edmctl.procedures.job import verdict_of
 from edmctl.process.next_cut import is_done
-from edmctl.record.rows import EventLevel
+from edmctl.record.rows import EventLevel, RunEvent
 from edmctl.wording import decimal, plural, signed
 
 if TYPE_CHECKING:
-    from edmctl.procedures.hole.target import HoleTarget
+    from edmctl.procedures.job import HoleTarget
     from edmctl.procedures.run import JobRun
     from edmctl.process.live_erosion import ErosionEstimate
-    from edmctl.process.wear import DepthAndWear
+    from edmctl.process.touches import DepthAndWear
     from edmctl.profile.model import Profile
 
 

@@ -19,9 +19,8 @@ from edmctl.machine.interface import (
     joined,
 )
 from edmctl.procedures.actuator.tracker import FeedError, Trace
-from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.monitoring.drift import Rests
-from edmctl.record.rows import EventLevel, EventRow, ServoBlock
+from edmctl.record.rows import EventLevel, EventRow, RunEvent, ServoBlock
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.forecasts.forecast import forecast
-from edmctl.procedures.event_codes import RunEvent
-from edmctl.record.rows import EventLevel
+from edmctl.record.rows import EventLevel, RunEvent
 
 if TYPE_CHECKING:
     from edmctl.actuator.model import Estimator

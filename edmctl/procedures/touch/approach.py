@@ -6,11 +6,11 @@ import math
 from typing import TYPE_CHECKING
 
 from edmctl.actuator.inverse import ramp_by
-from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.run import rest_and_look
 from edmctl.procedures.settings import first_sparks_v
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.reading import take_reading
+from edmctl.record.rows import RunEvent
 from edmctl.results.measurements import SurfaceFound
 from edmctl.results.progress import Phase
 

@@ -10,14 +10,12 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.stages import retract
 from edmctl.procedures.touch.approach import lower_to, raise_by
 from edmctl.procedures.touch.reading import SurfaceReading, take_reading
 from edmctl.process.next_cut import COVERAGE
-from edmctl.process.touch_check import Deviation, against_sparks, between, is_long, is_short
-from edmctl.process.wear import TOUCH_SD_PRIOR_UM
-from edmctl.record.rows import EventLevel, RejectedTouch
+from edmctl.process.touches import TOUCH_SD_PRIOR_UM, Deviation, against_sparks, between, is_long, is_short
+from edmctl.record.rows import EventLevel, RejectedTouch, RunEvent
 
 if TYPE_CHECKING:
     from edmctl.procedures.hole.cut import CutResult
