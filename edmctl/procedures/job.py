@@ -35,7 +35,6 @@ class CalibratedActuator:
 
     model: ActuatorModel
     held_out_rms_um: float
-    held_out_max_um: float
 
 
 @dataclass(frozen=True, slots=True)

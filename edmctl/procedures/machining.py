@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.forecasts.forecast import working_order
 from edmctl.procedures.channel.procedure import machine_path, record_left_channel
-from edmctl.procedures.hole.cut_decision import Decision
+from edmctl.procedures.hole.cut import Decision
 from edmctl.procedures.hole.hole import JobKnowledge, begin_hole, initial_knowledge
 from edmctl.procedures.hole.resuming import check_last_hole, resume_hole, resume_through_hole
 from edmctl.procedures.hole.site import keep_hole_begun, machine_hole

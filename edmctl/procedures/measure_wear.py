@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from edmctl.errors import ObjectiveNotReached
 from edmctl.procedures.monitoring.drift import displacement_uncertainty
 from edmctl.procedures.stages import move_to
-from edmctl.procedures.touch.bottom import ExpectedBottom, read_expected
+from edmctl.procedures.touch.approach import ExpectedBottom, read_expected
 from edmctl.procedures.touch.spots import TOUCH_U_UM, pad_u_um, read_pad, refuse_grown_tool
 from edmctl.procedures.touch.surface_plane import fit_pad_slope, level_surface
 from edmctl.process.touches import Reading, measure, share_u

@@ -186,7 +186,7 @@ def calibrated(seed: int = 1) -> CalibratedActuator:
     thin = slice(None, None, 20)
     record = Record(waveform.t_s[thin], driven.applied_v[thin], driven.sensor_um[thin])
     found = identify([record], delay_s=0.0, folds=2, resamples=1)
-    return CalibratedActuator(found.model, found.held_out.rms_um, found.held_out.max_um)
+    return CalibratedActuator(found.model, found.held_out.rms_um)
 
 
 @dataclass(frozen=True, slots=True)

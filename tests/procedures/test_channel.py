@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from edmctl.procedures.channel.scan import PassPlan, PassResult
-    from edmctl.procedures.hole.cut_decision import Decision
+    from edmctl.procedures.hole.cut import Decision
 
 TARGET_UM = 20.0
 LEVEL = Plane((0.0, 0.0), np.zeros(2), np.zeros((2, 2)))

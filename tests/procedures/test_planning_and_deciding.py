@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.forecasts.measuring import cut_budget, estimate_of
-from edmctl.procedures.hole.cut import CutEnd, CutResult
-from edmctl.procedures.hole.cut_decision import Decision, decide
+from edmctl.procedures.hole.cut import CutEnd, CutResult, Decision, decide
 from edmctl.procedures.hole.cut_planning import (
     CutPlan,
     CutStart,

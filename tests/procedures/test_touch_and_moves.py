@@ -10,7 +10,7 @@ import pytest
 
 from edmctl.errors import LinkLost, ObjectiveNotReached, PreconditionError
 from edmctl.machine.interface import EventCode, TelemetryFlag
-from edmctl.procedures.actuator.conditioning import condition
+from edmctl.procedures.session import condition
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.approach import ABOVE_BOTTOM_UM, find_gap, lower_to, raise_by
 from edmctl.procedures.touch.reading import take_reading

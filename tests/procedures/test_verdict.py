@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.labels import Basis, Verdict
-from edmctl.procedures.hole.cut_decision import remedy as remedy_of
+from edmctl.procedures.hole.cut import remedy as remedy_of
 from edmctl.procedures.hole.site_result import judge_holes, judged, record_results
 from edmctl.procedures.job import HoleTarget, verdict_of
 from edmctl.profile.setup import Sensor
@@ -21,7 +21,7 @@ from .conftest import Done, Shop, calibrated
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.procedures.hole.cut_decision import Decision
+    from edmctl.procedures.hole.cut import Decision
 
     OpenShop = Callable[..., Shop]
 

@@ -164,7 +164,7 @@ def _chosen(path: Path, setup: Setup, profile: Profile, serial: str) -> Choice:
     _refuse_narrow(path, calibration, setup, profile)
     held_out = calibration.quality.held_out
     return Choice(
-        actuator=CalibratedActuator(calibration.model(), held_out.rms_um, held_out.max_um),
+        actuator=CalibratedActuator(calibration.model(), held_out.rms_um),
         used=_used(path, calibration, setup, serial),
         warnings=tuple(_doubts(path, calibration, setup, profile, serial)),
         text=read_source(path).text,

@@ -28,7 +28,7 @@ from edmctl.procedures.channel.resuming import (
 )
 from edmctl.procedures.channel.touching import FloorReading, measure_floor, touch_untouched
 from edmctl.procedures.channel.way import way_of_path
-from edmctl.procedures.hole.cut_decision import Decision
+from edmctl.procedures.hole.cut import Decision
 from edmctl.procedures.hole.site_result import REMEDIES, judged_channel, not_shown
 from edmctl.procedures.job import HoleTarget, target_of
 from edmctl.procedures.job_state import UnderWay

@@ -11,11 +11,11 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from edmctl.labels import Basis
-from edmctl.procedures.hole.cut_decision import Decision, decide, refuse_wrong_setup
+from edmctl.procedures.hole.cut import Decision, decide, refuse_wrong_setup
 from edmctl.procedures.hole.cut_planning import CutPlan, CutStart, energy_of, learned_gap_um
 from edmctl.procedures.hole.first_sparks import judge_again
 from edmctl.procedures.hole.hole import Unmeasured
-from edmctl.procedures.touch.bottom import UNFINISHED_GAP_U_UM, read_bottom
+from edmctl.procedures.touch.approach import CLEAR_OF_BOTTOM_UM, ExpectedBottom, raise_by, read_expected
 from edmctl.procedures.touch.spots import (
     TOUCH_U_UM,
     ToolLength,
@@ -41,6 +41,9 @@ PAD_U_UM = 0.5
 """Standard uncertainty of the pad's place besides the wear: drift and touch scatter."""
 GAP_SETTLES_S = 1.0
 """A cut that is over before teaches no working gap: its first sparks come 1 µm earlier, the servo follows."""
+UNFINISHED_GAP_U_UM = 3.0
+"""Standard uncertainty of the gap where a cut did not end at its limit: the servo swings, and shorts draw back
+[assumed]."""
 
 
 def measure_hole(
@@ -64,6 +67,15 @@ def measure_hole(
     if plan.number == 1:
         refuse_wrong_setup(run, hole.touched or found)
     return decide_next(run, hole, knowledge, plan.number, cut, found)
+
+
+def read_bottom(run: JobRun, place: str, plan: CutPlan, cut: CutResult) -> SurfaceReading:
+    """Touch the bottom that a cut has left, more often where it is not where it should be."""
+    raise_by(run, CLEAR_OF_BOTTOM_UM)
+    gap_u_um = math.hypot(plan.start.gap_u_um, 0.0 if cut.is_at_limit else UNFINISHED_GAP_U_UM)
+    return read_expected(
+        run, place, ExpectedBottom(cut.end_displacement_um, plan.start.gap_um, gap_u_um, "the last sparks")
+    )
 
 
 def decide_next(

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import MachineFault, PreconditionError
 from edmctl.labels import Basis
-from edmctl.procedures.hole.cut_decision import Decision
+from edmctl.procedures.hole.cut import Decision
 from edmctl.procedures.hole.cut_planning import through_plan
 from edmctl.procedures.hole.hole import JobKnowledge, OpenHole, hole_at, touch_pad_first
 from edmctl.procedures.hole.hole_estimate import (
@@ -33,7 +33,7 @@ from edmctl.procedures.job import target_of
 from edmctl.procedures.job_state import CutTotals
 from edmctl.procedures.monitoring.drift import counted_pause_s, pause_drift_u_um
 from edmctl.procedures.stages import move_to
-from edmctl.procedures.touch.bottom import MORE_LOOKS, wash
+from edmctl.procedures.touch.approach import MORE_LOOKS, wash
 from edmctl.procedures.touch.reading import BEYOND_SIGMAS, NO_CONTACT, SurfaceReading, take_reading
 from edmctl.procedures.touch.spots import ToolLength, read_pad
 from edmctl.procedures.touch.surface_plane import fit_pad_slope, level_surface, touch_beside

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import MachineFault
 from edmctl.labels import Basis
-from edmctl.procedures.hole.cut import CutEnd, CutResult, run_cut
-from edmctl.procedures.hole.cut_decision import Decision, out_of_time, unfinished
+from edmctl.procedures.hole.cut import CutEnd, CutResult, Decision, out_of_time, run_cut, unfinished
 from edmctl.procedures.hole.cut_planning import CutPlan, energy_of, first_plan
 from edmctl.procedures.hole.first_sparks import check_first_sparks, debris_um
 from edmctl.procedures.hole.hole import JobKnowledge, OpenHole, start_of

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.labels import NOT_SHOWN_CODE, Basis, Verdict
 from edmctl.procedures.actuator.tracker import FeedError
-from edmctl.procedures.hole.cut_decision import Decision, remedy
+from edmctl.procedures.hole.cut import Decision, remedy
 from edmctl.procedures.job import target_of, verdict_of
 from edmctl.procedures.job_state import CutTotals
 from edmctl.record.rows import EventLevel, RunEvent, SiteRow
