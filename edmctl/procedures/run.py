@@ -31,6 +31,7 @@ MACHINING, MEASURING, MOVING = "machining", "measuring", "moving"
 """Phases of a job; while it is machining, the state is kept every few seconds too."""
 SAMPLES_LATE_S = 1.0
 """A cut without samples is ended after so long at the latest."""
+
 Args = Mapping[str, float | int | str | bool]
 
 NO_PULSES = PulseShares(0.0, 0.0, 0.0, 0.0)
