@@ -18,10 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmctl.actuator import waveforms as waves
-from edmctl.actuator.baselines import Baseline, fit_line, fit_maxwell, paper_practice
-from edmctl.actuator.estimator import Estimator
-from edmctl.actuator.identification import identify
+from edmctl.actuator.identification import fit_line, fit_maxwell, identify
 from edmctl.actuator.inverse import Inverse
+from edmctl.actuator.model import Estimator
 from edmctl.actuator.record import Record
 from edmctl.actuator.validation import ErrorFigures, judge, validate
 from edmctl.simulator.actuator import VirtualActuator
@@ -57,10 +56,10 @@ def accuracy(seeds: int) -> None:
         record = driven(seed, waves.sampled(waves.calibration_legs(150.0), RATE_HZ))
         ours = identify([record])
         slow = driven(seed, waves.sine(0.0, 120.0, 0.01, 1, RATE_HZ))
-        rows: dict[str, ActuatorModel | Baseline] = {
-            "straight line": fit_line([record]),
-            "paper's practice": paper_practice(slow),
-            "Maxwell, all data": fit_maxwell([record]),
+        rows: dict[str, ActuatorModel] = {
+            "straight line": fit_line([record]).model,
+            "paper's practice": fit_maxwell([slow]).model,
+            "Maxwell, all data": fit_maxwell([record]).model,
             "edmctl": ours.model,
         }
         for name, wave in WAVEFORMS.items():

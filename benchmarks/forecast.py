@@ -15,7 +15,7 @@ import sys
 import tempfile
 from typing import Any
 
-from edmctl.profile.shipped import shipped_names
+from edmctl.profile.folders import shipped_names
 
 TIME, FEED = 0.10, 0.05
 

@@ -220,7 +220,7 @@ def _calibrated(seed: int) -> CalibratedActuator:
     thin = slice(None, None, 20)
     record = Record(waveform.t_s[thin], driven.applied_v[thin], driven.sensor_um[thin])
     found = identify([record], delay_s=0.0, folds=2, resamples=1)
-    return CalibratedActuator(found.model, found.held_out.rms_um, found.held_out.max_um)
+    return CalibratedActuator(found.model, found.held_out.rms_um)
 
 
 def _on(loaded: LoadedProfile, pad_um: float) -> Profile:

@@ -99,7 +99,7 @@ class Finished:
 def die_at(time_s: float, arguments: list[str]) -> NoReturn:
     """Be `edmctl` with these arguments, and die by SIGKILL when the time of the run has come to `time_s`."""
     from edmctl.cli.app import run
-    from edmctl.procedures.state_keeper import JobStateKeeper
+    from edmctl.procedures.run import JobStateKeeper
 
     take = JobStateKeeper.on_telemetry
 

@@ -269,7 +269,7 @@ class Machine:
 
     def _surroundings(self, stop: StopRequest | None) -> Surroundings:
         """The program around a call: no terminal, no environment, no signals."""
-        from edmctl.profile.calibration_place import HOME_VARIABLE
+        from edmctl.profile.folders import HOME_VARIABLE
 
         environ = {} if self._home is None else {HOME_VARIABLE: str(self._home)}
         surroundings = Surroundings(command=("edmctl", "(Python)"), environ=environ)

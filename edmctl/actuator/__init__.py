@@ -11,7 +11,7 @@ Names are loaded when they are first asked for: a run needs the estimator, not t
 from importlib import import_module
 
 _PLACES = {
-    "Estimator": "estimator",
+    "Estimator": "model",
     "Inverse": "inverse",
     "Record": "record",
     "identify": "identification",

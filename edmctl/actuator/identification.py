@@ -3,6 +3,10 @@
 Thresholds, knots and time constants are chosen from what the records cover; then everything is one convex
 problem (`fitting`) on triangles of the data (`design`). Errors are given for blocks of the record that the model
 did not see, because errors on the training data flatter every model.
+
+Two corners of the same class are what an actuator is measured against, identified and judged by the same code on the
+same held-out blocks: one play of threshold 0 is the straight line, ten plays without hinges and without creep are
+the Maxwell slip model of Muralidhara et al. 2009, §2.1, in its equivalent form (`maxwell`).
 """
 
 from __future__ import annotations
@@ -25,7 +29,7 @@ from edmctl.actuator.design import (
 from edmctl.actuator.fitting import fit
 from edmctl.actuator.record import Record, half_periods_s, sample_s, settled_from
 from edmctl.actuator.uncertainty import Bands, bands_of, figures, smoothest
-from edmctl.actuator.verdict import notes_on, problems_of
+from edmctl.actuator.validation import notes_on, problems_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -117,6 +121,20 @@ def identify(
         notes=notes_on(records, delay_s),
         samples=sum(block.samples for block in reduction.blocks),
     )
+
+
+def fit_line(records: Sequence[Record], delay_s: float = 0.0) -> Identification:
+    """Fit a straight line, displacement = gain · voltage + zero. Raises ValueError as `identify` does."""
+    return identify(records, hinges=1, plays=1, creep=False, delay_s=delay_s, resamples=0)
+
+
+def fit_maxwell(records: Sequence[Record], delay_s: float = 0.0) -> Identification:
+    """Fit a Maxwell slip model with ten elements. Raises ValueError as `identify` does.
+
+    The paper fits it to one slow cycle, a full swing of 10 mHz or so of a conditioned actuator, for everything that
+    follows.
+    """
+    return identify(records, hinges=1, plays=PLAYS, creep=False, delay_s=delay_s, resamples=0)
 
 
 def identify_quick(record: Record) -> tuple[ActuatorModel, ErrorFigures]:

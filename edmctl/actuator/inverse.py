@@ -22,8 +22,7 @@ from edmctl.actuator.model import consecutive
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from edmctl.actuator.estimator import Estimator
-    from edmctl.actuator.model import ActuatorModel, ActuatorState
+    from edmctl.actuator.model import ActuatorModel, ActuatorState, Estimator
 
     Array = NDArray[np.float64]
 

@@ -21,7 +21,7 @@ _PLAIN = re.compile(r"[\w./][\w./:@%+=-]*", re.ASCII)
 
 def profiles(incomplete: str) -> list[str]:
     """Shipped profiles; files are the shell's own business."""
-    from edmctl.profile.shipped import shipped_names
+    from edmctl.profile.folders import shipped_names
 
     return _offered(shipped_names(), incomplete)
 

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from edmctl.forecasts.measuring_stops import READING_U_UM
-from edmctl.forecasts.measuring_time import (
+from edmctl.forecasts.measuring import (
+    READING_U_UM,
     Stand,
     between_s,
     descent_time_s,
@@ -31,6 +31,7 @@ EVEN_OUT_PASSES = 2
 LAST_PASS_SHARE = 1.05
 """Passes over those that the sparks need, because a layer ends with a whole pass."""
 LAYERS_BEFORE_FIRST_STOP = 2
+"""Then wear and gap are measured for the first time: early, because both were only assumed."""
 PLACES, PLACES_AT_THE_END = 4, 6
 """The floor is touched at so many places."""
 FACE_TOUCHES = 3

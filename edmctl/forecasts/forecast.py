@@ -14,14 +14,16 @@ from edmctl.forecasts.channel import (
     channel_passes,
     stops_after,
 )
-from edmctl.forecasts.measuring_stops import FACE_LIMIT_UM, channel_depth_u95_um, planned_cuts
-from edmctl.forecasts.measuring_time import (
+from edmctl.forecasts.measuring import (
+    FACE_LIMIT_UM,
     Stand,
     beside_pad_um,
     between_s,
+    channel_depth_u95_um,
     descent_time_s,
     face_time_s,
     pad_of,
+    planned_cuts,
     stop_time_s,
     touch_time_s,
 )
@@ -35,7 +37,6 @@ from edmctl.forecasts.removal import (
     time_share_of_jumps,
 )
 from edmctl.process.discharge import mrr_mm3_min, pulse_energy_uj
-from edmctl.process.path_ordering import nearest_first
 from edmctl.results.forecast import Forecast
 
 if TYPE_CHECKING:
@@ -89,6 +90,19 @@ def working_order(profile: Profile, setup: Setup, places: Sequence[Place]) -> li
         return list(places)
     start_um = (setup.stage.reference_x_um, setup.stage.reference_y_um)
     return [places[i] for i in nearest_first([(place.x_um, place.y_um) for place in places], start_um)]
+
+
+def nearest_first(places_um: Sequence[tuple[float, float]], start_um: tuple[float, float]) -> tuple[int, ...]:
+    """Order of places in which the nearest of those left always comes next; ties go to the one written first."""
+    left = list(range(len(places_um)))
+    order: list[int] = []
+    here = start_um
+    while left:
+        nearest = min(left, key=lambda i: math.dist(places_um[i], here))
+        left.remove(nearest)
+        order.append(nearest)
+        here = places_um[nearest]
+    return tuple(order)
 
 
 def _holes_course(profile: Profile, setup: Setup, places: Sequence[Place]) -> Course:

@@ -1,4 +1,9 @@
-"""How much a hole removes, how fast a recipe erodes, and how the servo swings meanwhile."""
+"""How much a hole removes, how fast a recipe erodes, and how the tool moves over the gap meanwhile.
+
+That motion is the limit cycle of the relay servo, and electrode jumps that flush. A relay that flips an
+integrator's slope after a dead time L makes a triangle of half-amplitude slope x L and period 4 L (exact for an
+ideal integrator).
+"""
 
 from __future__ import annotations
 
@@ -13,7 +18,6 @@ from edmctl.process.discharge import (
     pulse_energy_uj,
     tool_area_um2,
 )
-from edmctl.process.servo import LimitCycle, jump_time_s, limit_cycle, loop_delay_s
 
 if TYPE_CHECKING:
     from edmctl.profile.model import Profile, Pulse
@@ -31,6 +35,10 @@ LEAST_MACHINING_SHARE = 0.1
 """However much it jumps; a recipe that jumps more than 0.3 of the time is refused anyway."""
 RECOVERY_S = 0.25
 """Machining lost after a jump, while the servo comes back to the gap from a little above it."""
+HALF_AMPLITUDE_DESIGN_UM = 0.5
+"""Swing (half-amplitude) below which shorts do not rise: 0.15 of the working gap, from a simulated sweep."""
+HALF_AMPLITUDE_LIMIT_UM = 1.0
+"""Swing beyond which shorts rise steeply: 0.3 of the working gap, from the same sweep."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +53,15 @@ class Hole:
     def feed_um(self) -> float:
         """How far the tool feeds below the surface, wear and all."""
         return self.depth_um + self.wear_um + self.completion_um
+
+
+@dataclass(frozen=True, slots=True)
+class LimitCycle:
+    """The steady swing of the relay loop."""
+
+    loop_delay_s: float
+    half_amplitude_um: float
+    period_s: float
 
 
 def hole(profile: Profile, depth_um: float = math.nan) -> Hole:
@@ -106,14 +123,28 @@ def jump_duration_s(profile: Profile) -> float:
 
 
 def servo_swing(profile: Profile, setup: Setup) -> LimitCycle:
-    """The swing of the gap servo that follows from the delay of its loop."""
-    delay_s = loop_delay_s(
-        servo_period_s=setup.controller.servo_period_s,
-        latency_ticks=setup.controller.latency,
-        filter_hz=profile.servo.filter_hz,
-        actuator_lag_s=setup.controller.actuator_lag_s,
-    )
-    return limit_cycle(profile.servo.forward_um_s, delay_s)
+    """The swing of the gap servo that follows from the dead time of its loop.
+
+    That is half a period of hold, the latency, the low-pass and the actuator's lag. Lags count fully, so the swing
+    is over-predicted when they dominate.
+    """
+    controller, servo = setup.controller, profile.servo
+    hold_s = (0.5 + controller.latency) * controller.servo_period_s
+    delay_s = hold_s + 1.0 / (2.0 * math.pi * servo.filter_hz) + controller.actuator_lag_s
+    return LimitCycle(delay_s, servo.forward_um_s * delay_s, 4.0 * delay_s)
+
+
+def least_jump_um(depth_um: float, diameter_um: float, side_gap_um: float) -> float:
+    """Least useful jump height in µm: the tool's stroke must refill the annulus beside it.
+
+    `h_min = 4 s z / d * (1 + s / d)`: annulus volume of depth z over the tool's face.
+    """
+    return 4.0 * side_gap_um * depth_um / diameter_um * (1.0 + side_gap_um / diameter_um)
+
+
+def jump_time_s(height_um: float, speed_um_s: float, dwell_s: float) -> float:
+    """Time of one jump, up and down with a dwell at the top."""
+    return 2.0 * height_um / speed_um_s + dwell_s
 
 
 def _yield(profile: Profile, depth_um: float) -> float:

@@ -8,10 +8,9 @@ noise. What they say is judged by the truth.
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
-from edmctl.actuator.baselines import fit_line, paper_practice
-from edmctl.actuator.identification import identify
+from edmctl.actuator.identification import fit_line, fit_maxwell, identify
 from edmctl.actuator.record import Record
 from edmctl.actuator.validation import judge
 from edmctl.actuator.waveforms import calibration_legs, sampled, sine
@@ -40,12 +39,6 @@ CALIBRATION_EVERY = 2
 """500 samples a second tell the delay of the amplifier as well as all of them do, in half the time."""
 NOTICED_V = 0.1
 """A voltage this far from what was asked for, or from what was calibrated, is worth a word."""
-
-
-class Predictor(Protocol):
-    """Says the displacement, µm, shape (n,), from time and voltage."""
-
-    def predict(self, t_s: Array, u_v: Array) -> Array: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,9 +98,9 @@ def run_trial(asked: Sequence[Waveform], known: ActuatorModel | None, seed: int)
     """
     slow = _measured(seed, sine(LOW_V, HIGH_V, SLOW_HZ, 1, RATE_HZ).u_v, every=SLOW_EVERY)
     ours, doubts = (known, []) if known else _calibrated(seed)
-    models: dict[str, Predictor] = {
-        "line": fit_line([slow]),
-        "paper": paper_practice(slow),
+    models: dict[str, ActuatorModel] = {
+        "line": fit_line([slow]).model,
+        "paper": fit_maxwell([slow]).model,
         "ours": ours,
     }
     stroke_um = float(slow.y_um.max() - slow.y_um.min())
@@ -176,7 +169,7 @@ def _beyond(waveform: Waveform, driven: Drive, ours: ActuatorModel) -> list[Diag
     return [selection.narrow(f"{waveform.name} goes {end}.", hint) for end in ends]
 
 
-def _traced(driven: Drive, models: dict[str, Predictor]) -> Trace:
+def _traced(driven: Drive, models: dict[str, ActuatorModel]) -> Trace:
     """What every model makes of the voltage applied, each with the zero that suits it best."""
     models_um = {}
     for key, model in models.items():

@@ -125,9 +125,9 @@ def load(checks: Checks, path: Path | None) -> Setup:
 def calibration(environ: Mapping[str, str], setup: Setup, serial: str, port: str) -> Check:
     """Whether the calibration that a job would use is there, can be read, and is of this machine."""
     from edmctl.profile.calibration import load_calibration
-    from edmctl.profile.calibration_place import find_calibration
+    from edmctl.profile.folders import find_calibration
 
-    path = find_calibration(None, environ, setup, serial)
+    path = find_calibration(None, environ, setup.actuator.calibration, serial)
     remedy = f"Run `{on_machine('edmctl calibrate', port)}`."
     if path is None:
         if setup.sensor.fitted:

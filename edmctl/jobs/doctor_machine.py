@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from edmctl.machine.interface import (
         MachineEvent,
         MachineStatus,
-        MotionSettings,
         PulseBlockBatch,
         PulseTrain,
         TelemetryBlock,
@@ -54,6 +53,7 @@ def test_sensors(checks: Checks, machine: LinkMachine, setup: Setup) -> None:
     """Arm, test the gap sensor and disarm; refused unless the machine is idle. Raises LinkLost."""
     from edmctl.machine.interface import MachineState, PulseMode, PulseSettings
     from edmctl.procedures.session import safe_state_on_error
+    from edmctl.procedures.settings import motion_settings
 
     state = machine.status().state
     if state is not MachineState.IDLE:
@@ -69,7 +69,8 @@ def test_sensors(checks: Checks, machine: LinkMachine, setup: Setup) -> None:
     pulses = PulseSettings(on_us, off_us, GAP_V, 0.1, PulseMode.ISOFREQUENCY, 0.0)
     try:
         with safe_state_on_error(machine):
-            machine.configure(_motion(setup), pulses)
+            motion = motion_settings(setup, 0.0, sensor_fitted=setup.sensor.fitted, pulses=True)
+            machine.configure(motion, pulses)
             machine.arm()
             gap_v = machine.self_test()
             machine.disarm()
@@ -80,22 +81,6 @@ def test_sensors(checks: Checks, machine: LinkMachine, setup: Setup) -> None:
     else:
         told = f"{gap_v:.2f} V of {GAP_V * GAP_DUTY:.2f} V with the generator on, none with it off"
         checks.add(ok("gap sensor", told))
-
-
-def _motion(setup: Setup) -> MotionSettings:
-    from edmctl.machine.interface import MotionSettings
-
-    actuator = setup.actuator
-    return MotionSettings(
-        piezo_max_v=actuator.stroke_v,
-        slew_limit_v_s=actuator.slew_v_s,
-        gain_um_per_v=actuator.gain_um_per_v,
-        safe_z_um=0.0,
-        retract_v_s=min(actuator.slew_v_s, 1000.0 / actuator.gain_um_per_v),
-        sensor_fitted=setup.sensor.fitted,
-        watchdog_s=setup.controller.watchdog_s,
-        dielectric_required=True,
-    )
 
 
 def _identity(machine: LinkMachine) -> list[Check]:

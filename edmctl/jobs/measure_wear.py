@@ -145,7 +145,7 @@ def measuring_profile(profile: Profile, speed_um_s: float = math.nan) -> Profile
 
 def wear_forecast(plan: Plan, *, reference: bool) -> dict[str, Any]:
     """Return what is touched, how, and how long it takes."""
-    from edmctl.forecasts.measuring_time import move_time_s, park_to_pad_um, reading_time_s, touch_time_s
+    from edmctl.forecasts.measuring import move_time_s, park_to_pad_um, reading_time_s, touch_time_s
 
     profile, setup = measuring_profile(plan.loaded.profile), plan.setup
     time_s = touch_time_s(profile, setup)

@@ -192,7 +192,7 @@ def approach_forecast(
 
     Raises PreconditionError as the approach would.
     """
-    from edmctl.forecasts.measuring_time import approach_time_s, beside_pad_um, touch_time_s
+    from edmctl.forecasts.measuring import approach_time_s, beside_pad_um, touch_time_s
     from edmctl.record.ledger import Logbook
 
     profile, setup = plan.loaded.profile, plan.setup
@@ -281,7 +281,7 @@ def end_um(plan: Plan) -> float:
 
 def jumps_forecast(plan: Plan, count: int) -> dict[str, float]:
     """Return what a series of jumps is, and how long it takes."""
-    from edmctl.forecasts.measuring_time import conditioning_time_s, jumps_time_s
+    from edmctl.forecasts.measuring import conditioning_time_s, jumps_time_s
     from edmctl.procedures.jump_series import SETTLE_AT_DEPTH_S
 
     profile, jump = plan.loaded.profile, plan.loaded.profile.jump

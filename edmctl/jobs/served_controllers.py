@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.link.ports import PortInfo
-from edmctl.profile.calibration_place import data_folder
+from edmctl.profile.folders import data_folder
 from edmctl.record.locks import is_alive
 
 if TYPE_CHECKING:

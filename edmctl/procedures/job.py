@@ -1,4 +1,7 @@
-"""What is to be done, and on which machine: a recipe, a setup, the places of the holes, what is known already."""
+"""What is to be done, and on which machine: a recipe, a setup, the places of the holes, what is known already.
+
+And what one hole is to become: a depth, a feed, or a way through the sheet.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from edmctl.labels import PAD, Basis
+from edmctl.forecasts.removal import completion
+from edmctl.labels import PAD, Basis, Verdict
 from edmctl.profile.places import Place
 
 if TYPE_CHECKING:
@@ -21,6 +25,8 @@ REPORT_DELAY_S = 600.0
 """Added to the age of what ledger and journal know: they tell of a home a while after it was seen."""
 SPOT_MARGIN_UM = 30.0
 """Between the tool's edges at two spots: wider than a chip that a gap of some µm lets through."""
+THROUGH_TOLERANCE_UM = 5.0
+"""Of the sheet's thickness: a sheet that breaks through so much earlier or later is the sheet that was meant."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,7 +35,6 @@ class CalibratedActuator:
 
     model: ActuatorModel
     held_out_rms_um: float
-    held_out_max_um: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,3 +103,53 @@ def job_of(
         x_um = stage.reference_x_um + profile.measure.site_dx_um if start_x_um is None else start_x_um
         places = (Place(profile.meta.name, x_um, stage.reference_y_um),)
     return Job(profile, setup, tuple(places), calibration)
+
+
+@dataclass(frozen=True, slots=True)
+class HoleTarget:
+    """The objective of a hole. `depth_um` is NaN for a feed, `feed_um` for a depth.
+
+    Of a way through, `depth_um` is the sheet's thickness and `completion_um` the feed after the breakthrough.
+    """
+
+    kind: str
+    depth_um: float
+    feed_um: float
+    tolerance_um: float
+    completion_um: float = 0.0
+
+    def __str__(self) -> str:
+        if self.kind == "feed":
+            return f"a feed of {self.feed_um:g} µm"
+        if self.kind == "through":
+            return f"a hole through {self.depth_um:g} µm"
+        return f"a depth of {self.depth_um:g} µm"
+
+    def reached(self, depth_um: float, feed_um: float) -> str:
+        """Return what was reached of it, in words."""
+        if self.kind == "feed":
+            return f"a feed of {feed_um:.2f} of {self.feed_um:g} µm"
+        return f"a depth of {depth_um:.2f} of {self.depth_um:g} µm"
+
+
+def target_of(profile: Profile, place: Place | None = None) -> HoleTarget:
+    """Return the target of a hole: the depth of its own place, or the recipe's."""
+    target = profile.target
+    if target.kind == "feed":
+        return HoleTarget("feed", math.nan, target.feed_um, math.nan)
+    if target.kind == "through":
+        thickness_um = profile.work.thickness_um
+        return HoleTarget("through", thickness_um, math.nan, THROUGH_TOLERANCE_UM, completion(profile))
+    depth_um = target.depth_um if place is None or math.isnan(place.depth_um) else place.depth_um
+    return HoleTarget("depth", depth_um, math.nan, target.tolerance_um)
+
+
+def verdict_of(target: HoleTarget, depth_um: float, depth_u95_um: float, *, through: bool) -> Verdict | None:
+    """Judge a depth with half its 95 % interval; a way through by whether it goes `through`, a feed not at all."""
+    if target.kind == "feed":
+        return None
+    if target.kind == "through":
+        return Verdict.SHOWN if through else Verdict.MISSED
+    if not abs(depth_um - target.depth_um) <= target.tolerance_um:
+        return Verdict.MISSED
+    return Verdict.SHOWN if depth_u95_um <= target.tolerance_um else Verdict.NOT_SHOWN

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmctl.errors import LinkLost, PreconditionError
+from edmctl.forecasts.removal import jump_time_s
 from edmctl.machine.interface import MachineState
-from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.running_cut import jump_request
 from edmctl.procedures.touch.approach import lower_to
-from edmctl.process.servo import jump_time_s
+from edmctl.record.rows import RunEvent
 from edmctl.results.measurements import JumpMeasured, JumpSeries, JumpSummary
 from edmctl.results.progress import Phase
 from edmctl.results.telemetry import joined

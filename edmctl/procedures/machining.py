@@ -1,6 +1,6 @@
-"""The main job: measure, machine and judge every site, or a channel, and leave the machine retracted and idle.
+"""The main job: all places one after the other, or a channel, judged; the machine is left retracted and idle.
 
-The places of a job come one after the other: what one teaches, the next one uses.
+What one place teaches, the next one uses.
 """
 
 from __future__ import annotations
@@ -10,22 +10,19 @@ from typing import TYPE_CHECKING
 
 from edmctl.forecasts.forecast import working_order
 from edmctl.procedures.channel.procedure import machine_path, record_left_channel
-from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.hole.cut_decision import Decision
+from edmctl.procedures.hole.cut import Decision
 from edmctl.procedures.hole.hole import JobKnowledge, begin_hole, initial_knowledge
-from edmctl.procedures.hole.hole_state import keep_hole_begun
 from edmctl.procedures.hole.resuming import check_last_hole, resume_hole, resume_through_hole
-from edmctl.procedures.hole.site import machine_hole
-from edmctl.procedures.hole.site_result import open_site, record_left, record_results
-from edmctl.procedures.hole.target import target_of
-from edmctl.procedures.hole.verdict import judge_holes
+from edmctl.procedures.hole.site import keep_hole_begun, machine_hole
+from edmctl.procedures.hole.site_result import judge_holes, open_site, record_left, record_results
+from edmctl.procedures.job import target_of
 from edmctl.procedures.job_state import JobTally
+from edmctl.procedures.run import MOVING
 from edmctl.procedures.servo.limits import TimeLimits
 from edmctl.procedures.session import running
-from edmctl.procedures.state_keeper import MOVING
 from edmctl.procedures.touch.surface_plane import touch_plane, touch_where_unknown
 from edmctl.process.plane import TOUCHES_FOR_A_PLANE
-from edmctl.record.rows import EventLevel
+from edmctl.record.rows import EventLevel, RunEvent
 from edmctl.results.job import ObjectiveMissed
 
 if TYPE_CHECKING:

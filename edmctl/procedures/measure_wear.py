@@ -12,22 +12,21 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.errors import ObjectiveNotReached
-from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.monitoring.drift import displacement_uncertainty
 from edmctl.procedures.stages import move_to
-from edmctl.procedures.touch.bottom import ExpectedBottom, read_expected
-from edmctl.procedures.touch.reference_pad import TOUCH_U_UM, pad_u_um, read_pad, refuse_grown_tool
+from edmctl.procedures.touch.approach import ExpectedBottom, read_expected
+from edmctl.procedures.touch.spots import TOUCH_U_UM, pad_u_um, read_pad, refuse_grown_tool
 from edmctl.procedures.touch.surface_plane import fit_pad_slope, level_surface
-from edmctl.process.wear import Reading, measure, share_u
+from edmctl.process.touches import Reading, measure, share_u
 from edmctl.profile.places import Place
-from edmctl.record.rows import EventLevel
+from edmctl.record.rows import EventLevel, RunEvent
 from edmctl.results.measurements import UncertaintyPart, WearResult
 from edmctl.wording import signed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from edmctl.forecasts.measuring_stops import Displacement
+    from edmctl.forecasts.measuring import Displacement
     from edmctl.procedures.run import JobRun
     from edmctl.procedures.touch.reading import SurfaceReading
 
@@ -233,7 +232,7 @@ def _budget(
     tilt_u_um: float,
     pad_u_um: float,
 ) -> tuple[UncertaintyPart, ...]:
-    """Return the parts that `process.wear.measure` adds up; lengths are of wear, depth, feed in this order."""
+    """Return the parts that `process.touches.measure` adds up; lengths are of wear, depth, feed in this order."""
     z1, z2, z3 = (1.0 / reading.touches for reading in readings)
     age_s, depth_s = times_s
     drift = sensor_u.drift_u_um_per_s

@@ -1,35 +1,144 @@
-"""What every procedure of a run works with."""
+"""What every procedure of a run works with, and the state that is kept of it for a run that goes on with the job.
+
+The state is kept at every step, and every few seconds of a cut.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from edmctl.procedures.monitoring.drift import uncertainty_now
+from edmctl.procedures.job_state import PERIOD_S, JobState, NoStateStore
+from edmctl.procedures.monitoring.drift import counted_pause_s, uncertainty_now
 from edmctl.procedures.settings import gap_reference_v
 from edmctl.record.rows import EventLevel, EventRow
 from edmctl.results.progress import Extremes, Observer, Phase, Progress
 from edmctl.results.telemetry import PulseShares
 
 if TYPE_CHECKING:
-    from edmctl.forecasts.measuring_stops import Displacement
-    from edmctl.machine.interface import Machine
-    from edmctl.procedures.event_codes import RunEvent
+    from edmctl.forecasts.measuring import Displacement
+    from edmctl.machine.interface import Machine, TelemetryBlock
     from edmctl.procedures.job import Job
-    from edmctl.procedures.job_state import JobTally
+    from edmctl.procedures.job_state import JobTally, StateStore, SurfaceTouch, UnderWay
     from edmctl.procedures.monitoring.watch import Watch
-    from edmctl.procedures.state_keeper import JobStateKeeper
     from edmctl.profile.model import Profile
     from edmctl.profile.setup import Setup
-    from edmctl.record.rows import Recorder
+    from edmctl.record.rows import Recorder, RunEvent
+
+MACHINING, MEASURING, MOVING = "machining", "measuring", "moving"
+"""Phases of a job; while it is machining, the state is kept every few seconds too."""
+SAMPLES_LATE_S = 1.0
+"""A cut without samples is ended after so long at the latest."""
 
 Args = Mapping[str, float | int | str | bool]
 
 NO_PULSES = PulseShares(0.0, 0.0, 0.0, 0.0)
 NOT_SAMPLED = Extremes(math.nan, math.nan, math.nan, math.nan, math.nan)
 LOOK_S = 0.1
+
+
+@dataclass(slots=True, eq=False)
+class JobStateKeeper:
+    """Puts the state of a job together from its tally and the hole or channel under way.
+
+    `time_s` is that of the newest sample, or of the newest step. After `stop`, `samples_late_s` is how long the line
+    had been silent then.
+    """
+
+    job: Job
+    tally: JobTally
+    store: StateStore = field(default_factory=NoStateStore)
+    time_s: float = 0.0
+    samples_late_s: float = 0.0
+    phase: str = ""
+    _under_way: UnderWay | None = None
+    _surface: tuple[SurfaceTouch, ...] = ()
+    _surface_doubt_u_um: float = 0.0
+    _kept_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.job.resumed is not None:
+            self._surface = self.job.resumed.face
+            self._surface_doubt_u_um = self.job.resumed.face_doubt_u_um
+
+    def set_surface(self, touched: tuple[SurfaceTouch, ...], doubt_u_um: float) -> None:
+        """Note what was touched of the untouched surface, and what is doubted of it."""
+        self._surface, self._surface_doubt_u_um = touched, doubt_u_um
+
+    def doubt_surface(self, u_um: float) -> None:
+        """Take the surface to be less certain by a standard uncertainty."""
+        self._surface_doubt_u_um = math.hypot(self._surface_doubt_u_um, u_um)
+
+    def keep(self, phase: str, under_way: UnderWay | None, time_s: float | None = None) -> None:
+        """Keep the state in a phase of the hole or channel under way, None between two."""
+        self._under_way = under_way
+        if time_s is not None:
+            self.time_s = time_s
+        self._keep(phase)
+
+    def on_telemetry(self, block: TelemetryBlock) -> None:
+        """Keep the state every few seconds of a cut."""
+        self.time_s = float(block.time_s[-1])
+        if self.phase == MACHINING and self.time_s - self._kept_s >= PERIOD_S:
+            self._keep(MACHINING, urgent=False)
+
+    def stop(self, time_s: float, *, linked: bool) -> None:
+        """Keep the newest times and estimates of a job that ends early, at once where the line lives."""
+        self.samples_late_s = (
+            min(max(0.0, time_s - self.time_s), SAMPLES_LATE_S) if linked else SAMPLES_LATE_S
+        )
+        if not self.phase and self.job.resumed is not None:
+            # Nothing was touched yet: what the run before knew stands.
+            state = after_pause(self.job)
+            age_s = state.home_age_s + time_s
+            self.store.keep(replace(state, time_s=state.time_s + time_s, home_age_s=age_s), urgent=linked)
+            return
+        self.time_s = max(self.time_s, time_s)
+        self._keep(self.phase or "starting", urgent=linked)
+
+    def leave(self) -> None:
+        """Report what is known of the hole or channel under way, where the job ends early."""
+        if self._under_way is not None:
+            self._under_way.leave()
+
+    def _keep(self, phase: str, *, urgent: bool = True) -> None:
+        self._kept_s, self.phase = self.time_s, phase
+        tally = self.tally
+        state = JobState(
+            phase=phase,
+            time_s=tally.earlier_time_s + self.time_s,
+            tool=self.job.profile.tool.label,
+            face=self._surface,
+            face_doubt_u_um=self._surface_doubt_u_um,
+            done=tuple(asdict(result) for result in tally.sites.values()),
+            job_machining_time_s=tally.machining_time_s,
+            pause_s=tally.pause_s,
+            home_um=tally.home_um,
+            home_age_s=self.time_s - tally.home_s,
+        )
+        if self._under_way is not None:
+            state = self._under_way.state(state, self.time_s)
+        self.store.keep(state, urgent=urgent)
+
+
+def total_pause_s(job: Job) -> float:
+    """Return all pauses of the job so far; NaN where the newest is unknown."""
+    before_s = job.resumed.pause_s if job.resumed else 0.0
+    return before_s + job.pause_s if math.isfinite(job.pause_s) else math.nan
+
+
+def after_pause(job: Job) -> JobState:
+    """Return what the run before left, as long ago as it is now: the pause is in it, for whoever goes on later."""
+    state = job.resumed
+    assert state is not None
+    return replace(
+        state,
+        z1_time_s=state.z1_time_s - counted_pause_s(job),
+        pause_s=total_pause_s(job),
+        home_age_s=state.home_age_s + job.pause_s,
+    )
 
 
 @dataclass(frozen=True, slots=True)

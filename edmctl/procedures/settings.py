@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING
 
 from edmctl.machine.interface import (
     ControllerSettings,
+    MotionSettings,
     PulseLog,
     PulseMode,
     PulseSettings,
     ServoLaw,
     TelemetrySettings,
 )
-from edmctl.procedures.hole.target import target_of
+from edmctl.procedures.job import target_of
 
 if TYPE_CHECKING:
     from edmctl.profile.model import Profile
@@ -69,7 +70,7 @@ def controller_settings(profile: Profile, setup: Setup) -> ControllerSettings:
         slew_limit_v_s=actuator.slew_v_s,
         gain_um_per_v=actuator.gain_um_per_v,
         safe_z_um=profile.approach.offset_um - SAFE_CLEARANCE_UM,
-        retract_v_s=min(actuator.slew_v_s, RETRACT_UM_S / actuator.gain_um_per_v),
+        retract_v_s=retract_v_s(setup),
         sensor_fitted=setup.sensor.fitted,
         servo_law=ServoLaw.PI if servo.mode == "pi" else ServoLaw.RELAY,
         forward_um_s=servo.forward_um_s,
@@ -94,6 +95,26 @@ def controller_settings(profile: Profile, setup: Setup) -> ControllerSettings:
         flow_min_lpm=profile.flush.min_flow_lpm,
         temperature_max_c=profile.flush.max_temp_c,
     )
+
+
+def motion_settings(setup: Setup, safe_z_um: float, *, sensor_fitted: bool, pulses: bool) -> MotionSettings:
+    """Return the parameters of a machine that follows no recipe; without `pulses` it needs no dielectric."""
+    actuator = setup.actuator
+    return MotionSettings(
+        piezo_max_v=actuator.stroke_v,
+        slew_limit_v_s=actuator.slew_v_s,
+        gain_um_per_v=actuator.gain_um_per_v,
+        safe_z_um=safe_z_um,
+        retract_v_s=retract_v_s(setup),
+        sensor_fitted=sensor_fitted,
+        watchdog_s=setup.controller.watchdog_s,
+        dielectric_required=pulses,
+    )
+
+
+def retract_v_s(setup: Setup) -> float:
+    """Return how fast the actuator retracts to 0 V, V/s."""
+    return min(setup.actuator.slew_v_s, RETRACT_UM_S / setup.actuator.gain_um_per_v)
 
 
 def block_pulses(profile: Profile) -> int:

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError
 from edmctl.machine.interface import Axis
-from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job import REPORT_DELAY_S
 from edmctl.procedures.run import rest_and_look
-from edmctl.procedures.settings import controller_settings
+from edmctl.procedures.settings import controller_settings, retract_v_s
 from edmctl.procedures.touch.home import (
     CLEAR_UM,
     CREEP_LOOK_S,
@@ -20,6 +19,7 @@ from edmctl.procedures.touch.home import (
     home_now,
     most_over_um,
 )
+from edmctl.record.rows import RunEvent
 from edmctl.results.progress import Phase
 from edmctl.wording import coordinates, duration
 
@@ -52,8 +52,7 @@ def retract(run: JobRun) -> None:
     What counts is the height over home, where the tool rests without creep: the sensor's own zero drifts.
     """
     run.begin(Phase.RETRACTING)
-    settings = controller_settings(run.profile, run.setup)
-    run.machine.ramp(0.0, settings.retract_v_s)
+    run.machine.ramp(0.0, retract_v_s(run.setup))
     rest_and_look(run, _SETTLE_S)
     end_s = run.machine.time_s + CREEP_WAIT_S
     while True:

@@ -1,17 +1,28 @@
-"""Discharges: energy of a pulse, the share that burns at a servo level, and what they remove.
+"""Discharges: energy of a pulse, the share that burns at a servo level, what they remove, and the gap they keep.
 
 The servo regulates the normalised level `s = mean gap voltage / (duty x open voltage)`: 1 means every pulse
 stays open, `rho = discharge voltage / open voltage` means every pulse ignites at once. The ignition delay has
 an exponential tail (Laue 1925), so its mean time constant against the on-time fixes the level.
 
-The working gap that is believed before any was measured grows in proportion to the open voltage, because a wider
-gap breaks down at a higher one. Proportion is a belief [assumed], so its uncertainty grows alike, and the first gap
+A wider gap breaks down at a higher voltage, so what is believed of the working gap before any was measured grows in
+proportion to the open voltage. Proportion is a belief [assumed], so its uncertainty grows alike, and the first gap
 that a job measures takes its place.
 """
 
 from __future__ import annotations
 
 import math
+
+USUAL_VOLTAGE_V = 40.0
+"""Open voltage that the figures below hold for."""
+USUAL_GAP_UM = 3.4
+"""Working gap at that voltage."""
+FIRST_GAP_U_UM = 0.8
+"""Standard uncertainty of a working gap that nobody has measured, at that voltage or below [assumed]."""
+FIRST_SPARKS_UM = 1.2
+"""First sparks come this much before the working gap, because they are judged by the first discharges."""
+FIRST_SPARKS_U_UM = 1.5
+"""Standard uncertainty of that, at that voltage or below [assumed]."""
 
 
 def pulse_energy_uj(discharge_voltage_v: float, current_a: float, on_time_us: float) -> float:
@@ -73,18 +84,6 @@ def isopulse_discharge_share(level_s: float, rho: float, longest_share: float) -
         else:
             high = middle
     return burning_share(10.0**low, longest_share)
-
-
-USUAL_VOLTAGE_V = 40.0
-"""Open voltage that the figures below hold for."""
-USUAL_GAP_UM = 3.4
-"""Working gap at that voltage."""
-FIRST_GAP_U_UM = 0.8
-"""Standard uncertainty of a working gap that nobody has measured, at that voltage or below [assumed]."""
-FIRST_SPARKS_UM = 1.2
-"""First sparks come this much before the working gap, because they are judged by the first discharges."""
-FIRST_SPARKS_U_UM = 1.5
-"""Standard uncertainty of that, at that voltage or below [assumed]."""
 
 
 def usual_gap_um(open_voltage_v: float) -> float:

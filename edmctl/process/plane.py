@@ -1,7 +1,8 @@
-"""The face of the work as a plane through touched places."""
+"""The face of the work as a plane through touched places, and which places tell it best."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -93,3 +94,17 @@ def fitted_plane(
             break
         tilt_u_mrad = found_mrad
     return Plane(origin_um, slope, covariance)
+
+
+def spread_out(
+    places_um: Sequence[tuple[float, float]], start_um: tuple[float, float], count: int
+) -> tuple[int, ...]:
+    """Return `count` places far from the start and from each other, as a plane is fitted best through such."""
+    chosen: list[int] = []
+    known = [start_um]
+    while len(chosen) < min(count, len(places_um)):
+        left = [i for i in range(len(places_um)) if i not in chosen]
+        best = max(left, key=lambda i: min(math.dist(places_um[i], place) for place in known))
+        chosen.append(best)
+        known.append(places_um[best])
+    return tuple(chosen)

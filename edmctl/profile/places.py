@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from edmctl.errors import Diagnostic, Location, ProfileError
 from edmctl.files import read_bytes
 from edmctl.profile.findings import Code
-from edmctl.profile.shipped import is_file
+from edmctl.profile.folders import is_file
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 from edmctl.errors import Diagnostic, Location, ProfileError
 from edmctl.files import read_bytes
 from edmctl.profile.findings import Code
+from edmctl.profile.folders import find_shipped, is_file, shipped_names
 from edmctl.profile.positions import SET_OPTION, Source, TomlTable
-from edmctl.profile.shipped import find_shipped, is_file, shipped_names
 from edmctl.toml_text import toml_value
 
 if TYPE_CHECKING:

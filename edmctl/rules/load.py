@@ -13,13 +13,13 @@ from pydantic import BaseModel, ValidationError
 from edmctl.errors import Diagnostic, ProfileError
 from edmctl.forecasts.forecast import Job, forecast
 from edmctl.profile.diagnose import rule_diagnostics, schema_diagnostics, schema_problems
+from edmctl.profile.folders import find_profile, shipped_names
 from edmctl.profile.model import Profile
 from edmctl.profile.places import places
 from edmctl.profile.positions import SET_OPTION, Sources
 from edmctl.profile.profile_file import ProfileFile, SimSettings
 from edmctl.profile.read import apply_overrides, read_chain
 from edmctl.profile.setup import Setup
-from edmctl.profile.shipped import find_profile, shipped_names
 from edmctl.results.forecast import ProfileSummary
 from edmctl.rules.target import time_limit
 from edmctl.rules.violations import (

@@ -12,8 +12,16 @@ from edmctl.forecasts.forecast import (
     stroke_available_um,
     stroke_um,
 )
-from edmctl.forecasts.removal import completion, hole, jump_duration_s, servo_swing, time_share_of_jumps
-from edmctl.process.servo import HALF_AMPLITUDE_DESIGN_UM, HALF_AMPLITUDE_LIMIT_UM, least_jump_um
+from edmctl.forecasts.removal import (
+    HALF_AMPLITUDE_DESIGN_UM,
+    HALF_AMPLITUDE_LIMIT_UM,
+    completion,
+    hole,
+    jump_duration_s,
+    least_jump_um,
+    servo_swing,
+    time_share_of_jumps,
+)
 from edmctl.profile.findings import PAD_MARGIN_UM, Code, Finding, rounded_down, rounded_up
 
 if TYPE_CHECKING:

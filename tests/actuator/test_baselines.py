@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from edmctl.actuator.baselines import Baseline, fit_line, fit_maxwell, paper_practice
+from edmctl.actuator.identification import fit_line, fit_maxwell
 from edmctl.actuator.maxwell import MaxwellModel
 from edmctl.actuator.record import Record
 from edmctl.actuator.waveforms import Waveform, calibration_legs, sampled, sine, square
 from tests.actuator.apa400m import default_model
+
+if TYPE_CHECKING:
+    from edmctl.actuator.model import ActuatorModel
 
 Array = NDArray[np.float64]
 
@@ -28,13 +33,15 @@ SLOW = measured(sine(0.0, 120.0, 0.01, 2, 20.0))
 def test_a_straight_line_is_found_exactly_without_held_out_error() -> None:
     t_s, u_v = sine(0.0, 120.0, 0.1, 2, 100.0)
     line = fit_line([Record(t_s, u_v, 3.0 * u_v + 17.0)])
-    assert np.abs(line.predict(t_s, u_v) - (3.0 * u_v + 17.0)).max() < 1e-3
+    assert np.abs(line.model.predict(t_s, u_v) - (3.0 * u_v + 17.0)).max() < 1e-3
     assert line.held_out.max_um < 1e-3
 
 
 def test_a_straight_line_is_the_least_squares_line() -> None:
     slope, zero_um = np.polyfit(SLOW.u_v, SLOW.y_um, 1)
-    assert fit_line([SLOW]).predict(SLOW.t_s, SLOW.u_v) == pytest.approx(slope * SLOW.u_v + zero_um, abs=0.05)
+    assert fit_line([SLOW]).model.predict(SLOW.t_s, SLOW.u_v) == pytest.approx(
+        slope * SLOW.u_v + zero_um, abs=0.05
+    )
 
 
 def test_a_hysteresis_of_the_class_is_found_from_noise_free_data() -> None:
@@ -45,27 +52,30 @@ def test_a_hysteresis_of_the_class_is_found_from_noise_free_data() -> None:
 
 
 def test_the_paper_class_is_the_maxwell_slip_model() -> None:
-    baseline = fit_maxwell([SLOW])
-    model = baseline.model
+    model = fit_maxwell([SLOW]).model
     maxwell = MaxwellModel.from_plays(model.thresholds_v, model.slopes_um_per_v[:, 0])
     t_s, u_v = sine(0.0, 120.0, 1.0, 2, 200.0)
     slip_um = maxwell.displacement(u_v)
-    error_um = baseline.predict(t_s, u_v, previous_v=0.0) - slip_um
+    error_um = model.predict(t_s, u_v, model.starting_state(t_s, u_v, 0.0)) - slip_um
     assert np.ptp(error_um) < 1e-9
 
 
 def test_a_memory_of_nothing_is_told_from_a_conditioned_one() -> None:
-    baseline = fit_maxwell([SLOW])
-    start_um = [baseline.predict(SLOW.t_s, SLOW.u_v, previous)[0] for previous in (None, 0.0)]
+    model, t_s, u_v = fit_maxwell([SLOW]).model, SLOW.t_s, SLOW.u_v
+    start_um = [model.predict(t_s, u_v, model.starting_state(t_s, u_v, before))[0] for before in (None, 0.0)]
     assert start_um[0] - start_um[1] == pytest.approx(38.0, abs=5.0)
 
 
 def test_one_slow_cycle_leaves_the_errors_that_the_paper_tells_of() -> None:
-    paper = paper_practice(SLOW)
+    paper = fit_maxwell([SLOW])
     assert paper.train.max_um < 5.0
     last_cycle, rise = slice(-201, None), slice(0, 151)
-    assert swing_error_um(paper, sine(0.0, 120.0, 1.0, 5, 200.0), last_cycle) == pytest.approx(18.2, abs=2.0)
-    assert swing_error_um(paper, square(0.0, 120.0, 0.05, 1, 1000.0), rise) == pytest.approx(21.3, abs=3.0)
+    assert swing_error_um(paper.model, sine(0.0, 120.0, 1.0, 5, 200.0), last_cycle) == pytest.approx(
+        18.2, abs=2.0
+    )
+    assert swing_error_um(paper.model, square(0.0, 120.0, 0.05, 1, 1000.0), rise) == pytest.approx(
+        21.3, abs=3.0
+    )
 
 
 def test_a_better_class_is_better_on_blocks_it_has_not_seen() -> None:
@@ -82,7 +92,7 @@ def test_baselines_have_neither_creep_nor_delay() -> None:
     assert len(fit_line([SLOW]).model.thresholds_v) == 1
 
 
-def swing_error_um(baseline: Baseline, waveform: Waveform, part: slice) -> float:
+def swing_error_um(baseline: ActuatorModel, waveform: Waveform, part: slice) -> float:
     """How much farther the baseline moves than the actuator in part of a waveform."""
     predicted_um, true_um = baseline.predict(*waveform)[part], ACTUATOR.predict(*waveform)[part]
     return float(np.ptp(predicted_um) - np.ptp(true_um))

@@ -3,9 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edmctl.actuator.estimator import Estimator
 from edmctl.actuator.inverse import Inverse, Solution
-from edmctl.actuator.model import ActuatorModel
+from edmctl.actuator.model import ActuatorModel, Estimator
 from tests.actuator.models import HIGH_V, LOW_V, clock, make_model, models, voltages
 
 

@@ -5,11 +5,9 @@ import pytest
 from scipy.signal import lfilter
 
 from edmctl.actuator import waveforms as waves
-from edmctl.actuator.baselines import fit_maxwell
 from edmctl.actuator.design import choose_design
-from edmctl.actuator.estimator import Estimator
-from edmctl.actuator.identification import identify, identify_quick
-from edmctl.actuator.model import ActuatorModel, ActuatorState
+from edmctl.actuator.identification import fit_maxwell, identify, identify_quick
+from edmctl.actuator.model import ActuatorModel, ActuatorState, Estimator
 from edmctl.actuator.record import Record
 from edmctl.actuator.validation import judge, validate
 from edmctl.simulator.actuator import VirtualActuator

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from edmctl.actuator.estimator import Estimator
 from edmctl.actuator.inverse import Inverse, jump_volts, ramp_by, travel_by
+from edmctl.actuator.model import Estimator
 
 from .models import make_model
 

@@ -6,9 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edmctl.actuator.estimator import Estimator
 from edmctl.actuator.inverse import Inverse
-from edmctl.actuator.model import ActuatorModel, ActuatorState
+from edmctl.actuator.model import ActuatorModel, ActuatorState, Estimator
 from tests.actuator.models import HIGH_V, LOW_V, clock, driven, make_model, models, voltages
 
 

@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from edmctl.cli.app import main
-from edmctl.procedures.run import JobRun
-from edmctl.procedures.state_keeper import MACHINING as MACHINING_PHASE
-from edmctl.procedures.state_keeper import JobStateKeeper
+from edmctl.procedures.run import MACHINING as MACHINING_PHASE
+from edmctl.procedures.run import JobRun, JobStateKeeper
 from edmctl.record.bench_file import read_bench, write_bench
 from edmctl.record.journal import read_journal
 from edmctl.simulator.saving import bench_state, restored_bench
@@ -28,8 +27,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from edmctl.machine.interface import TelemetryBlock
-    from edmctl.procedures.event_codes import RunEvent
     from edmctl.record.journal import Journal
+    from edmctl.record.rows import RunEvent
     from edmctl.simulator import VirtualBench
     from tests.cli.commands import Said
 

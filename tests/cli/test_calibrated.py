@@ -14,9 +14,8 @@ import pytest
 from edmctl.actuator.identification import identify
 from edmctl.actuator.record import Record
 from edmctl.actuator.waveforms import calibration_legs, sampled
-from edmctl.profile.calibration import calibration_of, load_calibration, save_calibration
-from edmctl.profile.calibration_place import default_path
-from edmctl.profile.calibration_tables import Made
+from edmctl.profile.calibration import Made, calibration_of, load_calibration, save_calibration
+from edmctl.profile.folders import default_path
 from edmctl.simulator.actuator import VirtualActuator
 from tests.cli.commands import SHALLOW
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from edmctl.profile.shipped import shipped_names
+from edmctl.profile.folders import shipped_names
 from tests.cli.commands import CU270, ROOT
 
 if TYPE_CHECKING:

@@ -22,7 +22,6 @@ from edmctl.jobs.resume.checkpoint import tell_way_on
 from edmctl.jobs.resume.selection import checked, find_run, taken_up
 from edmctl.jobs.run_header import RunName
 from edmctl.machine.controller import LinkMachine
-from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job import REPORT_DELAY_S, job_of
 from edmctl.procedures.job_state import job_state
 from edmctl.profile.setup import Setup
@@ -31,6 +30,7 @@ from edmctl.record.journal import read_journal, write_journal
 from edmctl.record.ledger import JobBegun, Logbook, RunEnded, ToolChanged, WearMeasured
 from edmctl.record.ledger_entries import UNFINISHED, ReferenceTouched, SiteMachined
 from edmctl.record.reader import open_run
+from edmctl.record.rows import RunEvent
 from edmctl.record.tool_account import ToolAccount, books_of
 from edmctl.rules.load import load_profile
 from edmctl.simulator.saving import bench_state, restored_bench

@@ -11,12 +11,12 @@ import pytest
 
 from edmctl.errors import RunFileError
 from edmctl.procedures.channel.way import way_of_path
-from edmctl.procedures.event_codes import RunEvent
 from edmctl.record.bench_file import read_bench
 from edmctl.record.journal import read_journal, write_journal
 from edmctl.record.ledger import Logbook
 from edmctl.record.ledger_entries import SiteMachined
 from edmctl.record.reader import open_run
+from edmctl.record.rows import RunEvent
 from edmctl.record.tool_account import books_of
 from edmctl.rules.load import load_profile
 from edmctl.simulator.plant_interface import TICK_S

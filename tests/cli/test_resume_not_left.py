@@ -150,7 +150,7 @@ def test_the_work_that_was_left_is_taken_up(here: Here, left_at: LeaveAt, second
 @pytest.fixture
 def leave_between(here: Here, tmp_path_factory: pytest.TempPathFactory) -> None:
     """Leave an array that was stopped when its first hole was finished and the second one not begun."""
-    from edmctl.procedures.state_keeper import JobStateKeeper
+    from edmctl.procedures.run import JobStateKeeper
 
     keep = JobStateKeeper.keep
 

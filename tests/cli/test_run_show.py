@@ -22,8 +22,7 @@ from edmctl.errors import RunFileError
 from edmctl.jobs.runs.follow import follow_run
 from edmctl.jobs.runs.summary import jumps_of
 from edmctl.machine.interface import MachineState
-from edmctl.procedures.event_codes import RunEvent
-from edmctl.record.rows import EventLevel, EventRow, ServoBlock, SlowRow, Summary
+from edmctl.record.rows import EventLevel, EventRow, RunEvent, ServoBlock, SlowRow, Summary
 from edmctl.record.writer import RunWriter
 from edmctl.results.run_file import FileEvent
 from tests.cli.commands import CU270, ROOT, environment

@@ -16,8 +16,7 @@ from edmctl.actuator.waveforms import calibration_legs, sampled
 from edmctl.errors import UsageError, installing
 from edmctl.jobs.actuator_trial import run_trial
 from edmctl.jobs.actuator_waveforms import Wanted, Waveform, command_from, waveforms
-from edmctl.profile.calibration import calibration_of, save_calibration
-from edmctl.profile.calibration_tables import Made
+from edmctl.profile.calibration import Made, calibration_of, save_calibration
 from edmctl.simulator.actuator import RATE_HZ, VirtualActuator
 
 if TYPE_CHECKING:

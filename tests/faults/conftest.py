@@ -9,8 +9,7 @@ import pytest
 from edmctl.actuator.identification import identify
 from edmctl.actuator.record import Record
 from edmctl.actuator.waveforms import calibration_legs, sampled
-from edmctl.profile.calibration import calibration_of, save_calibration
-from edmctl.profile.calibration_tables import Made
+from edmctl.profile.calibration import Made, calibration_of, save_calibration
 from edmctl.simulator.actuator import VirtualActuator
 from tests.cli.commands import Here
 

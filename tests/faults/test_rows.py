@@ -12,8 +12,8 @@ import pytest
 
 from edmctl.link.faults import FAULTS, FaultRow
 from edmctl.link.messages import State
-from edmctl.procedures.event_codes import RunEvent
 from edmctl.record import writer
+from edmctl.record.rows import RunEvent
 from tests.cli.commands import CU270, Here, Said
 from tests.faults.workshop import Workshop
 

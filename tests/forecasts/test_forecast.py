@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.forecasts.forecast import forecast
-from edmctl.forecasts.measuring_time import approach_time_s, jumps_time_s, touch_time_s
+from edmctl.forecasts.measuring import approach_time_s, jumps_time_s, touch_time_s
 from edmctl.forecasts.removal import RECOVERY_S
 from edmctl.profile.setup import Sensor, Setup
 from edmctl.results.forecast import Forecast

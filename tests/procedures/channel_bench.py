@@ -24,8 +24,7 @@ from edmctl.machine.interface import (
 from edmctl.procedures.job import Job
 from edmctl.procedures.job_state import JobTally
 from edmctl.procedures.monitoring.watch import Watch
-from edmctl.procedures.run import JobRun
-from edmctl.procedures.state_keeper import JobStateKeeper
+from edmctl.procedures.run import JobRun, JobStateKeeper
 from edmctl.profile.places import Place
 from edmctl.profile.setup import Setup
 from edmctl.record.rows import EventRow, NullRecorder

@@ -20,9 +20,8 @@ from edmctl.procedures.job import CalibratedActuator, Job, job_of
 from edmctl.procedures.job_state import JobTally
 from edmctl.procedures.machining import run_job
 from edmctl.procedures.monitoring.watch import Watch
-from edmctl.procedures.run import JobRun
+from edmctl.procedures.run import JobRun, JobStateKeeper
 from edmctl.procedures.settings import controller_settings, pulse_settings, telemetry_settings
-from edmctl.procedures.state_keeper import JobStateKeeper
 from edmctl.profile.setup import Sensor, Setup
 from edmctl.record.rows import (
     EventRow,
@@ -187,7 +186,7 @@ def calibrated(seed: int = 1) -> CalibratedActuator:
     thin = slice(None, None, 20)
     record = Record(waveform.t_s[thin], driven.applied_v[thin], driven.sensor_um[thin])
     found = identify([record], delay_s=0.0, folds=2, resamples=1)
-    return CalibratedActuator(found.model, found.held_out.rms_um, found.held_out.max_um)
+    return CalibratedActuator(found.model, found.held_out.rms_um)
 
 
 @dataclass(frozen=True, slots=True)

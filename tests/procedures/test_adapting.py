@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.servo.adaptive import CLEAN_S, LONGEST_SHARE, PATIENCE, AdaptiveControl
+from edmctl.record.rows import RunEvent
 from edmctl.rules.load import load_profile
 
 from .conftest import CU270

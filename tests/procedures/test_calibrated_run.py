@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from edmctl.actuator.estimator import Estimator
+from edmctl.actuator.model import Estimator
 from edmctl.machine.interface import EventCode, MachineState
-from edmctl.procedures.actuator.conditioning import condition
-from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.running_cut import CLEARANCE_UM, jump_request
 from edmctl.procedures.machining import machine_sites
+from edmctl.procedures.session import condition
 from edmctl.procedures.touch.approach import lower_to, raise_by
 from edmctl.profile.places import Place
+from edmctl.record.rows import RunEvent
 
 from .conftest import Done, Shop, armed, calibrated
 

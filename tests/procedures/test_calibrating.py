@@ -17,6 +17,7 @@ from edmctl.machine.interface import Axis, CutRequest, MachineState
 from edmctl.machine.stop import StopRequest
 from edmctl.procedures.actuator import calibration as calibrating
 from edmctl.procedures.actuator.calibration import CalibrationPlan, measure_actuator, plan_calibration
+from edmctl.procedures.settings import motion_settings
 from edmctl.profile.setup import Actuator, Sensor, Setup, Stage
 from edmctl.results.progress import Phase
 from edmctl.simulator import BenchConfig, open_bench
@@ -116,7 +117,7 @@ def test_no_pulse_is_possible_meanwhile() -> None:
 
 def test_a_machine_armed_without_pulses_refuses_to_cut() -> None:
     rig = Rig()
-    rig.machine.configure(calibrating._settings(rig.setup))
+    rig.machine.configure(motion_settings(rig.setup, 20.0, sensor_fitted=True, pulses=False))
     rig.machine.arm(pulses=False)
     with pytest.raises(PreconditionError):
         rig.machine.start_cut(CutRequest(9.6, 100.0, 10.0))

@@ -16,14 +16,14 @@ from edmctl.procedures.channel.layers import wear_of
 from edmctl.procedures.channel.procedure import machine_channel
 from edmctl.procedures.channel.touching import ChannelSurface, FloorReading
 from edmctl.procedures.channel.way import way_of_path
-from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.hole.target import HoleTarget
-from edmctl.procedures.hole.verdict import judged_channel
+from edmctl.procedures.hole.site_result import judged_channel
+from edmctl.procedures.job import HoleTarget
 from edmctl.procedures.servo.limits import TimeLeft, TimeLimits
 from edmctl.procedures.touch.reading import SurfaceReading
 from edmctl.process.path import even_places
 from edmctl.process.plane import Plane
-from edmctl.process.wear import Reading
+from edmctl.process.touches import Reading
+from edmctl.record.rows import RunEvent
 from edmctl.results.job import ChannelResult, FloorPlace
 from tests.procedures.channel_bench import Noted, ScanningMachine, scanning_run
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from edmctl.procedures.channel.scan import PassPlan, PassResult
-    from edmctl.procedures.hole.cut_decision import Decision
+    from edmctl.procedures.hole.cut import Decision
 
 TARGET_UM = 20.0
 LEVEL = Plane((0.0, 0.0), np.zeros(2), np.zeros((2, 2)))

@@ -11,12 +11,12 @@ import pytest
 from edmctl.procedures.channel import layers as channel_layers
 from edmctl.procedures.channel.layers import SPARE_PASSES, Layers
 from edmctl.procedures.channel.touching import ChannelSurface
-from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.servo.limits import TimeLeft, TimeLimits
 from edmctl.procedures.touch.reading import SurfaceReading
 from edmctl.process.path import circle, way_of
 from edmctl.process.plane import Plane
-from edmctl.process.wear import Reading
+from edmctl.process.touches import Reading
+from edmctl.record.rows import RunEvent
 from tests.procedures.channel_bench import Noted, ScanningMachine, scanning_run
 
 if TYPE_CHECKING:

@@ -11,11 +11,11 @@ import pytest
 from edmctl.errors import MachineFault, PreconditionError
 from edmctl.machine.interface import EventCode, MachineEvent
 from edmctl.procedures.channel.scan import LOOK_AHEAD_S, PassPlan, PassResult, run_pass
-from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.servo.limits import UNSTABLE_S
 from edmctl.process.channel import HeldTool, ToolWear
 from edmctl.process.path import Way, rectangle, way_of
 from edmctl.process.plane import Plane
+from edmctl.record.rows import RunEvent
 from tests.procedures.channel_bench import ScanningMachine, scanning_run
 
 WAY = way_of(rectangle(0.0, 0.0, 300.0, 200.0), 25.0)

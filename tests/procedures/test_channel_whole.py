@@ -19,11 +19,11 @@ from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest
 from edmctl.procedures.channel.way import way_of_path
-from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job import job_of
 from edmctl.procedures.job_state import JobTally
 from edmctl.procedures.machining import run_job
 from edmctl.profile.setup import Setup
+from edmctl.record.rows import RunEvent
 from edmctl.results.progress import Phase, Progress
 from edmctl.rules.load import load_profile
 from edmctl.simulator import BenchConfig, VirtualBench, open_bench

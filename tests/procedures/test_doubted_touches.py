@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.errors import ObjectiveNotReached
-from edmctl.procedures.actuator.conditioning import condition
-from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.touch.reference_pad import pad_spots, read_pad
+from edmctl.procedures.session import condition
+from edmctl.procedures.touch.spots import pad_spots, read_pad
+from edmctl.record.rows import RunEvent
 from edmctl.simulator.injection import parse_injection
 from tests.tiers import tiers
 

@@ -30,7 +30,7 @@ from edmctl.procedures.monitoring.drift import (
 from edmctl.procedures.stages import _is_home_set, move_to, retract
 from edmctl.procedures.touch.home import Home, _is_on_a_spot
 from edmctl.process.next_cut import COVERAGE
-from edmctl.process.wear import share_u
+from edmctl.process.touches import share_u
 from edmctl.profile.places import Place
 from edmctl.record.tool_account import Books, HomeSeen
 from edmctl.results.job import site_result_of

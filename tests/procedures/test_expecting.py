@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import pytest
 
-from edmctl.procedures.hole.cut_planning import CutPlan, CutStart, energy_of, estimate_of
+from edmctl.forecasts.measuring import estimate_of
+from edmctl.procedures.hole.cut_planning import CutPlan, CutStart, energy_of
 from edmctl.procedures.hole.hole_estimate import (
     Estimate,
     ExpectedHole,
@@ -18,8 +19,8 @@ from edmctl.procedures.hole.hole_estimate import (
 from edmctl.procedures.job import job_of
 from edmctl.procedures.job_state import JobState, job_state
 from edmctl.procedures.monitoring.drift import counted_pause_s, pause_drift_u_um
-from edmctl.procedures.state_keeper import total_pause_s
-from edmctl.process.wear import DepthAndWear
+from edmctl.procedures.run import total_pause_s
+from edmctl.process.touches import DepthAndWear
 from edmctl.profile.setup import Sensor, Setup
 from edmctl.rules.load import load_profile
 

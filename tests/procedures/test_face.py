@@ -6,9 +6,9 @@ import math
 
 import pytest
 
-from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.touch.surface_plane import surface_spots
 from edmctl.process.plane import fitted_plane, unknown_plane
+from edmctl.record.rows import RunEvent
 from edmctl.results.job import ObjectiveMissed
 from edmctl.simulator.injection import parse_injection
 from tests.procedures.conftest import Shop

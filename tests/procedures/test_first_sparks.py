@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from edmctl.procedures.event_codes import RunEvent
+from edmctl.record.rows import RunEvent
 from edmctl.results.job import ObjectiveMissed
 from tests.tiers import tiers
 

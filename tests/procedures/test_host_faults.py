@@ -14,11 +14,11 @@ from edmctl.forecasts.forecast import forecast, stroke_um
 from edmctl.link.faults import FaultCode
 from edmctl.link.messages import WaveformRead
 from edmctl.machine.interface import Machine, MachineState
-from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.hole.cut_decision import refuse_wrong_setup
+from edmctl.procedures.hole.cut import refuse_wrong_setup
 from edmctl.procedures.monitoring.monitors import LinkMonitor, SensorMonitor, record_link
 from edmctl.procedures.servo.limits import LEAST_S, LONGEST_SHARE, TimeLimits
-from edmctl.process.wear import DepthAndWear
+from edmctl.process.touches import DepthAndWear
+from edmctl.record.rows import RunEvent
 from edmctl.results.job import ObjectiveMissed
 from edmctl.results.progress import Phase
 from edmctl.results.telemetry import LinkReport, TelemetryBlock, WaveformBatch

@@ -12,9 +12,8 @@ import pytest
 from edmctl.errors import Interrupted, MachineFault, RunFileError
 from edmctl.labels import Basis
 from edmctl.machine.interface import EventCode, MachineState
-from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.settings import controller_settings
-from edmctl.record.rows import EventLevel, ServoBlock
+from edmctl.record.rows import EventLevel, RunEvent, ServoBlock
 from edmctl.results.job import ObjectiveMissed
 from edmctl.results.progress import Phase
 

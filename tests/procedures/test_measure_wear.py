@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import pytest
 
 from edmctl.errors import Interrupted, MachineFault, ObjectiveNotReached, PreconditionError
-from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job_state import JobTally
 from edmctl.procedures.jump_series import run_jumps
 from edmctl.procedures.measure_wear import (
@@ -24,6 +23,7 @@ from edmctl.procedures.measure_wear import (
 from edmctl.procedures.session import running
 from edmctl.procedures.touch.approach import find_contact, find_gap
 from edmctl.profile.places import Place
+from edmctl.record.rows import RunEvent
 from edmctl.results.progress import Phase
 from edmctl.simulator.injection import parse_injection
 from tests.procedures.conftest import Shop

@@ -8,22 +8,20 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.forecasts.measuring_stops import cut_budget
-from edmctl.procedures.hole.cut import CutEnd, CutResult
-from edmctl.procedures.hole.cut_decision import Decision, decide
+from edmctl.forecasts.measuring import cut_budget, estimate_of
+from edmctl.procedures.hole.cut import CutEnd, CutResult, Decision, decide
 from edmctl.procedures.hole.cut_planning import (
     CutPlan,
     CutStart,
     energy_of,
-    estimate_of,
     first_plan,
     learned_gap_um,
 )
-from edmctl.procedures.hole.target import HoleTarget, target_of
+from edmctl.procedures.job import HoleTarget, target_of
 from edmctl.process.discharge import hole_area_um2
 from edmctl.process.live_erosion import Energy, ErosionEstimate
 from edmctl.process.next_cut import COVERAGE
-from edmctl.process.wear import DepthAndWear
+from edmctl.process.touches import DepthAndWear
 from edmctl.profile.places import Place
 from edmctl.rules.load import load_profile
 

@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.errors import MachineFault
-from edmctl.procedures.event_codes import RunEvent
+from edmctl.procedures.hole import running_cut as burning
 from edmctl.procedures.hole.breakthrough import Breakthrough, SparkLoss
 from edmctl.procedures.hole.cut_planning import CutStart, first_plan
-from edmctl.procedures.servo import arc_recovery as burning
+from edmctl.procedures.hole.running_cut import AGAIN_S, ARC_BURN, MOST_BURNS, ArcRecovery
 from edmctl.procedures.servo.adaptive import MOST_JUMPS, ShortRecovery
-from edmctl.procedures.servo.arc_recovery import AGAIN_S, ARC_BURN, MOST_BURNS, ArcRecovery
 from edmctl.procedures.servo.limits import JUMP_AFTER_S, STALL_S, StallDetection
 from edmctl.procedures.settings import OPEN_LOST_S, controller_settings
 from edmctl.procedures.touch.approach import ABOVE_BOTTOM_UM, BEYOND_BOTTOM_UM, UNKNOWN_SDS
+from edmctl.record.rows import RunEvent
 from edmctl.results.job import ObjectiveMissed
 from edmctl.simulator.injection import parse_injection
 

@@ -12,8 +12,8 @@ import pytest
 from edmctl.errors import Interrupted
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest
-from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job_state import JobState, JobTally, job_state
+from edmctl.record.rows import RunEvent
 from edmctl.results.progress import Phase
 from edmctl.simulator.injection import parse_injection
 from tests.cli.left_jobs import swap_work

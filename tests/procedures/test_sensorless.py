@@ -11,9 +11,9 @@ import pytest
 from edmctl.errors import LinkLost, MachineFault, PreconditionError
 from edmctl.machine.interface import CutRequest, EventCode, MachineState, ScanLine
 from edmctl.procedures.actuator.sensorless import SensorlessMachine
-from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.monitoring.drift import displacement_uncertainty
 from edmctl.procedures.settings import controller_settings, pulse_settings, telemetry_settings
+from edmctl.record.rows import RunEvent
 from edmctl.simulator.injection import parse_injection
 from edmctl.simulator.plant_interface import TICK_S
 from tests.tiers import tiers

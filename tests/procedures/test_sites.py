@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.errors import Interrupted
-from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job_state import PERIOD_S, JobState, job_state
+from edmctl.record.rows import RunEvent
 from edmctl.results.job import ObjectiveMissed
 from edmctl.results.progress import Phase
 

@@ -7,8 +7,7 @@ from itertools import pairwise
 
 import pytest
 
-from edmctl.procedures.event_codes import RunEvent
-from edmctl.record.rows import EventLevel
+from edmctl.record.rows import EventLevel, RunEvent
 from edmctl.results.progress import Phase, Progress
 from tests.procedures.conftest import Shop
 

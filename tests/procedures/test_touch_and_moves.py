@@ -10,11 +10,11 @@ import pytest
 
 from edmctl.errors import LinkLost, ObjectiveNotReached, PreconditionError
 from edmctl.machine.interface import EventCode, TelemetryFlag
-from edmctl.procedures.actuator.conditioning import condition
-from edmctl.procedures.event_codes import RunEvent
+from edmctl.procedures.session import condition
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.approach import ABOVE_BOTTOM_UM, find_gap, lower_to, raise_by
 from edmctl.procedures.touch.reading import take_reading
+from edmctl.record.rows import RunEvent
 from edmctl.simulator.injection import parse_injection
 from edmctl.simulator.plant_interface import TICK_S
 

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.labels import Basis, Verdict
-from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.hole.cut_decision import remedy as remedy_of
-from edmctl.procedures.hole.site_result import record_results
-from edmctl.procedures.hole.target import HoleTarget, verdict_of
-from edmctl.procedures.hole.verdict import judge_holes, judged
+from edmctl.procedures.hole.cut import remedy as remedy_of
+from edmctl.procedures.hole.site_result import judge_holes, judged, record_results
+from edmctl.procedures.job import HoleTarget, verdict_of
 from edmctl.profile.setup import Sensor
+from edmctl.record.rows import RunEvent
 from edmctl.results.job import ObjectiveMissed, site_result_of
 
 from .conftest import Done, Shop, calibrated
@@ -22,7 +21,7 @@ from .conftest import Done, Shop, calibrated
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.procedures.hole.cut_decision import Decision
+    from edmctl.procedures.hole.cut import Decision
 
     OpenShop = Callable[..., Shop]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from edmctl.process.path_ordering import nearest_first, spread_out
-from edmctl.process.plane import fitted_plane, unknown_plane
+from edmctl.forecasts.forecast import nearest_first
+from edmctl.process.plane import fitted_plane, spread_out, unknown_plane
 
 
 def test_three_touches_tell_a_tilt() -> None:

@@ -7,8 +7,10 @@ from random import Random
 
 import pytest
 
-from edmctl.process.touch_check import (
+from edmctl.process.touches import (
+    TOUCH_SD_PRIOR_UM,
     Deviation,
+    Reading,
     against_sparks,
     agreeing_spots,
     between,
@@ -16,8 +18,10 @@ from edmctl.process.touch_check import (
     is_constant,
     is_long,
     is_short,
+    measure,
+    pooled_reading,
+    reading_of,
 )
-from edmctl.process.wear import TOUCH_SD_PRIOR_UM, Reading, measure, pooled_reading, reading_of
 
 TRIES = 20_000
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edmctl.process.wear import (
+from edmctl.process.touches import (
     DepthAndWear,
     Reading,
     measure,

@@ -21,13 +21,6 @@ from edmctl.actuator.validation import ErrorFigures
 from edmctl.errors import ProfileError, RecordError, RunFileError
 from edmctl.profile.calibration import (
     SCHEMA,
-    calibration_of,
-    load_calibration,
-    measured_file,
-    save_calibration,
-)
-from edmctl.profile.calibration_place import default_path, find_calibration
-from edmctl.profile.calibration_tables import (
     Calibration,
     Figures,
     Made,
@@ -35,9 +28,14 @@ from edmctl.profile.calibration_tables import (
     Parameters,
     Quality,
     Spread,
+    calibration_of,
     content_hash,
+    load_calibration,
+    measured_file,
+    save_calibration,
 )
-from edmctl.profile.setup import Actuator, Setup, load_setup
+from edmctl.profile.folders import default_path, find_calibration
+from edmctl.profile.setup import load_setup
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -303,16 +301,16 @@ def test_a_machine_has_its_own_file(tmp_path: Path) -> None:
 def test_the_nearest_word_decides_which_file_is_used(tmp_path: Path) -> None:
     environ = {"EDMCTL_HOME": str(tmp_path)}
     asked = {**environ, "EDMCTL_CALIBRATION": "/c/environ.toml"}
-    setup = Setup(actuator=Actuator(calibration="/c/setup.toml"))
+    stated = "/c/setup.toml"
     option = Path("/c/option.toml")
-    assert find_calibration(None, environ, Setup(), "SIM-7") is None
+    assert find_calibration(None, environ, None, "SIM-7") is None
     own = default_path("SIM-7", environ)
     save_calibration(own, a_calibration())
-    assert find_calibration(None, environ, Setup(), "SIM-8") is None
-    assert find_calibration(None, environ, Setup(), "SIM-7") == own
-    assert find_calibration(None, environ, setup, "SIM-7") == Path("/c/setup.toml")
-    assert find_calibration(None, asked, setup, "SIM-7") == Path("/c/environ.toml")
-    assert find_calibration(option, asked, setup, "SIM-7") == option
+    assert find_calibration(None, environ, None, "SIM-8") is None
+    assert find_calibration(None, environ, None, "SIM-7") == own
+    assert find_calibration(None, environ, stated, "SIM-7") == Path("/c/setup.toml")
+    assert find_calibration(None, asked, stated, "SIM-7") == Path("/c/environ.toml")
+    assert find_calibration(option, asked, stated, "SIM-7") == option
 
 
 def test_a_setup_names_a_file_beside_itself(tmp_path: Path) -> None:

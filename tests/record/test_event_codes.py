@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from edmctl.machine.interface import EventCode, MachineState
-from edmctl.procedures.event_codes import RunEvent
 from edmctl.record.events import RecordedCode, RecordedState
+from edmctl.record.rows import RunEvent
 
 
 def test_every_code_that_is_looked_for_is_that_of_its_writer() -> None:

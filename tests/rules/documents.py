@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic, ProfileError
-from edmctl.profile.shipped import shipped_folder
+from edmctl.profile.folders import shipped_folder
 from edmctl.rules.load import LoadedProfile, load_profile
 
 if TYPE_CHECKING:

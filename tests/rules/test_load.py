@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 from edmctl.errors import ProfileError, UsageError
 from edmctl.profile.findings import Code
+from edmctl.profile.folders import shipped_names
 from edmctl.profile.profile_file import ProfileFile, profile_schema
 from edmctl.profile.read import changes, extend
 from edmctl.profile.setup import load_setup
-from edmctl.profile.shipped import shipped_names
 from edmctl.profile.tables import field_at
 from edmctl.rules.load import load_profile
 from edmctl.simulator.config import DischargeConstants

@@ -201,7 +201,7 @@ def _again(where: "MachineAddress", seed: int | None) -> str:
 
 def _whereabouts(done: "CalibrationReport", checked: "CheckedCalibration", seed: int | None) -> str:
     """Where the file is, and how `machine` comes to use it."""
-    from edmctl.profile.calibration_place import CALIBRATION_VARIABLE
+    from edmctl.profile.folders import CALIBRATION_VARIABLE
 
     if done.path is None:
         return "Nothing was saved."

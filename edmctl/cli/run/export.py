@@ -97,7 +97,7 @@ def _export(outcome: Outcome, opened: "RunFile", request: "ExportRequest") -> No
     from edmctl.console.layout import render_columns
     from edmctl.jobs.output_files import make_folder, new_file
     from edmctl.machine.interface import EventCode
-    from edmctl.procedures.event_codes import RunEvent
+    from edmctl.record.rows import RunEvent
     from edmctl.report.export import TABLES, ExportTable
     from edmctl.results.run_file import Exported
 

@@ -6,8 +6,7 @@ import math
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
-from edmctl.actuator.baselines import fit_line, fit_maxwell
-from edmctl.actuator.identification import identify
+from edmctl.actuator.identification import fit_line, fit_maxwell, identify
 from edmctl.actuator.validation import ErrorFigures, validate
 from edmctl.errors import Diagnostic, RecordError
 

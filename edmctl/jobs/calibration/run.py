@@ -100,7 +100,7 @@ def calibrate_machine(
 ) -> CalibrationReport:
     """Drive the machine, fit, and save. What was measured is kept where it comes to no calibration."""
     from edmctl.procedures.actuator.calibration import measure_actuator
-    from edmctl.profile.calibration_place import default_path
+    from edmctl.profile.folders import default_path
 
     with connected(None, checked.setup, seed, observer.note, checked.where, checked.surroundings) as bench:
         identity = bench.machine.identity
@@ -168,8 +168,7 @@ def _save(
     findings: Findings, path: Path, checked: CheckedCalibration, serial: str | None, *, simulated: bool
 ) -> None:
     """Write the calibration file; from here on a signal could only cut off what is settled."""
-    from edmctl.profile.calibration import calibration_of, measured_file, save_calibration
-    from edmctl.profile.calibration_tables import Made
+    from edmctl.profile.calibration import Made, calibration_of, measured_file, save_calibration
     from edmctl.version import __version__
 
     made = Made(

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from edmctl.procedures.job import CalibratedActuator
-    from edmctl.profile.calibration_tables import Calibration
+    from edmctl.profile.calibration import Calibration
     from edmctl.profile.model import Profile
     from edmctl.profile.setup import Setup
 
@@ -117,13 +117,13 @@ def _refuse_unconditioned(setup: Setup) -> None:
 
 def look_at_named(option: Path | None, environ: Mapping[str, str], setup: Setup, profile: Profile) -> None:
     """Load a calibration that was asked for, so that what is wrong with it is said before anything is connected."""
-    from edmctl.profile.calibration_place import CALIBRATION_VARIABLE, find_calibration
+    from edmctl.profile.folders import CALIBRATION_VARIABLE, find_calibration
 
     _refuse_unconditioned(setup)
     if option or environ.get(CALIBRATION_VARIABLE) or setup.actuator.calibration:
         from edmctl.profile.calibration import load_calibration
 
-        named = find_calibration(option, environ, setup, "")
+        named = find_calibration(option, environ, setup.actuator.calibration, "")
         if named is not None:
             _refuse_narrow(named, load_calibration(named), setup, profile)
 
@@ -141,9 +141,9 @@ def choose(
     Raises RecordError when one that was found cannot be used, PreconditionError when a machine without a sensor has
     none (E8031) or one that covers too little (E8032).
     """
-    from edmctl.profile.calibration_place import find_calibration
+    from edmctl.profile.folders import find_calibration
 
-    path = find_calibration(option, environ, setup, serial)
+    path = find_calibration(option, environ, setup.actuator.calibration, serial)
     if path is None:
         if not setup.sensor.fitted:
             raise PreconditionError(
@@ -164,7 +164,7 @@ def _chosen(path: Path, setup: Setup, profile: Profile, serial: str) -> Choice:
     _refuse_narrow(path, calibration, setup, profile)
     held_out = calibration.quality.held_out
     return Choice(
-        actuator=CalibratedActuator(calibration.model(), held_out.rms_um, held_out.max_um),
+        actuator=CalibratedActuator(calibration.model(), held_out.rms_um),
         used=_used(path, calibration, setup, serial),
         warnings=tuple(_doubts(path, calibration, setup, profile, serial)),
         text=read_source(path).text,

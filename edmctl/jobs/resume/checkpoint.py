@@ -79,7 +79,7 @@ class JobCheckpoint:
         if self.name is None or not self.plan.where.lasting:
             return job
         from edmctl.procedures.job_state import JobState
-        from edmctl.procedures.state_keeper import after_pause
+        from edmctl.procedures.run import after_pause
         from edmctl.record.journal import JournalFile, remove_journal
 
         self._file = JournalFile(

@@ -49,8 +49,8 @@ class Jump:
 def events_of(opened: RunFile, start: int = 0) -> list[FileEvent]:
     """The events of the file from row `start` on, in the order in which they were written."""
     from edmctl.machine.interface import EventCode
-    from edmctl.procedures.event_codes import RunEvent
     from edmctl.record.events import recorded_events
+    from edmctl.record.rows import RunEvent
 
     names = {int(code): code.name for code in (*EventCode, *RunEvent)}
     found = []

@@ -14,11 +14,11 @@ from edmctl.actuator.checks import check_record
 from edmctl.actuator.record import Record
 from edmctl.actuator.waveforms import SLEW_V_S, Leg, calibration_legs
 from edmctl.errors import LinkLost, PreconditionError
-from edmctl.machine.interface import Axis, MotionSettings, PulseLog, TelemetrySettings, joined
+from edmctl.machine.interface import Axis, PulseLog, TelemetrySettings, joined
 from edmctl.procedures.monitoring.drift import DRIFT_SDS, first_home_um
 from edmctl.procedures.run import NO_PULSES
 from edmctl.procedures.session import safe_state_on_error
-from edmctl.procedures.settings import RETRACT_UM_S
+from edmctl.procedures.settings import motion_settings, retract_v_s
 from edmctl.procedures.touch.home import CREEP_LOOK_S, CREEP_WAIT_S, READING_MARGIN_UM
 from edmctl.results.progress import Phase, Progress
 
@@ -107,7 +107,7 @@ def measure_actuator(
     """
     listener = _Listener(observer, plan.duration_s)
     with safe_state_on_error(machine):
-        machine.configure(_settings(setup))
+        machine.configure(motion_settings(setup, SAFE_Z_UM, sensor_fitted=True, pulses=False))
         batch = max(1, min(BATCH, round(FRAME_S / plan.period_s)))
         machine.start_telemetry(TelemetrySettings(plan.period_us, batch, PulseLog.OFF), listener)
         machine.arm(pulses=False)
@@ -125,24 +125,10 @@ def measure_actuator(
     return MeasuredActuator(listener.record(machine), listener.lost_frames)
 
 
-def _settings(setup: Setup) -> MotionSettings:
-    actuator = setup.actuator
-    return MotionSettings(
-        piezo_max_v=actuator.stroke_v,
-        slew_limit_v_s=actuator.slew_v_s,
-        gain_um_per_v=actuator.gain_um_per_v,
-        safe_z_um=SAFE_Z_UM,
-        retract_v_s=min(actuator.slew_v_s, RETRACT_UM_S / actuator.gain_um_per_v),
-        sensor_fitted=True,
-        watchdog_s=setup.controller.watchdog_s,
-        dielectric_required=False,
-    )
-
-
 def _park(machine: Machine, setup: Setup, listener: _Listener) -> None:
     """Retract, and move to the parking place where the machine is not there yet."""
     stage = setup.stage
-    machine.ramp(0.0, _settings(setup).retract_v_s)
+    machine.ramp(0.0, retract_v_s(setup))
     status = machine.status()
     ways = [
         (axis, target_um)

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmctl.actuator.correction import SlowCorrection
-from edmctl.actuator.estimator import Estimator
-from edmctl.actuator.model import ActuatorState
+from edmctl.actuator.model import ActuatorState, Estimator
 from edmctl.actuator.validation import ErrorFigures
 from edmctl.machine.interface import MachineState
 

@@ -10,15 +10,14 @@ import numpy as np
 from edmctl.forecasts.removal import SIDE_DISCHARGE_SHARE, removal_um3_s
 from edmctl.procedures.channel.scan import PassPlan, PassResult, run_pass
 from edmctl.procedures.channel.touching import learned_gap_um
-from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.job_state import CutTotals, RunningCut
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.approach import approach_bottom
-from edmctl.procedures.touch.reference_pad import TOUCH_U_UM
+from edmctl.procedures.touch.spots import TOUCH_U_UM
 from edmctl.process.channel import HeldTool, ToolWear, channel_width_um, passes_needed
 from edmctl.process.discharge import hole_area_um2
 from edmctl.profile.places import Place
-from edmctl.record.rows import EventLevel
+from edmctl.record.rows import EventLevel, RunEvent
 
 if TYPE_CHECKING:
     from collections.abc import Callable

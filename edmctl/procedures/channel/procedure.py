@@ -11,6 +11,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from edmctl.errors import MachineFault
+from edmctl.forecasts.channel import LAYERS_BEFORE_FIRST_STOP, PLACES, PLACES_AT_THE_END
 from edmctl.labels import NOT_SHOWN_CODE, Verdict
 from edmctl.machine.interface import host_fault
 from edmctl.procedures.channel.layers import Layers
@@ -27,16 +28,15 @@ from edmctl.procedures.channel.resuming import (
 )
 from edmctl.procedures.channel.touching import FloorReading, measure_floor, touch_untouched
 from edmctl.procedures.channel.way import way_of_path
-from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.hole.cut_decision import Decision
-from edmctl.procedures.hole.target import HoleTarget, target_of
-from edmctl.procedures.hole.verdict import REMEDIES, judged_channel, not_shown
+from edmctl.procedures.hole.cut import Decision
+from edmctl.procedures.hole.site_result import REMEDIES, judged_channel, not_shown
+from edmctl.procedures.job import HoleTarget, target_of
 from edmctl.procedures.job_state import UnderWay
 from edmctl.procedures.servo.limits import TimeLimits
-from edmctl.procedures.touch.reference_pad import TOUCH_U_UM
+from edmctl.procedures.touch.spots import TOUCH_U_UM
 from edmctl.process.channel import layer_depths_um
 from edmctl.process.next_cut import COVERAGE, NOISE_FLOOR_SIGMAS
-from edmctl.record.rows import EventLevel
+from edmctl.record.rows import EventLevel, RunEvent
 from edmctl.wording import length, plural, signed
 
 if TYPE_CHECKING:
@@ -48,14 +48,10 @@ if TYPE_CHECKING:
     from edmctl.process.path import Way
     from edmctl.results.job import ChannelResult
 
-LAYERS_BEFORE_FIRST_STOP = 2
-"""Then wear and gap are measured for the first time: early, because both were only assumed."""
 LEAST_SUNK_SHARE = 0.25
 """A layer that takes more passes than it may, twice what the recipe believes and some, is measured: its work may
 erode slower, or its tool wear less than the energy tells, so that the tool is held too deep to get there. Where the
 floor has not even sunk by this share of the layer, the tool has stopped advancing."""
-PLACES, PLACES_AT_THE_END = 4, 6
-"""The floor is touched at so many places."""
 
 
 def machine_channel(

@@ -7,10 +7,10 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from edmctl.labels import Basis
-from edmctl.procedures.touch.reference_pad import pad_u_um
+from edmctl.procedures.touch.spots import pad_u_um
 from edmctl.process.channel import channel_width_um
 from edmctl.process.discharge import mrr_mm3_min
-from edmctl.process.wear import TOUCH_PRIOR_DOF, student_97_5
+from edmctl.process.touches import TOUCH_PRIOR_DOF, student_97_5
 from edmctl.results.job import ChannelResult, SiteResult
 from edmctl.results.telemetry import pulse_shares
 

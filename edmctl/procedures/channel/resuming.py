@@ -39,7 +39,7 @@ from edmctl.procedures.touch.surface_plane import level_surface
 from edmctl.process.channel import HeldTool, wearing_uj
 from edmctl.process.discharge import first_gap_u_um
 from edmctl.process.next_cut import COVERAGE
-from edmctl.process.wear import DepthAndWear, share_u
+from edmctl.process.touches import DepthAndWear, share_u
 from edmctl.profile.places import Place
 
 if TYPE_CHECKING:

@@ -9,16 +9,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.stages import move_to
-from edmctl.procedures.touch.bottom import ExpectedBottom, read_expected
+from edmctl.procedures.touch.approach import ExpectedBottom, read_expected
 from edmctl.procedures.touch.reading import SurfaceReading, take_reading
-from edmctl.procedures.touch.reference_pad import OFFSET_U_UM, ToolLength, read_pad, refuse_grown_tool
+from edmctl.procedures.touch.spots import OFFSET_U_UM, ToolLength, read_pad, refuse_grown_tool
 from edmctl.procedures.touch.surface_plane import fit_pad_slope, level_surface, touch_plane
 from edmctl.process.path import Way, even_places
-from edmctl.process.touch_check import against_sparks, is_short
+from edmctl.process.touches import against_sparks, is_short
 from edmctl.profile.places import Place
-from edmctl.record.rows import EventLevel, RejectedTouch
+from edmctl.record.rows import EventLevel, RejectedTouch, RunEvent
 from edmctl.results.job import FloorPlace
 
 if TYPE_CHECKING:

@@ -6,10 +6,9 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from edmctl.forecasts.measuring_stops import cut_budget
+from edmctl.forecasts.measuring import cut_budget, estimate_of
 from edmctl.forecasts.removal import feed_rate_um_s
-from edmctl.procedures.hole.target import HoleTarget, target_of
-from edmctl.process.discharge import hole_area_um2
+from edmctl.procedures.job import HoleTarget, target_of
 from edmctl.process.live_erosion import RECIPE_U_REL, Energy, ErosionEstimate, LiveErosion
 from edmctl.process.next_cut import COVERAGE, NextCut, largest_first_um, next_cut
 
@@ -19,8 +18,6 @@ if TYPE_CHECKING:
 
 ARC_SHARE_OF_DISCHARGE_VOLTAGE = 0.77
 """An arc burns at 17 V where a normal discharge stands at 22 V."""
-WALL_SHARE = 0.05
-"""Discharges at the wall of the hole, until a depth was measured [assumed]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,18 +123,6 @@ class CutPlan:
     def depth_at(self, displacement_um: float) -> float:
         """Estimated depth while sparking at this displacement, from the expected gap and wear ratio."""
         return self.at(displacement_um).depth_um
-
-
-def estimate_of(profile: Profile) -> ErosionEstimate:
-    """Return what the recipe knows before anything was machined."""
-    work, wear = profile.work, profile.wear
-    return ErosionEstimate(
-        removal_um3_per_uj=work.removal_um3_per_uj * (1.0 - WALL_SHARE),
-        removal_u_rel=work.removal_u_rel,
-        wear_ratio=wear.expected_ratio,
-        ratio_u_rel=wear.ratio_u_rel,
-        hole_area_um2=hole_area_um2(profile.tool.diameter_um, work.side_gap_um),
-    )
 
 
 def energy_of(pulse: Pulse, counts: tuple[int, int, int, int] | list[int], energy_j: float) -> Energy:

@@ -10,12 +10,11 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.hole import DoubtedSurface, FirstSparks
 from edmctl.process.discharge import FIRST_GAP_U_UM
 from edmctl.process.next_cut import COVERAGE, GAP_U_UM
-from edmctl.process.wear import share_u
-from edmctl.record.rows import EventLevel
+from edmctl.process.touches import share_u
+from edmctl.record.rows import EventLevel, RunEvent
 from edmctl.wording import signed
 
 if TYPE_CHECKING:

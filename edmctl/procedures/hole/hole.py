@@ -6,14 +6,14 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from edmctl.forecasts.measuring_stops import FACE_LIMIT_UM
+from edmctl.forecasts.measuring import FACE_LIMIT_UM, estimate_of
 from edmctl.labels import Basis
-from edmctl.procedures.hole.cut_planning import CutStart, energy_of, estimate_of
+from edmctl.procedures.hole.cut_planning import CutStart, energy_of
 from edmctl.procedures.hole.site_result import CutSums
-from edmctl.procedures.hole.target import HoleTarget, target_of
+from edmctl.procedures.job import HoleTarget, target_of
 from edmctl.procedures.monitoring.drift import pause_drift_u_um
 from edmctl.procedures.touch.home import pad_from_home_um
-from edmctl.procedures.touch.reference_pad import OFFSET_U_UM, ToolLength, read_pad
+from edmctl.procedures.touch.spots import OFFSET_U_UM, ToolLength, read_pad
 from edmctl.procedures.touch.surface_plane import SurfacePlane, fit_pad_slope, level_surface
 from edmctl.process.discharge import (
     first_gap_u_um,
@@ -22,8 +22,7 @@ from edmctl.process.discharge import (
     mrr_mm3_min,
     tool_area_um2,
 )
-from edmctl.process.touch_check import Deviation
-from edmctl.process.wear import share_u
+from edmctl.process.touches import Deviation, share_u
 from edmctl.results.job import SiteResult
 from edmctl.results.telemetry import pulse_shares
 
@@ -35,7 +34,7 @@ if TYPE_CHECKING:
     from edmctl.procedures.touch.reading import SurfaceReading
     from edmctl.process.live_erosion import Energy, ErosionEstimate
     from edmctl.process.shared_wear import WearShare
-    from edmctl.process.wear import DepthAndWear
+    from edmctl.process.touches import DepthAndWear
     from edmctl.profile.model import Profile
     from edmctl.profile.places import Place
 

@@ -17,7 +17,7 @@ from edmctl.forecasts.removal import feed_rate_um_s
 from edmctl.procedures.job_state import PERIOD_S, JobState
 from edmctl.process.live_erosion import RECIPE_U_REL, Energy
 from edmctl.process.next_cut import COVERAGE
-from edmctl.process.wear import DepthAndWear, share_u
+from edmctl.process.touches import DepthAndWear, share_u
 from edmctl.wording import coordinates, with_u95
 
 if TYPE_CHECKING:

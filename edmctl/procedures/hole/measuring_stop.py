@@ -1,4 +1,8 @@
-"""A measuring stop: bottom and pad are touched after a cut, and what they teach is kept. Or the cut needs none."""
+"""A measuring stop: bottom and pad are touched after a cut, and what they teach is kept. Or the cut needs none.
+
+Then the next touch of the pad tells of all cuts since the last one at once, and the results of their holes are
+corrected by it.
+"""
 
 from __future__ import annotations
 
@@ -7,24 +11,23 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from edmctl.labels import Basis
-from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.hole.cut_decision import Decision, decide, refuse_wrong_setup
+from edmctl.procedures.hole.cut import Decision, decide, refuse_wrong_setup
 from edmctl.procedures.hole.cut_planning import CutPlan, CutStart, energy_of, learned_gap_um
 from edmctl.procedures.hole.first_sparks import judge_again
-from edmctl.procedures.hole.unmeasured_holes import settle_unmeasured, unmeasured
-from edmctl.procedures.touch.bottom import UNFINISHED_GAP_U_UM, read_bottom
-from edmctl.procedures.touch.reference_pad import (
+from edmctl.procedures.hole.hole import Unmeasured
+from edmctl.procedures.touch.approach import CLEAR_OF_BOTTOM_UM, ExpectedBottom, raise_by, read_expected
+from edmctl.procedures.touch.spots import (
     TOUCH_U_UM,
     ToolLength,
     pad_u_um,
     read_pad,
     refuse_grown_tool,
 )
-from edmctl.process.live_erosion import CONTRADICTION_SDS
+from edmctl.process.live_erosion import CONTRADICTION_SDS, SCATTER_BETWEEN_HOLES
 from edmctl.process.next_cut import COVERAGE, GAP_U_UM
-from edmctl.process.touch_check import Deviation
-from edmctl.process.wear import DepthAndWear, measure, share_u
-from edmctl.record.rows import EventLevel
+from edmctl.process.shared_wear import SharedWear, WearShare, share_wear
+from edmctl.process.touches import DepthAndWear, Deviation, measure, share_u
+from edmctl.record.rows import EventLevel, RunEvent
 from edmctl.wording import decimal, length, signed
 
 if TYPE_CHECKING:
@@ -32,13 +35,15 @@ if TYPE_CHECKING:
     from edmctl.procedures.hole.hole import JobKnowledge, OpenHole
     from edmctl.procedures.run import Args, JobRun
     from edmctl.procedures.touch.reading import SurfaceReading
-    from edmctl.process.live_erosion import ErosionEstimate
-    from edmctl.process.shared_wear import SharedWear
+    from edmctl.process.live_erosion import ErosionEstimate, LiveErosion
 
 PAD_U_UM = 0.5
 """Standard uncertainty of the pad's place besides the wear: drift and touch scatter."""
 GAP_SETTLES_S = 1.0
 """A cut that is over before teaches no working gap: its first sparks come 1 µm earlier, the servo follows."""
+UNFINISHED_GAP_U_UM = 3.0
+"""Standard uncertainty of the gap where a cut did not end at its limit: the servo swings, and shorts draw back
+[assumed]."""
 
 
 def measure_hole(
@@ -62,6 +67,15 @@ def measure_hole(
     if plan.number == 1:
         refuse_wrong_setup(run, hole.touched or found)
     return decide_next(run, hole, knowledge, plan.number, cut, found)
+
+
+def read_bottom(run: JobRun, place: str, plan: CutPlan, cut: CutResult) -> SurfaceReading:
+    """Touch the bottom that a cut has left, more often where it is not where it should be."""
+    raise_by(run, CLEAR_OF_BOTTOM_UM)
+    gap_u_um = math.hypot(plan.start.gap_u_um, 0.0 if cut.is_at_limit else UNFINISHED_GAP_U_UM)
+    return read_expected(
+        run, place, ExpectedBottom(cut.end_displacement_um, plan.start.gap_um, gap_u_um, "the last sparks")
+    )
 
 
 def decide_next(
@@ -279,3 +293,91 @@ def _report(run: JobRun, found: DepthAndWear, gap_um: float, decision: Decision)
         run.decide(code, decision.message, args, level=level)
     else:
         run.decide(RunEvent.CUT_DECIDED, decision.message, {"feed_um": decision.plan.feed_um})
+
+
+def unmeasured(
+    run: JobRun, hole: OpenHole, pad_s: float, plan: CutPlan, cut: CutResult, live: LiveErosion
+) -> Unmeasured:
+    """Return what is to be remembered of a cut just made that no touch follows; the pad was last touched at `pad_s`.
+
+    The ratio of wear to depth errs alike in all cuts of a job; working gap and scatter do not, nor does wear that
+    the energy of this cut contradicts.
+    """
+    start = plan.start
+    added_um = live.wear_um - start.wear_um
+    energy = energy_of(run.profile.pulse, cut.counts, cut.energy_j)
+    off_um = plan.off_by_energy_um(cut.end_displacement_um, energy)
+    own_u_um = math.hypot(SCATTER_BETWEEN_HOLES * added_um, live.wear_own_u_um, off_um)
+    from_face = hole.stops == 0
+    return Unmeasured(
+        hole=hole,
+        share=WearShare(added_um, live.wear_ratio_u_um, own_u_um, run.machine.time_s - pad_s),
+        depth_u_um=math.hypot(
+            plan.start.gap_u_um, start.depth_u_um, TOUCH_U_UM, hole.face_u_um if from_face else 0.0
+        ),
+        wear_before_um=start.wear_um,
+        wear_before_u_um=start.wear_u_um,
+    )
+
+
+def settle_unmeasured(
+    run: JobRun,
+    hole: OpenHole,
+    knowledge: JobKnowledge,
+    pad: SurfaceReading,
+    plan: CutPlan,
+    cut: CutResult,
+    live: LiveErosion,
+) -> SharedWear:
+    """Correct the cuts since the last touch of the pad, and where `hole` has begun; what that itself has worn.
+
+    `pad` is the new reading, `live` what was expected of `hole` after `cut`; its Z1 becomes the reading less its own
+    wear. The results of the others are replaced; they stay estimates, better ones.
+    """
+    assert knowledge.tool is not None
+    before, sensor_u = knowledge.tool.pad, run.uncertainty
+    cuts = [*knowledge.unmeasured, unmeasured(run, hole, before.time_s, plan, cut, live)]
+    found = share_wear(
+        [one.share for one in cuts],
+        pad.z_um - before.z_um,
+        pad.time_s - before.time_s,
+        touch_u_um=math.hypot(TOUCH_U_UM * math.sqrt(2.0), sensor_u.linearity_u_um),
+        drift_u_um_per_s=sensor_u.drift_u_um_per_s,
+    )
+    shorter_um = 0.0
+    for earlier, now in zip(knowledge.unmeasured, found, strict=False):
+        own_um = now.wear_um - earlier.share.wear_um
+        _correct(run, earlier, own_um, shorter_um, now)
+        shorter_um += own_um
+    hole.z1 = hole.z1.shifted(pad.z_um - found[-1].wear_um - hole.z1.z_um)
+    hole.z1_u_um = max(hole.z1_u_um, found[-1].wear_u_um)
+    knowledge.unmeasured.clear()
+    return found[-1]
+
+
+def _correct(run: JobRun, cut: Unmeasured, own_um: float, before_um: float, now: SharedWear) -> None:
+    """A cut began `before_um` shorter of tool than it was taken to, and wore it by `own_um` more."""
+    hole = cut.hole
+    result, found = run.tally.sites[hole.site.name], hole.found
+    assert found is not None
+    z3_um, depth_um = result.z3_um + before_um + own_um, result.depth_um - now.tip_um
+    changed = replace(
+        result,
+        z1_um=result.z1_um + before_um,
+        z2_um=z3_um + result.face_um + depth_um,
+        z3_um=z3_um,
+        depth_um=depth_um,
+        depth_u95_um=COVERAGE * math.hypot(cut.depth_u_um, now.tip_u_um),
+        wear_um=cut.wear_before_um + now.wear_um,
+        wear_u95_um=COVERAGE * math.hypot(cut.wear_before_u_um, now.wear_u_um),
+        feed_um=result.feed_um - now.tip_um + own_um,
+    )
+    run.tally.sites[hole.site.name] = changed
+    hole.found = replace(
+        found,
+        depth_um=changed.depth_um,
+        depth_u95_um=changed.depth_u95_um,
+        wear_um=changed.wear_um,
+        wear_u95_um=changed.wear_u95_um,
+        feed_um=changed.feed_um,
+    )

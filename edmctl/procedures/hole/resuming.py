@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import MachineFault, PreconditionError
 from edmctl.labels import Basis
-from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.hole.cut_decision import Decision
+from edmctl.procedures.hole.cut import Decision
 from edmctl.procedures.hole.cut_planning import through_plan
 from edmctl.procedures.hole.hole import JobKnowledge, OpenHole, hole_at, touch_pad_first
 from edmctl.procedures.hole.hole_estimate import (
@@ -27,21 +26,20 @@ from edmctl.procedures.hole.hole_estimate import (
     other_tool,
     other_work,
 )
-from edmctl.procedures.hole.hole_state import keep_hole_begun
 from edmctl.procedures.hole.measuring_stop import decide_next, learn, measured, next_start
-from edmctl.procedures.hole.site import cut_to_the_end, through_message, touch_bottom_or_none
+from edmctl.procedures.hole.site import cut_to_the_end, keep_hole_begun, through_message, touch_bottom_or_none
 from edmctl.procedures.hole.site_result import close_site
-from edmctl.procedures.hole.target import target_of
+from edmctl.procedures.job import target_of
 from edmctl.procedures.job_state import CutTotals
 from edmctl.procedures.monitoring.drift import counted_pause_s, pause_drift_u_um
 from edmctl.procedures.stages import move_to
-from edmctl.procedures.touch.bottom import MORE_LOOKS, wash
+from edmctl.procedures.touch.approach import MORE_LOOKS, wash
 from edmctl.procedures.touch.reading import BEYOND_SIGMAS, NO_CONTACT, SurfaceReading, take_reading
-from edmctl.procedures.touch.reference_pad import ToolLength, read_pad
+from edmctl.procedures.touch.spots import ToolLength, read_pad
 from edmctl.procedures.touch.surface_plane import fit_pad_slope, level_surface, touch_beside
-from edmctl.process.wear import DepthAndWear, Reading
+from edmctl.process.touches import DepthAndWear, Reading
 from edmctl.profile.places import Place
-from edmctl.record.rows import EventLevel, RejectedTouch
+from edmctl.record.rows import EventLevel, RejectedTouch, RunEvent
 from edmctl.wording import decimal, length
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from edmctl.forecasts.measuring_stops import Displacement, displacement
-from edmctl.process.wear import share_u
+from edmctl.forecasts.measuring import Displacement, displacement
+from edmctl.process.touches import share_u
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from edmctl.forecasts.forecast import stroke_um
 from edmctl.machine.faults import host_fault
-from edmctl.procedures.event_codes import RunEvent
-from edmctl.record.rows import EventLevel, EventRow, LinkRow
+from edmctl.record.rows import EventLevel, EventRow, LinkRow, RunEvent
 from edmctl.results.progress import Extremes, Phase
 from edmctl.results.telemetry import pulse_shares
 

@@ -19,14 +19,13 @@ from edmctl.machine.interface import (
     joined,
 )
 from edmctl.procedures.actuator.tracker import FeedError, Trace
-from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.monitoring.drift import Rests
-from edmctl.record.rows import EventLevel, EventRow, ServoBlock
+from edmctl.record.rows import EventLevel, EventRow, RunEvent, ServoBlock
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.actuator.estimator import Estimator
+    from edmctl.actuator.model import Estimator
     from edmctl.procedures.actuator.tracker import Tracker
     from edmctl.record.rows import Recorder
     from edmctl.results.telemetry import PulseBlockBatch, PulseTrain

@@ -11,7 +11,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from edmctl.procedures.event_codes import RunEvent
+from edmctl.record.rows import RunEvent
 
 if TYPE_CHECKING:
     from edmctl.procedures.run import Args

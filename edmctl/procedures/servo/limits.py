@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.forecasts.forecast import forecast
-from edmctl.procedures.event_codes import RunEvent
-from edmctl.record.rows import EventLevel
+from edmctl.record.rows import EventLevel, RunEvent
 
 if TYPE_CHECKING:
-    from edmctl.actuator.estimator import Estimator
+    from edmctl.actuator.model import Estimator
     from edmctl.procedures.run import JobRun
     from edmctl.results.telemetry import PulseShares
 

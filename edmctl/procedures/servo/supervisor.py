@@ -12,17 +12,17 @@ from typing import TYPE_CHECKING
 
 from edmctl.forecasts.forecast import forecast
 from edmctl.machine.interface import MachineState, MachineStatus, TelemetryBlock, host_fault
-from edmctl.procedures.event_codes import RunEvent
 from edmctl.procedures.hole.breakthrough import Breakthrough, SparkLoss
 from edmctl.procedures.hole.cut_planning import energy_of
 from edmctl.procedures.hole.hole_estimate import estimate_in_cut
-from edmctl.procedures.hole.target import target_of
+from edmctl.procedures.job import target_of
 from edmctl.procedures.job_state import Counts, RunningCut
 from edmctl.procedures.monitoring.watch import NEWEST_S
 from edmctl.procedures.servo.adaptive import AdaptiveControl, ShortRecovery
 from edmctl.procedures.servo.limits import STALL_SHARE, RatioLimits, StallDetection, stroke_left_um
 from edmctl.procedures.servo.telemetry_sums import RATIO_WINDOW_S, TelemetrySums
 from edmctl.procedures.settings import OPEN_LOST_S, gap_reference_v
+from edmctl.record.rows import RunEvent
 from edmctl.results.progress import Phase, Progress
 
 if TYPE_CHECKING:

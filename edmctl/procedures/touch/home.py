@@ -21,7 +21,7 @@ from edmctl.procedures.hole.hole_estimate import (
 )
 from edmctl.procedures.monitoring.drift import DRIFT_SDS, displacement_uncertainty, first_home_um
 from edmctl.procedures.run import rest_and_look
-from edmctl.procedures.settings import controller_settings
+from edmctl.procedures.settings import controller_settings, retract_v_s
 from edmctl.procedures.touch.reading import BEYOND_PREDICTION_UM, Search, take_reading_in
 from edmctl.results.progress import Phase
 
@@ -181,7 +181,7 @@ def _home_by_touch(run: JobRun, rest_um: float, below: _WorkBelow) -> Home:
         run, "Zr", "the place where it stands", Search(rest_um, z_max_um, _CHECK_TOUCHES, 0.0)
     ).z_um
     run.begin(Phase.RETRACTING)
-    run.machine.ramp(0.0, controller_settings(run.profile, run.setup).retract_v_s)
+    run.machine.ramp(0.0, retract_v_s(run.setup))
     rest_and_look(run, CREEP_LOOK_S)
     return Home(min(_settled_um(run), z_um - below.um), below.hidden_um)
 

@@ -12,10 +12,8 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import ObjectiveNotReached, PreconditionError
 from edmctl.machine.interface import Touch, TouchRequest
-from edmctl.procedures.event_codes import RunEvent
-from edmctl.process.touch_check import is_constant
-from edmctl.process.wear import Reading, reading_of
-from edmctl.record.rows import EventLevel, TouchRow
+from edmctl.process.touches import Reading, is_constant, reading_of
+from edmctl.record.rows import EventLevel, RunEvent, TouchRow
 from edmctl.results.progress import Phase
 from edmctl.wording import decimal
 

@@ -6,23 +6,20 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from edmctl.forecasts.measuring_stops import FACE_LIMIT_UM
-from edmctl.procedures.event_codes import RunEvent
-from edmctl.procedures.touch.reference_pad import TOUCH_U_UM, pad_middle_um
-from edmctl.procedures.touch.spots import Spots, beside, read_at_spots
-from edmctl.process.path_ordering import spread_out
+from edmctl.forecasts.measuring import FACE_LIMIT_UM
+from edmctl.procedures.touch.spots import TOUCH_U_UM, Spots, beside, pad_middle_um, read_at_spots
 from edmctl.process.plane import (
     CONTRADICTION_SDS,
     TOUCHES_FOR_A_PLANE,
     Plane,
     Step,
     fitted_plane,
+    spread_out,
     unknown_plane,
 )
-from edmctl.process.touch_check import Deviation
-from edmctl.process.wear import share_u
+from edmctl.process.touches import Deviation, share_u
 from edmctl.profile.places import Place
-from edmctl.record.rows import EventLevel
+from edmctl.record.rows import EventLevel, RunEvent
 from edmctl.wording import signed
 
 if TYPE_CHECKING:
@@ -31,7 +28,7 @@ if TYPE_CHECKING:
     from edmctl.procedures.job_state import SurfaceTouch
     from edmctl.procedures.run import Args, JobRun
     from edmctl.procedures.touch.reading import SurfaceReading
-    from edmctl.procedures.touch.reference_pad import ToolLength
+    from edmctl.procedures.touch.spots import ToolLength
 
 KIND = "Zr"
 """What such a touch is called in the run file: the face at a place that is not machined yet."""

@@ -1,11 +1,19 @@
-"""Profiles that come with the program."""
+"""Where profiles and calibrations are found; nothing heavy is loaded for that."""
 
 from __future__ import annotations
 
 import difflib
 from pathlib import Path
+from typing import TYPE_CHECKING
+from urllib.parse import quote
 
 from edmctl.errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+HOME_VARIABLE = "EDMCTL_HOME"
+CALIBRATION_VARIABLE = "EDMCTL_CALIBRATION"
 
 
 def shipped_folder() -> Path:
@@ -64,3 +72,33 @@ def find_profile(name_or_path: str) -> Path:
         hint=f"{meant}Shipped profiles: {', '.join(names)}.",
         code="E2001",
     )
+
+
+def data_folder(environ: Mapping[str, str]) -> Path:
+    """Folder of what edmctl keeps: $EDMCTL_HOME, else where the system wants such data of a user."""
+    home = environ.get(HOME_VARIABLE)
+    if home:
+        return Path(home)
+    import platformdirs
+
+    return platformdirs.user_data_path("edmctl", appauthor=False)
+
+
+def default_path(serial: str, environ: Mapping[str, str]) -> Path:
+    """File of the machine with that serial number; what a file's name cannot hold is written as %XX."""
+    return data_folder(environ) / "calibration" / f"{quote(serial, safe=' ')}.toml"
+
+
+def find_calibration(
+    option: Path | None, environ: Mapping[str, str], stated: str | None, serial: str
+) -> Path | None:
+    """Which calibration file is used: that of the option, of $EDMCTL_CALIBRATION, of the setup, the machine's own.
+
+    `stated` is that of the setup. Only the last need not exist: without it there is none. The others were asked
+    for, and loading them says what is wrong with them.
+    """
+    named = option or environ.get(CALIBRATION_VARIABLE) or stated
+    if named:
+        return Path(named)
+    own = default_path(serial, environ)
+    return own if own.is_file() else None
