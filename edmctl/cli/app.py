@@ -12,7 +12,17 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
-from edmctl.cli.commands import calibrate, equipment, machine, procedures, profile
+from edmctl.cli.commands import (
+    approach,
+    calibrate,
+    doctor,
+    jump_flush,
+    machine,
+    measure_wear,
+    ports,
+    profile,
+    reset,
+)
 from edmctl.cli.outcome import Outcome, Output, finish, interrupted, mutter, unwritable
 from edmctl.cli.run import app as run_files
 from edmctl.cli.signals import SignalArrived, leave, raising_signals
@@ -32,13 +42,13 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command("calibrate")(calibrate.calibrate)
-app.command("approach")(procedures.approach)
+app.command("approach")(approach.approach)
 app.command("machine")(machine.machine)
-app.command("measure-wear")(procedures.measure_wear)
-app.command("jump-flush")(procedures.jump_flush)
-app.command("reset")(equipment.reset)
-app.command("doctor")(equipment.doctor)
-app.command("ports")(equipment.ports)
+app.command("measure-wear")(measure_wear.measure_wear)
+app.command("jump-flush")(jump_flush.jump_flush)
+app.command("reset")(reset.reset)
+app.command("doctor")(doctor.doctor)
+app.command("ports")(ports.ports)
 app.add_typer(simulate.app, name="simulate")
 app.add_typer(profile.app, name="profile")
 app.add_typer(run_files, name="run")

@@ -2,7 +2,7 @@
 
 import typer
 
-from edmctl.cli.run import compare, export, list, plot, recover, show
+from edmctl.cli.run import compare, explain, export, list, plot, recover, show
 from edmctl.report.kinds import kinds_table
 
 app = typer.Typer(help="Look at run files.", rich_markup_mode=None, add_completion=False)
@@ -15,7 +15,7 @@ def run() -> None:
 
 app.command("list")(list.list_runs)
 app.command("show")(show.show)
-app.command("explain")(show.explain)
+app.command("explain")(explain.explain)
 app.command("export")(export.export)
 app.command("recover")(recover.recover)
 app.command("plot", epilog="\b\nKinds of figures:\n" + kinds_table())(plot.plot)
