@@ -291,7 +291,7 @@ def test_a_fault_in_the_second_cut_leaves_an_estimate_and_no_verdict(shop: OpenS
     assert site.estimated_um == pytest.approx(site.depth_um - 5.5, abs=1.5)
     assert (site.cuts, site.measuring_stops) == (2, 1)
     assert site.machining_time_s == pytest.approx(s.ledger.machining_time_s)
-    assert (row.depth_um, row.depth_basis, row.verdict) == (site.depth_um, Basis.ESTIMATED, "")
+    assert (row.depth_um, row.depth_basis, row.verdict) == (site.depth_um, Basis.ESTIMATED, None)
     reached = s.ledger.result().reached
     assert reached is not None
     assert (reached.depth_estimated_um, reached.depth_estimated_u95_um) == (site.depth_um, site.depth_u95_um)
