@@ -49,10 +49,11 @@ class Estimator:
 
         Raises ValueError, and stays as it was, as `ActuatorModel.predict` does.
         """
+        self.model.check_state(self.state)
         t_s, u_v = consecutive(t_s, u_v, self.state.t_s)
         if not len(t_s):
             return np.empty(0)
-        y_um = self.model.advance(self.state, t_s, u_v)
+        y_um = self.model.advance_checked(self.state, t_s, u_v)
         if self.model.delay_s > 0.0:
             y_um = self._delayed(t_s, y_um)
         corrected_um: Array = self.gain * y_um + self.offset_um
