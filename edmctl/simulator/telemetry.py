@@ -164,6 +164,6 @@ def _keep(buffer: NDArray[np.void], sent: int, pending: int) -> int:
     rest = pending - sent
     if rest:
         # As bytes: numpy moves records field by field.
-        data, size = buffer.view(np.uint8), buffer.itemsize
+        data, size = buffer.view(np.uint8).data, buffer.itemsize
         data[: rest * size] = data[sent * size : pending * size]
     return rest

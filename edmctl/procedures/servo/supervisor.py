@@ -209,7 +209,9 @@ class Supervisor(TelemetrySums):
         times_s = block.time_s.tolist()
         since_s = times_s[sparked[-1]] - NEWEST_S
         newest_um = [heights_um[i] for i in sparked if times_s[i] > since_s]
-        self._spark_um = float(np.add.reduce(newest_um)) / len(newest_um)
+        all_of_it = len(newest_um) == len(heights_um)
+        total_um = np.add.reduce(block.displacement_um if all_of_it else newest_um)
+        self._spark_um = float(total_um) / len(newest_um)
         self._deepest_um = max(self._deepest_um, self._spark_um)
 
     def _follow_tool(self, heights_um: list[float], gap_v: float, now_s: float) -> None:
