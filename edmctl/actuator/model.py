@@ -115,10 +115,13 @@ class ActuatorModel:
 
     def advance(self, state: ActuatorState, t_s: Array, u_v: Array) -> Array:
         """Advance `state` in place; return the displacement without delay, µm, shape (n,). Raises as `predict`."""
+        self.check_state(state)
+        return self.advance_checked(state, *consecutive(t_s, u_v, state.t_s))
+
+    def advance_checked(self, state: ActuatorState, times_s: Array, volts: Array) -> Array:
+        """Do the same with what `check_state` and `consecutive` have seen before."""
         from edmctl.actuator.operators import advance_bank
 
-        self.check_state(state)
-        times_s, volts = consecutive(t_s, u_v, state.t_s)
         output = np.empty(len(times_s))
         if len(times_s):
             advance_bank(
@@ -288,7 +291,7 @@ def consecutive(t_s: ArrayLike, values: ArrayLike, since_s: float = -math.inf) -
         )
     if not (np.isfinite(times).all() and np.isfinite(numbers).all()):
         raise ValueError("times and values are finite numbers")
-    if len(times) and (times[0] < since_s - CLOCK_ROUNDING_S or bool((np.diff(times) < 0.0).any())):
+    if len(times) and (times[0] < since_s - CLOCK_ROUNDING_S or bool((times[1:] < times[:-1]).any())):
         raise ValueError(f"time runs forwards, here from {since_s:g} s on")
     return times, numbers
 
@@ -329,10 +332,11 @@ class Estimator:
 
         Raises ValueError, and stays as it was, as `ActuatorModel.predict` does.
         """
+        self.model.check_state(self.state)
         t_s, u_v = consecutive(t_s, u_v, self.state.t_s)
         if not len(t_s):
             return np.empty(0)
-        y_um = self.model.advance(self.state, t_s, u_v)
+        y_um = self.model.advance_checked(self.state, t_s, u_v)
         if self.model.delay_s > 0.0:
             y_um = self._delayed(t_s, y_um)
         corrected_um: Array = self.gain * y_um + self.offset_um

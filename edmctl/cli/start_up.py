@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from typing import TYPE_CHECKING
@@ -10,12 +11,19 @@ if TYPE_CHECKING:
     from types import ModuleType
 
 
+FEW_CYCLES = 50_000
+"""So many objects more than were freed have the garbage collector look; Python's number is 700. What a command makes
+by the thousand, rows and frames, is freed as it goes, and each look at all that was imported takes some 40 ms."""
+
+
 def spare_start_up() -> None:
     """Spare a process of the command line what it never uses; a program that imports edmctl has it all.
 
     BLAS keeps to one thread: matrices are small, and threads would only wait for each other, on busy cores 40 ms at
-    a time. Numba is told that there is no BLAS, which no compiled loop calls: looking for it takes 0.2 s.
+    a time. Numba is told that there is no BLAS, which no compiled loop calls: looking for it takes 0.2 s. The
+    garbage collector looks for cycles rarely.
     """
+    gc.set_threshold(FEW_CYCLES)
     for library in ("OPENBLAS", "MKL", "OMP"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     sys.meta_path.insert(0, _NoBlasForNumba())

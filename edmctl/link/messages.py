@@ -150,7 +150,7 @@ class Interlocks(IntFlag):
     HV_SUPPLY = 32
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class HelloReply(Message):
     """Reply to HELLO."""
 
@@ -178,7 +178,7 @@ class HelloReply(Message):
     baud: int  # u32 Bd: of the line, 0 = the line has none
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Hello(Request[HelloReply]):
     """Opens a session. Allowed in every state; the session byte of the frame becomes the session."""
 
@@ -192,7 +192,7 @@ class Hello(Request[HelloReply]):
     schema_hash: int  # u32: CRC-32 of the canonical schema
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class HeartbeatReply(Message):
     """Reply to HEARTBEAT."""
 
@@ -207,7 +207,7 @@ class HeartbeatReply(Message):
     rx_drop: int  # u16: frames dropped for another session
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Heartbeat(Request[HeartbeatReply]):
     """Feeds the watchdog if t_host_us is later than in every one before, and acknowledges events up to
     last_event. Never retried.
@@ -221,7 +221,7 @@ class Heartbeat(Request[HeartbeatReply]):
     last_event: int  # u16
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class GetSchemaReply(Message):
     """Reply to GET_SCHEMA."""
 
@@ -234,7 +234,7 @@ class GetSchemaReply(Message):
     records: bytes  # n × 1 bytes, see RECORD
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class GetSchema(Request[GetSchemaReply]):
     """Part of the canonical schema from `offset` on: JSON compressed with zlib. This layout never changes, so
     that hosts of any version can tell what differs.
@@ -247,7 +247,7 @@ class GetSchema(Request[GetSchemaReply]):
     offset: int  # u16: bytes
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class AdvanceReply(Message):
     """Reply to ADVANCE."""
 
@@ -257,7 +257,7 @@ class AdvanceReply(Message):
     t_dev_us: int  # u64 us: controller time
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Advance(Request[AdvanceReply]):
     """Lets time pass on a controller whose Clock is DRIVEN, until it has something to send that cannot wait,
     at most timeout_us. What it has to send goes before the reply. Other controllers answer UNKNOWN_TYPE.
@@ -271,7 +271,7 @@ class Advance(Request[AdvanceReply]):
     timeout_us: int  # u32 us
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class GetStatusReply(Message):
     """Reply to GET_STATUS."""
 
@@ -300,7 +300,7 @@ class GetStatus(Request[GetStatusReply]):
     REPLY = GetStatusReply
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Arm(Request[Ack]):
     """IDLE to ARMED: starts the watchdog. Refused unless param_crc equals that of the committed parameters
     and every interlock is closed.
@@ -318,7 +318,7 @@ class Disarm(Request[Ack]):
     ID, NAME = 0x09, "DISARM"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class ClearFault(Request[Ack]):
     """Leaves FAULT for IDLE; must name the latched code."""
 
@@ -328,7 +328,7 @@ class ClearFault(Request[Ack]):
     fault: int  # u16
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class SetParam(Request[Ack]):
     """Stages one parameter. IDLE only."""
 
@@ -339,7 +339,7 @@ class SetParam(Request[Ack]):
     value: int  # i32: in the parameter's own unit
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class GetParamReply(Message):
     """Reply to GET_PARAM."""
 
@@ -349,7 +349,7 @@ class GetParamReply(Message):
     value: int  # i32
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class GetParam(Request[GetParamReply]):
     """Reads one parameter."""
 
@@ -360,7 +360,7 @@ class GetParam(Request[GetParamReply]):
     param: int  # u16
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class CommitProfile(Request[Ack]):
     """Makes the staged parameters current if the CRC-32 over all parameters (id u16, value i32, ascending id)
     agrees.
@@ -372,7 +372,7 @@ class CommitProfile(Request[Ack]):
     crc: int  # u32
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class PiezoSet(Request[Ack]):
     """Ramps the actuator. ARMED only; ends with MOVE_DONE."""
 
@@ -383,7 +383,7 @@ class PiezoSet(Request[Ack]):
     slew_v_s: float  # u32 × 0.001 V/s
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class StageMove(Request[Ack]):
     """Absolute stage move. ARMED only, tool retracted below safe_z_um; ends with STAGE_DONE."""
 
@@ -401,7 +401,7 @@ class StageStop(Request[Ack]):
     ID, NAME = 0x12, "STAGE_STOP"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class SetZero(Request[Ack]):
     """From now until the next ARM safe_z_um counts from this displacement, which is where the host takes the
     tool's home at 0 V to be. ARMED with the actuator at rest at 0 V; OUT_OF_RANGE where the controller's own
@@ -414,7 +414,7 @@ class SetZero(Request[Ack]):
     zero_um: float  # i32 × 0.001 um
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Approach(Request[Ack]):
     """Pulses on, actuator advances until the filtered mean gap voltage falls to gap_ref_v. Ends with
     APPROACH_DONE, pulses off, tool held.
@@ -428,7 +428,7 @@ class Approach(Request[Ack]):
     gap_ref_v: float  # u16 × 0.005 V
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class ServoStart(Request[Ack]):
     """Gap servo until the filtered displacement reaches z_limit_um (CUT_DONE) or max_time_s passes (TIME_UP);
     then pulses off, tool held.
@@ -448,7 +448,7 @@ class ServoStop(Request[Ack]):
     ID, NAME = 0x1A, "SERVO_STOP"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Jump(Request[Ack]):
     """Pulses off, retract by height, dwell, return to clearance above the start point, then the servo goes
     on. MACHINING (or ARMED, without a servo). Ends with JUMP_DONE. Lengths and speed are volts by
@@ -464,7 +464,7 @@ class Jump(Request[Ack]):
     clearance_um: float  # u32 × 0.001 um
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class TouchOff(Request[Ack]):
     """Measure mode. Fast to fast_to_um, then slow until contact; on contact the slope flips and the tool
     hunts for dwell_s; n touches with a back-off between. One TOUCH event each, then TOUCH_DONE and a retract
@@ -492,7 +492,7 @@ class SelfTest(Request[Ack]):
     ID, NAME = 0x1D, "SELF_TEST"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class ScanStart(Request[Ack]):
     """Gap servo as in SERVO_START, but a tool that reaches z_limit_um is held there and the cut goes on,
     while the stages follow the lines of PATH_MOVE. Ends after the line marked last (PATH_DONE) or when
@@ -507,7 +507,7 @@ class ScanStart(Request[Ack]):
     max_time_s: float  # u32 × 0.001 s
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class PathMove(Request[Ack]):
     """Appends a straight line of the X and Y stages together, from where the line before it ends, to a queue
     of 16; BUSY when the queue is full. MACHINING after SCAN_START only, and not after the line marked last.
@@ -525,7 +525,7 @@ class PathMove(Request[Ack]):
     last: int  # u8: 1: the scan ends with this line
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class PulseConfig(Request[Ack]):
     """Sets the generator. Pulses must be off."""
 
@@ -540,7 +540,7 @@ class PulseConfig(Request[Ack]):
     discharge_us: float  # u32 × 0.001 us: isopulse only
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class PulseEnable(Request[Ack]):
     """Permits pulses. They flow in APPROACH and MACHINING only."""
 
@@ -550,7 +550,7 @@ class PulseEnable(Request[Ack]):
     on: int  # u8
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class TlmStart(Request[Ack]):
     """Starts telemetry; refused with RATE_TOO_HIGH where the line cannot carry it, OUT_OF_RANGE where a
     period holds more than 255 pulses.
@@ -570,7 +570,7 @@ class TlmStop(Request[Ack]):
     ID, NAME = 0x29, "TLM_STOP"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class BlackboxReadReply(Message):
     """Reply to BLACKBOX_READ."""
 
@@ -595,7 +595,7 @@ class BlackboxReadReply(Message):
     records: bytes  # n × 16 bytes, see RECORD
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class BlackboxRead(Request[BlackboxReadReply]):
     """Servo samples of every millisecond up to the latched fault, frozen by it, oldest first. Without a
     fault: up to now. Samples are those of TLM.
@@ -608,7 +608,7 @@ class BlackboxRead(Request[BlackboxReadReply]):
     offset: int  # u16: samples
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class WaveformReadReply(Message):
     """Reply to WAVEFORM_READ."""
 
@@ -626,7 +626,7 @@ class WaveformReadReply(Message):
     records: bytes  # n × 4 bytes, see RECORD
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class WaveformRead(Request[WaveformReadReply]):
     """Gap voltage and gap current about the latched fault, sample by sample, oldest first: from up to 64
     pulses before it to 16 pulse periods after it. BUSY until those have passed. total is 0 without a fault,
@@ -640,7 +640,7 @@ class WaveformRead(Request[WaveformReadReply]):
     offset: int  # u32: samples
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Reboot(Request[Ack]):
     """Restarts the controller as a reset does, after the reply; BOOT follows. Refused while armed."""
 
@@ -650,7 +650,7 @@ class Reboot(Request[Ack]):
     magic: int  # u32: 0x0B007EDB
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Tlm(Message):
     """Servo samples. counter counts frames, so gaps are exact."""
 
@@ -677,7 +677,7 @@ class Tlm(Message):
     records: bytes  # n × 16 bytes, see RECORD
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Event(Message):
     """Repeated until acknowledged by HEARTBEAT.last_event."""
 
@@ -694,7 +694,7 @@ class Event(Message):
     actuator_v: float  # u16 × 0.0025 V: TOUCH: peak command at first contact
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Fault(Message):
     """Repeated until acknowledged by HEARTBEAT.last_event."""
 
@@ -709,7 +709,7 @@ class Fault(Message):
     gap_v: float  # u16 × 0.005 V
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Log(Message):
     """Text for people."""
 
@@ -720,7 +720,7 @@ class Log(Message):
     text: str  # utf8: to the end of the payload
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Boot(Message):
     """Sent once after a reset; every session is gone."""
 
@@ -731,7 +731,7 @@ class Boot(Message):
     boot_count: int  # u32
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class PulseBlocks(Message):
     """Sums over blocks of block_pulses pulses."""
 
@@ -755,7 +755,7 @@ class PulseBlocks(Message):
     records: bytes  # n × 12 bytes, see RECORD
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Pulses(Message):
     """Every pulse."""
 

@@ -33,7 +33,7 @@ _MISFIT = (struct.error, OverflowError, ValueError)
 ReplyT_co = TypeVar("ReplyT_co", covariant=True)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Message:
     """Any message of either direction, with its fields in wire order.
 

@@ -41,8 +41,6 @@ def lost_frames(previous: int | None, counters: Sequence[int]) -> int:
 
 def _times(starts_s: Sequence[float], counts: Sequence[int], step_s: float) -> Floats:
     """Return the times of records that are `step_s` apart within each frame."""
-    if len(starts_s) == 1:
-        return starts_s[0] + _steps(counts[0], step_s)
     return np.concatenate([start + _steps(n, step_s) for start, n in zip(starts_s, counts, strict=True)])
 
 
@@ -56,11 +54,15 @@ def _steps(n: int, step_s: float) -> Floats:
 
 def telemetry_block(frames: Sequence[Tlm], to_seconds: ToSeconds, missing_frames: int) -> TelemetryBlock:
     """Return the samples of consecutive frames with one sample period, shape (n,) per column."""
-    data = frames[0].records if len(frames) == 1 else b"".join(frame.records for frame in frames)
+    first, step_s = frames[0], 1e-6 * frames[0].period_us
+    if len(frames) == 1:
+        data, time_s = first.records, to_seconds(first.t0_us) + _steps(first.n, step_s)
+    else:
+        data = b"".join(frame.records for frame in frames)
+        time_s = _times([to_seconds(frame.t0_us) for frame in frames], [frame.n for frame in frames], step_s)
     rows = np.frombuffer(data, dtype=_TLM_DTYPE)
-    starts = [to_seconds(frame.t0_us) for frame in frames]
     return TelemetryBlock(
-        time_s=_times(starts, [frame.n for frame in frames], 1e-6 * frames[0].period_us),
+        time_s=time_s,
         displacement_um=rows["displacement_um"] * _TLM_SCALE["displacement_um"],
         actuator_v=rows["actuator_v"] * _TLM_SCALE["actuator_v"],
         gap_v=rows["gap_v"] * _TLM_SCALE["gap_v"],

@@ -31,8 +31,9 @@ STANDING_S = 2.0
 """A motion that has ended for so long, by the samples, and has not told, will not: reports are sent every 100 ms."""
 
 CUT_ENDS = (EventCode.CUT_DONE, EventCode.PATH_DONE, EventCode.TIME_UP, EventCode.STOPPED)
-_CUTTING = (MachineState.MACHINING, MachineState.JUMP)
-_MOVING = (MachineState.APPROACH, MachineState.JUMP, MachineState.TOUCH, MachineState.MOVING)
+# Numbers: a sample holds no enum member, and is compared with them in every slice.
+_CUTTING = tuple(map(int, (MachineState.MACHINING, MachineState.JUMP)))
+_MOVING = tuple(map(int, (MachineState.APPROACH, MachineState.JUMP, MachineState.TOUCH, MachineState.MOVING)))
 
 
 class Waits:
@@ -134,7 +135,7 @@ class Waits:
             if event.code not in codes and event.code not in CUT_ENDS:
                 raise impossible(f"{event.code.name} while {codes[0].name} is due")
 
-    def _stands_since(self, begun_s: float, moving: tuple[MachineState, ...]) -> bool:
+    def _stands_since(self, begun_s: float, moving: tuple[int, ...]) -> bool:
         """Whether the samples show, and have for a while, a state that is none of these."""
         inbox = self._inbox
         still = inbox.state not in moving

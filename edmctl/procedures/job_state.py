@@ -146,7 +146,7 @@ class CutTotals:
         )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class RunningCut:
     """What the cut under way has done so far, pulses by class; `displacement_um` is where it last sparked."""
 

@@ -40,7 +40,7 @@ CONTRADICTION_SDS = 3.0
 """Beyond this the belief is contradicted: one in 370 by chance."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Energy:
     """Energy of discharges by class, µJ."""
 
@@ -52,7 +52,7 @@ class Energy:
         return Energy(self.normal_uj + other.normal_uj, self.arc_uj + other.arc_uj)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class LiveErosion:
     """Estimated depth and wear since the last touch, µm, with standard uncertainties.
 
@@ -72,7 +72,7 @@ class LiveErosion:
         return math.hypot(self.wear_ratio_u_um, self.wear_own_u_um)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class _Known:
     """Joint normal distribution of two logarithms: volume per energy, wear per depth."""
 
@@ -187,11 +187,13 @@ class ErosionEstimate:
     def split(self, feed_um: float, feed_u_um: float, energy: Energy | None = None) -> LiveErosion:
         """Depth and wear that make up a feed, with what the energy says of it; without energy by the ratio alone."""
         feed_um = max(0.0, feed_um)
-        known, arc_log = self._known, math.log(_arc_factor(self._arcs))
-        if energy is not None and energy.normal_uj > 0.0:
-            _, arc_log = self._logs(energy)
+        known = self._known
+        if energy is None or energy.normal_uj <= 0.0:
+            arc_log = math.log(_arc_factor(self._arcs))
+        else:
+            depth_log, arc_log = self._logs(energy)
             if feed_um > 0.0:
-                step = self._feed_step(feed_um, feed_u_um, energy)
+                step = self._feed_step(feed_um, feed_u_um, depth_log, arc_log)
                 if known.sds(*step) <= CONTRADICTION_SDS:
                     known = known.seen(*step)
         ratio = math.exp(known.ratio + arc_log)
@@ -209,26 +211,26 @@ class ErosionEstimate:
         """Whether a feed and its energy cannot both be as believed; then `split` goes by the feed alone."""
         if feed_um <= 0.0 or energy.normal_uj <= 0.0:
             return False
-        return self._known.sds(*self._feed_step(feed_um, feed_u_um, energy)) > CONTRADICTION_SDS
+        return self._known.sds(*self._feed_step(feed_um, feed_u_um, *self._logs(energy))) > CONTRADICTION_SDS
 
     def off_by_energy_um(self, feed_um: float, feed_u_um: float, energy: Energy) -> float:
         """Wear by feed and energy less that by the ratio; 0 where chance may make them so different."""
         if feed_um <= 0.0 or energy.normal_uj <= 0.0:
             return 0.0
-        if self._known.sds(*self._feed_step(feed_um, feed_u_um, energy)) <= WIDENING_SDS:
-            return 0.0
         depth_log, arc_log = self._logs(energy)
+        if self._known.sds(*self._feed_step(feed_um, feed_u_um, depth_log, arc_log)) <= WIDENING_SDS:
+            return 0.0
         depth_um, wear_um = self._known.lengths_um(depth_log, arc_log)
         return feed_um - depth_um - feed_um * wear_um / (depth_um + wear_um)
 
     def _feed_step(
-        self, feed_um: float, feed_u_um: float, energy: Energy
+        self, feed_um: float, feed_u_um: float, depth_log: float, arc_log: float
     ) -> tuple[float, float, float, float]:
-        """Error of a feed against its energy, its derivatives, and its noise.
+        """Error of a feed against the energy of these logarithms, its derivatives, and its noise.
 
         Lengths are exponentials of the unknowns, so one step starts where the feed already fits.
         """
-        depth_um, wear_um = self._known.lengths_um(*self._logs(energy))
+        depth_um, wear_um = self._known.lengths_um(depth_log, arc_log)
         expected_um = depth_um + wear_um
         error_um = expected_um * math.log(feed_um / expected_um)
         return error_um, expected_um, wear_um, feed_u_um * expected_um / feed_um

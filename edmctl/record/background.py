@@ -93,7 +93,8 @@ class BackgroundWriter:
             raise self._failure
         self._rows.append(row)
         self._handed_bytes += _size(row)
-        if backlog_bytes > _WAKE_BYTES or layout.is_urgent(row):
+        # A thread that is awake, but has not cleared this yet, takes the row too.
+        if (backlog_bytes > _WAKE_BYTES or layout.is_urgent(row)) and not self._wake.is_set():
             self._wake.set()
 
     def finish(self, status: str, exit_code: int) -> Path:

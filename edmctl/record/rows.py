@@ -100,7 +100,7 @@ class EventRow:
         object.__setattr__(self, "args", dict(self.args))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class ServoBlock:
     """Consecutive servo samples."""
 
@@ -121,7 +121,7 @@ class ServoBlock:
     """State of the controller."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class SlowRow:
     """One row of the supervisor's view. Unknown values are NaN."""
 

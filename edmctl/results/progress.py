@@ -35,7 +35,7 @@ class Extremes:
     displacement_high_um: float
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Progress:
     """The state of a job, ten times a second. Unknown values are NaN, unknown numbers 0, unknown words empty.
 

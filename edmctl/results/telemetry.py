@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     Counts = NDArray[np.integer]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class PulseShares:
     """Share of the pulses in each class; they sum to 1, or are all 0 when there was no pulse."""
 
@@ -40,7 +40,7 @@ def pulse_shares(open_count: int, normal_count: int, arc_count: int, short_count
     return PulseShares(open_count / total, normal_count / total, arc_count / total, short_count / total)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class TelemetryBlock:
     """Consecutive servo samples in columns, each of shape (n,).
 
@@ -84,7 +84,7 @@ def joined(blocks: Sequence[TelemetryBlock]) -> TelemetryBlock:
     )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class PulseBlockBatch:
     """Sums over consecutive blocks of pulses, columns of shape (n,): ignition delays in µs, energies in µJ."""
 

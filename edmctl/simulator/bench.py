@@ -55,7 +55,7 @@ class MemoryTransport:
 
     def now_s(self) -> float:
         """Virtual time: the controller's."""
-        return self._controller.tick * TICK_S
+        return self._controller.plant.readings.tick * TICK_S
 
     def close(self) -> None:
         """Cut the line; a controller left armed will notice that the host is silent."""

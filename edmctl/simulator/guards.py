@@ -71,6 +71,8 @@ class Guards:
         if not armed:
             self._bad_frames.clear()
             return False
+        if not new and not self._bad_frames:
+            return False
         self._bad_frames.extend([now] * new)
         while self._bad_frames and self._bad_frames[0] <= now - NOISE_TICKS * time_scale:
             self._bad_frames.popleft()

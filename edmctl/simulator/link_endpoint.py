@@ -202,8 +202,7 @@ class LinkEndpoint:
     def _reply_to(self, frame: Frame) -> bytes | None:
         """Execute the command if it is new; its reply, or None for a copy from too long ago."""
         if frame.type_id == Heartbeat.ID:
-            self._hear_beat(frame)
-            return self._run(frame)
+            return self._encoded(frame, self._hear_beat(frame))
         key = (frame.type_id, frame.seq)
         kept = self._replies.get(key)
         if kept is not None:
@@ -219,15 +218,16 @@ class LinkEndpoint:
             self._replies.popitem(last=False)
         return reply
 
-    def _hear_beat(self, frame: Frame) -> None:
+    def _hear_beat(self, frame: Frame) -> Outcome:
         """Let a heartbeat count that is newer than all before: a line that repeats or delays one is no host."""
         try:
             beat = Heartbeat.unpack(frame.payload)
         except ValueError:
-            return
+            return Status.BAD_LENGTH, b""
         if beat.t_host_us > self._newest_beat_us:
             self._newest_beat_us = beat.t_host_us
             self._heard()
+        return self._execute(beat)
 
     def _run(self, frame: Frame) -> bytes:
         return self._encoded(frame, self._outcome(frame))

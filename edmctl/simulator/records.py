@@ -15,6 +15,7 @@ names.
 from __future__ import annotations
 
 import ctypes
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import numpy as np
@@ -41,15 +42,10 @@ def series(length: int) -> Any:
 class Record(ctypes.Structure):
     """Named numbers; all are zero at first."""
 
-    _shared: Sequence[Self] | None = None
-
-    @property
+    @cached_property
     def shared(self) -> Sequence[Self]:
         """The record for compiled code: its only entry."""
-        if self._shared is None:
-            dtype = np.dtype(type(self))
-            self._shared = np.frombuffer(self, dtype) if COMPILES else [self]  # type: ignore[call-overload]
-        return self._shared
+        return np.frombuffer(self, np.dtype(type(self))) if COMPILES else [self]  # type: ignore[call-overload]
 
     def array(self, name: str) -> Floats:
         """A series as an array that shares its memory."""

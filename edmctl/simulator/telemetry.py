@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from edmctl.link.messages import PulseBlocks, PulseLog, Pulses, Tlm, TlmStart
 from edmctl.simulator.plant_interface import TICK_NS
 from edmctl.simulator.records import rows
@@ -11,7 +13,6 @@ from edmctl.simulator.records import rows
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    import numpy as np
     from numpy.typing import NDArray
 
     from edmctl.link.wire import Message
@@ -162,5 +163,7 @@ def _keep(buffer: NDArray[np.void], sent: int, pending: int) -> int:
     """Move what is not sent to the front; how many records that is."""
     rest = pending - sent
     if rest:
-        buffer[:rest] = buffer[sent:pending].copy()
+        # As bytes: numpy moves records field by field.
+        data, size = buffer.view(np.uint8).data, buffer.itemsize
+        data[: rest * size] = data[sent * size : pending * size]
     return rest

@@ -206,6 +206,8 @@ class Chips:
 
     def next_tick(self, now: int) -> int | None:
         """The tick at which to look again; None while nothing can happen to a chip."""
+        if not self.lying:
+            return None
         near = any(not chip.lifted or self._is_under(chip) for chip in self.lying)
         return now + LOOK_TICKS if near else None
 

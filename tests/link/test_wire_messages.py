@@ -69,7 +69,7 @@ def test_every_message_comes_back_as_it_went(
 
 
 def test_a_class_gets_its_codec_once_whoever_asks_first() -> None:
-    @dataclass(frozen=True, slots=True)
+    @dataclass(slots=True)
     class Probe(Message):
         ID, NAME = 0xBF, "PROBE"
         WIRE = "u16/10"

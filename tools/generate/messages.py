@@ -101,7 +101,7 @@ def _class(message: MessageSpec, layout: Layout, suffix: str) -> str:
     base = f"Request[{reply}]" if is_request else "Message"
     name = message.name + suffix.upper().replace("REPLY", "_REPLY")
     lines = [
-        "@dataclass(frozen=True, slots=True)\n" if layout.fields else "",
+        "@dataclass(slots=True)\n" if layout.fields else "",
         f"class {message.class_name}{suffix}({base}):\n",
         _docstring(f"Reply to {message.name}." if suffix else message.note),
         f'\n    ID, NAME = 0x{message.id:02X}, "{name}"\n',

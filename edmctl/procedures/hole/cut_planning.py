@@ -134,9 +134,9 @@ def energy_of(pulse: Pulse, counts: tuple[int, int, int, int] | list[int], energ
     _, _, arcs, shorts = counts
     plateau_v = pulse.discharge_voltage_v
     arc_v = ARC_SHARE_OF_DISCHARGE_VOLTAGE * plateau_v
-    siemens = pulse.current_a / max(pulse.open_voltage_v - plateau_v, 0.1)
-    arc_uc = arcs * siemens * (pulse.open_voltage_v - arc_v) * pulse.burning_time_us
-    short_uc = shorts * siemens * pulse.open_voltage_v * pulse.burning_time_us
+    siemens, burning_us = pulse.current_a / max(pulse.open_voltage_v - plateau_v, 0.1), pulse.burning_time_us
+    arc_uc = arcs * siemens * (pulse.open_voltage_v - arc_v) * burning_us
+    short_uc = shorts * siemens * pulse.open_voltage_v * burning_us
     normal_uc = max(0.0, 1e6 * energy_j / plateau_v - arc_uc - short_uc)
     return Energy(normal_uc * plateau_v, arc_uc * arc_v)
 

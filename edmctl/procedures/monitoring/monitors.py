@@ -60,6 +60,9 @@ class LinkMonitor:
             self._seen = bad
         while self._bad and self._bad[0][0] <= now_s - WINDOW_S:
             self._bad.popleft()
+        if not self._bad:
+            self._warned = False
+            return
         frames = sum(number for _, number in self._bad)
         if frames < WARNED_FRAMES:
             self._warned = False

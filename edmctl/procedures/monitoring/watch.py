@@ -164,7 +164,8 @@ class Watch:
         self._fresh.append(block)
         self.missing_frames += block.missing_frames
         if self._sensor:
-            self.rests.reach(float(block.displacement_um.min()), float(block.displacement_um.max()))
+            heights_um = block.displacement_um.tolist()
+            self.rests.reach(min(heights_um), max(heights_um))
         if len(self._fresh) >= _GATHERED_BLOCKS:
             self.settle()
         if self._follower is not None:

@@ -10,6 +10,8 @@ from collections import deque
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from edmctl.forecasts.forecast import forecast
 from edmctl.machine.interface import MachineState, MachineStatus, TelemetryBlock, host_fault
 from edmctl.procedures.hole.breakthrough import Breakthrough, SparkLoss
@@ -26,6 +28,8 @@ from edmctl.record.rows import RunEvent
 from edmctl.results.progress import Phase, Progress
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from edmctl.procedures.hole.cut_planning import CutPlan
     from edmctl.procedures.run import JobRun
     from edmctl.process.live_erosion import Energy
@@ -130,18 +134,18 @@ class Supervisor(TelemetrySums):
         self.adaptive.jumped(now_s)
 
     def on_telemetry(self, block: TelemetryBlock) -> None:
-        """Judge the samples of one slice."""
+        """Judge the samples of one slice. Sums over ten numbers take less as lists than as arrays."""
         now_s = float(block.time_s[-1])
-        gaps_v = block.gap_v.tolist()
+        gaps_v, heights_um = block.gap_v.tolist(), block.displacement_um.tolist()
         gap_v = sum(gaps_v) / len(gaps_v)
         machining = bool(block.state[0] == block.state[-1] == _MACHINING)
         fresh, duration_s = (
             self.add(block, self.plateau_v * sum(block.current_a.tolist()) / len(gaps_v)),
             self.duration_s(block),
         )
-        self._note_sparks(block)
+        self._note_sparks(block, heights_um)
         if machining:
-            self._follow_tool(block, gap_v, now_s)
+            self._follow_tool(heights_um, gap_v, now_s)
         ratios = self.ratios
         if self._ratio_limits.update(now_s, ratios, window_is_full=self.window_is_full):
             self.stop_reason = StopReason.UNSTABLE
@@ -157,7 +161,6 @@ class Supervisor(TelemetrySums):
         cut_s = max(0.0, now_s - self._start_s)
         tally.machining_time_s = self._machined_before_s + cut_s
         tally.cut = RunningCut(self.total, self.energy_j, cut_s, self.sparked_at_um)
-        heights_um = block.displacement_um.tolist()
         depth_u95_um, wear_u95_um = self._plan.stated_u95_um(erosion)
         progress = Progress(
             phase=_PHASE[machining],
@@ -194,20 +197,27 @@ class Supervisor(TelemetrySums):
             self._look_for_the_end(float(block.actuator_v[-1]), depth_um)
         self._run.observer.progress(progress)
 
-    def _note_sparks(self, block: TelemetryBlock) -> None:
+    def _note_sparks(self, block: TelemetryBlock, heights_um: list[float]) -> None:
         """Where the tool sparked last; a host that was held up finds the end of the cut within its block."""
-        sparked = (block.state == _MACHINING) & (block.n_normal + block.n_arc > 0)
-        if not sparked.any():
-            return
-        times_s = block.time_s[sparked]
-        newest = times_s > times_s[-1] - NEWEST_S
-        self._spark_um = float(block.displacement_um[sparked][newest].mean())
+        states, normals = block.state.tolist(), block.n_normal.tolist()
+        sparked: Sequence[int] = range(len(states))
+        if 0 in normals or states.count(_MACHINING) < len(states):
+            arcs = block.n_arc.tolist()
+            sparked = [i for i in sparked if states[i] == _MACHINING and normals[i] + arcs[i]]
+            if not sparked:
+                return
+        times_s = block.time_s.tolist()
+        since_s = times_s[sparked[-1]] - NEWEST_S
+        newest_um = [heights_um[i] for i in sparked if times_s[i] > since_s]
+        all_of_it = len(newest_um) == len(heights_um)
+        total_um = np.add.reduce(block.displacement_um if all_of_it else newest_um)
+        self._spark_um = float(total_um) / len(newest_um)
         self._deepest_um = max(self._deepest_um, self._spark_um)
 
-    def _follow_tool(self, block: TelemetryBlock, gap_v: float, now_s: float) -> None:
-        n = len(block.time_s)
+    def _follow_tool(self, heights_um: list[float], gap_v: float, now_s: float) -> None:
+        n = len(heights_um)
         self.add_gap_ratio(gap_v / self.duty_v, n)
-        self.displacement_um = sum(block.displacement_um.tolist()) / n
+        self.displacement_um = sum(heights_um) / n
         self.seen_s = now_s
         self._track.append((now_s, self.displacement_um))
         self._begin = self._begin or self._track[0]

@@ -67,7 +67,7 @@ class TelemetrySums:
 
     def add(self, block: TelemetryBlock, power_w: float) -> Counts:
         """Add a slice with its mean power; return its pulses."""
-        self._newest_s = float(block.time_s[-1])
+        self._newest_s = block.time_s.item(-1)
         self.power_w = power_w
         self.energy_j += power_w * len(block.time_s) * self._sample_s
         fresh = (
