@@ -19,8 +19,15 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).parents[2]
 CU270 = str(ROOT / "profiles" / "cu270.toml")
 
+HURRIED = (
+    *("--set", "approach.speed_um_s=5"),
+    *("--set", "measure.fast_um_s=50"),
+    *("--set", "measure.settle_s=0.2"),
+    *("--set", "measure.dwell_s=0.1"),
+)
+"""Two thirds of the time for what is not machined."""
 # As shallow as the jump height of the profile permits.
-SHALLOW = ("--profile", CU270, "--set", "target.depth_um=8", "--set", 'log.pulses="off"')
+SHALLOW = ("--profile", CU270, "--set", "target.depth_um=8", "--set", 'log.pulses="off"', *HURRIED)
 
 
 @dataclass(frozen=True, slots=True)
