@@ -102,6 +102,7 @@ def test_held_out_errors_are_honest() -> None:
     assert fresh.rms_um <= 2.0 * found.held_out.rms_um
 
 
+@pytest.mark.slow
 def test_bands_hold_what_the_sensor_shows_of_an_actuator_outside_the_class() -> None:
     slow = waves.triangle(0.0, 150.0, 0.01, 2, 100.0)
     cycle = slice(len(slow.t_s) // 2, None)

@@ -16,8 +16,10 @@ from edmctl.actuator.waveforms import calibration_legs, sampled
 from edmctl.errors import Interrupted, PreconditionError, ProfileError
 from edmctl.machine.stop import StopRequest
 from edmctl.simulator.actuator import HIGH_V, RATE_HZ, VirtualActuator
+from edmctl.toml_text import toml_value
 from tests.api.threads import Job, made_in_a_process, made_in_threads
 from tests.cli.commands import ROOT
+from tests.tiers import tiers
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -26,13 +28,16 @@ if TYPE_CHECKING:
     from edmctl.jobs.job import Report
     from tests.cli.commands import Here
 
-SHALLOW = {"target.depth_um": 8, "log.pulses": "off"}
+SHALLOW = {
+    **{"target.depth_um": 8, "log.pulses": "off", "approach.speed_um_s": 5},
+    **{"measure.fast_um_s": 50, "measure.settle_s": 0.2, "measure.dwell_s": 0.1},
+}
 EXAMPLES = re.findall(
     r"^```python\n(.*?)^```$", (ROOT / "docs/python.md").read_text(encoding="utf-8"), re.S | re.M
 )
 
 
-@pytest.mark.parametrize("example", EXAMPLES)
+@pytest.mark.parametrize("example", tiers(*EXAMPLES[:2], slow=EXAMPLES[2:]))
 def test_an_example_of_the_page_works(example: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     exec(compile(example, "docs/python.md", "exec"), {"__name__": "example"})
@@ -50,7 +55,7 @@ def test_a_result_is_that_of_the_command(here: Here) -> None:
     report = edmctl.connect("sim:", seed=4).machine("cu270", overrides=SHALLOW)
     said = here(
         *("machine", "-p", "cu270", "--seed", "4", "--json", "--quiet"),
-        *("--set", "target.depth_um=8", "--set", 'log.pulses="off"'),
+        *(word for key, value in SHALLOW.items() for word in ("--set", f"{key}={toml_value(value)}")),
     )
     assert json.dumps(report.to_dict(), sort_keys=True) == json.dumps(said.document["result"], sort_keys=True)
 

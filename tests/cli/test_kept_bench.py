@@ -68,6 +68,7 @@ def test_the_seed_makes_a_new_bench_and_does_nothing_to_an_old_one(here: Here) -
     assert kept().plant.serial == "SIM-12"
 
 
+@pytest.mark.slow
 def test_the_file_is_never_older_than_what_is_told_of_the_bench(
     here: Here, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -92,6 +93,7 @@ def test_the_file_is_never_older_than_what_is_told_of_the_bench(
     assert any(cuts for _, _, cuts in told)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lost_s", tiers(-4500.0, slow=(0.0, 4500.0)))
 def test_time_that_no_command_tells_of_counts_for_the_age_of_a_reference(here: Here, lost_s: float) -> None:
     """A sensor that drifts as fast as one in thirty does, and a bench that stood under power."""
@@ -141,6 +143,7 @@ def test_a_port_without_a_name_is_refused(here: Here) -> None:
     assert said.document["error"]["code"] == "E2006"
 
 
+@pytest.mark.slow
 def test_another_tool_is_put_in_and_its_wear_is_its_own(here: Here) -> None:
     assert here("machine", *SHALLOW, *KEPT, "--seed", "3", "--quiet").exit_code == 0
     worn_um = kept().tool_wear_um

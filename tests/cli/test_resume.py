@@ -239,6 +239,7 @@ def test_a_stopped_job_keeps_the_times_of_its_end(left: Left) -> None:
     assert hole.wear_u95_um > 0.1
 
 
+@pytest.mark.slow
 def test_a_resumed_job_can_be_interrupted_and_resumed_again(here: Here, killed: Path) -> None:
     with at_time_of_cut(2.0, stop):
         assert here(*RESUME, *BENCH).exit_code == 130
@@ -249,6 +250,7 @@ def test_a_resumed_job_can_be_interrupted_and_resumed_again(here: Here, killed: 
     assert said.document["run_file"] == "runs/a-r2.h5"
 
 
+@pytest.mark.slow
 def test_one_that_dies_before_it_touches_keeps_what_was_known(here: Here, killed: Path) -> None:
     before = read_journal(Path("runs/a.journal")).state
     with pytest.MonkeyPatch.context() as patch:
@@ -279,6 +281,7 @@ def test_one_that_died_before_any_touch_goes_on_with_a_worn_tool(here: Here) -> 
     assert_on_target(here(*RESUME, *BENCH))
 
 
+@pytest.mark.slow
 def test_one_that_dies_between_a_cut_and_its_touch_knows_the_wear(here: Here) -> None:
     with pytest.MonkeyPatch.context() as patch:
 
@@ -310,6 +313,7 @@ def test_a_run_has_several_names_and_a_dry_run_touches_nothing(here: Here, kille
     assert f"goes on with  {way_on}" in here("run", "show", "a").out
 
 
+@pytest.mark.slow
 def test_a_restarted_controller_needs_somebody_who_homed_its_stages(here: Here, killed: Path) -> None:
     bench = restored_bench(read_bench(Path("bench.h5")))
     with serving(bench) as port:
@@ -384,6 +388,7 @@ def test_a_job_that_was_refused_before_it_sparked_has_used_no_tool(here: Here, k
     assert here(*RESUME, *BENCH, "--dry-run").exit_code == 0
 
 
+@pytest.mark.slow
 def test_another_job_with_the_tool_is_warned_of_what_it_ends(here: Here, left: Left) -> None:
     shutil.copytree(left.stopped, Path.cwd(), dirs_exist_ok=True)
     again = (*MACHINE, *BENCH, "--dry-run", "--json")
@@ -570,6 +575,7 @@ def test_cuts_that_came_to_their_end_count_in_every_run(here: Here) -> None:
     assert site["cuts"] == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jump_s", tiers(-7200.0, slow=(7200.0, -3.8e8)))
 def test_a_clock_that_jumps_in_mid_run_changes_nothing(
     here: Here, monkeypatch: pytest.MonkeyPatch, jump_s: float

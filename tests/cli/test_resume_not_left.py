@@ -111,6 +111,7 @@ def test_a_board_that_was_moved_is_refused(here: Here, left_at: LeaveAt) -> None
     assert "Other work, or other places" in refused(here, "E8060")
 
 
+@pytest.mark.slow
 def test_a_hole_that_was_begun_is_not_restarted(here: Here, left_at: LeaveAt) -> None:
     left_at(30.0)
     (hole,) = restored_bench(read_bench(Path("bench.h5"))).truth()

@@ -190,6 +190,7 @@ def test_a_hole_left_in_the_middle_teaches_the_later_ones_nothing_wrong(shop: Op
     assert [row.name for row in after.seen.sites] == list(after.ledger.sites)
 
 
+@pytest.mark.slow
 def test_an_array_left_between_two_holes_finds_the_pad_with_a_worn_tool(shop: OpenShop) -> None:
     deeper = 'target={kind="depth",depth_um=30.0,tolerance_um=2.0}'
     first = shop([GRID, deeper])

@@ -29,6 +29,7 @@ def sine(top_v: float, cycles: float, period_s: float) -> NDArray[np.float64]:
     return np.asarray(0.5 * top_v * (1.0 - np.cos(2.0 * np.pi * t_s / period_s)))
 
 
+@pytest.mark.slow
 def test_full_stroke_is_445_um_at_150_v_on_average_over_units() -> None:
     strokes = []
     for seed in range(6):

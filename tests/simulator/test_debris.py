@@ -87,6 +87,7 @@ def test_arcs_come_as_often_as_debris_says_also_right_after_a_bridge(fraction: f
     assert share_after == pytest.approx(expected, abs=4.0 * math.sqrt(expected * (1.0 - expected) / sample))
 
 
+@pytest.mark.slow
 def test_a_bridge_forms_as_often_as_debris_and_gap_say() -> None:
     constants = replace(D, bridge_clear=1.0, roughness_um=0.0)
     struck = strike(0.3, 1.0, 60_000, constants=constants)

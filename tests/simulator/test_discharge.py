@@ -54,6 +54,7 @@ def fixed_gap(
     return voltage_sum / count, np.concatenate(taken)
 
 
+@pytest.mark.slow
 def test_ignition_is_rarer_by_the_share_of_the_face_that_has_nothing_under_it() -> None:
     tau_us = []
     for rarity in (1.0, 4.0):

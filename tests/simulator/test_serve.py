@@ -191,6 +191,7 @@ def open_secretly(endpoint: SocketEndpoint, secret: bytes) -> Session:
     return session
 
 
+@pytest.mark.slow
 def test_a_socket_with_a_secret_takes_who_knows_it_and_nobody_else() -> None:
     bench, said = open_bench(NEAR, 4), list[str]()
     endpoint = SocketEndpoint("127.0.0.1", 0, said.append, SECRET)
