@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     Counts = NDArray[np.integer]
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class PulseShares:
     """Share of the pulses in each class; they sum to 1, or are all 0 when there was no pulse."""
 
