@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import sys
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from hypothesis import settings
@@ -24,6 +27,16 @@ for _name in ("SIGINT", "SIGTERM", "SIGHUP"):
     _number = getattr(signal, _name, None)
     if _number is not None and signal.getsignal(_number) is signal.SIG_IGN:
         signal.signal(_number, signal.default_int_handler if _name == "SIGINT" else signal.SIG_DFL)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Where no bytecode is to be written, keep it beside the tree while they run: each process compiled it all."""
+    if os.environ.pop("PYTHONDONTWRITEBYTECODE", None) is None or hasattr(config, "workerinput"):
+        return
+    folder = TemporaryDirectory(prefix="edmctl-bytecode-")
+    os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix = folder.name
+    sys.dont_write_bytecode = False
+    config.add_cleanup(folder.cleanup)
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
