@@ -13,10 +13,11 @@ Names of `edmctl` itself are loaded when they are used.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Self, SupportsIndex
 
 from edmctl.jobs.job import carry_out
 from edmctl.jobs.plan import SIMULATOR, JobRequest, check, where_is
@@ -27,7 +28,7 @@ from edmctl.jobs.sweep import seed_to_use
 from edmctl.toml_text import toml_value
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Sequence
     from os import PathLike
     from types import TracebackType
 
@@ -44,7 +45,7 @@ if TYPE_CHECKING:
     from edmctl.results.progress import Observer
     from edmctl.rules.load import LoadedProfile
 
-    Overrides = Mapping[str, object] | Sequence[str]
+    Overrides = Mapping[str, object] | Iterable[str]
     File = str | PathLike[str]
 
 
@@ -292,9 +293,9 @@ class Machine:
 
 
 def connect(
-    port: str = SIMULATOR,
+    port: File = SIMULATOR,
     *,
-    seed: int | None = None,
+    seed: SupportsIndex | None = None,
     setup: File | None = None,
     wait_s: float = 0.0,
     home: File | None = None,
@@ -310,13 +311,13 @@ def connect(
     """
     from edmctl.profile.setup import Setup
 
-    seed_to_use(seed)
-    return Machine(where_is(port, Setup()).selector, seed, _path(setup), wait_s, _path(home))
+    seed = None if seed is None else seed_to_use(seed)
+    return Machine(where_is(str(port), Setup()).selector, seed, _path(setup), wait_s, _path(home))
 
 
 def simulate(
     profile: File,
-    seeds: Iterable[int],
+    seeds: Iterable[SupportsIndex],
     *,
     overrides: Overrides = (),
     sweep: Mapping[str, Sequence[object]] | None = None,
@@ -422,9 +423,16 @@ def _texts(overrides: Overrides) -> tuple[str, ...]:
     """Overrides as `--set` takes them."""
     if isinstance(overrides, str):
         return (overrides,)
-    if isinstance(overrides, (tuple, list)):
+    if not isinstance(overrides, Mapping):
         return tuple(overrides)
-    return tuple(f"{key}={toml_value(value)}" for key, value in overrides.items())  # type: ignore[union-attr]
+    return tuple(f"{key}={_toml(key, value)}" for key, value in overrides.items())
+
+
+def _toml(key: str, value: object) -> str:
+    try:
+        return toml_value(value)
+    except TypeError as error:
+        raise TypeError(f"{key}: {error}") from None
 
 
 def _calibration(

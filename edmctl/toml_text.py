@@ -16,7 +16,8 @@ def toml_scalar(value: Scalar) -> str:
         return str(value).lower()
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False)
-    return repr(value)
+    # A float of numpy is a float, but says so in its representation.
+    return repr(float(value)) if isinstance(value, float) else repr(value)
 
 
 def toml_tables(tables: Mapping[str, Mapping[str, Scalar]]) -> str:

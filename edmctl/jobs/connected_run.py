@@ -181,6 +181,8 @@ def recorded(
 
 def ending(error: BaseException) -> tuple[str, int]:
     """Status and exit code of a run file whose command ended with `error`."""
+    if isinstance(error, KeyboardInterrupt):  # a notebook's, where no stop request was handed in
+        return MEANING[ExitCode.INTERRUPT].partition(" (")[0], int(ExitCode.INTERRUPT)
     if not isinstance(error, EdmError):
         return "internal error", int(ExitCode.INTERNAL)
     code = error_exit_code(error)

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import RunFileError
 from edmctl.jobs.connected_run import connected_run, ending
-from edmctl.jobs.result import Result, html_table
 from edmctl.results.job import SiteTruth
+from edmctl.results.result import Result, html_table
 from edmctl.wording import length
 
 if TYPE_CHECKING:

@@ -14,13 +14,13 @@ from edmctl.jobs.job_preparation import hole_radius_um, logbook_of, prepared_job
 from edmctl.jobs.ledger.elapsed import with_home
 from edmctl.jobs.ledger.places_taken import refuse_pad, refuse_taken
 from edmctl.jobs.ledger.tool import refuse_too_short, tool_identity
-from edmctl.jobs.result import Result
 from edmctl.jobs.run_header import name_run
 from edmctl.procedures.job import job_of
 from edmctl.procedures.jump_series import least_period_s, run_jumps
 from edmctl.procedures.touch.approach import find_contact, find_gap
 from edmctl.profile.places import Place
 from edmctl.record.tool_account import books_of
+from edmctl.results.result import Result
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

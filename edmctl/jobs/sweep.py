@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import operator
 import re
 import secrets
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, SupportsIndex
 
 from edmctl.errors import UsageError
 from edmctl.wording import plural
@@ -28,13 +29,15 @@ def simulated_by(seed: int | None) -> str:
     return "Simulated. " if seed is None else f"Simulated, seed {seed}. "
 
 
-def seed_to_use(asked: int | None, runs: int = 1) -> int:
+def seed_to_use(asked: SupportsIndex | None, runs: int = 1) -> int:
     """Return the first seed that was asked for, else a new one, to be printed and recorded.
 
-    Raises UsageError (E2005) when the run file cannot hold it, or the last of the seeds of `runs` runs.
+    Raises UsageError (E2005) when the run file cannot hold it, or the last of the seeds of `runs` runs; TypeError
+    when it is no whole number.
     """
     if asked is None:
         return secrets.randbelow(_NEW_SEEDS)
+    asked = operator.index(asked)
     largest = _LARGEST - (runs - 1)
     if not 0 <= asked <= largest:
         of_runs = f" (of the first of {runs} runs)" if runs > 1 else ""

@@ -123,6 +123,10 @@ def running(
     except EdmError as error:
         _record_end(run, error, record_left)
         raise
+    except BaseException:
+        with suppress(Exception):
+            watch.settle()  # what was heard is kept, whatever ended it
+        raise
     finally:
         tally.time_s = tally.earlier_time_s + machine.time_s
         tally.link = machine.link_report()

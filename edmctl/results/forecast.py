@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from edmctl.results.result import Result
+from edmctl.wording import duration, length
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 
-@dataclass(frozen=True, slots=True)
-class Forecast:
+@dataclass(frozen=True, slots=True, repr=False)
+class Forecast(Result):
     """Expected course of a job.
 
     Times, cuts, measuring stops and pulses are those of the whole job, as is `tool_wear_um`; depth, wear and feed
@@ -41,6 +48,19 @@ class Forecast:
     channel_um: float
     layers: int
     depth_u95_um: float
+    error: ClassVar[None] = None  # type: ignore[misc]
+
+    def as_mapping(self) -> Mapping[str, object]:
+        """Return what `--dry-run --json` tells."""
+        return asdict(self)
+
+    def brief(self) -> list[str]:
+        """Return time, depth and tool wear."""
+        return [
+            duration(self.time_s),
+            f"depth {length(self.depth_um)}",
+            f"tool wear {length(self.tool_wear_um)}",
+        ]
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,12 +9,15 @@ import subprocess
 import sys
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
 import edmctl
 from edmctl.actuator.waveforms import calibration_legs, sampled
 from edmctl.errors import Interrupted, PreconditionError, ProfileError
+from edmctl.jobs.surroundings import Unobserved
 from edmctl.machine.stop import StopRequest
+from edmctl.results.progress import Phase, Progress
 from edmctl.simulator.actuator import HIGH_V, RATE_HZ, VirtualActuator
 from edmctl.toml_text import toml_value
 from tests.api.threads import Job, made_in_a_process, made_in_threads
@@ -184,3 +187,46 @@ def test_a_name_that_is_not_there_is_told() -> None:
     with pytest.raises(AttributeError, match="no attribute 'machines'"):
         edmctl.machines  # noqa: B018
     assert "connect" in dir(edmctl)
+
+
+def test_values_of_numpy_are_values() -> None:
+    overrides = {"target.depth_um": np.float64(8.5), "jump.height_um": np.int64(50)}
+    profile = edmctl.load_profile("cu270", overrides=overrides).profile
+    assert profile.target == edmctl.load_profile("cu270", overrides=["target.depth_um=8.5"]).profile.target
+    assert profile.jump.height_um == 50.0
+    assert edmctl.connect(seed=np.int64(7)).seed == 7
+
+
+@pytest.mark.parametrize("seed", [1.5, "3", float("nan")])
+def test_a_seed_is_a_whole_number(seed: object) -> None:
+    with pytest.raises(TypeError, match="integer"):
+        edmctl.connect(seed=seed)  # type: ignore[arg-type]
+
+
+def test_a_value_without_a_form_in_profiles_is_told_with_its_key() -> None:
+    with pytest.raises(TypeError, match=r"target\.depth_um: NoneType"):
+        edmctl.load_profile("cu270", overrides={"target.depth_um": None})
+
+
+def test_a_forecast_is_a_result() -> None:
+    ahead = edmctl.forecast("cu270")
+    assert repr(ahead) == "<Forecast: 17 min 36 s, depth 180.00 µm, tool wear 70.02 µm>"
+    assert ahead._repr_html_().startswith("<table>")
+    assert ahead.to_dict()["time_s"] == ahead.to_frame()["time_s"][0]
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
+def test_an_observer_that_raises_leaves_a_safe_machine_and_all_that_was_heard(
+    error: type[BaseException], tmp_path: Path
+) -> None:
+    class Raising(Unobserved):
+        def progress(self, progress: Progress) -> None:
+            if progress.phase is Phase.MACHINING:
+                raise error
+
+    machine = edmctl.connect("sim:", seed=1)
+    with pytest.raises(error):
+        machine.machine("cu270", overrides=SHALLOW, observer=Raising(), out=tmp_path, run_id="a")
+    with edmctl.open_run(tmp_path / "a.h5") as run:
+        assert run.column("/entry/servo", "v_cmd")[-1] == 0.0
+        assert int(run.number("/entry/exit_code")) == (130 if error is KeyboardInterrupt else 1)

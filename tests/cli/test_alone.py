@@ -277,7 +277,6 @@ def test_wear_that_no_job_accounts_for_is_told(machined: Here) -> None:
     assert "W8112" in [warning["code"] for warning in said.document["warnings"]]
 
 
-@pytest.mark.slow
 def test_a_worn_out_tool_is_refused_and_a_new_one_is_not(machined: Here) -> None:
     little = ("--set", "tool.max_wear_um=4")
     error = failure(machined("machine", *SHALLOW, *little, *KEPT, "--json"), 8, "E8043")

@@ -313,7 +313,6 @@ def test_a_run_has_several_names_and_a_dry_run_touches_nothing(here: Here, kille
     assert f"goes on with  {way_on}" in here("run", "show", "a").out
 
 
-@pytest.mark.slow
 def test_a_restarted_controller_needs_somebody_who_homed_its_stages(here: Here, killed: Path) -> None:
     bench = restored_bench(read_bench(Path("bench.h5")))
     with serving(bench) as port:
@@ -575,7 +574,6 @@ def test_cuts_that_came_to_their_end_count_in_every_run(here: Here) -> None:
     assert site["cuts"] == 2
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("jump_s", tiers(-7200.0, slow=(7200.0, -3.8e8)))
 def test_a_clock_that_jumps_in_mid_run_changes_nothing(
     here: Here, monkeypatch: pytest.MonkeyPatch, jump_s: float

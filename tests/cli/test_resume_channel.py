@@ -275,7 +275,6 @@ def test_a_channel_that_is_hardly_begun_may_be_on_other_work_and_is_told_wider(
     assert taken_up["depth_u95_um"] > 1.1 * own["depth_u95_um"]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("way_um", tiers(20.0, full=(-25.0,)))
 def test_another_tool_in_a_channel_is_refused(here: Here, left_at: LeaveAt, way_um: float) -> None:
     left_at(130.0)

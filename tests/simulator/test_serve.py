@@ -191,8 +191,7 @@ def open_secretly(endpoint: SocketEndpoint, secret: bytes) -> Session:
     return session
 
 
-@pytest.mark.slow
-def test_a_socket_with_a_secret_takes_who_knows_it_and_nobody_else() -> None:
+def test_a_socket_with_a_secret_takes_who_knows_it_and_nobody_else(monkeypatch: pytest.MonkeyPatch) -> None:
     bench, said = open_bench(NEAR, 4), list[str]()
     endpoint = SocketEndpoint("127.0.0.1", 0, said.append, SECRET)
     with running(Server(bench, endpoint, 1.0), endpoint):
@@ -210,6 +209,7 @@ def test_a_socket_with_a_secret_takes_who_knows_it_and_nobody_else() -> None:
                 assert busy.value.code == "E4006"
                 session.close()
                 assert half_open.recv(100).startswith(gate.GREETING + gate.CHALLENGE)
+            monkeypatch.setattr(endpoints, "GATE_S", 0.1)
             seen = rude.makefile("rb").read()
             assert seen.endswith(gate.line_of(gate.REFUSED))
     assert SECRET not in b"".join(text.encode() for text in said) + seen

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 from edmctl.errors import Diagnostic, EdmError
 from edmctl.jobs.calibration.request import check_writable, doubtful
 from edmctl.jobs.connect import connected, introduction
-from edmctl.jobs.result import Result
 from edmctl.jsonout import to_json_value
+from edmctl.results.result import Result
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
