@@ -43,7 +43,7 @@ from edmctl.procedures.machining import run_job
 from edmctl.profile.places import Place
 from edmctl.profile.setup import Sensor, Setup
 from edmctl.record.rows import NullRecorder
-from edmctl.record.tool_account import Books, HomeSeen
+from edmctl.record.tool_account import HomeSeen, MachineHistory
 from edmctl.rules.load import load_profile
 from edmctl.simulator import open_bench
 from edmctl.simulator.actuator import VirtualActuator
@@ -187,7 +187,7 @@ def perform(case: Case) -> Outcome:
         sites = tuple(Place(f"hole-{i + 1}", x, y) for i, (x, y) in enumerate(places))
         job = replace(job_of(_on(loaded, pad_um), setup, calibration=calibration), sites=sites)
         if number > 0:
-            job = with_home(job, Books(homes=homes), Now(bench.transport.now_s()))
+            job = with_home(job, MachineHistory(homes=homes), Now(bench.transport.now_s()))
         observer, wear = StopsAt(case.stop_s), TrueWear(bench, Kept(bench, case))
         ledger, end = _job(bench, job, observer, wear, outcome)
         if case.resumed and end not in JUDGED:
@@ -265,14 +265,14 @@ def _job(
     return ledger, end
 
 
-def _holes(bench: VirtualBench, job: Job, ledger: JobTally, wear: TrueWear, number: int) -> list[Hole]:
-    """What the ledger says of holes or a channel, judged by the plant's truth however the job ended."""
-    if ledger.channel is not None:
+def _holes(bench: VirtualBench, job: Job, tally: JobTally, wear: TrueWear, number: int) -> list[Hole]:
+    """What the tally says of holes or a channel, judged by the plant's truth however the job ended."""
+    if tally.channel is not None:
         worn_um = bench.tool_wear_um - wear.before_um
         truth = channel_truth(job.profile, bench, worn_um)
-        return [_hole(ledger.channel, truth.depth_um if truth else 0.0, worn_um, number)]
+        return [_hole(tally.channel, truth.depth_um if truth else 0.0, worn_um, number)]
     truths, found = bench.truth(), []
-    for result in ledger.sites.values():
+    for result in tally.sites.values():
         near = [t for t in truths if math.hypot(t.x_um - result.x_um, t.y_um - result.y_um) < 8.0]
         depth_um = near[0].depth_um if near else 0.0
         if result.through:

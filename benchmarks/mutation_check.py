@@ -259,7 +259,7 @@ RECORD = (
     ),
     Mutation(
         "the ledger mixes the machines",
-        "books_of",
+        "history_of",
         "line.serial != serial",
         "False",
         "record/test_logbook.py",

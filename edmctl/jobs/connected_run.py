@@ -9,7 +9,7 @@ from edmctl.errors import Diagnostic, EdmError, RunFileError
 from edmctl.exitcodes import MEANING, ExitCode, error_exit_code
 from edmctl.jobs.calibration.selection import choose
 from edmctl.jobs.connect import connected, introduction
-from edmctl.jobs.job_preparation import logbook_of
+from edmctl.jobs.job_preparation import ledger_of
 from edmctl.jobs.ledger.tool import as_found, name_tool
 from edmctl.jobs.run_header import run_meta
 from edmctl.jobs.runs.opening import on_machine
@@ -110,8 +110,8 @@ def _record(
     if warn is not None:
         warn(choice.warnings)
     act = prepare(session)
-    logbook = logbook_of(plan, name)
-    found = as_found(plan, session, logbook, "measure-wear")
+    ledger = ledger_of(plan, name)
+    found = as_found(plan, session, ledger, "measure-wear")
     with recorded(
         name,
         lambda run: run_meta(run, found, bench.seed, identity, choice),
@@ -121,7 +121,7 @@ def _record(
     ) as recorder:
         into = f", into {name.path}" if name else ""
         observer.note(f"{introduction(plan.where, bench)}{into}")
-        name_tool(plan, session, logbook)
+        name_tool(plan, session, ledger)
         bench.begin()
         if plan.new_tool and bench.virtual is not None:
             bench.virtual.new_tool()

@@ -133,7 +133,7 @@ def carry_out(
     from edmctl.jobs.truth import TrueWear
     from edmctl.procedures.job_state import JobTally
 
-    ledger = JobTally()
+    tally = JobTally()
     true_wear: TrueWear | None = None
 
     def prepare(session: MachineSession) -> Callable[[Recorder], None]:
@@ -157,7 +157,7 @@ def carry_out(
                 if plan.resumed.restart_hole:
                     true_wear.leave_hole()
         try:
-            _run(session, entries, kept, job, recorder, observer, ledger, journal)
+            _run(session, entries, kept, job, recorder, observer, tally, journal)
         finally:
             if session.bench.virtual and plan.loaded.profile.path is not None:
                 from edmctl.jobs.truth import keep_truth_map
@@ -165,12 +165,12 @@ def carry_out(
                 keep_truth_map(recorder, session.bench.virtual)
 
     def summary(session: MachineSession) -> dict[str, object]:
-        return _report(plan, session, ledger, true_wear).as_mapping()
+        return _report(plan, session, tally, true_wear).as_mapping()
 
     session = connected_run(plan, seed, observer, name, warn, prepare, summary)
     if session.error is not None:
         tell_way_on(session.error, plan, name)
-    return _report(plan, session, ledger, true_wear)
+    return _report(plan, session, tally, true_wear)
 
 
 def _run(
@@ -180,7 +180,7 @@ def _run(
     job: Job,
     recorder: Recorder,
     observer: Observer,
-    ledger: JobTally,
+    tally: JobTally,
     journal: StateStore,
 ) -> None:
     """Run the job, and write down in the job ledger that it begins and what it came to.
@@ -193,17 +193,17 @@ def _run(
     job = kept.begin(job)
     entries.begin()
     try:
-        run_job(session.bench.machine, job, recorder=recorder, observer=observer, tally=ledger, store=journal)
+        run_job(session.bench.machine, job, recorder=recorder, observer=observer, tally=tally, store=journal)
     except BaseException as error:
         with suppress(RunFileError):
-            entries.close(ledger.result(), ending(error)[0])
+            entries.close(tally.result(), ending(error)[0])
         raise
-    entries.close(ledger.result(), DONE)
+    entries.close(tally.result(), DONE)
     kept.end()
 
 
-def _report(plan: Plan, session: MachineSession, ledger: JobTally, true_wear: TrueWear | None) -> Report:
-    virtual, job = session.bench.virtual, ledger.result()
+def _report(plan: Plan, session: MachineSession, tally: JobTally, true_wear: TrueWear | None) -> Report:
+    virtual, job = session.bench.virtual, tally.result()
     truths = truths_of(job.sites, virtual.truth(), true_wear) if virtual and true_wear else ()
     simulated = session.bench.machine.identity.simulated
     used = session.choice.used if session.choice else None

@@ -17,8 +17,8 @@ from edmctl.jobs.ledger.tool import (
     refuse_unknown_length,
     refuse_worn_out,
 )
-from edmctl.record.ledger import Logbook
-from edmctl.record.tool_account import Books, ToolAccount, books_of
+from edmctl.record.ledger import Ledger
+from edmctl.record.tool_account import MachineHistory, ToolAccount, history_of
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -34,13 +34,13 @@ if TYPE_CHECKING:
     from edmctl.record.ledger_entries import SiteMachined
 
 
-def logbook_of(plan: Plan, name: RunName | None) -> Logbook | None:
+def ledger_of(plan: Plan, name: RunName | None) -> Ledger | None:
     """Return the ledger beside the run file; None where there is neither.
 
     A fresh virtual bench has none either: its work and its tool are gone with the command, and what a ledger said
     of them would be about another bench of the same serial number.
     """
-    return Logbook.open(name.path.parent) if name is not None and plan.where.lasting else None
+    return Ledger.open(name.path.parent) if name is not None and plan.where.lasting else None
 
 
 def hole_radius_um(profile: Profile) -> float:
@@ -57,7 +57,7 @@ class PreparedJob:
     account: ToolAccount
     places: tuple[Place, ...] = ()
     holes: tuple[SiteMachined, ...] = ()
-    books: Books = field(default_factory=Books)
+    history: MachineHistory = field(default_factory=MachineHistory)
 
     def refuse(self, plan: Plan, folder: Path, resuming: Collection[str] = ()) -> list[Diagnostic]:
         """Return what is doubtful about the tool; `folder` has the run files.
@@ -75,7 +75,7 @@ class PreparedJob:
         if not resuming:
             refuse_unknown_length(account, folder, plan.where.selector)
             warnings += refuse_worn_out(job.profile, job.setup, plan.loaded.places, account)
-            warnings += other_tool(plan, account, self.books)
+            warnings += other_tool(plan, account, self.history)
             warnings += left_to_finish(account.label, self.serial, folder)
         refuse_taken(self.places, hole_radius_um(job.profile), self.holes, folder)
         return warnings
@@ -85,7 +85,7 @@ def prepared_job(
     plan: Plan,
     identity: ToolIdentity,
     actuator: CalibratedActuator | None,
-    logbook: Logbook | None,
+    ledger: Ledger | None,
     resuming: Collection[str] = (),
 ) -> PreparedJob:
     """Return the job for the tool as earlier jobs have left it, its single hole clear of all others.
@@ -95,32 +95,32 @@ def prepared_job(
     from edmctl.procedures.job import job_of
 
     loaded, setup = plan.loaded, plan.setup
-    if logbook is None:
+    if ledger is None:
         job = job_of(loaded.profile, setup, loaded.places, actuator)
         return PreparedJob(job, identity.serial, ToolAccount(loaded.profile.tool.label))
-    books = books_of(logbook.lines, identity.serial)
-    account = account_of(plan, identity, books)
+    history = history_of(ledger.lines, identity.serial)
+    account = account_of(plan, identity, history)
     left = plan.resumed.state if plan.resumed else None
     # A job that has touched knows its pad from the journal, and the stroke was enough when it began.
     touched = left is not None and (left.site or left.done)
     profile = loaded.profile if touched else on_worn_tool(loaded.profile, account)
-    own = [hole for hole in books.holes if hole.run_file in resuming]
-    holes = tuple(hole for hole in books.holes if hole not in own)
+    own = [hole for hole in history.holes if hole.run_file in resuming]
+    holes = tuple(hole for hole in history.holes if hole not in own)
     stage, radius_um = setup.stage, hole_radius_um(profile)
     x_um = next_free_x_um(
         stage.reference_x_um, stage.reference_y_um, profile.measure.site_dx_um, radius_um, holes
     )
     job = job_of(profile, setup, loaded.places, actuator, start_x_um=own[0].x_um if own else x_um)
     own_um = math.fsum(hole.wear_um for hole in own if not math.isnan(hole.wear_um))
-    job = with_home(job, books, identity.now)
+    job = with_home(job, history, identity.now)
     job = replace(job, tool_wear_before_um=account.lost_um - own_um)
-    return PreparedJob(job, identity.serial, account, _places(job, radius_um), holes, books)
+    return PreparedJob(job, identity.serial, account, _places(job, radius_um), holes, history)
 
 
 def forewarned(plan: Plan, name: RunName, identity: ToolIdentity) -> list[Diagnostic]:
     """Return what the ledger makes doubtful, for a dry run. Raises what the job would."""
-    logbook = Logbook.open(name.path.parent)
-    return prepared_job(plan, identity, None, logbook).refuse(plan, logbook.path.parent)
+    ledger = Ledger.open(name.path.parent)
+    return prepared_job(plan, identity, None, ledger).refuse(plan, ledger.path.parent)
 
 
 def _places(job: Job, radius_um: float) -> tuple[Place, ...]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from edmctl.errors import Diagnostic, PreconditionError
-from edmctl.jobs.job_preparation import logbook_of
+from edmctl.jobs.job_preparation import ledger_of
 from edmctl.jobs.ledger.elapsed import with_home
 from edmctl.jobs.ledger.places_taken import coordinates_in
 from edmctl.jobs.ledger.tool import (
@@ -38,7 +38,7 @@ from edmctl.record.ledger_entries import (
     ToolChanged,
     WearMeasured,
 )
-from edmctl.record.tool_account import Books, ToolAccount, books_of
+from edmctl.record.tool_account import MachineHistory, ToolAccount, history_of
 from edmctl.wording import length
 
 if TYPE_CHECKING:
@@ -53,9 +53,9 @@ if TYPE_CHECKING:
     from edmctl.procedures.run import JobRun
     from edmctl.procedures.touch.reading import SurfaceReading
     from edmctl.profile.model import Profile
-    from edmctl.record.ledger import Logbook
+    from edmctl.record.ledger import Ledger
     from edmctl.record.ledger_entries import SiteMachined
-    from edmctl.record.tool_account import Books
+    from edmctl.record.tool_account import MachineHistory
     from edmctl.results.measurements import WearResult
 
 MOST_NAMES = 8
@@ -63,7 +63,7 @@ MOST_NAMES = 8
 
 
 def bottom_of(
-    asked: str | None, books: Books, account: ToolAccount, diameter_um: float, folder: Path
+    asked: str | None, history: MachineHistory, account: ToolAccount, diameter_um: float, folder: Path
 ) -> Bottom | None:
     """Return the hole that was asked for, or else the last one that the tool made and measured; None without any.
 
@@ -74,9 +74,9 @@ def bottom_of(
     if asked is None:
         made = [hole for hole in account.holes if hole.status != UNFINISHED]
         return _bottom(made[-1]) if made else None
-    hole = _asked(asked, books.holes)
+    hole = _asked(asked, history.holes)
     if hole is None:
-        names = "; ".join(_hole_in_words(hole) for hole in books.holes[-MOST_NAMES:]) or "none"
+        names = "; ".join(_hole_in_words(hole) for hole in history.holes[-MOST_NAMES:]) or "none"
         raise PreconditionError(
             f"The ledger knows no hole {asked!r}; it knows: {names}.",
             hint="Name one of them, its run id, or say --site X,Y within its rim.",
@@ -174,7 +174,7 @@ class WearRun:
     found: WearResult | None = None
     touched: SurfaceReading | None = None
     _session: MachineSession | None = None
-    _logbook: Logbook | None = None
+    _ledger: Ledger | None = None
     _run_file: str = ""
     _account: ToolAccount | None = None
     _bottom: Bottom | None = None
@@ -189,37 +189,37 @@ class WearRun:
         from edmctl.procedures.job import job_of
 
         self._session, self._run_file = session, name.path.name
-        profile = self.look(tool_identity(session), logbook_of(self.plan, name), warn)
+        profile = self.look(tool_identity(session), ledger_of(self.plan, name), warn)
         self._temperature_c = session.bench.machine.status().temperature_c
         choice = session.choice
         job = job_of(profile, self.plan.setup, (), choice.actuator if choice else None)
-        if self._logbook is not None:
-            books = books_of(self._logbook.lines, session.bench.machine.identity.serial)
-            job = with_home(job, books, session.bench.now)
+        if self._ledger is not None:
+            history = history_of(self._ledger.lines, session.bench.machine.identity.serial)
+            job = with_home(job, history, session.bench.now)
         self._job = job
         return self._job
 
-    def look(self, identity: ToolIdentity, logbook: Logbook | None, warn: Warn) -> Profile:
+    def look(self, identity: ToolIdentity, ledger: Ledger | None, warn: Warn) -> Profile:
         """Return the recipe of the touches, after a look at the ledger.
 
         Raises PreconditionError: E8041 no reference, E8045 no such hole, E8046 a hole too narrow for the tool, E8048
         a tool whose job was killed.
         """
-        self._logbook, self._warn = logbook, warn
-        books = books_of(logbook.lines if logbook else (), identity.serial)
-        account = self._account = self._account_of(identity, books)
+        self._ledger, self._warn = ledger, warn
+        history = history_of(ledger.lines if ledger else (), identity.serial)
+        account = self._account = self._account_of(identity, history)
         profile = measuring_profile(self.plan.loaded.profile)
         if not self.is_reference:
-            reference = _reference_of(account, logbook, identity, self.plan.where)
+            reference = _reference_of(account, ledger, identity, self.plan.where)
             self._reference = _aged(reference, account, identity.now)
-            folder = logbook.path.parent if logbook is not None else Path()
+            folder = ledger.path.parent if ledger is not None else Path()
             refuse_unknown_length(account, folder, self.plan.where.selector)
-            self._bottom = bottom_of(self.site, books, account, self._diameter_um(), folder)
+            self._bottom = bottom_of(self.site, history, account, self._diameter_um(), folder)
             profile = self._at_speed_of(reference, warn)
-        elif logbook is None:
+        elif ledger is None:
             warn([_NOT_KEPT])
         elif self.plan.new_tool:
-            warn(left_to_finish(account.label, identity.serial, logbook.path.parent))
+            warn(left_to_finish(account.label, identity.serial, ledger.path.parent))
         return profile
 
     def act(self, run: JobRun) -> None:
@@ -241,7 +241,7 @@ class WearRun:
 
     def close(self, time_s: float) -> None:
         """Write the reference or the wear into the ledger."""
-        if self._logbook is None or self._session is None or self._account is None:
+        if self._ledger is None or self._session is None or self._account is None:
             return
         tool, entries = self._account.label, list[Entry]()
         if self.touched is not None:
@@ -255,7 +255,7 @@ class WearRun:
                     tool, self._run_file, found.z3_after_um, found.wear_um, found.wear_u95_um, self._home_um
                 )
             )
-        self._session.write_down(self._logbook, *entries, RunEnded(self._run_file, "done", time_s))
+        self._session.write_down(self._ledger, *entries, RunEnded(self._run_file, "done", time_s))
 
     def result(self) -> Mapping[str, object] | None:
         """What was touched, and what is known of the tool by the ledger."""
@@ -319,12 +319,12 @@ class WearRun:
             depth_um = nearest.depth_um
         return {"wear_um": wear_um, "depth_um": depth_um}
 
-    def _account_of(self, identity: ToolIdentity, books: Books) -> ToolAccount:
+    def _account_of(self, identity: ToolIdentity, history: MachineHistory) -> ToolAccount:
         """Account of the profile's tool, of that on a virtual bench, or of that last in use."""
         if self.plan.names_tool:
-            return account_of(self.plan, identity, books)
-        label = (identity.tool if self.plan.where.lasting else "") or books.tool or NAMELESS
-        return ToolAccount(label) if self.plan.new_tool else books.account(label)
+            return account_of(self.plan, identity, history)
+        label = (identity.tool if self.plan.where.lasting else "") or history.tool or NAMELESS
+        return ToolAccount(label) if self.plan.new_tool else history.account(label)
 
     def _diameter_um(self) -> float:
         """Of the tool, NaN where nobody named it."""
@@ -387,21 +387,21 @@ _NOT_KEPT = Diagnostic(
 
 
 def _reference_of(
-    account: ToolAccount, logbook: Logbook | None, identity: ToolIdentity, where: MachineAddress
+    account: ToolAccount, ledger: Ledger | None, identity: ToolIdentity, where: MachineAddress
 ) -> ReferenceTouched:
     """Return the tool's reference. Raises PreconditionError E8041 where it has none."""
     if account.reference is not None:
         return account.reference
-    if logbook is None:
+    if ledger is None:
         raise PreconditionError(
             "There is no reference: a fresh virtual machine has touched nothing before.",
             hint="Say --port sim:FILE for one that stays, and `edmctl measure-wear --reference` before the job.",
             code="E8041",
         )
     touch = f"`{on_machine('edmctl measure-wear --reference', where.selector)}`"
-    elsewhere = sorted({line.serial for line in logbook.lines} - {identity.serial})
+    elsewhere = sorted({line.serial for line in ledger.lines} - {identity.serial})
     if identity.is_new:
-        others = f" The job ledger {logbook.path} tells of {', '.join(elsewhere)}." if elsewhere else ""
+        others = f" The job ledger {ledger.path} tells of {', '.join(elsewhere)}." if elsewhere else ""
         raise PreconditionError(
             f"There is no reference: {where.bench_file} does not exist, and a new bench has touched nothing before."
             f"{others}",
@@ -416,7 +416,7 @@ def _reference_of(
     )
     others = f"; it tells of {', '.join(elsewhere)}" if elsewhere else ""
     raise PreconditionError(
-        f"There is no reference of {tool} on {machine} in {logbook.path}{others}.",
+        f"There is no reference of {tool} on {machine} in {ledger.path}{others}.",
         hint=f"Run {touch} before the job, or name the folder of its run files with --out.",
         code="E8041",
     )

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 from edmctl.errors import UsageError
 from edmctl.forecasts.forecast import STROKE_RESERVE_UM
 from edmctl.jobs.connected_run import connected_run
-from edmctl.jobs.job_preparation import hole_radius_um, logbook_of, prepared_job
+from edmctl.jobs.job_preparation import hole_radius_um, ledger_of, prepared_job
 from edmctl.jobs.ledger.elapsed import with_home
 from edmctl.jobs.ledger.places_taken import refuse_pad, refuse_taken
 from edmctl.jobs.ledger.tool import refuse_too_short, tool_identity
@@ -19,7 +19,7 @@ from edmctl.procedures.job import job_of
 from edmctl.procedures.jump_series import least_period_s, run_jumps
 from edmctl.procedures.touch.approach import find_contact, find_gap
 from edmctl.profile.places import Place
-from edmctl.record.tool_account import books_of
+from edmctl.record.tool_account import history_of
 from edmctl.results.result import Result
 
 if TYPE_CHECKING:
@@ -126,7 +126,7 @@ def perform(
     from edmctl.procedures.job_state import JobTally
     from edmctl.procedures.session import running
 
-    ledger = JobTally()
+    tally = JobTally()
 
     def prepare(session: MachineSession) -> Callable[[Recorder], None]:
         job = procedure.job(session, name, warn)
@@ -134,18 +134,18 @@ def perform(
 
     def act(machine: LinkMachine, job: Job, recorder: Recorder) -> None:
         with running(
-            machine, job, ledger, recorder=recorder, observer=observer, pulses=procedure.pulses
+            machine, job, tally, recorder=recorder, observer=observer, pulses=procedure.pulses
         ) as run:
             procedure.act(run)
-        procedure.close(ledger.time_s)
+        procedure.close(tally.time_s)
 
     def summary(session: MachineSession) -> dict[str, object]:
         used = asdict(session.choice.used) if session.choice else None
         return {
             **(procedure.result() or {}),
             "calibration": used,
-            "time_s": ledger.time_s,
-            "link": ledger.link,
+            "time_s": tally.time_s,
+            "link": tally.link,
         }
 
     session = connected_run(plan, seed, observer, name, warn, prepare, summary)
@@ -193,13 +193,13 @@ def approach_forecast(
     Raises PreconditionError as the approach would.
     """
     from edmctl.forecasts.measuring import approach_time_s, beside_pad_um, touch_time_s
-    from edmctl.record.ledger import Logbook
+    from edmctl.record.ledger import Ledger
 
     profile, setup = plan.loaded.profile, plan.setup
     if place is not None and not contact:
         refuse_pad(("the place", *place), job_of(profile, setup))
     if identity is not None:
-        prepared = prepared_job(plan, identity, None, Logbook.open(folder))
+        prepared = prepared_job(plan, identity, None, Ledger.open(folder))
         site = checked_site(prepared, place, folder, plan.where.selector, contact=contact)
         place = site.x_um, site.y_um
     x_um, y_um = place or beside_pad_um(profile, setup)
@@ -239,7 +239,7 @@ class Approach:
     def job(self, session: MachineSession, name: RunName, warn: Warn) -> Job:
         """Return the job of the machine's tool as it is by now, at the place of its first hole."""
         actuator = session.choice.actuator if session.choice else None
-        prepared = prepared_job(self.plan, tool_identity(session), actuator, logbook_of(self.plan, name))
+        prepared = prepared_job(self.plan, tool_identity(session), actuator, ledger_of(self.plan, name))
         self._site = checked_site(
             prepared, self.place, name.path.parent, self.plan.where.selector, contact=self.contact
         )
@@ -315,12 +315,12 @@ class Jumps:
 
     def job(self, session: MachineSession, name: RunName, warn: Warn) -> Job:
         """Return the profile's job; nothing of it is done but its jumps."""
-        choice, logbook = session.choice, logbook_of(self.plan, name)
+        choice, ledger = session.choice, ledger_of(self.plan, name)
         job = job_of(self.plan.loaded.profile, self.plan.setup, (), choice.actuator if choice else None)
-        if logbook is None:
+        if ledger is None:
             return job
-        books = books_of(logbook.lines, session.bench.machine.identity.serial)
-        return with_home(job, books, session.bench.now)
+        history = history_of(ledger.lines, session.bench.machine.identity.serial)
+        return with_home(job, history, session.bench.now)
 
     def act(self, run: JobRun) -> None:
         """Jump."""

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from edmctl.jobs.calibration.selection import Choice
     from edmctl.machine.controller import LinkMachine
     from edmctl.record.disk_thread import DiskThread
-    from edmctl.record.ledger import Logbook
+    from edmctl.record.ledger import Ledger
     from edmctl.record.ledger_entries import Entry
     from edmctl.simulator import VirtualBench
 
@@ -63,11 +63,11 @@ class MachineSession:
     run_file: Path | None = None
     error: EdmError | None = None
 
-    def write_down(self, logbook: Logbook, *entries: Entry) -> None:
+    def write_down(self, ledger: Ledger, *entries: Entry) -> None:
         """Add entries to the ledger; a bench in a file is written first, and is never older than they.
 
         Raises RunFileError where one of them cannot be written.
         """
         self.bench.keep_all()
         serial, bench_s = self.bench.machine.identity.serial, self.bench.kept_s()
-        self.disk.run(logbook.path, lambda: logbook.append(serial, *entries, bench_s=bench_s))
+        self.disk.run(ledger.path, lambda: ledger.append(serial, *entries, bench_s=bench_s))

@@ -37,8 +37,8 @@ if TYPE_CHECKING:
 __all__ = [
     "Entry",
     "JobBegun",
+    "Ledger",
     "Line",
-    "Logbook",
     "ReferenceTouched",
     "RunEnded",
     "SiteMachined",
@@ -53,7 +53,7 @@ LONGEST_WAIT_S = 10.0
 _RETRY_S = 0.05
 
 
-class Logbook:
+class Ledger:
     """The ledger of a folder of run files."""
 
     def __init__(self, path: Path, lines: tuple[Line, ...]) -> None:
@@ -61,7 +61,7 @@ class Logbook:
         self.lines = lines
 
     @classmethod
-    def open(cls, folder: Path) -> Logbook:
+    def open(cls, folder: Path) -> Ledger:
         """Read the ledger of a folder; an empty one where there is none.
 
         A last line that was cut off while it was written is left out.

@@ -73,7 +73,7 @@ class HomeSeen:
 
 
 @dataclass(slots=True)
-class Books:
+class MachineHistory:
     """One machine: its holes, its tools, the tool last in use ("" before the first).
 
     `homes` are all that were seen of the tool's home, the newest last.
@@ -89,49 +89,49 @@ class Books:
         return self.tools.setdefault(label, ToolAccount(label))
 
 
-def books_of(lines: Iterable[Line], serial: str) -> Books:
+def history_of(lines: Iterable[Line], serial: str) -> MachineHistory:
     """Replay the lines of the machine with that serial number.
 
     Places of a job whose end was never written count as holes of unknown depth: nobody knows how far it came.
     """
-    books, open_jobs = Books(), dict[str, JobBegun]()
+    history, open_jobs = MachineHistory(), dict[str, JobBegun]()
     for line in lines:
         if line.serial != serial:
             continue
         entry = line.entry
         if not isinstance(entry, RunEnded):
-            books.tool = entry.tool
+            history.tool = entry.tool
         if isinstance(entry, ReferenceTouched | SiteMachined | WearMeasured) and math.isfinite(entry.home_um):
-            books.homes.append(HomeSeen(entry.home_um, line.utc_s, line.bench_s))
+            history.homes.append(HomeSeen(entry.home_um, line.utc_s, line.bench_s))
         if isinstance(entry, ToolChanged):
-            books.tools[entry.tool] = ToolAccount(entry.tool)
+            history.tools[entry.tool] = ToolAccount(entry.tool)
         elif isinstance(entry, ToolNamed):
-            books.tools[entry.tool] = replace(books.account(entry.before), label=entry.tool)
-            del books.tools[entry.before]
+            history.tools[entry.tool] = replace(history.account(entry.before), label=entry.tool)
+            del history.tools[entry.before]
         elif isinstance(entry, ReferenceTouched):
-            _take_reference(books, entry, line)
+            _take_reference(history, entry, line)
         elif isinstance(entry, JobBegun):
             open_jobs[entry.run_file] = entry
-            books.account(entry.tool).killed.append(entry)
+            history.account(entry.tool).killed.append(entry)
         elif isinstance(entry, SiteMachined):
-            _take_site(books, entry)
+            _take_site(history, entry)
         elif isinstance(entry, WearMeasured):
-            account = books.account(entry.tool)
+            account = history.account(entry.tool)
             account.pad_um = from_home_um(entry.z_um, entry.home_um)
             account.killed.clear()
         else:
             ended = open_jobs.pop(entry.run_file, None)
             if ended is not None:
-                books.account(ended.tool).killed.clear()
+                history.account(ended.tool).killed.clear()
     for job in open_jobs.values():
         for name, x_um, y_um in job.places:
-            if not any(_same(hole, name, x_um, y_um) for hole in books.holes):
-                books.holes.append(_unknown(job, name, x_um, y_um))
-    return books
+            if not any(_same(hole, name, x_um, y_um) for hole in history.holes):
+                history.holes.append(_unknown(job, name, x_um, y_um))
+    return history
 
 
-def _take_reference(books: Books, entry: ReferenceTouched, line: Line) -> None:
-    account = books.account(entry.tool)
+def _take_reference(history: MachineHistory, entry: ReferenceTouched, line: Line) -> None:
+    account = history.account(entry.tool)
     account.reference = entry
     account.reference_utc_s, account.reference_bench_s = line.utc_s, line.bench_s
     account.lost_before_um = account.lost_um
@@ -140,12 +140,12 @@ def _take_reference(books: Books, entry: ReferenceTouched, line: Line) -> None:
     account.killed = [job for job in account.killed if job.run_file == entry.run_file]
 
 
-def _take_site(books: Books, entry: SiteMachined) -> None:
+def _take_site(history: MachineHistory, entry: SiteMachined) -> None:
     """Add a hole; one that was taken up again stands in the place of its first part, wear and all.
 
     A job that was resumed writes once more what it had measured before; that changes nothing of the tool.
     """
-    account = books.account(entry.tool)
+    account = history.account(entry.tool)
     worn_before_um = account.lost_um
     earlier = [hole for hole in account.holes if _same(hole, entry.name, entry.x_um, entry.y_um)]
     if entry.status != UNFINISHED and any(_found(hole) == _found(entry) for hole in earlier):
@@ -153,7 +153,7 @@ def _take_site(books: Books, entry: SiteMachined) -> None:
     for old in earlier:
         if old not in account.since:
             account.lost_before_um -= _known(old.wear_um)
-    for holes in (books.holes, account.holes, account.since):
+    for holes in (history.holes, account.holes, account.since):
         holes[:] = [hole for hole in holes if not _same(hole, entry.name, entry.x_um, entry.y_um)]
         holes.append(entry)
     touched = not math.isnan(entry.z3_um)

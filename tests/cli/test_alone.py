@@ -13,7 +13,7 @@ import h5py
 import pytest
 
 from edmctl.cli.app import main
-from edmctl.record.ledger import Logbook
+from edmctl.record.ledger import Ledger
 from edmctl.record.ledger_entries import ReferenceTouched, SiteMachined
 from edmctl.simulator import BenchConfig, VirtualBench
 from tests.cli.commands import CU270, SHALLOW
@@ -264,10 +264,10 @@ def test_another_speed_of_touching_is_told(machined: Here) -> None:
 
 
 def test_wear_that_no_job_accounts_for_is_told(machined: Here) -> None:
-    book = Logbook.open(Path("runs"))
+    book = Ledger.open(Path("runs"))
     gone = [line for line in book.path.read_text().splitlines() if json.loads(line)["kind"] != "site"]
     book.path.write_text("\n".join(gone) + "\n")
-    book = Logbook.open(Path("runs"))
+    book = Ledger.open(Path("runs"))
     tool = next(line.entry for line in book.lines if isinstance(line.entry, ReferenceTouched))
     hole = SiteMachined(
         "Cu 270 µm", "x.h5", "x", 500.0, 0.0, 143.0, "done", 8.0, 40.0, 0.5, z3_um=tool.z_um + 3.0
@@ -290,7 +290,7 @@ def test_a_worn_out_tool_is_refused_and_a_new_one_is_not(machined: Here) -> None
 
 def test_a_tool_that_became_too_short_is_refused(machined: Here) -> None:
     worn = SiteMachined("Cu 270 µm", "x.h5", "x", 9000.0, 0.0, 143.0, "done", 180.0, 250.0, 1.0, z3_um=300.0)
-    Logbook.open(Path("runs")).append("SIM-4", worn)
+    Ledger.open(Path("runs")).append("SIM-4", worn)
     error = failure(machined("machine", "--profile", CU270, *KEPT, "--json"), 8, "E8044")
     assert "300.00 µm" in error["message"]
 

@@ -15,9 +15,9 @@ import pytest
 from edmctl.procedures.channel.scan import PassFollower
 from edmctl.record import journal
 from edmctl.record.bench_file import bench_lock, read_bench, write_bench
-from edmctl.record.ledger import Logbook, SiteMachined, WearMeasured
+from edmctl.record.ledger import Ledger, SiteMachined, WearMeasured
 from edmctl.record.ledger_entries import UNFINISHED
-from edmctl.record.tool_account import books_of
+from edmctl.record.tool_account import history_of
 from edmctl.simulator.saving import bench_state, restored_bench
 from tests.cli.commands import CU270, SHALLOW
 from tests.cli.left_jobs import at_time_of_cut, stop
@@ -73,18 +73,18 @@ def test_the_file_is_never_older_than_what_is_told_of_the_bench(
     here: Here, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told: list[tuple[float, float, bool]] = []
-    write_journal, append = journal.write_journal, Logbook.append
+    write_journal, append = journal.write_journal, Ledger.append
 
     def journal_written(path: Path, content: journal.Journal) -> None:
         write_journal(path, content)
         told.append((content.clock_s, kept().transport.now_s(), content.state["phase"] == "machining"))
 
-    def line_written(book: Logbook, serial: str, *entries: Entry, bench_s: float = math.nan) -> None:
+    def line_written(book: Ledger, serial: str, *entries: Entry, bench_s: float = math.nan) -> None:
         append(book, serial, *entries, bench_s=bench_s)
         told.append((bench_s, kept().transport.now_s(), False))
 
     monkeypatch.setattr(journal, "write_journal", journal_written)
-    monkeypatch.setattr(Logbook, "append", line_written)
+    monkeypatch.setattr(Ledger, "append", line_written)
     assert here("machine", *SHALLOW, *KEPT, "--seed", "3").exit_code == 0
     assert here("measure-wear", *KEPT).exit_code == 0
     assert len(told) > 10
@@ -280,7 +280,7 @@ def begun(radius_um: float = 143.0, depth_um: float = 20.0, status: str = "done"
     """Leave a bench and a ledger that tells of one hole at 500,0."""
     here_is = kept()
     hole = SiteMachined("Cu 270 µm", "old.h5", "first", 500.0, 0.0, radius_um, status, depth_um, 8.0)
-    Logbook.open(Path("runs")).append(here_is.plant.serial, hole)
+    Ledger.open(Path("runs")).append(here_is.plant.serial, hole)
 
 
 def test_a_new_bench_is_told_that_the_ledger_is_of_another(here: Here) -> None:
@@ -321,7 +321,7 @@ def test_a_worn_tool_that_is_too_short_for_the_job_may_still_look_for_the_surfac
     assert here("approach", "--profile", CU270, "--contact", *KEPT, "--seed", "3").exit_code == 0
     begun()
     pad = WearMeasured("Cu 270 µm", "old.h5", 300.0, 250.0, 0.5)
-    Logbook.open(Path("runs")).append(kept().plant.serial, pad)
+    Ledger.open(Path("runs")).append(kept().plant.serial, pad)
     deep = ("--profile", CU270, "--set", "target.depth_um=75", "--dry-run", "--json")
     assert here("machine", *deep, *KEPT).document["error"]["code"] == "E8044"
     said = here("approach", *deep, *KEPT)
@@ -339,8 +339,8 @@ def test_a_reference_without_a_profile_is_that_of_the_first_job_with_such_a_tool
     said = here("approach", "--profile", CU270, "--contact", *KEPT)
     assert "tool changed" not in said.err
     assert kept().tool_label == "Cu 270 µm"
-    books = books_of(Logbook.open(Path("runs")).lines, kept().plant.serial)
-    reference = books.account("Cu 270 µm").reference
+    history = history_of(Ledger.open(Path("runs")).lines, kept().plant.serial)
+    reference = history.account("Cu 270 µm").reference
     assert reference is not None
     assert reference.run_file == run_file.name
 
@@ -410,9 +410,9 @@ def test_a_channel_that_is_stopped_is_told_by_estimate(
     assert [(site["depth_um"], site["depth_basis"]) for site in shown["sites"]] == [
         (pytest.approx(channel["depth_um"]), "estimated")
     ]
-    books = books_of(Logbook.open(Path("runs")).lines, "SIM-4")
-    assert {hole.status for hole in books.holes} == {UNFINISHED}
-    (tool,) = books.tools.values()
+    history = history_of(Ledger.open(Path("runs")).lines, "SIM-4")
+    assert {hole.status for hole in history.holes} == {UNFINISHED}
+    (tool,) = history.tools.values()
     assert tool.worn_um == pytest.approx(channel["wear_um"], abs=0.01)
 
 

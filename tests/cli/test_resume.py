@@ -27,11 +27,11 @@ from edmctl.procedures.job_state import job_state
 from edmctl.profile.setup import Setup
 from edmctl.record.bench_file import read_bench, write_bench
 from edmctl.record.journal import read_journal, write_journal
-from edmctl.record.ledger import JobBegun, Logbook, RunEnded, ToolChanged, WearMeasured
+from edmctl.record.ledger import JobBegun, Ledger, RunEnded, ToolChanged, WearMeasured
 from edmctl.record.ledger_entries import UNFINISHED, ReferenceTouched, SiteMachined
 from edmctl.record.reader import open_run
 from edmctl.record.rows import RunEvent
-from edmctl.record.tool_account import ToolAccount, books_of
+from edmctl.record.tool_account import ToolAccount, history_of
 from edmctl.rules.load import load_profile
 from edmctl.simulator.saving import bench_state, restored_bench
 from tests.cli.commands import CU270, ROOT
@@ -105,8 +105,8 @@ def assert_on_target(said: Said) -> None:
 
 
 def ledger_goes_on(*entries: Entry) -> None:
-    logbook = Logbook.open(Path("runs"))
-    logbook.append(logbook.lines[0].serial, *entries)
+    ledger = Ledger.open(Path("runs"))
+    ledger.append(ledger.lines[0].serial, *entries)
 
 
 @pytest.mark.slow
@@ -181,7 +181,7 @@ def test_the_times_of_all_runs_of_a_job_add_up(here: Here, killed: Path) -> None
     assert result["measuring_time_s"] > 0.0
     assert 0.0 <= result["pause_s"] < 2.0  # the tool of a killed job retracts
     ended = [
-        line.entry.time_s for line in Logbook.open(Path("runs")).lines if isinstance(line.entry, RunEnded)
+        line.entry.time_s for line in Ledger.open(Path("runs")).lines if isinstance(line.entry, RunEnded)
     ]
     assert ended[-1] == pytest.approx(result["time_s"] - result["earlier_time_s"])
     with open_run(Path("runs/a-r2.h5")) as run:
@@ -232,7 +232,7 @@ def test_a_stopped_job_keeps_the_times_of_its_end(left: Left) -> None:
     assert state["job_machining_time_s"] == pytest.approx(summary["machining_time_s"])
     assert state["depth_um"] == pytest.approx(float(row["depth"]), abs=0.01)
     assert (row["depth_basis"], row["verdict"]) == (b"estimated", b"")
-    ended = [line.entry for line in Logbook.open(left.stopped / "runs").lines]
+    ended = [line.entry for line in Ledger.open(left.stopped / "runs").lines]
     (hole,) = [entry for entry in ended if isinstance(entry, SiteMachined)]
     assert hole.status == UNFINISHED
     assert hole.depth_um == pytest.approx(float(row["depth"]), abs=0.01)
@@ -530,8 +530,8 @@ def test_a_run_that_is_stopped_before_it_looks_forgets_nothing(
     here: Here, left: Left, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shutil.copytree(left.stopped, Path.cwd(), dirs_exist_ok=True)
-    lines = Logbook.open(Path("runs")).lines
-    before = books_of(lines, lines[0].serial)
+    lines = Ledger.open(Path("runs")).lines
+    before = history_of(lines, lines[0].serial)
     (tool,) = before.tools.values()
     assert tool.worn_um > 1.0
 
@@ -543,7 +543,7 @@ def test_a_run_that_is_stopped_before_it_looks_forgets_nothing(
     with monkeypatch.context() as patch:
         patch.setattr(LinkMachine, "arm", stopped)
         assert here(*RESUME, *BENCH).exit_code == 130
-    after = books_of(Logbook.open(Path("runs")).lines, lines[0].serial)
+    after = history_of(Ledger.open(Path("runs")).lines, lines[0].serial)
     (same,) = after.tools.values()
     assert same.worn_um == pytest.approx(tool.worn_um, abs=0.5)
     assert same.worn_u95_um > 0.0

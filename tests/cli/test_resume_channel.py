@@ -13,11 +13,11 @@ from edmctl.errors import RunFileError
 from edmctl.procedures.channel.way import way_of_path
 from edmctl.record.bench_file import read_bench
 from edmctl.record.journal import read_journal, write_journal
-from edmctl.record.ledger import Logbook
+from edmctl.record.ledger import Ledger
 from edmctl.record.ledger_entries import SiteMachined
 from edmctl.record.reader import open_run
 from edmctl.record.rows import RunEvent
-from edmctl.record.tool_account import books_of
+from edmctl.record.tool_account import history_of
 from edmctl.rules.load import load_profile
 from edmctl.simulator.plant_interface import TICK_S
 from edmctl.simulator.saving import restored_bench
@@ -131,7 +131,7 @@ def test_a_channel_is_finished_wherever_it_was_left(here: Here, left_at: LeaveAt
     assert channel["pulses"] > sum(journal.state["counts"])  # type: ignore[call-overload]
     assert channel["machining_time_s"] > journal.state["machining_time_s"]
     assert not list(Path("runs").glob("*.journal"))
-    lines = [line.entry for line in Logbook.open(Path("runs")).lines]
+    lines = [line.entry for line in Ledger.open(Path("runs")).lines]
     rows = [entry for entry in lines if isinstance(entry, SiteMachined) and entry.run_file == "a-r1.h5"]
     assert rows[0].wear_um == pytest.approx(channel["wear_um"], abs=1e-3)
     assert rows[0].depth_um == pytest.approx(channel["depth_um"], abs=1e-3)
@@ -215,8 +215,8 @@ def test_the_books_have_the_wear_of_every_channel(here: Here) -> None:
     for radius_um, run_id in ((150, "a"), (155, "b")):
         order = (*CHANNEL, "--set", f"path.radius_um={radius_um}", "--seed", "4", "--run-id", run_id)
         said = here(*order, "--port", f"sim:{run_id}.h5", "--out", run_id, "--json", "--quiet")
-        lines = Logbook.open(Path(run_id)).lines
-        (account,) = books_of(lines, lines[0].serial).tools.values()
+        lines = Ledger.open(Path(run_id)).lines
+        (account,) = history_of(lines, lines[0].serial).tools.values()
         assert account.lost_um == pytest.approx(said.document["result"]["channel"]["wear_um"], abs=1e-3)
 
 
@@ -229,7 +229,7 @@ def test_a_resume_that_fails_before_anything_moves_can_be_said_again(
     def full(*_: object, **__: object) -> None:
         raise RunFileError("The disk is full.", hint="Make room.", code="E9030")
 
-    for place in ("edmctl.record.journal.write_journal", "edmctl.record.ledger.Logbook.append"):
+    for place in ("edmctl.record.journal.write_journal", "edmctl.record.ledger.Ledger.append"):
         with monkeypatch.context() as patch:
             patch.setattr(place, full)
             assert here(*RESUME, *BENCH).exit_code == 9

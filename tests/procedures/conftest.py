@@ -142,7 +142,7 @@ class Shop:
         self.job: Job = job_of(self.profile, Setup(sensor=Sensor(fitted=sensor)), loaded.places, calibration)
         self.seen = Seen()
         self.told = Told()
-        self.ledger = JobTally()
+        self.tally = JobTally()
 
     def run_job(self, recorder: Recorder | None = None, journal: StateStore | None = None) -> JobResult:
         """Run the whole job."""
@@ -151,15 +151,15 @@ class Shop:
             self.job,
             recorder=recorder or self.seen,
             observer=self.told,
-            tally=self.ledger,
+            tally=self.tally,
             store=journal,
         )
 
     def run(self) -> JobRun:
         """What single procedures take, on a machine that nobody has configured."""
         watch = Watch(self.seen, self.profile.pulse.duty_voltage_v)
-        journal = JobStateKeeper(self.job, self.ledger)
-        return JobRun(self.machine, self.job, watch, self.seen, self.told, self.ledger, journal)
+        journal = JobStateKeeper(self.job, self.tally)
+        return JobRun(self.machine, self.job, watch, self.seen, self.told, self.tally, journal)
 
 
 @pytest.fixture

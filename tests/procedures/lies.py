@@ -99,7 +99,7 @@ def short_job(seed: int, lie: Lie | None = None, draw: int = 0, kind: str = "pla
         code, said, result = missed.code, missed.message, missed.result
     except EdmError as error:
         code, said = error.code, error.message
-        result = shop.ledger.result() if shop.ledger.sites or shop.ledger.channel else None
+        result = shop.tally.result() if shop.tally.sites or shop.tally.channel else None
     except Exception as error:  # what a job must not end with is what is looked for
         code, said = type(error).__name__, repr(error)
     end_s = bench.transport.now_s()

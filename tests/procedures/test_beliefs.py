@@ -56,8 +56,8 @@ def test_a_belief_that_is_wrong_costs_no_truth(
     wear = TrueWear(s.bench, NoStateStore())
     with suppress(ObjectiveMissed):  # said to be off the target, or not shown
         s.run_job(journal=wear)
-    assert set(s.ledger.sites) == {site.name for site in sites}
-    for site in s.ledger.sites.values():
+    assert set(s.tally.sites) == {site.name for site in sites}
+    for site in s.tally.sites.values():
         (hole,) = (one for one in s.bench.truth() if abs(one.x_um - site.x_um) < 8.0)
         held.append(abs(site.depth_um - hole.depth_um) <= site.depth_u95_um)
         held.append(abs(site.wear_um - wear.of_site(site.name)) <= site.wear_u95_um)
@@ -91,7 +91,7 @@ def test_a_tool_that_wears_otherwise_from_some_hole_on_is_held(
     with suppress(ObjectiveMissed):
         s.run_job(journal=wear)
     assert told.change == 1.0
-    for site in s.ledger.sites.values():
+    for site in s.tally.sites.values():
         (true,) = (one for one in s.bench.truth() if abs(one.x_um - site.x_um) < 8.0)
         assert abs(site.depth_um - true.depth_um) <= 1.1 * site.depth_u95_um, site
         assert abs(site.wear_um - wear.of_site(site.name)) <= 1.1 * site.wear_u95_um, site

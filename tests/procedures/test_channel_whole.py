@@ -171,13 +171,13 @@ class Shorts(Told):
     """Closes the contact once the channel was touched, and asks to stop soon after."""
 
     bench: VirtualBench | None = None
-    ledger: JobTally = field(default_factory=JobTally)
+    tally: JobTally = field(default_factory=JobTally)
     request: StopRequest = field(default_factory=StopRequest)
     since_s: float = math.inf
 
     def progress(self, p: Progress) -> None:
         assert self.bench is not None
-        if math.isinf(self.since_s) and self.ledger.channel is not None and p.phase is Phase.MACHINING:
+        if math.isinf(self.since_s) and self.tally.channel is not None and p.phase is Phase.MACHINING:
             self.since_s = p.time_s
             self.bench.inject(parse_injection("WIRE_SHORT@0"))
         if p.time_s > self.since_s + 1.5:
@@ -194,8 +194,8 @@ def test_a_channel_that_is_left_while_the_gap_is_shorted_is_no_shallower_than_it
     session.open()
     machine, job = LinkMachine(session, told.request), job_of(loaded.profile, Setup())
     with pytest.raises(EdmError):
-        run_job(machine, job, recorder=Seen(), observer=told, tally=told.ledger)
-    left, truth = told.ledger.channel, channel_truth(loaded.profile, bench, bench.tool_wear_um)
+        run_job(machine, job, recorder=Seen(), observer=told, tally=told.tally)
+    left, truth = told.tally.channel, channel_truth(loaded.profile, bench, bench.tool_wear_um)
     assert left is not None
     assert truth is not None
     assert left.depth_basis is Basis.ESTIMATED

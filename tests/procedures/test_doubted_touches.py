@@ -61,7 +61,7 @@ def test_a_hole_whose_bottom_was_not_believed_at_last_is_in_doubt(chip: str, in_
         shop.bench.inject(parse_injection(chip))
     with suppress(ObjectiveNotReached):
         shop.run_job()
-    (site,) = shop.ledger.sites.values()
+    (site,) = shop.tally.sites.values()
     assert site.in_doubt == in_doubt
 
 

@@ -32,7 +32,7 @@ from edmctl.procedures.touch.home import Home, _is_on_a_spot
 from edmctl.process.next_cut import COVERAGE
 from edmctl.process.touches import share_u
 from edmctl.profile.places import Place
-from edmctl.record.tool_account import Books, HomeSeen
+from edmctl.record.tool_account import HomeSeen, MachineHistory
 from edmctl.results.job import site_result_of
 from edmctl.results.progress import Phase
 from edmctl.simulator.plant_interface import TICK_S
@@ -85,7 +85,7 @@ def test_a_sensor_that_has_drifted_for_eight_hours_ends_no_job(rate_um_s: float)
     (hole,) = shop.bench.truth()
     assert abs(site.z1_um - 50.0 - rate_um_s * 8.0 * 3600.0) < 15.0
     assert abs(site.depth_um - hole.depth_um) <= site.depth_u95_um
-    assert shop.ledger.home_um == pytest.approx(rate_um_s * 8.0 * 3600.0, abs=5.0)
+    assert shop.tally.home_um == pytest.approx(rate_um_s * 8.0 * 3600.0, abs=5.0)
 
 
 def test_the_controller_is_told_where_home_is() -> None:
@@ -175,7 +175,7 @@ def test_the_wear_of_one_hole_holds_with_the_worst_drift_of_hundreds_of_machines
         shop.bench.plant.unit.sensor_drift_um_s = rate_um_s
         wear = TrueWear(shop.bench, NoStateStore())
         shop.run_job(journal=wear)
-        (site,) = shop.ledger.sites.values()
+        (site,) = shop.tally.sites.values()
         held.append(abs(site.wear_um - wear.of_site(site.name)) <= site.wear_u95_um)
     assert held.count(False) == 0
 
@@ -197,7 +197,7 @@ def test_the_wear_of_a_long_array_holds_a_fast_drift() -> None:
     shop = drifting(FAST_UM_S, overrides=(sites, "target.tolerance_um=15.0", "limits.max_time_s=7200"))
     shop.run_job()
     holes = shop.bench.truth()
-    for site in shop.ledger.sites.values():
+    for site in shop.tally.sites.values():
         true_um = min(holes, key=lambda h: math.hypot(h.x_um - site.x_um, h.y_um - site.y_um)).depth_um
         assert abs(site.depth_um - true_um) <= site.depth_u95_um
     assert shop.bench.controller.fault == 0
@@ -288,7 +288,7 @@ def test_over_the_pad_a_touch_tells_where_home_is(rate_um_s: float, hours: float
     (site,) = shop.run_job().sites
     (hole,) = shop.bench.truth()
     assert abs(site.depth_um - hole.depth_um) <= site.depth_u95_um
-    assert shop.ledger.home_um == pytest.approx(rate_um_s * hours * 3600.0, abs=10.0)
+    assert shop.tally.home_um == pytest.approx(rate_um_s * hours * 3600.0, abs=10.0)
 
 
 def test_over_the_pad_a_touch_tells_where_a_controller_just_started_cannot() -> None:
@@ -297,7 +297,7 @@ def test_over_the_pad_a_touch_tells_where_a_controller_just_started_cannot() -> 
     run = armed(shop)
     run.machine.rest(0.5)
     retract(run)
-    assert shop.ledger.home_um == pytest.approx(FAST_UM_S * 12.0 * 3600.0, abs=5.0)
+    assert shop.tally.home_um == pytest.approx(FAST_UM_S * 12.0 * 3600.0, abs=5.0)
 
 
 @pytest.mark.parametrize("hours", [0.0, 4.0])
@@ -374,10 +374,10 @@ def test_the_next_morning_a_worn_tool_over_the_pad_finds_its_home(
     later(shop, 12.0)
     shop.job = replace(shop.job, resumed=state, pause_s=12.0 * 3600.0)
     run = armed(shop)
-    shop.ledger.sites.update({site.name: site for site in map(site_result_of, state.done)})
+    shop.tally.sites.update({site.name: site for site in map(site_result_of, state.done)})
     run.machine.rest(0.5)
     retract(run)
-    assert shop.ledger.home_um == pytest.approx(rate_um_s * 12.0 * 3600.0, abs=10.0)
+    assert shop.tally.home_um == pytest.approx(rate_um_s * 12.0 * 3600.0, abs=10.0)
 
 
 @pytest.mark.parametrize("rate_um_s", [FAST_UM_S, -FAST_UM_S])
@@ -392,7 +392,7 @@ def test_over_a_place_that_is_not_cut_yet_a_touch_tells_too(rate_um_s: float) ->
     shop.bench.plant.unit.sensor_drift_um_s = rate_um_s
     later(shop, 6.0)
     shop.job = replace(shop.job, resumed=kept.states[-1], pause_s=6.0 * 3600.0)
-    shop.ledger, shop.machine = JobTally(), LinkMachine(shop.session, StopRequest())
+    shop.tally, shop.machine = JobTally(), LinkMachine(shop.session, StopRequest())
     (site,) = shop.run_job().sites
     (hole,) = shop.bench.truth()
     assert abs(site.depth_um - hole.depth_um) <= site.depth_u95_um
@@ -410,7 +410,7 @@ def test_a_run_that_was_killed_between_two_holes_goes_on_by_the_home_of_its_jour
     run = armed(shop)
     run.machine.rest(0.5)
     retract(run)
-    assert shop.ledger.home_um == pytest.approx(home_um, abs=3.0)
+    assert shop.tally.home_um == pytest.approx(home_um, abs=3.0)
 
 
 @pytest.mark.parametrize(
@@ -428,19 +428,19 @@ def test_a_home_of_the_journal_that_is_older_or_unknown_is_not_taken(
 def test_a_home_of_the_ledger_from_the_future_has_no_age_and_is_not_taken() -> None:
     """The clock was set back meanwhile: a night may have passed."""
     job, now_s = Shop().job, time.time()
-    books = Books(homes=[HomeSeen(2.0, now_s - 7200.0, 0.0)])
-    assert with_home(job, books, CALENDAR).home_age_s == pytest.approx(7200.0 + REPORT_DELAY_S, abs=5.0)
-    books.homes = [HomeSeen(2.0, now_s + 7200.0, 0.0)]
-    assert with_home(job, books, CALENDAR) == job
-    assert with_home(job, books, Now(10.0)).home_age_s == 10.0 + REPORT_DELAY_S
-    books.homes = [HomeSeen(2.0, now_s, math.nan)]
-    assert with_home(job, books, Now(10.0)) == job
+    history = MachineHistory(homes=[HomeSeen(2.0, now_s - 7200.0, 0.0)])
+    assert with_home(job, history, CALENDAR).home_age_s == pytest.approx(7200.0 + REPORT_DELAY_S, abs=5.0)
+    history.homes = [HomeSeen(2.0, now_s + 7200.0, 0.0)]
+    assert with_home(job, history, CALENDAR) == job
+    assert with_home(job, history, Now(10.0)).home_age_s == 10.0 + REPORT_DELAY_S
+    history.homes = [HomeSeen(2.0, now_s, math.nan)]
+    assert with_home(job, history, Now(10.0)) == job
 
 
 def test_how_fast_home_moved_is_known_where_the_clock_was_set_back_since() -> None:
     job, now_s = Shop().job, time.time()
     homes = [HomeSeen(0.0045 * at_s, now_s + at_s, at_s) for at_s in (2000.0, 4000.0, 6000.0)]
-    known = with_home(job, Books(homes=homes), CALENDAR)
+    known = with_home(job, MachineHistory(homes=homes), CALENDAR)
     assert known.drift_seen_um_s >= 0.0045
     assert math.isnan(known.home_age_s) == math.isnan(job.home_age_s)
 
@@ -455,7 +455,7 @@ def test_a_drift_that_earlier_jobs_show_is_in_the_intervals_from_the_start(rate_
     ]
     for now in (CALENDAR, Now(4800.0)):
         shop = Shop()
-        shop.job = with_home(shop.job, Books(homes=homes), now)
+        shop.job = with_home(shop.job, MachineHistory(homes=homes), now)
         run = armed(shop)
         assert COVERAGE * run.uncertainty.drift_u_um_per_s >= abs(rate_um_s)
 
@@ -490,11 +490,11 @@ def test_home_by_a_hole_that_was_left_tells_how_much_deeper_that_may_be(deeper_u
     later(shop, 12.0)
     believed = replace(state, depth_um=state.depth_um - deeper_um, feed_u_um=deeper_um / 2.0)
     shop.job = replace(shop.job, resumed=believed, pause_s=12.0 * 3600.0)
-    shop.ledger, shop.machine = JobTally(), LinkMachine(shop.session, StopRequest())
+    shop.tally, shop.machine = JobTally(), LinkMachine(shop.session, StopRequest())
     run = armed(shop)
     run.machine.rest(0.5)
     retract(run)
-    assert abs(shop.ledger.home_um - drifted_um) < 5.0 + run.watch.rests.hidden_um
+    assert abs(shop.tally.home_um - drifted_um) < 5.0 + run.watch.rests.hidden_um
     assert deeper_um < run.watch.rests.hidden_um < 3.0 * deeper_um + 15.0
 
 

@@ -50,7 +50,7 @@ def test_one_touch_of_the_face_serves_the_places_about_it() -> None:
     shop.run_job()
     assert [touch.kind for touch in shop.seen.touches].count("Zr") == SPOTS
     holes = shop.bench.truth()
-    for site in shop.ledger.sites.values():
+    for site in shop.tally.sites.values():
         true_um = min(holes, key=lambda h: math.hypot(h.x_um - site.x_um, h.y_um - site.y_um)).depth_um
         assert abs(site.depth_um - true_um) <= site.depth_u95_um
 
@@ -91,7 +91,7 @@ def test_spots_of_the_face_are_clear_of_each_other_and_of_machined_places() -> N
     shop = Shop(('sites=[{kind="grid",name="hole",x_um=6000,y_um=0,columns=2,rows=1,dx_um=400,dy_um=400}]',))
     run = shop.run()
     first, second = shop.job.sites
-    shop.ledger.sites[first.name] = first  # type: ignore[assignment]
+    shop.tally.sites[first.name] = first  # type: ignore[assignment]
     spots = surface_spots(run, second).places
     tool_um = shop.profile.tool.diameter_um
     assert spots[0] == second
@@ -141,5 +141,5 @@ def test_first_sparks_that_contradict_the_face_leave_the_depth_unshown() -> None
         shop.run_job()
     assert caught.value.code == "E7013"
     assert any(told.startswith("Sparks began") for told in doubts(shop))
-    (site,) = shop.ledger.sites.values()
+    (site,) = shop.tally.sites.values()
     assert abs(site.depth_um - shop.bench.truth()[0].depth_um) <= site.depth_u95_um

@@ -67,7 +67,7 @@ def test_a_doubt_of_a_face_that_nobody_touched_outlives_the_run() -> None:
     with pytest.raises(ObjectiveMissed) as caught:
         taken_up(shop, state)
     assert caught.value.code == "E7013"
-    (site,) = shop.ledger.sites.values()
+    (site,) = shop.tally.sites.values()
     assert abs(site.depth_um - shop.bench.truth()[0].depth_um) <= site.depth_u95_um
 
 
@@ -89,5 +89,5 @@ def test_a_gap_that_does_not_explain_the_first_sparks_withdraws_nothing(gap_um: 
     assert caught.value.code == "E7013"
     assert "Clean tool and work" in caught.value.hint
     assert withdrawn(shop) == []
-    (site,) = shop.ledger.sites.values()
+    (site,) = shop.tally.sites.values()
     assert abs(site.depth_um - shop.bench.truth()[0].depth_um) <= site.depth_u95_um

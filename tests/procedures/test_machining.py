@@ -190,8 +190,8 @@ def test_an_interrupted_job_ends_retracted_and_keeps_what_it_reached(shop: OpenS
         s.run_job()
     assert caught.value.signal_number == signal.SIGTERM
     assert_safe(s)
-    assert s.ledger.time_s > 20.0
-    (site,) = s.ledger.result().sites
+    assert s.tally.time_s > 20.0
+    (site,) = s.tally.result().sites
     assert (site.depth_basis, site.cuts, site.finished) == (Basis.ESTIMATED, 1, False)
     assert abs(site.depth_um - s.bench.truth()[0].depth_um) <= site.depth_u95_um
 
@@ -208,7 +208,7 @@ def test_a_job_stopped_in_the_middle_of_a_cut_says_how_far_it_came(shop: OpenSho
     s.told.when[Phase.MACHINING] = stop_at_six_um
     with pytest.raises(Interrupted):
         s.run_job()
-    result = s.ledger.result()
+    result = s.tally.result()
     machining_s = 0.1 * len(s.seen.slow)
     assert result.machining_time_s == pytest.approx(machining_s, abs=0.5)
     assert result.machining_time_s > 2.0
@@ -227,7 +227,7 @@ def test_a_job_stopped_before_its_first_cut_has_reached_nothing(shop: OpenShop) 
     s.told.when[Phase.APPROACHING] = lambda: s.stop.request(signal.SIGTERM)
     with pytest.raises(Interrupted):
         s.run_job()
-    assert s.ledger.result().reached is None
+    assert s.tally.result().reached is None
 
 
 def test_no_cut_begins_when_no_time_is_left_for_it(shop: OpenShop) -> None:
@@ -262,7 +262,7 @@ def test_an_interrupt_in_the_second_cut_keeps_what_the_first_one_reached(shop: O
     s.told.when[Phase.MACHINING] = at_the_next_approach
     with pytest.raises(Interrupted):
         s.run_job()
-    (site,) = s.ledger.result().sites
+    (site,) = s.tally.result().sites
     assert site.depth_um == pytest.approx(5.5, abs=1.5)
     assert (site.depth_basis, site.verdict, site.finished) == (Basis.TOUCHED, None, False)
     assert [row.depth_um for row in s.seen.sites] == [site.depth_um]
@@ -282,7 +282,7 @@ def test_a_fault_in_the_second_cut_leaves_an_estimate_and_no_verdict(shop: OpenS
     s.told.when[Phase.MACHINING] = look
     with pytest.raises(MachineFault):
         s.run_job()
-    (site,), (row,) = s.ledger.result().sites, s.seen.sites
+    (site,), (row,) = s.tally.result().sites, s.seen.sites
     (hole,) = s.bench.truth()
     assert hole.depth_um > 7.5
     assert (site.depth_basis, site.wear_basis, site.verdict) == (Basis.ESTIMATED, Basis.ESTIMATED, None)
@@ -290,9 +290,9 @@ def test_a_fault_in_the_second_cut_leaves_an_estimate_and_no_verdict(shop: OpenS
     assert abs(site.wear_um - s.bench.tool_wear_um) <= site.wear_u95_um < 4.0
     assert site.estimated_um == pytest.approx(site.depth_um - 5.5, abs=1.5)
     assert (site.cuts, site.measuring_stops) == (2, 1)
-    assert site.machining_time_s == pytest.approx(s.ledger.machining_time_s)
+    assert site.machining_time_s == pytest.approx(s.tally.machining_time_s)
     assert (row.depth_um, row.depth_basis, row.verdict) == (site.depth_um, Basis.ESTIMATED, None)
-    reached = s.ledger.result().reached
+    reached = s.tally.result().reached
     assert reached is not None
     assert (reached.depth_estimated_um, reached.depth_estimated_u95_um) == (site.depth_um, site.depth_u95_um)
 

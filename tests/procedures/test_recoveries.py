@@ -242,7 +242,7 @@ def test_a_hole_whose_tool_is_lost_is_as_deep_as_it_was_then(
     with pytest.raises(MachineFault) as caught:
         s.run_job()
     assert caught.value.code == code
-    (left,) = s.ledger.sites.values()
+    (left,) = s.tally.sites.values()
     (hole,) = s.bench.truth()
     assert left.depth_um == pytest.approx(hole.depth_um, abs=left.depth_u95_um)
     assert left.wear_um == pytest.approx(s.bench.tool_wear_um, abs=left.wear_u95_um)
@@ -253,7 +253,7 @@ def test_nothing_is_known_exactly_of_a_hole_that_has_hardly_begun(shop: OpenShop
     s = injected(shop, f"ESTOP@sparks+{sparks_s}")
     with pytest.raises(MachineFault):
         s.run_job()
-    (left,) = s.ledger.sites.values()
+    (left,) = s.tally.sites.values()
     (hole,) = s.bench.truth()
     assert left.depth_um == pytest.approx(hole.depth_um, abs=left.depth_u95_um)
     assert left.wear_um == pytest.approx(s.bench.tool_wear_um, abs=left.wear_u95_um)

@@ -56,7 +56,7 @@ def left(shop: Shop, depth_um: float) -> JobState:
 def taken_up(shop: Shop, state: JobState) -> SiteResult:
     """Go on with it on the same bench."""
     shop.job = replace(shop.job, resumed=state)
-    shop.ledger, shop.machine = JobTally(), LinkMachine(shop.session, StopRequest())
+    shop.tally, shop.machine = JobTally(), LinkMachine(shop.session, StopRequest())
     (site,) = shop.run_job().sites
     return site
 
@@ -100,8 +100,8 @@ def test_an_estimated_z1_stays_an_estimate() -> None:
 def test_the_journal_of_a_stopped_job_has_the_time_and_the_estimate_of_its_end() -> None:
     shop = Shop(seed=3103)
     state = left(shop, 6.0)
-    (site,) = shop.ledger.result().sites
-    assert state.time_s == pytest.approx(shop.ledger.time_s, abs=0.1)
+    (site,) = shop.tally.result().sites
+    assert state.time_s == pytest.approx(shop.tally.time_s, abs=0.1)
     assert (state.depth_um, state.wear_um) == pytest.approx((site.depth_um, site.wear_um), abs=1e-6)
     assert state.machining_time_s == pytest.approx(site.machining_time_s)
     assert not any(code == RunEvent.TOUCH_DOUBTED for _, code, *_ in shop.seen.events)

@@ -165,5 +165,5 @@ def test_without_samples_there_is_no_estimate_and_no_cut() -> None:
         s.run_job()
     assert caught.value.code == "E4022"
     ((_, lost_tick),) = s.bench.controller.injector.applied
-    assert s.ledger.time_s < lost_tick * TICK_S + 5.0
+    assert s.tally.time_s < lost_tick * TICK_S + 5.0
     assert s.bench.is_safe

@@ -109,7 +109,7 @@ def test_a_log_with_few_rows_leaves_the_job_its_samples(hz: float) -> None:
     """Conditioning over a small stroke is short, and identifies the actuator from 200 samples or more."""
     shop = Shop((f"log.servo_hz={hz}", "limits.stroke_v_max=70"))
     with running(
-        shop.machine, shop.job, shop.ledger, recorder=shop.seen, observer=shop.told, pulses=False
+        shop.machine, shop.job, shop.tally, recorder=shop.seen, observer=shop.told, pulses=False
     ) as run:
         assert run.watch.estimator() is not None
     times_s = np.concatenate([rows.time_s for rows in shop.seen.servo])

@@ -53,8 +53,8 @@ def array() -> Shop:
 
 
 def test_every_hole_of_an_array_comes_out_as_deep_as_wanted(array: Shop) -> None:
-    assert len(array.ledger.sites) == 4
-    for site in array.ledger.sites.values():
+    assert len(array.tally.sites) == 4
+    for site in array.tally.sites.values():
         assert true_depth_um(array, site) == pytest.approx(DEPTH_UM, abs=2.0)
         assert abs(true_depth_um(array, site) - site.depth_um) <= 1.5 * site.depth_u95_um
         assert site.feed_um == pytest.approx(site.depth_um + site.wear_um)
@@ -63,16 +63,16 @@ def test_every_hole_of_an_array_comes_out_as_deep_as_wanted(array: Shop) -> None
 
 
 def test_later_holes_are_measured_less(array: Shop) -> None:
-    stops = [site.measuring_stops for site in array.ledger.sites.values()]
+    stops = [site.measuring_stops for site in array.tally.sites.values()]
     assert stops[0] >= 1
     assert stops[-1] >= 1
     assert sum(stops) <= 3
 
 
 def test_the_wear_is_carried_from_hole_to_hole(array: Shop) -> None:
-    worn_um = math.fsum(site.wear_um for site in array.ledger.sites.values())
+    worn_um = math.fsum(site.wear_um for site in array.tally.sites.values())
     assert worn_um == pytest.approx(array.bench.tool_wear_um, abs=2.0)
-    surfaces = [site.z1_um for site in array.ledger.sites.values()]
+    surfaces = [site.z1_um for site in array.tally.sites.values()]
     assert surfaces == sorted(surfaces)
 
 
@@ -82,16 +82,16 @@ def test_the_face_is_touched_before_an_array(array: Shop) -> None:
 
 
 def test_every_result_is_written_once_in_the_order_of_machining(array: Shop) -> None:
-    assert [row.name for row in array.seen.sites] == list(array.ledger.sites)
+    assert [row.name for row in array.seen.sites] == list(array.tally.sites)
     for row in array.seen.sites:
-        assert row.depth_um == array.ledger.sites[row.name].depth_um
+        assert row.depth_um == array.tally.sites[row.name].depth_um
 
 
 def test_a_tool_that_may_wear_no_further_ends_the_job_and_says_what_is_left(shop: OpenShop) -> None:
     s = shop([GRID, "tool.max_wear_um=12.0"])
     with pytest.raises(ObjectiveMissed) as missed:
         s.run_job()
-    assert 1 <= len(s.ledger.sites) <= 2
+    assert 1 <= len(s.tally.sites) <= 2
     assert "tool.max_wear_um" in str(missed.value)
     assert "grid-" in str(missed.value)
     assert s.bench.is_safe
@@ -187,7 +187,7 @@ def test_a_hole_left_in_the_middle_teaches_the_later_ones_nothing_wrong(shop: Op
     for site in after.run_job().sites:
         assert true_depth_um(after, site) == pytest.approx(DEPTH_UM, abs=2.0)
         assert abs(true_depth_um(after, site) - site.depth_um) <= 1.5 * site.depth_u95_um
-    assert [row.name for row in after.seen.sites] == list(after.ledger.sites)
+    assert [row.name for row in after.seen.sites] == list(after.tally.sites)
 
 
 @pytest.mark.slow

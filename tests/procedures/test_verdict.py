@@ -91,16 +91,16 @@ def test_a_depth_that_is_right_and_known_is_shown(done: Done) -> None:
 def after_corrections(shop: Shop, depths: dict[str, tuple[float, float]]) -> Decision | None:
     """Judge the shop's finished job with other depths of some holes, as later touches may give them."""
     again = Shop([ROW])
-    again.ledger.sites = dict(shop.ledger.sites)
+    again.tally.sites = dict(shop.tally.sites)
     for name, (depth_um, u95_um) in depths.items():
-        again.ledger.sites[name] = replace(
-            shop.ledger.sites[name], depth_um=depth_um, depth_u95_um=u95_um, verdict=None
+        again.tally.sites[name] = replace(
+            shop.tally.sites[name], depth_um=depth_um, depth_u95_um=u95_um, verdict=None
         )
-    again.ledger.unwritten = list(again.ledger.sites)
+    again.tally.unwritten = list(again.tally.sites)
     run = again.run()
     record_results(run)
     for row in again.seen.sites:
-        assert row.verdict == again.ledger.sites[row.name].verdict
+        assert row.verdict == again.tally.sites[row.name].verdict
     return judge_holes(run, None)
 
 
@@ -108,7 +108,7 @@ def test_a_hole_that_a_later_touch_finds_outside_ends_the_job_short_of_its_objec
     row_of_holes: Shop,
 ) -> None:
     assert after_corrections(row_of_holes, {}) is None
-    second = list(row_of_holes.ledger.sites)[1]
+    second = list(row_of_holes.tally.sites)[1]
     decision = after_corrections(row_of_holes, {second: (15.88, 0.96)})
     assert decision is not None
     assert decision.code == "E7010"
@@ -117,7 +117,7 @@ def test_a_hole_that_a_later_touch_finds_outside_ends_the_job_short_of_its_objec
 
 
 def test_a_hole_that_a_later_touch_leaves_unknown_is_not_shown(row_of_holes: Shop) -> None:
-    third = list(row_of_holes.ledger.sites)[2]
+    third = list(row_of_holes.tally.sites)[2]
     decision = after_corrections(row_of_holes, {third: (12.4, 3.1)})
     assert decision is not None
     assert decision.code == "E7013"
@@ -126,7 +126,7 @@ def test_a_hole_that_a_later_touch_leaves_unknown_is_not_shown(row_of_holes: Sho
 
 
 def test_many_holes_are_told_in_one_bounded_message_the_missed_ones_first(row_of_holes: Shop) -> None:
-    names = list(row_of_holes.ledger.sites)
+    names = list(row_of_holes.tally.sites)
     decision = after_corrections(
         row_of_holes, {names[0]: (12.0, 4.0), **{name: (20.0, 1.0) for name in names[1:]}}
     )
@@ -143,7 +143,7 @@ def test_what_ended_the_job_stays_its_reason_and_the_others_are_told_behind_it(r
     with pytest.raises(ObjectiveMissed) as caught:
         s.run_job()
     assert "tool.max_wear_um" in caught.value.message
-    run, first = s.run(), next(iter(s.ledger.sites))
+    run, first = s.run(), next(iter(s.tally.sites))
     worn_out = after_corrections(row_of_holes, {first: (15.88, 0.96)})
     assert worn_out is not None
     run.tally.sites[first] = replace(run.tally.sites[first], depth_um=15.88, verdict=Verdict.MISSED)
@@ -167,7 +167,7 @@ def test_a_sparing_recipe_leaves_a_small_last_cut_estimated_and_says_so(shop: Op
 
 
 def test_holes_without_a_touch_stay_estimated_after_the_touch_that_corrects_them(row_of_holes: Shop) -> None:
-    sites = list(row_of_holes.ledger.sites.values())
+    sites = list(row_of_holes.tally.sites.values())
     untouched = [site for site in sites if not site.measuring_stops]
     assert untouched
     assert (
@@ -206,7 +206,7 @@ def test_the_remedy_of_a_missed_hole_goes_by_its_side(done: Done, depth_um: floa
     shop = Shop()
     (result,) = done.result.sites
     result = replace(result, depth_um=depth_um, depth_u95_um=0.5)
-    shop.ledger.sites[result.name] = judged(shop.job, result)
+    shop.tally.sites[result.name] = judged(shop.job, result)
     decision = judge_holes(shop.run(), None)
     assert decision is not None
     assert remedy in decision.hint
@@ -219,7 +219,7 @@ def test_a_hole_whose_touches_are_in_doubt_is_to_be_measured_again(done: Done, b
     (result,) = done.result.sites
     assert not result.in_doubt
     result = replace(result, depth_u95_um=3.1, depth_basis=basis, in_doubt=True)
-    shop.ledger.sites[result.name] = judged(shop.job, result)
+    shop.tally.sites[result.name] = judged(shop.job, result)
     decision = judge_holes(shop.run(), None)
     assert decision is not None
     assert "Clean tool and work, and measure the hole again" in decision.hint

@@ -18,7 +18,7 @@ import pytest
 from edmctl.errors import RunFileError
 from edmctl.record import locks
 from edmctl.record.bench_file import bench_lock
-from edmctl.record.ledger import Logbook
+from edmctl.record.ledger import Ledger
 from edmctl.record.ledger_entries import ToolChanged
 from tests.cli.commands import SHALLOW, command, environment
 
@@ -115,8 +115,8 @@ def test_only_a_lock_of_this_computer_whose_process_is_gone_is_taken_away(
 @pytest.mark.usefixtures("no_locks")
 def test_without_locks_the_ledger_keeps_every_line(tmp_path: Path) -> None:
     for tool in ("one", "two"):
-        Logbook.open(tmp_path).append("SIM-1", ToolChanged(tool))
-    entries = [line.entry for line in Logbook.open(tmp_path).lines]
+        Ledger.open(tmp_path).append("SIM-1", ToolChanged(tool))
+    entries = [line.entry for line in Ledger.open(tmp_path).lines]
     assert entries == [ToolChanged("one"), ToolChanged("two")]
     assert [path.name for path in tmp_path.iterdir()] == ["ledger.jsonl"]
 

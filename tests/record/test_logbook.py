@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.errors import RunFileError
-from edmctl.record.ledger import FILE_NAME, Logbook
+from edmctl.record.ledger import FILE_NAME, Ledger
 from edmctl.record.ledger_entries import (
     UNFINISHED,
     JobBegun,
@@ -23,7 +23,7 @@ from edmctl.record.ledger_entries import (
     WearMeasured,
     text_of,
 )
-from edmctl.record.tool_account import books_of
+from edmctl.record.tool_account import history_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -90,28 +90,28 @@ def test_what_is_appended_is_read_again(tmp_path: Path) -> None:
         WearMeasured("Cu", "w.h5", 60.0, 10.0, 1.0),
         RunEnded("a.h5", "done", 100.0),
     )
-    Logbook.open(tmp_path).append(SERIAL, *entries)
-    lines = Logbook.open(tmp_path).lines
+    Ledger.open(tmp_path).append(SERIAL, *entries)
+    lines = Ledger.open(tmp_path).lines
     assert [line.serial for line in lines] == [SERIAL] * len(entries)
     # NaN is not itself; its text is.
     assert [repr(line.entry) for line in lines] == [repr(entry) for entry in entries]
 
 
 def test_a_folder_without_a_ledger_knows_nothing(tmp_path: Path) -> None:
-    assert Logbook.open(tmp_path / "runs").lines == ()
+    assert Ledger.open(tmp_path / "runs").lines == ()
 
 
 def test_a_torn_last_line_is_left_out_and_nothing_is_glued_to_it(tmp_path: Path) -> None:
-    Logbook.open(tmp_path).append(SERIAL, reference(), site())
+    Ledger.open(tmp_path).append(SERIAL, reference(), site())
     path = tmp_path / FILE_NAME
     whole = path.read_bytes()
     for cut in range(1, len(whole) - whole.index(b"\n") - 2, 17):
         path.write_bytes(whole[:-cut])
-        torn = Logbook.open(tmp_path)
+        torn = Ledger.open(tmp_path)
         assert len(torn.lines) == (2 if cut == 1 else 1)
         torn.append(SERIAL, RunEnded("r.h5", "done", 1.0))
-        assert isinstance(Logbook.open(tmp_path).lines[-1].entry, RunEnded)
-        assert len(Logbook.open(tmp_path).lines) == len(torn.lines)
+        assert isinstance(Ledger.open(tmp_path).lines[-1].entry, RunEnded)
+        assert len(Ledger.open(tmp_path).lines) == len(torn.lines)
 
 
 @pytest.mark.parametrize(
@@ -136,13 +136,13 @@ def test_a_torn_last_line_is_left_out_and_nothing_is_glued_to_it(tmp_path: Path)
     ],
 )
 def test_a_damaged_line_is_refused_with_its_number(tmp_path: Path, damage: str) -> None:
-    book = Logbook.open(tmp_path)
+    book = Ledger.open(tmp_path)
     book.append(SERIAL, reference())
     with book.path.open("a", encoding="utf-8") as file:
         file.write(damage + "\n")
     book.append(SERIAL, site())
     with pytest.raises(RunFileError) as caught:
-        Logbook.open(tmp_path)
+        Ledger.open(tmp_path)
     assert caught.value.code == "E9031"
     assert f"{FILE_NAME}:2:" in caught.value.message
     caught.value.message.encode()
@@ -151,36 +151,36 @@ def test_a_damaged_line_is_refused_with_its_number(tmp_path: Path, damage: str) 
 
 @pytest.mark.parametrize("torn", ['"serial": ' + "[" * 100_000, END.replace("1.5", "9" * 400)])
 def test_a_last_line_that_nobody_can_read_is_left_out_and_taken_away(tmp_path: Path, torn: str) -> None:
-    Logbook.open(tmp_path).append(SERIAL, reference())
+    Ledger.open(tmp_path).append(SERIAL, reference())
     with (tmp_path / FILE_NAME).open("a", encoding="utf-8") as file:
         file.write(torn)
-    book = Logbook.open(tmp_path)
+    book = Ledger.open(tmp_path)
     assert len(book.lines) == 1
     book.append(SERIAL, site())
-    assert len(Logbook.open(tmp_path).lines) == 2
+    assert len(Ledger.open(tmp_path).lines) == 2
 
 
 def test_a_line_of_a_later_version_is_told_from_damage(tmp_path: Path) -> None:
     (tmp_path / FILE_NAME).write_text('{"v": 4, "kind": "dream"}\n', encoding="utf-8")
     with pytest.raises(RunFileError) as caught:
-        Logbook.open(tmp_path)
+        Ledger.open(tmp_path)
     assert caught.value.code == "E9032"
 
 
 def test_what_is_no_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / FILE_NAME).mkdir()
     with pytest.raises(RunFileError) as caught:
-        Logbook.open(tmp_path)
+        Ledger.open(tmp_path)
     assert caught.value.code == "E9030"
     (tmp_path / "file").touch()
     with pytest.raises(RunFileError) as caught:
-        Logbook(tmp_path / "file" / FILE_NAME, ()).append(SERIAL, site())
+        Ledger(tmp_path / "file" / FILE_NAME, ()).append(SERIAL, site())
     assert caught.value.code == "E9033"
 
 
 def _append_many(folder: Path, serial: str) -> None:
     for number in range(LINES_EACH):
-        Logbook.open(folder).append(serial, RunEnded(f"{number}.h5", "done", float(number)))
+        Ledger.open(folder).append(serial, RunEnded(f"{number}.h5", "done", float(number)))
 
 
 def test_two_writers_lose_nothing(tmp_path: Path) -> None:
@@ -191,85 +191,85 @@ def test_two_writers_lose_nothing(tmp_path: Path) -> None:
     for writer in writers:
         writer.join()
         assert writer.exitcode == 0
-    lines = Logbook.open(tmp_path).lines
+    lines = Ledger.open(tmp_path).lines
     for serial in ("A", "B"):
         times_s = [line.entry.time_s for line in lines if line.serial == serial]  # type: ignore[union-attr]
         assert times_s == [float(number) for number in range(LINES_EACH)]
 
 
 def test_wear_is_carried_from_the_reference_on(tmp_path: Path) -> None:
-    book = Logbook.open(tmp_path)
+    book = Ledger.open(tmp_path)
     book.append(SERIAL, reference(), site(), site("b", 1000.0, z3_um=71.0), site("c", tool="W"))
     book.append("SIM-2", site("d"))
-    books = books_of(book.lines, SERIAL)
-    account = books.account("Cu")
+    history = history_of(book.lines, SERIAL)
+    account = history.account("Cu")
     assert (account.worn_um, account.lost_um, account.pad_um) == (20.0, 20.0, 71.0)
     assert account.worn_u95_um == pytest.approx(0.6 * math.sqrt(2.0))
-    assert [hole.name for hole in books.holes] == ["a", "b", "c"]
-    assert books.tool == "W"
+    assert [hole.name for hole in history.holes] == ["a", "b", "c"]
+    assert history.tool == "W"
     book.append(SERIAL, reference(z_um=72.0))
-    account = books_of(book.lines, SERIAL).account("Cu")
+    account = history_of(book.lines, SERIAL).account("Cu")
     assert (account.worn_um, account.lost_um, account.pad_um) == (0.0, 20.0, 72.0)
     book.append(SERIAL, ToolChanged("Cu"))
-    account = books_of(book.lines, SERIAL).account("Cu")
+    account = history_of(book.lines, SERIAL).account("Cu")
     assert (account.reference, account.lost_um, len(account.holes)) == (None, 0.0, 0)
 
 
 def test_the_tool_touches_later_by_a_wear_that_was_not_measured(tmp_path: Path) -> None:
-    book = Logbook.open(tmp_path)
+    book = Ledger.open(tmp_path)
     book.append(SERIAL, reference(), site(wear_um=7.0, status=UNFINISHED))
-    assert books_of(book.lines, SERIAL).account("Cu").pad_um == 57.0
+    assert history_of(book.lines, SERIAL).account("Cu").pad_um == 57.0
     book.append(SERIAL, WearMeasured("Cu", "w.h5", 58.5, 8.5, 1.0))
-    assert books_of(book.lines, SERIAL).account("Cu").pad_um == 58.5
+    assert history_of(book.lines, SERIAL).account("Cu").pad_um == 58.5
 
 
 def test_a_hole_that_was_taken_up_again_counts_once(tmp_path: Path) -> None:
-    book = Logbook.open(tmp_path)
+    book = Ledger.open(tmp_path)
     book.append(SERIAL, reference(), site(wear_um=4.0, status=UNFINISHED), site(wear_um=9.0, z3_um=59.0))
-    books = books_of(book.lines, SERIAL)
-    assert [hole.status for hole in books.holes] == ["done"]
-    assert (books.account("Cu").worn_um, books.account("Cu").pad_um) == (9.0, 59.0)
+    history = history_of(book.lines, SERIAL)
+    assert [hole.status for hole in history.holes] == ["done"]
+    assert (history.account("Cu").worn_um, history.account("Cu").pad_um) == (9.0, 59.0)
     # Also when the reference was touched anew between the two.
     book.append(SERIAL, reference(z_um=59.0), site(wear_um=12.0))
-    account = books_of(book.lines, SERIAL).account("Cu")
+    account = history_of(book.lines, SERIAL).account("Cu")
     assert account.lost_um == 12.0
 
 
 def test_a_hole_that_is_told_of_once_more_is_no_news_of_the_tool(tmp_path: Path) -> None:
-    book = Logbook.open(tmp_path)
+    book = Ledger.open(tmp_path)
     measured = site("a", z3_um=60.0)
     book.append(SERIAL, reference(), measured, site("b", 1000.0, wear_um=4.0, status=UNFINISHED))
     book.append(SERIAL, measured, site("b", 1000.0, wear_um=6.0, status=UNFINISHED))
-    books = books_of(book.lines, SERIAL)
-    assert (books.account("Cu").pad_um, books.account("Cu").lost_um) == (66.0, 16.0)
+    history = history_of(book.lines, SERIAL)
+    assert (history.account("Cu").pad_um, history.account("Cu").lost_um) == (66.0, 16.0)
     # Nor does it make the hole one that was machined after a later reference, or after those of other jobs.
     book.append(SERIAL, reference(z_um=66.0), site("c", 1500.0, z3_um=76.0), measured)
-    account = books_of(book.lines, SERIAL).account("Cu")
+    account = history_of(book.lines, SERIAL).account("Cu")
     assert (account.pad_um, account.worn_um, account.lost_um) == (76.0, 10.0, 26.0)
     assert account.holes[-1].name == "c"
 
 
 def test_places_of_a_job_that_never_ended_are_taken(tmp_path: Path) -> None:
-    book = Logbook.open(tmp_path)
+    book = Ledger.open(tmp_path)
     begun = JobBegun("Cu", "a.h5", 143.0, (("a", 500.0, 0.0), ("b", 1000.0, 0.0)))
     book.append(SERIAL, begun, site())
-    holes = books_of(book.lines, SERIAL).holes
+    holes = history_of(book.lines, SERIAL).holes
     assert [(hole.name, hole.status) for hole in holes] == [("a", "done"), ("b", UNFINISHED)]
     assert math.isnan(holes[1].depth_um)
     book.append(SERIAL, RunEnded("a.h5", "interrupted", 10.0))
-    assert [hole.name for hole in books_of(book.lines, SERIAL).holes] == ["a"]
+    assert [hole.name for hole in history_of(book.lines, SERIAL).holes] == ["a"]
 
 
 def test_the_time_of_a_bench_stands_in_its_lines(tmp_path: Path) -> None:
-    Logbook.open(tmp_path).append(SERIAL, reference(), bench_s=1234.5)
-    Logbook.open(tmp_path).append(SERIAL, replace(site(), home_um=3.0))
-    books = books_of(Logbook.open(tmp_path).lines, SERIAL)
-    assert books.account("Cu").reference_bench_s == 1234.5
-    assert math.isnan(books.homes[-1].bench_s)
+    Ledger.open(tmp_path).append(SERIAL, reference(), bench_s=1234.5)
+    Ledger.open(tmp_path).append(SERIAL, replace(site(), home_um=3.0))
+    history = history_of(Ledger.open(tmp_path).lines, SERIAL)
+    assert history.account("Cu").reference_bench_s == 1234.5
+    assert math.isnan(history.homes[-1].bench_s)
 
 
 def test_lines_are_json_that_anybody_reads(tmp_path: Path) -> None:
-    Logbook.open(tmp_path).append(SERIAL, site())
+    Ledger.open(tmp_path).append(SERIAL, site())
     (text,) = (tmp_path / FILE_NAME).read_text(encoding="utf-8").splitlines()
     line = json.loads(text)
     assert (line["v"], line["kind"], line["serial"], line["tool"]) == (3, "site", SERIAL, "Cu")
@@ -277,18 +277,18 @@ def test_lines_are_json_that_anybody_reads(tmp_path: Path) -> None:
 
 
 def test_where_a_touch_was_counts_from_home(tmp_path: Path) -> None:
-    book = Logbook.open(tmp_path)
+    book = Ledger.open(tmp_path)
     book.append(SERIAL, replace(reference(), z_um=80.0, home_um=30.0))
-    assert books_of(book.lines, SERIAL).account("Cu").pad_um == 50.0
+    assert history_of(book.lines, SERIAL).account("Cu").pad_um == 50.0
     book.append(SERIAL, replace(site(), z3_um=97.0, home_um=33.0))
-    assert books_of(Logbook.open(tmp_path).lines, SERIAL).account("Cu").pad_um == 64.0
+    assert history_of(Ledger.open(tmp_path).lines, SERIAL).account("Cu").pad_um == 64.0
 
 
 def test_lines_of_before_home_was_told_count_from_zero(tmp_path: Path) -> None:
-    Logbook.open(tmp_path).append(SERIAL, reference())
+    Ledger.open(tmp_path).append(SERIAL, reference())
     file = tmp_path / FILE_NAME
     line = json.loads(file.read_text(encoding="utf-8"))
     del line["home_um"]
     file.write_text(json.dumps({**line, "v": 1}) + "\n", encoding="utf-8")
-    books = books_of(Logbook.open(tmp_path).lines, SERIAL)
-    assert books.account("Cu").pad_um == reference().z_um
+    history = history_of(Ledger.open(tmp_path).lines, SERIAL)
+    assert history.account("Cu").pad_um == reference().z_um

@@ -42,7 +42,7 @@ def measure_wear(
     """
     from edmctl.console.procedure_tables import render_wear_plan
     from edmctl.jobs.measure_wear import TOUCHES_LIKE, WearRun, wear_forecast
-    from edmctl.record.ledger import Logbook
+    from edmctl.record.ledger import Ledger
 
     if new_tool and not reference:
         raise UsageError(
@@ -57,7 +57,7 @@ def measure_wear(
         perform_and_tell(outcome, wear, job, run, lambda style: _rendered(wear, style))
         return
     if (identity := identity_before(outcome, plan)) is not None:
-        wear.look(identity, Logbook.open(run.out), outcome.warn)
+        wear.look(identity, Ledger.open(run.out), outcome.warn)
     forecast = wear_forecast(plan, reference=reference)
     outcome.result = {"forecast": forecast}
     outcome.text = render_wear_plan(**forecast, style=stream_style(sys.stdout))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from edmctl.procedures.job import Job
-    from edmctl.record.tool_account import Books
+    from edmctl.record.tool_account import MachineHistory
 
 CLOCK_STEP_S = 60.0
 """A clock may be put right by so much: in that time a zero drifts by 0.1 µm, less than a touch repeats."""
@@ -41,7 +41,7 @@ class Now:
 CALENDAR = Now()
 
 
-def with_home(job: Job, books: Books, now: Now) -> Job:
+def with_home(job: Job, history: MachineHistory, now: Now) -> Job:
     """Return the job with where the tool's home was last by the ledger, how long ago, and how fast it moved before.
 
     Where the clock was set back since, nobody knows how long ago that was, nor where home is by now; how fast it
@@ -50,12 +50,12 @@ def with_home(job: Job, books: Books, now: Now) -> Job:
     from edmctl.procedures.job import REPORT_DELAY_S
     from edmctl.procedures.monitoring.drift import displacement_uncertainty, seen_between_jobs_um_s
 
-    if not books.homes:
+    if not history.homes:
         return job
     drift_u_um_per_s = displacement_uncertainty(job).drift_u_um_per_s
-    seen = [(now.time_of(home.utc_s, home.bench_s), home.um) for home in books.homes]
+    seen = [(now.time_of(home.utc_s, home.bench_s), home.um) for home in history.homes]
     job = replace(job, drift_seen_um_s=seen_between_jobs_um_s(seen, drift_u_um_per_s))
-    last = books.homes[-1]
+    last = history.homes[-1]
     passed_s = now.since_s(last.utc_s, last.bench_s)
     return (
         job if math.isinf(passed_s) else replace(job, home_um=last.um, home_age_s=passed_s + REPORT_DELAY_S)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic
-from edmctl.jobs.job_preparation import hole_radius_um, logbook_of, prepared_job
+from edmctl.jobs.job_preparation import hole_radius_um, ledger_of, prepared_job
 from edmctl.jobs.ledger.tool import tool_identity
 from edmctl.process.next_cut import COVERAGE
 from edmctl.record.ledger_entries import (
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from edmctl.jobs.surroundings import Warn
     from edmctl.procedures.job import Job
     from edmctl.procedures.job_state import JobState, StateStore
-    from edmctl.record.ledger import Logbook
+    from edmctl.record.ledger import Ledger
     from edmctl.results.job import ChannelResult, JobResult, SiteResult
 
 DONE = "done"
@@ -48,7 +48,7 @@ class JobLedger:
     journal: StateStore
     warn: Warn
     truth: Mapping[str, float] | None = None
-    _logbook: Logbook | None = None
+    _ledger: Ledger | None = None
     _places: tuple[Place, ...] = ()
     _z1: JobState | None = None
     _wants_reference: bool = False
@@ -59,14 +59,14 @@ class JobLedger:
 
         Raises PreconditionError: whatever `prepared_job` and `PreparedJob.refuse` raise.
         """
-        self._logbook = logbook_of(self.plan, self.name)
+        self._ledger = ledger_of(self.plan, self.name)
         session = self.session
-        if self._logbook is not None and session.bench.seed is not None:
-            self.warn(_of_another_bench(self._logbook, session.bench.machine.identity.serial))
+        if self._ledger is not None and session.bench.seed is not None:
+            self.warn(_of_another_bench(self._ledger, session.bench.machine.identity.serial))
         actuator = session.choice.actuator if session.choice else None
-        prepared = prepared_job(self.plan, tool_identity(session), actuator, self._logbook, resuming)
-        if self._logbook is not None:
-            self.warn(prepared.refuse(self.plan, self._logbook.path.parent, resuming))
+        prepared = prepared_job(self.plan, tool_identity(session), actuator, self._ledger, resuming)
+        if self._ledger is not None:
+            self.warn(prepared.refuse(self.plan, self._ledger.path.parent, resuming))
             self._places = prepared.places
             left = self.plan.resumed.state if self.plan.resumed else None
             is_first = left is None or not (left.z1_touches or left.done)
@@ -75,12 +75,12 @@ class JobLedger:
 
     def begin(self) -> None:
         """Before the machine moves: a job that is killed leaves a word about its places."""
-        if self._logbook is None or self.name is None:
+        if self._ledger is None or self.name is None:
             return
         changed = [ToolChanged(self._tool)] if self.plan.new_tool else []
         radius_um, wear_um = hole_radius_um(self.plan.loaded.profile), self.plan.forecast.tool_wear_um
         begun = JobBegun(self._tool, self.name.path.name, radius_um, self._places, wear_um)
-        self.session.write_down(self._logbook, *changed, begun)
+        self.session.write_down(self._ledger, *changed, begun)
 
     def keep(self, state: JobState, *, urgent: bool = False) -> None:
         """Note the first Z1 and what was cut, and hand the state on."""
@@ -93,11 +93,11 @@ class JobLedger:
 
     def close(self, result: JobResult, status: str) -> None:
         """Write down what was reached. Raises RunFileError where that is not possible."""
-        if self._logbook is None or self.name is None or not self._places:
+        if self._ledger is None or self.name is None or not self._places:
             return
         run_file = self.name.path.name
         ended = RunEnded(run_file, status, result.time_s - result.earlier_time_s)
-        self.session.write_down(self._logbook, *self._sites(result, run_file), ended)
+        self.session.write_down(self._ledger, *self._sites(result, run_file), ended)
 
     @property
     def _tool(self) -> str:
@@ -106,7 +106,7 @@ class JobLedger:
     def _keep_reference(self, z1: JobState) -> None:
         """Write down the first touch where the tool has no reference yet: at once, as the job may be killed."""
         setup = self.plan.setup
-        if self._logbook is None or self.name is None or not self._wants_reference:
+        if self._ledger is None or self.name is None or not self._wants_reference:
             return
         reference = ReferenceTouched(
             tool=self._tool,
@@ -123,7 +123,7 @@ class JobLedger:
             home_um=z1.home_um,
             truth=self.truth,
         )
-        self.session.write_down(self._logbook, reference)
+        self.session.write_down(self._ledger, reference)
 
     def _sites(self, result: JobResult, run_file: str) -> list[SiteMachined]:
         """Measured holes, and those that were begun and left; or the channel, place by place."""
@@ -156,14 +156,14 @@ class JobLedger:
         return [*entries, *left]
 
 
-def _of_another_bench(logbook: Logbook, serial: str) -> list[Diagnostic]:
+def _of_another_bench(ledger: Ledger, serial: str) -> list[Diagnostic]:
     """A warning where the ledger knows a machine of that number although it is new."""
-    if all(line.serial != serial for line in logbook.lines):
+    if all(line.serial != serial for line in ledger.lines):
         return []
     return [
         Diagnostic(
             "W8116",
-            f"The bench is new, and the ledger {logbook.path} knows another {serial}: its holes and the wear of its "
+            f"The bench is new, and the ledger {ledger.path} knows another {serial}: its holes and the wear of its "
             "tools count for this one.",
             "Keep the runs of a new bench in another folder (--out), or give it another --seed.",
             is_warning=True,

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from edmctl.profile.model import Profile, Tool
     from edmctl.profile.places import Place
     from edmctl.profile.setup import Setup
-    from edmctl.record.ledger import Logbook
-    from edmctl.record.tool_account import Books, ToolAccount
+    from edmctl.record.ledger import Ledger
+    from edmctl.record.tool_account import MachineHistory, ToolAccount
     from edmctl.simulator.bench import VirtualBench
 
 _LABEL = re.compile(r"(?P<material>.+) (?P<um>\d+(?:\.\d+)?) µm")
@@ -86,29 +86,29 @@ def is_unnamed(label: str, diameter_um: float, tool: Tool) -> bool:
     return label == NAMELESS and diameter_um == tool.diameter_um
 
 
-def account_of(plan: Plan, identity: ToolIdentity, books: Books) -> ToolAccount:
+def account_of(plan: Plan, identity: ToolIdentity, history: MachineHistory) -> ToolAccount:
     """Return the account of the profile's tool; that of the unnamed tool which is in the machine, if it is that."""
     from edmctl.record.tool_account import ToolAccount
 
     tool = plan.loaded.profile.tool
     if plan.new_tool:
         return ToolAccount(tool.label)
-    account = books.account(tool.label)
+    account = history.account(tool.label)
     if account.reference is None and is_unnamed(identity.tool, identity.diameter_um, tool):
-        return replace(books.account(NAMELESS), label=tool.label)
+        return replace(history.account(NAMELESS), label=tool.label)
     return account
 
 
-def as_found(plan: Plan, session: MachineSession, logbook: Logbook | None, command: str) -> Plan:
+def as_found(plan: Plan, session: MachineSession, ledger: Ledger | None, command: str) -> Plan:
     """Return the plan as its run file shall tell it: a command without a profile has its own name, and the tool that
     it found in the machine.
     """
-    from edmctl.record.tool_account import books_of
+    from edmctl.record.tool_account import history_of
 
     if plan.names_tool or plan.resumed is not None:
         return plan
     identity, profile = tool_identity(session), plan.loaded.profile
-    last = books_of(logbook.lines, identity.serial).tool if logbook is not None else ""
+    last = history_of(ledger.lines, identity.serial).tool if ledger is not None else ""
     label = identity.tool or last or NAMELESS
     named = _LABEL.fullmatch(label)
     diameter_um = float(named["um"]) if named else identity.diameter_um
@@ -122,10 +122,10 @@ def as_found(plan: Plan, session: MachineSession, logbook: Logbook | None, comma
     return replace(plan, loaded=replace(plan.loaded, profile=found))
 
 
-def other_tool(plan: Plan, account: ToolAccount, books: Books) -> list[Diagnostic]:
+def other_tool(plan: Plan, account: ToolAccount, history: MachineHistory) -> list[Diagnostic]:
     """Return a warning where the reference that was touched last is of no use to this job."""
-    unnamed = books.account(NAMELESS).reference
-    if unnamed is None or books.tool != NAMELESS or account.reference is not None:
+    unnamed = history.account(NAMELESS).reference
+    if unnamed is None or history.tool != NAMELESS or account.reference is not None:
         return []
     label = plan.loaded.profile.tool.label
     message = f"The reference in {unnamed.run_file} was touched without a profile; it is not that of {label}."
@@ -136,22 +136,22 @@ def other_tool(plan: Plan, account: ToolAccount, books: Books) -> list[Diagnosti
     return [Diagnostic("W8114", message, hint, is_warning=True)]
 
 
-def name_tool(plan: Plan, session: MachineSession, logbook: Logbook | None) -> None:
+def name_tool(plan: Plan, session: MachineSession, ledger: Ledger | None) -> None:
     """Write down that the unnamed tool in the machine is the profile's, before it gets that name.
 
     Raises RunFileError where that is not possible.
     """
     from edmctl.record.ledger_entries import ToolNamed
-    from edmctl.record.tool_account import books_of
+    from edmctl.record.tool_account import history_of
 
-    if logbook is None or plan.new_tool or not plan.names_tool:
+    if ledger is None or plan.new_tool or not plan.names_tool:
         return
     identity, tool = tool_identity(session), plan.loaded.profile.tool
-    books = books_of(logbook.lines, identity.serial)
-    if books.account(tool.label).reference is not None or books.account(NAMELESS).reference is None:
+    history = history_of(ledger.lines, identity.serial)
+    if history.account(tool.label).reference is not None or history.account(NAMELESS).reference is None:
         return
     if is_unnamed(identity.tool, identity.diameter_um, tool):
-        logbook.append(identity.serial, ToolNamed(tool.label, NAMELESS))
+        ledger.append(identity.serial, ToolNamed(tool.label, NAMELESS))
 
 
 NEAR_UM = 10.0

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.errors import ObjectiveNotReached, PreconditionError, RunFileError
-from edmctl.jobs.job_preparation import logbook_of
+from edmctl.jobs.job_preparation import ledger_of
 from edmctl.jobs.resume.selection import taken_up
 
 if TYPE_CHECKING:
@@ -65,8 +65,8 @@ class JobCheckpoint:
             return
         from edmctl.jobs.resume.checks import refuse_elsewhere
 
-        logbook = logbook_of(self.plan, self.name)
-        refuse_elsewhere(resumption, self.plan, self.session, logbook.lines if logbook else ())
+        ledger = ledger_of(self.plan, self.name)
+        refuse_elsewhere(resumption, self.plan, self.session, ledger.lines if ledger else ())
 
     def begin(self, job: Job) -> Job:
         """Return the job, as far as an earlier run came, and keep its first state: a death from now on is known.

@@ -96,7 +96,7 @@ def checked(
     channel, E8056 its tool was used since, E8058 the virtual bench is gone. Whatever `check` raises.
     """
     from edmctl.jobs.plan import check
-    from edmctl.record.ledger import Logbook
+    from edmctl.record.ledger import Ledger
 
     job = resumption.job
     try:
@@ -110,7 +110,7 @@ def checked(
     if setup_hash(plan) != job.setup_sha256:
         raise _changed("setup", job.setup or "of the stock machine", "says something else by now", job)
     refuse_untouchable(resumption, plan)
-    refuse_used_tool(resumption, Logbook.open(resumption.path.parent).lines)
+    refuse_used_tool(resumption, Ledger.open(resumption.path.parent).lines)
     bench_file = plan.where.bench_file
     if not plan.where.lasting or (bench_file is not None and not bench_file.exists()):
         raise _bench_gone(job, str(bench_file) if bench_file else "")
