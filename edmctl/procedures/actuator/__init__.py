@@ -1,1 +1,1 @@
-"""The actuator during a run: conditioning, the estimator, a run without a sensor, the calibration record."""
+"""The actuator during a run: its estimator, a run without a sensor, the calibration record."""

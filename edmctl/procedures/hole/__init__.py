@@ -1,1 +1,1 @@
-"""A hole: its cuts, measuring stops, decisions and result; many holes in turn; holes taken up again."""
+"""A hole: its cuts, measuring stops, decisions and result; a hole taken up again."""
