@@ -5,12 +5,14 @@ import typer
 from edmctl.cli.run import compare, explain, export, list, plot, recover, show
 from edmctl.report.kinds import kinds_table
 
-app = typer.Typer(help="Look at run files.", rich_markup_mode=None, add_completion=False)
+app = typer.Typer(
+    help="Show, compare, export, draw and recover run files.", rich_markup_mode=None, add_completion=False
+)
 
 
 @app.callback()
 def run() -> None:
-    """Look at run files."""
+    """Show, compare, export, draw and recover run files."""
 
 
 app.command("list")(list.list_runs)
