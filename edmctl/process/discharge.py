@@ -69,11 +69,10 @@ def burning_share(tau_over_on_time: float, longest_share: float) -> float:
     return longest_share - x * (math.exp(-(1.0 - longest_share) / x) - math.exp(-1.0 / x))
 
 
-def isopulse_discharge_share(level_s: float, rho: float, longest_share: float) -> float:
-    """Share of the on-time that burns at a servo level when every discharge is cut off after a set time.
+def delay_over_on_time(level_s: float, rho: float, longest_share: float = 1.0) -> float:
+    """Time constant of the ignition delay over the on-time at a servo level, where discharges end after a set share.
 
-    Solves `s = phi + rho * burning` for the ignition delay by bisection; it rises from `rho * longest_share`
-    to 1.
+    Solves `s = phi + rho * burning` by bisection; the level rises with it from `rho * longest_share` to 1.
     """
     low, high = -6.0, 6.0
     for _ in range(60):
@@ -83,7 +82,12 @@ def isopulse_discharge_share(level_s: float, rho: float, longest_share: float) -
             low = middle
         else:
             high = middle
-    return burning_share(10.0**low, longest_share)
+    return float(10.0**low)
+
+
+def isopulse_discharge_share(level_s: float, rho: float, longest_share: float) -> float:
+    """Share of the on-time that burns at a servo level when every discharge is cut off after a set time."""
+    return burning_share(delay_over_on_time(level_s, rho, longest_share), longest_share)
 
 
 def usual_gap_um(open_voltage_v: float) -> float:

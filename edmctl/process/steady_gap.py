@@ -1,0 +1,281 @@
+"""The gap as the servo keeps it, on average: how wide, how dirty, how many arcs, and what is removed and worn.
+
+The mean gap voltage that the servo keeps fixes how late pulses ignite, whatever the gap (`process.discharge`). What
+they remove fills the gap with debris until as much is flushed out, and debris costs: material stays on particles,
+discharges turn into arcs. The gap itself then follows from the delay and the debris. Averages take the place of the
+single pulses of the virtual machine; the laws are the same.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+from edmctl.process.discharge import delay_over_on_time, pulse_energy_uj, tool_area_um2
+from edmctl.process.erosion import LAW, molten_uj, tool_um3_per_uj, work_um3_per_uj
+from edmctl.process.gap_conditions import (
+    ARC_V,
+    BRIDGE_CLEAR,
+    CLEARING,
+    GAP_LAW,
+    MOST_DEBRIS,
+    SHORT_V,
+    USUAL_OPEN_V,
+    crater_scale,
+    deionisation_us,
+    flush_time_s,
+    working_gap_um,
+)
+
+_STEPS = 24
+_ROUNDS, _HALVINGS, _ARC_ROUNDS = 8, 18, 4
+_DAMPING = 0.7
+
+
+@dataclass(frozen=True, slots=True)
+class GapRecipe:
+    """What the gap depends on: the pulses, the servo's level, the pair of materials and the tool.
+
+    `work_removal` and `tool_wear` are erosion over that of copper, `longest_us` the longest that a discharge burns,
+    `flush_time_s` the clearance of a shallow working gap under a tool of 270 µm, and
+    `jump_clearing_hz` how often jumps change the oil.
+    """
+
+    on_time_us: float
+    off_time_us: float
+    open_voltage_v: float
+    current_a: float
+    level_s: float
+    diameter_um: float
+    discharge_voltage_v: float = 22.0
+    longest_us: float = math.inf
+    tool_negative: bool = True
+    work_removal: float = 1.0
+    tool_wear: float = 1.0
+    flush_time_s: float = GAP_LAW.flush_time_s
+    jump_clearing_hz: float = 0.0
+
+    @property
+    def rho(self) -> float:
+        """Servo level while every pulse ignites at once."""
+        return self.discharge_voltage_v / self.open_voltage_v
+
+    @property
+    def longest_share(self) -> float:
+        """Longest share of the on-time that a discharge burns."""
+        return min(1.0, self.longest_us / self.on_time_us)
+
+    @property
+    def full_pulse_uj(self) -> float:
+        """Energy of a pulse that ignites at once."""
+        longest_us = self.on_time_us * self.longest_share
+        return pulse_energy_uj(self.discharge_voltage_v, self.current_a, longest_us)
+
+
+@dataclass(frozen=True, slots=True)
+class SteadyGap:
+    """The state that a recipe comes to. Rates while sparking; the shares of sparks, arcs and shorts
+    are of all pulses.
+
+    `side_share` of the discharges burn at the wall; the volumes include them.
+    """
+
+    gap_um: float
+    debris: float
+    spark_share: float
+    arc_share: float
+    short_share: float
+    side_share: float
+    removal_um3_s: float
+    wear_um3_s: float
+    power_uj_s: float  # mean current by the plateau of a normal discharge
+    crater_um3: float
+
+    @property
+    def removal_um3_per_uj(self) -> float:
+        """Work removed per energy."""
+        return self.removal_um3_s / self.power_uj_s
+
+    @property
+    def wear_ratio(self) -> float:
+        """Volume of the tool lost per volume of work."""
+        return self.wear_um3_s / self.removal_um3_s
+
+
+@dataclass(frozen=True, slots=True)
+class _Kind:
+    """Discharges of one kind on average: level of their pulse, energy, work and tool removed in clean oil."""
+
+    level_s: float
+    energy_uj: float
+    work_um3: float
+    tool_um3: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Pulses:
+    """What the ignition delays come to, which the servo's level sets.
+
+    All discharges on average; those that ignite soon, which are the ones that turn into arcs; and arcs.
+    """
+
+    tau_us: float
+    sparks: float  # share of the pulses that ignite
+    soon_share: float  # of the discharges: as their delay has them turn into arcs
+    every: _Kind
+    soon: _Kind
+    arc: _Kind
+    crater_um3: float  # volume-weighted mean
+
+
+@lru_cache(maxsize=256)
+def steady_gap(recipe: GapRecipe, depth_um: float) -> SteadyGap:
+    """Solve for the debris at which as much is flushed out as comes in, at the bottom of a hole of this depth.
+
+    Arcs have no delay and a lower plateau, bridges hardly any voltage: what they take off the servo's level, later
+    pulses make up.
+    """
+    least = recipe.rho * recipe.longest_share
+    level = recipe.level_s
+    for _ in range(_ROUNDS):
+        pulses = _pulses(recipe, min(max(level, least + 1e-3), 1.0 - 1e-6))
+        dirt = _balance(recipe, pulses, depth_um)
+        missing = (1.0 - dirt.shorts) * pulses.sparks * dirt.arcs * (pulses.soon.level_s - pulses.arc.level_s)
+        missing += dirt.shorts * (level - SHORT_V / recipe.open_voltage_v)
+        level += _DAMPING * (recipe.level_s + missing - level)
+    per_s = (1.0 - dirt.shorts) * 1e6 / (recipe.on_time_us + recipe.off_time_us)
+    work_um3, tool_um3 = _volumes_um3(pulses, dirt.debris, dirt.arcs)
+    surplus_uj = dirt.arcs * (pulses.arc.energy_uj - pulses.soon.energy_uj)
+    sparks = (1.0 - dirt.shorts) * pulses.sparks
+    return SteadyGap(
+        gap_um=_gap_um(recipe, pulses, dirt.debris),
+        debris=dirt.debris,
+        spark_share=sparks,
+        arc_share=sparks * dirt.arcs,
+        short_share=dirt.shorts,
+        side_share=GAP_LAW.side_base + GAP_LAW.side_debris * dirt.debris * min(1.0, depth_um / 100.0),
+        removal_um3_s=work_um3 * per_s,
+        wear_um3_s=tool_um3 * per_s,
+        power_uj_s=pulses.sparks * (pulses.every.energy_uj + surplus_uj) * per_s,
+        crater_um3=pulses.crater_um3 * _left(dirt.debris),
+    )
+
+
+def _pulses(recipe: GapRecipe, level_s: float) -> _Pulses:
+    tau = delay_over_on_time(level_s, recipe.rho, recipe.longest_share)
+    delays = [(i + 0.5) / _STEPS for i in range(_STEPS)]
+    kinds = [_normal(recipe, delay) for delay in delays]
+    weights = [math.exp(-delay / tau) for delay in delays]
+    soon = [
+        w * math.exp(-recipe.on_time_us * d / GAP_LAW.arc_delay_us)
+        for w, d in zip(weights, delays, strict=True)
+    ]
+    at_once, every = _normal(recipe, 0.0), _mean(kinds, weights)
+    volumes = [w * kind.work_um3 for w, kind in zip(weights, kinds, strict=True)]
+    # An arc's plateau is lower, its current higher; the energy is told as if all burned at the usual plateau.
+    current = (recipe.open_voltage_v - ARC_V) / (recipe.open_voltage_v - recipe.discharge_voltage_v)
+    volume = current * (ARC_V / recipe.discharge_voltage_v) ** 2
+    return _Pulses(
+        tau_us=tau * recipe.on_time_us,
+        sparks=-math.expm1(-1.0 / tau),
+        soon_share=sum(soon) / sum(weights),
+        every=every,
+        soon=_mean(kinds, soon),
+        arc=_Kind(
+            ARC_V / recipe.open_voltage_v * recipe.longest_share,
+            current * at_once.energy_uj,
+            volume * GAP_LAW.arc_work * at_once.work_um3,
+            volume * GAP_LAW.arc_tool * at_once.tool_um3,
+        ),
+        crater_um3=_mean(kinds, volumes).work_um3 if sum(volumes) > 0.0 else 0.0,
+    )
+
+
+def _normal(recipe: GapRecipe, delay: float) -> _Kind:
+    """A discharge that ignites after this share of the on-time."""
+    share = min(1.0 - delay, recipe.longest_share)
+    burning_us, current_a, negative = recipe.on_time_us * share, recipe.current_a, recipe.tool_negative
+    energy_uj = pulse_energy_uj(recipe.discharge_voltage_v, current_a, burning_us)
+    molten = molten_uj(LAW, energy_uj)
+    work = recipe.work_removal * work_um3_per_uj(LAW, burning_us, current_a, tool_negative=negative)
+    tool = recipe.tool_wear * tool_um3_per_uj(LAW, burning_us, current_a, tool_negative=negative)
+    return _Kind(delay + recipe.rho * share, energy_uj, molten * work, molten * tool)
+
+
+def _mean(kinds: list[_Kind], weights: list[float]) -> _Kind:
+    total = sum(weights)
+    columns = [
+        sum(w * value for w, value in zip(weights, values, strict=True)) / total
+        for values in zip(*((k.level_s, k.energy_uj, k.work_um3, k.tool_um3) for k in kinds), strict=True)
+    ]
+    return _Kind(*columns)
+
+
+@dataclass(frozen=True, slots=True)
+class _Dirt:
+    """Debris, arcs among the discharges, and bridges among the pulses."""
+
+    debris: float
+    arcs: float
+    shorts: float
+
+
+def _balance(recipe: GapRecipe, pulses: _Pulses, depth_um: float) -> _Dirt:
+    """What the gap comes to where as much debris is cleared as comes in."""
+    per_s = 1e6 / (recipe.on_time_us + recipe.off_time_us)
+    area_um2, working_um = tool_area_um2(recipe.diameter_um), working_gap_um(GAP_LAW, recipe.open_voltage_v)
+    flush_s = flush_time_s(GAP_LAW, recipe.diameter_um, depth_um) * recipe.flush_time_s / GAP_LAW.flush_time_s
+    low, high, dirt = 0.0, MOST_DEBRIS, _Dirt(0.0, 0.0, 0.0)
+    for _ in range(_HALVINGS):
+        debris = 0.5 * (low + high)
+        gap_um = _gap_um(recipe, pulses, debris)
+        dirt = _Dirt(debris, _arcs(recipe, pulses, debris), _shorts(recipe, debris, gap_um))
+        clearing = min(CLEARING[1], max(CLEARING[0], (gap_um / working_um) ** 2))
+        outflow = debris * area_um2 * gap_um * (clearing / flush_s + recipe.jump_clearing_hz)
+        if (1.0 - dirt.shorts) * sum(_volumes_um3(pulses, debris, dirt.arcs)) * per_s > outflow:
+            low = debris
+        else:
+            high = debris
+    return dirt
+
+
+def _shorts(recipe: GapRecipe, debris: float, gap_um: float) -> float:
+    """Share of the pulses that bridges of particles short, each until it burns off."""
+    particles = gap_um / (GAP_LAW.particle_um * crater_scale(recipe.full_pulse_uj)) - 0.5
+    lasting = min(0.5, GAP_LAW.bridge_base * math.pow(debris, max(particles, 0.0))) / BRIDGE_CLEAR
+    return lasting / (1.0 + lasting)
+
+
+def _arcs(recipe: GapRecipe, pulses: _Pulses, debris: float) -> float:
+    """Share of the discharges that are arcs."""
+    channel_us = deionisation_us(GAP_LAW, pulses.every.energy_uj)
+    again = math.exp(-recipe.off_time_us / (channel_us * (1.0 + GAP_LAW.deionisation_debris * debris)))
+    pause = 1.0 / (1.0 + recipe.off_time_us / GAP_LAW.arc_pause_us)
+    dense = (debris / GAP_LAW.arc_debris) ** 2
+    arcs = GAP_LAW.arc_base
+    for _ in range(_ARC_ROUNDS):
+        near = (1.0 - arcs) * min(1.0, dense) + arcs * min(1.0, 9.0 * dense)
+        arcs = min(
+            1.0, GAP_LAW.arc_base + pulses.sparks * (again + (1.0 - again) * near * pulses.soon_share * pause)
+        )
+    return arcs
+
+
+def _volumes_um3(pulses: _Pulses, debris: float, arcs: float) -> tuple[float, float]:
+    """Work and tool removed per pulse."""
+    every, soon, arc = pulses.every, pulses.soon, pulses.arc
+    work = every.work_um3 + arcs * (arc.work_um3 - soon.work_um3)
+    tool = every.tool_um3 + arcs * (arc.tool_um3 - soon.tool_um3)
+    return _left(debris) * pulses.sparks * max(work, 0.0), pulses.sparks * max(tool, 0.0)
+
+
+def _left(debris: float) -> float:
+    """Share of the removal that is not lost on debris."""
+    return 1.0 / (1.0 + (debris / GAP_LAW.redeposition) ** 2)
+
+
+def _gap_um(recipe: GapRecipe, pulses: _Pulses, debris: float) -> float:
+    reference_um = GAP_LAW.gap_reference_um * recipe.open_voltage_v / USUAL_OPEN_V
+    clean_um = reference_um * math.pow(pulses.tau_us / GAP_LAW.tau_reference_us, 1.0 / GAP_LAW.gap_exponent)
+    return clean_um / max(1.0 - GAP_LAW.debris_gap_factor * debris, 0.05)
