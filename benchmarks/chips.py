@@ -25,6 +25,7 @@ from random import Random
 from typing import TYPE_CHECKING
 
 from edmctl.errors import EdmError
+from edmctl.forecasts.erosion import of_tool
 from edmctl.jobs.truth import TrueWear
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
@@ -139,7 +140,7 @@ def perform(profile: str, seed: int, overrides: tuple[str, ...], inject: str = "
     loaded = load_profile(profile, overrides)
     config = BenchConfig(
         tool_diameter_um=loaded.profile.tool.diameter_um,
-        theta=loaded.sim.theta,
+        tool_wear=of_tool(loaded.profile).factor,
         offset_um=loaded.profile.approach.offset_um,
     )
     bench = open_bench(config, seed)

@@ -70,7 +70,7 @@ WORST_OF_200 = 3.0
 class Case:
     """One machine and the jobs that it does, one after the other.
 
-    `places_um` are x and y of the holes of every job, all at once or, with `one_by_one`, a job each. `theta` and
+    `places_um` are x and y of the holes of every job, all at once or, with `one_by_one`, a job each. `wear` and
     `removal` are the plant's wear and removal over what the recipe believes; `drift` is in standard deviations of
     the drawn machines. `injections` go wrong in the first job. A job that ends early, by them or by a request at
     `stop_s`, is taken up again after `between_s` where it is `resumed`. From `change_s` on the tool wears `change`
@@ -82,7 +82,7 @@ class Case:
     overrides: tuple[str, ...] = ()
     places_um: tuple[tuple[float, float], ...] = ((500.0, 0.0),)
     one_by_one: bool = False
-    theta: float = 1.0
+    wear: float = 1.0
     removal: float = 1.0
     drift: float | None = None
     injections: tuple[str, ...] = ()
@@ -161,7 +161,7 @@ class Kept:
         self.state = json.loads(json.dumps(state.as_mapping()))
         if state.time_s >= self.case.change_s and not self._changed:
             self._changed = True
-            self.bench.plant.unit.theta *= self.case.change
+            self.bench.plant.unit.tool_factor *= self.case.change
         if state.phase == "machining":
             self._face_um.setdefault(state.site, self.bench.plant.state.surface_um)
         elif state.site in self._face_um:
@@ -237,8 +237,8 @@ def _on(loaded: LoadedProfile, pad_um: float) -> Profile:
 
 def _bench(loaded: LoadedProfile, setup: Setup, case: Case) -> VirtualBench:
     config = bench_config(loaded, setup)
-    discharge = replace(config.discharge, kappa_um3_per_uj=config.discharge.kappa_um3_per_uj * case.removal)
-    bench = open_bench(replace(config, discharge=discharge, theta=config.theta * case.theta), case.seed)
+    work, tool = config.work_removal * case.removal, config.tool_wear * case.removal * case.wear
+    bench = open_bench(replace(config, work_removal=work, tool_wear=tool), case.seed)
     if case.drift is not None:
         bench.plant.unit.sensor_drift_um_s = case.drift * DRIFT_SD_UM_S
     return bench
@@ -324,27 +324,27 @@ def _array(count: int) -> Callable[[Random, int], Case]:
 def _belief(kind: str, count: int) -> Callable[[Random, int], Case]:
     def make(random: Random, seed: int) -> Case:
         places = _grid(3, 2)[:count]
-        theta = math.exp(random.uniform(math.log(0.3), math.log(2.0))) if kind == "wear" else 1.0
+        wear = math.exp(random.uniform(math.log(0.3), math.log(2.0))) if kind == "wear" else 1.0
         removal = math.exp(random.uniform(math.log(0.3), math.log(5.0))) if kind == "removal" else 1.0
         depth_um = random.uniform(12.0, 40.0)
-        return Case("array-3x3", seed, (_depth(depth_um),), places, theta=theta, removal=removal)
+        return Case("array-3x3", seed, (_depth(depth_um),), places, wear=wear, removal=removal)
 
     return make
 
 
 def _little_wear(random: Random, seed: int) -> Case:
     """A tool whose wear in a hole is no more than a touch errs, so that no touch contradicts what is believed."""
-    theta = math.exp(random.uniform(math.log(0.3), math.log(2.0)))
+    wear = math.exp(random.uniform(math.log(0.3), math.log(2.0)))
     overrides = (_depth(random.uniform(12.0, 40.0)), 'jump.mode="off"')
-    return Case("w252", seed, overrides, _grid(5, 1, 500.0), theta=theta)
+    return Case("w252", seed, overrides, _grid(5, 1, 500.0), wear=wear)
 
 
 def _both(tolerance_um: float) -> Callable[[Random, int], Case]:
     def make(random: Random, seed: int) -> Case:
-        theta = math.exp(random.uniform(math.log(0.3), math.log(2.0)))
+        wear = math.exp(random.uniform(math.log(0.3), math.log(2.0)))
         removal = math.exp(random.uniform(math.log(0.3), math.log(5.0)))
         depth = _depth(random.uniform(12.0, 40.0), tolerance_um)
-        return Case("array-3x3", seed, (depth,), _grid(3, 3), theta=theta, removal=removal)
+        return Case("array-3x3", seed, (depth,), _grid(3, 3), wear=wear, removal=removal)
 
     return make
 
@@ -353,12 +353,12 @@ def _beliefs(profile: str, *, sensor: bool = True) -> Callable[[Random, int], Ca
     """The job of a shipped profile with other wear and removal than it believes."""
 
     def make(random: Random, seed: int) -> Case:
-        theta = math.exp(random.uniform(math.log(0.3), math.log(2.0)))
+        wear = math.exp(random.uniform(math.log(0.3), math.log(2.0)))
         removal = math.exp(random.uniform(math.log(0.3), math.log(5.0)))
         overrides = () if profile != "array-3x3" else (_depth(random.uniform(12.0, 40.0), 4.0),)
         places = _grid(3, 1) if profile == "array-3x3" else ((500.0, 0.0),)
         limit = "limits.max_time_s=20000.0"
-        return Case(profile, seed, (*overrides, limit), places, theta=theta, removal=removal, sensor=sensor)
+        return Case(profile, seed, (*overrides, limit), places, wear=wear, removal=removal, sensor=sensor)
 
     return make
 

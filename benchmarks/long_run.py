@@ -57,7 +57,7 @@ servo_hz = 1000
 pulses = "{pulses}"
 
 [sim]
-theta = 0.001
+tool_wear = 0.003
 """
 
 

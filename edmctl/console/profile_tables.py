@@ -27,10 +27,11 @@ def render_profiles(found: Sequence[ProfileSummary], style: Style = PLAIN) -> st
     table = {
         "profile": [one.profile for one in found],
         "makes": [one.refused or one.description for one in found],
+        "tool → work": [one.materials or "–" for one in found],
         "takes": ["–" if one.time_s is None else duration(one.time_s) for one in found],
         "tool wear": ["–" if one.tool_wear_um is None else f"{one.tool_wear_um:.0f} µm" for one in found],
     }
-    shown = narrowed(table, style.columns, ["tool wear"])
+    shown = narrowed(table, style.columns, ["tool → work", "tool wear"])
     return render_table(shown, style, left=["makes"], cut_first="makes")
 
 
@@ -116,6 +117,7 @@ def _work(forecast: Forecast) -> list[Sequence[str]]:
         _row("depth", depth),
         _row("tool wear", wear),
         _row("feed", feed, f"{forecast.feed_rate_um_s:.3f} µm/s{beyond}"),
+        _row("roughness", f"Ra {forecast.ra_um:.2f} µm", "by the laws of the process"),
     ]
     if forecast.holes == 1:
         return rows

@@ -136,6 +136,10 @@ def _site_block(site: Site, truth: SiteTruth | None, style: Style, columns: int)
         if length(site.z2_um) != UNKNOWN:
             machining += ", Z2 and Z3 are where contact would be"
     lines = [table, labelled("machining", machining, _LABEL, columns)]
+    if truth and isfinite(truth.taper_um):
+        wider = f"{length(truth.taper_um)} wider at the mouth"
+        surface = f"side gap {length(truth.side_gap_um)}, {wider}, Ra {length(truth.ra_um)}"
+        lines.append(labelled("true surface", surface, _LABEL, columns))
     if is_doubtful(site.verdict):
         lines.append(labelled("verdict", f"{site.verdict}", _LABEL, columns))
     return "\n".join([*lines, *(meanings(bases) if site.depth_basis != site.wear_basis else ())])

@@ -14,6 +14,7 @@ from edmctl.forecasts.channel import (
     channel_passes,
     stops_after,
 )
+from edmctl.forecasts.erosion import expected_ra_um
 from edmctl.forecasts.measuring import (
     FACE_LIMIT_UM,
     Stand,
@@ -224,6 +225,8 @@ def forecast(profile: Profile, setup: Setup, places: Sequence[Place] = ()) -> Fo
         channel_um=course.channel_um,
         layers=course.layers,
         depth_u95_um=course.depth_u95_um,
+        side_gap_um=profile.work.side_gap_um,
+        ra_um=expected_ra_um(profile, deepest.depth_um),
     )
 
 

@@ -11,30 +11,17 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from edmctl.process.discharge import (
-    discharge_share,
-    hole_area_um2,
-    isopulse_discharge_share,
-    pulse_energy_uj,
-    tool_area_um2,
-)
+from edmctl.forecasts.erosion import expected_gap, usual_depth_um
+from edmctl.process.discharge import hole_area_um2
 
 if TYPE_CHECKING:
-    from edmctl.profile.model import Profile, Pulse
+    from edmctl.profile.model import Profile
     from edmctl.profile.setup import Setup
 
 SIDE_DISCHARGE_SHARE = 0.05
 """Discharges that burn at the wall of the hole: 3 % in a clean gap, more with debris."""
-YIELD_CLEAN, YIELD_LOST = 1.04, 0.056
-"""Removal of per-pulse runs over that of the voltage law, which counts arcs as full discharges: the first in a
-clean gap, less the second per debris in it."""
-FLUSH_DEPTH_RATIO = 0.7
-"""Depth over diameter of a hole that takes twice as long to flush as a flat face."""
-LEAST_YIELD = 0.5
 LEAST_MACHINING_SHARE = 0.1
 """However much it jumps; a recipe that jumps more than 0.3 of the time is refused anyway."""
-RECOVERY_S = 0.25
-"""Machining lost after a jump, while the servo comes back to the gap from a little above it."""
 HALF_AMPLITUDE_DESIGN_UM = 0.5
 """Swing (half-amplitude) below which shorts do not rise: 0.15 of the working gap, from a simulated sweep."""
 HALF_AMPLITUDE_LIMIT_UM = 1.0
@@ -85,15 +72,11 @@ def completion(profile: Profile) -> float:
 def removal_um3_s(profile: Profile, depth_um: float) -> float:
     """Work removed at the bottom of a hole or channel while sparking, µm³/s, on average until it is so deep.
 
-    The mean-voltage law (see `edmctl.process.discharge`), less what burns at the wall and what arcs leave undone,
-    which is more the worse a deep hole flushes.
+    The gap's steady state (`edmctl.process.steady_gap`), with the removal per energy that the profile states.
     """
-    pulse = profile.pulse
-    full_energy_uj = pulse_energy_uj(pulse.discharge_voltage_v, pulse.current_a, pulse.on_time_us)
-    share = max(_burning_share(pulse, profile.servo.reference), 1e-6)
-    power_uj_s = pulse.frequency_hz * full_energy_uj * share
-    law_um3_s = profile.work.removal_um3_per_uj * power_uj_s
-    return law_um3_s * (1.0 - SIDE_DISCHARGE_SHARE) * _yield(profile, depth_um)
+    gap, mean = expected_gap(profile, depth_um), expected_gap(profile, usual_depth_um(profile))
+    stated = profile.work.removal_um3_per_uj / mean.removal_um3_per_uj
+    return stated * gap.removal_um3_s * (1.0 - gap.side_share)
 
 
 def feed_rate_um_s(profile: Profile, depth_um: float) -> float:
@@ -103,9 +86,11 @@ def feed_rate_um_s(profile: Profile, depth_um: float) -> float:
 
 
 def machining_share(profile: Profile) -> float:
-    """Share of the machining time that is left beside the jumps."""
-    lost_s = 0.0 if profile.jump.mode == "off" else RECOVERY_S / profile.jump.period_s
-    return max(1.0 - time_share_of_jumps(profile) - lost_s, LEAST_MACHINING_SHARE)
+    """Share of the machining time that is left beside the jumps.
+
+    What is lost after a jump, until the servo is back, the clean gap makes up for.
+    """
+    return max(1.0 - time_share_of_jumps(profile), LEAST_MACHINING_SHARE)
 
 
 def time_share_of_jumps(profile: Profile) -> float:
@@ -145,20 +130,3 @@ def least_jump_um(depth_um: float, diameter_um: float, side_gap_um: float) -> fl
 def jump_time_s(height_um: float, speed_um_s: float, dwell_s: float) -> float:
     """Time of one jump, up and down with a dwell at the top."""
     return 2.0 * height_um / speed_um_s + dwell_s
-
-
-def _yield(profile: Profile, depth_um: float) -> float:
-    """Removal over that of the voltage law, on average down to a depth."""
-    diameter_um = profile.tool.diameter_um
-    areas = tool_area_um2(diameter_um) / hole_area_um2(diameter_um, profile.work.side_gap_um)
-    volume = 1.0 + profile.wear.expected_ratio * areas
-    flushing = 1.0 + (depth_um / (FLUSH_DEPTH_RATIO * diameter_um)) ** 2 / 3.0
-    return max(YIELD_CLEAN - YIELD_LOST * volume * flushing, LEAST_YIELD)
-
-
-def _burning_share(pulse: Pulse, level_s: float) -> float:
-    if pulse.rho >= 1.0:
-        return 0.0
-    if pulse.discharge_us is None:
-        return discharge_share(level_s, pulse.rho)
-    return isopulse_discharge_share(level_s, pulse.rho, min(1.0, pulse.discharge_us / pulse.on_time_us))

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import os
 from contextlib import ExitStack, contextmanager
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from edmctl.errors import Diagnostic, UsageError
 from edmctl.files import read_bytes
@@ -130,19 +130,31 @@ def _virtual(
 
 def bench_config(loaded: LoadedProfile | None, setup: Setup) -> BenchConfig:
     """Put the profile's tool and work on a bench that erodes by its `[sim]` table, with or without a sensor."""
+    from edmctl.forecasts.erosion import of_tool, of_work
+    from edmctl.process.erosion import ErosionLaw
+    from edmctl.process.gap_conditions import GapLaw
     from edmctl.simulator.config import BenchConfig, DischargeConstants, SensorConstants
 
     if loaded is None:
         return BenchConfig(sensors=SensorConstants(fitted=setup.sensor.fitted))
-    constants = {field.name: getattr(loaded.sim, field.name) for field in fields(DischargeConstants)}
+    sim = loaded.sim
+    removal, wear = of_work(loaded.profile).factor, of_tool(loaded.profile).factor
+
+    def part(kind: type[Any]) -> Any:
+        names = [field.name for field in fields(kind)]
+        return kind(**{name: getattr(sim, name) for name in names if hasattr(sim, name)})
+
     return BenchConfig(
         tool_diameter_um=loaded.profile.tool.diameter_um,
-        theta=loaded.sim.theta,
+        work_removal=removal if sim.work_removal is None else sim.work_removal,
+        tool_wear=wear if sim.tool_wear is None else sim.tool_wear,
+        tool_negative=loaded.profile.pulse.polarity == "tool-negative",
+        spread=sim.spread,
         tool_label=loaded.profile.tool.label,
-        tip_rounding_um=loaded.sim.tip_rounding_um,
+        tip_rounding_um=sim.tip_rounding_um,
         offset_um=loaded.profile.approach.offset_um,
         thickness_um=loaded.profile.work.thickness_um,
-        discharge=DischargeConstants(**constants),
+        discharge=replace(part(DischargeConstants), erosion=part(ErosionLaw), gap=part(GapLaw)),
         sensors=SensorConstants(fitted=setup.sensor.fitted),
     )
 

@@ -225,9 +225,12 @@ def truths_of(
     truths = []
     for site in sites:
         hole = min(holes, key=lambda hole: _apart_um(hole, site), default=None)
-        is_it = hole is not None and _apart_um(hole, site) <= SAME_HOLE_UM and not site.through
-        depth_um = hole.depth_um if hole is not None and is_it else math.nan
-        truths.append(SiteTruth(depth_um, true_wear.of_site(site.name)))
+        wear_um = true_wear.of_site(site.name)
+        if hole is None or _apart_um(hole, site) > SAME_HOLE_UM:
+            truths.append(SiteTruth(wear_um=wear_um))
+            continue
+        depth_um = math.nan if site.through else hole.depth_um
+        truths.append(SiteTruth(depth_um, wear_um, hole.side_gap_um, hole.taper_um, hole.ra_um))
     return tuple(truths)
 
 

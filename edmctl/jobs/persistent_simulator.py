@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import contextmanager
 from dataclasses import fields
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from edmctl.jobs.ledger.tool import is_unnamed
 
@@ -86,15 +86,20 @@ def fit(bench: VirtualBench, loaded: LoadedProfile, config: BenchConfig, say: Ca
     named = is_unnamed(before, bench.plant.config.tool_diameter_um, tool)
     if named:
         bench.plant.tools_worn_um.setdefault(tool.label, bench.tool_wear_um)
-    bench.fit_tool(tool.label, tool.diameter_um, loaded.sim.theta, loaded.sim.tip_rounding_um)
+    bench.fit_tool(tool.label, tool.diameter_um, config.tool_wear, loaded.sim.tip_rounding_um)
     if before != tool.label and not named:
         say(f"tool changed: {tool.label} instead of {before}, {bench.tool_wear_um:.2f} µm worn")
     here = bench.plant.config
+    pairs: list[tuple[Any, Any]] = [(here.discharge, config.discharge)]
+    pairs += [(here.discharge.erosion, config.discharge.erosion), (here.discharge.gap, config.discharge.gap)]
     others = [
-        f"{field.name} = {getattr(here.discharge, field.name):g}"
-        for field in fields(config.discharge)
-        if getattr(here.discharge, field.name) != getattr(config.discharge, field.name)
+        f"{field.name} = {value:g}"
+        for kept, asked in pairs
+        for field in fields(kept)
+        if isinstance(value := getattr(kept, field.name), float) and value != getattr(asked, field.name)
     ]
+    if here.work_removal != config.work_removal:
+        others.append(f"work_removal = {here.work_removal:g}")
     if others:
         say(f"the bench keeps its own work, whatever [sim] says: {', '.join(others)}")
     if here.offset_um != config.offset_um:

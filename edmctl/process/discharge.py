@@ -15,8 +15,6 @@ import math
 
 USUAL_VOLTAGE_V = 40.0
 """Open voltage that the figures below hold for."""
-USUAL_GAP_UM = 3.4
-"""Working gap at that voltage."""
 FIRST_GAP_U_UM = 0.8
 """Standard uncertainty of a working gap that nobody has measured, at that voltage or below [assumed]."""
 FIRST_SPARKS_UM = 1.2
@@ -88,11 +86,6 @@ def delay_over_on_time(level_s: float, rho: float, longest_share: float = 1.0) -
 def isopulse_discharge_share(level_s: float, rho: float, longest_share: float) -> float:
     """Share of the on-time that burns at a servo level when every discharge is cut off after a set time."""
     return burning_share(delay_over_on_time(level_s, rho, longest_share), longest_share)
-
-
-def usual_gap_um(open_voltage_v: float) -> float:
-    """Working gap that is believed where the recipe states none, µm."""
-    return USUAL_GAP_UM * (open_voltage_v / USUAL_VOLTAGE_V)
 
 
 def first_gap_u_um(open_voltage_v: float) -> float:

@@ -13,10 +13,12 @@ import math
 from copy import copy
 from dataclasses import dataclass, replace
 
-ARC_REMOVAL = 0.3
-"""An arc removes this share of the work that a normal discharge of its energy does [assumed]."""
-ARC_WEAR = 3.0
-"""And removes this many times as much of the tool in proportion [assumed]."""
+from edmctl.process.gap_conditions import ARC_V, GAP_LAW
+
+ARC_REMOVAL = GAP_LAW.arc_work * ARC_V / 22.0
+"""An arc removes this share of the work that a normal discharge of its energy does."""
+ARC_WEAR = GAP_LAW.arc_tool / GAP_LAW.arc_work
+"""And removes this many times as much of the tool in proportion."""
 USUAL_ARCS = 0.04
 """Energy of arcs over that of normal discharges in a clean gap (1.5 % of the pulses): what a recipe's wear ratio
 holds, until a hole has shown its own."""

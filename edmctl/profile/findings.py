@@ -72,6 +72,8 @@ class Code(StrEnum):
     LAYER = "W3131"
     NOT_SHOWN = "W3132"
     LESS_THAN_TOLERANCE = "W3133"
+    UNKNOWN_MATERIAL = "W3134"
+    SIM_CONTRADICTS = "W3135"
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,6 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from edmctl.process.discharge import USUAL_GAP_UM
 from edmctl.profile.sites import Array, PathTable, SiteTable
 from edmctl.profile.tables import ONE_LINE, Table
 
@@ -34,7 +33,7 @@ class Tool(Table):
         min_length=1,
         max_length=40,
         pattern=ONE_LINE,
-        description="Cu, W, WC, brass ...; recorded, not acted on",
+        description="Cu, W, WC, brass, graphite, CuW or steel, or another that nothing is known of",
     )
     diameter_um: float = Field(ge=20.0, le=1000.0, description="diameter, µm")
     free_length_um: float = Field(
@@ -51,21 +50,35 @@ class Tool(Table):
 class Work(Table):
     """The workpiece, and how it erodes."""
 
-    material: str = Field(min_length=1, max_length=40, pattern=ONE_LINE, description="recorded, not acted on")
+    material: str = Field(
+        min_length=1,
+        max_length=40,
+        pattern=ONE_LINE,
+        description="Cu, steel, Ti-6Al-4V, WC-Co or brass, or another that nothing is known of",
+    )
     thickness_um: float = Field(gt=0.0, le=20_000.0, description="sheet thickness, µm")
     kind: Literal["blind", "through"] = Field(
         "blind", description='a blind hole, or one through the sheet (target.kind = "through")'
     )
     removal_um3_per_uj: float = Field(
-        0.0424,
+        0.0,
         gt=0.0,
         le=10.0,
-        description="volume removed per discharge energy, until it is measured, µm³/µJ",
+        description="volume removed per discharge energy, until it is measured, µm³/µJ; "
+        "by materials and pulses when not given",
     )
     removal_u_rel: float = Field(
-        0.10, gt=0.0, le=1.0, description="standard uncertainty of that, relative [assumed]"
+        0.0,
+        gt=0.0,
+        le=1.0,
+        description="standard uncertainty of that, relative; by the material when not given [assumed]",
     )
-    side_gap_um: float = Field(8.0, gt=0.0, le=100.0, description="gap between tool and hole wall, µm")
+    side_gap_um: float = Field(
+        0.0,
+        gt=0.0,
+        le=100.0,
+        description="gap between tool and hole wall, µm; by voltage and energy when not given",
+    )
 
 
 class Pulse(Table):
@@ -75,13 +88,14 @@ class Pulse(Table):
         "isofrequency", description="fixed on-time, or fixed discharge time after ignition"
     )
     frequency_hz: float = Field(ge=100.0, le=50_000.0, description="pulses per second, Hz")
-    duty: float = Field(ge=0.05, le=0.60, description="on-time over period")
+    duty: float = Field(ge=0.05, le=0.85, description="on-time over period")
     discharge_us: float | None = Field(None, gt=0.0, le=5000.0, description="isopulse only: burning time, µs")
     open_voltage_v: float = Field(ge=20.0, le=120.0, description="voltage of the open gap, V")
     current_a: float = Field(ge=0.01, le=3.0, description="peak current, A")
     discharge_voltage_v: float = Field(22.0, ge=10.0, le=60.0, description="plateau of a normal discharge, V")
     polarity: Literal["tool-negative", "tool-positive"] = Field(
-        "tool-negative", description="recorded, not acted on"
+        "tool-negative",
+        description="the generator is wired by hand; forecasts and the virtual machine go by it",
     )
 
     @property
@@ -172,7 +186,9 @@ class ThroughTarget(Table):
 class Wear(Table):
     """What is known of tool wear, and how often it is measured."""
 
-    expected_ratio: float = Field(ge=0.0, le=5.0, description="wear length per depth")
+    expected_ratio: float = Field(
+        0.0, ge=0.0, le=5.0, description="wear length per depth; by materials and pulses when not given"
+    )
     ratio_u_rel: float = Field(
         0.10,
         gt=0.0,
@@ -242,11 +258,10 @@ class Measure(Table):
     back_off_um: float = Field(3.0, ge=1.0, le=50.0, description="retraction between touches, µm")
     dwell_s: float = Field(0.3, ge=0.05, le=10.0, description="hunting at contact, s")
     expected_gap_um: float = Field(
-        USUAL_GAP_UM,
+        0.0,
         ge=0.5,
         le=20.0,
-        description="working gap assumed until the first cut was measured, µm; "
-        "when not given, as much at 40 V and in proportion to the open voltage",
+        description="working gap assumed until the first cut was measured, µm; by the pulses when not given",
     )
 
 
@@ -289,7 +304,7 @@ class Profile(Table):
     servo: Servo
     approach: Approach = Approach()
     target: Annotated[DepthTarget | FeedTarget | ThroughTarget, Field(discriminator="kind")]
-    wear: Wear
+    wear: Wear = Wear()
     jump: Jump = Jump()
     adaptive: Adaptive = Adaptive()
     sites: list[SiteTable] = Field(

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 State = Mapping[str, object]
 
 KIND = "edmctl-bench"
-SCHEMA = 3
+SCHEMA = 4
 _HASH = "sha256"
 _OTHER_PARTS = (KeyError, TypeError, AttributeError, MemoryError, RecursionError)
 """What comes of parts that are missing, of another kind or of absurd size."""
@@ -73,7 +73,7 @@ def refuse_place(path: Path) -> None:
 def read_bench(path: Path) -> State:
     """Return the state that the file at `path` holds.
 
-    Raises RunFileError: E9020 it is no bench or damaged, E9022 a later version wrote it.
+    Raises RunFileError: E9020 it is no bench or damaged, E9021 or E9022 an earlier or a later version wrote it.
     """
     _check_regular(path)
     try:
@@ -82,6 +82,8 @@ def read_bench(path: Path) -> State:
             if isinstance(kind, str) and kind == KIND and isinstance(schema, np.integer):
                 if schema > SCHEMA:
                     raise _too_new(path, int(schema))
+                if schema < SCHEMA:
+                    raise _too_old(path)
                 state = _read_group(file["state"])
                 if file.attrs[_HASH] == _hash_of(state):
                     return state
@@ -226,6 +228,14 @@ def _add(total: hashlib._Hash, state: State) -> None:
             total.update(f"{value.dtype.str}{value.shape}".encode() + value.tobytes())
         else:
             total.update(f"{type(value).__name__} {value!r}\0".encode())
+
+
+def _too_old(path: Path) -> RunFileError:
+    return RunFileError(
+        f"{path} is of an earlier version, whose work and tool eroded by other laws.",
+        hint="Use the version of edmctl that wrote it, or give a name that is free for a new bench.",
+        code="E9021",
+    )
 
 
 def _unreadable(path: Path, why: str) -> RunFileError:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from pydantic import BaseModel, ValidationError
 
 from edmctl.errors import Diagnostic, ProfileError
+from edmctl.forecasts.erosion import with_expected_erosion
 from edmctl.forecasts.forecast import Job, forecast
 from edmctl.profile.diagnose import rule_diagnostics, schema_diagnostics, schema_problems
 from edmctl.profile.folders import find_profile, shipped_names
@@ -21,12 +22,12 @@ from edmctl.profile.profile_file import ProfileFile, SimSettings
 from edmctl.profile.read import apply_overrides, read_chain
 from edmctl.profile.setup import Setup
 from edmctl.results.forecast import ProfileSummary
+from edmctl.rules.materials import sim_agrees
 from edmctl.rules.target import time_limit
 from edmctl.rules.violations import (
     in_share_only,
     partial_profile,
     violations,
-    with_expected_gap,
     with_time_limit,
 )
 
@@ -72,11 +73,12 @@ def load_profile(
     merged = apply_overrides(file, overrides)
     sources = Sources(merged.sources, file.sources[0])
     written = _written(merged.table, sources, machine)
-    recipe = with_expected_gap(_recipe(written))
+    recipe = _recipe(written)
     found, unread = _places(recipe, path, sources)
     warnings = _refuse_errors(violations(recipe, machine, found), sources, unread)
-    profile = with_time_limit(in_share_only(recipe), machine, found)
-    warnings += _refuse_errors(list(time_limit(Job(profile, machine, found))), sources)
+    profile = with_time_limit(with_expected_erosion(in_share_only(recipe)), machine, found)
+    late = [*time_limit(Job(profile, machine, found)), *sim_agrees(profile, written.sim)]
+    warnings += _refuse_errors(late, sources)
     return LoadedProfile(
         profile=profile,
         sim=written.sim,
@@ -148,12 +150,13 @@ def _summary(name: str, setup: Setup) -> ProfileSummary:
     try:
         loaded = load_profile(name, setup=setup)
     except ProfileError as error:
-        return ProfileSummary(name, name, "", None, None, None, None, None, refused=error.message)
+        return ProfileSummary(name, name, "", "", None, None, None, None, None, refused=error.message)
     expected, meta = forecast(loaded.profile, setup, loaded.places), loaded.profile.meta
     return ProfileSummary(
         profile=name,
         name=meta.name,
         description=meta.description,
+        materials=f"{loaded.profile.tool.material} → {loaded.profile.work.material}",
         time_s=expected.time_s,
         depth_um=expected.depth_um,
         holes=expected.holes,

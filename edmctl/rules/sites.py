@@ -219,7 +219,7 @@ def layer(job: Job) -> Iterator[Finding]:
         yield Finding(
             Code.LAYER,
             ("path", "layer_um"),
-            f"a layer of {path.layer_um:g} µm is thicker than the working gap, {gap_um:g} µm: moving sideways the "
+            f"a layer of {path.layer_um:g} µm is thicker than the working gap, {gap_um:.1f} µm: moving sideways the "
             "tool runs into the step before it is eroded",
             f"use at most {rounded_down(gap_um)} µm",
         )

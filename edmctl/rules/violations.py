@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any, get_args
 
 from pydantic import TypeAdapter
 
+from edmctl.forecasts.erosion import with_expected_erosion
 from edmctl.forecasts.forecast import Job, forecast
-from edmctl.process.discharge import usual_gap_um
 from edmctl.profile.findings import Code, Finding
 from edmctl.profile.model import DepthTarget, FeedTarget, Profile, ThroughTarget
 from edmctl.profile.sites import SiteTable
 from edmctl.profile.tables import Table, keys_at, nearest
-from edmctl.rules import motion, pulse, sites, target
+from edmctl.rules import materials, motion, pulse, sites, target
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping
@@ -60,10 +60,18 @@ RULES: tuple[Callable[[Job], Iterable[Finding]], ...] = (
     sites.layer,
     target.depth_shown,
     target.depth_beyond_tolerance,
+    materials.known_materials,
 )
 """Every rule, in order of its number. Rule 12 (one touch speed for Z1, Z2 and Z3) has no key to break it."""
 
 TIME_LIMIT_FORECASTS = 3.0
+EXPECTED = (
+    ("work", "removal_um3_per_uj"),
+    ("work", "side_gap_um"),
+    ("wear", "expected_ratio"),
+    ("measure", "expected_gap_um"),
+)
+"""What is expected of materials and pulses where it is not given."""
 _TARGETS: dict[object, type[Table]] = {"depth": DepthTarget, "feed": FeedTarget, "through": ThroughTarget}
 _SITES = TypeAdapter(list[SiteTable])
 
@@ -73,13 +81,6 @@ def with_time_limit(profile: Profile, setup: Setup, places: tuple[Place, ...] = 
     if "max_time_s" in profile.limits.model_fields_set:
         return profile
     return _with(profile, "limits", max_time_s=TIME_LIMIT_FORECASTS * forecast(profile, setup, places).time_s)
-
-
-def with_expected_gap(profile: Profile) -> Profile:
-    """Fill in the working gap to expect where none is given, from the open voltage."""
-    if "expected_gap_um" in profile.measure.model_fields_set:
-        return profile
-    return _with(profile, "measure", expected_gap_um=usual_gap_um(profile.pulse.open_voltage_v))
 
 
 def in_share_only(profile: Profile) -> Profile:
@@ -114,6 +115,12 @@ def violations(profile: Profile, setup: Setup, places: tuple[Place, ...] = ()) -
         if not lacks_value(error):
             raise
         known = without(profile, ("servo", "reference"))
+    try:
+        known = with_expected_erosion(known)
+    except AttributeError as error:
+        if not lacks_value(error):
+            raise
+        known = without(known, *(path for path in EXPECTED if not _is_given(known, *path)))
     job = Job(without(known, ("path",)) if shaped else known, setup, places)
     return [*once, *shaped, *(finding for rule in RULES for finding in _findings(rule, job))]
 
@@ -165,6 +172,11 @@ def without(profile: Profile, *paths: tuple[str, ...]) -> Profile:
             held.__dict__.pop(keys[0], None)
             copy.__dict__[table] = held
     return copy
+
+
+def _is_given(profile: Profile, table: str, key: str) -> bool:
+    held = profile.__dict__.get(table)
+    return held is not None and key in held.model_fields_set
 
 
 def lacks_value(error: AttributeError) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -24,12 +25,19 @@ SETTLE_TICKS, MOST_SETTLES = 50, 2000
 
 @dataclass(frozen=True, slots=True)
 class HoleTruth:
-    """A hole as the plant knows it: axis, depth under the tool's face in µm, and whether the face is through."""
+    """A hole as the plant knows it: axis, depth under the tool's face in µm, and whether the face is through.
+
+    `side_gap_um` is that at the bottom, `taper_um` how much wider the mouth is on the radius, `ra_um` the
+    roughness of the floor.
+    """
 
     x_um: float
     y_um: float
     depth_um: float
     through: bool = False
+    side_gap_um: float = math.nan
+    taper_um: float = math.nan
+    ra_um: float = math.nan
 
 
 class MemoryTransport:
@@ -112,15 +120,18 @@ class VirtualBench:
 
     def truth(self) -> tuple[HoleTruth, ...]:
         """Every hole made so far, in the order of making; what was cut on a path is in the map alone."""
-        return tuple(HoleTruth(h.x_um, h.y_um, h.depth_um, h.through) for h in self.plant.true_holes())
+        return tuple(
+            HoleTruth(h.x_um, h.y_um, h.depth_um, h.through, h.side_gap_um, h.taper_um, h.ra_um)
+            for h in self.plant.true_holes()
+        )
 
     def truth_map(self) -> tuple[Floats, Floats, Floats]:
         """The smallest rectangle with all that was cut so far: x (n,), y (m,) and depth (m, n) of its cells, µm."""
         return self.plant.work_under_tool.true_map()
 
-    def fit_tool(self, label: str, diameter_um: float, theta: float, tip_rounding_um: float) -> None:
+    def fit_tool(self, label: str, diameter_um: float, tool_wear: float, tip_rounding_um: float) -> None:
         """Put the tool of that label in; one that was in before comes back with its wear. The work stays."""
-        self.plant.fit_tool(label, diameter_um, theta, tip_rounding_um)
+        self.plant.fit_tool(label, diameter_um, tool_wear, tip_rounding_um)
 
     def new_tool(self) -> None:
         """Change the tool for a new one of its kind and name."""

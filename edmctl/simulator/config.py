@@ -3,7 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
+from typing import TypeVar
+
+import numpy as np
+
+from edmctl.process.erosion import LAW, ErosionLaw
+from edmctl.process.gap_conditions import ARC_V, BRIDGE_CLEAR, GAP_LAW, SHORT_V, GapLaw
+
+_Law = TypeVar("_Law", ErosionLaw, GapLaw)
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,27 +23,25 @@ class DischargeConstants:
     """
 
     discharge_v: float = 22.0  # plateau of a normal discharge
-    arc_v: float = 17.0
-    short_v: float = 1.0
-    kappa_um3_per_uj: float = 0.0424  # work volume removed per energy
+    arc_v: float = ARC_V
+    short_v: float = SHORT_V
     scatter: float = 0.3  # sd of the logarithm of the crater volume
-    gap_reference_um: float = 2.5  # gap of tau_reference_us at 40 V
-    tau_reference_us: float = 60.0  # mean statistical ignition delay there
-    gap_exponent: float = 4.0
     formative_us: float = 1.0
-    roughness_um: float = 0.20
-    debris_gap_factor: float = 1.5  # narrowing of the gap per debris fraction
-    flush_time_s: float = 0.5  # debris clearance of a shallow 270 µm gap
-    flush_depth_ratio: float = 0.7  # depth/diameter at which clearance takes twice as long
-    arc_base: float = 0.01
-    arc_debris: float = 3.0
-    bridge_base: float = 0.02
-    bridge_debris: float = 0.25
-    bridge_gap_um: float = 1.5
-    bridge_clear: float = 0.02
-    side_base: float = 0.03
-    side_debris: float = 0.6
-    side_gap_um: float = 8.0
+    roughness_um: float = 0.20  # sd of the surface's asperities at a usual pulse; grows as craters do
+    bridge_clear: float = BRIDGE_CLEAR
+    erosion: ErosionLaw = LAW
+    gap: GapLaw = GAP_LAW
+
+
+def drawn(book: DischargeConstants, spread: float, draw: np.random.Generator) -> DischargeConstants:
+    """Draw the process of one machine: every constant of the laws is off by some of `spread`, relative sd."""
+
+    def off(law: _Law) -> _Law:
+        factors = np.exp(spread * draw.standard_normal(len(fields(law))))
+        values = {f.name: getattr(law, f.name) * float(x) for f, x in zip(fields(law), factors, strict=True)}
+        return replace(law, **values)
+
+    return replace(book, erosion=off(book.erosion), gap=off(book.gap))
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +65,10 @@ class BenchConfig:
     """One virtual bench: a tool over a work sheet."""
 
     tool_diameter_um: float = 270.0
-    theta: float = 0.337  # volumetric wear of the tool relative to the work
+    work_removal: float = 1.0  # erosion of the work over that of copper
+    tool_wear: float = 1.0  # of the tool
+    tool_negative: bool = True
+    spread: float = 0.0  # relative sd of what a seed draws around these figures
     tool_label: str = "tool"
     tip_rounding_um: float = 0.0  # how far the edge of the tool lies behind its tip
     offset_um: float = 50.0  # gap at 0 V

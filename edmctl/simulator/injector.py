@@ -43,7 +43,7 @@ _PARTS: dict[str, tuple[_Change, ...]] = {
     "STUCK_CONTACT": (("state", "asperity_um", HUGE),),
     "OBSTACLE": (("plant", "obstacle_um", OBSTACLE_UM),),
     # Asperities so high that they touch at any gap: every pulse is a short, and the contact is closed.
-    "WIRE_SHORT": (("unit", "roughness_um", HUGE), ("state", "asperity_um", HUGE)),
+    "WIRE_SHORT": (("unit", "gap_closed_um", HUGE), ("state", "asperity_um", HUGE)),
     # A spot that ignites at once at any gap, and always as an arc.
     "CARBON": (("unit", "arc_base", HUGE), ("unit", "tau_reference_us", 0.0)),
     "GAP_SENSOR_LOW": (("unit", "gap_stuck_v", 0.0),),
@@ -58,7 +58,7 @@ _PARTS: dict[str, tuple[_Change, ...]] = {
     "HV_SUPPLY": (("plant", "hv_supply_ok", False),),
     "SAMPLES_LOST": (("telemetry", "lost", True),),
     "SAMPLES_FROZEN": (("telemetry", "frozen", True),),
-    "STALL": (("unit", "kappa_um3_per_uj", 0.0),),
+    "STALL": (("unit", "threshold_uj", 1e9),),
 }
 _RESETS = {
     "WATCHDOG": ResetCause.WATCHDOG,
@@ -169,7 +169,7 @@ class Injector:
         elif name == "GAP_SENSOR_HIGH":
             self._break("unit", "gap_stuck_v", unit.open_v)
         elif name == "WEAR_FAST":
-            self._break("unit", "theta", WEAR_FACTOR * unit.theta)
+            self._break("unit", "tool_factor", WEAR_FACTOR * unit.tool_factor)
         elif name == "SENSOR_DRIFT":
             # The drift counts from tick 0; what it would be by now is taken off.
             self._break("state", "walk_um", self._c.plant.state.walk_um - DRIFT_UM_S * now * TICK_S)

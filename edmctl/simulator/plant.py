@@ -10,9 +10,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from edmctl.process.discharge import pulse_energy_uj
+from edmctl.process.erosion import tool_um3_per_uj, work_um3_per_uj
+from edmctl.process.gap_conditions import (
+    MOST_DEBRIS,
+    USUAL_OPEN_V,
+    crater_scale,
+    deionisation_us,
+    flush_time_s,
+    side_gap_um,
+    working_gap_um,
+)
+from edmctl.simulator.config import drawn
 from edmctl.simulator.plant_interface import TICK_NS, Drive, Readings
 from edmctl.simulator.plant_kernel import run_plant
-from edmctl.simulator.plant_state import PlantState, Scope, Unit
+from edmctl.simulator.plant_state import BURNING, PlantState, Scope, Unit
 from edmctl.simulator.unit import RandomBlocks, draw_actuator, set_actuator
 from edmctl.simulator.work_under_tool import Chips, WorkUnderTool
 
@@ -30,8 +42,8 @@ CONTACT_COMPLIANCE = (
 PARK_X_UM = -5000.0
 CLEAR_UM = 1e6
 
-REFERENCE_V = 40.0  # open voltage at which gap_reference_um holds; the gap grows in proportion
-FLUSH_DIAMETER_UM = 270.0  # tool diameter at which flush_time_s holds; it grows with the square
+FREE_GAP_UM = 5.0  # a gap beyond this draws clean oil in; the dither of the servo stays below [assumed]
+FORGOTTEN = 9.0  # time constants after which a channel ignites again in one of 8000 cases
 
 USUAL_PULSES = (130.435, 304.348, 40.0, 0.12, 0.0)
 """Until the generator is set: on and off time, µs, open voltage, peak current, discharge time (0: as it comes)."""
@@ -43,7 +55,7 @@ class Plant:
     """State and parameters of the body; the kernel advances them. Same config and seed, same machine."""
 
     def __init__(self, config: BenchConfig, seed: int) -> None:
-        build_seed, run_seed, stage_seed = np.random.SeedSequence(seed).spawn(3)
+        build_seed, run_seed, stage_seed, process_seed = np.random.SeedSequence(seed).spawn(4)
         build = np.random.default_rng(build_seed)
         self.config = config
         self.serial = serial_number(seed)
@@ -53,6 +65,9 @@ class Plant:
         self._stage_noise = np.random.default_rng(stage_seed)
         self._tilt_mrad = config.sensors.tilt_sd_mrad * build.standard_normal(2)
         self._offset_um = config.offset_um + build.normal(0.0, 1.0)
+        draw = np.random.default_rng(process_seed)
+        self.discharge = drawn(config.discharge, config.spread, draw)
+        self.work_drawn, self.tool_drawn = np.exp(config.spread * draw.standard_normal(2)).tolist()
         self._set_discharge()
         self._set_sensors(build)
         draw_actuator(self.unit, build)
@@ -100,14 +115,14 @@ class Plant:
         """Length lost by the tool so far, µm."""
         return self.state.wear_um
 
-    def fit_tool(self, label: str, diameter_um: float, theta: float, tip_rounding_um: float) -> None:
+    def fit_tool(self, label: str, diameter_um: float, tool_wear: float, tip_rounding_um: float) -> None:
         """Put a tool in, as long as its gauge says unless it was here before; the one that is in keeps its wear."""
         before = self.config
         self.config = replace(
             before,
             tool_label=label,
             tool_diameter_um=diameter_um,
-            theta=theta,
+            tool_wear=tool_wear,
             tip_rounding_um=tip_rounding_um,
         )
         if self.config == before:
@@ -117,6 +132,7 @@ class Plant:
             self.tools_worn_um[before.tool_label] = self.tool_wear_um
             self.state.wear_um = self.tools_worn_um.pop(label, 0.0)
         self._set_tool()
+        self._set_hole()
         self.work_under_tool.set_tool(self.config)
         self.chips.tool_diameter_um = diameter_um
         self.arrive()
@@ -193,12 +209,35 @@ class Plant:
         self, on_time_us: float, off_time_us: float, open_v: float, peak_a: float, set_us: float
     ) -> None:
         """Wire the pulse generator: its series resistance gives the peak current in a normal discharge."""
-        unit = self.unit
-        unit.open_v, unit.on_time_us, unit.discharge_set_us = open_v, on_time_us, set_us
-        self.unit.nominal_siemens = peak_a / max(open_v - unit.discharge_v, 0.1)
+        unit, d = self.unit, self.discharge
+        unit.open_v, unit.discharge_set_us = open_v, set_us
+        unit.on_time_us, unit.off_time_us = on_time_us, off_time_us
+        unit.nominal_siemens = peak_a / max(open_v - unit.discharge_v, 0.1)
         self.set_current_factor(self.current_factor)
-        unit.per_open_gap = REFERENCE_V / (self.config.discharge.gap_reference_um * open_v)
+        unit.per_open_gap = USUAL_OPEN_V / (d.gap.gap_reference_um * open_v)
         unit.pulse_period_ns = round((on_time_us + off_time_us) * 1000.0)
+        times_us = [(i + 0.5) / BURNING * on_time_us for i in range(BURNING)]
+        negative = self.config.tool_negative
+        work, tool, memory = (
+            unit.array(name) for name in ("work_um3_per_uj", "tool_um3_per_uj", "deionisation_us")
+        )
+        work[:] = [work_um3_per_uj(d.erosion, t, peak_a, tool_negative=negative) for t in times_us]
+        tool[:] = [tool_um3_per_uj(d.erosion, t, peak_a, tool_negative=negative) for t in times_us]
+        memory[:] = [deionisation_us(d.gap, pulse_energy_uj(d.discharge_v, peak_a, t)) for t in times_us]
+        dirtiest = (1.0 + d.gap.deionisation_debris * MOST_DEBRIS) * d.gap.deionisation_after_arc
+        unit.longest_memory_us = FORGOTTEN * dirtiest * memory[-1]
+        unit.arc_pause = 1.0 / (1.0 + off_time_us / d.gap.arc_pause_us)
+        full_uj = pulse_energy_uj(d.discharge_v, peak_a, set_us or on_time_us)
+        scale = crater_scale(full_uj)
+        unit.particle_um = d.gap.particle_um * scale
+        unit.roughness_um = d.roughness_um * scale
+        unit.working_gap_um = working_gap_um(d.gap, open_v)
+        unit.free_gap_um = max(FREE_GAP_UM, 1.5 * unit.working_gap_um)
+        wall_um = side_gap_um(d.gap, open_v, full_uj)
+        if wall_um != self.work_under_tool.side_gap_um:
+            self.work_under_tool.side_gap_um = wall_um
+            self._set_hole()
+            self.look()
 
     def set_current_factor(self, factor: float) -> None:
         """Let the generator give `factor` times the current that it is set to."""
@@ -210,36 +249,45 @@ class Plant:
         return self.unit.monitor_gain * self.state.amplifier_v + self.unit.monitor_zero_v
 
     def _set_discharge(self) -> None:
-        unit, d = self.unit, self.config.discharge
-        unit.kappa_um3_per_uj = d.kappa_um3_per_uj
+        unit, d = self.unit, self.discharge
         unit.discharge_v = d.discharge_v
         unit.arc_plateau_v = d.arc_v
         unit.short_plateau_v = d.short_v
-        unit.tau_reference_us = d.tau_reference_us
-        unit.gap_exponent = d.gap_exponent
+        unit.tau_reference_us = d.gap.tau_reference_us
+        unit.gap_exponent = d.gap.gap_exponent
         unit.formative_us = d.formative_us
-        unit.roughness_um = d.roughness_um
-        unit.debris_gap_factor = d.debris_gap_factor
-        unit.arc_base = d.arc_base
-        unit.arc_debris = d.arc_debris
-        unit.bridge_base = d.bridge_base
-        unit.per_bridge_debris = 1.0 / d.bridge_debris
-        unit.per_bridge_gap = 1.0 / d.bridge_gap_um
+        unit.debris_gap_factor = d.gap.debris_gap_factor
+        unit.threshold_uj = d.erosion.threshold_uj
+        unit.per_redeposition = 1.0 / d.gap.redeposition
+        unit.arc_base = d.gap.arc_base
+        unit.arc_debris = 1.0 / d.gap.arc_debris**2
+        unit.arc_delay_us = d.gap.arc_delay_us
+        unit.arc_work = d.gap.arc_work * d.arc_v / d.discharge_v
+        unit.arc_tool = d.gap.arc_tool * d.arc_v / d.discharge_v
+        unit.deionisation_debris = d.gap.deionisation_debris
+        unit.deionisation_after_arc = d.gap.deionisation_after_arc
+        unit.bridge_base = d.gap.bridge_base
         unit.bridge_clear = d.bridge_clear
-        unit.side_base = d.side_base
-        unit.side_debris = d.side_debris
+        unit.side_base = d.gap.side_base
+        unit.side_debris = d.gap.side_debris
         self._set_tool()
 
     def _set_tool(self) -> None:
-        unit, c, d = self.unit, self.config, self.config.discharge
-        radius, outer = c.tool_diameter_um / 2.0, c.tool_diameter_um / 2.0 + d.side_gap_um
+        unit, c, d = self.unit, self.config, self.discharge
+        radius = c.tool_diameter_um / 2.0
         unit.tool_area_um2 = math.pi * radius**2
-        unit.per_tool_area = 1.0 / (math.pi * radius**2)
+        unit.per_tool_area = 1.0 / unit.tool_area_um2
+        unit.work_factor = c.work_removal * self.work_drawn
+        unit.tool_factor = c.tool_wear * self.tool_drawn
+        unit.flush_time_s = flush_time_s(d.gap, c.tool_diameter_um, 0.0)
+        unit.per_flush_depth = 1.0 / (d.gap.flush_depth_ratio * c.tool_diameter_um)
+
+    def _set_hole(self) -> None:
+        unit = self.unit
+        outer = self.config.tool_diameter_um / 2.0 + self.work_under_tool.side_gap_um
         unit.per_disc_area = 1.0 / (math.pi * outer**2)
-        unit.annulus_area_um2 = math.pi * (outer**2 - radius**2)
-        unit.theta = c.theta
-        unit.flush_time_s = d.flush_time_s * (c.tool_diameter_um / FLUSH_DIAMETER_UM) ** 2
-        unit.per_flush_depth = 1.0 / (d.flush_depth_ratio * c.tool_diameter_um)
+        unit.per_rim_um = 1.0 / (2.0 * math.pi * outer)
+        unit.annulus_area_um2 = math.pi * outer**2 - unit.tool_area_um2
 
     def _set_sensors(self, build: np.random.Generator) -> None:
         s, unit = self.config.sensors, self.unit

@@ -9,6 +9,7 @@ import math
 from typing import TYPE_CHECKING
 
 from edmctl.actuator.compiling import cached, compiled
+from edmctl.process.gap_conditions import CLEARING
 from edmctl.simulator.discharge import strike_pulses
 from edmctl.simulator.plant_interface import PATH_LINES, TICK_S
 
@@ -20,8 +21,8 @@ if TYPE_CHECKING:
     from edmctl.simulator.records import Floats
 
 FLUSH_THROUGH_S = 0.02  # debris clearance of a gap that is all open below [assumed]
-FREE_GAP_UM = 5.0  # opening beyond this draws clean oil in; the servo's own dither stays below [assumed]
 BEND_PER_UM, BEND_AT = 0.004, 0.8  # where over the stroke the sensor's bend lies
+SURFACE_UM = 3.0  # depth in which a floor's craters are others, some craters deep [assumed]
 STAGE_STEP_UM = 2.5  # way of the stages after which the work under the tool is another
 
 
@@ -46,11 +47,12 @@ def plant_tick(
     true_z = state.free_z_um if excess <= 0.0 else reach + unit.contact_compliance * excess
     state.true_z_um = true_z
     readings.contact = 1 if excess >= -state.asperity_um else 0
-    opening = reach - true_z - FREE_GAP_UM
+    opening = reach - true_z - unit.free_gap_um
     if opening > 0.0 or state.opening_um != 0.0:
         pump(unit, state, opening)
     if tick & 63 == 0:  # depth changes by nanometres a tick
         renew_clearing(unit, state)
+        forget_craters(state)
     if drive.pulses_on == 1:
         strike_pulses(unit, state, scope, drive, readings, random, tables)
     else:
@@ -137,11 +139,29 @@ def pump(unit: Unit, state: PlantState, opening: float) -> None:
 
 @compiled
 def renew_clearing(unit: Unit, state: PlantState) -> None:
-    """How fast debris leaves the gap: slower the wider and the deeper the hole, and through what is open below."""
+    """How fast debris leaves the gap: slower the narrower it and the deeper the hole.
+
+    By the square of the gap: the flow through a slit is its cube, and what it has to carry grows with it. What is
+    open below clears too.
+    """
     ratio = state.depth_um * unit.per_flush_depth
-    rate = 1.0 / (unit.flush_time_s * (1.0 + ratio * ratio)) + (1.0 - 1.0 / state.rarity) / FLUSH_THROUGH_S
+    gap = (state.surface_um + state.depth_um + state.wear_um - state.true_z_um) / unit.working_gap_um
+    opened = min(CLEARING[1], max(CLEARING[0], gap * gap if gap > 0.0 else 0.0))
+    rate = opened / (unit.flush_time_s * (1.0 + ratio * ratio)) + (1.0 - 1.0 / state.rarity) / FLUSH_THROUGH_S
     state.clearing = math.exp(-unit.pulse_period_ns * 1e-9 * rate)
     state.tick_clearing = math.exp(-TICK_S * rate)
+
+
+@compiled
+def forget_craters(state: PlantState) -> None:
+    """A floor that sinks shows its newest craters."""
+    sunk = state.depth_um - state.crater_depth_um
+    if sunk > 0.0:
+        kept = math.exp(-sunk / SURFACE_UM)
+        state.crater_um3 *= kept
+        state.crater_um6 *= kept
+        state.arc_um3 *= kept
+    state.crater_depth_um = state.depth_um
 
 
 @compiled
@@ -149,6 +169,7 @@ def rest(unit: Unit, state: PlantState, readings: Readings) -> None:
     """A millisecond without pulses: the gap clears itself, and a sound gap sensor has nothing to read."""
     state.debris_um3 *= state.tick_clearing
     state.bridge_until_um = 0.0
+    state.previous_burning = -1.0
     readings.pulses = 0
     readings.charge_uc = 0.0
     readings.stray_pulses = unit.stray_pulses

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
 PLAYS = 40
 CREEP_TERMS = 12
+BURNING = 256  # steps of the burning time in tables of what a discharge does
 SCOPE_PULSES = 64  # newest pulses remembered, for waveforms; a power of two
 
 
@@ -24,9 +25,20 @@ class Unit(Record):
     per_tool_area: float  # 1/µm²
     per_disc_area: float  # of the whole disc that discharges reach, 1/µm²
     annulus_area_um2: float
-    theta: float  # volume of tool worn per volume of work removed
+    per_rim_um: float  # one over the hole's circumference, 1/µm
+    work_factor: float  # erosion of the work over that of copper, of this unit
+    tool_factor: float  # and of the tool
     # discharge
-    kappa_um3_per_uj: float
+    work_um3_per_uj: Floats = series(BURNING)  # removed per molten energy, over the burning time, copper
+    tool_um3_per_uj: Floats = series(BURNING)
+    threshold_uj: float
+    per_redeposition: float  # one over the debris fraction at which half of the removal stays
+    arc_work: float  # of an arc over a discharge of its energy
+    arc_tool: float
+    deionisation_us: Floats = series(BURNING)  # over the burning time of the discharge before
+    deionisation_debris: float
+    deionisation_after_arc: float
+    longest_memory_us: float  # off-time from which on nothing is left of the discharge before
     discharge_v: float
     arc_plateau_v: float
     short_plateau_v: float
@@ -36,18 +48,22 @@ class Unit(Record):
     roughness_um: float
     debris_gap_factor: float
     flush_time_s: float  # of this tool's gap while shallow
+    working_gap_um: float  # at which that holds; wider clears faster
+    free_gap_um: float  # opening beyond this draws clean oil in
     per_flush_depth: float  # one over the depth at which clearance takes twice as long
     arc_base: float
-    arc_debris: float
+    arc_debris: float  # per debris fraction squared
+    arc_delay_us: float  # delay in which that fades; twice as long after an arc
+    arc_pause: float  # share of that left by this off-time
     bridge_base: float
-    per_bridge_debris: float
-    per_bridge_gap: float  # 1/µm
+    particle_um: float
     bridge_clear: float
     side_base: float
     side_debris: float
     # generator
     open_v: float
     on_time_us: float
+    off_time_us: float
     discharge_set_us: float
     siemens: float  # of the generator's series resistor
     nominal_siemens: float  # the same as it is set
@@ -81,6 +97,7 @@ class Unit(Record):
     amplifier_gain: float  # 1, or 0 with a dead amplifier
     stroke_share: float  # of the actuator's displacement that is left
     gap_stuck_v: float  # what the gap sensor reads whatever there is; negative: nothing is wrong
+    gap_closed_um: float  # by what lies across the gap
     off_time_a: float  # current that goes on into the off-time
     stray_pulses: int  # seen in measure mode
 
@@ -113,7 +130,15 @@ class PlantState(Record):
     bridge_until_um: float  # gap at which the bridge breaks; 0 = none
     carbon: float
     true_arc_run: int  # what builds up carbon
-    opening_um: float  # of the gap beyond FREE_GAP_UM
+    opening_um: float  # of the gap beyond where it draws oil in
+    previous_burning: float  # table step of the discharge before, -1 where there was none
+    previous_arc: float  # whether it was an arc
+    # surface of the hole
+    wall_um: float  # taken from the wall, over its area at that time: what tapers
+    crater_um3: float  # of the newest craters: sums of their volume, of its square, and of arcs' volume
+    crater_um6: float
+    arc_um3: float
+    crater_depth_um: float  # up to which older ones have been forgotten
     # generator, sensors, stages
     next_pulse_ns: int
     pulse_starts: int  # of the drive, as far as they were followed

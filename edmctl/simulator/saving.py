@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import re
 from collections.abc import Mapping
 from copy import deepcopy
 from typing import TYPE_CHECKING
@@ -17,6 +16,8 @@ import numpy as np
 
 from edmctl.errors import RunFileError
 from edmctl.link.messages import ResetCause
+from edmctl.process.erosion import ErosionLaw
+from edmctl.process.gap_conditions import GapLaw
 from edmctl.simulator.bench import VirtualBench
 from edmctl.simulator.config import BenchConfig, DischargeConstants, SensorConstants
 from edmctl.simulator.controller_kernel import BOX_COLUMNS
@@ -49,26 +50,13 @@ _PLANT_VALUES = (
     "obstacle_um",
     "current_factor",
     "_offset_um",
+    "work_drawn",
+    "tool_drawn",
 )
 _PLANT_ARRAYS = ("position_um", "_tilt_mrad")
 _RANDOM_ARRAYS = ("pulse", "noise", "tables")
 _STREAMS = ("_decide", "_shape", "_delay", "_noise")
 _NO_HOLE = -1
-
-# Files of schema 2 hold the numbers of all records in three groups, under these names.
-_OLD_GROUPS = ("par", "st", "ist")
-_OLD_BANKS = {
-    "plays": ("play_threshold_v", "play_um_per_v", "play_v"),
-    "creep": ("creep_decay", "creep_share", "creep_um"),
-}
-_OLD_NAMES = {
-    "displacement_um": "SENSOR_Z",
-    "slow_displacement_um": "SLOW_Z",
-    "mode_velocity_um_s": "MODE_V",
-    "actuator_v": "APPLIED_V",
-}
-_UNITS = re.compile("(_um3_per_uj|(_um[23]?|_us|_ns|_uc|_uj|_v)?(_s2?)?)$")
-"""What a name of today has more than one of then."""
 
 
 def bench_state(bench: VirtualBench) -> State:
@@ -96,11 +84,8 @@ def restored_bench(state: State) -> VirtualBench:
     try:
         bench = VirtualBench(_config(_part(state, "config")), seed=0)
         plant, controller = _part(state, "plant"), _part(state, "controller")
-        if "par" in plant:
-            _restore_old_records(bench, plant)
-        else:
-            _restore_records(bench.plant, _PLANT_RECORDS, plant)
-            _restore_records(bench.controller, _CONTROLLER_RECORDS, controller)
+        _restore_records(bench.plant, _PLANT_RECORDS, plant)
+        _restore_records(bench.controller, _CONTROLLER_RECORDS, controller)
         _restore_plant(bench.plant, plant)
         _restore_controller(bench, controller)
     except (KeyError, IndexError, TypeError, ValueError) as error:
@@ -131,33 +116,6 @@ def _restore_records(owner: object, names: tuple[str, ...], state: State) -> Non
             _fill(record.array(field), part[field])
 
 
-def _restore_old_records(bench: VirtualBench, state: State) -> None:
-    """Take from a file of schema 2 what it knows; the rest was set when the bench was built, or is by a restart."""
-    old = {name: value for group in _OLD_GROUPS for name, value in _part(state, group).items()}
-    series = {
-        name: bank[row]
-        for group, names in _OLD_BANKS.items()
-        for bank in [np.asarray(state[group])]
-        for row, name in enumerate(names)
-    }
-    plant, controller = bench.plant, bench.controller
-    for record in (
-        plant.unit,
-        plant.state,
-        plant.drive,
-        plant.readings,
-        controller.settings,
-        controller.loop,
-    ):
-        for field in record.numbers():
-            names = (_OLD_NAMES.get(field, field.upper()), _UNITS.sub("", field).upper())
-            found = next((old[name] for name in names if name in old), None)
-            if found is not None:
-                setattr(record, field, type(getattr(record, field))(found))
-        for field in record.arrays().keys() & series.keys():
-            _fill(record.array(field), series[field])
-
-
 def _plant_state(plant: Plant) -> State:
     holes = plant.true_holes()
     ground = plant.work_under_tool
@@ -169,8 +127,11 @@ def _plant_state(plant: Plant) -> State:
         **_records_state(plant, _PLANT_RECORDS),
         **{name: _plain(getattr(plant, name)) for name in _PLANT_VALUES},
         **{name: getattr(plant, name).copy() for name in _PLANT_ARRAYS},
+        "discharge": dataclasses.asdict(plant.discharge),
         "reported": np.array(plant.reported),
-        "holes": np.array([dataclasses.astuple(hole) for hole in holes], dtype=np.float64).reshape(-1, 4),
+        "holes": np.array([dataclasses.astuple(hole) for hole in holes], dtype=np.float64).reshape(
+            -1, len(dataclasses.fields(Hole))
+        ),
         "here": here,
         "tile_at": np.array(list(tiles), dtype=np.int64).reshape(-1, 2),
         "tiles": np.array(list(tiles.values()), dtype=np.float64).reshape(-1, TILE, TILE),
@@ -189,11 +150,9 @@ def _restore_plant(plant: Plant, state: State) -> None:
     for name in _PLANT_ARRAYS:
         _fill(getattr(plant, name), state[name])
     plant.reported = [float(value) for value in np.asarray(state["reported"])]
+    plant.discharge = _discharge(_part(state, "discharge"))
     ground = plant.work_under_tool
-    ground.holes = [
-        Hole(float(x), float(y), float(depth), bool(through))
-        for x, y, depth, through in np.asarray(state["holes"])
-    ]
+    ground.holes = [_hole(row) for row in np.asarray(state["holes"]).tolist()]
     tiles = zip(np.asarray(state["tile_at"]).tolist(), np.asarray(state["tiles"]), strict=True)
     ground.work.tiles = {(int(column), int(row)): _tile(cells) for (column, row), cells in tiles}
     ground.arrive(*map(float, plant.position_um))
@@ -207,6 +166,11 @@ def _restore_plant(plant: Plant, state: State) -> None:
         _fill(getattr(plant.random, name), random[name])
     for name in _STREAMS:
         _set_stream(getattr(plant.random, name), random[name])
+
+
+def _hole(row: list[float]) -> Hole:
+    x_um, y_um, depth_um, through, *surface = row
+    return Hole(x_um, y_um, depth_um, bool(through), *surface)
 
 
 def _tile(cells: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -273,11 +237,18 @@ def _restore_waveforms(waveforms: Waveforms, state: State) -> None:
 
 def _config(state: State) -> BenchConfig:
     values = dict(state)
-    discharge = DischargeConstants(**_part(values, "discharge"))  # type: ignore[arg-type]
+    discharge = _discharge(_part(values, "discharge"))
     sensors = dict(_part(values, "sensors"))
     sensors["fitted"] = bool(sensors["fitted"])
     values |= {"discharge": discharge, "sensors": SensorConstants(**sensors)}  # type: ignore[arg-type]
     return BenchConfig(**values)  # type: ignore[arg-type]
+
+
+def _discharge(state: State) -> DischargeConstants:
+    values = dict(state)
+    erosion, gap = ErosionLaw(**_part(values, "erosion")), GapLaw(**_part(values, "gap"))  # type: ignore[arg-type]
+    values |= {"erosion": erosion, "gap": gap}
+    return DischargeConstants(**values)  # type: ignore[arg-type]
 
 
 def _part(state: State, name: str) -> State:

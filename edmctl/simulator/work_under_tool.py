@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.process.erosion import roughness_ra_um, widening_um
 from edmctl.simulator.workpiece import Footprint, Tip, Workpiece
 
 if TYPE_CHECKING:
@@ -41,12 +42,32 @@ LEAST_UM = 0.05
 
 @dataclass(slots=True)
 class Hole:
-    """A hole in the work: where its axis is, how deep it is under the tool's face, and whether it is through."""
+    """A hole in the work: where its axis is, how deep it is under the tool's face, and whether it is through.
+
+    `side_gap_um` is the widest that its generator made, the rest what its surface comes from (plant_state.py).
+    """
 
     x_um: float
     y_um: float
     depth_um: float
     through: bool = False
+    side_gap_um: float = 0.0
+    wall_um: float = 0.0
+    crater_um3: float = 0.0
+    crater_um6: float = 0.0
+    arc_um3: float = 0.0
+
+    @property
+    def ra_um(self) -> float:
+        """Roughness of its floor."""
+        if self.crater_um3 <= 0.0:
+            return math.nan
+        return roughness_ra_um(self.crater_um6 / self.crater_um3, self.arc_um3 / self.crater_um3)
+
+    @property
+    def taper_um(self) -> float:
+        """How much wider its mouth is than its bottom, on the radius."""
+        return widening_um(self.wall_um, self.side_gap_um) if self.side_gap_um > 0.0 else math.nan
 
 
 class WorkUnderTool:
@@ -63,6 +84,7 @@ class WorkUnderTool:
         self.here: Hole | None = None
         self.levels = NO_LEVELS
         self.solid = False
+        self.side_gap_um = 0.0  # that the generator makes
         self._place = (0.0, 0.0)
         self._footprint: Footprint | None = None
         self._found_um = 0.0
@@ -74,13 +96,25 @@ class WorkUnderTool:
 
     def arrive(self, x_um: float, y_um: float) -> None:
         """Stand at a place: in a hole, on the face of the work, or beside it."""
-        clearance = self._config.discharge.side_gap_um
         self.here = next(
-            (h for h in self.holes if math.hypot(h.x_um - x_um, h.y_um - y_um) <= clearance), None
+            (
+                h
+                for h in self.holes
+                if math.hypot(h.x_um - x_um, h.y_um - y_um) <= max(h.side_gap_um, self.side_gap_um)
+            ),
+            None,
         )
         self._stands = True
         self._take_up(x_um, y_um)
-        self._found_um = self._state.depth_um
+        state = self._state
+        self._found_um = state.crater_depth_um = state.depth_um
+        surface = self.here or Hole(x_um, y_um, 0.0)
+        state.wall_um, state.crater_um3 = surface.wall_um, surface.crater_um3
+        state.crater_um6, state.arc_um3 = surface.crater_um6, surface.arc_um3
+
+    def _is_in(self, hole: Hole, x_um: float, y_um: float) -> bool:
+        clearance = max(hole.side_gap_um, self.side_gap_um)
+        return math.hypot(hole.x_um - x_um, hole.y_um - y_um) <= clearance
 
     def leave(self) -> None:
         """Remember what became of the work here, before the stage moves."""
@@ -122,7 +156,7 @@ class WorkUnderTool:
             state.depth_um = 0.0
             return
         radius_um = c.tool_diameter_um / 2.0
-        tip = Tip(radius_um, radius_um + c.discharge.side_gap_um, c.tip_rounding_um)
+        tip = Tip(radius_um, radius_um + self.side_gap_um, c.tip_rounding_um)
         print_ = Footprint(self.work, x_um, y_um, tip, c.thickness_um)
         self._footprint, self.levels = print_, print_.table
         self.solid = print_.level_um < math.inf
@@ -145,6 +179,9 @@ class WorkUnderTool:
             self.holes.append(self.here)
         self.here.depth_um = min(depth_um, self._config.thickness_um)
         self.here.through = not self.solid
+        self.here.side_gap_um = max(self.here.side_gap_um, self.side_gap_um)
+        self.here.wall_um, self.here.crater_um3 = self._state.wall_um, self._state.crater_um3
+        self.here.crater_um6, self.here.arc_um3 = self._state.crater_um6, self._state.arc_um3
 
 
 @dataclass(slots=True)

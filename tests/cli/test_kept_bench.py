@@ -158,7 +158,7 @@ def test_the_work_stays_whatever_the_profile_says(here: Here) -> None:
     assert "its own work" not in here(*contact).err
     said = here(*contact, "--set", "sim.flush_time_s=3")
     assert "the bench keeps its own work, whatever [sim] says: flush_time_s = 0.5" in said.err
-    assert kept().plant.config.discharge.flush_time_s == 0.5
+    assert kept().plant.config.discharge.gap.flush_time_s == 0.5
 
 
 def test_a_fresh_machine_has_no_ledger(here: Here) -> None:

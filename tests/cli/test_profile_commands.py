@@ -77,7 +77,7 @@ def test_show_json_holds_defaults(here: Here) -> None:
     result = here("profile", "show", CU270, "--json").document["result"]
     assert result["meta"]["schema"] == 1
     assert result["pulse"]["discharge_voltage_v"] == 22.0
-    assert "theta" in result["sim"]
+    assert "spread" in result["sim"]
 
 
 def test_schema_describes_every_table(here: Here) -> None:

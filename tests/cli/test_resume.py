@@ -112,7 +112,7 @@ def ledger_goes_on(*entries: Entry) -> None:
 @pytest.mark.slow
 def test_a_deep_hole_with_a_worn_tool_is_finished(here: Here) -> None:
     deep = ("--set", 'target={kind="depth",depth_um=180.0,tolerance_um=2.0}')
-    with at_time_of_cut(165.0, stop):
+    with at_time_of_cut(172.0, stop):
         assert here(*MACHINE, *deep, *BENCH, "--seed", "3", "--run-id", "a", "--quiet").exit_code == 130
     assert float(read_journal(Path("runs/a.journal")).state["wear_um"]) > 42.0  # type: ignore[arg-type]
     said = here(*RESUME, *BENCH)
@@ -401,7 +401,7 @@ def test_another_job_with_the_tool_is_warned_of_what_it_ends(here: Here, left: L
 
 
 def test_another_tool_in_a_virtual_machine_is_refused(here: Here, killed: Path) -> None:
-    bench_changed(lambda bench: bench.fit_tool("W 252 µm", 252.0, bench.plant.config.theta, 0.0))
+    bench_changed(lambda bench: bench.fit_tool("W 252 µm", 252.0, bench.plant.config.tool_wear, 0.0))
     assert "W 252 µm is in the machine" in refused(here(*RESUME, *BENCH), "E8056")
 
 

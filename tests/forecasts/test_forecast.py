@@ -9,7 +9,6 @@ import pytest
 
 from edmctl.forecasts.forecast import forecast
 from edmctl.forecasts.measuring import approach_time_s, jumps_time_s, touch_time_s
-from edmctl.forecasts.removal import RECOVERY_S
 from edmctl.profile.setup import Sensor, Setup
 from edmctl.results.forecast import Forecast
 from edmctl.rules.load import load_profile
@@ -25,9 +24,9 @@ def forecast_of(name: str, *overrides: str) -> Forecast:
 @pytest.mark.parametrize(
     ("name", "time_s", "feed_um_s", "depth_um", "wear_um"),
     [
-        ("cu270", 870.5, 0.287, 180.0, 70.0),
-        ("cu150", 303.5, 0.824, 175.0, 75.0),
-        ("w252", 1017.6, 0.246, 240.0, 10.0),
+        ("cu270", 864.0, 0.289, 180.0, 70.0),
+        ("cu150", 317.0, 0.789, 175.0, 75.0),
+        ("w252", 1000.0, 0.250, 240.0, 10.0),
     ],
 )
 def test_time_and_feed_are_within_a_tenth_of_per_pulse_runs(
@@ -41,15 +40,15 @@ def test_time_and_feed_are_within_a_tenth_of_per_pulse_runs(
     assert f.feed_um == f.depth_um + f.wear_um
 
 
-@pytest.mark.parametrize(("reference", "time_s"), [(0.70, 615.0), (0.85, 1134.0), (0.90, 1663.0)])
+@pytest.mark.parametrize(("reference", "time_s"), [(0.70, 772.0), (0.85, 1037.0), (0.90, 1458.0)])
 def test_the_reference_sets_the_time(reference: float, time_s: float) -> None:
     f = forecast_of("cu270", f"servo.reference={reference}")
     assert f.machining_time_s == pytest.approx(time_s, rel=0.10)
 
 
-def test_twice_the_current_halves_the_time() -> None:
+def test_twice_the_current_saves_35_to_50_percent_of_the_time() -> None:
     once, twice = forecast_of("cu150"), forecast_of("cu150", "pulse.current_a=0.24")
-    assert twice.machining_time_s == pytest.approx(once.machining_time_s / 2.0, rel=1e-6)
+    assert 0.35 <= 1.0 - twice.machining_time_s / once.machining_time_s <= 0.50
     assert twice.spark_energy_uj == pytest.approx(2.0 * 344.3, abs=0.2)
 
 
@@ -70,8 +69,8 @@ def test_jumps_cost_their_share() -> None:
     without, with_jumps = forecast_of("cu270", "jump.mode=off"), forecast_of("cu270", "jump.period_s=2")
     assert without.jump_share == 0.0
     assert with_jumps.jump_share == pytest.approx(0.08 / 2.0)
-    left = 1.0 - with_jumps.jump_share - RECOVERY_S / 2.0
-    assert with_jumps.machining_time_s * left == pytest.approx(without.machining_time_s)
+    left = 1.0 - with_jumps.jump_share
+    assert with_jumps.machining_time_s * left < without.machining_time_s  # the gap is cleaner, too
 
 
 def test_adaptive_jumps_are_forecast_as_if_they_kept_to_their_period() -> None:

@@ -114,6 +114,12 @@ def _as_it_is(config: BenchConfig) -> BenchConfig:
     return config
 
 
+def eroding(config: BenchConfig, wear: float, removal: float = 1.0) -> BenchConfig:
+    """A bench whose tool wears so many times as much per volume of work, and whose work erodes so much faster."""
+    work, tool = removal * config.work_removal, wear * removal * config.tool_wear
+    return replace(config, work_removal=work, tool_wear=tool)
+
+
 class Shop:
     """One virtual bench with everything a job needs; `changed` makes it another one than the recipe thinks of."""
 
@@ -130,7 +136,6 @@ class Shop:
         self.profile = loaded.profile
         config = BenchConfig(
             tool_diameter_um=self.profile.tool.diameter_um,
-            theta=loaded.sim.theta,
             offset_um=self.profile.approach.offset_um,
             sensors=SensorConstants(fitted=sensor),
         )

@@ -15,7 +15,7 @@ from edmctl.profile.places import Place
 from edmctl.results.job import ObjectiveMissed
 from tests.tiers import tiers
 
-from .conftest import Told
+from .conftest import Told, eroding
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -34,7 +34,7 @@ SEED = 11
 
 @pytest.mark.parametrize("sites", tiers((ALONE,), slow=((ARRAY,),)))
 @pytest.mark.parametrize(
-    ("theta", "removal"),
+    ("wear", "removal"),
     [
         pytest.param(0.3, 1.0, id="a third of the wear"),
         pytest.param(2.0, 1.0, id="twice the wear"),
@@ -43,24 +43,22 @@ SEED = 11
     ],
 )
 def test_a_belief_that_is_wrong_costs_no_truth(
-    shop: Callable[..., Shop], sites: tuple[Place, ...], theta: float, removal: float
+    shop: Callable[..., Shop], sites: tuple[Place, ...], wear: float, removal: float
 ) -> None:
     def changed(config: BenchConfig) -> BenchConfig:
-        discharge = config.discharge
-        discharge = replace(discharge, kappa_um3_per_uj=removal * discharge.kappa_um3_per_uj)
-        return replace(config, discharge=discharge, theta=theta * config.theta)
+        return eroding(config, wear, removal)
 
     held = []
     s = shop(OVERRIDES, SEED, changed=changed)
     s.job = replace(s.job, sites=sites)
-    wear = TrueWear(s.bench, NoStateStore())
+    true_wear = TrueWear(s.bench, NoStateStore())
     with suppress(ObjectiveMissed):  # said to be off the target, or not shown
-        s.run_job(journal=wear)
+        s.run_job(journal=true_wear)
     assert set(s.tally.sites) == {site.name for site in sites}
     for site in s.tally.sites.values():
         (hole,) = (one for one in s.bench.truth() if abs(one.x_um - site.x_um) < 8.0)
         held.append(abs(site.depth_um - hole.depth_um) <= site.depth_u95_um)
-        held.append(abs(site.wear_um - wear.of_site(site.name)) <= site.wear_u95_um)
+        held.append(abs(site.wear_um - true_wear.of_site(site.name)) <= site.wear_u95_um)
     assert held.count(False) <= round((1.0 - LEAST_HELD) * len(held))
 
 
@@ -75,7 +73,7 @@ class Changing(Told):
     def progress(self, p: Progress) -> None:
         assert self.bench is not None
         if p.site == self.hole and self.change != 1.0:
-            self.bench.plant.unit.theta *= self.change
+            self.bench.plant.unit.tool_factor *= self.change
             self.change = 1.0
 
 
@@ -113,14 +111,14 @@ class Compared(Told):
             self.wears.append(abs(p.wear_um - self.bench.tool_wear_um) <= p.wear_u95_um)
 
 
-@pytest.mark.parametrize("theta", tiers(0.3, 2.0, slow=(0.5, 1.5)))
+@pytest.mark.parametrize("wear", tiers(0.3, 2.0, slow=(0.5, 1.5)))
 def test_what_is_told_during_a_cut_holds_before_any_touch_has_confirmed_the_belief(
-    shop: Callable[..., Shop], theta: float
+    shop: Callable[..., Shop], wear: float
 ) -> None:
     s = shop(
-        ('target={kind="depth",depth_um=30.0,tolerance_um=2.0}',),
+        ('target={kind="depth",depth_um=30.0,tolerance_um=2.0}', "wear.expected_ratio=0.45"),
         SEED,
-        changed=lambda config: replace(config, theta=theta * config.theta),
+        changed=lambda config: eroding(config, wear),
     )
     s.told = told = Compared(bench=s.bench)
     with suppress(ObjectiveMissed):

@@ -203,7 +203,7 @@ def test_a_job_beyond_its_forecast_is_ended_and_measured(
     monkeypatch.setattr("edmctl.procedures.servo.limits.LEAST_S", 0.0)
     monkeypatch.setattr("edmctl.procedures.servo.limits.LONGEST_SHARE", 0.3)
     s = shop()
-    with pytest.raises(ObjectiveMissed, match="the forecast allows 4 s of machining") as caught:
+    with pytest.raises(ObjectiveMissed, match=r"the forecast allows \d s of machining") as caught:
         s.run_job()
     assert caught.value.code == "E7012"
     (site,) = caught.value.result.sites

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import signal
+from dataclasses import astuple
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from edmctl.errors import Interrupted, MachineFault, RunFileError
 from edmctl.labels import Basis
 from edmctl.machine.interface import EventCode, MachineState
+from edmctl.procedures.hole.cut_planning import energy_of
 from edmctl.procedures.settings import controller_settings
 from edmctl.record.rows import EventLevel, RunEvent, ServoBlock
 from edmctl.results.job import ObjectiveMissed
@@ -120,17 +122,20 @@ def test_readings_and_decisions_are_recorded(done: Done) -> None:
 
 
 def test_the_energy_of_a_hole_is_that_of_its_pulses(done: Done) -> None:
-    """Within 10 %: 1.3 % of these pulses are shorts, which draw twice the current without burning."""
+    """All charge counts, that of shorts too, which draw twice the current and burn nothing."""
     (site,) = done.result.sites
     pulses_j = 1e-6 * sum(float(blocks.energy_uj.sum()) for blocks in done.shop.seen.pulses)
-    assert site.energy_j == pytest.approx(pulses_j, rel=0.1)
+    counts = [round(share * site.pulses) for share in astuple(site.ratios)]
+    energy = energy_of(done.shop.profile.pulse, counts, site.energy_j)
+    assert 1e-6 * (energy.normal_uj + energy.arc_uj) == pytest.approx(pulses_j, rel=0.05)
     assert done.shop.seen.sites[-1].energy_j == site.energy_j
 
 
 def test_a_result_has_wear_ratios_and_removal_rate_from_the_volumes(done: Done) -> None:
     (site,) = done.result.sites
     row = done.shop.seen.sites[-1]
-    tool_um2, hole_um2 = math.pi / 4.0 * 270.0**2, math.pi / 4.0 * (270.0 + 2.0 * 8.0) ** 2
+    side_um = done.shop.profile.work.side_gap_um
+    tool_um2, hole_um2 = math.pi / 4.0 * 270.0**2, math.pi / 4.0 * (270.0 + 2.0 * side_um) ** 2
     assert row.wear_ratio_lin == pytest.approx(site.wear_um / site.depth_um)
     assert row.wear_ratio_vol == pytest.approx(site.wear_um * tool_um2 / (site.depth_um * hole_um2))
     minutes = site.machining_time_s / 60.0
@@ -363,7 +368,7 @@ def test_a_cut_that_stalls_is_given_up_in_order_and_measured(shop: OpenShop) -> 
     s = shop()
 
     def erode_nothing() -> None:
-        s.bench.plant.unit.kappa_um3_per_uj = 0.0
+        s.bench.plant.unit.threshold_uj = 1e9
 
     s.told.when[Phase.MACHINING] = erode_nothing
     with pytest.raises(ObjectiveMissed, match="stopped advancing") as caught:

@@ -22,6 +22,8 @@ from edmctl.record.rows import RunEvent
 from edmctl.results.job import ObjectiveMissed
 from edmctl.simulator.injection import parse_injection
 
+from .conftest import eroding
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -344,17 +346,15 @@ class Tip:
 
 
 @pytest.mark.parametrize(
-    ("theta", "removal"),
+    ("wear", "removal"),
     [(1.0, 1.0), (2.0, 1.0), (0.3, 1.0), (1.0, 4.0)],
     ids=["as believed", "wears more", "wears less", "erodes fast"],
 )
 def test_a_way_through_ends_behind_the_sheet_whatever_was_believed_of_wear_and_removal(
-    shop: OpenShop, theta: float, removal: float
+    shop: OpenShop, wear: float, removal: float
 ) -> None:
     def changed(config: BenchConfig) -> BenchConfig:
-        discharge = config.discharge
-        discharge = replace(discharge, kappa_um3_per_uj=removal * discharge.kappa_um3_per_uj)
-        return replace(config, thickness_um=40.0, theta=theta * config.theta, discharge=discharge)
+        return replace(eroding(config, wear, removal), thickness_um=40.0)
 
     s = shop(SHEET, seed=7, changed=changed)
     tip = Tip(s)

@@ -160,7 +160,7 @@ def test_the_end_of_a_single_hole_is_touched(done: Done) -> None:
 
 
 def test_a_sparing_recipe_leaves_a_small_last_cut_estimated_and_says_so(shop: OpenShop) -> None:
-    s = shop(['wear.remeasure="sparing"'])
+    s = shop(['wear.remeasure="sparing"', 'target={kind="depth",depth_um=10.0,tolerance_um=3.0}'])
     (site,) = s.run_job().sites
     assert site.estimated_um > 0.0
     assert (site.depth_basis, site.wear_basis) == (Basis.ESTIMATED, Basis.ESTIMATED)

@@ -192,7 +192,7 @@ def test_provenance_is_complete(run_path: Path) -> None:
         ("max_temp_c", "degC"),
         ("stroke_v_max", "V"),
         ("duty_min", "1"),
-        ("kappa_um3_per_uj", "um3/uJ"),
+        ("removal_um3_per_uj", "um3/uJ"),
     ],
 )
 def test_a_unit_is_read_from_the_name(name: str, unit: str) -> None:

@@ -42,7 +42,7 @@ def test_the_constants_of_the_plant_are_among_the_values() -> None:
         leaf.key: (leaf.value, leaf.units) for leaf in meta_of("cu270", "sim.flush_time_s=3").profile_leaves
     }
     assert values["sim.flush_time_s"] == (3.0, "s")
-    assert values["sim.kappa_um3_per_uj"] == (0.0424, "um3/uJ")
+    assert values["sim.removal_um3_per_uj"] == (0.0811, "um3/uJ")
     assert values["pulse.open_voltage_v"] == (40.0, "V")
 
 

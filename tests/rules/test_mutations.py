@@ -153,7 +153,6 @@ REQUIRED = {
     ("servo", "reference"),
     ("target", "kind"),
     ("target", "depth_um"),
-    ("wear", "expected_ratio"),
 }
 
 

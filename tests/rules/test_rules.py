@@ -89,17 +89,17 @@ CASES = [
     ),
     Case(
         Code.SLOPE_BELOW_FEED,
-        ("pulse.current_a=0.9", "servo.forward_um_s=2.7"),
-        ("pulse.current_a=0.9", "servo.forward_um_s=2.5"),
+        ("pulse.current_a=0.5", "servo.forward_um_s=0.9"),
+        ("pulse.current_a=0.5", "servo.forward_um_s=0.8"),
         "servo.forward_um_s",
-        ("2.5 µm/s", "1.2 times", "2.17 µm/s"),
+        ("0.8 µm/s", "1.2 times", "0.69 µm/s"),
     ),
     Case(
         Code.SLOPE_NEAR_FEED,
         ("servo.forward_um_s=0.9",),
         ("servo.forward_um_s=0.8",),
         "servo.forward_um_s",
-        ("0.8 µm/s", "2.8 times", "0.29 µm/s"),
+        ("0.8 µm/s", "2.8 times", "0.28 µm/s"),
     ),
     Case(
         Code.LIMIT_CYCLE_LARGE,
@@ -386,7 +386,7 @@ def test_millimetres_are_told_of_arrays_and_sheets_too(name: str, change: str) -
 
 def test_every_code_of_a_rule_is_tested_here() -> None:
     elsewhere = {Code.PATH_KEYS, Code.SITES_OR_PATH, Code.SITES, Code.OVERLAP}
-    elsewhere |= {Code.ARRAY_WEAR, Code.ARRAY_STROKE, Code.LAYER}
+    elsewhere |= {Code.ARRAY_WEAR, Code.ARRAY_STROKE, Code.LAYER, Code.UNKNOWN_MATERIAL, Code.SIM_CONTRADICTS}
     tested = {case.code for case in CASES} | {Code.LIMIT_CYCLE, Code.ACTUATOR_VOLTAGE} | elsewhere
     assert tested == {code for code in Code if code[1:3] == "31"}
 

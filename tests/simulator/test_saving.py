@@ -19,7 +19,6 @@ from edmctl.simulator import (
     SensorConstants,
     VirtualBench,
     open_bench,
-    saving,
 )
 from edmctl.simulator.injection import parse_injection
 from edmctl.simulator.saving import bench_state, restored_bench
@@ -100,32 +99,6 @@ def test_a_run_after_saving_and_restoring_is_the_run_without(rig: RigMaker, tmp_
     assert again.truth() == r.bench.truth()
     assert again.plant.config == NEAR
     assert again.plant.theta_deg == r.bench.plant.theta_deg != 0.0
-    assert next_bytes(again) == next_bytes(power_cycled(r.bench))
-
-
-def old_form(state: Any) -> dict[str, object]:
-    """A state as files of schema 2 have it: the numbers of all records in flat groups."""
-    plant, controller = dict(state["plant"]), dict(state["controller"])
-    records = [plant.pop(name) for name in ("unit", "state", "drive", "readings")]
-    records += [controller.pop(name) for name in ("settings", "loop")]
-    flat: dict[str, float] = {"TICK": records.pop(3)["numbers"]["tick"]}
-    for record in records:
-        for name, value in record["numbers"].items():
-            old = saving._OLD_NAMES.get(name) or saving._UNITS.sub("", name).upper()
-            flat[old] = flat.get(old, value)
-    assert {"DEPTH", "WEAR", "KAPPA", "FLUSH_TIME", "SLOW_Z", "PLAY_SUM", "TICK"} <= flat.keys()
-    unit, now = records[:2]
-    plays = np.stack([unit["play_threshold_v"], unit["play_um_per_v"], now["play_v"]])
-    creep = np.stack([unit["creep_decay"], unit["creep_share"], now["creep_um"]])
-    groups = {"par": {"KAPPA": flat.pop("KAPPA")}, "ist": {"TICK": flat.pop("TICK")}, "st": flat}
-    return {**state, "plant": {**plant, **groups, "plays": plays, "creep": creep}, "controller": controller}
-
-
-def test_a_bench_that_an_earlier_version_kept_goes_on(rig: RigMaker, tmp_path: Path) -> None:
-    r = rig(NEAR, seed=7)
-    cut(r)
-    write_bench(tmp_path / "b.h5", old_form(bench_state(r.bench)))
-    again = restored_bench(read_bench(tmp_path / "b.h5"))
     assert next_bytes(again) == next_bytes(power_cycled(r.bench))
 
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from edmctl.link import messages as m
-from edmctl.simulator import BenchConfig, DischargeConstants, SensorConstants
+from edmctl.process.erosion import work_um3_per_uj
+from edmctl.simulator import BenchConfig, DischargeConstants, SensorConstants, plant
 from edmctl.simulator.saving import bench_state, restored_bench
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ NO_SENSOR_ERROR = SensorConstants(
 )
 SMALL = BenchConfig(
     tool_diameter_um=80.0,
-    theta=0.0,
+    tool_wear=0.0,
     offset_um=15.0,
     discharge=DischargeConstants(scatter=0.4),
     sensors=NO_SENSOR_ERROR,
@@ -74,11 +75,15 @@ def test_passes_to_and_fro_leave_a_flat_floor_a_gap_below_the_held_tool(rig: Rig
     assert r.bench.truth() == ()
 
 
-def test_a_scan_loses_no_volume_between_the_sparks_and_the_map(rig: RigMaker) -> None:
+def test_a_scan_loses_no_volume_between_the_sparks_and_the_map(
+    rig: RigMaker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # The wear of a tool that wears in proportion to the work counts what the discharges took.
+    monkeypatch.setattr(plant, "tool_um3_per_uj", work_um3_per_uj)
     r = rig(SMALL, seed=6)
     r.bench.plant.unit.side_base = r.bench.plant.unit.side_debris = 0.0
-    # The wear of a tool that wears as much as the work counts what the discharges took.
-    r.bench.plant.unit.theta = 1e-4
+    unit = r.bench.plant.unit
+    unit.tool_factor, unit.per_redeposition, unit.arc_tool = 1e-4, 0.0, unit.arc_work
     r.bench.plant.unit.arc_base = r.bench.plant.unit.arc_debris = 0.0
     face_um = over_the_work(r)
     scan(r, face_um - 1.0, passes=4)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 RigMaker = Callable[..., "Rig"]
 FOIL = BenchConfig(
     tool_diameter_um=80.0,
-    theta=0.05,
+    tool_wear=0.15,
     offset_um=12.0,
     thickness_um=12.0,
     sensors=SensorConstants(tilt_sd_mrad=0.0),
