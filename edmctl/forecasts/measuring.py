@@ -12,7 +12,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.actuator.correction import GAIN_SD_BETWEEN_DAYS, ZERO_DRIFT_UM_PER_S
-from edmctl.forecasts.removal import SIDE_DISCHARGE_SHARE, feed_rate_um_s, jump_duration_s
+from edmctl.forecasts.removal import (
+    SIDE_DISCHARGE_SHARE,
+    approach_speed_um_s,
+    feed_rate_um_s,
+    jump_duration_s,
+)
 from edmctl.process.discharge import first_gap_u_um, hole_area_um2
 from edmctl.process.live_erosion import Energy, ErosionEstimate
 from edmctl.process.next_cut import COVERAGE, GAP_U_UM, is_done, largest_first_um, next_cut
@@ -277,7 +282,7 @@ def jumps_time_s(profile: Profile, count: int, period_s: float) -> float:
 def surface_time_s(profile: Profile) -> float:
     """From home to the spark gap over an untouched surface at the offset, s."""
     way_um = max(0.0, profile.approach.offset_um - profile.measure.expected_gap_um)
-    return RELUCTANCE * way_um / profile.approach.speed_um_s
+    return RELUCTANCE * way_um / approach_speed_um_s(profile)
 
 
 def pad_time_s(profile: Profile) -> float:
@@ -316,7 +321,7 @@ def reading_time_s(
 def descent_time_s(profile: Profile, place_um: float) -> float:
     """From home to the spark gap over a surface or bottom that is known to be `place_um` below, s."""
     slow_um = LAST_UM * max(1.0 - place_um / CREEP_STROKE_UM, 1.0 / 3.0)
-    return FAST_DESCENT_S + slow_um / profile.approach.speed_um_s
+    return FAST_DESCENT_S + slow_um / approach_speed_um_s(profile)
 
 
 def stop_time_s(

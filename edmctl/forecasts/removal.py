@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 SIDE_DISCHARGE_SHARE = 0.05
 """Discharges that burn at the wall of the hole: 3 % in a clean gap, more with debris."""
+CATCHING_UP = 1.6
+"""An approach that has to be faster than the feed is so much faster: the first sparks burn in clean oil."""
 LEAST_MACHINING_SHARE = 0.1
 """However much it jumps; a recipe that jumps more than 0.3 of the time is refused anyway."""
 HALF_AMPLITUDE_DESIGN_UM = 0.5
@@ -83,6 +85,17 @@ def feed_rate_um_s(profile: Profile, depth_um: float) -> float:
     """Tool feed in a hole while sparking, µm/s."""
     section_um2 = hole_area_um2(profile.tool.diameter_um, profile.work.side_gap_um)
     return removal_um3_s(profile, depth_um) / section_um2 * (1.0 + profile.wear.expected_ratio)
+
+
+def approach_speed_um_s(profile: Profile) -> float:
+    """Speed towards the spark gap: the profile's, unless sparks erode faster than that.
+
+    Then the tool would never catch up with what its first sparks remove, and find no gap at all.
+    """
+    feed_um_s = feed_rate_um_s(profile, 0.0)
+    if feed_um_s <= profile.approach.speed_um_s:
+        return profile.approach.speed_um_s
+    return min(CATCHING_UP * feed_um_s, profile.servo.forward_um_s)
 
 
 def machining_share(profile: Profile) -> float:

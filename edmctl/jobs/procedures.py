@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from edmctl.errors import UsageError
 from edmctl.forecasts.forecast import STROKE_RESERVE_UM
+from edmctl.forecasts.removal import approach_speed_um_s
 from edmctl.jobs.connected_run import connected_run
 from edmctl.jobs.job_preparation import hole_radius_um, ledger_of, prepared_job
 from edmctl.jobs.ledger.elapsed import with_home
@@ -207,7 +208,7 @@ def approach_forecast(
         "x_um": x_um,
         "y_um": y_um,
         "kind": "contact" if contact else "spark gap",
-        "speed_um_s": profile.measure.speed_um_s if contact else profile.approach.speed_um_s,
+        "speed_um_s": profile.measure.speed_um_s if contact else approach_speed_um_s(profile),
         "expected_um": profile.approach.offset_um,
         "max_travel_um": profile.approach.max_travel_um,
         "time_s": touch_time_s(profile, setup) if contact else approach_time_s(profile, setup),

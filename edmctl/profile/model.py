@@ -151,7 +151,9 @@ class Servo(Table):
 class Approach(Table):
     """From home to the spark gap."""
 
-    speed_um_s: float = Field(1.0, ge=0.2, le=5.0, description="feed, µm/s")
+    speed_um_s: float = Field(
+        1.0, ge=0.2, le=5.0, description="feed, µm/s; that of the cut where sparks erode faster"
+    )
     offset_um: float = Field(50.0, gt=0.0, le=200.0, description="gap between tool and work at 0 V, µm")
     max_travel_um: float = Field(120.0, gt=0.0, le=500.0, description="give up after this way, µm")
 

@@ -9,6 +9,7 @@ import pytest
 
 from edmctl.forecasts.forecast import forecast
 from edmctl.forecasts.measuring import approach_time_s, jumps_time_s, touch_time_s
+from edmctl.forecasts.removal import approach_speed_um_s, feed_rate_um_s
 from edmctl.profile.setup import Sensor, Setup
 from edmctl.results.forecast import Forecast
 from edmctl.rules.load import load_profile
@@ -195,3 +196,12 @@ def test_approach_touch_and_jumps_take_their_time_alone() -> None:
     assert touch_time_s(more, Setup()) == pytest.approx(touch_time_s(profile, Setup()) + 2 * 3.3)
     assert jumps_time_s(profile, 6, 10.0) == 60.0
     assert jumps_time_s(profile, 6, 0.01) == pytest.approx(6 * 0.08)
+
+
+def test_the_approach_is_faster_where_sparks_erode_faster() -> None:
+    weak, strong = (
+        load_profile("cu150", (f"pulse.current_a={a}", "servo.forward_um_s=10", "servo.back_um_s=10")).profile
+        for a in (0.12, 1.0)
+    )
+    assert approach_speed_um_s(weak) == weak.approach.speed_um_s
+    assert approach_speed_um_s(strong) > feed_rate_um_s(strong, 0.0) > strong.approach.speed_um_s

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+import edmctl
 from edmctl.record.rows import RunEvent
 from edmctl.results.job import ObjectiveMissed
 from tests.tiers import tiers
@@ -12,6 +13,14 @@ from .conftest import Shop
 from .test_face import SPOTS, doubts, move_the_far_face
 from .test_resuming import Kept, left, taken_up
 
+STRONG = (
+    "pulse.current_a=1",
+    "servo.forward_um_s=10",
+    "servo.back_um_s=10",
+    "target.depth_um=20",
+    "jump.height_um=60",
+    'log.pulses="off"',
+)
 TWO_HOLES = 'sites=[{kind="grid",name="hole",x_um=1000,y_um=0,columns=2,rows=1,dx_um=600,dy_um=600}]'
 
 
@@ -91,3 +100,12 @@ def test_a_gap_that_does_not_explain_the_first_sparks_withdraws_nothing(gap_um: 
     assert withdrawn(shop) == []
     (site,) = shop.tally.sites.values()
     assert abs(site.depth_um - shop.bench.truth()[0].depth_um) <= site.depth_u95_um
+
+
+@pytest.mark.parametrize("seed", tiers(4, slow=(5, 6, 7)))
+def test_sparks_that_erode_faster_than_the_approach_are_caught_up_with(seed: int) -> None:
+    report = edmctl.connect(seed=seed).machine("cu150", overrides=STRONG)
+    assert report.sites, report.error
+    site, true = report.sites[0], report.truths[0]
+    assert abs(site.depth_um - true.depth_um) <= site.depth_u95_um
+    assert report.error is None or report.error.code in {"E7010", "E7013"}, report.error

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.actuator.inverse import jump_volts
 from edmctl.errors import MachineFault
-from edmctl.forecasts.removal import least_jump_um
+from edmctl.forecasts.removal import approach_speed_um_s, least_jump_um
 from edmctl.machine.interface import CutRequest, EventCode
 from edmctl.machine.requests import JumpRequest
 from edmctl.procedures.job import target_of
@@ -243,7 +243,7 @@ class ArcRecovery:
         lower_to(run, spark_um - ABOVE_BOTTOM_UM - unknown_um)
         way_um = spark_um - run.watch.displacement_um + BEYOND_BOTTOM_UM + unknown_um
         first_sparks_v = 0.5 * (self.control.open_v + self.control.reference_v)
-        run.machine.approach(run.profile.approach.speed_um_s, way_um, first_sparks_v)
+        run.machine.approach(approach_speed_um_s(run.profile), way_um, first_sparks_v)
         self.control.start()
 
     def _sparked_at(self, now_s: float) -> tuple[float, float]:

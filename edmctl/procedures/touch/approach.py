@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from edmctl.actuator.inverse import ramp_by
+from edmctl.forecasts.removal import approach_speed_um_s
 from edmctl.procedures.run import rest_and_look
 from edmctl.procedures.settings import first_sparks_v
 from edmctl.procedures.stages import move_to, retract
@@ -126,7 +127,8 @@ def _ramp_by(run: JobRun, modelled_um: float, linear_um: float) -> None:
 
 def _approach(run: JobRun, max_travel_um: float) -> MachineEvent:
     run.begin(Phase.APPROACHING)
-    event = run.machine.approach(run.profile.approach.speed_um_s, max_travel_um, first_sparks_v(run.profile))
+    speed_um_s = approach_speed_um_s(run.profile)
+    event = run.machine.approach(speed_um_s, max_travel_um, first_sparks_v(run.profile))
     run.decide(
         RunEvent.APPROACHED,
         f"Spark gap found at {event.displacement_um:.1f} µm, {event.actuator_v:.1f} V.",
