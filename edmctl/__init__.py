@@ -22,6 +22,10 @@ __all__ = [
 
 
 def __getattr__(name: str) -> object:
+    if name == "errors":
+        from importlib import import_module
+
+        return import_module("edmctl.errors")
     if name not in __all__:
         raise AttributeError(f"module 'edmctl' has no attribute {name!r}")
     from edmctl import api

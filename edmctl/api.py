@@ -16,9 +16,12 @@ import itertools
 from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
+from operator import index
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Self, SupportsIndex
 
+from edmctl.errors import UsageError
 from edmctl.jobs.job import carry_out
 from edmctl.jobs.plan import SIMULATOR, JobRequest, check, where_is
 from edmctl.jobs.resume.selection import name_of_resumed
@@ -29,7 +32,6 @@ from edmctl.toml_text import toml_value
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
-    from os import PathLike
     from types import TracebackType
 
     from edmctl.errors import Diagnostic
@@ -185,6 +187,11 @@ class Machine:
         changes = (*_texts(overrides), *JUMPS_ALONE)
         plan = self._plan(self._request(profile, changes, calibration, allow_model), stop, warn)
         refuse_hurry(plan)
+        count = index(count)
+        if count < 1:
+            raise UsageError(
+                f"count is {count}: at least one jump has to be made.", hint="Ask for 1 or more."
+            )
         return self._perform(plan, Jumps(plan, count), out, run_id, observer, warn)
 
     def measure_wear(
@@ -253,7 +260,7 @@ class Machine:
         new_tool: bool = False,
     ) -> JobRequest:
         return JobRequest(
-            profile=str(profile),
+            profile=_profile(profile),
             overrides=_texts(overrides),
             setup=self._setup,
             port=self.port,
@@ -398,7 +405,7 @@ def load_profile(profile: File, *, overrides: Overrides = ()) -> LoadedProfile:
     """Load and check a profile. Raises ProfileError with every diagnostic."""
     from edmctl.rules.load import load_profile as load
 
-    return load(str(profile), _texts(overrides))
+    return load(_profile(profile), _texts(overrides))
 
 
 def forecast(profile: File, *, overrides: Overrides = (), setup: File | None = None) -> Forecast:
@@ -408,7 +415,7 @@ def forecast(profile: File, *, overrides: Overrides = (), setup: File | None = N
     from edmctl.rules.load import load_profile as load
 
     known = load_setup(Path(setup) if setup is not None else None)
-    loaded = load(str(profile), _texts(overrides), setup=known)
+    loaded = load(_profile(profile), _texts(overrides), setup=known)
     return foretell(loaded.profile, known, loaded.places)
 
 
@@ -417,6 +424,13 @@ def open_run(path: File) -> RunFile:
     from edmctl.record.reader import open_run as opened
 
     return opened(Path(path))
+
+
+def _profile(given: File) -> str:
+    """The name of a profile, or the path of a file."""
+    if not isinstance(given, str | PathLike):
+        raise TypeError(f"profile has to be a name or a path, not {type(given).__name__}")
+    return str(given)
 
 
 def _texts(overrides: Overrides) -> tuple[str, ...]:

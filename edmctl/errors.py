@@ -60,6 +60,13 @@ class EdmError(Exception):
         self.message = message
         self.hint = hint
         self.where = where
+        self._note(Diagnostic(self.code, "", hint, where))
+
+    def _note(self, told: Diagnostic) -> None:
+        """Let a traceback in Python show code, place and remedy as well."""
+        place = f" in {told.where.file}, line {told.where.line}" if told.where else ""
+        message = f": {told.message}" if told.message else ""
+        self.add_note(f"{told.code}{place}{message}" + (f"; help: {told.hint}" if told.hint else ""))
 
 
 class UsageError(EdmError):
@@ -77,6 +84,9 @@ class ProfileError(EdmError):
         first = next(d for d in diagnostics if not d.is_warning)
         super().__init__(first.message, hint=first.hint, code=first.code, where=first.where)
         self.diagnostics = diagnostics
+        for other in diagnostics:
+            if other is not first:
+                self._note(other)
 
 
 class RecordError(EdmError):

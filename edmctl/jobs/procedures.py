@@ -24,7 +24,7 @@ from edmctl.record.tool_account import history_of
 from edmctl.results.result import Result
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from edmctl.errors import EdmError
@@ -42,6 +42,9 @@ if TYPE_CHECKING:
     from edmctl.record.rows import Recorder
     from edmctl.results.measurements import JumpSeries, SurfaceFound
     from edmctl.results.progress import Observer
+
+MOST_UM = 1e6
+"""Stages and profiles know no place further off."""
 
 
 class Procedure(Protocol):
@@ -161,6 +164,19 @@ def perform(
     )
 
 
+def stage_place_um(place: Sequence[float]) -> tuple[float, float]:
+    """Stage coordinates, µm. Raises UsageError E2000 where these are not two of them."""
+    try:
+        x_um, y_um = (float(value) for value in place)
+    except (TypeError, ValueError):
+        x_um = y_um = math.nan
+    if not max(abs(x_um), abs(y_um)) <= MOST_UM:
+        raise UsageError(
+            f"{place!r} is no place of the stages.", hint=f"Give x and y in µm, within ± {MOST_UM:.0f}."
+        )
+    return x_um, y_um
+
+
 def checked_site(
     prepared: PreparedJob, place: tuple[float, float] | None, folder: Path, port: str, *, contact: bool
 ) -> Place:
@@ -225,6 +241,11 @@ class Approach:
     found: SurfaceFound | None = None
     _site: Place | None = None
     name: str = "approach"
+
+    def __post_init__(self) -> None:
+        """Raise UsageError E2000 for a place where no stage can be."""
+        if self.place is not None:
+            self.place = stage_place_um(self.place)
 
     @property
     def surface(self) -> SurfaceFound:

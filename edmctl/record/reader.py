@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import json
 import math
 from contextlib import contextmanager
@@ -11,7 +12,7 @@ import h5py
 import numpy as np
 from h5py import h5d, h5s
 
-from edmctl.errors import EdmError
+from edmctl.errors import EdmError, RunFileError
 from edmctl.record import layout
 from edmctl.record.compaction import CLOSING
 from edmctl.record.disk import PARTIAL, partial_path
@@ -61,6 +62,12 @@ class RunFile:
         """Close the file."""
         self._file.close()
 
+    def _refuse_closed(self) -> None:
+        if not self._file:
+            raise RunFileError(
+                f"{self.path} has been closed.", hint="Read it inside the `with` block.", code="E9015"
+            )
+
     @property
     def is_finished(self) -> bool:
         """Whether its writer came to the end, or it was recovered; False for a live or killed run."""
@@ -93,9 +100,9 @@ class RunFile:
         return min((dataset.shape[0] for dataset in self._datasets(TABLES[path])), default=0)
 
     def column(self, path: str, name: str, start: int = 0, stop: int | None = None) -> NDArray[np.generic]:
-        """Return rows `start` to `stop` of one column of a group, shape (n,)."""
-        table = TABLES[path]
-        column = next(column for column in table.columns if column.name == name)
+        """Return rows `start` to `stop` of one column of a group, shape (n,). Raises RunFileError E9015."""
+        self._refuse_closed()
+        column = _column(path, name)
         if path not in self._file or name not in self._file[path]:
             return np.empty(0, _read_type(column))
         stop = self.rows(path) if stop is None else min(stop, self.rows(path))
@@ -116,8 +123,12 @@ class RunFile:
     def table(self, path: str, start: int = 0) -> NDArray[np.void]:
         """Return a compound table of the layout from row `start` on, for instance `/entry/touches`.
 
-        Texts are UTF-8 bytes.
+        Texts are UTF-8 bytes. Raises RunFileError E9015.
         """
+        self._refuse_closed()
+        if path not in self._file or not isinstance(self._file[path], h5py.Dataset):
+            tables = [known for known in TABLES if isinstance(self._file.get(known), h5py.Dataset)]
+            raise _unknown(f"There is no table {path!r}", path, tables)
         rows: NDArray[np.void] = self._file[path][start:]
         return rows
 
@@ -337,3 +348,21 @@ def _lives(path: Path) -> bool:
         return is_live(path)
     except OSError:
         return False
+
+
+def _column(path: str, name: str) -> Column:
+    """The column of a group that a layout knows."""
+    table = TABLES.get(path)
+    if table is None or not table.nx_class:
+        groups = [known for known, one in TABLES.items() if one.nx_class]
+        raise _unknown(f"There are no columns under {path!r}", path, groups)
+    found = next((column for column in table.columns if column.name == name), None)
+    if found is None:
+        raise _unknown(f"{path} has no column {name!r}", name, [column.name for column in table.columns])
+    return found
+
+
+def _unknown(message: str, name: str, known: Sequence[str]) -> RunFileError:
+    close = difflib.get_close_matches(name, known, n=1)
+    meant = f"Did you mean {close[0]}? " if close else ""
+    return RunFileError(f"{message}.", hint=f"{meant}There are: {', '.join(known)}.", code="E9015")

@@ -311,8 +311,9 @@ def test_a_full_disk_is_not_called_damage(
         raise error
 
     monkeypatch.setattr(recovery, "compact", full)
-    with pytest.raises(RunFileError, match=r"run\.h5: No space left on device\.$") as refusal:
+    with pytest.raises(RunFileError) as refusal:
         recover(killed)
+    assert str(refusal.value).endswith("run.h5: No space left on device.")
     assert refusal.value.code == "E9002"
 
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from edmctl.rules.load import LoadedProfile
 
 app = typer.Typer(
-    help="List, check, show and describe profiles.",
+    help="List, check and show profiles, and their schema.",
     rich_markup_mode=None,
     add_completion=False,
 )
