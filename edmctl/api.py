@@ -13,7 +13,8 @@ Names of `edmctl` itself are loaded when they are used.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+import warnings
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from operator import index
@@ -21,17 +22,18 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Self, SupportsIndex
 
-from edmctl.errors import UsageError
+from edmctl.errors import EdmWarning, UsageError
 from edmctl.jobs.job import carry_out
 from edmctl.jobs.plan import SIMULATOR, JobRequest, check, where_is
 from edmctl.jobs.resume.selection import name_of_resumed
 from edmctl.jobs.run_header import name_run, plain_name
 from edmctl.jobs.surroundings import Surroundings, Unobserved
 from edmctl.jobs.sweep import seed_to_use
+from edmctl.machine.stop import StopRequest
 from edmctl.toml_text import toml_value
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Sequence
     from types import TracebackType
 
     from edmctl.errors import Diagnostic
@@ -41,7 +43,6 @@ if TYPE_CHECKING:
     from edmctl.jobs.plan import Plan
     from edmctl.jobs.procedures import Procedure, ProcedureReport
     from edmctl.jobs.surroundings import Warn
-    from edmctl.machine.stop import StopRequest
     from edmctl.record.reader import RunFile
     from edmctl.results.forecast import Forecast
     from edmctl.results.progress import Observer
@@ -66,7 +67,7 @@ class Machine:
     allow_model : without a displacement sensor, go by the calibrated actuator alone
     observer : is told progress and decisions, in the calling thread
     stop : `stop.request(signal.SIGINT)` ends the call in order, from any thread
-    warn : is told what is doubtful, before anything moves
+    warn : is told what is doubtful, before anything moves; without, it is an `edmctl.errors.EdmWarning` of Python
     """
 
     def __init__(
@@ -110,12 +111,20 @@ class Machine:
         Without `out` no run file is written, and neither ledger nor journal is kept. `new_tool` says that the
         electrode was changed.
 
-        Raises ProfileError, UsageError, RecordError, PreconditionError, LinkLost, ProtocolMismatch or RunFileError
-        where it cannot begin; the error that ended a job which had begun is `report.error`.
+        Raises ProfileError, UsageError, RecordError, RunFileError, and LinkLost, ProtocolMismatch or
+        PreconditionError where there is no machine to work with; what is found on the machine is `report.error`.
         """
-        plan = self._plan(self._request(profile, overrides, calibration, allow_model, new_tool), stop, warn)
-        name = name_run(Path(out), run_id, plan.loaded, datetime.now(UTC)) if out is not None else None
-        return carry_out(plan, seed_to_use(self.seed), observer or Unobserved(), name, warn)
+        doubts = _doubts(warn)
+        plan = self._plan(self._request(profile, overrides, calibration, allow_model, new_tool), stop, doubts)
+        if out is None and run_id is not None:
+            raise UsageError(
+                f"run_id {run_id!r} names a run file, and without `out` there is none.",
+                hint="Give out=, the folder of run files, as well.",
+            )
+        name = (
+            name_run(_file("out", out), run_id, plan.loaded, datetime.now(UTC)) if out is not None else None
+        )
+        return carry_out(plan, seed_to_use(self.seed), _observer(observer), name, doubts)
 
     def resume(
         self,
@@ -136,11 +145,12 @@ class Machine:
         """
         from edmctl.jobs.resume.selection import checked, find_run
 
+        doubts = _doubts(warn)
         resumption = find_run(str(run), Path(out), homed=homed, restart_hole=restart_hole)
         plan = checked(resumption, self.port, self._wait_s, self._surroundings(stop))
-        (warn or _ignore)(plan.loaded.warnings)
+        doubts(plan.loaded.warnings)
         name = name_of_resumed(resumption, None, datetime.now(UTC))
-        return carry_out(plan, seed_to_use(self.seed), observer or Unobserved(), name, warn)
+        return carry_out(plan, seed_to_use(self.seed), _observer(observer), name, doubts)
 
     def approach(
         self,
@@ -160,12 +170,13 @@ class Machine:
         """Feed the tool to the spark gap, or with `contact` to the surface, say where it is, retract.
 
         `site_um` are stage coordinates; without, where `machine` would put its first hole. Raises as `machine`;
-        E8042 a hole is there, E8044 the tool does not reach the surface.
+        in the report, E8042 a hole is there, E8044 the tool does not reach the surface.
         """
         from edmctl.jobs.procedures import Approach
 
-        plan = self._plan(self._request(profile, overrides, calibration, allow_model), stop, warn)
-        return self._perform(plan, Approach(plan, site_um, contact=contact), out, run_id, observer, warn)
+        doubts = _doubts(warn)
+        plan = self._plan(self._request(profile, overrides, calibration, allow_model), stop, doubts)
+        return self._perform(plan, Approach(plan, site_um, contact=contact), out, run_id, observer, doubts)
 
     def jump_flush(
         self,
@@ -184,15 +195,16 @@ class Machine:
         """Make electrode jumps beside the work, without sparks, and measure them. Raises as `machine`."""
         from edmctl.jobs.procedures import JUMPS_ALONE, Jumps, refuse_hurry
 
+        doubts = _doubts(warn)
         changes = (*_texts(overrides), *JUMPS_ALONE)
-        plan = self._plan(self._request(profile, changes, calibration, allow_model), stop, warn)
+        plan = self._plan(self._request(profile, changes, calibration, allow_model), stop, doubts)
         refuse_hurry(plan)
         count = index(count)
         if count < 1:
             raise UsageError(
                 f"count is {count}: at least one jump has to be made.", hint="Ask for 1 or more."
             )
-        return self._perform(plan, Jumps(plan, count), out, run_id, observer, warn)
+        return self._perform(plan, Jumps(plan, count), out, run_id, observer, doubts)
 
     def measure_wear(
         self,
@@ -213,19 +225,22 @@ class Machine:
         """Touch the pad and the last hole, and say what the tool has lost since its reference; or touch that.
 
         `site` names another hole of the ledger in `out`; without a profile the tool last in use is meant. Raises as
-        `machine`; E8041 there is no reference, E8045 no such hole.
+        `machine`; in the report, E8041 there is no reference, E8045 no such hole.
         """
         from edmctl.jobs.measure_wear import TOUCHES_LIKE, WearRun
 
+        if not isinstance(site, str | None):
+            raise TypeError(f"site has to be the name of a hole, not {type(site).__name__}")
+        doubts = _doubts(warn)
         request = self._request(profile or TOUCHES_LIKE, overrides, calibration, allow_model, new_tool)
-        plan = replace(self._plan(request, stop, warn), names_tool=profile is not None)
-        return self._perform(plan, WearRun(plan, site, is_reference=reference), out, run_id, observer, warn)
+        plan = replace(self._plan(request, stop, doubts), names_tool=profile is not None)
+        return self._perform(plan, WearRun(plan, site, is_reference=reference), out, run_id, observer, doubts)
 
     def calibrate(
         self,
         *,
         output: File | None = None,
-        validate: Sequence[File] = (),
+        validate: File | Sequence[File] = (),
         refit: str = "zero",
         previous_v: Sequence[float] = (),
         delay_s: float | None = None,
@@ -243,12 +258,11 @@ class Machine:
 
         request = _calibration((), output, validate, refit, previous_v, delay_s)
         request = replace(request, setup=self._setup, port=self.port, wait_s=self._wait_s)
-        checked = _checked_calibration(request, self._surroundings(stop), warn)
+        doubts = _doubts(warn)
+        checked = _checked_calibration(request, self._surroundings(stop), doubts)
         assert checked.plan is not None
-        report = calibrate_machine(
-            checked.plan, checked, seed_to_use(self.seed), observer or Unobserved(), warn or _ignore
-        )
-        (warn or _ignore)(report.findings.warnings)
+        report = calibrate_machine(checked.plan, checked, seed_to_use(self.seed), _observer(observer), doubts)
+        doubts(report.findings.warnings)
         return report
 
     def _request(
@@ -264,21 +278,23 @@ class Machine:
             overrides=_texts(overrides),
             setup=self._setup,
             port=self.port,
-            calibration=Path(calibration) if calibration is not None else None,
-            allow_model=allow_model,
+            calibration=_path(calibration),
+            allow_model=_flag("allow_model", allow_model),
             wait_s=self._wait_s,
-            new_tool=new_tool,
+            new_tool=_flag("new_tool", new_tool),
         )
 
-    def _plan(self, request: JobRequest, stop: StopRequest | None, warn: Warn | None) -> Plan:
+    def _plan(self, request: JobRequest, stop: StopRequest | None, warn: Warn) -> Plan:
         plan = check(request, self._surroundings(stop))
-        (warn or _ignore)(plan.loaded.warnings)
+        warn(plan.loaded.warnings)
         return plan
 
     def _surroundings(self, stop: StopRequest | None) -> Surroundings:
         """The program around a call: no terminal, no environment, no signals."""
         from edmctl.profile.folders import HOME_VARIABLE
 
+        if not isinstance(stop, StopRequest | None):
+            raise TypeError(f"stop has to be an edmctl.machine.stop.StopRequest, not {type(stop).__name__}")
         environ = {} if self._home is None else {HOME_VARIABLE: str(self._home)}
         surroundings = Surroundings(command=("edmctl", "(Python)"), environ=environ)
         return surroundings if stop is None else replace(surroundings, stop=lambda _: stop)
@@ -290,13 +306,12 @@ class Machine:
         out: File,
         run_id: str | None,
         observer: Observer | None,
-        warn: Warn | None,
+        warn: Warn,
     ) -> ProcedureReport:
         from edmctl.jobs.procedures import name_of, perform
 
-        name = name_of(plan, procedure.name, Path(out), run_id)
-        seed = seed_to_use(self.seed)
-        return perform(plan, procedure, name, seed, observer or Unobserved(), warn or _ignore)
+        name = name_of(plan, procedure.name, _file("out", out), run_id)
+        return perform(plan, procedure, name, seed_to_use(self.seed), _observer(observer), warn)
 
 
 def connect(
@@ -334,6 +349,7 @@ def simulate(
     allow_model: bool = False,
     home: File | None = None,
     stop: StopRequest | None = None,
+    warn: Warn | None = None,
 ) -> list[Report]:
     """Machine a job on fresh virtual machines: every combination of the sweep's values, with every seed.
 
@@ -341,48 +357,56 @@ def simulate(
     files in `out` are named after profile or values, and seed. A run that fails is a report with its error; a stop
     ends the series with the report of the run that it ended.
 
-    Raises what `Machine.machine` raises, before anything runs where a profile is wrong.
+    Raises what `Machine.machine` raises, before anything runs: also where a run file could not be.
     """
+    from edmctl.jobs.batch import Task, check_names
+
     machines = [connect(seed=seed, setup=setup, home=home) for seed in seeds]
-    grid = [
-        dict(zip(sweep or {}, values, strict=True)) for values in itertools.product(*(sweep or {}).values())
-    ]
+    grid = [dict(zip(sweep or {}, values, strict=True)) for values in itertools.product(*_steps(sweep or {}))]
     cases = [
         (plain_name("-".join(_texts(steps)) or Path(profile).stem), (*_texts(overrides), *_texts(steps)))
         for steps in grid
     ]
-    for machine in machines[:1]:
-        for _, texts in cases:
-            machine._plan(machine._request(profile, texts, calibration, allow_model), None, None)
+    doubts, folder = _doubts(warn), _path(out)
+    tasks: list[tuple[Machine, Task]] = []
+    for name, texts in cases:
+        for machine in machines:
+            request = machine._request(profile, texts, calibration, allow_model)
+            if machine is machines[0]:
+                machine._plan(request, stop, _doubts(_ignore))
+            assert machine.seed is not None
+            tasks.append((machine, Task(request, machine.seed, folder, f"{name}-seed{machine.seed}")))
+    check_names([task for _, task in tasks])
     reports: list[Report] = []
-    for (name, texts), machine in itertools.product(cases, machines):
+    for machine, task in tasks:
         if stop is not None and stop.signal_number is not None:
             break
         report = machine.machine(
             profile,
-            overrides=texts,
+            overrides=task.request.overrides,
             out=out,
-            run_id=f"{name}-seed{machine.seed}",
+            run_id=task.run_id if out is not None else None,
             calibration=calibration,
             allow_model=allow_model,
             stop=stop,
+            warn=doubts,
         )
         reports.append(report)
     return reports
 
 
 def calibrate_files(
-    files: Sequence[File],
+    files: File | Sequence[File],
     *,
     output: File | None = None,
-    validate: Sequence[File] = (),
+    validate: File | Sequence[File] = (),
     refit: str = "zero",
     previous_v: Sequence[float] = (),
     delay_s: float | None = None,
     observer: Observer | None = None,
     warn: Warn | None = None,
 ) -> CalibrationReport:
-    """Fit measured data: CSV or HDF5 with t_s, u_V and y_um (arrays of one length: s, V, µm), or run files.
+    """Fit measured data: one file or several, CSV or HDF5 with t_s, u_V and y_um (s, V, µm, of one length), or runs.
 
     output : calibration file to write; none without
     validate, refit : files that the model is judged on as well, and what is fitted to each before, "zero" or
@@ -395,9 +419,10 @@ def calibrate_files(
     from edmctl.jobs.calibration.run import calibrate_files as fitted
 
     request = _calibration(files, output, validate, refit, previous_v, delay_s)
-    checked = _checked_calibration(request, Surroundings(), warn)
-    report = fitted(checked, observer or Unobserved())
-    (warn or _ignore)(report.findings.warnings)
+    doubts = _doubts(warn)
+    checked = _checked_calibration(request, Surroundings(), doubts)
+    report = fitted(checked, _observer(observer))
+    doubts(report.findings.warnings)
     return report
 
 
@@ -414,7 +439,7 @@ def forecast(profile: File, *, overrides: Overrides = (), setup: File | None = N
     from edmctl.profile.setup import load_setup
     from edmctl.rules.load import load_profile as load
 
-    known = load_setup(Path(setup) if setup is not None else None)
+    known = load_setup(_path(setup))
     loaded = load(_profile(profile), _texts(overrides), setup=known)
     return foretell(loaded.profile, known, loaded.places)
 
@@ -423,7 +448,7 @@ def open_run(path: File) -> RunFile:
     """Open a run file to read, also one that is being written. Raises RunFileError."""
     from edmctl.record.reader import open_run as opened
 
-    return opened(Path(path))
+    return opened(_file("path", path))
 
 
 def _profile(given: File) -> str:
@@ -437,9 +462,13 @@ def _texts(overrides: Overrides) -> tuple[str, ...]:
     """Overrides as `--set` takes them."""
     if isinstance(overrides, str):
         return (overrides,)
-    if not isinstance(overrides, Mapping):
-        return tuple(overrides)
-    return tuple(f"{key}={_toml(key, value)}" for key, value in overrides.items())
+    if isinstance(overrides, Mapping):
+        return tuple(f"{key}={_toml(key, value)}" for key, value in overrides.items())
+    texts = tuple(overrides)
+    for text in texts:
+        if not isinstance(text, str):
+            raise TypeError(f"overrides have to be a mapping or texts like 'key=value', not {text!r}")
+    return texts
 
 
 def _toml(key: str, value: object) -> str:
@@ -449,10 +478,20 @@ def _toml(key: str, value: object) -> str:
         raise TypeError(f"{key}: {error}") from None
 
 
+def _steps(sweep: Mapping[str, Sequence[object]]) -> list[list[object]]:
+    """The values of each key."""
+    if not isinstance(sweep, Mapping):
+        raise TypeError(f"sweep has to be a mapping of keys to values, not {type(sweep).__name__}")
+    for key, values in sweep.items():
+        if isinstance(values, str) or not isinstance(values, Iterable):
+            raise TypeError(f"sweep: {key} has to have several values, like [{values!r}]")
+    return [list(values) for values in sweep.values()]
+
+
 def _calibration(
-    files: Sequence[File],
+    files: File | Sequence[File],
     output: File | None,
-    validate: Sequence[File],
+    validate: File | Sequence[File],
     refit: str,
     previous_v: Sequence[float],
     delay_s: float | None,
@@ -460,8 +499,8 @@ def _calibration(
     from edmctl.jobs.calibration.request import CalibrationRequest
 
     return CalibrationRequest(
-        sources=tuple(map(Path, files)),
-        validation=tuple(map(Path, validate)),
+        sources=_files("files", files),
+        validation=_files("validate", validate),
         refit=refit,
         previous_v=tuple(previous_v),
         delay_s=delay_s,
@@ -470,19 +509,62 @@ def _calibration(
 
 
 def _checked_calibration(
-    request: CalibrationRequest, surroundings: Surroundings, warn: Warn | None
+    request: CalibrationRequest, surroundings: Surroundings, warn: Warn
 ) -> CheckedCalibration:
     """Check what is asked for, and tell what is doubtful about the files."""
     from edmctl.jobs.calibration.request import check as check_calibration
 
     checked = check_calibration(request, surroundings)
-    (warn or _ignore)(checked.doubts)
+    warn(checked.doubts)
     return checked
 
 
+def _file(name: str, given: File) -> Path:
+    if not isinstance(given, str | PathLike):
+        raise TypeError(f"{name} has to be a path, not {type(given).__name__}")
+    return Path(given)
+
+
+def _files(name: str, given: File | Sequence[File]) -> tuple[Path, ...]:
+    """One path or several."""
+    if isinstance(given, str | PathLike):
+        return (Path(given),)
+    return tuple(_file(name, one) for one in given)
+
+
 def _path(file: File | None) -> Path | None:
-    return None if file is None else Path(file)
+    return None if file is None else _file("a file", file)
 
 
-def _ignore(warnings: Sequence[Diagnostic]) -> None:
-    """Nobody wants to hear of doubts."""
+def _flag(name: str, given: bool) -> bool:
+    """What lets a machine do more than usual is said outright."""
+    if not isinstance(given, bool):
+        raise TypeError(f"{name} has to be True or False, not {given!r}")
+    return given
+
+
+def _observer(given: Observer | None) -> Observer:
+    if given is None:
+        return Unobserved()
+    if not (hasattr(given, "progress") and hasattr(given, "note")):
+        raise TypeError(f"observer has to have the methods progress and note; {given!r} has not")
+    return given
+
+
+def _doubts(warn: Warn | None) -> Warn:
+    """Who is told what is doubtful: nobody is told of nothing."""
+    if warn is None:
+        warn = _as_python_warnings
+    if not callable(warn):
+        raise TypeError(f"warn has to be called with warnings, and {warn!r} cannot be")
+    told = warn
+    return lambda found: told(found) if found else None
+
+
+def _as_python_warnings(found: Sequence[Diagnostic]) -> None:
+    for one in found:
+        warnings.warn(str(one), EdmWarning, stacklevel=2)
+
+
+def _ignore(found: Sequence[Diagnostic]) -> None:
+    """Told elsewhere."""

@@ -45,6 +45,16 @@ class Diagnostic:
     where: Location | None = None
     is_warning: bool = False
 
+    def __str__(self) -> str:
+        """Return all of it in one line."""
+        place = f" in {self.where.file}, line {self.where.line}" if self.where else ""
+        message = f": {self.message}" if self.message else ""
+        return f"{self.code}{place}{message}" + (f"; help: {self.hint}" if self.hint else "")
+
+
+class EdmWarning(UserWarning):
+    """What is doubtful about a job, in Python where nobody is handed it: code, message and remedy."""
+
 
 class EdmError(Exception):
     """Base of all expected errors."""
@@ -60,13 +70,8 @@ class EdmError(Exception):
         self.message = message
         self.hint = hint
         self.where = where
-        self._note(Diagnostic(self.code, "", hint, where))
-
-    def _note(self, told: Diagnostic) -> None:
-        """Let a traceback in Python show code, place and remedy as well."""
-        place = f" in {told.where.file}, line {told.where.line}" if told.where else ""
-        message = f": {told.message}" if told.message else ""
-        self.add_note(f"{told.code}{place}{message}" + (f"; help: {told.hint}" if told.hint else ""))
+        # A traceback in Python shows code, place and remedy as well.
+        self.add_note(str(Diagnostic(self.code, "", hint, where)))
 
 
 class UsageError(EdmError):
@@ -86,7 +91,7 @@ class ProfileError(EdmError):
         self.diagnostics = diagnostics
         for other in diagnostics:
             if other is not first:
-                self._note(other)
+                self.add_note(str(other))
 
 
 class RecordError(EdmError):

@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 from multiprocessing import util
 from typing import TYPE_CHECKING, Protocol
 
-from edmctl.errors import Interrupted, ProfileError, RunFileError
+from edmctl.errors import Interrupted, ProfileError, RunFileError, UsageError
 from edmctl.exitcodes import ExitCode, error_exit_code
 from edmctl.jobs.job import carry_out
 from edmctl.jobs.plan import check
@@ -111,9 +111,19 @@ def command_of(request: JobRequest, seed: int) -> str:
 
 
 def check_names(tasks: Sequence[Task]) -> None:
-    """Raise RunFileError (E9001, E9002) when a run file of `tasks` cannot be, before hours of runs find out."""
+    """Raise RunFileError (E9001, E9002) when a run file of `tasks` cannot be, before hours of runs find out.
+
+    UsageError E2005 where two of them were the same.
+    """
     from edmctl.record.disk import refuse_place
 
+    names = [task.run_id for task in tasks if task.out is not None]
+    if again := [name for name in names if names.count(name) > 1]:
+        raise UsageError(
+            f"The run {again[0]} would be made twice, into one file.",
+            hint="Give each seed and each value once.",
+            code="E2005",
+        )
     for task in tasks:
         if task.out is None:
             continue

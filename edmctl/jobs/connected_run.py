@@ -110,6 +110,8 @@ def _record(
     if warn is not None:
         warn(choice.warnings)
     act = prepare(session)
+    if bench.machine.hello.fault and (latched := bench.machine.latched_fault()):
+        raise latched
     ledger = ledger_of(plan, name)
     found = as_found(plan, session, ledger, "measure-wear")
     with recorded(

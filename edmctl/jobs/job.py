@@ -197,6 +197,8 @@ def _run(
     except BaseException as error:
         with suppress(RunFileError):
             entries.close(tally.result(), ending(error)[0])
+        with suppress(RunFileError):
+            kept.leave(error)
         raise
     entries.close(tally.result(), DONE)
     kept.end()

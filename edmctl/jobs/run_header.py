@@ -67,7 +67,9 @@ def plain_name(text: str) -> str:
 
 
 def run_path(folder: Path, run_id: str) -> Path:
-    """Return the path of a run file. Raises UsageError (E2004) when the id is no plain file name."""
+    """Return a run file's path. Raises UsageError (E2004) when the id is no plain file name, TypeError no text."""
+    if not isinstance(run_id, str):
+        raise TypeError(f"a run id has to be text, not {type(run_id).__name__}")
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._+-]{0,119}", run_id):
         raise UsageError(
             f"Run id {run_id!r} is no plain file name.",

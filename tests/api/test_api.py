@@ -149,7 +149,12 @@ def test_a_calibration_has_errors_and_acceptance_and_is_used(tmp_path: Path) -> 
     assert found.model.path == str(calibration.path)
     assert "W8105" in [warning.code for warning in warned]
     assert blind.measure_wear(
-        "cu270", reference=True, out=tmp_path, allow_model=True, calibration=calibration.path
+        "cu270",
+        reference=True,
+        out=tmp_path,
+        allow_model=True,
+        calibration=calibration.path,
+        warn=warned.extend,
     ).reached
 
 

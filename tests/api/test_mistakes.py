@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,9 +10,12 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import edmctl
-from edmctl.errors import EdmError, ProfileError, RunFileError, UsageError
+from edmctl.errors import EdmError, EdmWarning, ProfileError, RunFileError, UsageError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from edmctl.errors import Diagnostic
     from edmctl.record.reader import RunFile
 
 
@@ -91,3 +95,73 @@ def test_a_traceback_shows_code_and_remedy_of_every_problem() -> None:
 
 def test_errors_are_there_without_another_import() -> None:
     assert edmctl.errors.EdmError is EdmError  # type: ignore[attr-defined, unused-ignore]
+
+
+def called(**arguments: Any) -> Callable[[], object]:
+    return lambda: edmctl.connect(seed=1).machine("cu270", **arguments)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (called(stop=threading.Event()), "stop has to be an edmctl.machine.stop.StopRequest, not Event"),
+        (called(observer=print), "observer has to have the methods progress and note"),
+        (called(warn=3), "warn has to be called with warnings"),
+        (called(overrides=[{"target.depth_um": 8}]), "a mapping or texts like 'key=value'"),
+        (called(allow_model="yes"), "allow_model has to be True or False, not 'yes'"),
+        (called(out=7), "out has to be a path, not int"),
+        (called(out="runs", run_id=7), "a run id has to be text, not int"),
+        (called(calibration=7), "a file has to be a path, not int"),
+        (
+            lambda: edmctl.simulate("cu270", seeds=[1], sweep={"servo.reference": 0.7}),  # type: ignore[dict-item]
+            r"sweep: servo.reference has to have several values, like \[0.7\]",
+        ),
+        (
+            lambda: edmctl.simulate("cu270", seeds=[1], sweep={"servo.reference": "0.7"}),
+            "has to have several values",
+        ),
+        (
+            lambda: edmctl.simulate("cu270", seeds=[1], sweep="servo.reference=0.7:0.9:3"),  # type: ignore[arg-type]
+            "sweep has to be a mapping",
+        ),
+        (lambda: edmctl.connect(seed=1).measure_wear(site=(500, 0)), "site has to be the name"),  # type: ignore[arg-type]
+    ],
+)
+def test_what_is_no_argument_at_all_is_told_by_its_name(wrong: Callable[[], object], said: str) -> None:
+    with pytest.raises(TypeError, match=said):
+        wrong()
+
+
+def test_a_run_without_a_file_has_no_name() -> None:
+    with pytest.raises(UsageError, match="names a run file, and without `out` there is none"):
+        edmctl.connect(seed=1).machine("cu270", run_id="a")
+
+
+def test_a_series_whose_files_are_there_is_refused_before_it_runs(tmp_path: Path) -> None:
+    (tmp_path / "cu270-seed2.h5").touch()
+    with pytest.raises(RunFileError, match=r"cu270-seed2\.h5"):
+        edmctl.simulate("cu270", seeds=[1, 2], overrides={"target.depth_um": 8}, out=tmp_path)
+    with pytest.raises(UsageError, match=r"cu270-seed1 .* twice"):
+        edmctl.simulate("cu270", seeds=[1, 1], out=tmp_path)
+    assert list(tmp_path.iterdir()) == [tmp_path / "cu270-seed2.h5"]
+
+
+def test_one_file_is_fitted_like_a_list_of_one(tmp_path: Path) -> None:
+    for files in (tmp_path / "a.csv", str(tmp_path / "a.csv"), [tmp_path / "a.csv"]):
+        with pytest.raises(EdmError, match=r"a\.csv"):
+            edmctl.calibrate_files(files)
+
+
+DOUBTFUL = {"target.depth_um": 8, "work.material": "unobtainium"}
+
+
+def test_what_is_doubtful_is_a_warning_of_python_unless_somebody_is_told() -> None:
+    machine = edmctl.connect(seed=1)
+    with pytest.warns(EdmWarning, match=r"^W3134 .*unobtainium.*; help: "):
+        machine.machine("cu270", overrides=DOUBTFUL)
+    with pytest.warns(EdmWarning, match="W3134"):
+        edmctl.simulate("cu270", seeds=[1], overrides=DOUBTFUL)
+    told: list[Sequence[Diagnostic]] = []
+    edmctl.simulate("cu270", seeds=[1], overrides=DOUBTFUL, warn=told.append)
+    machine.machine("cu270", overrides={"target.depth_um": 8}, warn=told.append)
+    assert [[one.code for one in found] for found in told] == [["W3134"]]

@@ -333,6 +333,19 @@ def test_a_controller_that_stayed_on_needs_nobody(here: Here, killed: Path) -> N
         assert here(*RESUME, "--port", port).exit_code == 0
 
 
+@pytest.mark.parametrize("code", ["E8010", "E8100"])
+def test_another_job_that_is_refused_leaves_nothing_to_take_up(here: Here, killed: Path, code: str) -> None:
+    def latch(bench: VirtualBench) -> None:
+        bench.controller.fault = 1001 if code == "E8010" else 0
+
+    bench_changed(latch)
+    there = ("--set", 'sites=[{name="there",x_um=1500,y_um=0}]', "--set", "flush.min_flow_lpm=2.0")
+    error = error_of(here(*MACHINE, *BENCH, *there, "--new-tool", "--run-id", "b", "--json", "--quiet"))
+    assert error["code"] == code
+    assert "--resume" not in str(error["hint"])
+    assert list(Path("runs").glob("*.journal")) == [Path("runs/a.journal")]
+
+
 def test_a_latched_fault_is_cleared_first(here: Here, killed: Path) -> None:
     def latch(bench: VirtualBench) -> None:
         bench.controller.fault = 1001

@@ -57,6 +57,7 @@ class JobCheckpoint:
     name: RunName | None
     truth: Callable[[], Mapping[str, object] | None] = lambda: None
     _file: JournalFile | None = None
+    _left: JobState | None = None
 
     def refuse(self) -> None:
         """Raise PreconditionError where a run that is to be taken up cannot be, on this machine and tool."""
@@ -105,6 +106,14 @@ class JobCheckpoint:
         else:
             self.session.bench.keep()
         self._file.keep(state, urgent=urgent)
+        self._left = state
+
+    def leave(self, error: BaseException) -> None:
+        """A job that was refused before it touched or cut anything leaves nothing to take up."""
+        left = self._left
+        begun = left is None or left.begun or left.done or left.z1_touches or self.plan.resumed
+        if isinstance(error, PreconditionError) and not begun:
+            self.end()
 
     def end(self) -> None:
         """The job is done. Raises RunFileError E9040 where the journal cannot be removed."""
