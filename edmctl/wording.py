@@ -17,6 +17,7 @@ TIP = "tip below the face"
 _UNITS = {
     "um_s": "µm/s",
     "um3_per_uj": "µm³/µJ",
+    "uj": "µJ",
     "um": "µm",
     "mm3_min": "mm³/min",
     "lpm": "L/min",
@@ -53,6 +54,11 @@ _WORDS = {
     "ledger": "by the tool's jobs",
     "actuator": "actuator voltage",
     "travel": "time of travel",
+    "mrr": "removal rate",
+    "ra": "Ra",
+    "depth min": "depth of the shallowest hole",
+    "spark energy": "energy of a spark",
+    "depth u": "depth, standard uncertainty",
 }
 _LINK_ERRORS = "E4"
 """They share a status, although a machine that lost its power has lost no port."""
@@ -210,7 +216,7 @@ def facts(result: Mapping[str, object]) -> Iterator[tuple[str, str]]:
             elif ending in ("um", "v"):
                 text = decimal(value)
             yield (
-                _words(key if key in _WORDS else key.removesuffix(f"_{ending}")),
+                _words(key if key in _WORDS or not ending else key.removesuffix(f"_{ending}")),
                 f"{text} {_UNITS.get(ending, '')}".rstrip(),
             )
         elif isinstance(value, str):

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import RunFileError
 from edmctl.jobs.connected_run import connected_run, ending
-from edmctl.results.job import SiteTruth
+from edmctl.labels import marked
+from edmctl.results.job import SiteResult, SiteTruth
 from edmctl.results.result import Result, html_table
 from edmctl.wording import length
 
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     from edmctl.procedures.job import Job
     from edmctl.procedures.job_state import JobTally, StateStore
     from edmctl.record.rows import Recorder
-    from edmctl.results.job import ChannelResult, ChannelTruth, JobResult, SiteResult
+    from edmctl.results.job import ChannelResult, ChannelTruth, JobResult
     from edmctl.results.progress import Observer
     from edmctl.simulator.bench import HoleTruth
 
@@ -58,6 +59,8 @@ class Report(Result):
     run_file: Path | None
     model: ModelUsed | None
     channel_truth: ChannelTruth | None = None
+    seed: int | None = None
+    """Of the virtual machine, None on a real one and where another process served it."""
 
     @property
     def sites(self) -> tuple[SiteResult, ...]:
@@ -77,7 +80,7 @@ class Report(Result):
     def brief(self) -> list[str]:
         """Return how many holes there are, and how deep the first one is."""
         made = self.channel or (self.sites[0] if self.sites else None)
-        found = [] if made is None else [f"depth {length(made.depth_um, made.depth_u95_um)}"]
+        found = [] if made is None else [f"depth {_depth(made)}"]
         return [*([f"{len(self.sites)} holes"] if len(self.sites) > 1 else []), *found]
 
     def rows(self) -> list[JsonValue]:
@@ -90,8 +93,8 @@ class Report(Result):
         lines = [
             (
                 one.name,
-                length(one.depth_um, one.depth_u95_um),
-                length(one.wear_um, one.wear_u95_um),
+                _depth(one),
+                marked(length(one.wear_um, one.wear_u95_um), one.wear_basis),
                 str(one.depth_basis),
                 str(one.verdict or ""),
             )
@@ -214,7 +217,7 @@ def _report(plan: Plan, session: MachineSession, tally: JobTally, true_wear: Tru
         from edmctl.jobs.truth import channel_truth
 
         channel = channel_truth(plan.loaded.profile, virtual, virtual.tool_wear_um - true_wear.before_um)
-    return Report(simulated, job, truths, session.error, session.run_file, used, channel)
+    return Report(simulated, job, truths, session.error, session.run_file, used, channel, session.bench.seed)
 
 
 def truths_of(
@@ -234,6 +237,12 @@ def truths_of(
         depth_um = math.nan if site.through else hole.depth_um
         truths.append(SiteTruth(depth_um, wear_um, hole.side_gap_um, hole.taper_um, hole.ra_um))
     return tuple(truths)
+
+
+def _depth(made: SiteResult | ChannelResult) -> str:
+    """The depth with its mark; through a sheet it is how far the tip went."""
+    text = marked(length(made.depth_um, made.depth_u95_um), made.depth_basis)
+    return f"{text} (through)" if isinstance(made, SiteResult) and made.through else text
 
 
 def _apart_um(hole: HoleTruth, site: SiteResult) -> float:

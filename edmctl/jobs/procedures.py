@@ -22,6 +22,7 @@ from edmctl.procedures.touch.approach import find_contact, find_gap
 from edmctl.profile.places import Place
 from edmctl.record.tool_account import history_of
 from edmctl.results.result import Result
+from edmctl.wording import facts
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -82,6 +83,10 @@ class Procedure(Protocol):
         ...
 
 
+_MAIN_VALUES = ("kind", "displacement", "height of the jumps, mean", "Z1", "wear", "depth")
+"""By their names in words: what stands in a short representation."""
+
+
 @dataclass(frozen=True, slots=True, repr=False)
 class ProcedureReport(Result):
     """What a procedure came to, whether it ended well or with `error`.
@@ -104,8 +109,9 @@ class ProcedureReport(Result):
         return self.result
 
     def brief(self) -> list[str]:
-        """Return the procedure's name and the first of its values."""
-        return [self.name, *Result.brief(self)]
+        """Return the procedure's name and what it was made for."""
+        known = dict(facts(self.result))
+        return [self.name, *(f"{name} {known[name]}" for name in _MAIN_VALUES if name in known)]
 
     def rows(self) -> list[JsonValue]:
         """Return one row a jump of a series, else the one result."""

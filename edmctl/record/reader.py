@@ -58,6 +58,12 @@ class RunFile:
     ) -> None:
         self.close()
 
+    def __repr__(self) -> str:
+        if not self._file:
+            return f"<RunFile {self.path}, closed>"
+        status = self.text("/entry/status") if self.is_finished else "not finished"
+        return f"<RunFile {self.path}: {self.text('/entry/title')}, {status}>"
+
     def close(self) -> None:
         """Close the file."""
         self._file.close()

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from edmctl.results.result import Result
-from edmctl.wording import duration, length
+from edmctl.results.result import Result, html_table
+from edmctl.wording import duration, facts, length
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -56,6 +56,11 @@ class Forecast(Result):
     def as_mapping(self) -> Mapping[str, object]:
         """Return what `--dry-run --json` tells."""
         return asdict(self)
+
+    def _repr_html_(self) -> str:
+        times = {"time": self.time_s, "machining": self.machining_time_s, "measuring": self.measuring_time_s}
+        lines = [(name, duration(time_s)) for name, time_s in times.items()]
+        return html_table((), [*lines, *facts(self.as_mapping())], None)
 
     def brief(self) -> list[str]:
         """Return time, depth and tool wear."""

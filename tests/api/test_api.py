@@ -110,6 +110,7 @@ def test_a_stop_ends_a_job_in_order_and_is_told_by_its_report() -> None:
 def test_a_report_shows_itself_in_a_notebook() -> None:
     report = machined(1)
     assert re.fullmatch(r"<Report: depth \d+\.\d+ ± \d+\.\d+ µm>", repr(report))
+    assert report.seed == 1
     assert "<td>cu270-cu</td>" in report._repr_html_()
     frame = report.to_frame()
     assert frame["depth_um"][0] == pytest.approx(report.sites[0].depth_um, abs=1e-3)
@@ -235,3 +236,17 @@ def test_an_observer_that_raises_leaves_a_safe_machine_and_all_that_was_heard(
     with edmctl.open_run(tmp_path / "a.h5") as run:
         assert run.column("/entry/servo", "v_cmd")[-1] == 0.0
         assert int(run.number("/entry/exit_code")) == (130 if error is KeyboardInterrupt else 1)
+
+
+def test_a_sheet_is_told_as_gone_through_and_what_was_not_touched_is_marked() -> None:
+    report = edmctl.connect(seed=2).machine("foil-through")
+    assert re.fullmatch(r"<Report: depth ~\d+\.\d+ ± \d+\.\d+ µm \(through\)>", repr(report))
+    assert " µm (through)</td>" in report._repr_html_()
+
+
+def test_a_forecast_shows_its_times_and_a_run_file_what_it_is(tmp_path: Path) -> None:
+    assert "<td>time</td><td>17 min 36 s</td>" in edmctl.forecast("cu270")._repr_html_()
+    edmctl.connect(seed=1).jump_flush("cu270", count=1, out=tmp_path, run_id="jumps")
+    with edmctl.open_run(tmp_path / "jumps.h5") as run:
+        assert repr(run) == f"<RunFile {tmp_path / 'jumps.h5'}: Cu 270 µm on Cu, 180 µm deep, done>"
+    assert repr(run) == f"<RunFile {tmp_path / 'jumps.h5'}, closed>"
