@@ -158,7 +158,8 @@ class KeptLine:
         """Write the bench down. Raises RunFileError E9024."""
         if self._begun:
             self._keep()
-            self._kept_s, self._kept_um = self._line.now_s(), self._bench.tool_wear_um
+            self._kept_s = self._looked_s = self._line.now_s()
+            self._kept_um = self._bench.tool_wear_um
 
     def now_s(self) -> float:
         """Virtual time."""

@@ -1,21 +1,23 @@
 """The file of a kept bench: nested names with arrays, numbers and texts, as HDF5.
 
-Groups are states, datasets arrays, attributes numbers and texts; a state of many numbers and nothing else is a
-compound, which is written much faster than as many attributes. A hash over all of it tells a damaged file. The
-file is written beside its place and put there at once; while a program uses it, a lock beside it keeps others away.
+The dataset `state` is JSON text with names, numbers and texts; each array in it is a place in the dataset `arrays`,
+which holds the bytes of all. It is written every few seconds of the bench's time, and hundreds of attributes and
+datasets would cost more than the machining. A hash over both tells a damaged file. The file is written beside its
+place and put there at once; while a program uses it, a lock beside it keeps others away.
 """
 
 from __future__ import annotations
 
 import errno
 import hashlib
+import json
+import math
 import os
 import time
 from collections.abc import Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from typing import TYPE_CHECKING
 
-import h5py
 import numpy as np
 
 from edmctl.errors import RunFileError
@@ -29,16 +31,18 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
+    import h5py
+
 State = Mapping[str, object]
 
 KIND = "edmctl-bench"
-SCHEMA = 4
+SCHEMA = 5
 _HASH = "sha256"
-_OTHER_PARTS = (KeyError, TypeError, AttributeError, MemoryError, RecursionError)
+_OTHER_PARTS = (json.JSONDecodeError, KeyError, TypeError, AttributeError, MemoryError, RecursionError)
 """What comes of parts that are missing, of another kind or of absurd size."""
 _RETRY_S = 0.1
-_MANY = 8
-_NUMBERS: Mapping[type, str] = {float: "f8", int: "i8", bool: "?"}
+_ARRAY = "array"
+"""The one name in the place of an array: its type, shape and first byte."""
 _NEW_ONE = "Give the file of a bench, or a name that is free for a new one."
 
 
@@ -84,10 +88,10 @@ def read_bench(path: Path) -> State:
                     raise _too_new(path, int(schema))
                 if schema < SCHEMA:
                     raise _too_old(path)
-                state = _read_group(file["state"])
-                if file.attrs[_HASH] == _hash_of(state):
-                    return state
-                raise ValueError("its content does not fit its check sum")
+                text, arrays = _bytes(file["state"]), _bytes(file["arrays"])
+                if file.attrs[_HASH] != _hash_of(text, arrays):
+                    raise ValueError("its content does not fit its check sum")
+                return _placed(json.loads(text), arrays)
     except _OTHER_PARTS as error:
         raise _unreadable(path, "its parts are not those of a bench") from error
     except HDF5_ERRORS as error:
@@ -165,69 +169,58 @@ def _take_away(lock: Path) -> None:
 
 def _image(state: State) -> bytes:
     """Bytes of the file."""
+    blocks: list[bytes] = []
+    text = json.dumps(_plain(state, blocks)).encode()
+    arrays = b"".join(blocks)
 
     def fill(file: h5py.File) -> None:
-        file.attrs.update({"kind": KIND, "schema": SCHEMA, _HASH: _hash_of(state)})
-        _write_group(file.create_group("state"), state)
+        file.attrs.update({"kind": KIND, "schema": SCHEMA, _HASH: _hash_of(text, arrays)})
+        file["state"] = np.frombuffer(text, np.uint8)
+        file["arrays"] = np.frombuffer(arrays, np.uint8)
 
     return image_of(fill)
 
 
-def _write_group(group: h5py.Group, state: State) -> None:
+def _plain(state: State, blocks: list[bytes]) -> dict[str, object]:
+    """Values that JSON holds; the bytes of arrays go to `blocks`."""
+    plain: dict[str, object] = {}
     for name, value in state.items():
-        if isinstance(value, Mapping) and _is_compound(value):
-            types = [(field, _NUMBERS[type(number)]) for field, number in value.items()]
-            group.create_dataset(name, data=np.array(tuple(value.values()), dtype=types))
-        elif isinstance(value, Mapping):
-            _write_group(group.create_group(name), value)
+        if isinstance(value, Mapping):
+            plain[name] = _plain(value, blocks)
         elif isinstance(value, np.ndarray):
-            group.create_dataset(name, data=value)
+            plain[name] = {_ARRAY: [value.dtype.str, value.shape, sum(map(len, blocks))]}
+            blocks.append(value.tobytes())
         elif isinstance(value, int | float | str):
-            group.attrs[name] = value
+            plain[name] = value
         else:
             raise TypeError(f"{name}: {type(value).__name__} has no place in the file of a bench")
+    return plain
 
 
-def _read_group(group: h5py.Group) -> dict[str, object]:
-    state: dict[str, object] = {
-        name: value.item() if isinstance(value, np.generic) else str(value)
-        for name, value in group.attrs.items()
-    }
-    for name, item in group.items():
-        state[name] = _read_group(item) if isinstance(item, h5py.Group) else _read_array(item)
+def _placed(plain: Mapping[str, object], arrays: bytes) -> dict[str, object]:
+    """Return the state that `_plain` was made of."""
+    state: dict[str, object] = {}
+    for name, value in plain.items():
+        if not isinstance(value, Mapping):
+            state[name] = value
+        elif set(value) == {_ARRAY}:
+            kind, shape, first = value[_ARRAY]
+            state[name] = np.frombuffer(arrays, kind, math.prod(shape), first).reshape(shape).copy()
+        else:
+            state[name] = _placed(value, arrays)
     return state
 
 
-def _read_array(dataset: h5py.Dataset) -> object:
+def _bytes(dataset: h5py.Dataset) -> bytes:
     # Nothing is compressed here: what claims to be larger is damaged, and would fill the memory.
     if dataset.nbytes > dataset.file.id.get_filesize():
         raise ValueError("an array in it is larger than the file")
-    value = dataset[()]
-    return {name: value[name].item() for name in value.dtype.names} if value.dtype.names else value
+    return bytes(dataset[()].tobytes())
 
 
-def _is_compound(state: State) -> bool:
-    return len(state) > _MANY and all(type(value) in _NUMBERS for value in state.values())
-
-
-def _hash_of(state: State) -> str:
-    """SHA-256 over names, types, shapes and values, in the order of names."""
-    total = hashlib.sha256()
-    _add(total, state)
-    return total.hexdigest()
-
-
-def _add(total: hashlib._Hash, state: State) -> None:
-    for name in sorted(state):
-        value = state[name]
-        total.update(f"{name}\0".encode())
-        if isinstance(value, Mapping):
-            _add(total, value)
-            total.update(b"\1")
-        elif isinstance(value, np.ndarray):
-            total.update(f"{value.dtype.str}{value.shape}".encode() + value.tobytes())
-        else:
-            total.update(f"{type(value).__name__} {value!r}\0".encode())
+def _hash_of(text: bytes, arrays: bytes) -> str:
+    """SHA-256 over the text and the arrays."""
+    return hashlib.sha256(text + b"\0" + arrays).hexdigest()
 
 
 def _too_old(path: Path) -> RunFileError:
