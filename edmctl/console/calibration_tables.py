@@ -54,7 +54,7 @@ def render_plan(plan: CalibrationPlan, style: Style = PLAIN) -> str:
         time_s += leg.duration_s
     total = (
         f"{len(rows)} legs between 0 V and {plan.high_v:.1f} V in {duration(plan.duration_s)}, "
-        f"{count(plan.samples)} samples, without pulses, at the parking place."
+        f"about {count(plan.samples)} samples, without pulses, at the parking place."
     )
     return "\n".join([render_columns(["at s", "to V", "in s"], rows, style, align=">"), total])
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.errors import EdmError, PreconditionError, installing
+from edmctl.jobs.plan import SIMULATOR
 from edmctl.jobs.runs.opening import on_machine
 from edmctl.results.equipment import Check, CheckStatus
 from edmctl.version import __version__
@@ -128,7 +129,9 @@ def calibration(environ: Mapping[str, str], setup: Setup, serial: str, port: str
     from edmctl.profile.folders import find_calibration
 
     path = find_calibration(None, environ, setup.actuator.calibration, serial)
-    remedy = f"Run `{on_machine('edmctl calibrate', port)}`."
+    # A fresh virtual machine is the same one again only with its seed, which its number tells.
+    seed = f" --seed {serial.removeprefix('SIM-')}" if port == SIMULATOR else ""
+    remedy = f"Run `{on_machine('edmctl calibrate', port)}{seed}`."
     if path is None:
         if setup.sensor.fitted:
             return warn("calibration", f"None of {serial}; a job makes a quick one of its own.", remedy)

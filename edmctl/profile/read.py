@@ -46,6 +46,9 @@ class Merged:
     changes: tuple[str, ...]
 
 
+_NO_TEXT = "name a TOML file, saved as UTF-8 (`edmctl run show FILE` reads run files)"
+
+
 def read_source(path: Path) -> Source:
     """Read a text file. Raises ProfileError when it cannot be read as UTF-8."""
     try:
@@ -54,7 +57,7 @@ def read_source(path: Path) -> Source:
     except OSError as error:
         message, hint = f"cannot read {path}: {error.strerror}", "check the path and its permissions"
     except UnicodeDecodeError as error:
-        message, hint = f"{path} is not UTF-8 text (byte {error.start})", "save it as UTF-8"
+        message, hint = f"{path} is not UTF-8 text (byte {error.start})", _NO_TEXT
     raise _refusal(Code.UNREADABLE, message, hint)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 import edmctl
+from edmctl.errors import EdmWarning
 from edmctl.record.rows import RunEvent
 from edmctl.results.job import ObjectiveMissed
 from tests.tiers import tiers
@@ -104,7 +105,8 @@ def test_a_gap_that_does_not_explain_the_first_sparks_withdraws_nothing(gap_um: 
 
 @pytest.mark.parametrize("seed", tiers(4, slow=(5, 6, 7)))
 def test_sparks_that_erode_faster_than_the_approach_are_caught_up_with(seed: int) -> None:
-    report = edmctl.connect(seed=seed).machine("cu150", overrides=STRONG)
+    with pytest.warns(EdmWarning, match="W3108"):
+        report = edmctl.connect(seed=seed).machine("cu150", overrides=STRONG)
     assert report.sites, report.error
     site, true = report.sites[0], report.truths[0]
     assert abs(site.depth_um - true.depth_um) <= site.depth_u95_um
