@@ -92,7 +92,7 @@ def arcs_expected(fraction: float, delay_us: NDArray[np.float64], *, after: bool
 @pytest.mark.parametrize("fraction", tiers(slow=(0.03, 0.1)))
 def test_discharges_arc_as_debris_and_what_came_before_say(fraction: float) -> None:
     constants = of({**FORGETS, "bridge_base": 0.0}, roughness_um=0.0)
-    classes = strike(fraction, 2.2, 80_000, constants=constants, keep_carbon=False).classes
+    classes = strike(fraction, 2.2, 40_000, constants=constants, keep_carbon=False).classes
     narrowed_um = 2.2 * (1.0 - D.gap.debris_gap_factor * fraction)
     tau_us = D.gap.tau_reference_us * (narrowed_um / D.gap.gap_reference_um) ** D.gap.gap_exponent
     draws_us = D.formative_us - tau_us * np.log(1.0 - np.random.default_rng(1).random(100_000))
@@ -109,7 +109,7 @@ def test_discharges_arc_as_debris_and_what_came_before_say(fraction: float) -> N
 def test_a_channel_that_is_still_conducting_ignites_again_at_once() -> None:
     for off_time_us in (20.0, 60.0):
         plant_constants = of({"bridge_base": 0.0, "arc_debris": 1e9, "arc_base": 0.0}, roughness_um=0.0)
-        struck = strike(0.05, 1.2, 20_000, constants=plant_constants, off_time_us=off_time_us)
+        struck = strike(0.05, 1.2, 8_000, constants=plant_constants, off_time_us=off_time_us)
         before, now = struck.classes[:-1], struck.classes[1:]
         for kind, factor in ((NORMAL, 1.0), (ARC, D.gap.deionisation_after_arc)):
             memory_us = D.gap.deionisation_us * (1.0 + 0.05 * D.gap.deionisation_debris) * factor
@@ -125,7 +125,7 @@ def test_a_channel_that_is_still_conducting_ignites_again_at_once() -> None:
 def test_a_bridge_forms_as_often_as_a_chain_of_particles() -> None:
     for fraction, gap_um in ((0.3, 1.0), (0.2, 1.6), (0.5, 2.5)):
         constants = of({"arc_base": 0.0}, bridge_clear=1.0, roughness_um=0.0)
-        struck = strike(fraction, gap_um, 60_000, constants=constants)
+        struck = strike(fraction, gap_um, 30_000, constants=constants)
         particles = gap_um / D.gap.particle_um - 0.5
         expected = min(0.5, D.gap.bridge_base * fraction**particles)
         sd = math.sqrt(expected / struck.classes.size)
@@ -143,10 +143,10 @@ def test_debris_narrows_the_gap() -> None:
 
 
 def test_removal_and_wear_follow_the_laws_of_a_pulse() -> None:
-    struck = strike(0.0, 1.2, 30_000, constants=of({"arc_base": 0.0, **FORGETS}))
+    struck = strike(0.0, 1.2, 12_000, constants=of({"arc_base": 0.0, **FORGETS}))
     plant, law = struck.plant, D.erosion
     burning_us = struck.burning_us[struck.classes == NORMAL]
-    assert burning_us.size > 20_000
+    assert burning_us.size > 8_000
     molten_uj = 22.0 * 0.12 * burning_us - law.threshold_uj
     for found, by_law, share in (
         (struck.depth_um / plant.state.per_hole_area, work_um3_per_uj, 1.0 - D.gap.side_base),
@@ -164,7 +164,7 @@ def test_debris_costs_work_and_no_tool() -> None:
         strike(
             c,
             1.2 / (1.0 - 1.5 * c),
-            20_000,
+            8_000,
             constants=of(
                 {"arc_base": 0.0, "arc_debris": 1e9, "bridge_base": 0.0, "side_base": 0.0, **FORGETS}
             ),
@@ -177,9 +177,9 @@ def test_debris_costs_work_and_no_tool() -> None:
 
 def test_an_arc_removes_little_and_wears_as_much() -> None:
     burnt = of({"arc_base": 1.0, "side_base": 0.0, **FORGETS})
-    struck = strike(0.0, 1.2, 20_000, constants=burnt)
+    struck = strike(0.0, 1.2, 8_000, constants=burnt)
     arcs = np.count_nonzero(struck.classes == ARC)
-    assert arcs > 15_000
+    assert arcs > 6_000
     energy_uj = 17.0 * 23.0 / 150.0 * ON_TIME_US - D.erosion.threshold_uj
     work, tool = (
         law(D.erosion, ON_TIME_US, 0.12, tool_negative=True) * energy_uj * arcs * 17.0 / 22.0
