@@ -7,10 +7,20 @@ from edmctl.version import __version__
 
 TYPE_CHECKING = False  # importing `typing` takes as long as all the rest of a start
 if TYPE_CHECKING:
-    from edmctl.api import Machine, calibrate_files, connect, forecast, load_profile, open_run, simulate
+    from edmctl.api import (
+        Machine,
+        StopRequest,
+        calibrate_files,
+        connect,
+        forecast,
+        load_profile,
+        open_run,
+        simulate,
+    )
 
 __all__ = [
     "Machine",
+    "StopRequest",
     "__version__",
     "calibrate_files",
     "connect",
@@ -34,4 +44,4 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    return [*globals(), *__all__]
+    return sorted({*globals(), *__all__, "errors"})

@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Self, SupportsIndex
 
 from edmctl.errors import EdmWarning, UsageError
+from edmctl.jobs.connect import seed_warning
 from edmctl.jobs.job import carry_out
 from edmctl.jobs.plan import SIMULATOR, JobRequest, check, where_is
 from edmctl.jobs.resume.selection import name_of_resumed
@@ -31,6 +32,17 @@ from edmctl.jobs.surroundings import Surroundings, Unobserved
 from edmctl.jobs.sweep import seed_to_use
 from edmctl.machine.stop import StopRequest
 from edmctl.toml_text import toml_value
+
+__all__ = [
+    "Machine",
+    "StopRequest",
+    "calibrate_files",
+    "connect",
+    "forecast",
+    "load_profile",
+    "open_run",
+    "simulate",
+]
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -51,6 +63,9 @@ if TYPE_CHECKING:
     Overrides = Mapping[str, object] | Iterable[str]
     File = str | PathLike[str]
 
+RUNS = "runs"
+"""The folder of run files, as on the command line."""
+
 
 class Machine:
     """A machine by the name of its port, as `connect` returns it.
@@ -65,7 +80,7 @@ class Machine:
     out, run_id : folder and name of the run file
     calibration : the calibration file to go by; without, that of the setup or the machine's own
     allow_model : without a displacement sensor, go by the calibrated actuator alone
-    observer : is told progress and decisions, in the calling thread
+    observer : is told progress and decisions, in the calling thread; that code is still being compiled, in another
     stop : `stop.request(signal.SIGINT)` ends the call in order, from any thread
     warn : is told what is doubtful, before anything moves; without, it is an `edmctl.errors.EdmWarning` of Python
     """
@@ -108,14 +123,16 @@ class Machine:
     ) -> Report:
         """Machine a job, as `edmctl machine` does.
 
-        Without `out` no run file is written, and neither ledger nor journal is kept. `new_tool` says that the
-        electrode was changed.
+        Without `out`, a fresh virtual machine leaves no run file; a machine that keeps its work has it in `runs`,
+        with ledger and journal. `new_tool` says that the electrode was changed.
 
         Raises ProfileError, UsageError, RecordError, RunFileError, and LinkLost, ProtocolMismatch or
         PreconditionError where there is no machine to work with; what is found on the machine is `report.error`.
         """
         doubts = _doubts(warn)
         plan = self._plan(self._request(profile, overrides, calibration, allow_model, new_tool), stop, doubts)
+        if out is None and plan.where.lasting:
+            out = RUNS
         if out is None and run_id is not None:
             raise UsageError(
                 f"run_id {run_id!r} names a run file, and without `out` there is none.",
@@ -130,7 +147,7 @@ class Machine:
         self,
         run: File,
         *,
-        out: File = "runs",
+        out: File = RUNS,
         homed: bool = False,
         restart_hole: bool = False,
         observer: Observer | None = None,
@@ -144,10 +161,12 @@ class Machine:
         `machine` raises.
         """
         from edmctl.jobs.resume.selection import checked, find_run
+        from edmctl.jobs.runs.recovery import recovered_before
 
         doubts = _doubts(warn)
         resumption = find_run(str(run), Path(out), homed=homed, restart_hole=restart_hole)
         plan = checked(resumption, self.port, self._wait_s, self._surroundings(stop))
+        doubts(recovered_before(resumption))
         doubts(plan.loaded.warnings)
         name = name_of_resumed(resumption, None, datetime.now(UTC))
         return carry_out(plan, seed_to_use(self.seed), _observer(observer), name, doubts)
@@ -159,7 +178,7 @@ class Machine:
         contact: bool = False,
         site_um: tuple[float, float] | None = None,
         overrides: Overrides = (),
-        out: File = "runs",
+        out: File = RUNS,
         run_id: str | None = None,
         calibration: File | None = None,
         allow_model: bool = False,
@@ -184,7 +203,7 @@ class Machine:
         *,
         count: int = 10,
         overrides: Overrides = (),
-        out: File = "runs",
+        out: File = RUNS,
         run_id: str | None = None,
         calibration: File | None = None,
         allow_model: bool = False,
@@ -213,7 +232,7 @@ class Machine:
         reference: bool = False,
         site: str | None = None,
         overrides: Overrides = (),
-        out: File = "runs",
+        out: File = RUNS,
         run_id: str | None = None,
         calibration: File | None = None,
         allow_model: bool = False,
@@ -251,8 +270,9 @@ class Machine:
         """Drive the actuator for five minutes beside the work, watch it with the sensor, fit a model, and save it.
 
         It is saved in `output`, else as the machine's own calibration, which all later calls use. The others are the
-        arguments of `calibrate_files`. Raises as `machine`, and RecordError where what was measured allows no fit:
-        then it is kept in a file that `warn` is told.
+        arguments of `calibrate_files`. Raises what a report of `machine` would hold, such as
+        Interrupted, and RecordError where what was measured allows no fit: then it is kept in a file that `warn` is
+        told.
         """
         from edmctl.jobs.calibration.run import calibrate_machine
 
@@ -294,7 +314,7 @@ class Machine:
         from edmctl.profile.folders import HOME_VARIABLE
 
         if not isinstance(stop, StopRequest | None):
-            raise TypeError(f"stop has to be an edmctl.machine.stop.StopRequest, not {type(stop).__name__}")
+            raise TypeError(f"stop has to be an edmctl.StopRequest, not {type(stop).__name__}")
         environ = {} if self._home is None else {HOME_VARIABLE: str(self._home)}
         surroundings = Surroundings(command=("edmctl", "(Python)"), environ=environ)
         return surroundings if stop is None else replace(surroundings, stop=lambda _: stop)
@@ -324,7 +344,7 @@ def connect(
 ) -> Machine:
     """Return the machine at a port: `sim:`, `sim:FILE`, a serial port, `socket://HOST:PORT`, `serial:ID` or `auto`.
 
-    seed : makes a virtual machine that is not there yet; without, a new one each time
+    seed : makes a virtual machine that is not there yet; without, a new one each time; EdmWarning W4101 where one is
     setup : TOML file of the machine's setup
     wait_s : how long to wait for a port that somebody holds
     home : folder where machines have their own calibrations; without, that of the user
@@ -334,7 +354,9 @@ def connect(
     from edmctl.profile.setup import Setup
 
     seed = None if seed is None else seed_to_use(seed)
-    return Machine(where_is(str(port), Setup()).selector, seed, _path(setup), wait_s, _path(home))
+    where = where_is(str(port), Setup())
+    _doubts(None)(seed_warning(where, seed))
+    return Machine(where.selector, seed, _path(setup), wait_s, _path(home))
 
 
 def simulate(
@@ -361,19 +383,16 @@ def simulate(
     """
     from edmctl.jobs.batch import Task, check_names
 
+    fresh = connect(setup=setup, home=home)
     machines = [connect(seed=seed, setup=setup, home=home) for seed in seeds]
     grid = [dict(zip(sweep or {}, values, strict=True)) for values in itertools.product(*_steps(sweep or {}))]
-    cases = [
-        (plain_name("-".join(_texts(steps)) or Path(profile).stem), (*_texts(overrides), *_texts(steps)))
-        for steps in grid
-    ]
     doubts, folder = _doubts(warn), _path(out)
     tasks: list[tuple[Machine, Task]] = []
-    for name, texts in cases:
+    for steps in grid:
+        request = fresh._request(profile, (*_texts(overrides), *_texts(steps)), calibration, allow_model)
+        plan = fresh._plan(request, stop, _ignore)
+        name = plain_name("-".join(_texts(steps)) or plan.loaded.path.stem)
         for machine in machines:
-            request = machine._request(profile, texts, calibration, allow_model)
-            if machine is machines[0]:
-                machine._plan(request, stop, _doubts(_ignore))
             assert machine.seed is not None
             tasks.append((machine, Task(request, machine.seed, folder, f"{name}-seed{machine.seed}")))
     check_names([task for _, task in tasks])

@@ -6,6 +6,7 @@ What is unknown is a dash, a minus is a proper one, and an uncertainty stands be
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping
 
 UNKNOWN = "–"
@@ -35,7 +36,7 @@ _UNITS = {
 """Units as they end keys; a longer ending stands before those that it ends with."""
 _WORDS = {
     "sd": "standard deviation",
-    "model": "displacement from voltage",
+    "model_um": "displacement from voltage",
     "dielectric": "temperature of the dielectric",
     "start_um": "jumps begin at",
     "start_v": "jumps begin at a voltage of",
@@ -195,6 +196,7 @@ def facts(result: Mapping[str, object]) -> Iterator[tuple[str, str]]:
     Times of the whole job, the actuator model and the link have places of their own wherever a result is shown. Half
     of a 95 % interval stands behind what it belongs to.
     """
+    bare = Counter(_without_unit(key) for key in result)  # `max_um` and `max_pct` are two values
     for key, value in result.items():
         if key in _SHOWN_ELSEWHERE or (key.endswith("_u95_um") and _of_u95(key) in result):
             continue
@@ -209,18 +211,23 @@ def facts(result: Mapping[str, object]) -> Iterator[tuple[str, str]]:
         elif isinstance(value, bool):
             yield _words(key), "yes" if value else "no"
         elif isinstance(value, int | float):
-            ending = next((ending for ending in _UNITS if key.endswith(f"_{ending}")), "")
+            without = _without_unit(key)
+            ending = key.removeprefix(without)[1:]
+            unit = _UNITS.get(ending, "")
             text = f"{value:.4g}".replace("-", "−")
             if isinstance(value, int):
                 text = count(value)
             elif ending in ("um", "v"):
                 text = decimal(value)
-            yield (
-                _words(key if key in _WORDS or not ending else key.removesuffix(f"_{ending}")),
-                f"{text} {_UNITS.get(ending, '')}".rstrip(),
-            )
+            name = _words(key if key in _WORDS else without)
+            yield f"{name}, {unit}" if bare[without] > 1 else name, f"{text} {unit}".rstrip()
         elif isinstance(value, str):
             yield _words(key), printable(value)
+
+
+def _without_unit(key: str) -> str:
+    ending = next((ending for ending in _UNITS if key.endswith(f"_{ending}")), None)
+    return key if ending is None else key.removesuffix(f"_{ending}")
 
 
 def _of_u95(key: str) -> str:

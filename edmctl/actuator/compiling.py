@@ -110,10 +110,11 @@ def compiling_told(say: Callable[[str], None]) -> Iterator[None]:
 
 
 class _Teller(event.Listener):
-    """Hears numba begin and end, functions within functions."""
+    """Hears numba begin and end in the thread that made it, functions within functions."""
 
     def __init__(self, say: Callable[[str], None]) -> None:
         self._say = say
+        self._waits = threading.get_ident()
         self._depth = 0
         self._before_s = self._begin_s = 0.0
         self._ended = threading.Event()
@@ -126,6 +127,8 @@ class _Teller(event.Listener):
 
     def on_start(self, _: event.Event) -> None:
         """Begin to tell with the outermost function."""
+        if threading.get_ident() != self._waits:
+            return
         self._depth += 1
         if self._depth > 1:
             return
@@ -138,6 +141,8 @@ class _Teller(event.Listener):
 
     def on_end(self, _: event.Event) -> None:
         """End with it; nobody else writes by then."""
+        if threading.get_ident() != self._waits:
+            return
         self._depth -= 1
         if self._depth == 0 and self._thread is not None:
             self._ended.set()

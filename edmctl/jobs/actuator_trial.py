@@ -17,7 +17,7 @@ from edmctl.actuator.waveforms import calibration_legs, sampled, sine
 from edmctl.errors import Diagnostic, UsageError
 from edmctl.jobs import output_files
 from edmctl.jobs.calibration import selection
-from edmctl.simulator.actuator import HIGH_V, LOW_V, RATE_HZ, SLEW_V_S, Drive, VirtualActuator
+from edmctl.simulator.actuator import HIGH_V, LOW_V, RATE_HZ, SLEW_V_S, DrivenTicks, VirtualActuator
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -144,7 +144,7 @@ def _measured(seed: int, command_v: Array, every: int = 1) -> Record:
     return Record(driven.t_s[::every], driven.applied_v[::every], driven.sensor_um[::every])
 
 
-def _slowed(waveform: Waveform, driven: Drive) -> list[Diagnostic]:
+def _slowed(waveform: Waveform, driven: DrivenTicks) -> list[Diagnostic]:
     """Whether the controller's slew limit changed what was asked for."""
     worst_v = float(abs(driven.applied_v - waveform.command_v).max())
     if worst_v <= NOTICED_V:
@@ -157,7 +157,7 @@ def _slowed(waveform: Waveform, driven: Drive) -> list[Diagnostic]:
     return [Diagnostic("W8103", message, hint, is_warning=True)]
 
 
-def _beyond(waveform: Waveform, driven: Drive, ours: ActuatorModel) -> list[Diagnostic]:
+def _beyond(waveform: Waveform, driven: DrivenTicks, ours: ActuatorModel) -> list[Diagnostic]:
     """Whether the waveform leaves the voltages that the model was identified over."""
     low_v, top_v = float(driven.applied_v.min()), float(driven.applied_v.max())
     ends = []
@@ -169,7 +169,7 @@ def _beyond(waveform: Waveform, driven: Drive, ours: ActuatorModel) -> list[Diag
     return [selection.narrow(f"{waveform.name} goes {end}.", hint) for end in ends]
 
 
-def _traced(driven: Drive, models: dict[str, ActuatorModel]) -> Trace:
+def _traced(driven: DrivenTicks, models: dict[str, ActuatorModel]) -> Trace:
     """What every model makes of the voltage applied, each with the zero that suits it best."""
     models_um = {}
     for key, model in models.items():

@@ -39,10 +39,10 @@ def seed_warning(where: MachineAddress, asked: int | None) -> list[Diagnostic]:
     if asked is None or where.seed_of(asked) is not None:
         return []
     if where.in_process:
-        message = f"--seed {asked} has no effect on the bench that {where.bench_file} keeps already."
+        message = f"Seed {asked} has no effect on the bench that {where.bench_file} keeps already."
         hint = "Leave it out, or name a new file for another machine."
     else:
-        message = f"--seed {asked} has no effect on the controller at {where.selector}."
+        message = f"Seed {asked} has no effect on the controller at {where.selector}."
         hint = "Give the seed to `edmctl simulate serve` where the controller is a virtual one."
     return [Diagnostic("W4101", message, hint, is_warning=True)]
 

@@ -41,12 +41,14 @@ def connected_run(
     warn: Warn | None,
     prepare: Callable[[MachineSession], Act],
     summary: Callable[[MachineSession], Mapping[str, object]],
+    procedure: str = "machine",
 ) -> MachineSession:
     """Connect to the machine of `plan`, and act on it with a recorder into the run file `name`.
 
     `prepare` refuses what cannot be done, or returns what does it; until then no file is made and no tool changed.
     `seed` makes a virtual bench that is not there yet. `warn` is told what is doubtful about the calibration before
-    anything moves; `summary` becomes the result in the run file. Expected errors come back with what was reached.
+    anything moves; `summary` becomes the result in the run file, `procedure` what it says was done. Expected errors
+    come back with what was reached.
 
     Raises LinkLost, ProtocolMismatch and RunFileError where there was no machine to act on.
     """
@@ -70,7 +72,7 @@ def connected_run(
             disk = DiskThread(bench.machine.attend if bench.machine.is_live else None)
             session = MachineSession(bench, disk)
             try:
-                _record(plan, observer, name, warn, prepare, summary, session, written)
+                _record(plan, observer, name, warn, prepare, summary, procedure, session, written)
             except EdmError as expected:
                 session.error = expected
             finally:
@@ -89,6 +91,7 @@ def _record(
     warn: Warn | None,
     prepare: Callable[[MachineSession], Act],
     summary: Callable[[MachineSession], Mapping[str, object]],
+    procedure: str,
     session: MachineSession,
     written: Callable[[Path | None], None],
 ) -> None:
@@ -116,7 +119,7 @@ def _record(
     found = as_found(plan, session, ledger, "measure-wear")
     with recorded(
         name,
-        lambda run: run_meta(run, found, bench.seed, identity, choice),
+        lambda run: run_meta(run, found, bench.seed, identity, choice, procedure),
         lambda: summary(session),
         written,
         waits=plan.where.in_process,

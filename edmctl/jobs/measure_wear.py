@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from edmctl.errors import Diagnostic, PreconditionError
+from edmctl.errors import Diagnostic, PreconditionError, UsageError
 from edmctl.jobs.job_preparation import ledger_of
 from edmctl.jobs.ledger.elapsed import with_home
 from edmctl.jobs.ledger.places_taken import coordinates_in
@@ -183,6 +183,20 @@ class WearRun:
     _warn: Warn | None = None
     _job: Job | None = None
     _home_um: float = math.nan
+
+    def __post_init__(self) -> None:
+        """Raise UsageError E2062 where a new tool is to have lost something already."""
+        if self.plan.new_tool and not self.is_reference:
+            raise UsageError(
+                "--new-tool goes with --reference: a tool that was changed has lost nothing yet.",
+                hint="Say `edmctl measure-wear --reference --new-tool`.",
+                code="E2062",
+            )
+
+    @property
+    def kind(self) -> str:
+        """What its run file says was done."""
+        return "wear reference" if self.is_reference else "measure-wear"
 
     def job(self, session: MachineSession, name: RunName, warn: Warn) -> Job:
         """Return what is measured. Raises what `look` raises."""

@@ -62,6 +62,11 @@ class Procedure(Protocol):
         ...
 
     @property
+    def kind(self) -> str:
+        """What its run file says was done."""
+        ...
+
+    @property
     def pulses(self) -> bool:
         """Whether it makes sparks."""
         ...
@@ -158,7 +163,7 @@ def perform(
             "link": tally.link,
         }
 
-    session = connected_run(plan, seed, observer, name, warn, prepare, summary)
+    session = connected_run(plan, seed, observer, name, warn, prepare, summary, procedure.kind)
     return ProcedureReport(
         name=procedure.name,
         result=summary(session),
@@ -260,6 +265,11 @@ class Approach:
         return self.found
 
     @property
+    def kind(self) -> str:
+        """To the spark gap, or to the surface."""
+        return "contact touch" if self.contact else "approach"
+
+    @property
     def pulses(self) -> bool:
         """A touch makes none."""
         return not self.contact
@@ -333,6 +343,7 @@ class Jumps:
     count: int
     series: JumpSeries | None = None
     name: str = "jump-flush"
+    kind: str = "jump-flush"
     pulses: bool = False
 
     @property

@@ -80,7 +80,7 @@ def run_path(folder: Path, run_id: str) -> Path:
 
 
 def run_meta(
-    name: RunName, plan: Plan, seed: int | None, identity: MachineIdentity, choice: Choice
+    name: RunName, plan: Plan, seed: int | None, identity: MachineIdentity, choice: Choice, procedure: str
 ) -> RunMeta:
     """Describe a run for its file."""
     from edmctl.record.run_meta import RunMeta, profile_leaves
@@ -102,6 +102,7 @@ def run_meta(
         profile_sha256=loaded.sha256,
         sim_sha256=loaded.sim_sha256,
         edmctl_version=__version__,
+        procedure=procedure,
         profile_path=str(loaded.path),
         profile_parents=_parents(loaded),
         profile_leaves=profile_leaves({**values, "sim": loaded.sim.model_dump(mode="json")}),

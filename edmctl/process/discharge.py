@@ -51,11 +51,6 @@ def open_share(tau_over_on_time: float) -> float:
     return -x * math.expm1(-1.0 / x)
 
 
-def discharge_share(level_s: float, rho: float) -> float:
-    """Share of the on-time that burns, `1 - phi = (1 - s) / (1 - rho)`: voltage read as a removal meter."""
-    return (1.0 - level_s) / (1.0 - rho)
-
-
 def burning_share(tau_over_on_time: float, longest_share: float) -> float:
     """Mean share of the on-time that burns when a discharge is cut off after `longest_share` of it.
 
@@ -81,11 +76,6 @@ def delay_over_on_time(level_s: float, rho: float, longest_share: float = 1.0) -
         else:
             high = middle
     return float(10.0**low)
-
-
-def isopulse_discharge_share(level_s: float, rho: float, longest_share: float) -> float:
-    """Share of the on-time that burns at a servo level when every discharge is cut off after a set time."""
-    return burning_share(delay_over_on_time(level_s, rho, longest_share), longest_share)
 
 
 def first_gap_u_um(open_voltage_v: float) -> float:

@@ -150,6 +150,7 @@ def _meta(source: h5py.File) -> RunMeta:
         "profile_text": "",
         "profile_sha256": "",
         "edmctl_version": "",
+        "procedure": "",
     }
     for scalar in layout.SCALARS:
         if scalar.source:

@@ -141,6 +141,13 @@ SCALARS = (
     Scalar("/entry/parent_run", "parent_run", "text", TEXT, "run that was taken up again; empty without"),
     Scalar("/entry/parent_time", "parent_time_s", "f8", "s", "time of the job in the runs before; 0 without"),
     Scalar("/entry/command", "command", "text", TEXT, "command line, as a JSON list"),
+    Scalar(
+        "/entry/procedure",
+        "procedure",
+        "text",
+        TEXT,
+        "what was done: `machine`, `approach`, `contact touch`, `measure-wear`, `wear reference`, `jump-flush`",
+    ),
     Scalar("/entry/start_time", "start_time", "text", TEXT, "start, ISO 8601"),
     Scalar("/entry/end_time", "", "S40", TEXT, "end, ISO 8601; empty while running"),
     Scalar("/entry/status", "", "S32", TEXT, "`running` until the end"),

@@ -76,6 +76,8 @@ class RunMeta:
     profile_sha256: str
     """Of the recipe in effect, after `extends`, overrides and defaults."""
     edmctl_version: str
+    procedure: str = "machine"
+    """What was done, by command or by program."""
     sim_sha256: str = ""
     """Of the `[sim]` table in effect."""
     parent_run: str = ""

@@ -220,6 +220,7 @@ def provenance(run: RunFile) -> PageTable:
             "Python, h5py, HDF5",
             ", ".join(run.text(f"/entry/software/{n}") for n in ("python", "h5py", "hdf5")),
         ),
+        ("procedure", run.text("/entry/procedure")),
         ("started", run.text("/entry/start_time")),
         ("ended", run.text("/entry/end_time")),
         ("by", f"{run.text('/entry/user/name')} on {run.text('/entry/machine/host')}"),

@@ -58,6 +58,10 @@ class LoadedProfile:
     warnings: tuple[Diagnostic, ...]
     places: tuple[Place, ...]
 
+    def __repr__(self) -> str:
+        changed = f", {len(self.overrides)} values overridden" if self.overrides else ""
+        return f"<LoadedProfile {self.profile.meta.name}, {self.path}{changed}>"
+
 
 def load_profile(
     name_or_path: str, overrides: Sequence[str] = (), setup: Setup | None = None

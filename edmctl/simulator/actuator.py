@@ -29,7 +29,7 @@ SLEW_V_S = PARAMS["slew_limit_v_s"].default
 _TICKS_AT_ONCE = BLOCK // 2
 
 
-class Drive(NamedTuple):
+class DrivenTicks(NamedTuple):
     """What happened at consecutive ticks of 1 ms; ndarrays of shape (n,).
 
     t_s : time since the actuator was set up.
@@ -56,7 +56,7 @@ class VirtualActuator:
         """Serial number of the virtual machine with this actuator."""
         return self._plant.serial
 
-    def drive(self, command_v: Array) -> Drive:
+    def drive(self, command_v: Array) -> DrivenTicks:
         """Apply a voltage sampled every millisecond; calls continue one another.
 
         command_v : ndarray, shape (n,), finite. What lies outside the range is clamped, what is steeper than
@@ -83,4 +83,4 @@ class VirtualActuator:
                 truth_um[part],
                 sensor_um[part],
             )
-        return Drive(t_s, applied_v, truth_um, sensor_um)
+        return DrivenTicks(t_s, applied_v, truth_um, sensor_um)

@@ -112,10 +112,6 @@ class WorkUnderTool:
         state.wall_um, state.crater_um3 = surface.wall_um, surface.crater_um3
         state.crater_um6, state.arc_um3 = surface.crater_um6, surface.arc_um3
 
-    def _is_in(self, hole: Hole, x_um: float, y_um: float) -> bool:
-        clearance = max(hole.side_gap_um, self.side_gap_um)
-        return math.hypot(hole.x_um - x_um, hole.y_um - y_um) <= clearance
-
     def leave(self) -> None:
         """Remember what became of the work here, before the stage moves."""
         self._note_hole()

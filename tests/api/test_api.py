@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,18 +16,18 @@ import pytest
 import edmctl
 from edmctl.actuator.waveforms import calibration_legs, sampled
 from edmctl.errors import Interrupted, PreconditionError, ProfileError
+from edmctl.jobs.runs.explanation import wanted
 from edmctl.jobs.surroundings import Unobserved
 from edmctl.machine.stop import StopRequest
 from edmctl.results.progress import Phase, Progress
 from edmctl.simulator.actuator import HIGH_V, RATE_HZ, VirtualActuator
 from edmctl.toml_text import toml_value
+from edmctl.wording import facts
 from tests.api.threads import Job, made_in_a_process, made_in_threads
 from tests.cli.commands import ROOT
 from tests.tiers import tiers
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from edmctl.errors import Diagnostic
     from edmctl.jobs.job import Report
     from tests.cli.commands import Here
@@ -250,3 +251,33 @@ def test_a_forecast_shows_its_times_and_a_run_file_what_it_is(tmp_path: Path) ->
     with edmctl.open_run(tmp_path / "jumps.h5") as run:
         assert repr(run) == f"<RunFile {tmp_path / 'jumps.h5'}: Cu 270 µm on Cu, 180 µm deep, done>"
     assert repr(run) == f"<RunFile {tmp_path / 'jumps.h5'}, closed>"
+
+
+def test_a_machine_that_keeps_its_work_keeps_its_ledger(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    machine = edmctl.connect("sim:bench", seed=1, home=tmp_path)
+    first, second = (machine.machine("cu270", overrides={"target.depth_um": 4}) for _ in range(2))
+    assert first.run_file is not None
+    assert first.run_file.parent == Path("runs")
+    assert abs(first.sites[0].x_um - second.sites[0].x_um) > 100.0
+
+
+def test_a_run_of_a_program_says_what_was_done(tmp_path: Path) -> None:
+    machine = edmctl.connect(f"sim:{tmp_path / 'bench'}", seed=1, home=tmp_path)
+    done = [
+        machine.approach("cu270", contact=True, out=tmp_path),
+        machine.jump_flush("cu270", count=1, out=tmp_path),
+        machine.measure_wear("cu270", reference=True, out=tmp_path),
+    ]
+    files = [edmctl.open_run(report.run_file) for report in done if report.run_file]
+    said = ["to find the surface", "to jump 60 µm", "as the reference of its wear"]
+    for file, words in zip(files, said, strict=True):
+        with file:
+            assert words in wanted(file)
+
+
+def test_two_errors_of_one_name_are_two_values_in_a_notebook() -> None:
+    names = [name for name, _ in facts({"max_um": 1.0, "max_pct": 2.0, "rms_um": 3.0})]
+    assert names == ["max, µm", "max, %", "rms"]

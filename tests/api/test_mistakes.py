@@ -104,7 +104,7 @@ def called(**arguments: Any) -> Callable[[], object]:
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        (called(stop=threading.Event()), "stop has to be an edmctl.machine.stop.StopRequest, not Event"),
+        (called(stop=threading.Event()), "stop has to be an edmctl.StopRequest, not Event"),
         (called(observer=print), "observer has to have the methods progress and note"),
         (called(warn=3), "warn has to be called with warnings"),
         (called(overrides=[{"target.depth_um": 8}]), "a mapping or texts like 'key=value'"),

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from edmctl.process.discharge import (
     burning_share,
-    discharge_share,
-    isopulse_discharge_share,
+    delay_over_on_time,
     mrr_mm3_min,
     open_share,
     pulse_energy_uj,
@@ -31,9 +30,7 @@ def test_the_closed_forms_agree_with_drawn_delays() -> None:
 
 @given(st.floats(0.01, 100.0), st.floats(0.1, 0.9))
 def test_the_level_reads_back_as_the_burning_share(x: float, rho: float) -> None:
-    assert discharge_share(rho + (1.0 - rho) * open_share(x), rho) == pytest.approx(
-        1.0 - open_share(x), abs=1e-9
-    )
+    assert delay_over_on_time(rho + (1.0 - rho) * open_share(x), rho) == pytest.approx(x, rel=1e-6)
     assert burning_share(x, 1.0) == pytest.approx(1.0 - open_share(x), abs=1e-9)
 
 
@@ -44,11 +41,13 @@ def test_a_closed_and_an_endless_gap_are_the_ends_of_the_scale() -> None:
 
 @given(st.floats(0.6, 0.95))
 def test_an_uncut_isopulse_burns_as_an_isofrequency_pulse(s: float) -> None:
-    assert isopulse_discharge_share(s, 0.55, 1.0) == pytest.approx(discharge_share(s, 0.55), abs=1e-6)
+    assert burning_share(delay_over_on_time(s, 0.55), 1.0) == pytest.approx(
+        (1.0 - s) / (1.0 - 0.55), abs=1e-6
+    )
 
 
 def test_a_cut_isopulse_burns_less_at_the_same_level() -> None:
-    assert isopulse_discharge_share(0.8, 0.55, 0.3) < 0.9 * discharge_share(0.8, 0.55)
+    assert burning_share(delay_over_on_time(0.8, 0.55, 0.3), 0.3) < 0.9 * (1.0 - 0.8) / (1.0 - 0.55)
 
 
 FULL_PULSE_UJ = pulse_energy_uj(22.0, 0.12, 130.43)

@@ -24,7 +24,7 @@ def meta_of(profile: str, *overrides: str, setup: Path | None = None) -> RunMeta
     name = name_run(Path("runs"), "r", plan.loaded, datetime(2026, 1, 1, tzinfo=UTC))
     identity = MachineIdentity("sim:", "VIRTUAL", "1.0.0", "1.0", simulated=True)
     choice = Choice(None, ModelUsed(False, None, None, None, "quick, from"))
-    return run_meta(name, plan, 1, identity, choice)
+    return run_meta(name, plan, 1, identity, choice, "machine")
 
 
 def test_every_file_of_a_chain_of_profiles_is_kept(tmp_path: Path) -> None:

@@ -9,7 +9,6 @@ import typer
 from edmctl.cli.options import PROGRESS, JobOptions, NewToolOption, RunOptions, command
 from edmctl.cli.outcome import Outcome, stream_style
 from edmctl.cli.running import identity_before, perform_and_tell
-from edmctl.errors import UsageError
 
 if TYPE_CHECKING:
     from edmctl.console.style import Style
@@ -44,12 +43,6 @@ def measure_wear(
     from edmctl.jobs.measure_wear import TOUCHES_LIKE, WearRun, wear_forecast
     from edmctl.record.ledger import Ledger
 
-    if new_tool and not reference:
-        raise UsageError(
-            "--new-tool goes with --reference: a tool that was changed has lost nothing yet.",
-            hint="Say `edmctl measure-wear --reference --new-tool`.",
-            code="E2062",
-        )
     plan = job.plan(outcome, like=TOUCHES_LIKE, new_tool=new_tool)
     plan = replace(plan, names_tool=job.profile is not None)
     wear = WearRun(plan, site, is_reference=reference)

@@ -148,25 +148,29 @@ def wanted(opened: RunFile) -> str:
 
 
 def _alone(opened: RunFile, values: Values) -> str | None:
-    """What a command wanted that does one thing and makes no hole; None where it was a whole job."""
+    """What a procedure wanted that makes no hole; None where it was a whole job."""
+    tool, work = _tool(values), values.get("work.material")
+    height_um, period_s = values.get("jump.height_um", 0), values.get("jump.period_s", 0)
+    return {
+        "wear reference": f"to touch the pad with a {tool}, as the reference of its wear",
+        "measure-wear": f"to measure wear: how much shorter a {tool} is, and how deep its hole",
+        "contact touch": f"to find the surface of {work} with a {tool}",
+        "approach": f"to find the spark gap of {work} with a {tool}",
+        "jump-flush": f"to jump {height_um:g} µm every {period_s:g} s with a {tool}, "
+        "and measure how well it comes back",
+    }.get(_procedure(opened))
+
+
+def _procedure(opened: RunFile) -> str:
+    """What was done; files of before this was kept tell it by their command line."""
+    if told := opened.text("/entry/procedure"):
+        return told
     words = json.loads(opened.text("/entry/command") or "[]")[1:]
     command = words[0] if words else ""
-    tool = _tool(values)
-    if command == "measure-wear":
-        return (
-            f"to touch the pad with a {tool}, as the reference of its wear"
-            if "--reference" in words
-            else (f"to measure wear: how much shorter a {tool} is, and how deep its hole")
-        )
-    if command == "approach":
-        surface = "surface" if "--contact" in words else "spark gap"
-        return f"to find the {surface} of {values.get('work.material', '?')} with a {tool}"
-    if command == "jump-flush":
-        height_um, period_s = values.get("jump.height_um", 0), values.get("jump.period_s", 0)
-        return (
-            f"to jump {height_um:g} µm every {period_s:g} s with a {tool}, and measure how well it comes back"
-        )
-    return None
+    special = {("approach", "--contact"): "contact touch", ("measure-wear", "--reference"): "wear reference"}
+    return next(
+        (kind for (name, option), kind in special.items() if name == command and option in words), command
+    )
 
 
 def _tool(values: Values) -> str:
