@@ -27,7 +27,7 @@ WEAR = {"z2_um": 61.3, "wear_um": 3.468, "wear_u95_um": 0.991, "depth_um": 7.951
 def made(folder: Path, run_id: str, *command: str, found: Mapping[str, object] | None = None) -> Path:
     """The file of a run of `command` that found something, or left a hole."""
     leaves = profile_leaves({**PROFILE, **DEEP, "jump": {"height_um": 60.0, "period_s": 10.0}})
-    meta = replace(a_meta(), run_id=run_id, command=("edmctl", *command), profile_leaves=leaves)
+    meta = replace(a_meta(), run_id=run_id, command=("edmctl", *command), procedure="", profile_leaves=leaves)
     writer = RunWriter.create(folder / f"{run_id}.h5", meta)
     if found is not None:
         writer.append(Summary(json.dumps(found)))
