@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 PAD_MARGIN_UM = 50.0
 """Surface left between a hole and the reference pad, for the burr and the stages."""
+REFERENCE_MARGIN, REFERENCE_MAX = 0.05, 0.95
+"""Least servo reference above the level of a gap that sparks at every pulse, and the highest."""
 WALL_UM = 20.0
 """Work left standing between two holes or two sides of a channel."""
 

@@ -233,7 +233,8 @@ class Jump(Table):
 class Adaptive(Table):
     """How the supervisor answers arcs and shorts where `jump.mode` is "adaptive".
 
-    The jump period comes first, then the servo reference, then the off-time.
+    The jump period comes first, then the servo reference, then the off-time. With `seek_reference` the reference
+    begins where pulses and materials let expect the most removal, whatever `[servo]` says, and follows the arcs.
     """
 
     arc_high: float = Field(0.05, gt=0.0, le=1.0, description="share of arcs that halves the jump period")
@@ -246,6 +247,15 @@ class Adaptive(Table):
         0.20, ge=0.0, lt=1.0, description="share of the duty that is taken off at a time"
     )
     duty_min: float = Field(0.10, ge=0.05, le=0.6, description="lowest duty")
+    seek_reference: bool = Field(
+        False, description="find the servo reference of the most removal during the cut, in any `jump.mode`"
+    )
+    arc_target: float = Field(
+        0.0,
+        gt=0.0,
+        le=0.5,
+        description="share of arcs that is kept then; where removal is expected to be the most, when not given",
+    )
 
 
 class Measure(Table):

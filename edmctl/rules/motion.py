@@ -291,6 +291,14 @@ def adaptive_period(job: Job) -> Iterator[Finding]:
 
 def adaptive_thresholds(job: Job) -> Iterator[Finding]:
     """Rule 24: what the supervisor lowers lies below what it starts from, what it raises above."""
+    adaptive, stopping = job.profile.adaptive, job.profile.limits.arc_ratio
+    if adaptive.seek_reference and adaptive.arc_target >= stopping:
+        yield Finding(
+            Code.ADAPTIVE,
+            ("adaptive", "arc_target"),
+            f"arc_target {adaptive.arc_target:g} is not below limits.arc_ratio {stopping:g}, which stops the job",
+            f"use less than {stopping:g}, or raise limits.arc_ratio",
+        )
     if job.profile.jump.mode != "adaptive":
         return
     adaptive, servo, pulse = job.profile.adaptive, job.profile.servo, job.profile.pulse

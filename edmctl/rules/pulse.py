@@ -5,15 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from edmctl.process.discharge import pulse_energy_uj
-from edmctl.profile.findings import Code, Finding, rounded_down
+from edmctl.profile.findings import REFERENCE_MARGIN, REFERENCE_MAX, Code, Finding, rounded_down
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from edmctl.forecasts.forecast import Job
 
-REFERENCE_MARGIN = 0.05
-REFERENCE_MAX = 0.95
 ROUNDING = 1e-9
 """A reference written as the very limit passes, though 0.55 + 0.05 is not 0.60 in binary."""
 VOLTAGE_ROOM_V = 5.0

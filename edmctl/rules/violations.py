@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, get_args
 
 from pydantic import TypeAdapter
 
-from edmctl.forecasts.erosion import with_expected_erosion
+from edmctl.forecasts.erosion import with_expected_erosion, with_sought_reference
 from edmctl.forecasts.forecast import Job, forecast
 from edmctl.profile.findings import Code, Finding
 from edmctl.profile.model import DepthTarget, FeedTarget, Profile, ThroughTarget
@@ -84,10 +84,9 @@ def with_time_limit(profile: Profile, setup: Setup, places: tuple[Place, ...] = 
 
 
 def in_share_only(profile: Profile) -> Profile:
-    """Turn a reference in volts into the share that it is, so that the profile states it once."""
-    if profile.servo.reference_v is None:
-        return profile
-    return _with(_with_share(profile), "servo", reference_v=None)
+    """Turn a reference in volts, or one that is sought, into the share that it is, so that it is stated once."""
+    stated = _with_share(profile)
+    return stated if stated.servo.reference_v is None else _with(stated, "servo", reference_v=None)
 
 
 def _with(profile: Profile, table: str, **values: float | None) -> Profile:
@@ -96,7 +95,9 @@ def _with(profile: Profile, table: str, **values: float | None) -> Profile:
 
 
 def _with_share(profile: Profile) -> Profile:
-    """The profile with its reference as a share, stated in volts or not."""
+    """The profile with its reference as a share, stated in volts or not, or as an adaptive one begins."""
+    if profile.adaptive.seek_reference:
+        return with_sought_reference(profile)
     if profile.servo.reference_v is None:
         return profile
     return _with(profile, "servo", reference=profile.servo.reference_v / profile.pulse.duty_voltage_v)
@@ -133,8 +134,8 @@ def reference_stated_once(job: Job) -> Iterable[Finding]:
     if len(given) == 2:
         message = f"the servo reference is given twice: reference {share:g} and reference_v {volts:g} V"
         yield Finding(Code.REFERENCE_ONCE, ("servo", "reference_v"), message, "remove one of the two")
-    elif not given:
-        hint = "add reference = 0.80 to [servo]"
+    elif not given and not job.profile.adaptive.seek_reference:
+        hint = "add reference = 0.80 to [servo], or seek_reference = true to [adaptive]"
         yield Finding(Code.REFERENCE_ONCE, ("servo",), "servo.reference is missing", hint)
 
 

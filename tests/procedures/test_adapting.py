@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+import edmctl
 from edmctl.procedures.servo.adaptive import CLEAN_S, LONGEST_SHARE, PATIENCE, AdaptiveControl
+from edmctl.profile.findings import REFERENCE_MARGIN
 from edmctl.record.rows import RunEvent
 from edmctl.rules.load import load_profile
 
@@ -196,3 +198,62 @@ def test_a_wider_gap_and_longer_pauses_reach_the_machine_in_the_middle_of_a_cut(
     site = result.sites[0]
     assert site.pulses < 0.9 * site.machining_time_s * s.profile.pulse.frequency_hz
     assert s.bench.controller.settings.pulse_period_ns == pulse_period
+
+
+SEEKING = ("adaptive.seek_reference=true",)
+
+
+@pytest.fixture
+def seeking() -> Profile:
+    """Return cu270 with an adaptive reference and no jumps."""
+    return load_profile(CU270, ('jump.mode="off"', *SEEKING)).profile
+
+
+def test_the_reference_falls_while_there_are_few_arcs_and_rises_while_there_are_many(
+    seeking: Profile,
+) -> None:
+    low, high = Cut(seeking), Cut(seeking)
+    low.spark(20.0, arcs=0.5 * seeking.adaptive.arc_target)
+    high.spark(20.0, arcs=2.0 * seeking.adaptive.arc_target)
+    assert low.law.reference < seeking.servo.reference - 0.05
+    assert high.law.reference > seeking.servo.reference + 0.05
+    assert low.changes(RunEvent.REFERENCE_CHANGED) == 5
+    assert "% arcs and shorts" in high.law.changes[0].message
+
+
+def test_the_reference_rests_at_its_target_and_shorts_count_as_arcs(seeking: Profile) -> None:
+    cut = Cut(seeking)
+    cut.spark(60.0, arcs=0.75 * seeking.adaptive.arc_target, shorts=0.25 * seeking.adaptive.arc_target)
+    assert cut.changes(RunEvent.REFERENCE_CHANGED) == 0
+
+
+@pytest.mark.parametrize("arcs", [0.0, 1.0])
+def test_the_reference_stays_between_all_sparking_and_all_open(seeking: Profile, arcs: float) -> None:
+    cut = Cut(seeking)
+    cut.spark(400.0, arcs=arcs)
+    lowest = seeking.pulse.rho + REFERENCE_MARGIN
+    assert cut.law.reference == pytest.approx(seeking.adaptive.reference_max if arcs else lowest, abs=1e-3)
+
+
+def test_an_adaptive_reference_asks_for_jumps_well_above_its_target() -> None:
+    cut = Cut(load_profile(CU270, (ADAPTIVE, *SEEKING)).profile)
+    cut.spark(9.0, arcs=0.09)
+    assert not cut.jumps_s
+    cut.spark(1.2, arcs=0.25)
+    assert len(cut.jumps_s) == 1
+
+
+@pytest.mark.parametrize("flush_s", [0.5, 2.0])
+def test_a_hole_is_made_faster_with_an_adaptive_reference_whatever_the_flushing(flush_s: float) -> None:
+    same = {
+        **{"target.depth_um": 25, "sim.flush_time_s": flush_s, "jump.mode": "off", "log.pulses": "off"},
+        **{"pulse.open_voltage_v": 60, "approach.max_travel_um": 150, "approach.speed_um_s": 3},
+    }
+    fixed, sought = (
+        edmctl.connect("sim:", seed=4).machine("cu270", overrides={**same, **more})
+        for more in ({"servo.reference": 0.88}, {"adaptive.seek_reference": True})
+    )
+    fixed.raise_for_error()
+    sought.raise_for_error()
+    assert sought.sites[0].machining_time_s < 0.8 * fixed.sites[0].machining_time_s
+    assert sought.sites[0].ratios.arc + sought.sites[0].ratios.short == pytest.approx(0.085, abs=0.03)

@@ -7,10 +7,11 @@ judged by the shares of arcs and shorts while it sparks, not during a jump and n
 from __future__ import annotations
 
 import math
-from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from edmctl.procedures.servo.pulse_window import PulseWindow
+from edmctl.procedures.servo.reference_search import ReferenceSearch
 from edmctl.record.rows import RunEvent
 
 if TYPE_CHECKING:
@@ -28,6 +29,8 @@ LONGEST_SHARE = 4.0
 SHORTER, LONGER = 0.5, 1.5
 PATIENCE = 5
 """So many jumps in a row at the shortest period without success: jumps alone do not help."""
+FLUSH_ABOVE = 2.0
+"""Times the arcs that an adaptive reference keeps: more ask for a jump."""
 SHORT_S = 0.3
 """A short that lasts so long is answered: healthy ones clear within 70 ms."""
 MOST_JUMPS = 2
@@ -68,10 +71,15 @@ class AdaptiveControl:
         self.period_s = math.nan if jump.mode == "off" else jump.period_s
         self.reference, self.duty = self._reference_0, self._duty_0
         self.changes: list[Change] = []
+        limits, self._search = profile.adaptive, None
+        self._arc_high = limits.arc_high
+        if limits.seek_reference:
+            self._search = ReferenceSearch(profile, self._highest)
+            self._arc_high = max(limits.arc_high, FLUSH_ABOVE * limits.arc_target)
 
     def update(self, duration_s: float, pulses: int, arcs: int, shorts: int, *, sparking: bool) -> None:
         """Judge a slice; `sparking` is False during jumps."""
-        if not self._adaptive:
+        if not (self._adaptive or self._search):
             return
         if not sparking:
             self._freeze_s = FREEZE_S
@@ -80,10 +88,14 @@ class AdaptiveControl:
         if self._freeze_s > 0.0:
             self._freeze_s -= duration_s
             return
+        if self._search:
+            self._seek(self._search, duration_s, pulses, arcs, shorts)
+        if not self._adaptive:
+            return
         for window in (self._evidence, self._clean, self._since_jump):
             window.add(duration_s, pulses, arcs, shorts)
         limits, evidence, clean = self._limits, self._evidence, self._clean
-        if evidence.is_full and (evidence.arcs > limits.arc_high or evidence.shorts > limits.short_high):
+        if evidence.is_full and (evidence.arcs > self._arc_high or evidence.shorts > limits.short_high):
             self._flush(evidence.arcs, evidence.shorts)
         elif clean.is_full and clean.arcs < limits.arc_low and clean.shorts < limits.short_low:
             self._relax(clean.arcs, clean.shorts)
@@ -111,7 +123,7 @@ class AdaptiveControl:
         self.asking = {}
         arcs = self._since_jump.arcs
         self._since_jump.clear()
-        if not self._adaptive or self.period_s > self._jump.period_min_s or arcs <= self._limits.arc_high:
+        if not self._adaptive or self.period_s > self._jump.period_min_s or arcs <= self._arc_high:
             self._in_vain = 0
             return
         self._in_vain += 1
@@ -136,10 +148,18 @@ class AdaptiveControl:
     def _lowest_duty(self) -> float:
         return min(self._duty_0, self._limits.duty_min)
 
+    def _seek(self, search: ReferenceSearch, duration_s: float, pulses: int, arcs: int, shorts: int) -> None:
+        reference = search.update(duration_s, pulses, arcs, shorts, self.reference)
+        if reference != self.reference:
+            reason = (
+                f"{100 * search.seen:.1f} % arcs and shorts, and {100 * search.target:.1f} % remove the most"
+            )
+            self._set_reference(round(reference, 3), reason, {"arcs": search.seen})
+
     def _flush(self, arcs: float, shorts: float) -> None:
         seen = f"{100 * arcs:.1f} % arcs and {100 * shorts:.1f} % shorts in the last {EVIDENCE_S:g} s"
         self._at_once = seen
-        limits = {"arcs": self._limits.arc_high, "shorts": self._limits.short_high}
+        limits = {"arcs": self._arc_high, "shorts": self._limits.short_high}
         shares = {"arcs": arcs, "shorts": shorts}
         self.asking = {name: share for name, share in shares.items() if share > limits[name]}
         self._evidence.clear()
@@ -153,7 +173,7 @@ class AdaptiveControl:
         self._clean.clear()
         if self.duty < self._duty_0:
             self._set_duty(min(self._duty_0, self.duty / (1.0 - self._limits.duty_step)), seen, args)
-        elif self.reference > self._reference_0:
+        elif self._search is None and self.reference > self._reference_0:
             reference = max(self._reference_0, self.reference - self._limits.reference_step)
             self._set_reference(reference, seen, args)
         else:
@@ -162,7 +182,7 @@ class AdaptiveControl:
 
     def _step_back(self, reference_step: float, reason: str, args: Args) -> None:
         """A wider gap first, then longer pauses."""
-        if self.reference < self._highest and reference_step > 0.0:
+        if self._search is None and self.reference < self._highest and reference_step > 0.0:
             self._set_reference(min(self._highest, self.reference + reference_step), reason, args)
         else:
             duty = max(self._lowest_duty, self.duty * (1.0 - self._limits.duty_step))
@@ -193,51 +213,6 @@ class AdaptiveControl:
 
     def _note(self, code: RunEvent, message: str, args: Args) -> None:
         self.changes.append(Change(code, message, args))
-
-
-class PulseWindow:
-    """Sums over the newest `length_s` of what was added; jumps and what follows them are simply not added."""
-
-    def __init__(self, length_s: float) -> None:
-        self._length_s = length_s
-        self._parts: deque[tuple[float, int, int, int]] = deque()
-        self._span_s = 0.0
-        self._pulses = self._arcs = self._shorts = 0
-
-    def add(self, duration_s: float, pulses: int, arcs: int, shorts: int) -> None:
-        """Take the pulses of a slice."""
-        self._parts.append((duration_s, pulses, arcs, shorts))
-        self._span_s += duration_s
-        self._pulses += pulses
-        self._arcs += arcs
-        self._shorts += shorts
-        while self._span_s - self._parts[0][0] >= self._length_s - 1e-6:
-            old_s, old_pulses, old_arcs, old_shorts = self._parts.popleft()
-            self._span_s -= old_s
-            self._pulses -= old_pulses
-            self._arcs -= old_arcs
-            self._shorts -= old_shorts
-
-    def clear(self) -> None:
-        """Forget everything."""
-        self._parts.clear()
-        self._span_s = 0.0
-        self._pulses = self._arcs = self._shorts = 0
-
-    @property
-    def is_full(self) -> bool:
-        """Whether it covers its length."""
-        return self._span_s >= self._length_s - 1e-6
-
-    @property
-    def arcs(self) -> float:
-        """Share of arcs; 0 without pulses."""
-        return self._arcs / self._pulses if self._pulses else 0.0
-
-    @property
-    def shorts(self) -> float:
-        """Share of shorts; 0 without pulses."""
-        return self._shorts / self._pulses if self._pulses else 0.0
 
 
 class ShortRecovery:
