@@ -13,6 +13,7 @@ Names of `edmctl` itself are loaded when they are used.
 from __future__ import annotations
 
 import itertools
+import sys
 import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -581,8 +582,11 @@ def _doubts(warn: Warn | None) -> Warn:
 
 
 def _as_python_warnings(found: Sequence[Diagnostic]) -> None:
+    frame, level = sys._getframe(), 1
+    while frame.f_back is not None and frame.f_globals["__name__"].startswith("edmctl."):
+        frame, level = frame.f_back, level + 1  # to the line of the program that called
     for one in found:
-        warnings.warn(str(one), EdmWarning, stacklevel=2)
+        warnings.warn(str(one), EdmWarning, stacklevel=level)
 
 
 def _ignore(found: Sequence[Diagnostic]) -> None:

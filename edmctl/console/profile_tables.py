@@ -117,7 +117,11 @@ def _work(forecast: Forecast) -> list[Sequence[str]]:
         _row("depth", depth),
         _row("tool wear", wear),
         _row("feed", feed, f"{forecast.feed_rate_um_s:.3f} µm/s{beyond}"),
-        _row("roughness", f"Ra {forecast.ra_um:.2f} µm", "by the laws of the process"),
+        _row(
+            "roughness",
+            f"Ra {forecast.ra_um:.2f} µm, Rz {forecast.rz_um:.2f} µm",
+            "by the laws of the process",
+        ),
     ]
     if forecast.holes == 1:
         return rows

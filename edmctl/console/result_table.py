@@ -137,8 +137,8 @@ def _site_block(site: Site, truth: SiteTruth | None, style: Style, columns: int)
             machining += ", Z2 and Z3 are where contact would be"
     lines = [table, labelled("machining", machining, _LABEL, columns)]
     if truth and isfinite(truth.taper_um):
-        wider = f"{length(truth.taper_um)} wider at the mouth"
-        surface = f"side gap {length(truth.side_gap_um)}, {wider}, Ra {length(truth.ra_um)}"
+        wide = f"side gap {length(truth.side_gap_um)}, {length(truth.taper_um)} wider at the mouth"
+        surface = f"{wide}, Ra {length(truth.ra_um)}, Rz {length(truth.rz_um)}"
         lines.append(labelled("true surface", surface, _LABEL, columns))
     if is_doubtful(site.verdict):
         lines.append(labelled("verdict", f"{site.verdict}", _LABEL, columns))

@@ -38,6 +38,7 @@ from edmctl.forecasts.removal import (
     time_share_of_jumps,
 )
 from edmctl.process.discharge import mrr_mm3_min, pulse_energy_uj
+from edmctl.process.erosion import roughness_rz_um
 from edmctl.results.forecast import Forecast
 
 if TYPE_CHECKING:
@@ -199,6 +200,7 @@ def forecast(profile: Profile, setup: Setup, places: Sequence[Place] = ()) -> Fo
     deepest, available_um = course.deepest, stroke_available_um(profile, setup)
     cycle = servo_swing(profile, setup)
     pulse = profile.pulse
+    ra_um = expected_ra_um(profile, deepest.depth_um)
     return Forecast(
         machining_time_s=course.machining_s,
         measuring_time_s=course.measuring_s,
@@ -226,7 +228,8 @@ def forecast(profile: Profile, setup: Setup, places: Sequence[Place] = ()) -> Fo
         layers=course.layers,
         depth_u95_um=course.depth_u95_um,
         side_gap_um=profile.work.side_gap_um,
-        ra_um=expected_ra_um(profile, deepest.depth_um),
+        ra_um=ra_um,
+        rz_um=roughness_rz_um(ra_um),
     )
 
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from edmctl.errors import RunFileError
 from edmctl.jobs.connected_run import connected_run, ending
 from edmctl.labels import marked
+from edmctl.process.erosion import roughness_rz_um
 from edmctl.results.job import SiteResult, SiteTruth
 from edmctl.results.result import Result, html_table
 from edmctl.wording import length
@@ -235,7 +236,8 @@ def truths_of(
             truths.append(SiteTruth(wear_um=wear_um))
             continue
         depth_um = math.nan if site.through else hole.depth_um
-        truths.append(SiteTruth(depth_um, wear_um, hole.side_gap_um, hole.taper_um, hole.ra_um))
+        rz_um = roughness_rz_um(hole.ra_um)
+        truths.append(SiteTruth(depth_um, wear_um, hole.side_gap_um, hole.taper_um, hole.ra_um, rz_um))
     return tuple(truths)
 
 

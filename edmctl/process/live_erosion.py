@@ -172,6 +172,12 @@ class ErosionEstimate:
         """Work volume per energy of normal discharges, without what burns at the wall."""
         return math.exp(self._known.removal)
 
+    def confirmed(self) -> ErosionEstimate:
+        """Return the same, which another touch agrees with: nothing is contradicted any more."""
+        other = copy(self)
+        other.contradicted = False
+        return other
+
     def next_hole(self) -> ErosionEstimate:
         """Return what is known of another hole, which erodes a little differently."""
         known = self._known

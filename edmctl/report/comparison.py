@@ -133,6 +133,10 @@ def _quantities(runs: Sequence[RunFile], numbers: Sequence[RunNumbers]) -> list[
         (_Shown("truth_depth_um", f"{mean}true depth (simulated), µm"), means("truth_depth_um"), nothing),
         (wear_shown, means("wear_um"), means("wear_u95_um")),
         (_Shown("truth_wear_um", f"{mean}true wear (simulated), µm"), means("truth_wear_um"), nothing),
+        *(
+            (_Shown(f"truth_{key}", f"{mean}true {name} (simulated), µm"), means(f"truth_{key}"), nothing)
+            for key, name in (("side_gap_um", "side gap"), ("taper_um", "taper"), ("ra_um", "Ra"))
+        ),
         (_Shown("wear_ratio_lin", "wear ratio, lengths", 3), lengths, [_wear_ratio_u95(n) for n in numbers]),
         (_Shown("wear_ratio_vol", "wear ratio, volumes", 3), volumes, nothing),
         (_Shown("feed_um", f"{mean}feed, µm"), means("feed_um"), nothing),

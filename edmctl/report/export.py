@@ -72,11 +72,16 @@ class ExportColumn:
 
 _TRUTH = [
     ExportColumn(
-        "truth_depth_um", np.dtype("f8"), "um", "depth on the virtual machine; NaN where nobody knows"
-    ),
-    ExportColumn(
-        "truth_wear_um", np.dtype("f8"), "um", "wear on the virtual machine; NaN where nobody knows"
-    ),
+        f"truth_{name}_um", np.dtype("f8"), "um", f"{said} on the virtual machine; NaN where nobody knows"
+    )
+    for name, said in (
+        ("depth", "depth"),
+        ("wear", "wear"),
+        ("side_gap", "gap at the wall near the bottom"),
+        ("taper", "how much wider the mouth is on the radius"),
+        ("ra", "roughness Ra of the floor"),
+        ("rz", "roughness Rz of the floor"),
+    )
 ]
 """Beside the results of simulated runs."""
 

@@ -93,6 +93,10 @@ def numbers_of(run: RunFile) -> RunNumbers:
     return RunNumbers(tuple(_site(row, labels, truths, thickness_um) for row, labels in rows))
 
 
+TRUE_SURFACE = ("side_gap_um", "taper_um", "ra_um", "rz_um")
+"""What the virtual machine says of a hole beside depth and wear, by the names of `SiteTruth`."""
+
+
 def _truths(summary: Mapping[str, object]) -> Iterator[tuple[str, Mapping[str, object]]]:
     """The truth of each hole or channel, under the name that a result's row has room for."""
     sites = summary.get("sites")
@@ -139,6 +143,7 @@ def _site(
         wear_basis=labels.wear_basis,
         verdict=labels.verdict,
         truth_depth_um=math.nan if through else plain_number(truth.get("depth_um")),
+        **{f"truth_{name}": plain_number(truth.get(name)) for name in TRUE_SURFACE},
         truth_wear_um=plain_number(truth.get("wear_um")),
     )
 

@@ -124,6 +124,16 @@ def _one_site(site: SiteNumbers) -> PageTable:
         row("wear ratio, lengths", marked(decimal(site.wear_ratio_lin, 3), of_both)),
         row("wear ratio, volumes", marked(decimal(site.wear_ratio_vol, 3), of_both)),
         row("discharge energy, J", significant(site.energy_j)),
+        *(
+            [
+                row("side gap", "", "", truth.side_gap_um),
+                row("taper, wider at the mouth", "", "", truth.taper_um),
+                row("roughness Ra", "", "", truth.ra_um),
+                row("roughness Rz", "", "", truth.rz_um),
+            ]
+            if truth
+            else []
+        ),
         row("verdict", site.verdict if is_doubtful(site.verdict) else ""),
     ]
     shown = [row for row in rows if {*row[1:]} - {"", UNKNOWN}]

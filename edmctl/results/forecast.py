@@ -20,8 +20,8 @@ class Forecast(Result):
     are of its deepest hole or of its channel, whose cuts are its passes, `depth_min_um` is that of its shallowest
     hole. `holes_in_reach` are those, in working order, for which the stroke lasts. `limit_cycle_um` is the
     half-amplitude of the servo's swing; `channel_um` and `layers` are 0 where there is no channel. `depth_u95_um` is
-    half the 95 % interval of the depth that will be known least, NaN where no depth is wanted. `side_gap_um` and
-    `ra_um` are the gap at the wall and the roughness Ra of the floor by the laws of the process.
+    half the 95 % interval of the depth that will be known least, NaN where no depth is wanted. `side_gap_um`,
+    `ra_um` and `rz_um` are the gap at the wall and the roughness Ra and Rz of the floor by the laws of the process.
     """
 
     machining_time_s: float
@@ -51,6 +51,7 @@ class Forecast(Result):
     depth_u95_um: float
     side_gap_um: float
     ra_um: float
+    rz_um: float
     error: ClassVar[None] = None  # type: ignore[misc]
 
     def as_mapping(self) -> Mapping[str, object]:

@@ -209,7 +209,7 @@ class SiteTruth:
     """A hole as the plant knows it; NaN where there is none.
 
     `side_gap_um` is the gap at the wall near the bottom, `taper_um` how much wider the mouth is on the radius, and
-    `ra_um` the roughness Ra of the floor.
+    `ra_um` and `rz_um` the roughness Ra and Rz of the floor.
     """
 
     depth_um: float = math.nan
@@ -217,6 +217,7 @@ class SiteTruth:
     side_gap_um: float = math.nan
     taper_um: float = math.nan
     ra_um: float = math.nan
+    rz_um: float = math.nan
 
 
 def site_result_of(mapping: Mapping[str, object]) -> SiteResult:

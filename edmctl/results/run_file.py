@@ -113,11 +113,22 @@ class SiteNumbers:
     truth_depth_um: float
     """What the virtual machine knows of itself; NaN on a real one, and the depth of a hole through the sheet."""
     truth_wear_um: float
+    truth_side_gap_um: float = math.nan
+    truth_taper_um: float = math.nan
+    truth_ra_um: float = math.nan
+    truth_rz_um: float = math.nan
 
     @property
     def truth(self) -> SiteTruth | None:
         """What the virtual machine knows of the place; None where there is none."""
-        known = SiteTruth(self.truth_depth_um, self.truth_wear_um)
+        known = SiteTruth(
+            self.truth_depth_um,
+            self.truth_wear_um,
+            self.truth_side_gap_um,
+            self.truth_taper_um,
+            self.truth_ra_um,
+            self.truth_rz_um,
+        )
         return known if math.isfinite(known.depth_um) or math.isfinite(known.wear_um) else None
 
 

@@ -157,8 +157,9 @@ DOUBTFUL = {"target.depth_um": 8, "work.material": "unobtainium"}
 
 def test_what_is_doubtful_is_a_warning_of_python_unless_somebody_is_told() -> None:
     machine = edmctl.connect(seed=1)
-    with pytest.warns(EdmWarning, match=r"^W3134 .*unobtainium.*; help: "):
+    with pytest.warns(EdmWarning, match=r"^W3134 .*unobtainium.*; help: ") as seen:
         machine.machine("cu270", overrides=DOUBTFUL)
+    assert seen[0].filename == __file__
     with pytest.warns(EdmWarning, match="W3134"):
         edmctl.simulate("cu270", seeds=[1], overrides=DOUBTFUL)
     told: list[Sequence[Diagnostic]] = []

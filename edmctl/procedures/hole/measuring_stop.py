@@ -160,13 +160,16 @@ def learn(
     knowledge.gap_u_um = math.hypot(gap[1], z2.doubt_u_um)
     if z2.doubt_u_um > 0.0:
         return stated
-    knowledge.estimate = hole.estimate.fitted(
+    learned = hole.estimate.fitted(
         None if hole.interrupted else hole.energy(run),
         found.depth_um,
         found.depth_u95_um / COVERAGE,
         found.wear_um,
         found.wear_u95_um / COVERAGE,
     )
+    # What one stop has taught against the recipe, the next one may confirm.
+    is_confirmed = settled is None and hole.stops > 1 and stated is found
+    knowledge.estimate = learned.confirmed() if is_confirmed else learned
     return stated
 
 
