@@ -6,6 +6,7 @@ Points are whole jobs on the virtual machine, judged by its truth; lines are wha
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 import warnings
 from concurrent.futures import ProcessPoolExecutor
@@ -81,7 +82,10 @@ def main() -> None:
     figure.suptitle(
         "Trends of the virtual machine (points, whole jobs) and of forecasts (lines); Cu 270 µm on Cu"
     )
-    figure.savefig(HERE / "process.svg", metadata={"Date": None})
+    picture = HERE / "process.svg"
+    figure.savefig(picture, metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
+    drawn_text = picture.read_text(encoding="utf-8")
+    picture.write_text(re.sub(r"<!DOCTYPE.*?>\n", "", drawn_text, flags=re.DOTALL), encoding="utf-8")
 
 
 def reference(axes: Axes, trials: Trials) -> None:

@@ -76,6 +76,7 @@ class Code(StrEnum):
     LESS_THAN_TOLERANCE = "W3133"
     UNKNOWN_MATERIAL = "W3134"
     SIM_CONTRADICTS = "W3135"
+    BEYOND_LAWS = "W3136"
 
 
 @dataclass(frozen=True, slots=True)

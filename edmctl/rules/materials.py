@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from edmctl.profile.model import Profile
     from edmctl.profile.profile_file import SimSettings
 
+CURRENTS_A, ON_TIMES_US, VOLTAGES_V = (0.03, 1.0), (5.0, 300.0), (40.0, 100.0)
+"""Where the laws of the process were compared with what is known (docs/virtual-machine.md)."""
+ROUNDING = 1e-6
 CONTRADICTS = 1.5
 """A factor of `[sim]` that is so many times that of the material, or as much less, is another material's."""
 
@@ -38,6 +41,25 @@ def _unknown(table: str, name: str, stated: str, known: str) -> Finding:
         "virtual machine erodes it like copper",
         f"state {stated}; known are {known}",
     )
+
+
+def within_the_laws(job: Job) -> Iterator[Finding]:
+    """Rule 36: forecasts and the virtual machine were made for such pulses."""
+    pulse = job.profile.pulse
+    for key, value, unit, (low, high) in (
+        ("current_a", pulse.current_a, "A", CURRENTS_A),
+        ("duty", pulse.on_time_us, "µs of on-time", ON_TIMES_US),
+        ("open_voltage_v", pulse.open_voltage_v, "V", VOLTAGES_V),
+    ):
+        if not low * (1.0 - ROUNDING) <= value <= high * (1.0 + ROUNDING):
+            yield Finding(
+                Code.BEYOND_LAWS,
+                ("pulse", key),
+                f"{value:.4g} {unit} lies outside {low:g} to {high:g}, where the laws of the process were "
+                "looked at; "
+                "forecasts and the virtual machine go on by the same formulas, and nobody knows how far",
+                "rely on touches, not on forecasts or virtual runs",
+            )
 
 
 def sim_agrees(profile: Profile, sim: SimSettings) -> Iterator[Finding]:

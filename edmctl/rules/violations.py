@@ -61,6 +61,7 @@ RULES: tuple[Callable[[Job], Iterable[Finding]], ...] = (
     target.depth_shown,
     target.depth_beyond_tolerance,
     materials.known_materials,
+    materials.within_the_laws,
 )
 """Every rule, in order of its number. Rule 12 (one touch speed for Z1, Z2 and Z3) has no key to break it."""
 

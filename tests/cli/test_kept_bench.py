@@ -108,6 +108,7 @@ def test_time_that_no_command_tells_of_counts_for_the_age_of_a_reference(here: H
     assert (result["wear_u95_um"] > 3.0) == (lost_s != 0.0)
 
 
+@pytest.mark.slow
 def test_one_command_at_a_time_and_another_may_wait(here: Here) -> None:
     arguments = ("measure-wear", "--reference", *KEPT, "--quiet")
     with bench_lock(Path("bench.h5")):

@@ -73,6 +73,7 @@ def test_a_signal_stops_a_simulation(runs: str, sign: str, tmp_path: Path) -> No
     assert json.loads(out)["exit_code"] == 130
 
 
+@pytest.mark.slow
 def test_runs_that_are_finished_outlast_a_signal(tmp_path: Path) -> None:
     many = ("simulate", "--seed", "1", "--runs", "400", *SHALLOW, "--json", "--events")
     process = start(*many, cwd=tmp_path)
@@ -151,6 +152,7 @@ def test_a_full_disk_ends_the_job_safely(tmp_path: Path) -> None:
         assert len(file["/entry/servo/time"]) > 100
 
 
+@pytest.mark.slow
 def test_a_reader_that_goes_away_does_not_stop_the_job(tmp_path: Path) -> None:
     process = start("machine", *SHALLOW, "--seed", "1", "--run-id", "r", cwd=tmp_path)
     assert process.stdout is not None
@@ -206,6 +208,7 @@ def on_a_terminal(
 DEEP = ("--profile", CU270, "--set", "target.depth_um=120", "--set", 'log.pulses="off"', "--seed", "3")
 
 
+@pytest.mark.slow
 def test_a_terminal_gets_a_picture(tmp_path: Path) -> None:
     exit_code, seen = on_a_terminal("machine", *DEEP, cwd=tmp_path, TERM="xterm", LC_ALL="C.UTF-8")
     assert exit_code == 0

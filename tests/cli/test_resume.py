@@ -324,6 +324,7 @@ def test_a_restarted_controller_needs_somebody_who_homed_its_stages(here: Here, 
     assert abs(hole.depth_um - TARGET_UM) <= TOLERANCE_UM + 0.5
 
 
+@pytest.mark.slow
 def test_a_controller_that_stayed_on_needs_nobody(here: Here, killed: Path) -> None:
     bench = restored_bench(read_bench(Path("bench.h5")))
     journal = read_journal(Path("runs/a.journal"))

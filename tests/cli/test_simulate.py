@@ -113,6 +113,7 @@ def test_a_bad_sweep_is_refused(text: str) -> None:
         parse_sweep(text)
 
 
+@pytest.mark.slow
 def test_many_seeds_are_the_same_whether_side_by_side_or_alone(here: Here, tmp_path: Path) -> None:
     many = in_process_of_its_own(
         "simulate", *SHALLOW, "--runs", "2", "--seed", "4", "--out", "runs", "--json", cwd=tmp_path

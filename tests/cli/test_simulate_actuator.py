@@ -49,6 +49,7 @@ def calibration(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(path)
 
 
+@pytest.mark.slow
 def test_the_calibrated_model_is_within_1_percent_on_each_of_the_five_waveforms(five: Trial) -> None:
     assert [w.name for w in five.waveforms] == ["sine 0.01 Hz", "sine 1 Hz", "step", "jumps", "servo"]
     for waveform in five.waveforms:

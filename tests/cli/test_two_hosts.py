@@ -88,6 +88,7 @@ def test_whatever_its_surroundings_it_is_refused_and_the_job_goes_on(
     assert said.document["result"]["link"]["controller_dropped_frames"] == 0
 
 
+@pytest.mark.slow
 def test_frames_of_another_session_do_nothing_to_the_job(
     here: Here, bench: VirtualBench, undisturbed: dict[str, Any]
 ) -> None:

@@ -75,6 +75,7 @@ def test_a_loose_chip_on_the_bottom_is_washed_away() -> None:
     assert abs(site.depth_um - shop.bench.truth()[0].depth_um) <= site.depth_u95_um
 
 
+@pytest.mark.slow
 def test_a_clean_job_doubts_nothing() -> None:
     for seed in range(3010, 3016):
         shop = Shop(seed=seed)

@@ -167,6 +167,7 @@ def test_a_hole_that_was_not_begun_is_begun(shop: OpenShop) -> None:
     assert true_depth_um(after, site) == pytest.approx(DEPTH_UM, abs=1.5)
 
 
+@pytest.mark.slow
 def test_an_array_goes_on_with_the_hole_that_was_left(shop: OpenShop) -> None:
     first = shop([GRID])
     state = interrupted(first, lambda s: len(s.done) == 2 and s.phase == "machining")
@@ -178,6 +179,7 @@ def test_an_array_goes_on_with_the_hole_that_was_left(shop: OpenShop) -> None:
         assert true_depth_um(after, site) == pytest.approx(DEPTH_UM, abs=2.0)
 
 
+@pytest.mark.slow
 def test_a_hole_left_in_the_middle_teaches_the_later_ones_nothing_wrong(shop: OpenShop) -> None:
     first = shop([GRID])
     state = interrupted(first, lambda s: not s.done and s.phase == "machining" and s.depth_um >= 4.0)

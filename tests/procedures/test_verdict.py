@@ -104,6 +104,7 @@ def after_corrections(shop: Shop, depths: dict[str, tuple[float, float]]) -> Dec
     return judge_holes(run, None)
 
 
+@pytest.mark.slow
 def test_a_hole_that_a_later_touch_finds_outside_ends_the_job_short_of_its_objective(
     row_of_holes: Shop,
 ) -> None:

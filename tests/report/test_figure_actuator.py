@@ -42,6 +42,7 @@ def test_one_waveform_fills_a_column_of_a_journal_and_several_a_page() -> None:
     assert png_size_mm(draw([trial(), trial()], "a.png"))[0] == pytest.approx(180.0, abs=0.2)
 
 
+@pytest.mark.slow
 def test_every_axis_has_its_unit_and_every_line_its_name() -> None:
     texts = texts_of(draw([trial("one"), trial("two")], "a.svg"))
     for text in ("voltage (V)", "displacement (µm)", "error (µm)", "edmctl error (µm)", "time (s)"):

@@ -178,6 +178,7 @@ def test_a_run_that_never_cut_has_no_erosion(tmp_path: Path) -> None:
     assert "Nothing was cut" in nothing(erosion.draw, made_up.new_run(tmp_path).finish("done", 0))
 
 
+@pytest.mark.slow
 def test_each_hole_of_an_array_is_shown_with_its_error(array_run_file: Path) -> None:
     with open_run(array_run_file) as run:
         rows = run.table("/entry/results")
@@ -254,6 +255,7 @@ def test_places_along_a_path_are_evenly_spaced() -> None:
     assert places_um[-1].tolist() == [10.0, 6.0]
 
 
+@pytest.mark.slow
 def test_a_channel_of_the_virtual_machine_has_its_truth_and_its_touches(channel_run_file: Path) -> None:
     with open_run(channel_run_file) as run:
         truth, summary = run.truth_map(), run.summary()

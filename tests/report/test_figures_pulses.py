@@ -266,6 +266,7 @@ def test_a_single_jump_is_one_jump_with_nothing_before_it(tmp_path: Path) -> Non
     assert "time since the jump before" not in told
 
 
+@pytest.mark.slow
 def test_pulses_of_a_cut_are_those_that_its_results_count(full_run_file: Path) -> None:
     with open_run(full_run_file) as run:
         (row,) = run.table("/entry/results")

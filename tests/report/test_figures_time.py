@@ -270,6 +270,7 @@ def test_a_second_of_data_is_enough(tmp_path: Path) -> None:
     drawn("displacement", path)
 
 
+@pytest.mark.slow
 def test_a_run_that_ended_in_a_fault_is_drawn_up_to_it(faulted_run_file: Path) -> None:
     figure = drawn("gap", faulted_run_file)
     with open_run(faulted_run_file) as run:

@@ -35,3 +35,21 @@ def test_known_materials_are_no_news() -> None:
 )
 def test_a_virtual_machine_of_another_material_is_warned_of(override: str, contradicts: bool) -> None:
     assert (Code.SIM_CONTRADICTS in codes(override)) == contradicts
+
+
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        ("pulse.current_a=2", "2 A lies outside 0.03 to 1"),
+        ("pulse.frequency_hz=800", "375 µs of on-time lies outside 5 to 300"),
+    ],
+)
+def test_what_nobody_models_is_told_of(override: str, said: str) -> None:
+    found = [one for one in load_profile("cu270", (override,)).warnings if one.code == Code.BEYOND_LAWS]
+    assert [said in one.message for one in found] == [True]
+
+
+def test_the_ends_of_what_was_looked_at_are_within() -> None:
+    ends = ("pulse.current_a=1", "pulse.frequency_hz=1000", "pulse.open_voltage_v=100", "servo.reference=0.5")
+    codes = {one.code for one in load_profile("cu270", ends).warnings}
+    assert Code.BEYOND_LAWS not in codes

@@ -106,6 +106,7 @@ def test_discharges_arc_as_debris_and_what_came_before_say(fraction: float) -> N
         assert (of_these == ARC).mean() == pytest.approx(expected, abs=4.0 * sd), name
 
 
+@pytest.mark.slow
 def test_a_channel_that_is_still_conducting_ignites_again_at_once() -> None:
     for off_time_us in (20.0, 60.0):
         plant_constants = of({"bridge_base": 0.0, "arc_debris": 1e9, "arc_base": 0.0}, roughness_um=0.0)
@@ -135,6 +136,7 @@ def test_a_bridge_forms_as_often_as_a_chain_of_particles() -> None:
         )
 
 
+@pytest.mark.slow
 def test_debris_narrows_the_gap() -> None:
     constants = of({"arc_base": 0.0, "arc_debris": 1e9, "bridge_base": 0.0, **FORGETS})
     clean = strike(0.0, 3.0 * (1.0 - D.gap.debris_gap_factor * 0.1), 20_000, constants)
