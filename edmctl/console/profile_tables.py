@@ -123,6 +123,14 @@ def _work(forecast: Forecast) -> list[Sequence[str]]:
             "by the laws of the process",
         ),
     ]
+    rows += [
+        _row(
+            f"regime {regime.name}",
+            f"to {length(regime.depth_um)}",
+            f"{duration(regime.machining_time_s)}, wear {length(regime.wear_um)}, Ra {regime.ra_um:.2f} µm",
+        )
+        for regime in forecast.regimes
+    ]
     if forecast.holes == 1:
         return rows
     worn = _row("tool wear", length(forecast.tool_wear_um), "in all")

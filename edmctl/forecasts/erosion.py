@@ -146,7 +146,7 @@ def with_sought_reference(profile: Profile) -> Profile:
     calm = [i for i, gap in enumerate(gaps) if gap.arc_share <= most_arcs] or [LEVELS]
     best = max(calm, key=lambda i: gaps[i].removal_um3_s)
     filled = _with(profile, "servo", {"reference": round(levels[best], 3)})
-    if "arc_target" in profile.adaptive.model_fields_set:
+    if profile.adaptive.arc_target is not None:
         return filled
     return _with(
         filled,

@@ -17,6 +17,7 @@ from edmctl.forecasts.channel import (
 from edmctl.forecasts.erosion import expected_ra_um
 from edmctl.forecasts.measuring import (
     FACE_LIMIT_UM,
+    Cut,
     Stand,
     beside_pad_um,
     between_s,
@@ -28,6 +29,7 @@ from edmctl.forecasts.measuring import (
     stop_time_s,
     touch_time_s,
 )
+from edmctl.forecasts.regimes import Recipe, recipes_of
 from edmctl.forecasts.removal import (
     Hole,
     feed_rate_um_s,
@@ -37,9 +39,9 @@ from edmctl.forecasts.removal import (
     servo_swing,
     time_share_of_jumps,
 )
-from edmctl.process.discharge import mrr_mm3_min, pulse_energy_uj
+from edmctl.process.discharge import hole_area_um2, mrr_mm3_min, pulse_energy_uj
 from edmctl.process.erosion import roughness_rz_um
-from edmctl.results.forecast import Forecast
+from edmctl.results.forecast import Forecast, RegimeForecast
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -117,6 +119,8 @@ def _holes_course(profile: Profile, setup: Setup, places: Sequence[Place]) -> Co
     plane = len(ordered) >= PLANE_TOUCHES and profile.array.surface == "plane"
     away_um = [math.hypot(stand.x_um - pad.x_um, stand.y_um - pad.y_um) for stand in stands]
     cuts = planned_cuts(profile, setup, holes, away_um, plane=plane)
+    if profile.regimes:
+        cuts = [[cut for recipe in recipes_of(profile) for cut in _cuts_of(recipe, setup, away_um)]]
     measuring_s = touch_time_s(profile, setup) + (_plane_time_s(profile, setup, stands) if plane else 0.0)
     worn_um, reaches_um, known_stands = 0.0, [], [pad]
     has_bottom = profile.target.kind != "through"
@@ -160,9 +164,39 @@ def is_tilt_limited(setup: Setup, stand: Stand, known: Sequence[Stand]) -> bool:
 
 def hole_time_s(profile: Profile, one: Hole) -> float:
     """Machining time of one hole, s; after a breakthrough the tool goes on through what is left of the rim."""
+    if profile.regimes:
+        return math.fsum(regime_time_s(recipe) for recipe in recipes_of(profile))
     rate_um_s = feed_rate_um_s(profile, one.depth_um)
     feed_s = (one.depth_um + one.wear_um) / rate_um_s / machining_share(profile)
     return feed_s + one.completion_um / profile.servo.forward_um_s
+
+
+def _cuts_of(recipe: Recipe, setup: Setup, away_um: Sequence[float]) -> list[Cut]:
+    """The cuts of one regime: nothing is known of its pulses before, as at the begin of a hole."""
+    one = Hole(recipe.depth_um, recipe.wear_um)
+    (cuts,) = planned_cuts(recipe.profile, setup, [one], away_um, plane=False)
+    return cuts
+
+
+def regime_time_s(recipe: Recipe) -> float:
+    """Machining time of one regime, s."""
+    profile = recipe.profile
+    rate_um_s = feed_rate_um_s(profile, recipe.to_um) * machining_share(profile)
+    return (recipe.depth_um + recipe.wear_um) / rate_um_s
+
+
+def _regimes(profile: Profile) -> tuple[RegimeForecast, ...]:
+    """What each regime will take and leave."""
+    return tuple(
+        RegimeForecast(
+            name=recipe.name,
+            depth_um=recipe.to_um,
+            machining_time_s=regime_time_s(recipe),
+            wear_um=recipe.wear_um,
+            ra_um=expected_ra_um(recipe.profile, recipe.to_um),
+        )
+        for recipe in (recipes_of(profile) if profile.regimes else ())
+    )
 
 
 def _channel_course(profile: Profile, setup: Setup, path: PathTable) -> Course:
@@ -189,6 +223,14 @@ def _plane_time_s(profile: Profile, setup: Setup, stands: Sequence[Stand]) -> fl
     return PLANE_TOUCHES * (move_s + face_time_s(profile, profile.approach.offset_um))
 
 
+def _removal_um3_s(profile: Profile, course: Course) -> float:
+    """Removal while sparking; over all regimes on average where there are some."""
+    if not profile.regimes:
+        return removal_um3_s(profile, course.deepest.depth_um)
+    area_um2 = hole_area_um2(profile.tool.diameter_um, profile.work.side_gap_um)
+    return course.deepest.depth_um * area_um2 / course.machining_s
+
+
 def forecast(profile: Profile, setup: Setup, places: Sequence[Place] = ()) -> Forecast:
     """Forecast a job from its recipe, the machine's settings and the places of its holes.
 
@@ -200,7 +242,8 @@ def forecast(profile: Profile, setup: Setup, places: Sequence[Place] = ()) -> Fo
     deepest, available_um = course.deepest, stroke_available_um(profile, setup)
     cycle = servo_swing(profile, setup)
     pulse = profile.pulse
-    ra_um = expected_ra_um(profile, deepest.depth_um)
+    regimes = _regimes(profile)
+    ra_um = regimes[-1].ra_um if regimes else expected_ra_um(profile, deepest.depth_um)
     return Forecast(
         machining_time_s=course.machining_s,
         measuring_time_s=course.measuring_s,
@@ -217,7 +260,7 @@ def forecast(profile: Profile, setup: Setup, places: Sequence[Place] = ()) -> Fo
         limit_cycle_um=cycle.half_amplitude_um,
         limit_cycle_period_s=cycle.period_s,
         spark_energy_uj=pulse_energy_uj(pulse.discharge_voltage_v, pulse.current_a, pulse.burning_time_us),
-        mrr_mm3_min=mrr_mm3_min(removal_um3_s(profile, deepest.depth_um)),
+        mrr_mm3_min=mrr_mm3_min(_removal_um3_s(profile, course)),
         jump_share=time_share_of_jumps(profile),
         pulses=round(course.machining_s * pulse.frequency_hz),
         holes=course.holes,
@@ -230,6 +273,7 @@ def forecast(profile: Profile, setup: Setup, places: Sequence[Place] = ()) -> Fo
         side_gap_um=profile.work.side_gap_um,
         ra_um=ra_um,
         rz_um=roughness_rz_um(ra_um),
+        regimes=regimes,
     )
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.forecasts.erosion import expected_gap, usual_depth_um
+from edmctl.forecasts.regimes import recipes_of
 from edmctl.process.discharge import hole_area_um2
 
 if TYPE_CHECKING:
@@ -61,6 +62,8 @@ def hole(profile: Profile, depth_um: float = math.nan) -> Hole:
         depth_um, completion_um = profile.work.thickness_um, completion(profile)
     elif math.isnan(depth_um):
         depth_um = target.depth_um if target.kind == "depth" else target.feed_um / (1.0 + ratio)
+    if profile.regimes:
+        return Hole(depth_um, math.fsum(one.wear_um for one in recipes_of(profile)))
     return Hole(depth_um, ratio * depth_um, completion_um)
 
 

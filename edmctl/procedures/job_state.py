@@ -18,7 +18,15 @@ if TYPE_CHECKING:
 PERIOD_S = 5.0
 """Between two states of a cut: 1.5 µm of feed at 0.3 µm/s, far less than the touch of the bottom looks for."""
 
-_ADDED = ("home_age_s", "face_doubt_u_um", "channel", "broken_cuts")
+_ADDED = (
+    "home_age_s",
+    "face_doubt_u_um",
+    "channel",
+    "broken_cuts",
+    "regime",
+    "regime_depth_um",
+    "regime_wear_um",
+)
 """Fields that earlier journals do not have."""
 
 Counts = tuple[int, int, int, int]
@@ -39,8 +47,9 @@ class JobState:
     knows. `time_s` counts from the start of the first run, pauses left out: those were `pause_s`, NaN where nobody
     knows; `job_machining_time_s` is the machining in it. `face` is what was touched of the untouched face: x, y,
     height over the pad and its standard uncertainty, µm; `face_doubt_u_um` is one on top, since something
-    contradicted it. `channel` is what a channel has to know besides, empty before it is begun and for holes, None in
-    the journal of an earlier version.
+    contradicted it. `regime` is the number of the regime of the hole, which began at `regime_depth_um` with
+    `regime_wear_um` lost. `channel` is what a channel has to know besides, empty before it is begun and for holes,
+    None in the journal of an earlier version.
     """
 
     phase: str
@@ -73,6 +82,9 @@ class JobState:
     pause_s: float = 0.0
     home_age_s: float = math.nan
     face_doubt_u_um: float = 0.0
+    regime: int = 0
+    regime_depth_um: float = 0.0
+    regime_wear_um: float = 0.0
     channel: Mapping[str, float] | None = field(default_factory=dict)
 
     def as_mapping(self) -> dict[str, object]:
@@ -138,12 +150,32 @@ class CutTotals:
     energy_j: float = 0.0
     time_s: float = 0.0
 
+    def since(self, before: CutTotals) -> CutTotals:
+        """Return what has come to those before."""
+        opens, normals, arcs, shorts = (a - b for a, b in zip(self.counts, before.counts, strict=True))
+        return CutTotals(
+            self.number - before.number,
+            (opens, normals, arcs, shorts),
+            self.energy_j - before.energy_j,
+            self.time_s - before.time_s,
+        )
+
     def plus(self, counts: Counts, energy_j: float, time_s: float) -> CutTotals:
         """Return them with one more."""
         opens, normals, arcs, shorts = (a + b for a, b in zip(self.counts, counts, strict=True))
         return CutTotals(
             self.number + 1, (opens, normals, arcs, shorts), self.energy_j + energy_j, self.time_s + time_s
         )
+
+
+@dataclass(frozen=True, slots=True)
+class RegimeBegun:
+    """How deep a hole was when its regime began, what the tool had lost in it, its cuts and stops until then."""
+
+    depth_um: float = 0.0
+    wear_um: float = 0.0
+    total: CutTotals = field(default_factory=CutTotals)
+    stops: int = 0
 
 
 @dataclass(slots=True)

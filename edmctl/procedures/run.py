@@ -141,6 +141,14 @@ def after_pause(job: Job) -> JobState:
     )
 
 
+@dataclass(slots=True)
+class RegimeNow:
+    """The regime in use by its number; no profile of its own where the job has none."""
+
+    number: int = 0
+    profile: Profile | None = None
+
+
 @dataclass(frozen=True, slots=True)
 class JobRun:
     """The machine, the job, and everybody who is told about it."""
@@ -152,11 +160,12 @@ class JobRun:
     observer: Observer
     tally: JobTally
     keeper: JobStateKeeper
+    regime: RegimeNow = field(default_factory=RegimeNow)
 
     @property
     def profile(self) -> Profile:
-        """The recipe."""
-        return self.job.profile
+        """The recipe, of the regime in use where the job has several."""
+        return self.regime.profile or self.job.profile
 
     @property
     def setup(self) -> Setup:

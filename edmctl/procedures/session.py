@@ -25,6 +25,7 @@ from edmctl.errors import EdmError, LinkLost, MachineFault, PreconditionError, P
 from edmctl.machine.interface import joined
 from edmctl.procedures.actuator.sensorless import SensorlessMachine
 from edmctl.procedures.actuator.tracker import home
+from edmctl.procedures.hole.regimes import take_recipe
 from edmctl.procedures.job_state import NoStateStore
 from edmctl.procedures.monitoring.monitors import IdleMonitor, LinkMonitor, SensorMonitor, record_link
 from edmctl.procedures.monitoring.watch import Watch
@@ -106,6 +107,8 @@ def running(
         tally.pause_s = total_pause_s(job)
     keeper = JobStateKeeper(job, tally, store or NoStateStore())
     run = JobRun(machine, job, watch, recorder, observer, tally, keeper)
+    left = job.resumed
+    take_recipe(run, left.regime if left is not None and left.begun and not job.restart_hole else 0)
     watch.guard(keeper.on_telemetry)
     watch.guard(LinkMonitor(run).on_telemetry)
     watch.guard(IdleMonitor(run).on_telemetry)

@@ -119,7 +119,12 @@ def retract_v_s(setup: Setup) -> float:
 
 def block_pulses(profile: Profile) -> int:
     """Pulses per recorded block: about 10 ms of them."""
-    return min(_LARGEST_COUNT, max(1, round(0.01 * profile.pulse.frequency_hz)))
+    return min(_LARGEST_COUNT, max(1, round(0.01 * fastest_hz(profile))))
+
+
+def fastest_hz(profile: Profile) -> float:
+    """Pulses per second, of the regime that has most of them."""
+    return max((one.frequency_hz or 0.0 for one in profile.regimes), default=profile.pulse.frequency_hz)
 
 
 def pulse_settings(profile: Profile) -> PulseSettings:
@@ -140,7 +145,7 @@ def telemetry_settings(profile: Profile, setup: Setup) -> TelemetrySettings:
 
     A setup with a slow line limits it by `controller.telemetry_hz`, whatever the job needs.
     """
-    slowest_hz = max(_JOB_HZ, profile.pulse.frequency_hz / _LARGEST_COUNT)
+    slowest_hz = max(_JOB_HZ, fastest_hz(profile) / _LARGEST_COUNT)
     rate_hz = profile.log.servo_hz * math.ceil(slowest_hz / profile.log.servo_hz)
     rate_hz = min(rate_hz, setup.controller.telemetry_hz)
     tick_us = setup.controller.servo_period_us

@@ -69,10 +69,10 @@ def next_cut(
 
     `start_u_um` and `gap_u_um` are standard uncertainties: of where the cut starts, surface or measured bottom, and
     of the working gap at its end. `largest_um` is the deepest cut that the recipe allows; `begun` says whether the
-    hole has been measured before. A ratio that the last touch has contradicted feeds no further than what is left is
-    deep: where it is the touch that was wrong, nothing is cut too deep.
+    hole has been measured before. A ratio that the last touch has contradicted, or that no touch has confirmed,
+    feeds no further than what is left is deep: where it is wrong, nothing is cut too deep.
     """
-    if estimate.contradicted:
+    if estimate.contradicted or (begun and estimate.fits == 0):
         largest_um = min(largest_um, remaining_um / (1.0 + estimate.wear_ratio))
     whole = _cut(estimate, remaining_um, start_u_um, gap_u_um)
     known = COVERAGE * whole.depth_u_um <= tolerance_um and remaining_um <= largest_um

@@ -77,6 +77,7 @@ class Code(StrEnum):
     UNKNOWN_MATERIAL = "W3134"
     SIM_CONTRADICTS = "W3135"
     BEYOND_LAWS = "W3136"
+    REGIMES = "E3137"
 
 
 @dataclass(frozen=True, slots=True)

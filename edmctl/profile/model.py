@@ -250,8 +250,8 @@ class Adaptive(Table):
     seek_reference: bool = Field(
         False, description="find the servo reference of the most removal during the cut, in any `jump.mode`"
     )
-    arc_target: float = Field(
-        0.0,
+    arc_target: float | None = Field(
+        None,
         gt=0.0,
         le=0.5,
         description="share of arcs that is kept then; where removal is expected to be the most, when not given",
@@ -306,6 +306,19 @@ class Log(Table):
     )
 
 
+class Regime(Table):
+    """Pulses for a share of the depth, from roughing to finishing; what is not given is that of the profile."""
+
+    name: str = Field(min_length=1, max_length=40, pattern=ONE_LINE, description="what messages call it")
+    share: float = Field(gt=0.0, lt=1.0, description="of the depth; all shares together are 1")
+    current_a: float | None = Field(None, ge=0.01, le=3.0, description="peak current, A")
+    frequency_hz: float | None = Field(None, ge=100.0, le=50_000.0, description="pulses per second, Hz")
+    duty: float | None = Field(None, ge=0.05, le=0.85, description="on-time over period")
+    reference: float | None = Field(
+        None, gt=0.0, lt=1.0, description="of the servo: mean gap voltage over its open value"
+    )
+
+
 class Profile(Table):
     """A whole recipe."""
 
@@ -322,6 +335,7 @@ class Profile(Table):
     sites: list[SiteTable] = Field(
         [], description="places to machine; one beside the reference pad when there are none"
     )
+    regimes: list[Regime] = Field([], description="roughing to finishing, in this order, for one blind hole")
     array: Array = Array()
     path: PathTable | None = Field(None, description="a channel instead of holes")
     measure: Measure = Measure()

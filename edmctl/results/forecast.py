@@ -12,6 +12,17 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 
+@dataclass(frozen=True, slots=True)
+class RegimeForecast:
+    """One regime of a hole: the depth that it ends at, its time, the tool wear in it, and the floor it leaves."""
+
+    name: str
+    depth_um: float
+    machining_time_s: float
+    wear_um: float
+    ra_um: float
+
+
 @dataclass(frozen=True, slots=True, repr=False)
 class Forecast(Result):
     """Expected course of a job.
@@ -52,6 +63,7 @@ class Forecast(Result):
     side_gap_um: float
     ra_um: float
     rz_um: float
+    regimes: tuple[RegimeForecast, ...] = ()
     error: ClassVar[None] = None  # type: ignore[misc]
 
     def as_mapping(self) -> Mapping[str, object]:

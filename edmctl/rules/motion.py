@@ -292,7 +292,7 @@ def adaptive_period(job: Job) -> Iterator[Finding]:
 def adaptive_thresholds(job: Job) -> Iterator[Finding]:
     """Rule 24: what the supervisor lowers lies below what it starts from, what it raises above."""
     adaptive, stopping = job.profile.adaptive, job.profile.limits.arc_ratio
-    if adaptive.seek_reference and adaptive.arc_target >= stopping:
+    if adaptive.seek_reference and adaptive.arc_target is not None and adaptive.arc_target >= stopping:
         yield Finding(
             Code.ADAPTIVE,
             ("adaptive", "arc_target"),

@@ -12,11 +12,12 @@ from pydantic import TypeAdapter
 
 from edmctl.forecasts.erosion import with_expected_erosion, with_sought_reference
 from edmctl.forecasts.forecast import Job, forecast
+from edmctl.forecasts.regimes import with_regimes
 from edmctl.profile.findings import Code, Finding
 from edmctl.profile.model import DepthTarget, FeedTarget, Profile, ThroughTarget
 from edmctl.profile.sites import SiteTable
 from edmctl.profile.tables import Table, keys_at, nearest
-from edmctl.rules import materials, motion, pulse, sites, target
+from edmctl.rules import materials, motion, pulse, regimes, sites, target
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping
@@ -62,6 +63,7 @@ RULES: tuple[Callable[[Job], Iterable[Finding]], ...] = (
     target.depth_beyond_tolerance,
     materials.known_materials,
     materials.within_the_laws,
+    regimes.regimes,
 )
 """Every rule, in order of its number. Rule 12 (one touch speed for Z1, Z2 and Z3) has no key to break it."""
 
@@ -86,7 +88,7 @@ def with_time_limit(profile: Profile, setup: Setup, places: tuple[Place, ...] = 
 
 def in_share_only(profile: Profile) -> Profile:
     """Turn a reference in volts, or one that is sought, into the share that it is, so that it is stated once."""
-    stated = _with_share(profile)
+    stated = with_regimes(_with_share(profile))
     return stated if stated.servo.reference_v is None else _with(stated, "servo", reference_v=None)
 
 

@@ -203,6 +203,11 @@ def test_a_wider_gap_and_longer_pauses_reach_the_machine_in_the_middle_of_a_cut(
 SEEKING = ("adaptive.seek_reference=true",)
 
 
+def target_of(profile: Profile) -> float:
+    assert profile.adaptive.arc_target is not None
+    return profile.adaptive.arc_target
+
+
 @pytest.fixture
 def seeking() -> Profile:
     """Return cu270 with an adaptive reference and no jumps."""
@@ -213,8 +218,8 @@ def test_the_reference_falls_while_there_are_few_arcs_and_rises_while_there_are_
     seeking: Profile,
 ) -> None:
     low, high = Cut(seeking), Cut(seeking)
-    low.spark(20.0, arcs=0.5 * seeking.adaptive.arc_target)
-    high.spark(20.0, arcs=2.0 * seeking.adaptive.arc_target)
+    low.spark(20.0, arcs=0.5 * target_of(seeking))
+    high.spark(20.0, arcs=2.0 * target_of(seeking))
     assert low.law.reference < seeking.servo.reference - 0.05
     assert high.law.reference > seeking.servo.reference + 0.05
     assert low.changes(RunEvent.REFERENCE_CHANGED) == 5
@@ -223,7 +228,7 @@ def test_the_reference_falls_while_there_are_few_arcs_and_rises_while_there_are_
 
 def test_the_reference_rests_at_its_target_and_shorts_count_as_arcs(seeking: Profile) -> None:
     cut = Cut(seeking)
-    cut.spark(60.0, arcs=0.75 * seeking.adaptive.arc_target, shorts=0.25 * seeking.adaptive.arc_target)
+    cut.spark(60.0, arcs=0.75 * target_of(seeking), shorts=0.25 * target_of(seeking))
     assert cut.changes(RunEvent.REFERENCE_CHANGED) == 0
 
 

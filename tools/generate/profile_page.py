@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from edmctl.profile.model import DepthTarget, FeedTarget, Profile, ThroughTarget
+from edmctl.profile.model import DepthTarget, FeedTarget, Profile, Regime, ThroughTarget
 from edmctl.profile.profile_file import SimSettings
 from edmctl.profile.setup import Setup
 from edmctl.profile.sites import CircleSites, FileSites, GridSites, PathTable, PointSite
@@ -29,6 +29,7 @@ _KINDS: dict[str, list[tuple[str, type[BaseModel]]]] = {
         ("`[[sites]]`: a file", FileSites),
     ],
     "path": [("`[path]`", PathTable)],
+    "regimes": [("`[[regimes]]`", Regime)],
 }
 """Tables that have one model for each of their kinds, or may be missing."""
 

@@ -11,6 +11,7 @@ from edmctl.labels import Basis
 from edmctl.procedures.hole.cut_planning import CutStart, energy_of
 from edmctl.procedures.hole.site_result import CutSums
 from edmctl.procedures.job import HoleTarget, target_of
+from edmctl.procedures.job_state import RegimeBegun
 from edmctl.procedures.monitoring.drift import pause_drift_u_um
 from edmctl.procedures.touch.home import pad_from_home_um
 from edmctl.procedures.touch.spots import OFFSET_U_UM, ToolLength, read_pad
@@ -143,6 +144,7 @@ class OpenHole:
     begun: bool = False
     plan: CutPlan | None = None
     cut_estimate: Estimate | None = None
+    regime: RegimeBegun = field(default_factory=RegimeBegun)
 
     @property
     def surface_um(self) -> float:
@@ -155,8 +157,8 @@ class OpenHole:
         return (self.stops > 0 and self.bottom.doubt_u_um > 0.0) or self.face_u_um > FACE_LIMIT_UM
 
     def energy(self, run: JobRun) -> Energy:
-        """Energy of all its cuts."""
-        total = self.sums.total
+        """Energy of all its cuts in the regime in use."""
+        total = self.sums.total.since(self.regime.total)
         return energy_of(run.profile.pulse, total.counts, total.energy_j)
 
     def report(

@@ -11,10 +11,17 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from edmctl.labels import Basis
-from edmctl.procedures.hole.cut import Decision, decide, refuse_wrong_setup
-from edmctl.procedures.hole.cut_planning import CutPlan, CutStart, energy_of, learned_gap_um
+from edmctl.procedures.hole.cut import CutEnd, Decision, decide, refuse_wrong_setup
+from edmctl.procedures.hole.cut_planning import (
+    CutPlan,
+    CutStart,
+    energy_of,
+    following_plan,
+    learned_gap_um,
+)
 from edmctl.procedures.hole.first_sparks import judge_again
 from edmctl.procedures.hole.hole import Unmeasured
+from edmctl.procedures.hole.regimes import next_regime, regime_text
 from edmctl.procedures.touch.approach import CLEAR_OF_BOTTOM_UM, ExpectedBottom, raise_by, read_expected
 from edmctl.procedures.touch.spots import (
     TOUCH_U_UM,
@@ -96,10 +103,27 @@ def decide_next(
         next_start(run, hole, knowledge),
         knowledge.estimate,
         touch_final=run.job.touches_final,
-        broken_cuts=hole.sums.broken_cuts,
+        broken_cuts=hole.sums.broken_cuts + hole.regime.total.number,
     )
-    _report(run, found, knowledge.gap_um, decision)
+    gap_um = knowledge.gap_um
+    if decision.plan is None and (cut is None or cut.end is CutEnd.REACHED):
+        decision = _of_next_regime(run, hole, knowledge, number, found) or decision
+    _report(run, found, gap_um, decision)
     return decision
+
+
+def _of_next_regime(
+    run: JobRun, hole: OpenHole, knowledge: JobKnowledge, number: int, found: DepthAndWear
+) -> Decision | None:
+    """Return the first cut of the next regime; None where there is none."""
+    recipe = next_regime(run, hole, knowledge, found)
+    if recipe is None:
+        return None
+    start = next_start(run, hole, knowledge)
+    plan = following_plan(
+        run.profile, hole.target, number + 1, start, hole.estimate, touch_final=run.job.touches_final
+    )
+    return Decision(plan, f"{regime_text(recipe)} The next cut feeds {plan.feed_um:.2f} µm.")
 
 
 def touch_pad(
@@ -162,13 +186,13 @@ def learn(
         return stated
     learned = hole.estimate.fitted(
         None if hole.interrupted else hole.energy(run),
-        found.depth_um,
+        found.depth_um - hole.regime.depth_um,
         found.depth_u95_um / COVERAGE,
-        found.wear_um,
+        found.wear_um - hole.regime.wear_um,
         found.wear_u95_um / COVERAGE,
     )
     # What one stop has taught against the recipe, the next one may confirm.
-    is_confirmed = settled is None and hole.stops > 1 and stated is found
+    is_confirmed = settled is None and hole.stops - hole.regime.stops > 1 and stated is found
     knowledge.estimate = learned.confirmed() if is_confirmed else learned
     return stated
 

@@ -30,7 +30,7 @@ from edmctl.procedures.hole.measuring_stop import decide_next, learn, measured, 
 from edmctl.procedures.hole.site import cut_to_the_end, keep_hole_begun, through_message, touch_bottom_or_none
 from edmctl.procedures.hole.site_result import close_site
 from edmctl.procedures.job import target_of
-from edmctl.procedures.job_state import CutTotals
+from edmctl.procedures.job_state import CutTotals, RegimeBegun
 from edmctl.procedures.monitoring.drift import counted_pause_s, pause_drift_u_um
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.approach import MORE_LOOKS, wash
@@ -294,6 +294,8 @@ def _hole(run: JobRun, site: Place, knowledge: JobKnowledge, state: JobState) ->
     hole.interrupted = True
     hole.sums.before = CutTotals(state.cuts, state.counts, state.energy_j, state.machining_time_s)
     hole.sums.broken_cuts = state.broken_cuts
+    if run.profile.regimes:
+        hole.regime = RegimeBegun(state.regime_depth_um, state.regime_wear_um, hole.sums.before)
     return hole
 
 

@@ -83,7 +83,7 @@ def open_site(run: JobRun, site: Place) -> None:
     """Begin the account of a site; the readings of the one before may teach the actuator's estimator now."""
     tally = run.tally
     tally.depth_um, tally.open_site = 0.0, site.name
-    tally.depth_target_um = target_of(run.profile, site).depth_um
+    tally.depth_target_um = target_of(run.job.profile, site).depth_um
     run.watch.feed_error = FeedError()
     tracker = run.watch.tracker()
     if tracker is not None:

@@ -75,7 +75,7 @@ class AdaptiveControl:
         self._arc_high = limits.arc_high
         if limits.seek_reference:
             self._search = ReferenceSearch(profile, self._highest)
-            self._arc_high = max(limits.arc_high, FLUSH_ABOVE * limits.arc_target)
+            self._arc_high = max(limits.arc_high, FLUSH_ABOVE * self._search.target)
 
     def update(self, duration_s: float, pulses: int, arcs: int, shorts: int, *, sparking: bool) -> None:
         """Judge a slice; `sparking` is False during jumps."""

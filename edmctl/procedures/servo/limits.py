@@ -110,7 +110,7 @@ class TimeLimits:
 
     def __init__(self, run: JobRun) -> None:
         self._run = run
-        expected_s = forecast(run.profile, run.setup, run.job.sites).machining_time_s
+        expected_s = forecast(run.job.profile, run.setup, run.job.sites).machining_time_s
         self._machining_s = max(LEAST_S, LONGEST_SHARE * expected_s)
         self._before_s = run.tally.machining_time_s
 

@@ -29,6 +29,7 @@ class ReferenceSearch:
     """Where the reference should be, by the arcs of the last seconds."""
 
     def __init__(self, profile: Profile, highest: float) -> None:
+        assert profile.adaptive.arc_target is not None, "a loaded profile has it"
         self.target = profile.adaptive.arc_target
         """Share of arcs and shorts that is kept."""
         self.seen = math.nan

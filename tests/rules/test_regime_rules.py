@@ -1,0 +1,63 @@
+"""Rules of regimes, and what the forecast makes of them."""
+
+from __future__ import annotations
+
+import pytest
+
+import edmctl
+from edmctl.errors import ProfileError
+from edmctl.forecasts.regimes import recipes_of
+from edmctl.profile.findings import Code
+from edmctl.rules.load import load_profile
+
+ROUGH = '{name="rough",share=0.75,current_a=0.3}'
+FINE = '{name="fine",share=0.25,current_a=0.06,frequency_hz=7000,duty=0.35}'
+BOTH = f"regimes=[{ROUGH},{FINE}]"
+
+
+@pytest.mark.parametrize(
+    ("overrides", "said"),
+    [
+        ((f"regimes=[{ROUGH}]",), "the shares of all regimes are 0.75 together"),
+        ((f"regimes=[{ROUGH},{FINE.replace('fine', 'rough')}]",), "two regimes are called rough"),
+        ((BOTH, "sites=[{x_um=600}]"), "not for [[sites]]"),
+        ((BOTH, 'wear.remeasure="never"'), "not for wear.remeasure"),
+        ((BOTH, 'target={kind="feed",feed_um=50}'), 'not for target.kind = "feed"'),
+        ((BOTH.replace("current_a=0.06", "reference=0.5"),), "regime fine: servo reference 0.5"),
+    ],
+)
+def test_regimes_that_make_no_hole_are_refused(overrides: tuple[str, ...], said: str) -> None:
+    with pytest.raises(ProfileError) as refused:
+        load_profile("cu270", overrides)
+    assert any(said in one.message for one in refused.value.diagnostics)
+
+
+def test_a_warning_of_a_regime_names_it() -> None:
+    found = load_profile("cu270", (BOTH.replace("=0.3}", "=1.5}"),)).warnings
+    assert [one.message.partition(":")[0] for one in found if one.code == Code.BEYOND_LAWS] == [
+        "regime rough"
+    ]
+
+
+def test_a_regime_goes_by_its_own_pulses_and_what_they_let_expect() -> None:
+    profile = load_profile("cu270", (BOTH, "target.depth_um=60")).profile
+    rough, fine = recipes_of(profile)
+    assert (rough.from_um, rough.to_um, fine.to_um) == (0.0, 45.0, 60.0)
+    assert rough.profile.pulse.current_a == 0.3
+    assert rough.profile.pulse.frequency_hz == profile.pulse.frequency_hz
+    assert fine.profile.pulse.on_time_us == pytest.approx(50.0)
+    assert fine.profile.target.kind == "depth"
+    assert fine.profile.target.tolerance_um == 2.0
+    assert rough.profile.measure.expected_gap_um > fine.profile.measure.expected_gap_um
+    assert rough.profile.wear.expected_ratio > fine.profile.wear.expected_ratio
+
+
+def test_the_forecast_tells_each_regime() -> None:
+    ahead = edmctl.forecast("cu270", overrides=(BOTH, "target.depth_um=60"))
+    alone = edmctl.forecast("cu270", overrides={"target.depth_um": 60, "pulse.current_a": 0.06})
+    rough, fine = ahead.regimes
+    assert ahead.machining_time_s == pytest.approx(rough.machining_time_s + fine.machining_time_s)
+    assert ahead.wear_um == pytest.approx(rough.wear_um + fine.wear_um)
+    assert ahead.ra_um == fine.ra_um < 0.6 * rough.ra_um
+    assert ahead.machining_time_s < alone.machining_time_s
+    assert edmctl.forecast("cu270").regimes == ()
