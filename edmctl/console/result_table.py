@@ -138,7 +138,9 @@ def _site_block(site: Site, truth: SiteTruth | None, style: Style, columns: int)
     lines = [table, labelled("machining", machining, _LABEL, columns)]
     if truth and isfinite(truth.taper_um):
         wide = f"side gap {length(truth.side_gap_um)}, {length(truth.taper_um)} wider at the mouth"
-        surface = f"{wide}, Ra {length(truth.ra_um)}, Rz {length(truth.rz_um)}"
+        surface = (
+            f"{wide}, corner of {length(truth.corner_um)}, Ra {length(truth.ra_um)}, Rz {length(truth.rz_um)}"
+        )
         lines.append(labelled("true surface", surface, _LABEL, columns))
     if is_doubtful(site.verdict):
         lines.append(labelled("verdict", f"{site.verdict}", _LABEL, columns))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from edmctl.errors import RunFileError
 from edmctl.jobs.connected_run import connected_run, ending
 from edmctl.labels import marked
-from edmctl.process.erosion import roughness_rz_um
+from edmctl.process.erosion import corner_radius_um, roughness_rz_um
 from edmctl.results.job import SiteResult, SiteTruth
 from edmctl.results.result import Result, html_table
 from edmctl.wording import length
@@ -210,7 +210,15 @@ def _run(
 
 def _report(plan: Plan, session: MachineSession, tally: JobTally, true_wear: TrueWear | None) -> Report:
     virtual, job = session.bench.virtual, tally.result()
-    truths = truths_of(job.sites, virtual.truth(), true_wear) if virtual and true_wear else ()
+    truths: tuple[SiteTruth, ...] = ()
+    if virtual and true_wear:
+        diameter_um = plan.loaded.profile.tool.diameter_um
+        truths = tuple(
+            dataclasses.replace(
+                truth, corner_um=corner_radius_um(true_wear.at_end_of(site.name), diameter_um)
+            )
+            for site, truth in zip(job.sites, truths_of(job.sites, virtual.truth(), true_wear), strict=True)
+        )
     simulated = session.bench.machine.identity.simulated
     used = session.choice.used if session.choice else None
     channel = None

@@ -97,6 +97,10 @@ class TrueWear:
         begin_um = self._at_end_um[names[position - 1]] if position else self.before_um
         return self._at_end_um[name] - begin_um
 
+    def at_end_of(self, name: str) -> float:
+        """All that the tool had lost when it left a site, or by now."""
+        return self._at_end_um.get(name, self.bench.tool_wear_um)
+
     def _look(self) -> None:
         if self.bench.tool_wear_um > self._given_up_um:
             self._at_end_um[f"{LEFT} {len(self._at_end_um)}"] = self._given_up_um

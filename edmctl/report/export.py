@@ -81,6 +81,7 @@ _TRUTH = [
         ("taper", "how much wider the mouth is on the radius"),
         ("ra", "roughness Ra of the floor"),
         ("rz", "roughness Rz of the floor"),
+        ("corner", "radius of the tool's corner and the floor's edge"),
     )
 ]
 """Beside the results of simulated runs."""

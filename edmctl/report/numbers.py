@@ -93,7 +93,7 @@ def numbers_of(run: RunFile) -> RunNumbers:
     return RunNumbers(tuple(_site(row, labels, truths, thickness_um) for row, labels in rows))
 
 
-TRUE_SURFACE = ("side_gap_um", "taper_um", "ra_um", "rz_um")
+TRUE_SURFACE = ("side_gap_um", "taper_um", "ra_um", "rz_um", "corner_um")
 """What the virtual machine says of a hole beside depth and wear, by the names of `SiteTruth`."""
 
 

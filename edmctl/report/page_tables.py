@@ -130,6 +130,7 @@ def _one_site(site: SiteNumbers) -> PageTable:
                 row("taper, wider at the mouth", "", "", truth.taper_um),
                 row("roughness Ra", "", "", truth.ra_um),
                 row("roughness Rz", "", "", truth.rz_um),
+                row("radius of the corner", "", "", truth.corner_um),
             ]
             if truth
             else []

@@ -209,7 +209,8 @@ class SiteTruth:
     """A hole as the plant knows it; NaN where there is none.
 
     `side_gap_um` is the gap at the wall near the bottom, `taper_um` how much wider the mouth is on the radius, and
-    `ra_um` and `rz_um` the roughness Ra and Rz of the floor.
+    `ra_um` and `rz_um` the roughness Ra and Rz of the floor. `corner_um` is the radius of the tool's corner when it
+    left the hole, and so of the floor's edge.
     """
 
     depth_um: float = math.nan
@@ -218,6 +219,7 @@ class SiteTruth:
     taper_um: float = math.nan
     ra_um: float = math.nan
     rz_um: float = math.nan
+    corner_um: float = math.nan
 
 
 def site_result_of(mapping: Mapping[str, object]) -> SiteResult:

@@ -117,6 +117,7 @@ class SiteNumbers:
     truth_taper_um: float = math.nan
     truth_ra_um: float = math.nan
     truth_rz_um: float = math.nan
+    truth_corner_um: float = math.nan
 
     @property
     def truth(self) -> SiteTruth | None:
@@ -128,6 +129,7 @@ class SiteNumbers:
             self.truth_taper_um,
             self.truth_ra_um,
             self.truth_rz_um,
+            self.truth_corner_um,
         )
         return known if math.isfinite(known.depth_um) or math.isfinite(known.wear_um) else None
 

@@ -101,7 +101,15 @@ def test_json_has_the_documented_keys_and_the_same_seed_gives_the_same_bytes(
     (site,) = document["result"]["sites"]
     assert set(SITE_KEYS) <= set(site)
     assert set(site["ratios"]) == {"open", "normal", "arc", "short"}
-    assert set(site["truth"]) == {"depth_um", "wear_um", "side_gap_um", "taper_um", "ra_um", "rz_um"}
+    assert set(site["truth"]) == {
+        "depth_um",
+        "wear_um",
+        "side_gap_um",
+        "taper_um",
+        "ra_um",
+        "rz_um",
+        "corner_um",
+    }
     assert abs(site["depth_um"] - 8.0) <= 2.0
     assert abs(site["truth"]["depth_um"] - 8.0) <= 3.0
     assert {"time_s", "tool_wear_total_um"} <= set(document["result"])
