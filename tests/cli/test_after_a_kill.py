@@ -55,7 +55,7 @@ def assert_fault_told(said: Said, port: str) -> None:
     assert f"`edmctl reset --ack 1001 --port {port}`" in error["hint"]
 
 
-@pytest.mark.parametrize("name", tiers("machine", slow=("resume", "doctor"), full=("ports", "reset")))
+@pytest.mark.parametrize("name", tiers("machine", slow=("resume",), full=("doctor", "ports", "reset")))
 def test_the_next_command_finds_a_machine_that_is_safe_and_a_fault_that_says_why(
     here: Here, tmp_path: Path, name: str
 ) -> None:

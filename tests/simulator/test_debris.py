@@ -89,7 +89,7 @@ def arcs_expected(fraction: float, delay_us: NDArray[np.float64], *, after: bool
     return D.gap.arc_base + dense * pause * float(np.exp(-delay_us / fades_us).mean())
 
 
-@pytest.mark.parametrize("fraction", tiers(slow=(0.03, 0.1)))
+@pytest.mark.parametrize("fraction", tiers(slow=(0.1,), full=(0.03,)))
 def test_discharges_arc_as_debris_and_what_came_before_say(fraction: float) -> None:
     constants = of({**FORGETS, "bridge_base": 0.0}, roughness_um=0.0)
     classes = strike(fraction, 2.2, 40_000, constants=constants, keep_carbon=False).classes
