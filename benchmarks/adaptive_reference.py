@@ -12,9 +12,11 @@ from __future__ import annotations
 
 import argparse
 import sys
+import warnings
 from concurrent.futures import ProcessPoolExecutor
 
 from benchmarks.process_trends import TRIED, Trials, peak
+from edmctl.errors import EdmWarning
 
 STEPS = 9
 LEAST = 0.95
@@ -40,6 +42,7 @@ def main() -> int:
     parser.add_argument("--set", action="append", default=[], dest="overrides")
     given = parser.parse_args()
     least = 1.0
+    warnings.simplefilter("ignore", EdmWarning)
     print("open V  clearance s  best fixed at   rate µm³/s  adaptive µm³/s  share  arcs %  shorts %")
     with ProcessPoolExecutor() as pool:
         trials = Trials(pool, range(given.first, given.first + given.seeds), given.spread)

@@ -13,12 +13,14 @@ import argparse
 import json
 import math
 import sys
+import warnings
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 import edmctl
+from edmctl.errors import EdmWarning
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -240,6 +242,7 @@ def main() -> int:
     arguments = parser.parse_args()
     seeds = range(arguments.first, arguments.first + arguments.seeds)
     rows: list[dict[str, Any]] = []
+    warnings.simplefilter("ignore", EdmWarning)  # of tolerances that let a trial end with one cut
     with ProcessPoolExecutor() as pool:
         trials = Trials(pool, seeds, arguments.spread)
         for name in arguments.only:
