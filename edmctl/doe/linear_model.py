@@ -1,0 +1,239 @@
+"""Least squares over terms of a design: coefficients, prediction intervals, lack of fit, leaving points out.
+
+A term is a block of columns of the model matrix. Numbers enter coded to −1 … 1, categories by effects that sum to
+zero, so that what a term explains beyond all others does not depend on the order of the factors. After Montgomery,
+Design and Analysis of Experiments (2017), chapters 10 and 11.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import special
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+    Values = NDArray[np.float64]
+
+Term = tuple[tuple[str, int], ...]
+"""Factors with their powers; without any it is the mean. A category has the power 1."""
+
+MEAN: Term = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """What was run, by factor: numbers coded to −1 … 1, and names of categories, one value a run."""
+
+    numbers: Mapping[str, ArrayLike] = field(default_factory=dict)
+    categories: Mapping[str, Sequence[object]] = field(default_factory=dict)
+    names: Mapping[str, Sequence[object]] = field(default_factory=dict)
+    """All names of each category, in the order of the design; the effect of the last one follows from the others."""
+
+    @property
+    def runs(self) -> int:
+        """Number of runs."""
+        return len(np.asarray(next(iter((*self.numbers.values(), *self.categories.values())))))
+
+    def columns(self, factor: str, power: int) -> Values:
+        """Return what a factor puts into a term: (runs, 1), or (runs, names − 1) of a category."""
+        if factor in self.numbers:
+            return np.asarray(self.numbers[factor], float)[:, None] ** power
+        names = list(self.names[factor])
+        effects = np.vstack([np.eye(len(names) - 1), -np.ones(len(names) - 1)])
+        return effects[[names.index(value) for value in self.categories[factor]]]
+
+
+def main_effects(factors: Sequence[str]) -> list[Term]:
+    """Return the mean, and the terms of each factor alone."""
+    return [MEAN, *(((name, 1),) for name in factors)]
+
+
+def with_interactions(factors: Sequence[str]) -> list[Term]:
+    """Return main effects, then the product of each pair of factors."""
+    pairs = [((a, 1), (b, 1)) for n, a in enumerate(factors) for b in factors[n + 1 :]]
+    return [*main_effects(factors), *pairs]
+
+
+def second_order(numbers: Sequence[str], categories: Sequence[str] = ()) -> list[Term]:
+    """Return the terms of a full second-order surface; a category has no square."""
+    return [*with_interactions([*numbers, *categories]), *(((name, 2),) for name in numbers)]
+
+
+def term_name(term: Term) -> str:
+    """Return a term as tables name it: `current × t_on²`."""
+    return " × ".join(name if power == 1 else f"{name}{'²³'[power - 2]}" for name, power in term) or "mean"
+
+
+@dataclass(frozen=True, slots=True)
+class ModelMatrix:
+    """Columns of a linear model, and which of them belong to which term."""
+
+    columns: Values
+    """(runs, columns)."""
+    spans: Mapping[Term, slice]
+
+
+def model_matrix(settings: Settings, terms: Sequence[Term]) -> ModelMatrix:
+    """Return the columns of `terms` at `settings`."""
+    blocks, spans, end = [], {}, 0
+    for term in terms:
+        block = np.ones((settings.runs, 1))
+        for factor, power in term:
+            own = settings.columns(factor, power)
+            block = (block[:, :, None] * own[:, None, :]).reshape(len(block), -1)
+        blocks.append(block)
+        spans[term] = slice(end, end := end + block.shape[1])
+    return ModelMatrix(np.hstack(blocks), spans)
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """A linear model fitted to a response."""
+
+    model: ModelMatrix
+    response: Values
+    coefficients: Values
+    unscaled_covariance: Values
+    """Covariance of the coefficients for an error of variance 1."""
+    leverage: Values
+    """How far each run determines its own fitted value, 0 … 1."""
+
+    @property
+    def residuals(self) -> Values:
+        """Measured less fitted."""
+        return self.response - self.model.columns @ self.coefficients
+
+    @property
+    def error_dof(self) -> int:
+        """Degrees of freedom that are left to estimate the error."""
+        return len(self.response) - len(self.coefficients)
+
+    @property
+    def error_ss(self) -> float:
+        """Sum of the squared residuals."""
+        return float(self.residuals @ self.residuals)
+
+    @property
+    def error_variance(self) -> float:
+        """Estimated variance of the error; NaN where nothing is left to estimate it."""
+        return self.error_ss / self.error_dof if self.error_dof else float("nan")
+
+    @property
+    def total_ss(self) -> float:
+        """Sum of the squared deviations from the mean."""
+        deviation = self.response - self.response.mean()
+        return float(deviation @ deviation)
+
+    @property
+    def r2(self) -> float:
+        """Share of the variation that the model reproduces; says nothing about runs that were not made."""
+        return 1 - self.error_ss / self.total_ss if self.total_ss else float("nan")
+
+    @property
+    def adjusted_r2(self) -> float:
+        """`r2` that pays for every column; NaN where nothing is left to estimate the error."""
+        return (
+            1 - self.error_variance / (self.total_ss / (len(self.response) - 1))
+            if self.total_ss
+            else float("nan")
+        )
+
+    @property
+    def left_out_residuals(self) -> Values:
+        """Measured less predicted by a model without that run; NaN where the model needs the run."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.where(self.leverage < 1 - 1e-9, self.residuals / (1 - self.leverage), np.nan)
+
+    @property
+    def predicted_r2(self) -> float:
+        """Share of the variation that is predicted of runs left out one by one (PRESS)."""
+        left_out = self.left_out_residuals
+        return 1 - float(left_out @ left_out) / self.total_ss if self.total_ss else float("nan")
+
+    def adjusted_ss(self, term: Term) -> float:
+        """Return what a term explains beyond all other terms (type III sum of squares)."""
+        span = self.model.spans[term]
+        effect = self.coefficients[span]
+        return float(effect @ np.linalg.solve(self.unscaled_covariance[span, span], effect))
+
+    def predict(self, settings: Settings) -> tuple[Values, Values]:
+        """Return the expected response at `settings`, and its standard error without that of a single run."""
+        columns = model_matrix(settings, list(self.model.spans)).columns
+        variance = np.einsum("ij,jk,ik->i", columns, self.unscaled_covariance, columns)
+        return columns @ self.coefficients, np.sqrt(variance * self.error_variance)
+
+    def interval(
+        self, settings: Settings, level: float = 0.95, runs: int | None = 1
+    ) -> tuple[Values, Values]:
+        """Return the expected response and half the width of its interval.
+
+        It is that of the mean of `runs` new runs; None asks for that of the expected response itself.
+        """
+        expected, error = self.predict(settings)
+        variance = error**2 + (self.error_variance / runs if runs else 0.0)
+        quantile = special.stdtrit(self.error_dof, (1 + level) / 2) if self.error_dof else float("nan")
+        return expected, quantile * np.sqrt(variance)
+
+
+def fit(model: ModelMatrix, response: ArrayLike) -> Fit:
+    """Fit `model` to one response a run.
+
+    Raises ValueError where the runs do not determine the terms, naming those.
+    """
+    values = np.asarray(response, float)
+    q, r = np.linalg.qr(model.columns)
+    strength = np.abs(np.diag(r))
+    if len(values) < model.columns.shape[1] or strength.min() < 1e-9 * strength.max():
+        lost = undetermined(model)
+        raise ValueError(f"These runs do not determine {', '.join(map(term_name, lost))}.")
+    inverse = np.linalg.solve(r, np.eye(len(r)))
+    return Fit(model, values, inverse @ (q.T @ values), inverse @ inverse.T, np.einsum("ij,ij->i", q, q))
+
+
+def undetermined(model: ModelMatrix) -> list[Term]:
+    """Return the terms that add less than all of their columns to the terms before them."""
+    rank, found = 0, []
+    for term, span in model.spans.items():
+        known = int(np.linalg.matrix_rank(model.columns[:, : span.stop]))
+        if known - rank < span.stop - span.start:
+            found.append(term)
+        rank = known
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class LackOfFit:
+    """Whether a model misses more than runs at the same settings differ."""
+
+    dof: int
+    ss: float
+    pure_dof: int
+    pure_ss: float
+
+    @property
+    def f(self) -> float:
+        """Ratio of the variances; NaN where either has no degrees of freedom."""
+        if not self.dof or not self.pure_dof or not self.pure_ss:
+            return float("nan")
+        return (self.ss / self.dof) / (self.pure_ss / self.pure_dof)
+
+    @property
+    def p(self) -> float:
+        """Probability of such a ratio where the model is right."""
+        return float(special.fdtrc(self.dof, self.pure_dof, self.f))
+
+
+def lack_of_fit(fitted: Fit, points: Sequence[object]) -> LackOfFit:
+    """Split the error of a fit: `points` says of each run where it was made; equal ones are replicates."""
+    pure_ss, distinct = 0.0, list(dict.fromkeys(points))
+    for point in distinct:
+        values = fitted.response[[one == point for one in points]]
+        pure_ss += float(((values - values.mean()) ** 2).sum())
+    pure_dof = len(points) - len(distinct)
+    return LackOfFit(fitted.error_dof - pure_dof, max(0.0, fitted.error_ss - pure_ss), pure_dof, pure_ss)

@@ -1,0 +1,181 @@
+"""Fits and tables agree with statsmodels to 1e-10."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import statsmodels.api as sm
+import statsmodels.formula.api as smf
+from statsmodels.stats.anova import anova_lm
+
+from edmctl.doe.anova import anova, pooled_anova
+from edmctl.doe.arrays import arrays
+from edmctl.doe.linear_model import (
+    Fit,
+    Settings,
+    fit,
+    lack_of_fit,
+    main_effects,
+    model_matrix,
+    second_order,
+    term_name,
+    with_interactions,
+)
+
+
+def close(value: object) -> Any:
+    """Return what is equal to 1e-10."""
+    return pytest.approx(value, rel=1e-10, abs=1e-10)
+
+
+def unbalanced(seed: int) -> tuple[Settings, np.ndarray, pd.DataFrame]:
+    """Runs of two numbers and a category, as if some had been lost."""
+    rng = np.random.default_rng(seed)
+    x, z = rng.uniform(-1, 1, (2, 25))
+    oil = list(rng.choice(["water", "kerosene", "mineral"], 25))
+    y = (
+        3
+        + x
+        - 2 * z
+        + x * z
+        + 0.5 * x**2
+        + np.array([len(name) / 5 for name in oil])
+        + rng.normal(0, 0.3, 25)
+    )
+    settings = Settings({"x": x, "z": z}, {"oil": oil}, {"oil": ("water", "kerosene", "mineral")})
+    return settings, y, pd.DataFrame({"x": x, "z": z, "oil": oil, "y": y})
+
+
+FORMULA = "y ~ x + z + C(oil, Sum) + x:z + x:C(oil, Sum) + z:C(oil, Sum) + I(x**2) + I(z**2)"
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_sums_of_squares_are_those_of_statsmodels(seed: int) -> None:
+    settings, y, frame = unbalanced(seed)
+    table = anova(settings, second_order(["x", "z"], ["oil"]), y)
+    model = smf.ols(FORMULA, frame).fit()
+    third = anova_lm(model, typ=3)
+    order = ["x", "z", "C(oil, Sum)", "x:z", "x:C(oil, Sum)", "z:C(oil, Sum)", "I(x ** 2)", "I(z ** 2)"]
+    for row, name in zip(table.rows, order, strict=True):
+        assert row.dof == third.loc[name, "df"]
+        assert row.adjusted_ss == close(third.loc[name, "sum_sq"])
+        assert row.f == close(third.loc[name, "F"])
+        assert row.p == close(third.loc[name, "PR(>F)"])
+    assert table.error.dof == model.df_resid
+    assert table.error.adjusted_ss == close(third.loc["Residual", "sum_sq"])
+    assert sum(row.contribution_pct for row in table.rows) + table.error.contribution_pct == pytest.approx(
+        100
+    )
+    assert sum(row.pure_pct for row in table.rows) + table.error.pure_pct == pytest.approx(100)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_sequential_sums_of_squares_are_those_of_statsmodels(seed: int) -> None:
+    settings, y, frame = unbalanced(seed)
+    table = anova(settings, main_effects(["oil", "z", "x"]), y)
+    first = anova_lm(smf.ols("y ~ C(oil, Sum) + z + x", frame).fit(), typ=1)
+    assert [row.sequential_ss for row in table.rows] == close(first["sum_sq"].tolist()[:-1])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_fit_its_intervals_and_what_is_left_out_are_those_of_statsmodels(seed: int) -> None:
+    settings, y, _ = unbalanced(seed)
+    terms = second_order(["x", "z"], ["oil"])
+    mine = fit(model_matrix(settings, terms), y)
+    theirs = sm.OLS(y, mine.model.columns).fit()
+    assert mine.coefficients == close(theirs.params)
+    assert mine.r2 == close(theirs.rsquared)
+    assert mine.adjusted_r2 == close(theirs.rsquared_adj)
+    press = theirs.get_influence().resid_press
+    assert mine.left_out_residuals == close(press)
+    assert mine.predicted_r2 == close(1 - press @ press / theirs.centered_tss)
+    new, _, _ = unbalanced(seed + 10)
+    said = theirs.get_prediction(model_matrix(new, terms).columns).summary_frame(alpha=0.05)
+    expected, half = mine.interval(new)
+    assert expected == close(said["mean"].to_numpy())
+    assert half == close((said["obs_ci_upper"] - said["mean"]).to_numpy())
+    _, half_of_mean = mine.interval(new, runs=None)
+    assert half_of_mean == close((said["mean_ci_upper"] - said["mean"]).to_numpy())
+
+
+def test_leaving_a_run_out_is_what_a_fit_without_it_says() -> None:
+    settings, y, _ = unbalanced(5)
+    terms = main_effects(["x", "z"])
+    whole = fit(model_matrix(settings, terms), y)
+    rest = np.arange(1, len(y))
+    numbers = {name: np.asarray(values) for name, values in settings.numbers.items()}
+    without = fit(model_matrix(Settings({name: v[rest] for name, v in numbers.items()}), terms), y[rest])
+    expected, _ = without.predict(Settings({name: v[:1] for name, v in numbers.items()}))
+    assert whole.left_out_residuals[0] == pytest.approx(y[0] - expected[0])
+
+
+def test_lack_of_fit_is_the_test_between_the_two_models() -> None:
+    rng = np.random.default_rng(2)
+    x = np.repeat([-1.0, -0.5, 0, 0.5, 1], 3)
+    y = 1 + x + 0.8 * x**2 + rng.normal(0, 0.2, 15)
+    fitted = fit(model_matrix(Settings({"x": x}), main_effects(["x"])), y)
+    found = lack_of_fit(fitted, list(x))
+    frame = pd.DataFrame({"x": x, "y": y})
+    against = anova_lm(smf.ols("y ~ x", frame).fit(), smf.ols("y ~ C(x)", frame).fit())
+    assert (found.dof, found.pure_dof) == (3, 10)
+    assert found.f == close(against["F"][1])
+    assert found.p == close(against["Pr(>F)"][1])
+
+
+def saturated() -> tuple[Settings, np.ndarray]:
+    levels = arrays()["L9 (3^4)"].levels
+    names = ("low", "middle", "high")
+    columns = {name: [names[level] for level in levels[:, n]] for n, name in enumerate("ABCD")}
+    settings = Settings({}, columns, dict.fromkeys("ABCD", names))
+    return settings, np.random.default_rng(1).normal(levels[:, 0] * 5.0 + levels[:, 1], 0.3)
+
+
+def test_no_f_where_nothing_is_left_to_estimate_the_error() -> None:
+    settings, y = saturated()
+    table = anova(settings, main_effects(list("ABCD")), y)
+    assert table.error.dof == 0
+    assert all(np.isnan(row.f) and np.isnan(row.p) for row in table.rows)
+    assert sum(row.contribution_pct for row in table.rows) == pytest.approx(100)
+
+
+def test_pooling_names_what_it_counts_as_error() -> None:
+    settings, y = saturated()
+    whole = {row.name: row for row in anova(settings, main_effects(list("ABCD")), y).rows}
+    table = pooled_anova(settings, main_effects(list("ABCD")), y)
+    assert set(table.pooled) == {"C", "D"}
+    assert [row.name for row in table.rows] == ["A", "B"]
+    assert table.error.dof == 4
+    assert table.error.adjusted_ss == pytest.approx(sum(whole[name].adjusted_ss for name in table.pooled))
+    assert table.rows[0].f > 100
+
+
+def test_terms_that_the_runs_do_not_determine_are_named() -> None:
+    x = np.array([-1.0, 1, -1, 1])
+    settings = Settings({"x": x, "z": x})
+    with pytest.raises(ValueError, match=r"These runs do not determine z, x × z\."):
+        fit(model_matrix(settings, with_interactions(["x", "z"])), [1.0, 2, 3, 4])
+
+
+def test_a_response_that_does_not_vary_has_no_shares() -> None:
+    x = np.array([-1.0, 0, 1, 0])
+    table = anova(Settings({"x": x}), main_effects(["x"]), [2.0] * 4)
+    assert np.isnan(table.rows[0].contribution_pct)
+    same: Fit = fit(model_matrix(Settings({"x": x}), main_effects(["x"])), [2.0] * 4)
+    assert np.isnan(same.r2)
+
+
+def test_a_factor_without_effect_is_flagged_as_often_as_the_level_says() -> None:
+    rng = np.random.default_rng(11)
+    settings, _ = saturated()
+    twice = Settings({}, {name: [*v, *v] for name, v in settings.categories.items()}, settings.names)
+    flagged = sum(
+        anova(twice, main_effects(["A", "B"]), rng.normal(0, 1, 18)).rows[1].p < 0.05 for _ in range(400)
+    )
+    assert 0.02 <= flagged / 400 <= 0.09
+
+
+def test_names_of_terms() -> None:
+    assert [term_name(term) for term in second_order(["a"], ["b"])] == ["mean", "a", "b", "a × b", "a²"]
