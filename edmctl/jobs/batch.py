@@ -19,7 +19,7 @@ from edmctl.jobs.plan import check
 from edmctl.jobs.run_header import name_run, plain_name, run_path
 from edmctl.jobs.statistics import run_of
 from edmctl.jobs.surroundings import Unobserved
-from edmctl.jobs.sweep import of_sweep, sweep_steps
+from edmctl.jobs.sweep import grid_of, of_sweep
 from edmctl.results.progress import Observer
 
 if TYPE_CHECKING:
@@ -70,22 +70,22 @@ class Case:
 
 
 def cases_of(request: JobRequest, sweeps: Sequence[str], runs: int, surroundings: Surroundings) -> list[Case]:
-    """Check a job with every value of its sweep, before anything runs.
+    """Check a job with every combination of the values of its sweeps, before anything runs.
 
-    Raises UsageError E2003 for a sweep that is none, and whatever `check` raises; what is wrong with a value of the
+    Raises UsageError E2003 for a sweep that is none, and whatever `check` raises; what is wrong with a value of a
     sweep is told of that.
     """
-    steps = sweep_steps(sweeps, runs)
-    if not steps:
-        plan = check(request, surroundings)
+    grid = grid_of(sweeps, runs)
+    plan = check(request, surroundings)  # what is wrong without the sweeps is not theirs
+    if not sweeps:
         return [Case(plan.loaded.path.stem, request, plan)]
-    check(request, surroundings)  # what is wrong without the sweep is not the sweep's
-    requests = [replace(request, overrides=(*request.overrides, step)) for step in steps]
+    requests = [replace(request, overrides=(*request.overrides, *steps)) for steps in grid]
     try:
         plans = [check(one, surroundings) for one in requests]
     except ProfileError as error:
-        raise ProfileError(tuple(of_sweep(one, sweeps[0], steps) for one in error.diagnostics)) from error
-    return [Case(*one) for one in zip(steps, requests, plans, strict=True)]
+        raise ProfileError(tuple(of_sweep(one, sweeps) for one in error.diagnostics)) from error
+    labels = [" ".join(steps) for steps in grid]
+    return [Case(*one) for one in zip(labels, requests, plans, strict=True)]
 
 
 def tasks_of(cases: Sequence[Case], first_seed: int, runs: int, out: Path | None) -> list[Task]:

@@ -1,8 +1,9 @@
-"""Seeds of the simulator, and one profile value in equal steps (`KEY=START:STOP:COUNT`)."""
+"""Seeds of the simulator, and profile values in equal steps (`KEY=START:STOP:COUNT`) with all combinations."""
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 import operator
 import re
@@ -93,31 +94,34 @@ def parse_sweep(text: str) -> Sweep:
 MOST_RUNS = 100_000
 
 
-def sweep_steps(sweeps: Sequence[str], runs: int) -> tuple[str, ...]:
-    """Return one `KEY=VALUE` per value of the one sweep; none without a sweep. Raises UsageError E2003."""
-    if not sweeps:
-        return ()
-    if len(sweeps) > 1:
+def grid_of(sweeps: Sequence[str], runs: int) -> tuple[tuple[str, ...], ...]:
+    """Return the `KEY=VALUE` of every combination of the sweeps' values, the first sweep slowest.
+
+    Without a sweep that is one combination of nothing. Raises UsageError E2003.
+    """
+    found = [parse_sweep(text) for text in sweeps]
+    keys = [sweep.key for sweep in found]
+    if twice := [key for key in keys if keys.count(key) > 1]:
+        raise UsageError(f"Two sweeps go over {twice[0]}.", hint="Give each key one --sweep.", code="E2003")
+    size = math.prod(len(sweep.values) for sweep in found)
+    if size * runs > MOST_RUNS:
+        fewer = f"--runs {MOST_RUNS // size} or fewer, or " if size <= MOST_RUNS else ""
         raise UsageError(
-            f"--sweep goes over one key at a time, and {len(sweeps)} are given.",
-            hint="Say one of them with --sweep and each value of the other with --set, in a command of its own.",
-            code="E2003",
-        )
-    steps = parse_sweep(sweeps[0]).overrides()
-    if len(steps) * runs > MOST_RUNS:
-        raise UsageError(
-            f"{len(steps)} values with {plural(runs, 'run')} each are {len(steps) * runs} runs; "
+            f"{plural(size, 'value')} with {plural(runs, 'run')} each are {size * runs} runs; "
             f"at most {MOST_RUNS} go at a time.",
-            hint=f"Take --runs {MOST_RUNS // len(steps)} or fewer, or fewer values.",
+            hint=f"Take {fewer}fewer values.",
             code="E2003",
         )
-    return steps
+    return tuple(itertools.product(*(sweep.overrides() for sweep in found)))
 
 
-def of_sweep(diagnostic: Diagnostic, sweep: str, steps: Sequence[str]) -> Diagnostic:
-    """Return a diagnostic that points at a swept value as one that points at the sweep."""
+def of_sweep(diagnostic: Diagnostic, sweeps: Sequence[str]) -> Diagnostic:
+    """Return a diagnostic that points at a swept value as one that points at its sweep."""
     where = diagnostic.where
-    if where is None or where.file != "--set" or where.source_line not in steps:
+    if where is None or where.file != "--set":
+        return diagnostic
+    sweep = next((text for text in sweeps if where.source_line in parse_sweep(text).overrides()), None)
+    if sweep is None:
         return diagnostic
     return dataclasses.replace(
         diagnostic, where=dataclasses.replace(where, file="--sweep", source_line=sweep)

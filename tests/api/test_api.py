@@ -64,6 +64,7 @@ def test_a_result_is_that_of_the_command(here: Here) -> None:
     assert json.dumps(report.to_dict(), sort_keys=True) == json.dumps(said.document["result"], sort_keys=True)
 
 
+@pytest.mark.slow
 def test_threads_give_the_bytes_of_commands(tmp_path: Path) -> None:
     """Thirty jobs in eight threads are `python -m benchmarks.api_threads`."""
     jobs = [
@@ -131,6 +132,7 @@ def test_procedures_are_told_like_jobs(tmp_path: Path) -> None:
     assert jumps._repr_html_().count("<tr>") == 4
 
 
+@pytest.mark.slow
 def test_a_calibration_has_errors_and_acceptance_and_is_used(tmp_path: Path) -> None:
     setup = tmp_path / "setup.toml"
     setup.write_text("[sensor]\nfitted = false\n")

@@ -164,6 +164,7 @@ def test_pictures_load_nothing_from_elsewhere() -> None:
         assert set(addresses) <= {*names, "https://www.textualize.io"}
 
 
+@pytest.mark.slow
 def test_the_sample_result_of_the_readme_is_what_its_seed_gives(here: Here) -> None:
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     (sample,) = re.findall(r"<!-- result -->\n```text\n(.*?)\n```", readme, flags=re.DOTALL)

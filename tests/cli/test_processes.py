@@ -41,7 +41,7 @@ def read_until(stream: IO[str], part: str) -> str:
     raise AssertionError(f"{part!r} never came; there was:\n{lines}")
 
 
-@pytest.mark.parametrize(("number", "exit_code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(("number", "exit_code"), tiers((signal.SIGINT, 130), slow=((signal.SIGTERM, 143),)))
 def test_a_signal_stops_in_order(number: signal.Signals, exit_code: int, tmp_path: Path) -> None:
     process = start("machine", "--profile", CU270, "--seed", "1", "--run-id", "r", "--json", cwd=tmp_path)
     assert process.stderr is not None

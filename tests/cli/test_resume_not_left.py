@@ -83,7 +83,7 @@ def worn_so_far_um() -> float:
     return restored_bench(read_bench(Path("bench.h5"))).tool_wear_um
 
 
-@pytest.mark.parametrize("seconds", tiers(12.0, slow=(30.0,), full=(55.0,)))
+@pytest.mark.parametrize("seconds", tiers(slow=(12.0, 30.0), full=(55.0,)))
 def test_untouched_work_is_refused_and_made_from_its_face_when_asked(
     here: Here, left_at: LeaveAt, seconds: float
 ) -> None:

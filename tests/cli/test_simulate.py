@@ -187,6 +187,48 @@ def test_a_sweep_on_one_machine_says_what_its_runs_have_in_common(here: Here) ->
     assert here(*sweep, "--runs", "2").document["warnings"] == []
 
 
+def test_several_sweeps_make_a_grid_the_first_slowest(here: Here) -> None:
+    sweeps = ("--sweep", "target.depth_um=100:120:2", "--sweep", "servo.reference=0.7:0.8:2")
+    document = here("simulate", "--profile", "cu270", "--dry-run", *sweeps, "--json").document
+    assert [case["label"] for case in document["result"]["cases"]] == [
+        "target.depth_um=100 servo.reference=0.7",
+        "target.depth_um=100 servo.reference=0.8",
+        "target.depth_um=120 servo.reference=0.7",
+        "target.depth_um=120 servo.reference=0.8",
+    ]
+    assert document["result"]["cases"][1]["overrides"] == ["target.depth_um=100", "servo.reference=0.8"]
+
+
+def test_a_wrong_value_of_a_grid_is_told_of_its_sweep(here: Here) -> None:
+    sweeps = ("--sweep", "target.depth_um=100:120:2", "--sweep", "pulse.current_a=-0.5:1:2")
+    said = here("simulate", "--profile", "cu270", "--dry-run", *sweeps)
+    assert said.exit_code == 3
+    assert "--> --sweep:1:17\n1 | pulse.current_a=-0.5:1:2" in said.err
+
+
+@pytest.mark.parametrize(
+    ("sweeps", "told", "remedy"),
+    [
+        (("jump.period_s=1:2:2", "jump.period_s=3:4:2"), "Two sweeps go over jump.period_s.", "one --sweep"),
+        (("jump.period_s=1:2:100", "jump.dwell_ms=1:9:99"), "are 990000 runs", "Take --runs 10 or fewer, or"),
+        (
+            ("jump.period_s=1:2:900", "jump.dwell_ms=1:9:999"),
+            "are 89910000 runs",
+            "= help: Take fewer values.",
+        ),
+    ],
+)
+def test_a_grid_that_cannot_be_is_refused(
+    here: Here, sweeps: tuple[str, ...], told: str, remedy: str
+) -> None:
+    said = here(
+        "simulate", *SHALLOW, "--runs", "100", *(word for text in sweeps for word in ("--sweep", text))
+    )
+    assert said.exit_code == 2
+    assert told in said.err
+    assert remedy in said.err
+
+
 def test_every_value_of_a_sweep_is_checked_before_the_first_run(here: Here) -> None:
     said = here("simulate", *SHALLOW, "--sweep", "servo.reference=0.5:0.9:3", "--json")
     assert said.exit_code == 3

@@ -15,6 +15,7 @@ from edmctl.link.opening import open_line
 from edmctl.link.session import Session
 from edmctl.record.bench_file import bench_lock
 from tests.cli.commands import CU270, command, environment
+from tests.tiers import tiers
 
 if TYPE_CHECKING:
     from tests.cli.commands import Here
@@ -42,7 +43,7 @@ def ready(stream: IO[str] | None) -> str:
     raise AssertionError("never ready")
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", tiers(signal.SIGINT, slow=(signal.SIGTERM, signal.SIGHUP)))
 def test_a_signal_ends_it_with_its_result_and_without_its_link(
     number: signal.Signals, tmp_path: Path
 ) -> None:

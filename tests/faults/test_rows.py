@@ -16,6 +16,7 @@ from edmctl.record import writer
 from edmctl.record.rows import RunEvent
 from tests.cli.commands import CU270, Here, Said
 from tests.faults.workshop import Workshop
+from tests.tiers import tiers
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -36,6 +37,9 @@ QUICK = (
 SETUP = "[stage]\npark_x_um = -5000.0\nspeed_um_s = 50000.0\n[actuator]\nconditioning_slew_v_s = 50.0\n"
 UNCONDITIONED = SETUP + "conditioning_cycles = 0\n"
 CONDITIONED = SETUP + "conditioning_cycles = 1\n"
+
+ROWS = list(FAULTS.values())
+SAMPLE = tiers(*ROWS[::2], slow=ROWS[1::2])
 
 HOST_GRANULARITY_S = 0.2
 """A host looks ten times a second, on samples that are as old."""
@@ -111,7 +115,7 @@ TRIED_AGAIN = {"ARC_BURN"}
 """Faults that the host clears some times and goes on after, before it gives up."""
 
 
-@pytest.mark.parametrize("row", FAULTS.values(), ids=lambda row: row.name)
+@pytest.mark.parametrize("row", SAMPLE, ids=lambda row: row.name)
 def test_a_row_is_told_in_time_and_safely_and_the_machine_goes_on_after_it(
     row: FaultRow,
     machine_with: Callable[..., tuple[Workshop, Callable[..., Said]]],

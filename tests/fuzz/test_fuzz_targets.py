@@ -13,5 +13,6 @@ def test_the_decoder_holds(seed: int) -> None:
     drive(fuzz_decoder.one_input, recorded_frames(), 300, seed)
 
 
+@pytest.mark.slow
 def test_the_controller_holds() -> None:
     drive(fuzz_controller.one_input, fuzz_controller.seeds(), 150, 1)

@@ -12,6 +12,7 @@ from edmctl.procedures.servo.adaptive import CLEAN_S, LONGEST_SHARE, PATIENCE, A
 from edmctl.profile.findings import REFERENCE_MARGIN
 from edmctl.record.rows import RunEvent
 from edmctl.rules.load import load_profile
+from tests.tiers import tiers
 
 from .conftest import CU270
 
@@ -248,7 +249,7 @@ def test_an_adaptive_reference_asks_for_jumps_well_above_its_target() -> None:
     assert len(cut.jumps_s) == 1
 
 
-@pytest.mark.parametrize("flush_s", [0.5, 2.0])
+@pytest.mark.parametrize("flush_s", tiers(2.0, slow=(0.5,)))
 def test_a_hole_is_made_faster_with_an_adaptive_reference_whatever_the_flushing(flush_s: float) -> None:
     same = {
         **{"target.depth_um": 25, "sim.flush_time_s": flush_s, "jump.mode": "off", "log.pulses": "off"},

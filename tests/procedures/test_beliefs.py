@@ -78,7 +78,7 @@ class Changing(Told):
             self.change = 1.0
 
 
-@pytest.mark.parametrize("change", [0.5, 2.0])
+@pytest.mark.parametrize("change", tiers(2.0, slow=(0.5,)))
 @pytest.mark.parametrize("hole", tiers("hole-3", slow=("hole-5",), full=("hole-7",)))
 def test_a_tool_that_wears_otherwise_from_some_hole_on_is_held(
     shop: Callable[..., Shop], hole: str, change: float
@@ -129,7 +129,7 @@ def test_what_is_told_during_a_cut_holds_before_any_touch_has_confirmed_the_beli
     assert told.wears.count(True) >= LEAST_HELD * len(told.wears)
 
 
-@pytest.mark.parametrize("tool_wear", [1.8, 2.6])
+@pytest.mark.parametrize("tool_wear", tiers(1.8, slow=(2.6,)))
 def test_a_belief_that_two_stops_agree_on_ends_the_hole_in_three_cuts(tool_wear: float) -> None:
     overrides = {"target.depth_um": 60, "sim.tool_wear": tool_wear, "log.pulses": "off", "jump.mode": "off"}
     report = edmctl.connect("sim:", seed=3).machine("cu270", overrides=overrides, warn=lambda _: None)

@@ -153,7 +153,7 @@ def test_a_clean_channel_doubts_nothing(made: Made) -> None:
 @pytest.mark.parametrize("name", tiers("CHIP", slow=("LOOSE_CHIP",)))
 @pytest.mark.parametrize(
     "kind",
-    ["Z1", "Zr", "Z2", "Z3"],
+    tiers("Z2", slow=("Z1", "Zr", "Z3")),
 )
 def test_a_chip_under_any_touch_is_told_and_covered(made: Made, kind: str, name: str) -> None:
     kinds = [row.kind for row in made.seen.touches]
@@ -183,7 +183,7 @@ class Shorts(Told):
             self.request.request(signal.SIGINT)
 
 
-@pytest.mark.parametrize("seed", [3, 4, 5])
+@pytest.mark.parametrize("seed", tiers(3, slow=(4, 5)))
 def test_a_channel_that_is_left_while_the_gap_is_shorted_is_no_shallower_than_it_was_touched(
     seed: int,
 ) -> None:

@@ -30,7 +30,7 @@ def doubts(shop: Shop) -> list[str]:
 
 
 @pytest.mark.parametrize("size_um", tiers(8.0, slow=(2.0, 18.0)))
-@pytest.mark.parametrize("touch", [Z1_TOUCH, Z1_TOUCH + 1, Z3_TOUCH, Z3_TOUCH + 1])
+@pytest.mark.parametrize("touch", tiers(Z1_TOUCH, Z3_TOUCH, slow=(Z1_TOUCH + 1, Z3_TOUCH + 1)))
 def test_a_chip_on_the_pad_costs_a_spot_and_no_accuracy(touch: int, size_um: float) -> None:
     shop = Shop(seed=3001)
     shop.bench.inject(parse_injection(f"CHIP_{size_um:g}@touch{touch}+0"))

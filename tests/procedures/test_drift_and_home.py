@@ -163,7 +163,7 @@ def test_creep_after_a_long_way_may_hide_a_drift_the_other_way() -> None:
     assert rests.rate_um_s() == pytest.approx(crept_um / 400.0)
 
 
-@pytest.mark.parametrize("rate_um_s", [-FAST_UM_S, FAST_UM_S])
+@pytest.mark.parametrize("rate_um_s", tiers(-FAST_UM_S, slow=(FAST_UM_S,)))
 @pytest.mark.parametrize("depth_um", tiers(10.0, slow=(40.0,)))
 def test_the_wear_of_one_hole_holds_with_the_worst_drift_of_hundreds_of_machines(
     depth_um: float, rate_um_s: float
@@ -281,7 +281,7 @@ def test_a_controller_that_was_started_since_home_was_known_is_told(
     assert ("--bench FILE" if simulated else "there a touch tells") in caught.value.hint
 
 
-@pytest.mark.parametrize("hours", [8.0, 72.0])
+@pytest.mark.parametrize("hours", tiers(72.0, slow=(8.0,)))
 @pytest.mark.parametrize("rate_um_s", [FAST_UM_S, -FAST_UM_S])
 def test_over_the_pad_a_touch_tells_where_home_is(rate_um_s: float, hours: float) -> None:
     shop = over_the_pad(drifting(rate_um_s, hours=hours))
@@ -358,7 +358,7 @@ def left_in_a_hole(state: JobState) -> bool:
 
 
 @pytest.mark.parametrize("when", [left_between_holes, left_in_a_hole])
-@pytest.mark.parametrize("rate_um_s", [FAST_UM_S, -FAST_UM_S])
+@pytest.mark.parametrize("rate_um_s", tiers(FAST_UM_S, slow=(-FAST_UM_S,)))
 def test_the_next_morning_a_worn_tool_over_the_pad_finds_its_home(
     rate_um_s: float, when: Callable[[JobState], bool]
 ) -> None:

@@ -75,7 +75,7 @@ def doubts(shop: Shop) -> list[str]:
     return [message for _, code, _, message, _ in shop.seen.events if code == RunEvent.TOUCH_DOUBTED]
 
 
-@pytest.mark.parametrize("touch", [ZR_TOUCH, ZR_TOUCH + 1])
+@pytest.mark.parametrize("touch", tiers(ZR_TOUCH, slow=(ZR_TOUCH + 1,)))
 @pytest.mark.parametrize("size_um", tiers(12.0, slow=(3.0, 20.0)))
 @pytest.mark.parametrize("name", ["CHIP", "LOOSE_CHIP"])
 def test_a_chip_on_the_face_costs_a_spot_and_no_accuracy(name: str, size_um: float, touch: int) -> None:

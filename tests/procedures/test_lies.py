@@ -26,7 +26,7 @@ LONGEST_WAIT_S = 60.0
 IN_A_TEST = ("TLM", "EVENT", "PULSE_BLOCKS", "HEARTBEAT reply", "GET_STATUS reply", "HELLO reply")
 
 
-@pytest.mark.parametrize("count", tiers(8, full=(32,)))
+@pytest.mark.parametrize("count", tiers(slow=(8,), full=(32,)))
 def test_every_field_of_what_is_heard_all_the_time_may_lie(count: int) -> None:
     """The whole of it, every message and thousands of lies, is `python -m benchmarks.mutations`."""
     random = Random(20261122)

@@ -14,6 +14,7 @@ from edmctl.procedures.job_state import PERIOD_S, JobState, job_state
 from edmctl.record.rows import RunEvent
 from edmctl.results.job import ObjectiveMissed
 from edmctl.results.progress import Phase
+from tests.tiers import tiers
 
 from .conftest import Shop
 
@@ -131,7 +132,7 @@ def taken_up(shop: Shop, state: JobState) -> Shop:
     return after
 
 
-@pytest.mark.parametrize("least_um", [0.0, 3.0, 8.0])
+@pytest.mark.parametrize("least_um", tiers(3.0, slow=(0.0, 8.0)))
 def test_a_hole_left_in_the_middle_is_finished_from_what_is_there(shop: OpenShop, least_um: float) -> None:
     first = shop(["pulse.current_a=0.2"])
     state = interrupted(first, lambda s: s.phase == "machining" and s.depth_um >= least_um)

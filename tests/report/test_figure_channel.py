@@ -51,6 +51,7 @@ def test_axes_have_units_and_everything_drawn_its_name() -> None:
         assert text in texts
 
 
+@pytest.mark.slow
 def test_another_floor_is_another_picture_and_the_same_the_same_bytes() -> None:
     assert picture(channel(), ".png") == picture(channel(), ".png")
     assert picture(channel(), ".png") != picture(channel(21.0), ".png")

@@ -144,6 +144,7 @@ def test_debris_narrows_the_gap() -> None:
     assert dirty.mean_v == pytest.approx(clean.mean_v, rel=0.01)
 
 
+@pytest.mark.slow
 def test_removal_and_wear_follow_the_laws_of_a_pulse() -> None:
     struck = strike(0.0, 1.2, 12_000, constants=of({"arc_base": 0.0, **FORGETS}))
     plant, law = struck.plant, D.erosion

@@ -6,6 +6,8 @@ import os
 import subprocess
 import sys
 
+import pytest
+
 SCRIPT = """
 import hashlib
 from random import Random
@@ -53,5 +55,6 @@ def digest(disable_jit: str) -> str:
     return done.stdout.strip()
 
 
+@pytest.mark.slow
 def test_plain_python_is_the_oracle_of_the_compiled_kernel() -> None:
     assert digest("1") == digest("0")

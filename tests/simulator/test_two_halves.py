@@ -124,6 +124,7 @@ def machining() -> VirtualBench:
     return bench
 
 
+@pytest.mark.slow
 def test_the_controller_sees_and_tells_nothing_past_the_interface() -> None:
     """Its two functions, called from outside, cut as they do when compiled into one loop with the plant."""
     together, apart = machining(), machining()

@@ -46,7 +46,7 @@ SweepOption = Annotated[
     typer.Option(
         "--sweep",
         metavar="KEY=START:STOP:COUNT",
-        help="Make all runs for each of these values.",
+        help="Make all runs for each of these values. Repeatable: for all combinations.",
         autocompletion=completion.swept,
     ),
 ]
