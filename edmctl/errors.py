@@ -73,6 +73,17 @@ class EdmError(Exception):
         # A traceback in Python shows code, place and remedy as well.
         self.add_note(str(Diagnostic(self.code, "", hint, where)))
 
+    def __reduce__(self) -> tuple[object, ...]:
+        """Travel between processes as what it is: class, message and all that it holds."""
+        return _again, (type(self), self.args, self.__dict__)
+
+
+def _again(kind: type[EdmError], args: tuple[object, ...], held: dict[str, object]) -> EdmError:
+    """Make an error that was made before, in another process or as a copy."""
+    error = kind.__new__(kind, *args)
+    error.__dict__.update(held)
+    return error
+
 
 class UsageError(EdmError):
     exit_code = 2

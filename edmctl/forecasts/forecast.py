@@ -29,7 +29,7 @@ from edmctl.forecasts.measuring import (
     stop_time_s,
     touch_time_s,
 )
-from edmctl.forecasts.regimes import Recipe, recipes_of
+from edmctl.forecasts.regimes import Recipe, ra_of_regimes_um, recipes_of
 from edmctl.forecasts.removal import (
     Hole,
     feed_rate_um_s,
@@ -46,7 +46,7 @@ from edmctl.results.forecast import Forecast, RegimeForecast
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from edmctl.profile.model import Profile
+    from edmctl.profile.model import Profile, Pulse
     from edmctl.profile.places import Place
     from edmctl.profile.setup import Setup
     from edmctl.profile.sites import PathTable
@@ -187,15 +187,16 @@ def regime_time_s(recipe: Recipe) -> float:
 
 def _regimes(profile: Profile) -> tuple[RegimeForecast, ...]:
     """What each regime will take and leave."""
+    recipes = recipes_of(profile) if profile.regimes else []
     return tuple(
         RegimeForecast(
             name=recipe.name,
             depth_um=recipe.to_um,
             machining_time_s=regime_time_s(recipe),
             wear_um=recipe.wear_um,
-            ra_um=expected_ra_um(recipe.profile, recipe.to_um),
+            ra_um=ra_of_regimes_um(recipes[: number + 1]),
         )
-        for recipe in (recipes_of(profile) if profile.regimes else ())
+        for number, recipe in enumerate(recipes)
     )
 
 
@@ -231,6 +232,21 @@ def _removal_um3_s(profile: Profile, course: Course) -> float:
     return course.deepest.depth_um * area_um2 / course.machining_s
 
 
+def _pulse_uj(pulse: Pulse) -> float:
+    return pulse_energy_uj(pulse.discharge_voltage_v, pulse.current_a, pulse.burning_time_us)
+
+
+def _frequency_hz(recipes: Sequence[Recipe]) -> float:
+    """Pulses per second of machining; of several regimes on average."""
+    if len(recipes) == 1:
+        return recipes[0].profile.pulse.frequency_hz
+    times_s = [regime_time_s(recipe) for recipe in recipes]
+    pulses = math.fsum(
+        t * recipe.profile.pulse.frequency_hz for t, recipe in zip(times_s, recipes, strict=True)
+    )
+    return pulses / math.fsum(times_s)
+
+
 def forecast(profile: Profile, setup: Setup, places: Sequence[Place] = ()) -> Forecast:
     """Forecast a job from its recipe, the machine's settings and the places of its holes.
 
@@ -241,8 +257,7 @@ def forecast(profile: Profile, setup: Setup, places: Sequence[Place] = ()) -> Fo
     course = course_of(profile, setup, places)
     deepest, available_um = course.deepest, stroke_available_um(profile, setup)
     cycle = servo_swing(profile, setup)
-    pulse = profile.pulse
-    regimes = _regimes(profile)
+    regimes, recipes = _regimes(profile), recipes_of(profile)
     ra_um = regimes[-1].ra_um if regimes else expected_ra_um(profile, deepest.depth_um)
     return Forecast(
         machining_time_s=course.machining_s,
@@ -259,10 +274,10 @@ def forecast(profile: Profile, setup: Setup, places: Sequence[Place] = ()) -> Fo
         loop_delay_s=cycle.loop_delay_s,
         limit_cycle_um=cycle.half_amplitude_um,
         limit_cycle_period_s=cycle.period_s,
-        spark_energy_uj=pulse_energy_uj(pulse.discharge_voltage_v, pulse.current_a, pulse.burning_time_us),
+        spark_energy_uj=max(_pulse_uj(recipe.profile.pulse) for recipe in recipes),
         mrr_mm3_min=mrr_mm3_min(_removal_um3_s(profile, course)),
         jump_share=time_share_of_jumps(profile),
-        pulses=round(course.machining_s * pulse.frequency_hz),
+        pulses=round(course.machining_s * _frequency_hz(recipes)),
         holes=course.holes,
         holes_in_reach=_in_reach(course.reaches_um, available_um - profile.approach.offset_um),
         stops=course.stops,

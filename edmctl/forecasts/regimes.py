@@ -8,8 +8,11 @@ from itertools import accumulate
 from typing import TYPE_CHECKING
 
 from edmctl.forecasts.erosion import expected_gap, expected_side_gap_um, usual_depth_um, with_sought_reference
+from edmctl.process.erosion import SURFACE_UM, roughness_ra_um
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from edmctl.profile.model import Profile, Regime
 
 STAGE_TOLERANCE = 0.03
@@ -52,13 +55,31 @@ def recipes_of(profile: Profile, depth_um: float | None = None) -> list[Recipe]:
         to_um = whole_um if is_last else whole_um * end
         tolerance_um = max(profile.target.tolerance_um, 0.0 if is_last else STAGE_TOLERANCE * to_um)
         target = profile.target.model_copy(update={"depth_um": to_um, "tolerance_um": tolerance_um})
-        found.append(
-            Recipe(
-                regime.name, from_um, to_um, in_regime(profile, regime).model_copy(update={"target": target})
-            )
-        )
+        own = in_regime(profile, regime)
+        if (
+            own.wear.remeasure == "sparing" and not is_last
+        ):  # the next regime begins from a bottom that is touched
+            own = own.model_copy(update={"wear": own.wear.model_copy(update={"remeasure": "auto"})})
+        found.append(Recipe(regime.name, from_um, to_um, own.model_copy(update={"target": target})))
         from_um = to_um
     return found
+
+
+def ra_of_regimes_um(recipes: Sequence[Recipe]) -> float:
+    """Roughness Ra of the floor that these regimes leave, one after the other.
+
+    A thin last one leaves some of the craters before it: a floor shows those of its last µm (`SURFACE_UM`).
+    """
+    end_um, craters, arcs, whole = recipes[-1].to_um, 0.0, 0.0, 0.0
+    for recipe in recipes:
+        left = math.exp((recipe.to_um - end_um) / SURFACE_UM) - math.exp(
+            (recipe.from_um - end_um) / SURFACE_UM
+        )
+        gap = expected_gap(recipe.profile, recipe.to_um)
+        craters += left * gap.crater_um3
+        arcs += left * gap.arc_share / gap.spark_share
+        whole += left
+    return roughness_ra_um(craters / whole, arcs / whole)
 
 
 def with_regimes(profile: Profile) -> Profile:
@@ -80,14 +101,19 @@ def with_regimes(profile: Profile) -> Profile:
     return profile.model_copy(update={"regimes": filled}) if filled else profile
 
 
-def in_regime(profile: Profile, regime: Regime) -> Profile:
-    """The profile with the pulses and the reference of a regime, and what they let expect."""
+def in_pulses(profile: Profile, regime: Regime) -> Profile:
+    """The profile with the pulses of a regime alone."""
     pulses = {
         key: value
         for key in ("current_a", "frequency_hz", "duty")
         if (value := getattr(regime, key)) is not None
     }
-    other = profile.model_copy(update={"pulse": profile.pulse.model_copy(update=pulses)})
+    return profile.model_copy(update={"pulse": profile.pulse.model_copy(update=pulses)})
+
+
+def in_regime(profile: Profile, regime: Regime) -> Profile:
+    """The profile with the pulses and the reference of a regime, and what they let expect."""
+    other = in_pulses(profile, regime)
     if regime.reference is not None:
         other = other.model_copy(
             update={"servo": profile.servo.model_copy(update={"reference": regime.reference})}

@@ -5,7 +5,9 @@ from __future__ import annotations
 import getpass
 import re
 import socket
+import threading
 from dataclasses import dataclass
+from datetime import timedelta
 from typing import TYPE_CHECKING
 
 from edmctl.errors import UsageError
@@ -45,6 +47,24 @@ class RunName:
         return journal_path(self.path)
 
 
+class _GivenNames:
+    """Names that this process has given to runs: jobs of several threads begin in the same millisecond."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._paths: set[Path] = set()
+
+    def take(self, path: Path) -> bool:
+        """Take a name; False where it is taken."""
+        with self._lock:
+            is_new = path not in self._paths
+            self._paths.add(path)
+            return is_new
+
+
+_GIVEN = _GivenNames()
+
+
 def name_run(
     folder: Path, run_id: str | None, loaded: LoadedProfile | None, start: datetime, command: str = ""
 ) -> RunName:
@@ -54,11 +74,16 @@ def name_run(
 
     Raises UsageError (E2004) when the id is no plain file name.
     """
-    if run_id is None:
-        words = [command, plain_name(loaded.path.stem) if loaded else ""]
+    if run_id is not None:
+        return RunName(run_id, run_path(folder, run_id), start)
+    words = [command, plain_name(loaded.path.stem) if loaded else ""]
+    while True:
         stamp = f"{start:%Y%m%dT%H%M%S}.{start.microsecond // 1000:03d}Z"
         run_id = "-".join([*filter(None, words), stamp])
-    return RunName(run_id, run_path(folder, run_id), start)
+        name = RunName(run_id, run_path(folder, run_id), start)
+        if _GIVEN.take(name.path) and not name.path.exists() and not name.partial.exists():
+            return name
+        start += timedelta(milliseconds=1)
 
 
 def plain_name(text: str) -> str:

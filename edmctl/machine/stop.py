@@ -25,7 +25,8 @@ class StopRequest:
         return self._signal_number
 
     def request(self, signal_number: int) -> None:
-        """Ask for a stop. Safe to call from a signal handler."""
+        """Ask for a stop. Safe to call from a signal handler. Raises ValueError for what is no signal's number."""
+        signal.Signals(signal_number)
         if self._signal_number is None:
             self._signal_number = signal_number
 

@@ -110,6 +110,7 @@ class HoleTarget:
     """The objective of a hole. `depth_um` is NaN for a feed, `feed_um` for a depth.
 
     Of a way through, `depth_um` is the sheet's thickness and `completion_um` the feed after the breakthrough.
+    `regime` is the regime of a hole that ends there, where it has several.
     """
 
     kind: str
@@ -117,6 +118,7 @@ class HoleTarget:
     feed_um: float
     tolerance_um: float
     completion_um: float = 0.0
+    regime: str = ""
 
     def __str__(self) -> str:
         if self.kind == "feed":
@@ -129,7 +131,8 @@ class HoleTarget:
         """Return what was reached of it, in words."""
         if self.kind == "feed":
             return f"a feed of {feed_um:.2f} of {self.feed_um:g} µm"
-        return f"a depth of {depth_um:.2f} of {self.depth_um:g} µm"
+        of_regime = f" of regime {self.regime}" if self.regime else ""
+        return f"a depth of {depth_um:.2f} of {self.depth_um:g} µm{of_regime}"
 
 
 def target_of(profile: Profile, place: Place | None = None) -> HoleTarget:

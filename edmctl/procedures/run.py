@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING
 
+from edmctl.procedures.job import target_of
 from edmctl.procedures.job_state import PERIOD_S, JobState, NoStateStore
 from edmctl.procedures.monitoring.drift import counted_pause_s, uncertainty_now
 from edmctl.procedures.settings import gap_reference_v
@@ -20,10 +21,11 @@ from edmctl.results.telemetry import PulseShares
 if TYPE_CHECKING:
     from edmctl.forecasts.measuring import Displacement
     from edmctl.machine.interface import Machine, TelemetryBlock
-    from edmctl.procedures.job import Job
+    from edmctl.procedures.job import HoleTarget, Job
     from edmctl.procedures.job_state import JobTally, StateStore, SurfaceTouch, UnderWay
     from edmctl.procedures.monitoring.watch import Watch
     from edmctl.profile.model import Profile
+    from edmctl.profile.places import Place
     from edmctl.profile.setup import Setup
     from edmctl.record.rows import Recorder, RunEvent
 
@@ -143,9 +145,10 @@ def after_pause(job: Job) -> JobState:
 
 @dataclass(slots=True)
 class RegimeNow:
-    """The regime in use by its number; no profile of its own where the job has none."""
+    """The regime in use by its number; no name and no profile of its own where the job has none."""
 
     number: int = 0
+    name: str = ""
     profile: Profile | None = None
 
 
@@ -166,6 +169,15 @@ class JobRun:
     def profile(self) -> Profile:
         """The recipe, of the regime in use where the job has several."""
         return self.regime.profile or self.job.profile
+
+    def target_at(self, site: Place) -> HoleTarget:
+        """Return what a hole is to reach; with the regime in use, where the job has several."""
+        return replace(target_of(self.profile, site), regime=self.regime.name)
+
+    @property
+    def regime_follows(self) -> bool:
+        """Whether other pulses take over where those in use are done: they begin from a bottom that is touched."""
+        return self.regime.number + 1 < len(self.job.profile.regimes)
 
     @property
     def setup(self) -> Setup:

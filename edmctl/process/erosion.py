@@ -92,6 +92,10 @@ def tool_um3_per_uj(law: ErosionLaw, burning_us: float, current_a: float, *, too
     return law.removal_um3_per_uj * law.tool_share * efficiency(law, burning_us, current_a) * share
 
 
+SURFACE_UM = 3.0
+"""Depth in which a floor's craters are others, some craters deep [assumed]."""
+
+
 def roughness_ra_um(crater_um3: float, arc_share: float = 0.0) -> float:
     """Arithmetic mean roughness Ra of a surface of craters, µm: the cube root of their volume-weighted mean volume.
 

@@ -31,6 +31,8 @@ from edmctl.process.gap_conditions import (
 _STEPS = 24
 _ROUNDS, _HALVINGS, _ARC_ROUNDS = 8, 18, 4
 _DAMPING = 0.7
+MOST_LEVEL = 0.99
+"""A gap so dirty that nothing in between keeps the servo's level has pulses that ignite as rarely as this."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +141,7 @@ def steady_gap(recipe: GapRecipe, depth_um: float) -> SteadyGap:
     least = recipe.rho * recipe.longest_share
     level = recipe.level_s
     for _ in range(_ROUNDS):
-        pulses = _pulses(recipe, min(max(level, least + 1e-3), 1.0 - 1e-6))
+        pulses = _pulses(recipe, min(max(level, least + 1e-3), MOST_LEVEL))
         dirt = _balance(recipe, pulses, depth_um)
         missing = (1.0 - dirt.shorts) * pulses.sparks * dirt.arcs * (pulses.soon.level_s - pulses.arc.level_s)
         missing += dirt.shorts * (level - SHORT_V / recipe.open_voltage_v)

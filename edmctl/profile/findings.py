@@ -77,7 +77,9 @@ class Code(StrEnum):
     UNKNOWN_MATERIAL = "W3134"
     SIM_CONTRADICTS = "W3135"
     BEYOND_LAWS = "W3136"
+    STATED_CONTRADICTS = "W3139"
     REGIMES = "E3137"
+    NO_REMOVAL = "E3138"
 
 
 @dataclass(frozen=True, slots=True)

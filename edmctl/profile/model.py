@@ -208,7 +208,7 @@ class Wear(Table):
         le=1.0,
         description="share of the depth in the first cut, which feeds no further than the depth",
     )
-    max_cuts: int = Field(5, ge=1, le=20)
+    max_cuts: int = Field(5, ge=1, le=20, description="of a hole; of several regimes, of each")
 
 
 class Jump(Table):

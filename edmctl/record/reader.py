@@ -91,7 +91,8 @@ class RunFile:
         return seed if seed >= 0 else None
 
     def refresh(self) -> None:
-        """Look at what a live writer has added since."""
+        """Look at what a live writer has added since. Raises RunFileError E9015 once it is closed."""
+        self._refuse_closed()
         for table in layout.TABLES:
             for dataset in self._datasets(table):
                 dataset.refresh()
@@ -102,7 +103,10 @@ class RunFile:
         """How many rows a table of the layout has, for instance `/entry/servo`.
 
         In a file without an end, columns may differ by the rows of the last write; the shortest counts.
+        Raises RunFileError E9015 where the layout has no such table.
         """
+        if path not in TABLES:
+            raise _unknown(f"There is no table {path!r}", path, list(TABLES))
         return min((dataset.shape[0] for dataset in self._datasets(TABLES[path])), default=0)
 
     def column(self, path: str, name: str, start: int = 0, stop: int | None = None) -> NDArray[np.generic]:
@@ -133,6 +137,9 @@ class RunFile:
         """
         self._refuse_closed()
         if path not in self._file or not isinstance(self._file[path], h5py.Dataset):
+            if path in TABLES and TABLES[path].nx_class:
+                hint = f"Its columns are arrays of their own: columns({path!r})."
+                raise RunFileError(f"{path} is no table of rows.", hint=hint, code="E9015")
             tables = [known for known in TABLES if isinstance(self._file.get(known), h5py.Dataset)]
             raise _unknown(f"There is no table {path!r}", path, tables)
         rows: NDArray[np.void] = self._file[path][start:]

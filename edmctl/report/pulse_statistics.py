@@ -6,6 +6,7 @@ interval follows from the segments of constant period, without the time of a sin
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -205,7 +206,8 @@ def spark_energies(run: RunFile, edges_s: Array) -> SparkEnergies | None:
     The energy of a single one is plateau voltage × discharge time × the current at that plateau. None where there
     were no discharges.
     """
-    is_single = has_every_pulse(run)
+    # What a single discharge had follows from the current, and that changed from regime to regime.
+    is_single = has_every_pulse(run) and not _regimes(run)
     width_uj = _largest_uj(run) / FINE
     counts, sums_uj = (_sum_pulses if is_single else _sum_blocks)(run, edges_s, width_uj)
     used = np.flatnonzero(counts.any(axis=0))
@@ -257,8 +259,15 @@ def _largest_uj(run: RunFile) -> float:
     """The most that a discharge of these settings can have: all through the on-time at half the open voltage."""
     values = run.profile_values()
     open_v, siemens = _generator(run)
-    duty, hz = (float(values[f"pulse.{name}"]) for name in ("duty", "frequency_hz"))
-    return 1.001 * 0.25 * open_v**2 * siemens * duty / hz * 1e6
+    base = {name: float(values[f"pulse.{name}"]) for name in ("current_a", "duty", "frequency_hz")}
+    charges = [one["current_a"] * one["duty"] / one["frequency_hz"] for one in _regimes(run) or [base]]
+    return 1.001 * 0.25 * open_v**2 * siemens / base["current_a"] * max(charges) * 1e6
+
+
+def _regimes(run: RunFile) -> list[dict[str, float]]:
+    """The regimes of a hole, each with its pulses; none where all were the profile's."""
+    found: list[dict[str, float]] = json.loads(str(run.profile_values().get("regimes", "[]")))
+    return found
 
 
 def _generator(run: RunFile) -> tuple[float, float]:

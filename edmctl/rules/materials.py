@@ -4,7 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from edmctl.forecasts.erosion import of_tool, of_work
+from edmctl.forecasts.erosion import (
+    expected_gap,
+    expected_side_gap_um,
+    expected_wear_ratio,
+    of_tool,
+    of_work,
+    usual_depth_um,
+)
 from edmctl.process.materials import material, materials
 from edmctl.profile.findings import Code, Finding
 
@@ -18,6 +25,8 @@ if TYPE_CHECKING:
 CURRENTS_A, ON_TIMES_US, VOLTAGES_V = (0.03, 1.0), (5.0, 300.0), (40.0, 100.0)
 """Where the laws of the process were compared with what is known (docs/virtual-machine.md)."""
 ROUNDING = 1e-6
+DOUBTFUL = 2.0
+"""What is stated and is so many times what is expected, or as much less, may be that of other materials."""
 CONTRADICTS = 1.5
 """A factor of `[sim]` that is so many times that of the material, or as much less, is another material's."""
 
@@ -59,6 +68,30 @@ def within_the_laws(job: Job) -> Iterator[Finding]:
                 "looked at; "
                 "forecasts and the virtual machine go on by the same formulas, and nobody knows how far",
                 "rely on touches, not on forecasts or virtual runs",
+            )
+
+
+def stated_agrees(profile: Profile) -> Iterator[Finding]:
+    """Rule 39: removal and wear that are stated are those of the materials and pulses that are named."""
+    depth_um = usual_depth_um(profile)
+    gap = expected_gap(profile, depth_um)
+    of = (
+        f"{profile.tool.material} on {profile.work.material}, {profile.pulse.polarity}, with "
+        f"{profile.pulse.current_a:g} A for {profile.pulse.on_time_us:.3g} µs"
+    )
+    stated = {}
+    if "expected_ratio" in profile.wear.model_fields_set:
+        ratio = expected_wear_ratio(profile, depth_um, expected_side_gap_um(profile))
+        stated["wear", "expected_ratio"] = profile.wear.expected_ratio, ratio
+    if "removal_um3_per_uj" in profile.work.model_fields_set:
+        stated["work", "removal_um3_per_uj"] = profile.work.removal_um3_per_uj, gap.removal_um3_per_uj
+    for path, (given, expected) in stated.items():
+        if not expected / DOUBTFUL <= given <= expected * DOUBTFUL:
+            yield Finding(
+                Code.STATED_CONTRADICTS,
+                path,
+                f"{'.'.join(path)} = {given:.3g} is stated, but {of} let expect {expected:.3g}",
+                "leave it out, or keep it where it was measured with these",
             )
 
 

@@ -4,19 +4,24 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from edmctl.forecasts.regimes import in_pulses
 from edmctl.process.discharge import pulse_energy_uj
+from edmctl.process.erosion import LAW
 from edmctl.profile.findings import REFERENCE_MARGIN, REFERENCE_MAX, Code, Finding, rounded_down
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from edmctl.forecasts.forecast import Job
+    from edmctl.profile.model import Profile
 
 ROUNDING = 1e-9
 """A reference written as the very limit passes, though 0.55 + 0.05 is not 0.60 in binary."""
 VOLTAGE_ROOM_V = 5.0
 """Least difference between open and discharge voltage that leaves the servo something to regulate."""
 ENERGY_MIN_UJ, ENERGY_MAX_UJ = 0.1, 2000.0
+LEAST_ENERGY_UJ = 1.1 * LAW.threshold_uj
+"""Discharges ignite with some delay: a pulse that just reaches the threshold removes nothing."""
 FINE_TOOL_UM, FINE_TOOL_ENERGY_UJ = 100.0, 200.0
 ON_TIME_MIN_US, OFF_TIME_MIN_US = 5.0, 20.0
 FILTER_PERIODS = 20.0
@@ -80,6 +85,24 @@ def pulse_energy(job: Job) -> Iterator[Finding]:
             f"(below {FINE_TOOL_UM:g} µm: at most {FINE_TOOL_ENERGY_UJ:g} µJ)",
             lower,
         )
+
+
+def removes_nothing(profile: Profile) -> Iterator[Finding]:
+    """Rule 38: a pulse has the energy that it takes to remove anything."""
+    for number, regime in enumerate((None, *profile.regimes), start=-1):
+        pulse, of = profile.pulse, ""
+        path: tuple[str | int, ...] = ("pulse", "current_a")
+        if regime is not None:
+            pulse, path, of = in_pulses(profile, regime).pulse, ("regimes", number), f"regime {regime.name}: "
+        energy_uj = pulse_energy_uj(pulse.discharge_voltage_v, pulse.current_a, pulse.burning_time_us)
+        if energy_uj < LEAST_ENERGY_UJ:
+            yield Finding(
+                Code.NO_REMOVAL,
+                path,
+                f"{of}a pulse of {energy_uj:.3g} µJ removes nothing: by the laws of the process it takes "
+                f"{LEAST_ENERGY_UJ:g} µJ",
+                "raise the current or the time that a discharge burns",
+            )
 
 
 def pulse_times(job: Job) -> Iterator[Finding]:

@@ -64,6 +64,8 @@ def regimes(job: Job) -> Iterator[Finding]:
         yield Finding(Code.REGIMES, ("regimes",), f"two regimes are called {twice[0]}", "give each a name")
         return
     for number, recipe in enumerate(recipes_of(with_regimes(profile))):
+        if recipe.profile.pulse == profile.pulse and recipe.profile.servo == profile.servo:
+            continue  # what is wrong with it has been said of the profile
         alone = recipe.profile.model_copy(update={"regimes": []})
         for rule in OF_PULSES:
             for found in rule(Job(alone, job.setup, job.places)):

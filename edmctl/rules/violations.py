@@ -14,7 +14,7 @@ from edmctl.forecasts.erosion import with_expected_erosion, with_sought_referenc
 from edmctl.forecasts.forecast import Job, forecast
 from edmctl.forecasts.regimes import with_regimes
 from edmctl.profile.findings import Code, Finding
-from edmctl.profile.model import DepthTarget, FeedTarget, Profile, ThroughTarget
+from edmctl.profile.model import DepthTarget, FeedTarget, Profile, Regime, ThroughTarget
 from edmctl.profile.sites import SiteTable
 from edmctl.profile.tables import Table, keys_at, nearest
 from edmctl.rules import materials, motion, pulse, regimes, sites, target
@@ -76,7 +76,10 @@ EXPECTED = (
 )
 """What is expected of materials and pulses where it is not given."""
 _TARGETS: dict[object, type[Table]] = {"depth": DepthTarget, "feed": FeedTarget, "through": ThroughTarget}
-_SITES = TypeAdapter(list[SiteTable])
+_LISTS: dict[str, TypeAdapter[Any]] = {
+    "sites": TypeAdapter(list[SiteTable]),
+    "regimes": TypeAdapter(list[Regime]),
+}
 
 
 def with_time_limit(profile: Profile, setup: Setup, places: tuple[Place, ...] = ()) -> Profile:
@@ -113,12 +116,15 @@ def violations(profile: Profile, setup: Setup, places: tuple[Place, ...] = ()) -
     """
     once = _findings(reference_stated_once, Job(profile, setup))
     shaped = _findings(sites.path_keys, Job(profile, setup))
+    if idle := _findings(lambda job: pulse.removes_nothing(job.profile), Job(profile, setup)):
+        return [*once, *shaped, *idle]  # what such pulses let expect is nothing that a rule could look at
     try:
         known = without(profile, ("servo", "reference")) if once else _with_share(profile)
     except AttributeError as error:
         if not lacks_value(error):
             raise
         known = without(profile, ("servo", "reference"))
+    doubted = _findings(lambda job: materials.stated_agrees(job.profile), Job(known, setup))
     try:
         known = with_expected_erosion(known)
     except AttributeError as error:
@@ -126,7 +132,8 @@ def violations(profile: Profile, setup: Setup, places: tuple[Place, ...] = ()) -
             raise
         known = without(known, *(path for path in EXPECTED if not _is_given(known, *path)))
     job = Job(without(known, ("path",)) if shaped else known, setup, places)
-    return [*once, *shaped, *(finding for rule in RULES for finding in _findings(rule, job))]
+    found = [*once, *shaped, *(finding for rule in RULES for finding in _findings(rule, job))]
+    return [*found, *doubted] if all(one.is_warning for one in found) else found
 
 
 def reference_stated_once(job: Job) -> Iterable[Finding]:
@@ -160,8 +167,9 @@ def partial_profile(table: TomlTable, problems: Mapping[KeyPath, Code]) -> Profi
         for name in Profile.model_fields
         if isinstance(written := table.get(name), dict) and not _is_gone(name, lacking)
     }
-    if "sites" in table and ("sites",) not in lacking:
-        tables["sites"] = _SITES.validate_python(table["sites"])
+    for name, adapter in _LISTS.items():
+        if name in table and (name,) not in lacking:
+            tables[name] = adapter.validate_python(table[name])
     return without(Profile.model_construct(**tables), *lacking)
 
 
@@ -207,8 +215,8 @@ def _is_gone(name: str, lacking: Collection[tuple[str, ...]]) -> bool:
 
 def _lost(path: KeyPath, code: Code, table: TomlTable) -> tuple[str, ...] | None:
     """The table or value whose value a problem hides; None for an unknown key that stands for nothing."""
-    if path[0] == "sites":
-        return ("sites",)
+    if path[0] in _LISTS:
+        return (str(path[0]),)
     names = tuple(str(part) for part in path[:2])
     return _meant(names, table) if code == Code.UNKNOWN_KEY else names
 

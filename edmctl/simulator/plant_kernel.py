@@ -9,6 +9,7 @@ import math
 from typing import TYPE_CHECKING
 
 from edmctl.actuator.compiling import cached, compiled
+from edmctl.process.erosion import SURFACE_UM
 from edmctl.process.gap_conditions import CLEARING
 from edmctl.simulator.discharge import strike_pulses
 from edmctl.simulator.plant_interface import PATH_LINES, TICK_S
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
 
 FLUSH_THROUGH_S = 0.02  # debris clearance of a gap that is all open below [assumed]
 BEND_PER_UM, BEND_AT = 0.004, 0.8  # where over the stroke the sensor's bend lies
-SURFACE_UM = 3.0  # depth in which a floor's craters are others, some craters deep [assumed]
 STAGE_STEP_UM = 2.5  # way of the stages after which the work under the tool is another
 
 

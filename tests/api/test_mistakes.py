@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 import threading
 import traceback
+from concurrent.futures import ThreadPoolExecutor
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 import edmctl
-from edmctl.errors import EdmError, EdmWarning, ProfileError, RunFileError, UsageError
+from edmctl.errors import EdmError, EdmWarning, Interrupted, ProfileError, RunFileError, UsageError
+from edmctl.jobs.run_header import name_run
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -166,3 +171,44 @@ def test_what_is_doubtful_is_a_warning_of_python_unless_somebody_is_told() -> No
     edmctl.simulate("cu270", seeds=[1], overrides=DOUBTFUL, warn=told.append)
     machine.machine("cu270", overrides={"target.depth_um": 8}, warn=told.append)
     assert [[one.code for one in found] for found in told] == [["W3134"]]
+
+
+def test_errors_travel_between_processes_as_what_they_are(tmp_path: Path) -> None:
+    missed = edmctl.connect("sim:", seed=1).machine(
+        "cu270", overrides={"target.depth_um": 8, "limits.max_time_s": 100}, warn=lambda _: None
+    )
+    with pytest.raises(ProfileError) as refused:
+        edmctl.load_profile("cu270", overrides={"pulse.duty": 0.99})
+    stopped = Interrupted("Stopped.", signal_number=2)
+    for error in (missed.error, refused.value, stopped, UsageError("No.", code="E2001")):
+        assert error is not None
+        for again in (pickle.loads(pickle.dumps(error)), copy.deepcopy(error)):
+            assert type(again) is type(error)
+            assert str(again) == str(error)
+            assert vars(again).keys() == vars(error).keys()
+            assert (again.code, again.hint, again.exit_code) == (error.code, error.hint, error.exit_code)
+    assert pickle.loads(pickle.dumps(missed)).sites == missed.sites
+
+
+def test_jobs_that_begin_in_the_same_millisecond_have_names_of_their_own(tmp_path: Path) -> None:
+    start = datetime(2026, 1, 31, 10, 15, tzinfo=UTC)
+    with ThreadPoolExecutor(6) as pool:
+        names = list(pool.map(lambda _: name_run(tmp_path, None, None, start, "touch").run_id, range(30)))
+    assert len(set(names)) == 30
+    assert "touch-20260131T101500.000Z" in names
+
+
+def test_a_number_that_is_no_signals_stops_nothing() -> None:
+    with pytest.raises(ValueError, match="99"):
+        edmctl.StopRequest().request(99)
+
+
+def test_a_table_that_no_layout_has_is_told(run: Path) -> None:
+    file = edmctl.open_run(run)
+    with file, pytest.raises(RunFileError, match="There is no table '/entry/nope'"):
+        file.rows("/entry/nope")
+    with edmctl.open_run(run) as again, pytest.raises(RunFileError) as refused:
+        again.table("/entry/servo")
+    assert "columns('/entry/servo')" in refused.value.hint
+    with pytest.raises(RunFileError, match="has been closed"):
+        file.refresh()

@@ -25,9 +25,9 @@ MISTAKES = [
     (["simulate", "--profile", "cu270", "--runs", "0"], "E2000", "0 is not in the range 1<=x<=100000"),
     (["simulate", "--profile", "cu270", "--sweep", "servo.reference"], "E2003", "KEY=START:STOP:COUNT"),
     (
-        ["simulate", "--sweep", "servo.gain=1:2:3", "--sweep=target.depth_um=8:9:2"],
+        ["simulate", "--sweep", "servo.gain=1:2:3", "--sweep=servo.gain=8:9:2"],
         "E2003",
-        "one key at a time",
+        "Two sweeps go over servo.gain",
     ),
 ]
 

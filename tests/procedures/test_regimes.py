@@ -5,11 +5,13 @@ from __future__ import annotations
 import signal
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
 import edmctl
 from edmctl.errors import Interrupted
 from edmctl.record.journal import read_journal
+from edmctl.report.pulse_statistics import spark_energies
 from tests.tiers import tiers
 
 if TYPE_CHECKING:
@@ -92,3 +94,30 @@ def test_regimes_and_an_adaptive_reference_go_together() -> None:
     regimes = [{key: value for key, value in one.items() if key != "reference"} for one in REGIMES]
     overrides = {**JOB, "regimes": regimes, "adaptive.seek_reference": True}
     assert is_right(edmctl.connect("sim:", seed=8).machine("cu270", overrides=overrides))
+
+
+@pytest.mark.parametrize("remeasure", ["sparing", 2])
+def test_the_next_regime_follows_however_little_is_measured(remeasure: object) -> None:
+    overrides = {**JOB, "target.depth_um": 14, "wear.remeasure": remeasure}
+    report = edmctl.connect("sim:", seed=3).machine("cu270", overrides=overrides, warn=lambda _: None)
+    report.raise_for_error()
+    assert abs(report.truths[0].depth_um - 14.0) <= 2.0
+    assert abs(report.truths[0].depth_um - report.sites[0].depth_um) <= report.sites[0].depth_u95_um
+
+
+def test_what_was_reached_is_told_of_the_regime_and_energies_of_all_of_them(tmp_path: Path) -> None:
+    stopping = StoppedIn("fine", 5.0)
+    report = edmctl.connect("sim:", seed=6).machine(
+        "cu270",
+        overrides={**JOB, "log.pulses": "blocks"},
+        out=tmp_path,
+        observer=stopping,
+        stop=stopping.stop,
+    )
+    assert report.run_file is not None
+    with edmctl.open_run(report.run_file) as run:
+        energies = spark_energies(run, np.array([0.0, 1e6]))
+    assert energies is not None
+    mean_uj = 0.5 * (energies.edges_uj[:-1] + energies.edges_uj[1:]) @ energies.normal / energies.normal.sum()
+    assert mean_uj == pytest.approx(energies.sums_uj[0] / energies.normal.sum(), rel=0.05)
+    assert energies.edges_uj[-1] > 400.0

@@ -133,7 +133,7 @@ def test_depth_and_wear_of_the_whole_way_are_within_the_stroke() -> None:
 
 
 def test_copper_wears_too_much_for_a_long_channel() -> None:
-    copper = ("wear.expected_ratio=0.427",)
+    copper = ("tool.material=Cu", "wear.expected_ratio=0.427")
     assert codes("circle", *copper) == []
     assert codes("spiral", *copper, "target.depth_um=25") == [Code.STROKE]
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+import edmctl
+from edmctl.errors import ProfileError
 from edmctl.profile.findings import Code
 from edmctl.rules.load import load_profile
 
@@ -53,3 +55,33 @@ def test_the_ends_of_what_was_looked_at_are_within() -> None:
     ends = ("pulse.current_a=1", "pulse.frequency_hz=1000", "pulse.open_voltage_v=100", "servo.reference=0.5")
     codes = {one.code for one in load_profile("cu270", ends).warnings}
     assert Code.BEYOND_LAWS not in codes
+
+
+@pytest.mark.parametrize(
+    ("overrides", "contradicts"),
+    [
+        (("work.material=steel", "pulse.polarity=tool-positive"), True),
+        (("wear.expected_ratio=0.6",), False),
+        (("wear.expected_ratio=0.1",), True),
+        (("work.removal_um3_per_uj=0.5",), True),
+    ],
+)
+def test_wear_that_is_stated_of_other_materials_is_warned_of(
+    overrides: tuple[str, ...], contradicts: bool
+) -> None:
+    assert (Code.STATED_CONTRADICTS in codes(*overrides)) == contradicts
+
+
+def test_pulses_that_remove_nothing_are_refused() -> None:
+    isopulse = ('pulse.mode="isopulse"', "pulse.discharge_us=1")
+    with pytest.raises(ProfileError, match=r"a pulse of 0\.66 µJ removes nothing") as refused:
+        load_profile("cu270", (*isopulse, "pulse.current_a=0.03"))
+    assert refused.value.code == Code.NO_REMOVAL
+    load_profile("cu270", (*isopulse, "pulse.current_a=0.06"))
+
+
+@pytest.mark.parametrize("current_a", [1.3, 2.0, 2.9])
+def test_a_forecast_beyond_the_laws_stays_within_reason(current_a: float) -> None:
+    usual_s = edmctl.forecast("cu270", overrides={"target.depth_um": 8}).time_s
+    far_s = edmctl.forecast("cu270", overrides={"target.depth_um": 8, "pulse.current_a": current_a}).time_s
+    assert 0.5 < far_s / usual_s < 3.0

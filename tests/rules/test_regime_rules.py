@@ -61,3 +61,52 @@ def test_the_forecast_tells_each_regime() -> None:
     assert ahead.ra_um == fine.ra_um < 0.6 * rough.ra_um
     assert ahead.machining_time_s < alone.machining_time_s
     assert edmctl.forecast("cu270").regimes == ()
+
+
+@pytest.mark.parametrize(
+    ("regimes", "code", "said"),
+    [
+        ('[{name="a",share=1.0}]', "E3005", "regimes[0].share = 1.0 is out of range"),
+        ('[{name="a",share=0.5,current_a=5},{name="b",share=0.5}]', "E3005", "regimes[0].current_a = 5"),
+        ('[{name="",share=0.5},{name="b",share=0.5}]', "E3005", 'regimes[0].name = ""'),
+        ('[{share=0.5},{name="b",share=0.5}]', "E3002", "regimes[0].name is missing"),
+        ('[{name="a"}]', "E3002", "regimes[0].share is missing"),
+        ("[1,2]", "E3004", "regimes[0] = 1 has the wrong type"),
+        ("3", "E3004", "regimes = 3 has the wrong type"),
+        ('[{name="a",share=0.5,amps=1},{name="b",share=0.5}]', "E3003", "unknown key regimes[0].amps"),
+    ],
+)
+def test_a_wrong_value_of_a_regime_is_pointed_at(regimes: str, code: str, said: str) -> None:
+    with pytest.raises(ProfileError) as refused:
+        load_profile("cu270", (f"regimes={regimes}",))
+    assert refused.value.diagnostics[0].code == code
+    assert said in refused.value.diagnostics[0].message
+    assert refused.value.diagnostics[0].where is not None
+
+
+def test_what_is_wrong_with_the_profile_is_not_said_of_every_regime() -> None:
+    same = 'regimes=[{name="rough",share=0.5},{name="fine",share=0.5,current_a=0.06}]'
+    found = load_profile("cu270", (same, "pulse.current_a=1.5")).warnings
+    assert [one.message.startswith("regime") for one in found if one.code == Code.BEYOND_LAWS] == [False]
+
+
+def test_a_thin_fine_layer_leaves_some_of_the_rough_craters() -> None:
+    def ra_um(share: float) -> float:
+        rough = f'{{name="rough",share={1 - share},current_a=0.3}}'
+        fine = f'{{name="fine",share={share},current_a=0.06}}'
+        return (
+            edmctl.forecast("cu270", overrides=(f"regimes=[{rough},{fine}]", "target.depth_um=40"))
+            .regimes[-1]
+            .ra_um
+        )
+
+    alone = edmctl.forecast("cu270", overrides={"pulse.current_a": 0.06}).ra_um
+    assert ra_um(0.8) == pytest.approx(alone, rel=0.02)
+    assert ra_um(0.8) < ra_um(0.1) < ra_um(0.03)
+    assert ra_um(0.03) > 1.3 * alone
+
+
+def test_a_regime_that_removes_nothing_is_refused() -> None:
+    idle = 'regimes=[{name="a",share=0.5},{name="b",share=0.5,current_a=0.01,frequency_hz=20000,duty=0.05}]'
+    with pytest.raises(ProfileError, match=r"regime b: a pulse of 0\.55 µJ removes nothing"):
+        load_profile("cu270", (idle,))

@@ -10,7 +10,6 @@ from edmctl.forecasts.measuring import FACE_LIMIT_UM, estimate_of
 from edmctl.labels import Basis
 from edmctl.procedures.hole.cut_planning import CutStart, energy_of
 from edmctl.procedures.hole.site_result import CutSums
-from edmctl.procedures.job import HoleTarget, target_of
 from edmctl.procedures.job_state import RegimeBegun
 from edmctl.procedures.monitoring.drift import pause_drift_u_um
 from edmctl.procedures.touch.home import pad_from_home_um
@@ -30,6 +29,7 @@ from edmctl.results.telemetry import pulse_shares
 if TYPE_CHECKING:
     from edmctl.procedures.hole.cut_planning import CutPlan
     from edmctl.procedures.hole.hole_estimate import Estimate
+    from edmctl.procedures.job import HoleTarget
     from edmctl.procedures.job_state import SurfaceTouch
     from edmctl.procedures.run import JobRun
     from edmctl.procedures.touch.reading import SurfaceReading
@@ -289,7 +289,7 @@ def hole_at(
     face_um = knowledge.surface.height_um(site)
     return OpenHole(
         site=site,
-        target=target_of(run.profile, site),
+        target=run.target_at(site),
         z1=z1,
         z1_u_um=z1_u_um,
         face_um=face_um,

@@ -220,7 +220,7 @@ def with_doubt_of_wear(
     run.decide(
         RunEvent.TOUCH_DOUBTED,
         f"The wear is {decimal(found.wear_um)} µm, {signed(off.um)} µm from what was believed: the belief is wrong, "
-        "or something sticks to the tool. The next stop will tell.",
+        "or something sticks to the tool. It takes another stop to tell.",
         {"kind": "wear", "off_um": off.um, "u_um": off.u_um},
         level=EventLevel.WARNING,
     )

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 from edmctl.forecasts.measuring import estimate_of
 from edmctl.forecasts.regimes import Recipe, recipes_of
-from edmctl.procedures.job import target_of
 from edmctl.procedures.job_state import RegimeBegun
 from edmctl.procedures.settings import pulse_settings
 from edmctl.process.discharge import first_gap_u_um
@@ -29,7 +28,7 @@ def take_recipe(run: JobRun, number: int) -> None:
     if not run.job.profile.regimes:
         return
     recipe = recipes_of(run.job.profile)[number]
-    run.regime.number, run.regime.profile = number, recipe.profile
+    run.regime.number, run.regime.name, run.regime.profile = number, recipe.name, recipe.profile
     run.watch.set_duty_voltage(recipe.profile.pulse.duty_voltage_v)
 
 
@@ -45,7 +44,7 @@ def next_regime(run: JobRun, hole: OpenHole, knowledge: JobKnowledge, found: Dep
     take_recipe(run, number)
     recipe = recipes[number]
     run.machine.set_pulses(pulse_settings(recipe.profile))
-    hole.target = target_of(recipe.profile)
+    hole.target = run.target_at(hole.site)
     hole.estimate = knowledge.estimate = estimate_of(_believed(recipe.profile, *factors))
     hole.regime = RegimeBegun(found.depth_um, found.wear_um, hole.sums.total, hole.stops)
     knowledge.gap_um = recipe.profile.measure.expected_gap_um

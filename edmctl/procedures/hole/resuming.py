@@ -29,7 +29,6 @@ from edmctl.procedures.hole.hole_estimate import (
 from edmctl.procedures.hole.measuring_stop import decide_next, learn, measured, next_start
 from edmctl.procedures.hole.site import cut_to_the_end, keep_hole_begun, through_message, touch_bottom_or_none
 from edmctl.procedures.hole.site_result import close_site
-from edmctl.procedures.job import target_of
 from edmctl.procedures.job_state import CutTotals, RegimeBegun
 from edmctl.procedures.monitoring.drift import counted_pause_s, pause_drift_u_um
 from edmctl.procedures.stages import move_to
@@ -305,7 +304,7 @@ def resume_through_hole(run: JobRun, site: Place, knowledge: JobKnowledge, limit
     A hole is open when the tool goes through it, as far below the face as it would have been fed, and meets nothing.
     Raises PreconditionError E8060, E8061 where it is not the hole, or the tool, that was left.
     """
-    state, target = run.job.resumed, target_of(run.profile, site)
+    state, target = run.job.resumed, run.target_at(site)
     assert state is not None
     expected = expected_of_left(state, run.profile)
     opened = expected.through_at_most(target.depth_um)

@@ -91,7 +91,9 @@ def _cut(run: JobRun, hole: OpenHole, knowledge: JobKnowledge, plan: CutPlan, li
     run.tally.depth_um = plan.depth_at(cut.end_displacement_um)
     if hole.target.kind == "through":
         decision = end_of_through_hole(run, hole, knowledge, plan, cut)
-    elif plan.measured or cut.end is not CutEnd.REACHED or _is_surprising(run, plan, cut):
+    elif (
+        plan.measured or run.regime_follows or cut.end is not CutEnd.REACHED or _is_surprising(run, plan, cut)
+    ):
         decision = measure_hole(run, hole, knowledge, plan, cut)
     else:
         decision = estimate_hole(run, hole, knowledge, plan, cut)
