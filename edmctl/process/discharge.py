@@ -1,4 +1,4 @@
-"""Discharges: energy of a pulse, the share that burns at a servo level, what they remove, and the gap they keep.
+"""Discharges: energy of a pulse, the share that burns at a servo level, and the gap that the servo keeps.
 
 The servo regulates the normalised level `s = mean gap voltage / (duty x open voltage)`: 1 means every pulse
 stays open, `rho = discharge voltage / open voltage` means every pulse ignites at once. The ignition delay has
