@@ -1,12 +1,14 @@
 """How deep the shipped holes come out in good and bad flushing, how well it is known, what measuring costs.
 
     python benchmarks/depth.py [--runs 40] [--seed 1] [--profiles cu150 cu270 w252] [--removal 1.5] [--sensor 2]
+        [--spread 0.15]
 
 Every figure comes from `edmctl simulate --json`, judged by the plant's truth. Bars: 95 % of the holes within 1 % of
 the depth or 1.5 µm, whichever is larger; the stated 95 % interval holds the truth in 90 %; for cu270 the median time
 of everything that is not machining is at most a quarter of the machining time. With `--removal` the plant removes so
 many times what the profile believes. With `--sensor` gain, drift and tilt scatter by so many times what the setup
-states: then the figures are told and no bar is set.
+states: then what is stated cannot hold, and the bar is that a job which ended with exit code 0 is within the bar of
+depth and the tolerance of its profile together in 95 %. With `--spread` machines differ by so much from the book.
 """
 
 from __future__ import annotations
@@ -25,6 +27,8 @@ from edmctl.profile.profile_file import SimSettings
 from edmctl.profile.setup import Setup
 
 TARGET_UM = {"cu270": 180.0, "cu150": 175.0, "w252": 240.0}
+TOLERANCE_UM = 2.0
+"""Of the shipped profiles."""
 FLUSHING = {"good": 0.5, "bad": 3.0, "very bad": 10.0}
 """Time constant of the debris' clearance of a shallow gap of 270 µm, s."""
 
@@ -60,7 +64,9 @@ class Case:
         )
         machining_s = statistics.fmean(run["machining_time_s"] for run in self.runs)
         met = near >= 0.95 and covered >= 0.9 and (self.profile != "cu270" or share <= 0.25 or self.is_other)
-        met = met or self.reported
+        if self.reported:  # an exit code of 0 promises the tolerance, and the stated interval is too narrow
+            promised = self.bar_um + TOLERANCE_UM
+            met = sum(abs(error) <= promised for error in errors) / max(1, len(errors)) >= 0.95
         cells = (
             f"{self.profile:<6} {self.flushing:<9}",
             f"{100 * near:5.1f} % within {self.bar_um:.2f} µm",
@@ -115,6 +121,7 @@ def main() -> None:
     parser.add_argument("--flushing", nargs="+", default=["good", "bad"])
     parser.add_argument("--removal", type=float, default=1.0)
     parser.add_argument("--sensor", type=float, default=1.0)
+    parser.add_argument("--spread", type=float, default=SimSettings().spread)
     args = parser.parse_args()
     with TemporaryDirectory() as folder:
         met = measure(args, options_of(args, Path(folder)))
@@ -123,7 +130,7 @@ def main() -> None:
 
 def options_of(args: argparse.Namespace, folder: Path) -> list[str]:
     """Options of `edmctl simulate` for a plant that differs from profile and setup."""
-    more = []
+    more = ["--set", f"sim.spread={args.spread:g}"]
     if args.removal != 1.0:
         more += ["--set", f"sim.removal_um3_per_uj={args.removal * SimSettings().removal_um3_per_uj:.6g}"]
     if args.sensor != 1.0:
@@ -150,7 +157,7 @@ def measure(args: argparse.Namespace, more: list[str]) -> bool:
                 args.seed,
                 more,
                 reported=args.sensor != 1.0,
-                is_other=args.removal != 1.0,
+                is_other=args.removal != 1.0 or args.spread > SimSettings().spread,
             )
             row = case.row(args.runs)
             print(row, flush=True)

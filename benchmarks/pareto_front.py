@@ -1,6 +1,6 @@
 """The front of removal rate against tool wear against roughness: recipes none of which beats another in all three.
 
-    python -m benchmarks.pareto_front [--recipes 400] [--holes 40] [--seed 1] [--spread 0] [--json]
+    python -m benchmarks.pareto_front [--recipes 400] [--holes 40] [--seed 1] [--spread 0.03] [--json]
 
 Random recipes of the 270 µm copper tool are forecast; those of the best forecasts are machined on the virtual
 machine and judged by its truth: true volume over machining time, wear by volume, Ra of the floor. Exit code 1 where
@@ -115,7 +115,7 @@ def main() -> int:
     parser.add_argument("--recipes", type=int, default=400)
     parser.add_argument("--holes", type=int, default=40)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--spread", type=float, default=0.0)
+    parser.add_argument("--spread", type=float, default=0.03)
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     warnings.simplefilter("ignore", EdmWarning)

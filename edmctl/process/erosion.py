@@ -4,7 +4,8 @@ The laws take their shapes from what is known and their numbers mostly from nobo
 chosen so that the holes of Muralidhara et al. 2009 come out and the trends do. Sources:
 
 * removal has an optimum of the on-time, long pulses spare a positive tool, which carbon from the oil covers: POCO,
-  EDM Technical Manual, 2013, ch. 3; Juvkam-Wold, thesis, MIT 1967 (72 µs at 35 A);
+  EDM Technical Manual, 2013, ch. 3; Juvkam-Wold, thesis, MIT 1967 (72 µs at 35 A; the exponent here gives
+  220);
 * the plasma of a longer discharge wears the cathode more in proportion to the anode: shares of energy change with
   the burning time (Maradia et al., J. Phys. D 48, 2015, 055202);
 * craters of 1 to 17 A scatter by about 20 % and grow slower than the current first, faster later (ETH,

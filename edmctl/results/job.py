@@ -208,7 +208,7 @@ class ObjectiveMissed(ObjectiveNotReached):
 class SiteTruth:
     """A hole as the plant knows it; NaN where there is none.
 
-    `side_gap_um` is the gap at the wall near the bottom, `taper_um` how much wider the mouth is on the radius, and
+    `side_gap_um` is the widest gap at the wall, `taper_um` how much wider the mouth is on the radius, and
     `ra_um` and `rz_um` the roughness Ra and Rz of the floor. `corner_um` is the radius of the tool's corner when it
     left the hole, and so of the floor's edge.
     """

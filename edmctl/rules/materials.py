@@ -101,6 +101,15 @@ def sim_agrees(profile: Profile, sim: SimSettings) -> Iterator[Finding]:
         ("work_removal", sim.work_removal, of_work(profile).factor, profile.work.material),
         ("tool_wear", sim.tool_wear, of_tool(profile).factor, profile.tool.material),
     )
+    discharge_v = profile.pulse.discharge_voltage_v
+    if abs(discharge_v - sim.discharge_v) > ROUNDING:
+        yield Finding(
+            Code.SIM_CONTRADICTS,
+            ("pulse", "discharge_voltage_v"),
+            f"discharges burn at {discharge_v:g} V by the profile, at sim.discharge_v = {sim.discharge_v:g} V on "
+            "the virtual machine",
+            "set sim.discharge_v too, or leave it out",
+        )
     for key, given, expected, name in pairs:
         if given is None or expected / CONTRADICTS <= given <= expected * CONTRADICTS:
             continue

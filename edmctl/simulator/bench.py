@@ -27,7 +27,7 @@ SETTLE_TICKS, MOST_SETTLES = 50, 2000
 class HoleTruth:
     """A hole as the plant knows it: axis, depth under the tool's face in µm, and whether the face is through.
 
-    `side_gap_um` is that at the bottom, `taper_um` how much wider the mouth is on the radius, `ra_um` the
+    `side_gap_um` is the widest at the wall, `taper_um` how much wider the mouth is on the radius, `ra_um` the
     roughness of the floor.
     """
 

@@ -1,4 +1,4 @@
-"""What stands on the virtual bench: tool, work, discharge constants, sensors. Nothing here ever reaches the host."""
+"""What stands on the virtual bench: tool, work, discharge constants, sensors. None of it reaches the host."""
 
 from __future__ import annotations
 

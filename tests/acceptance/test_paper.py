@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 import edmctl
+from edmctl.errors import EdmWarning, MachineFault
 from edmctl.simulator import open_bench
 
 if TYPE_CHECKING:
@@ -113,3 +114,15 @@ def test_the_interval_is_as_wide_as_the_setup_says_and_not_as_the_plant_is(
         assert narrow.measured.depth_u95_um < 1.5
     assert sum(hole.is_covered for hole in trusting) <= 2
     assert all(hole.is_covered for hole in wary)
+
+
+def test_a_recipe_with_the_other_polarity_is_measured_however_wrong_its_wear_is() -> None:
+    """The tool wears six times what the recipe says: the pad is looked for as far as its wear is unknown."""
+    with pytest.warns(EdmWarning, match="W3139"):
+        report = edmctl.connect("sim:", seed=900).machine(
+            "cu150", overrides=('pulse.polarity="tool-positive"', 'log.pulses="off"')
+        )
+    assert not isinstance(report.error, MachineFault)
+    site, true = report.sites[0], report.truths[0]
+    assert abs(site.wear_um - true.wear_um) <= site.wear_u95_um
+    assert abs(site.depth_um - true.depth_um) <= site.depth_u95_um

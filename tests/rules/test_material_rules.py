@@ -33,6 +33,8 @@ def test_known_materials_are_no_news() -> None:
         ("sim.tool_wear=0.1", True),
         ("sim.work_removal=0.7", False),
         ("sim.work_removal=2", True),
+        ("pulse.discharge_voltage_v=30", True),
+        ("sim.discharge_v=30", True),
     ],
 )
 def test_a_virtual_machine_of_another_material_is_warned_of(override: str, contradicts: bool) -> None:

@@ -10,6 +10,7 @@ import pytest
 
 from edmctl.simulator import BenchConfig
 from edmctl.simulator.controller_state import NORMAL, OPEN, SHORT
+from edmctl.simulator.discharge import power
 from edmctl.simulator.plant import Plant
 from edmctl.simulator.unit import BLOCK
 from tests.simulator.struck_pulses import PulseLog
@@ -124,3 +125,13 @@ def test_random_numbers_do_not_depend_on_where_blocks_end() -> None:
         return np.concatenate(out, axis=1)
 
     assert np.array_equal(draw(512), draw(4096))
+
+
+@pytest.mark.parametrize(
+    ("exponent", "within"), [(3.0, 0.0), (4.0, 0.0), (3.87, 0.04), (4.12, 0.04), (5.5, 0.13)]
+)
+def test_the_delay_grows_about_as_the_power_of_the_gap_that_a_unit_has_drawn(
+    exponent: float, within: float
+) -> None:
+    for base in (0.5, 0.8, 1.0, 1.3, 2.0):
+        assert power(base, exponent) == pytest.approx(base**exponent, rel=within + 1e-12)

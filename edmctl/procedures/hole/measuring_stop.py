@@ -133,7 +133,10 @@ def touch_pad(
     end_um = cut.end_displacement_um
     live = plan.at(end_um, energy_of(run.profile.pulse, cut.counts, cut.energy_j))
     u_um = math.hypot(PAD_U_UM, live.wear_u_um, hole.z1_u_um, more_u_um)
-    z3 = read_pad(run, "Z3", hole.site.name, hole.z1.z_um + live.wear_um, u_um)
+    expected_um = hole.z1.z_um + live.wear_um
+    # A recipe that no touch has confirmed may be wrong by more than what it believes itself.
+    deepest_um = expected_um + plan.stated_u95_um(live)[1]
+    z3 = read_pad(run, "Z3", hole.site.name, expected_um, u_um, deepest_um)
     before_u_um = math.hypot(hole.z1_u_um, hole.z1.doubt_u_um)
     refuse_grown_tool(run, hole.z1.z_um, z3, z3.time_s - hole.z1.time_s, before_u_um)
     return z3

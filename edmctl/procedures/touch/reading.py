@@ -80,11 +80,14 @@ class Search:
     settle_s: float
 
 
-def search_near(run: JobRun, predicted_um: float, u_um: float) -> Search:
-    """Return the search by the recipe for a contact at `predicted_um`, with a standard uncertainty of `u_um`."""
+def search_near(run: JobRun, predicted_um: float, u_um: float, deepest_um: float = -math.inf) -> Search:
+    """Return the search by the recipe for a contact at `predicted_um`, with a standard uncertainty of `u_um`.
+
+    It goes on to `deepest_um` where that is further than the uncertainty says.
+    """
     return Search(
         fast_to_um=predicted_um - FAST_LEG_MARGIN_UM - FAST_SIGMAS * u_um,
-        z_max_um=predicted_um + BEYOND_PREDICTION_UM + BEYOND_SIGMAS * u_um,
+        z_max_um=max(predicted_um + BEYOND_SIGMAS * u_um, deepest_um) + BEYOND_PREDICTION_UM,
         touches=run.profile.measure.touches,
         settle_s=run.profile.measure.settle_s,
     )

@@ -86,15 +86,22 @@ def beside(run: JobRun, place: Place, angle: float) -> Place:
 
 
 def read_at_spots(
-    run: JobRun, kind: str, place: str, spots: Spots, predicted_um: float, u_um: float
+    run: JobRun,
+    kind: str,
+    place: str,
+    spots: Spots,
+    predicted_um: float,
+    u_um: float,
+    deepest_um: float = -math.inf,
 ) -> SurfaceReading:
     """Touch a surface at two spots, and at further ones where they do not agree.
 
-    Contact is expected at `predicted_um` with a standard uncertainty of `u_um`. There are at least `measure.touches`
-    touches in all. Raises ObjectiveNotReached E7022 where no two spots agree on the longest reading, and E7021 where
-    all touches are the same to the last digit and stay so when the last spot is touched again.
+    Contact is expected at `predicted_um` with a standard uncertainty of `u_um`, and looked for to `deepest_um` where
+    that is further. There are at least `measure.touches` touches in all. Raises ObjectiveNotReached E7022 where no
+    two spots agree on the longest reading, and E7021 where all touches are the same to the last digit and stay so
+    when the last spot is touched again.
     """
-    search = search_near(run, predicted_um, u_um)
+    search = search_near(run, predicted_um, u_um, deepest_um)
     at_first, later = shared_out(search.touches)
     move_to(run, spots.places[0])
     search = replace(search, touches=at_first)
@@ -206,12 +213,14 @@ def _step(run: JobRun, found: Sequence[SurfaceReading], spots: Spots) -> Step:
     return Step((second.x_um - first.x_um, second.y_um - first.y_um), off.um, off.u_um)
 
 
-def read_pad(run: JobRun, kind: str, place: str, predicted_um: float, u_um: float) -> SurfaceReading:
+def read_pad(
+    run: JobRun, kind: str, place: str, predicted_um: float, u_um: float, deepest_um: float = -math.inf
+) -> SurfaceReading:
     """Touch the pad at two spots, and at up to two more where they do not agree.
 
-    Contact is expected at `predicted_um` with a standard uncertainty of `u_um`. Raises what `read_at_spots` raises.
+    Where contact is expected is told as to `read_at_spots`, and it raises what that raises.
     """
-    return read_at_spots(run, kind, place, Spots("pad", pad_spots(run)), predicted_um, u_um)
+    return read_at_spots(run, kind, place, Spots("pad", pad_spots(run)), predicted_um, u_um, deepest_um)
 
 
 def pad_middle_um(run: JobRun) -> tuple[float, float]:
