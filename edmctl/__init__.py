@@ -17,10 +17,12 @@ if TYPE_CHECKING:
         open_run,
         simulate,
     )
+    from edmctl.jobs.study.study import Study
 
 __all__ = [
     "Machine",
     "StopRequest",
+    "Study",
     "__version__",
     "calibrate_files",
     "connect",
@@ -38,6 +40,10 @@ def __getattr__(name: str) -> object:
         return import_module("edmctl.errors")
     if name not in __all__:
         raise AttributeError(f"module 'edmctl' has no attribute {name!r}")
+    if name == "Study":  # needs what no single job does
+        from edmctl.jobs.study.study import Study
+
+        return Study
     from edmctl import api
 
     return getattr(api, name)

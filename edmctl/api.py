@@ -455,13 +455,10 @@ def load_profile(profile: File, *, overrides: Overrides = ()) -> LoadedProfile:
 
 def forecast(profile: File, *, overrides: Overrides = (), setup: File | None = None) -> Forecast:
     """Return what a job will take: time, feed, stroke, wear. Raises ProfileError."""
-    from edmctl.forecasts.forecast import forecast as foretell
     from edmctl.profile.setup import load_setup
     from edmctl.rules.load import load_profile as load
 
-    known = load_setup(_path(setup))
-    loaded = load(_profile(profile), _texts(overrides), setup=known)
-    return foretell(loaded.profile, known, loaded.places)
+    return load(_profile(profile), _texts(overrides), setup=load_setup(_path(setup))).forecast
 
 
 def open_run(path: File) -> RunFile:

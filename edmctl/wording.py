@@ -273,6 +273,11 @@ def named_with_unit(key: str, unit: str) -> str:
     return f"{key}, {unit}"
 
 
+def unit_in(key: str) -> str:
+    """Return the unit that the name of a value ends with; empty where it has none."""
+    return next((unit for ending, unit in _UNITS.items() if key.endswith(f"_{ending}")), "")
+
+
 def escaped(text: str) -> str:
     """Return the name of a file on one line: what cannot be printed becomes its escape sequence."""
     return "".join(

@@ -27,6 +27,7 @@ from edmctl.cli.outcome import Outcome, Output, finish, interrupted, mutter, unw
 from edmctl.cli.run import app as run_files
 from edmctl.cli.signals import SignalArrived, leave, raising_signals
 from edmctl.cli.simulate import seeds as simulate
+from edmctl.cli.study import app as studies
 from edmctl.errors import UsageError
 from edmctl.exitcodes import ExitCode, exit_code_table
 
@@ -52,9 +53,10 @@ app.command("ports")(ports.ports)
 app.add_typer(simulate.app, name="simulate")
 app.add_typer(profile.app, name="profile")
 app.add_typer(run_files, name="run")
+app.add_typer(studies, name="study")
 
 
-_GROUPS = ("profile", "run", "simulate")
+_GROUPS = ("profile", "run", "simulate", "study")
 
 # Some versions of typer carry click inside; this finds its base of all usage errors in either place.
 _ClickError = cast("type[Exception]", typer.BadParameter.__mro__[2])

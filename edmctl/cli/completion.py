@@ -26,6 +26,13 @@ def profiles(incomplete: str) -> list[str]:
     return _offered(shipped_names(), incomplete)
 
 
+def studies(incomplete: str) -> list[str]:
+    """Shipped studies; files are the shell's own business."""
+    from edmctl.profile.folders import shipped_studies
+
+    return _offered([path.stem for path in shipped_studies()], incomplete)
+
+
 def keys(incomplete: str) -> list[str]:
     """Keys that can be set, with their tables, `target.depth_um=`; of one that is left alone, its values too."""
     from edmctl.profile.model import Profile

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, TextIO
 from edmctl.console.charts import count_bar
 from edmctl.console.layout import plain_ascii, render_line, wrapped
 from edmctl.console.live_view import Histories, draw_view
-from edmctl.console.progress import Reporter
+from edmctl.console.progress import Pacer, Reporter, left_words
 from edmctl.console.style import Ink
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from edmctl.results.progress import Progress
 
 REDRAW_EVERY_S = 0.1
-_RUNS_WORDS = 24
+_RUNS_WORDS = 48
 HIDE_CURSOR, SHOW_CURSOR = "\x1b[?25l", "\x1b[?25h"
 _BEGIN, _END = "\x1b[?2026h", "\x1b[?2026l"
 """Terminals that know it show everything between these at once; the others skip it."""
@@ -43,6 +43,7 @@ class LiveReporter(Reporter):
         self._clock = clock
         self._due_s = -math.inf
         self._histories = Histories()
+        self._pacer = Pacer(clock)
 
     def progress(self, p: Progress) -> None:
         """Keep the samples; redraw when the last picture is a tenth of a second old."""
@@ -55,13 +56,16 @@ class LiveReporter(Reporter):
 
     def runs(self, done: int, total: int) -> None:
         """Redraw the count of runs."""
+        left_s = self._pacer.time_left_s(done, total)
         if not (self._is_due() or done == total):
             return
         width, _ = self._screen.size()
         cells = max(0, min(60, width - 1 - _RUNS_WORDS))
         bar = count_bar(done, total, cells, unicode=self._style.unicode)
-        line: list[Span] = [("runs  ", Ink.FAINT), *bar, (f"  {done} of {total}", None)]
-        self._screen.show([(render_line(line, width - 1, self._style), min(width - 1, cells + 24))], width)
+        line: list[Span] = [("runs  ", Ink.FAINT), *bar, (f"  {done} of {total}{left_words(left_s)}", None)]
+        self._screen.show(
+            [(render_line(line, width - 1, self._style), min(width - 1, cells + _RUNS_WORDS))], width
+        )
 
     def note(self, text: str) -> None:
         """Print `text` above the picture, where it stays; the terminal itself would break it within a word."""

@@ -85,12 +85,37 @@ class Pace:
         return True
 
 
+class Pacer:
+    """Says how long a series of runs will still take, by how long those since its begin have taken."""
+
+    def __init__(self, clock: Callable[[], float]) -> None:
+        self._clock = clock
+        self._begin: tuple[float, int, int] | None = None
+
+    def time_left_s(self, done: int, total: int) -> float:
+        """Return the time left; NaN until something is done."""
+        now_s = self._clock()
+        if self._begin is None or self._begin[2] != total or done < self._begin[1]:
+            self._begin = (now_s, done, total)
+        begin_s, begin_done, _ = self._begin
+        made = done - begin_done
+        return (now_s - begin_s) / made * (total - done) if made else math.nan
+
+
+def left_words(time_left_s: float) -> str:
+    """Return the time left in words; nothing where it is unknown or over."""
+    return (
+        f", about {duration(time_left_s)} left" if math.isfinite(time_left_s) and time_left_s >= 1.0 else ""
+    )
+
+
 class LineReporter(Reporter):
     """Plain lines, never a carriage return."""
 
     def __init__(self, stream: TextIO, clock: Callable[[], float] = time.monotonic) -> None:
         self._out = _PatientStream(stream)
         self._pace = Pace(LINE_EVERY_S, clock)
+        self._pacer = Pacer(clock)
 
     def progress(self, p: Progress) -> None:
         """Write a line when one is due."""
@@ -103,8 +128,9 @@ class LineReporter(Reporter):
 
     def runs(self, done: int, total: int) -> None:
         """Write a line when one is due."""
+        left_s = self._pacer.time_left_s(done, total)
         if self._pace.is_due("runs"):
-            self._out.write(f"{done} of {total} runs done\n")
+            self._out.write(f"{done} of {total} runs done{left_words(left_s)}\n")
 
 
 class EventReporter(Reporter):
@@ -113,6 +139,7 @@ class EventReporter(Reporter):
     def __init__(self, stream: TextIO, clock: Callable[[], float] = time.monotonic) -> None:
         self._out = _PatientStream(stream)
         self._pace = Pace(EVENT_EVERY_S, clock)
+        self._pacer = Pacer(clock)
 
     def progress(self, p: Progress) -> None:
         """Write a `progress` object when one is due."""
@@ -125,8 +152,9 @@ class EventReporter(Reporter):
 
     def runs(self, done: int, total: int) -> None:
         """Write a `runs` object when one is due."""
+        left_s = self._pacer.time_left_s(done, total)
         if self._pace.is_due("runs"):
-            self._emit("runs", {"done": done, "total": total})
+            self._emit("runs", {"done": done, "total": total, "time_left_s": left_s})
 
     def _emit(self, event: str, fields: Mapping[str, object]) -> None:
         self._out.write(render_json_line({"event": event, **fields}))

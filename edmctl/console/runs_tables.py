@@ -282,10 +282,16 @@ _NAMES = {
     "wear_um": "tool wear, µm",
     "machining_time_s": "machining time, s",
     "time_s": "whole job, s",
+    "mrr_mm3_min": "10⁻³ mm³/min",
+    "wear_ratio_lin": "wear per depth",
+    "arc_share": "arcs, %",
     "depth_error_um": "depth error, µm",
     "wear_error_um": "wear error, µm",
 }
-CASES_FIRST_TO_GO = ("true wear, µm", "true depth, µm", "failed")
+_SCALES = {"mrr_mm3_min": 1e3, "arc_share": 100.0}
+"""What a quantity is multiplied by in its unit of the table."""
+_SHOWN_WHERE_THERE = ("mrr_mm3_min", "wear_ratio_lin", "arc_share")
+CASES_FIRST_TO_GO = ("arcs, %", "true wear, µm", "true depth, µm", "wear per depth", "failed")
 """Columns of several cases that a narrow terminal does without, one after the other."""
 
 
@@ -297,7 +303,7 @@ def render_cases(cases: Sequence[Case], style: Style = PLAIN) -> str:
 def _render_case(case: Case, style: Style) -> str:
     header = [f"{case.label}, {plural(len(case.runs), 'run')}", "mean", "sd", "min", "max"]
     rows = [
-        [names[key], *(decimal(value) for value in (s.mean, s.sd, s.minimum, s.maximum))]
+        [names[key], *(decimal(_SCALES.get(key, 1.0) * v) for v in (s.mean, s.sd, s.minimum, s.maximum))]
         for names, statistics in (
             (_TRUE_NAMES, case.truth),
             (_NAMES, case.spreads),
@@ -323,14 +329,19 @@ def _of_basis(basis: str) -> dict[str, str]:
 def _render_overview(cases: Sequence[Case], style: Style) -> str:
     table = {"mean ± sd": [case.label for case in cases]}
     table |= {name: [_mean_sd(case.truth.get(key)) for case in cases] for key, name in _TRUE_NAMES.items()}
-    for key in ("depth_error_um", "machining_time_s"):
-        table[_NAMES[key]] = [_mean_sd(case.spreads.get(key)) for case in cases]
+    for key in ("depth_error_um", "machining_time_s", "mrr_mm3_min", "wear_ratio_lin", "arc_share"):
+        if key in _SHOWN_WHERE_THERE and not any(key in case.spreads for case in cases):
+            continue
+        scale = _SCALES.get(key, 1.0)
+        table[_NAMES[key]] = [_mean_sd(case.spreads.get(key), scale) for case in cases]
     table["failed"] = [f"{case.failed} of {len(case.runs)}" for case in cases]
     shown = narrowed(table, style.columns, CASES_FIRST_TO_GO)
-    return "\n".join(filter(None, [render_table(shown, style), not_shown(table, shown)]))
+    left_out = wrapped(not_shown(table, shown), style.columns) if style.columns else [not_shown(table, shown)]
+    return "\n".join(filter(None, [render_table(shown, style), *left_out]))
 
 
-def _mean_sd(found: Statistics | None) -> str:
+def _mean_sd(found: Statistics | None, scale: float = 1.0) -> str:
     if found is None:
         return "–"
-    return f"{decimal(found.mean)} ± {decimal(found.sd)}" if math.isfinite(found.sd) else decimal(found.mean)
+    mean, sd = scale * found.mean, scale * found.sd
+    return f"{decimal(mean)} ± {decimal(sd)}" if math.isfinite(sd) else decimal(mean)

@@ -6,7 +6,7 @@ Centre runs are not in them: how many there are, and where in the order, is the 
 from __future__ import annotations
 
 import itertools
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -72,11 +72,16 @@ def central_composite(factors: int, alpha: float | str = "face") -> Coded:
     return np.vstack([cube, axial]) / max(1.0, distance)
 
 
+MOST_IMPROVED = 200
+"""Runs of a Latin hypercube that swaps improve: of more, chance alone fills the space, and swaps take long."""
+
+
 def latin_hypercube(factors: int, runs: int, seed: int) -> Coded:
-    """Return a Latin hypercube of low centred discrepancy: a run in each of `runs` equal slices of each factor."""
+    """Return a Latin hypercube: a run in each of `runs` equal slices of each factor, of low centred discrepancy."""
     from scipy.stats import qmc
 
-    made = qmc.LatinHypercube(factors, optimization="random-cd", rng=np.random.default_rng(seed)).random(runs)
+    way: Literal["random-cd"] | None = "random-cd" if runs <= MOST_IMPROVED else None
+    made = qmc.LatinHypercube(factors, optimization=way, rng=np.random.default_rng(seed)).random(runs)
     return np.asarray(made) * 2 - 1
 
 

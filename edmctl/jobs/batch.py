@@ -2,33 +2,32 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import os
 import shlex
-import threading
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from multiprocessing import util
+from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
 from edmctl.errors import Interrupted, ProfileError, RunFileError, UsageError
-from edmctl.exitcodes import ExitCode, error_exit_code
+from edmctl.exitcodes import error_exit_code
 from edmctl.jobs.job import carry_out
+from edmctl.jobs.parallel import Lost, compile_told, cores, process_pool
+from edmctl.jobs.parallel import perform as side_by_side
 from edmctl.jobs.plan import check
 from edmctl.jobs.run_header import name_run, plain_name, run_path
 from edmctl.jobs.statistics import run_of
 from edmctl.jobs.surroundings import Unobserved
 from edmctl.jobs.sweep import grid_of, of_sweep
 from edmctl.results.progress import Observer
+from edmctl.results.simulation import SimulatedRun
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
+    from edmctl.jobs.parallel import Program
     from edmctl.jobs.plan import JobRequest, Plan
     from edmctl.jobs.surroundings import Surroundings
-    from edmctl.results.simulation import SimulatedRun
 
 
 class BatchObserver(Observer, Protocol):
@@ -47,17 +46,6 @@ class Task:
     seed: int
     out: Path | None
     run_id: str
-
-
-@dataclass(frozen=True, slots=True)
-class Program:
-    """The program that runs a batch: its surroundings, and how a worker process of its own begins.
-
-    Both are called in each worker, because signal handlers do not travel.
-    """
-
-    surroundings: Callable[[], Surroundings]
-    begin_worker: Callable[[], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,72 +124,47 @@ def check_names(tasks: Sequence[Task]) -> None:
 
 
 def perform_all(
-    tasks: Sequence[Task], program: Program, observer: BatchObserver
-) -> Iterator[tuple[int, SimulatedRun]]:
-    """Perform `tasks`, side by side where there are cores; yield each with its number when it is finished.
+    tasks: Sequence[Task],
+    program: Program,
+    observer: BatchObserver,
+    keep: Callable[[int, SimulatedRun], None],
+) -> None:
+    """Perform `tasks`, side by side where there are cores; `keep` gets each with its number when it is finished.
 
-    A run that fails is finished too. A stop (Interrupted) or a disk that refuses (RunFileError) is raised.
+    A run that fails is finished too, and one whose worker died is made again. A stop (Interrupted) or a disk that
+    refuses (RunFileError) is raised.
     """
-    workers = min(len(tasks), _cores())
-    if workers == 1:
+    workers = min(len(tasks), cores())
+    if workers <= 1:
         for number, task in enumerate(tasks):
             if len(tasks) > 1:
                 observer.runs(number, len(tasks))
-            yield number, perform(task, program, observer if len(tasks) == 1 else Unobserved())
+            keep(number, perform(task, program, observer if len(tasks) == 1 else Unobserved()))
         return
-    _compile(observer)
-    # A forked child would inherit the threads of numba and BLAS half-way through whatever they do.
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context, initializer=_begin, initargs=(program,)) as pool:
-        futures = {pool.submit(perform, task, program): number for number, task in enumerate(tasks)}
-        try:
-            observer.runs(0, len(tasks))
-            for done, future in enumerate(as_completed(futures), start=1):
-                yield futures[future], future.result()
-                observer.runs(done, len(tasks))
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            for child in multiprocessing.active_children():
-                child.kill()
-            # The process may die of a signal: what its queues hold would be found and told by Python's tracker.
-            util._run_finalizers(0)  # type: ignore[attr-defined]
-            raise
+    compile_told(observer)
+    done = 0
+
+    def on_result(number: int, found: SimulatedRun | Lost) -> None:
+        nonlocal done
+        done += 1
+        if isinstance(found, Lost):
+            found = SimulatedRun(tasks[number].seed, ok=False, exit_code=1, error=str(found))
+        keep(number, found)
+        observer.runs(done, len(tasks))
+
+    observer.runs(0, len(tasks))
+    side_by_side(partial(perform, program=program), tasks, process_pool(workers, program), on_result)
 
 
 def perform(task: Task, program: Program, observer: Observer | None = None) -> SimulatedRun:
     """Perform one task. Raises Interrupted and RunFileError; every other error is in the run."""
     plan = check(task.request, program.surroundings())
     name = name_run(task.out, task.run_id, plan.loaded, datetime.now(UTC)) if task.out else None
+    if name is not None:
+        for left in (name.path, name.partial):
+            left.unlink(missing_ok=True)  # of a worker that died; a file of another series was refused before
     report = carry_out(plan, task.seed, observer or Unobserved(), name)
     if isinstance(report.error, Interrupted | RunFileError):
         raise report.error
     exit_code = error_exit_code(report.error) if report.error else 0
     return run_of(task.seed, exit_code, report)
-
-
-def _compile(observer: Observer) -> None:
-    """Compile once what all workers load then, and say so."""
-    from edmctl.actuator.compiling import compiling_told
-    from edmctl.simulator import BenchConfig, open_bench
-
-    with compiling_told(observer.note):
-        open_bench(BenchConfig(), 0).warm_up()
-
-
-def _begin(program: Program) -> None:
-    """Begin a worker process, which does not outlive its parent."""
-    program.begin_worker()
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(int(ExitCode.INTERNAL))
-
-
-def _cores() -> int:
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1

@@ -197,7 +197,6 @@ def check(request: JobRequest, surroundings: Surroundings = NONE) -> Plan:
             hint="Say --profile NAME|FILE or set EDMCTL_PROFILE; `--profile cu270` takes a shipped one.",
             code="E2002",
         )
-    from edmctl.forecasts.forecast import forecast
     from edmctl.profile.read import read_source
     from edmctl.profile.setup import load_setup
     from edmctl.rules.load import load_profile
@@ -214,7 +213,7 @@ def check(request: JobRequest, surroundings: Surroundings = NONE) -> Plan:
         loaded=loaded,
         setup=setup,
         setup_text=read_source(request.setup).text if request.setup else "",
-        forecast=forecast(loaded.profile, setup, loaded.places),
+        forecast=loaded.forecast,
         calibration=request.calibration,
         new_tool=request.new_tool,
         surroundings=surroundings,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 import statistics
 from typing import TYPE_CHECKING
@@ -24,7 +26,7 @@ _SITE_QUANTITIES = {
     "wear_error_um": "wear_basis",
 }
 """Quantities of a hole, and which basis is theirs."""
-_RUN_QUANTITIES = ("machining_time_s", "time_s")
+_RUN_QUANTITIES = ("machining_time_s", "time_s", "mrr_mm3_min", "wear_ratio_lin", "arc_share")
 _TRUE_QUANTITIES = ("depth_um", "wear_um")
 
 
@@ -69,6 +71,9 @@ def run_of(seed: int, exit_code: int, report: Report) -> SimulatedRun:
         truth=truth,
         machining_time_s=report.job.machining_time_s,
         time_s=report.job.time_s,
+        mrr_mm3_min=getattr(site, "mrr_mm3_min", math.nan),
+        wear_ratio_lin=getattr(site, "wear_ratio_lin", math.nan),
+        arc_share=site.ratios.arc,
         cuts=channel.passes if channel else sum(one.cuts for one in report.job.sites),
         calibration=model,
         sites=sites,
@@ -127,3 +132,28 @@ def _coverage(sites: Sequence[SimulatedSite]) -> dict[str, float]:
         "wear": [abs(s.wear_error_um) <= s.wear_u95_um for s in sites if math.isfinite(s.wear_error_um)],
     }
     return {name: statistics.fmean(found) for name, found in held.items() if found}
+
+
+def csv_of(cases: Sequence[Case]) -> bytes:
+    """Return one row a case: its label, numbers of runs, and of every quantity mean and standard deviation."""
+    groups = {"": "spreads", "by_model.": "by_model", "estimated.": "estimated", "truth.": "truth"}
+    rows = []
+    for case in cases:
+        row: dict[str, object] = {"case": case.label}
+        for override in case.overrides:
+            key, _, value = override.partition("=")
+            row[key] = value
+        row |= {"runs": len(case.runs), "failed": case.failed}
+        for prefix, name in groups.items():
+            for key, found in getattr(case, name).items():
+                row[f"{prefix}{key}"] = found.mean
+                row[f"{prefix}{key}_sd"] = "" if math.isnan(found.sd) else found.sd
+        row |= {f"{name}_coverage": share for name, share in case.coverage.items()}
+        rows.append(row)
+    text = io.StringIO()
+    writer = csv.DictWriter(
+        text, list(dict.fromkeys(name for row in rows for name in row)), lineterminator="\n"
+    )
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue().encode()

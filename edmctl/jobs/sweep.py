@@ -1,4 +1,4 @@
-"""Seeds of the simulator, and profile values in equal steps (`KEY=START:STOP:COUNT`) with all combinations."""
+"""Seeds of the simulator, and profile values in equal steps or lists, with all combinations."""
 
 from __future__ import annotations
 
@@ -51,6 +51,7 @@ def seed_to_use(asked: SupportsIndex | None, runs: int = 1) -> int:
 
 
 _FORM = re.compile(r"(?P<key>[A-Za-z0-9_.-]+)=(?P<start>[^:]+):(?P<stop>[^:]+):(?P<count>[^:]+)")
+_LIST = re.compile(r"(?P<key>[A-Za-z0-9_.-]+)=(?P<values>[^:]+)")
 _MOST = 1000
 
 
@@ -67,13 +68,16 @@ class Sweep:
 
 
 def parse_sweep(text: str) -> Sweep:
-    """Parse `KEY=START:STOP:COUNT`; both ends are included. Raises UsageError (E2003).
+    """Parse `KEY=START:STOP:COUNT`, both ends included, or a list, `KEY=A,B,C`. Raises UsageError (E2003).
 
     Whole ends that are whole steps apart give whole numbers, for keys that take no others.
     """
+    listed = _LIST.fullmatch(text)
+    if listed and "," in listed["values"]:
+        return _of_list(text, listed["key"], [value.strip() for value in listed["values"].split(",")])
     match = _FORM.fullmatch(text)
     if not match:
-        raise _refused(text, "is not of the form KEY=START:STOP:COUNT")
+        raise _refused(text, "is neither of the form KEY=START:STOP:COUNT nor a list KEY=A,B,C")
     try:
         start, stop, count = float(match["start"]), float(match["stop"]), int(match["count"])
     except ValueError:
@@ -89,6 +93,16 @@ def parse_sweep(text: str) -> Sweep:
     if len(set(written)) < count:
         raise _refused(text, "its values must differ")
     return Sweep(match["key"], written)
+
+
+def _of_list(text: str, key: str, values: Sequence[str]) -> Sweep:
+    if not all(values):
+        raise _refused(text, "a value of the list is empty")
+    if len(set(values)) < len(values):
+        raise _refused(text, "its values must differ")
+    if len(values) > _MOST:
+        raise _refused(text, f"a list has at most {_MOST} values")
+    return Sweep(key, tuple(values))
 
 
 MOST_RUNS = 100_000
@@ -130,5 +144,7 @@ def of_sweep(diagnostic: Diagnostic, sweeps: Sequence[str]) -> Diagnostic:
 
 def _refused(text: str, reason: str) -> UsageError:
     return UsageError(
-        f"--sweep {text!r}: {reason}.", hint="An example: --sweep servo.reference=0.70:0.90:5", code="E2003"
+        f"--sweep {text!r}: {reason}.",
+        hint="Examples: --sweep servo.reference=0.7:0.9:5, --sweep tool.material=Cu,W",
+        code="E2003",
     )

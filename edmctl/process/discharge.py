@@ -67,11 +67,13 @@ def delay_over_on_time(level_s: float, rho: float, longest_share: float = 1.0) -
 
     Solves `s = phi + rho * burning` by bisection; the level rises with it from `rho * longest_share` to 1.
     """
-    low, high = -6.0, 6.0
+    low, high, exp, expm1 = -6.0, 6.0, math.exp, math.expm1
     for _ in range(60):
         middle = 0.5 * (low + high)
         x = 10.0**middle
-        if open_share(x) + rho * burning_share(x, longest_share) < level_s:
+        # `open_share` and `burning_share`, written out: forecasts solve this sixteen times.
+        burning = longest_share - x * (exp(-(1.0 - longest_share) / x) - exp(-1.0 / x))
+        if -x * expm1(-1.0 / x) + rho * burning < level_s:
             low = middle
         else:
             high = middle

@@ -37,7 +37,7 @@ RECIPE_U_REL = 0.5
 it: tools that wear little wear by as much as a touch errs, and would never contradict it."""
 WIDENING_SDS = 2.0
 """What a touch says beyond so many standard deviations makes what was believed as uncertain as it was wrong."""
-_STEPS = 1000
+_SHARES = tuple(i / 1000 for i in range(1001))
 CONTRADICTION_SDS = 3.0
 """Beyond this the belief is contradicted: one in 370 by chance."""
 
@@ -324,11 +324,13 @@ def _wear_step(
     """
     way = math.log(max(wear_um, LEAST_RATIO * expected_um) / expected_um)
 
-    def cost(share: float) -> float:
-        log = share * way
-        return log * log / known.var_ratio + ((wear_um - expected_um * math.exp(log)) / u_um) ** 2
-
-    log = way * min((i / _STEPS for i in range(_STEPS + 1)), key=cost)
+    # Written out: every forecast of every setting of a study passes here.
+    var_ratio, exp, log, least = known.var_ratio, math.exp, 0.0, math.inf
+    for share in _SHARES:
+        tried = share * way
+        cost = tried * tried / var_ratio + ((wear_um - expected_um * exp(tried)) / u_um) ** 2
+        if cost < least:
+            log, least = tried, cost
     likeliest_um = expected_um * math.exp(log)
     return wear_um - likeliest_um + likeliest_um * log, 0.0, likeliest_um, u_um
 

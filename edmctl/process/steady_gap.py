@@ -11,6 +11,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from operator import mul
+from typing import TYPE_CHECKING
 
 from edmctl.process.discharge import delay_over_on_time, pulse_energy_uj, tool_area_um2
 from edmctl.process.erosion import LAW, molten_uj, tool_um3_per_uj, work_um3_per_uj
@@ -27,6 +29,9 @@ from edmctl.process.gap_conditions import (
     flush_time_s,
     working_gap_um,
 )
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 _STEPS = 24
 _ROUNDS, _HALVINGS, _ARC_ROUNDS = 8, 18, 4
@@ -167,14 +172,14 @@ def steady_gap(recipe: GapRecipe, depth_um: float) -> SteadyGap:
 def _pulses(recipe: GapRecipe, level_s: float) -> _Pulses:
     tau = delay_over_on_time(level_s, recipe.rho, recipe.longest_share)
     delays = [(i + 0.5) / _STEPS for i in range(_STEPS)]
-    kinds = [_normal(recipe, delay) for delay in delays]
+    at_once, kinds = _discharges(recipe)
     weights = [math.exp(-delay / tau) for delay in delays]
     soon = [
         w * math.exp(-recipe.on_time_us * d / GAP_LAW.arc_delay_us)
         for w, d in zip(weights, delays, strict=True)
     ]
-    at_once, every = _normal(recipe, 0.0), _mean(kinds, weights)
-    volumes = [w * kind.work_um3 for w, kind in zip(weights, kinds, strict=True)]
+    every = _mean(kinds, weights)
+    volumes = list(map(mul, weights, kinds[2]))
     # An arc's plateau is lower, its current higher; the energy is told as if all burned at the usual plateau.
     current = (recipe.open_voltage_v - ARC_V) / (recipe.open_voltage_v - recipe.discharge_voltage_v)
     volume = current * (ARC_V / recipe.discharge_voltage_v) ** 2
@@ -194,6 +199,17 @@ def _pulses(recipe: GapRecipe, level_s: float) -> _Pulses:
     )
 
 
+@lru_cache(maxsize=16)
+def _discharges(recipe: GapRecipe) -> tuple[_Kind, tuple[tuple[float, ...], ...]]:
+    """A discharge without delay, and those of equal steps of the delay, each quantity of `_Kind` in a row.
+
+    No level of the servo changes them.
+    """
+    kinds = [_normal(recipe, (i + 0.5) / _STEPS) for i in range(_STEPS)]
+    rows = zip(*((k.level_s, k.energy_uj, k.work_um3, k.tool_um3) for k in kinds), strict=True)
+    return _normal(recipe, 0.0), tuple(rows)
+
+
 def _normal(recipe: GapRecipe, delay: float) -> _Kind:
     """A discharge that ignites after this share of the on-time."""
     share = min(1.0 - delay, recipe.longest_share)
@@ -205,13 +221,9 @@ def _normal(recipe: GapRecipe, delay: float) -> _Kind:
     return _Kind(delay + recipe.rho * share, energy_uj, molten * work, molten * tool)
 
 
-def _mean(kinds: list[_Kind], weights: list[float]) -> _Kind:
+def _mean(rows: Sequence[Sequence[float]], weights: list[float]) -> _Kind:
     total = sum(weights)
-    columns = [
-        sum(w * value for w, value in zip(weights, values, strict=True)) / total
-        for values in zip(*((k.level_s, k.energy_uj, k.work_um3, k.tool_um3) for k in kinds), strict=True)
-    ]
-    return _Kind(*columns)
+    return _Kind(*(sum(map(mul, weights, values)) / total for values in rows))
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,11 +240,12 @@ def _balance(recipe: GapRecipe, pulses: _Pulses, depth_um: float) -> _Dirt:
     per_s = 1e6 / (recipe.on_time_us + recipe.off_time_us)
     area_um2, working_um = tool_area_um2(recipe.diameter_um), working_gap_um(GAP_LAW, recipe.open_voltage_v)
     flush_s = flush_time_s(GAP_LAW, recipe.diameter_um, depth_um) * recipe.flush_time_s / GAP_LAW.flush_time_s
+    channel_us = deionisation_us(GAP_LAW, pulses.every.energy_uj)
     low, high, dirt = 0.0, MOST_DEBRIS, _Dirt(0.0, 0.0, 0.0)
     for _ in range(_HALVINGS):
         debris = 0.5 * (low + high)
         gap_um = _gap_um(recipe, pulses, debris)
-        dirt = _Dirt(debris, _arcs(recipe, pulses, debris), _shorts(recipe, debris, gap_um))
+        dirt = _Dirt(debris, _arcs(recipe, pulses, debris, channel_us), _shorts(recipe, debris, gap_um))
         clearing = min(CLEARING[1], max(CLEARING[0], (gap_um / working_um) ** 2))
         outflow = debris * area_um2 * gap_um * (clearing / flush_s + recipe.jump_clearing_hz)
         if (1.0 - dirt.shorts) * sum(_volumes_um3(pulses, debris, dirt.arcs)) * per_s > outflow:
@@ -249,18 +262,16 @@ def _shorts(recipe: GapRecipe, debris: float, gap_um: float) -> float:
     return lasting / (1.0 + lasting)
 
 
-def _arcs(recipe: GapRecipe, pulses: _Pulses, debris: float) -> float:
-    """Share of the discharges that are arcs."""
-    channel_us = deionisation_us(GAP_LAW, pulses.every.energy_uj)
+def _arcs(recipe: GapRecipe, pulses: _Pulses, debris: float, channel_us: float) -> float:
+    """Share of the discharges that are arcs; `channel_us` is the decay of a channel."""
     again = math.exp(-recipe.off_time_us / (channel_us * (1.0 + GAP_LAW.deionisation_debris * debris)))
     pause = 1.0 / (1.0 + recipe.off_time_us / GAP_LAW.arc_pause_us)
     dense = (debris / GAP_LAW.arc_debris) ** 2
-    arcs = GAP_LAW.arc_base
+    base, once, nine = GAP_LAW.arc_base, min(1.0, dense), min(1.0, 9.0 * dense)
+    sparks, soon_share, arcs = pulses.sparks, pulses.soon_share, GAP_LAW.arc_base
     for _ in range(_ARC_ROUNDS):
-        near = (1.0 - arcs) * min(1.0, dense) + arcs * min(1.0, 9.0 * dense)
-        arcs = min(
-            1.0, GAP_LAW.arc_base + pulses.sparks * (again + (1.0 - again) * near * pulses.soon_share * pause)
-        )
+        near = (1.0 - arcs) * once + arcs * nine
+        arcs = min(1.0, base + sparks * (again + (1.0 - again) * near * soon_share * pause))
     return arcs
 
 

@@ -37,6 +37,7 @@ class Code(StrEnum):
     UNREADABLE = "E3010"
     NOT_A_MULTIPLE = "E3011"
     PLACES_FILE = "E3012"
+    STUDY = "E3013"
 
     REFERENCE_WINDOW = "E3101"
     STROKE = "E3102"

@@ -28,6 +28,19 @@ def shipped_names() -> list[str]:
     return sorted(path.stem for path in shipped_folder().glob("*.toml"))
 
 
+def shipped_studies() -> list[Path]:
+    """Files of the shipped studies, sorted."""
+    return sorted((shipped_folder().parent / "studies").glob("*.toml"))
+
+
+def find_study(name_or_path: str) -> Path:
+    """Path of a study: a file as given, else a shipped one by its name, with or without `.toml`."""
+    given = Path(name_or_path)
+    if is_file(given):
+        return given
+    return next((path for path in shipped_studies() if name_or_path in (path.stem, path.name)), given)
+
+
 def find_shipped(name_or_path: str) -> Path | None:
     """Path of the shipped profile of that name (`cu270`, `cu270.toml`, `profiles/cu270.toml`), if there is one."""
     given = Path(name_or_path)

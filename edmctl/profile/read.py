@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 import tomllib
+from copy import deepcopy
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic, Location, ProfileError
@@ -53,7 +55,7 @@ def read_source(path: Path) -> Source:
     """Read a text file. Raises ProfileError when it cannot be read as UTF-8."""
     try:
         # Some editors put a mark of the byte order before the text.
-        return Source(str(path), read_bytes(path).decode("utf-8").removeprefix("\ufeff"))
+        return _source(str(path), read_bytes(path).decode("utf-8").removeprefix("\ufeff"))
     except OSError as error:
         message, hint = f"cannot read {path}: {error.strerror}", "check the path and its permissions"
     except UnicodeDecodeError as error:
@@ -61,8 +63,20 @@ def read_source(path: Path) -> Source:
     raise _refusal(Code.UNREADABLE, message, hint)
 
 
+@lru_cache(maxsize=8)
+def _source(name: str, text: str) -> Source:
+    """The same text is scanned once: a study reads one profile a thousand times."""
+    return Source(name, text)
+
+
 def parse(source: Source) -> TomlTable:
     """Parse a TOML text. Raises ProfileError with the place of the syntax error, or for more than anybody writes."""
+    return deepcopy(_parsed(source.name, source.text))
+
+
+@lru_cache(maxsize=8)
+def _parsed(name: str, text: str) -> TomlTable:
+    source = _source(name, text)
     long_key = _LONG_KEY.search(source.text)
     if long_key:
         line = source.text.count("\n", 0, long_key.start()) + 1
@@ -102,6 +116,12 @@ def decimal_comma(value: str) -> str:
     """What to write instead of a number with a decimal comma; nothing for any other text."""
     number = _DECIMAL_COMMA.fullmatch(value)
     return f"a number has a decimal point, not a comma: {number[1]}.{number[2]}" if number else ""
+
+
+def find_in(folder: Path, name: str) -> str:
+    """Return a profile that another file names: a file beside it, or the name as it stands, of a shipped one."""
+    beside = folder / name
+    return str(beside) if is_file(beside) else name
 
 
 def read_chain(path: Path) -> Merged:

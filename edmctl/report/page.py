@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import base64
 import math
-from dataclasses import dataclass
+from functools import partial
 from html import escape
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.labels import marked, weakest
 from edmctl.record.results import estimated_depth
-from edmctl.report import page_tables
-from edmctl.report.kinds import KINDS, Kind, draw
+from edmctl.report import html, page_tables
+from edmctl.report.kinds import KINDS, draw
 from edmctl.report.numbers import numbers_of, target_depths_um
-from edmctl.report.style import NothingToDraw, house_style, rendered
 from edmctl.wording import (
     TIP,
     UNKNOWN,
@@ -29,21 +26,15 @@ from edmctl.wording import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from matplotlib.figure import Figure
+    from collections.abc import Iterable, Iterator, Sequence
 
     from edmctl.record.reader import RunFile
+    from edmctl.report.html import PageTable, Picture
     from edmctl.report.numbers import RunNumbers
-    from edmctl.report.page_tables import PageTable
     from edmctl.results.run_file import Sentence
 
 NARROW = "\u202f"
 """A narrow space that a line does not break."""
-WIDE_MM = 120.0
-"""Figures wider than this take both columns of the page."""
-PX_PER_MM = 96.0 / 25.4
-
 _CONTENTS = (
     ("wanted", "Wanted"),
     ("numbers", "Numbers"),
@@ -53,46 +44,13 @@ _CONTENTS = (
 )
 _HEADINGS = dict(_CONTENTS)
 
-MOST_SVG_BYTES = 200_000
-"""A figure with more in it goes into the page as PNG, so that no page grows beyond a few megabytes."""
-_MEDIA_TYPES = {".svg": "image/svg+xml", ".png": "image/png"}
-
-
-@dataclass(frozen=True, slots=True)
-class Picture:
-    """A figure of the page, or why there is none: then `address` is empty."""
-
-    kind: Kind
-    address: str = ""
-    """A data URI that holds the picture."""
-    width_mm: float = 0.0
-    height_mm: float = 0.0
-    why_not: str = ""
-
 
 def pictures_of(run: RunFile) -> list[Picture]:
-    """Draw all that the run has something for."""
-    return [_picture(kind, run) for kind in KINDS]
-
-
-def _picture(kind: Kind, run: RunFile) -> Picture:
-    from matplotlib import rc_context
-
-    # Letters as outlines: the page looks the same where the font of the figures is not installed.
-    with house_style(), rc_context({"svg.fonttype": "path"}):
-        try:
-            figure = draw(kind, run)
-        except NothingToDraw as reason:
-            return Picture(kind, why_not=str(reason))
-        width_mm, height_mm = (25.4 * inches for inches in figure.get_size_inches())
-        return Picture(kind, _address(figure), width_mm, height_mm)
-
-
-def _address(figure: Figure) -> str:
-    suffix, content = ".svg", rendered(figure, ".svg")
-    if len(content) > MOST_SVG_BYTES:
-        suffix, content = ".png", rendered(figure, ".png")
-    return f"data:{_MEDIA_TYPES[suffix]};base64,{base64.b64encode(content).decode()}"
+    """Draw all that the run has something for, and say why of the rest."""
+    return [
+        html.picture_of(kind.name, kind.title, kind.sees, partial(draw, kind, run), kind.datasets)
+        for kind in KINDS
+    ]
 
 
 def render_page(
@@ -105,48 +63,26 @@ def render_page(
     """
     numbers = numbers_of(run)
     title = run.text("/entry/title") or run.text("/entry/run_id")
-    style = Path(__file__).with_name("page.css").read_text(encoding="utf-8")
-    links = "".join(f'<a href="#{name}">{heading}</a>' for name, heading in _CONTENTS)
     body = [
-        _section("wanted", [_paragraph(sentence.text) for sentence in sentences[:1]], _wanted(run)),
-        _section("numbers", [_tiles(run, numbers)], page_tables.all_numbers(run)),
-        _section("figures", _figures(pictures)),
+        _section("wanted", [*(html.paragraph(sentence.text) for sentence in sentences[:1]), *_wanted(run)]),
+        _section("numbers", [html.tiles(_key_numbers(run, numbers)), *page_tables.all_numbers(run)]),
+        _section("figures", html.figures(pictures)),
         _section("story", [_history(sentences[1:])]),
-        _section("source", [_table(page_tables.provenance(run))]),
+        _section("source", [page_tables.provenance(run)]),
     ]
-    return "\n".join(
-        [
-            "<!DOCTYPE html>",
-            '<html lang="en">',
-            "<head>",
-            '<meta charset="utf-8">',
-            '<meta name="viewport" content="width=device-width, initial-scale=1">',
-            '<meta name="generator" content="edmctl">',
-            f"<title>{escape(title)}, {escape(run.text('/entry/run_id'))}</title>",
-            '<link rel="icon" href="data:,">',
-            f"<style>\n{style}</style>",
-            "</head>",
-            "<body>",
-            "<header>",
-            f"<h1>{escape(title)}</h1>",
-            _paragraph(_subtitle(run), "sub"),
-            f'<p><span class="status {"done" if _is_done(run) else "other"}">{escape(_status(run))}</span></p>',
-            *(
-                []
-                if _is_done(run)
-                else [_paragraph(trouble or (sentences[-1].text if sentences else ""), "trouble")]
-            ),
-            f"<nav>{links}</nav>",
-            "</header>",
-            "<main>",
-            *body,
-            "</main>",
-            f"<footer>{_paragraph(f'From {run.path.name} alone. ± is half the 95 % interval.')}</footer>",
-            "</body>",
-            "</html>",
-            "",
-        ]
-    )
+    header = [
+        f"<h1>{escape(title)}</h1>",
+        html.paragraph(_subtitle(run), "sub"),
+        f'<p><span class="status {"done" if _is_done(run) else "other"}">{escape(_status(run))}</span></p>',
+    ]
+    if not _is_done(run):
+        header.append(html.paragraph(trouble or (sentences[-1].text if sentences else ""), "trouble"))
+    footer = f"From {run.path.name} alone. ± is half the 95 % interval."
+    return html.document(f"{title}, {run.text('/entry/run_id')}", header, _CONTENTS, body, footer)
+
+
+def _section(name: str, parts: Iterable[PageTable | str]) -> str:
+    return html.section(name, _HEADINGS[name], parts)
 
 
 def _is_done(run: RunFile) -> bool:
@@ -170,17 +106,8 @@ def _wanted(run: RunFile) -> list[PageTable | str]:
     if changed := page_tables.overrides(run):
         parts.append(changed)
     if every := page_tables.profile_values(run):
-        parts.append(f"<details><summary>{every.caption}</summary>\n{_table(every)}\n</details>")
+        parts.append(html.folded(every.caption, html.table(every)))
     return parts
-
-
-def _tiles(run: RunFile, numbers: RunNumbers) -> str:
-    """The few numbers that matter most."""
-    tiles = "".join(
-        f"<div><dt>{escape(name)}</dt><dd>{escape(value)}<small>{escape(more)}</small></dd></div>"
-        for name, value, more in _key_numbers(run, numbers)
-    )
-    return f'<dl class="tiles">{tiles}</dl>' if tiles else ""
 
 
 def _key_numbers(run: RunFile, numbers: RunNumbers) -> Iterator[tuple[str, str, str]]:
@@ -222,67 +149,6 @@ def _key_numbers(run: RunFile, numbers: RunNumbers) -> Iterator[tuple[str, str, 
     )
 
 
-def _figures(pictures: Sequence[Picture]) -> list[str]:
-    drawn = [picture for picture in pictures if picture.address]
-    absent = [picture for picture in pictures if not picture.address]
-    parts = (
-        ['<div class="figures">', *(_figure(n, p) for n, p in enumerate(drawn, 1)), "</div>"] if drawn else []
-    )
-    if absent:
-        reasons = "".join(
-            f"<li>{escape(picture.kind.title)}: {escape(picture.why_not)}</li>" for picture in absent
-        )
-        parts.append(f'<details class="absent"><summary>Not drawn</summary>\n<ul>{reasons}</ul>\n</details>')
-    return parts
-
-
-def _figure(number: int, picture: Picture) -> str:
-    kind = picture.kind
-    wide = ' class="wide"' if picture.width_mm > WIDE_MM else ""
-    width, height = (round(mm * PX_PER_MM) for mm in (picture.width_mm, picture.height_mm))
-    source = ", ".join(f"<code>{path}</code>" for path in kind.datasets)
-    return (
-        f'<figure id="{kind.name}"{wide}><img src="{picture.address}" width="{width}" height="{height}" '
-        f'alt="{escape(kind.sees)}">\n'
-        f"<figcaption><b>Fig. {number}: {escape(kind.title)}.</b> {escape(kind.sees)} From {source}.</figcaption>"
-        "</figure>"
-    )
-
-
-def _history(sentences: Sequence[Sentence]) -> str:
+def _history(sentences: Sequence[Sentence]) -> PageTable:
     rows = [(duration(sentence.time_s), sentence.text) for sentence in sentences]
-    return _table(page_tables.PageTable("", ("at", ""), rows, words=True))
-
-
-def _section(name: str, parts: Sequence[str], tables: Sequence[PageTable | str] = ()) -> str:
-    inside = [part for part in parts if part]
-    inside += [part if isinstance(part, str) else _table(part) for part in tables]
-    return "\n".join([f'<section id="{name}">', f"<h2>{_HEADINGS[name]}</h2>", *inside, "</section>"])
-
-
-def _table(table: PageTable) -> str:
-    caption = f"<caption>{escape(table.caption)}</caption>" if table.caption else ""
-    header = ""
-    if any(table.header):
-        cells = "".join(f'<th scope="col">{escape(name)}</th>' for name in table.header)
-        header = f"<thead><tr>{cells}</tr></thead>"
-    rows = "\n".join(
-        f'<tr><th scope="row">{escape(row[0])}</th>'
-        + "".join(
-            f'<td data-name="{escape(name)}">{escape(cell)}</td>'
-            for name, cell in zip(table.header[1:], row[1:], strict=False)
-        )
-        + "</tr>"
-        for row in table.rows
-    )
-    kind = "words" if table.words else "numbers"
-    note = f'\n<p class="note">{escape(table.note)}</p>' if table.note else ""
-    name = escape(table.caption or "table")
-    return (
-        f'<div class="scroll" tabindex="0" role="group" aria-label="{name}"><table class="{kind}">{caption}{header}'
-        f"<tbody>\n{rows}\n</tbody></table></div>{note}"
-    )
-
-
-def _paragraph(text: str, name: str = "") -> str:
-    return f'<p class="{name}">{escape(text)}</p>' if name else f"<p>{escape(text)}</p>"
+    return html.PageTable("", ("at", ""), rows, words=True)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.labels import heading, is_doubtful, marked, meanings, weakest
+from edmctl.report.html import PageTable
 from edmctl.report.numbers import CLASSES, numbers_of
 from edmctl.wording import (
     TIP,
@@ -23,8 +23,6 @@ from edmctl.wording import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from edmctl.record.reader import RunFile
     from edmctl.report.numbers import RunNumbers
     from edmctl.results.run_file import SiteNumbers
@@ -34,17 +32,6 @@ FEED_NOTE = "Feed is depth and wear together; its ± is at most the sum of their
 TRUTH = "truth (simulated)"
 
 _PRETTY = {"um": "µm", "um/s": "µm/s", "um3/uJ": "µm³/µJ", "us": "µs", "degC": "°C", "mm3/min": "mm³/min"}
-
-
-@dataclass(frozen=True, slots=True)
-class PageTable:
-    """A table. The first column names its rows; `words` says that the others hold words, not numbers."""
-
-    caption: str
-    header: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    note: str = ""
-    words: bool = False
 
 
 def results(numbers: RunNumbers) -> PageTable | None:

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ValidationError
 
 from edmctl.errors import Diagnostic, ProfileError
 from edmctl.forecasts.erosion import with_expected_erosion
-from edmctl.forecasts.forecast import Job, forecast
+from edmctl.forecasts.forecast import Job
 from edmctl.profile.diagnose import rule_diagnostics, schema_diagnostics, schema_problems
 from edmctl.profile.folders import find_profile, shipped_names
 from edmctl.profile.model import Profile
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from edmctl.profile.findings import Finding
     from edmctl.profile.places import Place
     from edmctl.profile.positions import TomlTable
+    from edmctl.results.forecast import Forecast
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +58,8 @@ class LoadedProfile:
     overrides: tuple[str, ...]
     warnings: tuple[Diagnostic, ...]
     places: tuple[Place, ...]
+    forecast: Forecast
+    """Of the job on the machine that it was checked for."""
 
     def __repr__(self) -> str:
         changed = f", {len(self.overrides)} values overridden" if self.overrides else ""
@@ -81,7 +84,8 @@ def load_profile(
     found, unread = _places(recipe, path, sources)
     warnings = _refuse_errors(violations(recipe, machine, found), sources, unread)
     profile = with_time_limit(with_expected_erosion(in_share_only(recipe)), machine, found)
-    late = [*time_limit(Job(profile, machine, found)), *sim_agrees(profile, written.sim)]
+    job = Job(profile, machine, found)
+    late = [*time_limit(job), *sim_agrees(profile, written.sim)]
     warnings += _refuse_errors(late, sources)
     return LoadedProfile(
         profile=profile,
@@ -93,6 +97,7 @@ def load_profile(
         overrides=merged.changes,
         warnings=warnings,
         places=found,
+        forecast=job.forecast,
     )
 
 
@@ -111,6 +116,8 @@ def _places(
     profile: Profile, path: Path, sources: Sources
 ) -> tuple[tuple[Place, ...], tuple[Diagnostic, ...]]:
     """The places of a profile, or why they are not known; files are relative to the text that names them."""
+    if not profile.sites:
+        return (), ()
     where = sources.value(("sites",))
     folder = Path() if where.file == SET_OPTION else Path(where.file).parent
     try:
@@ -155,7 +162,7 @@ def _summary(name: str, setup: Setup) -> ProfileSummary:
         loaded = load_profile(name, setup=setup)
     except ProfileError as error:
         return ProfileSummary(name, name, "", "", None, None, None, None, None, refused=error.message)
-    expected, meta = forecast(loaded.profile, setup, loaded.places), loaded.profile.meta
+    expected, meta = loaded.forecast, loaded.profile.meta
     return ProfileSummary(
         profile=name,
         name=meta.name,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -246,3 +247,30 @@ def test_channels_are_summed_up_like_holes(here: Here) -> None:
         assert abs(made["depth_um"] - made["truth"]["depth_um"]) <= made["depth_u95_um"]
         assert made["cuts"] > 2
         assert [one["name"] for one in made["sites"]] == ["channel-circle"]
+
+
+def test_a_series_that_was_stopped_goes_on_in_its_folder(here: Here, tmp_path: Path) -> None:
+    out, table, figure = tmp_path / "series", tmp_path / "cases.csv", tmp_path / "cases.svg"
+    swept = ("--sweep", "servo.reference=0.7,0.8", "--runs", "2", "--seed", "3", "--out", str(out))
+    whole = here("simulate", *SHALLOW, *swept, "--table", str(table), "--figure", str(figure), "--json", "-q")
+    assert whole.exit_code == 0, whole.err
+    rows = table.read_text(encoding="utf-8").splitlines()
+    assert len(rows) == 3
+    assert rows[0].startswith("case,")
+    assert {"mrr_mm3_min", "mrr_mm3_min_sd", "wear_ratio_lin", "truth.depth_um"} <= set(rows[0].split(","))
+    assert figure.read_text(encoding="utf-8").startswith("<?xml")
+    (file,) = (out / "series").glob("*.jsonl")
+    lines = file.read_text(encoding="utf-8").splitlines(keepends=True)
+    assert len(lines) == 5
+    lost = json.loads(lines[2])["run_id"]
+    file.write_text("".join([*lines[:2], *lines[3:4], lines[4][:50]]), encoding="utf-8")
+    (out / f"{lost}.h5").unlink()
+    last = json.loads(lines[4])["run_id"]
+    (out / f"{last}.h5").rename(out / f"{last}.h5.partial")
+    again = here("simulate", "--resume", str(out), "--json", "-q")
+    assert again.exit_code == 0, again.err
+    assert again.document["result"] == whole.document["result"]
+    assert len(list(out.glob("*.h5"))) == 4
+    assert here("simulate", "--resume", str(tmp_path), "-q").exit_code == 2
+    assert here("simulate", "--resume", str(out), "--seed", "4").exit_code == 2
+    assert here("simulate", *SHALLOW, "--table", str(table)).exit_code == 9

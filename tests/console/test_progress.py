@@ -95,7 +95,7 @@ def test_runs_are_counted_at_most_every_thirty_seconds() -> None:
     for done in range(4):
         reporter.runs(done, 40)
         clock.now_s += 20.0
-    assert out.getvalue() == "0 of 40 runs done\n2 of 40 runs done\n"
+    assert out.getvalue() == "0 of 40 runs done\n2 of 40 runs done, about 12 min 40 s left\n"
 
 
 def test_a_feed_target_has_no_depth_to_reach() -> None:

@@ -149,7 +149,7 @@ def test_a_run_that_failed_says_so_at_the_top(
 
 def test_a_figure_with_too_much_in_it_is_png(run_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("edmctl.report.page.KINDS", (kind_called("gap"),))
-    monkeypatch.setattr("edmctl.report.page.MOST_SVG_BYTES", 1000)
+    monkeypatch.setattr("edmctl.report.html.MOST_SVG_BYTES", 1000)
     with open_run(run_file) as run:
         (picture,) = pictures_of(run)
     assert picture.address.startswith("data:image/png;base64,")

@@ -1,5 +1,6 @@
 """`edmctl simulate`: the same job on many virtual machines; its subcommands simulate other things."""
 
+import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -23,12 +24,14 @@ from edmctl.cli.outcome import Outcome, stream_style, watching
 from edmctl.cli.signals import begin_worker, shell
 from edmctl.cli.simulate.actuator import actuator
 from edmctl.cli.simulate.serve import serve
-from edmctl.errors import Diagnostic, ObjectiveNotReached
+from edmctl.errors import Diagnostic, ObjectiveNotReached, UsageError
 from edmctl.jobs.sweep import MOST_RUNS, seed_to_use
 from edmctl.wording import plural
 
 if TYPE_CHECKING:
     from edmctl.jobs.batch import Case, Task
+    from edmctl.jobs.series import SeriesRows
+    from edmctl.results.simulation import Case as Summary
     from edmctl.results.simulation import SimulatedRun
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False, subcommand_metavar="[COMMAND ...]")
@@ -46,12 +49,28 @@ SweepOption = Annotated[
     typer.Option(
         "--sweep",
         metavar="KEY=START:STOP:COUNT",
-        help="Make all runs for each of these values. Repeatable: for all combinations.",
+        help="Make all runs for each of these values, or of a list, KEY=A,B,C. Repeatable: for all combinations.",
         autocompletion=completion.swept,
     ),
 ]
 OutOption = Annotated[
-    Path | None, typer.Option("--out", metavar="DIR", help="Write a run file of each run. Default: none.")
+    Path | None,
+    typer.Option(
+        "--out", metavar="DIR", help="Write a run file of each run, and rows to go on from. Default: none."
+    ),
+]
+ResumeOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--resume", metavar="DIR", help="Go on with the series in this folder, as it was asked for."
+    ),
+]
+TableOption = Annotated[
+    Path | None, typer.Option("--table", metavar="FILE.csv", help="Write one row a case into a new file.")
+]
+FigureOption = Annotated[
+    Path | None,
+    typer.Option("--figure", metavar="FILE", help="Draw the cases into a new file: .png, .svg or .pdf."),
 ]
 
 
@@ -67,26 +86,45 @@ def simulate(
     calibration: CalibrationOption = None,
     allow_model: AllowModelOption = False,
     out: OutOption = None,
+    resume: ResumeOption = None,
+    table: TableOption = None,
+    figure: FigureOption = None,
     dry_run: DryRunOption = False,
 ) -> None:
     """Run a job on many virtual machines.
 
-    Reports how depth, wear, time and the errors of measuring spread over the seeds. `simulate actuator` drives
-    the actuator of one machine alone.
+    Reports how depth, wear, time and the errors of measuring spread over the seeds. A series in a folder (--out)
+    that was interrupted goes on with --resume. `simulate actuator` drives the actuator of one machine alone.
     """
     from edmctl.console.profile_tables import render_forecasts
     from edmctl.jobs.batch import cases_of, check_names, tasks_of
     from edmctl.jobs.plan import SIMULATOR, JobRequest
+    from edmctl.jobs.series import Series, SeriesRows
 
-    request = JobRequest(profile, tuple(overrides or ()), setup, SIMULATOR, calibration, allow_model)
     outcome.simulated = True
-    first_seed = seed_to_use(seed, runs)
-    cases = cases_of(request, sweep or [], runs, shell())
+    _check_files(table, figure)
+    if resume is not None:
+        asked = (profile, overrides, setup, sweep, seed, calibration, out)
+        if any(value is not None for value in asked) or allow_model or dry_run:
+            raise UsageError(
+                "--resume goes on with the series as it was asked for.",
+                hint="Leave other options out; --table and --figure go with it.",
+                code="E2112",
+            )
+        with SeriesRows(resume) as rows:
+            series = rows.series(resume)
+        out = resume
+    else:
+        request = JobRequest(profile, tuple(overrides or ()), setup, SIMULATOR, calibration, allow_model)
+        series = Series(request, tuple(sweep or ()), runs, seed_to_use(seed, runs))
+    first_seed = series.first_seed
+    cases = cases_of(series.request, series.sweeps, series.runs, shell())
     outcome.warn(dict.fromkeys(warning for case in cases for warning in case.plan.loaded.warnings))
-    if sweep and runs == 1:
+    if series.sweeps and series.runs == 1:
         outcome.warn([_one_machine(first_seed)])
-    tasks = tasks_of(cases, first_seed, runs, out)
-    check_names(tasks)
+    tasks = tasks_of(cases, first_seed, series.runs, out)
+    if resume is None:
+        check_names(tasks)
     if dry_run:
         told = [(case.label, case.request.overrides, case.plan.forecast) for case in cases]
         outcome.result = {
@@ -96,7 +134,28 @@ def simulate(
         outcome.text = render_forecasts(forecasts, stream_style(sys.stdout))
         return
     outcome.seed = first_seed
-    _simulate(outcome, cases, tasks)
+    if out is None:
+        _simulate(outcome, cases, tasks, None, table, figure)
+        return
+    with SeriesRows(out) as rows:
+        if resume is None:
+            rows.begin(series)
+        _simulate(outcome, cases, tasks, rows, table, figure)
+
+
+def _check_files(table: Path | None, figure: Path | None) -> None:
+    """Refuse files that cannot be, before hours of runs."""
+    from edmctl.jobs.output_files import check_free
+
+    if table is not None:
+        if table.suffix.lower() != ".csv":
+            raise UsageError(f"--table {table} is no .csv file.", hint="Call it FILE.csv.", code="E2113")
+        check_free(table)
+    if figure is not None:
+        from edmctl.report.style import check_figure
+
+        check_figure(figure.name)
+        check_free(figure)
 
 
 @app.callback(invoke_without_command=True)
@@ -129,20 +188,40 @@ def _one_machine(seed: int) -> Diagnostic:
     )
 
 
-def _simulate(outcome: Outcome, cases: list["Case"], tasks: list["Task"]) -> None:
-    """Run everything; what is finished when the series is stopped is told all the same."""
-    from edmctl.jobs.batch import Program, command_of, perform_all
+def _simulate(
+    outcome: Outcome,
+    cases: list["Case"],
+    tasks: list["Task"],
+    rows: "SeriesRows | None",
+    table: Path | None,
+    figure: Path | None,
+) -> None:
+    """Run everything; what is finished when the series is stopped is told all the same, and kept in its folder."""
+    from edmctl.jobs.batch import command_of, perform_all
+    from edmctl.jobs.parallel import Program
 
     runs, first_seed = len(tasks) // len(cases), tasks[0].seed
     seeds = f"seed {first_seed}" if runs == 1 else f"seeds {first_seed} to {first_seed + runs - 1}"
     values = f"{len(cases)} values with " if len(cases) > 1 else ""
-    done: dict[int, SimulatedRun] = {}
+    done: dict[int, SimulatedRun] = rows.finished(tasks) if rows is not None else {}
+    left = [number for number in range(len(tasks)) if number not in done]
+
+    def keep(position: int, run: "SimulatedRun") -> None:
+        number = left[position]
+        if rows is not None:
+            rows.keep(tasks[number], run)
+        done[number] = run
+
     try:
         with watching(outcome.output) as reporter:
-            reporter.note(f"simulating {values}{plural(runs, 'run')}{' each' if values else ''}, {seeds}")
-            done.update(perform_all(tasks, Program(shell, begin_worker), reporter))
+            there = f"; {plural(len(done), 'run')} of them are there" if done else ""
+            reporter.note(
+                f"simulating {values}{plural(runs, 'run')}{' each' if values else ''}, {seeds}{there}"
+            )
+            perform_all([tasks[number] for number in left], Program(shell, begin_worker), reporter, keep)
     finally:
-        _tell(outcome, cases, runs, done)
+        _tell(outcome, cases, runs, done, tasks[0].out)
+    _write(outcome, cases, runs, done, table, figure)
     failed = [(cases[number // runs], done[number]) for number in sorted(done) if not done[number].ok]
     if failed:
         case, first = failed[0]
@@ -153,18 +232,56 @@ def _simulate(outcome: Outcome, cases: list["Case"], tasks: list["Task"]) -> Non
         )
 
 
-def _tell(outcome: Outcome, cases: list["Case"], runs: int, done: "dict[int, SimulatedRun]") -> None:
-    from edmctl.console.runs_tables import render_cases
+def _summaries(cases: list["Case"], runs: int, done: "dict[int, SimulatedRun]") -> "list[Summary]":
     from edmctl.jobs.statistics import summarize
 
     finished = [
         (case, [done[number] for number in range(first, first + runs) if number in done])
         for case, first in zip(cases, range(0, runs * len(cases), runs), strict=True)
     ]
-    summaries = [summarize(case.label, case.request.overrides, found) for case, found in finished if found]
+    return [summarize(case.label, case.request.overrides, found) for case, found in finished if found]
+
+
+def _tell(
+    outcome: Outcome, cases: list["Case"], runs: int, done: "dict[int, SimulatedRun]", out: Path | None
+) -> None:
+    from edmctl.console.runs_tables import render_cases
+
+    summaries = _summaries(cases, runs, done)
     outcome.result = {"runs": runs, "finished": len(done), "cases": summaries}
     if summaries:
         outcome.text = render_cases(summaries, stream_style(sys.stdout))
     if len(done) < runs * len(cases):
-        outcome.text += f"\n{len(done)} of {plural(runs * len(cases), 'run')} finished."
+        way_on = (
+            f"Go on with `edmctl simulate --resume {shlex.quote(str(out))}`."
+            if out is not None
+            else "With --out DIR a series could go on."
+        )
+        outcome.text += f"\n{len(done)} of {plural(runs * len(cases), 'run')} finished. {way_on}"
         outcome.text = outcome.text.lstrip()
+
+
+def _write(
+    outcome: Outcome,
+    cases: list["Case"],
+    runs: int,
+    done: "dict[int, SimulatedRun]",
+    table: Path | None,
+    figure: Path | None,
+) -> None:
+    """Write the table and the figure that were asked for."""
+    from edmctl.jobs import output_files
+
+    summaries = _summaries(cases, runs, done)
+    if table is not None:
+        from edmctl.jobs.statistics import csv_of
+
+        output_files.write(table, csv_of(summaries))
+        outcome.text += f"\nTable {table}"
+    if figure is not None:
+        from edmctl.report.figures.sweep import draw_cases
+        from edmctl.report.style import house_style, rendered
+
+        with house_style():
+            output_files.write(figure, rendered(draw_cases(summaries), figure.suffix.lower()))
+        outcome.text += f"\nFigure {figure}"

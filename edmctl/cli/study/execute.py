@@ -1,0 +1,312 @@
+"""`edmctl study run`, `resume`, `suggest`, `optimize` and `confirm`: all that makes runs."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from edmctl.cli.options import PROGRESS, NewToolOption, PortOption, WaitOption, command
+from edmctl.cli.outcome import Outcome, stream_style, watching
+from edmctl.cli.signals import begin_worker, shell
+from edmctl.cli.study.options import (
+    DaskOption,
+    FolderArgument,
+    HomedOption,
+    ShardOption,
+    StudyArgument,
+    WorkersOption,
+    YesOption,
+    checks_told,
+    opened,
+)
+from edmctl.errors import ObjectiveNotReached, UsageError
+from edmctl.wording import plural
+
+if TYPE_CHECKING:
+    from edmctl.console.progress import Reporter
+    from edmctl.jobs.plan import Plan
+    from edmctl.jobs.study.folder import StudyFolder
+    from edmctl.results.study import StudyRun
+
+OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="New folder of the study.")]
+CountOption = Annotated[
+    int, typer.Option("--count", "-n", metavar="N", min=1, max=64, help="How many suggestions.")
+]
+AddOption = Annotated[
+    bool, typer.Option("--add", help="Add them to the study's runs, to be made by `resume`.")
+]
+ConfirmRunsOption = Annotated[
+    int, typer.Option("--runs", "-n", metavar="N", min=1, max=1000, help="How many confirmation runs.")
+]
+
+
+@command("study run", PROGRESS)
+def run(
+    outcome: Outcome,
+    file: StudyArgument,
+    out: OutOption,
+    workers: WorkersOption = None,
+    shard: ShardOption = None,
+    dask: DaskOption = None,
+    port: PortOption = None,
+    wait: WaitOption = 0.0,
+    new_tool: NewToolOption = False,
+    homed: HomedOption = False,
+    yes: YesOption = False,
+) -> None:
+    """Plan a study into a new folder, and make its runs.
+
+    On virtual machines every run has one of its own, and they are made side by side. On a machine that lasts
+    (--port) they are made one after the other, each at the next free place.
+    """
+    from edmctl.jobs.study.folder import create_folder
+    from edmctl.jobs.study.planning import plan_study
+    from edmctl.profile.folders import find_study
+    from edmctl.profile.study_file import read_study
+
+    source = read_study(find_study(file))
+    with watching(outcome.output) as reporter:
+        planned = plan_study(source, shell(), checks_told(reporter.note))
+        reporter.note(f"planned {plural(len(planned.plan.runs), 'run')} of {planned.plan.name}")
+    outcome.warn(planned.warnings)
+    study = create_folder(out, planned, or_same=shard is not None)
+    _make(outcome, study, workers, shard, dask, port, wait, new_tool=new_tool, homed=homed, yes=yes)
+
+
+@command("study resume", PROGRESS)
+def resume(
+    outcome: Outcome,
+    folder: FolderArgument,
+    workers: WorkersOption = None,
+    shard: ShardOption = None,
+    dask: DaskOption = None,
+    port: PortOption = None,
+    wait: WaitOption = 0.0,
+    new_tool: NewToolOption = False,
+    homed: HomedOption = False,
+    yes: YesOption = False,
+) -> None:
+    """Go on with a study: make the runs that are left, resume a hole that was interrupted."""
+    from edmctl.jobs.study.folder import version_warning
+
+    study = opened(folder)
+    outcome.warn(version_warning(study))
+    _make(outcome, study, workers, shard, dask, port, wait, new_tool=new_tool, homed=homed, yes=yes)
+
+
+def _make(
+    outcome: Outcome,
+    study: "StudyFolder",
+    workers: int | None,
+    shard: str | None,
+    dask: str | None,
+    port: str | None,
+    wait: float,
+    *,
+    new_tool: bool = False,
+    homed: bool = False,
+    yes: bool = False,
+) -> None:
+    """Make what is left, on one machine that lasts or on virtual ones, and tell how far the study is."""
+    from edmctl.jobs.plan import where_is
+    from edmctl.jobs.study.running import parse_shard
+    from edmctl.profile.setup import load_setup
+
+    part = parse_shard(shard)
+    where = where_is(port, load_setup(study.base.setup), wait)
+    try:
+        with watching(outcome.output) as reporter:
+            if where.lasting:
+                if workers is not None or shard is not None or dask is not None:
+                    raise UsageError(
+                        "One machine makes one run at a time: --workers, --shard and --dask are for virtual ones.",
+                        hint="Leave them out.",
+                        code="E2108",
+                    )
+                _on_machine(
+                    outcome, study, where.selector, wait, reporter, new_tool=new_tool, homed=homed, yes=yes
+                )
+            else:
+                if new_tool or homed:
+                    raise UsageError(
+                        "--new-tool and --homed are about a machine that lasts, and none is named.",
+                        hint="Say --port, or leave them out.",
+                        code="E2108",
+                    )
+                outcome.simulated = True
+                _virtual(study, part, workers, dask, reporter)
+    finally:
+        _tell(outcome, study)
+    _raise_failed(study)
+
+
+def _virtual(
+    study: "StudyFolder", part: object, workers: int | None, dask: str | None, reporter: "Reporter"
+) -> None:
+    from edmctl.jobs.parallel import Program, cores, dask_pool, process_pool
+    from edmctl.jobs.study.running import Shard, run_virtual
+
+    assert isinstance(part, Shard)
+    if dask is not None:
+        if workers is not None:
+            raise UsageError(
+                "--dask has the workers of its cluster.", hint="Leave --workers or --dask out.", code="E2108"
+            )
+        with dask_pool(dask) as pool:
+            run_virtual(study, part, reporter, None, pool)
+        return
+    program = Program(shell, begin_worker)
+    many = cores() if workers is None else workers
+    run_virtual(study, part, reporter, program, process_pool(many, program) if many > 1 else None)
+
+
+def _on_machine(
+    outcome: Outcome,
+    study: "StudyFolder",
+    port: str,
+    wait: float,
+    reporter: "Reporter",
+    *,
+    new_tool: bool,
+    homed: bool,
+    yes: bool,
+) -> None:
+    from edmctl.jobs.study.on_machine import MachineRuns, run_on_machine
+
+    def approve(run: "StudyRun", plan: "Plan") -> bool:
+        return yes or _asked(run, plan)
+
+    options = MachineRuns(port, shell(), approve, outcome.warn, wait, new_tool=new_tool, homed=homed)
+    run_on_machine(study, options, reporter)
+
+
+def _asked(run: "StudyRun", plan: "Plan") -> bool:
+    """Ask at a terminal; where nobody sits, nobody approves."""
+    from edmctl.console.study_tables import approval_words
+
+    if not (sys.stdin.isatty() and sys.stderr.isatty()):
+        return False
+    sys.stderr.write(f"{approval_words(run, plan.forecast.time_s)}\nMake it? [y/N] ")
+    sys.stderr.flush()
+    return sys.stdin.readline().strip().lower() in ("y", "yes")
+
+
+def _tell(outcome: Outcome, study: "StudyFolder") -> None:
+    from edmctl.jobs.study.table import counts_of, in_words
+    from edmctl.jobs.study.waiting import what_next
+
+    state = study.read()
+    outcome.result = {
+        "folder": str(study.path),
+        "study": study.plan.name,
+        "runs": len(state.runs),
+        "counts": counts_of(state),
+    }
+    outcome.text = "\n".join([f"{study.plan.name}: {in_words(state)}.", *what_next(state)])
+
+
+def _raise_failed(study: "StudyFolder") -> None:
+    from edmctl.results.study import RunState
+
+    failed = [run for run in study.read().runs if run.state is RunState.FAILED and run.row is not None]
+    if failed:
+        first = failed[0]
+        assert first.row is not None
+        raise ObjectiveNotReached(
+            f"{plural(len(failed), 'run')} failed; the first, run {first.planned.number}: {first.row.error}",
+            hint=f"Judge each: `edmctl study judge {study.path} RUN accept|reject|repeat REASON`.",
+            code="E7910",
+        )
+
+
+@command("study suggest", PROGRESS)
+def suggest(outcome: Outcome, folder: FolderArgument, count: CountOption = 1, add: AddOption = False) -> None:
+    """Suggest the runs that the models expect most of; --add puts them into the study."""
+    from edmctl.console.study_tables import settings_words
+    from edmctl.jobs.study.optimizing import suggestions
+
+    study = opened(folder)
+    state = study.read()
+    found = suggestions(state, count, shell())
+    if add:
+        with study.writer() as writer:
+            writer.planned(found)
+    outcome.result = {"suggestions": found, "added": add}
+    words = [f"run {one.number}: {settings_words(one.settings)}" for one in found]
+    after = f"Make them: `edmctl study resume {folder}`." if add else "Nothing was added; --add does."
+    outcome.text = "\n".join([*words, after])
+
+
+@command("study optimize", PROGRESS)
+def optimize(
+    outcome: Outcome,
+    folder: FolderArgument,
+    workers: WorkersOption = None,
+    dask: DaskOption = None,
+    port: PortOption = None,
+    wait: WaitOption = 0.0,
+    new_tool: NewToolOption = False,
+    homed: HomedOption = False,
+    yes: YesOption = False,
+) -> None:
+    """Make runs where the models expect most, one after the other, up to the number in [optimize]; recommend one.
+
+    The design comes first. Every suggestion is checked as a job is, and on a machine that lasts approved.
+    """
+    from edmctl.console.study_tables import render_recommendation
+    from edmctl.jobs.study.optimizing import next_batch, recommended
+
+    study = opened(folder)
+    while True:
+        _make(outcome, study, workers, None, dask, port, wait, new_tool=new_tool, homed=homed, yes=yes)
+        new_tool = homed = False
+        batch = next_batch(study.read(), shell())
+        if not batch:
+            break
+        with study.writer() as writer:
+            writer.planned(batch)
+    best = recommended(study.read(), shell())
+    assert isinstance(outcome.result, dict)
+    outcome.result["recommendation"] = best
+    style = stream_style(sys.stdout)
+    way_on = f"Confirm it on other machines: `edmctl study confirm {folder}`."
+    outcome.text += f"\n\n{render_recommendation(best, style)}\n{way_on}"
+
+
+@command("study confirm", PROGRESS)
+def confirm(
+    outcome: Outcome,
+    folder: FolderArgument,
+    runs: ConfirmRunsOption = 3,
+    workers: WorkersOption = None,
+    dask: DaskOption = None,
+    port: PortOption = None,
+    wait: WaitOption = 0.0,
+    new_tool: NewToolOption = False,
+    homed: HomedOption = False,
+    yes: YesOption = False,
+) -> None:
+    """Run the recommended settings anew, on machines no model has seen, and say whether the expectation held."""
+    from edmctl.console.study_tables import render_confirmation
+    from edmctl.jobs.study.analysis import analysis_of
+    from edmctl.jobs.study.confirming import confirmation_runs, confirmations_of
+    from edmctl.jobs.study.optimizing import recommended
+    from edmctl.results.study import RunKind, RunState
+
+    study = opened(folder)
+    state = study.read()
+    pending = [
+        run for run in state.runs if run.planned.kind is RunKind.CONFIRMATION and run.state is RunState.OPEN
+    ]
+    if not pending:
+        best = recommended(state, shell())
+        with study.writer() as writer:
+            writer.planned(confirmation_runs(state, best.settings, runs))
+    _make(outcome, study, workers, None, dask, port, wait, new_tool=new_tool, homed=homed, yes=yes)
+    after = study.read()
+    found = confirmations_of(after, analysis_of(after).responses)
+    assert isinstance(outcome.result, dict)
+    outcome.result["confirmations"] = found
+    style = stream_style(sys.stdout)
+    outcome.text += "\n\n" + "\n\n".join(render_confirmation(one, style) for one in found)

@@ -1,0 +1,92 @@
+"""`edmctl study tell`, `import` and `judge`: what people know of runs, minutes or days later."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from edmctl.cli.options import command
+from edmctl.cli.outcome import Outcome
+from edmctl.cli.study.options import FolderArgument, RunNumberArgument, opened
+from edmctl.results.study import Judgement
+
+ValuesArgument = Annotated[
+    list[str], typer.Argument(metavar="NAME=VALUE...", help="Manual responses of the run, e.g. ra_um=0.31.")
+]
+TableArgument = Annotated[
+    Path, typer.Argument(metavar="TABLE.csv", help="A column run, and one for each manual response.")
+]
+JudgementArgument = Annotated[Judgement, typer.Argument(metavar="accept|reject|repeat", show_default=False)]
+ReasonArgument = Annotated[str, typer.Argument(metavar="REASON", help="Kept with the run.")]
+
+
+@command("study tell")
+def tell(outcome: Outcome, folder: FolderArgument, run: RunNumberArgument, values: ValuesArgument) -> None:
+    """Tell responses that were measured by hand, such as a roughness from a profilometer.
+
+    Told again, the later value counts; both stay in the rows.
+    """
+    from edmctl.jobs.study.table import told_values
+
+    study = opened(folder)
+    state = study.read()
+    state.run(run)
+    told = told_values(state, values)
+    with study.writer() as writer:
+        writer.append("told", {"number": run, "values": told})
+    outcome.result = {"run": run, "told": told}
+    outcome.text = f"Run {run}: {', '.join(f'{name} = {value:g}' for name, value in told.items())}"
+
+
+@command("study import")
+def import_table(outcome: Outcome, folder: FolderArgument, table: TableArgument) -> None:
+    """Tell the manual responses of many runs by a CSV table; all of it or, where a line is wrong, nothing."""
+    from edmctl.jobs.study.table import told_table
+    from edmctl.profile.read import read_source
+    from edmctl.wording import plural
+
+    study = opened(folder)
+    told = told_table(study.read(), read_source(table).text)
+    with study.writer() as writer:
+        for number, values in told.items():
+            writer.append("told", {"number": number, "values": values})
+    outcome.result = {"runs": len(told), "told": {str(number): values for number, values in told.items()}}
+    outcome.text = f"Told responses of {plural(len(told), 'run')}."
+
+
+@command("study judge")
+def judge(
+    outcome: Outcome,
+    folder: FolderArgument,
+    run: RunNumberArgument,
+    judgement: JudgementArgument,
+    reason: ReasonArgument,
+) -> None:
+    """Judge a run: accept one that failed, reject one that shall not count, or have it repeated.
+
+    Nothing is deleted: the row stays, with the judgement and its reason.
+    """
+    from edmctl.errors import UsageError
+
+    study = opened(folder)
+    found = study.read().run(run)
+    if found.row is None:
+        raise UsageError(
+            f"Run {run} is not made yet.",
+            hint="Make it with `edmctl study resume`, then judge it.",
+            code="E2107",
+        )
+    if not reason.strip():
+        raise UsageError("The reason is empty.", hint='Say why, e.g. "chip under the tool".', code="E2107")
+    with study.writer() as writer:
+        writer.append(
+            "judged",
+            {"number": run, "attempt": found.row.attempt, "judgement": str(judgement), "reason": reason},
+        )
+    outcome.result = {"run": run, "attempt": found.row.attempt, "judgement": str(judgement), "reason": reason}
+    after = {
+        Judgement.ACCEPT: "its responses count",
+        Judgement.REJECT: "it does not count; the row stays",
+        Judgement.REPEAT: f"`edmctl study resume {folder}` makes it again",
+    }
+    outcome.text = f"Run {run}: {judgement} ({reason}); {after[judgement]}."

@@ -1,0 +1,306 @@
+"""Studies for people: the plan before it runs, how far it is, and what its runs say in one screen."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from edmctl.console.layout import USUAL_COLUMNS, labelled, narrowed, render_columns, render_table, wrapped
+from edmctl.console.style import PLAIN, Ink, Style
+from edmctl.results.study import RunKind, RunState
+from edmctl.wording import count, duration, length, plural, shortened, significant
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from edmctl.doe.response_analysis import ResponseAnalysis
+    from edmctl.results.study import (
+        Choice,
+        Confirmation,
+        PlannedRun,
+        Recommendation,
+        StudyPlan,
+        StudyRun,
+        Value,
+    )
+
+MOST_RUNS_SHOWN = 60
+MOST_POINTS_SHOWN = 12
+LABEL_CELLS = 14
+SIGNIFICANT = 0.05
+
+
+def value_text(value: Value) -> str:
+    """Return a setting as tables show it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def settings_words(settings: Mapping[str, Value]) -> str:
+    """Return settings as `key = value, …`."""
+    return ", ".join(f"{key} = {value_text(value)}" for key, value in settings.items())
+
+
+def render_plan(plan: StudyPlan, style: Style = PLAIN) -> str:
+    """Render what will be run: design, factors, model, costs, and every run in its order."""
+    columns = style.columns or USUAL_COLUMNS
+    lines = [style.paint(f"{plan.name}: {plan.kind}", Ink.STRONG)]
+    if plan.description:
+        lines += wrapped(plan.description, columns)
+    facts = {
+        "runs": _runs_words(plan),
+        "responses": ", ".join(one.label + (" (by hand)" if one.is_manual else "") for one in plan.responses),
+        "constraints": ", ".join(map(str, plan.constraints)),
+        "objectives": ", ".join(
+            f"{name} (weight {weight:g})" if weight != 1 else name for name, weight in plan.objectives
+        ),
+        "model": f"{plan.model}; degrees of freedom: "
+        + ", ".join(f"{name} {dof}" for name, dof in plan.dof.items())
+        if plan.dof and plan.model != "sensitivity"
+        else "",
+        "takes": _costs_words(plan),
+        "aliases": "; ".join(plan.aliases),
+    }
+    lines += [labelled(name, text, LABEL_CELLS, columns) for name, text in facts.items() if text]
+    factors = {
+        "factor": [factor.name for factor in plan.factors],
+        "key": [factor.key for factor in plan.factors],
+        "values": [_values_words(factor.values, is_range=factor.is_range) for factor in plan.factors],
+    }
+    parts = ["\n".join(lines), render_table(factors, style, left=("key", "values"), cut_first="values")]
+    parts.append(render_columns(*_runs_table(plan), style, "<<>"))
+    notes = [line for note in plan.notes for line in wrapped(f"note: {note}", columns, "  ")]
+    return "\n\n".join([*parts, *(["\n".join(notes)] if notes else [])])
+
+
+def _runs_words(plan: StudyPlan) -> str:
+    words = f"{plural(len(plan.runs), 'run')} of {plural(plan.points, 'point')}"
+    blocks = sorted({run.block for run in plan.runs})
+    tools = sorted({run.tool for run in plan.runs} - {0})
+    if plan.replicates > 1:
+        words += f", {plan.replicates} replicates"
+    if len(blocks) > 1 and not (tools and len(tools) == len(blocks)):
+        words += f", {len(blocks)} blocks"
+    if tools:
+        words += f", {plural(len(tools), 'tool')}"
+    else:
+        seeds = sorted({run.seed for run in plan.runs})
+        words += f", seed {seeds[0]}" if len(seeds) == 1 else f", seeds {seeds[0]} to {seeds[-1]}"
+    return words
+
+
+def _costs_words(plan: StudyPlan) -> str:
+    if plan.costs is None:
+        return ""
+    words = f"{duration(plan.costs.time_s)} of the machine, {duration(plan.costs.machining_time_s)} of it machining"
+    if plan.costs.tool_wear_um:
+        worn = ", ".join(length(wear_um) for wear_um in plan.costs.tool_wear_um)
+        words += f"; tools lose {worn} of {length(plan.costs.most_wear_um)}"
+    return words
+
+
+def _values_words(values: Sequence[Value], *, is_range: bool) -> str:
+    words = [value_text(value) for value in values]
+    return " to ".join(words) if is_range else ", ".join(words)
+
+
+def _runs_table(plan: StudyPlan) -> tuple[list[str], list[list[str]]]:
+    several_seeds = len({run.seed for run in plan.runs}) > 1
+    has_tools = any(run.tool for run in plan.runs)
+    head = [
+        "run",
+        "point",
+        *(["tool"] if has_tools else []),
+        *(["seed"] if several_seeds and not has_tools else []),
+    ]
+    head += [factor.name for factor in plan.factors]
+    rows = []
+    for run in plan.runs[:MOST_RUNS_SHOWN]:
+        point = "center" if run.kind is RunKind.CENTER else str(run.point)
+        row = [str(run.number), point]
+        row += [str(run.tool)] if has_tools else []
+        row += [str(run.seed)] if several_seeds and not has_tools else []
+        rows.append([*row, *(value_text(run.settings[factor.key]) for factor in plan.factors)])
+    if len(plan.runs) > MOST_RUNS_SHOWN:
+        rows.append(["…", f"and {len(plan.runs) - MOST_RUNS_SHOWN} more"])
+    return head, rows
+
+
+def render_status(
+    plan: StudyPlan,
+    runs: Sequence[StudyRun],
+    words: str,
+    waiting: Sequence[str],
+    style: Style = PLAIN,
+) -> str:
+    """Render every run with its state and responses, and what the study waits for."""
+    columns = style.columns or USUAL_COLUMNS
+    shown = [one for one in plan.responses if any(run.row is not None or run.told for run in runs)]
+    table: dict[str, list[str]] = {
+        "run": [str(run.planned.number) for run in runs],
+        "state": [_state_words(run) for run in runs],
+        "point": [_kind_words(run.planned) for run in runs],
+    }
+    for factor in plan.factors:
+        table[factor.name] = [value_text(run.planned.settings[factor.key]) for run in runs]
+    for response in shown:
+        table[response.label] = [_cell(run, response.name) for run in runs]
+    most = MOST_RUNS_SHOWN
+    cut = {name: cells[:most] for name, cells in table.items()}
+    fitted = narrowed(cut, style.columns, [*(f.name for f in reversed(plan.factors)), "point"])
+    text = render_table(fitted, style, left=("state",))
+    if len(runs) > most:
+        text += f"\n… and {len(runs) - most} more runs: `edmctl study export` has all of them"
+    missing = [name for name in table if name not in fitted]
+    lines = wrapped(f"{plan.name}: {words}.", columns)
+    after = [line for one in waiting for line in wrapped(one, columns, "  ")]
+    if missing:
+        after.insert(0, f"Not shown, for want of width: {', '.join(missing)}.")
+    failed = [run for run in runs if run.state is RunState.FAILED and run.row is not None]
+    for run in failed[:10]:
+        assert run.row is not None
+        after += wrapped(f"run {run.planned.number}: {run.row.error}", columns, "  ")
+    return "\n".join([*lines, "", text, *([""] if after else []), *after])
+
+
+def _state_words(run: StudyRun) -> str:
+    words = str(run.state)
+    if run.row is not None and run.row.attempt > 1:
+        words += f", attempt {run.row.attempt}"
+    return words
+
+
+def _kind_words(run: PlannedRun) -> str:
+    return str(run.point) if run.kind is RunKind.DESIGN else str(run.kind)
+
+
+def _cell(run: StudyRun, name: str) -> str:
+    value = run.value(name)
+    if value is None:
+        return "–"
+    u95 = run.row.u95.get(name) if run.row is not None and name not in run.told else None
+    return significant(value, 4) + (f" ± {significant(u95, 2)}" if u95 else "")
+
+
+def render_analysis(
+    responses: Sequence[ResponseAnalysis],
+    choices: Sequence[Choice],
+    names: Sequence[str],
+    recommendation: Recommendation | None,
+    confirmations: Sequence[Confirmation],
+    notes: Sequence[str],
+    style: Style = PLAIN,
+) -> str:
+    """Render what matters for each response, the best points, and what is recommended."""
+    columns = style.columns or USUAL_COLUMNS
+    parts = [render_response(one, style) for one in responses]
+    front = [one for one in choices if one.is_pareto]
+    if len(names) > 1 and front:
+        parts.append(_front(front, names, style))
+    if recommendation is not None:
+        parts.append(render_recommendation(recommendation, style))
+    parts += [render_confirmation(one, style) for one in confirmations]
+    lines = [line for note in notes for line in wrapped(f"note: {note}", columns, "  ")]
+    return "\n\n".join([*parts, *(["\n".join(lines)] if lines else [])])
+
+
+def render_response(one: ResponseAnalysis, style: Style = PLAIN) -> str:
+    """Render the analysis of variance of a response, pooled where nothing was left for the error."""
+    columns = style.columns or USUAL_COLUMNS
+    mean = f"mean {significant(one.mean, 4)}, standard deviation {significant(one.sd, 3)}"
+    head = style.paint(f"{one.name}{', logarithm' if one.is_log else ''}", Ink.STRONG) + f"  {mean}"
+    lines = [head]
+    table = one.pooled if one.anova is not None and not one.anova.error.dof and one.pooled else one.anova
+    if table is not None:
+        rows = [
+            [
+                row.name,
+                str(row.dof),
+                _number(row.f),
+                _p_words(row.p),
+                f"{row.contribution_pct:.1f} %" if math.isfinite(row.contribution_pct) else "–",
+            ]
+            for row in (*table.rows, table.error)
+        ]
+        lines.append(render_columns(["", "DoF", "F", "p", "contribution"], rows, style, "<>"))
+        if table.pooled:
+            lines += wrapped(f"counted as error: {', '.join(table.pooled)}", columns, "  ")
+        if math.isfinite(one.r2):
+            fit = f"R² {one.r2:.3f}, predicted R² {_number(one.predicted_r2)}"
+            if one.left_out:
+                fit += f"; intervals without a point held {one.held} of {one.left_out} points"
+            lines += wrapped(fit, columns, "  ")
+    lines += [line for note in one.notes for line in wrapped(note, columns, "  ")]
+    return "\n".join(lines)
+
+
+def _p_words(p: float) -> str:
+    if not math.isfinite(p):
+        return "–"
+    words = "< 0.001" if p < 0.001 else f"{p:.3f}"
+    return f"{words} *" if p < SIGNIFICANT else words
+
+
+def _number(value: float) -> str:
+    return significant(value, 3) if math.isfinite(value) else "–"
+
+
+def _front(front: Sequence[Choice], names: Sequence[str], style: Style) -> str:
+    best = sorted(front, key=lambda one: -(one.grey_grade or 0.0))[:MOST_POINTS_SHOWN]
+    table = {
+        "point": [str(one.point) for one in best],
+        **{name: [_optional(one.means.get(name)) for one in best] for name in names},
+        "grey grade": [_optional(one.grey_grade) for one in best],
+        "TOPSIS": [_optional(one.topsis_closeness) for one in best],
+    }
+    head = f"{plural(len(front), 'point')} that no other beats in every objective; grades are preferences"
+    return f"{head}\n{render_table(table, style)}"
+
+
+def _optional(value: float | None) -> str:
+    return "–" if value is None else significant(value, 3)
+
+
+def render_recommendation(one: Recommendation, style: Style = PLAIN) -> str:
+    """Render the settings that are recommended, and what is expected of a run there."""
+    columns = style.columns or USUAL_COLUMNS
+    kept = (
+        "keeps every constraint by its 95 % bound" if one.is_feasible else "NO settings keep every constraint"
+    )
+    lines = [style.paint("Recommended", Ink.STRONG) + f" ({kept}):"]
+    lines += wrapped(settings_words(one.settings), columns, "  ")
+    rows = [
+        [name, significant(value, 4), f"{significant(one.low[name], 4)} to {significant(one.high[name], 4)}"]
+        for name, value in one.expected.items()
+    ]
+    lines.append(render_columns(["response", "expected", "95 % of runs"], rows, style, "<>"))
+    return "\n".join([*lines, *wrapped(one.basis, columns, "  ")])
+
+
+def render_confirmation(one: Confirmation, style: Style = PLAIN) -> str:
+    """Render what runs came to at settings that no model had seen, against what was expected of them."""
+    columns = style.columns or USUAL_COLUMNS
+    lines = [style.paint("Confirmation", Ink.STRONG) + f", {plural(len(one.runs), 'run')}:"]
+    lines += wrapped(settings_words(one.settings), columns, "  ")
+    rows = [
+        [
+            response.name,
+            f"{significant(response.low, 4)} to {significant(response.high, 4)}",
+            ", ".join(significant(value, 4) for value in response.measured),
+            f"{response.held} of {len(response.measured)}",
+        ]
+        for response in one.responses
+    ]
+    return "\n".join([*lines, render_columns(["response", "expected", "measured", "held"], rows, style, "<")])
+
+
+def approval_words(run: StudyRun, time_s: float) -> str:
+    """Return the question before sparks of a run."""
+    settings = shortened(settings_words(run.planned.settings))
+    return f"run {run.planned.number} ({run.planned.kind}): {settings}; takes {duration(time_s)}"
+
+
+def counted(runs: int) -> str:
+    """Return a number of runs."""
+    return f"{count(runs)} runs" if runs != 1 else "1 run"

@@ -1,0 +1,486 @@
+"""One response of a designed experiment, from its values to tables: what matters, how sure that is, what to expect.
+
+A prediction is of a new run on a new machine (block). Its interval holds what a smooth model misses: the error is
+taken from points that were left out one by one, with all of their replicates, never from the replicates of points
+that the model has seen. Variances add; degrees of freedom after Satterthwaite (Biometrics Bulletin 2, 1946).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import special
+
+from edmctl.doe.anova import anova, pooled_anova
+from edmctl.doe.linear_model import LackOfFit, Settings, fit, model_matrix, term_name, undetermined
+from edmctl.doe.signal_to_noise import response_table, signal_to_noise_db
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from edmctl.doe.anova import Anova
+    from edmctl.doe.linear_model import Fit, Term
+    from edmctl.doe.signal_to_noise import Better, LevelMeans
+
+    Values = NDArray[np.float64]
+
+MOST_LEVELS = 8
+"""Means by level are given of factors with so many different values; more are a range."""
+MOST_PAIRS = 15
+
+
+@dataclass(frozen=True, slots=True)
+class Runs:
+    """What was run, a row a run: settings as the model takes them, plain values, and what runs have in common.
+
+    points : equal where the settings are; blocks : equal on one machine or tool
+    """
+
+    settings: Settings
+    plain: Mapping[str, Sequence[object]]
+    points: Sequence[int]
+    blocks: Sequence[int]
+
+    def only(self, rows: Sequence[int]) -> Runs:
+        """Return some of the runs."""
+        return Runs(
+            _rows_of(self.settings, rows),
+            {name: [values[row] for row in rows] for name, values in self.plain.items()},
+            [self.points[row] for row in rows],
+            [self.blocks[row] for row in rows],
+        )
+
+
+def _rows_of(settings: Settings, rows: Sequence[int]) -> Settings:
+    return Settings(
+        {name: np.asarray(values, float)[list(rows)] for name, values in settings.numbers.items()},
+        {name: [values[row] for row in rows] for name, values in settings.categories.items()},
+        settings.names,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Interaction:
+    """Means of a response at the levels of two factors: (levels of one, levels of other), NaN where none was run."""
+
+    one: str
+    other: str
+    one_levels: tuple[object, ...]
+    other_levels: tuple[object, ...]
+    means: tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Coefficient:
+    """One column of the model; `u95` is NaN where nothing is left to estimate the error."""
+
+    name: str
+    estimate: float
+    u95: float
+    p: float
+
+
+@dataclass(frozen=True, slots=True)
+class ResponseModel:
+    """A model that was fitted, and the errors that its predictions hold; on a logarithmic scale where `is_log`.
+
+    `miss_variance` is of what a point that was left out is missed by, `run_variance` of runs of one point on one
+    machine, `block_variance` between machines; NaN where the runs do not tell.
+    """
+
+    fit: Fit
+    terms: tuple[Term, ...]
+    block: str
+    is_log: bool
+    miss_variance: float
+    miss_dof: int
+    run_variance: float
+    run_dof: int
+    block_variance: float
+    block_dof: int
+
+    def predict(self, settings: Settings) -> tuple[Values, Values, Values]:
+        """Return what is expected of new runs on new machines, and the bounds of the 95 % interval of each."""
+        columns = self._columns(settings)
+        expected = columns @ self.fit.coefficients
+        leverage = np.einsum("ij,jk,ik->i", columns, self.fit.unscaled_covariance, columns)
+        parts = [
+            (self.miss_variance * (1 + leverage), self.miss_dof),
+            (np.full(len(leverage), _known(self.run_variance)), self.run_dof),
+            (np.full(len(leverage), _known(self.block_variance)), self.block_dof),
+        ]
+        variance = sum(part for part, _ in parts)
+        dof = variance**2 / sum(part**2 / count for part, count in parts if count)
+        half = special.stdtrit(np.maximum(dof, 1.0), 0.975) * np.sqrt(variance)
+        if self.is_log:
+            return np.exp(expected), np.exp(expected - half), np.exp(expected + half)
+        return expected, expected - half, expected + half
+
+    def _columns(self, settings: Settings) -> Values:
+        """Columns at settings that name no block: a new machine is as others are on average."""
+        own = [term for term in self.terms if not _is_block(term, self.block)]
+        matrix = model_matrix(settings, own)
+        spans = self.fit.model.spans
+        columns = np.zeros((settings.runs, self.fit.model.columns.shape[1]))
+        for term in own:
+            columns[:, spans[term]] = matrix.columns[:, matrix.spans[term]]
+        return columns
+
+
+@dataclass(frozen=True, slots=True)
+class ResponseAnalysis:
+    """All tables of one response. What the runs do not tell is None, empty or NaN, and `notes` say why.
+
+    fitted, residuals : one a run of `used`, on the scale of the model
+    held, left_out : points whose every run lay within the interval of a model without them, of how many
+    """
+
+    name: str
+    better: Better
+    is_log: bool
+    used: tuple[int, ...]
+    """Rows whose value is there."""
+    values: tuple[float, ...]
+    mean: float
+    sd: float
+    anova: Anova | None
+    pooled: Anova | None
+    coefficients: tuple[Coefficient, ...]
+    r2: float
+    adjusted_r2: float
+    predicted_r2: float
+    error_sd: float
+    lack: LackOfFit | None
+    level_means: tuple[LevelMeans, ...]
+    noise_means: tuple[LevelMeans, ...]
+    """Means of the signal-to-noise ratio by level, dB."""
+    interactions: tuple[Interaction, ...]
+    fitted: tuple[float, ...]
+    residuals: tuple[float, ...]
+    held: int
+    left_out: int
+    model: ResponseModel | None
+    notes: tuple[str, ...] = field(default=())
+
+
+def analyse(
+    name: str,
+    runs: Runs,
+    response: ArrayLike,
+    terms: Sequence[Term],
+    better: Better,
+    *,
+    is_log: bool = False,
+    block: str = "block",
+) -> ResponseAnalysis:
+    """Analyse a response: one value a run, NaN where there is none. Never raises for what the runs do not tell."""
+    all_values = np.asarray(response, float)
+    used = np.flatnonzero(np.isfinite(all_values)).tolist()
+    values = all_values[used]
+    notes: list[str] = []
+    if len(used) < len(all_values):
+        notes.append(f"{len(all_values) - len(used)} of {len(all_values)} runs have no value")
+    if is_log and len(values) and values.min() <= 0:
+        notes.append("values at or below zero have no logarithm: the plain values are modelled")
+        is_log = False
+    mine = runs.only(used)
+    base = ResponseAnalysis(
+        name=name,
+        better=better,
+        is_log=is_log,
+        used=tuple(used),
+        values=tuple(values.tolist()),
+        mean=float(values.mean()) if len(values) else math.nan,
+        sd=float(values.std(ddof=1)) if len(values) > 1 else math.nan,
+        anova=None,
+        pooled=None,
+        coefficients=(),
+        r2=math.nan,
+        adjusted_r2=math.nan,
+        predicted_r2=math.nan,
+        error_sd=math.nan,
+        lack=None,
+        level_means=(),
+        noise_means=(),
+        interactions=(),
+        fitted=(),
+        residuals=(),
+        held=0,
+        left_out=0,
+        model=None,
+        notes=tuple(notes),
+    )
+    if len(used) < 2:
+        return replace(base, notes=(*notes, "fewer than two runs have a value"))
+    levels = {
+        factor: list(of_runs)
+        for factor, of_runs in mine.plain.items()
+        if len(set(map(repr, of_runs))) <= MOST_LEVELS
+    }
+    base = replace(
+        base,
+        level_means=tuple(response_table(levels, values)) if levels else (),
+        noise_means=_noise_means(levels, values, mine.points, better),
+        interactions=_interactions(levels, values),
+    )
+    if np.ptp(values) <= 1e-12 * max(1.0, float(np.abs(values).max())):
+        return replace(base, notes=(*notes, "all runs have the same value"))
+    return _with_model(base, mine, np.log(values) if is_log else values, list(terms), block)
+
+
+def _with_model(
+    base: ResponseAnalysis, runs: Runs, values: Values, terms: list[Term], block: str
+) -> ResponseAnalysis:
+    notes = list(base.notes)
+    if block in runs.settings.categories and len(set(runs.settings.categories[block])) < 2:
+        terms = [term for term in terms if not _is_block(term, block)]
+    settings = _named_by(runs.settings)
+    terms = [term for term in terms if all(_varies(settings, factor) for factor, _ in term)]
+    lost = undetermined(model_matrix(settings, terms))
+    if lost:
+        notes.append(f"left out, for these runs do not determine them: {', '.join(map(term_name, lost))}")
+        terms = [term for term in terms if term not in lost]
+    try:
+        fitted = fit(model_matrix(settings, terms), values)
+        table = anova(settings, terms, values)
+        pooled = pooled_anova(settings, terms, values) if len(terms) > 2 else None
+    except ValueError as error:
+        return replace(base, notes=(*notes, str(error).rstrip(".")))
+    if not fitted.error_dof:
+        notes.append("nothing is left to estimate the error: no F of single terms, no interval")
+    model = _model(fitted, terms, runs, values, block, is_log=base.is_log)
+    held, left_out = _left_out_coverage(terms, settings, runs, values, block)
+    return replace(
+        base,
+        anova=table,
+        pooled=pooled if pooled is not None and pooled.pooled else None,
+        coefficients=tuple(_coefficients(fitted, settings)),
+        r2=fitted.r2,
+        adjusted_r2=fitted.adjusted_r2,
+        predicted_r2=fitted.predicted_r2,
+        error_sd=math.sqrt(fitted.error_variance) if fitted.error_dof else math.nan,
+        lack=_lack(fitted, runs, values),
+        fitted=tuple((values - fitted.residuals).tolist()),
+        residuals=tuple(fitted.residuals.tolist()),
+        held=held,
+        left_out=left_out,
+        model=model,
+        notes=tuple(notes),
+    )
+
+
+def _lack(fitted: Fit, runs: Runs, values: Values) -> LackOfFit | None:
+    """Split the error into what runs of one point differ by beyond their blocks, and what the model misses."""
+    pure_variance, pure_dof = _run_variance(runs, values)
+    if not pure_dof:
+        return None
+    pure_ss = pure_variance * pure_dof
+    return LackOfFit(fitted.error_dof - pure_dof, max(0.0, fitted.error_ss - pure_ss), pure_dof, pure_ss)
+
+
+def _named_by(settings: Settings) -> Settings:
+    """Settings whose categories name what is there alone: a name without runs has no effect to find."""
+    names = {}
+    for factor, of_runs in settings.categories.items():
+        there = set(map(repr, of_runs))
+        names[factor] = [name for name in settings.names[factor] if repr(name) in there]
+    return Settings(settings.numbers, settings.categories, names)
+
+
+def _varies(settings: Settings, factor: str) -> bool:
+    if factor in settings.numbers:
+        return float(np.ptp(np.asarray(settings.numbers[factor], float))) > 0
+    return len(settings.names.get(factor, ())) > 1
+
+
+def _is_block(term: Term, block: str) -> bool:
+    return any(factor == block for factor, _ in term)
+
+
+def _known(value: float) -> float:
+    return value if math.isfinite(value) else 0.0
+
+
+def _model(
+    fitted: Fit, terms: Sequence[Term], runs: Runs, values: Values, block: str, *, is_log: bool
+) -> ResponseModel | None:
+    """Take the errors apart; None where no point can be left out."""
+    misses = _misses(fitted, runs, values, block)
+    if misses is None:
+        return None
+    miss_variance, miss_dof = misses
+    run_variance, run_dof = _run_variance(runs, values)
+    block_variance, block_dof = _block_variance(fitted, block, run_variance)
+    # Each miss is of a mean over the replicates of its point: the rest of a single run's error comes on top.
+    size = len(values) / len(set(runs.points))
+    single = run_variance * (1 - 1 / size) if math.isfinite(run_variance) else math.nan
+    return ResponseModel(
+        fitted,
+        tuple(terms),
+        block,
+        is_log,
+        miss_variance,
+        miss_dof,
+        single,
+        run_dof,
+        block_variance,
+        block_dof,
+    )
+
+
+def _misses(fitted: Fit, runs: Runs, values: Values, block: str) -> tuple[float, int] | None:
+    """Variance of what points are missed by that were left out, for leverage 0, and its degrees of freedom."""
+    columns, covariance = fitted.model.columns, fitted.unscaled_covariance
+    residuals, points = fitted.residuals, np.asarray(runs.points)
+    squares, count = 0.0, 0
+    for point in dict.fromkeys(runs.points):
+        rows = np.flatnonzero(points == point)
+        own = columns[rows]
+        hat = own @ covariance @ own.T
+        rest = np.eye(len(rows)) - hat
+        if np.linalg.matrix_rank(rest, tol=1e-9) < len(rows):
+            continue  # the model needs the point
+        missed = np.linalg.solve(rest, residuals[rows])
+        without = hat + hat @ np.linalg.solve(rest, hat)
+        squares += float(missed.mean()) ** 2 / (1 + float(without.mean()))
+        count += 1
+    blocks = sum(
+        span.stop - span.start for term, span in fitted.model.spans.items() if _is_block(term, block)
+    )
+    dof = len(set(runs.points)) - (columns.shape[1] - blocks)
+    if not count or dof < 1:
+        return None
+    return squares / count, dof
+
+
+def _run_variance(runs: Runs, values: Values) -> tuple[float, int]:
+    """Variance of runs of one point beyond their blocks, by a model of points and blocks."""
+    points, blocks = np.asarray(runs.points), np.asarray(runs.blocks)
+    if len(set(runs.points)) == len(points):
+        return math.nan, 0
+    columns = [np.asarray(points == one, float) for one in dict.fromkeys(runs.points)]
+    columns += [np.asarray(blocks == one, float) for one in list(dict.fromkeys(runs.blocks))[1:]]
+    matrix = np.column_stack(columns)
+    rank = int(np.linalg.matrix_rank(matrix))
+    dof = len(values) - rank
+    if dof < 1:
+        return math.nan, 0
+    rest = values - matrix @ np.linalg.lstsq(matrix, values, rcond=None)[0]
+    return float(rest @ rest) / dof, dof
+
+
+def _block_variance(fitted: Fit, block: str, run_variance: float) -> tuple[float, int]:
+    """Variance between blocks beyond what the error of their runs explains."""
+    for term, span in fitted.model.spans.items():
+        if _is_block(term, block):
+            effects = fitted.coefficients[span]
+            whole = np.append(effects, -effects.sum())
+            size = len(fitted.response) / len(whole)
+            error = (run_variance if math.isfinite(run_variance) else _known(fitted.error_variance)) / size
+            # A few blocks tell little: their scatter is that of a new one against their mean.
+            variance = max(0.0, float(whole @ whole) / (len(whole) - 1) - error) * (1 + 1 / len(whole))
+            return variance, len(whole) - 1
+    return math.nan, 0
+
+
+def _left_out_coverage(
+    terms: Sequence[Term], settings: Settings, runs: Runs, values: Values, block: str
+) -> tuple[int, int]:
+    """Points whose runs lay within the interval of a model without them, and how many could be left out."""
+    held = tried = 0
+    points = np.asarray(runs.points)
+    for point in dict.fromkeys(runs.points):
+        kept = np.flatnonzero(points != point).tolist()
+        own = np.flatnonzero(points == point).tolist()
+        rest = runs.only(kept)
+        try:
+            others = _rows_of(settings, kept)
+            fitted = fit(model_matrix(others, terms), values[kept])
+            model = _model(fitted, terms, rest, values[kept], block, is_log=False)
+            if model is None:
+                continue
+            _, low, high = model.predict(_rows_of(settings, own))
+        except (ValueError, np.linalg.LinAlgError):
+            continue
+        tried += 1
+        held += bool(((values[own] >= low) & (values[own] <= high)).all())
+    return held, tried
+
+
+def _coefficients(fitted: Fit, settings: Settings) -> list[Coefficient]:
+    variance = fitted.error_variance
+    errors = np.sqrt(np.diag(fitted.unscaled_covariance) * variance) if fitted.error_dof else None
+    quantile = float(special.stdtrit(fitted.error_dof, 0.975)) if fitted.error_dof else math.nan
+    found = []
+    for term, span in fitted.model.spans.items():
+        width = span.stop - span.start
+        for n, column in enumerate(range(span.start, span.stop)):
+            estimate = float(fitted.coefficients[column])
+            name = term_name(term) + (
+                f" [{_level(term, settings, n)}]" if width > 1 or _is_named(term, settings) else ""
+            )
+            error = float(errors[column]) if errors is not None else math.nan
+            ratio = abs(estimate) / error if error else math.nan
+            p = 2 * float(special.stdtr(fitted.error_dof, -ratio)) if math.isfinite(ratio) else math.nan
+            found.append(Coefficient(name, estimate, quantile * error, p))
+    return found
+
+
+def _is_named(term: Term, settings: Settings) -> bool:
+    return any(factor in settings.categories for factor, _ in term)
+
+
+def _level(term: Term, settings: Settings, column: int) -> str:
+    """Which names a column of a term with categories is about."""
+    names = [list(settings.names[factor])[:-1] for factor, _ in term if factor in settings.categories]
+    combinations = list(itertools.product(*names))
+    return ", ".join(map(str, combinations[column])) if column < len(combinations) else str(column)
+
+
+def _noise_means(
+    levels: Mapping[str, list[object]], values: Values, points: Sequence[int], better: Better
+) -> tuple[LevelMeans, ...]:
+    """Means of the signal-to-noise ratio of each point by level; none where one is not defined."""
+    of_point = {
+        point: signal_to_noise_db(values[[one == point for one in points]], better)
+        for point in dict.fromkeys(points)
+    }
+    first = [list(points).index(point) for point in of_point]
+    ratios = list(of_point.values())
+    if not levels or not np.isfinite(ratios).all():
+        return ()
+    return tuple(response_table({name: [of[row] for row in first] for name, of in levels.items()}, ratios))
+
+
+def _interactions(levels: Mapping[str, list[object]], values: Values) -> tuple[Interaction, ...]:
+    found = []
+    for one, other in list(itertools.combinations(levels, 2))[:MOST_PAIRS]:
+        first, second = (_ordered(levels[name]) for name in (one, other))
+        means = tuple(
+            tuple(
+                float(own.mean())
+                if len(
+                    own := values[
+                        [x == a and y == b for x, y in zip(levels[one], levels[other], strict=True)]
+                    ]
+                )
+                else math.nan
+                for b in second
+            )
+            for a in first
+        )
+        found.append(Interaction(one, other, first, second, means))
+    return tuple(found)
+
+
+def _ordered(values: Sequence[object]) -> tuple[object, ...]:
+    distinct = list(dict.fromkeys(values))
+    if all(isinstance(value, int | float) and not isinstance(value, bool) for value in distinct):
+        return tuple(sorted(distinct, key=lambda value: float(value)))  # type: ignore[arg-type]
+    return tuple(distinct)

@@ -1,0 +1,218 @@
+"""Many tasks side by side over any executor of `concurrent.futures`; a pool that broke is made anew."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import threading
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, ProcessPoolExecutor, wait
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing import util
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from edmctl.errors import PreconditionError, installing
+from edmctl.exitcodes import ExitCode
+from edmctl.jobs.surroundings import Surroundings
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+    from concurrent.futures import Future
+
+    from edmctl.results.progress import Observer
+
+TaskT = TypeVar("TaskT")
+ResultT = TypeVar("ResultT")
+
+MOST_LOSSES = 3
+"""A task that was under way when so many pools broke is the one that breaks them."""
+AHEAD = 2
+"""Tasks handed over per worker: one that is done finds the next one waiting."""
+
+
+@dataclass(frozen=True, slots=True)
+class Program:
+    """The program that runs tasks: its surroundings, and how a worker process of its own begins.
+
+    Both are called in each worker, because signal handlers do not travel.
+    """
+
+    surroundings: Callable[[], Surroundings]
+    begin_worker: Callable[[], None]
+
+
+def _nothing() -> None:
+    """What a worker of a program without signals begins with."""
+
+
+def silent_program() -> Program:
+    """Return the program of one that has no terminal, signals or environment to hand on."""
+    return Program(Surroundings, _nothing)
+
+
+class Lost(Exception):
+    """A task whose worker died again and again."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pool:
+    """How an executor is made, how many tasks it takes at a time, and how its workers are ended at once."""
+
+    make: Callable[[], Executor]
+    workers: int
+    kill: Callable[[], None]
+
+
+def cores() -> int:
+    """Return how many processors this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def process_pool(workers: int, program: Program) -> Pool:
+    """Return a pool of processes of this computer, which do not outlive this one."""
+    # A forked child would inherit the threads of numba and BLAS half-way through whatever they do.
+    context = multiprocessing.get_context("spawn")
+
+    def make() -> Executor:
+        return ProcessPoolExecutor(workers, mp_context=context, initializer=_begin, initargs=(program,))
+
+    return Pool(make, workers, _kill_children)
+
+
+@contextmanager
+def dask_pool(address: str) -> Iterator[Pool]:
+    """Give the workers of a dask cluster as a pool. Raises PreconditionError E8212 without dask or a scheduler."""
+    try:
+        import distributed
+    except ImportError:
+        raise PreconditionError(
+            "dask is not installed.", hint=f"Install it with {installing('edmctl[cluster]')}.", code="E8212"
+        ) from None
+    try:
+        make: Any = distributed.Client
+        client = make(address, timeout=10, set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as refused:
+        raise PreconditionError(
+            f"No dask scheduler answers at {address}: {type(refused).__name__}.",
+            hint="Start one with `dask scheduler`, and workers with `dask worker ADDRESS`.",
+            code="E8212",
+        ) from refused
+    with client:
+        workers = sum(client.nthreads().values())
+        if not workers:
+            raise PreconditionError(
+                f"The scheduler at {address} has no workers.",
+                hint="Start one: `dask worker ADDRESS`.",
+                code="E8212",
+            )
+        yield Pool(lambda: client.get_executor(pure=False), workers, lambda: None)
+
+
+def perform(
+    function: Callable[[TaskT], ResultT],
+    tasks: Sequence[TaskT],
+    pool: Pool,
+    on_result: Callable[[int, ResultT | Lost], None],
+) -> None:
+    """Call `function` with every task, and hand its number and result to `on_result` when it is done, in any order.
+
+    A worker that dies costs no result but its own, which is tried again; a task that three pools broke over is
+    `Lost`. Whatever `function` or `on_result` raises, or a signal, ends all: results that are there by then are
+    still handed on.
+    """
+    _Series(function, tasks, pool, on_result).run()
+
+
+class _Series(Generic[TaskT, ResultT]):
+    def __init__(
+        self,
+        function: Callable[[TaskT], ResultT],
+        tasks: Sequence[TaskT],
+        pool: Pool,
+        on_result: Callable[[int, ResultT | Lost], None],
+    ) -> None:
+        self._function, self._tasks, self._pool, self._on_result = function, tasks, pool, on_result
+        self._waiting = list(range(len(tasks) - 1, -1, -1))
+        self._losses: dict[int, int] = {}
+        self._under_way: dict[Future[ResultT], int] = {}
+
+    def run(self) -> None:
+        while self._waiting:
+            executor = self._pool.make()
+            try:
+                self._run_on(executor)
+            except BrokenExecutor:
+                self._pool.kill()
+                executor.shutdown(wait=False, cancel_futures=True)
+                self._take_back()
+            except BaseException:
+                executor.shutdown(wait=False, cancel_futures=True)
+                self._hand_on_rest()
+                self._pool.kill()
+                raise
+            else:
+                executor.shutdown()
+
+    def _run_on(self, executor: Executor) -> None:
+        # After a loss one at a time is under way per worker, so that the guilty one is found soon.
+        most = self._pool.workers * (1 if self._losses else AHEAD)
+        while self._waiting or self._under_way:
+            while self._waiting and len(self._under_way) < most:
+                number = self._waiting.pop()
+                try:
+                    self._under_way[executor.submit(self._function, self._tasks[number])] = number
+                except BrokenExecutor:
+                    self._waiting.append(number)
+                    raise
+            finished, _ = wait(self._under_way, return_when=FIRST_COMPLETED)
+            for future in finished:
+                result = future.result()
+                self._on_result(self._under_way.pop(future), result)
+
+    def _take_back(self) -> None:
+        """Put what was under way back in line, or give up what was there at every loss."""
+        self._hand_on_rest()
+        for number in sorted(self._under_way.values(), reverse=True):
+            self._losses[number] = self._losses.get(number, 0) + 1
+            if self._losses[number] >= MOST_LOSSES:
+                self._on_result(number, Lost(f"its worker process died {MOST_LOSSES} times"))
+            else:
+                self._waiting.append(number)
+        self._under_way.clear()
+
+    def _hand_on_rest(self) -> None:
+        for future, number in list(self._under_way.items()):
+            if future.done() and not future.cancelled() and future.exception() is None:
+                del self._under_way[future]
+                self._on_result(number, future.result())
+
+
+def compile_told(observer: Observer) -> None:
+    """Compile once what all workers load then, and say so."""
+    from edmctl.actuator.compiling import compiling_told
+    from edmctl.simulator import BenchConfig, open_bench
+
+    with compiling_told(observer.note):
+        open_bench(BenchConfig(), 0).warm_up()
+
+
+def _kill_children() -> None:
+    for child in multiprocessing.active_children():
+        child.kill()
+    # The process may die of a signal: what its queues hold would be found and told by Python's tracker.
+    util._run_finalizers(0)  # type: ignore[attr-defined]
+
+
+def _begin(program: Program) -> None:
+    """Begin a worker process, which does not outlive its parent."""
+    program.begin_worker()
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(int(ExitCode.INTERNAL))

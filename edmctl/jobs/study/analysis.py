@@ -1,0 +1,232 @@
+"""A study with its rows, analysed: every response by itself, and points against each other."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from edmctl.errors import PreconditionError
+from edmctl.jobs.study.design import LEVELS, terms_of
+from edmctl.jobs.study.factors import BLOCK, settings_matrix
+from edmctl.jobs.study.responses import TRUTHS
+from edmctl.results.study import TRUTH, Choice, RunKind, RunState
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from edmctl.doe.response_analysis import ResponseAnalysis, Runs
+    from edmctl.doe.sensitivity import SobolIndices
+    from edmctl.jobs.study.folder import StudyState
+    from edmctl.results.study import ConstraintInfo, ResponseInfo, StudyPlan, StudyRun, Value
+
+SENSITIVITY = "sensitivity"
+
+
+@dataclass(frozen=True, slots=True)
+class StudyAnalysis:
+    """What the rows of a study say. `truths` are analyses of what the virtual machine knows, by response.
+
+    `runs` are those that count, in the order of the rows of every analysis.
+    """
+
+    plan: StudyPlan
+    runs: tuple[StudyRun, ...]
+    responses: tuple[ResponseAnalysis, ...]
+    truths: dict[str, ResponseAnalysis]
+    indices: dict[str, SobolIndices]
+    choices: tuple[Choice, ...]
+    notes: tuple[str, ...]
+
+
+def analysis_of(state: StudyState) -> StudyAnalysis:
+    """Analyse a study as far as its rows go. Raises PreconditionError E8206 where no run is done."""
+    plan = state.folder.plan
+    done = tuple(run for run in state.runs if run.state is RunState.DONE)
+    if not done:
+        raise PreconditionError(
+            "No run of the study is done yet.",
+            hint=f"Make them with `edmctl study resume {state.folder.path}`.",
+            code="E8206",
+        )
+    fitting = tuple(run for run in done if run.planned.kind is not RunKind.CONFIRMATION)
+    runs = doe_runs(plan, fitting)
+    analyses, truths, indices = [], {}, {}
+    for response in plan.responses:
+        analyses.append(_analysis(plan, response.name, response, fitting, runs))
+        if response.name in TRUTHS and any(run.row and run.row.truth for run in fitting):
+            truths[response.name] = _analysis(plan, f"{TRUTH}{response.name}", response, fitting, runs)
+        if plan.model == SENSITIVITY:
+            found = _indices(plan, response, done)
+            if found is not None:
+                indices[response.name] = found
+    return StudyAnalysis(
+        plan,
+        fitting,
+        tuple(analyses),
+        truths,
+        indices,
+        _choices(plan, fitting, analyses),
+        _notes(state, fitting),
+    )
+
+
+def doe_runs(plan: StudyPlan, runs: Sequence[StudyRun]) -> Runs:
+    """Return runs as `doe` wants them."""
+    from edmctl.doe.response_analysis import Runs
+
+    settings = [run.planned.settings for run in runs]
+    blocks = _shared_blocks([run.planned.block for run in runs])
+    return Runs(
+        settings_matrix(plan.factors, settings, blocks, as_levels=plan.model == LEVELS),
+        {factor.name: [one[factor.key] for one in settings] for factor in plan.factors},
+        [run.planned.point for run in runs],
+        blocks,
+    )
+
+
+def _shared_blocks(blocks: Sequence[int]) -> list[int]:
+    """Blocks, those of a single run as one: their machines differ by what the error then holds."""
+    return [block if blocks.count(block) > 1 else 0 for block in blocks]
+
+
+def _analysis(
+    plan: StudyPlan, name: str, response: ResponseInfo, fitting: Sequence[StudyRun], runs: Runs
+) -> ResponseAnalysis:
+    from edmctl.doe.response_analysis import analyse
+
+    values = [_number(run.value(name)) for run in fitting]
+    model = "main" if plan.model == SENSITIVITY else plan.model
+    terms = terms_of(model, plan.factors, blocks=BLOCK in runs.settings.categories)
+    return analyse(name, runs, values, terms, response.better, is_log=response.is_log)  # type: ignore[arg-type]
+
+
+def _indices(plan: StudyPlan, response: ResponseInfo, done: Sequence[StudyRun]) -> SobolIndices | None:
+    """Sobol indices over the points in their order, means over replicates; None where too few are there."""
+    from edmctl.doe.sensitivity import sobol_indices
+
+    values: dict[int, list[float]] = {}
+    for run in done:
+        if run.planned.kind is RunKind.DESIGN:
+            values.setdefault(run.planned.point, []).append(_number(run.value(response.name)))
+    points = sorted({run.point for run in plan.runs if run.kind is RunKind.DESIGN})
+    means = [_mean(values.get(point, [])) for point in points]
+    try:
+        return sobol_indices(means, len(plan.factors))
+    except ValueError:
+        return None
+
+
+def _choices(
+    plan: StudyPlan, runs: Sequence[StudyRun], analyses: Sequence[ResponseAnalysis]
+) -> tuple[Choice, ...]:
+    """Every point with its means; who is dominated, and two rankings, which are preferences."""
+    import numpy as np
+
+    from edmctl.doe.preferences import grey_relational_grade, pareto_front, topsis_closeness
+
+    by_point: dict[int, list[StudyRun]] = {}
+    for run in runs:
+        by_point.setdefault(run.planned.point, []).append(run)
+    names = [name for name, _ in plan.objectives] or [one.name for one in plan.responses]
+    weights = [weight for _, weight in plan.objectives] or [1.0] * len(names)
+    infos = {one.name: one for one in plan.responses}
+    means = {
+        point: {name: _mean([_number(run.value(name)) for run in members]) for name in infos}
+        for point, members in by_point.items()
+    }
+    table = np.array([[_cost(infos[name], means[point][name]) for name in names] for point in by_point])
+    smaller = ["smaller"] * len(names)
+    upper = {point: upper_bounds(plan, members) for point, members in by_point.items()}
+    feasible = [
+        all(_keeps(bound, upper[point].get(str(bound))) for bound in plan.constraints) for point in by_point
+    ]
+    front = pareto_front(np.where(np.array(feasible)[:, None], table, np.nan), smaller)  # type: ignore[arg-type]
+    whole = np.isfinite(table).all(axis=1)
+    grades, closeness = np.full(len(table), np.nan), np.full(len(table), np.nan)
+    if whole.sum() > 1:
+        grades[whole] = grey_relational_grade(table[whole], smaller, weights)  # type: ignore[arg-type]
+        closeness[whole] = topsis_closeness(table[whole], smaller, weights)  # type: ignore[arg-type]
+    return tuple(
+        Choice(
+            point=point,
+            settings=members[0].planned.settings,
+            runs=len(members),
+            means={name: _or_none(value) for name, value in means[point].items()},
+            upper=upper[point],
+            is_feasible=feasible[n],
+            is_pareto=bool(front[n]),
+            grey_grade=_or_none(float(grades[n])),
+            topsis_closeness=_or_none(float(closeness[n])),
+        )
+        for n, (point, members) in enumerate(by_point.items())
+    )
+
+
+def _cost(info: ResponseInfo, value: float) -> float:
+    """What is wanted small of a response."""
+    if info.better == "larger":
+        return -value
+    return abs(value - info.target) if info.better == "nominal" and info.target is not None else value
+
+
+def upper_bounds(plan: StudyPlan, runs: Sequence[StudyRun]) -> dict[str, float | None]:
+    """Return, by constraint, the bound of the 95 % interval of a point's mean on the side of the limit.
+
+    It is Student's of several runs, or that of the value's own interval; None where a single run has none.
+    """
+    from scipy import special
+
+    found: dict[str, float | None] = {}
+    for bound in plan.constraints:
+        values = [_number(run.value(bound.response)) for run in runs]
+        values = [value for value in values if math.isfinite(value)]
+        mean = _mean(values)
+        if len(values) > 1:
+            sd = math.sqrt(math.fsum((v - mean) ** 2 for v in values) / (len(values) - 1))
+            half = float(special.stdtrit(len(values) - 1, 0.95)) * sd / math.sqrt(len(values))
+        else:
+            own = runs[0].row.u95.get(bound.response) if runs[0].row is not None else None
+            half = _number(own)
+        found[str(bound)] = _or_none(mean + bound.sign * half)
+    return found
+
+
+def _keeps(bound: ConstraintInfo, upper: float | None) -> bool:
+    return upper is not None and bound.sign * (upper - bound.limit) <= 0
+
+
+def _notes(state: StudyState, runs: Sequence[StudyRun]) -> tuple[str, ...]:
+    """What a reader has to know before the tables."""
+    plan, notes = state.folder.plan, []
+    left = [run for run in state.runs if run.state is RunState.OPEN]
+    failed = [run for run in state.runs if run.state is RunState.FAILED]
+    if left:
+        notes.append(f"{len(left)} of {len(state.runs)} runs are not made yet; tables are of those that are")
+    if failed:
+        numbers = ", ".join(str(run.planned.number) for run in failed[:10])
+        notes.append(f"runs that failed are left out until somebody judges them: {numbers}")
+    if len({run.planned.block for run in runs}) == 1:
+        notes.append(
+            "all runs are of one machine or tool: what that errs by is in every value alike, may follow time or "
+            "wear, and looks like an effect; this study cannot know how another machine would do"
+        )
+    return (*notes, *plan.notes)
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else float(value)
+
+
+def _or_none(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _mean(values: Sequence[float]) -> float:
+    found = [value for value in values if math.isfinite(value)]
+    return math.fsum(found) / len(found) if found else math.nan
+
+
+def settings_text(settings: dict[str, Value]) -> str:
+    """Return settings in words."""
+    return ", ".join(f"{key} = {value}" for key, value in settings.items())

@@ -1,0 +1,127 @@
+"""Runs beyond the design: what is recommended, what to run next, and what confirmation came to.
+
+Nothing is remembered but the rows: a suggestion follows from the study and the rows before it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from edmctl.errors import PreconditionError
+from edmctl.jobs.study.analysis import analysis_of
+from edmctl.jobs.study.expectations import expected_at
+from edmctl.results.study import (
+    Confirmation,
+    ConfirmedResponse,
+    PlannedRun,
+    Recommendation,
+    RunKind,
+    RunState,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from edmctl.doe.response_analysis import ResponseAnalysis
+    from edmctl.jobs.study.folder import StudyState
+    from edmctl.results.study import StudyRun, Value
+
+FRESH_SEEDS = 1_000_003
+"""Machines of confirmation runs are so far from those of the design that no study's seeds come near."""
+
+
+def confirmations_of(state: StudyState, analyses: Sequence[ResponseAnalysis]) -> list[Confirmation]:
+    """Return what the confirmation runs that are done came to, by their settings."""
+    by_settings: dict[str, list[StudyRun]] = {}
+    for run in state.runs:
+        if run.planned.kind is RunKind.CONFIRMATION and run.state is RunState.DONE:
+            by_settings.setdefault(repr(sorted(run.planned.settings.items())), []).append(run)
+    found = []
+    for members in by_settings.values():
+        expected = expected_at(state, analyses, members[0].planned.settings)
+        responses = []
+        for name, (value, low, high) in expected.items():
+            measured = [v for run in members if (v := run.value(name)) is not None]
+            if measured:
+                responses.append(ConfirmedResponse(name, value, low, high, tuple(measured)))
+        numbers = tuple(run.planned.number for run in members)
+        found.append(Confirmation(members[0].planned.settings, numbers, tuple(responses)))
+    return found
+
+
+def confirmation_runs(state: StudyState, settings: Mapping[str, Value], runs: int) -> list[PlannedRun]:
+    """Return new runs at settings, each on a machine of its own that the study has not seen."""
+    first = max(run.planned.number for run in state.runs) + 1
+    made = sum(run.planned.kind is RunKind.CONFIRMATION for run in state.runs)
+    seed = state.folder.source.file.design.seed + FRESH_SEEDS + made
+    return [
+        _added(state, first + n, RunKind.CONFIRMATION, settings, seed + n, block=_next_block(state) + n)
+        for n in range(runs)
+    ]
+
+
+def _next_block(state: StudyState) -> int:
+    return max(run.planned.block for run in state.runs) + 1
+
+
+def _added(
+    state: StudyState, number: int, kind: RunKind, settings: Mapping[str, Value], seed: int, block: int
+) -> PlannedRun:
+    known = {repr(sorted(run.planned.settings.items())): run.planned.point for run in state.runs}
+    new = max(run.planned.point for run in state.runs) + 1
+    point = known.get(repr(sorted(settings.items())), new)
+    tools = [run.planned.tool for run in state.runs]
+    tool = max((run.row.tool for run in state.runs if run.row is not None), default=max(tools))
+    return PlannedRun(number, kind, point, 1, block, seed, dict(settings), tool)
+
+
+def added_run(
+    state: StudyState, number: int, settings: Mapping[str, Value], seed: int, block: int
+) -> PlannedRun:
+    """Return a run that was suggested."""
+    return _added(state, number, RunKind.SUGGESTED, settings, seed, block)
+
+
+def best_of_points(state: StudyState) -> Recommendation:
+    """Return the point whose objectives are best by the models, among those that were run and keep the constraints.
+
+    With several objectives it is the one with the highest grey relational grade, which is a preference. Raises
+    PreconditionError E8206 without runs, E8208 where no response can be judged.
+    """
+    analysis = analysis_of(state)
+    plan = state.folder.plan
+    names = [name for name, _ in plan.objectives] or [plan.responses[0].name]
+    candidates = [one for one in analysis.choices if all(one.means.get(name) is not None for name in names)]
+    if not candidates:
+        raise PreconditionError(
+            f"No point has a value of {', '.join(names)}.",
+            hint="Tell manual responses with `edmctl study tell`, or make the runs.",
+            code="E8208",
+        )
+    feasible = [one for one in candidates if one.is_feasible]
+    ranked = feasible or candidates
+    if len(names) == 1:
+        info = next(one for one in plan.responses if one.name == names[0])
+        sign = -1.0 if info.better == "larger" else 1.0
+        target = info.target if info.better == "nominal" else None
+
+        def rank(value: float) -> float:
+            return abs(value - target) if target is not None else sign * value
+
+        best = min(ranked, key=lambda one: rank(float(one.means[names[0]] or 0.0)))
+        basis = f"The point with the best mean of {names[0]} among those that were run."
+    else:
+        best = max(ranked, key=lambda one: one.grey_grade if one.grey_grade is not None else -math.inf)
+        basis = "The point with the highest grey relational grade of those that were run: a preference by weights."
+    if plan.constraints and not feasible:
+        basis += " Repeated runs on other machines may show that one keeps the constraints."
+    expected = expected_at(state, analysis.responses, best.settings)
+    return Recommendation(
+        settings=best.settings,
+        expected={name: value for name, (value, _, _) in expected.items()},
+        low={name: low for name, (_, low, _) in expected.items()},
+        high={name: high for name, (_, _, high) in expected.items()},
+        is_feasible=best.is_feasible,
+        basis=basis,
+    )

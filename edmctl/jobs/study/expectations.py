@@ -1,0 +1,88 @@
+"""What is expected of a run at given settings, by the models of the analysis or by Gaussian processes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from edmctl.jobs.study.design import LEVELS
+from edmctl.jobs.study.factors import settings_matrix, unit_points
+from edmctl.results.study import RunKind, RunState
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from edmctl.doe.gaussian_process import GaussianProcess
+    from edmctl.doe.response_analysis import ResponseAnalysis
+    from edmctl.jobs.study.folder import StudyState
+    from edmctl.results.study import StudyRun, Value
+
+LEAST_RUNS = 5
+"""Fewer runs with a response make no model."""
+
+
+def has_suggestions(state: StudyState) -> bool:
+    """Return whether the study has runs that were suggested."""
+    return any(run.planned.kind is RunKind.SUGGESTED for run in state.runs)
+
+
+def fitting_runs(state: StudyState) -> list[StudyRun]:
+    """Return the runs that count: those that were made, failed ones too, without confirmations."""
+    return [
+        run
+        for run in state.runs
+        if run.planned.kind is not RunKind.CONFIRMATION and run.state in (RunState.DONE, RunState.FAILED)
+    ]
+
+
+def expected_at(
+    state: StudyState, analyses: Sequence[ResponseAnalysis], settings: Mapping[str, Value]
+) -> dict[str, tuple[float, float, float]]:
+    """Return, by response, what is expected of a run and the bounds of its 95 % interval; none without a model.
+
+    After suggestions, which crowd where it is good, Gaussian processes tell; else the models of the analysis.
+    """
+    if has_suggestions(state):
+        return _by_processes(state, settings)
+    plan = state.folder.plan
+    matrix = settings_matrix(plan.factors, [settings], as_levels=plan.model == LEVELS)
+    found = {}
+    for one in analyses:
+        if one.model is not None:
+            names = {factor.name: list(factor.values) for factor in plan.factors}
+            value, low, high = one.model.predict(replace(matrix, names=names))
+            found[one.name] = (float(value[0]), float(low[0]), float(high[0]))
+    return found
+
+
+def _by_processes(state: StudyState, settings: Mapping[str, Value]) -> dict[str, tuple[float, float, float]]:
+    """Return, by response, what a Gaussian process expects of a run on a new machine, and the 95 % interval."""
+    from edmctl.doe.gaussian_process import fit_process
+
+    plan = state.folder.plan
+    runs = fitting_runs(state)
+    at = unit_points(plan.factors, [settings])
+    found = {}
+    for response in plan.responses:
+        having = [run for run in runs if run.value(response.name) is not None]
+        values = [float(run.value(response.name) or 0.0) for run in having]
+        if len(having) < LEAST_RUNS:
+            continue
+        is_log = response.is_log and min(values) > 0
+        process = fit_process(
+            unit_points(plan.factors, [run.planned.settings for run in having]),
+            [math.log(value) for value in values] if is_log else values,
+            blocks=[run.planned.block for run in having],
+        )
+        found[response.name] = _interval(process, at, is_log=is_log)
+    return found
+
+
+def _interval(
+    process: GaussianProcess, at: Sequence[Sequence[float]], *, is_log: bool
+) -> tuple[float, float, float]:
+    mean, sd = (float(one[0]) for one in process.predict(at))
+    half = 2.0 * math.sqrt(sd**2 + process.noise_sd**2 + process.block_sd**2)
+    bounds = (mean, mean - half, mean + half)
+    return tuple(math.exp(one) for one in bounds) if is_log else bounds  # type: ignore[return-value]

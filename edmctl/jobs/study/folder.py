@@ -1,0 +1,301 @@
+"""The folder of a study: file, profile, setup and plan as they were when it began, and the rows of its runs.
+
+DIR/study.toml profile.toml setup.toml plan.json    written once; plan.json has the hashes of the others
+DIR/rows/*.jsonl                                    appended, one file a writer
+DIR/runs/*.h5                                       run files, with ledger and journals on a machine that lasts
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import secrets
+import shutil
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from edmctl.errors import Diagnostic, PreconditionError, RunFileError, UsageError
+from edmctl.jobs.output_files import make_folder, unwritable, write
+from edmctl.jobs.study.planning import PlannedStudy, base_request
+from edmctl.jobs.study.rows import StudyWriter, planned_run, read_rows
+from edmctl.results.study import (
+    ConstraintInfo,
+    FactorInfo,
+    PlanCosts,
+    ResponseInfo,
+    StudyPlan,
+    StudyRun,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+    from pathlib import Path
+
+    from edmctl.jobs.plan import JobRequest
+    from edmctl.jobs.study.rows import Rows
+    from edmctl.profile.study_file import StudySource
+    from edmctl.results.study import PlannedRun
+
+SCHEMA = "edmctl-study/1"
+STUDY, PROFILE, SETUP, PLAN, ROWS, RUNS = (
+    "study.toml",
+    "profile.toml",
+    "setup.toml",
+    "plan.json",
+    "rows",
+    "runs",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class StudyFolder:
+    """A study that is run, or was: what it is never changes, `state` tells how far it has come."""
+
+    path: Path
+    source: StudySource
+    plan: StudyPlan
+    recipes: Mapping[int, tuple[str, str]]
+    version: str
+
+    @property
+    def rows(self) -> Path:
+        """Folder of the rows."""
+        return self.path / ROWS
+
+    @property
+    def runs(self) -> Path:
+        """Folder of the run files."""
+        return self.path / RUNS
+
+    @property
+    def base(self) -> JobRequest:
+        """The job that all runs begin with, from the folder's own files."""
+        setup = self.path / SETUP
+        request = base_request(self.source)
+        return replace(request, profile=str(self.path / PROFILE), setup=setup if setup.is_file() else None)
+
+    def read(self) -> StudyState:
+        """Return how far the study has come, by the rows that are there now."""
+        rows = read_rows(self.rows)
+        return StudyState(self, rows, tuple(rows.of(run) for run in (*self.plan.runs, *rows.added)))
+
+    def writer(self) -> StudyWriter:
+        """Return a new writer of rows."""
+        return StudyWriter(self.rows)
+
+    @contextmanager
+    def claimed(self, part: str) -> Iterator[None]:
+        """Keep others of this computer from running the same part at the same time.
+
+        Raises PreconditionError E8201 where one does.
+        """
+        from edmctl.record.locks import exclusive
+
+        self.rows.mkdir(parents=True, exist_ok=True)
+        path = self.rows / f"{part}.lock"
+        descriptor = os.open(path, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o644)
+        try:
+            with exclusive(descriptor, path.with_suffix(".held")):
+                yield
+        except BlockingIOError:
+            raise PreconditionError(
+                f"Another command runs the study in {self.path} just now.",
+                hint="Wait for it, or stop it; `edmctl study status` tells how far it is.",
+                code="E8201",
+            ) from None
+        finally:
+            os.close(descriptor)
+
+
+@dataclass(frozen=True, slots=True)
+class StudyState:
+    """A study with its rows: `runs` are the planned ones, then those that were added."""
+
+    folder: StudyFolder
+    rows: Rows
+    runs: tuple[StudyRun, ...]
+
+    def run(self, number: int) -> StudyRun:
+        """Return a run by its number. Raises UsageError E2104 where there is none."""
+        found = next((run for run in self.runs if run.planned.number == number), None)
+        if found is None:
+            raise UsageError(
+                f"The study has no run {number}.",
+                hint=f"Its runs are 1 to {len(self.runs)}; `edmctl study status` lists them.",
+                code="E2104",
+            )
+        return found
+
+
+def create_folder(path: Path, planned: PlannedStudy, *, or_same: bool = False) -> StudyFolder:
+    """Make the folder of a study; with `or_same` that of the same study may be there.
+
+    It is there with all of its files or not at all, however many computers make it at once. Raises RunFileError:
+    E9101 there is a study already, or something else; E9012 it cannot be written.
+    """
+    if or_same and (path / PLAN).exists():
+        return _same(path, planned)
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise _taken(path)
+    make_folder(path.parent)
+    made = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
+    make_folder(made)
+    try:
+        for name, content in _files(planned).items():
+            write(made / name, content)
+        made.replace(path)  # onto nothing, or onto an empty folder
+    except OSError as refused:
+        if or_same and (path / PLAN).exists():
+            return _same(path, planned)
+        if (path / PLAN).exists():
+            raise _taken(path) from None
+        raise unwritable(f"into {path}", str(refused.strerror), "Check the path.") from refused
+    finally:
+        shutil.rmtree(made, ignore_errors=True)
+    return open_folder(path)
+
+
+def _same(path: Path, planned: PlannedStudy) -> StudyFolder:
+    there = open_folder(path)
+    if there.plan != planned.plan or there.source.text != planned.source.text:
+        raise _taken(path)
+    return there
+
+
+def _taken(path: Path) -> RunFileError:
+    if (path / PLAN).exists():
+        hint = f"Go on with it: `edmctl study resume {path}`; or choose another folder with --out."
+        return RunFileError(f"{path} has a study already.", hint=hint, code="E9101")
+    return RunFileError(f"{path} is not empty.", hint="Choose another folder with --out.", code="E9101")
+
+
+def _files(planned: PlannedStudy) -> dict[str, bytes]:
+    """All files of a folder, the plan with the hashes of the others."""
+    from edmctl.version import __version__
+
+    texts = _texts(planned)
+    document = {
+        "schema": SCHEMA,
+        "edmctl": __version__,
+        "sha256": {name: hashlib.sha256(text.encode()).hexdigest() for name, text in texts.items()},
+        "recipes": {str(point): list(one) for point, one in planned.recipes.items()},
+        "plan": planned.plan.as_mapping(),
+    }
+    body = json.dumps(document, ensure_ascii=False, allow_nan=False)
+    digest = hashlib.sha256(body.encode()).hexdigest()
+    written = json.dumps({"sha256": digest, "study": document}, ensure_ascii=False, indent=1, allow_nan=False)
+    return {**{name: text.encode() for name, text in texts.items()}, PLAN: f"{written}\n".encode()}
+
+
+def _texts(planned: PlannedStudy) -> dict[str, str]:
+    """The files that a study stands on, each complete by itself."""
+    from pathlib import Path
+
+    from edmctl.profile.folders import find_profile
+    from edmctl.profile.read import parse, read_chain, read_source
+
+    study = planned.source.file.study
+    assert planned.base.profile is not None
+    chain = read_chain(find_profile(planned.base.profile))
+    texts = {STUDY: planned.source.text, PROFILE: chain.sources[0].text}
+    if len(chain.sources) > 1:
+        texts[PROFILE] = _toml(chain.table)
+    if planned.base.setup is not None:
+        source = read_source(planned.base.setup)
+        table = parse(source)
+        actuator = table.get("actuator")
+        texts[SETUP] = source.text
+        if isinstance(actuator, dict) and isinstance(actuator.get("calibration"), str):
+            named = Path(planned.base.setup).parent / actuator["calibration"]
+            actuator["calibration"] = str(named.resolve())
+            texts[SETUP] = _toml(table)
+    assert study.profile
+    return texts
+
+
+def _toml(table: dict[str, object]) -> str:
+    import tomli_w
+
+    return tomli_w.dumps(table)
+
+
+def open_folder(path: Path) -> StudyFolder:
+    """Open the folder of a study.
+
+    Raises UsageError E2101 where it is none, PreconditionError E8202 where what it stands on was changed.
+    """
+    from edmctl.profile.study_file import study_of
+
+    try:
+        document = json.loads((path / PLAN).read_text(encoding="utf-8"))
+        digest, study = document["sha256"], document["study"]
+    except (OSError, UnicodeDecodeError) as refused:
+        raise UsageError(
+            f"{path} has no study.",
+            hint="Name the folder that `edmctl study run FILE --out DIR` has made.",
+            code="E2101",
+        ) from refused
+    except (ValueError, KeyError, TypeError):
+        raise _changed(path, PLAN) from None
+    body = json.dumps(study, ensure_ascii=False, allow_nan=False)
+    if hashlib.sha256(body.encode()).hexdigest() != digest:
+        raise _changed(path, PLAN)
+    if study.get("schema") != SCHEMA:
+        raise PreconditionError(
+            f"{path} was made by another version of edmctl ({study.get('schema')}).",
+            hint="Go on with that version.",
+            code="E8202",
+        )
+    texts = {}
+    for name, wanted in study["sha256"].items():
+        try:
+            texts[name] = (path / name).read_bytes()
+        except OSError:
+            raise _changed(path, name) from None
+        if hashlib.sha256(texts[name]).hexdigest() != wanted:
+            raise _changed(path, name)
+    source = study_of(texts[STUDY].decode(), path / STUDY)
+    recipes = {int(point): (one[0], one[1]) for point, one in study["recipes"].items()}
+    return StudyFolder(path, source, _plan_of(study["plan"]), recipes, str(study["edmctl"]))
+
+
+def _changed(path: Path, name: str) -> PreconditionError:
+    return PreconditionError(
+        f"{path / name} is not what it was when the study began.",
+        hint="Put it back as it was; a changed study is a new one, in another folder.",
+        code="E8202",
+    )
+
+
+def version_warning(folder: StudyFolder) -> list[Diagnostic]:
+    """Return a warning where another version began the study."""
+    from edmctl.version import __version__
+
+    if folder.version == __version__:
+        return []
+    message = f"The study began with edmctl {folder.version}; this is {__version__}."
+    hint = "Compare runs of both versions with care, or go on with the version that began it."
+    return [Diagnostic("W8203", message, hint, is_warning=True)]
+
+
+def _plan_of(values: dict[str, Any]) -> StudyPlan:
+    factors = tuple(FactorInfo(**{**one, "values": tuple(one["values"])}) for one in values.pop("factors"))
+    responses = tuple(ResponseInfo(**one) for one in values.pop("responses"))
+    constraints = tuple(ConstraintInfo(**one) for one in values.pop("constraints"))
+    objectives = tuple((one[0], one[1]) for one in values.pop("objectives"))
+    runs: tuple[PlannedRun, ...] = tuple(planned_run(one) for one in values.pop("runs"))
+    costs = values.pop("costs")
+    aliases, notes = (tuple(values.pop(name)) for name in ("aliases", "notes"))
+    return StudyPlan(
+        **values,
+        aliases=aliases,
+        notes=notes,
+        factors=factors,
+        responses=responses,
+        constraints=constraints,
+        objectives=objectives,
+        runs=runs,
+        costs=PlanCosts(**{**costs, "tool_wear_um": tuple(costs["tool_wear_um"])}) if costs else None,
+    )

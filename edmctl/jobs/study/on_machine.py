@@ -1,0 +1,304 @@
+"""Running a study on a machine that lasts: hole after hole at the next free place, tool after tool.
+
+Whatever goes wrong stops the study, and leaves nothing behind that the next command could not go on from: an
+interrupted hole is resumed, one that was finished without a row is read from its run file.
+"""
+
+from __future__ import annotations
+
+import math
+import shlex
+import time
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING
+
+from edmctl.errors import EdmError, ObjectiveNotReached, PreconditionError, RunFileError, UsageError
+from edmctl.jobs.job import carry_out
+from edmctl.jobs.ledger.places_taken import WALL_UM
+from edmctl.jobs.plan import check
+from edmctl.jobs.study.evaluate import refuse_other_recipe, row_of, run_name
+from edmctl.jobs.study.planning import grid_of, request_of
+from edmctl.jobs.study.rows import PAUSED
+from edmctl.results.study import RunKind, RunState, StudyRun
+from edmctl.wording import coordinates
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from edmctl.jobs.plan import JobRequest, Plan
+    from edmctl.jobs.run_header import RunName
+    from edmctl.jobs.study.folder import StudyFolder
+    from edmctl.jobs.study.rows import StudyWriter
+    from edmctl.jobs.study.running import SeriesObserver
+    from edmctl.jobs.surroundings import Surroundings, Warn
+    from edmctl.jsonout import JsonValue
+
+WORN_OUT = "E8043"
+TOOL = "tool"
+"""Kind of the rows that tell which tool is in the machine."""
+
+
+@dataclass(frozen=True, slots=True)
+class MachineRuns:
+    """How the runs of a study are made on one machine.
+
+    `approve` is asked before sparks of a run that has to be approved; `new_tool` says that the electrode was changed
+    since the last run, `homed` that the stages were.
+    """
+
+    port: str
+    surroundings: Surroundings
+    approve: Callable[[StudyRun, Plan], bool]
+    warn: Warn
+    wait_s: float = 0.0
+    new_tool: bool = False
+    homed: bool = False
+    most: int | None = None
+
+
+def run_on_machine(folder: StudyFolder, options: MachineRuns, observer: SeriesObserver) -> int:
+    """Make the runs that are left, one after the other; return how many were made.
+
+    Raises PreconditionError: E8201 another command runs the study, E8204 the tool has to be changed, E8205 a run
+    waits for approval, E8207 no place is free; and the error of a run that stopped the study, with the way on.
+    """
+    if folder.source.file.machine is None:
+        raise UsageError(
+            "The study says nothing of a machine.",
+            hint="Add [machine] to the study file (holes_per_tool, the grid of places), and plan it anew; without "
+            "it every run has a virtual machine of its own.",
+            code="E2103",
+        )
+    with folder.claimed("machine"), folder.writer() as writer:
+        return _Series(folder, options, observer, writer).run()
+
+
+class _Series:
+    def __init__(
+        self, folder: StudyFolder, options: MachineRuns, observer: SeriesObserver, writer: StudyWriter
+    ) -> None:
+        self._folder, self._options, self._observer, self._writer = folder, options, observer, writer
+        machine = folder.source.file.machine
+        assert machine is not None
+        self._machine = machine
+        self._new_tool = options.new_tool
+
+    def run(self) -> int:
+        made = 0
+        while self._options.most is None or made < self._options.most:
+            state = self._folder.read()
+            left = [run for run in state.runs if run.state is RunState.OPEN]
+            self._observer.runs(len(state.runs) - len(left), len(state.runs))
+            if not left:
+                break
+            if made:
+                self._pause()
+            self._make(left[0])
+            made += 1
+        return made
+
+    def _make(self, run: StudyRun) -> None:
+        attempt = run.attempts + 1
+        name = run_name(self._folder.runs, run.planned, attempt, datetime.now(UTC))
+        begin_s = time.monotonic()
+        left = self._left(name)
+        if isinstance(left, tuple):
+            result, files = left
+            self._keep(run, attempt, result, files, None, begin_s)
+            return
+        self._look_at_tool(run)
+        plan, name, site_um = left if left is not None else self._fresh(run, name)
+        if left is None and self._wants_approval(run) and not self._options.approve(run, plan):
+            raise PreconditionError(
+                f"Run {run.planned.number} is not approved.",
+                hint=f"Approve it and go on: `{self._command()} --yes`.",
+                code="E8205",
+            )
+        what = "resuming" if left is not None else "making"
+        self._observer.note(f"{what} run {run.planned.number}: {_words(run)}, at {coordinates(*site_um)}")
+        report = carry_out(plan, 0, self._observer, name, self._options.warn)
+        if report.error is not None and not isinstance(report.error, ObjectiveNotReached):
+            self._stop(run, report.error)
+        self._new_tool = False
+        files = (report.run_file,) if report.run_file else ()
+        self._keep(run, attempt, report.to_dict(), files, report.error, begin_s, site_um)
+
+    def _left(self, name: RunName) -> _Begun | tuple[dict[str, JsonValue], tuple[Path, ...]] | None:
+        """What an earlier command left of an attempt: a hole to resume, a result without a row, or nothing."""
+        from edmctl.jobs.resume.selection import checked, find_run, name_of_resumed
+        from edmctl.jobs.runs.recovery import recovered_before
+
+        try:
+            resumption = find_run(name.run_id, self._folder.runs, homed=self._options.homed)
+        except PreconditionError as error:
+            if error.code == "E8051":
+                return _finished(name)
+            if error.code != "E8050":
+                raise
+            return None
+        options = self._options
+        plan = checked(resumption, options.port, options.wait_s, options.surroundings)
+        options.warn(recovered_before(resumption))
+        _, x_um, y_um, *_ = resumption.job.places[0]
+        return _Begun(plan, name_of_resumed(resumption, None, datetime.now(UTC)), (x_um, y_um))
+
+    def _fresh(self, run: StudyRun, name: RunName) -> _Begun:
+        options, planned = self._options, run.planned
+        base = replace(self._folder.base, port=options.port, wait_s=options.wait_s)
+        recipe = self._folder.recipes.get(planned.point)
+        without_place = check(request_of(base, planned.settings), options.surroundings)
+        refuse_other_recipe(without_place, recipe, planned)
+        site_um = self._next_free_um(without_place)
+        return _Begun(check(self._request(base, run, site_um), options.surroundings), name, site_um)
+
+    def _request(self, base: JobRequest, run: StudyRun, site_um: tuple[float, float]) -> JobRequest:
+        x_um, y_um = site_um
+        at = f'sites=[{{x_um={x_um!r}, y_um={y_um!r}, name="run{run.planned.number:04d}"}}]'
+        request = request_of(base, run.planned.settings)
+        return replace(request, overrides=(*request.overrides, at), new_tool=self._new_tool)
+
+    def _next_free_um(self, plan: Plan) -> tuple[float, float]:
+        """The first place of the grid that is clear of every hole that was made or begun."""
+        profile = plan.loaded.profile
+        radius_um = profile.tool.diameter_um / 2.0 + profile.work.side_gap_um
+        taken = list(_taken(self._folder.runs))
+        for x_um, y_um in grid_of(self._machine):
+            if all(math.hypot(x_um - x, y_um - y) >= radius_um + own + WALL_UM / 2 for x, y, own in taken):
+                return x_um, y_um
+        raise PreconditionError(
+            "No place of the study's grid is free any more.",
+            hint="A study on new work is another one, in another folder; give its grid more columns or rows.",
+            code="E8207",
+        )
+
+    def _look_at_tool(self, run: StudyRun) -> None:
+        """Stop where the run is of another tool than the one that made the run before."""
+        state = self._folder.read()
+        used = [one.row.tool for one in state.runs if one.row is not None and one.row.tool]
+        last = max(used, default=run.planned.tool)
+        if run.planned.tool > last and not self._new_tool:
+            made = sum(one.row is not None and one.row.tool == last for one in state.runs)
+            self._writer.append(PAUSED, {"number": run.planned.number, "why": f"tool {last} is done"})
+            raise PreconditionError(
+                f"Tool {last} has made its {made} holes; run {run.planned.number} is of tool {run.planned.tool}.",
+                hint=f"Change or dress it, and go on with `{self._command()} --new-tool`.",
+                code="E8204",
+            )
+        if run.planned.tool == last and used and self._options.new_tool and self._new_tool:
+            self._options.warn([])  # a tool that was changed early: the ledger begins its wear anew
+
+    def _wants_approval(self, run: StudyRun) -> bool:
+        policy = self._machine.approval
+        is_suggestion = run.planned.kind in (RunKind.SUGGESTED, RunKind.CONFIRMATION)
+        return policy == "each" or (policy == "suggestions" and is_suggestion)
+
+    def _stop(self, run: StudyRun, error: EdmError) -> None:
+        """Say how the study goes on, and end it."""
+        values = {"number": run.planned.number, "why": f"{error.code}: {error.message}"}
+        self._writer.append(PAUSED, values)
+        if error.code == WORN_OUT:
+            hint = f"Dress or change it, and go on with `{self._command()} --new-tool`."
+        else:
+            hint = f"Then go on with `{self._command()}`: what is made is kept, and a begun hole is resumed."
+        error.hint = f"{error.hint} {hint}".strip()
+        raise error
+
+    def _keep(
+        self,
+        run: StudyRun,
+        attempt: int,
+        result: dict[str, JsonValue],
+        files: Sequence[Path],
+        error: EdmError | None,
+        begin_s: float,
+        site_um: tuple[float, float] | None = None,
+    ) -> None:
+        base = replace(self._folder.base, port=self._options.port)
+        plan = check(request_of(base, run.planned.settings), self._options.surroundings)
+        started = datetime.now(UTC)
+        row = row_of(
+            run.planned,
+            attempt,
+            result,
+            plan,
+            error=error,
+            seed=None,
+            files=tuple(files),
+            started=started,
+            duration_s=time.monotonic() - begin_s,
+            site_um=site_um if site_um is not None else _place_of(result),
+        )
+        self._writer.run(row)
+
+    def _pause(self) -> None:
+        """Wait between two runs; a signal ends that as it ends a job."""
+        if not self._machine.pause_s:
+            return
+        around = self._options.surroundings
+        stop = around.stop(self._observer.note)
+        end_s = time.monotonic() + self._machine.pause_s
+        with around.guard(stop, lambda: None):
+            while (left_s := end_s - time.monotonic()) > 0:
+                time.sleep(min(0.1, left_s))
+                stop.check()
+
+    def _command(self) -> str:
+        words = ["edmctl", "study", "resume", str(self._folder.path), "--port", self._options.port]
+        return shlex.join(words)
+
+
+@dataclass(frozen=True, slots=True)
+class _Begun:
+    plan: Plan
+    name: RunName
+    site_um: tuple[float, float]
+
+    def __iter__(self):  # type: ignore[no-untyped-def]
+        return iter((self.plan, self.name, self.site_um))
+
+
+def _finished(name: RunName) -> tuple[dict[str, JsonValue], tuple[Path, ...]] | None:
+    """The result in the run file of a hole that was finished before its row was written."""
+    from edmctl.record.reader import open_run
+
+    later = sorted(name.path.parent.glob(f"{name.run_id}-r[0-9]*.h5"))
+    for file in [*reversed(later), name.path]:
+        try:
+            with open_run(file) as run:
+                summary = run.summary() if run.text("/entry/status") == "done" else None
+        except (RunFileError, OSError):
+            continue
+        if summary is not None:
+            return summary, (file,)  # type: ignore[return-value]
+    return None
+
+
+def _taken(runs: Path) -> list[tuple[float, float, float]]:
+    """Axes and radii of all holes that the ledger of the run files knows, made or begun."""
+    from edmctl.record.ledger import JobBegun, Ledger, SiteMachined
+
+    if not runs.is_dir():
+        return []
+    found = []
+    for line in Ledger.open(runs).lines:
+        entry = line.entry
+        if isinstance(entry, JobBegun):
+            found += [(x_um, y_um, entry.radius_um) for _, x_um, y_um in entry.places]
+        elif isinstance(entry, SiteMachined):
+            found.append((entry.x_um, entry.y_um, entry.radius_um))
+    return found
+
+
+def _place_of(result: dict[str, JsonValue]) -> tuple[float, float] | None:
+    sites = result.get("sites")
+    if isinstance(sites, list) and sites and isinstance(sites[0], dict):
+        x_um, y_um = sites[0].get("x_um"), sites[0].get("y_um")
+        if isinstance(x_um, int | float) and isinstance(y_um, int | float):
+            return float(x_um), float(y_um)
+    return None
+
+
+def _words(run: StudyRun) -> str:
+    return ", ".join(f"{key} = {value}" for key, value in run.planned.settings.items())

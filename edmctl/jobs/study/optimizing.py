@@ -1,0 +1,204 @@
+"""Suggestions by Gaussian processes: where the next run is worth most, and what is recommended in the end.
+
+The state of the optimiser is the rows: the same study and rows give the same suggestion, in any process.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from edmctl.errors import PreconditionError, ProfileError
+from edmctl.jobs.plan import check
+from edmctl.jobs.study.confirming import added_run, best_of_points
+from edmctl.jobs.study.expectations import LEAST_RUNS, expected_at, fitting_runs, has_suggestions
+from edmctl.jobs.study.factors import unit_points, value_at
+from edmctl.jobs.study.planning import request_of
+from edmctl.jobs.surroundings import NONE, Surroundings
+from edmctl.results.study import Recommendation, RunKind
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from edmctl.jobs.study.folder import StudyState
+    from edmctl.results.study import ConstraintInfo, FactorInfo, PlannedRun, ResponseInfo, StudyRun, Value
+
+CANDIDATES = 1024
+MOST_REFUSED = 200
+
+
+def next_batch(state: StudyState, surroundings: Surroundings = NONE) -> list[PlannedRun]:
+    """Return the runs that come next in an optimisation; none when all of its runs are made.
+
+    Raises what `suggestions` raises.
+    """
+    optimize = state.folder.source.file.optimize
+    made = sum(run.planned.kind is not RunKind.CONFIRMATION for run in state.runs)
+    left = min(optimize.batch, optimize.runs - made)
+    return suggestions(state, left, surroundings) if left > 0 else []
+
+
+def suggestions(state: StudyState, count: int, surroundings: Surroundings = NONE) -> list[PlannedRun]:
+    """Return so many runs where objectives and constraints are expected to gain most, each checked as a job is.
+
+    Each has a virtual machine of its own. Raises PreconditionError: E8209 there is nothing to optimise, E8210 too
+    few runs have a response, E8211 the rules refuse whatever is suggested.
+    """
+    from edmctl.doe.suggestion import suggest
+
+    plan, file = state.folder.plan, state.folder.source.file
+    runs, objective, constraints = _data(state)
+    settings = _candidates(state)
+    first = max(run.planned.number for run in state.runs) + 1
+    seed = max(run.planned.seed for run in state.runs if run.planned.kind is not RunKind.CONFIRMATION) + 1
+    block = max(run.planned.block for run in state.runs) + 1
+    budget = max(file.optimize.runs, len(runs) + count)
+    for _ in range(MOST_REFUSED):
+        found = suggest(
+            unit_points(plan.factors, [run.planned.settings for run in runs]),
+            objective,
+            constraints,
+            unit_points(plan.factors, settings),
+            runs=count,
+            budget=budget,
+            blocks=[run.planned.block for run in runs],
+        )
+        chosen = [settings[one.candidate] for one in found]
+        refused = [one for one in chosen if not _is_allowed(state, one, surroundings)]
+        if not refused:
+            return [added_run(state, first + n, one, seed + n, block + n) for n, one in enumerate(chosen)]
+        settings = [one for one in settings if one not in refused]
+        if not settings:
+            break
+    raise PreconditionError(
+        "The rules of recipes refuse whatever is suggested.",
+        hint="Narrow the factors: `edmctl study plan` tells which settings are refused.",
+        code="E8211",
+    )
+
+
+def recommended(state: StudyState, surroundings: Surroundings = NONE) -> Recommendation:
+    """Return the settings that are expected best and keep every constraint by its 95 % bound.
+
+    Without suggestions it is one of the points that were run. Raises what `suggestions` and `best_of_points` raise.
+    """
+    if not has_suggestions(state):
+        return best_of_points(state)
+    from edmctl.doe.suggestion import recommend
+
+    plan = state.folder.plan
+    runs, objective, constraints = _data(state)
+    settings = _candidates(state)
+    while True:
+        found = recommend(
+            unit_points(plan.factors, [run.planned.settings for run in runs]),
+            objective,
+            constraints,
+            unit_points(plan.factors, settings),
+            blocks=[run.planned.block for run in runs],
+        )
+        chosen = settings[found.least_violating]
+        if _is_allowed(state, chosen, surroundings) or len(settings) == 1:
+            break
+        settings = [one for one in settings if one is not chosen]
+    expected = expected_at(state, (), chosen)
+    names = ", ".join(name for name, _ in plan.objectives)
+    return Recommendation(
+        settings=chosen,
+        expected={name: value for name, (value, _, _) in expected.items()},
+        low={name: low for name, (_, low, _) in expected.items()},
+        high={name: high for name, (_, _, high) in expected.items()},
+        is_feasible=found.candidate is not None,
+        basis=f"Best expected {names} by Gaussian processes over {len(runs)} runs, each suggestion on a machine of "
+        "its own.",
+    )
+
+
+def _data(state: StudyState) -> tuple[list[StudyRun], list[float], list[tuple[list[float], float]]]:
+    """The runs, the objective to be minimised, and each constraint's values with the limit they shall not exceed."""
+    plan = state.folder.plan
+    if not plan.objectives:
+        raise PreconditionError(
+            "The study has no objective.",
+            hint="Add [[objectives]] with a response to the study file, and plan it anew.",
+            code="E8209",
+        )
+    runs = fitting_runs(state)
+    infos = {one.name: one for one in plan.responses}
+    objective = _objective(plan.objectives, infos, runs)
+    known = sum(math.isfinite(value) for value in objective)
+    if known < LEAST_RUNS:
+        raise PreconditionError(
+            f"{known} runs have a value of every objective, and a suggestion needs {LEAST_RUNS}.",
+            hint=f"Make the design's runs first: `edmctl study resume {state.folder.path}`; tell manual responses.",
+            code="E8210",
+        )
+    return runs, objective, [_constraint(bound, infos[bound.response], runs) for bound in plan.constraints]
+
+
+def _objective(
+    objectives: Sequence[tuple[str, float]], infos: Mapping[str, ResponseInfo], runs: Sequence[StudyRun]
+) -> list[float]:
+    """One cost a run: of a single objective its own scale, of several the weighted sum of standardised ones."""
+    columns = [[_cost(infos[name], run.value(name)) for run in runs] for name, _ in objectives]
+    if len(columns) == 1:
+        return columns[0]
+    whole = [0.0] * len(runs)
+    for column, (_, weight) in zip(columns, objectives, strict=True):
+        known = [value for value in column if math.isfinite(value)]
+        mean = math.fsum(known) / max(1, len(known))
+        sd = math.sqrt(math.fsum((value - mean) ** 2 for value in known) / max(1, len(known) - 1)) or 1.0
+        whole = [total + weight * (value - mean) / sd for total, value in zip(whole, column, strict=True)]
+    return whole
+
+
+def _cost(info: ResponseInfo, value: float | None) -> float:
+    if value is None:
+        return math.nan
+    if info.better == "nominal" and info.target is not None:
+        return abs(value - info.target)
+    scaled = math.log(value) if info.is_log and value > 0 else value
+    return -scaled if info.better == "larger" else scaled
+
+
+def _constraint(
+    bound: ConstraintInfo, info: ResponseInfo, runs: Sequence[StudyRun]
+) -> tuple[list[float], float]:
+    values = [run.value(bound.response) for run in runs]
+    known = [value for value in values if value is not None]
+    is_log = info.is_log and bound.limit > 0 and bool(known) and min(known) > 0
+
+    def scaled(value: float) -> float:
+        return bound.sign * (math.log(value) if is_log else value)
+
+    return [math.nan if value is None else scaled(value) for value in values], scaled(bound.limit)
+
+
+def _candidates(state: StudyState) -> list[dict[str, Value]]:
+    """Settings that may be suggested: a Sobol sequence over the factors, rounded, and all that were run."""
+    from edmctl.doe.designs import sobol_points
+
+    plan, file = state.folder.plan, state.folder.source.file
+    steps = {factor.key: factor.step for factor in file.factors}
+    ranges = [replace(factor, is_number=False) if _has_levels(factor) else factor for factor in plan.factors]
+    coded = sobol_points(len(ranges), CANDIDATES, file.design.seed).tolist()
+    settings = [
+        {factor.key: value_at(factor, x, steps[factor.key]) for factor, x in zip(ranges, row, strict=True)}
+        for row in coded
+    ]
+    made = [dict(run.planned.settings) for run in state.runs if run.planned.kind is not RunKind.CONFIRMATION]
+    distinct = {repr(sorted(one.items())): one for one in (*settings, *made)}
+    return list(distinct.values())
+
+
+def _has_levels(factor: FactorInfo) -> bool:
+    return factor.is_number and not factor.is_range
+
+
+def _is_allowed(state: StudyState, settings: Mapping[str, Value], surroundings: Surroundings) -> bool:
+    try:
+        check(request_of(state.folder.base, settings), surroundings)
+    except ProfileError:
+        return False
+    return True

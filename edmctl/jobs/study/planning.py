@@ -1,0 +1,472 @@
+"""The plan of a study: every run in its order, checked as a job is, and what all of them will take."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from edmctl.errors import Diagnostic, ProfileError
+from edmctl.jobs.plan import JobRequest, check
+from edmctl.jobs.study import responses
+from edmctl.jobs.study.design import (
+    Points,
+    Refused,
+    center_of,
+    degrees_of_freedom,
+    model_of,
+    points_of,
+    terms_of,
+)
+from edmctl.jobs.study.factors import factors_of
+from edmctl.jobs.surroundings import NONE, Surroundings
+from edmctl.profile.findings import PAD_MARGIN_UM, WALL_UM, Code
+from edmctl.profile.read import find_in
+from edmctl.results.study import (
+    TRUTH,
+    ConstraintInfo,
+    PlanCosts,
+    PlannedRun,
+    ResponseInfo,
+    RunKind,
+    StudyPlan,
+)
+from edmctl.toml_text import toml_value
+from edmctl.wording import length, plural
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from edmctl.jobs.plan import Plan
+    from edmctl.profile.positions import KeyPath
+    from edmctl.profile.study_file import StudyMachine, StudySource
+    from edmctl.results.study import FactorInfo, Value
+
+MOST_REFUSED = 5
+"""So many refused settings are told; the others are counted."""
+SPARE_PLACES = 1.1
+"""Places of a grid for each run: a repeated one takes another."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedStudy:
+    """A study file with its plan, the request of its profile, and the hash of each point's recipe."""
+
+    source: StudySource
+    plan: StudyPlan
+    base: JobRequest
+    recipes: Mapping[int, tuple[str, str]]
+    """By point: hashes of the recipe and of the `[sim]` table in effect."""
+    warnings: tuple[Diagnostic, ...]
+
+    def request(self, run: PlannedRun) -> JobRequest:
+        """Return the job of a run, without its place."""
+        return request_of(self.base, run.settings)
+
+
+def request_of(base: JobRequest, settings: Mapping[str, Value]) -> JobRequest:
+    """Return the request of a study with the settings of a run."""
+    return replace(base, overrides=(*base.overrides, *overrides_of(settings)))
+
+
+def overrides_of(settings: Mapping[str, Value]) -> tuple[str, ...]:
+    """Return settings as `--set` takes them."""
+    return tuple(f"{key}={toml_value(value)}" for key, value in settings.items())
+
+
+def base_request(source: StudySource) -> JobRequest:
+    """Return the job that all runs of a study file begin with; files are beside the study file."""
+    study, folder = source.file.study, source.path.parent
+    return JobRequest(
+        profile=find_in(folder, study.profile),
+        overrides=tuple(study.set),
+        setup=folder / study.setup if study.setup else None,
+        port="sim:",
+    )
+
+
+def plan_study(
+    source: StudySource,
+    surroundings: Surroundings = NONE,
+    observe: Callable[[int, int], None] = lambda done, total: None,
+) -> PlannedStudy:
+    """Check a study file and every run of it; `observe` is told how many settings of how many are checked.
+
+    Raises ProfileError with every diagnostic, and what `check` of a job raises.
+    """
+    factors, wrong = factors_of(source)
+    wrong += _wrong_names(source)
+    if wrong:
+        raise ProfileError(tuple(wrong))
+    try:
+        points = points_of(source, factors)
+    except Refused as refused:
+        path: KeyPath = ("design", refused.key)
+        raise ProfileError((source.refusal(path, refused.message, refused.hint),)) from None
+    runs = _runs(source, points, center_of(source, factors))
+    base = base_request(source)
+    checked = _checked(source, base, factors, runs, surroundings, observe)
+    _refuse_undoable(source, runs, checked)
+    plan = _plan(source, factors, points, runs, checked)
+    recipes = {point: (one.loaded.sha256, one.loaded.sim_sha256) for point, one in checked.items()}
+    every = dict.fromkeys(w for one in checked.values() for w in one.loaded.warnings)
+    return PlannedStudy(source, plan, base, recipes, tuple(every))
+
+
+def _wrong_names(source: StudySource) -> list[Diagnostic]:
+    """Responses nobody gives, constraints and objectives of responses that are not asked for."""
+    file, wrong = source.file, []
+    names = [one.name for one in file.responses]
+    factor_keys = {factor.key for factor in file.factors} | {factor.name for factor in file.factors}
+    for number, one in enumerate(file.responses):
+        path: KeyPath = ("responses", number, "name")
+        if names.index(one.name) != number:
+            wrong.append(source.refusal(path, f"{one.name} is asked for twice", "give each response once"))
+        if one.source == "job" and not responses.is_known(one.name):
+            hint = f'{responses.near(one.name)}; what is told later has source = "manual"'
+            wrong.append(source.refusal(path, f"no job answers {one.name}", hint))
+        if one.source == "manual" and (responses.is_known(one.name) or one.name in factor_keys):
+            wrong.append(
+                source.refusal(path, f"{one.name} has that name already", "give what is told by hand another")
+            )
+        if (
+            one.better == "nominal"
+            and one.target is None
+            and file.objectives
+            and one.name in {objective.response for objective in file.objectives}
+        ):
+            wrong.append(
+                source.refusal(path, f"{one.name} is wanted nominal, and its target is missing", "add target")
+            )
+    for table in ("constraints", "objectives"):
+        for number, bound in enumerate(getattr(file, table)):
+            if bound.response not in names:
+                wrong.append(
+                    source.refusal(
+                        (table, number, "response"),
+                        f"{bound.response} is none of the responses",
+                        f"add it to [[responses]]; there are {', '.join(names)}",
+                    )
+                )
+    for number, constraint in enumerate(file.constraints):
+        if (constraint.at_most is None) == (constraint.at_least is None):
+            wrong.append(
+                source.refusal(
+                    ("constraints", number), "a constraint has one bound", "give at_most or at_least"
+                )
+            )
+    return wrong
+
+
+def _runs(source: StudySource, points: Points, center: dict[str, Value]) -> list[PlannedRun]:
+    """Return every run in its order: replicate by replicate, block by block, shuffled within."""
+    import numpy as np
+
+    design, machine = source.file.design, source.file.machine
+    rng = np.random.default_rng(design.seed)
+    of_center = len(points.settings)
+    runs: list[PlannedRun] = []
+    for replicate in range(design.replicates):
+        for block in range(design.blocks):
+            members = [n for n, own in enumerate(points.blocks) if own == block]
+            members += [of_center] * _share(design.center_points, design.blocks, block)
+            if design.order == "random":
+                members = rng.permutation(members).tolist()
+            number = replicate * design.blocks + block + 1
+            seed = design.seed + number - 1
+            for part, tool in _tools(members, machine, runs):
+                ends = [of_center] if machine is not None and machine.center_runs else []
+                for point in (*ends, *part, *ends):
+                    is_center = point == of_center
+                    runs.append(
+                        PlannedRun(
+                            number=len(runs) + 1,
+                            kind=RunKind.CENTER if is_center else RunKind.DESIGN,
+                            point=point + 1,
+                            replicate=replicate + 1,
+                            block=tool if machine is not None and machine.holes_per_tool else number,
+                            seed=seed,
+                            settings=center if is_center else points.settings[point],
+                            tool=tool,
+                        )
+                    )
+    return runs
+
+
+def _share(count: int, parts: int, part: int) -> int:
+    return count // parts + (part < count % parts)
+
+
+def _tools(
+    members: list[int], machine: StudyMachine | None, before: Sequence[PlannedRun]
+) -> list[tuple[list[int], int]]:
+    """Return the runs of a block by the tool that makes them; tools are numbered on from the runs before."""
+    if machine is None:
+        return [(members, 0)]
+    if machine.holes_per_tool is None:
+        return [(members, 1)]
+    of_points = machine.holes_per_tool - (2 if machine.center_runs else 0)
+    parts = math.ceil(len(members) / max(1, of_points))
+    first = max((run.tool for run in before), default=0) + 1
+    bounds = [round(n * len(members) / parts) for n in range(parts + 1)]
+    return [(members[bounds[n] : bounds[n + 1]], first + n) for n in range(parts)]
+
+
+def _checked(
+    source: StudySource,
+    base: JobRequest,
+    factors: Sequence[FactorInfo],
+    runs: Sequence[PlannedRun],
+    surroundings: Surroundings,
+    observe: Callable[[int, int], None],
+) -> dict[int, Plan]:
+    """Check each point once; every refused one is told of the factors' places in the study file."""
+    try:
+        check(base, surroundings)
+    except ProfileError as error:
+        # Not the study's: its profile is wrong without any of the settings, unless they are what is missing.
+        if not _mends(base, runs, surroundings):
+            raise ProfileError(tuple(_of_set(one, source) for one in error.diagnostics)) from error
+    by_point = {run.point: run for run in runs}
+    checked: dict[int, Plan] = {}
+    refused: list[Diagnostic] = []
+    wrong_points = 0
+    for done, (point, run) in enumerate(by_point.items()):
+        observe(done, len(by_point))
+        try:
+            checked[point] = check(request_of(base, run.settings), surroundings)
+        except ProfileError as error:
+            wrong_points += 1
+            if wrong_points <= MOST_REFUSED:
+                refused += [
+                    _of_factor(one, source, run, factors) for one in error.diagnostics if not one.is_warning
+                ]
+    observe(len(by_point), len(by_point))
+    if refused:
+        if wrong_points > MOST_REFUSED:
+            message = (
+                f"{wrong_points} of {len(by_point)} settings are refused; these are the first {MOST_REFUSED}"
+            )
+            refused.append(source.refusal(("factors",), message, "narrow the factors"))
+        raise ProfileError(tuple(dict.fromkeys(refused)))
+    return checked
+
+
+def _mends(base: JobRequest, runs: Sequence[PlannedRun], surroundings: Surroundings) -> bool:
+    try:
+        check(request_of(base, runs[0].settings), surroundings)
+    except ProfileError:
+        return False
+    return True
+
+
+def _of_set(one: Diagnostic, source: StudySource) -> Diagnostic:
+    """A diagnostic of a value in `set`, at its place in the study file."""
+    if one.where is None or one.where.file != "--set":
+        return one
+    texts = source.file.study.set
+    if one.where.source_line in texts:
+        where = source.sources.value(("study", "set", texts.index(one.where.source_line)))
+        return replace(one, where=where)
+    return one
+
+
+def _of_factor(
+    one: Diagnostic, source: StudySource, run: PlannedRun, factors: Sequence[FactorInfo]
+) -> Diagnostic:
+    """A diagnostic of a setting, at the factor's place in the study file, with the settings that it takes."""
+    at = ", ".join(f"{factor.name} = {run.settings[factor.key]}" for factor in factors)
+    message = f"{one.message} (at {at})"
+    if one.where is None or one.where.file != "--set":
+        return replace(one, message=message)
+    key = one.where.source_line.partition("=")[0].strip()
+    keys = [factor.key for factor in source.file.factors]
+    if key in keys:
+        return replace(one, message=message, where=source.sources.value(("factors", keys.index(key), "key")))
+    return replace(_of_set(one, source), message=message)
+
+
+def _refuse_undoable(source: StudySource, runs: Sequence[PlannedRun], checked: Mapping[int, Plan]) -> None:
+    """Raise ProfileError where a tool would wear too short, or the grid has no room."""
+    machine = source.file.machine
+    if machine is None:
+        return
+    some = next(iter(checked.values()))
+    profile = some.loaded.profile
+    wrong: list[Diagnostic] = []
+    if profile.sites or profile.path is not None:
+        message = "a run of a study on a machine is one hole, and the profile has sites or a path of its own"
+        wrong.append(source.refusal(("study", "profile"), message, "name a profile of one hole"))
+    per_tool = machine.holes_per_tool
+    if per_tool is not None and machine.center_runs and per_tool < 3:
+        message = f"{per_tool} holes a tool leave none beside the centre runs that open and close a block"
+        wrong.append(
+            source.refusal(("machine", "holes_per_tool"), message, "take 3 or more, or center_runs = false")
+        )
+    for tool, wear_um in _wear_by_tool(runs, checked).items():
+        limit_um = profile.tool.max_wear_um
+        if wear_um > limit_um:
+            message = (
+                f"tool {tool} would lose {length(wear_um)} in all, and tool.max_wear_um is {length(limit_um)}"
+            )
+            hint = "set holes_per_tool lower, or make the holes shallower"
+            wrong.append(source.refusal(("machine", "holes_per_tool"), message, hint))
+            break
+    places, needed = machine.columns * machine.rows, len(runs)
+    if places < needed:
+        message = f"the grid has {plural(places, 'place')} for {plural(needed, 'run')}"
+        wrong.append(source.refusal(("machine", "columns"), message, "set columns or rows higher"))
+    radius_um = max(
+        one.loaded.profile.tool.diameter_um / 2 + one.loaded.profile.work.side_gap_um
+        for one in checked.values()
+    )
+    least_um = 2 * radius_um + WALL_UM
+    pitches = [("pitch_x_um", machine.columns), ("pitch_y_um", machine.rows)]
+    for name, count in pitches:
+        if count > 1 and abs(getattr(machine, name)) < least_um:
+            message = (
+                f"holes of {length(2 * radius_um)} {getattr(machine, name):g} µm apart run into each other"
+            )
+            wrong.append(
+                source.refusal(("machine", name), message, f"set it to {math.ceil(least_um)} or more")
+            )
+    clear_um = 2 * radius_um + PAD_MARGIN_UM
+    stage = some.setup.stage
+    for x_um, y_um in grid_of(machine)[: len(runs)]:
+        if math.hypot(x_um - stage.reference_x_um, y_um - stage.reference_y_um) < clear_um:
+            message = f"the place at {x_um:g}, {y_um:g} µm lies on the reference pad"
+            wrong.append(
+                source.refusal(
+                    ("machine", "first_x_um"), message, f"keep {math.ceil(clear_um)} µm away from it"
+                )
+            )
+            break
+    if wrong:
+        raise ProfileError(tuple(wrong))
+
+
+def grid_of(machine: StudyMachine) -> list[tuple[float, float]]:
+    """Return the places of the grid, row by row, µm."""
+    return [
+        (machine.first_x_um + column * machine.pitch_x_um, machine.first_y_um + row * machine.pitch_y_um)
+        for row in range(machine.rows)
+        for column in range(machine.columns)
+    ]
+
+
+def _wear_by_tool(runs: Sequence[PlannedRun], checked: Mapping[int, Plan]) -> dict[int, float]:
+    worn: dict[int, float] = {}
+    for run in runs:
+        worn[run.tool] = worn.get(run.tool, 0.0) + checked[run.point].forecast.tool_wear_um
+    return worn
+
+
+def _plan(
+    source: StudySource,
+    factors: tuple[FactorInfo, ...],
+    points: Points,
+    runs: Sequence[PlannedRun],
+    checked: Mapping[int, Plan],
+) -> StudyPlan:
+    file = source.file
+    forecasts = [checked[run.point].forecast for run in runs]
+    worn = _wear_by_tool(runs, checked)
+    costs = PlanCosts(
+        time_s=math.fsum(one.time_s for one in forecasts),
+        machining_time_s=math.fsum(one.machining_time_s for one in forecasts),
+        tool_wear_um=tuple(worn.values()) if file.machine is not None else (),
+        most_wear_um=next(iter(checked.values())).loaded.profile.tool.max_wear_um,
+    )
+    model, dof, notes = _model(source, factors, runs)
+    notes = [*points.notes, *notes, *_notes(source, runs)]
+    return StudyPlan(
+        name=file.study.name,
+        description=file.study.description,
+        kind=points.name,
+        factors=factors,
+        responses=tuple(_response(source, number) for number in range(len(file.responses))),
+        constraints=tuple(
+            ConstraintInfo(
+                one.response, one.at_most if one.at_most is not None else one.at_least or 0.0, sign
+            )
+            for one in file.constraints
+            for sign in [1 if one.at_most is not None else -1]
+        ),
+        objectives=tuple((one.response, one.weight) for one in file.objectives),
+        runs=tuple(runs),
+        points=len({run.point for run in runs}),
+        replicates=file.design.replicates,
+        model=model,
+        dof=dof,
+        aliases=points.aliases,
+        notes=tuple(notes),
+        costs=costs,
+    )
+
+
+def _response(source: StudySource, number: int) -> ResponseInfo:
+    one = source.file.responses[number]
+    is_manual = one.source == "manual"
+    unit = one.unit if is_manual else responses.unit_of(one.name)
+    return ResponseInfo(one.name, unit, one.better, is_manual, one.log, one.target)
+
+
+LADDER = ("quadratic", "interactions", "main")
+"""Models that are tried in turn where nobody asked for one."""
+
+
+def _model(
+    source: StudySource, factors: Sequence[FactorInfo], runs: Sequence[PlannedRun]
+) -> tuple[str, dict[str, int], list[str]]:
+    """Return the model that the runs determine, its degrees of freedom, and what there is to say of it.
+
+    Raises ProfileError where the model that was asked for needs other runs.
+    """
+    if source.file.design.kind == "sensitivity":
+        return "sensitivity", {"error": 0}, []
+    first = model_of(source, factors)
+    asked = source.file.analysis.model != "auto"
+    models = LADDER[LADDER.index(first) :] if first in LADDER and not asked else (first,)
+    settings, blocks = [run.settings for run in runs], [run.block for run in runs]
+    lost: list[str] = []
+    dof: dict[str, int] = {}
+    for model in models:
+        terms = terms_of(model, factors, blocks=len(set(blocks)) > 1)
+        dof, lost = degrees_of_freedom(terms, factors, settings, blocks, as_levels=model == "levels")
+        if not lost and dof["error"] >= 0:
+            skipped = (
+                [] if model == first else [f"the runs do not determine a {first} model; {model} is fitted"]
+            )
+            if dof["error"] == 0:
+                skipped.append(
+                    "no degrees of freedom are left for the error: F needs replicates, or terms that are pooled"
+                )
+            return model, dof, skipped
+    if asked:
+        message = f"the runs do not determine the {first} model: {', '.join(lost)}"
+        raise ProfileError(
+            (
+                source.refusal(
+                    ("analysis", "model"), message, "take a simpler model, more levels or more runs"
+                ),
+            )
+        )
+    note = f"the runs determine no model of all factors: not {', '.join(lost)}"
+    return models[-1], dof, [note]
+
+
+def _notes(source: StudySource, runs: Sequence[PlannedRun]) -> list[str]:
+    notes = []
+    if source.file.machine is None and len({run.seed for run in runs}) == 1:
+        notes.append(
+            "one machine (seed) in all: what its sensor errs by stands in every run alike, and may follow the time "
+            "that a run takes; replicates would show it"
+        )
+    if any(one.name.startswith(TRUTH) for one in source.file.responses):
+        notes.append("truth.* is what the virtual machine knows: no real machine answers it")
+    return notes
+
+
+def undone(message: str, hint: str, code: str = Code.STUDY) -> ProfileError:
+    """Return an error about a study as a whole."""
+    return ProfileError((Diagnostic(code, message, hint),))

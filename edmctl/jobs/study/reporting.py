@@ -1,0 +1,160 @@
+"""What a study leaves for others: the page of its report, plain values for scripts, profiles of the best points."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from edmctl.errors import EdmError, PreconditionError
+from edmctl.jobs import output_files
+from edmctl.jobs.study.analysis import analysis_of
+from edmctl.jobs.study.confirming import confirmations_of
+from edmctl.jobs.study.optimizing import recommended
+from edmctl.jobs.study.planning import request_of
+from edmctl.jobs.surroundings import NONE, Surroundings
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from edmctl.doe.anova import Anova
+    from edmctl.doe.response_analysis import ResponseAnalysis
+    from edmctl.jobs.study.analysis import StudyAnalysis
+    from edmctl.jobs.study.folder import StudyState
+    from edmctl.results.study import Confirmation, Recommendation
+
+
+def recommendation_or_none(state: StudyState, surroundings: Surroundings = NONE) -> Recommendation | None:
+    """Return what is recommended; None where the rows do not tell."""
+    try:
+        return recommended(state, surroundings)
+    except (EdmError, ValueError):
+        return None
+
+
+def confirmed(state: StudyState, analysis: StudyAnalysis) -> list[Confirmation]:
+    """Return what confirmation runs came to."""
+    return confirmations_of(state, analysis.responses)
+
+
+def mapping_of(
+    analysis: StudyAnalysis, best: Recommendation | None, confirmations: list[Confirmation]
+) -> dict[str, Any]:
+    """Return the `result` of the JSON object of a report."""
+    return {
+        "study": analysis.plan.name,
+        "runs": [run.planned.number for run in analysis.runs],
+        "responses": [_response(one) for one in analysis.responses],
+        "truths": [_response(one) for one in analysis.truths.values()],
+        "sobol_indices": {
+            name: {key: list(map(float, values)) for key, values in asdict(one).items()}
+            for name, one in analysis.indices.items()
+        },
+        "choices": analysis.choices,
+        "recommendation": best,
+        "confirmations": confirmations,
+        "notes": analysis.notes,
+    }
+
+
+def _response(one: ResponseAnalysis) -> dict[str, Any]:
+    return {
+        "name": one.name,
+        "is_log": one.is_log,
+        "mean": one.mean,
+        "sd": one.sd,
+        "anova": _anova(one.anova),
+        "pooled_anova": _anova(one.pooled),
+        "coefficients": one.coefficients,
+        "r2": one.r2,
+        "adjusted_r2": one.adjusted_r2,
+        "predicted_r2": one.predicted_r2,
+        "error_sd": one.error_sd,
+        "lack_of_fit": None
+        if one.lack is None
+        else {"dof": one.lack.dof, "f": one.lack.f, "p": one.lack.p, "pure_dof": one.lack.pure_dof},
+        "level_means": [_means(row) for row in one.level_means],
+        "signal_to_noise_db": [_means(row) for row in one.noise_means],
+        "left_out": {"held": one.held, "of": one.left_out},
+        "notes": one.notes,
+    }
+
+
+def _means(row: Any) -> dict[str, Any]:
+    return {
+        "factor": row.factor,
+        "levels": list(row.levels),
+        "means": list(row.means),
+        "delta": row.delta,
+        "rank": row.rank,
+    }
+
+
+def _anova(table: Anova | None) -> dict[str, Any] | None:
+    return None if table is None else asdict(table)
+
+
+def page_of(
+    state: StudyState, analysis: StudyAnalysis, best: Recommendation | None, confirmations: list[Confirmation]
+) -> str:
+    """Return the HTML page of a study."""
+    from edmctl.report.study_page import render_study_page
+
+    return render_study_page(
+        plan=analysis.plan,
+        state=state.runs,
+        runs=analysis.runs,
+        responses=analysis.responses,
+        truths=analysis.truths,
+        indices=analysis.indices,
+        choices=analysis.choices,
+        confirmations=confirmations,
+        recommendation=best,
+        notes=analysis.notes,
+        source=str(state.folder.path),
+    )
+
+
+def write_profiles(state: StudyState, folder: Path, *, overwrite: bool = False) -> list[Path]:
+    """Write a technology table: a profile for each point of the Pareto front, complete by itself; return the files.
+
+    Raises PreconditionError E8208 where no point has all objectives, RunFileError E9011 where a file is there.
+    """
+    import tomli_w
+
+    from edmctl.profile.folders import find_profile
+    from edmctl.profile.read import apply_overrides, read_chain
+
+    analysis = analysis_of(state)
+    front = [one for one in analysis.choices if one.is_pareto]
+    if not front:
+        raise PreconditionError(
+            "No point has a value of every objective and keeps the constraints.",
+            hint="Make more runs, or tell manual responses.",
+            code="E8208",
+        )
+    chosen = sorted(front, key=lambda one: -(one.grey_grade if one.grey_grade is not None else -math.inf))
+    output_files.make_folder(folder)
+    paths = [folder / f"{_stem(state)}-point{one.point:03d}.toml" for one in chosen]
+    if not overwrite:
+        for path in paths:
+            output_files.check_free(path)
+    for path, one in zip(paths, chosen, strict=True):
+        request = request_of(state.folder.base, one.settings)
+        assert request.profile is not None
+        merged = apply_overrides(read_chain(find_profile(request.profile)), request.overrides)
+        table: dict[str, Any] = dict(merged.table)
+        meta = dict(table.get("meta", {}))
+        meta["name"] = path.stem
+        meta["description"] = f"point {one.point} of the study {state.folder.plan.name}"[:200]
+        table["meta"] = meta
+        means = ", ".join(f"{name} {value:.4g}" for name, value in one.means.items() if value is not None)
+        head = f"# {meta['description']}: means of {one.runs} runs: {means}.\n\n"
+        output_files.replace(path, (head + tomli_w.dumps(table)).encode())
+    return paths
+
+
+def _stem(state: StudyState) -> str:
+    from edmctl.jobs.run_header import plain_name
+
+    return plain_name(state.folder.plan.name.lower())[:40]

@@ -1,0 +1,102 @@
+"""Rows of a study: what each run came to, what was told and judged later, and which runs were added."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+from edmctl.record.appended_rows import RowWriter, read_lines
+from edmctl.results.study import Judgement, PlannedRun, RunKind, RunRow, StudyRun
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+    from pathlib import Path
+
+RUN, TOLD, JUDGED, PLANNED, PAUSED = "run", "told", "judged", "planned", "paused"
+
+
+class StudyWriter(RowWriter):
+    """Appends the rows of a study."""
+
+    def run(self, row: RunRow) -> None:
+        """Append what a run came to."""
+        self.append(RUN, asdict(row))
+
+    def planned(self, runs: Sequence[PlannedRun]) -> None:
+        """Append runs that were not in the plan, suggestions or confirmations: all of them in one line, or none."""
+        self.append(PLANNED, {"runs": [asdict(run) for run in runs]})
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """All rows of a study: attempts by run, later knowledge, runs that were added; `torn` lines were no rows."""
+
+    attempts: Mapping[int, tuple[RunRow, ...]]
+    told: Mapping[int, Mapping[str, float]]
+    judged: Mapping[int, Sequence[tuple[int, Judgement, str]]]
+    added: tuple[PlannedRun, ...]
+    paused: tuple[Mapping[str, Any], ...] = ()
+    torn: int = 0
+
+    def of(self, planned: PlannedRun) -> StudyRun:
+        """Return a run with all that is known of it."""
+        attempts = self.attempts.get(planned.number, ())
+        last = attempts[-1] if attempts else None
+        judged = [one for one in self.judged.get(planned.number, ()) if last and one[0] == last.attempt]
+        judgement, reason = judged[-1][1:] if judged else (None, "")
+        return StudyRun(planned, last, self.told.get(planned.number, {}), judgement, reason, len(attempts))
+
+
+def read_rows(folder: Path) -> Rows:
+    """Read the rows of a folder. Raises RunFileError E9111 where a file cannot be read."""
+    return _gathered(*read_lines(folder))
+
+
+def _gathered(lines: Iterable[dict[str, Any]], torn: int) -> Rows:
+    attempts: dict[int, dict[int, RunRow]] = {}
+    told: dict[int, dict[str, float]] = {}
+    judged: dict[int, list[tuple[int, Judgement, str]]] = {}
+    added: dict[int, PlannedRun] = {}
+    paused: list[dict[str, Any]] = []
+    for values in lines:
+        kind = values.pop("row")
+        try:
+            if kind == RUN:
+                row = _run_row(values)
+                # Two writers that made the same attempt found the same: the first one counts.
+                attempts.setdefault(row.number, {}).setdefault(row.attempt, row)
+            elif kind == TOLD:
+                told.setdefault(int(values["number"]), {}).update(values["values"])
+            elif kind == JUDGED:
+                one = (int(values["attempt"]), Judgement(values["judgement"]), str(values["reason"]))
+                judged.setdefault(int(values["number"]), []).append(one)
+            elif kind == PLANNED:
+                for one in values["runs"]:
+                    run = planned_run(one)
+                    added.setdefault(run.number, run)
+            elif kind == PAUSED:
+                paused.append(values)
+        except (KeyError, TypeError, ValueError):
+            torn += 1
+    return Rows(
+        {number: tuple(found[n] for n in sorted(found)) for number, found in attempts.items()},
+        told,
+        judged,
+        tuple(added[number] for number in sorted(added)),
+        tuple(paused),
+        torn,
+    )
+
+
+def _run_row(values: dict[str, Any]) -> RunRow:
+    site = values.pop("site_um")
+    files = tuple(values.pop("run_files", ()))
+    return RunRow(**values, site_um=tuple(site) if site else None, run_files=files)
+
+
+def planned_run(values: Mapping[str, Any]) -> PlannedRun:
+    """Return a planned run as JSON keeps it. Raises TypeError, KeyError or ValueError where it is none."""
+    own = dict(values)
+    own["kind"] = RunKind(own["kind"])
+    own["site_um"] = tuple(own["site_um"]) if own.get("site_um") else None
+    return PlannedRun(**own)

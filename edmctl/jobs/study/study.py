@@ -1,0 +1,255 @@
+"""A study from Python: planned, run, asked and told, by jobs, people and other optimisers."""
+
+from __future__ import annotations
+
+import math
+import socket
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+from edmctl.errors import UsageError
+from edmctl.jobs.job import Report
+from edmctl.jobs.parallel import process_pool, silent_program
+from edmctl.jobs.plan import check
+from edmctl.jobs.study import responses
+from edmctl.jobs.study.analysis import analysis_of
+from edmctl.jobs.study.confirming import added_run
+from edmctl.jobs.study.evaluate import row_of
+from edmctl.jobs.study.folder import StudyFolder, create_folder, open_folder
+from edmctl.jobs.study.optimizing import next_batch, recommended, suggestions
+from edmctl.jobs.study.planning import PlannedStudy, plan_study, request_of
+from edmctl.jobs.study.rows import TOLD
+from edmctl.jobs.study.running import Shard, run_virtual
+from edmctl.jobs.study.table import in_words, table_of
+from edmctl.jobs.surroundings import Unobserved
+from edmctl.profile.folders import find_study
+from edmctl.profile.study_file import read_study
+from edmctl.results.study import RunRow, RunState
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from os import PathLike
+
+    import pandas
+
+    from edmctl.doe.response_analysis import ResponseAnalysis
+    from edmctl.jobs.study.folder import StudyState
+    from edmctl.jobs.study.running import SeriesObserver
+    from edmctl.jobs.study.table import Cell
+    from edmctl.results.study import PlannedRun, Recommendation, StudyPlan, StudyRun, Value
+
+
+class _Uncounted(Unobserved):
+    def runs(self, done: int, total: int) -> None:
+        """Ignore it."""
+
+
+class Study:
+    """A designed experiment: a study file that is planned, or a folder with the rows of its runs.
+
+    `Study.load("taguchi-l9").start("out")` makes the folder, `Study.load("out")` opens it again. All that is known
+    of a study is in its folder: two objects, or a command line at the same time, see the same rows.
+    """
+
+    def __init__(self, planned: PlannedStudy | None, folder: StudyFolder | None) -> None:
+        self._planned, self._folder = planned, folder
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Self:
+        """Load a study file, a shipped study by its name, or the folder of a study.
+
+        Raises ProfileError with every diagnostic, UsageError E2100 or E2101 where there is none, PreconditionError
+        E8202 where the folder was changed.
+        """
+        if Path(path).is_dir():
+            return cls(None, open_folder(Path(path)))
+        return cls(plan_study(read_study(find_study(str(path)))), None)
+
+    def __repr__(self) -> str:
+        plan = self.plan()
+        where = f", {in_words(self._state())} in {self._folder.path}" if self._folder is not None else ""
+        return f"<Study {plan.name}, {plan.kind}, {len(plan.runs)} runs{where}>"
+
+    def plan(self) -> StudyPlan:
+        """Return every run in its order, what the runs can tell and what they will take."""
+        if self._folder is not None:
+            return self._folder.plan
+        assert self._planned is not None
+        return self._planned.plan
+
+    def start(self, out: str | PathLike[str]) -> Self:
+        """Make the folder of the study. Raises RunFileError E9101 where one is there."""
+        if self._planned is None:
+            raise UsageError(f"{self!r} has its folder already.", hint="Load the study file.", code="E2109")
+        self._folder = create_folder(Path(out), self._planned)
+        return self
+
+    def run(self, *, workers: int = 1, observer: SeriesObserver | None = None) -> Self:
+        """Make the runs that are left, each on a virtual machine of its own; `workers` processes side by side.
+
+        A program that runs this with several workers is a script with `if __name__ == "__main__":`, as Python asks.
+        """
+        pool = process_pool(workers, silent_program()) if workers > 1 else None
+        run_virtual(self._started(), Shard(), observer or _Uncounted(), None, pool)
+        return self
+
+    def ask(self, count: int = 1) -> list[PlannedRun]:
+        """Return the next runs to make: those of the plan that are open, then suggestions, which are added.
+
+        Raises PreconditionError E8209 to E8211 where nothing can be suggested.
+        """
+        state = self._state()
+        left = [run.planned for run in state.runs if run.state is RunState.OPEN][:count]
+        if left:
+            return left
+        found = suggestions(state, count)
+        with self._started().writer() as writer:
+            writer.planned(found)
+        return found
+
+    def add(self, settings: Mapping[str, Value]) -> PlannedRun:
+        """Add a run at settings of one's own, by factor key, such as those of another optimiser.
+
+        Raises UsageError E2110 where a factor has no value, ProfileError where the rules refuse the recipe.
+        """
+        state, folder = self._state(), self._started()
+        keys = [factor.key for factor in folder.plan.factors]
+        if sorted(settings) != sorted(keys):
+            raise UsageError(
+                f"Settings have a value of each of {', '.join(keys)}.", hint="Leave others out.", code="E2110"
+            )
+        check(request_of(folder.base, settings))
+        last = max(state.runs, key=lambda run: run.planned.number).planned
+        seed = max(run.planned.seed for run in state.runs) + 1
+        block = max(run.planned.block for run in state.runs) + 1
+        ordered = {key: settings[key] for key in keys}
+        run = added_run(state, last.number + 1, ordered, seed, block)
+        with folder.writer() as writer:
+            writer.planned([run])
+        return run
+
+    def suggest_from(self, trial: Any) -> dict[str, Value]:
+        """Return settings that an optuna trial (`study.ask()` of optuna) suggests for the factors, by key."""
+        settings: dict[str, Value] = {}
+        for factor in self.plan().factors:
+            if factor.is_number and factor.is_range:
+                low, high = (float(value) for value in factor.values)
+                settings[factor.key] = trial.suggest_float(factor.key, low, high, log=factor.is_log)
+            else:
+                settings[factor.key] = trial.suggest_categorical(factor.key, list(factor.values))
+        return settings
+
+    def tell(self, run: int | PlannedRun, result: Report | Mapping[str, float]) -> None:
+        """Tell what a run came to: the report of its job, or responses by name.
+
+        Responses of a run that was made are added to it, as `edmctl study tell` does. Raises UsageError: E2104 there
+        is no such run, E2105 a response is none of the study's.
+        """
+        number = run if isinstance(run, int) else run.number
+        found, folder = self._state().run(number), self._started()
+        if isinstance(result, Report):
+            row = self._row(found, result)
+        else:
+            values = self._values(result)
+            if found.row is not None:
+                with folder.writer() as writer:
+                    writer.append(TOLD, {"number": number, "values": values})
+                return
+            row = _told_row(found, values)
+        with folder.writer() as writer:
+            writer.run(row)
+
+    def table(self) -> list[dict[str, Cell]]:
+        """Return a row a run, with a column a factor key and response."""
+        return table_of(self._state())
+
+    def to_frame(self) -> pandas.DataFrame:
+        """Return the table as a frame of pandas. Raises ImportError without pandas."""
+        import pandas as pd
+
+        return pd.DataFrame(self.table())
+
+    def fit(self, response: str) -> ResponseAnalysis:
+        """Return the analysis of a response: tables, model, what points that are left out say of it.
+
+        Raises PreconditionError E8206 where no run is done, UsageError E2105 for none of the study's responses.
+        """
+        found = {one.name: one for one in analysis_of(self._state()).responses}
+        if response not in found:
+            raise UsageError(
+                f"The study has no response {response}.", hint=f"There are {', '.join(found)}.", code="E2105"
+            )
+        return found[response]
+
+    def recommend(self) -> Recommendation:
+        """Return the settings that are expected best. Raises PreconditionError where the rows do not tell."""
+        return recommended(self._state())
+
+    def optimize(self, *, workers: int = 1) -> Recommendation:
+        """Make the design and then suggested runs, up to the number in [optimize]; return what is recommended."""
+        self.run(workers=workers)
+        while batch := next_batch(self._state()):
+            with self._started().writer() as writer:
+                writer.planned(batch)
+            self.run(workers=workers)
+        return self.recommend()
+
+    def _started(self) -> StudyFolder:
+        if self._folder is None:
+            raise UsageError(f"{self!r} has no folder yet.", hint='Make it with .start("out").', code="E2109")
+        return self._folder
+
+    def _state(self) -> StudyState:
+        return self._started().read()
+
+    def _values(self, given: Mapping[str, float]) -> dict[str, float]:
+        names = {one.name for one in self.plan().responses}
+        values = {name: float(value) for name, value in given.items()}
+        for name, value in values.items():
+            if (name not in names and not responses.is_known(name)) or not math.isfinite(value):
+                raise UsageError(
+                    f"{name} = {value} is no value of a response of the study.",
+                    hint=f"Responses: {', '.join(sorted(names))}.",
+                    code="E2105",
+                )
+        return values
+
+    def _row(self, run: StudyRun, report: Report) -> RunRow:
+        plan = check(request_of(self._started().base, run.planned.settings))
+        files = (report.run_file,) if report.run_file else ()
+        return row_of(
+            run.planned,
+            run.attempts + 1,
+            report.to_dict(),
+            plan,
+            error=report.error,
+            seed=report.seed,
+            files=files,
+            started=datetime.now(UTC),
+            duration_s=0.0,
+        )
+
+
+def _told_row(run: StudyRun, values: Mapping[str, float]) -> RunRow:
+    planned = run.planned
+    return RunRow(
+        number=planned.number,
+        kind=str(planned.kind),
+        point=planned.point,
+        replicate=planned.replicate,
+        block=planned.block,
+        tool=planned.tool,
+        site_um=None,
+        seed=None,
+        attempt=run.attempts + 1,
+        settings=planned.settings,
+        exit_code=0,
+        error=None,
+        responses=dict(values),
+        u95={},
+        bases={name: "told" for name in values},
+        truth={},
+        started=datetime.now(UTC).isoformat(timespec="milliseconds"),
+        host=socket.gethostname(),
+    )

@@ -1,0 +1,200 @@
+"""The table of a study: one row a run, a column a factor key and response, and all that the run said besides."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from typing import TYPE_CHECKING
+
+from edmctl.errors import UsageError
+from edmctl.jobs.study.responses import RESPONSES, TRUTHS
+from edmctl.results.study import TRUTH, RunState
+from edmctl.wording import plural
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from edmctl.jobs.study.folder import StudyState
+    from edmctl.results.study import StudyRun
+
+    Cell = bool | int | float | str | None
+
+OF_EXECUTION = ("run_file", "run_sha256", "started", "duration_s", "host")
+"""Columns of time and computer, the last ones: all others are equal however often a study is run."""
+U95 = "_u95"
+
+
+def table_of(state: StudyState) -> list[dict[str, Cell]]:
+    """Return a row a run, in the order of their numbers; None where nothing is known."""
+    return [_row(state, run) for run in sorted(state.runs, key=lambda run: run.planned.number)]
+
+
+def _row(state: StudyState, run: StudyRun) -> dict[str, Cell]:
+    planned, row, plan = run.planned, run.row, state.folder.plan
+    site = row.site_um if row is not None else planned.site_um
+    cells: dict[str, Cell] = {
+        "run": planned.number,
+        "kind": str(planned.kind),
+        "point": planned.point,
+        "replicate": planned.replicate,
+        "block": planned.block,
+        "tool": planned.tool or None,
+        "x_um": site[0] if site else None,
+        "y_um": site[1] if site else None,
+        "seed": row.seed if row is not None else planned.seed,
+        "attempt": row.attempt if row is not None else None,
+        "state": str(run.state),
+        "judgement": str(run.judgement) if run.judgement else None,
+        "reason": run.reason or None,
+    }
+    for factor in plan.factors:
+        cells[factor.key] = planned.settings[factor.key]
+    cells["exit_code"] = row.exit_code if row is not None else None
+    cells["error"] = row.error if row is not None else None
+    asked = [response.name for response in plan.responses if not response.name.startswith(TRUTH)]
+    for name in dict.fromkeys((*asked, *RESPONSES)):
+        told = run.told.get(name)
+        cells[name] = told if told is not None else (row.responses.get(name) if row is not None else None)
+        if name in ("depth_um", "wear_um") or (row is not None and name in row.u95) or _has_u95(state, name):
+            cells[f"{name}{U95}"] = row.u95.get(name) if row is not None else None
+    for name in ("depth_um", "wear_um"):
+        cells[f"{name.removesuffix('_um')}_basis"] = row.bases.get(name) if row is not None else None
+    for name in TRUTHS:
+        cells[f"{TRUTH}{name}"] = row.truth.get(name) if row is not None else None
+    cells["run_file"] = " ".join(row.run_files) or None if row is not None else None
+    cells["run_sha256"] = row.run_sha256 or None if row is not None else None
+    cells["started"] = row.started if row is not None else None
+    cells["duration_s"] = row.duration_s if row is not None else None
+    cells["host"] = row.host if row is not None else None
+    return cells
+
+
+def _has_u95(state: StudyState, name: str) -> bool:
+    return any(run.row is not None and name in run.row.u95 for run in state.runs)
+
+
+def table_bytes(rows: Sequence[Mapping[str, Cell]], form: str) -> bytes:
+    """Return a table as csv, json, jsonl or parquet. Raises PreconditionError without pyarrow for the last one."""
+    if form == "parquet":
+        return _parquet(rows)
+    if form == "json":
+        return (json.dumps(list(rows), indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
+    if form == "jsonl":
+        return "".join(json.dumps(row, ensure_ascii=False, allow_nan=False) + "\n" for row in rows).encode()
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows({name: _plain(value) for name, value in row.items()} for row in rows)
+    return text.getvalue().encode()
+
+
+def _plain(value: Cell) -> object:
+    if value is None:
+        return ""
+    return str(value).lower() if isinstance(value, bool) else value
+
+
+def _parquet(rows: Sequence[Mapping[str, Cell]]) -> bytes:
+    from edmctl.report.export import need_pyarrow
+
+    need_pyarrow()
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    columns = {}
+    for name in rows[0]:
+        values = [row[name] for row in rows]
+        kinds = {type(value) for value in values if value is not None}
+        if kinds <= {int, float} and float in kinds:
+            values = [None if value is None else float(value) for value in values]
+        elif len(kinds) > 1:
+            values = [None if value is None else str(value) for value in values]
+        columns[name] = pa.array(values)
+    sink = io.BytesIO()
+    pq.write_table(pa.table(columns), sink)
+    return sink.getvalue()
+
+
+def told_values(state: StudyState, texts: Sequence[str]) -> dict[str, float]:
+    """Return what `NAME=VALUE` texts tell of manual responses. Raises UsageError E2105."""
+    manual = [response.name for response in state.folder.plan.responses if response.is_manual]
+    found: dict[str, float] = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise UsageError(f"{text} is no NAME=VALUE.", hint="Say e.g. ra_um=0.31.", code="E2105")
+        found[name.strip()] = _value(name.strip(), value, manual)
+    return found
+
+
+def _value(name: str, text: str, manual: Sequence[str]) -> float:
+    import math
+
+    if name not in manual:
+        hint = (
+            f"It is told {', '.join(manual)}." if manual else 'None of its responses has source = "manual".'
+        )
+        raise UsageError(f"The study asks nobody for {name}.", hint=hint, code="E2105")
+    try:
+        value = float(text.strip())
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise UsageError(f"{name}={text}: that is no number.", hint="Write a decimal point.", code="E2105")
+    return value
+
+
+def told_table(state: StudyState, text: str) -> dict[int, dict[str, float]]:
+    """Return what a CSV table tells of manual responses, by run: columns `run` and their names; others are ignored.
+
+    Raises UsageError: E2104 there is no such run, E2105 a value is none, E2106 it has no column for it.
+    """
+    manual = [response.name for response in state.folder.plan.responses if response.is_manual]
+    table = list(csv.DictReader(io.StringIO(text.removeprefix("\ufeff")), skipinitialspace=True))
+    columns = list(table[0]) if table else []
+    there = [name for name in manual if name in columns]
+    if "run" not in columns or not there:
+        raise UsageError(
+            "The table tells nothing: it needs a column run, and one of a manual response.",
+            hint=f"Manual responses: {', '.join(manual) or 'none'}. `edmctl study export` writes such a table.",
+            code="E2106",
+        )
+    found: dict[int, dict[str, float]] = {}
+    for line, row in enumerate(table, 2):
+        values = {name: (row[name] or "").strip() for name in there}
+        if not any(values.values()):
+            continue
+        try:
+            number = int((row["run"] or "").strip())
+        except ValueError:
+            raise UsageError(
+                f"Line {line}: {row['run']!r} is no number of a run.", hint="Correct it.", code="E2104"
+            ) from None
+        state.run(number)
+        found[number] = {name: _value(name, value, manual) for name, value in values.items() if value}
+    return found
+
+
+def counts_of(state: StudyState) -> dict[str, int]:
+    """Return how many runs are in which state."""
+    return {str(kind): sum(run.state is kind for run in state.runs) for kind in RunState}
+
+
+def missing_manual(state: StudyState) -> list[tuple[int, tuple[str, ...]]]:
+    """Return the runs that are done, and which manual responses they lack."""
+    manual = [response.name for response in state.folder.plan.responses if response.is_manual]
+    lacking = [
+        (run.planned.number, tuple(name for name in manual if name not in run.told))
+        for run in state.runs
+        if run.state is RunState.DONE
+    ]
+    return [one for one in lacking if one[1]]
+
+
+def in_words(state: StudyState) -> str:
+    """Return how far the study is in one sentence."""
+    found = counts_of(state)
+    words = [f"{found['done']} of {plural(len(state.runs), 'run')} done"]
+    words += [f"{found[name]} {name}" for name in ("failed", "rejected") if found[name]]
+    return ", ".join(words)

@@ -1,0 +1,199 @@
+"""A study file: factors, design, responses, and how its runs are made; read with positions, as profiles are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from pydantic import Field, ValidationError
+
+from edmctl.errors import Diagnostic, ProfileError, UsageError
+from edmctl.profile.diagnose import schema_diagnostics, schema_problems
+from edmctl.profile.findings import Code
+from edmctl.profile.positions import Source, Sources
+from edmctl.profile.read import parse, read_source
+from edmctl.profile.tables import ONE_LINE, Table
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from edmctl.profile.positions import KeyPath, TomlTable
+
+NAME = r"^[A-Za-z_][A-Za-z0-9_.-]*$"
+"""Names of responses: they head columns."""
+DesignKind = Literal["full", "fractional", "taguchi", "bbd", "ccd", "lhs", "sobol", "sensitivity", "csv"]
+AnalysisModel = Literal["auto", "levels", "main", "interactions", "quadratic"]
+Value = bool | int | float | str
+
+
+class StudyTable(Table):
+    """What is studied."""
+
+    name: str = Field(min_length=1, max_length=100, pattern=ONE_LINE)
+    description: str = Field("", pattern=ONE_LINE)
+    profile: str = Field(min_length=1, description="name of a shipped profile, or a file beside this one")
+    setup: str | None = Field(None, min_length=1, description="setup of the machine, a file beside this one")
+    set: list[str] = Field([], description="KEY=VALUE that hold for every run")
+    run_files: bool = Field(False, description="keep the run file of every run on virtual machines too")
+
+
+class Factor(Table):
+    """One key of the profile that is varied: by levels, between two bounds, or over categories."""
+
+    key: str = Field(min_length=1, pattern=ONE_LINE, description="a key of the profile")
+    name: str = Field("", pattern=ONE_LINE, max_length=40, description="how tables call it")
+    levels: list[bool | int | float | str] = Field([], max_length=100, description="values, at least two")
+    low: int | float | None = Field(None, description="least value")
+    high: int | float | None = Field(None, description="largest value")
+    scale: Literal["linear", "log"] = Field("linear", description="how values lie between the bounds")
+    step: float | None = Field(None, gt=0.0, description="values are multiples of it")
+    categories: list[bool | int | float | str] = Field([], max_length=100, description="values without order")
+
+
+class Design(Table):
+    """Which runs are made."""
+
+    kind: DesignKind
+    array: str | None = Field(None, description="orthogonal array, e.g. L9 or L18 (2^1 3^7)")
+    columns: list[int] = Field([], description="columns of the array, one a factor, from 1")
+    resolution: int | None = Field(None, ge=3, le=9, description="of a fractional factorial")
+    generators: list[str] = Field([], description="of a fractional factorial, e.g. D = ABC")
+    alpha: float | Literal["face", "rotatable"] = Field("face", description="axial points of a ccd")
+    runs: int | None = Field(None, ge=2, le=10_000, description="points of lhs and sobol")
+    base: int | None = Field(None, ge=2, le=65_536, description="base samples of sensitivity, a power of two")
+    file: str | None = Field(
+        None, min_length=1, description="table with a column a factor key, beside this file"
+    )
+    replicates: int = Field(1, ge=1, le=1000, description="times that every point is run")
+    center_points: int = Field(0, ge=0, le=1000, description="runs in the middle of all factors, a replicate")
+    blocks: int = Field(
+        1, ge=1, le=64, description="parts of each replicate, each on a machine (seed) of its own"
+    )
+    seed: int = Field(1, ge=0, le=2**62, description="of the order, of samples, and of the first machine")
+    order: Literal["random", "standard"] = Field("random", description="of the runs in each block")
+
+
+class Response(Table):
+    """One column of the table: measured by the job, or told later."""
+
+    name: str = Field(pattern=NAME, max_length=60, description="letters, digits and _ . -")
+    source: Literal["job", "manual"] = Field("job", description="result of the job, or told by hand")
+    unit: str = Field("", pattern=ONE_LINE, max_length=20, description="of a manual response")
+    better: Literal["larger", "smaller", "nominal"] = Field("smaller", description="what is wanted of it")
+    target: float | None = Field(None, description="value that is wanted, of a nominal response")
+    log: bool = Field(False, description="model its logarithm")
+
+
+class Constraint(Table):
+    """A bound of a response that a recipe has to keep."""
+
+    response: str
+    at_most: float | None = None
+    at_least: float | None = None
+
+
+class Objective(Table):
+    """A response that is wanted good, and how much it counts beside the others."""
+
+    response: str
+    weight: float = Field(1.0, gt=0.0, le=1e6)
+
+
+class Analysis(Table):
+    """What is fitted to the responses."""
+
+    model: AnalysisModel = Field(
+        "auto",
+        description="levels: a mean a level; main: straight lines; interactions: products of pairs too; "
+        "quadratic: squares too; auto: by the design",
+    )
+
+
+class Optimize(Table):
+    """Runs after the design, each where the models expect most."""
+
+    runs: int = Field(24, ge=4, le=1000, description="runs in all, those of the design among them")
+    batch: int = Field(1, ge=1, le=64, description="suggestions at a time, made side by side")
+
+
+class StudyMachine(Table):
+    """How the runs are made on a machine that lasts: one hole a run, on a grid of places."""
+
+    holes_per_tool: int | None = Field(None, ge=1, le=10_000, description="runs with one tool: a block")
+    center_runs: bool = Field(
+        True, description="a run in the middle of all factors opens and closes each block"
+    )
+    approval: Literal["none", "suggestions", "each"] = Field(
+        "suggestions", description="which runs somebody has to approve before sparks"
+    )
+    pause_s: float = Field(0.0, ge=0.0, le=86_400.0, description="between two runs, s")
+    first_x_um: float = Field(600.0, ge=-1e6, le=1e6, description="place of the first hole")
+    first_y_um: float = Field(0.0, ge=-1e6, le=1e6)
+    pitch_x_um: float = Field(500.0, ge=-1e5, le=1e5, description="to the next hole of a row")
+    pitch_y_um: float = Field(500.0, ge=-1e5, le=1e5, description="to the next row")
+    columns: int = Field(10, ge=1, le=1000, description="holes in a row")
+    rows: int = Field(10, ge=1, le=1000, description="rows of holes")
+
+
+class StudyFile(Table):
+    """A study file as written."""
+
+    study: StudyTable
+    factors: list[Factor] = Field(min_length=1, max_length=24)
+    design: Design
+    responses: list[Response] = Field(min_length=1, max_length=60)
+    constraints: list[Constraint] = Field([], max_length=60)
+    objectives: list[Objective] = Field([], max_length=20)
+    analysis: Analysis = Analysis()
+    optimize: Optimize = Optimize()
+    machine: StudyMachine | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class StudySource:
+    """A study file that was read, and where each of its values stands."""
+
+    file: StudyFile
+    path: Path
+    sources: Sources
+
+    @property
+    def text(self) -> str:
+        """The file verbatim."""
+        return self.sources.file.text
+
+    def refusal(self, path: KeyPath, message: str, hint: str) -> Diagnostic:
+        """Return what is wrong with the value at `path`."""
+        return Diagnostic(Code.STUDY, message, hint, self.sources.value(path))
+
+
+def read_study(path: Path) -> StudySource:
+    """Read a study file. Raises ProfileError with every diagnostic of its tables, UsageError E2100 for none."""
+    if not path.exists():
+        raise UsageError(
+            f"There is no study file {path}.",
+            hint="Name a TOML file; `edmctl study list` has those that are shipped.",
+            code="E2100",
+        )
+    source = read_source(path)
+    sources, table = Sources((source,), source), parse(source)
+    if "study" not in table and {"servo", "target", "extends"} & set(table):
+        message = f"{path} is a profile, and a study is wanted"
+        hint = "a study names the profile it varies: profile = in [study]; docs/study.md has an example"
+        raise ProfileError((Diagnostic(Code.UNKNOWN_KEY, message, hint, source.start()),))
+    return StudySource(_validated(table, sources), path, sources)
+
+
+def study_of(text: str, path: Path) -> StudySource:
+    """Return the study of a text that was read before."""
+    source = Source(str(path), text)
+    sources = Sources((source,), source)
+    return StudySource(_validated(parse(source), sources), path, sources)
+
+
+def _validated(table: TomlTable, sources: Sources) -> StudyFile:
+    try:
+        return StudyFile.model_validate(table)
+    except ValidationError as error:
+        problems = schema_problems(error, StudyFile, table)
+    raise ProfileError(tuple(schema_diagnostics(problems, StudyFile, table, sources)))

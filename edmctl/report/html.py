@@ -1,0 +1,207 @@
+"""What every page is made of: one HTML file that needs nothing but itself, with tables, figures and sections."""
+
+from __future__ import annotations
+
+import base64
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from edmctl.report.style import NothingToDraw, house_style, rendered
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+    from matplotlib.figure import Figure
+
+WIDE_MM = 120.0
+"""Figures wider than this take both columns of the page."""
+PX_PER_MM = 96.0 / 25.4
+
+MOST_SVG_BYTES = 200_000
+"""A figure with more in it goes into the page as PNG, so that no page grows beyond a few megabytes."""
+_MEDIA_TYPES = {".svg": "image/svg+xml", ".png": "image/png"}
+
+
+@dataclass(frozen=True, slots=True)
+class PageTable:
+    """A table. The first column names its rows; `words` says that the others hold words, not numbers."""
+
+    caption: str
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    note: str = ""
+    words: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A figure of a page, or why there is none: then `address` is empty.
+
+    name : of its element, once a page; sees : a sentence on what there is to see; datasets : where it is from
+    """
+
+    name: str
+    title: str
+    sees: str
+    address: str = ""
+    """A data URI that holds the picture."""
+    width_mm: float = 0.0
+    height_mm: float = 0.0
+    why_not: str = ""
+    datasets: tuple[str, ...] = ()
+
+
+def picture_of(
+    name: str,
+    title: str,
+    sees: str,
+    make: Callable[[], Figure],
+    datasets: tuple[str, ...] = (),
+    *,
+    formulas: bool = True,
+) -> Picture:
+    """Draw a figure for a page: `make` returns it, or raises NothingToDraw.
+
+    formulas : dollars in its texts enclose formulas; not so where names are in it that people choose
+    """
+    from matplotlib import rc_context
+
+    # Letters as outlines: the page looks the same where the font of the figures is not installed.
+    with house_style(), rc_context({"svg.fonttype": "path", "text.parse_math": formulas}):
+        try:
+            figure = make()
+        except NothingToDraw as reason:
+            return Picture(name, title, sees, why_not=str(reason), datasets=datasets)
+        width_mm, height_mm = (25.4 * inches for inches in figure.get_size_inches())
+        return Picture(name, title, sees, _address(figure), width_mm, height_mm, datasets=datasets)
+
+
+def _address(figure: Figure) -> str:
+    suffix, content = ".svg", rendered(figure, ".svg")
+    if len(content) > MOST_SVG_BYTES:
+        suffix, content = ".png", rendered(figure, ".png")
+    return f"data:{_MEDIA_TYPES[suffix]};base64,{base64.b64encode(content).decode()}"
+
+
+def document(
+    title: str, header: Iterable[str], contents: Iterable[tuple[str, str]], body: Iterable[str], footer: str
+) -> str:
+    """Return the whole page.
+
+    header : elements below the title's line; contents : names of sections with what links to them say
+    """
+    style = Path(__file__).with_name("page.css").read_text(encoding="utf-8")
+    links = "".join(f'<a href="#{name}">{escape(heading)}</a>' for name, heading in contents)
+    return "\n".join(
+        [
+            "<!DOCTYPE html>",
+            '<html lang="en">',
+            "<head>",
+            '<meta charset="utf-8">',
+            '<meta name="viewport" content="width=device-width, initial-scale=1">',
+            '<meta name="generator" content="edmctl">',
+            f"<title>{escape(title)}</title>",
+            '<link rel="icon" href="data:,">',
+            f"<style>\n{style}</style>",
+            "</head>",
+            "<body>",
+            "<header>",
+            *header,
+            f"<nav>{links}</nav>",
+            "</header>",
+            "<main>",
+            *body,
+            "</main>",
+            f"<footer>{paragraph(footer)}</footer>",
+            "</body>",
+            "</html>",
+            "",
+        ]
+    )
+
+
+def section(name: str, heading: str, parts: Iterable[PageTable | str | None]) -> str:
+    """Return a section of elements and tables; empty ones are left out."""
+    inside = [part if isinstance(part, str) else table(part) for part in parts if part]
+    return "\n".join([f'<section id="{name}">', f"<h2>{escape(heading)}</h2>", *inside, "</section>"])
+
+
+def tiles(numbers: Iterable[tuple[str, str, str]]) -> str:
+    """Return the few numbers that matter most: what each is, its value, and what else to say."""
+    shown = "".join(
+        f"<div><dt>{escape(name)}</dt><dd>{escape(value)}<small>{escape(more)}</small></dd></div>"
+        for name, value, more in numbers
+    )
+    return f'<dl class="tiles">{shown}</dl>' if shown else ""
+
+
+def figures(pictures: Sequence[Picture], first: int = 1) -> list[str]:
+    """Return figures with their captions, numbered from `first` on, then why others were not drawn."""
+    drawn = [picture for picture in pictures if picture.address]
+    absent = [picture for picture in pictures if not picture.address]
+    parts = (
+        ['<div class="figures">', *(_figure(n, p) for n, p in enumerate(drawn, first)), "</div>"]
+        if drawn
+        else []
+    )
+    if absent:
+        reasons = "".join(
+            f"<li>{escape(picture.title)}: {escape(picture.why_not)}</li>" for picture in absent
+        )
+        parts.append(f'<details class="absent"><summary>Not drawn</summary>\n<ul>{reasons}</ul>\n</details>')
+    return parts
+
+
+def _figure(number: int, picture: Picture) -> str:
+    wide = ' class="wide"' if picture.width_mm > WIDE_MM else ""
+    width, height = (round(mm * PX_PER_MM) for mm in (picture.width_mm, picture.height_mm))
+    source = ", ".join(f"<code>{path}</code>" for path in picture.datasets)
+    return (
+        f'<figure id="{picture.name}"{wide}><img src="{picture.address}" width="{width}" height="{height}" '
+        f'alt="{escape(picture.sees)}">\n'
+        f"<figcaption><b>Fig. {number}: {escape(picture.title)}.</b> {escape(picture.sees)}"
+        f"{f' From {source}.' if source else ''}</figcaption></figure>"
+    )
+
+
+def folded(summary: str, inside: str) -> str:
+    """Return what stands behind a line to open."""
+    return f"<details><summary>{escape(summary)}</summary>\n{inside}\n</details>"
+
+
+def sentences(lines: Iterable[str]) -> str:
+    """Return a list of sentences; empty without any."""
+    items = "".join(f"<li>{escape(line)}</li>" for line in lines)
+    return f"<ul>{items}</ul>" if items else ""
+
+
+def table(made: PageTable) -> str:
+    """Return a table that scrolls where it is too wide."""
+    caption = f"<caption>{escape(made.caption)}</caption>" if made.caption else ""
+    header = ""
+    if any(made.header):
+        cells = "".join(f'<th scope="col">{escape(name)}</th>' for name in made.header)
+        header = f"<thead><tr>{cells}</tr></thead>"
+    rows = "\n".join(
+        f'<tr><th scope="row">{escape(row[0])}</th>'
+        + "".join(
+            f'<td data-name="{escape(name)}">{escape(cell)}</td>'
+            for name, cell in zip(made.header[1:], row[1:], strict=False)
+        )
+        + "</tr>"
+        for row in made.rows
+    )
+    kind = "words" if made.words else "numbers"
+    note = f'\n<p class="note">{escape(made.note)}</p>' if made.note else ""
+    name = escape(made.caption or "table")
+    return (
+        f'<div class="scroll" tabindex="0" role="group" aria-label="{name}"><table class="{kind}">{caption}{header}'
+        f"<tbody>\n{rows}\n</tbody></table></div>{note}"
+    )
+
+
+def paragraph(text: str, name: str = "") -> str:
+    """Return a paragraph, of a class of the style sheet."""
+    return f'<p class="{name}">{escape(text)}</p>' if name else f"<p>{escape(text)}</p>"

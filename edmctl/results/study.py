@@ -1,0 +1,265 @@
+"""Designed experiments: the runs that are planned, the rows that they leave, and how far a study has come."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    Value = bool | int | float | str
+
+
+class RunKind(StrEnum):
+    """Why a run is made."""
+
+    DESIGN = "design"
+    CENTER = "center"
+    """In the middle of all factors, to see curvature, drift and a worn tool."""
+    SUGGESTED = "suggested"
+    CONFIRMATION = "confirmation"
+
+
+class RunState(StrEnum):
+    """How far a run has come."""
+
+    OPEN = "open"
+    DONE = "done"
+    FAILED = "failed"
+    """It ended with an error; its responses count where somebody accepts them."""
+    REJECTED = "rejected"
+
+
+class Judgement(StrEnum):
+    """What somebody says of a run."""
+
+    ACCEPT = "accept"
+    REJECT = "reject"
+    REPEAT = "repeat"
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedRun:
+    """One run: runs of one `point` have equal settings; `number` is its place in the order of all runs.
+
+    `block` says what it shares with others beside its settings: a machine (seed) or a tool. `tool` is 0, and
+    `site_um` None, where every run has a machine of its own.
+    """
+
+    number: int
+    kind: RunKind
+    point: int
+    replicate: int
+    block: int
+    seed: int
+    settings: Mapping[str, Value]
+    tool: int = 0
+    site_um: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class FactorInfo:
+    """A factor as it was varied: its values or bounds, and how they are coded."""
+
+    key: str
+    name: str
+    values: tuple[Value, ...]
+    """Levels or categories; of a range its two bounds."""
+    is_number: bool
+    is_log: bool = False
+    is_range: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class ResponseInfo:
+    """A response as the study asks for it."""
+
+    name: str
+    unit: str
+    better: str
+    is_manual: bool = False
+    is_log: bool = False
+    target: float | None = None
+
+    @property
+    def label(self) -> str:
+        """Name with its unit, where that does not stand in the name."""
+        return f"{self.name} ({self.unit})" if self.unit else self.name
+
+
+@dataclass(frozen=True, slots=True)
+class ConstraintInfo:
+    """A bound of a response: `sign` is 1 for at most, −1 for at least."""
+
+    response: str
+    limit: float
+    sign: int
+
+    def __str__(self) -> str:
+        return f"{self.response} {'≤' if self.sign > 0 else '≥'} {self.limit:g}"
+
+
+@dataclass(frozen=True, slots=True)
+class RunRow:
+    """What one attempt at a run came to. A response without a value is None; `u95` half its 95 % interval.
+
+    `truth` is what a virtual machine knows and no estimate has seen. Fields of time and computer stand last: in
+    everything before them the rows of two executions of one study are equal.
+    """
+
+    number: int
+    kind: str
+    point: int
+    replicate: int
+    block: int
+    tool: int
+    site_um: tuple[float, float] | None
+    seed: int | None
+    attempt: int
+    settings: Mapping[str, Value]
+    exit_code: int
+    error: str | None
+    responses: Mapping[str, float | None]
+    u95: Mapping[str, float | None]
+    bases: Mapping[str, str]
+    truth: Mapping[str, float | None]
+    run_files: tuple[str, ...] = ()
+    run_sha256: str = ""
+    started: str = ""
+    duration_s: float = 0.0
+    host: str = ""
+
+    @property
+    def ok(self) -> bool:
+        """Whether the run came to its end."""
+        return self.exit_code == 0
+
+
+@dataclass(frozen=True, slots=True)
+class StudyRun:
+    """A planned run with all that is known of it by now: its last attempt, what was told and judged."""
+
+    planned: PlannedRun
+    row: RunRow | None = None
+    told: Mapping[str, float] = field(default_factory=dict)
+    judgement: Judgement | None = None
+    reason: str = ""
+    attempts: int = 0
+
+    @property
+    def state(self) -> RunState:
+        """How far it has come."""
+        if self.row is None or self.judgement is Judgement.REPEAT:
+            return RunState.OPEN
+        if self.judgement is Judgement.REJECT:
+            return RunState.REJECTED
+        return RunState.DONE if self.row.ok or self.judgement is Judgement.ACCEPT else RunState.FAILED
+
+    def value(self, response: str) -> float | None:
+        """Return a response of the run, None where there is none; `truth.NAME` is what the virtual machine knows."""
+        if self.state is not RunState.DONE or self.row is None:
+            return None
+        if response in self.told:
+            return self.told[response]
+        if response.startswith(TRUTH):
+            return self.row.truth.get(response.removeprefix(TRUTH))
+        return self.row.responses.get(response)
+
+
+TRUTH = "truth."
+"""Begins the names of what only a virtual machine knows."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlanCosts:
+    """What the runs of a study will take, by the forecasts of each; `tool_wear_um` is that of each tool."""
+
+    time_s: float
+    machining_time_s: float
+    tool_wear_um: tuple[float, ...]
+    most_wear_um: float
+    """What one tool may lose."""
+
+
+@dataclass(frozen=True, slots=True)
+class StudyPlan:
+    """A study as it will be run. Without `costs` it was not checked."""
+
+    name: str
+    description: str
+    kind: str
+    """Design in words: `Taguchi L9 (3^4)`."""
+    factors: tuple[FactorInfo, ...]
+    responses: tuple[ResponseInfo, ...]
+    constraints: tuple[ConstraintInfo, ...]
+    objectives: tuple[tuple[str, float], ...]
+    runs: tuple[PlannedRun, ...]
+    points: int
+    replicates: int
+    model: str
+    dof: Mapping[str, int]
+    """Degrees of freedom by term; `error` is what is left."""
+    aliases: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    costs: PlanCosts | None = None
+
+    def as_mapping(self) -> dict[str, Any]:
+        """Return the `result` of the JSON object."""
+        from dataclasses import asdict
+
+        return asdict(self)
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """One point beside the others: means of its objectives, whether it keeps the constraints, rankings."""
+
+    point: int
+    settings: Mapping[str, Value]
+    runs: int
+    means: Mapping[str, float | None]
+    upper: Mapping[str, float | None]
+    """Of constrained responses: the bound of the 95 % interval on the side of the limit."""
+    is_feasible: bool
+    is_pareto: bool
+    grey_grade: float | None
+    topsis_closeness: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Recommendation:
+    """Settings that are expected best, what is expected there, and whether the constraints are kept."""
+
+    settings: Mapping[str, Value]
+    expected: Mapping[str, float]
+    low: Mapping[str, float]
+    high: Mapping[str, float]
+    is_feasible: bool
+    basis: str
+
+
+@dataclass(frozen=True, slots=True)
+class ConfirmedResponse:
+    """A response at settings that were run anew on other machines, against what the models had expected of a run."""
+
+    name: str
+    expected: float
+    low: float
+    high: float
+    measured: tuple[float, ...]
+
+    @property
+    def held(self) -> int:
+        """How many of the runs lay within the interval."""
+        return sum(self.low <= value <= self.high for value in self.measured)
+
+
+@dataclass(frozen=True, slots=True)
+class Confirmation:
+    """Runs at one point that no model had seen."""
+
+    settings: Mapping[str, Value]
+    runs: tuple[int, ...]
+    responses: tuple[ConfirmedResponse, ...]

@@ -1,0 +1,156 @@
+"""Studies from Python: asked and told, by jobs, people and other optimisers."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+import edmctl
+from edmctl.errors import PreconditionError, ProfileError, UsageError
+from edmctl.results.study import RunKind
+from tests.jobs.studies import HEAD, written
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+SPACE = (
+    HEAD
+    + """
+[[factors]]
+key = "servo.reference"
+name = "reference"
+low = 0.65
+high = 0.88
+
+[[factors]]
+key = "pulse.duty"
+name = "duty"
+low = 0.1
+high = 0.5
+
+[design]
+kind = "lhs"
+runs = 8
+blocks = 4
+
+[[responses]]
+name = "machining_time_s"
+log = true
+
+[[responses]]
+name = "arc_share"
+
+[[constraints]]
+response = "arc_share"
+at_most = 0.1
+
+[[objectives]]
+response = "machining_time_s"
+
+[optimize]
+runs = 11
+"""
+)
+
+
+def law(settings: object) -> dict[str, float]:
+    """A made-up process: faster with a low reference and a high duty, which arc."""
+    assert isinstance(settings, dict)
+    reference, duty = settings["servo.reference"], settings["pulse.duty"]
+    return {
+        "machining_time_s": 20.0 * (reference / 0.7) ** 3 / duty**0.8,
+        "arc_share": 0.02 + 2.0 * duty**2 * (0.95 - reference) ** 2 * 5.0,
+    }
+
+
+def test_a_job_of_ones_own_is_told(tmp_path: Path) -> None:
+    study = edmctl.Study.load(written(tmp_path)).start(tmp_path / "out")
+    run = study.ask()[0]
+    profile = str(tmp_path / "out" / "profile.toml")
+    overrides = [f"{key}={value}" for key, value in run.settings.items()]
+    report = edmctl.connect("sim:", seed=run.seed).machine(
+        profile, overrides=[*study._started().base.overrides, *overrides]
+    )
+    study.tell(run, report)
+    study.tell(run, {"ra_um": 0.3})
+    row = study.table()[run.number - 1]
+    assert row["machining_time_s"] == pytest.approx(report.sites[0].machining_time_s, abs=1e-3)
+    assert row["ra_um"] == 0.3
+    assert study.ask()[0].number == run.number + 1
+    assert "1 of 4 runs done" in repr(edmctl.Study.load(tmp_path / "out"))
+
+
+def test_a_study_is_run_and_fitted(tmp_path: Path) -> None:
+    study = edmctl.Study.load(written(tmp_path)).start(tmp_path / "out").run()
+    found = study.fit("machining_time_s")
+    assert found.anova is not None
+    assert {row.name for row in found.anova.rows} == {"reference", "duty", "reference × duty"}
+    assert len(study.to_frame()) == 4
+    assert study.recommend().settings["pulse.duty"] == 0.4
+    with pytest.raises(UsageError):
+        study.fit("depth_um")
+
+
+def test_suggestions_follow_from_the_rows_alone(tmp_path: Path) -> None:
+    """Two studies that were told the same ask for the same, whatever was opened and closed between."""
+    suggested = []
+    for name in ("once", "reopened"):
+        study = edmctl.Study.load(written(tmp_path, SPACE)).start(tmp_path / name)
+        for _ in range(11):
+            if name == "reopened":
+                study = edmctl.Study.load(tmp_path / name)
+            (run,) = study.ask()
+            study.tell(run, law(run.settings))
+        suggested.append([dict(row) for row in study.table()])
+    for one, other in zip(*suggested, strict=True):
+        assert {k: v for k, v in one.items() if k != "started"} == {
+            k: v for k, v in other.items() if k != "started"
+        }
+    best = study.recommend()
+    assert best.is_feasible
+    true = law(best.settings)
+    assert true["arc_share"] <= 0.1
+    fastest = min(
+        law({"servo.reference": r / 1000, "pulse.duty": d / 100})["machining_time_s"]
+        for r in range(650, 881, 10)
+        for d in range(10, 51)
+        if law({"servo.reference": r / 1000, "pulse.duty": d / 100})["arc_share"] <= 0.1
+    )
+    assert true["machining_time_s"] <= 1.1 * fastest
+
+
+def test_runs_of_other_optimisers_count_alike(tmp_path: Path) -> None:
+    class Trial:
+        """What optuna hands out."""
+
+        def suggest_float(self, name: str, low: float, high: float, *, log: bool) -> float:
+            return (low + high) / 2
+
+    study = edmctl.Study.load(written(tmp_path, SPACE)).start(tmp_path / "out")
+    run = study.add(study.suggest_from(Trial()))
+    assert run.kind is RunKind.SUGGESTED
+    study.tell(run, law(run.settings))
+    assert study.table()[-1]["machining_time_s"] == law(run.settings)["machining_time_s"]
+    with pytest.raises(UsageError):
+        study.add({"servo.reference": 0.7})
+    with pytest.raises(ProfileError):
+        study.add({"servo.reference": 0.7, "pulse.duty": 3.0})
+    with pytest.raises(UsageError):
+        study.tell(run, {"colour": 1.0})
+
+
+def test_what_is_not_there_is_said(tmp_path: Path) -> None:
+    study = edmctl.Study.load(written(tmp_path))
+    with pytest.raises(UsageError) as no_folder:
+        study.ask()
+    assert no_folder.value.code == "E2109"
+    study.start(tmp_path / "out")
+    with pytest.raises(PreconditionError) as nothing:
+        study.fit("machining_time_s")
+    assert nothing.value.code == "E8206"
+    for run in study.ask(4):
+        study.tell(run, {"machining_time_s": 10.0 + run.number})
+    with pytest.raises(PreconditionError) as few:
+        study.ask()
+    assert few.value.code == "E8210"

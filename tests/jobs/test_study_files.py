@@ -1,0 +1,202 @@
+"""Study files: what is refused, where it is blamed, and what is planned."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl.errors import ProfileError, UsageError
+from edmctl.jobs.study.planning import plan_study
+from edmctl.profile.folders import shipped_studies
+from edmctl.profile.study_file import read_study
+from edmctl.results.study import RunKind
+from tests.jobs.studies import FULL, HEAD, RESPONSES, SMALL, TWO_FACTORS, written
+from tests.tiers import tiers
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from edmctl.results.study import StudyPlan
+
+RANGES = """
+[[factors]]
+key = "servo.reference"
+name = "reference"
+low = 0.70
+high = 0.86
+
+[[factors]]
+key = "pulse.duty"
+name = "duty"
+low = 0.2
+high = 0.4
+
+[[factors]]
+key = "pulse.current_a"
+name = "current"
+low = 0.06
+high = 0.12
+scale = "log"
+"""
+
+
+def planned(folder: Path, text: str) -> StudyPlan:
+    return plan_study(read_study(written(folder, text))).plan
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "line", "says"),
+    [
+        (
+            SMALL.replace("levels = [0.7, 0.8]", "levels = [0.7, 0.8]\nlow = 0.7"),
+            "E3013",
+            "[[factors]]",
+            "either",
+        ),
+        (SMALL.replace("levels = [0.7, 0.8]", "levels = [0.8]"), "E3013", "levels = [0.8]", "two or more"),
+        (SMALL.replace("levels = [0.7, 0.8]", "low = 0.8\nhigh = 0.7"), "E3013", "low = 0.8", "not below"),
+        (SMALL.replace("pulse.duty", "servo.reference"), "E3013", 'key = "servo.reference"', "twice"),
+        (SMALL.replace("wear_ratio_lin", "wear_ratio"), "E3013", 'name = "wear_ratio"', "no job answers"),
+        (SMALL.replace('response = "machining', 'response = "depth'), "E3013", "response =", "none of the"),
+        (SMALL.replace('kind = "full"', 'kind = "bbd"'), "E3013", 'kind = "bbd"', "3 to 7"),
+        (SMALL.replace('kind = "full"', 'kind = "ful"'), "E3006", 'kind = "ful"', "not one of the choices"),
+        (SMALL.replace("[design]", "[plan]"), "E3002", "", "design is missing"),
+        (SMALL.replace("duty", "dutty"), "E3003", 'key = "pulse.dutty"', "unknown key"),
+        (SMALL.replace("0.2, 0.4", "0.2, 0.95"), "E3", 'key = "pulse.duty"', "at reference = "),
+        (SMALL.replace("log.pulses='off'", "log.pulse='off'"), "E3003", "log.pulse", "unknown key"),
+    ],
+)
+def test_what_is_wrong_is_blamed_on_its_place(
+    tmp_path: Path, text: str, code: str, line: str, says: str
+) -> None:
+    with pytest.raises(ProfileError) as refused:
+        planned(tmp_path, text)
+    found = [d for d in refused.value.diagnostics if d.code.startswith(code)]
+    assert found
+    assert any(says in one.message for one in found)
+    assert any(one.where is None or line in one.where.source_line for one in found)
+
+
+def test_a_profile_is_no_study(tmp_path: Path) -> None:
+    file = tmp_path / "profile.toml"
+    file.write_text('[target]\nkind = "depth"\n', encoding="utf-8")
+    with pytest.raises(ProfileError, match="is a profile"):
+        read_study(file)
+    with pytest.raises(UsageError) as absent:
+        read_study(tmp_path / "none.toml")
+    assert absent.value.code == "E2100"
+
+
+@pytest.mark.parametrize(
+    ("design", "factors", "points"),
+    [
+        ('kind = "full"', TWO_FACTORS, 4),
+        ('kind = "fractional"\nresolution = 3', TWO_FACTORS + RANGES.split("\n\n")[-1], 4),
+        ('kind = "fractional"\ngenerators = ["C = AB"]', TWO_FACTORS + RANGES.split("\n\n")[-1], 4),
+        ('kind = "taguchi"', TWO_FACTORS, 4),
+        ('kind = "bbd"', RANGES, 12),
+        ('kind = "ccd"', RANGES, 14),
+        ('kind = "lhs"\nruns = 7', RANGES, 7),
+        ('kind = "sobol"\nruns = 6', RANGES, 6),
+        ('kind = "sensitivity"\nbase = 2', RANGES, 10),
+    ],
+)
+def test_a_design_has_its_points(tmp_path: Path, design: str, factors: str, points: int) -> None:
+    plan = planned(tmp_path, f"{HEAD}{factors}\n[design]\n{design}\n{RESPONSES}")
+    assert len({run.point for run in plan.runs}) == len(plan.runs) == points
+    bounds = {one.key: (min(one.values), max(one.values)) for one in plan.factors}
+    for run in plan.runs:
+        for key, value in run.settings.items():
+            low, high = bounds[key]
+            assert low <= value <= high  # type: ignore[operator]
+
+
+def test_replicates_blocks_and_centre_points_have_their_machines(tmp_path: Path) -> None:
+    design = "kind = 'lhs'\nruns = 6\nreplicates = 2\nblocks = 2\ncenter_points = 3"
+    text = f"{HEAD}{RANGES}\n[design]\n{design}\n{RESPONSES}"
+    plan = planned(tmp_path, text + "\n[analysis]\nmodel = 'main'\n")
+    assert len(plan.runs) == 2 * (6 + 3)
+    assert Counter(run.seed for run in plan.runs) == {1: 5, 2: 4, 3: 5, 4: 4}
+    assert [run.block for run in plan.runs] == [run.seed for run in plan.runs]
+    assert sum(run.kind is RunKind.CENTER for run in plan.runs) == 6
+    of_points = Counter(run.point for run in plan.runs)
+    assert sorted(of_points.values()) == [2] * 6 + [6]
+    (center,) = {tuple(run.settings.values()) for run in plan.runs if run.kind is RunKind.CENTER}
+    assert center == (0.78, 0.3, 0.08485)
+    again = planned(tmp_path, text + "\n[analysis]\nmodel = 'main'\n")
+    assert again == plan
+
+
+def test_blocks_of_two_levels_hide_the_longest_product(tmp_path: Path) -> None:
+    factors = "\n".join(
+        f"[[factors]]\nkey = '{key}'\nlevels = {levels}"
+        for key, levels in (
+            ("servo.reference", [0.7, 0.8]),
+            ("pulse.duty", [0.2, 0.3]),
+            ("pulse.current_a", [0.08, 0.12]),
+        )
+    )
+    plan = planned(tmp_path, f"{HEAD}{factors}\n[design]\nkind = 'full'\nblocks = 2\n{RESPONSES}")
+    product: dict[int, set[int]] = {}
+    for run in plan.runs:
+        signs = [run.settings[one.key] == one.values[1] for one in plan.factors]
+        product.setdefault(run.block, set()).add(sum(signs) % 2)
+    assert all(len(found) == 1 for found in product.values())
+    assert len(product) == 2
+    assert any("ABC" in note for note in plan.notes)
+
+
+def test_a_machine_has_tools_as_blocks_with_centre_runs_at_their_ends(tmp_path: Path) -> None:
+    text = SMALL.replace(FULL, FULL + "replicates = 2\n") + "\n[machine]\nholes_per_tool = 6\n"
+    plan = planned(tmp_path, text)
+    assert [run.tool for run in plan.runs] == [1] * 6 + [2] * 6
+    assert [run.block for run in plan.runs] == [run.tool for run in plan.runs]
+    for tool in (1, 2):
+        own = [run.kind for run in plan.runs if run.tool == tool]
+        assert own[0] is own[-1] is RunKind.CENTER
+        assert RunKind.CENTER not in own[1:-1]
+    assert plan.costs is not None
+    assert len(plan.costs.tool_wear_um) == 2
+
+
+@pytest.mark.parametrize(
+    ("machine", "says"),
+    [
+        ("holes_per_tool = 2", "leave none"),
+        ("columns = 2\nrows = 1", "2 places for 6 runs"),
+        ("pitch_x_um = 200.0", "run into each other"),
+        ("first_x_um = 100.0", "lies on the reference pad"),
+        ("holes_per_tool = 6\nfirst_x_um = 600.0", ""),
+    ],
+)
+def test_what_a_machine_cannot_do_is_refused(tmp_path: Path, machine: str, says: str) -> None:
+    text = f"{SMALL}\n[machine]\n{machine}\n"
+    if not says:
+        assert planned(tmp_path, text).runs
+        return
+    with pytest.raises(ProfileError, match=says):
+        planned(tmp_path, text)
+
+
+def test_a_tool_that_would_wear_too_short_is_refused(tmp_path: Path) -> None:
+    worn = SMALL.replace('"target.depth_um=5"', '"target.depth_um=5", "tool.max_wear_um=8"')
+    with pytest.raises(ProfileError, match="tool 1 would lose"):
+        planned(tmp_path, f"{worn}\n[machine]\nholes_per_tool = 12\n")
+
+
+def test_points_come_from_a_table(tmp_path: Path) -> None:
+    (tmp_path / "points.csv").write_text("pulse.duty,servo.reference\n0.4,0.7\n0.2,0.8\n", encoding="utf-8")
+    text = SMALL.replace('kind = "full"', 'kind = "csv"\nfile = "points.csv"\norder = "standard"')
+    plan = planned(tmp_path, text)
+    assert [tuple(run.settings.values()) for run in plan.runs] == [(0.7, 0.4), (0.8, 0.2)]
+    (tmp_path / "points.csv").write_text("pulse.duty,servo.reference\n0.4,0.9\n", encoding="utf-8")
+    with pytest.raises(ProfileError, match=r"line 2: reference = 0\.9 lies beyond"):
+        planned(tmp_path, text)
+
+
+@pytest.mark.parametrize("file", tiers(*sorted(path.stem for path in shipped_studies())))
+def test_shipped_studies_can_be_planned(file: str) -> None:
+    (path,) = [path for path in shipped_studies() if path.stem == file]
+    assert plan_study(read_study(path)).plan.runs

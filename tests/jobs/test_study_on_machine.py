@@ -1,0 +1,145 @@
+"""A study on a machine that lasts: places, tools, pauses, interruptions, faults, approval."""
+
+from __future__ import annotations
+
+import math
+import signal
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl.cli.app import main
+from edmctl.errors import Interrupted, MachineFault, PreconditionError, UsageError
+from edmctl.jobs.study.on_machine import MachineRuns, run_on_machine
+from edmctl.jobs.study.waiting import what_next
+from edmctl.jobs.surroundings import Surroundings
+from edmctl.machine.stop import StopRequest
+from edmctl.results.study import RunState
+from edmctl.simulator import BenchConfig, open_bench
+from edmctl.simulator.injection import parse_injection
+from tests.jobs.studies import SMALL, Unseen, made
+from tests.serving import serving
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from edmctl.errors import Diagnostic
+    from edmctl.jobs.plan import Plan
+    from edmctl.jobs.study.folder import StudyFolder
+    from edmctl.results.progress import Progress
+    from edmctl.results.study import StudyRun
+
+MACHINE = SMALL + "\n[machine]\nholes_per_tool = 4\n"
+
+
+def agree(run: StudyRun, plan: Plan) -> bool:
+    return True
+
+
+def refuse(run: StudyRun, plan: Plan) -> bool:
+    return False
+
+
+def options(folder: StudyFolder, **more: object) -> MachineRuns:
+    def warn(found: Sequence[Diagnostic]) -> None:
+        """Nobody listens."""
+
+    port = f"sim:{folder.path.parent / 'machine.bench'}"
+    given = {"surroundings": Surroundings(), "approve": agree, "warn": warn, **more}
+    return MachineRuns(port, **given)  # type: ignore[arg-type]
+
+
+class Interrupting(Unseen):
+    """Asks for a stop when a hole is being cut."""
+
+    def __init__(self) -> None:
+        self.stop = StopRequest()
+
+    def progress(self, p: Progress) -> None:  # type: ignore[override]
+        if p.phase == "machining" and p.depth_um > 2.0:
+            self.stop.request(signal.SIGINT)
+
+
+def test_tools_change_between_blocks_and_an_interrupted_hole_is_resumed(tmp_path: Path) -> None:
+    folder = made(tmp_path, MACHINE)
+    seen = Interrupting()
+    stopping = Surroundings(stop=lambda _: seen.stop)
+    assert run_on_machine(folder, options(folder, most=1), Unseen()) == 1
+    with pytest.raises(Interrupted) as stopped:
+        run_on_machine(folder, options(folder, surroundings=stopping), seen)
+    assert "study resume" in stopped.value.hint
+    assert folder.read().run(2).row is None
+    with pytest.raises(PreconditionError) as worn:
+        run_on_machine(folder, options(folder), Unseen())
+    assert worn.value.code == "E8204"
+    assert "--new-tool" in worn.value.hint
+    state = folder.read()
+    assert [run.state for run in state.runs[:4]] == [RunState.DONE] * 4
+    assert any("tool 1 is done" in line for line in what_next(state))
+    assert run_on_machine(folder, options(folder, new_tool=True), Unseen()) == 4
+    rows = [run.row for run in folder.read().runs]
+    assert [row.tool for row in rows if row] == [1] * 4 + [2] * 4
+    places = [row.site_um for row in rows if row]
+    assert len(set(places)) == len(places) == 8
+    resumed = rows[1]
+    assert resumed is not None
+    assert resumed.run_files == ("run0002-r1.h5",)
+    assert all(math.isfinite(row.responses["wear_um"] or math.nan) for row in rows if row)
+    worn_um = [row.truth["wear_um"] for row in rows if row]
+    assert all(wear_um and wear_um > 0 for wear_um in worn_um)
+
+
+def test_a_result_whose_row_was_lost_is_read_from_its_run_file(tmp_path: Path) -> None:
+    folder = made(tmp_path, MACHINE)
+    run_on_machine(folder, options(folder, most=1), Unseen())
+    before = folder.read().run(1).row
+    (file,) = folder.rows.glob("*.jsonl")
+    file.unlink()
+    run_on_machine(folder, options(folder, most=1), Unseen())
+    after = folder.read().run(1).row
+    assert before is not None
+    assert after is not None
+    assert after.responses == before.responses
+    assert after.site_um == before.site_um
+    assert len(list(folder.runs.glob("*.h5"))) == 1
+
+
+def test_nobody_approves_no_sparks(tmp_path: Path) -> None:
+    folder = made(tmp_path, MACHINE.replace("holes_per_tool = 4", 'holes_per_tool = 4\napproval = "each"'))
+    with pytest.raises(PreconditionError) as waiting:
+        run_on_machine(folder, options(folder, approve=refuse), Unseen())
+    assert waiting.value.code == "E8205"
+    assert folder.read().run(1).row is None
+    assert not folder.runs.exists() or not list(folder.runs.glob("*.h5"))
+
+
+def test_a_fault_stops_the_study_and_the_hole_is_resumed_once_it_is_mended(tmp_path: Path) -> None:
+    folder = made(tmp_path, MACHINE)
+    bench = open_bench(BenchConfig(), 5)
+    bench.inject(parse_injection("ESTOP@sparks+2"))
+    with serving(bench) as port:
+        with pytest.raises(MachineFault) as fault:
+            run_on_machine(folder, replace(options(folder), port=port), Unseen())
+        assert "study resume" in fault.value.hint
+        assert folder.read().run(1).row is None
+        bench.clear_injections()
+        with pytest.raises(PreconditionError) as latched:
+            run_on_machine(folder, replace(options(folder), port=port), Unseen())
+        assert latched.value.code == "E8010"
+        assert main(["reset", "--ack", "4001", "--port", port]) == 0
+        with pytest.raises(PreconditionError) as changed:
+            run_on_machine(folder, replace(options(folder), port=port), Unseen())
+        assert changed.value.code == "E8204"
+    rows = [run.row for run in folder.read().runs]
+    assert rows[0] is not None
+    assert rows[0].run_files == ("run0001-r1.h5",)
+    assert [row.exit_code for row in rows if row] == [0] * 4
+
+
+def test_a_study_without_a_machine_says_so(tmp_path: Path) -> None:
+    folder = made(tmp_path)
+    with pytest.raises(UsageError) as refused:
+        run_on_machine(folder, options(folder), Unseen())
+    assert refused.value.code == "E2103"
