@@ -5,6 +5,8 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 from concurrent.futures import ProcessPoolExecutor
 from typing import TYPE_CHECKING
 
@@ -19,6 +21,7 @@ from edmctl.jobs.study.running import Shard, parse_shard, run_virtual
 from edmctl.jobs.study.table import missing_manual, table_bytes, table_of, told_table, told_values
 from edmctl.profile.study_file import read_study
 from edmctl.results.study import Judgement, RunState
+from tests.cli.commands import in_process_of_its_own
 from tests.jobs.studies import SMALL, Unseen, made, outcome, written
 
 if TYPE_CHECKING:
@@ -217,3 +220,38 @@ def test_a_recipe_that_changed_under_the_study_is_refused(tmp_path: Path) -> Non
     with pytest.raises(PreconditionError) as refused:
         run_virtual(other, Shard(), Unseen())
     assert refused.value.code == "E8203"
+
+
+CLUSTER = """
+import sys
+from distributed import LocalCluster
+if __name__ == "__main__":
+    with LocalCluster(n_workers=1, threads_per_worker=2, dashboard_address=None, silence_logs=50) as cluster:
+        print(cluster.scheduler_address, flush=True)
+        sys.stdin.read()
+"""
+
+
+@pytest.mark.slow
+def test_a_dask_cluster_makes_the_same_table(tmp_path: Path, whole: StudyFolder) -> None:
+    script = tmp_path / "cluster.py"
+    script.write_text(CLUSTER, encoding="utf-8")
+    file, out = written(tmp_path), tmp_path / "out"
+    cluster = subprocess.Popen(
+        [sys.executable, str(script)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=tmp_path
+    )
+    try:
+        assert cluster.stdout is not None
+        address = cluster.stdout.readline().strip()
+        done = in_process_of_its_own(
+            "study", "run", str(file), "--out", str(out), "--dask", address, "-q", cwd=tmp_path
+        )
+        assert done.exit_code == 0, done.err
+    finally:
+        cluster.communicate()
+    assert outcome(open_folder(out).read()) == outcome(whole.read())
+    nobody = in_process_of_its_own(
+        "study", "resume", str(out), "--dask", "tcp://127.0.0.1:9", "-q", cwd=tmp_path
+    )
+    assert nobody.exit_code == 8
+    assert "E8212" in nobody.err
