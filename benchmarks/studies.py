@@ -91,6 +91,7 @@ levels = [500.0, 520.0]
 kind = "full"
 replicates = 3
 seed = {seed}
+seeds = "{seeds}"
 
 [analysis]
 model = "main"
@@ -107,9 +108,9 @@ name = "depth_um"
 """
 
 
-def null_p(case: tuple[int]) -> dict[str, float]:
+def null_p(case: tuple[int, str]) -> dict[str, float]:
     """The p of a factor without effect, by response."""
-    text = study_text(6.0, NULL.format(seed=case[0]))
+    text = study_text(6.0, NULL.format(seed=case[0], seeds=case[1]))
     with TemporaryDirectory() as folder:
         file = Path(folder, "study.toml")
         file.write_text(text, encoding="utf-8")
@@ -124,15 +125,18 @@ def null_p(case: tuple[int]) -> dict[str, float]:
 
 def null(args: argparse.Namespace) -> int:
     """A factor without effect is flagged about as often as 5 % says."""
-    seeds = [(args.seed * 1_000_000 + 10 * n,) for n in range(args.studies)]
-    with ProcessPoolExecutor() as pool:
-        found = list(pool.map(null_p, seeds))
     rows = []
-    for name in found[0]:
-        share = sum(one[name] < 0.05 for one in found) / len(found)
-        rows.append(
-            (0.02 <= share <= 0.09, f"{name}: flagged in {100 * share:.1f} % of {len(found)} (2 to 9 %)")
-        )
+    with ProcessPoolExecutor() as pool:
+        for seeds in ("run", "replicate"):
+            cases = [(args.seed * 1_000_000 + 20 * n, seeds) for n in range(args.studies)]
+            found = list(pool.map(null_p, cases))
+            for name in found[0]:
+                share = sum(one[name] < 0.05 for one in found) / len(found)
+                line = (
+                    f"a machine a {seeds}, {name}: flagged in {100 * share:.1f} % of {len(found)} (2 to 9 %)"
+                )
+                # Runs on one machine differ by less than the error that machines and settings make together.
+                rows.append((0.02 <= share <= 0.09 or (seeds == "replicate" and share < 0.02), line))
     return told(rows)
 
 

@@ -2,7 +2,9 @@
 
 A prediction is of a new run on a new machine (block). Its interval holds what a smooth model misses: the error is
 taken from points that were left out one by one, with all of their replicates, never from the replicates of points
-that the model has seen. Variances add; degrees of freedom after Satterthwaite (Biometrics Bulletin 2, 1946).
+that the model has seen. What models miss, what runs of one point and what machines differ by have a quantile each,
+and their half-widths add as squares: a few machines that happen to be alike shall not make an interval narrow, as
+the degrees of freedom of a sum of variances would (Satterthwaite).
 """
 
 from __future__ import annotations
@@ -33,6 +35,9 @@ if TYPE_CHECKING:
 MOST_LEVELS = 8
 """Means by level are given of factors with so many different values; more are a range."""
 MOST_PAIRS = 15
+NORMAL_95 = 1.96
+MANY = 1_000_000
+"""Degrees of freedom of what is stated, not estimated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,9 +120,7 @@ class ResponseModel:
             (np.full(len(leverage), _known(self.run_variance)), self.run_dof),
             (np.full(len(leverage), _known(self.block_variance)), self.block_dof),
         ]
-        variance = sum(part for part, _ in parts)
-        dof = variance**2 / sum(part**2 / count for part, count in parts if count)
-        half = special.stdtrit(np.maximum(dof, 1.0), 0.975) * np.sqrt(variance)
+        half = np.sqrt(sum(special.stdtrit(dof, 0.975) ** 2 * variance for variance, dof in parts if dof))
         if self.is_log:
             return np.exp(expected), np.exp(expected - half), np.exp(expected + half)
         return expected, expected - half, expected + half
@@ -178,8 +181,13 @@ def analyse(
     *,
     is_log: bool = False,
     block: str = "block",
+    u95: ArrayLike | None = None,
 ) -> ResponseAnalysis:
-    """Analyse a response: one value a run, NaN where there is none. Never raises for what the runs do not tell."""
+    """Analyse a response: one value a run, NaN where there is none. Never raises for what the runs do not tell.
+
+    `u95` are half-widths of the values' own 95 % intervals: where all runs are in one block, what another one would
+    measure may differ by that.
+    """
     all_values = np.asarray(response, float)
     used = np.flatnonzero(np.isfinite(all_values)).tolist()
     values = all_values[used]
@@ -231,11 +239,14 @@ def analyse(
     )
     if np.ptp(values) <= 1e-12 * max(1.0, float(np.abs(values).max())):
         return replace(base, notes=(*notes, "all runs have the same value"))
-    return _with_model(base, mine, np.log(values) if is_log else values, list(terms), block)
+    own = np.full(len(values), math.nan) if u95 is None else np.asarray(u95, float)[used]
+    alone = own / values if is_log else own
+    alone_variance = float(np.mean((alone / NORMAL_95) ** 2)) if len(set(mine.blocks)) == 1 else math.nan
+    return _with_model(base, mine, np.log(values) if is_log else values, list(terms), block, alone_variance)
 
 
 def _with_model(
-    base: ResponseAnalysis, runs: Runs, values: Values, terms: list[Term], block: str
+    base: ResponseAnalysis, runs: Runs, values: Values, terms: list[Term], block: str, alone_variance: float
 ) -> ResponseAnalysis:
     notes = list(base.notes)
     if block in runs.settings.categories and len(set(runs.settings.categories[block])) < 2:
@@ -255,6 +266,8 @@ def _with_model(
     if not fitted.error_dof:
         notes.append("nothing is left to estimate the error: no F of single terms, no interval")
     model = _model(fitted, terms, runs, values, block, is_log=base.is_log)
+    if model is not None and math.isfinite(alone_variance):
+        model = replace(model, block_variance=alone_variance, block_dof=MANY)
     held, left_out = _left_out_coverage(terms, settings, runs, values, block)
     return replace(
         base,
@@ -316,7 +329,7 @@ def _model(
         return None
     miss_variance, miss_dof = misses
     run_variance, run_dof = _run_variance(runs, values)
-    block_variance, block_dof = _block_variance(fitted, block, run_variance)
+    block_variance, block_dof = _block_variance(fitted, block)
     # Each miss is of a mean over the replicates of its point: the rest of a single run's error comes on top.
     size = len(values) / len(set(runs.points))
     single = run_variance * (1 - 1 / size) if math.isfinite(run_variance) else math.nan
@@ -375,17 +388,13 @@ def _run_variance(runs: Runs, values: Values) -> tuple[float, int]:
     return float(rest @ rest) / dof, dof
 
 
-def _block_variance(fitted: Fit, block: str, run_variance: float) -> tuple[float, int]:
-    """Variance between blocks beyond what the error of their runs explains."""
+def _block_variance(fitted: Fit, block: str) -> tuple[float, int]:
+    """Variance of a new block about the mean of those that were run, with what the error puts into their means."""
     for term, span in fitted.model.spans.items():
         if _is_block(term, block):
             effects = fitted.coefficients[span]
             whole = np.append(effects, -effects.sum())
-            size = len(fitted.response) / len(whole)
-            error = (run_variance if math.isfinite(run_variance) else _known(fitted.error_variance)) / size
-            # A few blocks tell little: their scatter is that of a new one against their mean.
-            variance = max(0.0, float(whole @ whole) / (len(whole) - 1) - error) * (1 + 1 / len(whole))
-            return variance, len(whole) - 1
+            return float(whole @ whole) / (len(whole) - 1) * (1 + 1 / len(whole)), len(whole) - 1
     return math.nan, 0
 
 

@@ -69,6 +69,10 @@ class Design(Table):
     blocks: int = Field(
         1, ge=1, le=64, description="parts of each replicate, each on a machine (seed) of its own"
     )
+    seeds: Literal["replicate", "run"] = Field(
+        "replicate",
+        description="one machine for each replicate and block, which saves runs, or one for each run",
+    )
     seed: int = Field(1, ge=0, le=2**62, description="of the order, of samples, and of the first machine")
     order: Literal["random", "standard"] = Field("random", description="of the runs in each block")
 

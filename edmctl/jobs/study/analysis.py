@@ -98,7 +98,16 @@ def _analysis(
     values = [_number(run.value(name)) for run in fitting]
     model = "main" if plan.model == SENSITIVITY else plan.model
     terms = terms_of(model, plan.factors, blocks=BLOCK in runs.settings.categories)
-    return analyse(name, runs, values, terms, response.better, is_log=response.is_log)  # type: ignore[arg-type]
+    u95 = [_number(run.row.u95.get(name) if run.row is not None else None) for run in fitting]
+    return analyse(
+        name,
+        runs,
+        values,
+        terms,
+        response.better,  # type: ignore[arg-type]
+        is_log=response.is_log,
+        u95=u95,
+    )
 
 
 def _indices(plan: StudyPlan, response: ResponseInfo, done: Sequence[StudyRun]) -> SobolIndices | None:
@@ -206,7 +215,7 @@ def _notes(state: StudyState, runs: Sequence[StudyRun]) -> tuple[str, ...]:
     if failed:
         numbers = ", ".join(str(run.planned.number) for run in failed[:10])
         notes.append(f"runs that failed are left out until somebody judges them: {numbers}")
-    if len({run.planned.block for run in runs}) == 1:
+    if len({run.planned.block for run in runs}) == len({run.planned.seed for run in runs}) == 1:
         notes.append(
             "all runs are of one machine or tool: what that errs by is in every value alike, may follow time or "
             "wear, and looks like an effect; this study cannot know how another machine would do"

@@ -114,6 +114,11 @@ def best_of_points(state: StudyState) -> Recommendation:
     else:
         best = max(ranked, key=lambda one: one.grey_grade if one.grey_grade is not None else -math.inf)
         basis = "The point with the highest grey relational grade of those that were run: a preference by weights."
+    if (
+        len({run.planned.seed for run in analysis.runs}) == 1
+        and len({run.planned.tool for run in analysis.runs}) == 1
+    ):
+        basis += " What is expected is of runs on the one machine of the study: others may differ by more."
     if plan.constraints and not feasible:
         basis += " Repeated runs on other machines may show that one keeps the constraints."
     expected = expected_at(state, analysis.responses, best.settings)

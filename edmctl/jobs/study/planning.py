@@ -178,14 +178,19 @@ def _runs(source: StudySource, points: Points, center: dict[str, Value]) -> list
                 ends = [of_center] if machine is not None and machine.center_runs else []
                 for point in (*ends, *part, *ends):
                     is_center = point == of_center
+                    own = machine is None and design.seeds == "run"
                     runs.append(
                         PlannedRun(
                             number=len(runs) + 1,
                             kind=RunKind.CENTER if is_center else RunKind.DESIGN,
                             point=point + 1,
                             replicate=replicate + 1,
-                            block=tool if machine is not None and machine.holes_per_tool else number,
-                            seed=seed,
+                            block=1
+                            if own
+                            else tool
+                            if machine is not None and machine.holes_per_tool
+                            else number,
+                            seed=design.seed + len(runs) if own else seed,
                             settings=center if is_center else points.settings[point],
                             tool=tool,
                         )
