@@ -97,6 +97,8 @@ def _costs_words(plan: StudyPlan) -> str:
     if plan.costs.tool_wear_um:
         worn = ", ".join(length(wear_um) for wear_um in plan.costs.tool_wear_um)
         words += f"; tools lose {worn} of {length(plan.costs.most_wear_um)}"
+    if plan.costs.places:
+        words += f"; {len(plan.runs)} of {plural(plan.costs.places, 'place')} of the grid"
     return words
 
 

@@ -181,6 +181,8 @@ class PlanCosts:
     tool_wear_um: tuple[float, ...]
     most_wear_um: float
     """What one tool may lose."""
+    places: int = 0
+    """On the grid of a machine that lasts."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,14 +11,16 @@ import pytest
 
 from edmctl.cli.app import main
 from edmctl.errors import Interrupted, MachineFault, PreconditionError, UsageError
+from edmctl.jobs.study.analysis import analysis_of
 from edmctl.jobs.study.on_machine import MachineRuns, run_on_machine
+from edmctl.jobs.study.reporting import page_of
 from edmctl.jobs.study.waiting import what_next
 from edmctl.jobs.surroundings import Surroundings
 from edmctl.machine.stop import StopRequest
 from edmctl.results.study import RunState
 from edmctl.simulator import BenchConfig, open_bench
 from edmctl.simulator.injection import parse_injection
-from tests.jobs.studies import SMALL, Unseen, made
+from tests.jobs.studies import HEAD, SMALL, Unseen, made
 from tests.serving import serving
 
 if TYPE_CHECKING:
@@ -91,6 +93,24 @@ def test_tools_change_between_blocks_and_an_interrupted_hole_is_resumed(tmp_path
     assert all(wear_um and wear_um > 0 for wear_um in worn_um)
 
 
+def test_a_begun_hole_is_given_up_and_made_anew_with_another_tool(tmp_path: Path) -> None:
+    folder = made(tmp_path, MACHINE)
+    seen = Interrupting()
+    with pytest.raises(Interrupted):
+        run_on_machine(folder, options(folder, surroundings=Surroundings(stop=lambda _: seen.stop)), seen)
+    with pytest.raises(UsageError) as other_tool:
+        run_on_machine(folder, options(folder, new_tool=True), Unseen())
+    assert other_tool.value.code == "E2108"
+    assert main(["study", "judge", str(folder.path), "1", "repeat", "the tool broke"]) == 0
+    assert run_on_machine(folder, options(folder, new_tool=True, most=1), Unseen()) == 1
+    run = folder.read().run(1)
+    assert run.row is not None
+    assert (run.row.attempt, run.row.tool, run.row.run_files) == (2, 2, ("run0001-a2.h5",))
+    first = folder.read().rows.attempts[1][0]
+    assert first.exit_code == 130
+    assert run.row.site_um == (1100.0, 0.0)
+
+
 def test_a_result_whose_row_was_lost_is_read_from_its_run_file(tmp_path: Path) -> None:
     folder = made(tmp_path, MACHINE)
     run_on_machine(folder, options(folder, most=1), Unseen())
@@ -143,3 +163,71 @@ def test_a_study_without_a_machine_says_so(tmp_path: Path) -> None:
     with pytest.raises(UsageError) as refused:
         run_on_machine(folder, options(folder), Unseen())
     assert refused.value.code == "E2103"
+
+
+L9 = (
+    HEAD
+    + """
+[[factors]]
+key = "servo.reference"
+name = "reference"
+levels = [0.70, 0.75, 0.80]
+
+[[factors]]
+key = "pulse.duty"
+name = "duty"
+levels = [0.2, 0.3, 0.4]
+
+[[factors]]
+key = "pulse.frequency_hz"
+name = "frequency"
+levels = [1800.0, 2300.0, 2800.0]
+
+[design]
+kind = "taguchi"
+array = "L9"
+replicates = 2
+
+[[responses]]
+name = "machining_time_s"
+log = true
+
+[[responses]]
+name = "wear_um"
+
+[machine]
+holes_per_tool = 11
+"""
+)
+
+
+@pytest.mark.slow
+def test_an_array_with_replicates_is_made_through_a_line_with_a_tool_change_and_an_interruption(
+    tmp_path: Path,
+) -> None:
+    folder = made(tmp_path, L9)
+    bench = open_bench(BenchConfig(), 11)
+    seen = Interrupting()
+    with serving(bench) as port:
+        first = replace(options(folder, surroundings=Surroundings(stop=lambda _: seen.stop)), port=port)
+        assert run_on_machine(folder, replace(options(folder), port=port, most=3), Unseen()) == 3
+        with pytest.raises(Interrupted):
+            run_on_machine(folder, first, seen)
+        with pytest.raises(PreconditionError) as done:
+            run_on_machine(folder, replace(options(folder), port=port), Unseen())
+        assert done.value.code == "E8204"
+        assert run_on_machine(folder, replace(options(folder), port=port, new_tool=True), Unseen()) == 11
+    state = folder.read()
+    assert all(run.state is RunState.DONE for run in state.runs)
+    assert len(state.runs) == 22
+    resumed = state.run(4).row
+    assert resumed is not None
+    assert resumed.run_files == ("run0004-r1.h5",)
+    found = analysis_of(state)
+    table = next(one.anova for one in found.responses if one.name == "machining_time_s")
+    assert table is not None
+    assert {row.name for row in table.rows} == {"block", "reference", "duty", "frequency"}
+    assert table.rows[1].p < 0.01
+    assert "machining_time_s" in page_of(state, found, None, [])
+    holes = [(hole.x_um, hole.y_um) for hole in bench.truth()]
+    assert len({(round(x_um / 100), round(y_um / 100)) for x_um, y_um in holes}) == 22

@@ -67,9 +67,15 @@ def judge(
     Nothing is deleted: the row stays, with the judgement and its reason.
     """
     from edmctl.errors import UsageError
+    from edmctl.jobs.study.evaluate import lost_row
+    from edmctl.jobs.study.on_machine import is_begun
 
     study = opened(folder)
     found = study.read().run(run)
+    if found.row is None and judgement is Judgement.REPEAT and is_begun(study, found):
+        with study.writer() as writer:  # the hole stays where it is, and the next attempt takes another place
+            writer.run(lost_row(found.planned, found.attempts + 1, f"E1300: given up: {reason}", 130))
+        found = study.read().run(run)
     if found.row is None:
         raise UsageError(
             f"Run {run} is not made yet.",

@@ -76,13 +76,19 @@ def doe_runs(plan: StudyPlan, runs: Sequence[StudyRun]) -> Runs:
     from edmctl.doe.response_analysis import Runs
 
     settings = [run.planned.settings for run in runs]
-    blocks = _shared_blocks([run.planned.block for run in runs])
+    blocks = _shared_blocks([_block_of(run) for run in runs])
     return Runs(
         settings_matrix(plan.factors, settings, blocks, as_levels=plan.model == LEVELS),
         {factor.name: [one[factor.key] for one in settings] for factor in plan.factors},
         [run.planned.point for run in runs],
         blocks,
     )
+
+
+def _block_of(run: StudyRun) -> int:
+    """The tool that made the hole where tools are the blocks, else the block of the plan."""
+    is_tool = run.row is not None and run.planned.tool and run.planned.tool == run.planned.block
+    return run.row.tool if is_tool and run.row is not None else run.planned.block
 
 
 def _shared_blocks(blocks: Sequence[int]) -> list[int]:

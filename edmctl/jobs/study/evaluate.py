@@ -128,8 +128,8 @@ def row_of(
     )
 
 
-def lost_row(run: PlannedRun, attempt: int, why: str) -> RunRow:
-    """Return the row of a run that no worker survived."""
+def lost_row(run: PlannedRun, attempt: int, why: str, exit_code: int = 1) -> RunRow:
+    """Return the row of an attempt without a result: no worker survived it, or its hole was given up."""
     return RunRow(
         number=run.number,
         kind=str(run.kind),
@@ -141,8 +141,8 @@ def lost_row(run: PlannedRun, attempt: int, why: str) -> RunRow:
         seed=run.seed,
         attempt=attempt,
         settings=run.settings,
-        exit_code=1,
-        error=f"E1000: {why}",
+        exit_code=exit_code,
+        error=why,
         responses={},
         u95={},
         bases={},

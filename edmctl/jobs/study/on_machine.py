@@ -36,8 +36,6 @@ if TYPE_CHECKING:
     from edmctl.jsonout import JsonValue
 
 WORN_OUT = "E8043"
-TOOL = "tool"
-"""Kind of the rows that tell which tool is in the machine."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +106,14 @@ class _Series:
             result, files = left
             self._keep(run, attempt, result, files, None, begin_s)
             return
-        self._look_at_tool(run)
+        if left is not None and self._new_tool:
+            raise UsageError(
+                f"Run {run.planned.number} was interrupted; another tool cannot go on with its hole.",
+                hint=f"Leave --new-tool out; or give the hole up: `edmctl study judge {self._folder.path} "
+                f"{run.planned.number} repeat REASON`, and make it anew with --new-tool.",
+                code="E2108",
+            )
+        tool = self._look_at_tool(run)
         plan, name, site_um = left if left is not None else self._fresh(run, name)
         if left is None and self._wants_approval(run) and not self._options.approve(run, plan):
             raise PreconditionError(
@@ -123,7 +128,7 @@ class _Series:
             self._stop(run, report.error)
         self._new_tool = False
         files = (report.run_file,) if report.run_file else ()
-        self._keep(run, attempt, report.to_dict(), files, report.error, begin_s, site_um)
+        self._keep(run, attempt, report.to_dict(), files, report.error, begin_s, site_um, tool)
 
     def _left(self, name: RunName) -> _Begun | tuple[dict[str, JsonValue], tuple[Path, ...]] | None:
         """What an earlier command left of an attempt: a hole to resume, a result without a row, or nothing."""
@@ -173,21 +178,24 @@ class _Series:
             code="E8207",
         )
 
-    def _look_at_tool(self, run: StudyRun) -> None:
-        """Stop where the run is of another tool than the one that made the run before."""
-        state = self._folder.read()
-        used = [one.row.tool for one in state.runs if one.row is not None and one.row.tool]
-        last = max(used, default=run.planned.tool)
-        if run.planned.tool > last and not self._new_tool:
-            made = sum(one.row is not None and one.row.tool == last for one in state.runs)
-            self._writer.append(PAUSED, {"number": run.planned.number, "why": f"tool {last} is done"})
+    def _look_at_tool(self, run: StudyRun) -> int:
+        """Return the number of the tool in the machine; stop where the run is of another one than the run before."""
+        made = [one for one in self._folder.read().runs if one.row is not None]
+        if not made:
+            return max(1, run.planned.tool)
+        last = max(made, key=lambda one: one.row.started if one.row is not None else "")
+        assert last.row is not None
+        if self._new_tool:
+            return max(last.row.tool + 1, run.planned.tool)
+        if run.planned.tool > last.planned.tool:
+            tool, holes = last.planned.tool, sum(one.planned.tool == last.planned.tool for one in made)
+            self._writer.append(PAUSED, {"number": run.planned.number, "why": f"tool {tool} is done"})
             raise PreconditionError(
-                f"Tool {last} has made its {made} holes; run {run.planned.number} is of tool {run.planned.tool}.",
+                f"Tool {tool} has made its {holes} holes; run {run.planned.number} is of tool {run.planned.tool}.",
                 hint=f"Change or dress it, and go on with `{self._command()} --new-tool`.",
                 code="E8204",
             )
-        if run.planned.tool == last and used and self._options.new_tool and self._new_tool:
-            self._options.warn([])  # a tool that was changed early: the ledger begins its wear anew
+        return last.row.tool
 
     def _wants_approval(self, run: StudyRun) -> bool:
         policy = self._machine.approval
@@ -214,6 +222,7 @@ class _Series:
         error: EdmError | None,
         begin_s: float,
         site_um: tuple[float, float] | None = None,
+        tool: int | None = None,
     ) -> None:
         base = replace(self._folder.base, port=self._options.port)
         plan = check(request_of(base, run.planned.settings), self._options.surroundings)
@@ -229,6 +238,7 @@ class _Series:
             started=started,
             duration_s=time.monotonic() - begin_s,
             site_um=site_um if site_um is not None else _place_of(result),
+            tool=tool,
         )
         self._writer.run(row)
 
@@ -247,6 +257,12 @@ class _Series:
     def _command(self) -> str:
         words = ["edmctl", "study", "resume", str(self._folder.path), "--port", self._options.port]
         return shlex.join(words)
+
+
+def is_begun(folder: StudyFolder, run: StudyRun) -> bool:
+    """Return whether the next attempt at a run has a file already: its hole was begun and left."""
+    name = run_name(folder.runs, run.planned, run.attempts + 1, datetime.now(UTC))
+    return folder.runs.is_dir() and any(folder.runs.glob(f"{name.run_id}.*"))
 
 
 @dataclass(frozen=True, slots=True)

@@ -381,6 +381,7 @@ def _plan(
         machining_time_s=math.fsum(one.machining_time_s for one in forecasts),
         tool_wear_um=tuple(worn.values()) if file.machine is not None else (),
         most_wear_um=next(iter(checked.values())).loaded.profile.tool.max_wear_um,
+        places=len(grid_of(file.machine)) if file.machine is not None else 0,
     )
     model, dof, notes = _model(source, factors, runs)
     notes = [*points.notes, *notes, *_notes(source, runs)]

@@ -103,7 +103,9 @@ def run_virtual(
         def keep(number: int, row: RunRow | Lost) -> None:
             nonlocal done
             writer.run(
-                lost_row(tasks[number].run, tasks[number].attempt, str(row)) if isinstance(row, Lost) else row
+                lost_row(tasks[number].run, tasks[number].attempt, f"E1000: {row}")
+                if isinstance(row, Lost)
+                else row
             )
             done += 1
             observer.runs(done, len(tasks))
