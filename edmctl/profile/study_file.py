@@ -29,8 +29,10 @@ Value = bool | int | float | str
 class StudyTable(Table):
     """What is studied."""
 
-    name: str = Field(min_length=1, max_length=100, pattern=ONE_LINE)
-    description: str = Field("", pattern=ONE_LINE)
+    name: str = Field(
+        min_length=1, max_length=100, pattern=ONE_LINE, description="heads every table and page"
+    )
+    description: str = Field("", pattern=ONE_LINE, description="what the study asks, in a sentence")
     profile: str = Field(min_length=1, description="name of a shipped profile, or a file beside this one")
     setup: str | None = Field(None, min_length=1, description="setup of the machine, a file beside this one")
     set: list[str] = Field([], description="KEY=VALUE that hold for every run")
@@ -53,7 +55,7 @@ class Factor(Table):
 class Design(Table):
     """Which runs are made."""
 
-    kind: DesignKind
+    kind: DesignKind = Field(description="how points are chosen")
     array: str | None = Field(None, description="orthogonal array, e.g. L9 or L18 (2^1 3^7)")
     columns: list[int] = Field([], description="columns of the array, one a factor, from 1")
     resolution: int | None = Field(None, ge=3, le=9, description="of a fractional factorial")
@@ -91,16 +93,16 @@ class Response(Table):
 class Constraint(Table):
     """A bound of a response that a recipe has to keep."""
 
-    response: str
-    at_most: float | None = None
-    at_least: float | None = None
+    response: str = Field(description="name of a response")
+    at_most: float | None = Field(None, description="upper bound, in the unit of the response")
+    at_least: float | None = Field(None, description="lower bound")
 
 
 class Objective(Table):
     """A response that is wanted good, and how much it counts beside the others."""
 
-    response: str
-    weight: float = Field(1.0, gt=0.0, le=1e6)
+    response: str = Field(description="name of a response")
+    weight: float = Field(1.0, gt=0.0, le=1e6, description="beside the other objectives")
 
 
 class Analysis(Table):
@@ -131,10 +133,10 @@ class StudyMachine(Table):
         "suggestions", description="which runs somebody has to approve before sparks"
     )
     pause_s: float = Field(0.0, ge=0.0, le=86_400.0, description="between two runs, s")
-    first_x_um: float = Field(600.0, ge=-1e6, le=1e6, description="place of the first hole")
-    first_y_um: float = Field(0.0, ge=-1e6, le=1e6)
-    pitch_x_um: float = Field(500.0, ge=-1e5, le=1e5, description="to the next hole of a row")
-    pitch_y_um: float = Field(500.0, ge=-1e5, le=1e5, description="to the next row")
+    first_x_um: float = Field(600.0, ge=-1e6, le=1e6, description="place of the first hole, µm")
+    first_y_um: float = Field(0.0, ge=-1e6, le=1e6, description="place of the first hole, µm")
+    pitch_x_um: float = Field(500.0, ge=-1e5, le=1e5, description="to the next hole of a row, µm")
+    pitch_y_um: float = Field(500.0, ge=-1e5, le=1e5, description="to the next row, µm")
     columns: int = Field(10, ge=1, le=1000, description="holes in a row")
     rows: int = Field(10, ge=1, le=1000, description="rows of holes")
 

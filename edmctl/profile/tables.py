@@ -128,6 +128,9 @@ def _tables(annotation: object) -> list[type[BaseModel]]:
     return [table for argument in get_args(annotation) for table in _tables(argument)]
 
 
+_ITEMS = {(str,): "texts in quotes", (int,): "whole numbers"}
+
+
 def _described(annotation: object, metadata: list[object]) -> list[str]:
     origin = get_origin(annotation)
     if origin is Annotated:
@@ -136,7 +139,9 @@ def _described(annotation: object, metadata: list[object]) -> list[str]:
     if origin is Literal:
         return [" or ".join(f'"{v}"' if isinstance(v, str) else str(v) for v in get_args(annotation))]
     if origin is list:
-        return ["a list of tables" if _tables(annotation) else "a list of texts in quotes"]
+        kinds = get_args(get_args(annotation)[0]) or get_args(annotation)
+        items = "tables" if _tables(annotation) else _ITEMS.get(kinds, "values")
+        return [f"a list of {items}"]
     if origin in (Union, types.UnionType):
         parts = [a for a in get_args(annotation) if a is not type(None)]
         return [words for part in parts for words in _described(part, metadata)]

@@ -27,6 +27,7 @@ PAGES = [
     "docs/how-to.md",
     "docs/profile.md",
     "docs/serial-port.md",
+    "docs/study.md",
     "docs/tutorial.md",
     "docs/virtual-machine.md",
 ]
@@ -46,6 +47,14 @@ def commands_of(page: str) -> list[tuple[str, int]]:
     return found
 
 
+def files_of(page: str) -> dict[str, str]:
+    """What a page says to write down: blocks behind a comment `file: NAME`, by their names."""
+    text = (ROOT / page).read_text(encoding="utf-8")
+    return dict(
+        re.findall(r"^<!-- file: (\S+) -->\n```\w+\n(.*?)^```$", text, flags=re.DOTALL | re.MULTILINE)
+    )
+
+
 def newcomer(home: Path) -> tuple[Path, dict[str, str]]:
     """An empty folder, and an environment where `edmctl` and `python3` are those of the tests."""
     folder, tools = home / "work", home / "bin"
@@ -60,6 +69,8 @@ def newcomer(home: Path) -> tuple[Path, dict[str, str]]:
 
 def failures_of(page: str, folder: Path, env: dict[str, str]) -> list[str]:
     """Type the commands of a page in a folder one after the other; what did not end as the page says."""
+    for name, text in files_of(page).items():
+        (folder / name).write_text(text, encoding="utf-8")
     failures: list[str] = []
     jobs: list[subprocess.Popen[bytes]] = []
     for line, exit_code in commands_of(page):
@@ -127,6 +138,17 @@ def test_the_extending_profile_of_the_page_is_sound(tmp_path: Path) -> None:
     shutil.copy(ROOT / "profiles/cu270.toml", folder)
     (folder / "shallow.toml").write_text(toml, encoding="utf-8")
     subprocess.run(["edmctl", "profile", "check", "shallow.toml"], cwd=folder, env=env, check=True)
+
+
+def test_studies_that_a_page_writes_down_are_sound(tmp_path: Path) -> None:
+    from edmctl.jobs.study.planning import plan_study
+    from edmctl.profile.study_file import read_study
+
+    written = files_of("docs/study.md")
+    assert written
+    for name, text in written.items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+        assert plan_study(read_study(tmp_path / name)).plan.runs
 
 
 def test_links_lead_somewhere() -> None:

@@ -9,7 +9,7 @@ from edmctl.profile.profile_file import SimSettings
 from edmctl.profile.setup import Setup
 from edmctl.profile.sites import CircleSites, FileSites, GridSites, PathTable, PointSite
 from edmctl.profile.tables import permitted
-from edmctl.toml_text import toml_scalar
+from edmctl.toml_text import toml_value
 from tools.generate.text import table
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def tables() -> dict[str, str]:
         "sim": [("`[sim]`", SimSettings)],
         "setup": setup,
     }
-    return {name: "\n".join(_section(*pair) for pair in pairs) for name, pairs in models.items()}
+    return {name: "\n".join(section(*pair) for pair in pairs) for name, pairs in models.items()}
 
 
 def _model(info: FieldInfo) -> type[BaseModel]:
@@ -54,7 +54,8 @@ def _model(info: FieldInfo) -> type[BaseModel]:
     return model
 
 
-def _section(title: str, model: type[BaseModel]) -> str:
+def section(title: str, model: type[BaseModel]) -> str:
+    """Return a table of the keys of a model under its title."""
     purpose = (model.__doc__ or "").partition("\n")[0]
     rows = [_row(name, info) for name, info in model.model_fields.items()]
     return f"### {title}\n\n{purpose}\n\n" + table(("key", "permitted", "default", ""), rows)
@@ -72,7 +73,7 @@ def _default(info: FieldInfo) -> str:
     # A default outside its own limits stands for a value that is worked out.
     if info.default is None or _is_below_limit(info):
         return "–"
-    return f"`{toml_scalar(info.default)}`"
+    return f"`{toml_value(info.default)}`"
 
 
 def _is_below_limit(info: FieldInfo) -> bool:
