@@ -129,7 +129,7 @@ class LineReporter(Reporter):
     def runs(self, done: int, total: int) -> None:
         """Write a line when one is due."""
         left_s = self._pacer.time_left_s(done, total)
-        if self._pace.is_due("runs"):
+        if self._pace.is_due("runs") or done == total:
             self._out.write(f"{done} of {total} runs done{left_words(left_s)}\n")
 
 

@@ -267,10 +267,9 @@ def _optional(value: float | None) -> str:
 def render_recommendation(one: Recommendation, style: Style = PLAIN) -> str:
     """Render the settings that are recommended, and what is expected of a run there."""
     columns = style.columns or USUAL_COLUMNS
-    kept = (
-        "keeps every constraint by its 95 % bound" if one.is_feasible else "NO settings keep every constraint"
-    )
-    lines = [style.paint("Recommended", Ink.STRONG) + f" ({kept}):"]
+    kept = "kept by the 95 % bound" if one.is_feasible else "NO settings are known to keep this"
+    of = f" ({', '.join(one.constraints)}: {kept})" if one.constraints else ""
+    lines = [style.paint("Recommended", Ink.STRONG) + f"{of}:"]
     lines += wrapped(settings_words(one.settings), columns, "  ")
     rows = [
         [name, significant(value, 4), f"{significant(one.low[name], 4)} to {significant(one.high[name], 4)}"]
@@ -294,7 +293,10 @@ def render_confirmation(one: Confirmation, style: Style = PLAIN) -> str:
         ]
         for response in one.responses
     ]
-    return "\n".join([*lines, render_columns(["response", "expected", "measured", "held"], rows, style, "<")])
+    lines.append(render_columns(["response", "expected", "measured", "held"], rows, style, "<"))
+    for limit, mean, is_kept in one.limits:
+        lines.append(f"{limit}: mean of the runs {significant(mean, 3)}, {'kept' if is_kept else 'NOT kept'}")
+    return "\n".join(lines)
 
 
 def approval_words(run: StudyRun, time_s: float) -> str:

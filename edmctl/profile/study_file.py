@@ -175,6 +175,12 @@ class StudySource:
 
 def read_study(path: Path) -> StudySource:
     """Read a study file. Raises ProfileError with every diagnostic of its tables, UsageError E2100 for none."""
+    if path.is_dir() and (path / "plan.json").is_file():
+        raise UsageError(
+            f"{path} is the folder of a study, and a study file is wanted.",
+            hint=f"Go on with it: `edmctl study resume {path}`.",
+            code="E2100",
+        )
     if not path.exists():
         raise UsageError(
             f"There is no study file {path}.",

@@ -253,7 +253,11 @@ def recommended(plan: StudyPlan, one: Recommendation | None) -> str:
     )
     kept = ""
     if plan.constraints:
-        kept = " The constraints are kept." if one.is_feasible else " The constraints are NOT kept."
+        kept = (
+            " The constraints are kept by their 95 % bounds."
+            if one.is_feasible
+            else " The constraints are NOT kept."
+        )
     basis = f" {sentence(one.basis)}" if one.basis else ""
     text = f"Recommended: {settings_text(plan.factors, one.settings)}."
     return (

@@ -240,6 +240,8 @@ class Recommendation:
     high: Mapping[str, float]
     is_feasible: bool
     basis: str
+    constraints: tuple[str, ...] = ()
+    """Those that it has to keep."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -265,3 +267,5 @@ class Confirmation:
     settings: Mapping[str, Value]
     runs: tuple[int, ...]
     responses: tuple[ConfirmedResponse, ...]
+    limits: tuple[tuple[str, float, bool], ...] = ()
+    """Each constraint, the mean of the runs, and whether that keeps it."""

@@ -67,11 +67,7 @@ def law(settings: object) -> dict[str, float]:
 def test_a_job_of_ones_own_is_told(tmp_path: Path) -> None:
     study = edmctl.Study.load(written(tmp_path)).start(tmp_path / "out")
     run = study.ask()[0]
-    profile = str(tmp_path / "out" / "profile.toml")
-    overrides = [f"{key}={value}" for key, value in run.settings.items()]
-    report = edmctl.connect("sim:", seed=run.seed).machine(
-        profile, overrides=[*study._started().base.overrides, *overrides]
-    )
+    report = edmctl.connect("sim:", seed=run.seed).machine(**study.job(run))
     study.tell(run, report)
     study.tell(run, {"ra_um": 0.3})
     row = study.table()[run.number - 1]

@@ -151,8 +151,8 @@ def test_people_tell_and_judge(tmp_path: Path) -> None:
     number = made_runs[0]
     assert missing_manual(study.read()) == [(one, ("ra_um",)) for one in made_runs]
     with study.writer() as writer:
-        writer.append("told", {"number": number, "values": told_values(study.read(), ["ra_um=0.31"])})
-        writer.append("told", {"number": number, "values": told_values(study.read(), ["ra_um=0.33"])})
+        writer.told(study.read().run(number), told_values(study.read(), ["ra_um=0.31"]))
+        writer.told(study.read().run(number), told_values(study.read(), ["ra_um=0.33"]))
     assert study.read().run(number).value("ra_um") == 0.33
     for wrong in ("ra_um", "ra_um=x", "rz_um=1", "ra_um=nan"):
         with pytest.raises(UsageError) as refused:
@@ -173,6 +173,7 @@ def test_people_tell_and_judge(tmp_path: Path) -> None:
     assert again.state is RunState.DONE
     assert again.row is not None
     assert again.row.attempt == 2
+    assert again.value("ra_um") is None  # that was another hole
     told = told_table(study.read(), f"run, ra_um\n{number}, 0.4\n{made_runs[1]},\n")
     assert told == {number: {"ra_um": 0.4}}
     with pytest.raises(UsageError):

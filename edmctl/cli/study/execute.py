@@ -1,13 +1,14 @@
 """`edmctl study run`, `resume`, `suggest`, `optimize` and `confirm`: all that makes runs."""
 
 import sys
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from edmctl.cli.options import PROGRESS, NewToolOption, PortOption, WaitOption, command
-from edmctl.cli.outcome import Outcome, stream_style, watching
+from edmctl.cli.outcome import Outcome, stream_style, tell, watching
 from edmctl.cli.signals import begin_worker, shell
 from edmctl.cli.study.options import (
     DaskOption,
@@ -25,8 +26,9 @@ from edmctl.wording import plural
 
 if TYPE_CHECKING:
     from edmctl.console.progress import Reporter
-    from edmctl.jobs.plan import Plan
+    from edmctl.jobs.plan import MachineAddress, Plan
     from edmctl.jobs.study.folder import StudyFolder
+    from edmctl.jobs.study.running import Shard
     from edmctl.results.study import StudyRun
 
 OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="New folder of the study.")]
@@ -61,17 +63,19 @@ def run(
     (--port) they are made one after the other, each at the next free place.
     """
     from edmctl.jobs.study.folder import create_folder
-    from edmctl.jobs.study.planning import plan_study
+    from edmctl.jobs.study.planning import base_request, plan_study
     from edmctl.profile.folders import find_study
     from edmctl.profile.study_file import read_study
 
     source = read_study(find_study(file))
+    making = Making(workers, shard, dask, port, wait, new_tool, homed, yes)
+    making.refuse(base_request(source).setup, has_machine=source.file.machine is not None)
     with watching(outcome.output) as reporter:
         planned = plan_study(source, shell(), checks_told(reporter.note))
         reporter.note(f"planned {plural(len(planned.plan.runs), 'run')} of {planned.plan.name}")
     outcome.warn(planned.warnings)
     study = create_folder(out, planned, or_same=shard is not None)
-    _make(outcome, study, workers, shard, dask, port, wait, new_tool=new_tool, homed=homed, yes=yes)
+    _make(outcome, study, making)
 
 
 @command("study resume", PROGRESS)
@@ -92,92 +96,102 @@ def resume(
 
     study = opened(folder)
     outcome.warn(version_warning(study))
-    _make(outcome, study, workers, shard, dask, port, wait, new_tool=new_tool, homed=homed, yes=yes)
+    _make(outcome, study, Making(workers, shard, dask, port, wait, new_tool, homed, yes))
 
 
-def _make(
-    outcome: Outcome,
-    study: "StudyFolder",
-    workers: int | None,
-    shard: str | None,
-    dask: str | None,
-    port: str | None,
-    wait: float,
-    *,
-    new_tool: bool = False,
-    homed: bool = False,
-    yes: bool = False,
-) -> None:
-    """Make what is left, on one machine that lasts or on virtual ones, and tell how far the study is."""
-    from edmctl.jobs.plan import where_is
-    from edmctl.jobs.study.running import parse_shard
-    from edmctl.profile.setup import load_setup
+@dataclass(frozen=True, slots=True)
+class Making:
+    """How runs are made: on the machine at `where`, or on virtual ones by so many workers, a shard or a cluster."""
 
-    part = parse_shard(shard)
-    where = where_is(port, load_setup(study.base.setup), wait)
-    try:
-        with watching(outcome.output) as reporter:
-            if where.lasting:
-                if workers is not None or shard is not None or dask is not None:
-                    raise UsageError(
-                        "One machine makes one run at a time: --workers, --shard and --dask are for virtual ones.",
-                        hint="Leave them out.",
-                        code="E2108",
-                    )
-                _on_machine(
-                    outcome, study, where.selector, wait, reporter, new_tool=new_tool, homed=homed, yes=yes
+    workers: int | None
+    shard: str | None
+    dask: str | None
+    port: str | None
+    wait: float
+    new_tool: bool
+    homed: bool
+    yes: bool
+
+    def refuse(self, setup: Path | None, *, has_machine: bool) -> None:
+        """Refuse options that do not go together, before anything is made. Raises UsageError E2102, E2103, E2108."""
+        from edmctl.jobs.study.running import parse_shard
+
+        parse_shard(self.shard)
+        if self.where(setup).lasting:
+            if self.workers is not None or self.shard is not None or self.dask is not None:
+                raise UsageError(
+                    "One machine makes one run at a time: --workers, --shard and --dask are for virtual ones.",
+                    hint="Leave them out.",
+                    code="E2108",
                 )
-            else:
-                if new_tool or homed:
-                    raise UsageError(
-                        "--new-tool and --homed are about a machine that lasts, and none is named.",
-                        hint="Say --port, or leave them out.",
-                        code="E2108",
-                    )
-                outcome.simulated = True
-                _virtual(study, part, workers, dask, reporter)
-    finally:
-        _tell(outcome, study)
-    _raise_failed(study)
+            if not has_machine:
+                from edmctl.jobs.study.on_machine import without_machine
 
-
-def _virtual(
-    study: "StudyFolder", part: object, workers: int | None, dask: str | None, reporter: "Reporter"
-) -> None:
-    from edmctl.jobs.parallel import Program, cores, dask_pool, process_pool
-    from edmctl.jobs.study.running import Shard, run_virtual
-
-    assert isinstance(part, Shard)
-    if dask is not None:
-        if workers is not None:
+                raise without_machine()
+        elif self.new_tool or self.homed:
+            raise UsageError(
+                "--new-tool and --homed are about a machine that lasts, and none is named.",
+                hint="Say --port, or leave them out.",
+                code="E2108",
+            )
+        if self.dask is not None and self.workers is not None:
             raise UsageError(
                 "--dask has the workers of its cluster.", hint="Leave --workers or --dask out.", code="E2108"
             )
-        with dask_pool(dask) as pool:
+
+    def where(self, setup: Path | None) -> "MachineAddress":
+        """Return the machine that is named; a fresh virtual one where none is."""
+        from edmctl.jobs.plan import where_is
+        from edmctl.profile.setup import load_setup
+
+        return where_is(self.port, load_setup(setup), self.wait)
+
+
+def _make(outcome: Outcome, study: "StudyFolder", making: Making) -> None:
+    """Make what is left, on one machine that lasts or on virtual ones, and tell how far the study is."""
+    from edmctl.jobs.study.on_machine import refuse_mixture
+    from edmctl.jobs.study.running import parse_shard
+
+    setup = study.base.setup
+    making.refuse(setup, has_machine=study.source.file.machine is not None)
+    where, part = making.where(setup), parse_shard(making.shard)
+    refuse_mixture(study.read(), lasting=where.lasting)
+    try:
+        with watching(outcome.output) as reporter:
+            if where.lasting:
+                _on_machine(outcome, study, where.selector, making, reporter)
+            else:
+                outcome.simulated = True
+                _virtual(study, part, making, reporter)
+    finally:
+        _tell(outcome, study, part)
+    _raise_failed(study, part)
+
+
+def _virtual(study: "StudyFolder", part: "Shard", making: Making, reporter: "Reporter") -> None:
+    from edmctl.jobs.parallel import Program, cores, dask_pool, process_pool
+    from edmctl.jobs.study.running import run_virtual
+
+    if making.dask is not None:
+        with dask_pool(making.dask) as pool:
             run_virtual(study, part, reporter, None, pool)
         return
     program = Program(shell, begin_worker)
-    many = cores() if workers is None else workers
+    many = cores() if making.workers is None else making.workers
     run_virtual(study, part, reporter, program, process_pool(many, program) if many > 1 else None)
 
 
 def _on_machine(
-    outcome: Outcome,
-    study: "StudyFolder",
-    port: str,
-    wait: float,
-    reporter: "Reporter",
-    *,
-    new_tool: bool,
-    homed: bool,
-    yes: bool,
+    outcome: Outcome, study: "StudyFolder", port: str, making: Making, reporter: "Reporter"
 ) -> None:
     from edmctl.jobs.study.on_machine import MachineRuns, run_on_machine
 
     def approve(run: "StudyRun", plan: "Plan") -> bool:
-        return yes or _asked(run, plan)
+        return making.yes or _asked(run, plan)
 
-    options = MachineRuns(port, shell(), approve, outcome.warn, wait, new_tool=new_tool, homed=homed)
+    options = MachineRuns(
+        port, shell(), approve, outcome.warn, making.wait, new_tool=making.new_tool, homed=making.homed
+    )
     run_on_machine(study, options, reporter)
 
 
@@ -192,7 +206,7 @@ def _asked(run: "StudyRun", plan: "Plan") -> bool:
     return sys.stdin.readline().strip().lower() in ("y", "yes")
 
 
-def _tell(outcome: Outcome, study: "StudyFolder") -> None:
+def _tell(outcome: Outcome, study: "StudyFolder", part: "Shard") -> None:
     from edmctl.jobs.study.table import counts_of, in_words
     from edmctl.jobs.study.waiting import what_next
 
@@ -203,13 +217,18 @@ def _tell(outcome: Outcome, study: "StudyFolder") -> None:
         "runs": len(state.runs),
         "counts": counts_of(state),
     }
-    outcome.text = "\n".join([f"{study.plan.name}: {in_words(state)}.", *what_next(state)])
+    others = [] if part.count == 1 else [f"Part {part.index} of {part.count}; the others make the rest."]
+    outcome.text = "\n".join([f"{study.plan.name}: {in_words(state)}.", *(others or what_next(state))])
 
 
-def _raise_failed(study: "StudyFolder") -> None:
+def _raise_failed(study: "StudyFolder", part: "Shard") -> None:
     from edmctl.results.study import RunState
 
-    failed = [run for run in study.read().runs if run.state is RunState.FAILED and run.row is not None]
+    failed = [
+        run
+        for run in study.read().runs
+        if run.state is RunState.FAILED and run.row is not None and run.planned.number in part
+    ]
     if failed:
         first = failed[0]
         assert first.row is not None
@@ -254,23 +273,27 @@ def optimize(
 
     The design comes first. Every suggestion is checked as a job is, and on a machine that lasts approved.
     """
-    from edmctl.console.study_tables import render_recommendation
+    from edmctl.console.study_tables import render_recommendation, settings_words
     from edmctl.jobs.study.optimizing import next_batch, recommended
 
     study = opened(folder)
+    total = study.source.file.optimize.runs
+    making = Making(workers, None, dask, port, wait, new_tool, homed, yes)
     while True:
-        _make(outcome, study, workers, None, dask, port, wait, new_tool=new_tool, homed=homed, yes=yes)
-        new_tool = homed = False
+        _make(outcome, study, making)
+        making = replace(making, new_tool=False, homed=False)
         batch = next_batch(study.read(), shell())
         if not batch:
             break
-        with study.writer() as writer:
+        with study.claimed("suggestions"), study.writer() as writer:
             writer.planned(batch)
+        for one in batch:
+            tell(outcome.output, f"run {one.number} of {total}: {settings_words(one.settings)}")
     best = recommended(study.read(), shell())
     assert isinstance(outcome.result, dict)
     outcome.result["recommendation"] = best
     style = stream_style(sys.stdout)
-    way_on = f"Confirm it on other machines: `edmctl study confirm {folder}`."
+    way_on = f"Confirm it with runs that no model has seen: `edmctl study confirm {folder}`."
     outcome.text += f"\n\n{render_recommendation(best, style)}\n{way_on}"
 
 
@@ -303,7 +326,7 @@ def confirm(
         best = recommended(state, shell())
         with study.writer() as writer:
             writer.planned(confirmation_runs(state, best.settings, runs))
-    _make(outcome, study, workers, None, dask, port, wait, new_tool=new_tool, homed=homed, yes=yes)
+    _make(outcome, study, Making(workers, None, dask, port, wait, new_tool, homed, yes))
     after = study.read()
     found = confirmations_of(after, analysis_of(after).responses)
     assert isinstance(outcome.result, dict)

@@ -30,10 +30,10 @@ def tell(outcome: Outcome, folder: FolderArgument, run: RunNumberArgument, value
 
     study = opened(folder)
     state = study.read()
-    state.run(run)
+    found = state.run(run)
     told = told_values(state, values)
     with study.writer() as writer:
-        writer.append("told", {"number": run, "values": told})
+        writer.told(found, told)
     outcome.result = {"run": run, "told": told}
     outcome.text = f"Run {run}: {', '.join(f'{name} = {value:g}' for name, value in told.items())}"
 
@@ -46,10 +46,11 @@ def import_table(outcome: Outcome, folder: FolderArgument, table: TableArgument)
     from edmctl.wording import plural
 
     study = opened(folder)
-    told = told_table(study.read(), read_source(table).text)
+    state = study.read()
+    told = told_table(state, read_source(table).text)
     with study.writer() as writer:
         for number, values in told.items():
-            writer.append("told", {"number": number, "values": values})
+            writer.told(state.run(number), values)
     outcome.result = {"runs": len(told), "told": {str(number): values for number, values in told.items()}}
     outcome.text = f"Told responses of {plural(len(told), 'run')}."
 
@@ -93,6 +94,6 @@ def judge(
     after = {
         Judgement.ACCEPT: "its responses count",
         Judgement.REJECT: "it does not count; the row stays",
-        Judgement.REPEAT: f"`edmctl study resume {folder}` makes it again",
+        Judgement.REPEAT: f"`edmctl study resume {folder}` makes it again; a virtual machine makes it the same",
     }
     outcome.text = f"Run {run}: {judgement} ({reason}); {after[judgement]}."

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError
-from edmctl.jobs.study.design import LEVELS, terms_of
+from edmctl.jobs.study.design import AS_LEVELS, terms_of
 from edmctl.jobs.study.factors import BLOCK, settings_matrix
 from edmctl.jobs.study.responses import TRUTHS
 from edmctl.results.study import TRUTH, Choice, RunKind, RunState
@@ -78,7 +78,7 @@ def doe_runs(plan: StudyPlan, runs: Sequence[StudyRun]) -> Runs:
     settings = [run.planned.settings for run in runs]
     blocks = _shared_blocks([_block_of(run) for run in runs])
     return Runs(
-        settings_matrix(plan.factors, settings, blocks, as_levels=plan.model == LEVELS),
+        settings_matrix(plan.factors, settings, blocks, as_levels=plan.model in AS_LEVELS),
         {factor.name: [one[factor.key] for one in settings] for factor in plan.factors},
         [run.planned.point for run in runs],
         blocks,
@@ -152,7 +152,7 @@ def _choices(
     }
     table = np.array([[_cost(infos[name], means[point][name]) for name in names] for point in by_point])
     smaller = ["smaller"] * len(names)
-    upper = {point: upper_bounds(plan, members) for point, members in by_point.items()}
+    upper = {point: upper_bounds(plan, members, analyses) for point, members in by_point.items()}
     feasible = [
         all(_keeps(bound, upper[point].get(str(bound))) for bound in plan.constraints) for point in by_point
     ]
@@ -185,24 +185,38 @@ def _cost(info: ResponseInfo, value: float) -> float:
     return abs(value - info.target) if info.better == "nominal" and info.target is not None else value
 
 
-def upper_bounds(plan: StudyPlan, runs: Sequence[StudyRun]) -> dict[str, float | None]:
-    """Return, by constraint, the bound of the 95 % interval of a point's mean on the side of the limit.
+def upper_bounds(
+    plan: StudyPlan, runs: Sequence[StudyRun], analyses: Sequence[ResponseAnalysis]
+) -> dict[str, float | None]:
+    """Return, by constraint, the bound of the 95 % interval of a point on the side of the limit.
 
-    It is Student's of several runs, or that of the value's own interval; None where a single run has none.
+    Of several runs it is that of their mean after Student; of a single one that of its own interval, or of a run
+    there by the model. None where neither is known.
     """
     from scipy import special
 
     found: dict[str, float | None] = {}
+    models = {one.name: one.model for one in analyses}
     for bound in plan.constraints:
         values = [_number(run.value(bound.response)) for run in runs]
         values = [value for value in values if math.isfinite(value)]
         mean = _mean(values)
+        own = _number(runs[0].row.u95.get(bound.response) if runs[0].row is not None else None)
+        model = models.get(bound.response)
         if len(values) > 1:
             sd = math.sqrt(math.fsum((v - mean) ** 2 for v in values) / (len(values) - 1))
             half = float(special.stdtrit(len(values) - 1, 0.95)) * sd / math.sqrt(len(values))
+        elif math.isfinite(own):
+            half = own
+        elif model is not None and values:
+            matrix = settings_matrix(
+                plan.factors, [runs[0].planned.settings], as_levels=plan.model in AS_LEVELS
+            )
+            names = {factor.name: list(factor.values) for factor in plan.factors}
+            expected, low, high = model.predict(replace(matrix, names=names))
+            half = float(high[0] - expected[0] if bound.sign > 0 else expected[0] - low[0])
         else:
-            own = runs[0].row.u95.get(bound.response) if runs[0].row is not None else None
-            half = _number(own)
+            half = math.nan
         found[str(bound)] = _or_none(mean + bound.sign * half)
     return found
 

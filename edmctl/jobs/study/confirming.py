@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from edmctl.doe.response_analysis import ResponseAnalysis
     from edmctl.jobs.study.folder import StudyState
-    from edmctl.results.study import StudyRun, Value
+    from edmctl.results.study import Choice, StudyPlan, StudyRun, Value
 
 FRESH_SEEDS = 1_000_003
 """Machines of confirmation runs are so far from those of the design that no study's seeds come near."""
@@ -46,7 +46,13 @@ def confirmations_of(state: StudyState, analyses: Sequence[ResponseAnalysis]) ->
             if measured:
                 responses.append(ConfirmedResponse(name, value, low, high, tuple(measured)))
         numbers = tuple(run.planned.number for run in members)
-        found.append(Confirmation(members[0].planned.settings, numbers, tuple(responses)))
+        limits = []
+        for bound in state.folder.plan.constraints:
+            known = [v for run in members if (v := run.value(bound.response)) is not None]
+            if known:
+                mean = math.fsum(known) / len(known)
+                limits.append((str(bound), mean, bound.sign * (mean - bound.limit) <= 0))
+        found.append(Confirmation(members[0].planned.settings, numbers, tuple(responses), tuple(limits)))
     return found
 
 
@@ -71,8 +77,14 @@ def _added(
     known = {repr(sorted(run.planned.settings.items())): run.planned.point for run in state.runs}
     new = max(run.planned.point for run in state.runs) + 1
     point = known.get(repr(sorted(settings.items())), new)
-    tools = [run.planned.tool for run in state.runs]
-    tool = max((run.row.tool for run in state.runs if run.row is not None), default=max(tools))
+    machine = state.folder.source.file.machine
+    tool = 0
+    if machine is not None:
+        made = [run.row.tool if run.row is not None else run.planned.tool for run in state.runs]
+        tool = max(made)
+        if machine.holes_per_tool is not None and made.count(tool) >= machine.holes_per_tool:
+            tool += 1
+        block = tool
     return PlannedRun(number, kind, point, 1, block, seed, dict(settings), tool)
 
 
@@ -81,6 +93,19 @@ def added_run(
 ) -> PlannedRun:
     """Return a run that was suggested."""
     return _added(state, number, RunKind.SUGGESTED, settings, seed, block)
+
+
+def violation(plan: StudyPlan, choice: Choice) -> float:
+    """Return by how much a point misses its worst constraint, as a share of the limit; by means without bounds."""
+    worst = 0.0
+    for bound in plan.constraints:
+        value = choice.upper.get(str(bound))
+        if value is None:
+            value = choice.means.get(bound.response)
+        if value is None:
+            return math.inf
+        worst = max(worst, bound.sign * (value - bound.limit) / (abs(bound.limit) or 1.0))
+    return worst
 
 
 def best_of_points(state: StudyState) -> Recommendation:
@@ -101,7 +126,10 @@ def best_of_points(state: StudyState) -> Recommendation:
         )
     feasible = [one for one in candidates if one.is_feasible]
     ranked = feasible or candidates
-    if len(names) == 1:
+    if not feasible:
+        best = min(candidates, key=lambda one: violation(plan, one))
+        basis = "No point that was run is known to keep every constraint; this one comes nearest."
+    elif len(names) == 1:
         info = next(one for one in plan.responses if one.name == names[0])
         sign = -1.0 if info.better == "larger" else 1.0
         target = info.target if info.better == "nominal" else None
@@ -119,8 +147,6 @@ def best_of_points(state: StudyState) -> Recommendation:
         and len({run.planned.tool for run in analysis.runs}) == 1
     ):
         basis += " What is expected is of runs on the one machine of the study: others may differ by more."
-    if plan.constraints and not feasible:
-        basis += " Repeated runs on other machines may show that one keeps the constraints."
     expected = expected_at(state, analysis.responses, best.settings)
     return Recommendation(
         settings=best.settings,
@@ -129,4 +155,5 @@ def best_of_points(state: StudyState) -> Recommendation:
         high={name: high for name, (_, _, high) in expected.items()},
         is_feasible=best.is_feasible,
         basis=basis,
+        constraints=tuple(map(str, plan.constraints)),
     )

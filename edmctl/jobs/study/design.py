@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 
 MOST_RUNS = 20_000
 MOST_ALIASES = 40
-LEVELS, QUADRATIC = "levels", "quadratic"
+LEVELS, PAIRS, QUADRATIC = "levels", "level pairs", "quadratic"
+AS_LEVELS = (LEVELS, PAIRS)
+"""Models in which numbers are levels without order."""
 PERMUTED = "randomised"
 
 
@@ -377,6 +379,8 @@ def model_of(source: StudySource, factors: Sequence[FactorInfo]) -> str:
     if asked != "auto":
         return asked
     kind = source.file.design.kind
+    if kind == "full" and not all(f.is_number and len(f.values) == 2 for f in factors):
+        return PAIRS
     if not any(f.is_number for f in factors):
         return LEVELS
     if kind in ("full", "taguchi"):
@@ -395,7 +399,7 @@ def terms_of(model: str, factors: Sequence[FactorInfo], *, blocks: bool) -> list
     names = [f.name for f in factors]
     if model in ("levels", "main"):
         terms = main_effects(names)
-    elif model == "interactions":
+    elif model in ("interactions", PAIRS):
         terms = with_interactions(names)
     else:
         terms = second_order(numbers, others)

@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from edmctl.jobs.study.design import LEVELS
+from edmctl.jobs.study.design import AS_LEVELS
 from edmctl.jobs.study.factors import settings_matrix, unit_points
 from edmctl.results.study import RunKind, RunState
 
@@ -46,7 +46,7 @@ def expected_at(
     if has_suggestions(state):
         return _by_processes(state, settings)
     plan = state.folder.plan
-    matrix = settings_matrix(plan.factors, [settings], as_levels=plan.model == LEVELS)
+    matrix = settings_matrix(plan.factors, [settings], as_levels=plan.model in AS_LEVELS)
     found = {}
     for one in analyses:
         if one.model is not None:

@@ -93,7 +93,7 @@ def _is_log(factor: Factor) -> bool:
 
 def _all_differ(values: Sequence[Value], what: str) -> None:
     if len(values) < 2 or len(set(map(repr, values))) < len(values):
-        raise _Refused(f"{what} have to be two or more different values", "give each once", what)
+        raise _Refused(f"{what} have to be two or more different values", "give two or more, each once", what)
 
 
 def value_at(factor: FactorInfo, coded: float, step: float | None = None) -> Value:

@@ -91,13 +91,16 @@ class StudyFolder:
 
         Raises PreconditionError E8201 where one does.
         """
-        from edmctl.record.locks import exclusive
-
         self.rows.mkdir(parents=True, exist_ok=True)
         path = self.rows / f"{part}.lock"
-        descriptor = os.open(path, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o644)
+        shards = part.startswith("shard")
+        others = [self.rows / "all.lock"] if shards else sorted(self.rows.glob("shard-*.lock"))
         try:
-            with exclusive(descriptor, path.with_suffix(".held")):
+            for other in others if part == "all" or shards else []:
+                if other.exists():
+                    with _locked(other):
+                        pass  # nobody runs that part
+            with _locked(path):
                 yield
         except BlockingIOError:
             raise PreconditionError(
@@ -105,8 +108,18 @@ class StudyFolder:
                 hint="Wait for it, or stop it; `edmctl study status` tells how far it is.",
                 code="E8201",
             ) from None
-        finally:
-            os.close(descriptor)
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    from edmctl.record.locks import exclusive
+
+    descriptor = os.open(path, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o644)
+    try:
+        with exclusive(descriptor, path.with_suffix(".held")):
+            yield
+    finally:
+        os.close(descriptor)
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ interrupted hole is resumed, one that was finished without a row is read from it
 from __future__ import annotations
 
 import math
+import re
 import shlex
 import time
 from dataclasses import dataclass, replace
@@ -19,7 +20,7 @@ from edmctl.jobs.ledger.places_taken import WALL_UM
 from edmctl.jobs.plan import check
 from edmctl.jobs.study.evaluate import refuse_other_recipe, row_of, run_name
 from edmctl.jobs.study.planning import grid_of, request_of
-from edmctl.jobs.study.rows import PAUSED
+from edmctl.jobs.study.rows import MACHINE, PAUSED
 from edmctl.results.study import RunKind, RunState, StudyRun
 from edmctl.wording import coordinates
 
@@ -29,13 +30,15 @@ if TYPE_CHECKING:
 
     from edmctl.jobs.plan import JobRequest, Plan
     from edmctl.jobs.run_header import RunName
-    from edmctl.jobs.study.folder import StudyFolder
+    from edmctl.jobs.study.folder import StudyFolder, StudyState
     from edmctl.jobs.study.rows import StudyWriter
     from edmctl.jobs.study.running import SeriesObserver
     from edmctl.jobs.surroundings import Surroundings, Warn
     from edmctl.jsonout import JsonValue
 
 WORN_OUT = "E8043"
+JOB_RESUMED = re.compile(r"(Home both stages, then go|Go) on with `edmctl machine --resume[^`]*`[^.]*\.")
+"""How a job alone would go on; that of a study is resumed with the study."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,14 +66,38 @@ def run_on_machine(folder: StudyFolder, options: MachineRuns, observer: SeriesOb
     waits for approval, E8207 no place is free; and the error of a run that stopped the study, with the way on.
     """
     if folder.source.file.machine is None:
-        raise UsageError(
-            "The study says nothing of a machine.",
-            hint="Add [machine] to the study file (holes_per_tool, the grid of places), and plan it anew; without "
-            "it every run has a virtual machine of its own.",
-            code="E2103",
-        )
-    with folder.claimed("machine"), folder.writer() as writer:
+        raise without_machine()
+    with folder.claimed("all"), folder.writer() as writer:
+        if folder.read().rows.port != options.port:
+            writer.append(MACHINE, {"port": options.port})
         return _Series(folder, options, observer, writer).run()
+
+
+def without_machine() -> UsageError:
+    """Return the error of a study that was not planned for a machine that lasts."""
+    return UsageError(
+        "The study says nothing of a machine.",
+        hint="Add [machine] to the study file (holes_per_tool, the grid of places), and plan it anew; without it "
+        "every run has a virtual machine of its own.",
+        code="E2103",
+    )
+
+
+def refuse_mixture(state: StudyState, *, lasting: bool) -> None:
+    """Raise UsageError E2108 where runs of a study would be made on virtual machines and on one that lasts."""
+    folder, port = state.folder.path, state.rows.port
+    if not lasting and port:
+        raise UsageError(
+            f"The study is made on the machine at {port}.",
+            hint=f"Go on there: `{shlex.join(['edmctl', 'study', 'resume', str(folder), '--port', port])}`.",
+            code="E2108",
+        )
+    if lasting and not port and any(run.row is not None for run in state.runs):
+        raise UsageError(
+            "The study has runs on virtual machines already.",
+            hint="Make another study on the machine, in another folder; or leave --port out.",
+            code="E2108",
+        )
 
 
 class _Series:
@@ -123,7 +150,9 @@ class _Series:
             )
         what = "resuming" if left is not None else "making"
         self._observer.note(f"{what} run {run.planned.number}: {_words(run)}, at {coordinates(*site_um)}")
-        report = carry_out(plan, 0, self._observer, name, self._options.warn)
+        report = carry_out(
+            plan, self._folder.source.file.design.seed, self._observer, name, self._options.warn
+        )
         if report.error is not None and not isinstance(report.error, ObjectiveNotReached):
             self._stop(run, report.error)
         self._new_tool = False
@@ -144,7 +173,11 @@ class _Series:
                 raise
             return None
         options = self._options
-        plan = checked(resumption, options.port, options.wait_s, options.surroundings)
+        try:
+            plan = checked(resumption, options.port, options.wait_s, options.surroundings)
+        except PreconditionError as error:
+            error.hint = f"{error.hint} {self._giving_up(name)}".strip()
+            raise
         options.warn(recovered_before(resumption))
         _, x_um, y_um, *_ = resumption.job.places[0]
         return _Begun(plan, name_of_resumed(resumption, None, datetime.now(UTC)), (x_um, y_um))
@@ -206,11 +239,13 @@ class _Series:
         """Say how the study goes on, and end it."""
         values = {"number": run.planned.number, "why": f"{error.code}: {error.message}"}
         self._writer.append(PAUSED, values)
+        command = self._command() + (" --homed" if "--homed" in error.hint else "")
+        first = "Home both stages, then go" if "--homed" in error.hint else "Go"
         if error.code == WORN_OUT:
-            hint = f"Dress or change it, and go on with `{self._command()} --new-tool`."
+            hint = f"Dress or change it, and go on with `{command} --new-tool`."
         else:
-            hint = f"Then go on with `{self._command()}`: what is made is kept, and a begun hole is resumed."
-        error.hint = f"{error.hint} {hint}".strip()
+            hint = f"{first} on with `{command}`: what is made is kept, and a begun hole is resumed."
+        error.hint = f"{JOB_RESUMED.sub('', error.hint).strip()} {hint}".strip()
         raise error
 
     def _keep(
@@ -253,6 +288,11 @@ class _Series:
             while (left_s := end_s - time.monotonic()) > 0:
                 time.sleep(min(0.1, left_s))
                 stop.check()
+
+    def _giving_up(self, name: RunName) -> str:
+        number = int(name.run_id[3:7])
+        words = ["edmctl", "study", "judge", str(self._folder.path), str(number), "repeat", "REASON"]
+        return f"To give the hole up and make the run at another place: `{shlex.join(words)}`."
 
     def _command(self) -> str:
         words = ["edmctl", "study", "resume", str(self._folder.path), "--port", self._options.port]

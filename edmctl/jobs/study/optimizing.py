@@ -110,8 +110,8 @@ def recommended(state: StudyState, surroundings: Surroundings = NONE) -> Recomme
         low={name: low for name, (_, low, _) in expected.items()},
         high={name: high for name, (_, _, high) in expected.items()},
         is_feasible=found.candidate is not None,
-        basis=f"Best expected {names} by Gaussian processes over {len(runs)} runs, each suggestion on a machine of "
-        "its own.",
+        basis=f"Best expected {names} by Gaussian processes over {len(runs)} runs.",
+        constraints=tuple(map(str, plan.constraints)),
     )
 
 

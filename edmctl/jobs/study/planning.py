@@ -10,6 +10,9 @@ from edmctl.errors import Diagnostic, ProfileError
 from edmctl.jobs.plan import JobRequest, check
 from edmctl.jobs.study import responses
 from edmctl.jobs.study.design import (
+    AS_LEVELS,
+    LEVELS,
+    PAIRS,
     Points,
     Refused,
     center_of,
@@ -169,7 +172,11 @@ def _runs(source: StudySource, points: Points, center: dict[str, Value]) -> list
     for replicate in range(design.replicates):
         for block in range(design.blocks):
             members = [n for n, own in enumerate(points.blocks) if own == block]
-            members += [of_center] * _share(design.center_points, design.blocks, block)
+            centers = _share(design.center_points, design.blocks, block)
+            # A virtual machine makes the same run twice alike: the second would tell nothing.
+            members += [of_center] * (
+                min(1, centers) if machine is None and design.seeds != "run" else centers
+            )
             if design.order == "random":
                 members = rng.permutation(members).tolist()
             number = replicate * design.blocks + block + 1
@@ -417,7 +424,7 @@ def _response(source: StudySource, number: int) -> ResponseInfo:
     return ResponseInfo(one.name, unit, one.better, is_manual, one.log, one.target)
 
 
-LADDER = ("quadratic", "interactions", "main")
+LADDERS = (("quadratic", "interactions", "main"), (PAIRS, LEVELS))
 """Models that are tried in turn where nobody asked for one."""
 
 
@@ -432,14 +439,18 @@ def _model(
         return "sensitivity", {"error": 0}, []
     first = model_of(source, factors)
     asked = source.file.analysis.model != "auto"
-    models = LADDER[LADDER.index(first) :] if first in LADDER and not asked else (first,)
+    ladder = next((one for one in LADDERS if first in one), (first,))
+    models = (first,) if asked else ladder[ladder.index(first) :]
     settings, blocks = [run.settings for run in runs], [run.block for run in runs]
     lost: list[str] = []
     dof: dict[str, int] = {}
     for model in models:
         terms = terms_of(model, factors, blocks=len(set(blocks)) > 1)
-        dof, lost = degrees_of_freedom(terms, factors, settings, blocks, as_levels=model == "levels")
-        if not lost and dof["error"] >= 0:
+        dof, lost = degrees_of_freedom(terms, factors, settings, blocks, as_levels=model in AS_LEVELS)
+        wants_error = (
+            model == PAIRS and dof["error"] < 1
+        )  # pairs that leave nothing for the error test nothing
+        if not lost and dof["error"] >= 0 and not wants_error:
             skipped = (
                 [] if model == first else [f"the runs do not determine a {first} model; {model} is fitted"]
             )
@@ -467,6 +478,12 @@ def _notes(source: StudySource, runs: Sequence[PlannedRun]) -> list[str]:
         notes.append(
             "one machine (seed) in all: what its sensor errs by stands in every run alike, and may follow the time "
             "that a run takes; replicates would show it"
+        )
+    design = source.file.design
+    if source.file.machine is None and design.seeds != "run" and design.center_points > design.blocks:
+        notes.append(
+            "a virtual machine makes the same run twice alike: a centre point is made once a machine; replicates, "
+            'blocks or seeds = "run" make more that differ'
         )
     if any(one.name.startswith(TRUTH) for one in source.file.responses):
         notes.append("truth.* is what the virtual machine knows: no real machine answers it")

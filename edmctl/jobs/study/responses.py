@@ -63,7 +63,7 @@ def near(name: str) -> str:
     """Return what to say of an unknown name."""
     names = [*RESPONSES, *(f"{TRUTH}{one}" for one in TRUTHS)]
     close = difflib.get_close_matches(name, names, 1)
-    return f"did you mean {close[0]}?" if close else f"a job tells {', '.join(names)}"
+    return f"perhaps {close[0]} is meant" if close else f"a job tells {', '.join(names)}"
 
 
 def unit_of(name: str) -> str:

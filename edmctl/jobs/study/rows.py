@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
-RUN, TOLD, JUDGED, PLANNED, PAUSED = "run", "told", "judged", "planned", "paused"
+RUN, TOLD, JUDGED, PLANNED, PAUSED, MACHINE = "run", "told", "judged", "planned", "paused", "machine"
 
 
 class StudyWriter(RowWriter):
@@ -21,6 +21,11 @@ class StudyWriter(RowWriter):
     def run(self, row: RunRow) -> None:
         """Append what a run came to."""
         self.append(RUN, asdict(row))
+
+    def told(self, run: StudyRun, values: Mapping[str, float]) -> None:
+        """Append what is told of a run, or of its first attempt where it is not made yet."""
+        attempt = run.row.attempt if run.row is not None else 1
+        self.append(TOLD, {"number": run.planned.number, "attempt": attempt, "values": dict(values)})
 
     def planned(self, runs: Sequence[PlannedRun]) -> None:
         """Append runs that were not in the plan, suggestions or confirmations: all of them in one line, or none."""
@@ -32,10 +37,13 @@ class Rows:
     """All rows of a study: attempts by run, later knowledge, runs that were added; `torn` lines were no rows."""
 
     attempts: Mapping[int, tuple[RunRow, ...]]
-    told: Mapping[int, Mapping[str, float]]
+    told: Mapping[tuple[int, int], Mapping[str, float]]
+    """By run and attempt."""
     judged: Mapping[int, Sequence[tuple[int, Judgement, str]]]
     added: tuple[PlannedRun, ...]
     paused: tuple[Mapping[str, Any], ...] = ()
+    port: str = ""
+    """Of the machine that lasts on which the runs are made, if they are made on one."""
     torn: int = 0
 
     def of(self, planned: PlannedRun) -> StudyRun:
@@ -44,7 +52,8 @@ class Rows:
         last = attempts[-1] if attempts else None
         judged = [one for one in self.judged.get(planned.number, ()) if last and one[0] == last.attempt]
         judgement, reason = judged[-1][1:] if judged else (None, "")
-        return StudyRun(planned, last, self.told.get(planned.number, {}), judgement, reason, len(attempts))
+        told = self.told.get((planned.number, last.attempt if last else 1), {})
+        return StudyRun(planned, last, told, judgement, reason, len(attempts))
 
 
 def read_rows(folder: Path) -> Rows:
@@ -54,10 +63,11 @@ def read_rows(folder: Path) -> Rows:
 
 def _gathered(lines: Iterable[dict[str, Any]], torn: int) -> Rows:
     attempts: dict[int, dict[int, RunRow]] = {}
-    told: dict[int, dict[str, float]] = {}
+    told: dict[tuple[int, int], dict[str, float]] = {}
     judged: dict[int, list[tuple[int, Judgement, str]]] = {}
     added: dict[int, PlannedRun] = {}
     paused: list[dict[str, Any]] = []
+    port = ""
     for values in lines:
         kind = values.pop("row")
         try:
@@ -66,7 +76,8 @@ def _gathered(lines: Iterable[dict[str, Any]], torn: int) -> Rows:
                 # Two writers that made the same attempt found the same: the first one counts.
                 attempts.setdefault(row.number, {}).setdefault(row.attempt, row)
             elif kind == TOLD:
-                told.setdefault(int(values["number"]), {}).update(values["values"])
+                at = (int(values["number"]), max(1, int(values.get("attempt", 1))))
+                told.setdefault(at, {}).update(values["values"])
             elif kind == JUDGED:
                 one = (int(values["attempt"]), Judgement(values["judgement"]), str(values["reason"]))
                 judged.setdefault(int(values["number"]), []).append(one)
@@ -76,6 +87,8 @@ def _gathered(lines: Iterable[dict[str, Any]], torn: int) -> Rows:
                     added.setdefault(run.number, run)
             elif kind == PAUSED:
                 paused.append(values)
+            elif kind == MACHINE:
+                port = str(values["port"])
         except (KeyError, TypeError, ValueError):
             torn += 1
     return Rows(
@@ -84,6 +97,7 @@ def _gathered(lines: Iterable[dict[str, Any]], torn: int) -> Rows:
         judged,
         tuple(added[number] for number in sorted(added)),
         tuple(paused),
+        port,
         torn,
     )
 

@@ -19,7 +19,6 @@ from edmctl.jobs.study.evaluate import row_of
 from edmctl.jobs.study.folder import StudyFolder, create_folder, open_folder
 from edmctl.jobs.study.optimizing import next_batch, recommended, suggestions
 from edmctl.jobs.study.planning import PlannedStudy, plan_study, request_of
-from edmctl.jobs.study.rows import TOLD
 from edmctl.jobs.study.running import Shard, run_virtual
 from edmctl.jobs.study.table import in_words, table_of
 from edmctl.jobs.surroundings import Unobserved
@@ -108,6 +107,11 @@ class Study:
             writer.planned(found)
         return found
 
+    def job(self, run: PlannedRun) -> dict[str, Any]:
+        """Return profile and overrides of a run, for a job of one's own: `machine.machine(**study.job(run))`."""
+        request = request_of(self._started().base, run.settings)
+        return {"profile": request.profile, "overrides": list(request.overrides)}
+
     def add(self, settings: Mapping[str, Value]) -> PlannedRun:
         """Add a run at settings of one's own, by factor key, such as those of another optimiser.
 
@@ -154,7 +158,7 @@ class Study:
             values = self._values(result)
             if found.row is not None:
                 with folder.writer() as writer:
-                    writer.append(TOLD, {"number": number, "values": values})
+                    writer.told(found, values)
                 return
             row = _told_row(found, values)
         with folder.writer() as writer:

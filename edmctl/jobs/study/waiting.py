@@ -32,7 +32,8 @@ def what_next(state: StudyState) -> list[str]:
         if last.get("number") in open_runs:
             found.append(f"It paused before run {last['number']}: {last['why']}")
     if open_runs:
-        found.append(f"{plural(len(open_runs), 'run')} to make: `edmctl study resume {folder}`.")
+        port = f" --port {shlex.quote(state.rows.port)}" if state.rows.port else ""
+        found.append(f"{plural(len(open_runs), 'run')} to make: `edmctl study resume {folder}{port}`.")
     if missing:
         names = ", ".join(dict.fromkeys(name for _, lacking in missing for name in lacking))
         found.append(
