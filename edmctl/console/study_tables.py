@@ -287,9 +287,11 @@ def render_confirmation(one: Confirmation, style: Style = PLAIN) -> str:
     rows = [
         [
             response.name,
-            f"{significant(response.low, 4)} to {significant(response.high, 4)}",
+            f"{significant(response.low, 4)} to {significant(response.high, 4)}"
+            if math.isfinite(response.low)
+            else "no model",
             ", ".join(significant(value, 4) for value in response.measured),
-            f"{response.held} of {len(response.measured)}",
+            f"{response.held} of {len(response.measured)}" if math.isfinite(response.low) else "–",
         ]
         for response in one.responses
     ]

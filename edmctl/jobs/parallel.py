@@ -8,6 +8,7 @@ import threading
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, ProcessPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing import util
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -60,7 +61,7 @@ class Pool:
 
     make: Callable[[], Executor]
     workers: int
-    kill: Callable[[], None]
+    kill: Callable[[Executor], None]
 
 
 def cores() -> int:
@@ -78,7 +79,7 @@ def process_pool(workers: int, program: Program) -> Pool:
     def make() -> Executor:
         return ProcessPoolExecutor(workers, mp_context=context, initializer=_begin, initargs=(program,))
 
-    return Pool(make, workers, _kill_children)
+    return Pool(make, workers, partial(_kill, is_ending=program.begin_worker is not _nothing))
 
 
 @contextmanager
@@ -107,7 +108,7 @@ def dask_pool(address: str) -> Iterator[Pool]:
                 hint="Start one: `dask worker ADDRESS`.",
                 code="E8212",
             )
-        yield Pool(lambda: client.get_executor(pure=False), workers, lambda: None)
+        yield Pool(lambda: client.get_executor(pure=False), workers, _close)
 
 
 def perform(
@@ -144,13 +145,11 @@ class _Series(Generic[TaskT, ResultT]):
             try:
                 self._run_on(executor)
             except BrokenExecutor:
-                self._pool.kill()
-                executor.shutdown(wait=False, cancel_futures=True)
+                self._pool.kill(executor)
                 self._take_back()
             except BaseException:
-                executor.shutdown(wait=False, cancel_futures=True)
                 self._hand_on_rest()
-                self._pool.kill()
+                self._pool.kill(executor)
                 raise
             else:
                 executor.shutdown()
@@ -198,11 +197,22 @@ def compile_told(observer: Observer) -> None:
         open_bench(BenchConfig(), 0).warm_up()
 
 
-def _kill_children() -> None:
-    for child in multiprocessing.active_children():
-        child.kill()
-    # The process may die of a signal: what its queues hold would be found and told by Python's tracker.
-    util._run_finalizers(0)  # type: ignore[attr-defined]
+def _kill(executor: Executor, *, is_ending: bool) -> None:
+    """Kill the workers of a pool, and nobody else's processes."""
+    for process in list((getattr(executor, "_processes", None) or {}).values()):
+        process.kill()
+    _close(executor)
+    if is_ending:
+        # The process may die of a signal: what its queues hold would be found and told by Python's tracker.
+        util._run_finalizers(0)  # type: ignore[attr-defined]
+
+
+def _close(executor: Executor) -> None:
+    """Shut an executor down without waiting; that of dask knows no other way."""
+    try:
+        executor.shutdown(wait=False, cancel_futures=True)
+    except TypeError:
+        executor.shutdown(wait=False)
 
 
 def _begin(program: Program) -> None:

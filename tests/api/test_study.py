@@ -49,7 +49,7 @@ at_most = 0.1
 response = "machining_time_s"
 
 [optimize]
-runs = 11
+runs = 16
 """
 )
 
@@ -93,7 +93,7 @@ def test_suggestions_follow_from_the_rows_alone(tmp_path: Path) -> None:
     suggested = []
     for name in ("once", "reopened"):
         study = edmctl.Study.load(written(tmp_path, SPACE)).start(tmp_path / name)
-        for _ in range(11):
+        for _ in range(16):
             if name == "reopened":
                 study = edmctl.Study.load(tmp_path / name)
             (run,) = study.ask()

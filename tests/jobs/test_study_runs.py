@@ -35,12 +35,7 @@ def spawned() -> Executor:
     return ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn"))
 
 
-def kill_children() -> None:
-    for child in multiprocessing.active_children():
-        child.kill()
-
-
-TWO = Pool(spawned, 2, kill_children)
+TWO = Pool(spawned, 2, lambda executor: executor.shutdown(wait=False, cancel_futures=True))
 
 
 @pytest.fixture(scope="module")

@@ -42,13 +42,14 @@ def report(
     from edmctl.console.study_tables import render_analysis
     from edmctl.jobs import output_files
     from edmctl.jobs.study.analysis import analysis_of
-    from edmctl.jobs.study.reporting import confirmed, mapping_of, page_of, recommendation_or_none
+    from edmctl.jobs.study.confirming import confirmations_of
+    from edmctl.jobs.study.reporting import mapping_of, page_of, recommendation_or_none
 
     study = opened(folder)
     state = study.read()
     found = analysis_of(state)
     best = recommendation_or_none(state, shell())
-    confirmations = confirmed(state, found)
+    confirmations = confirmations_of(state, found.responses)
     outcome.result = mapping_of(found, best, confirmations)
     names = [name for name, _ in study.plan.objectives] or [one.name for one in study.plan.responses]
     style = stream_style(sys.stdout)

@@ -147,8 +147,11 @@ class Making:
         return where_is(self.port, load_setup(setup), self.wait)
 
 
-def _make(outcome: Outcome, study: "StudyFolder", making: Making) -> None:
-    """Make what is left, on one machine that lasts or on virtual ones, and tell how far the study is."""
+def _make(outcome: Outcome, study: "StudyFolder", making: Making, *, to_the_end: bool = False) -> None:
+    """Make what is left, on one machine that lasts or on virtual ones, and tell how far the study is.
+
+    Raises ObjectiveNotReached E7910 where a run failed, but not `to_the_end`.
+    """
     from edmctl.jobs.study.on_machine import refuse_mixture
     from edmctl.jobs.study.running import parse_shard
 
@@ -165,7 +168,8 @@ def _make(outcome: Outcome, study: "StudyFolder", making: Making) -> None:
                 _virtual(study, part, making, reporter)
     finally:
         _tell(outcome, study, part)
-    _raise_failed(study, part)
+    if not to_the_end:
+        _raise_failed(study, part)
 
 
 def _virtual(study: "StudyFolder", part: "Shard", making: Making, reporter: "Reporter") -> None:
@@ -275,12 +279,13 @@ def optimize(
     """
     from edmctl.console.study_tables import render_recommendation, settings_words
     from edmctl.jobs.study.optimizing import next_batch, recommended
+    from edmctl.jobs.study.running import Shard
 
     study = opened(folder)
     total = study.source.file.optimize.runs
     making = Making(workers, None, dask, port, wait, new_tool, homed, yes)
     while True:
-        _make(outcome, study, making)
+        _make(outcome, study, making, to_the_end=True)  # a failed run tells where runs fail
         making = replace(making, new_tool=False, homed=False)
         batch = next_batch(study.read(), shell())
         if not batch:
@@ -295,6 +300,7 @@ def optimize(
     style = stream_style(sys.stdout)
     way_on = f"Confirm it with runs that no model has seen: `edmctl study confirm {folder}`."
     outcome.text += f"\n\n{render_recommendation(best, style)}\n{way_on}"
+    _raise_failed(study, Shard())
 
 
 @command("study confirm", PROGRESS)
@@ -311,7 +317,7 @@ def confirm(
     yes: YesOption = False,
 ) -> None:
     """Run the recommended settings anew, on machines no model has seen, and say whether the expectation held."""
-    from edmctl.console.study_tables import render_confirmation
+    from edmctl.console.study_tables import render_confirmation, render_recommendation
     from edmctl.jobs.study.analysis import analysis_of
     from edmctl.jobs.study.confirming import confirmation_runs, confirmations_of
     from edmctl.jobs.study.optimizing import recommended
@@ -322,8 +328,10 @@ def confirm(
     pending = [
         run for run in state.runs if run.planned.kind is RunKind.CONFIRMATION and run.state is RunState.OPEN
     ]
+    told = ""
     if not pending:
         best = recommended(state, shell())
+        told = f"{render_recommendation(best, stream_style(sys.stdout))}\n\n"
         with study.writer() as writer:
             writer.planned(confirmation_runs(state, best.settings, runs))
     _make(outcome, study, Making(workers, None, dask, port, wait, new_tool, homed, yes))
@@ -332,4 +340,6 @@ def confirm(
     assert isinstance(outcome.result, dict)
     outcome.result["confirmations"] = found
     style = stream_style(sys.stdout)
-    outcome.text += "\n\n" + "\n\n".join(render_confirmation(one, style) for one in found)
+    outcome.text = (
+        told + outcome.text + "\n\n" + "\n\n".join(render_confirmation(one, style) for one in found)
+    )

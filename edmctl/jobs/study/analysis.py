@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from edmctl.doe.response_analysis import ResponseAnalysis, Runs
     from edmctl.doe.sensitivity import SobolIndices
     from edmctl.jobs.study.folder import StudyState
-    from edmctl.results.study import ConstraintInfo, ResponseInfo, StudyPlan, StudyRun, Value
+    from edmctl.results.study import ConstraintInfo, ResponseInfo, StudyPlan, StudyRun
 
 SENSITIVITY = "sensitivity"
 
@@ -198,10 +198,11 @@ def upper_bounds(
     found: dict[str, float | None] = {}
     models = {one.name: one.model for one in analyses}
     for bound in plan.constraints:
-        values = [_number(run.value(bound.response)) for run in runs]
-        values = [value for value in values if math.isfinite(value)]
+        having = [run for run in runs if run.value(bound.response) is not None]
+        values = [_number(run.value(bound.response)) for run in having]
         mean = _mean(values)
-        own = _number(runs[0].row.u95.get(bound.response) if runs[0].row is not None else None)
+        first = having[0].row if having else None
+        own = _number(first.u95.get(bound.response) if first is not None else None)
         model = models.get(bound.response)
         if len(values) > 1:
             sd = math.sqrt(math.fsum((v - mean) ** 2 for v in values) / (len(values) - 1))
@@ -254,8 +255,3 @@ def _or_none(value: float) -> float | None:
 def _mean(values: Sequence[float]) -> float:
     found = [value for value in values if math.isfinite(value)]
     return math.fsum(found) / len(found) if found else math.nan
-
-
-def settings_text(settings: dict[str, Value]) -> str:
-    """Return settings in words."""
-    return ", ".join(f"{key} = {value}" for key, value in settings.items())

@@ -41,7 +41,8 @@ def confirmations_of(state: StudyState, analyses: Sequence[ResponseAnalysis]) ->
     for members in by_settings.values():
         expected = expected_at(state, analyses, members[0].planned.settings)
         responses = []
-        for name, (value, low, high) in expected.items():
+        for name in (one.name for one in state.folder.plan.responses):
+            value, low, high = expected.get(name, (math.nan, math.nan, math.nan))
             measured = [v for run in members if (v := run.value(name)) is not None]
             if measured:
                 responses.append(ConfirmedResponse(name, value, low, high, tuple(measured)))

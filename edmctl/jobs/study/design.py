@@ -25,7 +25,6 @@ MOST_ALIASES = 40
 LEVELS, PAIRS, QUADRATIC = "levels", "level pairs", "quadratic"
 AS_LEVELS = (LEVELS, PAIRS)
 """Models in which numbers are levels without order."""
-PERMUTED = "randomised"
 
 
 class Refused(Exception):
@@ -104,15 +103,51 @@ def _confounded(
     return Points(f"{name} in {blocks} blocks", tuple(settings), tuple(number), notes=(note,))
 
 
+def mixing(points: Points, order: Sequence[int], part_of: Sequence[int]) -> float:
+    """Return how much parts of an order of points mix with the factors: squared correlations of main effects.
+
+    Points beyond those of the design are centre runs, which no factor moves.
+    """
+    import numpy as np
+
+    parts = np.eye(max(part_of) + 1)[list(part_of)][:, 1:]
+    parts = parts - parts.mean(axis=0)
+    columns = []
+    for key in points.settings[0]:
+        values = list(dict.fromkeys(map(repr, (one[key] for one in points.settings))))
+        columns += [
+            [n < len(points.settings) and repr(points.settings[n][key]) == value for n in order]
+            for value in values[1:]
+        ]
+    factors = np.array(columns, float).T
+    factors = factors - factors.mean(axis=0)
+    size = np.sqrt((parts**2).sum(axis=0))[:, None] * np.sqrt((factors**2).sum(axis=0))[None, :]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = np.where(size > 0, (parts.T @ factors) / size, 0.0)
+    return float((found**2).sum())
+
+
+DEALT = 500
+
+
 def _with_parts(points: Points, blocks: int) -> Points:
-    """Points dealt to so many blocks in turn."""
-    if blocks > len(points.settings):
-        raise Refused(f"{blocks} blocks of {plural(len(points.settings), 'point')}", "take fewer", "blocks")
-    dealt = tuple(n % blocks for n in range(len(points.settings)))
+    """Points dealt to so many blocks of about equal size: of many ways the one that mixes least with the factors."""
+    import numpy as np
+
+    count = len(points.settings)
+    if blocks > count:
+        raise Refused(f"{blocks} blocks of {plural(count, 'point')}", "take fewer", "blocks")
+    if blocks == 1:
+        return Points(points.name, points.settings, (0,) * count, points.aliases, points.notes)
+    rng = np.random.default_rng(0)
+    even = [n % blocks for n in range(count)]
+    ways = [even, *(rng.permutation(even).tolist() for _ in range(DEALT if count <= 200 else 0))]
+    best = min(ways, key=lambda way: mixing(points, range(count), way))
+    mixed = mixing(points, range(count), best)
     notes = points.notes
-    if blocks > 1:
-        notes = (*notes, "points are dealt to blocks in turn: block effects may mix with those of factors")
-    return Points(points.name, points.settings, dealt, points.aliases, notes)
+    if mixed > 1e-9:
+        notes = (*notes, "blocks mix a little with the effects of factors: the analysis takes both apart")
+    return Points(points.name, points.settings, tuple(best), points.aliases, notes)
 
 
 def _fractional(source: StudySource, factors: Sequence[FactorInfo]) -> Points:

@@ -39,10 +39,11 @@ if TYPE_CHECKING:
     from edmctl.results.study import PlannedRun
 
 SCHEMA = "edmctl-study/1"
-STUDY, PROFILE, SETUP, PLAN, ROWS, RUNS = (
+STUDY, PROFILE, SETUP, CALIBRATION, PLAN, ROWS, RUNS = (
     "study.toml",
     "profile.toml",
     "setup.toml",
+    "calibration.toml",
     "plan.json",
     "rows",
     "runs",
@@ -67,14 +68,15 @@ class StudyFolder:
     @property
     def runs(self) -> Path:
         """Folder of the run files."""
-        return self.path / RUNS
+        return self.path.resolve() / RUNS
 
     @property
     def base(self) -> JobRequest:
         """The job that all runs begin with, from the folder's own files."""
-        setup = self.path / SETUP
+        folder = self.path.resolve()  # for workers that stand in another one
+        setup = folder / SETUP
         request = base_request(self.source)
-        return replace(request, profile=str(self.path / PROFILE), setup=setup if setup.is_file() else None)
+        return replace(request, profile=str(folder / PROFILE), setup=setup if setup.is_file() else None)
 
     def read(self) -> StudyState:
         """Return how far the study has come, by the rows that are there now."""
@@ -204,12 +206,9 @@ def _files(planned: PlannedStudy) -> dict[str, bytes]:
 
 def _texts(planned: PlannedStudy) -> dict[str, str]:
     """The files that a study stands on, each complete by itself."""
-    from pathlib import Path
-
     from edmctl.profile.folders import find_profile
     from edmctl.profile.read import parse, read_chain, read_source
 
-    study = planned.source.file.study
     assert planned.base.profile is not None
     chain = read_chain(find_profile(planned.base.profile))
     texts = {STUDY: planned.source.text, PROFILE: chain.sources[0].text}
@@ -221,10 +220,9 @@ def _texts(planned: PlannedStudy) -> dict[str, str]:
         actuator = table.get("actuator")
         texts[SETUP] = source.text
         if isinstance(actuator, dict) and isinstance(actuator.get("calibration"), str):
-            named = Path(planned.base.setup).parent / actuator["calibration"]
-            actuator["calibration"] = str(named.resolve())
+            texts[CALIBRATION] = read_source(planned.base.setup.parent / actuator["calibration"]).text
+            actuator["calibration"] = CALIBRATION
             texts[SETUP] = _toml(table)
-    assert study.profile
     return texts
 
 

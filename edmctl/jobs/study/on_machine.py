@@ -127,7 +127,7 @@ class _Series:
     def _make(self, run: StudyRun) -> None:
         attempt = run.attempts + 1
         name = run_name(self._folder.runs, run.planned, attempt, datetime.now(UTC))
-        begin_s = time.monotonic()
+        begin_s = time.time()
         left = self._left(name)
         if isinstance(left, tuple):
             result, files = left
@@ -220,8 +220,9 @@ class _Series:
         assert last.row is not None
         if self._new_tool:
             return max(last.row.tool + 1, run.planned.tool)
-        if run.planned.tool > last.planned.tool:
-            tool, holes = last.planned.tool, sum(one.planned.tool == last.planned.tool for one in made)
+        if run.planned.tool > last.row.tool:
+            tool = last.row.tool
+            holes = sum(one.row is not None and one.row.tool == tool for one in made)
             self._writer.append(PAUSED, {"number": run.planned.number, "why": f"tool {tool} is done"})
             raise PreconditionError(
                 f"Tool {tool} has made its {holes} holes; run {run.planned.number} is of tool {run.planned.tool}.",
@@ -261,7 +262,6 @@ class _Series:
     ) -> None:
         base = replace(self._folder.base, port=self._options.port)
         plan = check(request_of(base, run.planned.settings), self._options.surroundings)
-        started = datetime.now(UTC)
         row = row_of(
             run.planned,
             attempt,
@@ -270,8 +270,8 @@ class _Series:
             error=error,
             seed=None,
             files=tuple(files),
-            started=started,
-            duration_s=time.monotonic() - begin_s,
+            started=datetime.fromtimestamp(begin_s, UTC),
+            duration_s=time.time() - begin_s,
             site_um=site_um if site_um is not None else _place_of(result),
             tool=tool,
         )

@@ -23,7 +23,7 @@ from edmctl.jobs.study.design import (
 )
 from edmctl.jobs.study.factors import factors_of
 from edmctl.jobs.surroundings import NONE, Surroundings
-from edmctl.profile.findings import PAD_MARGIN_UM, WALL_UM, Code
+from edmctl.profile.findings import PAD_MARGIN_UM, WALL_UM
 from edmctl.profile.read import find_in
 from edmctl.results.study import (
     TRUTH,
@@ -40,6 +40,8 @@ from edmctl.wording import length, plural
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from numpy.random import Generator
+
     from edmctl.jobs.plan import Plan
     from edmctl.profile.positions import KeyPath
     from edmctl.profile.study_file import StudyMachine, StudySource
@@ -47,8 +49,6 @@ if TYPE_CHECKING:
 
 MOST_REFUSED = 5
 """So many refused settings are told; the others are counted."""
-SPARE_PLACES = 1.1
-"""Places of a grid for each run: a repeated one takes another."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,13 +112,43 @@ def plan_study(
     _refuse_undoable(source, runs, checked)
     plan = _plan(source, factors, points, runs, checked)
     recipes = {point: (one.loaded.sha256, one.loaded.sim_sha256) for point, one in checked.items()}
-    every = dict.fromkeys(w for one in checked.values() for w in one.loaded.warnings)
-    return PlannedStudy(source, plan, base, recipes, tuple(every))
+    return PlannedStudy(source, plan, base, recipes, _warnings(source, runs, checked, factors))
+
+
+OWN_KEYS = {
+    "fractional": ("resolution", "generators"),
+    "taguchi": ("array", "columns"),
+    "ccd": ("alpha",),
+    "lhs": ("runs",),
+    "sobol": ("runs",),
+    "sensitivity": ("base",),
+    "csv": ("file",),
+}
+"""Keys of [design] that belong to one kind of it."""
+
+
+def _foreign_keys(source: StudySource) -> list[Diagnostic]:
+    """Keys that say nothing to the design or factor that they stand in: they would be lost without a word."""
+    design, wrong = source.file.design, []
+    own = OWN_KEYS.get(design.kind, ())
+    for key in dict.fromkeys(key for keys in OWN_KEYS.values() for key in keys):
+        if key in design.model_fields_set and key not in own:
+            kinds = ", ".join(kind for kind, keys in OWN_KEYS.items() if key in keys)
+            message = f"{key} says nothing to a design of kind {design.kind}"
+            wrong.append(source.refusal(("design", key), message, f"remove it; it belongs to {kinds}"))
+    for number, factor in enumerate(source.file.factors):
+        if factor.step is not None and factor.low is None:
+            message = f"step says nothing to the levels of {factor.key}"
+            wrong.append(
+                source.refusal(("factors", number, "step"), message, "remove it, or give low and high")
+            )
+    return wrong
 
 
 def _wrong_names(source: StudySource) -> list[Diagnostic]:
     """Responses nobody gives, constraints and objectives of responses that are not asked for."""
     file, wrong = source.file, []
+    wrong += _foreign_keys(source)
     names = [one.name for one in file.responses]
     factor_keys = {factor.key for factor in file.factors} | {factor.name for factor in file.factors}
     for number, one in enumerate(file.responses):
@@ -177,8 +207,9 @@ def _runs(source: StudySource, points: Points, center: dict[str, Value]) -> list
             members += [of_center] * (
                 min(1, centers) if machine is None and design.seeds != "run" else centers
             )
+            parts = _parts(len(members), machine)
             if design.order == "random":
-                members = rng.permutation(members).tolist()
+                members = _shuffled(members, parts, points, rng)
             number = replicate * design.blocks + block + 1
             seed = design.seed + number - 1
             for part, tool in _tools(members, machine, runs):
@@ -205,6 +236,36 @@ def _runs(source: StudySource, points: Points, center: dict[str, Value]) -> list
     return runs
 
 
+TRIED_ORDERS = 200
+
+
+def _parts(members: int, machine: StudyMachine | None) -> int:
+    """Return by how many tools the runs of a block are made."""
+    if machine is None or machine.holes_per_tool is None:
+        return 1
+    return math.ceil(members / max(1, machine.holes_per_tool - (2 if machine.center_runs else 0)))
+
+
+def _shuffled(members: list[int], parts: int, points: Points, rng: Generator) -> list[int]:
+    """Shuffle the runs of a block; where several tools make them, of many orders the one that mixes them least."""
+    import numpy as np
+
+    from edmctl.jobs.study.design import mixing
+
+    orders: list[list[int]] = [
+        rng.permutation(members).tolist() for _ in range(TRIED_ORDERS if parts > 1 else 1)
+    ]
+    if parts == 1:
+        return orders[0]
+    bounds = _bounds_of(len(members), parts)
+    part_of = np.repeat(np.arange(parts), np.diff(bounds)).tolist()
+    return min(orders, key=lambda order: mixing(points, order, part_of))
+
+
+def _bounds_of(count: int, parts: int) -> list[int]:
+    return [round(n * count / parts) for n in range(parts + 1)]
+
+
 def _share(count: int, parts: int, part: int) -> int:
     return count // parts + (part < count % parts)
 
@@ -217,10 +278,9 @@ def _tools(
         return [(members, 0)]
     if machine.holes_per_tool is None:
         return [(members, 1)]
-    of_points = machine.holes_per_tool - (2 if machine.center_runs else 0)
-    parts = math.ceil(len(members) / max(1, of_points))
+    parts = _parts(len(members), machine)
     first = max((run.tool for run in before), default=0) + 1
-    bounds = [round(n * len(members) / parts) for n in range(parts + 1)]
+    bounds = _bounds_of(len(members), parts)
     return [(members[bounds[n] : bounds[n + 1]], first + n) for n in range(parts)]
 
 
@@ -262,6 +322,28 @@ def _checked(
             refused.append(source.refusal(("factors",), message, "narrow the factors"))
         raise ProfileError(tuple(dict.fromkeys(refused)))
     return checked
+
+
+def _warnings(
+    source: StudySource,
+    runs: Sequence[PlannedRun],
+    checked: Mapping[int, Plan],
+    factors: Sequence[FactorInfo],
+) -> tuple[Diagnostic, ...]:
+    """One warning of a kind, with the settings that it is about and how many others there are."""
+    by_point = {run.point: run for run in runs}
+    first: dict[str, Diagnostic] = {}
+    points: dict[str, set[int]] = {}
+    for point, plan in checked.items():
+        for one in plan.loaded.warnings:
+            first.setdefault(one.code, _of_factor(one, source, by_point[point], factors))
+            points.setdefault(one.code, set()).add(point)
+    return tuple(
+        replace(one, message=f"{one.message}, and {len(points[code]) - 1} more settings")
+        if len(points[code]) > 1
+        else one
+        for code, one in first.items()
+    )
 
 
 def _mends(base: JobRequest, runs: Sequence[PlannedRun], surroundings: Surroundings) -> bool:
@@ -390,6 +472,7 @@ def _plan(
         most_wear_um=next(iter(checked.values())).loaded.profile.tool.max_wear_um,
         places=len(grid_of(file.machine)) if file.machine is not None else 0,
     )
+    _refuse_mixed(source, factors, runs)
     model, dof, notes = _model(source, factors, runs)
     notes = [*points.notes, *notes, *_notes(source, runs)]
     return StudyPlan(
@@ -472,6 +555,22 @@ def _model(
     return models[-1], dof, [note]
 
 
+def _refuse_mixed(source: StudySource, factors: Sequence[FactorInfo], runs: Sequence[PlannedRun]) -> None:
+    """Raise ProfileError where no run tells a factor's effect from that of the blocks."""
+    own = [run for run in runs if run.kind is RunKind.DESIGN]
+    blocks = [run.block for run in own]
+    if len(set(blocks)) < 2 or source.file.design.kind == "sensitivity":
+        return
+    terms = terms_of(LEVELS, factors, blocks=True)
+    _, lost = degrees_of_freedom(terms, factors, [run.settings for run in own], blocks, as_levels=False)
+    mixed = [factor for factor in factors if factor.name in lost]
+    if mixed and len(own) > len(set(blocks)) + len(factors):
+        what = "tools" if source.file.machine is not None and source.file.machine.holes_per_tool else "blocks"
+        message = f"{mixed[0].name} cannot be told from the {what}: its values change with them alone"
+        key: KeyPath = ("machine", "holes_per_tool") if what == "tools" else ("design", "blocks")
+        raise ProfileError((source.refusal(key, message, "take fewer or larger blocks, or replicates"),))
+
+
 def _notes(source: StudySource, runs: Sequence[PlannedRun]) -> list[str]:
     notes = []
     if source.file.machine is None and len({run.seed for run in runs}) == 1:
@@ -488,8 +587,3 @@ def _notes(source: StudySource, runs: Sequence[PlannedRun]) -> list[str]:
     if any(one.name.startswith(TRUTH) for one in source.file.responses):
         notes.append("truth.* is what the virtual machine knows: no real machine answers it")
     return notes
-
-
-def undone(message: str, hint: str, code: str = Code.STUDY) -> ProfileError:
-    """Return an error about a study as a whole."""
-    return ProfileError((Diagnostic(code, message, hint),))

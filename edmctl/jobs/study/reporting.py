@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 from edmctl.errors import EdmError, PreconditionError
 from edmctl.jobs import output_files
 from edmctl.jobs.study.analysis import analysis_of
-from edmctl.jobs.study.confirming import confirmations_of
 from edmctl.jobs.study.optimizing import recommended
 from edmctl.jobs.study.planning import request_of
 from edmctl.jobs.surroundings import NONE, Surroundings
@@ -30,11 +29,6 @@ def recommendation_or_none(state: StudyState, surroundings: Surroundings = NONE)
         return recommended(state, surroundings)
     except (EdmError, ValueError):
         return None
-
-
-def confirmed(state: StudyState, analysis: StudyAnalysis) -> list[Confirmation]:
-    """Return what confirmation runs came to."""
-    return confirmations_of(state, analysis.responses)
 
 
 def mapping_of(
