@@ -20,6 +20,7 @@ from __future__ import annotations
 import argparse
 import csv
 import io
+import json
 import os
 import random
 import resource
@@ -356,43 +357,55 @@ def rows_of(folder: Path) -> set[str]:
     return lines
 
 
-def children_of(pid: int) -> list[int]:
-    """Process ids of the workers of a process."""
+def runs_in(folder: Path) -> list[tuple[int, int]]:
+    """Run and attempt of every row of a run; the same twice where it was made twice."""
+    found = []
+    for line in rows_of(folder):
+        row = json.loads(line)
+        if row["row"] == "run":
+            found.append((int(row["number"]), int(row["attempt"])))
+    return found
+
+
+def workers_of(pid: int) -> list[int]:
+    """Process ids of the workers of a process; its tracker of resources is none."""
     listed = Path(f"/proc/{pid}/task/{pid}/children")
-    return [int(text) for text in listed.read_text().split()] if listed.exists() else []
+    found = [int(text) for text in listed.read_text().split()] if listed.exists() else []
+    return [one for one in found if b"spawn_main" in Path(f"/proc/{one}/cmdline").read_bytes()]
 
 
 def disturbed(
-    begin: Sequence[str], again: Sequence[Sequence[str]], after_s: float, how: str, folder: Path
-) -> tuple[bool, str]:
-    """Run a study, disturb it once, go on; whether rows were kept, and the table."""
+    begin: Sequence[str], again: Sequence[Sequence[str]], rows: int, more_s: float, how: str, folder: Path
+) -> tuple[bool, bool, str]:
+    """Run a study, disturb it a moment after so many rows, go on.
+
+    Whether it was still under way then, whether rows were kept and none was made twice, and the table.
+    """
     running = subprocess.Popen([*EDMCTL, *begin], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    time.sleep(after_s)
-    with suppress(ProcessLookupError, IndexError):
+    first = len(runs_in(folder))
+    while running.poll() is None and len(runs_in(folder)) < first + rows:
+        time.sleep(0.02)
+    time.sleep(more_s)
+    was_under_way = running.poll() is None
+    with suppress(ProcessLookupError, IndexError, FileNotFoundError):
         if how == "worker":
-            os.kill(random.choice(children_of(running.pid)), signal.SIGKILL)
+            os.kill(random.choice(workers_of(running.pid)), signal.SIGKILL)
         elif how == "Ctrl-C":
             running.send_signal(signal.SIGINT)
         else:
             running.kill()
-    if how != "worker":
-        running.wait()
-    else:
-        running.wait(120)
+    running.wait(120)
     before = rows_of(folder)
     for command in again:
         for _ in range(50):
             code = subprocess.run(
                 [*EDMCTL, *command], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False
             ).returncode
-            if code not in (8, 2):  # the lock of the killed one is gone a moment later
+            if code == 0:
                 break
-            if code == 2 and not (folder / "plan.json").exists():
-                subprocess.run(
-                    [*EDMCTL, *begin], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False
-                )
-            time.sleep(0.2)
-    return before <= rows_of(folder), table_text(folder)
+            time.sleep(0.2)  # a worker of the killed one still holds the lock for a moment
+    after = runs_in(folder)
+    return was_under_way, before <= rows_of(folder) and len(after) == len(set(after)), table_text(folder)
 
 
 def kills(args: argparse.Namespace) -> int:
@@ -402,44 +415,46 @@ def kills(args: argparse.Namespace) -> int:
         file = Path(place, "study.toml")
         file.write_text(study_text(8.0, KILLED), encoding="utf-8")
         calm, best = Path(place, "calm"), Path(place, "best")
-        begin_s = time.monotonic()
         subprocess.run(
             [*EDMCTL, "run", str(file), "--out", str(calm), "-q"], check=True, stdout=subprocess.DEVNULL
         )
-        whole_s = time.monotonic() - begin_s
         wanted = table_text(calm)
         subprocess.run(
             [*EDMCTL, "run", str(file), "--out", str(best), "-q"], check=True, stdout=subprocess.DEVNULL
         )
         subprocess.run([*EDMCTL, "optimize", str(best), "-q"], check=True, stdout=subprocess.DEVNULL)
         wanted_best = table_text(best)
-        kept = same = tried = 0
+        kept = same = under_way = 0
         for n in range(args.kills):
             folder = Path(place, f"study{n}")
             how = ("parent", "worker", "Ctrl-C", "shard", "optimize")[n % 5]
-            workers = ("--workers", str(1 + n % 2)) if how != "worker" else ("--workers", "2")
-            after_s = rng.uniform(0.5, whole_s * (1.0 if workers[1] == "2" else 1.7))
+            workers = ("--workers", "2" if how == "worker" else str(1 + n // 5 % 2))
+            rows, more_s = rng.randint(0, 14), rng.uniform(0.0, 0.5)
             begin = ["run", str(file), "--out", str(folder), "-q", *workers]
             again = [["resume", str(folder), "-q", *workers]]
             if how == "shard":
-                begin += ["--shard", "1/2"]
+                begin, rows = [*begin, "--shard", "1/2"], rng.randint(0, 6)
                 again = [["resume", str(folder), "-q", "--shard", f"{k}/2"] for k in (1, 2)]
             if how == "optimize":
                 subprocess.run([*EDMCTL, *begin], check=False, stdout=subprocess.DEVNULL)
-                begin, again = ["optimize", str(folder), "-q"], [["optimize", str(folder), "-q"]]
-                after_s = rng.uniform(0.5, 6.0)
-            was_kept, table = disturbed(begin, again, after_s, how, folder)
+                begin = ["optimize", str(folder), "-q", *workers]
+                again, rows = [begin], rng.randint(0, 2)
+            was_under_way, was_kept, table = disturbed(begin, again, rows, more_s, how, folder)
             is_same = table == (wanted_best if how == "optimize" else wanted)
-            tried, kept, same = tried + 1, kept + was_kept, same + is_same
+            under_way, kept, same = under_way + was_under_way, kept + was_kept, same + is_same
             mark = "same" if was_kept and is_same else "DIFFERS"
-            print(f"   {how:9} killed after {after_s:4.1f} s: {mark}", flush=True)
-        rows = [
-            (kept == tried, f"rows kept in {kept} of {tried}"),
-            (same == tried, f"same table in {same} of {tried}"),
+            late = "" if was_under_way else " (it had ended)"
+            print(
+                f"   {how:9} {rows:2} rows and {more_s:.2f} s, {workers[1]} workers: {mark}{late}", flush=True
+            )
+        rows_of_table = [
+            (under_way >= 0.9 * args.kills, f"disturbed while under way: {under_way} of {args.kills}"),
+            (kept == args.kills, f"rows kept, none made twice: {kept} of {args.kills}"),
+            (same == args.kills, f"same table: {same} of {args.kills}"),
         ]
         if args.dask:
-            rows.append((_dask_table(place, file) == wanted, "dask: the same table"))
-    return told(rows)
+            rows_of_table.append((_dask_table(place, file) == wanted, "dask: the same table"))
+    return told(rows_of_table)
 
 
 def _dask_table(place: str, file: Path) -> str:
