@@ -38,6 +38,7 @@ it: tools that wear little wear by as much as a touch errs, and would never cont
 WIDENING_SDS = 2.0
 """What a touch says beyond so many standard deviations makes what was believed as uncertain as it was wrong."""
 _SHARES = tuple(i / 1000 for i in range(1001))
+_NOTHING = 1e-12
 CONTRADICTION_SDS = 3.0
 """Beyond this the belief is contradicted: one in 370 by chance."""
 
@@ -324,13 +325,23 @@ def _wear_step(
     """
     way = math.log(max(wear_um, LEAST_RATIO * expected_um) / expected_um)
 
-    # Written out: every forecast of every setting of a study passes here.
-    var_ratio, exp, log, least = known.var_ratio, math.exp, 0.0, math.inf
-    for share in _SHARES:
-        tried = share * way
-        cost = tried * tried / var_ratio + ((wear_um - expected_um * exp(tried)) / u_um) ** 2
-        if cost < least:
-            log, least = tried, cost
+    var_ratio, exp = known.var_ratio, math.exp
+
+    def cost(step: int) -> float:
+        tried = _SHARES[step] * way
+        return tried * tried / var_ratio + ((wear_um - expected_um * exp(tried)) / u_um) ** 2
+
+    if abs(way) < _NOTHING:
+        step = 0
+    elif 2.0 * expected_um >= wear_um:  # one minimum: halving finds it
+        low, high = 0, len(_SHARES) - 1
+        while low < high:
+            middle = (low + high) // 2
+            low, high = (low, middle) if cost(middle) <= cost(middle + 1) else (middle + 1, high)
+        step = low
+    else:
+        step = min(range(len(_SHARES)), key=cost)
+    log = _SHARES[step] * way
     likeliest_um = expected_um * math.exp(log)
     return wear_um - likeliest_um + likeliest_um * log, 0.0, likeliest_um, u_um
 
