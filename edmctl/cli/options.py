@@ -168,7 +168,7 @@ def command(name: str, leaves: Sequence[str] = RESULT) -> Callable[[Callable[...
         groups: dict[str, type[Any]] = {}
         parameters: list[inspect.Parameter] = []
         for own in list(inspect.signature(body).parameters.values())[1:]:
-            if own.annotation in (JobOptions, RunOptions):
+            if isinstance(own.annotation, type) and dataclasses.is_dataclass(own.annotation):
                 groups[own.name] = own.annotation
                 fields = dataclasses.fields(own.annotation)
                 parameters += [_parameter(field.name, field.type, field.default) for field in fields]

@@ -159,6 +159,29 @@ def _search(factors: int, base: int, resolution: int, words: Sequence[Word]) -> 
     return Fraction(factors, tuple((base + n, order[index], 1) for n, index in enumerate(chosen)))
 
 
+def hiding_words(factors: int, count: int) -> tuple[Word, ...]:
+    """Return so many words for blocks to hide: they and all their products are as long as can be, 2 at least.
+
+    Box, Hunter and Hunter (2005), chapter 5. None where a main effect would be hidden.
+    """
+    every = [word for word in _effects(factors, factors) if len(word) > 1]
+
+    def extended(chosen: tuple[Word, ...], hidden: frozenset[Word], least: int) -> tuple[Word, ...] | None:
+        if len(chosen) == count:
+            return chosen
+        for word in every:
+            new = {known ^ word for known in hidden} | {word}
+            fits = word not in hidden and all(len(one) >= least for one in new)
+            if fits and (found := extended((*chosen, word), hidden | new, least)):
+                return found
+        return None
+
+    for least in range(factors, 1, -1):
+        if found := extended((), frozenset(), least):
+            return found
+    return ()
+
+
 def _effects(factors: int, order: int) -> Iterator[Word]:
     for size in range(1, order + 1):
         yield from map(frozenset, itertools.combinations(range(factors), size))

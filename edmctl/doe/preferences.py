@@ -45,7 +45,8 @@ def topsis_closeness(
 ) -> NDArray[np.float64]:
     """Return how close each run is to the ideal, 0 … 1 (Hwang and Yoon, 1981)."""
     values = _larger_is_better(responses, better)
-    scaled = values / np.sqrt(np.nansum(values**2, axis=0)) * _shares(weights)
+    size = np.sqrt(np.nansum(values**2, axis=0))
+    scaled = values / np.where(size > 0, size, 1.0) * _shares(weights)
     to_best = np.sqrt(((scaled - np.nanmax(scaled, axis=0)) ** 2).sum(axis=1))
     to_worst = np.sqrt(((scaled - np.nanmin(scaled, axis=0)) ** 2).sum(axis=1))
     with np.errstate(invalid="ignore"):

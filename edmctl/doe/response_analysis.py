@@ -44,13 +44,16 @@ MANY = 1_000_000
 class Runs:
     """What was run, a row a run: settings as the model takes them, plain values, and what runs have in common.
 
-    points : equal where the settings are; blocks : equal on one machine or tool
+    points : equal where the settings are; blocks : equal on one machine or tool; others : centre runs and whatever
+    else is none of the design's, which would unbalance the means of levels
     """
 
     settings: Settings
     plain: Mapping[str, Sequence[object]]
     points: Sequence[int]
     blocks: Sequence[int]
+    others: frozenset[int] = frozenset()
+    """Points that no level is judged by."""
 
     def only(self, rows: Sequence[int]) -> Runs:
         """Return some of the runs."""
@@ -59,6 +62,7 @@ class Runs:
             {name: [values[row] for row in rows] for name, values in self.plain.items()},
             [self.points[row] for row in rows],
             [self.blocks[row] for row in rows],
+            self.others,
         )
 
 
@@ -226,16 +230,18 @@ def analyse(
     )
     if len(used) < 2:
         return replace(base, notes=(*notes, "fewer than two runs have a value"))
+    rows = [row for row, point in enumerate(mine.points) if point not in mine.others]
+    designed, of_design = mine.only(rows), values[rows]
     levels = {
         factor: list(of_runs)
-        for factor, of_runs in mine.plain.items()
-        if len(set(map(repr, of_runs))) <= MOST_LEVELS
+        for factor, of_runs in designed.plain.items()
+        if rows and len(set(map(repr, of_runs))) <= MOST_LEVELS
     }
     base = replace(
         base,
-        level_means=tuple(response_table(levels, values)) if levels else (),
-        noise_means=_noise_means(levels, values, mine.points, better),
-        interactions=_interactions(levels, values),
+        level_means=tuple(response_table(levels, of_design)) if levels else (),
+        noise_means=_noise_means(levels, of_design, designed.points, better) if levels else (),
+        interactions=_interactions(levels, of_design),
     )
     if np.ptp(values) <= 1e-12 * max(1.0, float(np.abs(values).max())):
         return replace(base, notes=(*notes, "all runs have the same value"))

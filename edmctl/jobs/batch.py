@@ -46,6 +46,8 @@ class Task:
     seed: int
     out: Path | None
     run_id: str
+    recipe: str = ""
+    """Hashes of the recipe and of the `[sim]` table in effect."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +81,13 @@ def cases_of(request: JobRequest, sweeps: Sequence[str], runs: int, surroundings
 def tasks_of(cases: Sequence[Case], first_seed: int, runs: int, out: Path | None) -> list[Task]:
     """Return one task per run, case after case, with the same seeds."""
     return [
-        Task(case.request, seed, out, f"{plain_name(case.label)}-seed{seed}")
+        Task(
+            case.request,
+            seed,
+            out,
+            f"{plain_name(case.label)}-seed{seed}",
+            f"{case.plan.loaded.sha256} {case.plan.loaded.sim_sha256}",
+        )
         for case in cases
         for seed in range(first_seed, first_seed + runs)
     ]

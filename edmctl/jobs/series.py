@@ -6,11 +6,12 @@ An interrupted series goes on from its rows: a run that is there is not made aga
 from __future__ import annotations
 
 import math
+import shlex
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from edmctl.errors import UsageError
+from edmctl.errors import PreconditionError, UsageError
 from edmctl.jobs.plan import SIMULATOR, JobRequest
 from edmctl.record.appended_rows import RowWriter, read_lines
 from edmctl.results.simulation import SimulatedRun, run_of_mapping
@@ -45,23 +46,48 @@ class SeriesRows:
     def begin(self, series: Series) -> None:
         """Write down what was asked for, before the first run."""
         request = {name: _plain(value) for name, value in asdict(series.request).items()}
+        profile = series.request.profile
+        if profile is not None and Path(profile).is_file():
+            request["profile"] = str(Path(profile).resolve())
         values = {**asdict(series), "request": request, "sweeps": list(series.sweeps)}
         self._writer.append(BEGUN, values)
 
     def keep(self, task: Task, run: SimulatedRun) -> None:
         """Write down a run that is finished."""
-        self._writer.append(DONE, {"run_id": task.run_id, "run": _without_nan(asdict(run))})
+        values = {"run_id": task.run_id, "recipe": task.recipe, "run": _without_nan(asdict(run))}
+        self._writer.append(DONE, values)
 
     def finished(self, tasks: Sequence[Task]) -> dict[int, SimulatedRun]:
-        """Return the runs of these tasks that are there, by the number of the task."""
+        """Return the runs of these tasks that are there, by the number of the task.
+
+        Raises PreconditionError E8213 where one was made by another recipe.
+        """
+        recipes = {task.run_id: task.recipe for task in tasks}
         found: dict[str, SimulatedRun] = {}
         for line in self._lines:
-            if line.get("row") == DONE:
-                try:
-                    found[str(line["run_id"])] = run_of_mapping(line["run"])
-                except (KeyError, TypeError, ValueError):
-                    continue
+            if line.get("row") != DONE or line.get("run_id") not in recipes:
+                continue
+            if line.get("recipe") != recipes[line["run_id"]]:
+                raise PreconditionError(
+                    f"The recipe of {line['run_id']} is not the one that its series was begun with.",
+                    hint="Put profile and setup back as they were, or begin another series in another folder.",
+                    code="E8213",
+                )
+            try:
+                found[str(line["run_id"])] = run_of_mapping(line["run"])
+            except (KeyError, TypeError, ValueError):
+                continue
         return {number: found[task.run_id] for number, task in enumerate(tasks) if task.run_id in found}
+
+    def refuse_begun(self, folder: Path) -> None:
+        """Raise UsageError E2112 where the folder has a series already."""
+        if any(line.get("row") == BEGUN for line in self._lines):
+            raise UsageError(
+                f"{folder} has a series of runs already.",
+                hint=f"Go on with it: `edmctl simulate --resume {shlex.quote(str(folder))}`; or choose another "
+                "folder with --out.",
+                code="E2112",
+            )
 
     def series(self, folder: Path) -> Series:
         """Return what was asked for. Raises UsageError E2111 where the folder has no series."""

@@ -95,10 +95,17 @@ def parse_sweep(text: str) -> Sweep:
     return Sweep(match["key"], written)
 
 
+def _plain_value(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
 def _of_list(text: str, key: str, values: Sequence[str]) -> Sweep:
     if not all(values):
         raise _refused(text, "a value of the list is empty")
-    if len(set(values)) < len(values):
+    if len({_plain_value(value) for value in values}) < len(values):
         raise _refused(text, "its values must differ")
     if len(values) > _MOST:
         raise _refused(text, f"a list has at most {_MOST} values")

@@ -8,8 +8,9 @@ import pytest
 
 import edmctl
 from edmctl.errors import PreconditionError, ProfileError, UsageError
+from edmctl.jobs.study.optimizing import _data
 from edmctl.results.study import RunKind
-from tests.jobs.studies import HEAD, written
+from tests.jobs.studies import HEAD, SMALL, written
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -150,3 +151,31 @@ def test_what_is_not_there_is_said(tmp_path: Path) -> None:
     with pytest.raises(PreconditionError) as few:
         study.ask()
     assert few.value.code == "E8210"
+
+
+def test_what_nobody_has_told_is_no_failure(tmp_path: Path) -> None:
+    text = SPACE.replace('response = "machining_time_s"\n', 'response = "ra_um"\n') + (
+        '\n[[responses]]\nname = "ra_um"\nsource = "manual"\nlog = true\n'
+    )
+    study = edmctl.Study.load(written(tmp_path, text)).start(tmp_path / "out")
+    for run in study.ask(8):
+        values = law(run.settings)
+        if run.number % 3:
+            values["ra_um"] = 0.0 if run.number == 1 else 0.2 + 0.1 * float(run.settings["pulse.duty"])
+        study.tell(run, values)
+    runs, objective, constraints = _data(study._state())
+    assert len(runs) == len(objective) == 6
+    assert min(objective) == 0.0  # one logarithm is missing, so none is taken
+    assert all(len(values) == 6 for values, _ in constraints)
+
+
+def test_centre_runs_are_no_level(tmp_path: Path) -> None:
+    text = SMALL.replace('kind = "full"', 'kind = "full"\ncenter_points = 1')
+    study = edmctl.Study.load(written(tmp_path, text)).start(tmp_path / "out")
+    for run in study.ask(5):
+        is_center = run.kind is RunKind.CENTER
+        study.tell(
+            run, {"machining_time_s": 60.0 if is_center else 20.0, "wear_ratio_lin": 0.3 + 0.01 * run.number}
+        )
+    means = study.fit("machining_time_s").level_means
+    assert [row.means for row in means] == [(20.0, 20.0), (20.0, 20.0)]

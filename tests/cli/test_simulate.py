@@ -271,6 +271,12 @@ def test_a_series_that_was_stopped_goes_on_in_its_folder(here: Here, tmp_path: P
     assert again.exit_code == 0, again.err
     assert again.document["result"] == whole.document["result"]
     assert len(list(out.glob("*.h5"))) == 4
+    begun = here("simulate", *SHALLOW, *swept, "-q")
+    assert begun.exit_code in (2, 9)
+    other = [line.replace('"recipe": "', '"recipe": "x') for line in lines]
+    for one in (out / "series").glob("*.jsonl"):
+        one.write_text("".join(other), encoding="utf-8")
+    assert here("simulate", "--resume", str(out), "-q").exit_code == 8
     assert here("simulate", "--resume", str(tmp_path), "-q").exit_code == 2
     assert here("simulate", "--resume", str(out), "--seed", "4").exit_code == 2
     assert here("simulate", *SHALLOW, "--table", str(table)).exit_code == 9

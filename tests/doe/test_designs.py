@@ -9,7 +9,7 @@ import pytest
 
 from edmctl.doe.arrays import array_for, arrays, unbalanced_pairs
 from edmctl.doe.designs import box_behnken, central_composite, full_factorial, latin_hypercube, sobol_points
-from edmctl.doe.fractional import LETTERS, fraction_for, fraction_of, letters_of
+from edmctl.doe.fractional import LETTERS, fraction_for, fraction_of, hiding_words, letters_of
 
 
 @pytest.mark.parametrize("name", arrays())
@@ -173,3 +173,16 @@ def test_samples_of_a_space() -> None:
     assert np.array_equal(sobol_points(2, 5, seed=1), sobol_points(2, 16, seed=1)[:5])
     assert np.abs(sobol_points(2, 16, seed=1)).max() <= 1
     assert full_factorial([2, 3]).tolist() == [[0, 0], [0, 1], [0, 2], [1, 0], [1, 1], [1, 2]]
+
+
+@pytest.mark.parametrize(
+    ("factors", "count", "least"), [(3, 1, 3), (3, 2, 2), (4, 2, 2), (5, 2, 3), (6, 3, 3)]
+)
+def test_blocks_hide_the_longest_products(factors: int, count: int, least: int) -> None:
+    """Box, Hunter and Hunter, table 5B.1: none hides a main effect."""
+    hidden = [frozenset[int]()]
+    for word in hiding_words(factors, count):
+        hidden += [known ^ word for known in hidden]
+    assert len(hidden) == 2**count
+    assert min(map(len, hidden[1:])) == least
+    assert hiding_words(2, 2) == ()

@@ -200,3 +200,38 @@ def test_points_come_from_a_table(tmp_path: Path) -> None:
 def test_shipped_studies_can_be_planned(file: str) -> None:
     (path,) = [path for path in shipped_studies() if path.stem == file]
     assert plan_study(read_study(path)).plan.runs
+
+
+def test_a_factor_that_blocks_would_hide_is_refused(tmp_path: Path) -> None:
+    two = SMALL.replace(FULL, "[design]\nkind = 'full'\nblocks = 4\n")
+    with pytest.raises(ProfileError, match="would hide the effect"):
+        planned(tmp_path, two)
+    tools = (
+        SMALL.replace(FULL, FULL + "replicates = 1\n")
+        + "\n[machine]\nholes_per_tool = 1\ncenter_runs = false\n"
+    )
+    assert planned(tmp_path, tools.replace("holes_per_tool = 1", "holes_per_tool = 2")).runs
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (SMALL.replace('kind = "full"', 'kind = "full"\nruns = 9'), "runs says nothing"),
+        (SMALL.replace("levels = [0.2, 0.4]", "levels = [0.2, 0.4]\nstep = 0.1"), "step says nothing"),
+        (SMALL.replace("levels = [0.2, 0.4]", "levels = [0.2, 0.20]"), "two or more different"),
+        (SMALL.replace('name = "ra_um"', 'name = "state"'), "has that name already"),
+        (
+            SMALL.replace("levels = [0.2, 0.4]", "low = 0.2\nhigh = 0.4\nstep = 0.3"),
+            "fewer than two multiples",
+        ),
+    ],
+)
+def test_nothing_is_lost_without_a_word(tmp_path: Path, text: str, says: str) -> None:
+    with pytest.raises(ProfileError, match=says):
+        planned(tmp_path, text)
+
+
+def test_values_in_steps_are_multiples_within_the_bounds(tmp_path: Path) -> None:
+    text = f"{HEAD}{RANGES}\n[design]\nkind = 'lhs'\nruns = 12\n{RESPONSES}"
+    plan = planned(tmp_path, text.replace("high = 0.4", "high = 0.4\nstep = 0.07"))
+    assert {run.settings["pulse.duty"] for run in plan.runs} == {0.21, 0.28, 0.35}

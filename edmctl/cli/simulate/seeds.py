@@ -38,10 +38,16 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False, subcommand_metava
 app.command("actuator")(actuator)
 app.command("serve")(serve)
 
+USUAL_RUNS = 10
 RunsOption = Annotated[
-    int,
+    int | None,
     typer.Option(
-        "--runs", "-n", metavar="N", min=1, max=MOST_RUNS, help="Number of runs, with seeds one apart."
+        "--runs",
+        "-n",
+        metavar="N",
+        min=1,
+        max=MOST_RUNS,
+        help=f"Number of runs, with seeds one apart. Default: {USUAL_RUNS}.",
     ),
 ]
 SweepOption = Annotated[
@@ -80,7 +86,7 @@ def simulate(
     profile: ProfileOption = None,
     overrides: SetOption = None,
     setup: SetupOption = None,
-    runs: RunsOption = 10,
+    runs: RunsOption = None,
     sweep: SweepOption = None,
     seed: SeedOption = None,
     calibration: CalibrationOption = None,
@@ -104,7 +110,7 @@ def simulate(
     outcome.simulated = True
     _check_files(table, figure)
     if resume is not None:
-        asked = (profile, overrides, setup, sweep, seed, calibration, out)
+        asked = (profile, overrides, setup, runs, sweep, seed, calibration, out)
         if any(value is not None for value in asked) or allow_model or dry_run:
             raise UsageError(
                 "--resume goes on with the series as it was asked for.",
@@ -116,7 +122,8 @@ def simulate(
         out = resume
     else:
         request = JobRequest(profile, tuple(overrides or ()), setup, SIMULATOR, calibration, allow_model)
-        series = Series(request, tuple(sweep or ()), runs, seed_to_use(seed, runs))
+        many = USUAL_RUNS if runs is None else runs
+        series = Series(request, tuple(sweep or ()), many, seed_to_use(seed, many))
     first_seed = series.first_seed
     cases = cases_of(series.request, series.sweeps, series.runs, shell())
     outcome.warn(dict.fromkeys(warning for case in cases for warning in case.plan.loaded.warnings))
@@ -139,6 +146,7 @@ def simulate(
         return
     with SeriesRows(out) as rows:
         if resume is None:
+            rows.refuse_begun(out)
             rows.begin(series)
         _simulate(outcome, cases, tasks, rows, table, figure)
 

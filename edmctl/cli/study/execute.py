@@ -1,32 +1,22 @@
 """`edmctl study run`, `resume`, `suggest`, `optimize` and `confirm`: all that makes runs."""
 
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from edmctl.cli.options import PROGRESS, NewToolOption, PortOption, WaitOption, command
+from edmctl.cli.options import PROGRESS, command
 from edmctl.cli.outcome import Outcome, stream_style, tell, watching
 from edmctl.cli.signals import begin_worker, shell
-from edmctl.cli.study.options import (
-    DaskOption,
-    FolderArgument,
-    HomedOption,
-    ShardOption,
-    StudyArgument,
-    WorkersOption,
-    YesOption,
-    checks_told,
-    opened,
-)
-from edmctl.errors import ObjectiveNotReached, UsageError
+from edmctl.cli.study.options import FolderArgument, Making, StudyArgument, checks_told, opened
+from edmctl.errors import ObjectiveNotReached
 from edmctl.wording import plural
 
 if TYPE_CHECKING:
     from edmctl.console.progress import Reporter
-    from edmctl.jobs.plan import MachineAddress, Plan
+    from edmctl.jobs.plan import Plan
     from edmctl.jobs.study.folder import StudyFolder
     from edmctl.jobs.study.running import Shard
     from edmctl.results.study import StudyRun
@@ -47,15 +37,8 @@ ConfirmRunsOption = Annotated[
 def run(
     outcome: Outcome,
     file: StudyArgument,
+    making: Making,
     out: OutOption,
-    workers: WorkersOption = None,
-    shard: ShardOption = None,
-    dask: DaskOption = None,
-    port: PortOption = None,
-    wait: WaitOption = 0.0,
-    new_tool: NewToolOption = False,
-    homed: HomedOption = False,
-    yes: YesOption = False,
 ) -> None:
     """Plan a study into a new folder, and make its runs.
 
@@ -68,13 +51,12 @@ def run(
     from edmctl.profile.study_file import read_study
 
     source = read_study(find_study(file))
-    making = Making(workers, shard, dask, port, wait, new_tool, homed, yes)
     making.refuse(base_request(source).setup, has_machine=source.file.machine is not None)
     with watching(outcome.output) as reporter:
         planned = plan_study(source, shell(), checks_told(reporter.note))
         reporter.note(f"planned {plural(len(planned.plan.runs), 'run')} of {planned.plan.name}")
     outcome.warn(planned.warnings)
-    study = create_folder(out, planned, or_same=shard is not None)
+    study = create_folder(out, planned, or_same=making.shard is not None)
     _make(outcome, study, making)
 
 
@@ -82,69 +64,14 @@ def run(
 def resume(
     outcome: Outcome,
     folder: FolderArgument,
-    workers: WorkersOption = None,
-    shard: ShardOption = None,
-    dask: DaskOption = None,
-    port: PortOption = None,
-    wait: WaitOption = 0.0,
-    new_tool: NewToolOption = False,
-    homed: HomedOption = False,
-    yes: YesOption = False,
+    making: Making,
 ) -> None:
     """Go on with a study: make the runs that are left, resume a hole that was interrupted."""
     from edmctl.jobs.study.folder import version_warning
 
     study = opened(folder)
     outcome.warn(version_warning(study))
-    _make(outcome, study, Making(workers, shard, dask, port, wait, new_tool, homed, yes))
-
-
-@dataclass(frozen=True, slots=True)
-class Making:
-    """How runs are made: on the machine at `where`, or on virtual ones by so many workers, a shard or a cluster."""
-
-    workers: int | None
-    shard: str | None
-    dask: str | None
-    port: str | None
-    wait: float
-    new_tool: bool
-    homed: bool
-    yes: bool
-
-    def refuse(self, setup: Path | None, *, has_machine: bool) -> None:
-        """Refuse options that do not go together, before anything is made. Raises UsageError E2102, E2103, E2108."""
-        from edmctl.jobs.study.running import parse_shard
-
-        parse_shard(self.shard)
-        if self.where(setup).lasting:
-            if self.workers is not None or self.shard is not None or self.dask is not None:
-                raise UsageError(
-                    "One machine makes one run at a time: --workers, --shard and --dask are for virtual ones.",
-                    hint="Leave them out.",
-                    code="E2108",
-                )
-            if not has_machine:
-                from edmctl.jobs.study.on_machine import without_machine
-
-                raise without_machine()
-        elif self.new_tool or self.homed:
-            raise UsageError(
-                "--new-tool and --homed are about a machine that lasts, and none is named.",
-                hint="Say --port, or leave them out.",
-                code="E2108",
-            )
-        if self.dask is not None and self.workers is not None:
-            raise UsageError(
-                "--dask has the workers of its cluster.", hint="Leave --workers or --dask out.", code="E2108"
-            )
-
-    def where(self, setup: Path | None) -> "MachineAddress":
-        """Return the machine that is named; a fresh virtual one where none is."""
-        from edmctl.jobs.plan import where_is
-        from edmctl.profile.setup import load_setup
-
-        return where_is(self.port, load_setup(setup), self.wait)
+    _make(outcome, study, making)
 
 
 def _make(outcome: Outcome, study: "StudyFolder", making: Making, *, to_the_end: bool = False) -> None:
@@ -265,13 +192,7 @@ def suggest(outcome: Outcome, folder: FolderArgument, count: CountOption = 1, ad
 def optimize(
     outcome: Outcome,
     folder: FolderArgument,
-    workers: WorkersOption = None,
-    dask: DaskOption = None,
-    port: PortOption = None,
-    wait: WaitOption = 0.0,
-    new_tool: NewToolOption = False,
-    homed: HomedOption = False,
-    yes: YesOption = False,
+    making: Making,
 ) -> None:
     """Make runs where the models expect most, one after the other, up to the number in [optimize]; recommend one.
 
@@ -283,7 +204,7 @@ def optimize(
 
     study = opened(folder)
     total = study.source.file.optimize.runs
-    making = Making(workers, None, dask, port, wait, new_tool, homed, yes)
+    making.refuse_shard()
     while True:
         _make(outcome, study, making, to_the_end=True)  # a failed run tells where runs fail
         making = replace(making, new_tool=False, homed=False)
@@ -307,14 +228,8 @@ def optimize(
 def confirm(
     outcome: Outcome,
     folder: FolderArgument,
+    making: Making,
     runs: ConfirmRunsOption = 3,
-    workers: WorkersOption = None,
-    dask: DaskOption = None,
-    port: PortOption = None,
-    wait: WaitOption = 0.0,
-    new_tool: NewToolOption = False,
-    homed: HomedOption = False,
-    yes: YesOption = False,
 ) -> None:
     """Run the recommended settings anew, on machines no model has seen, and say whether the expectation held."""
     from edmctl.console.study_tables import render_confirmation, render_recommendation
@@ -334,7 +249,7 @@ def confirm(
         told = f"{render_recommendation(best, stream_style(sys.stdout))}\n\n"
         with study.writer() as writer:
             writer.planned(confirmation_runs(state, best.settings, runs))
-    _make(outcome, study, Making(workers, None, dask, port, wait, new_tool, homed, yes))
+    _make(outcome, study, making)
     after = study.read()
     found = confirmations_of(after, analysis_of(after).responses)
     assert isinstance(outcome.result, dict)

@@ -1,16 +1,20 @@
 """Arguments and options that the commands of `edmctl study` share."""
 
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import typer
 
 from edmctl.cli import completion
+from edmctl.cli.options import NewToolOption, PortOption, WaitOption
+from edmctl.errors import UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from edmctl.jobs.plan import MachineAddress
     from edmctl.jobs.study.folder import StudyFolder
 
 StudyArgument: TypeAlias = Annotated[
@@ -53,6 +57,63 @@ HomedOption: TypeAlias = Annotated[
 YesOption: TypeAlias = Annotated[
     bool, typer.Option("--yes", help="Approve every run that the study wants approved.")
 ]
+
+
+@dataclass(frozen=True, slots=True)
+class Making:
+    """How runs are made: on the machine at `where`, or on virtual ones by so many workers, a shard or a cluster."""
+
+    workers: WorkersOption = None
+    shard: ShardOption = None
+    dask: DaskOption = None
+    port: PortOption = None
+    wait: WaitOption = 0.0
+    new_tool: NewToolOption = False
+    homed: HomedOption = False
+    yes: YesOption = False
+
+    def refuse(self, setup: Path | None, *, has_machine: bool) -> None:
+        """Refuse options that do not go together, before anything is made. Raises UsageError E2102, E2103, E2108."""
+        from edmctl.jobs.study.running import parse_shard
+
+        parse_shard(self.shard)
+        if self.where(setup).lasting:
+            if self.workers is not None or self.shard is not None or self.dask is not None:
+                raise UsageError(
+                    "One machine makes one run at a time: --workers, --shard and --dask are for virtual ones.",
+                    hint="Leave them out.",
+                    code="E2108",
+                )
+            if not has_machine:
+                from edmctl.jobs.study.on_machine import without_machine
+
+                raise without_machine()
+        elif self.new_tool or self.homed:
+            raise UsageError(
+                "--new-tool and --homed are about a machine that lasts, and none is named.",
+                hint="Say --port, or leave them out.",
+                code="E2108",
+            )
+        if self.dask is not None and self.workers is not None:
+            raise UsageError(
+                "--dask has the workers of its cluster.", hint="Leave --workers or --dask out.", code="E2108"
+            )
+
+    def refuse_shard(self) -> None:
+        """Refuse --shard where the next run follows from those before. Raises UsageError E2108."""
+        if self.shard is not None:
+            raise UsageError(
+                "Every suggestion follows from all runs before it: there are no parts.",
+                hint="Leave --shard out.",
+                code="E2108",
+            )
+
+    def where(self, setup: Path | None) -> "MachineAddress":
+        """Return the machine that is named; a fresh virtual one where none is."""
+        from edmctl.jobs.plan import where_is
+        from edmctl.profile.setup import load_setup
+
+        return where_is(self.port, load_setup(setup), self.wait)
 
 
 CHECKS_EVERY_S = 2.0

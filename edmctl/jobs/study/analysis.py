@@ -82,6 +82,8 @@ def doe_runs(plan: StudyPlan, runs: Sequence[StudyRun]) -> Runs:
         {factor.name: [one[factor.key] for one in settings] for factor in plan.factors},
         [run.planned.point for run in runs],
         blocks,
+        frozenset(run.planned.point for run in runs if run.planned.kind is not RunKind.DESIGN)
+        - {run.planned.point for run in runs if run.planned.kind is RunKind.DESIGN},
     )
 
 
@@ -143,7 +145,7 @@ def _choices(
     by_point: dict[int, list[StudyRun]] = {}
     for run in runs:
         by_point.setdefault(run.planned.point, []).append(run)
-    names = [name for name, _ in plan.objectives] or [one.name for one in plan.responses]
+    names = ranked_by(plan)
     weights = [weight for _, weight in plan.objectives] or [1.0] * len(names)
     infos = {one.name: one for one in plan.responses}
     means = {
@@ -178,6 +180,15 @@ def _choices(
     )
 
 
+def ranked_by(plan: StudyPlan) -> list[str]:
+    """Return the responses that points are ranked by: the objectives, else all of which it is said what is good."""
+    return [name for name, _ in plan.objectives] or [
+        one.name
+        for one in plan.responses
+        if (one.better != "nominal" or one.target is not None) and not one.name.startswith(TRUTH)
+    ]
+
+
 def _cost(info: ResponseInfo, value: float) -> float:
     """What is wanted small of a response."""
     if info.better == "larger":
@@ -207,6 +218,7 @@ def upper_bounds(
         if len(values) > 1:
             sd = math.sqrt(math.fsum((v - mean) ** 2 for v in values) / (len(values) - 1))
             half = float(special.stdtrit(len(values) - 1, 0.95)) * sd / math.sqrt(len(values))
+            half = max(half, own / math.sqrt(len(values)) if math.isfinite(own) else 0.0)
         elif math.isfinite(own):
             half = own
         elif model is not None and values:

@@ -9,7 +9,7 @@ import math
 from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError
-from edmctl.jobs.study.analysis import analysis_of
+from edmctl.jobs.study.analysis import analysis_of, ranked_by
 from edmctl.jobs.study.expectations import expected_at
 from edmctl.results.study import (
     Confirmation,
@@ -117,9 +117,9 @@ def best_of_points(state: StudyState) -> Recommendation:
     """
     analysis = analysis_of(state)
     plan = state.folder.plan
-    names = [name for name, _ in plan.objectives] or [plan.responses[0].name]
+    names = [name for name, _ in plan.objectives] or ranked_by(plan)[:1]
     candidates = [one for one in analysis.choices if all(one.means.get(name) is not None for name in names)]
-    if not candidates:
+    if not candidates or not names:
         raise PreconditionError(
             f"No point has a value of {', '.join(names)}.",
             hint="Tell manual responses with `edmctl study tell`, or make the runs.",

@@ -82,23 +82,18 @@ def _confounded(
     name: str, settings: list[dict[str, Value]], factors: Sequence[FactorInfo], blocks: int
 ) -> Points:
     """Two-level runs in blocks that hide the longest products (Box, Hunter and Hunter 2005, chapter 5)."""
-    from edmctl.doe.fractional import fraction_for, letters_of
+    from edmctl.doe.fractional import hiding_words, letters_of
 
     extra = blocks.bit_length() - 1
-    if extra >= len(factors):
-        raise Refused(f"{blocks} blocks of {plural(len(settings), 'run')}", "take fewer blocks", "blocks")
-    try:
-        fraction = fraction_for(len(factors) + extra, 3)
-        words = [word for one, word, _ in fraction.generators if one >= len(factors)]
-    except ValueError:
-        words = []
-    if len(words) != extra or fraction.runs < len(settings):
-        words = [frozenset(range(len(factors))) - ({n - 1} if n else set()) for n in range(extra)]
+    words = hiding_words(len(factors), extra)
+    if not words:
+        message = f"{blocks} blocks of {plural(len(settings), 'run')} would hide the effect of a factor"
+        raise Refused(message, "take fewer blocks", "blocks")
     number = []
     for one in settings:
         bits = [sum(one[factors[f].key] == factors[f].values[1] for f in word) % 2 for word in words]
         number.append(sum(bit << n for n, bit in enumerate(bits)))
-    told = ", ".join(letters_of(frozenset(word)) for word in words)
+    told = ", ".join(letters_of(word) for word in words)
     note = f"blocks cannot be told apart from {told} and their products"
     return Points(f"{name} in {blocks} blocks", tuple(settings), tuple(number), notes=(note,))
 

@@ -77,6 +77,14 @@ def _factor(factor: Factor) -> FactorInfo:
         )
     if factor.low is None or factor.high is None:
         raise _Refused("a range has low and high", "give both")
+    if factor.step is not None and math.floor(factor.high / factor.step + 1e-9) <= math.ceil(
+        factor.low / factor.step - 1e-9
+    ):
+        raise _Refused(
+            f"fewer than two multiples of {factor.step:g} lie between the bounds",
+            "take a smaller step",
+            "step",
+        )
     if not factor.low < factor.high:
         raise _Refused(f"low = {factor.low} is not below high = {factor.high}", "swap them", "low")
     return FactorInfo(
@@ -92,7 +100,8 @@ def _is_log(factor: Factor) -> bool:
 
 
 def _all_differ(values: Sequence[Value], what: str) -> None:
-    if len(values) < 2 or len(set(map(repr, values))) < len(values):
+    same = {float(v) if isinstance(v, int | float) and not isinstance(v, bool) else repr(v) for v in values}
+    if len(values) < 2 or len(same) < len(values):
         raise _Refused(f"{what} have to be two or more different values", "give two or more, each once", what)
 
 
@@ -105,7 +114,9 @@ def value_at(factor: FactorInfo, coded: float, step: float | None = None) -> Val
     share = (coded + 1) / 2
     value = low * (high / low) ** share if factor.is_log else low + (high - low) * share
     if step is not None:
-        value = step * round(value / step)
+        least, most = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+        value = float(f"{step * min(max(round(value / step), least), most):.12g}")
+        return round(value) if _takes_whole_numbers(factor.key) else value
     is_whole = _takes_whole_numbers(factor.key)
     rounded = float(f"{value:.{DIGITS}g}")
     value = min(max(rounded, low), high) if abs(share - 0.5) < 0.5 else (low if share < 0.5 else high)

@@ -140,7 +140,7 @@ class _Series:
                 f"{run.planned.number} repeat REASON`, and make it anew with --new-tool.",
                 code="E2108",
             )
-        tool = self._look_at_tool(run)
+        tool = self._look_at_tool(run) if left is None else self._tool_of_begun(run)
         plan, name, site_um = left if left is not None else self._fresh(run, name)
         if left is None and self._wants_approval(run) and not self._options.approve(run, plan):
             raise PreconditionError(
@@ -210,6 +210,11 @@ class _Series:
             hint="A study on new work is another one, in another folder; give its grid more columns or rows.",
             code="E8207",
         )
+
+    def _tool_of_begun(self, run: StudyRun) -> int:
+        """Return the number of the tool that began a hole: that of the row before, or the one changed for it."""
+        used = [one.row.tool for one in self._folder.read().runs if one.row is not None]
+        return max([run.planned.tool, *used])
 
     def _look_at_tool(self, run: StudyRun) -> int:
         """Return the number of the tool in the machine; stop where the run is of another one than the run before."""

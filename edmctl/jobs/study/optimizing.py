@@ -16,7 +16,7 @@ from edmctl.jobs.study.expectations import LEAST_RUNS, expected_at, fitting_runs
 from edmctl.jobs.study.factors import unit_points, value_at
 from edmctl.jobs.study.planning import request_of
 from edmctl.jobs.surroundings import NONE, Surroundings
-from edmctl.results.study import Recommendation, RunKind
+from edmctl.results.study import Recommendation, RunKind, RunState
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -124,7 +124,13 @@ def _data(state: StudyState) -> tuple[list[StudyRun], list[float], list[tuple[li
             hint="Add [[objectives]] with a response to the study file, and plan it anew.",
             code="E8209",
         )
-    runs = fitting_runs(state)
+    wanted = [*(name for name, _ in plan.objectives), *(bound.response for bound in plan.constraints)]
+    # A value that nobody has told yet is not known; only a run that failed tells where runs fail.
+    runs = [
+        run
+        for run in fitting_runs(state)
+        if run.state is RunState.FAILED or all(run.value(name) is not None for name in wanted)
+    ]
     infos = {one.name: one for one in plan.responses}
     objective = _objective(plan.objectives, infos, runs)
     known = sum(math.isfinite(value) for value in objective)
@@ -141,7 +147,7 @@ def _objective(
     objectives: Sequence[tuple[str, float]], infos: Mapping[str, ResponseInfo], runs: Sequence[StudyRun]
 ) -> list[float]:
     """One cost a run: of a single objective its own scale, of several the weighted sum of standardised ones."""
-    columns = [[_cost(infos[name], run.value(name)) for run in runs] for name, _ in objectives]
+    columns = [_costs(infos[name], [run.value(name) for run in runs]) for name, _ in objectives]
     if len(columns) == 1:
         return columns[0]
     whole = [0.0] * len(runs)
@@ -153,13 +159,18 @@ def _objective(
     return whole
 
 
-def _cost(info: ResponseInfo, value: float | None) -> float:
-    if value is None:
-        return math.nan
-    if info.better == "nominal" and info.target is not None:
-        return abs(value - info.target)
-    scaled = math.log(value) if info.is_log and value > 0 else value
-    return -scaled if info.better == "larger" else scaled
+def _costs(info: ResponseInfo, values: Sequence[float | None]) -> list[float]:
+    """What is wanted small of a response, NaN where there is no value: logarithms where all of them have one."""
+    known = [value for value in values if value is not None]
+    is_log = info.is_log and bool(known) and min(known) > 0
+
+    def cost(value: float) -> float:
+        if info.better == "nominal" and info.target is not None:
+            return abs(value - info.target)
+        scaled = math.log(value) if is_log else value
+        return -scaled if info.better == "larger" else scaled
+
+    return [math.nan if value is None else cost(value) for value in values]
 
 
 def _constraint(

@@ -158,7 +158,12 @@ def _wrong_names(source: StudySource) -> list[Diagnostic]:
         if one.source == "job" and not responses.is_known(one.name):
             hint = f'{responses.near(one.name)}; what is told later has source = "manual"'
             wrong.append(source.refusal(path, f"no job answers {one.name}", hint))
-        if one.source == "manual" and (responses.is_known(one.name) or one.name in factor_keys):
+        if one.source == "manual" and (
+            responses.is_known(one.name)
+            or one.name in factor_keys
+            or one.name in responses.COLUMNS
+            or one.name.endswith("_u95")
+        ):
             wrong.append(
                 source.refusal(path, f"{one.name} has that name already", "give what is told by hand another")
             )

@@ -51,6 +51,34 @@ TRUTHS = {
 }
 """What only a virtual machine knows; a response is called `truth.NAME`."""
 
+COLUMNS = frozenset(
+    [
+        "run",
+        "kind",
+        "point",
+        "replicate",
+        "block",
+        "tool",
+        "x_um",
+        "y_um",
+        "seed",
+        "attempt",
+        "state",
+        "judgement",
+        "reason",
+        "exit_code",
+        "error",
+        "depth_basis",
+        "wear_basis",
+        "run_file",
+        "run_sha256",
+        "started",
+        "duration_s",
+        "host",
+    ]
+)
+"""Columns of the table that say something else: no response has such a name."""
+
 _UNITS = {"_um": "µm", "_s": "s", "_j": "J", "_mm3_min": "mm³/min", "_j_um": "J/µm"}
 
 

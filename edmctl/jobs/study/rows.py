@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -53,7 +54,7 @@ class Rows:
         judged = [one for one in self.judged.get(planned.number, ()) if last and one[0] == last.attempt]
         judgement, reason = judged[-1][1:] if judged else (None, "")
         told = self.told.get((planned.number, last.attempt if last else 1), {})
-        return StudyRun(planned, last, told, judgement, reason, len(attempts))
+        return StudyRun(planned, last, told, judgement, reason, last.attempt if last else 0)
 
 
 def read_rows(folder: Path) -> Rows:
@@ -77,7 +78,10 @@ def _gathered(lines: Iterable[dict[str, Any]], torn: int) -> Rows:
                 attempts.setdefault(row.number, {}).setdefault(row.attempt, row)
             elif kind == TOLD:
                 at = (int(values["number"]), max(1, int(values.get("attempt", 1))))
-                told.setdefault(at, {}).update(values["values"])
+                values_told = {str(name): float(value) for name, value in values["values"].items()}
+                if not all(map(math.isfinite, values_told.values())):
+                    raise ValueError("no number")
+                told.setdefault(at, {}).update(values_told)
             elif kind == JUDGED:
                 one = (int(values["attempt"]), Judgement(values["judgement"]), str(values["reason"]))
                 judged.setdefault(int(values["number"]), []).append(one)
@@ -89,7 +93,7 @@ def _gathered(lines: Iterable[dict[str, Any]], torn: int) -> Rows:
                 paused.append(values)
             elif kind == MACHINE:
                 port = str(values["port"])
-        except (KeyError, TypeError, ValueError):
+        except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
             torn += 1
     return Rows(
         {number: tuple(found[n] for n in sorted(found)) for number, found in attempts.items()},

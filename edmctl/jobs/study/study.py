@@ -24,7 +24,7 @@ from edmctl.jobs.study.table import in_words, table_of
 from edmctl.jobs.surroundings import Unobserved
 from edmctl.profile.folders import find_study
 from edmctl.profile.study_file import read_study
-from edmctl.results.study import RunRow, RunState
+from edmctl.results.study import RunKind, RunRow, RunState
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -125,7 +125,7 @@ class Study:
             )
         check(request_of(folder.base, settings))
         last = max(state.runs, key=lambda run: run.planned.number).planned
-        seed = max(run.planned.seed for run in state.runs) + 1
+        seed = max(run.planned.seed for run in state.runs if run.planned.kind is not RunKind.CONFIRMATION) + 1
         block = max(run.planned.block for run in state.runs) + 1
         ordered = {key: settings[key] for key in keys}
         run = added_run(state, last.number + 1, ordered, seed, block)

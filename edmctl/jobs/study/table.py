@@ -172,6 +172,10 @@ def told_table(state: StudyState, text: str) -> dict[int, dict[str, float]]:
                 f"Line {line}: {row['run']!r} is no number of a run.", hint="Correct it.", code="E2104"
             ) from None
         state.run(number)
+        if number in found:
+            raise UsageError(
+                f"Line {line}: run {number} stands in the table twice.", hint="Keep one.", code="E2106"
+            )
         found[number] = {name: _value(name, value, manual) for name, value in values.items() if value}
     return found
 
