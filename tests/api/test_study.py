@@ -89,6 +89,7 @@ def test_a_study_is_run_and_fitted(tmp_path: Path) -> None:
         study.fit("depth_um")
 
 
+@pytest.mark.slow
 def test_suggestions_follow_from_the_rows_alone(tmp_path: Path) -> None:
     """Two studies that were told the same ask for the same, whatever was opened and closed between."""
     suggested = []

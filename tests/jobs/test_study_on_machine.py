@@ -64,6 +64,7 @@ class Interrupting(Unseen):
             self.stop.request(signal.SIGINT)
 
 
+@pytest.mark.slow
 def test_tools_change_between_blocks_and_an_interrupted_hole_is_resumed(tmp_path: Path) -> None:
     folder = made(tmp_path, MACHINE)
     seen = Interrupting()
@@ -135,6 +136,7 @@ def test_nobody_approves_no_sparks(tmp_path: Path) -> None:
     assert not folder.runs.exists() or not list(folder.runs.glob("*.h5"))
 
 
+@pytest.mark.slow
 def test_a_fault_stops_the_study_and_the_hole_is_resumed_once_it_is_mended(tmp_path: Path) -> None:
     folder = made(tmp_path, MACHINE)
     bench = open_bench(BenchConfig(), 5)

@@ -59,6 +59,7 @@ class Stopped(Exception):
     """Ends a study in the middle."""
 
 
+@pytest.mark.slow
 def test_what_was_finished_before_a_stop_stays_and_the_rest_follows(
     tmp_path: Path, whole: StudyFolder
 ) -> None:
