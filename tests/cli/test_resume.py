@@ -109,7 +109,7 @@ def ledger_goes_on(*entries: Entry) -> None:
     ledger.append(ledger.lines[0].serial, *entries)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_a_deep_hole_with_a_worn_tool_is_finished(here: Here) -> None:
     deep = ("--set", 'target={kind="depth",depth_um=180.0,tolerance_um=2.0}')
     with at_time_of_cut(172.0, stop):

@@ -168,7 +168,7 @@ def test_a_channel_may_be_interrupted_again_and_again(here: Here, left_at: Leave
     channel_of(said.document)
 
 
-@pytest.mark.parametrize("hours", tiers(slow=(1.6,), full=(10.0,)))
+@pytest.mark.parametrize("hours", tiers(full=(1.6, 10.0)))
 def test_a_channel_that_stood_for_hours_is_taken_up(here: Here, left_at: LeaveAt, hours: float) -> None:
     """By then the sensor may have drifted by more than the tool is clear: what is under the tool is touched."""
     left_at(20.0)
@@ -193,7 +193,7 @@ def test_a_stop_right_after_the_take_up_is_a_stop(here: Here, left_at: LeaveAt) 
     assert here(*RESUME, *BENCH).exit_code == 0
 
 
-@pytest.mark.parametrize("height_um", tiers(slow=(6.0,), full=(10.0, 18.0)))
+@pytest.mark.parametrize("height_um", tiers(full=(6.0, 10.0, 18.0)))
 def test_a_chip_on_the_floor_spoils_no_channel(here: Here, left_at: LeaveAt, height_um: float) -> None:
     left_at(130.0)
 
