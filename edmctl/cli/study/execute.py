@@ -206,8 +206,10 @@ def optimize(
     total = study.source.file.optimize.runs
     making.refuse_shard()
     while True:
+        rows = len(study.read().rows.attempts)
         _make(outcome, study, making, to_the_end=True)  # a failed run tells where runs fail
-        making = replace(making, new_tool=False, homed=False)
+        if len(study.read().rows.attempts) > rows:  # the new tool is in use now
+            making = replace(making, new_tool=False, homed=False)
         batch = next_batch(study.read(), shell())
         if not batch:
             break
