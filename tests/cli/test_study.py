@@ -134,6 +134,7 @@ def test_help_loads_no_library_of_studies() -> None:
     assert done.stderr.strip().endswith("[]")
 
 
+@pytest.mark.slow
 def test_a_study_that_was_planned_can_be_resumed_in_parts(tmp_path: Path, here: Here) -> None:
     file, out = str(written(tmp_path, SMALL)), str(tmp_path / "parts")
     half = here("study", "run", file, "--out", out, "--shard", "1/2", "--workers", "1", "-q", "--json")

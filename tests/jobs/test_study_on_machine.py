@@ -112,6 +112,7 @@ def test_a_begun_hole_is_given_up_and_made_anew_with_another_tool(tmp_path: Path
     assert run.row.site_um == (1100.0, 0.0)
 
 
+@pytest.mark.slow
 def test_a_result_whose_row_was_lost_is_read_from_its_run_file(tmp_path: Path) -> None:
     folder = made(tmp_path, MACHINE)
     run_on_machine(folder, options(folder, most=1), Unseen())

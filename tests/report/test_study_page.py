@@ -430,6 +430,7 @@ def figures() -> dict[str, Callable[[], Figure]]:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", list(figures()))
 def test_every_figure_draws_quietly(name: str) -> None:
     with warnings.catch_warnings():
