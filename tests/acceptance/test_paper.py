@@ -75,17 +75,20 @@ def test_tungsten_feeds_250_um_into_240_um_of_depth_and_10_um_of_wear() -> None:
     assert fmean(hole.true_wear_um for hole in holes) == pytest.approx(10.0, abs=1.5)
 
 
+@pytest.mark.full
 def test_the_wide_tool_takes_2_9_times_as_long(cu270: list[Hole], cu150_time_s: float) -> None:
     cu270_time_s = fmean(hole.measured.machining_time_s for hole in cu270)
     assert cu270_time_s / cu150_time_s == pytest.approx(2.9, abs=0.15)
 
 
+@pytest.mark.full
 def test_twice_the_current_shortens_the_job_by_35_to_50_percent(cu150_time_s: float) -> None:
     holes = [machine("cu150", seed, FEED_250, "pulse.current_a=0.24") for seed in (1, 2, 3)]
     time_s = fmean(hole.measured.machining_time_s for hole in holes)
     assert 0.35 <= 1.0 - time_s / cu150_time_s <= 0.50
 
 
+@pytest.mark.full
 def test_a_depth_target_is_met_and_its_interval_holds_the_truth() -> None:
     holes = [machine("cu270", seed) for seed in range(1, 7)]
     assert sum(abs(hole.true_depth_um - 180.0) > 2.0 for hole in holes) <= 1
