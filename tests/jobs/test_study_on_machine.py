@@ -11,8 +11,9 @@ import pytest
 
 from edmctl.cli.app import main
 from edmctl.errors import Interrupted, MachineFault, PreconditionError, UsageError
+from edmctl.jobs.plan import MachineAddress
 from edmctl.jobs.study.analysis import analysis_of
-from edmctl.jobs.study.on_machine import MachineRuns, run_on_machine
+from edmctl.jobs.study.on_machine import MachineRuns, refuse_mixture, run_on_machine
 from edmctl.jobs.study.reporting import page_of
 from edmctl.jobs.study.waiting import what_next
 from edmctl.jobs.surroundings import Surroundings
@@ -126,6 +127,18 @@ def test_a_result_whose_row_was_lost_is_read_from_its_run_file(tmp_path: Path) -
     assert after.responses == before.responses
     assert after.site_um == before.site_um
     assert len(list(folder.runs.glob("*.h5"))) == 1
+
+
+def test_a_study_stays_on_its_bench(tmp_path: Path) -> None:
+    folder = made(tmp_path, MACHINE)
+    own = options(folder)
+    run_on_machine(folder, replace(own, most=1), Unseen())
+    refuse_mixture(folder.read(), MachineAddress(own.port))
+    for port in ("sim:", f"{own.port}2", "/dev/ttyUSB0"):
+        with pytest.raises(UsageError) as refused:
+            refuse_mixture(folder.read(), MachineAddress(port))
+        assert refused.value.code == "E2108"
+        assert own.port in refused.value.hint
 
 
 def test_nobody_approves_no_sparks(tmp_path: Path) -> None:

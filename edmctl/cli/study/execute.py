@@ -85,7 +85,7 @@ def _make(outcome: Outcome, study: "StudyFolder", making: Making, *, to_the_end:
     setup = study.base.setup
     making.refuse(setup, has_machine=study.source.file.machine is not None)
     where, part = making.where(setup), parse_shard(making.shard)
-    refuse_mixture(study.read(), lasting=where.lasting)
+    refuse_mixture(study.read(), where)
     try:
         with watching(outcome.output) as reporter:
             if where.lasting:

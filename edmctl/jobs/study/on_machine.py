@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from edmctl.errors import EdmError, ObjectiveNotReached, PreconditionError, RunFileError, UsageError
 from edmctl.jobs.job import carry_out
 from edmctl.jobs.ledger.places_taken import WALL_UM
-from edmctl.jobs.plan import check
+from edmctl.jobs.plan import MachineAddress, check
 from edmctl.jobs.study.evaluate import refuse_other_recipe, row_of, run_name
 from edmctl.jobs.study.planning import grid_of, request_of
 from edmctl.jobs.study.rows import MACHINE, PAUSED
@@ -83,10 +83,14 @@ def without_machine() -> UsageError:
     )
 
 
-def refuse_mixture(state: StudyState, *, lasting: bool) -> None:
-    """Raise UsageError E2108 where runs of a study would be made on virtual machines and on one that lasts."""
-    folder, port = state.folder.path, state.rows.port
-    if not lasting and port:
+def refuse_mixture(state: StudyState, where: MachineAddress) -> None:
+    """Raise UsageError E2108 where runs of a study would be made on virtual machines and on one that lasts, or on
+    two benches. A controller may come back at another port.
+    """
+    folder, port, lasting = state.folder.path, state.rows.port, where.lasting
+    bench = MachineAddress(port).bench_file if port else None
+    other = bench is not None and (where.bench_file is None or where.bench_file.resolve() != bench.resolve())
+    if port and (not lasting or other):
         raise UsageError(
             f"The study is made on the machine at {port}.",
             hint=f"Go on there: `{shlex.join(['edmctl', 'study', 'resume', str(folder), '--port', port])}`.",
