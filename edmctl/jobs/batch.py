@@ -6,7 +6,7 @@ import shlex
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from edmctl.errors import Interrupted, ProfileError, RunFileError, UsageError
 from edmctl.exitcodes import error_exit_code
@@ -18,7 +18,6 @@ from edmctl.jobs.run_header import name_run, plain_name, run_path
 from edmctl.jobs.statistics import run_of
 from edmctl.jobs.surroundings import Unobserved
 from edmctl.jobs.sweep import grid_of, of_sweep
-from edmctl.results.progress import Observer
 from edmctl.results.simulation import SimulatedRun
 
 if TYPE_CHECKING:
@@ -28,14 +27,7 @@ if TYPE_CHECKING:
     from edmctl.jobs.parallel import Program
     from edmctl.jobs.plan import JobRequest, Plan
     from edmctl.jobs.surroundings import Surroundings
-
-
-class BatchObserver(Observer, Protocol):
-    """Is told how many runs are done as well."""
-
-    def runs(self, done: int, total: int) -> None:
-        """`done` of `total` runs are finished."""
-        ...
+    from edmctl.results.progress import Observer, SeriesObserver
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +126,7 @@ def check_names(tasks: Sequence[Task]) -> None:
 def perform_all(
     tasks: Sequence[Task],
     program: Program,
-    observer: BatchObserver,
+    observer: SeriesObserver,
     keep: Callable[[int, SimulatedRun], None],
 ) -> None:
     """Perform `tasks`, side by side where there are cores; `keep` gets each with its number when it is finished.

@@ -87,3 +87,11 @@ class Observer(Protocol):
 
     def note(self, text: str) -> None:
         """Take one line about a decision or a result."""
+
+
+class SeriesObserver(Observer, Protocol):
+    """Is told how many runs of a series are done as well."""
+
+    def runs(self, done: int, total: int) -> None:
+        """`done` of `total` runs are finished."""
+        ...

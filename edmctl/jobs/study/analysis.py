@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError
 from edmctl.jobs.study.design import AS_LEVELS, terms_of
+from edmctl.jobs.study.expectations import predicted
 from edmctl.jobs.study.factors import BLOCK, settings_matrix
 from edmctl.jobs.study.responses import TRUTHS
 from edmctl.results.study import TRUTH, Choice, RunKind, RunState
@@ -152,7 +153,7 @@ def _choices(
         point: {name: _mean([_number(run.value(name)) for run in members]) for name in infos}
         for point, members in by_point.items()
     }
-    table = np.array([[_cost(infos[name], means[point][name]) for name in names] for point in by_point])
+    table = np.array([[cost_of(infos[name], means[point][name]) for name in names] for point in by_point])
     smaller = ["smaller"] * len(names)
     upper = {point: upper_bounds(plan, members, analyses) for point, members in by_point.items()}
     feasible = [
@@ -189,8 +190,8 @@ def ranked_by(plan: StudyPlan) -> list[str]:
     ]
 
 
-def _cost(info: ResponseInfo, value: float) -> float:
-    """What is wanted small of a response."""
+def cost_of(info: ResponseInfo, value: float) -> float:
+    """Return what is wanted small of a response."""
     if info.better == "larger":
         return -value
     return abs(value - info.target) if info.better == "nominal" and info.target is not None else value
@@ -222,12 +223,8 @@ def upper_bounds(
         elif math.isfinite(own):
             half = own
         elif model is not None and values:
-            matrix = settings_matrix(
-                plan.factors, [runs[0].planned.settings], as_levels=plan.model in AS_LEVELS
-            )
-            names = {factor.name: list(factor.values) for factor in plan.factors}
-            expected, low, high = model.predict(replace(matrix, names=names))
-            half = float(high[0] - expected[0] if bound.sign > 0 else expected[0] - low[0])
+            expected, low, high = predicted(plan, model, runs[0].planned.settings)
+            half = high - expected if bound.sign > 0 else expected - low
         else:
             half = math.nan
         found[str(bound)] = _or_none(mean + bound.sign * half)

@@ -9,7 +9,7 @@ import math
 from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError
-from edmctl.jobs.study.analysis import analysis_of, ranked_by
+from edmctl.jobs.study.analysis import analysis_of, cost_of, ranked_by
 from edmctl.jobs.study.expectations import expected_at
 from edmctl.results.study import (
     Confirmation,
@@ -132,13 +132,7 @@ def best_of_points(state: StudyState) -> Recommendation:
         basis = "No point that was run is known to keep every constraint; this one comes nearest."
     elif len(names) == 1:
         info = next(one for one in plan.responses if one.name == names[0])
-        sign = -1.0 if info.better == "larger" else 1.0
-        target = info.target if info.better == "nominal" else None
-
-        def rank(value: float) -> float:
-            return abs(value - target) if target is not None else sign * value
-
-        best = min(ranked, key=lambda one: rank(float(one.means[names[0]] or 0.0)))
+        best = min(ranked, key=lambda one: cost_of(info, float(one.means[names[0]] or 0.0)))
         basis = f"The point with the best mean of {names[0]} among those that were run."
     else:
         best = max(ranked, key=lambda one: one.grey_grade if one.grey_grade is not None else -math.inf)

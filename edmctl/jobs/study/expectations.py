@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from edmctl.doe.gaussian_process import GaussianProcess
-    from edmctl.doe.response_analysis import ResponseAnalysis
+    from edmctl.doe.response_analysis import ResponseAnalysis, ResponseModel
     from edmctl.jobs.study.folder import StudyState
-    from edmctl.results.study import StudyRun, Value
+    from edmctl.results.study import StudyPlan, StudyRun, Value
 
 LEAST_RUNS = 5
 """Fewer runs with a response make no model."""
@@ -45,15 +45,21 @@ def expected_at(
     """
     if has_suggestions(state):
         return _by_processes(state, settings)
-    plan = state.folder.plan
+    return {
+        one.name: predicted(state.folder.plan, one.model, settings)
+        for one in analyses
+        if one.model is not None
+    }
+
+
+def predicted(
+    plan: StudyPlan, model: ResponseModel, settings: Mapping[str, Value]
+) -> tuple[float, float, float]:
+    """Return what a model of the analysis expects of a run at settings, and the bounds of its 95 % interval."""
     matrix = settings_matrix(plan.factors, [settings], as_levels=plan.model in AS_LEVELS)
-    found = {}
-    for one in analyses:
-        if one.model is not None:
-            names = {factor.name: list(factor.values) for factor in plan.factors}
-            value, low, high = one.model.predict(replace(matrix, names=names))
-            found[one.name] = (float(value[0]), float(low[0]), float(high[0]))
-    return found
+    names = {factor.name: list(factor.values) for factor in plan.factors}
+    value, low, high = (float(one[0]) for one in model.predict(replace(matrix, names=names)))
+    return value, low, high
 
 
 def _by_processes(state: StudyState, settings: Mapping[str, Value]) -> dict[str, tuple[float, float, float]]:

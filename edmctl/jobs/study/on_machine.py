@@ -32,9 +32,9 @@ if TYPE_CHECKING:
     from edmctl.jobs.run_header import RunName
     from edmctl.jobs.study.folder import StudyFolder, StudyState
     from edmctl.jobs.study.rows import StudyWriter
-    from edmctl.jobs.study.running import SeriesObserver
     from edmctl.jobs.surroundings import Surroundings, Warn
     from edmctl.jsonout import JsonValue
+    from edmctl.results.progress import SeriesObserver
 
 WORN_OUT = "E8043"
 JOB_RESUMED = re.compile(r"(Home both stages, then go|Go) on with `edmctl machine --resume[^`]*`[^.]*\.")

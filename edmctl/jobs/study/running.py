@@ -10,7 +10,6 @@ from edmctl.errors import UsageError
 from edmctl.jobs.parallel import Lost, Pool, compile_told, perform
 from edmctl.jobs.study.evaluate import RunTask, evaluate, lost_row
 from edmctl.jobs.study.planning import request_of
-from edmctl.results.progress import Observer
 from edmctl.results.study import RunState
 
 if TYPE_CHECKING:
@@ -18,15 +17,8 @@ if TYPE_CHECKING:
 
     from edmctl.jobs.parallel import Program
     from edmctl.jobs.study.folder import StudyFolder, StudyState
+    from edmctl.results.progress import SeriesObserver
     from edmctl.results.study import RunRow, StudyRun
-
-
-class SeriesObserver(Observer, Protocol):
-    """Is told how many runs are done as well."""
-
-    def runs(self, done: int, total: int) -> None:
-        """`done` of `total` runs are finished."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 
     from edmctl.doe.response_analysis import ResponseAnalysis
     from edmctl.jobs.study.folder import StudyState
-    from edmctl.jobs.study.running import SeriesObserver
     from edmctl.jobs.study.table import Cell
+    from edmctl.results.progress import SeriesObserver
     from edmctl.results.study import PlannedRun, Recommendation, StudyPlan, StudyRun, Value
 
 
