@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from edmctl.console.layout import USUAL_COLUMNS, labelled, narrowed, render_columns, render_table, wrapped
@@ -13,6 +14,7 @@ from edmctl.wording import count, duration, length, plural, shortened, significa
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from edmctl.doe.anova import Anova, AnovaRow
     from edmctl.doe.response_analysis import ResponseAnalysis
     from edmctl.results.study import (
         Choice,
@@ -193,10 +195,14 @@ def render_analysis(
     confirmations: Sequence[Confirmation],
     notes: Sequence[str],
     style: Style = PLAIN,
+    truths: Mapping[str, ResponseAnalysis] = MappingProxyType({}),
 ) -> str:
-    """Render what matters for each response, the best points, and what is recommended."""
+    """Render what matters for each response, the best points, and what is recommended.
+
+    Where `truths` has the analysis of what a virtual machine knows of a response, it stands beside the measured one.
+    """
     columns = style.columns or USUAL_COLUMNS
-    parts = [render_response(one, style) for one in responses]
+    parts = [render_response(one, style, truths.get(one.name)) for one in responses]
     front = [one for one in choices if one.is_pareto]
     if len(names) > 1 and front:
         parts.append(_front(front, names, style))
@@ -207,25 +213,42 @@ def render_analysis(
     return "\n\n".join([*parts, *(["\n".join(lines)] if lines else [])])
 
 
-def render_response(one: ResponseAnalysis, style: Style = PLAIN) -> str:
-    """Render the analysis of variance of a response, pooled where nothing was left for the error."""
+def render_response(one: ResponseAnalysis, style: Style = PLAIN, true: ResponseAnalysis | None = None) -> str:
+    """Render the analysis of variance of a response, pooled where nothing was left for the error.
+
+    true : the analysis of the true values of a virtual machine, beside it
+    """
     columns = style.columns or USUAL_COLUMNS
     mean = f"mean {significant(one.mean, 4)}, standard deviation {significant(one.sd, 3)}"
     head = style.paint(f"{one.name}{', logarithm' if one.is_log else ''}", Ink.STRONG) + f"  {mean}"
     lines = [head]
-    table = one.pooled if one.anova is not None and not one.anova.error.dof and one.pooled else one.anova
+    table, true_table = _table_of(one), _table_of(true) if true is not None else None
     if table is not None:
+        beside = {row.name: row for row in (*true_table.rows, true_table.error)} if true_table else {}
         rows = [
             [
                 row.name,
                 str(row.dof),
                 _number(row.f),
                 _p_words(row.p),
-                f"{row.contribution_pct:.1f} %" if math.isfinite(row.contribution_pct) else "–",
+                _share_words(row),
+                *(
+                    [_p_words(it.p) if (it := beside.get(row.name)) else "–", _share_words(it)]
+                    if beside
+                    else []
+                ),
             ]
             for row in (*table.rows, table.error)
         ]
-        lines.append(render_columns(["", "DoF", "F", "p", "contribution"], rows, style, "<>"))
+        titles = [
+            "",
+            "DoF",
+            "F",
+            "p",
+            "contribution",
+            *(["p, true values", "contribution"] if beside else []),
+        ]
+        lines.append(render_columns(titles, rows, style, "<>"))
         if table.pooled:
             lines += wrapped(f"counted as error: {', '.join(table.pooled)}", columns, "  ")
         if math.isfinite(one.r2):
@@ -235,6 +258,14 @@ def render_response(one: ResponseAnalysis, style: Style = PLAIN) -> str:
             lines += wrapped(fit, columns, "  ")
     lines += [line for note in one.notes for line in wrapped(note, columns, "  ")]
     return "\n".join(lines)
+
+
+def _table_of(one: ResponseAnalysis) -> Anova | None:
+    return one.pooled if one.anova is not None and not one.anova.error.dof and one.pooled else one.anova
+
+
+def _share_words(row: AnovaRow | None) -> str:
+    return f"{row.contribution_pct:.1f} %" if row is not None and math.isfinite(row.contribution_pct) else "–"
 
 
 def _p_words(p: float) -> str:

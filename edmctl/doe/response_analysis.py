@@ -145,6 +145,7 @@ class ResponseAnalysis:
     """All tables of one response. What the runs do not tell is None, empty or NaN, and `notes` say why.
 
     fitted, residuals : one a run of `used`, on the scale of the model
+    adjusted : values less what their block differs by from the average one, by the model; on their plain scale
     held, left_out : points whose every run lay within the interval of a model without them, of how many
     """
 
@@ -170,6 +171,7 @@ class ResponseAnalysis:
     interactions: tuple[Interaction, ...]
     fitted: tuple[float, ...]
     residuals: tuple[float, ...]
+    adjusted: tuple[float, ...]
     held: int
     left_out: int
     model: ResponseModel | None
@@ -223,6 +225,7 @@ def analyse(
         interactions=(),
         fitted=(),
         residuals=(),
+        adjusted=tuple(values.tolist()),
         held=0,
         left_out=0,
         model=None,
@@ -287,11 +290,20 @@ def _with_model(
         lack=_lack(fitted, runs, values),
         fitted=tuple((values - fitted.residuals).tolist()),
         residuals=tuple(fitted.residuals.tolist()),
+        adjusted=tuple(_without_blocks(fitted, values, block, is_log=base.is_log).tolist()),
         held=held,
         left_out=left_out,
         model=model,
         notes=tuple(notes),
     )
+
+
+def _without_blocks(fitted: Fit, values: Values, block: str, *, is_log: bool) -> Values:
+    spans = [span for term, span in fitted.model.spans.items() if _is_block(term, block)]
+    effects = sum(
+        (fitted.model.columns[:, one] @ fitted.coefficients[one] for one in spans), np.zeros(len(values))
+    )
+    return np.exp(values - effects) if is_log else values - effects
 
 
 def _lack(fitted: Fit, runs: Runs, values: Values) -> LackOfFit | None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from itertools import zip_longest
 from typing import TYPE_CHECKING
 
-from edmctl.errors import RunFileError
+from edmctl.errors import PreconditionError, RunFileError
 from edmctl.jobs.connected_run import connected_run, ending
 from edmctl.labels import marked
 from edmctl.process.erosion import corner_radius_um, roughness_rz_um
@@ -124,13 +124,15 @@ def carry_out(
     observer: Observer,
     name: RunName | None,
     warn: Warn | None = None,
+    serial: str = "",
 ) -> Report:
     """Run the job on the machine that the plan names, into the run file `name` where there is one.
 
     `seed` is that of a virtual bench that is not there yet.
 
-    `warn` is told what is doubtful about calibration and tool before anything moves. Expected errors come back in
-    the report, with what was reached until then.
+    `warn` is told what is doubtful about calibration and tool before anything moves. Where `serial` names the
+    machine that the job is for, another one is refused (E8214). Expected errors come back in the report, with what
+    was reached until then.
     """
     from edmctl.jobs.ledger.job_ledger import JobLedger
     from edmctl.jobs.resume.checkpoint import JobCheckpoint, tell_way_on
@@ -141,6 +143,7 @@ def carry_out(
     true_wear: TrueWear | None = None
 
     def prepare(session: MachineSession) -> Callable[[Recorder], None]:
+        _refuse_other_machine(session.bench.machine.identity.serial, serial)
         kept = JobCheckpoint(plan, session, name)
         entries = JobLedger(plan, session, name, kept, warn or (lambda _: None))
         kept.refuse()
@@ -175,6 +178,15 @@ def carry_out(
     if session.error is not None:
         tell_way_on(session.error, plan, name)
     return _report(plan, session, tally, true_wear)
+
+
+def _refuse_other_machine(found: str, wanted: str) -> None:
+    if wanted and found != wanted:
+        raise PreconditionError(
+            f"The machine that answers is {found}, and the runs before were made on {wanted}.",
+            hint="Connect that one again: places and tool are known of it alone.",
+            code="E8214",
+        )
 
 
 def _run(

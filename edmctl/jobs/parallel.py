@@ -82,6 +82,11 @@ def process_pool(workers: int, program: Program) -> Pool:
     return Pool(make, workers, partial(_kill, is_ending=program.begin_worker is not _nothing))
 
 
+def pool_of(make: Callable[[], Executor], workers: int) -> Pool:
+    """Return a pool of executors that a caller makes, each with so many workers."""
+    return Pool(make, workers, _close)
+
+
 @contextmanager
 def dask_pool(address: str) -> Iterator[Pool]:
     """Give the workers of a dask cluster as a pool. Raises PreconditionError E8212 without dask or a scheduler."""
@@ -108,7 +113,7 @@ def dask_pool(address: str) -> Iterator[Pool]:
                 hint="Start one: `dask worker ADDRESS`.",
                 code="E8212",
             )
-        yield Pool(lambda: client.get_executor(pure=False), workers, _close)
+        yield pool_of(lambda: client.get_executor(pure=False), workers)
 
 
 def perform(

@@ -44,8 +44,8 @@ class Judgement(StrEnum):
 class PlannedRun:
     """One run: runs of one `point` have equal settings; `number` is its place in the order of all runs.
 
-    `block` says what it shares with others beside its settings: a machine (seed) or a tool. `tool` is 0, and
-    `site_um` None, where every run has a machine of its own.
+    `block` says what it shares with others beside its settings: a machine (seed) or a tool. `tool` is 0 where every
+    run has a machine of its own.
     """
 
     number: int
@@ -56,7 +56,6 @@ class PlannedRun:
     seed: int
     settings: Mapping[str, Value]
     tool: int = 0
-    site_um: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,6 +146,17 @@ class StudyRun:
     judgement: Judgement | None = None
     reason: str = ""
     attempts: int = 0
+
+    @property
+    def tool(self) -> int:
+        """The tool that made it, else the one that is planned for it; 0 where every run has a machine of its own."""
+        return self.planned.tool if self.row is None else self.row.tool
+
+    @property
+    def block(self) -> int:
+        """What it shares with others: the tool that made it where tools are the blocks, else the planned block."""
+        is_of_tool = self.planned.tool > 0 and self.planned.tool == self.planned.block
+        return self.tool if is_of_tool else self.planned.block
 
     @property
     def state(self) -> RunState:

@@ -9,6 +9,7 @@ import pytest
 import edmctl
 from edmctl.errors import PreconditionError, ProfileError, UsageError
 from edmctl.jobs.study.optimizing import _data
+from edmctl.jobs.study.table import OF_EXECUTION
 from edmctl.results.study import RunKind
 from tests.jobs.studies import HEAD, SMALL, written
 
@@ -90,6 +91,20 @@ def test_a_study_is_run_and_fitted(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_any_executor_makes_the_same_table(tmp_path: Path) -> None:
+    from concurrent.futures import ThreadPoolExecutor
+
+    file = written(tmp_path)
+    alone = edmctl.Study.load(file).start(tmp_path / "alone").run()
+    threads = edmctl.Study.load(file).start(tmp_path / "threads")
+    threads.run(workers=2, executor=lambda: ThreadPoolExecutor(2))
+    assert _without_time(threads) == _without_time(alone)
+
+
+def _without_time(study: edmctl.Study) -> list[dict[str, object]]:
+    return [{name: value for name, value in row.items() if name not in OF_EXECUTION} for row in study.table()]
+
+
 def test_suggestions_follow_from_the_rows_alone(tmp_path: Path) -> None:
     """Two studies that were told the same ask for the same, whatever was opened and closed between."""
     suggested = []

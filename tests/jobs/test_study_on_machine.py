@@ -113,6 +113,58 @@ def test_a_begun_hole_is_given_up_and_made_anew_with_another_tool(tmp_path: Path
     assert run.row.site_um == (1100.0, 0.0)
 
 
+def test_a_tool_that_is_changed_early_begins_with_a_centre_run_and_ends_with_its_block(
+    tmp_path: Path,
+) -> None:
+    folder = made(tmp_path, MACHINE)
+    assert run_on_machine(folder, options(folder, most=2), Unseen()) == 2
+    seen = Interrupting()  # in the opening run of the new tool
+    with pytest.raises(Interrupted):
+        run_on_machine(
+            folder, options(folder, new_tool=True, surroundings=Surroundings(stop=lambda _: seen.stop)), seen
+        )
+    with pytest.raises(PreconditionError) as done:
+        run_on_machine(folder, options(folder), Unseen())
+    assert done.value.code == "E8204"
+    rows = sorted((run.row for run in folder.read().runs if run.row), key=lambda row: row.started)
+    assert [row.number for row in rows] == [1, 2, 9, 3, 4]
+    assert [row.kind for row in rows] == ["center", "design", "center", "design", "center"]
+    assert [row.tool for row in rows] == [1, 1, 2, 2, 2]
+    assert [run.block for run in folder.read().runs if run.row] == [1, 1, 2, 2, 2]
+    assert run_on_machine(folder, options(folder, new_tool=True, most=1), Unseen()) == 1
+    run = folder.read().run(5)
+    assert (run.tool, run.block, run.planned.tool) == (3, 3, 2)
+
+
+def test_another_machine_at_the_port_makes_no_run(tmp_path: Path) -> None:
+    folder = made(tmp_path, MACHINE)
+    assert run_on_machine(folder, options(folder, most=1), Unseen()) == 1
+    file = tmp_path / "machine.bench"
+    file.unlink()
+    assert (
+        main(
+            [
+                "machine",
+                "--profile",
+                "cu270",
+                "--port",
+                f"sim:{file}",
+                "--seed",
+                "99",
+                "--set",
+                "target.depth_um=5",
+                "--out",
+                str(tmp_path / "elsewhere.h5"),
+            ]
+        )
+        == 0
+    )
+    with pytest.raises(PreconditionError) as other:
+        run_on_machine(folder, options(folder), Unseen())
+    assert other.value.code == "E8214"
+    assert [run.state for run in folder.read().runs].count(RunState.DONE) == 1
+
+
 @pytest.mark.slow
 def test_a_result_whose_row_was_lost_is_read_from_its_run_file(tmp_path: Path) -> None:
     folder = made(tmp_path, MACHINE)

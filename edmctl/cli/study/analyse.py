@@ -54,7 +54,7 @@ def report(
     names = [name for name, _ in study.plan.objectives] or [one.name for one in study.plan.responses]
     style = stream_style(sys.stdout)
     outcome.text = render_analysis(
-        found.responses, found.choices, names, best, confirmations, found.notes, style
+        found.responses, found.choices, names, best, confirmations, found.notes, style, found.truths
     )
     if out is not None:
         content = page_of(state, found, best, confirmations).encode()

@@ -11,7 +11,7 @@ from edmctl.cli.options import PROGRESS, command
 from edmctl.cli.outcome import Outcome, stream_style, tell, watching
 from edmctl.cli.signals import begin_worker, shell
 from edmctl.cli.study.options import FolderArgument, Making, StudyArgument, checks_told, opened
-from edmctl.errors import ObjectiveNotReached
+from edmctl.errors import Diagnostic, ObjectiveNotReached
 from edmctl.wording import plural
 
 if TYPE_CHECKING:
@@ -92,11 +92,20 @@ def _make(outcome: Outcome, study: "StudyFolder", making: Making, *, to_the_end:
                 _on_machine(outcome, study, where.selector, making, reporter)
             else:
                 outcome.simulated = True
+                outcome.warn(_without_machine(study))
                 _virtual(study, part, making, reporter)
     finally:
         _tell(outcome, study, part)
     if not to_the_end:
         _raise_failed(study, part)
+
+
+def _without_machine(study: "StudyFolder") -> "list[Diagnostic]":
+    if study.source.file.machine is None:
+        return []
+    message = "The study has a [machine], and no port is named: its runs are made on virtual machines."
+    hint = "Name the machine with --port; runs of both are never mixed."
+    return [Diagnostic("W8215", message, hint, is_warning=True)]
 
 
 def _virtual(study: "StudyFolder", part: "Shard", making: Making, reporter: "Reporter") -> None:
@@ -199,8 +208,9 @@ def optimize(
     The design comes first. Every suggestion is checked as a job is, and on a machine that lasts approved.
     """
     from edmctl.console.study_tables import render_recommendation, settings_words
-    from edmctl.jobs.study.optimizing import next_batch, recommended
+    from edmctl.jobs.study.optimizing import counted, next_batch, recommended
     from edmctl.jobs.study.running import Shard
+    from edmctl.results.study import RunKind
 
     study = opened(folder)
     total = study.source.file.optimize.runs
@@ -210,13 +220,16 @@ def optimize(
         _make(outcome, study, making, to_the_end=True)  # a failed run tells where runs fail
         if len(study.read().rows.attempts) > rows:  # the new tool is in use now
             making = replace(making, new_tool=False, homed=False)
-        batch = next_batch(study.read(), shell())
+        state = study.read()
+        batch, number = next_batch(state, shell()), counted(state)
         if not batch:
             break
         with study.claimed("suggestions"), study.writer() as writer:
             writer.planned(batch)
         for one in batch:
-            tell(outcome.output, f"run {one.number} of {total}: {settings_words(one.settings)}")
+            number += one.kind is RunKind.SUGGESTED
+            which = f", {number} of {total}" if one.kind is RunKind.SUGGESTED else f", a {one.kind} run"
+            tell(outcome.output, f"run {one.number}{which}: {settings_words(one.settings)}")
     best = recommended(study.read(), shell())
     assert isinstance(outcome.result, dict)
     outcome.result["recommendation"] = best
@@ -260,3 +273,12 @@ def confirm(
     outcome.text = (
         told + outcome.text + "\n\n" + "\n\n".join(render_confirmation(one, style) for one in found)
     )
+    last = after.runs[-1].planned.settings
+    broken = [text for one in found if one.settings == last for text, _, is_kept in one.limits if not is_kept]
+    if broken:
+        raise ObjectiveNotReached(
+            f"The recommended settings do not keep {', '.join(broken)}: the mean of the confirmation runs does not.",
+            hint=f"The report says so too. Make more runs (`edmctl study suggest {study.path} --add`, then "
+            "`resume`), or ask a new study for a stricter limit.",
+            code="E7911",
+        )

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
+import statistics
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError
 from edmctl.jobs.study.design import AS_LEVELS, terms_of
 from edmctl.jobs.study.expectations import predicted
-from edmctl.jobs.study.factors import BLOCK, settings_matrix
+from edmctl.jobs.study.factors import BLOCK, settings_key, settings_matrix
 from edmctl.jobs.study.responses import TRUTHS
 from edmctl.results.study import TRUTH, Choice, RunKind, RunState
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from edmctl.doe.response_analysis import ResponseAnalysis, Runs
     from edmctl.doe.sensitivity import SobolIndices
@@ -67,7 +68,7 @@ def analysis_of(state: StudyState) -> StudyAnalysis:
         tuple(analyses),
         truths,
         indices,
-        _choices(plan, fitting, analyses),
+        _choices(state, fitting, analyses),
         _notes(state, fitting),
     )
 
@@ -77,7 +78,7 @@ def doe_runs(plan: StudyPlan, runs: Sequence[StudyRun]) -> Runs:
     from edmctl.doe.response_analysis import Runs
 
     settings = [run.planned.settings for run in runs]
-    blocks = _shared_blocks([_block_of(run) for run in runs])
+    blocks = _shared_blocks([run.block for run in runs])
     return Runs(
         settings_matrix(plan.factors, settings, blocks, as_levels=plan.model in AS_LEVELS),
         {factor.name: [one[factor.key] for one in settings] for factor in plan.factors},
@@ -86,12 +87,6 @@ def doe_runs(plan: StudyPlan, runs: Sequence[StudyRun]) -> Runs:
         frozenset(run.planned.point for run in runs if run.planned.kind is not RunKind.DESIGN)
         - {run.planned.point for run in runs if run.planned.kind is RunKind.DESIGN},
     )
-
-
-def _block_of(run: StudyRun) -> int:
-    """The tool that made the hole where tools are the blocks, else the block of the plan."""
-    is_tool = run.row is not None and run.planned.tool and run.planned.tool == run.planned.block
-    return run.row.tool if is_tool and run.row is not None else run.planned.block
 
 
 def _shared_blocks(blocks: Sequence[int]) -> list[int]:
@@ -136,28 +131,43 @@ def _indices(plan: StudyPlan, response: ResponseInfo, done: Sequence[StudyRun]) 
 
 
 def _choices(
-    plan: StudyPlan, runs: Sequence[StudyRun], analyses: Sequence[ResponseAnalysis]
+    state: StudyState, runs: Sequence[StudyRun], analyses: Sequence[ResponseAnalysis]
 ) -> tuple[Choice, ...]:
-    """Every point with its means; who is dominated, and two rankings, which are preferences."""
+    """Every point with its means; who is dominated, and two rankings, which are preferences.
+
+    Means are of values less what their blocks differ by: a point is not better for the machine that it ran on.
+    """
     import numpy as np
 
     from edmctl.doe.preferences import grey_relational_grade, pareto_front, topsis_closeness
 
+    plan, broken = state.folder.plan, broken_limits(state)
     by_point: dict[int, list[StudyRun]] = {}
     for run in runs:
         by_point.setdefault(run.planned.point, []).append(run)
+    adjusted = {
+        one.name: {runs[row].planned.number: v for row, v in zip(one.used, one.adjusted, strict=True)}
+        for one in analyses
+    }
     names = ranked_by(plan)
     weights = [weight for _, weight in plan.objectives] or [1.0] * len(names)
     infos = {one.name: one for one in plan.responses}
     means = {
-        point: {name: _mean([_number(run.value(name)) for run in members]) for name in infos}
+        point: {
+            name: _mean([adjusted[name].get(run.planned.number, math.nan) for run in members])
+            for name in infos
+        }
         for point, members in by_point.items()
     }
     table = np.array([[cost_of(infos[name], means[point][name]) for name in names] for point in by_point])
     smaller = ["smaller"] * len(names)
-    upper = {point: upper_bounds(plan, members, analyses) for point, members in by_point.items()}
+    upper = {
+        point: upper_bounds(plan, members, means[point], analyses) for point, members in by_point.items()
+    }
     feasible = [
-        all(_keeps(bound, upper[point].get(str(bound))) for bound in plan.constraints) for point in by_point
+        all(_keeps(bound, upper[point].get(str(bound))) for bound in plan.constraints)
+        and not broken.get(settings_key(members[0].planned.settings))
+        for point, members in by_point.items()
     ]
     front = pareto_front(np.where(np.array(feasible)[:, None], table, np.nan), smaller)  # type: ignore[arg-type]
     whole = np.isfinite(table).all(axis=1)
@@ -198,12 +208,15 @@ def cost_of(info: ResponseInfo, value: float) -> float:
 
 
 def upper_bounds(
-    plan: StudyPlan, runs: Sequence[StudyRun], analyses: Sequence[ResponseAnalysis]
+    plan: StudyPlan,
+    runs: Sequence[StudyRun],
+    means: Mapping[str, float],
+    analyses: Sequence[ResponseAnalysis],
 ) -> dict[str, float | None]:
-    """Return, by constraint, the bound of the 95 % interval of a point on the side of the limit.
+    """Return, by constraint, the bound of the 95 % interval of a point's mean on the side of the limit.
 
-    Of several runs it is that of their mean after Student; of a single one that of its own interval, or of a run
-    there by the model. None where neither is known.
+    Of several runs half of it is after Student, of their values as they were measured; of a single one that of its
+    own interval, or of a run there by the model. None where neither is known.
     """
     from scipy import special
 
@@ -212,12 +225,11 @@ def upper_bounds(
     for bound in plan.constraints:
         having = [run for run in runs if run.value(bound.response) is not None]
         values = [_number(run.value(bound.response)) for run in having]
-        mean = _mean(values)
         first = having[0].row if having else None
         own = _number(first.u95.get(bound.response) if first is not None else None)
         model = models.get(bound.response)
         if len(values) > 1:
-            sd = math.sqrt(math.fsum((v - mean) ** 2 for v in values) / (len(values) - 1))
+            sd = statistics.stdev(values)
             half = float(special.stdtrit(len(values) - 1, 0.95)) * sd / math.sqrt(len(values))
             half = max(half, own / math.sqrt(len(values)) if math.isfinite(own) else 0.0)
         elif math.isfinite(own):
@@ -227,8 +239,37 @@ def upper_bounds(
             half = high - expected if bound.sign > 0 else expected - low
         else:
             half = math.nan
-        found[str(bound)] = _or_none(mean + bound.sign * half)
+        found[str(bound)] = _or_none(means[bound.response] + bound.sign * half)
     return found
+
+
+def confirmed_settings(state: StudyState) -> dict[str, list[StudyRun]]:
+    """Return the confirmation runs that are done, by their settings."""
+    found: dict[str, list[StudyRun]] = {}
+    for run in state.runs:
+        if run.planned.kind is RunKind.CONFIRMATION and run.state is RunState.DONE:
+            found.setdefault(settings_key(run.planned.settings), []).append(run)
+    return found
+
+
+def limits_of(plan: StudyPlan, runs: Sequence[StudyRun]) -> tuple[tuple[str, float, bool], ...]:
+    """Return each constraint with the mean of its response, and whether that keeps it."""
+    found = []
+    for bound in plan.constraints:
+        known = [v for run in runs if (v := run.value(bound.response)) is not None]
+        if known:
+            mean = math.fsum(known) / len(known)
+            found.append((str(bound), mean, bound.sign * (mean - bound.limit) <= 0))
+    return tuple(found)
+
+
+def broken_limits(state: StudyState) -> dict[str, tuple[str, ...]]:
+    """Return, by settings, the constraints that the mean of confirmation runs did not keep."""
+    plan = state.folder.plan
+    return {
+        key: tuple(text for text, _, is_kept in limits_of(plan, runs) if not is_kept)
+        for key, runs in confirmed_settings(state).items()
+    }
 
 
 def _keeps(bound: ConstraintInfo, upper: float | None) -> bool:

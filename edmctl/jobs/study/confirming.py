@@ -6,18 +6,19 @@ Nothing is remembered but the rows: a suggestion follows from the study and the 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError
-from edmctl.jobs.study.analysis import analysis_of, cost_of, ranked_by
-from edmctl.jobs.study.expectations import expected_at
+from edmctl.jobs.study.analysis import analysis_of, confirmed_settings, cost_of, limits_of, ranked_by
+from edmctl.jobs.study.expectations import expected_at, tells_little
+from edmctl.jobs.study.factors import settings_key
 from edmctl.results.study import (
     Confirmation,
     ConfirmedResponse,
     PlannedRun,
     Recommendation,
     RunKind,
-    RunState,
 )
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
     from edmctl.doe.response_analysis import ResponseAnalysis
     from edmctl.jobs.study.folder import StudyState
-    from edmctl.results.study import Choice, StudyPlan, StudyRun, Value
+    from edmctl.results.study import Choice, StudyPlan, Value
 
 FRESH_SEEDS = 1_000_003
 """Machines of confirmation runs are so far from those of the design that no study's seeds come near."""
@@ -33,12 +34,8 @@ FRESH_SEEDS = 1_000_003
 
 def confirmations_of(state: StudyState, analyses: Sequence[ResponseAnalysis]) -> list[Confirmation]:
     """Return what the confirmation runs that are done came to, by their settings."""
-    by_settings: dict[str, list[StudyRun]] = {}
-    for run in state.runs:
-        if run.planned.kind is RunKind.CONFIRMATION and run.state is RunState.DONE:
-            by_settings.setdefault(repr(sorted(run.planned.settings.items())), []).append(run)
     found = []
-    for members in by_settings.values():
+    for members in confirmed_settings(state).values():
         expected = expected_at(state, analyses, members[0].planned.settings)
         responses = []
         for name in (one.name for one in state.folder.plan.responses):
@@ -47,53 +44,65 @@ def confirmations_of(state: StudyState, analyses: Sequence[ResponseAnalysis]) ->
             if measured:
                 responses.append(ConfirmedResponse(name, value, low, high, tuple(measured)))
         numbers = tuple(run.planned.number for run in members)
-        limits = []
-        for bound in state.folder.plan.constraints:
-            known = [v for run in members if (v := run.value(bound.response)) is not None]
-            if known:
-                mean = math.fsum(known) / len(known)
-                limits.append((str(bound), mean, bound.sign * (mean - bound.limit) <= 0))
-        found.append(Confirmation(members[0].planned.settings, numbers, tuple(responses), tuple(limits)))
+        limits = limits_of(state.folder.plan, members)
+        found.append(Confirmation(members[0].planned.settings, numbers, tuple(responses), limits))
     return found
 
 
 def confirmation_runs(state: StudyState, settings: Mapping[str, Value], runs: int) -> list[PlannedRun]:
     """Return new runs at settings, each on a machine of its own that the study has not seen."""
-    first = max(run.planned.number for run in state.runs) + 1
     made = sum(run.planned.kind is RunKind.CONFIRMATION for run in state.runs)
     seed = state.folder.source.file.design.seed + FRESH_SEEDS + made
-    return [
-        _added(state, first + n, RunKind.CONFIRMATION, settings, seed + n, block=_next_block(state) + n)
-        for n in range(runs)
-    ]
+    return _added(state, RunKind.CONFIRMATION, [settings] * runs, seed)
 
 
-def _next_block(state: StudyState) -> int:
-    return max(run.planned.block for run in state.runs) + 1
+def suggested_runs(state: StudyState, settings: Sequence[Mapping[str, Value]]) -> list[PlannedRun]:
+    """Return new runs, one at each of `settings`, on machines that come after those of the design."""
+    seed = max(run.planned.seed for run in state.runs if run.planned.kind is not RunKind.CONFIRMATION) + 1
+    return _added(state, RunKind.SUGGESTED, settings, seed)
+
+
+def opening_run(state: StudyState, tool: int) -> PlannedRun:
+    """Return a new centre run that a tool begins with."""
+    center = next(run.planned for run in state.runs if run.planned.kind is RunKind.CENTER)
+    (run,) = _added(state, RunKind.CENTER, [center.settings], center.seed)
+    return replace(run, block=tool, tool=tool)
 
 
 def _added(
-    state: StudyState, number: int, kind: RunKind, settings: Mapping[str, Value], seed: int, block: int
-) -> PlannedRun:
-    known = {repr(sorted(run.planned.settings.items())): run.planned.point for run in state.runs}
-    new = max(run.planned.point for run in state.runs) + 1
-    point = known.get(repr(sorted(settings.items())), new)
+    state: StudyState, kind: RunKind, settings: Sequence[Mapping[str, Value]], first_seed: int
+) -> list[PlannedRun]:
+    """Number runs on from those that are there: each a block of its own, or of the tool with holes left.
+
+    Where centre runs open and close the holes of a tool, those of suggestions are among them.
+    """
     machine = state.folder.source.file.machine
-    tool = 0
-    if machine is not None:
-        made = [run.row.tool if run.row is not None else run.planned.tool for run in state.runs]
-        tool = max(made)
-        if machine.holes_per_tool is not None and made.count(tool) >= machine.holes_per_tool:
-            tool += 1
-        block = tool
-    return PlannedRun(number, kind, point, 1, block, seed, dict(settings), tool)
+    holes = machine.holes_per_tool if machine is not None else None
+    points = {settings_key(run.planned.settings): run.planned.point for run in state.runs}
+    last = max(run.planned.number for run in state.runs)
+    block = max(run.planned.block for run in state.runs)
+    tools = [run.tool for run in state.runs]
+    found: list[PlannedRun] = []
 
+    def add(kind: RunKind, one: Mapping[str, Value]) -> None:
+        point = points.setdefault(settings_key(one), max(points.values()) + 1)
+        tool = max(tools) + (holes is not None and tools.count(max(tools)) >= holes) if machine else 0
+        tools.append(tool)
+        own, seed = tool if machine else block + len(found) + 1, first_seed + len(found)
+        found.append(PlannedRun(last + len(found) + 1, kind, point, 1, own, seed, dict(one), tool))
 
-def added_run(
-    state: StudyState, number: int, settings: Mapping[str, Value], seed: int, block: int
-) -> PlannedRun:
-    """Return a run that was suggested."""
-    return _added(state, number, RunKind.SUGGESTED, settings, seed, block)
+    center = next((run.planned.settings for run in state.runs if run.planned.kind is RunKind.CENTER), None)
+    has_centers = (
+        kind is RunKind.SUGGESTED and holes is not None and machine is not None and machine.center_runs
+    )
+    for one in settings:
+        if has_centers and center is not None and holes is not None:
+            if tools.count(max(tools)) == holes - 1:
+                add(RunKind.CENTER, center)  # the last hole of this tool
+            if tools.count(max(tools)) >= holes:
+                add(RunKind.CENTER, center)  # the first one of the next
+        add(kind, one)
+    return found
 
 
 def violation(plan: StudyPlan, choice: Choice) -> float:
@@ -143,12 +152,29 @@ def best_of_points(state: StudyState) -> Recommendation:
     ):
         basis += " What is expected is of runs on the one machine of the study: others may differ by more."
     expected = expected_at(state, analysis.responses, best.settings)
+    return recommendation(state, best.settings, expected, basis, is_feasible=best.is_feasible)
+
+
+def recommendation(
+    state: StudyState,
+    settings: Mapping[str, Value],
+    expected: Mapping[str, tuple[float, float, float]],
+    basis: str,
+    *,
+    is_feasible: bool,
+) -> Recommendation:
+    """Return settings that are recommended with what `expected_at` says of them."""
+    if wide := tells_little(state, expected):
+        basis += (
+            f" The interval of {', '.join(wide)} is wider than all that was measured: the runs tell little of what "
+            "a new one will do; replicates and more points would."
+        )
     return Recommendation(
-        settings=best.settings,
+        settings=settings,
         expected={name: value for name, (value, _, _) in expected.items()},
         low={name: low for name, (_, low, _) in expected.items()},
         high={name: high for name, (_, _, high) in expected.items()},
-        is_feasible=best.is_feasible,
+        is_feasible=is_feasible,
         basis=basis,
-        constraints=tuple(map(str, plan.constraints)),
+        constraints=tuple(map(str, state.folder.plan.constraints)),
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import socket
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
@@ -103,17 +103,10 @@ def row_of(
     """Return the row of an attempt whose result is `result`."""
     target = plan.loaded.profile.target
     values, u95, bases = responses_of(result, getattr(target, "depth_um", None))
-    return RunRow(
-        number=run.number,
-        kind=str(run.kind),
-        point=run.point,
-        replicate=run.replicate,
-        block=run.block,
+    return replace(
+        bare_row(run, attempt, seed, started),
         tool=run.tool if tool is None else tool,
         site_um=site_um,
-        seed=seed,
-        attempt=attempt,
-        settings=run.settings,
         exit_code=error_exit_code(error) if error is not None else 0,
         error=f"{error.code}: {error.message}" if error is not None else None,
         responses=values,
@@ -122,14 +115,17 @@ def row_of(
         truth=truth_of(result),
         run_files=tuple(file.name for file in files),
         run_sha256=_sha256(files[-1]) if files else "",
-        started=started.isoformat(timespec="milliseconds"),
         duration_s=round(duration_s, 3),
-        host=socket.gethostname(),
     )
 
 
 def lost_row(run: PlannedRun, attempt: int, why: str, exit_code: int = 1) -> RunRow:
     """Return the row of an attempt without a result: no worker survived it, or its hole was given up."""
+    return replace(bare_row(run, attempt, run.seed, datetime.now(UTC)), exit_code=exit_code, error=why)
+
+
+def bare_row(run: PlannedRun, attempt: int, seed: int | None, started: datetime) -> RunRow:
+    """Return the row of an attempt that came to its end, without any response."""
     return RunRow(
         number=run.number,
         kind=str(run.kind),
@@ -138,16 +134,16 @@ def lost_row(run: PlannedRun, attempt: int, why: str, exit_code: int = 1) -> Run
         block=run.block,
         tool=run.tool,
         site_um=None,
-        seed=run.seed,
+        seed=seed,
         attempt=attempt,
         settings=run.settings,
-        exit_code=exit_code,
-        error=why,
+        exit_code=0,
+        error=None,
         responses={},
         u95={},
         bases={},
         truth={},
-        started=datetime.now(UTC).isoformat(timespec="milliseconds"),
+        started=started.isoformat(timespec="milliseconds"),
         host=socket.gethostname(),
     )
 

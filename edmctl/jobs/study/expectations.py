@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.jobs.study.design import AS_LEVELS
 from edmctl.jobs.study.factors import settings_matrix, unit_points
+from edmctl.jobs.study.responses import range_of
 from edmctl.results.study import RunKind, RunState
 
 if TYPE_CHECKING:
@@ -41,15 +42,31 @@ def expected_at(
 ) -> dict[str, tuple[float, float, float]]:
     """Return, by response, what is expected of a run and the bounds of its 95 % interval; none without a model.
 
-    After suggestions, which crowd where it is good, Gaussian processes tell; else the models of the analysis.
+    After suggestions, which crowd where it is good, Gaussian processes tell; else the models of the analysis. What
+    cannot be, a share below zero, is cut off.
     """
     if has_suggestions(state):
-        return _by_processes(state, settings)
-    return {
-        one.name: predicted(state.folder.plan, one.model, settings)
-        for one in analyses
-        if one.model is not None
-    }
+        found = _by_processes(state, settings)
+    else:
+        plan = state.folder.plan
+        found = {one.name: predicted(plan, one.model, settings) for one in analyses if one.model is not None}
+    return {name: _possible(name, values) for name, values in found.items()}
+
+
+def _possible(name: str, values: tuple[float, float, float]) -> tuple[float, float, float]:
+    least, most = range_of(name)
+    value, low, high = (min(max(one, least), most) for one in values)
+    return value, low, high
+
+
+def tells_little(state: StudyState, expected: Mapping[str, tuple[float, float, float]]) -> list[str]:
+    """Return the responses whose interval is wider than all that was measured of them."""
+    found = []
+    for name, (_, low, high) in expected.items():
+        values = [value for run in fitting_runs(state) if (value := run.value(name)) is not None]
+        if values and high - low > max(values) - min(values):
+            found.append(name)
+    return found
 
 
 def predicted(
@@ -79,7 +96,7 @@ def _by_processes(state: StudyState, settings: Mapping[str, Value]) -> dict[str,
         process = fit_process(
             unit_points(plan.factors, [run.planned.settings for run in having]),
             [math.log(value) for value in values] if is_log else values,
-            blocks=[run.planned.block for run in having],
+            blocks=[run.block for run in having],
         )
         found[response.name] = _interval(process, at, is_log=is_log)
     return found

@@ -186,6 +186,11 @@ BLOCK = "block"
 """The term of what runs share beside their settings."""
 
 
+def settings_key(settings: Mapping[str, Value]) -> str:
+    """Return what is equal of equal settings."""
+    return repr(sorted(settings.items()))
+
+
 def unit_points(factors: Sequence[FactorInfo], settings: Sequence[Mapping[str, Value]]) -> list[list[float]]:
     """Return settings as points between 0 and 1, a category as a column a name but the first."""
     return [

@@ -18,11 +18,13 @@ from edmctl.errors import EdmError, ObjectiveNotReached, PreconditionError, RunF
 from edmctl.jobs.job import carry_out
 from edmctl.jobs.ledger.places_taken import WALL_UM
 from edmctl.jobs.plan import MachineAddress, check
+from edmctl.jobs.study.confirming import opening_run
 from edmctl.jobs.study.evaluate import refuse_other_recipe, row_of, run_name
-from edmctl.jobs.study.planning import grid_of, request_of
+from edmctl.jobs.study.places_and_tools import grid_of
+from edmctl.jobs.study.planning import request_of
 from edmctl.jobs.study.rows import MACHINE, PAUSED
 from edmctl.results.study import RunKind, RunState, StudyRun
-from edmctl.wording import coordinates
+from edmctl.wording import coordinates, plural
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
     from edmctl.jobs.surroundings import Surroundings, Warn
     from edmctl.jsonout import JsonValue
     from edmctl.results.progress import SeriesObserver
+    from edmctl.results.study import RunRow
 
 WORN_OUT = "E8043"
 JOB_RESUMED = re.compile(r"(Home both stages, then go|Go) on with `edmctl machine --resume[^`]*`[^.]*\.")
@@ -124,7 +127,8 @@ class _Series:
                 break
             if made:
                 self._pause()
-            self._make(left[0])
+            # A hole that was begun comes before all others: its tool is in the machine.
+            self._make(next((run for run in left if is_begun(self._folder, run)), left[0]))
             made += 1
         return made
 
@@ -132,7 +136,7 @@ class _Series:
         attempt = run.attempts + 1
         name = run_name(self._folder.runs, run.planned, attempt, datetime.now(UTC))
         begin_s = time.time()
-        left = self._left(name)
+        left = self._left(run, name)
         if isinstance(left, tuple):
             result, files = left
             self._keep(run, attempt, result, files, None, begin_s)
@@ -145,7 +149,11 @@ class _Series:
                 code="E2108",
             )
         tool = self._look_at_tool(run) if left is None else self._tool_of_begun(run)
-        plan, name, site_um = left if left is not None else self._fresh(run, name)
+        if left is None and (opening := self._opening_run(run, tool)) is not None:
+            self._make(opening)
+            return
+        begun = left if left is not None else self._fresh(run, name)
+        plan, name, site_um = begun.plan, begun.name, begun.site_um
         if left is None and self._wants_approval(run) and not self._options.approve(run, plan):
             raise PreconditionError(
                 f"Run {run.planned.number} is not approved.",
@@ -155,7 +163,12 @@ class _Series:
         what = "resuming" if left is not None else "making"
         self._observer.note(f"{what} run {run.planned.number}: {_words(run)}, at {coordinates(*site_um)}")
         report = carry_out(
-            plan, self._folder.source.file.design.seed, self._observer, name, self._options.warn
+            plan,
+            self._folder.source.file.design.seed,
+            self._observer,
+            name,
+            self._options.warn,
+            self._serial(),
         )
         if report.error is not None and not isinstance(report.error, ObjectiveNotReached):
             self._stop(run, report.error)
@@ -163,7 +176,9 @@ class _Series:
         files = (report.run_file,) if report.run_file else ()
         self._keep(run, attempt, report.to_dict(), files, report.error, begin_s, site_um, tool)
 
-    def _left(self, name: RunName) -> _Begun | tuple[dict[str, JsonValue], tuple[Path, ...]] | None:
+    def _left(
+        self, run: StudyRun, name: RunName
+    ) -> _Begun | tuple[dict[str, JsonValue], tuple[Path, ...]] | None:
         """What an earlier command left of an attempt: a hole to resume, a result without a row, or nothing."""
         from edmctl.jobs.resume.selection import checked, find_run, name_of_resumed
         from edmctl.jobs.runs.recovery import recovered_before
@@ -180,7 +195,7 @@ class _Series:
         try:
             plan = checked(resumption, options.port, options.wait_s, options.surroundings)
         except PreconditionError as error:
-            error.hint = f"{error.hint} {self._giving_up(name)}".strip()
+            error.hint = f"{error.hint} {self._giving_up(run)}".strip()
             raise
         options.warn(recovered_before(resumption))
         _, x_um, y_um, *_ = resumption.job.places[0]
@@ -217,28 +232,68 @@ class _Series:
 
     def _tool_of_begun(self, run: StudyRun) -> int:
         """Return the number of the tool that began a hole: that of the row before, or the one changed for it."""
-        used = [one.row.tool for one in self._folder.read().runs if one.row is not None]
-        return max([run.planned.tool, *used])
+        from edmctl.record.ledger import JobBegun, Ledger, ToolChanged
+
+        made = self._made()
+        if not made:
+            return max(1, run.planned.tool)
+        files = {file for row in made for file in row.run_files}
+        is_new = False
+        for line in Ledger.open(self._folder.runs).lines:
+            if isinstance(line.entry, ToolChanged):
+                is_new = True
+            elif isinstance(line.entry, JobBegun) and line.entry.run_file in files:
+                is_new = False
+        return max(made[-1].tool + 1, run.planned.tool) if is_new else made[-1].tool
 
     def _look_at_tool(self, run: StudyRun) -> int:
         """Return the number of the tool in the machine; stop where the run is of another one than the run before."""
-        made = [one for one in self._folder.read().runs if one.row is not None]
+        made = self._made()
         if not made:
             return max(1, run.planned.tool)
-        last = max(made, key=lambda one: one.row.started if one.row is not None else "")
-        assert last.row is not None
+        tool = made[-1].tool
         if self._new_tool:
-            return max(last.row.tool + 1, run.planned.tool)
-        if run.planned.tool > last.row.tool:
-            tool = last.row.tool
-            holes = sum(one.row is not None and one.row.tool == tool for one in made)
+            return max(tool + 1, run.planned.tool)
+        if run.planned.tool > tool or self._begins_a_block(run, made):
+            holes = sum(row.tool == tool for row in made)
             self._writer.append(PAUSED, {"number": run.planned.number, "why": f"tool {tool} is done"})
             raise PreconditionError(
-                f"Tool {tool} has made its {holes} holes; run {run.planned.number} is of tool {run.planned.tool}.",
+                f"Tool {tool} has made its {plural(holes, 'hole')}; run {run.planned.number} is of the next one.",
                 hint=f"Change or dress it, and go on with `{self._command()} --new-tool`.",
                 code="E8204",
             )
-        return last.row.tool
+        return tool
+
+    def _made(self) -> list[RunRow]:
+        """The last attempt at every run that was made, in the order of time."""
+        rows = [run.row for run in self._folder.read().runs if run.row is not None]
+        return sorted(rows, key=lambda row: row.started)
+
+    def _begins_a_block(self, run: StudyRun, made: Sequence[RunRow]) -> bool:
+        """Whether the plan has a run for a later tool than all before: also where a tool was changed early."""
+        planned = {one.number: one.tool for one in self._folder.plan.runs}
+        before = [planned[row.number] for row in made if row.number in planned]
+        return bool(before) and planned.get(run.planned.number, 0) > max(before)
+
+    def _opening_run(self, run: StudyRun, tool: int) -> StudyRun | None:
+        """Return the centre run that a tool begins with, where the plan has none: it was changed before its time."""
+        if not self._machine.center_runs or run.planned.kind in (RunKind.CENTER, RunKind.CONFIRMATION):
+            return None
+        state, made = self._folder.read(), self._made()
+        if not made or any(row.tool == tool for row in made):
+            return None
+        for one in state.runs[len(self._folder.plan.runs) :]:
+            if one.planned.kind is RunKind.CENTER and one.state is RunState.OPEN and one.planned.tool == tool:
+                return one
+        self._writer.planned([opening_run(state, tool)])
+        return self._folder.read().runs[-1]
+
+    def _serial(self) -> str:
+        """The serial number of the machine that has made the runs until now; empty before the first."""
+        from edmctl.record.ledger import Ledger
+
+        lines = Ledger.open(self._folder.runs).lines if self._folder.runs.is_dir() else ()
+        return lines[-1].serial if lines else ""
 
     def _wants_approval(self, run: StudyRun) -> bool:
         policy = self._machine.approval
@@ -298,9 +353,9 @@ class _Series:
                 time.sleep(min(0.1, left_s))
                 stop.check()
 
-    def _giving_up(self, name: RunName) -> str:
-        number = int(name.run_id[3:7])
-        words = ["edmctl", "study", "judge", str(self._folder.path), str(number), "repeat", "REASON"]
+    def _giving_up(self, run: StudyRun) -> str:
+        number = str(run.planned.number)
+        words = ["edmctl", "study", "judge", str(self._folder.path), number, "repeat", "REASON"]
         return f"To give the hole up and make the run at another place: `{shlex.join(words)}`."
 
     def _command(self) -> str:
@@ -319,9 +374,6 @@ class _Begun:
     plan: Plan
     name: RunName
     site_um: tuple[float, float]
-
-    def __iter__(self):  # type: ignore[no-untyped-def]
-        return iter((self.plan, self.name, self.site_um))
 
 
 def _finished(name: RunName) -> tuple[dict[str, JsonValue], tuple[Path, ...]] | None:

@@ -11,18 +11,27 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError, ProfileError
 from edmctl.jobs.plan import check
-from edmctl.jobs.study.confirming import added_run, best_of_points
+from edmctl.jobs.study.analysis import broken_limits, cost_of
+from edmctl.jobs.study.confirming import best_of_points, recommendation, suggested_runs
 from edmctl.jobs.study.expectations import LEAST_RUNS, expected_at, fitting_runs, has_suggestions
-from edmctl.jobs.study.factors import unit_points, value_at
+from edmctl.jobs.study.factors import settings_key, unit_points, value_at
 from edmctl.jobs.study.planning import request_of
 from edmctl.jobs.surroundings import NONE, Surroundings
-from edmctl.results.study import Recommendation, RunKind, RunState
+from edmctl.results.study import RunKind, RunState
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from edmctl.jobs.study.folder import StudyState
-    from edmctl.results.study import ConstraintInfo, FactorInfo, PlannedRun, ResponseInfo, StudyRun, Value
+    from edmctl.results.study import (
+        ConstraintInfo,
+        FactorInfo,
+        PlannedRun,
+        Recommendation,
+        ResponseInfo,
+        StudyRun,
+        Value,
+    )
 
 CANDIDATES = 1024
 MOST_REFUSED = 200
@@ -34,9 +43,13 @@ def next_batch(state: StudyState, surroundings: Surroundings = NONE) -> list[Pla
     Raises what `suggestions` raises.
     """
     optimize = state.folder.source.file.optimize
-    made = sum(run.planned.kind is not RunKind.CONFIRMATION for run in state.runs)
-    left = min(optimize.batch, optimize.runs - made)
+    left = min(optimize.batch, optimize.runs - counted(state))
     return suggestions(state, left, surroundings) if left > 0 else []
+
+
+def counted(state: StudyState) -> int:
+    """Return how many runs count against the number in [optimize]: those of the plan, and suggestions."""
+    return len(state.folder.plan.runs) + sum(run.planned.kind is RunKind.SUGGESTED for run in state.runs)
 
 
 def suggestions(state: StudyState, count: int, surroundings: Surroundings = NONE) -> list[PlannedRun]:
@@ -50,9 +63,6 @@ def suggestions(state: StudyState, count: int, surroundings: Surroundings = NONE
     plan, file = state.folder.plan, state.folder.source.file
     runs, objective, constraints = _data(state)
     settings = _candidates(state)
-    first = max(run.planned.number for run in state.runs) + 1
-    seed = max(run.planned.seed for run in state.runs if run.planned.kind is not RunKind.CONFIRMATION) + 1
-    block = max(run.planned.block for run in state.runs) + 1
     budget = max(file.optimize.runs, len(runs) + count)
     for _ in range(MOST_REFUSED):
         found = suggest(
@@ -62,12 +72,12 @@ def suggestions(state: StudyState, count: int, surroundings: Surroundings = NONE
             unit_points(plan.factors, settings),
             runs=count,
             budget=budget,
-            blocks=[run.planned.block for run in runs],
+            blocks=[run.block for run in runs],
         )
         chosen = [settings[one.candidate] for one in found]
         refused = [one for one in chosen if not _is_allowed(state, one, surroundings)]
         if not refused:
-            return [added_run(state, first + n, one, seed + n, block + n) for n, one in enumerate(chosen)]
+            return suggested_runs(state, chosen)
         settings = [one for one in settings if one not in refused]
         if not settings:
             break
@@ -96,22 +106,26 @@ def recommended(state: StudyState, surroundings: Surroundings = NONE) -> Recomme
             objective,
             constraints,
             unit_points(plan.factors, settings),
-            blocks=[run.planned.block for run in runs],
+            blocks=[run.block for run in runs],
         )
         chosen = settings[found.least_violating]
         if _is_allowed(state, chosen, surroundings) or len(settings) == 1:
             break
         settings = [one for one in settings if one is not chosen]
-    expected = expected_at(state, (), chosen)
     names = ", ".join(name for name, _ in plan.objectives)
-    return Recommendation(
-        settings=chosen,
-        expected={name: value for name, (value, _, _) in expected.items()},
-        low={name: low for name, (_, low, _) in expected.items()},
-        high={name: high for name, (_, _, high) in expected.items()},
-        is_feasible=found.candidate is not None,
-        basis=f"Best expected {names} by Gaussian processes over {len(runs)} runs.",
-        constraints=tuple(map(str, plan.constraints)),
+    basis = f"Best expected {names} by Gaussian processes over {len(runs)} runs."
+    broken = broken_limits(state).get(settings_key(chosen), ())
+    if broken:
+        basis += (
+            f" Confirmation at these settings did not keep {', '.join(broken)}: more runs near it (`optimize` with "
+            "more [optimize] runs, or `suggest --add`) or narrower factors are needed."
+        )
+    return recommendation(
+        state,
+        chosen,
+        expected_at(state, (), chosen),
+        basis,
+        is_feasible=found.candidate is not None and not broken,
     )
 
 
@@ -162,15 +176,10 @@ def _objective(
 def _costs(info: ResponseInfo, values: Sequence[float | None]) -> list[float]:
     """What is wanted small of a response, NaN where there is no value: logarithms where all of them have one."""
     known = [value for value in values if value is not None]
-    is_log = info.is_log and bool(known) and min(known) > 0
-
-    def cost(value: float) -> float:
-        if info.better == "nominal" and info.target is not None:
-            return abs(value - info.target)
-        scaled = math.log(value) if is_log else value
-        return -scaled if info.better == "larger" else scaled
-
-    return [math.nan if value is None else cost(value) for value in values]
+    wants_target = info.better == "nominal" and info.target is not None
+    is_log = info.is_log and not wants_target and bool(known) and min(known) > 0
+    scaled = [value if value is None or not is_log else math.log(value) for value in values]
+    return [math.nan if value is None else cost_of(info, value) for value in scaled]
 
 
 def _constraint(
@@ -199,8 +208,7 @@ def _candidates(state: StudyState) -> list[dict[str, Value]]:
         for row in coded
     ]
     made = [dict(run.planned.settings) for run in state.runs if run.planned.kind is not RunKind.CONFIRMATION]
-    distinct = {repr(sorted(one.items())): one for one in (*settings, *made)}
-    return list(distinct.values())
+    return list({settings_key(one): one for one in (*settings, *made)}.values())
 
 
 def _has_levels(factor: FactorInfo) -> bool:

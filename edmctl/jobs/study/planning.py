@@ -22,8 +22,15 @@ from edmctl.jobs.study.design import (
     terms_of,
 )
 from edmctl.jobs.study.factors import factors_of
+from edmctl.jobs.study.places_and_tools import (
+    bounds_of,
+    by_tool,
+    grid_of,
+    parts_of,
+    refuse_undoable,
+    wear_by_tool,
+)
 from edmctl.jobs.surroundings import NONE, Surroundings
-from edmctl.profile.findings import PAD_MARGIN_UM, WALL_UM
 from edmctl.profile.read import find_in
 from edmctl.results.study import (
     TRUTH,
@@ -35,7 +42,6 @@ from edmctl.results.study import (
     StudyPlan,
 )
 from edmctl.toml_text import toml_value
-from edmctl.wording import length, plural
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -43,8 +49,9 @@ if TYPE_CHECKING:
     from numpy.random import Generator
 
     from edmctl.jobs.plan import Plan
+    from edmctl.profile.model import Profile
     from edmctl.profile.positions import KeyPath
-    from edmctl.profile.study_file import StudyMachine, StudySource
+    from edmctl.profile.study_file import StudySource
     from edmctl.results.study import FactorInfo, Value
 
 MOST_REFUSED = 5
@@ -61,10 +68,6 @@ class PlannedStudy:
     recipes: Mapping[int, tuple[str, str]]
     """By point: hashes of the recipe and of the `[sim]` table in effect."""
     warnings: tuple[Diagnostic, ...]
-
-    def request(self, run: PlannedRun) -> JobRequest:
-        """Return the job of a run, without its place."""
-        return request_of(self.base, run.settings)
 
 
 def request_of(base: JobRequest, settings: Mapping[str, Value]) -> JobRequest:
@@ -98,7 +101,7 @@ def plan_study(
     Raises ProfileError with every diagnostic, and what `check` of a job raises.
     """
     factors, wrong = factors_of(source)
-    wrong += _wrong_names(source)
+    wrong += [*_foreign_keys(source), *_wrong_names(source)]
     if wrong:
         raise ProfileError(tuple(wrong))
     try:
@@ -109,7 +112,7 @@ def plan_study(
     runs = _runs(source, points, center_of(source, factors))
     base = base_request(source)
     checked = _checked(source, base, factors, runs, surroundings, observe)
-    _refuse_undoable(source, runs, checked)
+    refuse_undoable(source, runs, checked)
     plan = _plan(source, factors, points, runs, checked)
     recipes = {point: (one.loaded.sha256, one.loaded.sim_sha256) for point, one in checked.items()}
     return PlannedStudy(source, plan, base, recipes, _warnings(source, runs, checked, factors))
@@ -148,7 +151,6 @@ def _foreign_keys(source: StudySource) -> list[Diagnostic]:
 def _wrong_names(source: StudySource) -> list[Diagnostic]:
     """Responses nobody gives, constraints and objectives of responses that are not asked for."""
     file, wrong = source.file, []
-    wrong += _foreign_keys(source)
     names = [one.name for one in file.responses]
     factor_keys = {factor.key for factor in file.factors} | {factor.name for factor in file.factors}
     for number, one in enumerate(file.responses):
@@ -212,12 +214,12 @@ def _runs(source: StudySource, points: Points, center: dict[str, Value]) -> list
             members += [of_center] * (
                 min(1, centers) if machine is None and design.seeds != "run" else centers
             )
-            parts = _parts(len(members), machine)
+            parts = parts_of(len(members), machine)
             if design.order == "random":
                 members = _shuffled(members, parts, points, rng)
             number = replicate * design.blocks + block + 1
             seed = design.seed + number - 1
-            for part, tool in _tools(members, machine, runs):
+            for part, tool in by_tool(members, machine, runs):
                 ends = [of_center] if machine is not None and machine.center_runs else []
                 for point in (*ends, *part, *ends):
                     is_center = point == of_center
@@ -244,13 +246,6 @@ def _runs(source: StudySource, points: Points, center: dict[str, Value]) -> list
 TRIED_ORDERS = 200
 
 
-def _parts(members: int, machine: StudyMachine | None) -> int:
-    """Return by how many tools the runs of a block are made."""
-    if machine is None or machine.holes_per_tool is None:
-        return 1
-    return math.ceil(members / max(1, machine.holes_per_tool - (2 if machine.center_runs else 0)))
-
-
 def _shuffled(members: list[int], parts: int, points: Points, rng: Generator) -> list[int]:
     """Shuffle the runs of a block; where several tools make them, of many orders the one that mixes them least."""
     import numpy as np
@@ -262,31 +257,13 @@ def _shuffled(members: list[int], parts: int, points: Points, rng: Generator) ->
     ]
     if parts == 1:
         return orders[0]
-    bounds = _bounds_of(len(members), parts)
+    bounds = bounds_of(len(members), parts)
     part_of = np.repeat(np.arange(parts), np.diff(bounds)).tolist()
     return min(orders, key=lambda order: mixing(points, order, part_of))
 
 
-def _bounds_of(count: int, parts: int) -> list[int]:
-    return [round(n * count / parts) for n in range(parts + 1)]
-
-
 def _share(count: int, parts: int, part: int) -> int:
     return count // parts + (part < count % parts)
-
-
-def _tools(
-    members: list[int], machine: StudyMachine | None, before: Sequence[PlannedRun]
-) -> list[tuple[list[int], int]]:
-    """Return the runs of a block by the tool that makes them; tools are numbered on from the runs before."""
-    if machine is None:
-        return [(members, 0)]
-    if machine.holes_per_tool is None:
-        return [(members, 1)]
-    parts = _parts(len(members), machine)
-    first = max((run.tool for run in before), default=0) + 1
-    bounds = _bounds_of(len(members), parts)
-    return [(members[bounds[n] : bounds[n + 1]], first + n) for n in range(parts)]
 
 
 def _checked(
@@ -385,81 +362,6 @@ def _of_factor(
     return replace(_of_set(one, source), message=message)
 
 
-def _refuse_undoable(source: StudySource, runs: Sequence[PlannedRun], checked: Mapping[int, Plan]) -> None:
-    """Raise ProfileError where a tool would wear too short, or the grid has no room."""
-    machine = source.file.machine
-    if machine is None:
-        return
-    some = next(iter(checked.values()))
-    profile = some.loaded.profile
-    wrong: list[Diagnostic] = []
-    if profile.sites or profile.path is not None:
-        message = "a run of a study on a machine is one hole, and the profile has sites or a path of its own"
-        wrong.append(source.refusal(("study", "profile"), message, "name a profile of one hole"))
-    per_tool = machine.holes_per_tool
-    if per_tool is not None and machine.center_runs and per_tool < 3:
-        message = f"{per_tool} holes a tool leave none beside the centre runs that open and close a block"
-        wrong.append(
-            source.refusal(("machine", "holes_per_tool"), message, "take 3 or more, or center_runs = false")
-        )
-    for tool, wear_um in _wear_by_tool(runs, checked).items():
-        limit_um = profile.tool.max_wear_um
-        if wear_um > limit_um:
-            message = (
-                f"tool {tool} would lose {length(wear_um)} in all, and tool.max_wear_um is {length(limit_um)}"
-            )
-            hint = "set holes_per_tool lower, or make the holes shallower"
-            wrong.append(source.refusal(("machine", "holes_per_tool"), message, hint))
-            break
-    places, needed = machine.columns * machine.rows, len(runs)
-    if places < needed:
-        message = f"the grid has {plural(places, 'place')} for {plural(needed, 'run')}"
-        wrong.append(source.refusal(("machine", "columns"), message, "set columns or rows higher"))
-    radius_um = max(
-        one.loaded.profile.tool.diameter_um / 2 + one.loaded.profile.work.side_gap_um
-        for one in checked.values()
-    )
-    least_um = 2 * radius_um + WALL_UM
-    pitches = [("pitch_x_um", machine.columns), ("pitch_y_um", machine.rows)]
-    for name, count in pitches:
-        if count > 1 and abs(getattr(machine, name)) < least_um:
-            message = (
-                f"holes of {length(2 * radius_um)} {getattr(machine, name):g} µm apart run into each other"
-            )
-            wrong.append(
-                source.refusal(("machine", name), message, f"set it to {math.ceil(least_um)} or more")
-            )
-    clear_um = 2 * radius_um + PAD_MARGIN_UM
-    stage = some.setup.stage
-    for x_um, y_um in grid_of(machine)[: len(runs)]:
-        if math.hypot(x_um - stage.reference_x_um, y_um - stage.reference_y_um) < clear_um:
-            message = f"the place at {x_um:g}, {y_um:g} µm lies on the reference pad"
-            wrong.append(
-                source.refusal(
-                    ("machine", "first_x_um"), message, f"keep {math.ceil(clear_um)} µm away from it"
-                )
-            )
-            break
-    if wrong:
-        raise ProfileError(tuple(wrong))
-
-
-def grid_of(machine: StudyMachine) -> list[tuple[float, float]]:
-    """Return the places of the grid, row by row, µm."""
-    return [
-        (machine.first_x_um + column * machine.pitch_x_um, machine.first_y_um + row * machine.pitch_y_um)
-        for row in range(machine.rows)
-        for column in range(machine.columns)
-    ]
-
-
-def _wear_by_tool(runs: Sequence[PlannedRun], checked: Mapping[int, Plan]) -> dict[int, float]:
-    worn: dict[int, float] = {}
-    for run in runs:
-        worn[run.tool] = worn.get(run.tool, 0.0) + checked[run.point].forecast.tool_wear_um
-    return worn
-
-
 def _plan(
     source: StudySource,
     factors: tuple[FactorInfo, ...],
@@ -469,7 +371,7 @@ def _plan(
 ) -> StudyPlan:
     file = source.file
     forecasts = [checked[run.point].forecast for run in runs]
-    worn = _wear_by_tool(runs, checked)
+    worn = wear_by_tool(runs, checked)
     costs = PlanCosts(
         time_s=math.fsum(one.time_s for one in forecasts),
         machining_time_s=math.fsum(one.machining_time_s for one in forecasts),
@@ -479,7 +381,8 @@ def _plan(
     )
     _refuse_mixed(source, factors, runs)
     model, dof, notes = _model(source, factors, runs)
-    notes = [*points.notes, *notes, *_notes(source, runs)]
+    profile = next(iter(checked.values())).loaded.profile
+    notes = [*points.notes, *notes, *_notes(source, runs), *_adapted(factors, profile)]
     return StudyPlan(
         name=file.study.name,
         description=file.study.description,
@@ -574,6 +477,30 @@ def _refuse_mixed(source: StudySource, factors: Sequence[FactorInfo], runs: Sequ
         message = f"{mixed[0].name} cannot be told from the {what}: its values change with them alone"
         key: KeyPath = ("machine", "holes_per_tool") if what == "tools" else ("design", "blocks")
         raise ProfileError((source.refusal(key, message, "take fewer or larger blocks, or replicates"),))
+
+
+def _adapted(factors: Sequence[FactorInfo], profile: Profile) -> list[str]:
+    """What the supervisor moves during a run, although the study varies it."""
+    keys = {factor.key for factor in factors}
+    notes = []
+    if profile.adaptive.seek_reference and "servo.reference" in keys:
+        notes.append(
+            "adaptive.seek_reference finds the reference during a run: servo.reference tells nothing of it"
+        )
+    if profile.jump.mode == "adaptive" and "jump.mode" not in keys:
+        moved = ["jump.period_s"]
+        moved += (
+            ["servo.reference"]
+            if profile.adaptive.reference_step and not profile.adaptive.seek_reference
+            else []
+        )
+        moved += ["pulse.duty"] if profile.adaptive.duty_step else []
+        if varied := [key for key in moved if key in keys]:
+            notes.append(
+                f"{', '.join(varied)}: a run begins there, and the supervisor moves it where arcs or shorts ask for "
+                'it (jump.mode = "adaptive"); set = ["jump.mode=\'fixed\'"] holds it'
+            )
+    return notes
 
 
 def _notes(source: StudySource, runs: Sequence[PlannedRun]) -> list[str]:

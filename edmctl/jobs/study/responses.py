@@ -79,6 +79,23 @@ COLUMNS = frozenset(
 )
 """Columns of the table that say something else: no response has such a name."""
 
+NEVER_NEGATIVE = frozenset(
+    [
+        "machining_time_s",
+        "time_s",
+        "measuring_time_s",
+        "open_share",
+        "normal_share",
+        "arc_share",
+        "short_share",
+        "energy_j",
+        "pulses",
+        "cuts",
+        "measuring_stops",
+    ]
+)
+"""Sums and shares. Lengths and ratios of them are measured, and may come out below zero by their own error."""
+
 _UNITS = {"_um": "µm", "_s": "s", "_j": "J", "_mm3_min": "mm³/min", "_j_um": "J/µm"}
 
 
@@ -92,6 +109,13 @@ def near(name: str) -> str:
     names = [*RESPONSES, *(f"{TRUTH}{one}" for one in TRUTHS)]
     close = difflib.get_close_matches(name, names, 1)
     return f"perhaps {close[0]} is meant" if close else f"a job tells {', '.join(names)}"
+
+
+def range_of(name: str) -> tuple[float, float]:
+    """Return the least and the largest value that a response can have."""
+    if name not in NEVER_NEGATIVE:
+        return -math.inf, math.inf
+    return 0.0, 1.0 if name.endswith("_share") else math.inf
 
 
 def unit_of(name: str) -> str:

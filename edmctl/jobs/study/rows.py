@@ -116,5 +116,5 @@ def planned_run(values: Mapping[str, Any]) -> PlannedRun:
     """Return a planned run as JSON keeps it. Raises TypeError, KeyError or ValueError where it is none."""
     own = dict(values)
     own["kind"] = RunKind(own["kind"])
-    own["site_um"] = tuple(own["site_um"]) if own.get("site_um") else None
+    own.pop("site_um", None)  # of folders that were made before places were chosen when a run begins
     return PlannedRun(**own)

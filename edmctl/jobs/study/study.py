@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import math
-import socket
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from edmctl.errors import UsageError
 from edmctl.jobs.job import Report
-from edmctl.jobs.parallel import process_pool, silent_program
+from edmctl.jobs.parallel import pool_of, process_pool, silent_program
 from edmctl.jobs.plan import check
 from edmctl.jobs.study import responses
 from edmctl.jobs.study.analysis import analysis_of
-from edmctl.jobs.study.confirming import added_run
-from edmctl.jobs.study.evaluate import row_of
+from edmctl.jobs.study.confirming import suggested_runs
+from edmctl.jobs.study.evaluate import bare_row, row_of
 from edmctl.jobs.study.folder import StudyFolder, create_folder, open_folder
 from edmctl.jobs.study.optimizing import next_batch, recommended, suggestions
 from edmctl.jobs.study.planning import PlannedStudy, plan_study, request_of
@@ -24,10 +24,11 @@ from edmctl.jobs.study.table import in_words, table_of
 from edmctl.jobs.surroundings import Unobserved
 from edmctl.profile.folders import find_study
 from edmctl.profile.study_file import read_study
-from edmctl.results.study import RunKind, RunRow, RunState
+from edmctl.results.study import RunRow, RunState
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
+    from concurrent.futures import Executor
     from os import PathLike
 
     import pandas
@@ -84,12 +85,21 @@ class Study:
         self._folder = create_folder(Path(out), self._planned)
         return self
 
-    def run(self, *, workers: int = 1, observer: SeriesObserver | None = None) -> Self:
+    def run(
+        self,
+        *,
+        workers: int = 1,
+        observer: SeriesObserver | None = None,
+        executor: Callable[[], Executor] | None = None,
+    ) -> Self:
         """Make the runs that are left, each on a virtual machine of its own; `workers` processes side by side.
 
-        A program that runs this with several workers is a script with `if __name__ == "__main__":`, as Python asks.
+        `executor` makes any executor of `concurrent.futures` with `workers` workers, and is called again where its
+        workers died. Processes are made by a script with `if __name__ == "__main__":`, as Python asks.
         """
         pool = process_pool(workers, silent_program()) if workers > 1 else None
+        if executor is not None:
+            pool = pool_of(executor, workers)
         run_virtual(self._started(), Shard(), observer or _Uncounted(), None, pool)
         return self
 
@@ -124,14 +134,10 @@ class Study:
                 f"Settings have a value of each of {', '.join(keys)}.", hint="Leave others out.", code="E2110"
             )
         check(request_of(folder.base, settings))
-        last = max(state.runs, key=lambda run: run.planned.number).planned
-        seed = max(run.planned.seed for run in state.runs if run.planned.kind is not RunKind.CONFIRMATION) + 1
-        block = max(run.planned.block for run in state.runs) + 1
-        ordered = {key: settings[key] for key in keys}
-        run = added_run(state, last.number + 1, ordered, seed, block)
+        found = suggested_runs(state, [{key: settings[key] for key in keys}])
         with folder.writer() as writer:
-            writer.planned([run])
-        return run
+            writer.planned(found)
+        return found[-1]
 
     def suggest_from(self, trial: Any) -> dict[str, Value]:
         """Return settings that an optuna trial (`study.ask()` of optuna) suggests for the factors, by key."""
@@ -160,7 +166,11 @@ class Study:
                 with folder.writer() as writer:
                     writer.told(found, values)
                 return
-            row = _told_row(found, values)
+            row = replace(
+                bare_row(found.planned, found.attempts + 1, None, datetime.now(UTC)),
+                responses=values,
+                bases=dict.fromkeys(values, "told"),
+            )
         with folder.writer() as writer:
             writer.run(row)
 
@@ -190,13 +200,13 @@ class Study:
         """Return the settings that are expected best. Raises PreconditionError where the rows do not tell."""
         return recommended(self._state())
 
-    def optimize(self, *, workers: int = 1) -> Recommendation:
+    def optimize(self, *, workers: int = 1, executor: Callable[[], Executor] | None = None) -> Recommendation:
         """Make the design and then suggested runs, up to the number in [optimize]; return what is recommended."""
-        self.run(workers=workers)
+        self.run(workers=workers, executor=executor)
         while batch := next_batch(self._state()):
             with self._started().writer() as writer:
                 writer.planned(batch)
-            self.run(workers=workers)
+            self.run(workers=workers, executor=executor)
         return self.recommend()
 
     def _started(self) -> StudyFolder:
@@ -233,27 +243,3 @@ class Study:
             started=datetime.now(UTC),
             duration_s=0.0,
         )
-
-
-def _told_row(run: StudyRun, values: Mapping[str, float]) -> RunRow:
-    planned = run.planned
-    return RunRow(
-        number=planned.number,
-        kind=str(planned.kind),
-        point=planned.point,
-        replicate=planned.replicate,
-        block=planned.block,
-        tool=planned.tool,
-        site_um=None,
-        seed=None,
-        attempt=run.attempts + 1,
-        settings=planned.settings,
-        exit_code=0,
-        error=None,
-        responses=dict(values),
-        u95={},
-        bases={name: "told" for name in values},
-        truth={},
-        started=datetime.now(UTC).isoformat(timespec="milliseconds"),
-        host=socket.gethostname(),
-    )

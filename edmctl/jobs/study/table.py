@@ -32,14 +32,14 @@ def table_of(state: StudyState) -> list[dict[str, Cell]]:
 
 def _row(state: StudyState, run: StudyRun) -> dict[str, Cell]:
     planned, row, plan = run.planned, run.row, state.folder.plan
-    site = row.site_um if row is not None else planned.site_um
+    site = row.site_um if row is not None else None
     cells: dict[str, Cell] = {
         "run": planned.number,
         "kind": str(planned.kind),
         "point": planned.point,
         "replicate": planned.replicate,
-        "block": planned.block,
-        "tool": planned.tool or None,
+        "block": run.block,
+        "tool": run.tool or None,
         "x_um": site[0] if site else None,
         "y_um": site[1] if site else None,
         "seed": row.seed if row is not None else planned.seed,

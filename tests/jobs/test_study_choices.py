@@ -1,0 +1,158 @@
+"""What is chosen among points and confirmed: without what machines differ by, and not against what was measured."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl.cli.app import main
+from edmctl.jobs.study.analysis import analysis_of
+from edmctl.jobs.study.confirming import confirmation_runs, suggested_runs
+from edmctl.jobs.study.evaluate import bare_row
+from edmctl.jobs.study.expectations import expected_at
+from edmctl.jobs.study.optimizing import counted, recommended
+from edmctl.jobs.study.planning import plan_study
+from edmctl.profile.study_file import read_study
+from edmctl.results.study import RunKind
+from tests.jobs.studies import HEAD, SMALL, TWO_FACTORS, made, written
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from edmctl.jobs.study.folder import StudyFolder
+    from edmctl.results.study import PlannedRun
+
+THREE = """
+[[factors]]
+key = "pulse.frequency_hz"
+name = "frequency"
+levels = [1500, 3100]
+"""
+CHOICE = """
+[[responses]]
+name = "machining_time_s"
+log = true
+
+[[responses]]
+name = "arc_share"
+
+[[constraints]]
+response = "arc_share"
+at_most = 0.05
+
+[[objectives]]
+response = "machining_time_s"
+"""
+IN_BLOCKS = HEAD + TWO_FACTORS + THREE + '[design]\nkind = "full"\nblocks = 2\nreplicates = 2\n' + CHOICE
+
+
+def tell(folder: StudyFolder, law: Callable[[PlannedRun], dict[str, float]]) -> None:
+    """Make rows of the open runs by a law."""
+    from dataclasses import replace
+    from datetime import UTC, datetime
+
+    with folder.writer() as writer:
+        for run in folder.read().runs:
+            if run.row is None:
+                row = bare_row(run.planned, 1, run.planned.seed, datetime.now(UTC))
+                writer.run(replace(row, responses=law(run.planned)))
+
+
+def time_s(run: PlannedRun) -> float:
+    """A law without blocks."""
+    settings = run.settings
+    return 40.0 * float(settings["servo.reference"]) ** 2 / float(settings["pulse.duty"])
+
+
+def test_points_are_compared_without_what_their_machines_differ_by(tmp_path: Path) -> None:
+    folder = made(tmp_path, IN_BLOCKS)
+
+    def law(run: PlannedRun) -> dict[str, float]:
+        slow = 1.8 if run.block % 2 else 1.0
+        return {"machining_time_s": slow * time_s(run), "arc_share": 0.01}
+
+    tell(folder, law)
+    choices = analysis_of(folder.read()).choices
+    means = {choice.point: choice.means["machining_time_s"] for choice in choices}
+    expected = {run.planned.point: time_s(run.planned) for run in folder.read().runs}
+    ratios = [float(means[point] or 0.0) / expected[point] for point in expected]
+    assert max(ratios) / min(ratios) == pytest.approx(1.0, rel=1e-9)
+    best = recommended(folder.read())
+    assert (best.settings["servo.reference"], best.settings["pulse.duty"]) == (0.7, 0.4)
+
+
+def test_settings_that_a_confirmation_has_disproved_are_not_recommended(tmp_path: Path) -> None:
+    folder = made(tmp_path, IN_BLOCKS)
+    tell(folder, lambda run: {"machining_time_s": time_s(run), "arc_share": 0.01})
+    state = folder.read()
+    first = recommended(state)
+    assert first.is_feasible
+    with folder.writer() as writer:
+        writer.planned(confirmation_runs(state, first.settings, 3))
+    tell(folder, lambda run: {"machining_time_s": time_s(run), "arc_share": 0.09})
+    second = recommended(folder.read())
+    assert second.settings != first.settings
+    assert second.is_feasible
+
+
+def test_an_expected_share_is_none_that_cannot_be(tmp_path: Path) -> None:
+    folder = made(tmp_path, IN_BLOCKS.replace("blocks = 2\n", ""))
+    shares = iter([0.0, 0.05, 0.01, 0.0, 0.04, 0.0, 0.02, 0.001] * 2)
+    tell(folder, lambda run: {"machining_time_s": time_s(run), "arc_share": next(shares)})
+    state = folder.read()
+    analysis = analysis_of(state)
+    for run in state.runs:
+        value, low, high = expected_at(state, analysis.responses, run.planned.settings)["arc_share"]
+        assert 0.0 <= low <= value <= high <= 1.0
+    assert "arc_share is wider than all that was measured" in recommended(state).basis
+
+
+def test_suggestions_on_a_machine_come_with_centre_runs_of_each_tool(tmp_path: Path) -> None:
+    folder = made(tmp_path, SMALL + "\n[machine]\nholes_per_tool = 4\n")
+    tell(folder, lambda run: {"machining_time_s": time_s(run)})
+    state = folder.read()
+    settings = [{"servo.reference": 0.7 + n / 100, "pulse.duty": 0.3} for n in range(5)]
+    runs = suggested_runs(state, settings)
+    kinds = "".join("c" if run.kind is RunKind.CENTER else "s" for run in runs)
+    assert kinds == "csscc" + "ssc" + "cs"
+    assert [run.tool for run in runs] == [3] * 4 + [4] * 4 + [5] * 2
+    assert len({run.point for run in runs if run.kind is RunKind.SUGGESTED}) == 5
+    assert [run.number for run in runs] == list(range(9, 19))
+    with folder.writer() as writer:
+        writer.planned(runs)
+    assert counted(folder.read()) == 8 + 5
+
+
+def test_a_plan_says_what_the_supervisor_moves(tmp_path: Path) -> None:
+    adaptive = SMALL.replace("jump.mode='off'", "jump.mode='adaptive'")
+    notes = plan_study(read_study(written(tmp_path, adaptive))).plan.notes
+    assert any("servo.reference, pulse.duty: a run begins there" in note for note in notes)
+    assert not any(
+        "a run begins there" in note for note in plan_study(read_study(written(tmp_path))).plan.notes
+    )
+
+
+def test_a_confirmation_that_breaks_a_constraint_ends_with_7(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = made(tmp_path, IN_BLOCKS)
+    tell(folder, lambda run: {"machining_time_s": time_s(run), "arc_share": 1e-6})
+    first = recommended(folder.read())
+    with folder.writer() as writer:
+        writer.planned(confirmation_runs(folder.read(), first.settings, 2))
+    tell(folder, lambda run: {"machining_time_s": time_s(run), "arc_share": 0.09})
+    with folder.writer() as writer:
+        writer.planned(confirmation_runs(folder.read(), first.settings, 1))
+    assert main(["study", "confirm", str(folder.path), "--quiet"]) == 7
+    assert "E7911" in capsys.readouterr().err
+
+
+def test_a_study_for_a_machine_says_that_it_runs_on_virtual_ones(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = made(tmp_path, SMALL + "\n[machine]\nholes_per_tool = 4\n")
+    tell(folder, lambda run: {"machining_time_s": time_s(run)})
+    assert main(["study", "resume", str(folder.path)]) == 0
+    assert "W8215" in capsys.readouterr().err
