@@ -100,7 +100,8 @@ class ResponseModel:
     """A model that was fitted, and the errors that its predictions hold; on a logarithmic scale where `is_log`.
 
     `miss_variance` is of what a point that was left out is missed by, `run_variance` of runs of one point on one
-    machine, `block_variance` between machines; NaN where the runs do not tell.
+    machine, `block_variance` between machines; NaN where the runs do not tell. `replicates` is the mean number of
+    runs of a point.
     """
 
     fit: Fit
@@ -113,21 +114,47 @@ class ResponseModel:
     run_dof: int
     block_variance: float
     block_dof: int
+    replicates: float = 1.0
 
     def predict(self, settings: Settings) -> tuple[Values, Values, Values]:
         """Return what is expected of new runs on new machines, and the bounds of the 95 % interval of each."""
         columns = self._columns(settings)
         expected = columns @ self.fit.coefficients
         leverage = np.einsum("ij,jk,ik->i", columns, self.fit.unscaled_covariance, columns)
+        # Each miss is of a mean over the replicates of its point: the rest of a single run's error comes on top.
+        single = _known(self.run_variance) * (1 - 1 / self.replicates)
         parts = [
             (self.miss_variance * (1 + leverage), self.miss_dof),
-            (np.full(len(leverage), _known(self.run_variance)), self.run_dof),
+            (np.full(len(leverage), single), self.run_dof),
             (np.full(len(leverage), _known(self.block_variance)), self.block_dof),
         ]
         half = np.sqrt(sum(special.stdtrit(dof, 0.975) ** 2 * variance for variance, dof in parts if dof))
-        if self.is_log:
-            return np.exp(expected), np.exp(expected - half), np.exp(expected + half)
-        return expected, expected - half, expected + half
+        return self._plain(expected), self._plain(expected - half), self._plain(expected + half)
+
+    def at_point(self, adjusted: ArrayLike, candidates: int) -> tuple[float, float, float] | None:
+        """Return what is expected of a new run on a new machine where runs were made, by these; and its interval.
+
+        No model of the settings is in it. The quantile of what runs differ by is that of `candidates` points at once
+        (Bonferroni), because the best of many by its mean has been lucky too; where the point's own runs differ by
+        more than those of others do, that counts. None for fewer than two runs, and
+        where the scatter of repeated runs is known less well than what the model misses.
+
+        adjusted : values without what their blocks differ by, as in `ResponseAnalysis.adjusted`
+        """
+        values = np.asarray(adjusted, float)
+        values = np.log(values) if self.is_log else values
+        if len(values) < 2 or self.run_dof < max(2, self.miss_dof):
+            return None
+        mean = values.mean()
+        scatter = max(self.run_variance, float(values.var(ddof=1))) * (1 + 1 / len(values))
+        half = special.stdtrit(self.run_dof, 1 - 0.025 / candidates) ** 2 * scatter
+        if self.block_dof:
+            half += special.stdtrit(self.block_dof, 0.975) ** 2 * self.block_variance
+        bounds = (mean, mean - np.sqrt(half), mean + np.sqrt(half))
+        return tuple(float(self._plain(one)) for one in bounds)  # type: ignore[return-value]
+
+    def _plain(self, values: Values) -> Values:
+        return np.exp(values) if self.is_log else values
 
     def _columns(self, settings: Settings) -> Values:
         """Columns at settings that name no block: a new machine is as others are on average."""
@@ -348,9 +375,6 @@ def _model(
     miss_variance, miss_dof = misses
     run_variance, run_dof = _run_variance(runs, values)
     block_variance, block_dof = _block_variance(fitted, block)
-    # Each miss is of a mean over the replicates of its point: the rest of a single run's error comes on top.
-    size = len(values) / len(set(runs.points))
-    single = run_variance * (1 - 1 / size) if math.isfinite(run_variance) else math.nan
     return ResponseModel(
         fitted,
         tuple(terms),
@@ -358,10 +382,11 @@ def _model(
         is_log,
         miss_variance,
         miss_dof,
-        single,
+        run_variance,
         run_dof,
         block_variance,
         block_dof,
+        len(values) / len(set(runs.points)),
     )
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from edmctl.jobs.study.design import AS_LEVELS
-from edmctl.jobs.study.factors import settings_matrix, unit_points
+from edmctl.jobs.study.factors import settings_key, settings_matrix, unit_points
 from edmctl.jobs.study.responses import range_of
 from edmctl.results.study import RunKind, RunState
 
@@ -42,15 +42,34 @@ def expected_at(
 ) -> dict[str, tuple[float, float, float]]:
     """Return, by response, what is expected of a run and the bounds of its 95 % interval; none without a model.
 
-    After suggestions, which crowd where it is good, Gaussian processes tell; else the models of the analysis. What
-    cannot be, a share below zero, is cut off.
+    After suggestions, which crowd where it is good, Gaussian processes tell; else the runs that were made at these
+    settings, or the models of the analysis. What cannot be, a share below zero, is cut off.
     """
     if has_suggestions(state):
         found = _by_processes(state, settings)
     else:
-        plan = state.folder.plan
-        found = {one.name: predicted(plan, one.model, settings) for one in analyses if one.model is not None}
+        runs = [run for run in fitting_runs(state) if run.state is RunState.DONE]
+        found = {
+            one.name: _by_analysis(state, one, one.model, runs, settings) for one in analyses if one.model
+        }
     return {name: _possible(name, values) for name, values in found.items()}
+
+
+def _by_analysis(
+    state: StudyState,
+    analysis: ResponseAnalysis,
+    model: ResponseModel,
+    runs: Sequence[StudyRun],
+    settings: Mapping[str, Value],
+) -> tuple[float, float, float]:
+    """What runs at these settings say, where they were repeated; else the model."""
+    key, points = settings_key(settings), len({run.planned.point for run in runs})
+    own = [
+        value
+        for row, value in zip(analysis.used, analysis.adjusted, strict=True)
+        if settings_key(runs[row].planned.settings) == key
+    ]
+    return model.at_point(own, points) or predicted(state.folder.plan, model, settings)
 
 
 def _possible(name: str, values: tuple[float, float, float]) -> tuple[float, float, float]:
