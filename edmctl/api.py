@@ -13,8 +13,6 @@ Names of `edmctl` itself are loaded when they are used.
 from __future__ import annotations
 
 import itertools
-import sys
-import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -23,13 +21,13 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Self, SupportsIndex
 
-from edmctl.errors import EdmWarning, UsageError
+from edmctl.errors import UsageError
 from edmctl.jobs.connect import seed_warning
 from edmctl.jobs.job import carry_out
 from edmctl.jobs.plan import SIMULATOR, JobRequest, check, where_is
 from edmctl.jobs.resume.selection import name_of_resumed
 from edmctl.jobs.run_header import name_run, plain_name
-from edmctl.jobs.surroundings import Surroundings, Unobserved
+from edmctl.jobs.surroundings import Surroundings, Unobserved, python_warnings
 from edmctl.jobs.sweep import seed_to_use
 from edmctl.machine.stop import StopRequest
 from edmctl.toml_text import toml_value
@@ -571,19 +569,11 @@ def _observer(given: Observer | None) -> Observer:
 def _doubts(warn: Warn | None) -> Warn:
     """Who is told what is doubtful: nobody is told of nothing."""
     if warn is None:
-        warn = _as_python_warnings
+        warn = python_warnings
     if not callable(warn):
         raise TypeError(f"warn has to be called with warnings, and {warn!r} cannot be")
     told = warn
     return lambda found: told(found) if found else None
-
-
-def _as_python_warnings(found: Sequence[Diagnostic]) -> None:
-    frame, level = sys._getframe(), 1
-    while frame.f_back is not None and frame.f_globals["__name__"].startswith("edmctl."):
-        frame, level = frame.f_back, level + 1  # to the line of the program that called
-    for one in found:
-        warnings.warn(str(one), EdmWarning, stacklevel=level)
 
 
 def _ignore(found: Sequence[Diagnostic]) -> None:

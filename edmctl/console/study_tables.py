@@ -256,6 +256,13 @@ def render_response(one: ResponseAnalysis, style: Style = PLAIN, true: ResponseA
             if one.left_out:
                 fit += f"; intervals without a point held {one.held} of {one.left_out} points"
             lines += wrapped(fit, columns, "  ")
+        if one.lack is not None and one.lack.p < SIGNIFICANT:
+            lines += wrapped(
+                "The model misses more than runs of one point differ by (lack of fit, p "
+                f"{_p_words(one.lack.p).rstrip(' *')}): there is more to it.",
+                columns,
+                "  ",
+            )
     lines += [line for note in one.notes for line in wrapped(note, columns, "  ")]
     return "\n".join(lines)
 
@@ -327,8 +334,11 @@ def render_confirmation(one: Confirmation, style: Style = PLAIN) -> str:
         for response in one.responses
     ]
     lines.append(render_columns(["response", "expected", "measured", "held"], rows, style, "<"))
-    for limit, mean, is_kept in one.limits:
-        lines.append(f"{limit}: mean of the runs {significant(mean, 3)}, {'kept' if is_kept else 'NOT kept'}")
+    for limit in one.limits:
+        upper = f", 95 % bound {significant(limit.upper, 3)}" if limit.upper is not None else ""
+        lines.append(
+            f"{limit.constraint}: mean of the runs {significant(limit.mean, 3)}{upper}: {limit.verdict}"
+        )
     return "\n".join(lines)
 
 

@@ -186,7 +186,8 @@ def fit_process(
     names = list(dict.fromkeys(blocks)) if blocks is not None else []
     numbers = np.array([names.index(one) for one in blocks] if blocks is not None else [], np.int64)
     centre, spread = float(measured.mean()), float(measured.std(ddof=1))
-    scale = spread if spread > 1e-12 * max(1.0, abs(centre)) else max(noise_floor, 1.0)
+    least = 1e-9 * max(1.0, abs(centre))  # values that are all equal are expected everywhere
+    scale = max(spread, least, noise_floor if spread < least else 0.0)
     posterior = _Posterior.of(at, (measured - centre) / scale, numbers, trend, noise_floor / scale)
     draws, weights = _draws(posterior)
     factors = at.shape[1]

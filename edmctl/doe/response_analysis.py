@@ -44,8 +44,9 @@ MANY = 1_000_000
 class Runs:
     """What was run, a row a run: settings as the model takes them, plain values, and what runs have in common.
 
-    points : equal where the settings are; blocks : equal on one machine or tool; others : centre runs and whatever
-    else is none of the design's, which would unbalance the means of levels
+    points : equal where the settings are; blocks : equal on one machine or tool, 0 where it made no other run;
+    others : centre runs and whatever else is none of the design's, which would unbalance the means of levels;
+    is_one_machine : whether one machine with one tool made all of them
     """
 
     settings: Settings
@@ -54,6 +55,7 @@ class Runs:
     blocks: Sequence[int]
     others: frozenset[int] = frozenset()
     """Points that no level is judged by."""
+    is_one_machine: bool = False
 
     def only(self, rows: Sequence[int]) -> Runs:
         """Return some of the runs."""
@@ -63,6 +65,7 @@ class Runs:
             [self.points[row] for row in rows],
             [self.blocks[row] for row in rows],
             self.others,
+            self.is_one_machine,
         )
 
 
@@ -106,6 +109,8 @@ class ResponseModel:
 
     fit: Fit
     terms: tuple[Term, ...]
+    names: Mapping[str, Sequence[object]]
+    """Names of each category that the fit knows, in their order."""
     block: str
     is_log: bool
     miss_variance: float
@@ -117,7 +122,10 @@ class ResponseModel:
     replicates: float = 1.0
 
     def predict(self, settings: Settings) -> tuple[Values, Values, Values]:
-        """Return what is expected of new runs on new machines, and the bounds of the 95 % interval of each."""
+        """Return what is expected of new runs on new machines, and the bounds of the 95 % interval of each.
+
+        Raises ValueError for a category that the fit does not know.
+        """
         columns = self._columns(settings)
         expected = columns @ self.fit.coefficients
         leverage = np.einsum("ij,jk,ik->i", columns, self.fit.unscaled_covariance, columns)
@@ -159,7 +167,7 @@ class ResponseModel:
     def _columns(self, settings: Settings) -> Values:
         """Columns at settings that name no block: a new machine is as others are on average."""
         own = [term for term in self.terms if not _is_block(term, self.block)]
-        matrix = model_matrix(settings, own)
+        matrix = model_matrix(replace(settings, names=self.names), own)
         spans = self.fit.model.spans
         columns = np.zeros((settings.runs, self.fit.model.columns.shape[1]))
         for term in own:
@@ -218,8 +226,8 @@ def analyse(
 ) -> ResponseAnalysis:
     """Analyse a response: one value a run, NaN where there is none. Never raises for what the runs do not tell.
 
-    `u95` are half-widths of the values' own 95 % intervals: where all runs are in one block, what another one would
-    measure may differ by that.
+    `u95` are half-widths of the values' own 95 % intervals: where all runs are of one machine, what another one
+    would measure may differ by that.
     """
     all_values = np.asarray(response, float)
     used = np.flatnonzero(np.isfinite(all_values)).tolist()
@@ -277,7 +285,7 @@ def analyse(
         return replace(base, notes=(*notes, "all runs have the same value"))
     own = np.full(len(values), math.nan) if u95 is None else np.asarray(u95, float)[used]
     alone = own / values if is_log else own
-    alone_variance = float(np.mean((alone / NORMAL_95) ** 2)) if len(set(mine.blocks)) == 1 else math.nan
+    alone_variance = float(np.mean((alone / NORMAL_95) ** 2)) if mine.is_one_machine else math.nan
     return _with_model(base, mine, np.log(values) if is_log else values, list(terms), block, alone_variance)
 
 
@@ -301,10 +309,10 @@ def _with_model(
         return replace(base, notes=(*notes, str(error).rstrip(".")))
     if not fitted.error_dof:
         notes.append("nothing is left to estimate the error: no F of single terms, no interval")
-    model = _model(fitted, terms, runs, values, block, is_log=base.is_log)
+    model = _model(fitted, terms, replace(runs, settings=settings), values, block, is_log=base.is_log)
     if model is not None and math.isfinite(alone_variance):
         model = replace(model, block_variance=alone_variance, block_dof=MANY)
-    held, left_out = _left_out_coverage(terms, settings, runs, values, block)
+    held, left_out = _left_out_coverage(terms, replace(runs, settings=settings), values, block)
     return replace(
         base,
         anova=table,
@@ -374,10 +382,11 @@ def _model(
         return None
     miss_variance, miss_dof = misses
     run_variance, run_dof = _run_variance(runs, values)
-    block_variance, block_dof = _block_variance(fitted, block)
+    block_variance, block_dof = _block_variance(fitted, runs.settings, block)
     return ResponseModel(
         fitted,
         tuple(terms),
+        runs.settings.names,
         block,
         is_log,
         miss_variance,
@@ -431,19 +440,22 @@ def _run_variance(runs: Runs, values: Values) -> tuple[float, int]:
     return float(rest @ rest) / dof, dof
 
 
-def _block_variance(fitted: Fit, block: str) -> tuple[float, int]:
-    """Variance of a new block about the mean of those that were run, with what the error puts into their means."""
+def _block_variance(fitted: Fit, settings: Settings, block: str) -> tuple[float, int]:
+    """Variance of a new block about the mean of those that were run, with what the error puts into their means.
+
+    Block 0 is of many machines with a run each, and tells nothing of one.
+    """
     for term, span in fitted.model.spans.items():
         if _is_block(term, block):
             effects = fitted.coefficients[span]
-            whole = np.append(effects, -effects.sum())
-            return float(whole @ whole) / (len(whole) - 1) * (1 + 1 / len(whole)), len(whole) - 1
+            whole = np.append(effects, -effects.sum())[[name != 0 for name in settings.names[block]]]
+            if len(whole) < 2:
+                break
+            return float(whole.var(ddof=1)) * (1 + 1 / len(whole)), len(whole) - 1
     return math.nan, 0
 
 
-def _left_out_coverage(
-    terms: Sequence[Term], settings: Settings, runs: Runs, values: Values, block: str
-) -> tuple[int, int]:
+def _left_out_coverage(terms: Sequence[Term], runs: Runs, values: Values, block: str) -> tuple[int, int]:
     """Points whose runs lay within the interval of a model without them, and how many could be left out."""
     held = tried = 0
     points = np.asarray(runs.points)
@@ -452,12 +464,11 @@ def _left_out_coverage(
         own = np.flatnonzero(points == point).tolist()
         rest = runs.only(kept)
         try:
-            others = _rows_of(settings, kept)
-            fitted = fit(model_matrix(others, terms), values[kept])
+            fitted = fit(model_matrix(rest.settings, terms), values[kept])
             model = _model(fitted, terms, rest, values[kept], block, is_log=False)
             if model is None:
                 continue
-            _, low, high = model.predict(_rows_of(settings, own))
+            _, low, high = model.predict(_rows_of(runs.settings, own))
         except (ValueError, np.linalg.LinAlgError):
             continue
         tried += 1

@@ -5,9 +5,16 @@ from __future__ import annotations
 import multiprocessing
 import os
 import threading
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, ProcessPoolExecutor, wait
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    ProcessPoolExecutor,
+    wait,
+)
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing import util
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
@@ -62,6 +69,8 @@ class Pool:
     make: Callable[[], Executor]
     workers: int
     kill: Callable[[Executor], None]
+    killers: tuple[type[BaseException], ...] = ()
+    """What a task raises whose workers died again and again, where the executor tries by itself."""
 
 
 def cores() -> int:
@@ -105,7 +114,7 @@ def dask_pool(address: str) -> Iterator[Pool]:
             hint="Start one with `dask scheduler`, and workers with `dask worker ADDRESS`.",
             code="E8212",
         ) from refused
-    with client:
+    with _scheduler_there(address), client:
         workers = sum(client.nthreads().values())
         if not workers:
             raise PreconditionError(
@@ -113,7 +122,21 @@ def dask_pool(address: str) -> Iterator[Pool]:
                 hint="Start one: `dask worker ADDRESS`.",
                 code="E8212",
             )
-        yield pool_of(lambda: client.get_executor(pure=False), workers)
+        killers: tuple[type[BaseException], ...] = (distributed.KilledWorker,)
+        yield replace(pool_of(lambda: client.get_executor(pure=False), workers), killers=killers)
+
+
+@contextmanager
+def _scheduler_there(address: str) -> Iterator[None]:
+    """Tell a scheduler that is gone in words: dask cancels what was under way."""
+    try:
+        yield
+    except (CancelledError, ConnectionError) as lost:
+        raise PreconditionError(
+            f"The dask scheduler at {address} is gone.",
+            hint="What is finished is kept. Start a scheduler, and go on with `edmctl study resume`.",
+            code="E8212",
+        ) from lost
 
 
 def perform(
@@ -172,7 +195,10 @@ class _Series(Generic[TaskT, ResultT]):
                     raise
             finished, _ = wait(self._under_way, return_when=FIRST_COMPLETED)
             for future in finished:
-                result = future.result()
+                try:
+                    result: ResultT | Lost = future.result()
+                except self._pool.killers:
+                    result = Lost("its workers died again and again")
                 self._on_result(self._under_way.pop(future), result)
 
     def _take_back(self) -> None:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import sys
+import warnings
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from edmctl.errors import EdmWarning
 from edmctl.machine.stop import StopRequest
 
 if TYPE_CHECKING:
@@ -28,6 +31,15 @@ def _nothing() -> None:
 
 def _silent_stop(say: Callable[[str], None]) -> StopRequest:
     return StopRequest()
+
+
+def python_warnings(found: Sequence[Diagnostic]) -> None:
+    """Tell doubts as warnings of Python, at the line of the program that called."""
+    frame, level = sys._getframe(), 1
+    while frame.f_back is not None and frame.f_globals["__name__"].startswith("edmctl."):
+        frame, level = frame.f_back, level + 1
+    for one in found:
+        warnings.warn(str(one), EdmWarning, stacklevel=level)
 
 
 class Unobserved:

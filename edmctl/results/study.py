@@ -124,6 +124,8 @@ class RunRow:
     u95: Mapping[str, float | None]
     bases: Mapping[str, str]
     truth: Mapping[str, float | None]
+    order: int = 0
+    """Place in the order in which runs were made on a machine that lasts, from 1; of virtual ones their number."""
     run_files: tuple[str, ...] = ()
     run_sha256: str = ""
     started: str = ""
@@ -160,11 +162,11 @@ class StudyRun:
 
     @property
     def state(self) -> RunState:
-        """How far it has come."""
-        if self.row is None or self.judgement is Judgement.REPEAT:
-            return RunState.OPEN
+        """How far it has come; one that is rejected before it was made is not made."""
         if self.judgement is Judgement.REJECT:
             return RunState.REJECTED
+        if self.row is None or self.judgement is Judgement.REPEAT:
+            return RunState.OPEN
         return RunState.DONE if self.row.ok or self.judgement is Judgement.ACCEPT else RunState.FAILED
 
     def value(self, response: str) -> float | None:
@@ -271,11 +273,37 @@ class ConfirmedResponse:
 
 
 @dataclass(frozen=True, slots=True)
+class ConfirmedLimit:
+    """A constraint at settings that were run anew: the mean of the runs, and the 95 % bound of that mean.
+
+    upper : on the side of the limit; None for a single run, which tells no scatter.
+    """
+
+    constraint: ConstraintInfo
+    mean: float
+    upper: float | None
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether the mean keeps it."""
+        return self.constraint.sign * (self.mean - self.constraint.limit) <= 0
+
+    @property
+    def is_shown(self) -> bool:
+        """Whether the bound keeps it too."""
+        return self.upper is not None and self.constraint.sign * (self.upper - self.constraint.limit) <= 0
+
+    @property
+    def verdict(self) -> str:
+        """In words."""
+        return "kept" if self.is_shown else "not shown to be kept" if self.is_kept else "NOT kept"
+
+
+@dataclass(frozen=True, slots=True)
 class Confirmation:
     """Runs at one point that no model had seen."""
 
     settings: Mapping[str, Value]
     runs: tuple[int, ...]
     responses: tuple[ConfirmedResponse, ...]
-    limits: tuple[tuple[str, float, bool], ...] = ()
-    """Each constraint, the mean of the runs, and whether that keeps it."""
+    limits: tuple[ConfirmedLimit, ...] = ()

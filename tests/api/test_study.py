@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 import edmctl
-from edmctl.errors import PreconditionError, ProfileError, UsageError
+from edmctl.errors import PreconditionError, UsageError
 from edmctl.jobs.study.optimizing import _data
 from edmctl.jobs.study.table import OF_EXECUTION
 from edmctl.results.study import RunKind
@@ -147,7 +147,7 @@ def test_runs_of_other_optimisers_count_alike(tmp_path: Path) -> None:
     assert study.table()[-1]["machining_time_s"] == law(run.settings)["machining_time_s"]
     with pytest.raises(UsageError):
         study.add({"servo.reference": 0.7})
-    with pytest.raises(ProfileError):
+    with pytest.raises(UsageError):
         study.add({"servo.reference": 0.7, "pulse.duty": 3.0})
     with pytest.raises(UsageError):
         study.tell(run, {"colour": 1.0})

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.cli.app import main
-from edmctl.jobs.study.analysis import analysis_of
+from edmctl.errors import PreconditionError
+from edmctl.jobs.study.analysis import analysis_of, is_one_machine
 from edmctl.jobs.study.confirming import confirmation_runs, suggested_runs
 from edmctl.jobs.study.evaluate import bare_row
 from edmctl.jobs.study.expectations import expected_at
-from edmctl.jobs.study.optimizing import counted, recommended
+from edmctl.jobs.study.optimizing import counted, recommended, suggestions
 from edmctl.jobs.study.planning import plan_study
 from edmctl.profile.study_file import read_study
 from edmctl.results.study import RunKind
@@ -95,6 +96,112 @@ def test_settings_that_a_confirmation_has_disproved_are_not_recommended(tmp_path
     second = recommended(folder.read())
     assert second.settings != first.settings
     assert second.is_feasible
+
+
+def test_broken_settings_are_neither_suggested_nor_recommended_after_suggestions(tmp_path: Path) -> None:
+    folder = made(tmp_path, IN_BLOCKS)
+
+    def law(run: PlannedRun) -> dict[str, float]:
+        share = 0.09 if run.kind is RunKind.CONFIRMATION else 0.01
+        return {"machining_time_s": time_s(run), "arc_share": share}
+
+    tell(folder, law)
+    with folder.writer() as writer:
+        writer.planned(suggestions(folder.read(), 1))
+    tell(folder, law)
+    first = recommended(folder.read())
+    assert first.is_feasible
+    with folder.writer() as writer:
+        writer.planned(confirmation_runs(folder.read(), first.settings, 3))
+    tell(folder, law)
+    state = folder.read()
+    second = recommended(state)
+    assert second.settings != first.settings
+    assert "left out" in second.basis
+    assert all(run.settings != first.settings for run in suggestions(state, 2))
+
+
+def test_the_best_may_lie_in_a_corner_that_nobody_has_run(tmp_path: Path) -> None:
+    ranges = """
+[[factors]]
+key = "servo.reference"
+low = 0.7
+high = 0.8
+
+[[factors]]
+key = "pulse.duty"
+low = 0.2
+high = 0.4
+"""
+    text = HEAD + ranges + "[design]\nkind = 'lhs'\nruns = 8\nseeds = 'run'\n" + CHOICE
+    folder = made(tmp_path, text)
+    law: Callable[[PlannedRun], dict[str, float]] = lambda run: {  # noqa: E731
+        "machining_time_s": time_s(run),
+        "arc_share": 0.01,
+    }
+    tell(folder, law)
+    with folder.writer() as writer:
+        writer.planned(suggestions(folder.read(), 1))
+    tell(folder, law)
+    assert recommended(folder.read()).settings == {"servo.reference": 0.7, "pulse.duty": 0.4}
+
+
+def test_levels_that_a_model_has_not_seen_are_not_guessed(tmp_path: Path) -> None:
+    text = IN_BLOCKS.replace("blocks = 2\nreplicates = 2", 'seeds = "run"\ncenter_points = 1').replace(
+        "[0.2, 0.4]", "[0.2, 0.3, 0.4]"
+    )
+    folder = made(tmp_path, text)
+    tell(folder, lambda run: {"machining_time_s": time_s(run), "arc_share": 0.01})
+    state = folder.read()
+    found = analysis_of(state)
+    for run in state.runs:
+        expected = expected_at(state, found.responses, run.planned.settings)
+        value, low, high = expected["machining_time_s"]
+        assert value == pytest.approx(time_s(run.planned), rel=0.05)
+        assert low <= time_s(run.planned) <= high
+    assert recommended(state).settings["servo.reference"] == 0.7
+    with folder.writer() as writer:
+        for run in state.runs:
+            if run.planned.settings["pulse.duty"] == 0.2:
+                words = {"number": run.planned.number, "attempt": 1, "judgement": "reject", "reason": "chip"}
+                writer.append("judged", words)
+    fewer = folder.read()
+    lost = next(run for run in fewer.runs if run.planned.settings["pulse.duty"] == 0.2)
+    assert expected_at(fewer, analysis_of(fewer).responses, lost.planned.settings) == {}
+
+
+def test_machines_with_a_run_each_are_not_taken_for_one(tmp_path: Path) -> None:
+    text = IN_BLOCKS.replace("blocks = 2\nreplicates = 2", 'seeds = "run"\nreplicates = 2')
+    folder = made(tmp_path, text)
+    tell(folder, lambda run: {"machining_time_s": time_s(run), "arc_share": 0.01})
+    assert not is_one_machine(folder.read().runs)
+    (tmp_path / "alone").mkdir()
+    alone = made(tmp_path / "alone", IN_BLOCKS.replace("blocks = 2\nreplicates = 2\n", ""))
+    tell(alone, lambda run: {"machining_time_s": time_s(run), "arc_share": 0.01})
+    assert is_one_machine(alone.read().runs)
+
+
+def test_nothing_is_recommended_where_no_constraint_is_known(tmp_path: Path) -> None:
+    folder = made(tmp_path, IN_BLOCKS)
+    tell(folder, lambda run: {"machining_time_s": time_s(run)})
+    with pytest.raises(PreconditionError, match=r"known to keep arc_share ≤ 0\.05") as nothing:
+        recommended(folder.read())
+    assert nothing.value.code == "E8208"
+
+
+def test_a_faster_point_that_is_not_known_to_keep_a_constraint_is_named(tmp_path: Path) -> None:
+    folder = made(tmp_path, IN_BLOCKS)
+    fastest = min(time_s(run) for run in folder.plan.runs)
+    tell(
+        folder,
+        lambda run: {
+            "machining_time_s": time_s(run),
+            "arc_share": 0.02 + 0.06 * (time_s(run) == fastest and run.replicate == 2),
+        },
+    )
+    best = recommended(folder.read())
+    assert "and are known to keep arc_share ≤ 0.05" in best.basis
+    assert "Better by their mean, but not known to keep that" in best.basis
 
 
 def test_an_expected_share_is_none_that_cannot_be(tmp_path: Path) -> None:

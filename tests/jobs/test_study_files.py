@@ -231,6 +231,40 @@ def test_nothing_is_lost_without_a_word(tmp_path: Path, text: str, says: str) ->
         planned(tmp_path, text)
 
 
+def test_equal_settings_are_one_point_that_a_virtual_machine_makes_once(tmp_path: Path) -> None:
+    three = TWO_FACTORS.replace("[0.2, 0.4]", "[0.2, 0.3, 0.4]")
+    text = f"{HEAD}{three}\n[design]\nkind = 'taguchi'\narray = 'L18 (2^1 3^7)'\n{{more}}{RESPONSES}"
+    plan = planned(tmp_path, text.format(more=""))
+    assert len(plan.runs) == plan.points == 6
+    assert any("18 points have 6 different settings" in note for note in plan.notes)
+    own = planned(tmp_path, text.format(more="seeds = 'run'\n"))
+    assert (len(own.runs), own.points) == (18, 6)
+    assert len({run.seed for run in own.runs}) == 18
+    lasting = planned(tmp_path, text.format(more="") + "\n[machine]\n")
+    assert (len(lasting.runs) - 2, lasting.points) == (18, 7)
+    steps = RANGES.replace("high = 0.4", "high = 0.4\nstep = 0.1").split("\n\n")[:2]
+    coarse = planned(tmp_path, f"{HEAD}{steps[1]}\n[design]\nkind = 'lhs'\nruns = 9\n{RESPONSES}")
+    assert len(coarse.runs) == coarse.points == 3
+
+
+def test_a_fraction_of_resolution_five_tells_products_where_the_error_is_left(tmp_path: Path) -> None:
+    keys = ("servo.reference", "pulse.duty", "pulse.current_a", "jump.height_um", "measure.dwell_s")
+    bounds = ((0.7, 0.8), (0.2, 0.3), (0.08, 0.12), (50.0, 60.0), (0.1, 0.2))
+    factors = "".join(
+        f"[[factors]]\nkey = '{key}'\nlow = {low}\nhigh = {high}\n"
+        for key, (low, high) in zip(keys, bounds, strict=True)
+    )
+    text = f"{HEAD}{factors}[design]\nkind = 'fractional'\nresolution = 5\n{RESPONSES}"
+    assert planned(tmp_path, text).model == "main"  # ten products would leave nothing for the error
+    twice = planned(tmp_path, text.replace("resolution = 5", "resolution = 5\nreplicates = 2"))
+    assert (twice.model, twice.dof["error"]) == ("interactions", 15)
+
+
+def test_an_optimisation_without_runs_is_told(tmp_path: Path) -> None:
+    plan = planned(tmp_path, SMALL + "\n[optimize]\nruns = 4\n")
+    assert any("leaves 0 suggestions after the 4 runs" in note for note in plan.notes)
+
+
 def test_values_in_steps_are_multiples_within_the_bounds(tmp_path: Path) -> None:
     text = f"{HEAD}{RANGES}\n[design]\nkind = 'lhs'\nruns = 12\n{RESPONSES}"
     plan = planned(tmp_path, text.replace("high = 0.4", "high = 0.4\nstep = 0.07"))

@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.cli.app import main
-from edmctl.errors import Interrupted, MachineFault, PreconditionError, UsageError
+from edmctl.errors import EdmWarning, Interrupted, MachineFault, PreconditionError, UsageError
 from edmctl.jobs.plan import MachineAddress
 from edmctl.jobs.study.analysis import analysis_of
+from edmctl.jobs.study.confirming import confirmation_runs
 from edmctl.jobs.study.on_machine import MachineRuns, refuse_mixture, run_on_machine
 from edmctl.jobs.study.reporting import page_of
+from edmctl.jobs.study.study import Study
 from edmctl.jobs.study.waiting import what_next
 from edmctl.jobs.surroundings import Surroundings
 from edmctl.machine.stop import StopRequest
@@ -179,6 +181,53 @@ def test_a_result_whose_row_was_lost_is_read_from_its_run_file(tmp_path: Path) -
     assert after.responses == before.responses
     assert after.site_um == before.site_um
     assert len(list(folder.runs.glob("*.h5"))) == 1
+
+
+@pytest.mark.slow
+def test_a_hole_whose_row_was_lost_is_of_the_tool_that_made_it(tmp_path: Path) -> None:
+    folder = made(tmp_path, MACHINE)
+    run_on_machine(folder, options(folder, most=1), Unseen())
+    run_on_machine(folder, options(folder, most=1, new_tool=True), Unseen())  # the centre run of tool 2
+    (newest,) = [file for file in folder.rows.glob("*.jsonl") if b'"number": 9' in file.read_bytes()]
+    newest.write_bytes(
+        b"".join(line for line in newest.read_bytes().splitlines(True) if b'"run"' not in line)
+    )
+    run_on_machine(folder, options(folder, most=1), Unseen())
+    rows = sorted((run.row for run in folder.read().runs if run.row), key=lambda row: row.started)
+    assert [(row.number, row.tool, row.order) for row in rows] == [(1, 1, 1), (9, 2, 2)]
+
+
+def test_a_run_that_is_under_way_is_not_given_up(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = made(tmp_path, MACHINE)
+    seen = Interrupting()
+    with pytest.raises(Interrupted):
+        run_on_machine(folder, options(folder, surroundings=Surroundings(stop=lambda _: seen.stop)), seen)
+    judge = ["study", "judge", str(folder.path), "1", "repeat"]
+    with folder.claimed("all"):
+        assert main([*judge, "odd"]) == 8
+    assert main([*judge, "  "]) == 2
+    assert "E8201" in capsys.readouterr().err
+    assert folder.read().run(1).row is None
+
+
+def test_a_run_without_room_is_not_added_and_one_may_be_rejected_unmade(tmp_path: Path) -> None:
+    folder = made(tmp_path, SMALL + "\n[machine]\ncenter_runs = false\ncolumns = 4\nrows = 1\n")
+    run_on_machine(folder, options(folder, most=1), Unseen())
+    with pytest.raises(PreconditionError) as full:
+        confirmation_runs(folder.read(), folder.plan.runs[0].settings, 1)
+    assert full.value.code == "E8207"
+    assert main(["study", "judge", str(folder.path), "4", "reject", "no room"]) == 0
+    assert folder.read().run(4).state is RunState.REJECTED
+    assert len(confirmation_runs(folder.read(), folder.plan.runs[0].settings, 1)) == 1
+
+
+def test_a_study_of_a_machine_is_not_mixed_from_python(tmp_path: Path) -> None:
+    folder = made(tmp_path, MACHINE)
+    with folder.writer() as writer:
+        writer.append("machine", {"port": "sim:there.bench"})
+    with pytest.warns(EdmWarning, match="W8215"), pytest.raises(UsageError) as mixed:
+        Study.load(folder.path).run()
+    assert mixed.value.code == "E2108"
 
 
 def test_a_study_stays_on_its_bench(tmp_path: Path) -> None:

@@ -135,9 +135,31 @@ def test_a_line_that_was_cut_off_is_no_row(tmp_path: Path, whole: StudyFolder) -
     rows.mkdir()
     (rows / "a.jsonl").write_bytes(b"".join(lines[:2]) + lines[2][:100])
     (rows / "b.jsonl").write_bytes(lines[1] + b"\0" * 20 + b"\n" + b'{"row": "run"}\n' + lines[3])
-    found = read_rows(rows)
+    found = read_rows(rows, whole.identity)
     assert sorted(found.attempts) == [1, 2, 4]
-    assert found.torn == 3
+    assert (found.torn, found.foreign) == (3, 0)
+    other = read_rows(rows, "another study")
+    assert (dict(other.attempts), other.torn, other.foreign) == ({}, 3, 4)
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        (b'"attempt": 1', b'"attempt": "1"'),
+        (b'"responses": {"time_s": ', b'"responses": {"time_s": true, "other": '),
+        (b'"settings": {', b'"settings": 7, "seen": {'),
+        (b'"seed": ', b'"seed": 0.5, "seed_was": '),
+    ],
+)
+def test_a_row_of_wrong_kinds_is_no_row(
+    tmp_path: Path, whole: StudyFolder, before: bytes, after: bytes
+) -> None:
+    (file,) = [path for path in whole.rows.glob("*.jsonl") if path.stat().st_size > 1000]
+    first = file.read_bytes().splitlines(keepends=True)[0]
+    assert before in first
+    (tmp_path / "a.jsonl").write_bytes(first.replace(before, after, 1))
+    found = read_rows(tmp_path, whole.identity)
+    assert (dict(found.attempts), found.torn) == ({}, 1)
 
 
 def test_people_tell_and_judge(tmp_path: Path) -> None:
@@ -203,6 +225,8 @@ def test_one_command_runs_a_part_at_a_time(tmp_path: Path) -> None:
     with study.claimed("all"), pytest.raises(PreconditionError) as busy:
         run_virtual(study, Shard(), Unseen())
     assert busy.value.code == "E8201"
+    with study.claimed("shard-1-of-2"), study.claimed("shard-2-of-2"):
+        pass  # parts begin side by side
     for wrong in ("0/2", "3/2", "1", "a/b", "1/0", "-1/2"):
         with pytest.raises(UsageError):
             parse_shard(wrong)

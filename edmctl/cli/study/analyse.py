@@ -41,7 +41,7 @@ def report(
     """Say what matters, by analysis of variance, models and the Pareto front; --out writes a page of it."""
     from edmctl.console.study_tables import render_analysis
     from edmctl.jobs import output_files
-    from edmctl.jobs.study.analysis import analysis_of
+    from edmctl.jobs.study.analysis import analysis_of, ranked_by
     from edmctl.jobs.study.confirming import confirmations_of
     from edmctl.jobs.study.reporting import mapping_of, page_of, recommendation_or_none
 
@@ -51,7 +51,7 @@ def report(
     best = recommendation_or_none(state, shell())
     confirmations = confirmations_of(state, found.responses)
     outcome.result = mapping_of(found, best, confirmations)
-    names = [name for name, _ in study.plan.objectives] or [one.name for one in study.plan.responses]
+    names = ranked_by(study.plan)
     style = stream_style(sys.stdout)
     outcome.text = render_analysis(
         found.responses, found.choices, names, best, confirmations, found.notes, style, found.truths

@@ -11,7 +11,7 @@ from edmctl.cli.options import PROGRESS, command
 from edmctl.cli.outcome import Outcome, stream_style, tell, watching
 from edmctl.cli.signals import begin_worker, shell
 from edmctl.cli.study.options import FolderArgument, Making, StudyArgument, checks_told, opened
-from edmctl.errors import Diagnostic, ObjectiveNotReached
+from edmctl.errors import ObjectiveNotReached
 from edmctl.wording import plural
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from edmctl.jobs.plan import Plan
     from edmctl.jobs.study.folder import StudyFolder
     from edmctl.jobs.study.running import Shard
-    from edmctl.results.study import StudyRun
+    from edmctl.results.study import RunKind, StudyRun
 
 OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="New folder of the study.")]
 CountOption = Annotated[
@@ -79,7 +79,7 @@ def _make(outcome: Outcome, study: "StudyFolder", making: Making, *, to_the_end:
 
     Raises ObjectiveNotReached E7910 where a run failed, but not `to_the_end`.
     """
-    from edmctl.jobs.study.on_machine import refuse_mixture
+    from edmctl.jobs.study.on_machine import refuse_mixture, without_port
     from edmctl.jobs.study.running import parse_shard
 
     setup = study.base.setup
@@ -92,20 +92,12 @@ def _make(outcome: Outcome, study: "StudyFolder", making: Making, *, to_the_end:
                 _on_machine(outcome, study, where.selector, making, reporter)
             else:
                 outcome.simulated = True
-                outcome.warn(_without_machine(study))
+                outcome.warn(without_port(study))
                 _virtual(study, part, making, reporter)
     finally:
         _tell(outcome, study, part)
     if not to_the_end:
         _raise_failed(study, part)
-
-
-def _without_machine(study: "StudyFolder") -> "list[Diagnostic]":
-    if study.source.file.machine is None:
-        return []
-    message = "The study has a [machine], and no port is named: its runs are made on virtual machines."
-    hint = "Name the machine with --port; runs of both are never mixed."
-    return [Diagnostic("W8215", message, hint, is_warning=True)]
 
 
 def _virtual(study: "StudyFolder", part: "Shard", making: Making, reporter: "Reporter") -> None:
@@ -161,13 +153,16 @@ def _tell(outcome: Outcome, study: "StudyFolder", part: "Shard") -> None:
     outcome.text = "\n".join([f"{study.plan.name}: {in_words(state)}.", *(others or what_next(state))])
 
 
-def _raise_failed(study: "StudyFolder", part: "Shard") -> None:
+def _raise_failed(study: "StudyFolder", part: "Shard", kind: "RunKind | None" = None) -> None:
     from edmctl.results.study import RunState
 
     failed = [
         run
         for run in study.read().runs
-        if run.state is RunState.FAILED and run.row is not None and run.planned.number in part
+        if run.state is RunState.FAILED
+        and run.row is not None
+        and run.planned.number in part
+        and kind in (None, run.planned.kind)
     ]
     if failed:
         first = failed[0]
@@ -186,11 +181,12 @@ def suggest(outcome: Outcome, folder: FolderArgument, count: CountOption = 1, ad
     from edmctl.jobs.study.optimizing import suggestions
 
     study = opened(folder)
-    state = study.read()
-    found = suggestions(state, count, shell())
     if add:
-        with study.writer() as writer:
+        with study.claimed("suggestions"), study.writer() as writer:
+            found = suggestions(study.read(), count, shell())
             writer.planned(found)
+    else:
+        found = suggestions(study.read(), count, shell())
     outcome.result = {"suggestions": found, "added": add}
     words = [f"run {one.number}: {settings_words(one.settings)}" for one in found]
     after = f"Make them: `edmctl study resume {folder}`." if add else "Nothing was added; --add does."
@@ -208,6 +204,7 @@ def optimize(
     The design comes first. Every suggestion is checked as a job is, and on a machine that lasts approved.
     """
     from edmctl.console.study_tables import render_recommendation, settings_words
+    from edmctl.jobs.study.expectations import has_suggestions
     from edmctl.jobs.study.optimizing import counted, next_batch, recommended
     from edmctl.jobs.study.running import Shard
     from edmctl.results.study import RunKind
@@ -220,11 +217,11 @@ def optimize(
         _make(outcome, study, making, to_the_end=True)  # a failed run tells where runs fail
         if len(study.read().rows.attempts) > rows:  # the new tool is in use now
             making = replace(making, new_tool=False, homed=False)
-        state = study.read()
-        batch, number = next_batch(state, shell()), counted(state)
-        if not batch:
-            break
         with study.claimed("suggestions"), study.writer() as writer:
+            state = study.read()
+            batch, number = next_batch(state, shell()), counted(state)
+            if not batch:
+                break
             writer.planned(batch)
         for one in batch:
             number += one.kind is RunKind.SUGGESTED
@@ -235,6 +232,8 @@ def optimize(
     outcome.result["recommendation"] = best
     style = stream_style(sys.stdout)
     way_on = f"Confirm it with runs that no model has seen: `edmctl study confirm {folder}`."
+    if not has_suggestions(study.read()):
+        way_on = f"No run was suggested: the design has all of the {total} runs of [optimize].\n{way_on}"
     outcome.text += f"\n\n{render_recommendation(best, style)}\n{way_on}"
     _raise_failed(study, Shard())
 
@@ -251,6 +250,7 @@ def confirm(
     from edmctl.jobs.study.analysis import analysis_of
     from edmctl.jobs.study.confirming import confirmation_runs, confirmations_of
     from edmctl.jobs.study.optimizing import recommended
+    from edmctl.jobs.study.running import Shard
     from edmctl.results.study import RunKind, RunState
 
     study = opened(folder)
@@ -262,9 +262,9 @@ def confirm(
     if not pending:
         best = recommended(state, shell())
         told = f"{render_recommendation(best, stream_style(sys.stdout))}\n\n"
-        with study.writer() as writer:
-            writer.planned(confirmation_runs(state, best.settings, runs))
-    _make(outcome, study, making)
+        with study.claimed("suggestions"), study.writer() as writer:
+            writer.planned(confirmation_runs(study.read(), best.settings, runs))
+    _make(outcome, study, making, to_the_end=True)  # another run that failed before is no answer
     after = study.read()
     found = confirmations_of(after, analysis_of(after).responses)
     assert isinstance(outcome.result, dict)
@@ -274,7 +274,13 @@ def confirm(
         told + outcome.text + "\n\n" + "\n\n".join(render_confirmation(one, style) for one in found)
     )
     last = after.runs[-1].planned.settings
-    broken = [text for one in found if one.settings == last for text, _, is_kept in one.limits if not is_kept]
+    broken = [
+        str(limit.constraint)
+        for one in found
+        if one.settings == last
+        for limit in one.limits
+        if not limit.is_kept
+    ]
     if broken:
         raise ObjectiveNotReached(
             f"The recommended settings do not keep {', '.join(broken)}: the mean of the confirmation runs does not.",
@@ -282,3 +288,4 @@ def confirm(
             "`resume`), or ask a new study for a stricter limit.",
             code="E7911",
         )
+    _raise_failed(study, Shard(), RunKind.CONFIRMATION)

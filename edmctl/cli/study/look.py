@@ -68,6 +68,7 @@ def status(outcome: Outcome, folder: FolderArgument) -> None:
         "counts": counts_of(state),
         "missing": [{"run": number, "responses": list(names)} for number, names in missing_manual(state)],
         "torn_lines": state.rows.torn,
+        "foreign_lines": state.rows.foreign,
         "table": table_of(state),
     }
     style = stream_style(sys.stdout)

@@ -72,25 +72,29 @@ def judge(
     from edmctl.jobs.study.on_machine import is_begun
 
     study = opened(folder)
-    found = study.read().run(run)
-    if found.row is None and judgement is Judgement.REPEAT and is_begun(study, found):
-        with study.writer() as writer:  # the hole stays where it is, and the next attempt takes another place
-            writer.run(lost_row(found.planned, found.attempts + 1, f"E1300: given up: {reason}", 130))
-        found = study.read().run(run)
-    if found.row is None:
-        raise UsageError(
-            f"Run {run} is not made yet.",
-            hint="Make it with `edmctl study resume`, then judge it.",
-            code="E2107",
-        )
     if not reason.strip():
         raise UsageError("The reason is empty.", hint='Say why, e.g. "chip under the tool".', code="E2107")
-    with study.writer() as writer:
-        writer.append(
-            "judged",
-            {"number": run, "attempt": found.row.attempt, "judgement": str(judgement), "reason": reason},
+    found = study.read().run(run)
+    if found.row is None and judgement is Judgement.REPEAT and is_begun(study, found):
+        with study.claimed("all"), study.writer() as writer:  # nobody is making it
+            # The hole stays where it is, and the next attempt takes another place.
+            writer.run(lost_row(found.planned, found.attempts + 1, f"E1300: given up: {reason}", 130))
+        found = study.read().run(run)
+    if found.row is None and judgement is not Judgement.REJECT:
+        raise UsageError(
+            f"Run {run} is not made yet.",
+            hint="Make it with `edmctl study resume`, then judge it; one that shall not be made is rejected.",
+            code="E2107",
         )
-    outcome.result = {"run": run, "attempt": found.row.attempt, "judgement": str(judgement), "reason": reason}
+    values = {
+        "number": run,
+        "attempt": found.row.attempt if found.row is not None else 0,
+        "judgement": str(judgement),
+        "reason": reason,
+    }
+    with study.writer() as writer:
+        writer.append("judged", values)
+    outcome.result = {"run": run, **{name: values[name] for name in ("attempt", "judgement", "reason")}}
     after = {
         Judgement.ACCEPT: "its responses count",
         Judgement.REJECT: "it does not count; the row stays",

@@ -12,7 +12,7 @@ from edmctl.jobs.study.design import AS_LEVELS, terms_of
 from edmctl.jobs.study.expectations import predicted
 from edmctl.jobs.study.factors import BLOCK, settings_key, settings_matrix
 from edmctl.jobs.study.responses import TRUTHS
-from edmctl.results.study import TRUTH, Choice, RunKind, RunState
+from edmctl.results.study import TRUTH, Choice, ConfirmedLimit, RunKind, RunState
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -86,7 +86,13 @@ def doe_runs(plan: StudyPlan, runs: Sequence[StudyRun]) -> Runs:
         blocks,
         frozenset(run.planned.point for run in runs if run.planned.kind is not RunKind.DESIGN)
         - {run.planned.point for run in runs if run.planned.kind is RunKind.DESIGN},
+        is_one_machine=is_one_machine(runs),
     )
+
+
+def is_one_machine(runs: Sequence[StudyRun]) -> bool:
+    """Return whether one machine with one tool made all of these runs: what it errs by is in each alike."""
+    return len({run.tool or f"seed {run.planned.seed}" for run in runs}) == 1
 
 
 def _shared_blocks(blocks: Sequence[int]) -> list[int]:
@@ -212,6 +218,7 @@ def upper_bounds(
     runs: Sequence[StudyRun],
     means: Mapping[str, float],
     analyses: Sequence[ResponseAnalysis],
+    constraints: Sequence[ConstraintInfo] | None = None,
 ) -> dict[str, float | None]:
     """Return, by constraint, the bound of the 95 % interval of a point's mean on the side of the limit.
 
@@ -222,7 +229,7 @@ def upper_bounds(
 
     found: dict[str, float | None] = {}
     models = {one.name: one.model for one in analyses}
-    for bound in plan.constraints:
+    for bound in plan.constraints if constraints is None else constraints:
         having = [run for run in runs if run.value(bound.response) is not None]
         values = [_number(run.value(bound.response)) for run in having]
         first = having[0].row if having else None
@@ -235,7 +242,8 @@ def upper_bounds(
         elif math.isfinite(own):
             half = own
         elif model is not None and values:
-            expected, low, high = predicted(plan, model, runs[0].planned.settings)
+            there = predicted(plan, model, runs[0].planned.settings)
+            expected, low, high = there or (math.nan, math.nan, math.nan)
             half = high - expected if bound.sign > 0 else expected - low
         else:
             half = math.nan
@@ -252,24 +260,25 @@ def confirmed_settings(state: StudyState) -> dict[str, list[StudyRun]]:
     return found
 
 
-def limits_of(plan: StudyPlan, runs: Sequence[StudyRun]) -> tuple[tuple[str, float, bool], ...]:
-    """Return each constraint with the mean of its response, and whether that keeps it."""
+def limits_of(plan: StudyPlan, runs: Sequence[StudyRun]) -> tuple[ConfirmedLimit, ...]:
+    """Return each constraint with the mean of its response over runs, and the bound of the mean's interval."""
     found = []
     for bound in plan.constraints:
-        known = [v for run in runs if (v := run.value(bound.response)) is not None]
-        if known:
-            mean = math.fsum(known) / len(known)
-            found.append((str(bound), mean, bound.sign * (mean - bound.limit) <= 0))
+        values = [_number(v) for run in runs if (v := run.value(bound.response)) is not None]
+        if values:
+            upper = upper_bounds(plan, runs, {bound.response: _mean(values)}, (), [bound])
+            found.append(ConfirmedLimit(bound, _mean(values), upper[str(bound)]))
     return tuple(found)
 
 
 def broken_limits(state: StudyState) -> dict[str, tuple[str, ...]]:
-    """Return, by settings, the constraints that the mean of confirmation runs did not keep."""
+    """Return, by settings, the constraints that the mean of confirmation runs did not keep; no others."""
     plan = state.folder.plan
-    return {
-        key: tuple(text for text, _, is_kept in limits_of(plan, runs) if not is_kept)
+    found = {
+        key: tuple(str(one.constraint) for one in limits_of(plan, runs) if not one.is_kept)
         for key, runs in confirmed_settings(state).items()
     }
+    return {key: texts for key, texts in found.items() if texts}
 
 
 def _keeps(bound: ConstraintInfo, upper: float | None) -> bool:
@@ -286,7 +295,7 @@ def _notes(state: StudyState, runs: Sequence[StudyRun]) -> tuple[str, ...]:
     if failed:
         numbers = ", ".join(str(run.planned.number) for run in failed[:10])
         notes.append(f"runs that failed are left out until somebody judges them: {numbers}")
-    if len({run.planned.block for run in runs}) == len({run.planned.seed for run in runs}) == 1:
+    if is_one_machine(runs):
         notes.append(
             "all runs are of one machine or tool: what that errs by is in every value alike, may follow time or "
             "wear, and looks like an effect; this study cannot know how another machine would do"

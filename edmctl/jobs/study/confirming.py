@@ -10,16 +10,26 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError
-from edmctl.jobs.study.analysis import analysis_of, confirmed_settings, cost_of, limits_of, ranked_by
+from edmctl.jobs.study.analysis import (
+    analysis_of,
+    confirmed_settings,
+    cost_of,
+    is_one_machine,
+    limits_of,
+    ranked_by,
+)
 from edmctl.jobs.study.expectations import expected_at, tells_little
 from edmctl.jobs.study.factors import settings_key
+from edmctl.jobs.study.places_and_tools import grid_of
 from edmctl.results.study import (
     Confirmation,
     ConfirmedResponse,
     PlannedRun,
     Recommendation,
     RunKind,
+    RunState,
 )
+from edmctl.wording import plural
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -28,6 +38,7 @@ if TYPE_CHECKING:
     from edmctl.jobs.study.folder import StudyState
     from edmctl.results.study import Choice, StudyPlan, Value
 
+MOST_NAMED = 5
 FRESH_SEEDS = 1_000_003
 """Machines of confirmation runs are so far from those of the design that no study's seeds come near."""
 
@@ -50,10 +61,31 @@ def confirmations_of(state: StudyState, analyses: Sequence[ResponseAnalysis]) ->
 
 
 def confirmation_runs(state: StudyState, settings: Mapping[str, Value], runs: int) -> list[PlannedRun]:
-    """Return new runs at settings, each on a machine of its own that the study has not seen."""
+    """Return new runs at settings, each on a machine of its own that the study has not seen.
+
+    Raises PreconditionError E8207 where a machine that lasts has no place for them.
+    """
+    refuse_without_room(state, runs)
     made = sum(run.planned.kind is RunKind.CONFIRMATION for run in state.runs)
     seed = state.folder.source.file.design.seed + FRESH_SEEDS + made
     return _added(state, RunKind.CONFIRMATION, [settings] * runs, seed)
+
+
+def refuse_without_room(state: StudyState, count: int) -> None:
+    """Raise PreconditionError E8207 where so many more runs have no place on the grid of a machine."""
+    machine = state.folder.source.file.machine
+    if machine is None or not state.rows.port:
+        return
+    taken = sum(map(len, state.rows.attempts.values()))
+    left = sum(run.state is RunState.OPEN for run in state.runs)
+    free = len(grid_of(machine)) - taken - left
+    if free < count:
+        raise PreconditionError(
+            f"The study's grid has {plural(max(0, free), 'place')} left beside those of the runs to make, and "
+            f"{plural(count, 'more run')} need one each.",
+            hint="Add fewer runs; a study on new work is another one, in another folder.",
+            code="E8207",
+        )
 
 
 def suggested_runs(state: StudyState, settings: Sequence[Mapping[str, Value]]) -> list[PlannedRun]:
@@ -138,21 +170,41 @@ def best_of_points(state: StudyState) -> Recommendation:
     ranked = feasible or candidates
     if not feasible:
         best = min(candidates, key=lambda one: violation(plan, one))
+        if not math.isfinite(violation(plan, best)):
+            raise PreconditionError(
+                f"No point is known to keep {', '.join(map(str, plan.constraints))}, or by how much it does not.",
+                hint="Tell manual responses with `edmctl study tell`, or make the runs.",
+                code="E8208",
+            )
         basis = "No point that was run is known to keep every constraint; this one comes nearest."
     elif len(names) == 1:
         info = next(one for one in plan.responses if one.name == names[0])
-        best = min(ranked, key=lambda one: cost_of(info, float(one.means[names[0]] or 0.0)))
-        basis = f"The point with the best mean of {names[0]} among those that were run."
+
+        def cost(one: Choice) -> float:
+            return cost_of(info, float(one.means[names[0]] or 0.0))
+
+        best = min(ranked, key=cost)
+        basis = f"The point with the best mean of {names[0]} among those that were run{_known_to_keep(plan)}."
+        if better := [one for one in candidates if not one.is_feasible and cost(one) < cost(best)]:
+            points = ", ".join(str(one.point) for one in sorted(better, key=cost)[:MOST_NAMED])
+            basis += (
+                f" Better by their mean, but not known to keep that: {points}; more runs there would tell."
+            )
     else:
         best = max(ranked, key=lambda one: one.grey_grade if one.grey_grade is not None else -math.inf)
-        basis = "The point with the highest grey relational grade of those that were run: a preference by weights."
-    if (
-        len({run.planned.seed for run in analysis.runs}) == 1
-        and len({run.planned.tool for run in analysis.runs}) == 1
-    ):
+        basis = (
+            f"The point with the highest grey relational grade of those that were run{_known_to_keep(plan)}: a "
+            "preference by weights."
+        )
+    if is_one_machine(analysis.runs):
         basis += " What is expected is of runs on the one machine of the study: others may differ by more."
     expected = expected_at(state, analysis.responses, best.settings)
     return recommendation(state, best.settings, expected, basis, is_feasible=best.is_feasible)
+
+
+def _known_to_keep(plan: StudyPlan) -> str:
+    texts = ", ".join(map(str, plan.constraints))
+    return f" and are known to keep {texts}" if texts else ""
 
 
 def recommendation(
@@ -164,6 +216,8 @@ def recommendation(
     is_feasible: bool,
 ) -> Recommendation:
     """Return settings that are recommended with what `expected_at` says of them."""
+    if not expected:
+        basis += " The runs make no model: what is to be expected there is not known."
     if wide := tells_little(state, expected):
         basis += (
             f" The interval of {', '.join(wide)} is wider than all that was measured: the runs tell little of what "

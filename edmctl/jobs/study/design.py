@@ -6,7 +6,7 @@ import csv
 import io
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from edmctl.jobs.study.factors import BLOCK, middle, settings_matrix, value_at
@@ -47,6 +47,8 @@ class Points:
     blocks: tuple[int, ...]
     aliases: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    tells_pairs: bool = False
+    """Of a fraction: whether no product of two factors mixes with a factor or with another product."""
 
 
 def points_of(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
@@ -133,7 +135,7 @@ def _with_parts(points: Points, blocks: int) -> Points:
     if blocks > count:
         raise Refused(f"{blocks} blocks of {plural(count, 'point')}", "take fewer", "blocks")
     if blocks == 1:
-        return Points(points.name, points.settings, (0,) * count, points.aliases, points.notes)
+        return replace(points, blocks=(0,) * count)
     rng = np.random.default_rng(0)
     even = [n % blocks for n in range(count)]
     ways = [even, *(rng.permutation(even).tolist() for _ in range(DEALT if count <= 200 else 0))]
@@ -142,7 +144,7 @@ def _with_parts(points: Points, blocks: int) -> Points:
     notes = points.notes
     if mixed > 1e-9:
         notes = (*notes, "blocks mix a little with the effects of factors: the analysis takes both apart")
-    return Points(points.name, points.settings, tuple(best), points.aliases, notes)
+    return replace(points, blocks=tuple(best), notes=notes)
 
 
 def _fractional(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
@@ -176,7 +178,8 @@ def _fractional(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
         f"resolution {_ROMAN.get(fraction.resolution or 0, fraction.resolution)}"
     )
     aliases = _alias_words(fraction.aliases(), factors)
-    return _with_parts(Points(name, tuple(settings), (), aliases), design.blocks)
+    tells_pairs = whole or (fraction.resolution or 0) >= 5
+    return _with_parts(Points(name, tuple(settings), (), aliases, tells_pairs=tells_pairs), design.blocks)
 
 
 _ROMAN = {3: "III", 4: "IV", 5: "V", 6: "VI", 7: "VII", 8: "VIII", 9: "IX"}
@@ -403,7 +406,7 @@ def center_of(source: StudySource, factors: Sequence[FactorInfo]) -> dict[str, V
     return {f.key: middle(f, steps[f.key]) for f in factors}
 
 
-def model_of(source: StudySource, factors: Sequence[FactorInfo]) -> str:
+def model_of(source: StudySource, factors: Sequence[FactorInfo], points: Points) -> str:
     """Return which model is fitted: the one that is asked for, or the one that the design is for."""
     asked = source.file.analysis.model
     if asked != "auto":
@@ -417,7 +420,9 @@ def model_of(source: StudySource, factors: Sequence[FactorInfo]) -> str:
         if all(f.is_number and len(f.values) == 2 for f in factors):
             return "interactions" if kind == "full" else "main"  # a centre run shows curvature
         return LEVELS
-    return "main" if kind == "fractional" else QUADRATIC
+    if kind == "fractional":
+        return "interactions" if points.tells_pairs else "main"
+    return QUADRATIC
 
 
 def terms_of(model: str, factors: Sequence[FactorInfo], *, blocks: bool) -> list[Term]:

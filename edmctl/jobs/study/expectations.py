@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from edmctl.jobs.study.design import AS_LEVELS
@@ -38,19 +37,25 @@ def fitting_runs(state: StudyState) -> list[StudyRun]:
 
 
 def expected_at(
-    state: StudyState, analyses: Sequence[ResponseAnalysis], settings: Mapping[str, Value]
+    state: StudyState,
+    analyses: Sequence[ResponseAnalysis],
+    settings: Mapping[str, Value],
+    runs: Sequence[StudyRun] | None = None,
 ) -> dict[str, tuple[float, float, float]]:
     """Return, by response, what is expected of a run and the bounds of its 95 % interval; none without a model.
 
     After suggestions, which crowd where it is good, Gaussian processes tell; else the runs that were made at these
-    settings, or the models of the analysis. What cannot be, a share below zero, is cut off.
+    settings, or the models of the analysis. What cannot be, a share below zero, is cut off. `runs` are those that
+    processes learn from; without, all that count.
     """
     if has_suggestions(state):
-        found = _by_processes(state, settings)
+        found = _by_processes(state, settings, fitting_runs(state) if runs is None else runs)
     else:
         runs = [run for run in fitting_runs(state) if run.state is RunState.DONE]
         found = {
-            one.name: _by_analysis(state, one, one.model, runs, settings) for one in analyses if one.model
+            one.name: expected
+            for one in analyses
+            if one.model and (expected := _by_analysis(state, one, one.model, runs, settings))
         }
     return {name: _possible(name, values) for name, values in found.items()}
 
@@ -61,8 +66,8 @@ def _by_analysis(
     model: ResponseModel,
     runs: Sequence[StudyRun],
     settings: Mapping[str, Value],
-) -> tuple[float, float, float]:
-    """What runs at these settings say, where they were repeated; else the model."""
+) -> tuple[float, float, float] | None:
+    """What runs at these settings say, where they were repeated; else the model, if it knows their levels."""
     key, points = settings_key(settings), len({run.planned.point for run in runs})
     own = [
         value
@@ -90,20 +95,25 @@ def tells_little(state: StudyState, expected: Mapping[str, tuple[float, float, f
 
 def predicted(
     plan: StudyPlan, model: ResponseModel, settings: Mapping[str, Value]
-) -> tuple[float, float, float]:
-    """Return what a model of the analysis expects of a run at settings, and the bounds of its 95 % interval."""
+) -> tuple[float, float, float] | None:
+    """Return what a model of the analysis expects of a run at settings, and the bounds of its 95 % interval.
+
+    None where the model has seen no run at one of the levels.
+    """
     matrix = settings_matrix(plan.factors, [settings], as_levels=plan.model in AS_LEVELS)
-    names = {factor.name: list(factor.values) for factor in plan.factors}
-    value, low, high = (float(one[0]) for one in model.predict(replace(matrix, names=names)))
+    if any(name not in model.names[factor] for factor, of in matrix.categories.items() for name in of):
+        return None
+    value, low, high = (float(one[0]) for one in model.predict(matrix))
     return value, low, high
 
 
-def _by_processes(state: StudyState, settings: Mapping[str, Value]) -> dict[str, tuple[float, float, float]]:
+def _by_processes(
+    state: StudyState, settings: Mapping[str, Value], runs: Sequence[StudyRun]
+) -> dict[str, tuple[float, float, float]]:
     """Return, by response, what a Gaussian process expects of a run on a new machine, and the 95 % interval."""
     from edmctl.doe.gaussian_process import fit_process
 
     plan = state.folder.plan
-    runs = fitting_runs(state)
     at = unit_points(plan.factors, [settings])
     found = {}
     for response in plan.responses:

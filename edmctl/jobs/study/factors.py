@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from edmctl.errors import UsageError
 from edmctl.profile.profile_file import ProfileFile
 from edmctl.profile.tables import field_at
 from edmctl.results.study import FactorInfo
@@ -121,6 +122,26 @@ def value_at(factor: FactorInfo, coded: float, step: float | None = None) -> Val
     rounded = float(f"{value:.{DIGITS}g}")
     value = min(max(rounded, low), high) if abs(share - 0.5) < 0.5 else (low if share < 0.5 else high)
     return round(value) if is_whole else value
+
+
+def value_within(factor: FactorInfo, value: object) -> Value:
+    """Return a value that somebody gives a factor, as a plain one. Raises UsageError E2110 for one beyond it."""
+    plain = value.item() if hasattr(value, "item") else value
+    if factor.is_number:
+        low, high = _bounds(factor)
+        fits = isinstance(plain, int | float) and not isinstance(plain, bool) and low <= plain <= high
+        allowed = f"a number from {low:g} to {high:g}"
+    else:
+        fits = any(plain == one and type(plain) is type(one) for one in factor.values)
+        allowed = f"one of {', '.join(map(repr, factor.values))}"
+    if not fits:
+        raise UsageError(
+            f"{factor.key} = {value!r} is not {allowed}.",
+            hint="The study varies it within that; another study has other bounds.",
+            code="E2110",
+        )
+    assert isinstance(plain, bool | int | float | str)
+    return plain
 
 
 def coded(factor: FactorInfo, value: Value) -> float:

@@ -12,7 +12,8 @@ import json
 import os
 import secrets
 import shutil
-from contextlib import contextmanager
+import time
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -39,6 +40,9 @@ if TYPE_CHECKING:
     from edmctl.results.study import PlannedRun
 
 SCHEMA = "edmctl-study/1"
+MOMENT_S, LOOKS_EVERY_S = 0.5, 0.02
+ADDING_S = 30.0
+"""Runs are added one after the other: reading all rows takes a moment."""
 STUDY, PROFILE, SETUP, CALIBRATION, PLAN, ROWS, RUNS = (
     "study.toml",
     "profile.toml",
@@ -59,6 +63,8 @@ class StudyFolder:
     plan: StudyPlan
     recipes: Mapping[int, tuple[str, str]]
     version: str
+    identity: str
+    """Hash of all that the study is, without the version that planned it."""
 
     @property
     def rows(self) -> Path:
@@ -80,36 +86,48 @@ class StudyFolder:
 
     def read(self) -> StudyState:
         """Return how far the study has come, by the rows that are there now."""
-        rows = read_rows(self.rows)
-        return StudyState(self, rows, tuple(rows.of(run) for run in (*self.plan.runs, *rows.added)))
+        rows = read_rows(self.rows, self.identity)
+        keys = {factor.key for factor in self.plan.factors}
+        added = [run for run in rows.added if set(run.settings) == keys]
+        return StudyState(self, rows, tuple(rows.of(run) for run in (*self.plan.runs, *added)))
 
     def writer(self) -> StudyWriter:
         """Return a new writer of rows."""
-        return StudyWriter(self.rows)
+        return StudyWriter(self.rows, self.identity)
 
     @contextmanager
-    def claimed(self, part: str) -> Iterator[None]:
-        """Keep others of this computer from running the same part at the same time.
+    def claimed(self, part: str, wait_s: float = MOMENT_S) -> Iterator[None]:
+        """Keep others of this computer from doing the same part of the study at the same time.
 
-        Raises PreconditionError E8201 where one does.
+        Others that only look whether a part is free have it for a moment. Raises PreconditionError E8201 where one
+        has it for longer than `wait_s`.
         """
         self.rows.mkdir(parents=True, exist_ok=True)
-        path = self.rows / f"{part}.lock"
         shards = part.startswith("shard")
         others = [self.rows / "all.lock"] if shards else sorted(self.rows.glob("shard-*.lock"))
-        try:
+        end_s = time.monotonic() + wait_s
+        with ExitStack() as held:
             for other in others if part == "all" or shards else []:
                 if other.exists():
-                    with _locked(other):
-                        pass  # nobody runs that part
-            with _locked(path):
-                yield
-        except BlockingIOError:
+                    self._claim(other, end_s).close()  # nobody runs that part
+            held.enter_context(self._claim(self.rows / f"{part}.lock", end_s))
+            yield
+
+    def _claim(self, path: Path, end_s: float) -> ExitStack:
+        while True:
+            held = ExitStack()
+            try:
+                held.enter_context(_locked(path))
+                return held
+            except BlockingIOError:
+                if time.monotonic() < end_s:
+                    time.sleep(LOOKS_EVERY_S)
+                    continue
             raise PreconditionError(
                 f"Another command runs the study in {self.path} just now.",
                 hint="Wait for it, or stop it; `edmctl study status` tells how far it is.",
                 code="E8201",
-            ) from None
+            )
 
 
 @contextmanager
@@ -150,6 +168,8 @@ def create_folder(path: Path, planned: PlannedStudy, *, or_same: bool = False) -
     It is there with all of its files or not at all, however many computers make it at once. Raises RunFileError:
     E9101 there is a study already, or something else; E9012 it cannot be written.
     """
+    if not path.name:
+        path = path.resolve()  # "." has no name beside which another can be made
     if or_same and (path / PLAN).exists():
         return _same(path, planned)
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
@@ -269,7 +289,9 @@ def open_folder(path: Path) -> StudyFolder:
             raise _changed(path, name)
     source = study_of(texts[STUDY].decode(), path / STUDY)
     recipes = {int(point): (one[0], one[1]) for point, one in study["recipes"].items()}
-    return StudyFolder(path, source, _plan_of(study["plan"]), recipes, str(study["edmctl"]))
+    own = json.dumps([study["sha256"], study["plan"]], ensure_ascii=False)
+    identity = hashlib.sha256(own.encode()).hexdigest()[:16]
+    return StudyFolder(path, source, _plan_of(study["plan"]), recipes, str(study["edmctl"]), identity)
 
 
 def _changed(path: Path, name: str) -> PreconditionError:

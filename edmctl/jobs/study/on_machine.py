@@ -14,7 +14,14 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
-from edmctl.errors import EdmError, ObjectiveNotReached, PreconditionError, RunFileError, UsageError
+from edmctl.errors import (
+    Diagnostic,
+    EdmError,
+    ObjectiveNotReached,
+    PreconditionError,
+    RunFileError,
+    UsageError,
+)
 from edmctl.jobs.job import carry_out
 from edmctl.jobs.ledger.places_taken import WALL_UM
 from edmctl.jobs.plan import MachineAddress, check
@@ -86,6 +93,15 @@ def without_machine() -> UsageError:
     )
 
 
+def without_port(folder: StudyFolder) -> list[Diagnostic]:
+    """Return a warning where a study that says a machine is made on virtual ones."""
+    if folder.source.file.machine is None:
+        return []
+    message = "The study has a [machine], and no port is named: its runs are made on virtual machines."
+    hint = "Name the machine with --port; runs of both are never mixed."
+    return [Diagnostic("W8215", message, hint, is_warning=True)]
+
+
 def refuse_mixture(state: StudyState, where: MachineAddress) -> None:
     """Raise UsageError E2108 where runs of a study would be made on virtual machines and on one that lasts, or on
     two benches. A controller may come back at another port.
@@ -139,7 +155,7 @@ class _Series:
         left = self._left(run, name)
         if isinstance(left, tuple):
             result, files = left
-            self._keep(run, attempt, result, files, None, begin_s)
+            self._keep(run, attempt, result, files, None, begin_s, tool=self._tool_of_begun(run))
             return
         if left is not None and self._new_tool:
             raise UsageError(
@@ -339,7 +355,8 @@ class _Series:
             site_um=site_um if site_um is not None else _place_of(result),
             tool=tool,
         )
-        self._writer.run(row)
+        made = sum(map(len, self._folder.read().rows.attempts.values()))
+        self._writer.run(replace(row, order=made + 1))
 
     def _pause(self) -> None:
         """Wait between two runs; a signal ends that as it ends a job."""

@@ -5,16 +5,22 @@ The state of the optimiser is the rows: the same study and rows give the same su
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError, ProfileError
 from edmctl.jobs.plan import check
-from edmctl.jobs.study.analysis import broken_limits, cost_of
-from edmctl.jobs.study.confirming import best_of_points, recommendation, suggested_runs
+from edmctl.jobs.study.analysis import broken_limits, confirmed_settings, cost_of
+from edmctl.jobs.study.confirming import (
+    best_of_points,
+    recommendation,
+    refuse_without_room,
+    suggested_runs,
+)
 from edmctl.jobs.study.expectations import LEAST_RUNS, expected_at, fitting_runs, has_suggestions
-from edmctl.jobs.study.factors import settings_key, unit_points, value_at
+from edmctl.jobs.study.factors import coded, settings_key, unit_points, value_at
 from edmctl.jobs.study.planning import request_of
 from edmctl.jobs.surroundings import NONE, Surroundings
 from edmctl.results.study import RunKind, RunState
@@ -34,6 +40,8 @@ if TYPE_CHECKING:
     )
 
 CANDIDATES = 1024
+AROUND, BEST, NEAR = 64, 4, 0.15
+"""So many candidates about each of the runs with the best objectives, within this share of half a factor's range."""
 MOST_REFUSED = 200
 
 
@@ -62,7 +70,8 @@ def suggestions(state: StudyState, count: int, surroundings: Surroundings = NONE
 
     plan, file = state.folder.plan, state.folder.source.file
     runs, objective, constraints = _data(state)
-    settings = _candidates(state)
+    settings = _candidates(state, runs, objective)
+    refuse_without_room(state, count)
     budget = max(file.optimize.runs, len(runs) + count)
     for _ in range(MOST_REFUSED):
         found = suggest(
@@ -99,7 +108,7 @@ def recommended(state: StudyState, surroundings: Surroundings = NONE) -> Recomme
 
     plan = state.folder.plan
     runs, objective, constraints = _data(state)
-    settings = _candidates(state)
+    settings = _candidates(state, runs, objective)
     while True:
         found = recommend(
             unit_points(plan.factors, [run.planned.settings for run in runs]),
@@ -114,18 +123,15 @@ def recommended(state: StudyState, surroundings: Surroundings = NONE) -> Recomme
         settings = [one for one in settings if one is not chosen]
     names = ", ".join(name for name, _ in plan.objectives)
     basis = f"Best expected {names} by Gaussian processes over {len(runs)} runs."
-    broken = broken_limits(state).get(settings_key(chosen), ())
-    if broken:
-        basis += (
-            f" Confirmation at these settings did not keep {', '.join(broken)}: more runs near it (`optimize` with "
-            "more [optimize] runs, or `suggest --add`) or narrower factors are needed."
-        )
+    if broken := broken_limits(state):
+        texts = ", ".join(dict.fromkeys(text for limits in broken.values() for text in limits))
+        basis += f" Settings whose confirmation did not keep {texts} are left out, and count among the runs."
     return recommendation(
         state,
         chosen,
-        expected_at(state, (), chosen),
+        expected_at(state, (), chosen, runs),
         basis,
-        is_feasible=found.candidate is not None and not broken,
+        is_feasible=found.candidate is not None,
     )
 
 
@@ -142,7 +148,7 @@ def _data(state: StudyState) -> tuple[list[StudyRun], list[float], list[tuple[li
     # A value that nobody has told yet is not known; only a run that failed tells where runs fail.
     runs = [
         run
-        for run in fitting_runs(state)
+        for run in (*fitting_runs(state), *_disproving(state))
         if run.state is RunState.FAILED or all(run.value(name) is not None for name in wanted)
     ]
     infos = {one.name: one for one in plan.responses}
@@ -155,6 +161,12 @@ def _data(state: StudyState) -> tuple[list[StudyRun], list[float], list[tuple[li
             code="E8210",
         )
     return runs, objective, [_constraint(bound, infos[bound.response], runs) for bound in plan.constraints]
+
+
+def _disproving(state: StudyState) -> list[StudyRun]:
+    """Confirmation runs that broke a constraint: they confirm nothing any more, and teach as others do."""
+    broken = broken_limits(state)
+    return [run for key, runs in confirmed_settings(state).items() if key in broken for run in runs]
 
 
 def _objective(
@@ -195,20 +207,53 @@ def _constraint(
     return [math.nan if value is None else scaled(value) for value in values], scaled(bound.limit)
 
 
-def _candidates(state: StudyState) -> list[dict[str, Value]]:
-    """Settings that may be suggested: a Sobol sequence over the factors, rounded, and all that were run."""
+def _candidates(
+    state: StudyState, runs: Sequence[StudyRun], objective: Sequence[float]
+) -> list[dict[str, Value]]:
+    """Settings that may be suggested, but for those whose confirmation has broken a constraint.
+
+    A Sobol sequence over the factors; ends and middles of the factors, where the best often lies and no inner point
+    reaches; the surroundings of the runs with the best objectives; and all that were run.
+    """
     from edmctl.doe.designs import sobol_points
 
     plan, file = state.folder.plan, state.folder.source.file
     steps = {factor.key: factor.step for factor in file.factors}
     ranges = [replace(factor, is_number=False) if _has_levels(factor) else factor for factor in plan.factors]
-    coded = sobol_points(len(ranges), CANDIDATES, file.design.seed).tolist()
-    settings = [
-        {factor.key: value_at(factor, x, steps[factor.key]) for factor, x in zip(ranges, row, strict=True)}
-        for row in coded
-    ]
+
+    def settings_at(row: Sequence[float]) -> dict[str, Value]:
+        return {
+            f.key: value_at(f, min(max(x, -1.0), 1.0), steps[f.key]) for f, x in zip(ranges, row, strict=True)
+        }
+
+    rows = sobol_points(len(ranges), CANDIDATES, file.design.seed).tolist()
+    rows += _ends(ranges)
+    around = sobol_points(len(ranges), AROUND, file.design.seed + 1).tolist()
+    best = sorted(
+        (n for n, value in enumerate(objective) if math.isfinite(value)), key=lambda n: objective[n]
+    )
+    centres = {settings_key(runs[n].planned.settings): runs[n].planned.settings for n in best[:BEST]}
+    for centre in centres.values():
+        here = [coded(f, centre[f.key]) if f.is_number else None for f in ranges]
+        rows += [
+            [x if at is None else at + NEAR * x for at, x in zip(here, row, strict=True)] for row in around
+        ]
     made = [dict(run.planned.settings) for run in state.runs if run.planned.kind is not RunKind.CONFIRMATION]
-    return list({settings_key(one): one for one in (*settings, *made)}.values())
+    found = {settings_key(one): one for one in (*map(settings_at, rows), *made)}
+    return [one for key, one in found.items() if key not in broken_limits(state)]
+
+
+def _ends(factors: Sequence[FactorInfo]) -> list[list[float]]:
+    """Coded points at all ends and middles of the factors, or at the ends alone; none where those are too many."""
+    for levels in ((-1.0, 0.0, 1.0), (-1.0, 1.0)):
+        own = [levels if factor.is_number else _slices(len(factor.values)) for factor in factors]
+        if math.prod(map(len, own)) <= CANDIDATES:
+            return [list(row) for row in itertools.product(*own)]
+    return []
+
+
+def _slices(count: int) -> tuple[float, ...]:
+    return tuple((2 * n + 1) / count - 1 for n in range(count))
 
 
 def _has_levels(factor: FactorInfo) -> bool:

@@ -21,7 +21,7 @@ from edmctl.jobs.study.design import (
     points_of,
     terms_of,
 )
-from edmctl.jobs.study.factors import factors_of
+from edmctl.jobs.study.factors import factors_of, settings_key
 from edmctl.jobs.study.places_and_tools import (
     bounds_of,
     by_tool,
@@ -205,15 +205,16 @@ def _runs(source: StudySource, points: Points, center: dict[str, Value]) -> list
     design, machine = source.file.design, source.file.machine
     rng = np.random.default_rng(design.seed)
     of_center = len(points.settings)
+    point_of = _point_numbers([*points.settings, center], are_ordered=design.kind == "sensitivity")
+    makes_twins = machine is None and design.seeds != "run" and design.kind != "sensitivity"
     runs: list[PlannedRun] = []
     for replicate in range(design.replicates):
         for block in range(design.blocks):
             members = [n for n, own in enumerate(points.blocks) if own == block]
             centers = _share(design.center_points, design.blocks, block)
-            # A virtual machine makes the same run twice alike: the second would tell nothing.
-            members += [of_center] * (
-                min(1, centers) if machine is None and design.seeds != "run" else centers
-            )
+            members += [of_center] * centers
+            if makes_twins:  # a virtual machine makes the same run twice alike: the second would tell nothing
+                members = list({point_of[n]: n for n in reversed(members)}.values())[::-1]
             parts = parts_of(len(members), machine)
             if design.order == "random":
                 members = _shuffled(members, parts, points, rng)
@@ -228,7 +229,7 @@ def _runs(source: StudySource, points: Points, center: dict[str, Value]) -> list
                         PlannedRun(
                             number=len(runs) + 1,
                             kind=RunKind.CENTER if is_center else RunKind.DESIGN,
-                            point=point + 1,
+                            point=point_of[point],
                             replicate=replicate + 1,
                             block=1
                             if own
@@ -241,6 +242,14 @@ def _runs(source: StudySource, points: Points, center: dict[str, Value]) -> list
                         )
                     )
     return runs
+
+
+def _point_numbers(settings: Sequence[Mapping[str, Value]], *, are_ordered: bool) -> list[int]:
+    """Numbers of points: equal settings are one, but in a sample whose order counts."""
+    if are_ordered:
+        return list(range(1, len(settings) + 1))
+    numbers: dict[str, int] = {}
+    return [numbers.setdefault(settings_key(one), len(numbers) + 1) for one in settings]
 
 
 TRIED_ORDERS = 200
@@ -380,9 +389,9 @@ def _plan(
         places=len(grid_of(file.machine)) if file.machine is not None else 0,
     )
     _refuse_mixed(source, factors, runs)
-    model, dof, notes = _model(source, factors, runs)
+    model, dof, notes = _model(source, factors, points, runs)
     profile = next(iter(checked.values())).loaded.profile
-    notes = [*points.notes, *notes, *_notes(source, runs), *_adapted(factors, profile)]
+    notes = [*points.notes, *notes, *_notes(source, points, runs), *_adapted(factors, profile)]
     return StudyPlan(
         name=file.study.name,
         description=file.study.description,
@@ -420,7 +429,7 @@ LADDERS = (("quadratic", "interactions", "main"), (PAIRS, LEVELS))
 
 
 def _model(
-    source: StudySource, factors: Sequence[FactorInfo], runs: Sequence[PlannedRun]
+    source: StudySource, factors: Sequence[FactorInfo], points: Points, runs: Sequence[PlannedRun]
 ) -> tuple[str, dict[str, int], list[str]]:
     """Return the model that the runs determine, its degrees of freedom, and what there is to say of it.
 
@@ -428,7 +437,7 @@ def _model(
     """
     if source.file.design.kind == "sensitivity":
         return "sensitivity", {"error": 0}, []
-    first = model_of(source, factors)
+    first = model_of(source, factors, points)
     asked = source.file.analysis.model != "auto"
     ladder = next((one for one in LADDERS if first in one), (first,))
     models = (first,) if asked else ladder[ladder.index(first) :]
@@ -438,9 +447,9 @@ def _model(
     for model in models:
         terms = terms_of(model, factors, blocks=len(set(blocks)) > 1)
         dof, lost = degrees_of_freedom(terms, factors, settings, blocks, as_levels=model in AS_LEVELS)
-        wants_error = (
-            model == PAIRS and dof["error"] < 1
-        )  # pairs that leave nothing for the error test nothing
+        is_fraction = source.file.design.kind == "fractional" and model == "interactions" and not asked
+        # Products that leave nothing for the error test nothing.
+        wants_error = (model == PAIRS or is_fraction) and dof["error"] < 1
         if not lost and dof["error"] >= 0 and not wants_error:
             skipped = (
                 [] if model == first else [f"the runs do not determine a {first} model; {model} is fitted"]
@@ -503,8 +512,16 @@ def _adapted(factors: Sequence[FactorInfo], profile: Profile) -> list[str]:
     return notes
 
 
-def _notes(source: StudySource, runs: Sequence[PlannedRun]) -> list[str]:
+def _notes(source: StudySource, points: Points, runs: Sequence[PlannedRun]) -> list[str]:
     notes = []
+    rows, distinct = len(points.settings), len(set(map(settings_key, points.settings)))
+    if distinct < rows and source.file.design.kind != "sensitivity":
+        again = (
+            "a virtual machine would make them alike, so each machine makes them once; replicates make them anew"
+            if source.file.machine is None and source.file.design.seeds != "run"
+            else "they are replicates of one point"
+        )
+        notes.append(f"{rows} points have {distinct} different settings: {again}")
     if source.file.machine is None and len({run.seed for run in runs}) == 1:
         notes.append(
             "one machine (seed) in all: what its sensor errs by stands in every run alike, and may follow the time "
@@ -515,6 +532,13 @@ def _notes(source: StudySource, runs: Sequence[PlannedRun]) -> list[str]:
         notes.append(
             "a virtual machine makes the same run twice alike: a centre point is made once a machine; replicates, "
             'blocks or seeds = "run" make more that differ'
+        )
+    optimize = source.file.optimize
+    if source.file.objectives and "runs" in optimize.model_fields_set and optimize.runs < 2 * len(runs):
+        left = max(0, optimize.runs - len(runs))
+        notes.append(
+            f"[optimize] runs = {optimize.runs} leaves {left} suggestions after the {len(runs)} runs of the design: "
+            "a search needs about as many as the design"
         )
     if any(one.name.startswith(TRUTH) for one in source.file.responses):
         notes.append("truth.* is what the virtual machine knows: no real machine answers it")

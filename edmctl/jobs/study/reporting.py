@@ -14,6 +14,7 @@ from edmctl.jobs.study.planning import request_of
 from edmctl.jobs.surroundings import NONE, Surroundings
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
     from edmctl.doe.anova import Anova
@@ -112,6 +113,8 @@ def page_of(
 def write_profiles(state: StudyState, folder: Path, *, overwrite: bool = False) -> list[Path]:
     """Write a technology table: a profile for each point of the Pareto front, complete by itself; return the files.
 
+    Settings that are recommended and were not run get one too.
+
     Raises PreconditionError E8208 where no point has all objectives, RunFileError E9011 where a file is there.
     """
     import tomli_w
@@ -129,23 +132,39 @@ def write_profiles(state: StudyState, folder: Path, *, overwrite: bool = False) 
         )
     chosen = sorted(front, key=lambda one: -(one.grey_grade if one.grey_grade is not None else -math.inf))
     output_files.make_folder(folder)
-    paths = [folder / f"{_stem(state)}-point{one.point:03d}.toml" for one in chosen]
+    files = [
+        (
+            folder / f"{_stem(state)}-point{one.point:03d}.toml",
+            one.settings,
+            f"point {one.point} of the study",
+            f"means of {one.runs} runs: {_values(one.means)}",
+        )
+        for one in chosen
+    ]
+    best = recommendation_or_none(state)
+    if best is not None and best.settings not in [one.settings for one in chosen]:
+        path = folder / f"{_stem(state)}-recommended.toml"
+        files.append((path, best.settings, "recommended by the study", f"expected: {_values(best.expected)}"))
+    paths = [path for path, *_ in files]
     if not overwrite:
         for path in paths:
             output_files.check_free(path)
-    for path, one in zip(paths, chosen, strict=True):
-        request = request_of(state.folder.base, one.settings)
+    for path, settings, title, says in files:
+        request = request_of(state.folder.base, settings)
         assert request.profile is not None
         merged = apply_overrides(read_chain(find_profile(request.profile)), request.overrides)
         table: dict[str, Any] = dict(merged.table)
         meta = dict(table.get("meta", {}))
         meta["name"] = path.stem
-        meta["description"] = f"point {one.point} of the study {state.folder.plan.name}"[:200]
+        meta["description"] = f"{title} {state.folder.plan.name}"[:200]
         table["meta"] = meta
-        means = ", ".join(f"{name} {value:.4g}" for name, value in one.means.items() if value is not None)
-        head = f"# {meta['description']}: means of {one.runs} runs: {means}.\n\n"
+        head = f"# {meta['description']}: {says}.\n\n"
         output_files.replace(path, (head + tomli_w.dumps(table)).encode())
     return paths
+
+
+def _values(of: Mapping[str, float | None]) -> str:
+    return ", ".join(f"{name} {value:.4g}" for name, value in of.items() if value is not None)
 
 
 def _stem(state: StudyState) -> str:

@@ -17,7 +17,15 @@ RUN, TOLD, JUDGED, PLANNED, PAUSED, MACHINE = "run", "told", "judged", "planned"
 
 
 class StudyWriter(RowWriter):
-    """Appends the rows of a study."""
+    """Appends the rows of a study, each with the study's identity: rows may be brought from other computers."""
+
+    def __init__(self, folder: Path, identity: str) -> None:
+        super().__init__(folder)
+        self._identity = identity
+
+    def append(self, kind: str, values: Mapping[str, Any]) -> None:
+        """Append one row, and come back when the disk has it."""
+        super().append(kind, {"study": self._identity, **values})
 
     def run(self, row: RunRow) -> None:
         """Append what a run came to."""
@@ -35,7 +43,10 @@ class StudyWriter(RowWriter):
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """All rows of a study: attempts by run, later knowledge, runs that were added; `torn` lines were no rows."""
+    """All rows of a study: attempts by run, later knowledge, runs that were added.
+
+    `torn` lines were no rows, `foreign` ones are of another study: neither counts.
+    """
 
     attempts: Mapping[int, tuple[RunRow, ...]]
     told: Mapping[tuple[int, int], Mapping[str, float]]
@@ -46,23 +57,28 @@ class Rows:
     port: str = ""
     """Of the machine that lasts on which the runs are made, if they are made on one."""
     torn: int = 0
+    foreign: int = 0
 
     def of(self, planned: PlannedRun) -> StudyRun:
         """Return a run with all that is known of it."""
         attempts = self.attempts.get(planned.number, ())
         last = attempts[-1] if attempts else None
-        judged = [one for one in self.judged.get(planned.number, ()) if last and one[0] == last.attempt]
+        judged = [
+            one for one in self.judged.get(planned.number, ()) if one[0] == (last.attempt if last else 0)
+        ]
         judgement, reason = judged[-1][1:] if judged else (None, "")
         told = self.told.get((planned.number, last.attempt if last else 1), {})
         return StudyRun(planned, last, told, judgement, reason, last.attempt if last else 0)
 
 
-def read_rows(folder: Path) -> Rows:
-    """Read the rows of a folder. Raises RunFileError E9111 where a file cannot be read."""
-    return _gathered(*read_lines(folder))
+def read_rows(folder: Path, identity: str) -> Rows:
+    """Read the rows of the study with this identity. Raises RunFileError E9111 where a file cannot be read."""
+    lines, torn = read_lines(folder)
+    own = [line for line in lines if line.pop("study", identity) == identity]
+    return _gathered(own, torn, len(lines) - len(own))
 
 
-def _gathered(lines: Iterable[dict[str, Any]], torn: int) -> Rows:
+def _gathered(lines: Iterable[dict[str, Any]], torn: int, foreign: int) -> Rows:
     attempts: dict[int, dict[int, RunRow]] = {}
     told: dict[tuple[int, int], dict[str, float]] = {}
     judged: dict[int, list[tuple[int, Judgement, str]]] = {}
@@ -103,13 +119,30 @@ def _gathered(lines: Iterable[dict[str, Any]], torn: int) -> Rows:
         tuple(paused),
         port,
         torn,
+        foreign,
     )
 
 
 def _run_row(values: dict[str, Any]) -> RunRow:
     site = values.pop("site_um")
     files = tuple(values.pop("run_files", ()))
-    return RunRow(**values, site_um=tuple(site) if site else None, run_files=files)
+    row = RunRow(**values, site_um=tuple(site) if site else None, run_files=files)
+    for name in ("number", "point", "replicate", "block", "tool", "attempt", "exit_code"):
+        _need(type(getattr(row, name)) is int)
+    for given in (row.responses, row.u95, row.truth):
+        _need(all(value is None or _is_number(value) for value in given.values()))
+    _need(row.seed is None or type(row.seed) is int)
+    _need(isinstance(row.settings, dict) and isinstance(row.bases, dict))
+    return row
+
+
+def _need(is_right: bool) -> None:
+    if not is_right:
+        raise ValueError("no row of a run")
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def planned_run(values: Mapping[str, Any]) -> PlannedRun:
@@ -117,4 +150,8 @@ def planned_run(values: Mapping[str, Any]) -> PlannedRun:
     own = dict(values)
     own["kind"] = RunKind(own["kind"])
     own.pop("site_um", None)  # of folders that were made before places were chosen when a run begins
-    return PlannedRun(**own)
+    run = PlannedRun(**own)
+    for name in ("number", "point", "replicate", "block", "seed", "tool"):
+        _need(type(getattr(run, name)) is int)
+    _need(isinstance(run.settings, dict))
+    return run

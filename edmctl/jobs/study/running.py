@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Protocol
 
 from edmctl.errors import UsageError
 from edmctl.jobs.parallel import Lost, Pool, compile_told, perform
+from edmctl.jobs.plan import FRESH
 from edmctl.jobs.study.evaluate import RunTask, evaluate, lost_row
+from edmctl.jobs.study.on_machine import refuse_mixture
 from edmctl.jobs.study.planning import request_of
 from edmctl.results.study import RunState
 
@@ -81,10 +83,13 @@ def run_virtual(
 
     Rows are on disk when they are counted. `pool` takes them side by side; without, this process makes them.
 
-    Raises PreconditionError E8201 where another command runs the part, and what `evaluate` raises.
+    Raises UsageError E2108 where runs of the study are on a machine that lasts, PreconditionError E8201 where
+    another command runs the part, and what `evaluate` raises.
     """
     with folder.claimed(shard.name), folder.writer() as writer:
-        left = open_runs(folder.read(), shard)
+        state = folder.read()
+        refuse_mixture(state, FRESH)
+        left = open_runs(state, shard)
         if not left:
             return 0
         tasks = [task_of(folder, run) for run in left]

@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from datetime import UTC, datetime
+from numbers import Real
+from operator import index
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, SupportsIndex
 
 from edmctl.errors import UsageError
 from edmctl.jobs.job import Report
@@ -16,15 +18,17 @@ from edmctl.jobs.study import responses
 from edmctl.jobs.study.analysis import analysis_of
 from edmctl.jobs.study.confirming import suggested_runs
 from edmctl.jobs.study.evaluate import bare_row, row_of
-from edmctl.jobs.study.folder import StudyFolder, create_folder, open_folder
+from edmctl.jobs.study.factors import value_within
+from edmctl.jobs.study.folder import ADDING_S, StudyFolder, create_folder, open_folder
+from edmctl.jobs.study.on_machine import without_port
 from edmctl.jobs.study.optimizing import next_batch, recommended, suggestions
 from edmctl.jobs.study.planning import PlannedStudy, plan_study, request_of
 from edmctl.jobs.study.running import Shard, run_virtual
 from edmctl.jobs.study.table import in_words, table_of
-from edmctl.jobs.surroundings import Unobserved
+from edmctl.jobs.surroundings import Unobserved, python_warnings
 from edmctl.profile.folders import find_study
 from edmctl.profile.study_file import read_study
-from edmctl.results.study import RunRow, RunState
+from edmctl.results.study import PlannedRun, RunRow, RunState
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -37,7 +41,7 @@ if TYPE_CHECKING:
     from edmctl.jobs.study.folder import StudyState
     from edmctl.jobs.study.table import Cell
     from edmctl.results.progress import SeriesObserver
-    from edmctl.results.study import PlannedRun, Recommendation, StudyPlan, StudyRun, Value
+    from edmctl.results.study import Recommendation, StudyPlan, StudyRun, Value
 
 
 class _Uncounted(Unobserved):
@@ -96,7 +100,12 @@ class Study:
 
         `executor` makes any executor of `concurrent.futures` with `workers` workers, and is called again where its
         workers died. Processes are made by a script with `if __name__ == "__main__":`, as Python asks.
+
+        A study with a [machine] is warned of (W8215); one that has runs on a machine raises UsageError E2108:
+        `edmctl study resume` goes on there, or `ask` and `tell` with a machine of one's own.
         """
+        if doubts := without_port(self._started()):
+            python_warnings(doubts)
         pool = process_pool(workers, silent_program()) if workers > 1 else None
         if executor is not None:
             pool = pool_of(executor, workers)
@@ -108,14 +117,8 @@ class Study:
 
         Raises PreconditionError E8209 to E8211 where nothing can be suggested.
         """
-        state = self._state()
-        left = [run.planned for run in state.runs if run.state is RunState.OPEN][:count]
-        if left:
-            return left
-        found = suggestions(state, count)
-        with self._started().writer() as writer:
-            writer.planned(found)
-        return found
+        left = [run.planned for run in self._state().runs if run.state is RunState.OPEN][:count]
+        return left or self._added(lambda state: suggestions(state, count))
 
     def job(self, run: PlannedRun) -> dict[str, Any]:
         """Return profile and overrides of a run, for a job of one's own: `machine.machine(**study.job(run))`."""
@@ -125,19 +128,27 @@ class Study:
     def add(self, settings: Mapping[str, Value]) -> PlannedRun:
         """Add a run at settings of one's own, by factor key, such as those of another optimiser.
 
-        Raises UsageError E2110 where a factor has no value, ProfileError where the rules refuse the recipe.
+        Raises UsageError E2110 where a factor has no value or one beyond its bounds, ProfileError where the rules
+        refuse the recipe.
         """
-        state, folder = self._state(), self._started()
-        keys = [factor.key for factor in folder.plan.factors]
+        folder = self._started()
+        factors = folder.plan.factors
+        keys = [factor.key for factor in factors]
         if sorted(settings) != sorted(keys):
             raise UsageError(
                 f"Settings have a value of each of {', '.join(keys)}.", hint="Leave others out.", code="E2110"
             )
-        check(request_of(folder.base, settings))
-        found = suggested_runs(state, [{key: settings[key] for key in keys}])
-        with folder.writer() as writer:
+        own = {factor.key: value_within(factor, settings[factor.key]) for factor in factors}
+        check(request_of(folder.base, own))
+        return self._added(lambda state: suggested_runs(state, [own]))[-1]
+
+    def _added(self, runs_of: Callable[[StudyState], list[PlannedRun]]) -> list[PlannedRun]:
+        """Add runs that follow from the rows; others who add wait for it."""
+        folder = self._started()
+        with folder.claimed("suggestions", ADDING_S), folder.writer() as writer:
+            found = runs_of(folder.read())
             writer.planned(found)
-        return found[-1]
+        return found
 
     def suggest_from(self, trial: Any) -> dict[str, Value]:
         """Return settings that an optuna trial (`study.ask()` of optuna) suggests for the factors, by key."""
@@ -150,19 +161,27 @@ class Study:
                 settings[factor.key] = trial.suggest_categorical(factor.key, list(factor.values))
         return settings
 
-    def tell(self, run: int | PlannedRun, result: Report | Mapping[str, float]) -> None:
+    def tell(self, run: SupportsIndex | PlannedRun, result: Report | Mapping[str, float]) -> None:
         """Tell what a run came to: the report of its job, or responses by name.
 
-        Responses of a run that was made are added to it, as `edmctl study tell` does. Raises UsageError: E2104 there
-        is no such run, E2105 a response is none of the study's.
+        To a run that was made, manual responses are added, as `edmctl study tell` does; what was told may be told
+        anew, what its job has measured may not. Raises UsageError: E2104 there is no such run, E2105 a response is
+        none of the study's, or was measured.
         """
-        number = run if isinstance(run, int) else run.number
-        found, folder = self._state().run(number), self._started()
+        folder = self._started()
+        found = self._state().run(run.number if isinstance(run, PlannedRun) else index(run))
+        if isinstance(run, PlannedRun) and run.settings != found.planned.settings:
+            raise UsageError(
+                f"Run {run.number} of the study has other settings.",
+                hint="It was added at another computer at the same time: add it anew.",
+                code="E2104",
+            )
         if isinstance(result, Report):
             row = self._row(found, result)
         else:
             values = self._values(result)
-            if found.row is not None:
+            if found.row is not None and found.state is not RunState.OPEN:
+                self._refuse_measured(found.row, values)
                 with folder.writer() as writer:
                     writer.told(found, values)
                 return
@@ -219,15 +238,29 @@ class Study:
 
     def _values(self, given: Mapping[str, float]) -> dict[str, float]:
         names = {one.name for one in self.plan().responses}
-        values = {name: float(value) for name, value in given.items()}
-        for name, value in values.items():
-            if (name not in names and not responses.is_known(name)) or not math.isfinite(value):
+        values: dict[str, float] = {}
+        for name, value in given.items():
+            is_number = isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+            if (name not in names and not responses.is_known(name)) or not is_number:
                 raise UsageError(
-                    f"{name} = {value} is no value of a response of the study.",
-                    hint=f"Responses: {', '.join(sorted(names))}.",
+                    f"{name} = {value!r} is no value of a response of the study.",
+                    hint=f"Responses, each a number: {', '.join(sorted(names))}.",
                     code="E2105",
                 )
+            values[name] = float(value)
+        if not values:
+            raise UsageError("Nothing is told.", hint=f"Responses: {', '.join(sorted(names))}.", code="E2105")
         return values
+
+    def _refuse_measured(self, row: RunRow, values: Mapping[str, float]) -> None:
+        manual = {one.name for one in self.plan().responses if one.is_manual}
+        for name in values:
+            if name not in manual and row.bases.get(name) != "told":
+                raise UsageError(
+                    f"Run {row.number} has measured {name} itself.",
+                    hint="Tell manual responses; or judge the run, and make it again.",
+                    code="E2105",
+                )
 
     def _row(self, run: StudyRun, report: Report) -> RunRow:
         plan = check(request_of(self._started().base, run.planned.settings))

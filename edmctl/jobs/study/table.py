@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 OF_EXECUTION = ("run_file", "run_sha256", "started", "duration_s", "host")
 """Columns of time and computer, the last ones: all others are equal however often a study is run."""
 U95 = "_u95"
+_FORMULA = tuple("=+-@\t\r")
+"""A text that begins like this would be computed by a spreadsheet."""
 
 
 def table_of(state: StudyState) -> list[dict[str, Cell]]:
@@ -44,6 +46,7 @@ def _row(state: StudyState, run: StudyRun) -> dict[str, Cell]:
         "y_um": site[1] if site else None,
         "seed": row.seed if row is not None else planned.seed,
         "attempt": row.attempt if row is not None else None,
+        "order": (row.order or planned.number) if row is not None else None,
         "state": str(run.state),
         "judgement": str(run.judgement) if run.judgement else None,
         "reason": run.reason or None,
@@ -92,6 +95,8 @@ def table_bytes(rows: Sequence[Mapping[str, Cell]], form: str) -> bytes:
 def _plain(value: Cell) -> object:
     if value is None:
         return ""
+    if isinstance(value, str) and value[:1] in _FORMULA:
+        return f"'{value}"
     return str(value).lower() if isinstance(value, bool) else value
 
 

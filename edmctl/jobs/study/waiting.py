@@ -42,6 +42,10 @@ def what_next(state: StudyState) -> list[str]:
         )
     if state.rows.torn:
         found.append(f"{plural(state.rows.torn, 'line')} of the rows were cut off and count for nothing.")
+    if state.rows.foreign:
+        found.append(
+            f"{plural(state.rows.foreign, 'line')} of the rows are of another study and count for nothing."
+        )
     if not found:
         found.append(f"All is there: `edmctl study report {folder} --out PAGE.html`.")
     return found
