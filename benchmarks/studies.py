@@ -459,13 +459,14 @@ def optimum(args: argparse.Namespace) -> int:
     print("   reference × duty × frequency (on-time = duty / frequency), 24 runs a repeat")
     print(
         f"   best known: {best_s:.1f} s, of {len(dense.found)} settings on {SCOUTS} machines and of the repeats; "
-        f"of the {len(judged)} best settings {kept} keep the bound on {len(judges)} other machines"
+        f"the {len(judged)} best settings are judged on {len(judges)} other machines"
     )
     regrets = [time_s / best_s - 1 for time_s, arcs in at if arcs <= MOST_ARCS]
     infeasible = len(at) - len(regrets)
     median, worst = (statistics.median(regrets), max(regrets)) if regrets else (math.inf, math.inf)
     return told(
         [
+            (kept > 0, f"of the {len(judged)} best settings of the search {kept} keep the bound (1 or more)"),
             (
                 median <= 0.10,
                 f"median regret of {len(regrets)} truly feasible repeats {100 * median:.1f} % (10 %), "
