@@ -3,18 +3,22 @@
     python -m benchmarks.studies null [--studies 200] [--seed 1]
     python -m benchmarks.studies intervals [--holes 66] [--seed 1]
     python -m benchmarks.studies points [--repeats 8] [--seed 1]
-    python -m benchmarks.studies optimum [--repeats 8] [--dense 300] [--seed 1]
-    python -m benchmarks.studies kills [--kills 20] [--seed 1] [--dask]
+    python -m benchmarks.studies optimum [--repeats 8] [--dense 300] [--judges 6] [--seed 1]
+    python -m benchmarks.studies kills [--kills 20] [--seed 1]
     python -m benchmarks.studies throughput [--runs 200]
     python -m benchmarks.studies planning
 
 null: a factor that does nothing is flagged at 5 % in 2 to 9 % of the studies. intervals: of a response surface over
-few runs, at settings and on machines that it has not seen, at least 88 % of the holes. points: of the shipped array,
-at the settings that it recommends and at others of its own, at least 88 % on new machines. optimum: the shortest
-time with arcs of at most 2 % from 24 runs: median regret at most 10 %, at most one repeat in eight truly infeasible,
-judged by many runs. kills: parent, worker and shard killed, Ctrl-C, at random instants: the table after `resume` is
-that of a study that nobody disturbed. throughput: two idle cores do at least 90 % of what the CPU of one hole
-allows, with at most 5 % of CPU besides. planning: 1 000 runs in 5 s. The exit code is 1 where a bar is missed.
+few runs, and of the Gaussian processes of an optimisation near and away from what it recommends, at settings and on
+machines that they have not seen, at least 88 % of 60 holes or more. points: of the shipped array, at the settings
+that it recommends and at others of its own, at least 88 % on new machines. optimum: the shortest time with arcs of
+at most 2 % from 24 runs over reference, duty and frequency, which together set the on-time (duty / frequency): of
+the repeats whose settings truly keep the bound the median regret is at most 10 %, and at most one in eight does not
+keep it, judged by many runs and a search that is refined where it is best. kills: parent, worker, one of two shards
+and worker of a dask cluster killed, Ctrl-C, at random instants: the table after `resume` is that of a study that
+nobody disturbed (dask is needed). throughput: two idle cores do at least 90 % of what the CPU of one hole allows,
+with at most 5 % of CPU besides. planning: 1 000 runs in 5 s. The exit code is 1 where a bar is missed; a line
+without a bar says `no bar` and why.
 """
 
 from __future__ import annotations
@@ -23,16 +27,22 @@ import argparse
 import csv
 import io
 import json
+import logging
+import math
 import os
 import random
 import resource
+import shutil
 import signal
 import statistics
 import subprocess
 import sys
 import time
+import tomllib
+from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -42,14 +52,23 @@ import numpy as np
 import edmctl
 from edmctl.doe.designs import sobol_points
 from edmctl.doe.linear_model import Settings
+from edmctl.errors import ProfileError
+from edmctl.jobs.plan import check
 from edmctl.jobs.study.analysis import analysis_of
 from edmctl.jobs.study.expectations import expected_at
+from edmctl.jobs.study.factors import coded, value_at
 from edmctl.jobs.study.folder import open_folder
+from edmctl.jobs.study.planning import plan_study, request_of
+from edmctl.jobs.study.responses import responses_of
 from edmctl.jobs.study.table import OF_EXECUTION
 from edmctl.profile.folders import shipped_studies
+from edmctl.profile.study_file import read_study
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from concurrent.futures import Executor
+
+    from edmctl.results.study import Recommendation, Value
 
 HURRIED = (
     'set = ["target.depth_um={depth:g}", "log.pulses=\'off\'", "approach.speed_um_s=5", "measure.fast_um_s=50", '
@@ -62,22 +81,45 @@ def study_text(depth_um: float, body: str) -> str:
     return f'[study]\nname = "benchmark"\nprofile = "cu270"\n{HURRIED.format(depth=depth_um)}\n{body}'
 
 
-def told(rows: Sequence[tuple[bool, str]]) -> int:
-    """Print each line with its mark; 1 where one missed its bar."""
+def told(rows: Sequence[tuple[bool | None, str]]) -> int:
+    """Print each line with its mark, None for one without a bar; 1 where one missed its bar."""
     for met, line in rows:
-        print(f"{'  ' if met else ' !'} {line}", flush=True)
-    return int(not all(met for met, _ in rows))
+        print(f"{' !' if met is False else '  '} {'no bar: ' if met is None else ''}{line}", flush=True)
+    return int(any(met is False for met, _ in rows))
 
 
-def run_in(case: tuple[str, str]) -> list[dict[str, Any]]:
-    """Run a study in this process, in a folder of its own; its table."""
-    text, name = case
-    with TemporaryDirectory() as folder:
-        file = Path(folder, "study.toml")
+@contextmanager
+def started(text: str) -> Iterator[tuple[edmctl.Study, Path]]:
+    """A study in a temporary folder, none of its runs made yet."""
+    with TemporaryDirectory() as place:
+        file, out = Path(place, "study.toml"), Path(place, "out")
         file.write_text(text, encoding="utf-8")
-        study = edmctl.Study.load(file).start(Path(folder, name))
-        study.run()
-        return [dict(row) for row in study.table()]
+        yield edmctl.Study.load(file).start(out), out
+
+
+def shipped_text(name: str, seed: int) -> str:
+    """A shipped study with another seed."""
+    (path,) = [path for path in shipped_studies() if path.stem == name]
+    text = path.read_text(encoding="utf-8")
+    assert text.count("seed = 1\n") == 1
+    return text.replace("seed = 1\n", f"seed = {seed}\n")
+
+
+LEAST_HOLES, LEAST_SHARE = 60, 0.88
+
+
+def held_line(title: str, held: Sequence[bool | None], has_bar: bool = True) -> tuple[bool | None, str]:
+    """How many holes an interval held; None is a hole without a value, which does not count."""
+    values = [one for one in held if one is not None]
+    share = sum(values) / max(1, len(values))
+    without = f", {len(held) - len(values)} without a value" if len(values) < len(held) else ""
+    line = f"{title}: held {sum(values)} of {len(values)}, {100 * share:.1f} %{without}"
+    if not has_bar:
+        return None, line
+    return (
+        share >= LEAST_SHARE and len(values) >= LEAST_HOLES,
+        f"{line} ({100 * LEAST_SHARE:.0f} % of {LEAST_HOLES} or more)",
+    )
 
 
 # --- null -----------------------------------------------------------------------------------------------------
@@ -117,10 +159,8 @@ name = "depth_um"
 def null_p(case: tuple[int, str]) -> dict[str, float]:
     """The p of a factor without effect, by response."""
     text = study_text(6.0, NULL.format(seed=case[0], seeds=case[1]))
-    with TemporaryDirectory() as folder:
-        file = Path(folder, "study.toml")
-        file.write_text(text, encoding="utf-8")
-        study = edmctl.Study.load(file).start(Path(folder, "out")).run()
+    with started(text) as (study, _):
+        study.run()
         found = {}
         for name in ("machining_time_s", "wear_ratio_lin", "depth_um"):
             table = study.fit(name).anova
@@ -138,11 +178,8 @@ def null(args: argparse.Namespace) -> int:
             found = list(pool.map(null_p, cases))
             for name in found[0]:
                 share = sum(one[name] < 0.05 for one in found) / len(found)
-                line = (
-                    f"a machine a {seeds}, {name}: flagged in {100 * share:.1f} % of {len(found)} (2 to 9 %)"
-                )
-                # Runs on one machine differ by less than the error that machines and settings make together.
-                rows.append((0.02 <= share <= 0.09 or (seeds == "replicate" and share < 0.02), line))
+                line = f"a machine a {seeds}, {name}: flagged in {100 * share:.1f} % of {len(found)}"
+                rows.append((0.02 <= share <= 0.09, f"{line} (2 to 9 %)"))
     return told(rows)
 
 
@@ -177,28 +214,53 @@ log = true
 [[responses]]
 name = "energy_j"
 """
+ONE_MACHINE = "18 points of a hypercube on one machine"
 DESIGNS = {
     "18 points of a hypercube on 6 machines": 'kind = "lhs"\nruns = 18\nblocks = 6',
-    "18 points of a hypercube on one machine": 'kind = "lhs"\nruns = 18',
+    ONE_MACHINE: 'kind = "lhs"\nruns = 18',
     "face-centred composite, 2 machines": 'kind = "ccd"\ncenter_points = 1\nreplicates = 2',
 }
 
 
+OPTIMISED = 4
+"""Optimised studies whose intervals are tried: one alone would tell of its own luck."""
+NEAR = 0.2
+"""New settings near a recommendation: so far off at most in each factor, coded to −1 … 1."""
+
+
 def one_hole(case: tuple[float, dict[str, float], int], *, hurried: bool = True) -> dict[str, float]:
-    """Responses of one hole on a machine of its own."""
+    """Responses of one hole on a machine of its own; none of one that failed."""
     depth_um, settings, seed = case
-    from edmctl.jobs.study.responses import responses_of
-
-    text = study_text(depth_um, "")
-    import tomllib
-
     overrides = [
-        *(tomllib.loads(text)["study"]["set"] if hurried else [f"target.depth_um={depth_um:g}"]),
+        *(
+            tomllib.loads(study_text(depth_um, ""))["study"]["set"]
+            if hurried
+            else [f"target.depth_um={depth_um:g}"]
+        ),
         *(f"{key}={value!r}" for key, value in settings.items()),
     ]
     report = edmctl.connect("sim:", seed=seed).machine("cu270", overrides=overrides, warn=lambda _: None)
     values, _, _ = responses_of(report.to_dict(), depth_um)
-    return {name: value for name, value in values.items() if value is not None}
+    return {name: value for name, value in values.items() if value is not None and report.error is None}
+
+
+def after_suggestions(case: tuple[int, int]) -> list[tuple[bool, str, bool | None]]:
+    """Whether new holes lie in the intervals of an optimised study: (is near what it recommends, response, held)."""
+    seed, holes = case
+    rng, found = random.Random(seed), []
+    with started(shipped_text("fastest-clean-hole", 1000 * seed)) as (study, out):
+        best, factors = study.optimize(), study.plan().factors
+        state = open_folder(out).read()
+        for n in range(2 * holes):
+            is_near, settings = n < holes, {}
+            for factor in factors:
+                place = coded(factor, best.settings[factor.key])
+                low, high = (max(place - NEAR, -1.0), min(place + NEAR, 1.0)) if is_near else (-1.0, 1.0)
+                settings[factor.key] = float(value_at(factor, rng.uniform(low, high)))
+            new = one_hole((20.0, settings, 1000 * seed + 100 + n), hurried=False)
+            for name, (_, low, high) in expected_at(state, (), settings).items():
+                found.append((is_near, name, low <= new[name] <= high if name in new else None))
+    return found
 
 
 def intervals(args: argparse.Namespace) -> int:
@@ -211,31 +273,38 @@ def intervals(args: argparse.Namespace) -> int:
         }
         for _ in range(args.holes)
     ]
-    rows = []
+    rows: list[tuple[bool | None, str]] = []
     with ProcessPoolExecutor() as pool:
         new = list(pool.map(one_hole, [(20.0, s, 50_000 * args.seed + n) for n, s in enumerate(places)]))
         for title, design in DESIGNS.items():
             text = study_text(20.0, SURFACE.format(design=f"[design]\n{design}\nseed = {args.seed}"))
-            with TemporaryDirectory() as folder:
-                file = Path(folder, "study.toml")
-                file.write_text(text, encoding="utf-8")
-                study = edmctl.Study.load(file).start(Path(folder, "out")).run(workers=2)
+            with started(text) as (study, _):
+                study.run(workers=2)
                 for name in ("machining_time_s", "wear_ratio_lin", "arc_share", "energy_j"):
                     fitted = study.fit(name)
                     assert fitted.model is not None
-                    coded = Settings(
+                    at = Settings(
                         {
                             "reference": [2 * (s["servo.reference"] - 0.62) / 0.26 - 1 for s in places],
                             "duty": [2 * (s["pulse.duty"] - 0.12) / 0.43 - 1 for s in places],
                         }
                     )
-                    _, low, high = fitted.model.predict(coded)
+                    _, lows, highs = fitted.model.predict(at)
                     held = [
-                        a <= one[name] <= b for one, a, b in zip(new, low, high, strict=True) if name in one
+                        bool(low <= one[name] <= high) if name in one else None
+                        for one, low, high in zip(new, lows, highs, strict=True)
                     ]
-                    share = sum(held) / len(held)
-                    line = f"{title}, {name}: held {sum(held)} of {len(held)} (88 %), R² {fitted.r2:.4f}"
-                    rows.append((share >= 0.88 or "one machine" in title, line))
+                    is_one = title == ONE_MACHINE
+                    why = ", the interval is of that machine alone" if is_one else ""
+                    rows.append(
+                        held_line(f"{title}, {name}, R² {fitted.r2:.4f}{why}", held, has_bar=not is_one)
+                    )
+        cases = [(args.seed + n, -(-args.holes // OPTIMISED)) for n in range(OPTIMISED)]
+        processes = [one for study in pool.map(after_suggestions, cases) for one in study]
+    for is_near, place in ((True, "near the recommendation"), (False, "anywhere")):
+        for name in dict.fromkeys(one[1] for one in processes):
+            held = [one[2] for one in processes if one[0] is is_near and one[1] == name]
+            rows.append(held_line(f"{OPTIMISED} optimised studies, {place}, {name}", held))
     return told(rows)
 
 
@@ -245,14 +314,10 @@ def intervals(args: argparse.Namespace) -> int:
 def at_own_points(case: tuple[int, int]) -> list[tuple[bool, str, bool]]:
     """Whether new holes lie in the intervals of one study's points: (is recommended, response, held)."""
     seed, holes = case
-    (path,) = [path for path in shipped_studies() if path.stem == "taguchi-l9"]
-    text = path.read_text(encoding="utf-8").replace("seed = 1", f"seed = {1000 * seed}")
     found = []
-    with TemporaryDirectory() as folder:
-        file = Path(folder, "study.toml")
-        file.write_text(text, encoding="utf-8")
-        study = edmctl.Study.load(file).start(Path(folder, "out")).run()
-        state = open_folder(Path(folder, "out")).read()
+    with started(shipped_text("taguchi-l9", 1000 * seed)) as (study, out):
+        study.run()
+        state = open_folder(out).read()
         analyses, best = analysis_of(state).responses, study.recommend()
         others = {run.point: run.settings for run in study.plan().runs if run.settings != best.settings}
         chosen = [best.settings, *(random.Random(seed).choice(list(others.values())) for _ in range(2))]
@@ -288,71 +353,133 @@ def points(args: argparse.Namespace) -> int:
 # --- optimum --------------------------------------------------------------------------------------------------
 
 
-def fastest(case: tuple[int]) -> dict[str, Any]:
-    """One repeat of the shipped study of the fastest hole with few arcs."""
-    (path,) = [path for path in shipped_studies() if path.stem == "fastest-clean-hole"]
-    text = path.read_text(encoding="utf-8").replace("seed = 1", f"seed = {case[0]}")
-    with TemporaryDirectory() as folder:
-        file = Path(folder, "study.toml")
-        file.write_text(text, encoding="utf-8")
-        study = edmctl.Study.load(file).start(Path(folder, "out"))
+MOST_ARCS = 0.02
+SCOUTS = 2
+"""Machines on which every point of the dense simulation is made."""
+REFINED = ((5, 0.3), (5, 0.12))
+"""Rounds of refinement: so many of the best points, and how far around them it goes, coded to −1 … 1."""
+AROUND = 10
+FINALISTS = 12
+"""Points that every judge judges: the best of the dense simulation."""
+
+
+def fastest(seed: int) -> Recommendation:
+    """What one repeat of the shipped study of the fastest hole with few arcs recommends after its 24 runs."""
+    with started(shipped_text("fastest-clean-hole", seed)) as (study, _):
         best = study.optimize()
-        return {"settings": dict(best.settings), "feasible": best.is_feasible, "runs": len(study.table())}
+        assert len(study.table()) == 24
+        return best
 
 
-def plain_hole(case: tuple[dict[str, float], int]) -> tuple[float, float]:
-    """Machining time and share of arcs of a hole of the shipped study."""
-    settings, seed = case
-    overrides = ["target.depth_um=20", *(f"{key}={value!r}" for key, value in settings.items())]
-    report = edmctl.connect("sim:", seed=seed).machine("cu270", overrides=overrides, warn=lambda _: None)
-    site = report.sites[0]
-    return site.machining_time_s, site.ratios.arc
+def plain_hole(case: tuple[Mapping[str, Value], int]) -> tuple[float, float]:
+    """Machining time and share of arcs of a hole of the shipped study; one that fails takes for ever."""
+    found = one_hole((20.0, {key: float(value) for key, value in case[0].items()}, case[1]), hurried=False)
+    return found.get("machining_time_s", math.inf), found.get("arc_share", 1.0)
+
+
+class Dense:
+    """The dense simulation: means over machines, at any settings that the rules of recipes allow."""
+
+    def __init__(self, pool: Executor) -> None:
+        (path,) = [path for path in shipped_studies() if path.stem == "fastest-clean-hole"]
+        planned = plan_study(read_study(path))
+        self._pool, self._base, self.factors = pool, planned.base, planned.plan.factors
+        self.found: list[tuple[float, float, dict[str, Value]]] = []
+        """Mean time, mean share of arcs, settings."""
+
+    def at(self, settings: Sequence[Mapping[str, Value]], seeds: Sequence[int]) -> list[tuple[float, float]]:
+        """Mean time and share of arcs over machines, by settings."""
+        cases = [(one, seed) for one in settings for seed in seeds]
+        holes = np.array(list(self._pool.map(plain_hole, cases, chunksize=4))).reshape(-1, len(seeds), 2)
+        return [(float(time_s), float(arcs)) for time_s, arcs in holes.mean(axis=1)]
+
+    def scout(self, points: Iterable[Sequence[float]], seeds: Sequence[int]) -> None:
+        """Add coded points, those that are allowed."""
+        settings = [
+            {factor.key: value_at(factor, x) for factor, x in zip(self.factors, point, strict=True)}
+            for point in points
+        ]
+        allowed = [one for one in settings if self._is_allowed(one)]
+        self.found += [(*truth, one) for truth, one in zip(self.at(allowed, seeds), allowed, strict=True)]
+
+    def best(self, count: int) -> list[dict[str, Value]]:
+        """The fastest that keep the bound."""
+        kept = sorted((one for one in self.found if one[1] <= MOST_ARCS), key=lambda one: one[0])
+        return [settings for _, _, settings in kept[:count]]
+
+    def around(self, count: int, reach: float, rng: np.random.Generator) -> list[list[float]]:
+        """Points around each of the best, within the bounds."""
+        centers = [[coded(factor, one[factor.key]) for factor in self.factors] for one in self.best(count)]
+        return [
+            np.clip(np.add(center, rng.uniform(-reach, reach, len(center))), -1, 1).tolist()
+            for center in centers
+            for _ in range(AROUND)
+        ]
+
+    def _is_allowed(self, settings: Mapping[str, Value]) -> bool:
+        try:
+            check(request_of(self._base, settings))
+        except ProfileError:
+            return False
+        return True
 
 
 def optimum(args: argparse.Namespace) -> int:
-    """Regret and truth of what is recommended."""
-    bounds = {
-        "servo.reference": (0.62, 0.90),
-        "pulse.duty": (0.10, 0.55),
-        "pulse.frequency_hz": (1800.0, 6000.0),
-    }
-    dense = []
-    for row in sobol_points(3, args.dense, 99).tolist():
-        u = [(x + 1) / 2 for x in row]
-        values = [low + (high - low) * x for (low, high), x in zip(bounds.values(), u, strict=True)]
-        values[2] = 1800.0 * (6000.0 / 1800.0) ** u[2]
-        settings = {key: float(f"{value:.4g}") for key, value in zip(bounds, values, strict=True)}
-        period_us = 1e6 / settings["pulse.frequency_hz"]
-        if period_us * (1 - settings["pulse.duty"]) >= 20.0:
-            dense.append(settings)
+    """Regret and truth of what is recommended.
+
+    Factors are reference, duty and frequency: duty and frequency set the on-time, so that it is varied as well.
+    The best that there is comes from a dense simulation on a few machines, refined around its best points; those
+    that are best then, and what is recommended, are judged on the same machines, which no choice has seen.
+    """
+    rng = np.random.default_rng(99)
+    scouts = [800_000 + n for n in range(SCOUTS)]
     judges = [900_000 + n for n in range(args.judges)]
     with ProcessPoolExecutor() as pool:
-        repeats = list(pool.map(fastest, [(1000 * args.seed + n,) for n in range(args.repeats)]))
-        measured = list(pool.map(plain_hole, [(s, seed) for s in dense for seed in judges[:2]], chunksize=8))
-        truths = [tuple(np.mean(measured[2 * n : 2 * n + 2], axis=0)) for n in range(len(dense))]
-        at = list(
-            pool.map(plain_hole, [(r["settings"], seed) for r in repeats for seed in judges], chunksize=4)
-        )
-    kept = [time_s for time_s, arcs in truths if arcs <= 0.02]
-    best_s = min(kept)
-    regrets, infeasible, rows = [], 0, []
-    for n, repeat in enumerate(repeats):
-        time_s, arcs = np.mean(at[n * len(judges) : (n + 1) * len(judges)], axis=0)
-        regrets.append(time_s / best_s - 1)
-        infeasible += arcs > 0.02
-        words = ", ".join(f"{key.partition('.')[2]} {value:g}" for key, value in repeat["settings"].items())
+        repeats = list(pool.map(fastest, [1000 * args.seed + n for n in range(args.repeats)]))
+        dense = Dense(pool)
+        dense.scout(sobol_points(len(dense.factors), args.dense, 99).tolist(), scouts)
+        for count, reach in REFINED:
+            print(
+                f"   {len(dense.found)} settings: {_fastest_s(dense.found):.1f} s with few arcs", flush=True
+            )
+            dense.scout(dense.around(count, reach, rng), scouts)
+        judged = dense.at(dense.best(FINALISTS), judges)
+        at = dense.at([repeat.settings for repeat in repeats], judges)
+    best_s = _fastest_s([*judged, *at])
+    kept = sum(arcs <= MOST_ARCS for _, arcs in judged)
+    for n, (repeat, (time_s, arcs)) in enumerate(zip(repeats, at, strict=True)):
+        words = ", ".join(f"{key.partition('.')[2]} {value:g}" for key, value in repeat.settings.items())
+        on_us = 1e6 * float(repeat.settings["pulse.duty"]) / float(repeat.settings["pulse.frequency_hz"])
+        says = "feasible" if repeat.is_feasible else "not feasible"
+        is_kept = f"regret {100 * (time_s / best_s - 1):.1f} %" if arcs <= MOST_ARCS else "infeasible"
         print(
-            f"   repeat {n}: {words}: {time_s:.1f} s, arcs {100 * arcs:.2f} %, {repeat['runs']} runs",
-            flush=True,
+            f"   repeat {n}: {words} (on-time {on_us:.0f} µs), said to be {says}: {time_s:.1f} s, "
+            f"arcs {100 * arcs:.2f} %: {is_kept}"
         )
-    print(f"   best of {len(dense)} settings: {best_s:.1f} s; {len(kept)} keep the bound")
-    median = statistics.median(regrets)
-    rows.append(
-        (median <= 0.10, f"median regret {100 * median:.1f} % (10 %), worst {100 * max(regrets):.1f} %")
+    print("   reference × duty × frequency (on-time = duty / frequency), 24 runs a repeat")
+    print(
+        f"   best known: {best_s:.1f} s, of {len(dense.found)} settings on {SCOUTS} machines and of the repeats; "
+        f"the {len(judged)} best settings are judged on {len(judges)} other machines"
     )
-    most = max(1, args.repeats // 8)
-    rows.append((infeasible <= most, f"truly infeasible {infeasible} of {args.repeats} (1 of 8)"))
-    return told(rows)
+    regrets = [time_s / best_s - 1 for time_s, arcs in at if arcs <= MOST_ARCS]
+    infeasible = len(at) - len(regrets)
+    median, worst = (statistics.median(regrets), max(regrets)) if regrets else (math.inf, math.inf)
+    return told(
+        [
+            (kept > 0, f"of the {len(judged)} best settings of the search {kept} keep the bound (1 or more)"),
+            (
+                median <= 0.10,
+                f"median regret of {len(regrets)} truly feasible repeats {100 * median:.1f} % (10 %), "
+                f"worst {100 * worst:.1f} %",
+            ),
+            (infeasible <= args.repeats // 8, f"truly infeasible {infeasible} of {args.repeats} (1 of 8)"),
+        ]
+    )
+
+
+def _fastest_s(found: Iterable[tuple[Any, ...]]) -> float:
+    """The shortest time that keeps the bound."""
+    return min((time_s for time_s, arcs, *_ in found if arcs <= MOST_ARCS), default=math.inf)
 
 
 # --- kills ----------------------------------------------------------------------------------------------------
@@ -420,103 +547,200 @@ def runs_in(folder: Path) -> list[tuple[int, int]]:
 
 def workers_of(pid: int) -> list[int]:
     """Process ids of the workers of a process; its tracker of resources is none."""
-    listed = Path(f"/proc/{pid}/task/{pid}/children")
-    found = [int(text) for text in listed.read_text().split()] if listed.exists() else []
-    return [one for one in found if b"spawn_main" in Path(f"/proc/{one}/cmdline").read_bytes()]
+    found = []
+    with suppress(OSError):
+        for one in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
+            with suppress(OSError):
+                if b"spawn_main" in Path(f"/proc/{one}/cmdline").read_bytes():
+                    found.append(int(one))
+    return found
 
 
-def disturbed(
-    begin: Sequence[str], again: Sequence[Sequence[str]], rows: int, more_s: float, how: str, folder: Path
-) -> tuple[bool, bool, str]:
-    """Run a study, disturb it a moment after so many rows, go on.
+@dataclass(frozen=True)
+class Case:
+    """Who is disturbed, what runs the study then, and what goes on with it."""
 
-    Whether it was still under way then, whether rows were kept and none was made twice, and the table.
-    """
-    running = subprocess.Popen([*EDMCTL, *begin], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    first = len(runs_in(folder))
-    while running.poll() is None and len(runs_in(folder)) < first + rows:
-        time.sleep(0.02)
-    time.sleep(more_s)
-    was_under_way = running.poll() is None
-    with suppress(ProcessLookupError, IndexError, FileNotFoundError):
-        if how == "worker":
-            os.kill(random.choice(workers_of(running.pid)), signal.SIGKILL)
-        elif how == "Ctrl-C":
-            running.send_signal(signal.SIGINT)
-        else:
-            running.kill()
-    running.wait(120)
-    before = rows_of(folder)
-    for command in again:
+    victim: str
+    """parent or worker (kill -9), or Ctrl-C, which a terminal sends to all processes of the command."""
+    making: tuple[str, ...]
+    again: tuple[str, ...]
+    is_optimised: bool = False
+    """The design is made in peace, and the suggestions are disturbed."""
+    is_sharded: bool = False
+    """Another command makes the second half at the same time."""
+
+    @property
+    def title(self) -> str:
+        """What the line says."""
+        how = "optimize " if self.is_optimised else "shard 1/2 beside 2/2 " if self.is_sharded else ""
+        return f"{self.victim}, {how}{_words(self.making)}, then {_words(self.again)}"
+
+
+def _words(making: Sequence[str]) -> str:
+    return "dask" if making[0] == "--dask" else f"{making[1]} worker{'s' * (making[1] != '1')}"
+
+
+def cases_of(address: str) -> list[Case]:
+    """All cases, with a dask cluster at an address."""
+    one, two, dask = ("--workers", "1"), ("--workers", "2"), ("--dask", address)
+    return [
+        Case("parent", one, one),
+        Case("parent", two, two),
+        Case("worker", two, two),
+        Case("Ctrl-C", one, two),
+        Case("Ctrl-C", two, one),
+        Case("parent", one, one, is_sharded=True),
+        Case("Ctrl-C", two, two, is_sharded=True),
+        Case("parent", dask, dask),
+        Case("parent", dask, two),
+        Case("worker", dask, dask),
+        Case("Ctrl-C", dask, two),
+        Case("parent", one, one, is_optimised=True),
+        Case("worker", two, two, is_optimised=True),
+        Case("Ctrl-C", two, one, is_optimised=True),
+        Case("worker", dask, two),
+    ]
+
+
+class Disturbance:
+    """A study that is run in a folder, disturbed at an instant, and gone on with."""
+
+    def __init__(self, case: Case, file: Path, folder: Path, cluster: Any) -> None:
+        self._case, self._folder, self._cluster = case, folder, cluster
+        parts = [("--shard", f"{k}/2") for k in (1, 2)] if case.is_sharded else [()]
+        first = ["optimize", str(folder)] if case.is_optimised else ["run", str(file), "--out", str(folder)]
+        then = "optimize" if case.is_optimised else "resume"
+        self._begin = [[*first, *case.making, *part] for part in parts]
+        self._again = [[then, str(folder), *case.again, *part] for part in parts]
+        self.was_disturbed = self.was_orderly = self.was_kept = self.went_on = False
+        self.at = 0
+        """Rows at the instant."""
+
+    def run(self, rng: random.Random, total: int) -> None:
+        """Begin, disturb, go on. It counts as disturbed where the signal met a victim before all runs were made."""
+        first = len(runs_in(self._folder))
+        rows, more_s = first + rng.randrange(total - first), rng.uniform(0.0, 0.6)
+        told = self._folder.with_suffix(".stderr")
+        running, *others = [_begun(command, told) for command in self._begin]
+        while running.poll() is None and len(runs_in(self._folder)) < rows:
+            time.sleep(0.02)
+        time.sleep(more_s)
+        was_sent = self._disturb(running, rng)
+        at_once = rows_of(self._folder)
+        self.at = len(runs_in(self._folder))
+        code, other_codes = running.wait(300), [other.wait(300) for other in others]
+        victim, is_quiet = self._case.victim, b"Traceback" not in told.read_bytes()
+        self.was_disturbed = was_sent and self.at < total and (victim == "worker" or code != 0)
+        allowed = {"parent": (0, -signal.SIGKILL), "worker": (0,), "Ctrl-C": (0, -signal.SIGINT)}[victim]
+        self.was_orderly = code in allowed and is_quiet and not any(other_codes)
+        if not self.was_orderly:
+            print(f"   exit codes {code}, {other_codes}: {told.read_text(errors='replace')}", flush=True)
+        before = rows_of(self._folder)
+        self.went_on = all(self._go_on(n) for n in range(len(self._again)))
+        after = runs_in(self._folder)
+        self.was_kept = at_once <= before <= rows_of(self._folder) and sorted(after) == [
+            (number, 1) for number in range(1, total + 1)
+        ]
+
+    def _disturb(self, running: subprocess.Popen[bytes], rng: random.Random) -> bool:
+        """Send the signal; whether there was somebody to get it."""
+        while running.poll() is None:
+            with suppress(ProcessLookupError):
+                if self._case.victim == "Ctrl-C":
+                    os.killpg(running.pid, signal.SIGINT)
+                    return True
+                victims = [running.pid] if self._case.victim == "parent" else self._workers(running.pid)
+                if victims:
+                    os.kill(rng.choice(victims), signal.SIGKILL)
+                    return True
+            time.sleep(0.005)  # no worker is there yet
+        return False
+
+    def _workers(self, pid: int) -> list[int]:
+        if self._case.making[0] == "--dask":
+            return [one.pid for one in self._cluster.workers.values() if one.pid]
+        return workers_of(pid)
+
+    def _go_on(self, part: int) -> bool:
+        """Go on with a part, as soon as orphans of the killed one have ended; begin again what was not yet there."""
         for _ in range(50):
-            code = subprocess.run(
-                [*EDMCTL, *command], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False
-            ).returncode
-            if code == 0:
-                break
-            time.sleep(0.2)  # a worker of the killed one still holds the lock for a moment
-    after = runs_in(folder)
-    return was_under_way, before <= rows_of(folder) and len(after) == len(set(after)), table_text(folder)
+            is_there = (self._folder / "plan.json").exists()
+            command = [*EDMCTL, *(self._again if is_there else self._begin)[part], "-q"]
+            done = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, check=False)
+            if (
+                b"E8201" not in done.stderr
+            ):  # else a worker of the killed one still holds the lock for a moment
+                if done.returncode:
+                    print(done.stderr.decode(errors="replace"), flush=True)
+                return done.returncode == 0
+            time.sleep(0.2)
+        return False
+
+
+def _begun(command: Sequence[str], told: Path) -> subprocess.Popen[bytes]:
+    """A command in a session of its own, as a terminal's foreground job: a signal reaches all of its processes."""
+    with told.open("ab") as stderr:
+        return subprocess.Popen(
+            [*EDMCTL, *command, "-q"], stdout=subprocess.DEVNULL, stderr=stderr, start_new_session=True
+        )
 
 
 def kills(args: argparse.Namespace) -> int:
     """Disturb studies at random instants, and compare their tables with an undisturbed one."""
+    import distributed
+
     rng = random.Random(args.seed)
-    with TemporaryDirectory() as place:
+    made: Any = distributed.LocalCluster
+    with (
+        TemporaryDirectory() as place,
+        made(
+            n_workers=2,
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address=None,
+            silence_logs=logging.CRITICAL,
+        ) as cluster,
+        cluster.get_client() as client,
+    ):
         file = Path(place, "study.toml")
         file.write_text(study_text(8.0, KILLED), encoding="utf-8")
         calm, best = Path(place, "calm"), Path(place, "best")
-        subprocess.run(
-            [*EDMCTL, "run", str(file), "--out", str(calm), "-q"], check=True, stdout=subprocess.DEVNULL
-        )
-        wanted = table_text(calm)
-        subprocess.run(
-            [*EDMCTL, "run", str(file), "--out", str(best), "-q"], check=True, stdout=subprocess.DEVNULL
-        )
-        subprocess.run([*EDMCTL, "optimize", str(best), "-q"], check=True, stdout=subprocess.DEVNULL)
-        wanted_best = table_text(best)
-        kept = same = under_way = 0
-        for n in range(args.kills):
-            folder = Path(place, f"study{n}")
-            how = ("parent", "worker", "Ctrl-C", "shard", "optimize")[n % 5]
-            workers = ("--workers", "2" if how == "worker" else str(1 + n // 5 % 2))
-            rows, more_s = rng.randint(0, 14), rng.uniform(0.0, 0.5)
-            begin = ["run", str(file), "--out", str(folder), "-q", *workers]
-            again = [["resume", str(folder), "-q", *workers]]
-            if how == "shard":
-                begin, rows = [*begin, "--shard", "1/2"], rng.randint(0, 6)
-                again = [["resume", str(folder), "-q", "--shard", f"{k}/2"] for k in (1, 2)]
-            if how == "optimize":
-                subprocess.run([*EDMCTL, *begin], check=False, stdout=subprocess.DEVNULL)
-                begin = ["optimize", str(folder), "-q", *workers]
-                again, rows = [begin], rng.randint(0, 2)
-            was_under_way, was_kept, table = disturbed(begin, again, rows, more_s, how, folder)
-            is_same = table == (wanted_best if how == "optimize" else wanted)
-            under_way, kept, same = under_way + was_under_way, kept + was_kept, same + is_same
-            mark = "same" if was_kept and is_same else "DIFFERS"
-            late = "" if was_under_way else " (it had ended)"
-            print(
-                f"   {how:9} {rows:2} rows and {more_s:.2f} s, {workers[1]} workers: {mark}{late}", flush=True
+        _finished("run", str(file), "--out", str(calm), "--workers", "1")
+        shutil.copytree(calm, best)
+        _finished("optimize", str(best), "--workers", "1")
+        wanted = {False: table_text(calm), True: table_text(best)}
+        totals = {False: len(runs_in(calm)), True: len(runs_in(best))}
+        cases, counts, n = cases_of(cluster.scheduler_address), Counter[str](), 0
+        while counts["disturbed"] < args.kills and n < 2 * args.kills:
+            case, folder = cases[n % len(cases)], Path(place, f"study{n}")
+            if case.is_optimised:
+                shutil.copytree(calm, folder)
+            client.wait_for_workers(2)
+            one = Disturbance(case, file, folder, cluster)
+            one.run(rng, totals[case.is_optimised])
+            is_same = one.went_on and table_text(folder) == wanted[case.is_optimised]
+            counts.update(
+                disturbed=one.was_disturbed, orderly=one.was_orderly, kept=one.was_kept, same=is_same
             )
-        rows_of_table = [
-            (under_way >= 0.9 * args.kills, f"disturbed while under way: {under_way} of {args.kills}"),
-            (kept == args.kills, f"rows kept, none made twice: {kept} of {args.kills}"),
-            (same == args.kills, f"same table: {same} of {args.kills}"),
+            n += 1
+            mark = "same" if one.was_kept and is_same else "DIFFERS"
+            late = "" if one.was_disturbed else " (it had ended)"
+            print(f"   {case.title}, after {one.at} rows: {mark}{late}", flush=True)
+    return told(
+        [
+            (counts["disturbed"] >= args.kills, f"disturbed under way: {counts['disturbed']} (of {n} tried)"),
+            (
+                counts["orderly"] == n,
+                f"no traceback, a lost worker is no failure, the other shard goes on: {counts['orderly']} of {n}",
+            ),
+            (counts["kept"] == n, f"rows kept, every run made once: {counts['kept']} of {n}"),
+            (counts["same"] == n, f"same table: {counts['same']} of {n}"),
         ]
-        if args.dask:
-            rows_of_table.append((_dask_table(place, file) == wanted, "dask: the same table"))
-    return told(rows_of_table)
+    )
 
 
-def _dask_table(place: str, file: Path) -> str:
-    import distributed
-
-    folder = Path(place, "dask")
-    made: Any = distributed.LocalCluster
-    with made(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-        command = [*EDMCTL, "run", str(file), "--out", str(folder), "-q", "--dask", cluster.scheduler_address]
-        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-    return table_text(folder)
+def _finished(*command: str) -> None:
+    subprocess.run([*EDMCTL, *command, "-q"], check=True, stdout=subprocess.DEVNULL)
 
 
 # --- throughput -----------------------------------------------------------------------------------------------
@@ -547,19 +771,15 @@ def throughput(args: argparse.Namespace) -> int:
     """Two processes side by side against the CPU of a hole in one process."""
     text = f'[study]\nname = "many"\nprofile = "cu270"\nset = ["target.depth_um=10"]\n{MANY}'
     few, many = text.format(runs=12), text.format(runs=args.runs)
-    run_in((few, "warm"))
-    begin_s = time.process_time()
-    run_in((few, "alone"))
-    alone_s = (time.process_time() - begin_s) / 12
-    with TemporaryDirectory() as place:
-        file, out = Path(place, "study.toml"), Path(place, "out")
-        file.write_text(many, encoding="utf-8")
-        study = edmctl.Study.load(file).start(out)
-        before, begin_s, own_s = (
-            resource.getrusage(resource.RUSAGE_CHILDREN),
-            time.monotonic(),
-            time.process_time(),
-        )
+    with started(few) as (study, _):
+        study.run()  # compiles
+    with started(few) as (study, _):
+        begin_s = time.process_time()
+        study.run()
+        alone_s = (time.process_time() - begin_s) / 12
+    with started(many) as (study, _):
+        before, own_s = resource.getrusage(resource.RUSAGE_CHILDREN), time.process_time()
+        begin_s = time.monotonic()
         study.run(workers=2)
         wall_s, own_s = time.monotonic() - begin_s, time.process_time() - own_s
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -614,7 +834,6 @@ def main() -> int:
     parser.add_argument("--judges", type=int, default=6)
     parser.add_argument("--kills", type=int, default=20)
     parser.add_argument("--runs", type=int, default=200)
-    parser.add_argument("--dask", action="store_true")
     args = parser.parse_args()
     return COMMANDS[args.what](args)
 
