@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -178,7 +179,7 @@ def read_study(path: Path) -> StudySource:
     if path.is_dir() and (path / "plan.json").is_file():
         raise UsageError(
             f"{path} is the folder of a study, and a study file is wanted.",
-            hint=f"Go on with it: `edmctl study resume {path}`.",
+            hint=f"Go on with it: `edmctl study resume {shlex.quote(str(path))}`.",
             code="E2100",
         )
     if not path.exists():

@@ -70,6 +70,7 @@ def judge(
     from edmctl.errors import UsageError
     from edmctl.jobs.study.evaluate import lost_row
     from edmctl.jobs.study.on_machine import is_begun
+    from edmctl.jobs.study.waiting import way_on
 
     study = opened(folder)
     found = study.read().run(run)
@@ -80,7 +81,7 @@ def judge(
     if found.row is None:
         raise UsageError(
             f"Run {run} is not made yet.",
-            hint="Make it with `edmctl study resume`, then judge it.",
+            hint=f"Make it with `{way_on(study.read())}`, then judge it.",
             code="E2107",
         )
     if not reason.strip():
@@ -90,10 +91,16 @@ def judge(
             "judged",
             {"number": run, "attempt": found.row.attempt, "judgement": str(judgement), "reason": reason},
         )
+    state = study.read()
     outcome.result = {"run": run, "attempt": found.row.attempt, "judgement": str(judgement), "reason": reason}
+    again = (
+        "as another hole at the next free place"
+        if state.rows.port
+        else "and a virtual machine makes it the same"
+    )
     after = {
         Judgement.ACCEPT: "its responses count",
         Judgement.REJECT: "it does not count; the row stays",
-        Judgement.REPEAT: f"`edmctl study resume {folder}` makes it again; a virtual machine makes it the same",
+        Judgement.REPEAT: f"`{way_on(state)}` makes it again, {again}",
     }
     outcome.text = f"Run {run}: {judgement} ({reason}); {after[judgement]}."
