@@ -88,6 +88,8 @@ class Response(Table):
     unit: str = Field("", pattern=ONE_LINE, max_length=20, description="of a manual response")
     better: Literal["larger", "smaller", "nominal"] = Field("smaller", description="what is wanted of it")
     target: float | None = Field(None, description="value that is wanted, of a nominal response")
+    low: float | None = Field(None, description="least value that can be told, of a manual response")
+    high: float | None = Field(None, description="largest value that can be told, of a manual response")
     log: bool = Field(False, description="model its logarithm")
 
 

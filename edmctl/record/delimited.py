@@ -128,6 +128,46 @@ def _conversion(name: str, wanted: str) -> str:
     return f"Multiply {name} by {factor:.10g} and rename it to {wanted}."
 
 
+@dataclass(frozen=True, slots=True)
+class TextTable:
+    """A table of texts as people make it: its columns, and each row by them with the number of its line."""
+
+    names: tuple[str, ...]
+    rows: tuple[tuple[int, dict[str, str]], ...]
+    decimal_commas: bool
+    """Whether a comma within a cell is a decimal one, because something else stands between the cells."""
+
+    def number_text(self, cell: str) -> str:
+        """Return a cell with a decimal point."""
+        return cell.replace(",", ".") if self.decimal_commas and _DECIMAL_COMMA.fullmatch(cell) else cell
+
+
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
+
+
+def read_texts(path: Path, content: bytes) -> TextTable:
+    """Return the table of texts in a file `path` with that `content`; one without a header has no columns.
+
+    Raises RecordError E3602 for what is no text.
+    """
+    return texts_of(_text(path, content))
+
+
+def texts_of(text: str) -> TextTable:
+    """Return the table of texts that a text holds."""
+    lines = text.lstrip("\ufeff").splitlines(keepends=True)
+    header = next((number for number, line in enumerate(lines) if line.strip()), len(lines))
+    separator = _separator(lines[header]) if header < len(lines) else ","
+    reader = csv.reader(lines[header:], delimiter=separator, skipinitialspace=True)
+    names = tuple(cell.strip() for cell in next(reader, []))
+    rows = []
+    for cells in reader:
+        if any(cell.strip() for cell in cells):
+            padded = [cell.strip() for cell in cells] + [""] * len(names)
+            rows.append((header + reader.line_num, dict(zip(names, padded, strict=False))))
+    return TextTable(names, tuple(rows), separator != ",")
+
+
 SEPARATORS = (",", ";", "\t")
 COMMENT = "#"
 EXAMPLE = "t_s,u_V,y_um"

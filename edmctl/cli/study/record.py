@@ -41,13 +41,12 @@ def tell(outcome: Outcome, folder: FolderArgument, run: RunNumberArgument, value
 @command("study import")
 def import_table(outcome: Outcome, folder: FolderArgument, table: TableArgument) -> None:
     """Tell the manual responses of many runs by a CSV table; all of it or, where a line is wrong, nothing."""
-    from edmctl.jobs.study.table import told_table
-    from edmctl.profile.read import read_source
+    from edmctl.jobs.study.table import read_table, told_table
     from edmctl.wording import plural
 
     study = opened(folder)
     state = study.read()
-    told = told_table(state, read_source(table).text)
+    told = told_table(state, read_table(table), str(table))
     with study.writer() as writer:
         for number, values in told.items():
             writer.told(state.run(number), values)

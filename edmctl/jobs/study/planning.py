@@ -157,6 +157,14 @@ def _wrong_names(source: StudySource) -> list[Diagnostic]:
         path: KeyPath = ("responses", number, "name")
         if names.index(one.name) != number:
             wrong.append(source.refusal(path, f"{one.name} is asked for twice", "give each response once"))
+        for key in ("low", "high"):
+            if getattr(one, key) is not None and one.source == "job":
+                message = f"{key} says nothing to {one.name}, which no hand tells"
+                hint = "remove it; a limit of a recipe stands in [[constraints]]"
+                wrong.append(source.refusal(("responses", number, key), message, hint))
+        if one.low is not None and one.high is not None and not one.low < one.high:
+            message = f"low = {one.low:g} of {one.name} is not below high = {one.high:g}"
+            wrong.append(source.refusal(("responses", number, "low"), message, "swap them"))
         if one.source == "job" and not responses.is_known(one.name):
             hint = f'{responses.near(one.name)}; what is told later has source = "manual"'
             wrong.append(source.refusal(path, f"no job answers {one.name}", hint))

@@ -20,7 +20,7 @@ from edmctl.jobs.study.folder import StudyFolder, create_folder, open_folder
 from edmctl.jobs.study.optimizing import next_batch, recommended, suggestions
 from edmctl.jobs.study.planning import PlannedStudy, plan_study, request_of
 from edmctl.jobs.study.running import Shard, run_virtual
-from edmctl.jobs.study.table import in_words, table_of
+from edmctl.jobs.study.table import in_words, refuse_untellable, table_of
 from edmctl.jobs.surroundings import Unobserved
 from edmctl.profile.folders import find_study
 from edmctl.profile.study_file import read_study
@@ -218,15 +218,21 @@ class Study:
         return self._started().read()
 
     def _values(self, given: Mapping[str, float]) -> dict[str, float]:
-        names = {one.name for one in self.plan().responses}
-        values = {name: float(value) for name, value in given.items()}
-        for name, value in values.items():
-            if (name not in names and not responses.is_known(name)) or not math.isfinite(value):
+        asked = {one.name: one for one in self._started().source.file.responses}
+        values: dict[str, float] = {}
+        for name, value in given.items():
+            try:
+                values[name] = float(value)
+            except (TypeError, ValueError):
+                values[name] = math.nan
+            if (name not in asked and not responses.is_known(name)) or not math.isfinite(values[name]):
                 raise UsageError(
-                    f"{name} = {value} is no value of a response of the study.",
-                    hint=f"Responses: {', '.join(sorted(names))}.",
+                    f"{name} = {value!r} is no value of a response of the study.",
+                    hint=f"Give a number alone. Responses: {', '.join(sorted(asked))}.",
                     code="E2105",
                 )
+            if name in asked:
+                refuse_untellable(asked[name], values[name])
         return values
 
     def _row(self, run: StudyRun, report: Report) -> RunRow:

@@ -5,17 +5,22 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 from typing import TYPE_CHECKING
 
-from edmctl.errors import UsageError
+from edmctl.errors import RecordError, UsageError
+from edmctl.files import read_bytes
 from edmctl.jobs.study.responses import RESPONSES, TRUTHS
 from edmctl.results.study import TRUTH, RunState
 from edmctl.wording import plural
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+    from pathlib import Path
 
     from edmctl.jobs.study.folder import StudyState
+    from edmctl.profile.study_file import Response
+    from edmctl.record.delimited import TextTable
     from edmctl.results.study import StudyRun
 
     Cell = bool | int | float | str | None
@@ -118,66 +123,147 @@ def _parquet(rows: Sequence[Mapping[str, Cell]]) -> bytes:
 
 def told_values(state: StudyState, texts: Sequence[str]) -> dict[str, float]:
     """Return what `NAME=VALUE` texts tell of manual responses. Raises UsageError E2105."""
-    manual = [response.name for response in state.folder.plan.responses if response.is_manual]
+    manual = _manual(state)
     found: dict[str, float] = {}
     for text in texts:
         name, equals, value = text.partition("=")
         if not equals:
-            raise UsageError(f"{text} is no NAME=VALUE.", hint="Say e.g. ra_um=0.31.", code="E2105")
-        found[name.strip()] = _value(name.strip(), value, manual)
+            example = next(iter(manual), "ra_um")
+            raise UsageError(f"{text} is no NAME=VALUE.", hint=f"Say e.g. {example}=0.31.", code="E2105")
+        found[name.strip()] = _value(name.strip(), value.strip(), manual)
     return found
 
 
-def _value(name: str, text: str, manual: Sequence[str]) -> float:
-    import math
+def _manual(state: StudyState) -> dict[str, Response]:
+    return {one.name: one for one in state.folder.source.file.responses if one.source == "manual"}
 
+
+def _value(name: str, text: str, manual: Mapping[str, Response]) -> float:
     if name not in manual:
         hint = (
             f"It is told {', '.join(manual)}." if manual else 'None of its responses has source = "manual".'
         )
         raise UsageError(f"The study asks nobody for {name}.", hint=hint, code="E2105")
     try:
-        value = float(text.strip())
+        value = float(text)
     except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise UsageError(f"{name}={text}: that is no number.", hint="Write a decimal point.", code="E2105")
+        if not text:
+            message, hint = (
+                f"{name} has no value.",
+                f"Say e.g. {name}=0.31; what is not measured is left out.",
+            )
+        elif _is_number(text.replace(",", ".")):
+            message, hint = f"{name}={text}: that is no number.", "Write a decimal point."
+        else:
+            unit = f", in {manual[name].unit}" if manual[name].unit else ""
+            message, hint = f"{name}={text}: that is no number.", f"Give the number alone{unit}."
+        raise UsageError(message, hint=hint, code="E2105") from None
+    refuse_untellable(manual[name], value)
     return value
 
 
-def told_table(state: StudyState, text: str) -> dict[int, dict[str, float]]:
-    """Return what a CSV table tells of manual responses, by run: columns `run` and their names; others are ignored.
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def refuse_untellable(response: Response, value: float) -> None:
+    """Raise UsageError E2105 where a value is no number, or lies beyond what a response can be told."""
+    name, unit = response.name, f" {response.unit}" if response.unit else ""
+    if not math.isfinite(value):
+        raise UsageError(
+            f"{name}={value}: that is no measured value.",
+            hint="Leave out what is not measured: a run without it is not in its tables.",
+            code="E2105",
+        )
+    low, high = response.low, response.high
+    if (low is not None and value < low) or (high is not None and value > high):
+        bounds = [f"at least {low:g}"] if low is not None else []
+        bounds += [f"at most {high:g}"] if high is not None else []
+        raise UsageError(
+            f"{name} = {value:g}{unit} is not possible: the study says {' and '.join(bounds)}{unit}.",
+            hint="Look at the sign, the decimal point and the unit.",
+            code="E2105",
+        )
+
+
+def read_table(path: Path) -> TextTable:
+    """Read a table that somebody has made. Raises UsageError E2106 where there is none."""
+    from edmctl.record.delimited import read_texts
+
+    try:
+        return read_texts(path, read_bytes(path))
+    except OSError as error:
+        message, hint = f"Cannot read {path}: {error.strerror}.", "Check the path and its permissions."
+    except RecordError as error:
+        message, hint = error.message, "Save it as CSV in UTF-8."
+    raise UsageError(message, hint=hint, code="E2106")
+
+
+def told_table(state: StudyState, table: TextTable, name: str) -> dict[int, dict[str, float]]:
+    """Return what a table tells of manual responses, by run: columns `run` and their names; others are ignored.
 
     Raises UsageError: E2104 there is no such run, E2105 a value is none, E2106 it has no column for it.
     """
-    manual = [response.name for response in state.folder.plan.responses if response.is_manual]
-    table = list(csv.DictReader(io.StringIO(text.removeprefix("\ufeff")), skipinitialspace=True))
-    columns = list(table[0]) if table else []
-    there = [name for name in manual if name in columns]
-    if "run" not in columns or not there:
-        raise UsageError(
-            "The table tells nothing: it needs a column run, and one of a manual response.",
-            hint=f"Manual responses: {', '.join(manual) or 'none'}. `edmctl study export` writes such a table.",
-            code="E2106",
-        )
+    manual = _manual(state)
+    there = [one for one in manual if one in table.names]
+    if "run" not in table.names or not there:
+        raise _without_column(state, table, name, manual)
     found: dict[int, dict[str, float]] = {}
-    for line, row in enumerate(table, 2):
-        values = {name: (row[name] or "").strip() for name in there}
+    for line, row in table.rows:
+        values = {one: row[one] for one in there}
         if not any(values.values()):
             continue
         try:
-            number = int((row["run"] or "").strip())
+            number = int(row["run"])
+            state.run(number)
+            told = {
+                one: _value(one, table.number_text(value), manual) for one, value in values.items() if value
+            }
         except ValueError:
             raise UsageError(
-                f"Line {line}: {row['run']!r} is no number of a run.", hint="Correct it.", code="E2104"
+                f"{name}, line {line}: {row['run']!r} is no number of a run.",
+                hint="Correct it.",
+                code="E2104",
             ) from None
-        state.run(number)
+        except UsageError as error:
+            raise UsageError(
+                f"{name}, line {line}: {error.message}", hint=error.hint, code=error.code
+            ) from None
         if number in found:
             raise UsageError(
-                f"Line {line}: run {number} stands in the table twice.", hint="Keep one.", code="E2106"
+                f"{name}, line {line}: run {number} stands in the table twice.",
+                hint="Keep one.",
+                code="E2106",
             )
-        found[number] = {name: _value(name, value, manual) for name, value in values.items() if value}
+        found[number] = told
     return found
+
+
+def _without_column(
+    state: StudyState, table: TextTable, name: str, manual: Mapping[str, Response]
+) -> UsageError:
+    """Return the error of a table that tells nothing, with the columns that it has."""
+    writes = f"`{state.folder.command('export')}` writes a table with all columns"
+    if not table.names:
+        return UsageError(f"{name} is empty.", hint=f"{writes}.", code="E2106")
+    wanted = ["run"] if "run" not in table.names else []
+    wanted += [" or ".join(manual) or "of a manual response"] if not set(manual) & set(table.names) else []
+    lower = {one.lower(): one for one in table.names}
+    renamed = [
+        f"rename {lower[one.lower()]} to {one}"
+        for one in ("run", *manual)
+        if one not in table.names and one.lower() in lower
+    ]
+    hint = "; ".join([*renamed, f"manual responses are {', '.join(manual) or 'none'}", writes])
+    return UsageError(
+        f"{name} has no column {' and none '.join(wanted)}; its columns are {', '.join(table.names)}.",
+        hint=f"{hint[0].upper()}{hint[1:]}.",
+        code="E2106",
+    )
 
 
 def counts_of(state: StudyState) -> dict[str, int]:
