@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import shlex
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
@@ -11,6 +12,7 @@ from pydantic import Field, ValidationError
 from edmctl.errors import Diagnostic, ProfileError, UsageError
 from edmctl.profile.diagnose import schema_diagnostics, schema_problems
 from edmctl.profile.findings import Code
+from edmctl.profile.folders import shipped_studies
 from edmctl.profile.positions import Source, Sources
 from edmctl.profile.read import parse, read_source
 from edmctl.profile.tables import ONE_LINE, Table
@@ -185,9 +187,11 @@ def read_study(path: Path) -> StudySource:
             code="E2100",
         )
     if not path.exists():
+        close = difflib.get_close_matches(path.stem, [one.stem for one in shipped_studies()], n=1)
+        meant = f"Did you mean {close[0]}? " if close else ""
         raise UsageError(
             f"There is no study file {path}.",
-            hint="Name a TOML file; `edmctl study list` has those that are shipped.",
+            hint=f"{meant}Name a TOML file; `edmctl study list` has those that are shipped.",
             code="E2100",
         )
     source = read_source(path)

@@ -235,3 +235,50 @@ def test_values_in_steps_are_multiples_within_the_bounds(tmp_path: Path) -> None
     text = f"{HEAD}{RANGES}\n[design]\nkind = 'lhs'\nruns = 12\n{RESPONSES}"
     plan = planned(tmp_path, text.replace("high = 0.4", "high = 0.4\nstep = 0.07"))
     assert {run.settings["pulse.duty"] for run in plan.runs} == {0.21, 0.28, 0.35}
+
+
+ARCS = SMALL + "\n[[responses]]\nname = 'arc_share'\n\n[[constraints]]\nresponse = 'arc_share'\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "says", "hint"),
+    [
+        (ARCS + "at_most = 4\n", "at_most = 4", "arc_share lies between 0 and 1", "write 0.04"),
+        (ARCS + "at_least = -0.1\n", "at_least = -0.1", "lies between 0 and 1", "correct it"),
+        (
+            SMALL + "\n[[constraints]]\nresponse = 'machining_time_s'\nat_most = -1\n",
+            "at_most = -1",
+            "machining_time_s is never below 0",
+            "correct it",
+        ),
+        (
+            SMALL.replace("log = true", "better = 'nominal'\ntarget = -3.0"),
+            "target = -3.0",
+            "is never below 0",
+            "correct it",
+        ),
+    ],
+)
+def test_a_bound_that_no_run_can_reach_is_refused(
+    tmp_path: Path, text: str, line: str, says: str, hint: str
+) -> None:
+    with pytest.raises(ProfileError, match=says) as refused:
+        planned(tmp_path, text)
+    (found,) = refused.value.diagnostics
+    assert found.where is not None
+    assert line in found.where.source_line
+    assert hint in found.hint
+
+
+@pytest.mark.parametrize("bound", ["at_most = 0.04", "at_most = 1.0", "at_least = 0"])
+def test_a_bound_within_its_range_is_kept(tmp_path: Path, bound: str) -> None:
+    assert planned(tmp_path, f"{ARCS}{bound}\n").constraints
+
+
+def test_a_misspelt_study_is_guessed(tmp_path: Path) -> None:
+    with pytest.raises(UsageError) as absent:
+        read_study(tmp_path / "taguchi-l8")
+    assert "Did you mean taguchi-l9?" in absent.value.hint
+    with pytest.raises(UsageError) as absent:
+        read_study(tmp_path / "quite-another.toml")
+    assert "Did you mean" not in absent.value.hint

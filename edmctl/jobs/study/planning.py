@@ -203,6 +203,29 @@ def _wrong_names(source: StudySource) -> list[Diagnostic]:
                     ("constraints", number), "a constraint has one bound", "give at_most or at_least"
                 )
             )
+    return [*wrong, *_bounds_beyond(source)]
+
+
+def _bounds_beyond(source: StudySource) -> list[Diagnostic]:
+    """Bounds and targets that no run can be on the other side of, such as a percentage for a share."""
+    wanted = [
+        (("constraints", number, key), one.response, value)
+        for number, one in enumerate(source.file.constraints)
+        for key, value in (("at_most", one.at_most), ("at_least", one.at_least))
+    ]
+    wanted += [
+        (("responses", number, "target"), one.name, one.target)
+        for number, one in enumerate(source.file.responses)
+        if one.source == "job"
+    ]
+    wrong = []
+    for path, name, value in wanted:
+        low, high = responses.range_of(name)
+        if value is None or low <= value <= high:
+            continue
+        between = f"lies between {low:g} and {high:g}" if math.isfinite(high) else f"is never below {low:g}"
+        hint = f"a share is no percentage: write {value / 100:g}" if 1 < value <= 100 else "correct it"
+        wrong.append(source.refusal(path, f"{path[-1]} = {value:g}, and {name} {between}", hint))
     return wrong
 
 

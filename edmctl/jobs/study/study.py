@@ -24,6 +24,7 @@ from edmctl.jobs.study.table import in_words, refuse_untellable, table_of
 from edmctl.jobs.surroundings import Unobserved
 from edmctl.profile.folders import find_study
 from edmctl.profile.study_file import read_study
+from edmctl.results.result import need_pandas
 from edmctl.results.study import RunRow, RunState
 
 if TYPE_CHECKING:
@@ -180,9 +181,8 @@ class Study:
 
     def to_frame(self) -> pandas.DataFrame:
         """Return the table as a frame of pandas. Raises ImportError without pandas."""
-        import pandas as pd
-
-        return pd.DataFrame(self.table())
+        frame: pandas.DataFrame = need_pandas().DataFrame(self.table())
+        return frame
 
     def fit(self, response: str) -> ResponseAnalysis:
         """Return the analysis of a response: tables, model, what points that are left out say of it.
