@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.errors import Location, RecordError
+from edmctl.files import read_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -145,11 +146,13 @@ class TextTable:
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 
 
-def read_texts(path: Path, content: bytes) -> TextTable:
-    """Return the table of texts in a file `path` with that `content`; one without a header has no columns.
-
-    Raises RecordError E3602 for what is no text.
-    """
+def read_texts(path: Path) -> TextTable:
+    """Read a table of texts; one without a header has no columns. Raises RecordError E3602 for what is no text."""
+    try:
+        content = read_bytes(path)
+    except OSError as error:
+        message, hint = f"Cannot read {path}: {error.strerror}.", "Check the path and its permissions."
+        raise RecordError(message, hint=hint, code="E3602") from None
     return texts_of(_text(path, content))
 
 

@@ -282,3 +282,61 @@ def test_a_misspelt_study_is_guessed(tmp_path: Path) -> None:
     with pytest.raises(UsageError) as absent:
         read_study(tmp_path / "quite-another.toml")
     assert "Did you mean" not in absent.value.hint
+
+
+def test_all_mistakes_come_at_once(tmp_path: Path) -> None:
+    text = (
+        SMALL.replace('name = "reference"', 'nmae = "reference"')
+        .replace('key = "pulse.duty"', 'key = "pulse.dutty"')
+        .replace('name = "wear_ratio_lin"', 'name = "wear_ratio"')
+        .replace("[[objectives]]", "[[objectives]]\nweight = -1")
+        .replace('kind = "full"', 'kind = "full"\nruns = 9')
+        + "\n[[factors]]\nkey = 'pulse.current_a'\nlow = 0.1\nhigh = 50.0\n"
+        + "\n[[constraints]]\nresponse = 'arc_share'\nat_most = 4\n"
+        + "\n[optimise]\nruns = 3\n"
+    )
+    with pytest.raises(ProfileError) as refused:
+        planned(tmp_path, text)
+    found = [(one.code, one.message) for one in refused.value.diagnostics]
+    for code, says in (
+        ("E3003", "unknown key factors[0].nmae"),
+        ("E3003", "unknown key pulse.dutty"),
+        ("E3003", "unknown key optimise"),
+        ("E3005", "objectives[0].weight"),
+        ("E3005", "pulse.current_a = 50"),
+        ("E3013", "no job answers wear_ratio"),
+        ("E3013", "runs says nothing"),
+        ("E3013", "arc_share is none of the responses"),
+        ("E3013", "arc_share lies between"),
+    ):
+        assert any(one == code and says in message for one, message in found), (says, found)
+    assert len(found) == 9
+    lines = [one.where.line for one in refused.value.diagnostics if one.where is not None]
+    assert lines == sorted(lines)
+
+
+@pytest.mark.parametrize(
+    ("text", "code"),
+    [
+        (SMALL.replace("levels = [0.7, 0.8]", "levles = [0.7, 0.8]"), "E3003"),
+        (SMALL.replace("levels = [0.7, 0.8]", 'levels = "0.7"'), "E3004"),
+        (SMALL.replace('key = "servo.reference"\n', ""), "E3002"),
+        (SMALL.replace('name = "machining_time_s"', 'name = "machining time"'), "E3005"),
+        (SMALL.replace('response = "machining_time_s"', "response = 3"), "E3004"),
+        (SMALL.replace('kind = "full"', 'kind = "ful"'), "E3006"),
+        (SMALL.replace('kind = "full"', ""), "E3002"),
+        (
+            SMALL.replace('profile = "cu270"', 'profil = "cu270"').replace("[design]", "[design]\nseed = 3"),
+            "E300",
+        ),
+        (SMALL.replace(FULL, ""), "E3002"),
+        (SMALL + "\n[[machine]]\nrows = 3\n", "E3004"),
+    ],
+)
+def test_what_is_wrong_is_said_once(tmp_path: Path, text: str, code: str) -> None:
+    """A key that is misspelt is not also told as one that is missing."""
+    with pytest.raises(ProfileError) as refused:
+        planned(tmp_path, text)
+    places = [one.where for one in refused.value.diagnostics]
+    assert all(one.code.startswith(code) for one in refused.value.diagnostics)
+    assert len(places) <= 2

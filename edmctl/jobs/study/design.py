@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from edmctl.errors import UsageError
+from edmctl.errors import RecordError
 from edmctl.jobs.study.factors import BLOCK, middle, settings_matrix, value_at
 from edmctl.wording import plural
 
@@ -344,15 +344,15 @@ def _sensitivity(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
 
 
 def _csv(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
-    from edmctl.jobs.study.table import read_table
+    from edmctl.record.delimited import read_texts
 
     name = source.file.design.file
     if name is None:
         raise Refused("which table has the points is not said", 'add file = "points.csv" to [design]')
     try:
-        table = read_table(source.path.parent / name)
-    except UsageError as error:
-        raise Refused(error.message.rstrip("."), error.hint.rstrip("."), "file") from None
+        table = read_texts(source.path.parent / name)
+    except RecordError as error:
+        raise Refused(error.message.rstrip("."), "name a table that is saved as CSV", "file") from None
     missing = [f.key for f in factors if f.key not in table.names]
     if missing or not table.rows:
         found = f"; its columns are {', '.join(table.names)}" if table.names else ": it is empty"

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from edmctl.errors import Diagnostic, ProfileError
+from edmctl.errors import Diagnostic, EdmError, ProfileError
 from edmctl.jobs.plan import JobRequest, check
 from edmctl.jobs.study import responses
 from edmctl.jobs.study.design import (
@@ -31,6 +31,8 @@ from edmctl.jobs.study.places_and_tools import (
     wear_by_tool,
 )
 from edmctl.jobs.surroundings import NONE, Surroundings
+from edmctl.profile.findings import Code
+from edmctl.profile.positions import SET_OPTION
 from edmctl.profile.read import find_in
 from edmctl.results.study import (
     TRUTH,
@@ -101,16 +103,18 @@ def plan_study(
     Raises ProfileError with every diagnostic, and what `check` of a job raises.
     """
     factors, wrong = factors_of(source)
-    wrong += [*_foreign_keys(source), *_wrong_names(source)]
-    if wrong:
-        raise ProfileError(tuple(wrong))
-    try:
-        points = points_of(source, factors)
-    except Refused as refused:
-        path: KeyPath = ("design", refused.key)
-        raise ProfileError((source.refusal(path, refused.message, refused.hint),)) from None
-    runs = _runs(source, points, center_of(source, factors))
+    wrong += [*source.wrong, *_foreign_keys(source), *_wrong_names(source)]
     base = base_request(source)
+    points = Points("", (), ())
+    try:
+        if len(factors) == len(source.file.factors) and ("design",) not in source.damaged:
+            points = points_of(source, factors)
+    except Refused as refused:
+        wrong.append(source.refusal(("design", refused.key), refused.message, refused.hint))
+    if wrong:
+        wrong += _wrong_values(source, base, factors, surroundings)
+        raise ProfileError(tuple(sorted(dict.fromkeys(wrong), key=_line)))
+    runs = _runs(source, points, center_of(source, factors))
     checked = _checked(source, base, factors, runs, surroundings, observe)
     refuse_undoable(source, runs, checked)
     plan = _plan(source, factors, points, runs, checked)
@@ -118,6 +122,44 @@ def plan_study(
     return PlannedStudy(source, plan, base, recipes, _warnings(source, runs, checked, factors))
 
 
+def _line(one: Diagnostic) -> int:
+    return one.where.line if one.where is not None else 0
+
+
+def _wrong_values(
+    source: StudySource, base: JobRequest, factors: Sequence[FactorInfo], surroundings: Surroundings
+) -> list[Diagnostic]:
+    """Keys that no profile has and values that it does not take, each factor by itself."""
+    numbers = {factor.key: number for number, factor in enumerate(source.file.factors)}
+    wrong = []
+    for factor in factors:
+        for value in factor.values:
+            try:
+                check(request_of(base, {factor.key: value}), surroundings)
+            except ProfileError as error:
+                where = source.sources.value(("factors", numbers[factor.key], "key"))
+                wrong += [
+                    replace(one, where=where)
+                    for one in error.diagnostics
+                    if one.code in OF_ONE_VALUE
+                    and one.where is not None
+                    and one.where.file == SET_OPTION
+                    and one.where.source_line.partition("=")[0] == factor.key
+                ]
+            except EdmError:
+                return wrong  # there is no such profile, or no such setup
+    return wrong
+
+
+OF_ONE_VALUE = (
+    Code.UNKNOWN_KEY,
+    Code.WRONG_TYPE,
+    Code.OUT_OF_RANGE,
+    Code.NOT_A_CHOICE,
+    Code.NOT_A_MULTIPLE,
+    Code.OVERRIDE,
+)
+"""What can be said of a value whatever the others are."""
 OWN_KEYS = {
     "fractional": ("resolution", "generators"),
     "taguchi": ("array", "columns"),
@@ -133,6 +175,8 @@ OWN_KEYS = {
 def _foreign_keys(source: StudySource) -> list[Diagnostic]:
     """Keys that say nothing to the design or factor that they stand in: they would be lost without a word."""
     design, wrong = source.file.design, []
+    if ("design",) in source.damaged:
+        return []
     own = OWN_KEYS.get(design.kind, ())
     for key in dict.fromkeys(key for keys in OWN_KEYS.values() for key in keys):
         if key in design.model_fields_set and key not in own:
@@ -140,7 +184,8 @@ def _foreign_keys(source: StudySource) -> list[Diagnostic]:
             message = f"{key} says nothing to a design of kind {design.kind}"
             wrong.append(source.refusal(("design", key), message, f"remove it; it belongs to {kinds}"))
     for number, factor in enumerate(source.file.factors):
-        if factor.step is not None and factor.low is None:
+        is_judged = ("factors", number) not in source.damaged
+        if is_judged and factor.step is not None and factor.low is None:
             message = f"step says nothing to the levels of {factor.key}"
             wrong.append(
                 source.refusal(("factors", number, "step"), message, "remove it, or give low and high")
@@ -152,8 +197,11 @@ def _wrong_names(source: StudySource) -> list[Diagnostic]:
     """Responses nobody gives, constraints and objectives of responses that are not asked for."""
     file, wrong = source.file, []
     names = [one.name for one in file.responses]
+    unnamed = any(path[0] == "responses" for path in source.damaged)
     factor_keys = {factor.key for factor in file.factors} | {factor.name for factor in file.factors}
     for number, one in enumerate(file.responses):
+        if ("responses", number) in source.damaged:
+            continue
         path: KeyPath = ("responses", number, "name")
         if names.index(one.name) != number:
             wrong.append(source.refusal(path, f"{one.name} is asked for twice", "give each response once"))
@@ -188,7 +236,8 @@ def _wrong_names(source: StudySource) -> list[Diagnostic]:
             )
     for table in ("constraints", "objectives"):
         for number, bound in enumerate(getattr(file, table)):
-            if bound.response not in names:
+            is_judged = (table, number) not in source.damaged and not unnamed
+            if bound.response not in names and is_judged:
                 wrong.append(
                     source.refusal(
                         (table, number, "response"),
@@ -197,7 +246,8 @@ def _wrong_names(source: StudySource) -> list[Diagnostic]:
                     )
                 )
     for number, constraint in enumerate(file.constraints):
-        if (constraint.at_most is None) == (constraint.at_least is None):
+        is_judged = ("constraints", number) not in source.damaged
+        if is_judged and (constraint.at_most is None) == (constraint.at_least is None):
             wrong.append(
                 source.refusal(
                     ("constraints", number), "a constraint has one bound", "give at_most or at_least"

@@ -9,7 +9,6 @@ import math
 from typing import TYPE_CHECKING
 
 from edmctl.errors import RecordError, UsageError
-from edmctl.files import read_bytes
 from edmctl.jobs.study.responses import RESPONSES, TRUTHS
 from edmctl.results.study import TRUTH, RunState
 from edmctl.wording import plural
@@ -195,12 +194,9 @@ def read_table(path: Path) -> TextTable:
     from edmctl.record.delimited import read_texts
 
     try:
-        return read_texts(path, read_bytes(path))
-    except OSError as error:
-        message, hint = f"Cannot read {path}: {error.strerror}.", "Check the path and its permissions."
+        return read_texts(path)
     except RecordError as error:
-        message, hint = error.message, "Save it as CSV in UTF-8."
-    raise UsageError(message, hint=hint, code="E2106")
+        raise UsageError(error.message, hint="Name a table that is saved as CSV.", code="E2106") from None
 
 
 def told_table(state: StudyState, table: TextTable, name: str) -> dict[int, dict[str, float]]:
