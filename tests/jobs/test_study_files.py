@@ -9,10 +9,11 @@ import pytest
 
 from edmctl.errors import ProfileError, UsageError
 from edmctl.jobs.study.planning import plan_study
+from edmctl.jobs.study.reporting import _stem
 from edmctl.profile.folders import shipped_studies
 from edmctl.profile.study_file import read_study
 from edmctl.results.study import RunKind
-from tests.jobs.studies import FULL, HEAD, RESPONSES, SMALL, TWO_FACTORS, written
+from tests.jobs.studies import FULL, HEAD, RESPONSES, SMALL, TWO_FACTORS, made, written
 from tests.tiers import tiers
 
 if TYPE_CHECKING:
@@ -340,3 +341,15 @@ def test_what_is_wrong_is_said_once(tmp_path: Path, text: str, code: str) -> Non
     places = [one.where for one in refused.value.diagnostics]
     assert all(one.code.startswith(code) for one in refused.value.diagnostics)
     assert len(places) <= 2
+
+
+@pytest.mark.parametrize(("holes", "is_noted"), [(3, True), (6, False)])
+def test_a_plan_of_many_centre_runs_says_so(tmp_path: Path, holes: int, is_noted: bool) -> None:
+    plan = planned(tmp_path, f"{SMALL}\n[machine]\nholes_per_tool = {holes}\n")
+    centers = sum(run.kind is RunKind.CENTER for run in plan.runs)
+    assert (f"{centers} of {len(plan.runs)} holes are centre runs" in " ".join(plan.notes)) is is_noted
+
+
+def test_a_technology_table_has_plain_names(tmp_path: Path) -> None:
+    folder = made(tmp_path, SMALL.replace("A small study", "Sheet: smooth – quick, 3 Faktoren!"))
+    assert _stem(folder.read()) == "sheet-smooth-quick-3-faktoren"

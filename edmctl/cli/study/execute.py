@@ -17,9 +17,9 @@ from edmctl.wording import plural
 if TYPE_CHECKING:
     from edmctl.console.progress import Reporter
     from edmctl.jobs.plan import MachineAddress, Plan
-    from edmctl.jobs.study.folder import StudyFolder
+    from edmctl.jobs.study.folder import StudyFolder, StudyState
     from edmctl.jobs.study.running import Shard
-    from edmctl.results.study import StudyRun
+    from edmctl.results.study import PlannedRun, StudyRun
 
 OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="New folder of the study.")]
 CountOption = Annotated[
@@ -170,6 +170,7 @@ def _asked(run: "StudyRun", plan: "Plan") -> bool:
 
 
 def _tell(outcome: Outcome, study: "StudyFolder", part: "Shard", command: str) -> None:
+    from edmctl.console.layout import USUAL_COLUMNS, wrapped
     from edmctl.jobs.study.table import counts_of, in_words
     from edmctl.jobs.study.waiting import what_next
 
@@ -180,10 +181,10 @@ def _tell(outcome: Outcome, study: "StudyFolder", part: "Shard", command: str) -
         "runs": len(state.runs),
         "counts": counts_of(state),
     }
+    columns = stream_style(sys.stdout).columns or USUAL_COLUMNS
     others = [] if part.count == 1 else [f"Part {part.index} of {part.count}; the others make the rest."]
-    outcome.text = "\n".join(
-        [f"{study.plan.name}: {in_words(state)}.", *(others or what_next(state, command))]
-    )
+    told = [f"{study.plan.name}: {in_words(state)}.", *(others or what_next(state, command))]
+    outcome.text = "\n".join(line for one in told for line in wrapped(one, columns, "  "))
 
 
 def _raise_failed(study: "StudyFolder", part: "Shard") -> None:
@@ -207,7 +208,6 @@ def _raise_failed(study: "StudyFolder", part: "Shard") -> None:
 @command("study suggest", PROGRESS)
 def suggest(outcome: Outcome, folder: FolderArgument, count: CountOption = 1, add: AddOption = False) -> None:
     """Suggest the runs that the models expect most of; --add puts them into the study."""
-    from edmctl.console.study_tables import settings_words
     from edmctl.jobs.study.optimizing import suggestions
     from edmctl.jobs.study.waiting import way_on
 
@@ -218,9 +218,22 @@ def suggest(outcome: Outcome, folder: FolderArgument, count: CountOption = 1, ad
         with study.writer() as writer:
             writer.planned(found)
     outcome.result = {"suggestions": found, "added": add}
-    words = [f"run {one.number}: {settings_words(one.settings)}" for one in found]
+    words = [_suggested(one, state) for one in found]
     after = f"Make them: `{way_on(study.read())}`." if add else "Nothing was added; --add does."
     outcome.text = "\n".join([*words, after])
+
+
+def _suggested(run: "PlannedRun", state: "StudyState", which: str = "") -> str:
+    """Return a suggestion in one line: a tool's centre run among them, and what was run before, are called so."""
+    from edmctl.results.study import RunKind
+    from edmctl.wording import settings_words
+
+    before = {one.planned.point for one in state.runs}
+    if run.kind is not RunKind.SUGGESTED:
+        which += f", a {run.kind} run"
+    elif run.point in before:
+        which += f", repeats point {run.point}"
+    return f"run {run.number}{which}: {settings_words(run.settings)}"
 
 
 @command("study optimize", PROGRESS)
@@ -233,7 +246,7 @@ def optimize(
 
     The design comes first. Every suggestion is checked as a job is, and on a machine that lasts approved.
     """
-    from edmctl.console.study_tables import render_recommendation, settings_words
+    from edmctl.console.study_tables import render_recommendation
     from edmctl.jobs.study.optimizing import counted, next_batch, recommended
     from edmctl.jobs.study.running import Shard
     from edmctl.results.study import RunKind
@@ -254,8 +267,8 @@ def optimize(
             writer.planned(batch)
         for one in batch:
             number += one.kind is RunKind.SUGGESTED
-            which = f", {number} of {total}" if one.kind is RunKind.SUGGESTED else f", a {one.kind} run"
-            tell(outcome.output, f"run {one.number}{which}: {settings_words(one.settings)}")
+            which = f", {number} of {total}" if one.kind is RunKind.SUGGESTED else ""
+            tell(outcome.output, _suggested(one, state, which))
     best = recommended(study.read(), shell())
     assert isinstance(outcome.result, dict)
     outcome.result["recommendation"] = best

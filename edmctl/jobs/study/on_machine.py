@@ -23,7 +23,7 @@ from edmctl.jobs.study.places_and_tools import grid_of
 from edmctl.jobs.study.planning import request_of
 from edmctl.jobs.study.rows import MACHINE, PAUSED
 from edmctl.results.study import RunKind, RunState, StudyRun
-from edmctl.wording import coordinates, plural
+from edmctl.wording import coordinates, plural, settings_words
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -161,7 +161,9 @@ class _Series:
                 code="E8205",
             )
         what = "resuming" if left is not None else "making"
-        self._observer.note(f"{what} run {run.planned.number}: {_words(run)}, at {coordinates(*site_um)}")
+        self._observer.note(
+            f"{what} run {run.planned.number}: {settings_words(run.planned.settings)}, at {coordinates(*site_um)}"
+        )
         report = carry_out(
             plan,
             self._folder.source.file.design.seed,
@@ -445,7 +447,3 @@ def _place_of(result: dict[str, JsonValue]) -> tuple[float, float] | None:
         if isinstance(x_um, int | float) and isinstance(y_um, int | float):
             return float(x_um), float(y_um)
     return None
-
-
-def _words(run: StudyRun) -> str:
-    return ", ".join(f"{key} = {value}" for key, value in run.planned.settings.items())

@@ -591,8 +591,14 @@ def _notes(source: StudySource, runs: Sequence[PlannedRun]) -> list[str]:
             "one machine (seed) in all: what its sensor errs by stands in every run alike, and may follow the time "
             "that a run takes; replicates would show it"
         )
-    design = source.file.design
-    if source.file.machine is None and design.seeds != "run" and design.center_points > design.blocks:
+    design, machine = source.file.design, source.file.machine
+    centers = sum(run.kind is RunKind.CENTER for run in runs)
+    if machine is not None and machine.center_runs and machine.holes_per_tool and 2 * centers >= len(runs):
+        notes.append(
+            f"{centers} of {len(runs)} holes are centre runs, which open and close the holes of each tool: a higher "
+            "holes_per_tool, or center_runs = false, makes fewer"
+        )
+    if machine is None and design.seeds != "run" and design.center_points > design.blocks:
         notes.append(
             "a virtual machine makes the same run twice alike: a centre point is made once a machine; replicates, "
             'blocks or seeds = "run" make more that differ'

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -132,7 +133,7 @@ def write_profiles(state: StudyState, folder: Path, *, overwrite: bool = False) 
     paths = [folder / f"{_stem(state)}-point{one.point:03d}.toml" for one in chosen]
     if not overwrite:
         for path in paths:
-            output_files.check_free(path)
+            output_files.check_free(path, "Name another folder, or replace its profiles with --overwrite.")
     for path, one in zip(paths, chosen, strict=True):
         request = request_of(state.folder.base, one.settings)
         assert request.profile is not None
@@ -151,4 +152,4 @@ def write_profiles(state: StudyState, folder: Path, *, overwrite: bool = False) 
 def _stem(state: StudyState) -> str:
     from edmctl.jobs.run_header import plain_name
 
-    return plain_name(state.folder.plan.name.lower())[:40]
+    return re.sub("-{2,}", "-", plain_name(state.folder.plan.name.lower()))[:40].strip("-") or "study"

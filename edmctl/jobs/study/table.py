@@ -6,12 +6,13 @@ import csv
 import io
 import json
 import math
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from edmctl.errors import RecordError, UsageError
-from edmctl.jobs.study.responses import RESPONSES, TRUTHS
+from edmctl.jobs.study.responses import RESPONSES, TRUTHS, unit_of
 from edmctl.results.study import TRUTH, RunState
-from edmctl.wording import plural
+from edmctl.wording import plural, unit_in
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 OF_EXECUTION = ("run_file", "run_sha256", "started", "duration_s", "host")
 """Columns of time and computer, the last ones: all others are equal however often a study is run."""
 U95 = "_u95"
+_NOTHING: Mapping[str, tuple[str, str]] = MappingProxyType({})
 
 
 def table_of(state: StudyState) -> list[dict[str, Cell]]:
@@ -78,10 +80,32 @@ def _has_u95(state: StudyState, name: str) -> bool:
     return any(run.row is not None and name in run.row.u95 for run in state.runs)
 
 
-def table_bytes(rows: Sequence[Mapping[str, Cell]], form: str) -> bytes:
-    """Return a table as csv, json, jsonl or parquet. Raises PreconditionError without pyarrow for the last one."""
+def columns_of(state: StudyState) -> dict[str, tuple[str, str]]:
+    """Return the unit and the meaning of columns that have one, as Parquet keeps them; `1` is a pure number."""
+    from edmctl.record import run_meta
+
+    plan = state.folder.plan
+    known = {**RESPONSES, **{f"{TRUTH}{name}": words for name, words in TRUTHS.items()}}
+    found = {name: (unit_of(name) or "1", words) for name, words in known.items()}
+    found |= {one.name: (one.unit or "1", one.name) for one in plan.responses if one.is_manual}
+    found |= {
+        f"{name}{U95}": (unit, f"half of the 95 % interval of {name}") for name, (unit, _) in found.items()
+    }
+    for factor in plan.factors:
+        unit = unit_in(factor.key) or run_meta.unit_of(factor.key)
+        found[factor.key] = (unit if factor.is_number else "", factor.name)
+    return found | {name: (unit_of(name), name) for name in ("x_um", "y_um", "duration_s")}
+
+
+def table_bytes(
+    rows: Sequence[Mapping[str, Cell]], form: str, columns: Mapping[str, tuple[str, str]] = _NOTHING
+) -> bytes:
+    """Return a table as csv, json, jsonl or parquet, the last one with what is known of its columns.
+
+    Raises PreconditionError E8092 without pyarrow.
+    """
     if form == "parquet":
-        return _parquet(rows)
+        return _parquet(rows, columns)
     if form == "json":
         return (json.dumps(list(rows), indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
     if form == "jsonl":
@@ -99,7 +123,7 @@ def _plain(value: Cell) -> object:
     return str(value).lower() if isinstance(value, bool) else value
 
 
-def _parquet(rows: Sequence[Mapping[str, Cell]]) -> bytes:
+def _parquet(rows: Sequence[Mapping[str, Cell]], known: Mapping[str, tuple[str, str]]) -> bytes:
     from edmctl.report.export import need_pyarrow
 
     need_pyarrow()
@@ -115,8 +139,15 @@ def _parquet(rows: Sequence[Mapping[str, Cell]]) -> bytes:
         elif len(kinds) > 1:
             values = [None if value is None else str(value) for value in values]
         columns[name] = pa.array(values)
+    units = {name: known.get(name, ("", name)) for name in columns}
+    schema = pa.schema(
+        [
+            pa.field(name, column.type, metadata={"units": units[name][0], "long_name": units[name][1]})
+            for name, column in columns.items()
+        ]
+    )
     sink = io.BytesIO()
-    pq.write_table(pa.table(columns), sink)
+    pq.write_table(pa.table(list(columns.values()), schema=schema), sink)
     return sink.getvalue()
 
 
