@@ -37,7 +37,9 @@ def test_what_is_not_predicted_has_its_reason() -> None:
     assert "seq. contribution" in text
     assert "predicted R² – (the model cannot do without some runs)" in text
     assert f"held {found.held} of 12 points (the model cannot do without the other 1 point)" in text
-    rows = {str(row[0]): str(row[1]) for row in fit_quality(found, "s").rows}
+    quality = fit_quality(found, "s")
+    assert quality is not None
+    rows = {str(row[0]): str(row[1]) for row in quality.rows}
     assert rows["R², predicted"].endswith("(the model cannot do without some runs)")
     assert rows["points left out one by one"].endswith("the model needs the other 1 point")
     balanced = analyse("time_s", runs.only(range(12)), values[:12], [(), (("x", 1),)], "smaller")

@@ -287,7 +287,7 @@ def test_a_misspelt_study_is_guessed(tmp_path: Path) -> None:
 
 def test_all_mistakes_come_at_once(tmp_path: Path) -> None:
     text = (
-        SMALL.replace('name = "reference"', 'nmae = "reference"')
+        SMALL.replace('name = "reference"', 'title = "reference"')
         .replace('key = "pulse.duty"', 'key = "pulse.dutty"')
         .replace('name = "wear_ratio_lin"', 'name = "wear_ratio"')
         .replace("[[objectives]]", "[[objectives]]\nweight = -1")
@@ -300,7 +300,7 @@ def test_all_mistakes_come_at_once(tmp_path: Path) -> None:
         planned(tmp_path, text)
     found = [(one.code, one.message) for one in refused.value.diagnostics]
     for code, says in (
-        ("E3003", "unknown key factors[0].nmae"),
+        ("E3003", "unknown key factors[0].title"),
         ("E3003", "unknown key pulse.dutty"),
         ("E3003", "unknown key optimise"),
         ("E3005", "objectives[0].weight"),

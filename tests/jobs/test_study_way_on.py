@@ -96,7 +96,7 @@ def test_a_folder_says_whether_it_holds_the_same_study(tmp_path: Path) -> None:
     same = plan_study(read_study(written(tmp_path)))
     with pytest.raises(RunFileError, match="this study already") as taken:
         create_folder(study.path, same)
-    assert f"`edmctl study resume {study.path}`" in taken.value.hint
+    assert f"Go on with it as `edmctl study status {study.path}` says" in taken.value.hint
     other = plan_study(read_study(written(tmp_path, SMALL.replace("0.7, 0.8", "0.7, 0.82"))))
     for or_same in (False, True):
         with pytest.raises(RunFileError, match="another study, A small study") as taken:

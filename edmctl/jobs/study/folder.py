@@ -195,7 +195,6 @@ def _taken(path: Path, planned: PlannedStudy) -> RunFileError:
         return RunFileError(f"{path} is not empty.", hint="Choose another folder with --out.", code="E9101")
     try:
         there = open_folder(path)
-        state = there.read()
     except EdmError as error:
         return RunFileError(
             f"{path} has a study already, and it cannot be read: {error.message}",
@@ -203,7 +202,7 @@ def _taken(path: Path, planned: PlannedStudy) -> RunFileError:
             code="E9101",
         )
     if there.source.text == planned.source.text and there.plan == planned.plan:
-        hint = f"Go on with it: `{state.making_command('resume')}`; or choose another folder with --out."
+        hint = f"Go on with it as `{there.command('status')}` says, or choose another folder with --out."
         return RunFileError(f"{path} has this study already.", hint=hint, code="E9101")
     what = f"another study, {there.plan.name}"
     if there.source.text == planned.source.text:
