@@ -297,3 +297,15 @@ def _raised(power: int) -> str:
 def shortened(text: str, most: int = 200) -> str:
     """Return a text that nobody would read to its end without that end."""
     return text if len(text) <= most else f"{text[: most - 1]}…"
+
+
+def setting_text(value: bool | int | float | str) -> str:
+    """Return a setting as tables show it: all numbers of a factor alike."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def settings_words(settings: Mapping[str, bool | int | float | str]) -> str:
+    """Return settings as `key = value, …`."""
+    return ", ".join(f"{key} = {setting_text(value)}" for key, value in settings.items())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 import unicodedata
 from typing import TYPE_CHECKING, TypeAlias
@@ -17,6 +18,7 @@ USUAL_COLUMNS = 80
 """Width of a terminal that nobody has made wider."""
 LEAST_CELLS = 11
 """A column is cut to no less than this."""
+_COMMAND = re.compile(r"`[^`]+`")
 _GAP, NARROW_GAP = "   ", "  "
 """Between the columns of a table."""
 _ASCII = str.maketrans(
@@ -104,9 +106,13 @@ def without_middle(text: str, longest: int) -> str:
 
 
 def wrapped(text: str, columns: int, indent: str = "") -> list[str]:
-    """Break a text between words, all lines but the first with an indent; a word that is wider stays whole."""
+    """Break a text between words, all lines but the first with an indent.
+
+    What is wider stays whole: a word, and a command between backquotes, which somebody will copy.
+    """
     # A number stays with its unit, and a share with what it is a share of.
     glued = text.replace(" % ", "\u00a0%\u00a0").replace(" µm", "\u00a0µm")
+    glued = _COMMAND.sub(lambda command: command[0].replace(" ", "\u00a0"), glued)
     lines = textwrap.wrap(
         glued,
         max(columns, 20),

@@ -8,8 +8,18 @@ from typing import TYPE_CHECKING
 
 from edmctl.console.layout import USUAL_COLUMNS, labelled, narrowed, render_columns, render_table, wrapped
 from edmctl.console.style import PLAIN, Ink, Style
+from edmctl.report.study_words import points_needed, why_not_predicted
 from edmctl.results.study import RunKind, RunState
-from edmctl.wording import count, duration, length, plural, shortened, significant
+from edmctl.wording import (
+    count,
+    duration,
+    length,
+    plural,
+    setting_text,
+    settings_words,
+    shortened,
+    significant,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -30,18 +40,6 @@ MOST_RUNS_SHOWN = 60
 MOST_POINTS_SHOWN = 12
 LABEL_CELLS = 14
 SIGNIFICANT = 0.05
-
-
-def value_text(value: Value) -> str:
-    """Return a setting as tables show it."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
-
-
-def settings_words(settings: Mapping[str, Value]) -> str:
-    """Return settings as `key = value, …`."""
-    return ", ".join(f"{key} = {value_text(value)}" for key, value in settings.items())
 
 
 def render_plan(plan: StudyPlan, style: Style = PLAIN) -> str:
@@ -105,7 +103,7 @@ def _costs_words(plan: StudyPlan) -> str:
 
 
 def _values_words(values: Sequence[Value], *, is_range: bool) -> str:
-    words = [value_text(value) for value in values]
+    words = [setting_text(value) for value in values]
     return " to ".join(words) if is_range else ", ".join(words)
 
 
@@ -125,7 +123,7 @@ def _runs_table(plan: StudyPlan) -> tuple[list[str], list[list[str]]]:
         row = [str(run.number), point]
         row += [str(run.tool)] if has_tools else []
         row += [str(run.seed)] if several_seeds and not has_tools else []
-        rows.append([*row, *(value_text(run.settings[factor.key]) for factor in plan.factors)])
+        rows.append([*row, *(setting_text(run.settings[factor.key]) for factor in plan.factors)])
     if len(plan.runs) > MOST_RUNS_SHOWN:
         rows.append(["…", f"and {len(plan.runs) - MOST_RUNS_SHOWN} more"])
     return head, rows
@@ -147,7 +145,7 @@ def render_status(
         "point": [_kind_words(run.planned) for run in runs],
     }
     for factor in plan.factors:
-        table[factor.name] = [value_text(run.planned.settings[factor.key]) for run in runs]
+        table[factor.name] = [setting_text(run.planned.settings[factor.key]) for run in runs]
     for response in shown:
         table[response.label] = [_cell(run, response.name) for run in runs]
     most = MOST_RUNS_SHOWN
@@ -245,16 +243,20 @@ def render_response(one: ResponseAnalysis, style: Style = PLAIN, true: ResponseA
             "DoF",
             "F",
             "p",
-            "contribution",
-            *(["p, true values", "contribution"] if beside else []),
+            "seq. contribution",
+            *(["p, true values", "seq. contribution"] if beside else []),
         ]
         lines.append(render_columns(titles, rows, style, "<>"))
         if table.pooled:
             lines += wrapped(f"counted as error: {', '.join(table.pooled)}", columns, "  ")
         if math.isfinite(one.r2):
             fit = f"R² {one.r2:.3f}, predicted R² {_number(one.predicted_r2)}"
+            if not math.isfinite(one.predicted_r2):
+                fit += f" ({why_not_predicted(one)})"
             if one.left_out:
                 fit += f"; intervals without a point held {one.held} of {one.left_out} points"
+                needed = points_needed(one)
+                fit += f" (the model cannot do without the other {plural(needed, 'point')})" if needed else ""
             lines += wrapped(fit, columns, "  ")
         if one.lack is not None and one.lack.p < SIGNIFICANT:
             lines += wrapped(

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import difflib
+import shlex
+from copy import deepcopy
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field, ValidationError
 
 from edmctl.errors import Diagnostic, ProfileError, UsageError
 from edmctl.profile.diagnose import schema_diagnostics, schema_problems
 from edmctl.profile.findings import Code
+from edmctl.profile.folders import shipped_studies
 from edmctl.profile.positions import Source, Sources
 from edmctl.profile.read import parse, read_source
-from edmctl.profile.tables import ONE_LINE, Table
+from edmctl.profile.tables import ONE_LINE, Table, field_at
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
     from pathlib import Path
 
     from edmctl.profile.positions import KeyPath, TomlTable
@@ -87,6 +92,8 @@ class Response(Table):
     unit: str = Field("", pattern=ONE_LINE, max_length=20, description="of a manual response")
     better: Literal["larger", "smaller", "nominal"] = Field("smaller", description="what is wanted of it")
     target: float | None = Field(None, description="value that is wanted, of a nominal response")
+    low: float | None = Field(None, description="least value that can be told, of a manual response")
+    high: float | None = Field(None, description="largest value that can be told, of a manual response")
     log: bool = Field(False, description="model its logarithm")
 
 
@@ -157,11 +164,17 @@ class StudyFile(Table):
 
 @dataclass(frozen=True, slots=True)
 class StudySource:
-    """A study file that was read, and where each of its values stands."""
+    """A study file that was read, and where each of its values stands.
+
+    Of a file with wrong keys or values `file` has what else stands there, and `wrong` says what is wrong; `damaged`
+    are the tables with gaps, whose contents nobody should judge.
+    """
 
     file: StudyFile
     path: Path
     sources: Sources
+    wrong: tuple[Diagnostic, ...] = ()
+    damaged: frozenset[KeyPath] = frozenset()
 
     @property
     def text(self) -> str:
@@ -174,17 +187,22 @@ class StudySource:
 
 
 def read_study(path: Path) -> StudySource:
-    """Read a study file. Raises ProfileError with every diagnostic of its tables, UsageError E2100 for none."""
+    """Read a study file; `plan_study` refuses one that has something wrong, together with all else that is.
+
+    Raises ProfileError where a table is missing, UsageError E2100 where there is no file.
+    """
     if path.is_dir() and (path / "plan.json").is_file():
         raise UsageError(
             f"{path} is the folder of a study, and a study file is wanted.",
-            hint=f"Go on with it: `edmctl study resume {path}`.",
+            hint=f"Go on with it: `edmctl study resume {shlex.quote(str(path))}`.",
             code="E2100",
         )
     if not path.exists():
+        close = difflib.get_close_matches(path.stem, [one.stem for one in shipped_studies()], n=1)
+        meant = f"Did you mean {close[0]}? " if close else ""
         raise UsageError(
             f"There is no study file {path}.",
-            hint="Name a TOML file; `edmctl study list` has those that are shipped.",
+            hint=f"{meant}Name a TOML file; `edmctl study list` has those that are shipped.",
             code="E2100",
         )
     source = read_source(path)
@@ -193,19 +211,53 @@ def read_study(path: Path) -> StudySource:
         message = f"{path} is a profile, and a study is wanted"
         hint = "a study names the profile it varies: profile = in [study]; docs/study.md has an example"
         raise ProfileError((Diagnostic(Code.UNKNOWN_KEY, message, hint, source.start()),))
-    return StudySource(_validated(table, sources), path, sources)
+    try:
+        return StudySource(StudyFile.model_validate(table), path, sources)
+    except ValidationError as error:
+        problems = schema_problems(error, StudyFile, table)
+    wrong = tuple(schema_diagnostics(problems, StudyFile, table, sources))
+    try:
+        file = StudyFile.model_validate(_without(table, problems))
+    except ValidationError:
+        raise ProfileError(wrong) from None
+    return StudySource(file, path, sources, wrong, frozenset(map(_table_of, problems)))
 
 
 def study_of(text: str, path: Path) -> StudySource:
-    """Return the study of a text that was read before."""
+    """Return the study of a text that was planned before."""
     source = Source(str(path), text)
     sources = Sources((source,), source)
-    return StudySource(_validated(parse(source), sources), path, sources)
+    return StudySource(StudyFile.model_validate(parse(source)), path, sources)
 
 
-def _validated(table: TomlTable, sources: Sources) -> StudyFile:
-    try:
-        return StudyFile.model_validate(table)
-    except ValidationError as error:
-        problems = schema_problems(error, StudyFile, table)
-    raise ProfileError(tuple(schema_diagnostics(problems, StudyFile, table, sources)))
+_STAND_INS = {"kind": "full"}
+"""What stands for a required text that is missing or wrong, in a table that nobody judges; else `unknown`."""
+
+
+def _without(table: TomlTable, problems: Iterable[KeyPath]) -> TomlTable:
+    """A study without its wrong tables, keys and values; a key that is required has a stand-in."""
+    kept = deepcopy(table)
+    for path in problems:
+        if len(path) == 1:
+            kept.pop(str(path[0]), None)
+            continue
+        where = _table_of(path)
+        here: Any = kept
+        for part in where:
+            try:
+                here = here[part]
+            except (KeyError, IndexError, TypeError):
+                break
+        if not isinstance(here, dict) or len(path) == len(where):
+            continue  # it is no table
+        key = str(path[len(where)])
+        here.pop(key, None)
+        found = field_at(StudyFile, (*where, key))
+        if found is not None and found.is_required():
+            here[key] = _STAND_INS.get(key, "unknown")
+    return kept
+
+
+def _table_of(path: KeyPath) -> KeyPath:
+    """The table in which a key stands: `study`, or an item of `factors`."""
+    return path[:2] if len(path) > 1 and isinstance(path[1], int) else path[:1]

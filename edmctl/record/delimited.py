@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.errors import Location, RecordError
+from edmctl.files import read_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -126,6 +127,48 @@ def _conversion(name: str, wanted: str) -> str:
     if factor == 1.0:
         return f"Rename {name} to {wanted}."
     return f"Multiply {name} by {factor:.10g} and rename it to {wanted}."
+
+
+@dataclass(frozen=True, slots=True)
+class TextTable:
+    """A table of texts as people make it: its columns, and each row by them with the number of its line."""
+
+    names: tuple[str, ...]
+    rows: tuple[tuple[int, dict[str, str]], ...]
+    decimal_commas: bool
+    """Whether a comma within a cell is a decimal one, because something else stands between the cells."""
+
+    def number_text(self, cell: str) -> str:
+        """Return a cell with a decimal point."""
+        return cell.replace(",", ".") if self.decimal_commas and _DECIMAL_COMMA.fullmatch(cell) else cell
+
+
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
+
+
+def read_texts(path: Path) -> TextTable:
+    """Read a table of texts; one without a header has no columns. Raises RecordError E3602 for what is no text."""
+    try:
+        content = read_bytes(path)
+    except OSError as error:
+        message, hint = f"Cannot read {path}: {error.strerror}.", "Check the path and its permissions."
+        raise RecordError(message, hint=hint, code="E3602") from None
+    return texts_of(_text(path, content))
+
+
+def texts_of(text: str) -> TextTable:
+    """Return the table of texts that a text holds."""
+    lines = text.lstrip("\ufeff").splitlines(keepends=True)
+    header = next((number for number, line in enumerate(lines) if line.strip()), len(lines))
+    separator = _separator(lines[header]) if header < len(lines) else ","
+    reader = csv.reader(lines[header:], delimiter=separator, skipinitialspace=True)
+    names = tuple(cell.strip() for cell in next(reader, []))
+    rows = []
+    for cells in reader:
+        if any(cell.strip() for cell in cells):
+            padded = [cell.strip() for cell in cells] + [""] * len(names)
+            rows.append((header + reader.line_num, dict(zip(names, padded, strict=False))))
+    return TextTable(names, tuple(rows), separator != ",")
 
 
 SEPARATORS = (",", ";", "\t")

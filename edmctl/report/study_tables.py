@@ -12,8 +12,10 @@ from edmctl.report.study_words import (
     interval_text,
     level_text,
     p_text,
+    points_needed,
     settings_text,
     wanted,
+    why_not_predicted,
 )
 from edmctl.results.study import TRUTH
 from edmctl.wording import UNKNOWN, decimal, plain_number, plural, significant, to_its_u95
@@ -113,7 +115,17 @@ def analysis_of_variance(one: ResponseAnalysis) -> list[PageTable]:
 
 
 def _anova(caption: str, table: Anova, note: str = "") -> PageTable:
-    header = ["term", "dof", "seq. SS", "adj. SS", "mean square", "F", "p", "share of SS, %", "less error, %"]
+    header = [
+        "term",
+        "dof",
+        "seq. SS",
+        "adj. SS",
+        "mean square",
+        "F",
+        "p",
+        "share of seq. SS, %",
+        "less error, %",
+    ]
     rows = [
         [
             row.name,
@@ -159,7 +171,7 @@ def measured_and_true(measured: ResponseAnalysis, true: ResponseAnalysis) -> Pag
         rows.append(row)
     header = [
         "term",
-        *(f"{what}, {of}" for of in ("measured", "true") for what in ("dof", "F", "p", "share %")),
+        *(f"{what}, {of}" for of in ("measured", "true") for what in ("dof", "F", "p", "seq. share %")),
     ]
     note = (
         f"True values are what the virtual machine knows: mean {significant(true.mean, 4)}, measured "
@@ -224,6 +236,11 @@ def fit_quality(one: ResponseAnalysis, unit: str) -> PageTable | None:
     held = (
         f"held {one.held} of {one.left_out}" if one.left_out else f"{UNKNOWN} (the model needs every point)"
     )
+    if one.left_out and (needed := points_needed(one)):
+        held += f"; the model needs the other {plural(needed, 'point')}"
+    predicted = _share(one.predicted_r2)
+    if not math.isfinite(one.predicted_r2):
+        predicted += f" ({why_not_predicted(one)})"
     rows = [
         [
             "values, mean, standard deviation",
@@ -232,7 +249,7 @@ def fit_quality(one: ResponseAnalysis, unit: str) -> PageTable | None:
         ["S, error of a single run", f"{significant(one.error_sd)} {scale}" if one.error_sd >= 0 else none],
         ["R²", _share(one.r2)],
         ["R², adjusted", _share(one.adjusted_r2)],
-        ["R², predicted", _share(one.predicted_r2)],
+        ["R², predicted", predicted],
         ["lack of fit", lack_text],
         ["points left out one by one", held],
     ]

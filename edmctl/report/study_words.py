@@ -297,6 +297,16 @@ def confirmed(plan: StudyPlan, confirmations: Sequence[Confirmation]) -> list[st
     return found
 
 
+def points_needed(one: ResponseAnalysis) -> int:
+    """Return how many points the model cannot do without: they are not left out one by one."""
+    return round(len(one.used) / one.model.replicates) - one.left_out if one.model is not None else 0
+
+
+def why_not_predicted(one: ResponseAnalysis) -> str:
+    """Return why no R² of runs that are left out can be given."""
+    return "the model cannot do without some runs" if one.anova is not None else "there is no model"
+
+
 def held(confirmations: Sequence[Confirmation]) -> bool | None:
     """Return whether every confirmation held; None where nothing was tested."""
     tested = [response for one in confirmations for response in one.responses if response.measured]

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from html import escape
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from edmctl.errors import installing
 from edmctl.jsonout import to_json_value
 from edmctl.wording import facts
 
@@ -43,9 +44,7 @@ class Result:
 
     def to_frame(self) -> pandas.DataFrame:
         """Return the rows as a frame, with units in the names of the columns. Raises ImportError without pandas."""
-        import pandas as pd
-
-        return pd.json_normalize(self.rows(), sep="_")
+        return need_pandas().json_normalize(self.rows(), sep="_")
 
     def raise_for_error(self) -> None:
         """Raise the error that ended it, if one did."""
@@ -67,6 +66,16 @@ class Result:
             return html_table((), [*rows[0].items()], self.error)
         head = tuple(dict.fromkeys(name for row in rows for name in row))
         return html_table(head, [[row.get(name, "") for name in head] for row in rows], self.error)
+
+
+def need_pandas() -> Any:
+    """Return the package of frames. Raises ImportError with the command that installs it."""
+    try:
+        import pandas as pd
+    except ImportError as error:
+        message = f"A frame needs pandas, which is not installed: {installing('pandas')}."
+        raise ImportError(message, name="pandas") from error
+    return pd
 
 
 def html_table(head: Sequence[str], lines: Sequence[Sequence[str]], error: EdmError | None) -> str:

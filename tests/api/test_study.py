@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING
 
 import pytest
@@ -195,3 +196,19 @@ def test_centre_runs_are_no_level(tmp_path: Path) -> None:
         )
     means = study.fit("machining_time_s").level_means
     assert [row.means for row in means] == [(20.0, 20.0), (20.0, 20.0)]
+
+
+def test_values_that_are_no_numbers_are_refused(tmp_path: Path) -> None:
+    study = edmctl.Study.load(written(tmp_path)).start(tmp_path / "out")
+    for value in ("3 s", None, float("nan")):
+        with pytest.raises(UsageError) as refused:
+            study.tell(1, {"machining_time_s": value})  # type: ignore[dict-item]
+        assert refused.value.code == "E2105"
+
+
+def test_a_frame_without_pandas_names_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    study = edmctl.Study.load(written(tmp_path)).start(tmp_path / "out")
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    for frame in (study.to_frame, edmctl.forecast("cu270").to_frame):
+        with pytest.raises(ImportError, match="pip install pandas"):
+            frame()

@@ -258,7 +258,9 @@ def test_a_series_that_was_stopped_goes_on_in_its_folder(here: Here, tmp_path: P
     assert len(rows) == 3
     assert rows[0].startswith("case,")
     assert {"mrr_mm3_min", "mrr_mm3_min_sd", "wear_ratio_lin", "truth.depth_um"} <= set(rows[0].split(","))
-    assert figure.read_text(encoding="utf-8").startswith("<?xml")
+    drawn = figure.read_text(encoding="utf-8")
+    assert drawn.startswith("<?xml")
+    assert "means of 2 runs a case; bars ± one standard deviation of a run" in drawn
     (file,) = (out / "series").glob("*.jsonl")
     lines = file.read_text(encoding="utf-8").splitlines(keepends=True)
     assert len(lines) == 5

@@ -8,11 +8,16 @@ import json
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pytest
 
+from edmctl.cli.study.execute import _suggested
+from edmctl.jobs.study.confirming import suggested_runs
+from edmctl.jobs.study.folder import open_folder
 from edmctl.jobs.study.running import Shard, run_virtual
+from edmctl.results.study import RunKind
 from tests.jobs.studies import SMALL, Unseen, made, written
 
 if TYPE_CHECKING:
@@ -94,6 +99,40 @@ def test_a_study_is_run_told_judged_exported_and_reported(tmp_path: Path, folder
     assert profiles.exit_code == 0, profiles.err
     for path in profiles.out.split():
         assert here("profile", "check", path).exit_code == 0
+    again = here("study", "export", out, "--profiles", str(tmp_path / "table"))
+    assert again.exit_code == 9
+    assert "Name another folder" in again.err
+
+
+def test_fields_of_parquet_have_units(tmp_path: Path, folder: Path, here: Here) -> None:
+    import pyarrow.parquet as pq
+
+    file = tmp_path / "table.parquet"
+    assert here("study", "export", str(folder), "-o", str(file)).exit_code == 0
+    schema = pq.read_schema(file)
+    found = {
+        name: (
+            schema.field(name).metadata[b"units"].decode(),
+            schema.field(name).metadata[b"long_name"].decode(),
+        )
+        for name in schema.names
+    }
+    assert found["machining_time_s"] == ("s", "time with the servo on, s")
+    assert found["ra_um"] == ("µm", "ra_um")
+    assert found["pulse.duty"] == ("1", "duty")
+    assert found["depth_um_u95"] == ("µm", "half of the 95 % interval of depth_um")
+    assert found["mrr_mm3_min"][0] == "mm³/min"
+    assert found["truth.depth_um"] == ("µm", "true depth, µm")
+    assert found["reason"] == ("", "reason")
+
+
+def test_suggestions_say_what_they_are(folder: Path) -> None:
+    state = open_folder(folder).read()
+    first = state.runs[0].planned
+    again, other = suggested_runs(state, [first.settings, {**first.settings, "pulse.duty": 0.31}])
+    assert f"run 5, repeats point {first.point}: servo.reference = " in _suggested(again, state)
+    assert "run 6: servo.reference = " in _suggested(other, state)
+    assert "run 6, a center run: " in _suggested(replace(other, kind=RunKind.CENTER), state)
 
 
 @pytest.mark.parametrize(

@@ -9,10 +9,11 @@ import pytest
 
 from edmctl.errors import ProfileError, UsageError
 from edmctl.jobs.study.planning import plan_study
+from edmctl.jobs.study.reporting import _stem
 from edmctl.profile.folders import shipped_studies
 from edmctl.profile.study_file import read_study
 from edmctl.results.study import RunKind
-from tests.jobs.studies import FULL, HEAD, RESPONSES, SMALL, TWO_FACTORS, written
+from tests.jobs.studies import FULL, HEAD, RESPONSES, SMALL, TWO_FACTORS, made, written
 from tests.tiers import tiers
 
 if TYPE_CHECKING:
@@ -269,3 +270,120 @@ def test_values_in_steps_are_multiples_within_the_bounds(tmp_path: Path) -> None
     text = f"{HEAD}{RANGES}\n[design]\nkind = 'lhs'\nruns = 12\n{RESPONSES}"
     plan = planned(tmp_path, text.replace("high = 0.4", "high = 0.4\nstep = 0.07"))
     assert {run.settings["pulse.duty"] for run in plan.runs} == {0.21, 0.28, 0.35}
+
+
+ARCS = SMALL + "\n[[responses]]\nname = 'arc_share'\n\n[[constraints]]\nresponse = 'arc_share'\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "says", "hint"),
+    [
+        (ARCS + "at_most = 4\n", "at_most = 4", "arc_share lies between 0 and 1", "write 0.04"),
+        (ARCS + "at_least = -0.1\n", "at_least = -0.1", "lies between 0 and 1", "correct it"),
+        (
+            SMALL + "\n[[constraints]]\nresponse = 'machining_time_s'\nat_most = -1\n",
+            "at_most = -1",
+            "machining_time_s is never below 0",
+            "correct it",
+        ),
+        (
+            SMALL.replace("log = true", "better = 'nominal'\ntarget = -3.0"),
+            "target = -3.0",
+            "is never below 0",
+            "correct it",
+        ),
+    ],
+)
+def test_a_bound_that_no_run_can_reach_is_refused(
+    tmp_path: Path, text: str, line: str, says: str, hint: str
+) -> None:
+    with pytest.raises(ProfileError, match=says) as refused:
+        planned(tmp_path, text)
+    (found,) = refused.value.diagnostics
+    assert found.where is not None
+    assert line in found.where.source_line
+    assert hint in found.hint
+
+
+@pytest.mark.parametrize("bound", ["at_most = 0.04", "at_most = 1.0", "at_least = 0"])
+def test_a_bound_within_its_range_is_kept(tmp_path: Path, bound: str) -> None:
+    assert planned(tmp_path, f"{ARCS}{bound}\n").constraints
+
+
+def test_a_misspelt_study_is_guessed(tmp_path: Path) -> None:
+    with pytest.raises(UsageError) as absent:
+        read_study(tmp_path / "taguchi-l8")
+    assert "Did you mean taguchi-l9?" in absent.value.hint
+    with pytest.raises(UsageError) as absent:
+        read_study(tmp_path / "quite-another.toml")
+    assert "Did you mean" not in absent.value.hint
+
+
+def test_all_mistakes_come_at_once(tmp_path: Path) -> None:
+    text = (
+        SMALL.replace('name = "reference"', 'title = "reference"')
+        .replace('key = "pulse.duty"', 'key = "pulse.dutty"')
+        .replace('name = "wear_ratio_lin"', 'name = "wear_ratio"')
+        .replace("[[objectives]]", "[[objectives]]\nweight = -1")
+        .replace('kind = "full"', 'kind = "full"\nruns = 9')
+        + "\n[[factors]]\nkey = 'pulse.current_a'\nlow = 0.1\nhigh = 50.0\n"
+        + "\n[[constraints]]\nresponse = 'arc_share'\nat_most = 4\n"
+        + "\n[optimise]\nruns = 3\n"
+    )
+    with pytest.raises(ProfileError) as refused:
+        planned(tmp_path, text)
+    found = [(one.code, one.message) for one in refused.value.diagnostics]
+    for code, says in (
+        ("E3003", "unknown key factors[0].title"),
+        ("E3003", "unknown key pulse.dutty"),
+        ("E3003", "unknown key optimise"),
+        ("E3005", "objectives[0].weight"),
+        ("E3005", "pulse.current_a = 50"),
+        ("E3013", "no job answers wear_ratio"),
+        ("E3013", "runs says nothing"),
+        ("E3013", "arc_share is none of the responses"),
+        ("E3013", "arc_share lies between"),
+    ):
+        assert any(one == code and says in message for one, message in found), (says, found)
+    assert len(found) == 9
+    lines = [one.where.line for one in refused.value.diagnostics if one.where is not None]
+    assert lines == sorted(lines)
+
+
+@pytest.mark.parametrize(
+    ("text", "code"),
+    [
+        (SMALL.replace("levels = [0.7, 0.8]", "levles = [0.7, 0.8]"), "E3003"),
+        (SMALL.replace("levels = [0.7, 0.8]", 'levels = "0.7"'), "E3004"),
+        (SMALL.replace('key = "servo.reference"\n', ""), "E3002"),
+        (SMALL.replace('name = "machining_time_s"', 'name = "machining time"'), "E3005"),
+        (SMALL.replace('response = "machining_time_s"', "response = 3"), "E3004"),
+        (SMALL.replace('kind = "full"', 'kind = "ful"'), "E3006"),
+        (SMALL.replace('kind = "full"', ""), "E3002"),
+        (
+            SMALL.replace('profile = "cu270"', 'profil = "cu270"').replace("[design]", "[design]\nseed = 3"),
+            "E300",
+        ),
+        (SMALL.replace(FULL, ""), "E3002"),
+        (SMALL + "\n[[machine]]\nrows = 3\n", "E3004"),
+    ],
+)
+def test_what_is_wrong_is_said_once(tmp_path: Path, text: str, code: str) -> None:
+    """A key that is misspelt is not also told as one that is missing."""
+    with pytest.raises(ProfileError) as refused:
+        planned(tmp_path, text)
+    places = [one.where for one in refused.value.diagnostics]
+    assert all(one.code.startswith(code) for one in refused.value.diagnostics)
+    assert len(places) <= 2
+
+
+@pytest.mark.parametrize(("holes", "is_noted"), [(3, True), (6, False)])
+def test_a_plan_of_many_centre_runs_says_so(tmp_path: Path, holes: int, is_noted: bool) -> None:
+    plan = planned(tmp_path, f"{SMALL}\n[machine]\nholes_per_tool = {holes}\n")
+    centers = sum(run.kind is RunKind.CENTER for run in plan.runs)
+    assert (f"{centers} of {len(plan.runs)} holes are centre runs" in " ".join(plan.notes)) is is_noted
+
+
+def test_a_technology_table_has_plain_names(tmp_path: Path) -> None:
+    folder = made(tmp_path, SMALL.replace("A small study", "Sheet: smooth – quick, 3 Faktoren!"))
+    assert _stem(folder.read()) == "sheet-smooth-quick-3-faktoren"

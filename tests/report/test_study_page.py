@@ -274,7 +274,7 @@ def test_the_analysis_of_variance_is_that_of_the_response(page: Page, name: str)
         assert cells["F"] == significant(row.f, 4)
         assert cells["p"] == p_text(row.p)
         assert cells["dof"] == str(row.dof)
-        assert float(cells["share of SS, %"]) == pytest.approx(row.contribution_pct, abs=0.005)
+        assert float(cells["share of seq. SS, %"]) == pytest.approx(row.contribution_pct, abs=0.005)
         assert cells["adj. SS"] == significant(row.adjusted_ss, 4)
 
 

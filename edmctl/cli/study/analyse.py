@@ -79,7 +79,7 @@ def export(
     from edmctl.jobs import output_files
     from edmctl.jobs.runs.export import export_request
     from edmctl.jobs.study.reporting import write_profiles
-    from edmctl.jobs.study.table import table_bytes, table_of
+    from edmctl.jobs.study.table import columns_of, table_bytes, table_of
     from edmctl.wording import plural
 
     study = opened(folder)
@@ -92,7 +92,7 @@ def export(
     request = export_request(
         "table", folder, ["runs"], ["runs"], form, out, as_json=outcome.output.json, overwrite=overwrite
     )
-    content = table_bytes(table_of(state), str(request.form))
+    content = table_bytes(table_of(state), str(request.form), columns_of(state))
     if request.to_stdout:
         from edmctl.cli.run.export import stdout
 

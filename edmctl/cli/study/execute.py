@@ -16,10 +16,10 @@ from edmctl.wording import plural
 
 if TYPE_CHECKING:
     from edmctl.console.progress import Reporter
-    from edmctl.jobs.plan import Plan
-    from edmctl.jobs.study.folder import StudyFolder
+    from edmctl.jobs.plan import MachineAddress, Plan
+    from edmctl.jobs.study.folder import StudyFolder, StudyState
     from edmctl.jobs.study.running import Shard
-    from edmctl.results.study import RunKind, StudyRun
+    from edmctl.results.study import PlannedRun, RunKind, StudyRun
 
 OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="New folder of the study.")]
 CountOption = Annotated[
@@ -74,30 +74,47 @@ def resume(
     _make(outcome, study, making)
 
 
-def _make(outcome: Outcome, study: "StudyFolder", making: Making, *, to_the_end: bool = False) -> None:
+def _make(
+    outcome: Outcome,
+    study: "StudyFolder",
+    making: Making,
+    command: str = "resume",
+    *,
+    to_the_end: bool = False,
+) -> None:
     """Make what is left, on one machine that lasts or on virtual ones, and tell how far the study is.
+
+    command : the one that goes on where this one stops
 
     Raises ObjectiveNotReached E7910 where a run failed, but not `to_the_end`.
     """
-    from edmctl.jobs.study.on_machine import refuse_mixture, without_port
+    from edmctl.jobs.study.on_machine import without_port
     from edmctl.jobs.study.running import parse_shard
 
-    setup = study.base.setup
-    making.refuse(setup, has_machine=study.source.file.machine is not None)
-    where, part = making.where(setup), parse_shard(making.shard)
-    refuse_mixture(study.read(), where)
+    where, part = _where(study, making, command), parse_shard(making.shard)
     try:
         with watching(outcome.output) as reporter:
             if where.lasting:
-                _on_machine(outcome, study, where.selector, making, reporter)
+                _on_machine(outcome, study, where.selector, making, reporter, command)
             else:
                 outcome.simulated = True
                 outcome.warn(without_port(study))
                 _virtual(study, part, making, reporter)
     finally:
-        _tell(outcome, study, part)
+        _tell(outcome, study, part, command)
     if not to_the_end:
         _raise_failed(study, part)
+
+
+def _where(study: "StudyFolder", making: Making, command: str) -> "MachineAddress":
+    """Return where runs are made. Raises UsageError where that is not where the study is made."""
+    from edmctl.jobs.study.on_machine import refuse_mixture
+
+    setup = study.base.setup
+    making.refuse(setup, has_machine=study.source.file.machine is not None)
+    where = making.where(setup)
+    refuse_mixture(study.read(), where, command)
+    return where
 
 
 def _virtual(study: "StudyFolder", part: "Shard", making: Making, reporter: "Reporter") -> None:
@@ -114,7 +131,7 @@ def _virtual(study: "StudyFolder", part: "Shard", making: Making, reporter: "Rep
 
 
 def _on_machine(
-    outcome: Outcome, study: "StudyFolder", port: str, making: Making, reporter: "Reporter"
+    outcome: Outcome, study: "StudyFolder", port: str, making: Making, reporter: "Reporter", command: str
 ) -> None:
     from edmctl.jobs.study.on_machine import MachineRuns, run_on_machine
 
@@ -122,7 +139,14 @@ def _on_machine(
         return making.yes or _asked(run, plan)
 
     options = MachineRuns(
-        port, shell(), approve, outcome.warn, making.wait, new_tool=making.new_tool, homed=making.homed
+        port,
+        shell(),
+        approve,
+        outcome.warn,
+        making.wait,
+        new_tool=making.new_tool,
+        homed=making.homed,
+        command=command,
     )
     run_on_machine(study, options, reporter)
 
@@ -138,7 +162,8 @@ def _asked(run: "StudyRun", plan: "Plan") -> bool:
     return sys.stdin.readline().strip().lower() in ("y", "yes")
 
 
-def _tell(outcome: Outcome, study: "StudyFolder", part: "Shard") -> None:
+def _tell(outcome: Outcome, study: "StudyFolder", part: "Shard", command: str) -> None:
+    from edmctl.console.layout import USUAL_COLUMNS, wrapped
     from edmctl.jobs.study.table import counts_of, in_words
     from edmctl.jobs.study.waiting import what_next
 
@@ -149,8 +174,10 @@ def _tell(outcome: Outcome, study: "StudyFolder", part: "Shard") -> None:
         "runs": len(state.runs),
         "counts": counts_of(state),
     }
+    columns = stream_style(sys.stdout).columns or USUAL_COLUMNS
     others = [] if part.count == 1 else [f"Part {part.index} of {part.count}; the others make the rest."]
-    outcome.text = "\n".join([f"{study.plan.name}: {in_words(state)}.", *(others or what_next(state))])
+    told = [f"{study.plan.name}: {in_words(state)}.", *(others or what_next(state, command))]
+    outcome.text = "\n".join(line for one in told for line in wrapped(one, columns, "  "))
 
 
 def _raise_failed(study: "StudyFolder", part: "Shard", kind: "RunKind | None" = None) -> None:
@@ -169,7 +196,7 @@ def _raise_failed(study: "StudyFolder", part: "Shard", kind: "RunKind | None" = 
         assert first.row is not None
         raise ObjectiveNotReached(
             f"{plural(len(failed), 'run')} failed; the first, run {first.planned.number}: {first.row.error}",
-            hint=f"Judge each: `edmctl study judge {study.path} RUN accept|reject|repeat REASON`.",
+            hint=f"Judge each: `{study.command('judge')} RUN accept|reject|repeat REASON`.",
             code="E7910",
         )
 
@@ -177,20 +204,32 @@ def _raise_failed(study: "StudyFolder", part: "Shard", kind: "RunKind | None" = 
 @command("study suggest", PROGRESS)
 def suggest(outcome: Outcome, folder: FolderArgument, count: CountOption = 1, add: AddOption = False) -> None:
     """Suggest the runs that the models expect most of; --add puts them into the study."""
-    from edmctl.console.study_tables import settings_words
     from edmctl.jobs.study.optimizing import suggestions
+    from edmctl.jobs.study.waiting import way_on
 
     study = opened(folder)
-    if add:
-        with study.claimed("suggestions"), study.writer() as writer:
-            found = suggestions(study.read(), count, shell())
+    with study.claimed("suggestions"), study.writer() as writer:
+        state = study.read()
+        found = suggestions(state, count, shell())
+        if add:
             writer.planned(found)
-    else:
-        found = suggestions(study.read(), count, shell())
     outcome.result = {"suggestions": found, "added": add}
-    words = [f"run {one.number}: {settings_words(one.settings)}" for one in found]
-    after = f"Make them: `edmctl study resume {folder}`." if add else "Nothing was added; --add does."
+    words = [_suggested(one, state) for one in found]
+    after = f"Make them: `{way_on(study.read())}`." if add else "Nothing was added; --add does."
     outcome.text = "\n".join([*words, after])
+
+
+def _suggested(run: "PlannedRun", state: "StudyState", which: str = "") -> str:
+    """Return a suggestion in one line: a tool's centre run among them, and what was run before, are called so."""
+    from edmctl.results.study import RunKind
+    from edmctl.wording import settings_words
+
+    before = {one.planned.point for one in state.runs}
+    if run.kind is not RunKind.SUGGESTED:
+        which += f", a {run.kind} run"
+    elif run.point in before:
+        which += f", repeats point {run.point}"
+    return f"run {run.number}{which}: {settings_words(run.settings)}"
 
 
 @command("study optimize", PROGRESS)
@@ -203,7 +242,7 @@ def optimize(
 
     The design comes first. Every suggestion is checked as a job is, and on a machine that lasts approved.
     """
-    from edmctl.console.study_tables import render_recommendation, settings_words
+    from edmctl.console.study_tables import render_recommendation
     from edmctl.jobs.study.expectations import has_suggestions
     from edmctl.jobs.study.optimizing import counted, next_batch, recommended
     from edmctl.jobs.study.running import Shard
@@ -214,7 +253,7 @@ def optimize(
     making.refuse_shard()
     while True:
         rows = len(study.read().rows.attempts)
-        _make(outcome, study, making, to_the_end=True)  # a failed run tells where runs fail
+        _make(outcome, study, making, "optimize", to_the_end=True)  # a failed run tells where runs fail
         if len(study.read().rows.attempts) > rows:  # the new tool is in use now
             making = replace(making, new_tool=False, homed=False)
         with study.claimed("suggestions"), study.writer() as writer:
@@ -225,13 +264,13 @@ def optimize(
             writer.planned(batch)
         for one in batch:
             number += one.kind is RunKind.SUGGESTED
-            which = f", {number} of {total}" if one.kind is RunKind.SUGGESTED else f", a {one.kind} run"
-            tell(outcome.output, f"run {one.number}{which}: {settings_words(one.settings)}")
+            which = f", {number} of {total}" if one.kind is RunKind.SUGGESTED else ""
+            tell(outcome.output, _suggested(one, state, which))
     best = recommended(study.read(), shell())
     assert isinstance(outcome.result, dict)
     outcome.result["recommendation"] = best
     style = stream_style(sys.stdout)
-    way_on = f"Confirm it with runs that no model has seen: `edmctl study confirm {folder}`."
+    way_on = f"Confirm it with runs that no model has seen: `{study.read().making_command('confirm')}`."
     if not has_suggestions(study.read()):
         way_on = f"No run was suggested: the design has all of the {total} runs of [optimize].\n{way_on}"
     outcome.text += f"\n\n{render_recommendation(best, style)}\n{way_on}"
@@ -254,6 +293,7 @@ def confirm(
     from edmctl.results.study import RunKind, RunState
 
     study = opened(folder)
+    _where(study, making, "confirm")
     state = study.read()
     pending = [
         run for run in state.runs if run.planned.kind is RunKind.CONFIRMATION and run.state is RunState.OPEN
@@ -264,7 +304,7 @@ def confirm(
         told = f"{render_recommendation(best, stream_style(sys.stdout))}\n\n"
         with study.claimed("suggestions"), study.writer() as writer:
             writer.planned(confirmation_runs(study.read(), best.settings, runs))
-    _make(outcome, study, making, to_the_end=True)  # another run that failed before is no answer
+    _make(outcome, study, making, "confirm", to_the_end=True)  # another run that failed before is no answer
     after = study.read()
     found = confirmations_of(after, analysis_of(after).responses)
     assert isinstance(outcome.result, dict)
@@ -284,7 +324,7 @@ def confirm(
     if broken:
         raise ObjectiveNotReached(
             f"The recommended settings do not keep {', '.join(broken)}: the mean of the confirmation runs does not.",
-            hint=f"The report says so too. Make more runs (`edmctl study suggest {study.path} --add`, then "
+            hint=f"The report says so too. Make more runs (`{study.command('suggest', '--add')}`, then "
             "`resume`), or ask a new study for a stricter limit.",
             code="E7911",
         )

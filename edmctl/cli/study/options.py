@@ -28,7 +28,17 @@ StudyArgument: TypeAlias = Annotated[
 FolderArgument: TypeAlias = Annotated[
     Path, typer.Argument(metavar="DIR", help="The folder of a study, as `edmctl study run` made it.")
 ]
-RunNumberArgument: TypeAlias = Annotated[int, typer.Argument(metavar="RUN", help="Number of a run.", min=1)]
+
+
+def _run_number(text: str) -> int:
+    if not (text.isascii() and text.isdigit() and int(text) > 0):
+        raise typer.BadParameter(f"{text!r} is no number of a run, such as 3")
+    return int(text)
+
+
+RunNumberArgument: TypeAlias = Annotated[
+    int, typer.Argument(metavar="RUN", help="Number of a run.", parser=_run_number)
+]
 WorkersOption: TypeAlias = Annotated[
     int | None,
     typer.Option(

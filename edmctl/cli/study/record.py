@@ -26,11 +26,11 @@ def tell(outcome: Outcome, folder: FolderArgument, run: RunNumberArgument, value
 
     Told again, the later value counts; both stay in the rows.
     """
-    from edmctl.jobs.study.table import told_values
+    from edmctl.jobs.study.table import made_run, told_values
 
     study = opened(folder)
     state = study.read()
-    found = state.run(run)
+    found = made_run(state, run)
     told = told_values(state, values)
     with study.writer() as writer:
         writer.told(found, told)
@@ -41,13 +41,12 @@ def tell(outcome: Outcome, folder: FolderArgument, run: RunNumberArgument, value
 @command("study import")
 def import_table(outcome: Outcome, folder: FolderArgument, table: TableArgument) -> None:
     """Tell the manual responses of many runs by a CSV table; all of it or, where a line is wrong, nothing."""
-    from edmctl.jobs.study.table import told_table
-    from edmctl.profile.read import read_source
+    from edmctl.jobs.study.table import read_table, told_table
     from edmctl.wording import plural
 
     study = opened(folder)
     state = study.read()
-    told = told_table(state, read_source(table).text)
+    told = told_table(state, read_table(table), str(table))
     with study.writer() as writer:
         for number, values in told.items():
             writer.told(state.run(number), values)
@@ -70,6 +69,7 @@ def judge(
     from edmctl.errors import UsageError
     from edmctl.jobs.study.evaluate import lost_row
     from edmctl.jobs.study.on_machine import is_begun
+    from edmctl.jobs.study.waiting import way_on
 
     study = opened(folder)
     if not reason.strip():
@@ -83,7 +83,7 @@ def judge(
     if found.row is None and judgement is not Judgement.REJECT:
         raise UsageError(
             f"Run {run} is not made yet.",
-            hint="Make it with `edmctl study resume`, then judge it; one that shall not be made is rejected.",
+            hint=f"Make it with `{way_on(study.read())}`, then judge it; one that shall not be made is rejected.",
             code="E2107",
         )
     values = {
@@ -95,9 +95,15 @@ def judge(
     with study.writer() as writer:
         writer.append("judged", values)
     outcome.result = {"run": run, **{name: values[name] for name in ("attempt", "judgement", "reason")}}
+    state = study.read()
+    again = (
+        "as another hole at the next free place"
+        if state.rows.port
+        else "and a virtual machine makes it the same"
+    )
     after = {
         Judgement.ACCEPT: "its responses count",
         Judgement.REJECT: "it does not count; the row stays",
-        Judgement.REPEAT: f"`edmctl study resume {folder}` makes it again; a virtual machine makes it the same",
+        Judgement.REPEAT: f"`{way_on(state)}` makes it again, {again}",
     }
     outcome.text = f"Run {run}: {judgement} ({reason}); {after[judgement]}."

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import itertools
 import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from edmctl.errors import RecordError
 from edmctl.jobs.study.factors import BLOCK, middle, settings_matrix, value_at
 from edmctl.wording import plural
 
@@ -348,36 +347,42 @@ def _sensitivity(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
 
 
 def _csv(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
-    from edmctl.profile.read import read_source
+    from edmctl.record.delimited import read_texts
 
     name = source.file.design.file
     if name is None:
         raise Refused("which table has the points is not said", 'add file = "points.csv" to [design]')
-    text = read_source(source.path.parent / name).text
-    table = list(csv.DictReader(io.StringIO(text)))
-    wanted = [f.key for f in factors]
-    if not table or not set(wanted) <= set(table[0]):
-        missing = [key for key in wanted if not table or key not in table[0]]
-        raise Refused(
-            f"{name} has no column {', '.join(missing)}", "head a column with each factor's key", "file"
-        )
+    try:
+        table = read_texts(source.path.parent / name)
+    except RecordError as error:
+        raise Refused(error.message.rstrip("."), "name a table that is saved as CSV", "file") from None
+    missing = [f.key for f in factors if f.key not in table.names]
+    if missing or not table.rows:
+        found = f"; its columns are {', '.join(table.names)}" if table.names else ": it is empty"
+        what = f"no column {', '.join(missing)}{found}" if missing else "no row under its columns"
+        raise Refused(f"{name} has {what}", "head a column with each factor's key", "file")
     settings = [
-        {f.key: _value_in_table(f, row[f.key], name, line) for f in factors}
-        for line, row in enumerate(table, 2)
+        {
+            f.key: _value_in_table(
+                f, table.number_text(row[f.key]) if f.is_number else row[f.key], name, line
+            )
+            for f in factors
+        }
+        for line, row in table.rows
     ]
     return _with_parts(Points(f"points of {name}", tuple(settings), ()), source.file.design.blocks)
 
 
-def _value_in_table(factor: FactorInfo, text: str | None, name: str, line: int) -> Value:
+def _value_in_table(factor: FactorInfo, text: str, name: str, line: int) -> Value:
     if not factor.is_number:
-        found = [value for value in factor.values if str(value) == (text or "").strip()]
+        found = [value for value in factor.values if str(value) == text]
         if found:
             return found[0]
         raise Refused(
             f"{name}, line {line}: {text!r} is none of {factor.name}'s values", "correct it", "file"
         )
     try:
-        value = float(text or "")
+        value = float(text)
     except ValueError:
         raise Refused(f"{name}, line {line}: {text!r} is no number", "correct it", "file") from None
     low, high = (float(pick(factor.values)) for pick in (min, max))

@@ -36,6 +36,8 @@ def factors_of(source: StudySource) -> tuple[tuple[FactorInfo, ...], list[Diagno
                 )
             )
             continue
+        if ("factors", number) in source.damaged:
+            continue
         try:
             found.append(_factor(factor))
         except _Refused as refused:

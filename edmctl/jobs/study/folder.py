@@ -11,13 +11,14 @@ import hashlib
 import json
 import os
 import secrets
+import shlex
 import shutil
 import time
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from edmctl.errors import Diagnostic, PreconditionError, RunFileError, UsageError
+from edmctl.errors import Diagnostic, EdmError, PreconditionError, RunFileError, UsageError
 from edmctl.jobs.output_files import make_folder, unwritable, write
 from edmctl.jobs.study.planning import PlannedStudy, base_request
 from edmctl.jobs.study.rows import StudyWriter, planned_run, read_rows
@@ -84,6 +85,10 @@ class StudyFolder:
         request = base_request(self.source)
         return replace(request, profile=str(folder / PROFILE), setup=setup if setup.is_file() else None)
 
+    def command(self, name: str, *words: str) -> str:
+        """Return the command `edmctl study NAME` about this study, as a shell takes it."""
+        return shlex.join(["edmctl", "study", name, str(self.path), *words])
+
     def read(self) -> StudyState:
         """Return how far the study has come, by the rows that are there now."""
         rows = read_rows(self.rows, self.identity)
@@ -125,7 +130,7 @@ class StudyFolder:
                     continue
             raise PreconditionError(
                 f"Another command runs the study in {self.path} just now.",
-                hint="Wait for it, or stop it; `edmctl study status` tells how far it is.",
+                hint=f"Wait for it, or stop it; `{self.command('status')}` tells how far it is.",
                 code="E8201",
             )
 
@@ -150,13 +155,18 @@ class StudyState:
     rows: Rows
     runs: tuple[StudyRun, ...]
 
+    def making_command(self, name: str, *words: str) -> str:
+        """Return a command that makes runs, at the port of the machine on which they are made."""
+        port = ["--port", self.rows.port] if self.rows.port else []
+        return self.folder.command(name, *port, *words)
+
     def run(self, number: int) -> StudyRun:
         """Return a run by its number. Raises UsageError E2104 where there is none."""
         found = next((run for run in self.runs if run.planned.number == number), None)
         if found is None:
             raise UsageError(
                 f"The study has no run {number}.",
-                hint=f"Its runs are 1 to {len(self.runs)}; `edmctl study status` lists them.",
+                hint=f"Its runs are 1 to {len(self.runs)}; `{self.folder.command('status')}` lists them.",
                 code="E2104",
             )
         return found
@@ -173,7 +183,7 @@ def create_folder(path: Path, planned: PlannedStudy, *, or_same: bool = False) -
     if or_same and (path / PLAN).exists():
         return _same(path, planned)
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
-        raise _taken(path)
+        raise _taken(path, planned)
     make_folder(path.parent)
     made = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
     make_folder(made)
@@ -185,7 +195,7 @@ def create_folder(path: Path, planned: PlannedStudy, *, or_same: bool = False) -
         if or_same and (path / PLAN).exists():
             return _same(path, planned)
         if (path / PLAN).exists():
-            raise _taken(path) from None
+            raise _taken(path, planned) from None
         raise unwritable(f"into {path}", str(refused.strerror), "Check the path.") from refused
     finally:
         shutil.rmtree(made, ignore_errors=True)
@@ -195,15 +205,33 @@ def create_folder(path: Path, planned: PlannedStudy, *, or_same: bool = False) -
 def _same(path: Path, planned: PlannedStudy) -> StudyFolder:
     there = open_folder(path)
     if there.plan != planned.plan or there.source.text != planned.source.text:
-        raise _taken(path)
+        raise _taken(path, planned)
     return there
 
 
-def _taken(path: Path) -> RunFileError:
-    if (path / PLAN).exists():
-        hint = f"Go on with it: `edmctl study resume {path}`; or choose another folder with --out."
-        return RunFileError(f"{path} has a study already.", hint=hint, code="E9101")
-    return RunFileError(f"{path} is not empty.", hint="Choose another folder with --out.", code="E9101")
+def _taken(path: Path, planned: PlannedStudy) -> RunFileError:
+    """Return the error of a folder that holds something: this study, another one, or no study at all."""
+    if not (path / PLAN).exists():
+        return RunFileError(f"{path} is not empty.", hint="Choose another folder with --out.", code="E9101")
+    try:
+        there = open_folder(path)
+    except EdmError as error:
+        return RunFileError(
+            f"{path} has a study already, and it cannot be read: {error.message}",
+            hint="Choose another folder with --out.",
+            code="E9101",
+        )
+    if there.source.text == planned.source.text and there.plan == planned.plan:
+        hint = f"Go on with it as `{there.command('status')}` says, or choose another folder with --out."
+        return RunFileError(f"{path} has this study already.", hint=hint, code="E9101")
+    what = f"another study, {there.plan.name}"
+    if there.source.text == planned.source.text:
+        what = "a study of the same file with another plan: its profile or setup was changed since"
+    return RunFileError(
+        f"{path} has {what}.",
+        hint=f"Choose another folder with --out; `{there.command('status')}` shows what is there.",
+        code="E9101",
+    )
 
 
 def _files(planned: PlannedStudy) -> dict[str, bytes]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import re
-import shlex
 import time
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -31,7 +30,7 @@ from edmctl.jobs.study.places_and_tools import grid_of
 from edmctl.jobs.study.planning import request_of
 from edmctl.jobs.study.rows import MACHINE, PAUSED
 from edmctl.results.study import RunKind, RunState, StudyRun
-from edmctl.wording import coordinates, plural
+from edmctl.wording import coordinates, plural, settings_words
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -67,6 +66,8 @@ class MachineRuns:
     new_tool: bool = False
     homed: bool = False
     most: int | None = None
+    command: str = "resume"
+    """The command that goes on where these runs stop."""
 
 
 def run_on_machine(folder: StudyFolder, options: MachineRuns, observer: SeriesObserver) -> int:
@@ -102,17 +103,17 @@ def without_port(folder: StudyFolder) -> list[Diagnostic]:
     return [Diagnostic("W8215", message, hint, is_warning=True)]
 
 
-def refuse_mixture(state: StudyState, where: MachineAddress) -> None:
+def refuse_mixture(state: StudyState, where: MachineAddress, command: str = "resume") -> None:
     """Raise UsageError E2108 where runs of a study would be made on virtual machines and on one that lasts, or on
-    two benches. A controller may come back at another port.
+    two benches. A controller may come back at another port. `command` is the one that was asked for.
     """
-    folder, port, lasting = state.folder.path, state.rows.port, where.lasting
+    port, lasting = state.rows.port, where.lasting
     bench = MachineAddress(port).bench_file if port else None
     other = bench is not None and (where.bench_file is None or where.bench_file.resolve() != bench.resolve())
     if port and (not lasting or other):
         raise UsageError(
             f"The study is made on the machine at {port}.",
-            hint=f"Go on there: `{shlex.join(['edmctl', 'study', 'resume', str(folder), '--port', port])}`.",
+            hint=f"Go on there: `{state.making_command(command)}`.",
             code="E2108",
         )
     if lasting and not port and any(run.row is not None for run in state.runs):
@@ -137,14 +138,13 @@ class _Series:
         made = 0
         while self._options.most is None or made < self._options.most:
             state = self._folder.read()
-            left = [run for run in state.runs if run.state is RunState.OPEN]
-            self._observer.runs(len(state.runs) - len(left), len(state.runs))
-            if not left:
+            left = sum(run.state is RunState.OPEN for run in state.runs)
+            self._observer.runs(len(state.runs) - left, len(state.runs))
+            if (run := next_run(state)) is None:
                 break
             if made:
                 self._pause()
-            # A hole that was begun comes before all others: its tool is in the machine.
-            self._make(next((run for run in left if is_begun(self._folder, run)), left[0]))
+            self._make(run)
             made += 1
         return made
 
@@ -160,8 +160,8 @@ class _Series:
         if left is not None and self._new_tool:
             raise UsageError(
                 f"Run {run.planned.number} was interrupted; another tool cannot go on with its hole.",
-                hint=f"Leave --new-tool out; or give the hole up: `edmctl study judge {self._folder.path} "
-                f"{run.planned.number} repeat REASON`, and make it anew with --new-tool.",
+                hint=f"Leave --new-tool out; or give the hole up: `{self._giving_up(run)}`, and make it anew with "
+                "--new-tool.",
                 code="E2108",
             )
         tool = self._look_at_tool(run) if left is None else self._tool_of_begun(run)
@@ -177,7 +177,9 @@ class _Series:
                 code="E8205",
             )
         what = "resuming" if left is not None else "making"
-        self._observer.note(f"{what} run {run.planned.number}: {_words(run)}, at {coordinates(*site_um)}")
+        self._observer.note(
+            f"{what} run {run.planned.number}: {settings_words(run.planned.settings)}, at {coordinates(*site_um)}"
+        )
         report = carry_out(
             plan,
             self._folder.source.file.design.seed,
@@ -211,7 +213,8 @@ class _Series:
         try:
             plan = checked(resumption, options.port, options.wait_s, options.surroundings)
         except PreconditionError as error:
-            error.hint = f"{error.hint} {self._giving_up(run)}".strip()
+            way_out = f"To give the hole up and make the run at another place: `{self._giving_up(run)}`."
+            error.hint = f"{error.hint} {way_out}".strip()
             raise
         options.warn(recovered_before(resumption))
         _, x_um, y_um, *_ = resumption.job.places[0]
@@ -250,7 +253,7 @@ class _Series:
         """Return the number of the tool that began a hole: that of the row before, or the one changed for it."""
         from edmctl.record.ledger import JobBegun, Ledger, ToolChanged
 
-        made = self._made()
+        made = _made(self._folder.read())
         if not made:
             return max(1, run.planned.tool)
         files = {file for row in made for file in row.run_files}
@@ -264,13 +267,14 @@ class _Series:
 
     def _look_at_tool(self, run: StudyRun) -> int:
         """Return the number of the tool in the machine; stop where the run is of another one than the run before."""
-        made = self._made()
+        state = self._folder.read()
+        made = _made(state)
         if not made:
             return max(1, run.planned.tool)
         tool = made[-1].tool
         if self._new_tool:
             return max(tool + 1, run.planned.tool)
-        if run.planned.tool > tool or self._begins_a_block(run, made):
+        if is_of_next_tool(state, run):
             holes = sum(row.tool == tool for row in made)
             self._writer.append(PAUSED, {"number": run.planned.number, "why": f"tool {tool} is done"})
             raise PreconditionError(
@@ -280,22 +284,12 @@ class _Series:
             )
         return tool
 
-    def _made(self) -> list[RunRow]:
-        """The last attempt at every run that was made, in the order of time."""
-        rows = [run.row for run in self._folder.read().runs if run.row is not None]
-        return sorted(rows, key=lambda row: row.started)
-
-    def _begins_a_block(self, run: StudyRun, made: Sequence[RunRow]) -> bool:
-        """Whether the plan has a run for a later tool than all before: also where a tool was changed early."""
-        planned = {one.number: one.tool for one in self._folder.plan.runs}
-        before = [planned[row.number] for row in made if row.number in planned]
-        return bool(before) and planned.get(run.planned.number, 0) > max(before)
-
     def _opening_run(self, run: StudyRun, tool: int) -> StudyRun | None:
         """Return the centre run that a tool begins with, where the plan has none: it was changed before its time."""
         if not self._machine.center_runs or run.planned.kind in (RunKind.CENTER, RunKind.CONFIRMATION):
             return None
-        state, made = self._folder.read(), self._made()
+        state = self._folder.read()
+        made = _made(state)
         if not made or any(row.tool == tool for row in made):
             return None
         for one in state.runs[len(self._folder.plan.runs) :]:
@@ -318,7 +312,9 @@ class _Series:
 
     def _stop(self, run: StudyRun, error: EdmError) -> None:
         """Say how the study goes on, and end it."""
-        values = {"number": run.planned.number, "why": f"{error.code}: {error.message}"}
+        values: dict[str, object] = {"number": run.planned.number, "why": f"{error.code}: {error.message}"}
+        if error.code == WORN_OUT:
+            values["worn_tool"] = _tool_in_use(self._folder.read(), run)
         self._writer.append(PAUSED, values)
         command = self._command() + (" --homed" if "--homed" in error.hint else "")
         first = "Home both stages, then go" if "--homed" in error.hint else "Go"
@@ -372,12 +368,48 @@ class _Series:
 
     def _giving_up(self, run: StudyRun) -> str:
         number = str(run.planned.number)
-        words = ["edmctl", "study", "judge", str(self._folder.path), number, "repeat", "REASON"]
-        return f"To give the hole up and make the run at another place: `{shlex.join(words)}`."
+        return self._folder.command("judge", number, "repeat", "REASON")
 
     def _command(self) -> str:
-        words = ["edmctl", "study", "resume", str(self._folder.path), "--port", self._options.port]
-        return shlex.join(words)
+        return self._folder.command(self._options.command, "--port", self._options.port)
+
+
+def next_run(state: StudyState) -> StudyRun | None:
+    """Return the run that is made next: a hole that was begun comes first, its tool is in the machine."""
+    left = [run for run in state.runs if run.state is RunState.OPEN]
+    return next((run for run in left if is_begun(state.folder, run)), left[0] if left else None)
+
+
+def wants_new_tool(state: StudyState) -> bool:
+    """Return whether the next run waits for another tool: one was worn out, or has made its holes."""
+    run = next_run(state)
+    if run is None or not state.rows.port or is_begun(state.folder, run):
+        return False
+    last = state.rows.paused[-1] if state.rows.paused else {}
+    is_worn = last.get("number") == run.planned.number and last.get("worn_tool") == _tool_in_use(state, run)
+    return is_worn or is_of_next_tool(state, run)
+
+
+def is_of_next_tool(state: StudyState, run: StudyRun) -> bool:
+    """Return whether a run is of a later tool than the runs before, by its own plan or by that of its block."""
+    made = _made(state)
+    if not made:
+        return False
+    # The plan has a run for a later tool than all before: also where a tool was changed early.
+    planned = {one.number: one.tool for one in state.folder.plan.runs}
+    before = [planned[row.number] for row in made if row.number in planned]
+    begins_a_block = bool(before) and planned.get(run.planned.number, 0) > max(before)
+    return run.planned.tool > made[-1].tool or begins_a_block
+
+
+def _made(state: StudyState) -> list[RunRow]:
+    """The last attempt at every run that was made, in the order of time."""
+    return sorted((run.row for run in state.runs if run.row is not None), key=lambda row: row.started)
+
+
+def _tool_in_use(state: StudyState, run: StudyRun) -> int:
+    made = _made(state)
+    return made[-1].tool if made else max(1, run.planned.tool)
 
 
 def is_begun(folder: StudyFolder, run: StudyRun) -> bool:
@@ -432,7 +464,3 @@ def _place_of(result: dict[str, JsonValue]) -> tuple[float, float] | None:
         if isinstance(x_um, int | float) and isinstance(y_um, int | float):
             return float(x_um), float(y_um)
     return None
-
-
-def _words(run: StudyRun) -> str:
-    return ", ".join(f"{key} = {value}" for key, value in run.planned.settings.items())

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from edmctl.errors import Diagnostic, ProfileError
+from edmctl.errors import Diagnostic, EdmError, ProfileError
 from edmctl.jobs.plan import JobRequest, check
 from edmctl.jobs.study import responses
 from edmctl.jobs.study.design import (
@@ -31,6 +31,8 @@ from edmctl.jobs.study.places_and_tools import (
     wear_by_tool,
 )
 from edmctl.jobs.surroundings import NONE, Surroundings
+from edmctl.profile.findings import Code
+from edmctl.profile.positions import SET_OPTION
 from edmctl.profile.read import find_in
 from edmctl.results.study import (
     TRUTH,
@@ -101,16 +103,18 @@ def plan_study(
     Raises ProfileError with every diagnostic, and what `check` of a job raises.
     """
     factors, wrong = factors_of(source)
-    wrong += [*_foreign_keys(source), *_wrong_names(source)]
-    if wrong:
-        raise ProfileError(tuple(wrong))
-    try:
-        points = points_of(source, factors)
-    except Refused as refused:
-        path: KeyPath = ("design", refused.key)
-        raise ProfileError((source.refusal(path, refused.message, refused.hint),)) from None
-    runs = _runs(source, points, center_of(source, factors))
+    wrong += [*source.wrong, *_foreign_keys(source), *_wrong_names(source)]
     base = base_request(source)
+    points = Points("", (), ())
+    try:
+        if len(factors) == len(source.file.factors) and ("design",) not in source.damaged:
+            points = points_of(source, factors)
+    except Refused as refused:
+        wrong.append(source.refusal(("design", refused.key), refused.message, refused.hint))
+    if wrong:
+        wrong += _wrong_values(source, base, factors, surroundings)
+        raise ProfileError(tuple(sorted(dict.fromkeys(wrong), key=_line)))
+    runs = _runs(source, points, center_of(source, factors))
     checked = _checked(source, base, factors, runs, surroundings, observe)
     refuse_undoable(source, runs, checked)
     plan = _plan(source, factors, points, runs, checked)
@@ -118,6 +122,44 @@ def plan_study(
     return PlannedStudy(source, plan, base, recipes, _warnings(source, runs, checked, factors))
 
 
+def _line(one: Diagnostic) -> int:
+    return one.where.line if one.where is not None else 0
+
+
+def _wrong_values(
+    source: StudySource, base: JobRequest, factors: Sequence[FactorInfo], surroundings: Surroundings
+) -> list[Diagnostic]:
+    """Keys that no profile has and values that it does not take, each factor by itself."""
+    numbers = {factor.key: number for number, factor in enumerate(source.file.factors)}
+    wrong = []
+    for factor in factors:
+        for value in factor.values:
+            try:
+                check(request_of(base, {factor.key: value}), surroundings)
+            except ProfileError as error:
+                where = source.sources.value(("factors", numbers[factor.key], "key"))
+                wrong += [
+                    replace(one, where=where)
+                    for one in error.diagnostics
+                    if one.code in OF_ONE_VALUE
+                    and one.where is not None
+                    and one.where.file == SET_OPTION
+                    and one.where.source_line.partition("=")[0] == factor.key
+                ]
+            except EdmError:
+                return wrong  # there is no such profile, or no such setup
+    return wrong
+
+
+OF_ONE_VALUE = (
+    Code.UNKNOWN_KEY,
+    Code.WRONG_TYPE,
+    Code.OUT_OF_RANGE,
+    Code.NOT_A_CHOICE,
+    Code.NOT_A_MULTIPLE,
+    Code.OVERRIDE,
+)
+"""What can be said of a value whatever the others are."""
 OWN_KEYS = {
     "fractional": ("resolution", "generators"),
     "taguchi": ("array", "columns"),
@@ -133,6 +175,8 @@ OWN_KEYS = {
 def _foreign_keys(source: StudySource) -> list[Diagnostic]:
     """Keys that say nothing to the design or factor that they stand in: they would be lost without a word."""
     design, wrong = source.file.design, []
+    if ("design",) in source.damaged:
+        return []
     own = OWN_KEYS.get(design.kind, ())
     for key in dict.fromkeys(key for keys in OWN_KEYS.values() for key in keys):
         if key in design.model_fields_set and key not in own:
@@ -140,7 +184,8 @@ def _foreign_keys(source: StudySource) -> list[Diagnostic]:
             message = f"{key} says nothing to a design of kind {design.kind}"
             wrong.append(source.refusal(("design", key), message, f"remove it; it belongs to {kinds}"))
     for number, factor in enumerate(source.file.factors):
-        if factor.step is not None and factor.low is None:
+        is_judged = ("factors", number) not in source.damaged
+        if is_judged and factor.step is not None and factor.low is None:
             message = f"step says nothing to the levels of {factor.key}"
             wrong.append(
                 source.refusal(("factors", number, "step"), message, "remove it, or give low and high")
@@ -152,11 +197,22 @@ def _wrong_names(source: StudySource) -> list[Diagnostic]:
     """Responses nobody gives, constraints and objectives of responses that are not asked for."""
     file, wrong = source.file, []
     names = [one.name for one in file.responses]
+    unnamed = any(path[0] == "responses" for path in source.damaged)
     factor_keys = {factor.key for factor in file.factors} | {factor.name for factor in file.factors}
     for number, one in enumerate(file.responses):
+        if ("responses", number) in source.damaged:
+            continue
         path: KeyPath = ("responses", number, "name")
         if names.index(one.name) != number:
             wrong.append(source.refusal(path, f"{one.name} is asked for twice", "give each response once"))
+        for key in ("low", "high"):
+            if getattr(one, key) is not None and one.source == "job":
+                message = f"{key} says nothing to {one.name}, which no hand tells"
+                hint = "remove it; a limit of a recipe stands in [[constraints]]"
+                wrong.append(source.refusal(("responses", number, key), message, hint))
+        if one.low is not None and one.high is not None and not one.low < one.high:
+            message = f"low = {one.low:g} of {one.name} is not below high = {one.high:g}"
+            wrong.append(source.refusal(("responses", number, "low"), message, "swap them"))
         if one.source == "job" and not responses.is_known(one.name):
             hint = f'{responses.near(one.name)}; what is told later has source = "manual"'
             wrong.append(source.refusal(path, f"no job answers {one.name}", hint))
@@ -180,7 +236,8 @@ def _wrong_names(source: StudySource) -> list[Diagnostic]:
             )
     for table in ("constraints", "objectives"):
         for number, bound in enumerate(getattr(file, table)):
-            if bound.response not in names:
+            is_judged = (table, number) not in source.damaged and not unnamed
+            if bound.response not in names and is_judged:
                 wrong.append(
                     source.refusal(
                         (table, number, "response"),
@@ -189,12 +246,36 @@ def _wrong_names(source: StudySource) -> list[Diagnostic]:
                     )
                 )
     for number, constraint in enumerate(file.constraints):
-        if (constraint.at_most is None) == (constraint.at_least is None):
+        is_judged = ("constraints", number) not in source.damaged
+        if is_judged and (constraint.at_most is None) == (constraint.at_least is None):
             wrong.append(
                 source.refusal(
                     ("constraints", number), "a constraint has one bound", "give at_most or at_least"
                 )
             )
+    return [*wrong, *_bounds_beyond(source)]
+
+
+def _bounds_beyond(source: StudySource) -> list[Diagnostic]:
+    """Bounds and targets that no run can be on the other side of, such as a percentage for a share."""
+    wanted = [
+        (("constraints", number, key), one.response, value)
+        for number, one in enumerate(source.file.constraints)
+        for key, value in (("at_most", one.at_most), ("at_least", one.at_least))
+    ]
+    wanted += [
+        (("responses", number, "target"), one.name, one.target)
+        for number, one in enumerate(source.file.responses)
+        if one.source == "job"
+    ]
+    wrong = []
+    for path, name, value in wanted:
+        low, high = responses.range_of(name)
+        if value is None or low <= value <= high:
+            continue
+        between = f"lies between {low:g} and {high:g}" if math.isfinite(high) else f"is never below {low:g}"
+        hint = f"a share is no percentage: write {value / 100:g}" if 1 < value <= 100 else "correct it"
+        wrong.append(source.refusal(path, f"{path[-1]} = {value:g}, and {name} {between}", hint))
     return wrong
 
 
@@ -527,8 +608,14 @@ def _notes(source: StudySource, points: Points, runs: Sequence[PlannedRun]) -> l
             "one machine (seed) in all: what its sensor errs by stands in every run alike, and may follow the time "
             "that a run takes; replicates would show it"
         )
-    design = source.file.design
-    if source.file.machine is None and design.seeds != "run" and design.center_points > design.blocks:
+    design, machine = source.file.design, source.file.machine
+    centers = sum(run.kind is RunKind.CENTER for run in runs)
+    if machine is not None and machine.center_runs and machine.holes_per_tool and 2 * centers >= len(runs):
+        notes.append(
+            f"{centers} of {len(runs)} holes are centre runs, which open and close the holes of each tool: a higher "
+            "holes_per_tool, or center_runs = false, makes fewer"
+        )
+    if machine is None and design.seeds != "run" and design.center_points > design.blocks:
         notes.append(
             "a virtual machine makes the same run twice alike: a centre point is made once a machine; replicates, "
             'blocks or seeds = "run" make more that differ'

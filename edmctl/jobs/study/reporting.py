@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -148,7 +149,7 @@ def write_profiles(state: StudyState, folder: Path, *, overwrite: bool = False) 
     paths = [path for path, *_ in files]
     if not overwrite:
         for path in paths:
-            output_files.check_free(path)
+            output_files.check_free(path, "Name another folder, or replace its profiles with --overwrite.")
     for path, settings, title, says in files:
         request = request_of(state.folder.base, settings)
         assert request.profile is not None
@@ -170,4 +171,4 @@ def _values(of: Mapping[str, float | None]) -> str:
 def _stem(state: StudyState) -> str:
     from edmctl.jobs.run_header import plain_name
 
-    return plain_name(state.folder.plan.name.lower())[:40]
+    return re.sub("-{2,}", "-", plain_name(state.folder.plan.name.lower()))[:40].strip("-") or "study"

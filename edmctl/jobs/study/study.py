@@ -24,10 +24,11 @@ from edmctl.jobs.study.on_machine import without_port
 from edmctl.jobs.study.optimizing import next_batch, recommended, suggestions
 from edmctl.jobs.study.planning import PlannedStudy, plan_study, request_of
 from edmctl.jobs.study.running import Shard, run_virtual
-from edmctl.jobs.study.table import in_words, table_of
+from edmctl.jobs.study.table import in_words, refuse_untellable, table_of
 from edmctl.jobs.surroundings import Unobserved, python_warnings
 from edmctl.profile.folders import find_study
 from edmctl.profile.study_file import read_study
+from edmctl.results.result import need_pandas
 from edmctl.results.study import PlannedRun, RunRow, RunState
 
 if TYPE_CHECKING:
@@ -199,9 +200,8 @@ class Study:
 
     def to_frame(self) -> pandas.DataFrame:
         """Return the table as a frame of pandas. Raises ImportError without pandas."""
-        import pandas as pd
-
-        return pd.DataFrame(self.table())
+        frame: pandas.DataFrame = need_pandas().DataFrame(self.table())
+        return frame
 
     def fit(self, response: str) -> ResponseAnalysis:
         """Return the analysis of a response: tables, model, what points that are left out say of it.
@@ -237,19 +237,21 @@ class Study:
         return self._started().read()
 
     def _values(self, given: Mapping[str, float]) -> dict[str, float]:
-        names = {one.name for one in self.plan().responses}
+        asked = {one.name: one for one in self._started().source.file.responses}
         values: dict[str, float] = {}
         for name, value in given.items():
             is_number = isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
-            if (name not in names and not responses.is_known(name)) or not is_number:
+            if (name not in asked and not responses.is_known(name)) or not is_number:
                 raise UsageError(
                     f"{name} = {value!r} is no value of a response of the study.",
-                    hint=f"Responses, each a number: {', '.join(sorted(names))}.",
+                    hint=f"Give a number alone. Responses: {', '.join(sorted(asked))}.",
                     code="E2105",
                 )
             values[name] = float(value)
+            if name in asked:
+                refuse_untellable(asked[name], values[name])
         if not values:
-            raise UsageError("Nothing is told.", hint=f"Responses: {', '.join(sorted(names))}.", code="E2105")
+            raise UsageError("Nothing is told.", hint=f"Responses: {', '.join(sorted(asked))}.", code="E2105")
         return values
 
     def _refuse_measured(self, row: RunRow, values: Mapping[str, float]) -> None:

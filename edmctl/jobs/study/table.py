@@ -5,17 +5,22 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from edmctl.errors import UsageError
-from edmctl.jobs.study.responses import RESPONSES, TRUTHS
+from edmctl.errors import RecordError, UsageError
+from edmctl.jobs.study.responses import RESPONSES, TRUTHS, unit_of
 from edmctl.results.study import TRUTH, RunState
-from edmctl.wording import plural
+from edmctl.wording import plural, unit_in
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+    from pathlib import Path
 
     from edmctl.jobs.study.folder import StudyState
+    from edmctl.profile.study_file import Response
+    from edmctl.record.delimited import TextTable
     from edmctl.results.study import StudyRun
 
     Cell = bool | int | float | str | None
@@ -25,6 +30,7 @@ OF_EXECUTION = ("run_file", "run_sha256", "started", "duration_s", "host")
 U95 = "_u95"
 _FORMULA = tuple("=+-@\t\r")
 """A text that begins like this would be computed by a spreadsheet."""
+_NOTHING: Mapping[str, tuple[str, str]] = MappingProxyType({})
 
 
 def table_of(state: StudyState) -> list[dict[str, Cell]]:
@@ -77,10 +83,32 @@ def _has_u95(state: StudyState, name: str) -> bool:
     return any(run.row is not None and name in run.row.u95 for run in state.runs)
 
 
-def table_bytes(rows: Sequence[Mapping[str, Cell]], form: str) -> bytes:
-    """Return a table as csv, json, jsonl or parquet. Raises PreconditionError without pyarrow for the last one."""
+def columns_of(state: StudyState) -> dict[str, tuple[str, str]]:
+    """Return the unit and the meaning of columns that have one, as Parquet keeps them; `1` is a pure number."""
+    from edmctl.record import run_meta
+
+    plan = state.folder.plan
+    known = {**RESPONSES, **{f"{TRUTH}{name}": words for name, words in TRUTHS.items()}}
+    found = {name: (unit_of(name) or "1", words) for name, words in known.items()}
+    found |= {one.name: (one.unit or "1", one.name) for one in plan.responses if one.is_manual}
+    found |= {
+        f"{name}{U95}": (unit, f"half of the 95 % interval of {name}") for name, (unit, _) in found.items()
+    }
+    for factor in plan.factors:
+        unit = unit_in(factor.key) or run_meta.unit_of(factor.key)
+        found[factor.key] = (unit if factor.is_number else "", factor.name)
+    return found | {name: (unit_of(name), name) for name in ("x_um", "y_um", "duration_s")}
+
+
+def table_bytes(
+    rows: Sequence[Mapping[str, Cell]], form: str, columns: Mapping[str, tuple[str, str]] = _NOTHING
+) -> bytes:
+    """Return a table as csv, json, jsonl or parquet, the last one with what is known of its columns.
+
+    Raises PreconditionError E8092 without pyarrow.
+    """
     if form == "parquet":
-        return _parquet(rows)
+        return _parquet(rows, columns)
     if form == "json":
         return (json.dumps(list(rows), indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
     if form == "jsonl":
@@ -100,7 +128,7 @@ def _plain(value: Cell) -> object:
     return str(value).lower() if isinstance(value, bool) else value
 
 
-def _parquet(rows: Sequence[Mapping[str, Cell]]) -> bytes:
+def _parquet(rows: Sequence[Mapping[str, Cell]], known: Mapping[str, tuple[str, str]]) -> bytes:
     from edmctl.report.export import need_pyarrow
 
     need_pyarrow()
@@ -116,73 +144,172 @@ def _parquet(rows: Sequence[Mapping[str, Cell]]) -> bytes:
         elif len(kinds) > 1:
             values = [None if value is None else str(value) for value in values]
         columns[name] = pa.array(values)
+    units = {name: known.get(name, ("", name)) for name in columns}
+    schema = pa.schema(
+        [
+            pa.field(name, column.type, metadata={"units": units[name][0], "long_name": units[name][1]})
+            for name, column in columns.items()
+        ]
+    )
     sink = io.BytesIO()
-    pq.write_table(pa.table(columns), sink)
+    pq.write_table(pa.table(list(columns.values()), schema=schema), sink)
     return sink.getvalue()
 
 
 def told_values(state: StudyState, texts: Sequence[str]) -> dict[str, float]:
     """Return what `NAME=VALUE` texts tell of manual responses. Raises UsageError E2105."""
-    manual = [response.name for response in state.folder.plan.responses if response.is_manual]
+    manual = _manual(state)
     found: dict[str, float] = {}
     for text in texts:
         name, equals, value = text.partition("=")
         if not equals:
-            raise UsageError(f"{text} is no NAME=VALUE.", hint="Say e.g. ra_um=0.31.", code="E2105")
-        found[name.strip()] = _value(name.strip(), value, manual)
+            example = next(iter(manual), "ra_um")
+            raise UsageError(f"{text} is no NAME=VALUE.", hint=f"Say e.g. {example}=0.31.", code="E2105")
+        found[name.strip()] = _value(name.strip(), value.strip(), manual)
     return found
 
 
-def _value(name: str, text: str, manual: Sequence[str]) -> float:
-    import math
+def _manual(state: StudyState) -> dict[str, Response]:
+    return {one.name: one for one in state.folder.source.file.responses if one.source == "manual"}
 
+
+def _value(name: str, text: str, manual: Mapping[str, Response]) -> float:
     if name not in manual:
         hint = (
             f"It is told {', '.join(manual)}." if manual else 'None of its responses has source = "manual".'
         )
         raise UsageError(f"The study asks nobody for {name}.", hint=hint, code="E2105")
     try:
-        value = float(text.strip())
+        value = float(text)
     except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise UsageError(f"{name}={text}: that is no number.", hint="Write a decimal point.", code="E2105")
+        if not text:
+            message, hint = (
+                f"{name} has no value.",
+                f"Say e.g. {name}=0.31; what is not measured is left out.",
+            )
+        elif _is_number(text.replace(",", ".")):
+            message, hint = f"{name}={text}: that is no number.", "Write a decimal point."
+        else:
+            unit = f", in {manual[name].unit}" if manual[name].unit else ""
+            message, hint = f"{name}={text}: that is no number.", f"Give the number alone{unit}."
+        raise UsageError(message, hint=hint, code="E2105") from None
+    refuse_untellable(manual[name], value)
     return value
 
 
-def told_table(state: StudyState, text: str) -> dict[int, dict[str, float]]:
-    """Return what a CSV table tells of manual responses, by run: columns `run` and their names; others are ignored.
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
-    Raises UsageError: E2104 there is no such run, E2105 a value is none, E2106 it has no column for it.
-    """
-    manual = [response.name for response in state.folder.plan.responses if response.is_manual]
-    table = list(csv.DictReader(io.StringIO(text.removeprefix("\ufeff")), skipinitialspace=True))
-    columns = list(table[0]) if table else []
-    there = [name for name in manual if name in columns]
-    if "run" not in columns or not there:
+
+def refuse_untellable(response: Response, value: float) -> None:
+    """Raise UsageError E2105 where a value is no number, or lies beyond what a response can be told."""
+    name, unit = response.name, f" {response.unit}" if response.unit else ""
+    if not math.isfinite(value):
         raise UsageError(
-            "The table tells nothing: it needs a column run, and one of a manual response.",
-            hint=f"Manual responses: {', '.join(manual) or 'none'}. `edmctl study export` writes such a table.",
-            code="E2106",
+            f"{name}={value}: that is no measured value.",
+            hint="Leave out what is not measured: a run without it is not in its tables.",
+            code="E2105",
         )
+    low, high = response.low, response.high
+    if (low is not None and value < low) or (high is not None and value > high):
+        bounds = [f"at least {low:g}"] if low is not None else []
+        bounds += [f"at most {high:g}"] if high is not None else []
+        raise UsageError(
+            f"{name} = {value:g}{unit} is not possible: the study says {' and '.join(bounds)}{unit}.",
+            hint="Look at the sign, the decimal point and the unit.",
+            code="E2105",
+        )
+
+
+def read_table(path: Path) -> TextTable:
+    """Read a table that somebody has made. Raises UsageError E2106 where there is none."""
+    from edmctl.record.delimited import read_texts
+
+    try:
+        return read_texts(path)
+    except RecordError as error:
+        raise UsageError(error.message, hint="Name a table that is saved as CSV.", code="E2106") from None
+
+
+def told_table(state: StudyState, table: TextTable, name: str) -> dict[int, dict[str, float]]:
+    """Return what a table tells of manual responses, by run: columns `run` and their names; others are ignored.
+
+    Raises UsageError: E2104 there is no such run, E2105 a value is none, E2106 it has no column for it, E2107 a run
+    is not made yet.
+    """
+    manual = _manual(state)
+    there = [one for one in manual if one in table.names]
+    if "run" not in table.names or not there:
+        raise _without_column(state, table, name, manual)
     found: dict[int, dict[str, float]] = {}
-    for line, row in enumerate(table, 2):
-        values = {name: (row[name] or "").strip() for name in there}
+    for line, row in table.rows:
+        values = {one: row[one] for one in there}
         if not any(values.values()):
             continue
         try:
-            number = int((row["run"] or "").strip())
+            number = int(row["run"])
+            told = {
+                one: _value(one, table.number_text(value), manual) for one, value in values.items() if value
+            }
+            made_run(state, number)
         except ValueError:
             raise UsageError(
-                f"Line {line}: {row['run']!r} is no number of a run.", hint="Correct it.", code="E2104"
+                f"{name}, line {line}: {row['run']!r} is no number of a run.",
+                hint="Correct it.",
+                code="E2104",
             ) from None
-        state.run(number)
+        except UsageError as error:
+            raise UsageError(
+                f"{name}, line {line}: {error.message}", hint=error.hint, code=error.code
+            ) from None
         if number in found:
             raise UsageError(
-                f"Line {line}: run {number} stands in the table twice.", hint="Keep one.", code="E2106"
+                f"{name}, line {line}: run {number} stands in the table twice.",
+                hint="Keep one.",
+                code="E2106",
             )
-        found[number] = {name: _value(name, value, manual) for name, value in values.items() if value}
+        found[number] = told
     return found
+
+
+def made_run(state: StudyState, number: int) -> StudyRun:
+    """Return a run that something can be told of. Raises UsageError E2104 for none, E2107 for one not made yet."""
+    run = state.run(number)
+    if run.row is None:
+        raise UsageError(
+            f"Run {number} is not made yet: nobody can have measured it.",
+            hint=f"Check the number with `{state.folder.command('status')}`; runs of another computer come with "
+            "its rows.",
+            code="E2107",
+        )
+    return run
+
+
+def _without_column(
+    state: StudyState, table: TextTable, name: str, manual: Mapping[str, Response]
+) -> UsageError:
+    """Return the error of a table that tells nothing, with the columns that it has."""
+    writes = f"`{state.folder.command('export')}` writes a table with all columns"
+    if not table.names:
+        return UsageError(f"{name} is empty.", hint=f"{writes}.", code="E2106")
+    wanted = ["run"] if "run" not in table.names else []
+    wanted += [" or ".join(manual) or "of a manual response"] if not set(manual) & set(table.names) else []
+    lower = {one.lower(): one for one in table.names}
+    renamed = [
+        f"rename {lower[one.lower()]} to {one}"
+        for one in ("run", *manual)
+        if one not in table.names and one.lower() in lower
+    ]
+    hint = "; ".join([*renamed, f"manual responses are {', '.join(manual) or 'none'}", writes])
+    return UsageError(
+        f"{name} has no column {' and none '.join(wanted)}; its columns are {', '.join(table.names)}.",
+        hint=f"{hint[0].upper()}{hint[1:]}.",
+        code="E2106",
+    )
 
 
 def counts_of(state: StudyState) -> dict[str, int]:

@@ -49,7 +49,17 @@ def draw_cases(cases: Sequence[Case]) -> Figure:
         panel.margins(x=0.08)
     for panel in axes[1]:
         panel.set_xlabel(axis)
+    figure.suptitle(_bars(cases), fontsize="small", color=GREY)
     return figure
+
+
+def _bars(cases: Sequence[Case]) -> str:
+    """What points and bars are."""
+    counts = sorted({len(case.runs) for case in cases})
+    runs = " to ".join(str(count) for count in dict.fromkeys((counts[0], counts[-1])))
+    if counts[-1] == 1:
+        return "one run a case: no bars"
+    return f"means of {runs} runs a case; bars ± one standard deviation of a run"
 
 
 def _sd(found: Statistics) -> float:
