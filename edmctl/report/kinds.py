@@ -72,7 +72,8 @@ KINDS = (
         "several readings, (a) actuator voltage and (b) displacement from Z1 (surface before) over Z2 "
         "(bottom) to Z3 (surface after), or with Zr (the face at a place not yet machined). In the "
         "panels below, the last set of touches of the bottom with its contacts, and on the right the "
-        "last contact in detail.",
+        "last contact in detail. Beside holds of a second or more (`measure.dwell_s`) stands what voltage "
+        "and sensor did: the one sinks as the actuator creeps on, the other stays.",
         ("/entry/servo", "/entry/touches", "/entry/events"),
     ),
     Kind(
