@@ -273,8 +273,8 @@ class Machine:
         It is saved in `output`, else as the machine's own calibration, which all later calls use; a fresh `sim:` has
         none, and its calibration is used where it is named. The others are the arguments of `calibrate_files`.
 
-        Raises what a report of `machine` would hold, such as Interrupted, and RecordError where what was measured allows no
-        fit: then it is kept in a file that `warn` is told.
+        Raises what a report of `machine` would hold, such as Interrupted, and RecordError where what was measured
+        allows no fit: then it is kept in a file that `warn` is told.
         """
         from edmctl.jobs.calibration.run import calibrate_machine
 
