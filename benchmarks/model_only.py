@@ -46,8 +46,8 @@ def edmctl(home: Path, *arguments: str) -> dict[str, Any]:
 
 def figures(home: Path, profile: str, seed: int) -> dict[str, float]:
     """Errors of one seed, in % of what they are errors of."""
-    edmctl(home, "calibrate", "--seed", str(seed))
-    job = ("machine", "--profile", profile, "--seed", str(seed))
+    calibration = edmctl(home, "calibrate", "--seed", str(seed))["calibration_file"]
+    job = ("machine", "--profile", profile, "--seed", str(seed), "--calibration", calibration)
     (site,) = edmctl(home, *job)["sites"]
     (blind,) = edmctl(home, *job, "--setup", "no-sensor.toml", "--allow-model")["sites"]
     truth, there = site["truth"], blind["truth"]

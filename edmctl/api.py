@@ -268,10 +268,11 @@ class Machine:
     ) -> CalibrationReport:
         """Drive the actuator for five minutes beside the work, watch it with the sensor, fit a model, and save it.
 
-        It is saved in `output`, else as the machine's own calibration, which all later calls use. The others are the
-        arguments of `calibrate_files`. Raises what a report of `machine` would hold, such as
-        Interrupted, and RecordError where what was measured allows no fit: then it is kept in a file that `warn` is
-        told.
+        It is saved in `output`, else as the machine's own calibration, which all later calls use; a fresh `sim:` has
+        none, and its calibration is used where it is named. The others are the arguments of `calibrate_files`.
+
+        Raises what a report of `machine` would hold, such as Interrupted, and RecordError where what was measured
+        allows no fit: then it is kept in a file that `warn` is told.
         """
         from edmctl.jobs.calibration.run import calibrate_machine
 

@@ -96,7 +96,7 @@ def run_trial(asked: Sequence[Waveform], known: ActuatorModel | None, seed: int)
 
     known : the model to judge; None identifies one from a calibration record of the same actuator.
     """
-    slow = _measured(seed, sine(LOW_V, HIGH_V, SLOW_HZ, 1, RATE_HZ).u_v, every=SLOW_EVERY)
+    slow = slow_cycle(seed)
     ours, doubts = (known, []) if known else _calibrated(seed)
     models: dict[str, ActuatorModel] = {
         "line": fit_line([slow]).model,
@@ -107,7 +107,7 @@ def run_trial(asked: Sequence[Waveform], known: ActuatorModel | None, seed: int)
     traces, results = [], []
     for waveform in asked:
         driven = VirtualActuator(seed).drive(waveform.command_v)
-        doubts += _slowed(waveform, driven) + _beyond(waveform, driven, ours)
+        doubts += slowed(waveform, driven) + _beyond(waveform, driven, ours)
         trace = _traced(driven, models)
         traces.append(trace)
         results.append(_judged(waveform.name, trace, stroke_um))
@@ -144,8 +144,13 @@ def _measured(seed: int, command_v: Array, every: int = 1) -> Record:
     return Record(driven.t_s[::every], driven.applied_v[::every], driven.sensor_um[::every])
 
 
-def _slowed(waveform: Waveform, driven: DrivenTicks) -> list[Diagnostic]:
-    """Whether the controller's slew limit changed what was asked for."""
+def slow_cycle(seed: int) -> Record:
+    """The one slow cycle over the whole range that the simple models are fitted to, seen through the sensor."""
+    return _measured(seed, sine(LOW_V, HIGH_V, SLOW_HZ, 1, RATE_HZ).u_v, every=SLOW_EVERY)
+
+
+def slowed(waveform: Waveform, driven: DrivenTicks) -> list[Diagnostic]:
+    """Warn (W8103) where the controller's slew limit changed what was asked for."""
     worst_v = float(abs(driven.applied_v - waveform.command_v).max())
     if worst_v <= NOTICED_V:
         return []
@@ -215,13 +220,12 @@ def check_outputs(plot: Path | None, data: Path | None) -> None:
             raise output_files.unwritable(str(path), f"there is no folder {path.parent}", "Make it first.")
 
 
-def write_data(trial: Trial, path: Path) -> None:
+def write_data(traces: Sequence[Trace], path: Path) -> None:
     """Write every sample; with several waveforms, one after the other under their number in the table."""
     import numpy as np
 
     from edmctl.record.columns import write_columns
 
-    traces = trial.traces
     columns: dict[str, Array] = {}
     if len(traces) > 1:
         columns["waveform"] = np.concatenate(
@@ -232,9 +236,11 @@ def write_data(trial: Trial, path: Path) -> None:
         "u_V": [trace.applied_v for trace in traces],
         "truth_um": [trace.truth_um for trace in traces],
         "sensor_um": [trace.sensor_um for trace in traces],
-        "paper_um": [trace.models_um["paper"] for trace in traces],
-        "ours_um": [trace.models_um["ours"] for trace in traces],
-        "line_um": [trace.models_um["line"] for trace in traces],
+        **{
+            f"{key}_um": [trace.models_um[key] for trace in traces]
+            for key in ("paper", "ours", "line")
+            if key in traces[0].models_um
+        },
     }.items():
         columns[name] = np.concatenate(values)
     write_columns(path, columns)

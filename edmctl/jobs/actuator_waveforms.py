@@ -21,6 +21,8 @@ LOW_V, HIGH_V = 0.0, 120.0
 FREQUENCY_HZ, CYCLES = 1.0, 5
 SLOW_HZ, SLOW_CYCLES = 0.01, 2
 STEP_HOLD_S = 60.0
+FIGURES = "figures"
+"""All figures of the paper that show waveforms."""
 LONGEST_S = 1800.0
 """Half an hour takes some 200 MB, and 1 GB for a moment where it is written as CSV."""
 
@@ -41,10 +43,11 @@ class Wanted:
 
 
 class Waveform(NamedTuple):
-    """A name, and the voltage to apply at every millisecond, shape (n,)."""
+    """A name, and the voltage to apply at every millisecond, shape (n,); `figure` is that of the paper with it."""
 
     name: str
     command_v: Array
+    figure: str = ""
 
 
 def waveforms(wanted: Wanted) -> list[Waveform]:
@@ -53,6 +56,8 @@ def waveforms(wanted: Wanted) -> list[Waveform]:
     Raises UsageError (E2010: options that do not fit together, out of range, or too long), RecordError (the file).
     """
     _refuse_misplaced(wanted)
+    if figures := _figures(wanted.shape):
+        return figures
     if wanted.source:
         return [Waveform(wanted.source.name, command_from(wanted.source, LONGEST_S))]
     low_v, high_v = _voltages(wanted)
@@ -95,6 +100,15 @@ def _periodic(shape: str, low_v: float, high_v: float, frequency_hz: float, cycl
     return Waveform(f"{shape} {frequency_hz:g} Hz", u_v)
 
 
+def _figures(shape: str) -> list[Waveform]:
+    """The waveforms of the paper's figures that a shape names; none for every other shape."""
+    from edmctl.actuator import paper_figures
+    from edmctl.simulator.actuator import RATE_HZ
+
+    names = list(paper_figures.NAMES) if shape == FIGURES else [shape] if shape in paper_figures.NAMES else []
+    return [Waveform(paper_figures.NAMES[name], paper_figures.command(name, RATE_HZ), name) for name in names]
+
+
 def _step(low_v: float, high_v: float) -> Waveform:
     from edmctl.actuator.waveforms import Leg, sampled
     from edmctl.simulator.actuator import RATE_HZ, SLEW_V_S
@@ -133,9 +147,14 @@ def _voltages(wanted: Wanted) -> tuple[float, float]:
 
 def _refuse_misplaced(wanted: Wanted) -> None:
     """Refuse options that the waveform has no use for."""
+    from edmctl.actuator import paper_figures
+
     periodic: dict[str, object] = {"--frequency": wanted.frequency_hz, "--cycles": wanted.cycles}
     ranged: dict[str, object] = {"--low": wanted.low_v, "--high": wanted.high_v}
-    if wanted.shape == "csv":
+    if wanted.shape == FIGURES or wanted.shape in paper_figures.NAMES:
+        unused = {**periodic, **ranged, "--from": wanted.source}
+        why = "its voltage is that of the paper"
+    elif wanted.shape == "csv":
         if wanted.source is None:
             raise _refusal("No CSV file was named.", "Say --from FILE.csv; it has the columns t_s and u_V.")
         unused, why = {**periodic, **ranged}, "the file says all of the voltage"

@@ -109,6 +109,7 @@ def _record(
         plan.loaded.profile,
         identity.serial,
         calibrate,
+        lasting=plan.where.lasting,
     )
     if warn is not None:
         warn(choice.warnings)

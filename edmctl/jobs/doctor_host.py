@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.errors import EdmError, PreconditionError, installing
-from edmctl.jobs.plan import SIMULATOR
 from edmctl.jobs.runs.opening import on_machine
 from edmctl.results.equipment import Check, CheckStatus
 from edmctl.version import __version__
@@ -125,17 +124,23 @@ def load(checks: Checks, path: Path | None) -> Setup:
 
 def calibration(environ: Mapping[str, str], setup: Setup, serial: str, port: str) -> Check:
     """Whether the calibration that a job would use is there, can be read, and is of this machine."""
+    from edmctl.jobs.plan import where_is
     from edmctl.profile.calibration import load_calibration
     from edmctl.profile.folders import find_calibration
 
-    path = find_calibration(None, environ, setup.actuator.calibration, serial)
-    # A fresh virtual machine is the same one again only with its seed, which its number tells.
-    seed = f" --seed {serial.removeprefix('SIM-')}" if port == SIMULATOR else ""
-    remedy = f"Run `{on_machine('edmctl calibrate', port)}{seed}`."
+    fresh = not where_is(port or None, setup).lasting
+    path = find_calibration(None, environ, setup.actuator.calibration, None if fresh else serial)
+    if fresh:
+        # It is the same machine again only with its seed, which its number tells.
+        seed = serial.removeprefix("SIM-")
+        remedy = f"Run `edmctl calibrate --seed {seed}`, and name its file with --calibration."
+    else:
+        remedy = f"Run `{on_machine('edmctl calibrate', port)}`."
     if path is None:
+        none = "None is named" if fresh else f"None of {serial}"
         if setup.sensor.fitted:
-            return warn("calibration", f"None of {serial}; a job makes a quick one of its own.", remedy)
-        return fail("calibration", f"None of {serial}, and no displacement sensor is fitted.", remedy)
+            return warn("calibration", f"{none}; a job makes a quick one of its own.", remedy)
+        return fail("calibration", f"{none}, and no displacement sensor is fitted.", remedy)
     try:
         found = load_calibration(path)
     except EdmError as error:

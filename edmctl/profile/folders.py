@@ -102,16 +102,24 @@ def default_path(serial: str, environ: Mapping[str, str]) -> Path:
     return data_folder(environ) / "calibration" / f"{quote(serial, safe=' ')}.toml"
 
 
+def fresh_path(serial: str, environ: Mapping[str, str]) -> Path:
+    """File of a virtual machine that is gone with its command: no machine finds it by itself."""
+    own = default_path(serial, environ)
+    return own.parent / "fresh" / own.name
+
+
 def find_calibration(
-    option: Path | None, environ: Mapping[str, str], stated: str | None, serial: str
+    option: Path | None, environ: Mapping[str, str], stated: str | None, serial: str | None
 ) -> Path | None:
     """Which calibration file is used: that of the option, of $EDMCTL_CALIBRATION, of the setup, the machine's own.
 
-    `stated` is that of the setup. Only the last need not exist: without it there is none. The others were asked
-    for, and loading them says what is wrong with them.
+    `stated` is that of the setup, `serial` None for a machine that has none of its own. Only the last need not
+    exist: without it there is none. The others were asked for, and loading them says what is wrong with them.
     """
     named = option or environ.get(CALIBRATION_VARIABLE) or stated
     if named:
         return Path(named)
+    if serial is None:
+        return None
     own = default_path(serial, environ)
     return own if own.is_file() else None

@@ -11,6 +11,7 @@ from edmctl.actuator.record import Record
 from edmctl.errors import RecordError, RunFileError
 from edmctl.files import RECORD_BYTES, open_regular, read_bytes
 from edmctl.record import disk, layout
+from edmctl.record.bench_file import KIND
 from edmctl.record.delimited import (
     DISPLACEMENT,
     STACK,
@@ -37,6 +38,8 @@ if TYPE_CHECKING:
 HDF5_SUFFIXES = (".h5", ".hdf5", ".hdf", ".nxs")
 RUN_COLUMNS = {TIME: "time", VOLTAGE: "v_cmd", DISPLACEMENT: "z_sensor"}
 """Where a run file holds the columns of a record."""
+_BEGIN_BYTES = 1 << 16
+"""The attributes of the root, which say what wrote a file, lie within them."""
 UNITS = {"s": "s", "V": "V", "um": "um", "A": "A", "Hz": "Hz"}
 """Units by the end of a column's name."""
 
@@ -46,9 +49,12 @@ def read_record(path: Path, previous_v: float | None = None) -> Record:
 
     previous_v : what the actuator was held at before the first sample, V; None: conditioned.
 
-    Other columns are ignored. Raises RecordError: E3601 the file cannot be read, E3602 it is no table, E3603 its
-    columns have other names, E3604 a row is no row of numbers (with its line), E3605 it has no rows, E3606 it is
-    HDF5 without one clear set of columns. What the numbers say is judged by `actuator.checks`.
+    A run file is known by what it says of itself, whatever its name, and a servo table that `edmctl run export`
+    wrote by its columns. Other columns are ignored. What the numbers say is judged by `actuator.checks`.
+
+    Raises RecordError: E3601 the file cannot be read, E3602 it is no table, E3603 its columns have other names,
+    E3604 a row is no row of numbers (with its line), E3605 it has no rows, E3606 it is HDF5 without one clear set of
+    columns.
     """
     columns = _read(path, tuple(WANTED))
     return Record(columns[TIME], columns[VOLTAGE], columns[DISPLACEMENT], previous_v, path.name)
@@ -122,9 +128,33 @@ def _read_hdf5(path: Path, needed: Sequence[str]) -> dict[str, Array]:
     try:
         with open_run(path) as run:
             servo = run.columns(layout.SERVO.path)
-            return _arrays(path, {wanted: servo[RUN_COLUMNS[wanted]] for wanted in needed})
-    except (RunFileError, KeyError, *disk.HDF5_ERRORS):
+            columns = _arrays(path, {wanted: servo[RUN_COLUMNS[wanted]] for wanted in needed})
+    except (RunFileError, KeyError, *disk.HDF5_ERRORS) as refused:
+        _refuse_own(path, refused)
         return _read_foreign(path, needed)
+    if DISPLACEMENT in columns and not np.isfinite(columns[DISPLACEMENT]).any():
+        raise RecordError(
+            f"{path} is the run of a machine without a displacement sensor: nothing tells where the tool was.",
+            hint="Give a run that was made with a sensor.",
+            code="E3606",
+        )
+    return columns
+
+
+def _refuse_own(path: Path, refused: Exception) -> None:
+    """Raise RecordError E3606 for a file of edmctl that holds no record which can be read, and say what it is."""
+    with open_regular(path) as file:
+        begin = file.read(_BEGIN_BYTES)
+    if KIND.encode() in begin:
+        message, hint = f"{path} is a virtual machine that is kept, no record.", "Give one of its run files."
+    elif layout.SCHEMA.partition("/")[0].encode() + b"/" not in begin:
+        return
+    elif isinstance(refused, RunFileError):
+        message, hint = refused.message, refused.hint
+    else:
+        message = f"{path} is a run file whose servo signals cannot be read: {disk.reason(refused)}."
+        hint = f"`edmctl run recover {path}` writes what can still be read into a new file."
+    raise RecordError(message, hint=hint, code="E3606") from refused
 
 
 def _read_foreign(path: Path, needed: Sequence[str]) -> dict[str, Array]:

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 TIME, VOLTAGE, DISPLACEMENT = "t_s", "u_V", "y_um"
 STACK, TOOL = "x_um", "z_um"
+LONGEST_TOLD = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,9 +73,19 @@ LEVER: Mapping[str, _Quantity] = {
 _QUANTITIES: Mapping[str, _Quantity] = {**WANTED, **LEVER}
 
 
+EXPORTED = {TIME: "time_s", VOLTAGE: "v_cmd_v", DISPLACEMENT: "z_sensor_um"}
+"""The same columns in the servo table that `edmctl run export` writes."""
+
+
 def find_columns(names: Sequence[str], needed: Sequence[str] = tuple(WANTED)) -> dict[str, int]:
-    """Where each needed column stands among `names`; those that are not there are left out."""
+    """Where each needed column stands among `names`; those that are not there are left out.
+
+    A table that `edmctl run export` wrote has all of them under other names.
+    """
     plain = [_plain(name) for name in names]
+    exported = [EXPORTED.get(wanted) for wanted in needed]
+    if all(name in plain for name in exported):
+        return {wanted: plain.index(name) for wanted, name in zip(needed, exported, strict=True) if name}
     return {wanted: plain.index(_plain(wanted)) for wanted in needed if _plain(wanted) in plain}
 
 
@@ -98,6 +109,11 @@ def advice(names: Sequence[str], needed: Sequence[str] = tuple(WANTED)) -> str:
             free.remove(near)
             said.append(_conversion(near, wanted))
     return " ".join(said)
+
+
+def shortened(text: str) -> str:
+    """Return a text that a message has room for."""
+    return text if len(text) <= LONGEST_TOLD else f"{text[:LONGEST_TOLD]}…"
 
 
 def _plain(name: str) -> str:
@@ -227,6 +243,17 @@ def read_delimited(path: Path, content: bytes, needed: Sequence[str] = tuple(WAN
     return {name: np.ascontiguousarray(values[:, k]) for k, name in enumerate(columns)}
 
 
+_OWN_TEXTS = (
+    (
+        b'schema = "edmctl-calibration',
+        "a calibration",
+        "Name it with --calibration; --from takes what was measured.",
+    ),
+    (b'{"v":', "a ledger or journal of edmctl", "Give the run file beside it (.h5)."),
+)
+"""Texts that edmctl writes itself, by how they begin."""
+
+
 def _load(body: str, separator: str, columns: list[int]) -> Array:
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "loadtxt: input contained no data", UserWarning)
@@ -236,6 +263,9 @@ def _load(body: str, separator: str, columns: list[int]) -> Array:
 
 
 def _text(path: Path, content: bytes) -> str:
+    for begins, what, hint in _OWN_TEXTS:
+        if content.lstrip().startswith(begins):
+            raise RecordError(f"{path} is {what}, no measured record.", hint=hint, code="E3602")
     if content.startswith((b"\xff\xfe", b"\xfe\xff")):
         hint = "Save it as CSV in UTF-8 or ASCII."
         raise RecordError(f"{path} is text in UTF-16.", hint=hint, code="E3602")
@@ -309,7 +339,7 @@ def _number(cell: str, *, decimal_commas: bool) -> float | None:
 
 def _columns(table: _Table, needed: Sequence[str]) -> dict[str, int]:
     """Where the needed columns stand. Raises RecordError E3603 with what others may be."""
-    header = ", ".join(table.names)
+    header = shortened(", ".join(table.names))
     line = table.separator.join(table.names)
     where = Location(str(table.path), table.header_line, 1, max(1, len(line)), line)
     columns = find_columns(table.names, needed)

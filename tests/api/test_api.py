@@ -142,7 +142,7 @@ def test_a_calibration_has_errors_and_acceptance_and_is_used(tmp_path: Path) -> 
     calibration = machine.calibrate()
     assert calibration.accepted
     assert not calibration.problems
-    assert calibration.path == tmp_path / "calibration" / f"{calibration.serial}.toml"
+    assert calibration.path == tmp_path / "calibration" / "fresh" / f"{calibration.serial}.toml"
     assert calibration.held_out.rms_um < calibration.findings.baselines["line"].rms_um
     assert list(calibration.to_frame()["model"]) == ["edmctl", "line", "maxwell"]
     assert re.match(r"<CalibrationReport: accepted, \d\.\d\d µm rms", repr(calibration))
@@ -150,7 +150,9 @@ def test_a_calibration_has_errors_and_acceptance_and_is_used(tmp_path: Path) -> 
     with pytest.raises(PreconditionError, match="No displacement sensor"):
         blind.approach("cu270", out=tmp_path)
     warned: list[Diagnostic] = []
-    found = blind.approach("cu270", out=tmp_path, allow_model=True, warn=warned.extend)
+    found = blind.approach(
+        "cu270", out=tmp_path, allow_model=True, calibration=calibration.path, warn=warned.extend
+    )
     assert found.model is not None
     assert found.model.path == str(calibration.path)
     assert "W8105" in [warning.code for warning in warned]

@@ -28,7 +28,7 @@ from edmctl.profile.setup import Setup
 from edmctl.record.columns import read_record, write_columns
 from edmctl.rules.load import load_profile
 from edmctl.simulator.actuator import RATE_HZ, VirtualActuator
-from tests.cli.commands import CU270
+from tests.cli.commands import CU270, SHALLOW
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -151,11 +151,18 @@ def test_progress_is_told_in_plain_lines(run: Run) -> None:
     assert "\r" not in run.err
 
 
-def test_the_file_is_the_one_that_the_machine_uses(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_file_of_a_fresh_machine_is_used_where_it_is_named(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("EDMCTL_HOME", str(run.home))
-    choice = calibrated.choose(None, os.environ, Setup(), load_profile(CU270, ()).profile, f"SIM-{SEED}")
-    assert choice.used.path == run.result["calibration_file"]
-    assert choice.used.path == str(run.home / "calibration" / "SIM-3.toml")
+    file = Path(run.result["calibration_file"])
+    assert file == run.home / "calibration" / "fresh" / "SIM-3.toml"
+    profile, serial = load_profile(CU270, ()).profile, f"SIM-{SEED}"
+    for lasting in (False, True):
+        unnamed = calibrated.choose(None, os.environ, Setup(), profile, serial, lasting=lasting)
+        assert (unnamed.used.path, unnamed.actuator) == (None, None)
+    choice = calibrated.choose(file, os.environ, Setup(), profile, serial, lasting=False)
+    assert choice.used.path == str(file)
     assert (choice.used.accepted, choice.warnings) == (True, ())
     assert choice.actuator is not None
     assert choice.actuator.model.stroke_um == pytest.approx(run.result["stroke_um"], abs=1e-3)
@@ -174,18 +181,37 @@ def test_the_same_seed_gives_the_same_result(run: Run, here: Here, monkeypatch: 
 
 def test_the_machines_own_file_is_replaced(here: Here, quick: None, home: Path) -> None:
     own = home / "calibration" / "SIM-3.toml"
-    assert f"Saved in {own}: " in here("calibrate", "--seed", "3").out
+    kept = ("calibrate", "--port", "sim:bench.h5", "--seed", "3")
+    assert f"Saved in {own}: " in here(*kept).out
     own.write_text("an older one", encoding="utf-8")
-    way = "`edmctl machine --profile PROFILE --seed 3` uses it on SIM-3 from now on"
-    replaced = f"Simulated, seed 3. Replaced {own}: {way}."
-    assert here("calibrate", "--seed", "3").out.splitlines()[-1] == replaced
+    way = "`edmctl machine --profile PROFILE --port sim:bench.h5` uses it on SIM-3 from now on"
+    assert here(*kept[:-2]).out.splitlines()[-1].endswith(f"Replaced {own}: {way}.")
     assert load_calibration(own).serial == "SIM-3"
+
+
+def test_how_to_use_the_file_of_a_fresh_machine_is_said(here: Here, quick: None, home: Path) -> None:
+    file = home / "calibration" / "fresh" / "SIM-3.toml"
+    way = f"`edmctl machine --profile PROFILE --seed 3 --calibration {file}` uses it."
+    assert (
+        here("calibrate", "--seed", "3").out.splitlines()[-1] == f"Simulated, seed 3. Saved in {file}: {way}"
+    )
+    assert (
+        here("calibrate", "--seed", "3").out.splitlines()[-1] == f"Simulated, seed 3. Replaced {file}: {way}"
+    )
+
+
+def test_a_calibration_changes_no_later_run_of_the_same_seed(here: Here, quick: None) -> None:
+    job = ("machine", *SHALLOW, "--seed", "3", "--json", "--quiet")
+    before = here(*job).document["result"]
+    assert here("calibrate", "--seed", "3", "--quiet").exit_code == 0
+    assert here(*job).document["result"] == before
 
 
 def test_a_calibration_in_use_is_not_replaced_by_one_that_is_not_accepted(
     here: Here, quick: None, home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    here("calibrate", "--seed", "3")
+    kept = ("calibrate", "--port", "sim:bench.h5")
+    here(*kept, "--seed", "3")
     own = home / "calibration" / "SIM-3.toml"
     before = own.read_bytes()
     from edmctl.procedures.actuator import calibration as calibrating
@@ -194,7 +220,7 @@ def test_a_calibration_in_use_is_not_replaced_by_one_that_is_not_accepted(
     y_um = shaky.y_um + 8.0 * np.random.default_rng(1).standard_normal(len(shaky.y_um))
     worse = calibrating.MeasuredActuator(shaky._replace(y_um=y_um), 0)
     monkeypatch.setattr(calibrating, "measure_actuator", lambda *_: worse)
-    said = here("calibrate", "--seed", "3", "--json")
+    said = here(*kept, "--json")
     assert said.exit_code == 0
     assert own.read_bytes() == before
     assert not load_calibration(own.with_name("SIM-3-not-accepted.toml")).quality.accepted
@@ -206,7 +232,8 @@ def test_where_setup_or_environment_name_another_calibration_it_is_said(
     here: Here, monkeypatch: pytest.MonkeyPatch, quick: None
 ) -> None:
     monkeypatch.setenv("EDMCTL_CALIBRATION", "other.toml")
-    assert "`edmctl machine` uses other.toml" in here("calibrate", "--seed", "1", "--quiet").out
+    kept = ("calibrate", "--port", "sim:bench.h5", "--quiet")
+    assert "`edmctl machine` uses other.toml" in here(*kept, "--seed", "1").out
 
 
 def test_a_machines_model_is_validated_on_files_too(here: Here, files: Files, quick: None) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -78,7 +79,8 @@ def test_the_machine_s_own_calibration_is_found_and_named_everywhere(
     own = default_path("SIM-1", {"EDMCTL_HOME": str(tmp_path)})
     own.parent.mkdir()
     own.write_bytes(first.read_bytes())
-    said = machined(here)
+    kept = ("--port", "sim:bench.h5")
+    said = machined(here, *kept)
     used = said.document["result"]["calibration"]
     assert used["path"] == str(own)
     assert used["sha256"] == load_calibration(first).sha256[:12]
@@ -93,7 +95,7 @@ def test_the_machine_s_own_calibration_is_found_and_named_everywhere(
     (site,) = said.document["result"]["sites"]
     assert row["err_feed_max"] == pytest.approx(site["feed_model_error_max_um"], abs=1e-3)
     assert site["feed_model_error_max_um"] < 1.5
-    table = here("machine", *SHALLOW, "--seed", "1").out
+    table = here("machine", *SHALLOW, *kept).out
     assert f"Actuator model: calibration {own} (sha256 {used['sha256']}, accepted)." in table
 
 
@@ -187,7 +189,10 @@ def test_no_sensor_and_no_calibration_is_refused(here: Here, no_sensor: str) -> 
     assert command is not None
     assert list(Path().glob("runs/*")) == []
     assert here(*command[1].split()).exit_code == 0
-    assert machined(here, "--setup", no_sensor, "--allow-model").exit_code == 0
+    assert machined(here, "--setup", no_sensor, "--allow-model").exit_code == 8
+    (file,) = Path(os.environ["EDMCTL_HOME"]).rglob("SIM-1.toml")
+    named = machined(here, "--setup", no_sensor, "--allow-model", "--calibration", str(file))
+    assert named.exit_code == 0
 
 
 def test_no_sensor_and_too_small_a_calibration_is_refused_with_both_numbers(

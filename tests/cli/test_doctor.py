@@ -65,7 +65,8 @@ def test_a_sound_machine_has_nothing_that_fails(here: Here) -> None:
         *(f"interlock {name}" for name in INTERLOCKS),
     }
     assert {check["status"] for check in checks.values()} <= {"ok", "warn"}
-    assert checks["calibration"]["fix"] == "Run `edmctl calibrate`."
+    fix = "Run `edmctl calibrate --seed 1`, and name its file with --calibration."
+    assert checks["calibration"]["fix"] == fix
     assert "SIM-1" in checks["controller"]["message"]
 
 
@@ -83,7 +84,8 @@ def test_people_get_a_line_for_each_check_and_the_fix_below(here: Here) -> None:
     lines = said.out.splitlines()
     assert lines[0].startswith("ok    versions")
     index = next(i for i, line in enumerate(lines) if line.startswith("warn  calibration"))
-    assert lines[index + 1].strip() == "fix: Run `edmctl calibrate`."
+    fix = "Run `edmctl calibrate --seed 1`, and name its file with --calibration."
+    assert lines[index + 1].strip() == f"fix: {fix}"
 
 
 def door(workshop: Workshop) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import h5py
 import numpy as np
@@ -10,11 +12,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from edmctl.cli.app import main
 from edmctl.errors import RecordError, RunFileError
 from edmctl.record.columns import read_record, read_voltage, write_columns
 from edmctl.record.delimited import read_delimited
 from edmctl.record.layout import SERVO
 from edmctl.record.reader import open_run
+from tests.report.servo_signals import a_cut
+from tests.report.servo_signals import write_run as write_signals
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 ROWS = "0,1.5,-3\n0.005,2.5,-1.25e-1\n"
 HEADER = "t_s,u_V,y_um\n"
@@ -302,3 +310,51 @@ def test_any_run_is_a_record(run_path: Path) -> None:
     np.testing.assert_array_equal(record.t_s, servo["time"])
     np.testing.assert_array_equal(record.u_v, servo["v_cmd"])
     np.testing.assert_array_equal(record.y_um, servo["z_sensor"])
+
+
+@pytest.mark.parametrize("name", ["run.dat", "run.csv", "run", "run.h5.partial"])
+def test_a_run_file_is_known_whatever_its_name(write_run: Callable[[str], Path], name: str) -> None:
+    record = read_record(write_run(name))
+    with open_run(write_run("other.h5")) as run:
+        np.testing.assert_array_equal(record.y_um, run.columns(SERVO.path)["z_sensor"])
+
+
+def test_an_exported_servo_table_is_known_by_its_columns(run_path: Path) -> None:
+    table = run_path.with_name("servo.csv")
+    assert main(["run", "export", str(run_path), "--table", "servo", "--out", str(table)]) == 0
+    exported, direct = read_record(table), read_record(run_path)
+    np.testing.assert_allclose(exported.t_s, direct.t_s)
+    np.testing.assert_allclose(exported.y_um, direct.y_um)
+    np.testing.assert_allclose(exported.u_v, direct.u_v)
+
+
+def test_what_else_edmctl_writes_is_named_for_what_it_is(tmp_path: Path, run_path: Path) -> None:
+    blind = replace(a_cut(5.0), sensor_um=np.full(500, np.nan))
+    later = run_path.with_name("later.h5")
+    later.write_bytes(run_path.read_bytes())
+    with h5py.File(later, "r+") as file:
+        file.attrs["schema"] = "edmctl-run/99"
+    cut = written(tmp_path, run_path.read_bytes()[:-5000], "cut.h5")
+    bench = tmp_path / "bench.h5"
+    with h5py.File(bench, "w") as file:
+        file.attrs["kind"] = "edmctl-bench"
+    for path, code, what in (
+        (
+            write_signals(tmp_path / "blind.h5", blind).finish("done", 0),
+            "E3606",
+            "without a displacement sensor",
+        ),
+        (later, "E3606", "later version"),
+        (cut, "E3606", "is damaged"),
+        (bench, "E3606", "a virtual machine that is kept"),
+        (written(tmp_path, 'schema = "edmctl-calibration/1"\n', "a.toml"), "E3602", "is a calibration"),
+        (written(tmp_path, '{"v": 3,"kind": "tool"}\n', "ledger.jsonl"), "E3602", "ledger or journal"),
+    ):
+        error = refused(path)
+        assert (error.code, what in str(error)) == (code, True), error
+
+
+def test_a_long_header_is_not_repeated_whole(tmp_path: Path) -> None:
+    error = refused(written(tmp_path, ",".join(f"column{k}" for k in range(5000)) + "\n1,2\n"))
+    assert error.code == "E3603"
+    assert len(str(error)) < 400

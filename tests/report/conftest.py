@@ -73,6 +73,12 @@ def run_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
+def held_run_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the file of the same hole with every contact held for 5 s."""
+    return _machined(tmp_path_factory, "held_run", *SHALLOW, "--set", "measure.dwell_s=5")
+
+
+@pytest.fixture(scope="session")
 def full_run_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the file of the same hole with every pulse, and the servo at 1 kHz."""
     full = ("--set", 'log.pulses="full"', "--set", "log.servo_hz=1000.0")

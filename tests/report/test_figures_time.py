@@ -515,3 +515,23 @@ def test_spans_go_on_from_block_to_block() -> None:
 @pytest.mark.parametrize(("span_s", "label"), [(0.1, "ms"), (1.0, "s"), (900.0, "min"), (28_800.0, "h")])
 def test_an_axis_of_time_has_the_unit_of_its_length(span_s: float, label: str) -> None:
     assert time_unit(span_s)[1] == f"time ({label})"
+
+
+def test_a_long_hold_is_shown_whole_with_the_voltage_that_sinks_and_the_sensor_that_stays(
+    held_run_file: Path,
+) -> None:
+    figure = drawn("touching", held_run_file)
+    voltage, _, displacement, _ = figure.axes[-4:]
+    contacts_s = [data(line)[0][0] for line in voltage.get_lines() if line.get_linewidth() == 0.6]
+    assert voltage.get_xlim()[1] > contacts_s[-1] + 5.0
+    sunk_v = [float(text.get_text().split()[0].replace("−", "-")) for text in voltage.texts]
+    moved_um = [float(text.get_text().split()[0].replace("−", "-")) for text in displacement.texts]
+    assert len(sunk_v) == len(moved_um) == len(contacts_s) > 1
+    assert sunk_v[0] < -0.05
+    assert max(map(abs, moved_um)) <= 0.2
+
+
+def test_of_short_holds_nothing_is_written(run_file: Path) -> None:
+    assert not [
+        text for axes in drawn("touching", run_file).axes for text in axes.texts if " V" in text.get_text()
+    ]

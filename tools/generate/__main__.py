@@ -11,7 +11,7 @@ import tomllib
 from pathlib import Path
 
 from edmctl.link.schema import SCHEMA_PATH, load_schema
-from tools.generate import faults_page, profile_page, protocol_page, run_file_page, study_page
+from tools.generate import actuator_page, faults_page, profile_page, protocol_page, run_file_page, study_page
 from tools.generate.messages import messages_source
 from tools.generate.text import filled, formatted
 
@@ -27,6 +27,7 @@ def wanted_files() -> dict[Path, str]:
         "faults.md": {"faults": faults_page.sections(schema, faults)},
         "profile.md": profile_page.tables(),
         "run-file.md": {"layout": run_file_page.layout_tables()},
+        "actuator.md": actuator_page.tables(),
         "study.md": study_page.tables(),
     }
     link, docs = _ROOT / "edmctl" / "link", _ROOT / "docs"

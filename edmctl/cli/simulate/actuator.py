@@ -9,11 +9,13 @@ import typer
 
 from edmctl.cli.options import NOTES, SeedOption, command
 from edmctl.cli.outcome import Outcome, stream_style, watching
+from edmctl.errors import UsageError
 from edmctl.jobs.sweep import seed_to_use
 
 if TYPE_CHECKING:
     from edmctl.jobs.actuator_trial import Trial
     from edmctl.jobs.actuator_waveforms import Waveform
+    from edmctl.jobs.paper_trial import PaperTrial
 
 
 class Shape(StrEnum):
@@ -27,15 +29,53 @@ class Shape(StrEnum):
     SERVO = "servo"
     CSV = "csv"
     ALL = "all"
+    FIG3A = "fig3a"
+    FIG3B = "fig3b"
+    FIG4 = "fig4"
+    FIG5 = "fig5"
+    LOOP = "loop"
+    FIGURES = "figures"
+
+
+class ModelChoice(StrEnum):
+    """Whose models."""
+
+    COMPARED = "compared"
+    PAPER = "paper"
+
+
+class StartChoice(StrEnum):
+    """What the paper's model remembers."""
+
+    VIRGIN = "virgin"
+    CONDITIONED = "conditioned"
 
 
 ShapeArgument = Annotated[
-    Shape,
+    Shape | None,
     typer.Argument(
         metavar="WAVEFORM",
         help="sine, square, triangle, step (and 60 s of creep), jumps (of the electrode, while feeding), servo "
-        "(200 s of feed with dither), csv (of --from), or all: slow sine, sine, step, jumps and servo.",
+        "(200 s of feed with dither), csv (of --from), or all: slow sine, sine, step, jumps and servo. Those of "
+        "the paper: fig3a, fig3b, fig4, fig5, loop, or figures: all of them, the default of --model paper.",
         show_default=False,
+    ),
+]
+ModelOption = Annotated[
+    ModelChoice,
+    typer.Option(
+        "--model",
+        metavar="compared|paper",
+        help="compared: straight line, Maxwell and edmctl against the truth. paper: the electromechanical model of "
+        "Muralidhara et al. 2009 against the sensor, beside the paper's own figures.",
+    ),
+]
+StartOption = Annotated[
+    StartChoice | None,
+    typer.Option(
+        "--start",
+        metavar="virgin|conditioned",
+        help="What --model paper remembers as it begins. Default: virgin, nothing, as the paper's simulation did.",
     ),
 ]
 FrequencyOption = Annotated[
@@ -70,7 +110,9 @@ DataOption = Annotated[
 @command("simulate actuator", NOTES)
 def actuator(
     outcome: Outcome,
-    shape: ShapeArgument,
+    shape: ShapeArgument = None,
+    model: ModelOption = ModelChoice.COMPARED,
+    start: StartOption = None,
     frequency: FrequencyOption = None,
     low: LowOption = None,
     high: HighOption = None,
@@ -84,19 +126,44 @@ def actuator(
     """Drive a virtual actuator, and say how well models follow it.
 
     The models are a straight line, the paper's practice (Maxwell elements without creep, fitted to one slow
-    cycle), and edmctl's, calibrated as a machine would be: through the displacement sensor.
+    cycle), and edmctl's, calibrated as a machine would be: through the displacement sensor. With --model paper it
+    is the electromechanical model of the paper, with its Table 1.
     """
     from edmctl.jobs.actuator_trial import check_outputs
     from edmctl.jobs.actuator_waveforms import Wanted, waveforms
 
     outcome.simulated = True
     used_seed = seed_to_use(seed)
-    wanted = Wanted(shape.value, frequency, low, high, cycles, source)
-    asked = waveforms(wanted)
+    of_paper = model is ModelChoice.PAPER
+    _refuse_contradictions(shape, start, calibration, of_paper=of_paper)
+    chosen = shape or Shape.FIGURES
+    asked = waveforms(Wanted(chosen.value, frequency, low, high, cycles, source))
     check_outputs(plot, data)
     outcome.seed = used_seed
-    trial = _try(outcome, asked, calibration, used_seed)
-    _report(outcome, trial, plot, data)
+    if of_paper:
+        begins = start or StartChoice.VIRGIN
+        _report_paper(outcome, _try_paper(outcome, asked, begins, used_seed), plot, data)
+    else:
+        _report(outcome, _try(outcome, asked, calibration, used_seed), plot, data)
+
+
+def _refuse_contradictions(
+    shape: Shape | None, start: StartChoice | None, calibration: Path | None, *, of_paper: bool
+) -> None:
+    """Raise UsageError for a missing waveform (E2000), and options that do not go with the models (E2010)."""
+    if shape is None and not of_paper:
+        hint = "--model paper alone needs none; `edmctl simulate actuator --help` lists what there is."
+        raise UsageError("Missing argument 'WAVEFORM'.", hint=hint, code="E2000")
+    if start is not None and not of_paper:
+        message = (
+            "--start goes with --model paper alone: the other models begin as the actuator does, conditioned."
+        )
+        raise UsageError(message, hint="Leave --start out, or say --model paper.", code="E2010")
+    if calibration is not None and of_paper:
+        message = (
+            "--calibration does not go with --model paper, which is fitted to one slow cycle of the actuator."
+        )
+        raise UsageError(message, hint="Leave --calibration out.", code="E2010")
 
 
 def _try(outcome: Outcome, asked: "list[Waveform]", calibration: Path | None, seed: int) -> "Trial":
@@ -127,10 +194,41 @@ def _report(outcome: Outcome, trial: "Trial", plot: Path | None, data: Path | No
     outcome.text = render_actuator(trial.waveforms, trial.stroke_um, stream_style(sys.stdout))
     outcome.text += f"\nSimulated, seed {outcome.seed}."
     if data:
-        write_data(trial, data)
+        write_data(trial.traces, data)
         result["data_file"] = str(data)
         outcome.text += f" Data {data}"
     if plot:
         write_figure(trial, plot)
+        result["plot_file"] = str(plot)
+        outcome.text += f" Figure {plot}"
+
+
+def _try_paper(outcome: Outcome, asked: "list[Waveform]", start: StartChoice, seed: int) -> "PaperTrial":
+    """Fit the paper's model and drive every waveform."""
+    from edmctl.actuator.compiling import compiling_told
+    from edmctl.jobs.paper_trial import run_paper_trial
+
+    with watching(outcome.output) as reporter, compiling_told(reporter.note):
+        trial = run_paper_trial(asked, start.value, seed)
+    outcome.warn(trial.doubts)
+    return trial
+
+
+def _report_paper(outcome: Outcome, trial: "PaperTrial", plot: Path | None, data: Path | None) -> None:
+    """Say the figures; then write the files."""
+    from edmctl.console.paper_tables import render_paper_trial
+    from edmctl.jobs.actuator_trial import write_data
+    from edmctl.jobs.paper_trial import write_figure
+
+    result: dict[str, object] = {**trial.as_mapping(), "plot_file": None, "data_file": None}
+    outcome.result = result
+    outcome.text = render_paper_trial(trial, stream_style(sys.stdout))
+    outcome.text += f"\nSimulated, seed {outcome.seed}."
+    if data:
+        write_data(trial.traces, data)
+        result["data_file"] = str(data)
+        outcome.text += f" Data {data}"
+    if plot:
+        write_figure(trial, plot, f"simulated, seed {outcome.seed}; model begins {trial.start}")
         result["plot_file"] = str(plot)
         outcome.text += f" Figure {plot}"

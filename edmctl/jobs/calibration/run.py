@@ -33,7 +33,8 @@ class CalibrationReport(Result):
 
     path : the calibration file; None where nothing was saved
     serial : of the machine that was driven, None when files were fitted
-    is_own : whether the file is the one that this machine uses by itself
+    is_own : whether the file is the one that this machine uses by itself; a virtual machine that is gone with its
+        command uses none unless it is named
     replaced : whether it stands in the place of an older one
     """
 
@@ -100,11 +101,12 @@ def calibrate_machine(
 ) -> CalibrationReport:
     """Drive the machine, fit, and save. What was measured is kept where it comes to no calibration."""
     from edmctl.procedures.actuator.calibration import measure_actuator
-    from edmctl.profile.folders import default_path
+    from edmctl.profile.folders import default_path, fresh_path
 
     with connected(None, checked.setup, seed, observer.note, checked.where, checked.surroundings) as bench:
         identity = bench.machine.identity
-        path = checked.output or default_path(identity.serial, checked.surroundings.environ)
+        place = default_path if checked.where.lasting else fresh_path
+        path = checked.output or place(identity.serial, checked.surroundings.environ)
         check_writable(path)
         bench.begin()
         observer.note(introduction(checked.where, bench))
@@ -112,7 +114,7 @@ def calibrate_machine(
     with _kept_on_failure(measured.record, path, warn):
         warn(_doubts(measured))
         findings = _fit([measured.record], checked, observer)
-        is_own, replaced = checked.output is None, path.exists()
+        is_own, replaced = checked.output is None and checked.where.lasting, path.exists()
         if is_own and replaced and not findings.identification.accepted:
             path, is_own, replaced = _beside(path), False, False
             warn([_not_replaced(path), _kept(measured.record, path)])

@@ -123,7 +123,7 @@ def look_at_named(option: Path | None, environ: Mapping[str, str], setup: Setup,
     if option or environ.get(CALIBRATION_VARIABLE) or setup.actuator.calibration:
         from edmctl.profile.calibration import load_calibration
 
-        named = find_calibration(option, environ, setup.actuator.calibration, "")
+        named = find_calibration(option, environ, setup.actuator.calibration, None)
         if named is not None:
             _refuse_narrow(named, load_calibration(named), setup, profile)
 
@@ -135,24 +135,35 @@ def choose(
     profile: Profile,
     serial: str,
     calibrate: str = "edmctl calibrate",
+    *,
+    lasting: bool = True,
 ) -> Choice:
     """Find the calibration for the machine with that serial number. `calibrate` is the command that makes one there.
+
+    One that is not `lasting`, a virtual machine of this command alone, has none of its own: the same seed gives the
+    same result, whatever was calibrated meanwhile.
 
     Raises RecordError when one that was found cannot be used, PreconditionError when a machine without a sensor has
     none (E8031) or one that covers too little (E8032).
     """
     from edmctl.profile.folders import find_calibration
 
-    path = find_calibration(option, environ, setup.actuator.calibration, serial)
+    path = find_calibration(option, environ, setup.actuator.calibration, serial if lasting else None)
     if path is None:
         if not setup.sensor.fitted:
-            raise PreconditionError(
-                f"No displacement sensor is fitted, and there is no calibration of {serial}.",
-                hint=f"Run `{calibrate}` once with a borrowed sensor, or name a file with --calibration.",
-                code="E8031",
-            )
+            raise _uncalibrated(serial, calibrate, lasting=lasting)
         return Choice(None, _without(setup))
     return _chosen(path, setup, profile, serial)
+
+
+def _uncalibrated(serial: str, calibrate: str, *, lasting: bool) -> PreconditionError:
+    if lasting:
+        message = f"No displacement sensor is fitted, and there is no calibration of {serial}."
+        hint = f"Run `{calibrate}` once with a borrowed sensor, or name a file with --calibration."
+    else:
+        message = f"No displacement sensor is fitted, and no calibration of {serial} is named."
+        hint = f"Run `{calibrate}` with a sensor, and name its file with --calibration."
+    return PreconditionError(message, hint=hint, code="E8031")
 
 
 def _chosen(path: Path, setup: Setup, profile: Profile, serial: str) -> Choice:

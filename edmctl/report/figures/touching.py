@@ -25,6 +25,7 @@ from edmctl.report.style import (
     new_figure,
     time_unit,
 )
+from edmctl.wording import plain_number, signed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -41,7 +42,11 @@ BEFORE_S, AFTER_S = 2.5, 1.0
 """Shown before the first contact of the set and after the last."""
 LONGEST_NAME = 40
 NEAR_S = 0.7
-"""The detail shows so much on both sides of the last contact."""
+"""The detail shows so much on both sides of the last contact, or its hold where that is longer."""
+LONG_HOLD_S = 1.0
+"""Of a contact held so long, what voltage and sensor did meanwhile is written beside it."""
+ENDS_S = 0.3
+"""What they did is the difference of means over so much at both ends of the hold: single samples are noisy."""
 
 
 def draw(run: RunFile) -> Figure:
@@ -51,20 +56,21 @@ def draw(run: RunFile) -> Figure:
     """
     touches = run.table("/entry/touches")
     touch = _chosen(touches)
-    begin_s, end_s, contacts_s = _contacts(run, touch)
+    hold_s = _hold_s(run)
+    begin_s, end_s, contacts_s = _contacts(run, touch, hold_s)
     part = _rows_between(run, begin_s, end_s)
     if part[1] - part[0] < 2:
         raise NothingToDraw(
             "The servo signals of this file do not cover its touches; those of a whole run file do."
         )
     sequence = _sequence(touches)
-    whole_part = _rows_of_sequence(run, sequence)
+    whole_part = _rows_of_sequence(run, sequence, hold_s)
     heights_mm = [HEIGHT_MM - ZOOM_MM, ZOOM_MM] if whole_part[1] - whole_part[0] > 1 else [ZOOM_MM]
     figure = new_figure(sum(heights_mm))
     *above, zoom = figure.subfigures(len(heights_mm), 1, squeeze=False, height_ratios=heights_mm).ravel()
     for whole in above:
         _draw_sequence(whole, run, sequence, whole_part)
-    _draw_zoom(zoom, run, part, contacts_s)
+    _draw_zoom(zoom, run, part, contacts_s, hold_s)
     zoom.suptitle(_title(touch), fontsize=7.0)
     letter_panels(figure.axes)
     figure.axes[-3].set_title("last contact", loc="right", pad=2.0)
@@ -85,12 +91,18 @@ def _sequence(touches: NDArray[np.void]) -> NDArray[np.void]:
     return sequence
 
 
-def _rows_of_sequence(run: RunFile, readings: NDArray[np.void]) -> tuple[int, int]:
+def _hold_s(run: RunFile) -> float:
+    """How long the tool hunts at each contact: of the profile, 0 where the file does not say."""
+    hold_s = plain_number(run.profile_values().get("measure.dwell_s"))
+    return hold_s if hold_s > 0.0 else 0.0
+
+
+def _rows_of_sequence(run: RunFile, readings: NDArray[np.void], hold_s: float) -> tuple[int, int]:
     """Return the rows of `/entry/servo` about several readings; (0, 0) where there are not as many."""
     if len(readings) < 2:
         return 0, 0
     begin_s = _touching_since(run, float(readings["time"][0]))
-    return _rows_between(run, begin_s, float(readings["time"][-1]) + AFTER_S)
+    return _rows_between(run, begin_s, float(readings["time"][-1]) + _after_s(hold_s))
 
 
 def _draw_sequence(
@@ -118,11 +130,16 @@ def _draw_sequence(
     figure.align_ylabels()
 
 
-def _draw_zoom(figure: SubFigure, run: RunFile, part: tuple[int, int], contacts_s: Array) -> None:
+def _draw_zoom(
+    figure: SubFigure, run: RunFile, part: tuple[int, int], contacts_s: Array, hold_s: float
+) -> None:
     columns = floats(run, "/entry/servo", ("time", "v_cmd", "z_sensor", "z_model"), part)
     panels = figure.subplots(2, 2, sharex="col", width_ratios=[1.7, 1.0])
     _draw_column(panels[:, 0], columns, contacts_s, 5)
-    near = np.abs(columns["time"] - contacts_s[-1]) <= NEAR_S
+    if hold_s >= LONG_HOLD_S:
+        _write_changes(panels[:, 0], columns, contacts_s, hold_s)
+    since_s = columns["time"] - contacts_s[-1]
+    near = (since_s >= -NEAR_S) & (since_s <= max(NEAR_S, hold_s + 0.5 * NEAR_S))
     detail = {name: values[near] for name, values in columns.items()}
     detail["time"] = detail["time"] - contacts_s[-1]
     _draw_column(panels[:, 1], detail, np.zeros(1), 3)
@@ -148,7 +165,29 @@ def _chosen(touches: NDArray[np.void]) -> np.void:
     )
 
 
-def _contacts(run: RunFile, touch: np.void) -> tuple[float, float, Array]:
+def _after_s(hold_s: float) -> float:
+    """What is shown after the last contact: its hold, and the way back."""
+    return max(AFTER_S, hold_s + NEAR_S)
+
+
+def _write_changes(panels: NDArray[np.object_], columns: Columns, contacts_s: Array, hold_s: float) -> None:
+    """Write how voltage and sensor changed over each hold: the one sinks by the creep, the other stays."""
+    for axes, name, unit, digits in ((panels[0], "v_cmd", "V", 2), (panels[1], "z_sensor", "µm", 1)):
+        since_s, values = columns["time"], columns[name]
+        for contact_s in contacts_s:
+            inside = (since_s > contact_s) & (since_s < contact_s + hold_s)
+            begins = inside & (since_s <= contact_s + ENDS_S)
+            ends = inside & (since_s >= contact_s + hold_s - ENDS_S)
+            if not (np.isfinite(values[begins]).any() and np.isfinite(values[ends]).any()):
+                continue
+            change = float(np.nanmean(values[ends]) - np.nanmean(values[begins]))
+            axes.annotate(
+                f"{signed(change, digits)} {unit}", (contact_s + 0.5 * hold_s, float(np.nanmax(values[inside]))),
+                xytext=(0.0, 2.0), textcoords="offset points", ha="center", va="bottom", fontsize=5.5,
+            )  # fmt: skip
+
+
+def _contacts(run: RunFile, touch: np.void, hold_s: float) -> tuple[float, float, Array]:
     """Return what to show, and when the tool touched; the time of the reading is that of its last contact."""
     last_s = float(touch["time"])
     events = run.table("/entry/events")
@@ -156,14 +195,14 @@ def _contacts(run: RunFile, touch: np.void) -> tuple[float, float, Array]:
     earliest_s = _touching_since(run, last_s)
     times_s = times_s[(times_s >= earliest_s) & (times_s <= last_s + 1e-3)]
     contacts_s = times_s if len(times_s) else np.array([last_s])
-    return max(earliest_s, float(contacts_s[0]) - BEFORE_S), _touching_until(run, last_s), contacts_s
+    return max(earliest_s, float(contacts_s[0]) - BEFORE_S), _touching_until(run, last_s, hold_s), contacts_s
 
 
-def _touching_until(run: RunFile, last_s: float) -> float:
-    part = _rows_between(run, last_s, last_s + AFTER_S)
+def _touching_until(run: RunFile, last_s: float, hold_s: float) -> float:
+    part = _rows_between(run, last_s, last_s + _after_s(hold_s))
     elsewhere = np.flatnonzero(run.column("/entry/servo", "state", *part) != RecordedState.TOUCH)
     if not len(elsewhere) or elsewhere[0] == 0:
-        return last_s + AFTER_S
+        return last_s + _after_s(hold_s)
     return float(run.column("/entry/servo", "time", *part)[elsewhere[0]])
 
 
