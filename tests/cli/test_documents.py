@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 PAGES = [
     "README.md",
+    "docs/actuator.md",
     "docs/how-to.md",
     "docs/profile.md",
     "docs/serial-port.md",

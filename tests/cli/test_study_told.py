@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 import pytest
 
 import edmctl
 from edmctl.errors import ProfileError, UsageError
+from edmctl.jobs.study.evaluate import bare_row
 from edmctl.jobs.study.planning import plan_study
 from edmctl.jobs.study.table import read_table, told_table, told_values
 from edmctl.profile.study_file import read_study
@@ -24,8 +26,12 @@ BOUNDED = SMALL.replace('unit = "µm"', 'unit = "µm"\nlow = 0.0\nhigh = 5.0')
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory: pytest.TempPathFactory) -> StudyFolder:
-    """A study that waits for roughnesses, and has no run yet."""
-    return made(tmp_path_factory.mktemp("told"), BOUNDED)
+    """A study that waits for roughnesses; its last run is not made yet."""
+    folder = made(tmp_path_factory.mktemp("told"), BOUNDED)
+    with folder.writer() as writer:
+        for run in folder.plan.runs[:-1]:
+            writer.run(bare_row(run, 1, run.seed, datetime.now(UTC)))
+    return folder
 
 
 @pytest.mark.parametrize(
@@ -58,6 +64,7 @@ def test_tables_of_spreadsheets_are_read(tmp_path: Path, study: StudyFolder, con
         ('run,ra_um\n1,"0,3"\n', "ra.csv, line 2: ra_um=0,3: that is no number. Write a decimal point"),
         ("run;ra_um\n1;310\n", "ra.csv, line 2: ra_um = 310 µm is not possible"),
         ("run,ra_um\n1,0.3\n1,0.4\n", "ra.csv, line 3: run 1 stands in the table twice"),
+        ("run,ra_um\n1,0.3\n4,0.4\n", "ra.csv, line 3: Run 4 is not made yet"),
     ],
 )
 def test_what_is_wrong_with_a_table_is_said_with_file_and_line(
