@@ -1,7 +1,7 @@
 """Print how a calibration does on actuators of kinds that edmctl does not hold.
 
     python -m benchmarks.foreign_actuators [--kind bouc-wen preisach prandtl] [--count 8] [--first-seed 1]
-        [--variants all] [--jobs 2] [--json FILE] [--figures FOLDER] [--zero start]
+        [--variants all] [--jobs 2] [--json FILE] [--figures FOLDER] [--zero start] [--mixed servo steps]
 
 Three kinds, each drawn from a seed: Bouc-Wen (an equation of rate, without the memory of turning points), Preisach
 with a smooth density, and generalised Prandtl-Ishlinskii with other envelopes up than down. All have a bent and
@@ -32,7 +32,7 @@ from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from random import Random
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -151,7 +151,7 @@ def preisach(w: float, stack: Array, flow: Array, both: Array, up: Array, down: 
     else:
         value -= everett(last, w, both, up, down, work)
     flow[0], flow[1], flow[2], flow[3] = depth, direction, w, value
-    return value
+    return float(value)
 
 
 @compiled
@@ -669,6 +669,13 @@ FAST = "to 50 Hz"
 WAVEFORMS = {**MIXED, FAST: _fast}
 
 
+class How(NamedTuple):
+    """How the zero is set, and which waveforms count as mixed."""
+
+    zero: str
+    mixed: tuple[str, ...] = tuple(MIXED)
+
+
 # --- judging -----------------------------------------------------------------------------------------------------
 
 
@@ -703,13 +710,23 @@ class Judged:
     delay_ms: float
     waveforms: dict[str, dict[str, Errors]]
 
-    def mixed(self, zero: str) -> Errors:
-        """Over the mixed waveforms."""
-        return Errors.joined([self.waveforms[zero][name] for name in MIXED])
+    @classmethod
+    def of(cls, values: dict[str, Any]) -> Judged:
+        """From what `asdict` made of one."""
+        waveforms = {
+            zero: {name: Errors(**errors) for name, errors in named.items()}
+            for zero, named in values["waveforms"].items()
+        }
+        parts = {"stated": Errors(**values["stated"]), "maxwell": Errors(**values["maxwell"])}
+        return cls(**{**values, **parts, "draw": Draw(**values["draw"]), "waveforms": waveforms})
 
-    def fast(self, zero: str) -> Errors:
+    def mixed(self, how: How) -> Errors:
+        """Over the mixed waveforms."""
+        return Errors.joined([self.waveforms[how.zero][name] for name in how.mixed])
+
+    def fast(self, how: How) -> Errors:
         """Over what goes to 50 Hz."""
-        return self.waveforms[zero][FAST]
+        return self.waveforms[how.zero][FAST]
 
 
 def judge(draw: Draw, variant: str, driven: Driven, figures: Path | None) -> Judged:
@@ -765,7 +782,7 @@ def judge(draw: Draw, variant: str, driven: Driven, figures: Path | None) -> Jud
 
 def predicted(model: ActuatorModel, u_v: Array) -> Array:
     """What the model makes of a command every millisecond, from rest after full swings on, µm."""
-    t_s = TICK_S * np.arange(len(u_v))
+    t_s: Array = TICK_S * np.arange(float(len(u_v)))
     return model.predict(t_s, u_v, model.starting_state(t_s, u_v, None))
 
 
@@ -886,10 +903,13 @@ class Bars:
             self.missed.append(what)
 
 
-def line_of(one: Judged, zero: str) -> str:
+OTHER = {"start": "mean", "mean": "start"}
+
+
+def line_of(one: Judged, how: How) -> str:
     """One line of the table."""
-    mixed, fast = one.mixed(zero), one.fast(zero)
-    other = one.mixed("mean" if zero == "start" else "start")
+    mixed, fast = one.mixed(how), one.fast(how)
+    other = one.mixed(how._replace(zero=OTHER[how.zero]))
     accepted = "accepted" if one.accepted else "refused: " + " | ".join(what[:48] for what in one.problems)
     return (
         f"{one.draw.kind:9}{one.draw.seed:4} {one.variant:14}"
@@ -901,27 +921,26 @@ def line_of(one: Judged, zero: str) -> str:
     )
 
 
-def heading(zero: str) -> str:
+def heading(how: How) -> str:
     """What stands above the table."""
-    other = "mean" if zero == "start" else "start"
     return (
-        f"{'errors, max/RMS, % of stroke':28}{'loop':>6}{'creep':>6}{'delay':>6}{f'mixed ({zero})':>13}"
-        f"{f'({other})':>13}{'stated':>14}{'ratio':>12}{'to 50 Hz':>14}{'Maxwell':>12}"
+        f"{'errors, max/RMS, % of stroke':28}{'loop':>6}{'creep':>6}{'delay':>6}{f'mixed ({how.zero})':>13}"
+        f"{f'({OTHER[how.zero]})':>13}{'stated':>14}{'ratio':>12}{'to 50 Hz':>14}{'Maxwell':>12}"
     )
 
 
-def is_honest(one: Judged, zero: str) -> bool:
+def is_honest(one: Judged, how: How) -> bool:
     """Whether what is stated is near the truth, from either side."""
-    mixed = one.mixed(zero)
+    mixed = one.mixed(how)
     rms, largest = one.stated.rms_pct / mixed.rms_pct, one.stated.max_pct / mixed.max_pct
     return 1.0 / RMS_RATIO <= rms <= RMS_RATIO and 1.0 / MAX_RATIO <= largest <= MAX_RATIO
 
 
-def wrongly_judged(many: Sequence[Judged], zero: str) -> list[str]:
+def wrongly_judged(many: Sequence[Judged], how: How) -> list[str]:
     """Good ones that were refused and bad ones that were accepted."""
     wrong = []
     for one in many:
-        mixed, name = one.mixed(zero), f"{one.draw.kind} {one.draw.seed} {one.variant}"
+        mixed, name = one.mixed(how), f"{one.draw.kind} {one.draw.seed} {one.variant}"
         is_good = mixed.rms_pct <= ACCEPT_RMS_PCT and mixed.max_pct <= ACCEPT_MAX_PCT
         is_bad = mixed.rms_pct > REFUSE_RMS_PCT or mixed.max_pct > REFUSE_MAX_PCT
         if (is_good and not one.accepted) or (is_bad and one.accepted):
@@ -929,12 +948,12 @@ def wrongly_judged(many: Sequence[Judged], zero: str) -> list[str]:
     return wrong
 
 
-def judge_bars(many: Sequence[Judged], zero: str) -> Bars:
+def judge_bars(many: Sequence[Judged], how: How) -> Bars:
     """Print the bars; those of the base set, of the lags, and of acceptance over all."""
     bars = Bars()
     base = [one for one in many if one.variant == BASE]
     if base:
-        largest = [one.mixed(zero).max_pct for one in base]
+        largest = [one.mixed(how).max_pct for one in base]
         count, needed = len(base), math.ceil(SHARE * len(base) - 1e-9)
         good = sum(value <= MOST_MAX_PCT for value in largest)
         bars.say(f"max <= {MOST_MAX_PCT} % in {good} of {count}, {needed} needed", is_met=good >= needed)
@@ -942,19 +961,19 @@ def judge_bars(many: Sequence[Judged], zero: str) -> Bars:
         bars.say(
             f"median of max {median:.2f} %, <= {MOST_MEDIAN_PCT} % needed", is_met=median <= MOST_MEDIAN_PCT
         )
-        honest = sum(is_honest(one, zero) for one in base)
+        honest = sum(is_honest(one, how) for one in base)
         words = f"stated RMS within x{RMS_RATIO} and max within x{MAX_RATIO} of the truth"
         bars.say(f"{words} in {honest} of {count}, {needed} needed", is_met=honest >= needed)
-        fast = [one.fast(zero).max_pct for one in base]
+        fast = [one.fast(how).max_pct for one in base]
         near = sum(value <= MOST_FAST_PCT for value in fast)
         words = f"content to 50 Hz <= {MOST_FAST_PCT} % in {near} of {count} (median {statistics.median(fast):.2f},"
         bars.say(f"{words} worst {max(fast):.2f}), {needed} needed", is_met=near >= needed)
     for name in ("lag 2 ms", "lag 5 ms"):
-        fast = [one.fast(zero).max_pct for one in many if one.variant == name]
+        fast = [one.fast(how).max_pct for one in many if one.variant == name]
         if fast:
             words = f"{name}: to 50 Hz median {statistics.median(fast):.2f}, worst {max(fast):.2f} %"
             bars.say(f"{words}, <= {MOST_FAST_PCT} % needed", is_met=max(fast) <= MOST_FAST_PCT)
-    wrong = wrongly_judged(many, zero)
+    wrong = wrongly_judged(many, how)
     bars.say(f"accepted what is good, not what is bad: {len(wrong)} wrong{_listed(wrong)}", is_met=not wrong)
     return bars
 
@@ -963,7 +982,7 @@ def _listed(names: Sequence[str]) -> str:
     return f" ({', '.join(names)})" if names else ""
 
 
-def summary_of(many: Sequence[Judged], zero: str) -> None:
+def summary_of(many: Sequence[Judged], how: How) -> None:
     """Print a line per set, and which waveform costs what for which kind in the base set."""
     print(
         f"\n{'set':14}{'n':>4}{'max: median, worst':>20}{'RMS: median, worst':>20}{'50 Hz: median, worst':>22}"
@@ -971,9 +990,9 @@ def summary_of(many: Sequence[Judged], zero: str) -> None:
     for name in dict.fromkeys(one.variant for one in many):
         some = [one for one in many if one.variant == name]
         columns = (
-            [one.mixed(zero).max_pct for one in some],
-            [one.mixed(zero).rms_pct for one in some],
-            [one.fast(zero).max_pct for one in some],
+            [one.mixed(how).max_pct for one in some],
+            [one.mixed(how).rms_pct for one in some],
+            [one.fast(how).max_pct for one in some],
         )
         texts = (f"{statistics.median(column):.2f}, {max(column):.2f}" for column in columns)
         accepted = sum(one.accepted for one in some)
@@ -983,8 +1002,8 @@ def summary_of(many: Sequence[Judged], zero: str) -> None:
     for kind in KINDS:
         some = [one for one in many if one.variant == BASE and one.draw.kind == kind]
         if some:
-            columns = tuple([one.waveforms[zero][name].max_pct for one in some] for name in names)
-            texts = (f"{statistics.median(column):.2f}, {max(column):.2f}" for column in columns)
+            largest = ([one.waveforms[how.zero][name].max_pct for one in some] for name in names)
+            texts = (f"{statistics.median(column):.2f}, {max(column):.2f}" for column in largest)
             print(f"{kind:34}" + "".join(f"{text:>13}" for text in texts))
 
 
@@ -1015,37 +1034,63 @@ def options() -> argparse.Namespace:
     parser.add_argument("--of-a-variant", type=int, default=2, help="actuators of a kind in each variant")
     parser.add_argument("--no-base", action="store_true", help="variants alone")
     parser.add_argument("--zero", choices=("start", "mean"), default="start", help="how bars set the zero")
+    words = "held-out waveforms that bars count as mixed"
+    parser.add_argument("--mixed", nargs="+", choices=tuple(MIXED), default=tuple(MIXED), help=words)
+    parser.add_argument(
+        "--from", dest="given", type=Path, metavar="JSON", help="judge what --json wrote again"
+    )
     parser.add_argument("--jobs", type=int, choices=(1, 2), default=2)
     parser.add_argument("--json", type=Path)
     parser.add_argument("--figures", type=Path)
     return parser.parse_args()
 
 
-def main() -> int:
-    """Judge all, print, and return the exit code."""
-    given = options()
+def measured(given: argparse.Namespace, how: How) -> list[Judged]:
+    """Calibrate and judge all that was asked for, printing a line for each."""
     os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
-    cases = asked(given)
     driven = calibration_drive()
     length_s, period_s = driven.t_s[-1], float(np.median(np.diff(driven.t_s)))
     print(f"calibration: {len(driven.t_s)} samples in {length_s:.1f} s, one every {1000 * period_s:g} ms")
-    print(heading(given.zero), flush=True)
+    print(heading(how), flush=True)
     many: list[Judged] = []
+    with ProcessPoolExecutor(given.jobs, multiprocessing.get_context("spawn")) as pool:
+        judging = partial(judge, driven=driven, figures=given.figures)
+        for one in pool.map(judging, *zip(*asked(given), strict=True)):
+            print(line_of(one, how), flush=True)
+            many.append(one)
+    return many
+
+
+def read(path: Path, how: How) -> list[Judged]:
+    """Read and print what `--json` wrote."""
+    many = [Judged.of(values) for values in json.loads(path.read_text(encoding="utf-8"))]
+    print(heading(how))
+    for one in many:
+        print(line_of(one, how))
+    return many
+
+
+def main() -> int:
+    """Judge all, print, and return the exit code."""
+    given = options()
+    how = How(given.zero, tuple(given.mixed))
     try:
-        with ProcessPoolExecutor(given.jobs, multiprocessing.get_context("spawn")) as pool:
-            judging = partial(judge, driven=driven, figures=given.figures)
-            for one in pool.map(judging, *zip(*cases, strict=True)):
-                print(line_of(one, given.zero), flush=True)
-                many.append(one)
+        many = read(given.given, how) if given.given else measured(given, how)
     except AssertionError as none:
         print(none)
         return 2
-    summary_of(many, given.zero)
-    print(f"\nbars, zero by {given.zero}")
-    bars = judge_bars(many, given.zero)
     if given.json:
-        given.json.write_text(json.dumps([asdict(one) for one in many], indent=1))
-    return 1 if bars.missed else 0
+        given.json.write_text(json.dumps([asdict(one) for one in many], indent=1), encoding="utf-8")
+    summary_of(many, how)
+    calmer = tuple(name for name in how.mixed if name != "servo") or how.mixed
+    for words, other in (
+        (f"zero by {OTHER[how.zero]}", how._replace(zero=OTHER[how.zero])),
+        ("without servo", how._replace(mixed=calmer)),
+    ):
+        print(f"\nbars for comparison, {words}")
+        judge_bars(many, other)
+    print(f"\nbars, zero by {how.zero}")
+    return 1 if judge_bars(many, how).missed else 0
 
 
 if __name__ == "__main__":
