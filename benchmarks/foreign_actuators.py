@@ -82,7 +82,7 @@ def reversible(w: float, bow: float, saturation: float) -> float:
 def bouc_wen(w: float, before: float, h: float, shape: Array) -> float:
     """The hysteretic voltage after a move from `before` to `w`, by midpoint steps of 0.1 V.
 
-    dh/du = A (1 - |h/h_s|^n (1 + b sgn(du)) (γ + β sgn(h du))), γ + β = 1 where β is not doubled: Bouc-Wen in the
+    dh/du = A (1 - |h/h_s|^n (1 + b/2 sgn(du)) (γ + β sgn(h du))), γ + β = 1 where β is not doubled: Bouc-Wen in the
     form of Low and Guo (1995), with a limit that differs between the branches.
     """
     limit, slope, power, beta, gamma, branch = shape[0], shape[1], shape[2], shape[3], shape[4], shape[5]
@@ -92,7 +92,7 @@ def bouc_wen(w: float, before: float, h: float, shape: Array) -> float:
     steps = 1 + int(abs(move) / 0.1)
     du = move / steps
     sign = 1.0 if move > 0.0 else -1.0
-    scale = 1.0 + branch * sign
+    scale = 1.0 + 0.5 * branch * sign
     for _ in range(steps):
         along = beta if h * sign > 0.0 else -beta
         middle = h + 0.5 * du * slope * (1.0 - abs(h / limit) ** power * scale * (gamma + along))
@@ -248,7 +248,7 @@ class Draw:
     loop : opening of a full cycle of 20 s at the middle of the stroke, over the stroke
     sharpness : power n of Bouc-Wen; other kinds have their own spread
     bow, saturation : of the reversible part, shares of the stroke
-    branch : asymmetry of the branches
+    branch : how much the bend of the branches differs, over its mean: term of Bouc-Wen, steepness of envelopes
     creep : per decade of time
     """
 
