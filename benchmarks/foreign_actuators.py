@@ -667,6 +667,8 @@ MIXED: dict[str, Callable[[np.random.Generator], Array]] = {
 }
 FAST = "to 50 Hz"
 WAVEFORMS = {**MIXED, FAST: _fast}
+ALONE, SLOW_TICKS = "sines alone", 400
+"""The same less the mean error over 0.4 s: what delay and lag cost, without where the hysteresis is by now."""
 
 
 class How(NamedTuple):
@@ -686,6 +688,11 @@ class Errors:
     max_pct: float
     rms_pct: float
     samples: int
+
+    @classmethod
+    def of(cls, left_pct: Array) -> Errors:
+        """Of errors, shape (n,)."""
+        return cls(float(np.abs(left_pct).max()), float(np.sqrt(np.mean(left_pct**2))), len(left_pct))
 
     @classmethod
     def joined(cls, parts: Sequence[Errors]) -> Errors:
@@ -724,6 +731,10 @@ class Judged:
         """Over the mixed waveforms."""
         return Errors.joined([self.waveforms[how.zero][name] for name in how.mixed])
 
+    def alone(self, how: How) -> Errors:
+        """Over the sines of that, without what is slower."""
+        return self.waveforms[how.zero][ALONE]
+
     def fast(self, how: How) -> Errors:
         """Over what goes to 50 Hz."""
         return self.waveforms[how.zero][FAST]
@@ -754,9 +765,10 @@ def judge(draw: Draw, variant: str, driven: Driven, figures: Path | None) -> Jud
             ("mean", slice(REST_END, None)),
         ):
             left = 100.0 * (error_um[REST_END:] - missed_um[over].mean()) / actuator.stroke_um
-            waveforms[zero][name] = Errors(
-                float(np.abs(left).max()), float(np.sqrt(np.mean(left**2))), len(left)
-            )
+            waveforms[zero][name] = Errors.of(left)
+            if name == FAST:
+                slow = np.convolve(left, np.full(SLOW_TICKS, 1.0 / SLOW_TICKS), "same")
+                waveforms[zero][ALONE] = Errors.of((left - slow)[SLOW_TICKS:-SLOW_TICKS])
             if zero == "start":
                 drawn_errors[name] = (u_v[REST_END:], left)
     judged = Judged(
@@ -917,7 +929,8 @@ def line_of(one: Judged, how: How) -> str:
         f"{mixed.max_pct:7.2f}/{mixed.rms_pct:5.3f}{other.max_pct:7.2f}/{other.rms_pct:5.3f}"
         f"{one.stated.max_pct:8.2f}/{one.stated.rms_pct:5.3f}"
         f"{one.stated.max_pct / mixed.max_pct:7.2f}/{one.stated.rms_pct / mixed.rms_pct:4.2f}"
-        f"{fast.max_pct:8.2f}/{fast.rms_pct:5.3f}{one.maxwell.max_pct:7.1f}/{one.maxwell.rms_pct:4.2f}  {accepted}"
+        f"{fast.max_pct:8.2f}/{fast.rms_pct:5.3f}{one.alone(how).max_pct:8.2f}"
+        f"{one.maxwell.max_pct:7.1f}/{one.maxwell.rms_pct:4.2f}  {accepted}"
     )
 
 
@@ -925,7 +938,7 @@ def heading(how: How) -> str:
     """What stands above the table."""
     return (
         f"{'errors, max/RMS, % of stroke':28}{'loop':>6}{'creep':>6}{'delay':>6}{f'mixed ({how.zero})':>13}"
-        f"{f'({OTHER[how.zero]})':>13}{'stated':>14}{'ratio':>12}{'to 50 Hz':>14}{'Maxwell':>12}"
+        f"{f'({OTHER[how.zero]})':>13}{'stated':>14}{'ratio':>12}{'to 50 Hz':>14}{'alone':>8}{'Maxwell':>12}"
     )
 
 
@@ -985,7 +998,8 @@ def _listed(names: Sequence[str]) -> str:
 def summary_of(many: Sequence[Judged], how: How) -> None:
     """Print a line per set, and which waveform costs what for which kind in the base set."""
     print(
-        f"\n{'set':14}{'n':>4}{'max: median, worst':>20}{'RMS: median, worst':>20}{'50 Hz: median, worst':>22}"
+        f"\n{'set':14}{'n':>4}{'max: median, worst':>20}{'RMS: median, worst':>20}"
+        f"{'50 Hz: median, worst':>22}{'sines alone':>14}"
     )
     for name in dict.fromkeys(one.variant for one in many):
         some = [one for one in many if one.variant == name]
@@ -993,11 +1007,12 @@ def summary_of(many: Sequence[Judged], how: How) -> None:
             [one.mixed(how).max_pct for one in some],
             [one.mixed(how).rms_pct for one in some],
             [one.fast(how).max_pct for one in some],
+            [one.alone(how).max_pct for one in some],
         )
         texts = (f"{statistics.median(column):.2f}, {max(column):.2f}" for column in columns)
         accepted = sum(one.accepted for one in some)
-        print("{:14}{:4}{:>20}{:>20}{:>22}   {} accepted".format(name, len(some), *texts, accepted))
-    names = list(WAVEFORMS)
+        print("{:14}{:4}{:>20}{:>20}{:>22}{:>14}   {} accepted".format(name, len(some), *texts, accepted))
+    names = [*WAVEFORMS, ALONE]
     print(f"\n{'max of the base set: median, worst':34}" + "".join(f"{name:>13}" for name in names))
     for kind in KINDS:
         some = [one for one in many if one.variant == BASE and one.draw.kind == kind]
