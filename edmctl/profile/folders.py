@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 HOME_VARIABLE = "EDMCTL_HOME"
 CALIBRATION_VARIABLE = "EDMCTL_CALIBRATION"
+DRIFT_VARIABLE = "EDMCTL_DRIFT"
 
 
 def shipped_folder() -> Path:
@@ -100,6 +101,18 @@ def data_folder(environ: Mapping[str, str]) -> Path:
 def default_path(serial: str, environ: Mapping[str, str]) -> Path:
     """File of the machine with that serial number; what a file's name cannot hold is written as %XX."""
     return data_folder(environ) / "calibration" / f"{quote(serial, safe=' ')}.toml"
+
+
+def default_drift_path(serial: str, environ: Mapping[str, str]) -> Path:
+    """File of what `measure-drift` has told of the machine with that serial number, beside its calibration."""
+    return data_folder(environ) / "drift" / f"{quote(serial, safe=' ')}.toml"
+
+
+def find_drift(environ: Mapping[str, str], stated: str | None, serial: str) -> Path | None:
+    """Which drift file is used: that of $EDMCTL_DRIFT, of the setup (`stated`), the machine's own, which may not be."""
+    named = environ.get(DRIFT_VARIABLE) or stated
+    own = default_drift_path(serial, environ)
+    return Path(named) if named else own if own.is_file() else None
 
 
 def find_calibration(

@@ -61,6 +61,9 @@ class ChannelResult:
     wear_basis: Basis
     verdict: Verdict | None = None
     finished: bool = False
+    feed_u95_um: float = math.nan
+    drift_correction_um: float = 0.0
+    drift_left_u_um: float = math.nan
 
     def floor_rms_um(self, depth_um: float) -> float:
         """Root mean square of what the places of the floor differ from a depth."""
@@ -100,6 +103,9 @@ class SiteResult:
     The `*_model_um` values come from the actuator voltage through the actuator model, counted from the rest at 0 V
     before each touch, and never enter the others. `zero_drift_um` is how far that rest moved from Z1 to Z3 on the
     sensor beside the model: where it is the sensor that drifts, both wears are too large by it.
+    `drift_correction_um` is how much the pad drifted from Z1 to Z3 by the rests before them, where `measure-drift` has
+    told what of it touches see: Z2, Z3 and the wear are less by it. `drift_left_u_um` is the standard uncertainty in the
+    wear of the drift that is left, or of all of it; NaN where no touches of the pad tell the wear.
     `feed_model_error_*` is the estimate less the sensor while machining, in µm and in % of the feed; NaN without a
     sensor, when every value of the hole is the model's.
     """
@@ -142,6 +148,9 @@ class SiteResult:
     verdict: Verdict | None = None
     finished: bool = True
     in_doubt: bool = False
+    feed_u95_um: float = math.nan
+    drift_correction_um: float = 0.0
+    drift_left_u_um: float = math.nan
 
     @property
     def depth_model_error_um(self) -> float:

@@ -65,13 +65,14 @@ class JobLedger:
             self.warn(_of_another_bench(self._ledger, session.bench.machine.identity.serial))
         actuator = session.choice.actuator if session.choice else None
         prepared = prepared_job(self.plan, tool_identity(session), actuator, self._ledger, resuming)
+        job = replace(prepared.job, drift=session.drift.model if session.drift else None)
         if self._ledger is not None:
             self.warn(prepared.refuse(self.plan, self._ledger.path.parent, resuming))
             self._places = prepared.places
             left = self.plan.resumed.state if self.plan.resumed else None
             is_first = left is None or not (left.z1_touches or left.done)
             self._wants_reference = prepared.account.reference is None and is_first
-        return prepared.job
+        return job
 
     def begin(self) -> None:
         """Before the machine moves: a job that is killed leaves a word about its places."""
@@ -191,8 +192,8 @@ def _machined(place: SiteMachined, found: SiteResult | ChannelResult) -> SiteMac
         wear_um=found.wear_um,
         wear_u95_um=found.wear_u95_um,
         z1_um=found.z1_um,
-        z2_um=found.z3_um + found.depth_um,
-        z3_um=found.z3_um,
+        z2_um=found.z3_um + found.drift_correction_um + found.depth_um,
+        z3_um=found.z3_um + found.drift_correction_um,
     )
 
 

@@ -1,7 +1,8 @@
 """How far the zero of the displacement may drift: what the setup believes, and what the rests at 0 V have shown.
 
 A rest does not tell drift from creep of the actuator, and a drift between tool and work does not show at rest. So
-what was seen only widens what is believed, and no reading is corrected by it.
+what was seen only widens what is believed, and no reading is corrected by it. Where `edmctl measure-drift` has told
+what rests and touches have in common, the touches of the pad are (`drift_between`).
 """
 
 from __future__ import annotations
@@ -11,12 +12,15 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from edmctl.forecasts.measuring import Displacement, displacement
+from edmctl.procedures.job import REPORT_DELAY_S
 from edmctl.process.touches import share_u
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from edmctl.procedures.job import Job
+    from edmctl.procedures.touch.reading import SurfaceReading
+    from edmctl.process.touches import Drift
 
 LEAST_SPAN_S = 120.0
 """Over less time than this the error of the actuator model after a deep cut, a few µm, would look like a drift."""
@@ -150,6 +154,22 @@ def uncertainty_now(job: Job, rests: Rests) -> Displacement:
     sensor_u = displacement_uncertainty(job)
     seen_um_s = share_u(max(rests.rate_um_s(), job.drift_seen_um_s))
     return replace(sensor_u, drift_u_um_per_s=max(sensor_u.drift_u_um_per_s, seen_um_s))
+
+
+def drift_between(job: Job, first: SurfaceReading, last: SurfaceReading) -> Drift | None:
+    """Return how much a touch drifted between two readings, by the rests before them.
+
+    None where nobody has measured what rests and touches of the machine have in common, and where a reading has no
+    rest, as one that an earlier run has left.
+    """
+    if job.drift is None or first.rest is None or last.rest is None:
+        return None
+    return job.drift.between(first.rest, last.rest, last.time_s - first.time_s, unused_s(job))
+
+
+def unused_s(job: Job) -> float:
+    """Return for how long the actuator had rested at least before the run; infinity where nothing had used it."""
+    return math.inf if math.isnan(job.home_age_s) else max(0.0, job.home_age_s - REPORT_DELAY_S)
 
 
 def counted_pause_s(job: Job) -> float:

@@ -1,0 +1,286 @@
+"""What moves a rest at 0 V: drift of the sensor and creep of the actuator; and what of it a touch sees.
+
+Between two moments a rest moves by the drift of the sensor and by creep; a touch of the same place moves by the
+drift of the sensor and by that between tool and work. Creep is linear: a rest is off by a sum of lags of the
+displacement, each with its own time constant, whose weights are alike in every decade of time (logarithmic creep of
+piezo ceramics: Jung and Gweon 2000; Kuhnen 2003, where it is the sum of first-order operators taken here).
+
+A run of rests and touches with a hold at depth between them tells the weights, how fast rests and touches drift,
+and their ratio; how well, by the covariance of a Gaussian regression. A later job has its own rests and its own way
+of the tool: less the creep that this brings, the change of its rests is drift.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmctl.process.touches import Drift, share_u
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+Floats = NDArray[np.float64]
+
+TIME_CONSTANTS_S = (0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0)
+"""Two a decade: a sum of such lags follows a logarithm of time within 1 % of it."""
+_TAU_S = np.array(TIME_CONSTANTS_S)
+_PER_DECADE = 0.5
+CREEP_PRIOR_PER_DECADE = 0.05
+"""Standard deviation of the creep in a decade of time, relative, before it was measured: 1 to 10 % is known of
+piezo actuators."""
+SCATTER_PRIOR_PER_DECADE = 0.006
+"""By so much more or less than in the mean of all decades the weight in any one of them is expected to be."""
+DRIFT_PRIOR_UM_PER_S = 0.1
+"""Standard deviation of either drift before it was measured: as good as unknown."""
+ZERO_PRIOR_UM = 1000.0
+REST_SD_UM = 0.03
+"""Of one rest: sensor noise over a tenth of a second."""
+TOUCH_SD_UM = 0.12
+"""Of one touch of the pad: where continuity closes, and sensor noise."""
+WALK_UM_PER_SQRT_S = 0.01
+"""Random walk of the sensor's zero besides its steady drift [assumed]."""
+MISFIT = 0.01
+"""Standard deviation of creep that is no sum of these lags, over the creep that is."""
+MEMORY_UM = 150.0
+"""Way whose creep an earlier use of the actuator may have left, µm."""
+LEAST_SIGMAS = 3.0
+"""A rest that has drifted by less than so many standard uncertainties tells no ratio."""
+LEAST_TOUCHES = 5
+REST_TO_TOUCH_S = 20.0
+"""From a rest to the touch that it stands for."""
+OUTLIER_SIGMAS = 5.0
+
+
+class CreepLags:
+    """First-order lags of the displacement over home, one of each of `TIME_CONSTANTS_S`."""
+
+    def __init__(self) -> None:
+        self.um: Floats = np.zeros(len(TIME_CONSTANTS_S))
+        self._home_um = math.nan
+        self._time_s = math.nan
+
+    def advance(self, time_s: Floats, displacement_um: Floats) -> None:
+        """Take consecutive samples, shape (n,) each, n > 0; the first one of all is home.
+
+        A displacement counts from the sample before it until its own, exactly for one that stays.
+        """
+        if math.isnan(self._time_s):
+            self._home_um, self._time_s = float(displacement_um[0]), float(time_s[0])
+        end_s = float(time_s[-1])
+        edges_s = np.concatenate(([self._time_s], time_s))
+        kept = np.exp((edges_s[:, None] - end_s) / _TAU_S)
+        self.um = self.um * kept[0] + (displacement_um - self._home_um) @ np.diff(kept, axis=0)
+        self._time_s = end_s
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rest:
+    """A rest at 0 V: what the sensor showed, and the lags of the displacement then, µm."""
+
+    time_s: float
+    um: float
+    lags_um: Floats
+
+
+def mean_rest(rests: Sequence[Rest | None], shares: Sequence[float]) -> Rest | None:
+    """Return several rests as one, with shares that add up to 1; None where one of them is not known."""
+    known = [rest for rest in rests if rest is not None]
+    if len(known) < len(rests):
+        return None
+    weights = np.array(shares)
+    return Rest(
+        float(weights @ [rest.time_s for rest in known]),
+        float(weights @ [rest.um for rest in known]),
+        weights @ np.array([rest.lags_um for rest in known]),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class PadTouch:
+    """A reading of the pad: mean of so many touches."""
+
+    time_s: float
+    um: float
+    touches: int
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A value and its standard uncertainty."""
+
+    value: float
+    u: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DriftFit:
+    """What rests and touches have told.
+
+    `creep` are the weights of the lags, `creep_covariance` goes with them. `rest_um_per_s` is the drift of the rests
+    without creep, `touch_um_per_s` that of the touches, `apart_um_per_s` of the touches less that of the
+    rests: a drift between tool and work, or a change of the rest that no touch sees. `share` is their ratio, None
+    where the rests have not drifted. `misfit` is by how much the residuals exceed what was expected of them, at least
+    1; all uncertainties hold it. `outliers` are the touches that were left out.
+    """
+
+    creep: Floats
+    creep_covariance: Floats
+    rest_um_per_s: Estimate
+    touch_um_per_s: Estimate
+    apart_um_per_s: Estimate
+    share: Estimate | None
+    misfit: float
+    rest_rms_um: float
+    touch_rms_um: float
+    outliers: int
+
+
+def creep_prior() -> Floats:
+    """Return the covariance of the weights before anything was measured, shape (n, n)."""
+    n = len(TIME_CONSTANTS_S)
+    return _PER_DECADE**2 * (
+        CREEP_PRIOR_PER_DECADE**2 * np.ones((n, n)) + SCATTER_PRIOR_PER_DECADE**2 * np.eye(n)
+    )
+
+
+def fit_drift(rests: Sequence[Rest], touches: Sequence[PadTouch], memory_s: float = math.inf) -> DriftFit:
+    """Regress rests and touches of the pad on time and creep.
+
+    `memory_s` before the first of them the actuator was in use, infinity where it was not. Raises ValueError with
+    fewer than `LEAST_TOUCHES` touches.
+    """
+    kept, outliers = list(touches), 0
+    while True:
+        if len(kept) < LEAST_TOUCHES:
+            raise ValueError(f"{len(kept)} touches tell no drift; it takes {LEAST_TOUCHES}")
+        fit, off_sds = _fitted(rests, kept, memory_s, outliers)
+        worst = int(np.argmax(np.abs(off_sds)))
+        # A chip under the tool makes one touch too short; more than one in five is something else.
+        if abs(off_sds[worst]) <= OUTLIER_SIGMAS or outliers >= len(touches) // 5:
+            return fit
+        del kept[worst]
+        outliers += 1
+
+
+def _fitted(
+    rests: Sequence[Rest], touches: Sequence[PadTouch], memory_s: float, outliers: int
+) -> tuple[DriftFit, Floats]:
+    """Fit these; how far each touch is from the others' line, in its standard deviations."""
+    n = len(TIME_CONSTANTS_S)
+    start_s = rests[0].time_s
+    rest_s = np.array([rest.time_s for rest in rests]) - start_s
+    touch_s = np.array([touch.time_s for touch in touches]) - start_s
+    lags_um = np.array([rest.lags_um for rest in rests])
+    a, b = len(rests), len(touches)
+    design = np.zeros((a + b, 4 + n))
+    design[:a, 0], design[:a, 2], design[:a, 4:] = 1.0, rest_s, lags_um
+    design[a:, 1], design[a:, 3] = 1.0, touch_s
+    y_um = np.concatenate(([rest.um for rest in rests], [touch.um for touch in touches]))
+    offset_um = np.concatenate((np.full(a, y_um[0]), np.full(b, y_um[a])))
+    prior = np.zeros((4 + n, 4 + n))
+    prior[[0, 1], [0, 1]] = ZERO_PRIOR_UM**2
+    prior[[2, 3], [2, 3]] = DRIFT_PRIOR_UM_PER_S**2
+    prior[4:, 4:] = creep_prior()
+    times_s = np.concatenate((rest_s, touch_s))
+    noise = WALK_UM_PER_SQRT_S**2 * np.minimum.outer(times_s, times_s)
+    usual = np.full(n, _PER_DECADE * 0.5 * CREEP_PRIOR_PER_DECADE)
+    sd_um = np.concatenate(
+        (
+            np.hypot(REST_SD_UM, MISFIT * (np.abs(lags_um) @ usual)),
+            [TOUCH_SD_UM / math.sqrt(touch.touches) for touch in touches],
+        )
+    )
+    noise[np.diag_indices(a + b)] += sd_um**2
+    if math.isfinite(memory_s):
+        left = usual * MEMORY_UM * np.exp(-(memory_s + rest_s[:, None]) / _TAU_S)
+        noise[:a, :a] += left @ left.T
+    gain = prior @ design.T @ np.linalg.inv(design @ prior @ design.T + noise)
+    found = gain @ (y_um - offset_um)
+    left_um = y_um - offset_um - design @ found
+    chi2 = float((y_um - offset_um) @ np.linalg.solve(design @ prior @ design.T + noise, y_um - offset_um))
+    misfit = math.sqrt(max(1.0, chi2 / (a + b)))
+    covariance = misfit**2 * (prior - gain @ design @ prior)
+    rest, touch = float(found[2]), float(found[3])
+    rest_u, touch_u = math.sqrt(covariance[2, 2]), math.sqrt(covariance[3, 3])
+    both = float(covariance[2, 3])
+    apart_u = math.sqrt(max(0.0, rest_u**2 + touch_u**2 - 2.0 * both))
+    share = None
+    if abs(rest) >= LEAST_SIGMAS * rest_u:
+        ratio = touch / rest
+        variance = touch_u**2 - 2.0 * ratio * both + ratio**2 * rest_u**2
+        share = Estimate(ratio, math.sqrt(max(0.0, variance)) / abs(rest))
+    fit = DriftFit(
+        creep=found[4:],
+        creep_covariance=covariance[4:, 4:],
+        rest_um_per_s=Estimate(rest, rest_u),
+        touch_um_per_s=Estimate(touch, touch_u),
+        apart_um_per_s=Estimate(touch - rest, apart_u),
+        share=share,
+        misfit=misfit,
+        rest_rms_um=float(np.sqrt(np.mean(left_um[:a] ** 2))),
+        touch_rms_um=float(np.sqrt(np.mean(left_um[a:] ** 2))),
+        outliers=outliers,
+    )
+    line_um = np.median(left_um[a:])
+    return fit, (left_um[a:] - line_um) / sd_um[a:]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DriftModel:
+    """What a later job goes by: creep of the rests, what share of their drift a touch sees, and a drift unseen.
+
+    `share` is from 0 to 1, with its standard uncertainty. `apart_u_um_per_s` is the standard uncertainty of a drift
+    that touches see and rests do not.
+    """
+
+    creep: Floats
+    creep_covariance: Floats
+    share: float
+    share_u: float
+    apart_u_um_per_s: float
+
+    def between(self, first: Rest, last: Rest, seconds: float, memory_s: float = math.inf) -> Drift:
+        """Return how much a touch drifted from one rest to another, in touches `seconds` apart.
+
+        `memory_s` before the lags were begun the actuator was in use, infinity where it was not.
+        """
+        lags_um = last.lags_um - first.lags_um
+        crept_um = float(self.creep @ lags_um)
+        moved_um = last.um - first.um - crept_um
+        left = np.exp(-(memory_s + first.time_s) / _TAU_S) - np.exp(-(memory_s + last.time_s) / _TAU_S)
+        moved_u_um = math.hypot(
+            math.sqrt(2.0) * REST_SD_UM,
+            math.sqrt(max(0.0, float(lags_um @ self.creep_covariance @ lags_um))),
+            MISFIT * crept_um,
+            MEMORY_UM * float(np.abs(self.creep) @ left) if math.isfinite(memory_s) else 0.0,
+        )
+        left_u_um = math.hypot(
+            self.share * moved_u_um,
+            self.share_u * math.hypot(moved_um, moved_u_um),
+            self.apart_u_um_per_s * seconds,
+            WALK_UM_PER_SQRT_S * math.sqrt(2.0 * REST_TO_TOUCH_S),
+        )
+        return Drift(self.share * moved_um, left_u_um)
+
+
+def model_of(fit: DriftFit) -> DriftModel:
+    """Return what a job may go by.
+
+    A rest of which a touch sees more than all, or the opposite, does not exist: that is a drift between tool and
+    work, which may be another one by the time of the job. So is, perhaps, what a touch sees less: then it sees all
+    of the rests' drift and another one besides. No regression of one run tells these apart, and the uncertainty holds
+    the difference of the two drifts, any part of it as likely. Where the rests stood still they have shown no share:
+    all of it is taken, as of a sensor that drifts, and none is as likely.
+    """
+    apart = fit.apart_um_per_s
+    apart_u_um_per_s = math.hypot(share_u(apart.value), apart.u)
+    if fit.share is None:
+        share, u = 1.0, share_u(1.0)
+    else:
+        share, u = min(1.0, max(0.0, fit.share.value)), fit.share.u
+    return DriftModel(fit.creep, fit.creep_covariance, share, min(u, share_u(1.0)), apart_u_um_per_s)
