@@ -9,7 +9,6 @@ from edmctl.errors import Diagnostic, EdmError, RunFileError
 from edmctl.exitcodes import MEANING, ExitCode, error_exit_code
 from edmctl.jobs.calibration.selection import choose
 from edmctl.jobs.connect import connected, introduction
-from edmctl.jobs.drift_choice import choose_drift
 from edmctl.jobs.job_preparation import ledger_of
 from edmctl.jobs.ledger.tool import as_found, name_tool
 from edmctl.jobs.run_header import run_meta
@@ -111,9 +110,8 @@ def _record(
         identity.serial,
         calibrate,
     )
-    session.drift = choose_drift(plan.surroundings.environ, plan.setup, identity.serial)
     if warn is not None:
-        warn((*choice.warnings, *session.drift.warnings))
+        warn(choice.warnings)
     act = prepare(session)
     if bench.machine.hello.fault and (latched := bench.machine.latched_fault()):
         raise latched

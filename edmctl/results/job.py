@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.errors import ObjectiveNotReached
-from edmctl.labels import Basis, Verdict
+from edmctl.labels import Basis, Seen, Verdict
 from edmctl.results.telemetry import PulseShares
+from edmctl.wording import U95
 
 if TYPE_CHECKING:
     from edmctl.results.telemetry import LinkReport
@@ -181,12 +182,35 @@ class Reached:
 
 
 @dataclass(frozen=True, slots=True)
+class Belief:
+    """A standard uncertainty of the setup, by its key, and what the job has shown of it, with its uncertainty.
+
+    `found` and `found_u` are NaN where it has shown nothing.
+    """
+
+    name: str
+    believed: float
+    found: float
+    found_u: float
+    seen: Seen
+
+    @property
+    def message(self) -> str:
+        """What was found, for people."""
+        return (
+            f"The setup believes {self.name} = {self.believed:g}, a standard uncertainty; this job has found "
+            f"{self.found:.2g} ± {U95 * self.found_u:.2g}."
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class JobResult:
     """All measured sites, or the channel, and the times of the job on the machine's clock.
 
     `reached` is the hole that was left unmeasured, None in a job that ended in order; `tool_wear_total_um` is
     NaN when nothing was measured. `link` says how the line did, None where the job ended before it was used.
-    `home_um` is what the sensor showed of the tool at home, at the last rest at 0 V.
+    `home_um` is what the sensor showed of the tool at home, at the last rest at 0 V. `beliefs` of the setup are judged
+    by what a job with holes has shown.
 
     Of a job that was taken up again all times are those of its runs together, `earlier_time_s` of `time_s` in the
     runs before this one. The pauses between them are left out: they were `pause_s`, NaN where nobody knows.
@@ -203,6 +227,12 @@ class JobResult:
     home_um: float = 0.0
     earlier_time_s: float = 0.0
     pause_s: float = 0.0
+    beliefs: tuple[Belief, ...] = ()
+
+    @property
+    def contradicted(self) -> tuple[Belief, ...]:
+        """The beliefs of the setup that the job contradicts."""
+        return tuple(belief for belief in self.beliefs if belief.seen is Seen.CONTRADICTED)
 
 
 class ObjectiveMissed(ObjectiveNotReached):

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic
+from edmctl.jobs.drift_choice import choose_drift
 from edmctl.jobs.job_preparation import hole_radius_um, ledger_of, prepared_job
 from edmctl.jobs.ledger.tool import tool_identity
 from edmctl.process.next_cut import COVERAGE
@@ -65,7 +66,10 @@ class JobLedger:
             self.warn(_of_another_bench(self._ledger, session.bench.machine.identity.serial))
         actuator = session.choice.actuator if session.choice else None
         prepared = prepared_job(self.plan, tool_identity(session), actuator, self._ledger, resuming)
-        job = replace(prepared.job, drift=session.drift.model if session.drift else None)
+        serial = session.bench.machine.identity.serial
+        session.drift = choose_drift(self.plan.surroundings.environ, self.plan.setup, serial)
+        self.warn(session.drift.warnings)
+        job = replace(prepared.job, drift=session.drift.model)
         if self._ledger is not None:
             self.warn(prepared.refuse(self.plan, self._ledger.path.parent, resuming))
             self._places = prepared.places

@@ -49,7 +49,8 @@ class JobKnowledge:
     """What a job has learned so far, from hole to hole: tool length, face, removal and wear, working gap.
 
     `pad_um` is where the pad is expected, with the standard uncertainty `pad_u_um`, before the tool has touched it;
-    `gap_u_um` is that of the working gap. `unmeasured` are the cuts since the pad was last touched.
+    `gap_u_um` is that of the working gap. `unmeasured` are the cuts since the pad was last touched,
+    `pads` all its readings in this run.
     """
 
     estimate: ErosionEstimate
@@ -60,6 +61,7 @@ class JobKnowledge:
     pad_um: float = math.nan
     pad_u_um: float = OFFSET_U_UM
     unmeasured: list[Unmeasured] = field(default_factory=list)
+    pads: list[SurfaceReading] = field(default_factory=list)
 
 
 def initial_knowledge(run: JobRun) -> JobKnowledge:
@@ -276,9 +278,9 @@ class Unmeasured:
 
 def touch_pad_first(run: JobRun, name: str, knowledge: JobKnowledge) -> SurfaceReading:
     """Touch the pad before anything else (Z1); its two spots may show the slope too."""
-    return fit_pad_slope(
-        run, knowledge.surface, read_pad(run, "Z1", name, knowledge.pad_um, knowledge.pad_u_um)
-    )
+    pad = read_pad(run, "Z1", name, knowledge.pad_um, knowledge.pad_u_um)
+    knowledge.pads.append(pad)
+    return fit_pad_slope(run, knowledge.surface, pad)
 
 
 def begin_hole(run: JobRun, site: Place, knowledge: JobKnowledge) -> OpenHole:

@@ -183,6 +183,7 @@ def learn(
         found = replace(found, wear_um=settled.wear_um, wear_u95_um=COVERAGE * settled.wear_u_um)
     stated = found if settled is not None else with_doubt_of_wear(run, hole, knowledge.estimate, found)
     hole.stops += 1
+    knowledge.pads.append(z3)
     hole.bottom, hole.pad, hole.touched = z2, z3, found
     hole.report(run, stated, gap[0], depth_basis=Basis.ESTIMATED if z2.doubt_u_um > 0.0 else None)
     knowledge.tool, knowledge.gap_um = ToolLength(z3), gap[0]

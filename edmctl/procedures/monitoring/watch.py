@@ -97,7 +97,7 @@ class Watch:
         zero_um, tracker, block = self.zero_um(), self._tracker, self._latest
         if self._lags is not None and block is not None:
             self.settle()
-            self.last_rest = Rest(*_now(block), self._lags.um)
+            self.last_rest = Rest(*_now(block), self._lags.um, self._lags.out_s)
         if math.isnan(zero_um) or tracker is None or block is None:
             return
         middle_s, measured_um = _now(block)
@@ -192,7 +192,7 @@ class Watch:
         self._fresh.clear()
         compared = self._sensor and self._tracker is not None
         if self._lags is not None:
-            self._lags.advance(block.time_s, block.displacement_um)
+            self._lags.advance(block.time_s, block.displacement_um, block.actuator_v)
         if not self._sensor:
             model_um = block.displacement_um
         elif self._tracker is None:
