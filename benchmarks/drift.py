@@ -2,12 +2,13 @@
 
     python benchmarks/drift.py [--seeds 40] [--first 1001] [--profiles cu270 w252] [--jobs 2] [--classes sensor ...]
 
-Every seed is a machine. It is measured as `edmctl measure-drift` does; later, with other noise, it makes the hole of a
-shipped profile, with the model of that measurement and corrected by its own rests. Both are judged by the plant's
+Every seed is a machine. It is measured as `edmctl measure-drift` does; later, with other noise, it makes the hole of
+a shipped profile, with the model of that measurement and corrected by its own rests. Both are judged by the plant's
 truth. Classes: the sensor drifts, the machine does (the work against the tool), both do; and `twice`, where gain and
-drift of the sensor and tilt are drawn twice as wide as the setup believes. Bars, but for `twice`: intervals of wear and
-feed, and those of depth, wear and feed together, hold 90 %; where the sensor drifts half the interval of the wear is at
-most 1.0 µm at the median; the share and the drift between tool and work hold in 90 % of the measurements that tell them.
+drift of the sensor and tilt are drawn twice as wide as the setup believes. Bars, but for `twice`: intervals of wear
+and feed, and those of depth, wear and feed together, hold 90 %; where the sensor drifts half the interval of the
+wear is at most 1.0 µm at the median; the share and the drift between tool and work hold in 90 % of the measurements
+that tell them.
 """
 
 from __future__ import annotations

@@ -47,8 +47,8 @@ WALK_UM_PER_SQRT_S = 0.01
 MISFIT = 0.01
 """Standard deviation of creep that is no sum of these lags, over the creep that is."""
 DRIFT_MISFIT = 0.1
-"""Share of a drift that is taken for creep: lags of a displacement that drifts hold that drift, and only a steady one
-is taken out of them again. On the virtual machine 3 to 13 % were seen."""
+"""Share of a drift that is taken for creep: lags of a displacement that drifts hold that drift, and only a steady
+one is taken out of them again. On the virtual machine 3 to 13 % were seen."""
 MEMORY_UM = 150.0
 """Way whose creep an earlier use of the actuator may have left, µm."""
 LEAST_SIGMAS = 3.0
@@ -67,8 +67,8 @@ REST_V = 0.5
 class CreepLags:
     """First-order lags of the displacement over home (`um`), one of each of `TIME_CONSTANTS_S`.
 
-    The sensor's drift is in that displacement too. `out_s` are the same lags of the time since the begin while the tool
-    is out: of a drift by 1 µm/s.
+    The sensor's drift is in that displacement too. `out_s` are the same lags of the time since the begin while the
+    tool is out: of a drift by 1 µm/s.
     """
 
     def __init__(self) -> None:
@@ -140,11 +140,12 @@ class Estimate:
 class DriftFit:
     """What rests and touches have told.
 
-    Drifts are those of this run, the random walk of the sensor with them. `creep` are the weights of the lags, `creep_covariance` goes with them. `rest_um_per_s` is the drift of the rests
-    without creep, `touch_um_per_s` that of the touches, `apart_um_per_s` of the touches less that of the
-    rests: a drift between tool and work, or a change of the rest that no touch sees. `share` is their ratio, None
-    where the rests have not drifted. `misfit` is by how much the residuals exceed what was expected of them, at
-    least 1; all uncertainties hold it. `outliers` are the touches that were left out.
+    Drifts are those of this run, the random walk of the sensor with them. `creep` are the weights of the lags,
+    `creep_covariance` goes with them. `rest_um_per_s` is the drift of the rests without creep, `touch_um_per_s` that
+    of the touches, `apart_um_per_s` of the touches less that of the rests: a drift between tool and work, or a
+    change of the rest that no touch sees. `share` is their ratio, None where the rests have not drifted. `misfit`
+    is by how much the residuals exceed what was expected of them, at least 1; all uncertainties hold it. `outliers`
+    are the touches that were left out.
     """
 
     creep: Floats
@@ -231,7 +232,7 @@ def _fitted(
     if math.isfinite(memory_s):
         left = usual * MEMORY_UM * np.exp(-(memory_s + rest_s[:, None]) / _TAU_S)
         noise[:a, :a] += left @ left.T
-    # What is wanted besides is how the walk happened to go: its slope over the run, which both share with their drift.
+    # What is wanted besides is how the walk happened to go: its slope over the run, which both have in common.
     centred_s = times_s - times_s.mean()
     slope = centred_s / (centred_s @ centred_s)
     known = np.vstack((prior @ design.T, slope @ walk))
@@ -324,9 +325,9 @@ def model_of(fit: DriftFit) -> DriftModel:
 
     A rest of which a touch sees more than all, or the opposite, does not exist: that is a drift between tool and
     work, which may be another one by the time of the job. So is, perhaps, what a touch sees less: then it sees all
-    of the rests' drift and another one besides. No regression of one run tells these apart, and the uncertainty holds
-    the difference of the two drifts, any part of it as likely. Where the rests stood still they have shown no share:
-    all of it is taken, as of a sensor that drifts, and none is as likely.
+    of the rests' drift and another one besides. No regression of one run tells these apart, and the uncertainty
+    holds the difference of the two drifts, any part of it as likely. Where the rests stood still they have shown no
+    share: all of it is taken, as of a sensor that drifts, and none is as likely.
     """
     apart = fit.apart_um_per_s
     apart_u_um_per_s = math.hypot(share_u(apart.value), apart.u)

@@ -54,7 +54,7 @@ class Reading:
 
 @dataclass(frozen=True, slots=True)
 class Drift:
-    """By how much a touch of the same place drifted between two moments, and the standard uncertainty of that, µm."""
+    """How far a touch of the same place drifted between two moments, and the standard uncertainty of that, µm."""
 
     um: float
     left_u_um: float
@@ -65,8 +65,8 @@ class DepthAndWear:
     """Depth, wear and total feed, each with the half-width of its 95 % interval, µm.
 
     `depth_noise_um` is the part of the depth's standard uncertainty that another set of touches would redraw.
-    `drift_um` is what the readings after the cut were corrected by, and `drift_left_u_um` the standard uncertainty in
-    the wear of the drift that is left, or of all of it; NaN where no touches tell the wear.
+    `drift_um` is what the readings after the cut were corrected by, and `drift_left_u_um` the standard uncertainty
+    in the wear of the drift that is left, or of all of it; NaN where no touches tell the wear.
     """
 
     depth_um: float

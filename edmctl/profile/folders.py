@@ -109,7 +109,7 @@ def default_drift_path(serial: str, environ: Mapping[str, str]) -> Path:
 
 
 def find_drift(environ: Mapping[str, str], stated: str | None, serial: str) -> Path | None:
-    """Which drift file is used: that of $EDMCTL_DRIFT, of the setup (`stated`), the machine's own, which may not be."""
+    """Which drift file is used: of $EDMCTL_DRIFT, of the setup (`stated`), the machine's own if there is one."""
     named = environ.get(DRIFT_VARIABLE) or stated
     own = default_drift_path(serial, environ)
     return Path(named) if named else own if own.is_file() else None

@@ -104,9 +104,9 @@ class SiteResult:
     The `*_model_um` values come from the actuator voltage through the actuator model, counted from the rest at 0 V
     before each touch, and never enter the others. `zero_drift_um` is how far that rest moved from Z1 to Z3 on the
     sensor beside the model: where it is the sensor that drifts, both wears are too large by it.
-    `drift_correction_um` is how much the pad drifted from Z1 to Z3 by the rests before them, where `measure-drift` has
-    told what of it touches see: Z2, Z3 and the wear are less by it. `drift_left_u_um` is the standard uncertainty in the
-    wear of the drift that is left, or of all of it; NaN where no touches of the pad tell the wear.
+    `drift_correction_um` is how much the pad drifted from Z1 to Z3 by the rests before them, where `measure-drift`
+    has told what of it touches see: Z2, Z3 and the wear are less by it. `drift_left_u_um` is the standard
+    uncertainty in the wear of the drift that is left, or of all of it; NaN where no touches of the pad tell it.
     `feed_model_error_*` is the estimate less the sensor while machining, in µm and in % of the feed; NaN without a
     sensor, when every value of the hole is the model's.
     """
@@ -209,8 +209,8 @@ class JobResult:
 
     `reached` is the hole that was left unmeasured, None in a job that ended in order; `tool_wear_total_um` is
     NaN when nothing was measured. `link` says how the line did, None where the job ended before it was used.
-    `home_um` is what the sensor showed of the tool at home, at the last rest at 0 V. `beliefs` of the setup are judged
-    by what a job with holes has shown.
+    `home_um` is what the sensor showed of the tool at home, at the last rest at 0 V. `beliefs` of the setup are
+    judged by what a job with holes has shown.
 
     Of a job that was taken up again all times are those of its runs together, `earlier_time_s` of `time_s` in the
     runs before this one. The pauses between them are left out: they were `pause_s`, NaN where nobody knows.

@@ -1,7 +1,7 @@
 """What a job has shown of the setup's beliefs: tilt by the two spots of the pad, drift of the sensor by the rests.
 
-A belief is a standard uncertainty; a value beyond two of them, its own uncertainty taken off, contradicts it. A wrong
-gain of the sensor scales everything alike, so that nothing in a job can show it.
+A belief is a standard uncertainty; a value beyond two of them, its own uncertainty taken off, contradicts it. A
+wrong gain of the sensor scales everything alike, so that nothing in a job can show it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from edmctl.results.job import Belief
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from edmctl.procedures.run import JobRun
+    from edmctl.procedures.run import Args, JobRun
     from edmctl.procedures.touch.reading import SurfaceReading
 
 LEAST_SPAN_S = 120.0
@@ -26,7 +26,7 @@ LEAST_SPAN_S = 120.0
 
 
 def judge_beliefs(run: JobRun, pads: Sequence[SurfaceReading]) -> None:
-    """Compare the setup's beliefs with all readings of the pad of this run, and warn of those that they contradict."""
+    """Compare the setup's beliefs with all readings of the pad of this run; warn where they are contradicted."""
     setup = run.setup
     beliefs = (
         _judged("surface.tilt_u_mrad", setup.surface.tilt_u_mrad, *_slope_mrad(pads)),
@@ -36,7 +36,7 @@ def judge_beliefs(run: JobRun, pads: Sequence[SurfaceReading]) -> None:
     run.tally.beliefs = beliefs
     for belief in beliefs:
         if belief.seen is Seen.CONTRADICTED:
-            args = {"belief": belief.name, "believed": belief.believed, "found": belief.found}
+            args: Args = {"belief": belief.name, "believed": belief.believed, "found": belief.found}
             run.decide(RunEvent.BELIEF_CONTRADICTED, belief.message, args, level=EventLevel.WARNING)
 
 
