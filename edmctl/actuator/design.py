@@ -8,13 +8,13 @@ among them, and never touches the samples again.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.actuator.model import ActuatorModel
+from edmctl.actuator.model import ActuatorModel, none_of
 from edmctl.actuator.record import length_s, sample_s
 
 if TYPE_CHECKING:
@@ -48,6 +48,10 @@ class Design:
 
     column_of : ndarray of int, shape (j,)
         Lags with the same number get the same weight.
+    rounded : ndarray, shape (k, 4)
+        Rising and falling limit, sharpness and unloading of the rounded plays.
+    lag_s : float
+        Of the amplifier.
     """
 
     thresholds_v: Array
@@ -57,6 +61,8 @@ class Design:
     column_of: NDArray[np.int64]
     low_v: float
     high_v: float
+    rounded: Array = field(default_factory=lambda: none_of(0, 4))
+    lag_s: float = 0.0
 
     @property
     def creep_columns(self) -> int:
@@ -67,7 +73,7 @@ class Design:
     def features(self) -> int:
         """Weights to be found."""
         plays, pieces = len(self.thresholds_v), self.knots_v.shape[1] - 1
-        features: int = plays * pieces + len(self.creep_plays) * self.creep_columns
+        features: int = plays * pieces + len(self.rounded) + len(self.creep_plays) * self.creep_columns
         return features
 
     @property
@@ -78,11 +84,12 @@ class Design:
     def model(self, weights: Array, zero_um: float, delay_s: float) -> ActuatorModel:
         """Return the model with these weights, shape (features,)."""
         plays, pieces = len(self.thresholds_v), self.knots_v.shape[1] - 1
-        creep = weights[plays * pieces :].reshape(len(self.creep_plays), self.creep_columns)
+        slopes, roundness, creep = np.split(weights, [plays * pieces, plays * pieces + len(self.rounded)])
+        creep = creep.reshape(len(self.creep_plays), self.creep_columns)
         return ActuatorModel(
             thresholds_v=self.thresholds_v,
             knots_v=self.knots_v,
-            slopes_um_per_v=weights[: plays * pieces].reshape(plays, pieces).copy(),
+            slopes_um_per_v=slopes.reshape(plays, pieces).copy(),
             creep_plays=self.creep_plays,
             time_constants_s=self.time_constants_s,
             creep_um_per_v=np.ascontiguousarray(creep[:, self.column_of]),
@@ -90,7 +97,18 @@ class Design:
             delay_s=delay_s,
             low_v=self.low_v,
             high_v=self.high_v,
+            rounded_limits_v=self.rounded[:, :2].copy(),
+            rounded_sharpness=self.rounded[:, 2].copy(),
+            rounded_unloading=self.rounded[:, 3].copy(),
+            rounded_um_per_v=roundness.copy(),
+            lag_s=self.lag_s,
         )
+
+    def with_rounded(self, rounded: Array) -> Design:
+        """Return it with rounded plays, shape (k, 4), which creep."""
+        sharp = self.creep_plays[self.creep_plays < len(self.thresholds_v)]
+        creeping = len(self.thresholds_v) + np.arange(len(rounded) if len(self.time_constants_s) else 0)
+        return replace(self, rounded=rounded, creep_plays=np.concatenate([sharp, creeping]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +151,7 @@ def reduce_records(
     blocks: list[Block] = []
     sketches: list[Array] = []
     for number, record in enumerate(records):
-        features = _features(design, record)
+        features = features_of(design, record)
         rows = np.zeros((len(record.t_s), len(records) + design.features + len(delays_s)))
         rows[:, number] = 1.0
         rows[:, len(records) : len(records) + design.features] = features
@@ -149,28 +167,38 @@ def reduce_records(
     return Reduction(tuple(blocks), np.concatenate(sketches), len(records))
 
 
-def _features(design: Design, record: Record) -> Array:
+def features_of(design: Design, record: Record) -> Array:
+    """Features of every sample, shape (n, features)."""
     from edmctl.actuator.operators import bank_features
 
     weights = np.zeros(design.features)
     weights[design.first_play] = 1.0
-    state = design.model(weights, 0.0, 0.0).starting_state(record.t_s, record.u_v, record.previous_v)
-    features = np.empty((len(record.t_s), design.features))
-    bank_features(
+    model = design.model(weights, 0.0, 0.0)
+    state = model.starting_state(record.t_s, record.u_v, record.previous_v)
+    path_s, path_v, ends = model.path(
+        state,
         np.ascontiguousarray(record.t_s, dtype=np.float64),
         np.ascontiguousarray(record.u_v, dtype=np.float64),
+    )
+    features = np.empty((len(path_s), design.features))
+    bank_features(
+        path_s,
+        path_v,
         state.t_s,
+        state.lagged_v,
         design.thresholds_v,
         design.knots_v,
+        model.rounded,
         design.creep_plays,
         design.time_constants_s,
         design.column_of,
         state.plays_v,
+        state.stops_v,
         state.lags_v,
         np.empty((3, len(design.time_constants_s))),
         features,
     )
-    return features
+    return features if ends is None else features[ends]
 
 
 def choose_design(

@@ -20,6 +20,7 @@ from pydantic import Field, ValidationError
 from edmctl.actuator.model import ActuatorModel
 from edmctl.errors import ProfileError, RecordError, RunFileError
 from edmctl.files import open_regular
+from edmctl.profile.calibration_bounds import contradictions
 from edmctl.profile.positions import Sources
 from edmctl.profile.read import parse, read_source
 from edmctl.profile.tables import ONE_LINE, Table
@@ -39,6 +40,11 @@ if TYPE_CHECKING:
 SCHEMA: Final = "edmctl-calibration/1"
 HASH = "sha256"
 AGAIN = "Run edmctl calibrate again."
+
+
+MOST = 1e9
+"""Larger figures than any that is measured; their squares are still numbers."""
+Words = Annotated[str, Field(pattern=ONE_LINE, max_length=1000)]
 
 
 class MeasuredFile(Table):
@@ -86,29 +92,33 @@ class Parameters(Table):
 class Figures(Table):
     """Errors of a model on measured displacements."""
 
-    max_um: float = Field(ge=0.0, description="largest error, µm")
-    rms_um: float = Field(ge=0.0, description="RMS error, µm")
-    max_pct: float = Field(ge=0.0, description="largest error, % of the range")
-    rms_pct: float = Field(ge=0.0, description="RMS error, % of the range")
-    range_um: float = Field(gt=0.0, description="range of the measured displacement, µm")
+    max_um: float = Field(ge=0.0, le=MOST, description="largest error, µm")
+    rms_um: float = Field(ge=0.0, le=MOST, description="RMS error, µm")
+    max_pct: float = Field(ge=0.0, le=MOST, description="largest error, % of the range")
+    rms_pct: float = Field(ge=0.0, le=MOST, description="RMS error, % of the range")
+    range_um: float = Field(gt=0.0, le=MOST, description="range of the measured displacement, µm")
 
 
 class Spread(Table):
     """Standard uncertainties (one sd) from refits to resampled blocks."""
 
-    displacement_sd_um: float = Field(ge=0.0, description="of the displacement, mean over the records, µm")
-    displacement_sd_max_um: float = Field(ge=0.0, description="the same, largest, µm")
-    gain_sd_um_per_v: float = Field(ge=0.0, description="of the gain, µm/V")
-    loop_width_sd: float = Field(ge=0.0, description="of the loop's width, relative to the stroke")
-    gamma_sd_per_decade: float = Field(ge=0.0, description="of the creep, relative, per decade of time")
+    displacement_sd_um: float = Field(
+        ge=0.0, le=MOST, description="of the displacement, mean over the records, µm"
+    )
+    displacement_sd_max_um: float = Field(ge=0.0, le=MOST, description="the same, largest, µm")
+    gain_sd_um_per_v: float = Field(ge=0.0, le=MOST, description="of the gain, µm/V")
+    loop_width_sd: float = Field(ge=0.0, le=MOST, description="of the loop's width, relative to the stroke")
+    gamma_sd_per_decade: float = Field(
+        ge=0.0, le=MOST, description="of the creep, relative, per decade of time"
+    )
 
 
 class Quality(Table):
     """How good the model is."""
 
     accepted: bool = Field(description="whether nothing stands against using it")
-    problems: list[str] = Field(description="what stands against it, each with its remedy")
-    notes: list[str] = Field(description="what else to know")
+    problems: list[Words] = Field(description="what stands against it, each with its remedy", max_length=100)
+    notes: list[Words] = Field(description="what else to know", max_length=100)
     samples: int = Field(ge=1, description="samples that it was fitted to")
     stroke_um: float = Field(gt=0.0, description="displacement between the ends of the range, µm")
     gain_um_per_v: float = Field(gt=0.0, description="stroke over range of voltage, µm/V")
@@ -126,8 +136,8 @@ class Calibration(Table):
     made: Made
     actuator: Parameters = Field(alias="model")
     quality: Quality
-    baselines: dict[str, Figures] = Field(
-        {}, description="errors of simpler models, on blocks that these did not see"
+    baselines: dict[Words, Figures] = Field(
+        {}, max_length=100, description="errors of simpler models, on blocks that these did not see"
     )
 
     @property
@@ -229,7 +239,8 @@ def load_calibration(path: Path) -> Calibration:
         raise RecordError(f"{path} {what}.", hint=AGAIN, code="E3643", where=_sources(source).value((HASH,)))
     try:
         calibration = Calibration.model_validate(table)
-        calibration.model()
+        for wrong in contradictions(calibration, calibration.model()):
+            raise ValueError(f"it cannot be of an actuator that feeds a tool: {wrong}")
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         key = ".".join(str(part) for part in first["loc"])
