@@ -187,7 +187,7 @@ def fit_process(
     numbers = np.array([names.index(one) for one in blocks] if blocks is not None else [], np.int64)
     centre, spread = float(measured.mean()), float(measured.std(ddof=1))
     least = 1e-9 * max(1.0, abs(centre))  # values that are all equal are expected everywhere
-    scale = max(spread, least, noise_floor if spread < least else 0.0)
+    scale = spread if spread > least else max(noise_floor, least)
     posterior = _Posterior.of(at, (measured - centre) / scale, numbers, trend, noise_floor / scale)
     draws, weights = _draws(posterior)
     factors = at.shape[1]

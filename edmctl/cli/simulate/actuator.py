@@ -13,6 +13,8 @@ from edmctl.errors import UsageError
 from edmctl.jobs.sweep import seed_to_use
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from edmctl.jobs.actuator_trial import Trial
     from edmctl.jobs.actuator_waveforms import Waveform
     from edmctl.jobs.paper_trial import PaperTrial
@@ -187,18 +189,31 @@ def _try(outcome: Outcome, asked: "list[Waveform]", calibration: Path | None, se
 def _report(outcome: Outcome, trial: "Trial", plot: Path | None, data: Path | None) -> None:
     """Say the figures; then write the files, so that a full disk leaves the figures known."""
     from edmctl.console.calibration_tables import render_actuator
-    from edmctl.jobs.actuator_trial import write_data, write_figure
+    from edmctl.jobs.actuator_trial import write_figure
+
+    outcome.text = render_actuator(trial.waveforms, trial.stroke_um, stream_style(sys.stdout))
+    _write(outcome, trial, data, plot, lambda path: write_figure(trial, path))
+
+
+def _write(
+    outcome: Outcome,
+    trial: "Trial | PaperTrial",
+    data: Path | None,
+    plot: Path | None,
+    draw: "Callable[[Path], None]",
+) -> None:
+    """Put the trial into the result, write its files, and name them below the figures."""
+    from edmctl.jobs.actuator_trial import write_data
 
     result: dict[str, object] = {**trial.as_mapping(), "plot_file": None, "data_file": None}
     outcome.result = result
-    outcome.text = render_actuator(trial.waveforms, trial.stroke_um, stream_style(sys.stdout))
     outcome.text += f"\nSimulated, seed {outcome.seed}."
     if data:
         write_data(trial.traces, data)
         result["data_file"] = str(data)
         outcome.text += f" Data {data}"
     if plot:
-        write_figure(trial, plot)
+        draw(plot)
         result["plot_file"] = str(plot)
         outcome.text += f" Figure {plot}"
 
@@ -217,18 +232,8 @@ def _try_paper(outcome: Outcome, asked: "list[Waveform]", start: StartChoice, se
 def _report_paper(outcome: Outcome, trial: "PaperTrial", plot: Path | None, data: Path | None) -> None:
     """Say the figures; then write the files."""
     from edmctl.console.paper_tables import render_paper_trial
-    from edmctl.jobs.actuator_trial import write_data
     from edmctl.jobs.paper_trial import write_figure
 
-    result: dict[str, object] = {**trial.as_mapping(), "plot_file": None, "data_file": None}
-    outcome.result = result
+    words = f"simulated, seed {outcome.seed}; model begins {trial.start}"
     outcome.text = render_paper_trial(trial, stream_style(sys.stdout))
-    outcome.text += f"\nSimulated, seed {outcome.seed}."
-    if data:
-        write_data(trial.traces, data)
-        result["data_file"] = str(data)
-        outcome.text += f" Data {data}"
-    if plot:
-        write_figure(trial, plot, f"simulated, seed {outcome.seed}; model begins {trial.start}")
-        result["plot_file"] = str(plot)
-        outcome.text += f" Figure {plot}"
+    _write(outcome, trial, data, plot, lambda path: write_figure(trial, path, words))

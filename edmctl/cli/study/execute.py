@@ -1,6 +1,7 @@
 """`edmctl study run`, `resume`, `suggest`, `optimize` and `confirm`: all that makes runs."""
 
 import sys
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -208,11 +209,14 @@ def suggest(outcome: Outcome, folder: FolderArgument, count: CountOption = 1, ad
     from edmctl.jobs.study.waiting import way_on
 
     study = opened(folder)
-    with study.claimed("suggestions"), study.writer() as writer:
+    with (
+        study.claimed("suggestions") if add else nullcontext()
+    ):  # who only looks writes nothing, not even a lock
         state = study.read()
         found = suggestions(state, count, shell())
         if add:
-            writer.planned(found)
+            with study.writer() as writer:
+                writer.planned(found)
     outcome.result = {"suggestions": found, "added": add}
     words = [_suggested(one, state) for one in found]
     after = f"Make them: `{way_on(study.read())}`." if add else "Nothing was added; --add does."

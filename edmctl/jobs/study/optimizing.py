@@ -240,7 +240,8 @@ def _candidates(
         ]
     made = [dict(run.planned.settings) for run in state.runs if run.planned.kind is not RunKind.CONFIRMATION]
     found = {settings_key(one): one for one in (*map(settings_at, rows), *made)}
-    return [one for key, one in found.items() if key not in broken_limits(state)]
+    broken = broken_limits(state)
+    return [one for key, one in found.items() if key not in broken]
 
 
 def _ends(factors: Sequence[FactorInfo]) -> list[list[float]]:
