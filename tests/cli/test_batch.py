@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from tests.cli.commands import ROOT, in_a_shell
+from tests.cli.commands import ROOT, environment, in_a_shell
 from tests.cli.test_documents import newcomer
+from tests.cli.warm_process import warm_process
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -24,8 +25,9 @@ ROUNDING_UM = 0.0021
 @pytest.fixture(scope="module")
 def batch(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """The folder where the script has run, and what it wrote to stdout."""
-    folder, env = newcomer(tmp_path_factory.mktemp("batch"))
-    done = in_a_shell("sh", str(SCRIPT), cwd=folder, env=env, timeout_s=300.0)
+    with warm_process(environment()) as warm:
+        folder, env = newcomer(tmp_path_factory.mktemp("batch"), warm)
+        done = in_a_shell("sh", str(SCRIPT), cwd=folder, env=env, timeout_s=300.0)
     assert done.returncode == 0, done.stderr
     assert "Traceback" not in done.stderr
     return folder, done.stdout

@@ -16,6 +16,7 @@ import pytest
 from edmctl.exitcodes import MEANING
 from edmctl.simulator import BenchConfig, open_bench
 from tests.cli.commands import ROOT, environment, in_a_shell
+from tests.cli.warm_process import client, warm_process
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -56,14 +57,19 @@ def files_of(page: str) -> dict[str, str]:
     )
 
 
-def newcomer(home: Path) -> tuple[Path, dict[str, str]]:
-    """An empty folder, and an environment where `edmctl` and `python3` are those of the tests."""
+def newcomer(home: Path, warm: str = "") -> tuple[Path, dict[str, str]]:
+    """An empty folder, and an environment where `edmctl` and `python3` are those of the tests.
+
+    `edmctl` is a process of its own, or a copy of the one that listens at the socket `warm`.
+    """
     folder, tools = home / "work", home / "bin"
     folder.mkdir()
     tools.mkdir()
-    for name, call in (("edmctl", f"{sys.executable} -m edmctl"), ("python3", sys.executable)):
+    script = '#!/bin/sh\nexec {} "$@"\n'
+    edmctl = client(warm) if warm else script.format(f"{sys.executable} -m edmctl")
+    for name, text in (("edmctl", edmctl), ("python3", script.format(sys.executable))):
         tool = tools / name
-        tool.write_text(f'#!/bin/sh\nexec {call} "$@"\n', encoding="utf-8")
+        tool.write_text(text, encoding="utf-8")
         tool.chmod(0o755)
     return folder, environment(PATH=f"{tools}{os.pathsep}{os.environ['PATH']}")
 
@@ -105,8 +111,8 @@ def _in_background(line: str, folder: Path, env: dict[str, str]) -> subprocess.P
 def typed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[str]]:
     """The failures of each page. The pages are typed side by side: most of the time is waiting for processes."""
     open_bench(BenchConfig(), 0).warm_up()  # or all of them compile at once
-    newcomers = [newcomer(tmp_path_factory.mktemp("newcomer")) for _ in PAGES]
-    with ThreadPoolExecutor(len(PAGES)) as pool:
+    with warm_process(environment()) as warm, ThreadPoolExecutor(len(PAGES)) as pool:
+        newcomers = [newcomer(tmp_path_factory.mktemp("newcomer"), warm) for _ in PAGES]
         return dict(zip(PAGES, pool.map(failures_of, PAGES, *zip(*newcomers, strict=True)), strict=True))
 
 

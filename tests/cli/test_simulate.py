@@ -249,6 +249,7 @@ def test_channels_are_summed_up_like_holes(here: Here) -> None:
         assert [one["name"] for one in made["sites"]] == ["channel-circle"]
 
 
+@pytest.mark.slow
 def test_a_series_that_was_stopped_goes_on_in_its_folder(here: Here, tmp_path: Path) -> None:
     out, table, figure = tmp_path / "series", tmp_path / "cases.csv", tmp_path / "cases.svg"
     swept = ("--sweep", "servo.reference=0.7,0.8", "--runs", "2", "--seed", "3", "--out", str(out))

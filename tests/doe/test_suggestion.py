@@ -10,6 +10,7 @@ import pytest
 from scipy.stats import qmc
 
 from edmctl.doe.suggestion import expected_improvement, recommend, suggest, surrogates
+from tests.tiers import tiers
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -93,8 +94,7 @@ def test_a_study_ends_at_a_fast_setting_that_keeps_the_limit() -> None:
     assert purposes.lstrip("f") == "i" * (len(purposes.lstrip("f")) - 6) + "c" * 6
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [2, 3])
+@pytest.mark.parametrize("seed", tiers(slow=[2], full=[3]))
 def test_what_is_recommended_is_safe_and_fast(seed: int) -> None:
     allowed, problem = candidates(256), Erosion(seed, fails=seed % 2 == 1)
     made = [study(problem, repeat, allowed) for repeat in range(8)]

@@ -115,6 +115,7 @@ def test_a_begun_hole_is_given_up_and_made_anew_with_another_tool(tmp_path: Path
     assert run.row.site_um == (1100.0, 0.0)
 
 
+@pytest.mark.slow
 def test_a_tool_that_is_changed_early_begins_with_a_centre_run_and_ends_with_its_block(
     tmp_path: Path,
 ) -> None:
@@ -318,7 +319,7 @@ holes_per_tool = 11
 )
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_an_array_with_replicates_is_made_through_a_line_with_a_tool_change_and_an_interruption(
     tmp_path: Path,
 ) -> None:
