@@ -156,3 +156,20 @@ def test_points_of_a_design_come_from_the_same_tables(tmp_path: Path) -> None:
     file.unlink()
     with pytest.raises(ProfileError, match="Cannot read"):
         plan_study(read_study(written(tmp_path, text)))
+
+
+def test_what_was_told_is_withdrawn_and_told_anew(tmp_path: Path, here: Here) -> None:
+    folder = made(tmp_path, SMALL)
+    run = folder.plan.runs[0]
+    with folder.writer() as writer:
+        writer.run(bare_row(run, 1, run.seed, datetime.now(UTC)))
+
+    def value(text: str) -> float | None:
+        said = here("study", "tell", str(folder.path), "1", f"ra_um={text}")
+        assert said.exit_code == 0, said.err
+        assert ("is withdrawn" in said.out) == (text == "none")
+        return folder.read().run(1).value("ra_um")
+
+    assert [value(text) for text in ("3.1", "none", "0.31")] == [3.1, None, 0.31]
+    assert here("study", "tell", str(folder.path), "1", "depth_um=none").exit_code == 2
+    assert len(folder.read().run(1).told) == 1

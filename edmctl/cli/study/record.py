@@ -24,7 +24,7 @@ ReasonArgument = Annotated[str, typer.Argument(metavar="REASON", help="Kept with
 def tell(outcome: Outcome, folder: FolderArgument, run: RunNumberArgument, values: ValuesArgument) -> None:
     """Tell responses that were measured by hand, such as a roughness from a profilometer.
 
-    Told again, the later value counts; both stay in the rows.
+    Told again, the later value counts, and `NAME=none` withdraws it; all of them stay in the rows.
     """
     from edmctl.jobs.study.table import made_run, told_values
 
@@ -35,7 +35,8 @@ def tell(outcome: Outcome, folder: FolderArgument, run: RunNumberArgument, value
     with study.writer() as writer:
         writer.told(found, told)
     outcome.result = {"run": run, "told": told}
-    outcome.text = f"Run {run}: {', '.join(f'{name} = {value:g}' for name, value in told.items())}"
+    words = (f"{name} {'is withdrawn' if v is None else f'= {v:g}'}" for name, v in told.items())
+    outcome.text = f"Run {run}: {', '.join(words)}"
 
 
 @command("study import")

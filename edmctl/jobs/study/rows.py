@@ -31,8 +31,8 @@ class StudyWriter(RowWriter):
         """Append what a run came to."""
         self.append(RUN, asdict(row))
 
-    def told(self, run: StudyRun, values: Mapping[str, float]) -> None:
-        """Append what is told of a run, or of its first attempt where it is not made yet."""
+    def told(self, run: StudyRun, values: Mapping[str, float | None]) -> None:
+        """Append what is told of a run, or of its first attempt where it is not made yet; None withdraws."""
         attempt = run.row.attempt if run.row is not None else 1
         self.append(TOLD, {"number": run.planned.number, "attempt": attempt, "values": dict(values)})
 
@@ -94,10 +94,10 @@ def _gathered(lines: Iterable[dict[str, Any]], torn: int, foreign: int) -> Rows:
                 attempts.setdefault(row.number, {}).setdefault(row.attempt, row)
             elif kind == TOLD:
                 at = (int(values["number"]), max(1, int(values.get("attempt", 1))))
-                values_told = {str(name): float(value) for name, value in values["values"].items()}
-                if not all(map(math.isfinite, values_told.values())):
-                    raise ValueError("no number")
-                told.setdefault(at, {}).update(values_told)
+                given = {str(name): value for name, value in values["values"].items()}
+                _need(all(value is None or _is_number(value) for value in given.values()))
+                known = {**told.get(at, {}), **given}
+                told[at] = {name: float(value) for name, value in known.items() if value is not None}
             elif kind == JUDGED:
                 one = (int(values["attempt"]), Judgement(values["judgement"]), str(values["reason"]))
                 judged.setdefault(int(values["number"]), []).append(one)

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 OF_EXECUTION = ("run_file", "run_sha256", "started", "duration_s", "host")
 """Columns of time and computer, the last ones: all others are equal however often a study is run."""
+WITHDRAWN = "none"
+"""What is told to take a value back."""
 U95 = "_u95"
 _FORMULA = tuple("=+-@\t\r")
 """A text that begins like this would be computed by a spreadsheet."""
@@ -156,16 +158,21 @@ def _parquet(rows: Sequence[Mapping[str, Cell]], known: Mapping[str, tuple[str, 
     return sink.getvalue()
 
 
-def told_values(state: StudyState, texts: Sequence[str]) -> dict[str, float]:
-    """Return what `NAME=VALUE` texts tell of manual responses. Raises UsageError E2105."""
+def told_values(state: StudyState, texts: Sequence[str]) -> dict[str, float | None]:
+    """Return what `NAME=VALUE` texts tell of manual responses; None where `none` withdraws it.
+
+    Raises UsageError E2105.
+    """
     manual = _manual(state)
-    found: dict[str, float] = {}
+    found: dict[str, float | None] = {}
     for text in texts:
         name, equals, value = text.partition("=")
         if not equals:
             example = next(iter(manual), "ra_um")
             raise UsageError(f"{text} is no NAME=VALUE.", hint=f"Say e.g. {example}=0.31.", code="E2105")
-        found[name.strip()] = _value(name.strip(), value.strip(), manual)
+        name, value = name.strip(), value.strip()
+        is_withdrawn = name in manual and value == WITHDRAWN
+        found[name] = None if is_withdrawn else _value(name, value, manual)
     return found
 
 
@@ -185,7 +192,7 @@ def _value(name: str, text: str, manual: Mapping[str, Response]) -> float:
         if not text:
             message, hint = (
                 f"{name} has no value.",
-                f"Say e.g. {name}=0.31; what is not measured is left out.",
+                f"Say e.g. {name}=0.31, or {name}={WITHDRAWN} to withdraw what was told.",
             )
         elif _is_number(text.replace(",", ".")):
             message, hint = f"{name}={text}: that is no number.", "Write a decimal point."
