@@ -20,6 +20,7 @@ from edmctl.actuator.uncertainty import Bands
 from edmctl.actuator.validation import ErrorFigures
 from edmctl.errors import ProfileError, RecordError, RunFileError
 from edmctl.profile.calibration import (
+    BEYOND_PLAYS,
     SCHEMA,
     Calibration,
     Figures,
@@ -44,9 +45,10 @@ PAGE = Path(__file__).parents[2] / "docs/calibration-file.md"
 MADE = Made(utc="2026-01-02T03:04:05Z", edmctl="0.1.0", serial="SIM-7", simulated=True)
 
 
-def make_model(*, creeping: int = 2) -> ActuatorModel:
+def make_model(*, creeping: int = 2, rounded: int = 0) -> ActuatorModel:
     """Parameters with every digit that a float has."""
     rng = np.random.default_rng(5)
+    others = np.random.default_rng(6)
     thresholds_v = np.array([0.0, 0.1, 1.0, 1.0 + 1e-15]) * 7.3 / 3.0
     return ActuatorModel(
         thresholds_v=thresholds_v,
@@ -59,12 +61,19 @@ def make_model(*, creeping: int = 2) -> ActuatorModel:
         delay_s=0.0,
         low_v=0.0,
         high_v=150.0,
+        rounded_limits_v=others.uniform(5.0, 30.0, (rounded, 2)),
+        rounded_sharpness=others.uniform(0.0, 1.0, rounded),
+        rounded_unloading=others.uniform(0.0, 1.0, rounded),
+        rounded_um_per_v=others.uniform(0.0, 1.0, rounded),
+        lag_s=rounded / 3000.0,
     )
 
 
-def an_identification(problems: tuple[str, ...] = (), *, creeping: int = 2) -> Identification:
+def an_identification(
+    problems: tuple[str, ...] = (), *, creeping: int = 2, rounded: int = 0
+) -> Identification:
     return Identification(
-        model=make_model(creeping=creeping),
+        model=make_model(creeping=creeping, rounded=rounded),
         train=ErrorFigures(1.5, 0.3, 445.0),
         held_out=ErrorFigures(2.0, 0.5, 445.0),
         bands=Bands(0.1, 0.3, 2.9, 0.01, 0.15, 0.002, 0.017, 0.001),
@@ -104,10 +113,11 @@ def rewritten(path: Path, change: Callable[[dict[str, object]], object]) -> Path
     return path
 
 
-@pytest.mark.parametrize("creeping", [0, 2])
-def test_a_model_comes_back_bit_by_bit(tmp_path: Path, creeping: int) -> None:
-    identification = an_identification(creeping=creeping)
+@pytest.mark.parametrize(("creeping", "rounded"), [(0, 0), (2, 0), (2, 1), (0, 2)])
+def test_a_model_comes_back_bit_by_bit(tmp_path: Path, creeping: int, rounded: int) -> None:
+    identification = an_identification(creeping=creeping, rounded=rounded)
     save_calibration(tmp_path / "c.toml", calibration_of(identification, MADE))
+    assert load_calibration(tmp_path / "c.toml").schema_name == (BEYOND_PLAYS if rounded else SCHEMA)
     found = load_calibration(tmp_path / "c.toml").model()
     for field in dataclasses.fields(ActuatorModel):
         written, read = getattr(identification.model, field.name), getattr(found, field.name)
@@ -206,7 +216,7 @@ def test_a_file_that_is_no_toml_is_named_with_its_place(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("schema", "message"),
     [
-        ('schema = "edmctl-calibration/2"', "has the schema edmctl-calibration/2"),
+        ('schema = "edmctl-calibration/3"', "has the schema edmctl-calibration/3"),
         ('schema = "other"', "is no calibration file"),
         ("schema = 1", "is no calibration file"),
         ("x = 1", "is no calibration file"),
@@ -217,7 +227,7 @@ def test_another_schema_is_refused(tmp_path: Path, schema: str, message: str) ->
     error = refused(tmp_path / "c.toml")
     assert error.code == "E3642"
     assert message in error.message
-    assert ("Update edmctl" in error.hint) is ("/2" in schema)
+    assert ("Update edmctl" in error.hint) is ("/3" in schema)
 
 
 @pytest.mark.parametrize(
@@ -332,6 +342,7 @@ def test_the_page_tells_every_key() -> None:
                 rf"^\| `{name}` \| [a-z ]+ \| {re.escape(str(field.description))} \|$", page, re.M
             )
     assert f"`{SCHEMA}`" in page
+    assert f"`{BEYOND_PLAYS}`" in page
 
 
 def test_the_hash_of_the_page_is_that_of_the_file(saved: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -140,10 +140,10 @@ def find(
     """
     try:
         found = identify(records, delay_s=delay_s)
-        late_s = found.model.delay_s
+        late_s, counting = found.model.delay_s, found.screening
         baselines = {
-            "line": fit_line(records, delay_s=late_s),
-            "maxwell": fit_maxwell(records, delay_s=late_s),
+            "line": fit_line(records, late_s, counting),
+            "maxwell": fit_maxwell(records, late_s, counting),
         }
     except ValueError as error:
         raise RecordError(
