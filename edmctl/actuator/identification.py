@@ -29,7 +29,7 @@ from edmctl.actuator.design import (
 )
 from edmctl.actuator.diagnosis import Left, Noise
 from edmctl.actuator.fitting import fit
-from edmctl.actuator.record import Record, half_periods_s, sample_s
+from edmctl.actuator.record import Record, check_numbers, half_periods_s, sample_s
 from edmctl.actuator.screening import PASSES, Screening, residual_um, screened, settled
 from edmctl.actuator.search import extended
 from edmctl.actuator.uncertainty import Bands, bands_of, figures, smoothest
@@ -246,8 +246,7 @@ def _refuse(records: Sequence[Record]) -> None:
     for record in records:
         if len(record.t_s) < LEAST_SAMPLES:
             raise ValueError(f"{record.name}: {len(record.t_s)} samples, at least {LEAST_SAMPLES} are needed")
-        if not np.isfinite([record.t_s, record.u_v, record.y_um]).all():
-            raise ValueError(f"{record.name}: holds numbers that are not finite")
+        check_numbers(record)
         if record.previous_v is not None and not np.isfinite(record.previous_v):
             raise ValueError(f"{record.name}: the voltage before it is not finite")
         if not np.ptp(record.u_v) > 0.0:

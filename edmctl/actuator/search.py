@@ -222,9 +222,10 @@ class Moves(Rows):
         """Which samples belong to what is sampled fastest, and which of them end a move."""
         is_fast = np.diff(record.t_s, prepend=record.t_s[0]) <= SAME_STEP * self.step_s
         is_move = np.zeros(len(is_fast), dtype=bool)
-        run = (
-            np.convolve(is_fast, np.ones(self._span), "valid")[: len(is_fast) - self._span] > self._span - 0.5
-        )
+        if self._span >= len(is_fast):
+            return is_fast, is_move
+        fast_before = np.cumsum(is_fast)
+        run = fast_before[self._span :] - fast_before[: -self._span] == self._span
         moved_v = np.abs(record.u_v[self._span :] - record.u_v[: -self._span])
         both = counts[self._span :] & counts[: -self._span]
         is_move[self._span :] = run & both & (moved_v > LEAST_MOVE_SHARE * np.ptp(record.u_v))
@@ -300,7 +301,9 @@ def _least(gram: Array, right: Array, x: Array, free: Flags) -> Array:
             return x
         here = x[index]
         crossing = wanted <= 0.0
-        steps = np.where(crossing, here / np.maximum(here - wanted, 1e-300), np.inf)
+        steps = np.full(len(here), np.inf)
+        np.divide(here, here - wanted, out=steps, where=crossing & (here > wanted))
+        steps[crossing & (here <= wanted)] = 0.0
         step = float(steps.min())
         x[index] = here + step * (wanted - here)
         gone = index[steps <= step]

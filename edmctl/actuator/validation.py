@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from edmctl.actuator.record import settled_from
+from edmctl.actuator.record import check_numbers, settled_from
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -72,8 +72,12 @@ def validate(model: ActuatorModel, record: Record, refit: Collection[Refit] = ZE
         tool is touched; the gain too where the record is of another day (temperature).
 
     Where nobody says what the actuator was held at before, and the record soon visits both its ends, it is
-    judged from then on: before, its hysteresis is unknown.
+    judged from then on: before, its hysteresis is unknown. Raises ValueError for a record without two samples, with
+    numbers that are not finite, or without a displacement that changes.
     """
+    check_numbers(record)
+    if len(record.t_s) < 2 or not np.ptp(record.y_um) > 0.0:
+        raise ValueError(f"{record.name}: the displacement does not change, so that nothing can be judged")
     start = model.starting_state(record.t_s, record.u_v, record.previous_v)
     predicted_um = model.predict(record.t_s, record.u_v, start)
     return judge(predicted_um, record.y_um, refit, settled_from(record))

@@ -146,8 +146,8 @@ def _of_stroke(quality: Stated, model: ActuatorModel) -> Iterator[str]:
     reached = np.minimum(knots[:, 1:], model.high_v - model.thresholds_v[:, np.newaxis]) - np.maximum(
         knots[:, :-1], model.low_v + model.thresholds_v[:, np.newaxis]
     )
-    steep = model.rounded[:, -1]
-    swings_v = np.concatenate([swings_v, steep * span_v])
+    rounded_v = model.rounded[:, -1] * span_v - model.rounded_limits_v.sum(axis=1)
+    swings_v = np.concatenate([swings_v, np.maximum(0.0, rounded_v)])
     plain_um = float((model.slopes_um_per_v * np.maximum(reached, 0.0)).sum())
     plain_um += float(model.rounded_um_per_v @ swings_v[len(model.thresholds_v) :])
     creep_um = float((model.creep_um_per_v.sum(axis=1) * swings_v[model.creep_plays]).sum())

@@ -334,6 +334,37 @@ def test_a_setup_names_a_file_beside_itself(tmp_path: Path) -> None:
         load_setup(setup)
 
 
+@pytest.mark.parametrize(
+    ("place", "value", "message"),
+    [
+        ("model.slopes_um_per_v", [[1e30, 1.0, 1.0]] * 4, "slopes up to 1e"),
+        ("model.slopes_um_per_v", [[1e-7] * 3] * 4, "µm of creep on"),
+        ("model.slopes_um_per_v", [[90.0] * 3] * 4, "a stroke of"),
+        ("model.creep_um_per_v", [[3.0] * 3] * 2, "µm of creep on"),
+        ("model.thresholds_v", [0.0, 1.0, 2.0, 1e6], "voltages up to 1e"),
+        ("model.time_constants_s", [1e-9, 1.0, 2.0], "time constants of 1e-09 s"),
+        ("model.delay_s", 60.0, "a delay of 60 s"),
+        ("model.lag_s", 60.0, "a lag of 60 s"),
+        ("model.zero_um", 1e9, "a zero of 1e"),
+        ("model.high_v", 2000.0, "a range of 0 V to 2000 V"),
+        ("quality.stroke_um", 30_000.0, "a stated stroke of 3e"),
+        ("quality.problems", ["A knock: measure again."], "accepted with 1 problems"),
+        ("quality.held_out.rms_pct", 0.01, "errors of held_out that contradict each other"),
+        ("quality.train.rms_um", 5.0, "errors of train that contradict each other"),
+    ],
+)
+def test_what_no_actuator_is_like_is_refused(saved: Path, place: str, value: object, message: str) -> None:
+    def change(table: dict[str, object]) -> None:
+        *parts, key = place.split(".")
+        for part in parts:
+            table = table[part]  # type: ignore[assignment]
+        table[key] = value
+
+    error = refused(rewritten(saved, change))
+    assert error.code == "E3644"
+    assert message in error.message
+
+
 def test_the_page_tells_every_key() -> None:
     page = PAGE.read_text(encoding="utf-8")
     for table in (Made, MeasuredFile, Parameters, Quality, Figures, Spread):
