@@ -40,7 +40,8 @@ TAU_RATIO = 5.0
 """Lags in steps of 5 stay within 0.6 % of a decade's creep of the logarithm of time."""
 LONGEST_TAU_S = 4000.0
 """Creep is continued up to here: longer than a hole takes."""
-ROWS_AT_ONCE = 128
+ROWS_AT_ONCE, NARROW = 128, 64
+"""Rows of a matrix of so many columns that are taken at once; of a wider one, four times as many."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -280,7 +281,8 @@ def _steps_of_tau(first_s: float, last_s: float) -> int:
 def triangle_of(rows: Array) -> Array:
     """R of a matrix, shape (min(n, c), c), by taking the rows in turn."""
     triangle = rows[:0]
-    for first in range(0, len(rows), ROWS_AT_ONCE):
-        stacked = np.vstack([triangle, rows[first : first + ROWS_AT_ONCE]])
+    at_once = ROWS_AT_ONCE if rows.shape[1] <= NARROW else 4 * ROWS_AT_ONCE
+    for first in range(0, len(rows), at_once):
+        stacked = np.vstack([triangle, rows[first : first + at_once]])
         triangle = np.asarray(np.linalg.qr(stacked, mode="r"), dtype=np.float64)
     return triangle

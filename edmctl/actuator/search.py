@@ -225,7 +225,7 @@ class Moves(Rows):
         if self._span >= len(is_fast):
             return is_fast, is_move
         fast_before = np.cumsum(is_fast)
-        run = fast_before[self._span :] - fast_before[: -self._span] == self._span
+        run: Flags = fast_before[self._span :] - fast_before[: -self._span] == self._span
         moved_v = np.abs(record.u_v[self._span :] - record.u_v[: -self._span])
         both = counts[self._span :] & counts[: -self._span]
         is_move[self._span :] = run & both & (moved_v > LEAST_MOVE_SHARE * np.ptp(record.u_v))

@@ -106,6 +106,8 @@ def _properties(found: Identification) -> list[str]:
         "loop width": f"{loop_width} % of the stroke",
         "creep": f"{creep} % per decade of time",
         "delay": f"{1000.0 * model.delay_s:.2f} ms",
+        **({"lag": f"{1000.0 * model.lag_s:.2f} ms"} if model.lag_s else {}),
+        "noise": f"{found.noise.sd_um:.3f} µm (1 sd) in a sample, {found.noise.largest_um:.2f} µm at most in all",
         "displacement": f"± {mean_um:.3f} µm on average, ± {most_um:.3f} µm at most (refits and held-out error)",
     }
     by_sensor = (

@@ -271,9 +271,9 @@ def test_a_displacement_that_is_the_voltage_is_doubted() -> None:
     assert "the column of the sensor" in doubt
 
 
-ODD_T_S = 0.01 * np.arange(2000)
-ODD_V = 75.0 - 75.0 * np.cos(ODD_T_S)
-ODD_UM = 3.0 * ODD_V + 0.1 * np.sin(50.0 * ODD_T_S)
+ODD_T_S: Array = 0.01 * np.arange(2000, dtype=np.float64)
+ODD_V: Array = 75.0 - 75.0 * np.cos(ODD_T_S)
+ODD_UM: Array = 3.0 * ODD_V + 0.1 * np.sin(50.0 * ODD_T_S)
 FLAT = np.zeros(2000)
 SPIKE = np.where(np.arange(2000) == 700, 100.0, 0.0)
 
