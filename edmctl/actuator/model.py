@@ -111,10 +111,13 @@ class ActuatorModel:
 
     def check_state(self, state: ActuatorState) -> None:
         """Raise ValueError for the state of another model, which a compiled loop would run beyond."""
-        expected = (self.thresholds_v.shape, self.creep_um_per_v.shape, self.rounded_um_per_v.shape)
         shapes = (state.plays_v.shape, state.lags_v.shape, state.stops_v.shape)
-        if shapes != expected:
-            raise ValueError(f"a state of shape {shapes} for a model of {expected}")
+        if shapes != self._shapes:
+            raise ValueError(f"a state of shape {shapes} for a model of {self._shapes}")
+
+    @cached_property
+    def _shapes(self) -> tuple[tuple[int, ...], ...]:
+        return self.thresholds_v.shape, self.creep_um_per_v.shape, self.rounded_um_per_v.shape
 
     def own_state(self, state: ActuatorState | None) -> ActuatorState:
         """Return a copy of `state` (default: conditioned, at the low end). Raises as `check_state`."""
@@ -148,7 +151,9 @@ class ActuatorModel:
 
         if not len(times_s):
             return np.empty(0)
-        path_s, path_v, ends = self.path(state, times_s, volts)
+        path_s, path_v, ends = times_s, volts, None
+        if self.lag_s > 0.0:
+            path_s, path_v, ends = self.path(state, times_s, volts)
         output = np.empty(len(path_s))
         advance_bank(
             path_s,
@@ -169,7 +174,8 @@ class ActuatorModel:
             np.empty((3, len(self.time_constants_s))),
             output,
         )
-        state.u_v, state.lagged_v, state.t_s = float(volts[-1]), float(path_v[-1]), float(times_s[-1])
+        state.u_v, state.t_s = float(volts[-1]), float(times_s[-1])
+        state.lagged_v = state.u_v if ends is None else float(path_v[-1])
         return (output if ends is None else output[ends]) + self.zero_um
 
     def path(
