@@ -266,7 +266,7 @@ class Machine:
         stop: StopRequest | None = None,
         warn: Warn | None = None,
     ) -> CalibrationReport:
-        """Drive the actuator for five minutes beside the work, watch it with the sensor, fit a model, and save it.
+        """Drive the actuator for seven minutes beside the work, watch it with the sensor, fit a model, and save it.
 
         It is saved in `output`, else as the machine's own calibration, which all later calls use; a fresh `sim:` has
         none, and its calibration is used where it is named. The others are the arguments of `calibrate_files`.

@@ -8,6 +8,7 @@ the identified model.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -69,6 +70,7 @@ def check_record(record: Record) -> tuple[str, ...]:
     _check_time(record)
     _check_voltage(record)
     y_um = without_spikes(record.y_um)
+    _check_displacement(record, y_um)
     _check_sign(record, y_um)
     _check_gain(record, y_um)
     _check_limits(record, y_um)
@@ -122,8 +124,12 @@ def _check_voltage(record: Record) -> None:
     if span_v > MOST_SPAN_V:
         what = f"the voltage spans {span_v:g} V"
         raise _refusal(record, "E3618", what, "u_V looks like mV: multiply it by 0.001.")
-    if float(np.ptp(record.y_um)) <= 1e-9 * float(np.abs(record.y_um).max()):
-        what = f"the displacement is always {record.y_um[0]:g} µm, while the voltage spans {span_v:g} V"
+
+
+def _check_displacement(record: Record, y_um: Array) -> None:
+    if float(np.ptp(y_um)) <= 1e-9 * float(np.abs(y_um).max()):
+        span_v = float(np.ptp(record.u_v))
+        what = f"the displacement is always {y_um[0]:g} µm, while the voltage spans {span_v:g} V"
         raise _refusal(record, "E3615", what, "Check the sensor and its cable, and which column is y_um.")
 
 
@@ -146,7 +152,16 @@ def _check_sign(record: Record, y_um: Array) -> None:
 
 
 def _correlation(u_v: Array, y_um: Array) -> float:
-    return float(np.corrcoef(u_v, y_um)[0, 1])
+    u, y = _shape(u_v), _shape(y_um)
+    both = float(u @ u) * float(y @ y)
+    return float(u @ y) / math.sqrt(both) if both > 0.0 else 0.0
+
+
+def _shape(values: Array) -> Array:
+    """Without mean and unit, so that no product leaves the numbers."""
+    shifted: Array = values - values.mean()
+    largest = float(np.abs(shifted).max())
+    return shifted / largest if largest > 0.0 else shifted
 
 
 def _follows_late(record: Record, y_um: Array) -> bool:

@@ -8,13 +8,13 @@ among them, and never touches the samples again.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.actuator.model import ActuatorModel
+from edmctl.actuator.model import ActuatorModel, none_of
 from edmctl.actuator.record import length_s, sample_s
 
 if TYPE_CHECKING:
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from edmctl.actuator.record import Record
 
     Array = NDArray[np.float64]
+    Flags = NDArray[np.bool_]
 
 BLOCKS = 64
 PLAYS, HINGES = 10, 4
@@ -39,7 +40,8 @@ TAU_RATIO = 5.0
 """Lags in steps of 5 stay within 0.6 % of a decade's creep of the logarithm of time."""
 LONGEST_TAU_S = 4000.0
 """Creep is continued up to here: longer than a hole takes."""
-ROWS_AT_ONCE = 128
+ROWS_AT_ONCE, NARROW = 128, 64
+"""Rows of a matrix of so many columns that are taken at once; of a wider one, four times as many."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +50,10 @@ class Design:
 
     column_of : ndarray of int, shape (j,)
         Lags with the same number get the same weight.
+    rounded : ndarray, shape (k, 4)
+        Rising and falling limit, sharpness and unloading of the rounded plays.
+    lag_s : float
+        Of the amplifier.
     """
 
     thresholds_v: Array
@@ -57,6 +63,8 @@ class Design:
     column_of: NDArray[np.int64]
     low_v: float
     high_v: float
+    rounded: Array = field(default_factory=lambda: none_of(0, 4))
+    lag_s: float = 0.0
 
     @property
     def creep_columns(self) -> int:
@@ -67,7 +75,7 @@ class Design:
     def features(self) -> int:
         """Weights to be found."""
         plays, pieces = len(self.thresholds_v), self.knots_v.shape[1] - 1
-        features: int = plays * pieces + len(self.creep_plays) * self.creep_columns
+        features: int = plays * pieces + len(self.rounded) + len(self.creep_plays) * self.creep_columns
         return features
 
     @property
@@ -78,11 +86,12 @@ class Design:
     def model(self, weights: Array, zero_um: float, delay_s: float) -> ActuatorModel:
         """Return the model with these weights, shape (features,)."""
         plays, pieces = len(self.thresholds_v), self.knots_v.shape[1] - 1
-        creep = weights[plays * pieces :].reshape(len(self.creep_plays), self.creep_columns)
+        slopes, roundness, creep = np.split(weights, [plays * pieces, plays * pieces + len(self.rounded)])
+        creep = creep.reshape(len(self.creep_plays), self.creep_columns)
         return ActuatorModel(
             thresholds_v=self.thresholds_v,
             knots_v=self.knots_v,
-            slopes_um_per_v=weights[: plays * pieces].reshape(plays, pieces).copy(),
+            slopes_um_per_v=slopes.reshape(plays, pieces).copy(),
             creep_plays=self.creep_plays,
             time_constants_s=self.time_constants_s,
             creep_um_per_v=np.ascontiguousarray(creep[:, self.column_of]),
@@ -90,7 +99,22 @@ class Design:
             delay_s=delay_s,
             low_v=self.low_v,
             high_v=self.high_v,
+            rounded_limits_v=self.rounded[:, :2].copy(),
+            rounded_sharpness=self.rounded[:, 2].copy(),
+            rounded_unloading=self.rounded[:, 3].copy(),
+            rounded_um_per_v=roundness.copy(),
+            lag_s=self.lag_s,
         )
+
+    def with_pieces(self, pieces: int) -> Design:
+        """Return it with so many pieces a play."""
+        return replace(self, knots_v=_knots(self.thresholds_v, self.low_v, self.high_v, pieces))
+
+    def with_rounded(self, rounded: Array) -> Design:
+        """Return it with rounded plays, shape (k, 4), which creep."""
+        sharp = self.creep_plays[self.creep_plays < len(self.thresholds_v)]
+        creeping = len(self.thresholds_v) + np.arange(len(rounded) if len(self.time_constants_s) else 0)
+        return replace(self, rounded=rounded, creep_plays=np.concatenate([sharp, creeping]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +124,8 @@ class Block:
     triangle : ndarray, shape (at most c, c)
         R of [one column of ones per record | features | displacement advanced by each delay].
     record, first, end : which record, which of its samples.
+    low_v, high_v : ndarray, shape (n,)
+        How far each play went.
     """
 
     triangle: Array
@@ -107,6 +133,8 @@ class Block:
     record: int
     first: int
     end: int
+    low_v: Array
+    high_v: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,25 +143,31 @@ class Reduction:
 
     sketch : ndarray, shape (about 500, features)
         Features of evenly spread samples, to see what weights mean for the displacement.
+    used : samples of each record that count, shape (n,)
+    plays_v : where the plays are at each sample of each record, shape (n, plays)
     """
 
     blocks: tuple[Block, ...]
     sketch: Array
     records: int
+    used: tuple[Flags, ...]
+    plays_v: tuple[Array, ...]
 
 
 def reduce_records(
-    design: Design, records: Sequence[Record], delays_s: Array, skip: Sequence[int]
+    design: Design, records: Sequence[Record], delays_s: Array, used: Sequence[Flags]
 ) -> Reduction:
-    """Reduce the records; `skip` samples at the start of each, and those after its end less the last delay.
+    """Reduce those samples of the records that are used, less what comes after their end less the last delay.
 
     The displacement is advanced by each of `delays_s`, shape (k,), so that one pass serves a whole search.
     """
     total = sum(len(record.t_s) for record in records)
     blocks: list[Block] = []
     sketches: list[Array] = []
-    for number, record in enumerate(records):
-        features = _features(design, record)
+    plays_v: list[Array] = []
+    for number, (record, counts) in enumerate(zip(records, used, strict=True)):
+        features = features_of(design, record)
+        plays_v.append(_plays_of(design, features))
         rows = np.zeros((len(record.t_s), len(records) + design.features + len(delays_s)))
         rows[:, number] = 1.0
         rows[:, len(records) : len(records) + design.features] = features
@@ -143,34 +177,57 @@ def reduce_records(
             )
         end = int(np.searchsorted(record.t_s, record.t_s[-1] - delays_s.max(), side="right"))
         count = max(1, round(BLOCKS * len(record.t_s) / total))
-        edges = np.linspace(skip[number], end, count + 1).astype(int).tolist()
-        blocks += [Block(triangle_of(rows[a:b]), b - a, number, a, b) for a, b in pairwise(edges) if b > a]
+        edges = np.linspace(int(np.argmax(counts)), end, count + 1).astype(int).tolist()
+        for a, b in pairwise(edges):
+            chosen = counts[a:b]
+            samples = int(chosen.sum())
+            if samples:
+                at_v = plays_v[-1][a:b][chosen]
+                reduced = triangle_of(rows[a:b][chosen])
+                blocks.append(Block(reduced, samples, number, a, b, at_v.min(axis=0), at_v.max(axis=0)))
         sketches.append(features[:: max(1, total // 500)])
-    return Reduction(tuple(blocks), np.concatenate(sketches), len(records))
+    return Reduction(tuple(blocks), np.concatenate(sketches), len(records), tuple(used), tuple(plays_v))
 
 
-def _features(design: Design, record: Record) -> Array:
+def _plays_of(design: Design, features: Array) -> Array:
+    """Where the plays are, shape (n, plays): a play's pieces together are the way from its first knot."""
+    plays, pieces = len(design.thresholds_v), design.knots_v.shape[1] - 1
+    ways_v: Array = features[:, : plays * pieces].reshape(-1, plays, pieces).sum(axis=2)
+    return ways_v + design.knots_v[:, 0]
+
+
+def features_of(design: Design, record: Record) -> Array:
+    """Features of every sample, shape (n, features)."""
     from edmctl.actuator.operators import bank_features
 
     weights = np.zeros(design.features)
     weights[design.first_play] = 1.0
-    state = design.model(weights, 0.0, 0.0).starting_state(record.t_s, record.u_v, record.previous_v)
-    features = np.empty((len(record.t_s), design.features))
-    bank_features(
+    model = design.model(weights, 0.0, 0.0)
+    state = model.starting_state(record.t_s, record.u_v, record.previous_v)
+    path_s, path_v, ends = model.path(
+        state,
         np.ascontiguousarray(record.t_s, dtype=np.float64),
         np.ascontiguousarray(record.u_v, dtype=np.float64),
+    )
+    features = np.empty((len(path_s), design.features))
+    bank_features(
+        path_s,
+        path_v,
         state.t_s,
+        state.lagged_v,
         design.thresholds_v,
         design.knots_v,
+        model.rounded,
         design.creep_plays,
         design.time_constants_s,
         design.column_of,
         state.plays_v,
+        state.stops_v,
         state.lags_v,
         np.empty((3, len(design.time_constants_s))),
         features,
     )
-    return features
+    return features if ends is None else features[ends]
 
 
 def choose_design(
@@ -184,13 +241,17 @@ def choose_design(
     creeping = [int(np.abs(thresholds_v - share * thresholds_v[-1]).argmin()) for share in CREEPING_SHARES]
     return Design(
         thresholds_v=thresholds_v,
-        knots_v=np.linspace(low_v + thresholds_v, high_v - thresholds_v, hinges + 1, axis=1),
+        knots_v=_knots(thresholds_v, low_v, high_v, hinges),
         creep_plays=np.unique(creeping).astype(np.int64) if len(taus_s) else np.empty(0, dtype=np.int64),
         time_constants_s=taus_s,
         column_of=column_of,
         low_v=low_v,
         high_v=high_v,
     )
+
+
+def _knots(thresholds_v: Array, low_v: float, high_v: float, pieces: int) -> Array:
+    return np.linspace(low_v + thresholds_v, high_v - thresholds_v, pieces + 1, axis=1)
 
 
 def thresholds(span_v: float, plays: int) -> Array:
@@ -220,7 +281,8 @@ def _steps_of_tau(first_s: float, last_s: float) -> int:
 def triangle_of(rows: Array) -> Array:
     """R of a matrix, shape (min(n, c), c), by taking the rows in turn."""
     triangle = rows[:0]
-    for first in range(0, len(rows), ROWS_AT_ONCE):
-        stacked = np.vstack([triangle, rows[first : first + ROWS_AT_ONCE]])
+    at_once = ROWS_AT_ONCE if rows.shape[1] <= NARROW else 4 * ROWS_AT_ONCE
+    for first in range(0, len(rows), at_once):
+        stacked = np.vstack([triangle, rows[first : first + at_once]])
         triangle = np.asarray(np.linalg.qr(stacked, mode="r"), dtype=np.float64)
     return triangle

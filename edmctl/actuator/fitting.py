@@ -33,6 +33,8 @@ RIDGE = 1e-10
 """Only settles what the records leave open: held-out errors do not change from here to 1e-6."""
 FLOOR_SHARE = 0.01
 """Least slope of the play of threshold 0, of the mean slope; it is half of it in measured actuators."""
+STANDS_SHARE = 0.1
+"""Of the mean slope; where a long move brings less, the tool stands."""
 ROUNDING = 1e-13
 """A slope this small against the largest possible one is zero."""
 
@@ -41,7 +43,7 @@ ROUNDING = 1e-13
 class Fit:
     """Weights, shape (features,), zero of each record (NaN: not fitted), sum of squared residuals, µm².
 
-    on_floor : whether the data want less slope somewhere than the floor leaves.
+    on_floor : whether the data want less slope somewhere than the floor leaves, and no play makes up for it.
     """
 
     weights: Array
@@ -82,8 +84,16 @@ def fit(
     weights = floor + _non_negative(design, matrix, target - matrix @ floor, samples, smoothness, first)
     residual = matrix @ weights - target
     zeros_um = _zeros(triangle[:free, :free], triangle[:free, -1] - triangle[:free, free:-1] @ weights)
-    on_floor = bool(weights[design.first_play].min() <= 1.001 * floor_um_per_v)
-    return Fit(weights, zeros_um, float(residual @ residual), on_floor)
+    return Fit(weights, zeros_um, float(residual @ residual), _stands(design, weights, floor_um_per_v))
+
+
+def _stands(design: Design, weights: Array, floor_um_per_v: float) -> bool:
+    """Whether somewhere neither the voltage itself nor the plays together move the tool."""
+    plays, pieces = len(design.thresholds_v), design.knots_v.shape[1] - 1
+    together = weights[: plays * pieces].reshape(plays, pieces).sum(axis=0)
+    together += weights[plays * pieces :].sum() if len(design.rounded) else 0.0
+    on_floor = weights[design.first_play] <= 1.001 * floor_um_per_v
+    return bool((on_floor & (together <= STANDS_SHARE * floor_um_per_v / FLOOR_SHARE)).any())
 
 
 def _non_negative(

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.actuator.acceptance import notes_on, problems_of
 from edmctl.actuator.design import (
     BLOCKS,
     HINGES,
@@ -26,10 +27,12 @@ from edmctl.actuator.design import (
     reduce_records,
     thresholds,
 )
+from edmctl.actuator.diagnosis import Left, Noise
 from edmctl.actuator.fitting import fit
-from edmctl.actuator.record import Record, half_periods_s, sample_s, settled_from
+from edmctl.actuator.record import Record, check_numbers, half_periods_s, sample_s
+from edmctl.actuator.screening import PASSES, Screening, residual_um, screened, settled
+from edmctl.actuator.search import extended
 from edmctl.actuator.uncertainty import Bands, bands_of, figures, smoothest
-from edmctl.actuator.validation import notes_on, problems_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -49,6 +52,7 @@ LONGEST_FIXED_DELAY_S = 1.0
 LEAST_SAMPLES = 200
 LONGEST_DELAY_S = 0.02
 DELAY_STEPS = 16
+NO_NOISE = Noise(0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,9 +60,12 @@ class Identification:
     """A model, how well it does on blocks it did not see, and what stands against using it.
 
     train : errors on the records themselves
-    held_out : errors of blocked cross-validation
+    held_out : errors of blocked cross-validation, of what lies within what the other blocks reached
     problems : why it should not be used, each with what to do; empty = accepted
     notes : what else a reader should know
+    noise : what the sensor's noise alone comes to
+    beyond, beyond_share : held-out errors of the rest, which is extrapolation, and its share; None: no such
+    screening : which samples count
     """
 
     model: ActuatorModel
@@ -68,6 +75,10 @@ class Identification:
     problems: tuple[str, ...]
     notes: tuple[str, ...]
     samples: int
+    noise: Noise = NO_NOISE
+    beyond: ErrorFigures | None = None
+    beyond_share: float = 0.0
+    screening: Screening | None = None
 
     @property
     def accepted(self) -> bool:
@@ -81,16 +92,21 @@ def identify(
     hinges: int = HINGES,
     plays: int = PLAYS,
     creep: bool = True,
+    beyond_plays: bool = True,
     delay_s: float | None = None,
     folds: int = FOLDS,
     resamples: int = RESAMPLES,
+    screening: Screening | None = None,
 ) -> Identification:
     """Identify an actuator from one or several records of (t_s, u_v, y_um, previous_v, name).
 
     hinges : pieces per play; 1 gives the Prandtl-Ishlinskii operator, the class of the paper's Maxwell model
     creep : whether the model creeps
+    beyond_plays : whether a rounded play and a lag are looked for, taken where they predict clearly better, and
+        samples that do not count; False for a class that is not meant to follow everything
     delay_s : fixed delay; None searches 0 … 20 ms
     folds, resamples : of the blocked cross-validation and of the block bootstrap
+    screening : samples that count, where another model of the same records has found that; None looks for them
 
     Every record gets its own zero; the model takes that of the last. Raises ValueError when no sample is left
     to fit, the voltage never changes, or the displacement does not rise with it.
@@ -106,35 +122,82 @@ def identify(
     records = [_plain(Record(*record)) for record in records]
     _refuse(records)
     design = choose_design(records, hinges=hinges, plays=plays, creep=creep)
-    skip = [settled_from(record) for record in records]
-    found_s = best_delay(design, records, skip) if delay_s is None else delay_s
-    reduction = reduce_records(design, records, np.array([found_s]), skip)
+    counting = settled(records) if screening is None else screening
+    found_s = best_delay(design, records, counting.used) if delay_s is None else delay_s
+    if screening is None and beyond_plays:
+        counting = _screened(design, records, counting, found_s)
+        if delay_s is None and not counting.is_plain:
+            found_s = best_delay(design, records, counting.used)
+    if beyond_plays:
+        design, found_s = extended(design, records, counting.used, found_s, is_fixed=delay_s is not None)
+    reduction = reduce_records(design, records, np.array([found_s]), counting.used)
     smoothness, best, held_out = smoothest(design, reduction, records, found_s, folds)
-    bands = bands_of(design, reduction, best, held_out, found_s, smoothness, resamples)
+    bands = bands_of(design, reduction, best, held_out.errors, found_s, smoothness, resamples)
     model = design.model(best.weights, float(best.zeros_um[-1]), found_s)
+    left = [
+        Left.of(record, used, residual_um(model, record))
+        for record, used in zip(records, counting.used, strict=True)
+    ]
+    noise = Noise.of([part.errors_um for part in left])
     return Identification(
         model=model,
-        train=figures(records, reduction, [(model, best, range(len(reduction.blocks)))]),
-        held_out=held_out,
+        train=figures(records, reduction, model, best),
+        held_out=held_out.errors,
         bands=bands,
-        problems=problems_of(design, model, records, held_out, on_floor=best.on_floor),
-        notes=notes_on(records, delay_s),
+        problems=problems_of(design, records, held_out, left, noise, on_floor=best.on_floor),
+        notes=(*counting.notes(records), *notes_on(records, held_out, noise, delay_s)),
         samples=sum(block.samples for block in reduction.blocks),
+        noise=noise,
+        beyond=held_out.beyond,
+        beyond_share=held_out.beyond_share,
+        screening=counting,
     )
 
 
-def fit_line(records: Sequence[Record], delay_s: float = 0.0) -> Identification:
+def _screened(design: Design, records: Sequence[Record], settled: Screening, delay_s: float) -> Screening:
+    """Look for starts that ring and single samples that stand out, again after they have lost their weight."""
+    found = settled
+    for _ in range(PASSES):
+        reduction = reduce_records(design, records, np.array([delay_s]), found.used)
+        best = fit(design, reduction)
+        model = design.model(best.weights, float(best.zeros_um[-1]), delay_s)
+        before, found = found, screened(model, records, settled)
+        if all(np.array_equal(*pair) for pair in zip(before.used, found.used, strict=True)):
+            break
+    return found
+
+
+def fit_line(
+    records: Sequence[Record], delay_s: float = 0.0, screening: Screening | None = None
+) -> Identification:
     """Fit a straight line, displacement = gain · voltage + zero. Raises ValueError as `identify` does."""
-    return identify(records, hinges=1, plays=1, creep=False, delay_s=delay_s, resamples=0)
+    return _plain_fit(records, 1, delay_s, screening)
 
 
-def fit_maxwell(records: Sequence[Record], delay_s: float = 0.0) -> Identification:
+def fit_maxwell(
+    records: Sequence[Record], delay_s: float = 0.0, screening: Screening | None = None
+) -> Identification:
     """Fit a Maxwell slip model with ten elements. Raises ValueError as `identify` does.
 
     The paper fits it to one slow cycle, a full swing of 10 mHz or so of a conditioned actuator, for everything that
     follows.
     """
-    return identify(records, hinges=1, plays=PLAYS, creep=False, delay_s=delay_s, resamples=0)
+    return _plain_fit(records, PLAYS, delay_s, screening)
+
+
+def _plain_fit(
+    records: Sequence[Record], plays: int, delay_s: float, screening: Screening | None
+) -> Identification:
+    return identify(
+        records,
+        hinges=1,
+        plays=plays,
+        creep=False,
+        beyond_plays=False,
+        delay_s=delay_s,
+        resamples=0,
+        screening=screening,
+    )
 
 
 def identify_quick(record: Record) -> tuple[ActuatorModel, ErrorFigures]:
@@ -161,10 +224,11 @@ def identify_quick(record: Record) -> tuple[ActuatorModel, ErrorFigures]:
         raise ValueError(
             f"{record.name}: {len(record.t_s) - first} samples after the first maximum are too few"
         )
-    reduction = reduce_records(design, [record], np.zeros(1), [first])
+    used = np.arange(len(record.t_s)) >= first
+    reduction = reduce_records(design, [record], np.zeros(1), [used])
     best = fit(design, reduction)
     model = design.model(best.weights, float(best.zeros_um[0]), 0.0)
-    return model, figures([record], reduction, [(model, best, range(len(reduction.blocks)))])
+    return model, figures([record], reduction, model, best)
 
 
 def _plain(record: Record) -> Record:
@@ -182,8 +246,7 @@ def _refuse(records: Sequence[Record]) -> None:
     for record in records:
         if len(record.t_s) < LEAST_SAMPLES:
             raise ValueError(f"{record.name}: {len(record.t_s)} samples, at least {LEAST_SAMPLES} are needed")
-        if not np.isfinite([record.t_s, record.u_v, record.y_um]).all():
-            raise ValueError(f"{record.name}: holds numbers that are not finite")
+        check_numbers(record)
         if record.previous_v is not None and not np.isfinite(record.previous_v):
             raise ValueError(f"{record.name}: the voltage before it is not finite")
         if not np.ptp(record.u_v) > 0.0:
@@ -204,12 +267,12 @@ def _delay_grid(records: Sequence[Record]) -> Array:
     return delays_s
 
 
-def best_delay(design: Design, records: Sequence[Record], skip: Sequence[int]) -> float:
+def best_delay(design: Design, records: Sequence[Record], used: Sequence[NDArray[np.bool_]]) -> float:
     """Where the residual is least: the vertex of a parabola, which it is in the delay, through three delays."""
     if sample_s(records) > LONGEST_DELAY_S:
         return 0.0
     delays_s = _delay_grid(records)
-    reduction = reduce_records(design, records, delays_s, skip)
+    reduction = reduce_records(design, records, delays_s, used)
     residuals: list[float] = []
     weights = None
     for k in range(len(delays_s)):

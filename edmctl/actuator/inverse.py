@@ -2,7 +2,8 @@
 
 The displacement rises strictly with the voltage from any state, so there is one answer, found by a bracketed
 root search to the last bit. For one hinge per play and no creep it is the Maxwell form of `maxwell`. The
-model's pure delay is left out: nothing can act before it is asked.
+model's pure delay is left out: nothing can act before it is asked. Its lag is inverted where every sample counts,
+and left out of moves, which are over when it has passed.
 
 A voltage that gives a height at once gives a greater one after the seconds of a ramp, because creep goes on
 meanwhile (3 % of the way per decade of time). So a move is solved as a path in time, from the estimator's present
@@ -65,19 +66,25 @@ class Inverse:
         times_s, wanted_um = consecutive(t_s, y_um, state.t_s)
         u_v, beyond = np.empty(len(times_s)), np.zeros(len(times_s), dtype=np.bool_)
         if len(times_s):
-            solve_bank(
+            state.lagged_v = solve_bank(
                 times_s,
                 wanted_um - model.zero_um,
                 state.t_s,
+                state.u_v,
+                state.lagged_v,
                 model.low_v,
                 model.high_v,
+                model.lag_s,
                 model.thresholds_v,
                 model.knots_v,
                 model.slopes_um_per_v,
+                model.rounded,
+                model.rounded_um_per_v,
                 model.creep_plays,
                 model.time_constants_s,
                 model.creep_um_per_v,
                 state.plays_v,
+                state.stops_v,
                 state.lags_v,
                 np.empty((3, len(model.time_constants_s))),
                 u_v,
@@ -133,7 +140,8 @@ def _lifted(
 
 
 def _inverse(estimator: Estimator) -> Inverse:
-    return Inverse(estimator.model, estimator.state)
+    """Invert without the lag: a move that has ended arrives within milliseconds, and none can be steeper."""
+    return Inverse(estimator.model.without_lag, estimator.state)
 
 
 def _height_um(inverse: Inverse) -> float:

@@ -1,9 +1,14 @@
-"""The actuator model: bent plays, creep behind some of them, a delay, what it remembers; and following one.
+"""The actuator model: bent and rounded plays, creep behind some of them, lag and delay, what it remembers.
 
-y(t) = zero + Σ_i Σ_m S_im h_m(z_i) + Σ_gj C_gj L_gj, all at t − delay, with plays z_i, hinges h_m and lags L_gj as
-in `operators`. All S and C are ≥ 0 and the first play (threshold 0) has a positive slope everywhere, so the
-displacement rises strictly with the voltage from any state: the model can be inverted exactly. With one hinge
-per play it is the Prandtl-Ishlinskii operator, and so the paper's Maxwell slip model (`maxwell`).
+y(t) = zero + Σ_i Σ_m S_im h_m(z_i) + Σ_k R_k p_k + Σ_gj C_gj L_gj, all at t − delay and of the voltage behind a
+first-order lag, with plays z_i, hinges h_m, rounded plays p_k and lags L_gj as in `operators`. All S, R and C are ≥
+0 and the first play (threshold 0) has a positive slope everywhere, so the displacement rises strictly with the
+voltage from any state: the model can be inverted exactly. With one hinge per play, no rounded one and no lag it is
+the Prandtl-Ishlinskii operator, and so the paper's Maxwell slip model (`maxwell`).
+
+Plays remember turning points and nothing else; a rounded one forgets with the way that the voltage goes, so that
+small swings let it slide. Actuators are of the one kind, of the other, or between; what a record asks for is
+found by `identification`.
 
 The state decides half of what the actuator does next: a model that starts without memory on an actuator that
 has been working is wrong by at least half the loop's width near 0 V, which is the size of the unexplained
@@ -15,7 +20,7 @@ The model does not know temperature, load (0.2 N/µm at the tool), ageing, drive
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -35,6 +40,11 @@ SLOW_CYCLE_S, CYCLE_SAMPLES = 100.0, 400
 CLOCK_ROUNDING_S = 1e-9
 
 
+def none_of(*shape: int) -> Array:
+    """Return an empty array, for a part that a model does not have."""
+    return np.empty(shape)
+
+
 @dataclass(frozen=True, eq=False)
 class ActuatorModel:
     """Parameters of one actuator; immutable.
@@ -45,12 +55,21 @@ class ActuatorModel:
         Where each play's pieces begin and end, ascending; the outer pieces go on beyond.
     slopes_um_per_v : ndarray, shape (n, m)
     creep_plays : ndarray of int, shape (g,)
-        Plays that creep.
+        Plays that creep; n + k is the rounded play k.
     time_constants_s : ndarray, shape (j,)
     creep_um_per_v : ndarray, shape (g, j)
     zero_um, delay_s : float
     low_v, high_v : float
         The range of voltage that the model was identified over.
+    rounded_limits_v : ndarray, shape (k, 2)
+        Limits of the rounded plays' stops while the voltage rises and while it falls.
+    rounded_sharpness : ndarray, shape (k,)
+        c in [0, 1]: how sharply a stop bends into its limit.
+    rounded_unloading : ndarray, shape (k,)
+        ρ ≥ 0: how much steeper a stop unloads than it begins to load.
+    rounded_um_per_v : ndarray, shape (k,)
+    lag_s : float
+        Time constant of amplifier and actuator, before the hysteresis.
 
     Raises ValueError when the arrays do not fit each other or the model could not be inverted.
     """
@@ -65,6 +84,11 @@ class ActuatorModel:
     delay_s: float
     low_v: float
     high_v: float
+    rounded_limits_v: Array = field(default_factory=lambda: none_of(0, 2))
+    rounded_sharpness: Array = field(default_factory=lambda: none_of(0))
+    rounded_unloading: Array = field(default_factory=lambda: none_of(0))
+    rounded_um_per_v: Array = field(default_factory=lambda: none_of(0))
+    lag_s: float = 0.0
 
     def __post_init__(self) -> None:
         for problem in _problems(self):
@@ -87,10 +111,13 @@ class ActuatorModel:
 
     def check_state(self, state: ActuatorState) -> None:
         """Raise ValueError for the state of another model, which a compiled loop would run beyond."""
-        expected = (self.thresholds_v.shape, self.creep_um_per_v.shape)
-        if (state.plays_v.shape, state.lags_v.shape) != expected:
-            found = f"{state.plays_v.shape}, {state.lags_v.shape}"
-            raise ValueError(f"a state of shape {found} for a model of {expected[0]}, {expected[1]}")
+        shapes = (state.plays_v.shape, state.lags_v.shape, state.stops_v.shape)
+        if shapes != self._shapes:
+            raise ValueError(f"a state of shape {shapes} for a model of {self._shapes}")
+
+    @cached_property
+    def _shapes(self) -> tuple[tuple[int, ...], ...]:
+        return self.thresholds_v.shape, self.creep_um_per_v.shape, self.rounded_um_per_v.shape
 
     def own_state(self, state: ActuatorState | None) -> ActuatorState:
         """Return a copy of `state` (default: conditioned, at the low end). Raises as `check_state`."""
@@ -122,25 +149,59 @@ class ActuatorModel:
         """Do the same with what `check_state` and `consecutive` have seen before."""
         from edmctl.actuator.operators import advance_bank
 
-        output = np.empty(len(times_s))
-        if len(times_s):
-            advance_bank(
-                times_s,
-                volts,
-                state.t_s,
-                self.thresholds_v,
-                self.knots_v,
-                self.slopes_um_per_v,
-                self.creep_plays,
-                self.time_constants_s,
-                self.creep_um_per_v,
-                state.plays_v,
-                state.lags_v,
-                np.empty((3, len(self.time_constants_s))),
-                output,
-            )
-            state.u_v, state.t_s = float(volts[-1]), float(times_s[-1])
-        return output + self.zero_um
+        if not len(times_s):
+            return np.empty(0)
+        path_s, path_v, ends = times_s, volts, None
+        if self.lag_s > 0.0:
+            path_s, path_v, ends = self.path(state, times_s, volts)
+        output = np.empty(len(path_s))
+        advance_bank(
+            path_s,
+            path_v,
+            state.t_s,
+            state.lagged_v,
+            self.thresholds_v,
+            self.knots_v,
+            self.slopes_um_per_v,
+            self.rounded,
+            self.rounded_um_per_v,
+            self.creep_plays,
+            self.time_constants_s,
+            self.creep_um_per_v,
+            state.plays_v,
+            state.stops_v,
+            state.lags_v,
+            np.empty((3, len(self.time_constants_s))),
+            output,
+        )
+        state.u_v, state.t_s = float(volts[-1]), float(times_s[-1])
+        state.lagged_v = state.u_v if ends is None else float(path_v[-1])
+        return (output if ends is None else output[ends]) + self.zero_um
+
+    def path(
+        self, state: ActuatorState, times_s: Array, volts: Array
+    ) -> tuple[Array, Array, NDArray[np.int64] | None]:
+        """Return times and voltages behind the lag, with its turning points; which are samples (None: all)."""
+        if self.lag_s == 0.0:
+            return times_s, volts, None
+        from edmctl.actuator.operators import lagged_path
+
+        path_s, path_v = np.empty(2 * len(times_s)), np.empty(2 * len(times_s))
+        ends = np.empty(len(times_s), dtype=np.int64)
+        count = lagged_path(
+            times_s, volts, state.t_s, state.u_v, state.lagged_v, self.lag_s, path_s, path_v, ends
+        )
+        return path_s[:count], path_v[:count], ends
+
+    @cached_property
+    def rounded(self) -> Array:
+        """Rounded plays as `operators` takes them, shape (k, 5)."""
+        return rounded_table(self.rounded_limits_v, self.rounded_sharpness, self.rounded_unloading)
+
+    @cached_property
+    def without_lag(self) -> ActuatorModel:
+        """The same actuator behind an immediate amplifier."""
+        return replace(self, lag_s=0.0)
 
     @cached_property
     def stroke_um(self) -> float:
@@ -179,6 +240,13 @@ class ActuatorModel:
         return self.advance(ActuatorState.conditioned(self), t_s, u_v)[CYCLE_SAMPLES:]
 
 
+def rounded_table(limits_v: Array, sharpness: Array, unloading: Array) -> Array:
+    """Rising and falling limit, c, ρ and the steepest that each stop can rise, shape (k, 5)."""
+    farthest = limits_v.max(axis=1) / limits_v.min(axis=1)
+    steepest = 1.0 + unloading * ((1.0 - sharpness) * farthest + sharpness * farthest**2)
+    return np.column_stack([limits_v, sharpness, unloading, steepest])
+
+
 def _falls(u_v: Array, span_v: float) -> bool:
     """Whether the first move of more than 2 % of the span leads downwards."""
     moved = np.abs(u_v - u_v[0]) > 0.02 * span_v
@@ -194,11 +262,22 @@ def _problems(model: ActuatorModel) -> list[str]:
         and m >= 1
         and knots.shape == (n, m + 1)
         and model.creep_um_per_v.shape == (len(model.creep_plays), len(model.time_constants_s))
+        and model.rounded_um_per_v.ndim == 1
+        and model.rounded_limits_v.shape == (len(model.rounded_um_per_v), 2)
+        and model.rounded_sharpness.shape == model.rounded_um_per_v.shape
+        and model.rounded_unloading.shape == model.rounded_um_per_v.shape
     )
     if n == 0 or not shapes:
         return ["the arrays of the model do not fit each other"]
-    floats = (thresholds, knots, slopes, model.time_constants_s, model.creep_um_per_v)
-    scalars = (model.zero_um, model.delay_s, model.low_v, model.high_v)
+    rounded = (
+        model.rounded_limits_v,
+        model.rounded_sharpness,
+        model.rounded_unloading,
+        model.rounded_um_per_v,
+    )
+    floats = (thresholds, knots, slopes, model.time_constants_s, model.creep_um_per_v, *rounded)
+    scalars = (model.zero_um, model.delay_s, model.low_v, model.high_v, model.lag_s)
+    limits, sharpness, unloading, roundness = rounded
     if not all(np.isfinite(a).all() for a in (*floats, scalars)):
         return ["the model holds numbers that are not finite"]
     checks = (
@@ -209,9 +288,13 @@ def _problems(model: ActuatorModel) -> list[str]:
         (bool((model.time_constants_s > 0).all()), "time constants are positive"),
         (bool((model.creep_um_per_v >= 0).all()), "creep is not negative"),
         (
-            bool(((model.creep_plays >= 0) & (model.creep_plays < n)).all()),
+            bool(((model.creep_plays >= 0) & (model.creep_plays < n + len(roundness))).all()),
             "creep follows plays of the model",
         ),
+        (bool((limits > 0).all()), "limits of rounded plays are positive"),
+        (bool(((sharpness >= 0) & (sharpness <= 1)).all()), "the sharpness of a rounded play is 0 to 1"),
+        (bool(((unloading >= 0) & (roundness >= 0)).all()), "rounded plays are not negative"),
+        (model.lag_s >= 0.0, "the lag is not negative"),
         (model.delay_s >= 0.0, "the delay is not negative"),
         (model.low_v < model.high_v, "low_v lies below high_v"),
     )
@@ -225,19 +308,23 @@ class ActuatorState:
     plays_v : ndarray, shape (n,)
     lags_v : ndarray, shape (g, j)
         Creep: each lag follows the play it belongs to.
-    u_v, t_s : float
-        Voltage applied last, and when.
+    stops_v : ndarray, shape (k,)
+        Stops of the rounded plays.
+    u_v, lagged_v, t_s : float
+        Voltage applied last, what of it has come through the lag, and when.
     """
 
     plays_v: Array
     lags_v: Array
+    stops_v: Array
     u_v: float
+    lagged_v: float
     t_s: float = 0.0
 
     @classmethod
     def virgin(cls, model: ActuatorModel, u_v: float = 0.0) -> ActuatorState:
         """Never driven before, resting at `u_v`: the next rise follows the initial loading curve."""
-        return cls._relaxed(model, np.full(len(model.thresholds_v), u_v), u_v)
+        return cls._relaxed(model, (u_v,))
 
     @classmethod
     def conditioned(
@@ -249,33 +336,33 @@ class ActuatorState:
         """
         ends = (model.high_v, model.low_v) if falling else (model.low_v, model.high_v)
         rest_v = model.low_v if u_v is None else u_v
-        turns = (*ends, *ends, ends[0], rest_v)
-        return cls._relaxed(model, _turned(model, np.full(len(model.thresholds_v), rest_v), turns), rest_v)
+        return cls._relaxed(model, (rest_v, *ends, *ends, ends[0], rest_v))
 
     @classmethod
     def after_jump(cls, model: ActuatorModel, from_v: float, to_v: float) -> ActuatorState:
         """Held at `from_v`, then brought to `to_v` in one move; creep has followed the move."""
-        state = cls.virgin(model, from_v)
-        state.plays_v[:] = _turned(model, state.plays_v, (to_v,))
-        state.lags_v[:] = state.plays_v[model.creep_plays, np.newaxis]
-        state.u_v = to_v
-        return state
+        return cls._relaxed(model, (from_v, to_v))
 
     def copy(self) -> ActuatorState:
         """Return an independent copy."""
-        return ActuatorState(self.plays_v.copy(), self.lags_v.copy(), self.u_v, self.t_s)
+        return ActuatorState(
+            self.plays_v.copy(), self.lags_v.copy(), self.stops_v.copy(), self.u_v, self.lagged_v, self.t_s
+        )
 
     @classmethod
-    def _relaxed(cls, model: ActuatorModel, plays_v: Array, u_v: float) -> ActuatorState:
-        lags_v = np.repeat(plays_v[model.creep_plays, np.newaxis], len(model.time_constants_s), axis=1)
-        return cls(plays_v, lags_v, u_v)
+    def _relaxed(cls, model: ActuatorModel, turns: Sequence[float]) -> ActuatorState:
+        """At rest where it is after the voltage has gone from the first turn to the last; virgin at the first."""
+        plays_v, stops_v = np.full(len(model.thresholds_v), turns[0]), np.zeros(len(model.rounded_um_per_v))
+        for u_v in turns:
+            plays_v = np.clip(plays_v, u_v - model.thresholds_v, u_v + model.thresholds_v)
+        if len(stops_v):
+            from edmctl.actuator.operators import turned_stops
 
-
-def _turned(model: ActuatorModel, plays_v: Array, turns: Sequence[float]) -> Array:
-    """Where the plays are after the voltage has visited `turns`."""
-    for u_v in turns:
-        plays_v = np.clip(plays_v, u_v - model.thresholds_v, u_v + model.thresholds_v)
-    return plays_v
+            turned_stops(model.rounded, np.array(turns), stops_v)
+        rest_v = turns[-1]
+        standing_v = np.concatenate([plays_v, model.rounded[:, -1] * rest_v - stops_v])
+        lags_v = np.repeat(standing_v[model.creep_plays, np.newaxis], len(model.time_constants_s), axis=1)
+        return cls(plays_v, lags_v, stops_v, rest_v, rest_v)
 
 
 def consecutive(t_s: ArrayLike, values: ArrayLike, since_s: float = -math.inf) -> tuple[Array, Array]:

@@ -6,10 +6,23 @@ between knots (Prandtl's form of a discrete Preisach operator). Creep is a bank 
 of the plays, L' = (z − L)/τ, exact for a play that moves in a straight line from sample to sample, so that a
 record may be sampled at any rate.
 
+A rounded play is C·u − s with a stop s that forgets with the way of the voltage (Bouc 1967, Wen 1976; Dahl's and
+Duhem's friction are of the kind). With σ = ±s over the limit of the direction that the voltage moves in and the way
+w over that limit,
+
+    dσ/dw = (1 − σ)(1 + c·σ) for σ ≥ 0, loading;  1 + ρ·((1 − c)|σ| + c·σ²) for σ < 0, unloading:
+
+c = 0 and 1 are the equation's powers 1 and 2, between lie those between, two limits make branches differ, and moves
+have a closed form. C is the steepest that s can rise, so that a rounded play never falls while the voltage rises.
+
+The amplifier's lag u_f' = (u − u_f)/τ comes before all of them, exact for a voltage that goes straight from sample
+to sample. u_f may turn between two samples, where it crosses u: a path has its turning points too.
+
 Everything here is compiled by numba, without fastmath: the source is the definition, bit for bit.
 
-Arrays: thresholds (n,), knots (n, m+1), slopes (n, m), creeping (g,) indices of plays, taus (j,), creep weights
-(g, j); state plays (n,), lags (g, j).
+Arrays: thresholds (n,), knots (n, m+1), slopes (n, m), rounded (k, 5): rising and falling limit, c, ρ, C; creeping
+(g,) indices of plays, from n on of rounded ones, taus (j,), creep weights (g, j); state plays (n,), stops (k,),
+lags (g, j). `before_v` is the voltage that the state belongs to.
 """
 
 from __future__ import annotations
@@ -31,6 +44,8 @@ SAME_STEP = 1e-9
 """Steps of a clock differ by its rounding, which is no reason to compute every lag anew."""
 ENOUGH = 1e-14
 """A displacement is met within this share of the range times the steepest slope of the first play."""
+STRAIGHT = 1e-7
+"""A stop unloads along a straight line below this root of its equation's discriminant."""
 ITERATIONS = 200
 """Bound of the root search; regula falsi needs about six, bisection alone fifty."""
 
@@ -69,29 +84,129 @@ def bent(knots: Array, slopes: Array, z_v: float) -> float:
 
 
 @compiled
-def static_um(thresholds: Array, knots: Array, slopes: Array, plays: Array, u_v: float) -> float:
-    """Sum of all bent plays at `u_v`, µm; the state stays."""
-    total = 0.0
-    for i in range(thresholds.shape[0]):
-        total += bent(knots[i], slopes[i], play(thresholds[i], u_v, plays[i]))
-    return total
+def stop(rounded: Array, move_v: float, stop_v: float) -> float:
+    """One stop of a rounded play, row (5,), after the voltage moved monotonically by `move_v`."""
+    if move_v == 0.0:
+        return stop_v
+    limit = rounded[0] if move_v > 0.0 else -rounded[1]
+    c, way, at = rounded[2], move_v / limit, stop_v / limit
+    if at < 0.0:
+        # A Riccati equation with constant coefficients, 1 + b·σ + a·σ²: its moves are fractions of C and S.
+        a, half_b = rounded[3] * c, -0.5 * rounded[3] * (1.0 - c)
+        bend = half_b * half_b - a
+        root = math.sqrt(abs(bend))
+        end = -at / (1.0 + half_b * at)
+        if root > STRAIGHT:
+            end = math.atanh(root * end) / root if bend > 0.0 else math.atan(root * end) / root
+        if way < end:
+            both, slope = 1.0, way
+            if root > STRAIGHT:
+                both = math.cosh(root * way) if bend > 0.0 else math.cos(root * way)
+                slope = math.sinh(root * way) / root if bend > 0.0 else math.sin(root * way) / root
+            return float(limit * (at * (both + half_b * slope) + slope) / (both - (half_b + a * at) * slope))
+        at, way = 0.0, way - end
+    left = (1.0 - at) / (1.0 + c * at) * math.exp(-(1.0 + c) * way)
+    return float(limit * (1.0 - left) / (1.0 + c * left))
 
 
 @compiled
-def creep_um(
+def lagged(lag_s: float, elapsed_s: float, from_v: float, u_v: float, lagged_v: float) -> float:
+    """Voltage behind the lag, `elapsed_s` after `lagged_v`; before the lag it went straight, `from_v` to `u_v`."""
+    share = elapsed_s / lag_s
+    if share == 0.0:
+        return lagged_v
+    stays = math.exp(-share)
+    mean = -math.expm1(-share) / share
+    return stays * lagged_v + (mean - stays) * from_v + (1.0 - mean) * u_v
+
+
+@compiled
+def turn_s(lag_s: float, elapsed_s: float, from_v: float, u_v: float, lagged_v: float) -> float:
+    """When within the move the voltage behind the lag turns, s; 0 where it does not."""
+    if elapsed_s <= 0.0 or (lagged_v - from_v) * (u_v - from_v) <= 0.0:
+        return 0.0
+    at_s = lag_s * math.log1p((lagged_v - from_v) * elapsed_s / ((u_v - from_v) * lag_s))
+    return at_s if at_s < elapsed_s else 0.0
+
+
+@cached
+def lagged_path(
+    t_s: Array,
+    u_v: Array,
+    since_s: float,
+    from_v: float,
+    lagged_v: float,
+    lag_s: float,
+    times: Array,
+    volts: Array,
+    ends: Indices,
+) -> int:
+    """Voltage behind the lag at k samples and its turning points between them; how many they are together.
+
+    times, volts : ndarray, shape (2 k,); receive them
+    ends : ndarray, shape (k,); receives where the samples are among them
+    """
+    count = 0
+    before_s = since_s
+    for k in range(t_s.shape[0]):
+        elapsed_s = t_s[k] - before_s
+        at_s = turn_s(lag_s, elapsed_s, from_v, u_v[k], lagged_v)
+        if at_s > 0.0:
+            times[count] = before_s + at_s
+            volts[count] = from_v + (u_v[k] - from_v) * (at_s / elapsed_s)
+            count += 1
+        lagged_v = lagged(lag_s, elapsed_s, from_v, u_v[k], lagged_v)
+        times[count], volts[count], ends[k] = t_s[k], lagged_v, count
+        count += 1
+        before_s, from_v = t_s[k], u_v[k]
+    return count
+
+
+@compiled
+def standing(thresholds: Array, rounded: Array, plays: Array, stops: Array, u_v: float, index: int) -> float:
+    """Where a play is, V; from the last of the sharp ones on, a rounded one."""
+    if index < thresholds.shape[0]:
+        return float(plays[index])
+    k = index - thresholds.shape[0]
+    return float(rounded[k, 4] * u_v - stops[k])
+
+
+@compiled
+def moved(
+    thresholds: Array, rounded: Array, plays: Array, stops: Array, before_v: float, u_v: float, index: int
+) -> float:
+    """Where it is after a monotone move; the state stays."""
+    if index < thresholds.shape[0]:
+        return play(thresholds[index], u_v, plays[index])
+    k = index - thresholds.shape[0]
+    return float(rounded[k, 4] * u_v - stop(rounded[k], u_v - before_v, stops[k]))
+
+
+@compiled
+def answer_um(
     thresholds: Array,
+    knots: Array,
+    slopes: Array,
+    rounded: Array,
+    roundness: Array,
     creeping: Indices,
     weights: Array,
     plays: Array,
+    stops: Array,
     lags: Array,
+    before_v: float,
     follow: Array,
     u_v: float,
 ) -> float:
-    """Sum of all creep at `u_v` after a move that takes the time of `follow` (3, j); the state stays."""
+    """Displacement after a monotone move to `u_v` that takes the time of `follow` (3, j), µm; the state stays."""
     total = 0.0
+    for i in range(thresholds.shape[0]):
+        total += bent(knots[i], slopes[i], play(thresholds[i], u_v, plays[i]))
+    for k in range(rounded.shape[0]):
+        total += roundness[k] * (rounded[k, 4] * u_v - stop(rounded[k], u_v - before_v, stops[k]))
     for g in range(creeping.shape[0]):
-        before = plays[creeping[g]]
-        after = play(thresholds[creeping[g]], u_v, before)
+        before = standing(thresholds, rounded, plays, stops, before_v, creeping[g])
+        after = moved(thresholds, rounded, plays, stops, before_v, u_v, creeping[g])
         for j in range(follow.shape[1]):
             total += weights[g, j] * (
                 follow[0, j] * lags[g, j] + follow[1, j] * before + follow[2, j] * after
@@ -100,15 +215,27 @@ def creep_um(
 
 
 @compiled
-def step(thresholds: Array, creeping: Indices, plays: Array, lags: Array, follow: Array, u_v: float) -> None:
+def step(
+    thresholds: Array,
+    rounded: Array,
+    creeping: Indices,
+    plays: Array,
+    stops: Array,
+    lags: Array,
+    before_v: float,
+    follow: Array,
+    u_v: float,
+) -> None:
     """Advance the state to `u_v`."""
     for g in range(creeping.shape[0]):
-        before = plays[creeping[g]]
-        after = play(thresholds[creeping[g]], u_v, before)
+        before = standing(thresholds, rounded, plays, stops, before_v, creeping[g])
+        after = moved(thresholds, rounded, plays, stops, before_v, u_v, creeping[g])
         for j in range(follow.shape[1]):
             lags[g, j] = follow[0, j] * lags[g, j] + follow[1, j] * before + follow[2, j] * after
     for i in range(thresholds.shape[0]):
         plays[i] = play(thresholds[i], u_v, plays[i])
+    for k in range(rounded.shape[0]):
+        stops[k] = stop(rounded[k], u_v - before_v, stops[k])
 
 
 @compiled
@@ -138,24 +265,30 @@ def advance_bank(
     t_s: Array,
     u_v: Array,
     since_s: float,
+    before_v: float,
     thresholds: Array,
     knots: Array,
     slopes: Array,
+    rounded: Array,
+    roundness: Array,
     creeping: Indices,
     taus: Array,
     weights: Array,
     plays: Array,
+    stops: Array,
     lags: Array,
     follow: Array,
     output: Array,
 ) -> None:
     """Advance the state over k samples; `output` (k,) receives the displacement, µm.
 
-    `since_s` is the time that the state belongs to; `follow` (3, j) is room to work in.
+    `since_s` and `before_v` are the time and the voltage that the state belongs to; `follow` (3, j) is room to
+    work in.
     """
     # Most steps move few of the plays: the others keep their part of the sum.
-    parts = np.empty(thresholds.shape[0])
-    for i in range(thresholds.shape[0]):
+    count = thresholds.shape[0]
+    parts = np.empty(count)
+    for i in range(count):
         parts[i] = bent(knots[i], slopes[i], plays[i])
     before_s, elapsed_s = since_s, 0.0
     following(taus, elapsed_s, follow)
@@ -164,8 +297,8 @@ def advance_bank(
         before_s = t_s[k]
         creep = 0.0
         for g in range(creeping.shape[0]):
-            before = plays[creeping[g]]
-            after = play(thresholds[creeping[g]], u_v[k], before)
+            before = standing(thresholds, rounded, plays, stops, before_v, creeping[g])
+            after = moved(thresholds, rounded, plays, stops, before_v, u_v[k], creeping[g])
             lag, weight = lags[g], weights[g]
             for j in range(follow.shape[1]):
                 lag[j] = follow[0, j] * lag[j] + (follow[1, j] * before + follow[2, j] * after)
@@ -174,12 +307,16 @@ def advance_bank(
                 own += weight[j] * lag[j]
             creep += own
         total = 0.0
-        for i in range(thresholds.shape[0]):
+        for i in range(count):
             z = play(thresholds[i], u_v[k], plays[i])
             if z != plays[i]:
                 plays[i] = z
                 parts[i] = bent(knots[i], slopes[i], z)
             total += parts[i]
+        for i in range(rounded.shape[0]):
+            stops[i] = stop(rounded[i], u_v[k] - before_v, stops[i])
+            total += roundness[i] * (rounded[i, 4] * u_v[k] - stops[i])
+        before_v = u_v[k]
         output[k] = total + creep
 
 
@@ -188,32 +325,39 @@ def bank_features(
     t_s: Array,
     u_v: Array,
     since_s: float,
+    before_v: float,
     thresholds: Array,
     knots: Array,
+    rounded: Array,
     creeping: Indices,
     taus: Array,
     column_of: Indices,
     plays: Array,
+    stops: Array,
     lags: Array,
     follow: Array,
     features: Array,
 ) -> None:
-    """Advance the state over k samples; `features` (k, f) receives every bent play and every column of creep.
+    """Advance the state over k samples; `features` (k, f): bent plays, rounded plays, columns of creep.
 
     Lags with the same entry in `column_of` (j,) share one column, so that they get the same weight.
     """
     pieces = knots.shape[1] - 1
-    first_creep = thresholds.shape[0] * pieces
+    first_rounded = thresholds.shape[0] * pieces
+    first_creep = first_rounded + rounded.shape[0]
     columns = column_of[-1] + 1 if column_of.shape[0] else 0
     before_s, elapsed_s = since_s, 0.0
     following(taus, elapsed_s, follow)
     for k in range(t_s.shape[0]):
         elapsed_s = followed(taus, t_s[k] - before_s, elapsed_s, follow)
         before_s = t_s[k]
-        step(thresholds, creeping, plays, lags, follow, u_v[k])
+        step(thresholds, rounded, creeping, plays, stops, lags, before_v, follow, u_v[k])
+        before_v = u_v[k]
         for i in range(thresholds.shape[0]):
             for m in range(pieces):
                 features[k, i * pieces + m] = hinge(knots[i], m, plays[i])
+        for i in range(rounded.shape[0]):
+            features[k, first_rounded + i] = rounded[i, 4] * before_v - stops[i]
         for c in range(creeping.shape[0] * columns):
             features[k, first_creep + c] = 0.0
         for g in range(creeping.shape[0]):
@@ -222,65 +366,53 @@ def bank_features(
 
 
 @compiled
-def solve_voltage(
-    y_um: float,
-    low_v: float,
-    high_v: float,
+def lagged_answer_um(
     thresholds: Array,
     knots: Array,
     slopes: Array,
+    rounded: Array,
+    roundness: Array,
     creeping: Indices,
+    taus: Array,
     weights: Array,
     plays: Array,
+    stops: Array,
     lags: Array,
+    lag_s: float,
+    elapsed_s: float,
+    from_v: float,
+    lagged_v: float,
     follow: Array,
-) -> tuple[float, bool]:
-    """Voltage in [low_v, high_v] at which the bank gives `y_um`, False; the nearer end where none does, True.
-
-    The displacement rises strictly with the voltage from any state, so a bracket always holds the one root:
-    regula falsi, Illinois variant, until the bracket is as narrow as numbers are.
-    """
-    low, high = low_v, high_v
-    enough = ENOUGH * (high - low) * slopes[0].max()
-    below = (
-        static_um(thresholds, knots, slopes, plays, low)
-        + creep_um(thresholds, creeping, weights, plays, lags, follow, low)
-        - y_um
+    u_v: float,
+) -> float:
+    """Displacement, µm, when the voltage before the lag went straight to `u_v` in `elapsed_s`; the state stays."""
+    if lag_s == 0.0:
+        end_v, at_s = u_v, 0.0
+    else:
+        end_v = lagged(lag_s, elapsed_s, from_v, u_v, lagged_v)
+        at_s = turn_s(lag_s, elapsed_s, from_v, u_v, lagged_v)
+    if at_s > 0.0:
+        plays, stops, lags, follow = plays.copy(), stops.copy(), lags.copy(), np.empty_like(follow)
+        turn_v = from_v + (u_v - from_v) * (at_s / elapsed_s)
+        following(taus, at_s, follow)
+        step(thresholds, rounded, creeping, plays, stops, lags, lagged_v, follow, turn_v)
+        following(taus, elapsed_s - at_s, follow)
+        lagged_v = turn_v
+    return answer_um(
+        thresholds,
+        knots,
+        slopes,
+        rounded,
+        roundness,
+        creeping,
+        weights,
+        plays,
+        stops,
+        lags,
+        lagged_v,
+        follow,
+        end_v,
     )
-    if below >= 0.0:
-        return low, below > enough
-    above = (
-        static_um(thresholds, knots, slopes, plays, high)
-        + creep_um(thresholds, creeping, weights, plays, lags, follow, high)
-        - y_um
-    )
-    if above <= 0.0:
-        return high, above < -enough
-    side = 0
-    for _ in range(ITERATIONS):
-        u = high - above * (high - low) / (above - below)
-        if not low < u < high:
-            u = 0.5 * (low + high)
-        if not low < u < high:
-            break
-        error = (
-            static_um(thresholds, knots, slopes, plays, u)
-            + creep_um(thresholds, creeping, weights, plays, lags, follow, u)
-            - y_um
-        )
-        if abs(error) <= enough:
-            return u, False
-        if error < 0.0:
-            low, below = u, error
-            if side < 0:
-                above *= 0.5
-            side = -1
-        else:
-            high, above = u, error
-            if side > 0:
-                below *= 0.5
-            side = 1
-    return 0.5 * (low + high), False
 
 
 @cached
@@ -288,38 +420,118 @@ def solve_bank(
     t_s: Array,
     y_um: Array,
     since_s: float,
+    from_v: float,
+    lagged_v: float,
     low_v: float,
     high_v: float,
+    lag_s: float,
     thresholds: Array,
     knots: Array,
     slopes: Array,
+    rounded: Array,
+    roundness: Array,
     creeping: Indices,
     taus: Array,
     weights: Array,
     plays: Array,
+    stops: Array,
     lags: Array,
     follow: Array,
     output: Array,
     beyond: NDArray[np.bool_],
-) -> None:
-    """Advance the state along the voltages that give `y_um` (k,), into `output` (k,); `beyond` (k,): none does."""
-    before_s, elapsed_s = since_s, 0.0
-    following(taus, elapsed_s, follow)
+) -> float:
+    """Advance the state along the voltages that give `y_um` (k,), into `output` (k,); `beyond` (k,): none does.
+
+    The voltages lie in [low_v, high_v]; where none gives the displacement, the nearer end is taken. Returns the
+    voltage behind the lag. The displacement rises strictly with the voltage from any state, so a bracket always
+    holds the one root: regula falsi, Illinois variant, until the bracket is as narrow as numbers are.
+    """
+    enough = ENOUGH * (high_v - low_v) * slopes[0].max()
+    before_s, known_s = since_s, 0.0
+    following(taus, known_s, follow)
     for k in range(t_s.shape[0]):
-        elapsed_s = followed(taus, t_s[k] - before_s, elapsed_s, follow)
-        before_s = t_s[k]
-        u, beyond[k] = solve_voltage(
-            y_um[k],
-            low_v,
-            high_v,
-            thresholds,
-            knots,
-            slopes,
-            creeping,
-            weights,
-            plays,
-            lags,
-            follow,
-        )
-        step(thresholds, creeping, plays, lags, follow, u)
-        output[k] = u
+        elapsed_s = t_s[k] - before_s
+        known_s = followed(taus, elapsed_s, known_s, follow)
+        low, high, side = low_v, high_v, 0
+        if lag_s > 0.0 and elapsed_s <= 0.0:
+            low, high = from_v, from_v  # in no time nothing comes through a lag
+        below, above = 0.0, 0.0
+        u, is_beyond = low, False
+        for turn in range(ITERATIONS + 2):
+            if turn == 1:
+                u = high
+            elif turn > 1:
+                u = high - above * (high - low) / (above - below)
+                if not low < u < high:
+                    u = 0.5 * (low + high)
+                if not low < u < high:
+                    break
+            error = (
+                lagged_answer_um(
+                    thresholds,
+                    knots,
+                    slopes,
+                    rounded,
+                    roundness,
+                    creeping,
+                    taus,
+                    weights,
+                    plays,
+                    stops,
+                    lags,
+                    lag_s,
+                    elapsed_s,
+                    from_v,
+                    lagged_v,
+                    follow,
+                    u,
+                )
+                - y_um[k]
+            )
+            if turn == 0:
+                below = error
+                if error >= 0.0:
+                    is_beyond = error > enough
+                    break
+            elif turn == 1:
+                above = error
+                if error <= 0.0:
+                    is_beyond = error < -enough
+                    break
+            elif abs(error) <= enough:
+                break
+            elif error < 0.0:
+                low, below = u, error
+                if side < 0:
+                    above *= 0.5
+                side = -1
+            else:
+                high, above = u, error
+                if side > 0:
+                    below *= 0.5
+                side = 1
+        output[k], beyond[k] = u, is_beyond
+        if lag_s == 0.0:
+            end_v, at_s = u, 0.0
+        else:
+            end_v = lagged(lag_s, elapsed_s, from_v, u, lagged_v)
+            at_s = turn_s(lag_s, elapsed_s, from_v, u, lagged_v)
+        if at_s > 0.0:
+            turn_v = from_v + (u - from_v) * (at_s / elapsed_s)
+            following(taus, at_s, follow)
+            step(thresholds, rounded, creeping, plays, stops, lags, lagged_v, follow, turn_v)
+            lagged_v = turn_v
+            following(taus, elapsed_s - at_s, follow)
+        step(thresholds, rounded, creeping, plays, stops, lags, lagged_v, follow, end_v)
+        if at_s > 0.0:
+            following(taus, known_s, follow)
+        before_s, from_v, lagged_v = t_s[k], u, end_v
+    return lagged_v
+
+
+@cached
+def turned_stops(rounded: Array, turns: Array, stops: Array) -> None:
+    """Take stops (k,) along a voltage that goes from turn to turn, shape (m,), the first where they are."""
+    for m in range(1, turns.shape[0]):
+        for k in range(rounded.shape[0]):
+            stops[k] = stop(rounded[k], turns[m] - turns[m - 1], stops[k])

@@ -18,6 +18,7 @@ HELD_SHARE = 0.02
 TURN_SHARE = 0.3
 """A swing of less than this share of the span says nothing about the rate of a record."""
 RATES_APART = 2.0
+MOST = 1e30
 
 
 class Record(NamedTuple):
@@ -37,6 +38,15 @@ class Record(NamedTuple):
     y_um: Array
     previous_v: float | None = None
     name: str = "record"
+
+
+def check_numbers(record: Record) -> None:
+    """Raise ValueError for a record that holds anything but numbers whose squares are numbers."""
+    for values in record[:3]:
+        if not np.isfinite(values).all():
+            raise ValueError(f"{record.name}: holds numbers that are not finite")
+        if len(values) and float(np.abs(values).max()) > MOST:
+            raise ValueError(f"{record.name}: holds numbers beyond {MOST:g}")
 
 
 def length_s(records: Sequence[Record]) -> float:

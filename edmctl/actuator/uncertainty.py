@@ -31,7 +31,10 @@ if TYPE_CHECKING:
     from edmctl.actuator.record import Record
 
     Array = NDArray[np.float64]
+    Flags = NDArray[np.bool_]
 
+REACH_SHARE = 0.01
+"""Of the range; a play this far outside of where others were is not beyond them."""
 SMOOTHNESS = (0.0, 1e-4, 1e-3)
 SMOOTHNESS_COST = 1.1
 """The smoothest model is taken that has at most this times the least held-out RMS error: swings beyond the
@@ -42,11 +45,27 @@ BOOTSTRAP_SEED = 20090804
 """Fixed, so that the same record gives the same file."""
 
 
+@dataclass(frozen=True, slots=True)
+class HeldOut:
+    """What fits miss of blocks that they did not see.
+
+    errors : of samples whose plays lie within what the other blocks reached
+    beyond : of the others, which no block of the record prepares a model for; None: there are none
+    beyond_share : their share
+    rms_um : of all, µm
+    """
+
+    errors: ErrorFigures
+    beyond: ErrorFigures | None
+    beyond_share: float
+    rms_um: float
+
+
 def smoothest(
     design: Design, reduction: Reduction, records: Sequence[Record], delay_s: float, folds: int
-) -> tuple[float, Fit, ErrorFigures]:
+) -> tuple[float, Fit, HeldOut]:
     """The smoothest fit that predicts about as well as the best: its smoothness, the fit, its held-out errors."""
-    tried: list[tuple[float, Fit, ErrorFigures]] = []
+    tried: list[tuple[float, Fit, HeldOut]] = []
     start = None
     for smoothness in SMOOTHNESS:
         best = fit(design, reduction, smoothness=smoothness, start=start)
@@ -65,34 +84,71 @@ def _held_out(
     delay_s: float,
     smoothness: float,
     folds: int,
-) -> ErrorFigures:
+) -> HeldOut:
     """Errors of blocked cross-validation: each contiguous fold is predicted by a fit of all the others."""
     count = len(reduction.blocks)
-    judged = []
+    errors: list[Array] = []
+    reached: list[Flags] = []
     for fold in range(folds):
         inside = range(fold * count // folds, (fold + 1) * count // folds)
         times = [0 if k in inside else 1 for k in range(count)]
         found = fit(design, reduction, smoothness=smoothness, times=times, start=best.weights)
-        judged.append((design.model(found.weights, 0.0, delay_s), found, inside))
-    return figures(records, reduction, judged)
+        errors += _missed_um(records, reduction, design.model(found.weights, 0.0, delay_s), found, inside)
+        reached += _reached(design, reduction, inside)
+    missed_um, is_reached = np.concatenate(errors), np.concatenate(reached)
+    if not is_reached.any():
+        is_reached[:] = True
+    widest_um = _widest_um(records)
+    return HeldOut(
+        errors=ErrorFigures.over(missed_um[is_reached], widest_um),
+        beyond=None if is_reached.all() else ErrorFigures.over(missed_um[~is_reached], widest_um),
+        beyond_share=float(1.0 - is_reached.mean()),
+        rms_um=float(np.sqrt(np.mean(missed_um**2))),
+    )
+
+
+def _reached(design: Design, reduction: Reduction, inside: range) -> list[Flags]:
+    """Which samples of some blocks have all plays where those of the other blocks have been, block by block."""
+    others = [block for k, block in enumerate(reduction.blocks) if k not in inside]
+    margin_v = REACH_SHARE * (design.high_v - design.low_v)
+    low_v = np.min([block.low_v for block in others], axis=0) - margin_v
+    high_v = np.max([block.high_v for block in others], axis=0) + margin_v
+    reached = []
+    for block in (reduction.blocks[k] for k in inside):
+        own = slice(block.first, block.end)
+        at_v = reduction.plays_v[block.record][own][reduction.used[block.record][own]]
+        reached.append(((at_v >= low_v) & (at_v <= high_v)).all(axis=1))
+    return reached
 
 
 def figures(
-    records: Sequence[Record], reduction: Reduction, judged: Sequence[tuple[ActuatorModel, Fit, range]]
+    records: Sequence[Record], reduction: Reduction, model: ActuatorModel, found: Fit
 ) -> ErrorFigures:
-    """Errors of models, each on its blocks, with the zeros of their fits."""
-    errors: list[Array] = []
-    for model, found, inside in judged:
-        for number in {reduction.blocks[k].record for k in inside}:
-            record = records[number]
-            start = model.starting_state(record.t_s, record.u_v, record.previous_v)
-            error_um = model.predict(record.t_s, record.u_v, start) - model.zero_um - record.y_um
-            zero_um = _zero_of(found, number, error_um)
-            blocks = (reduction.blocks[k] for k in inside if reduction.blocks[k].record == number)
-            errors += [error_um[block.first : block.end] + zero_um for block in blocks]
-    widest_um = max(float(np.ptp(record.y_um)) for record in records)
-    joined = np.concatenate(errors)
-    return ErrorFigures(float(np.abs(joined).max()), float(np.sqrt(np.mean(joined**2))), widest_um)
+    """Errors of a model on all blocks, with the zeros of its fit."""
+    everywhere = range(len(reduction.blocks))
+    missed_um = np.concatenate(_missed_um(records, reduction, model, found, everywhere))
+    return ErrorFigures.over(missed_um, _widest_um(records))
+
+
+def _widest_um(records: Sequence[Record]) -> float:
+    return max(float(np.ptp(record.y_um)) for record in records)
+
+
+def _missed_um(
+    records: Sequence[Record], reduction: Reduction, model: ActuatorModel, found: Fit, inside: range
+) -> list[Array]:
+    """Errors of a model on some blocks, with the zeros of its fit, block by block."""
+    errors_um = {}
+    for number in {reduction.blocks[k].record for k in inside}:
+        record = records[number]
+        start = model.starting_state(record.t_s, record.u_v, record.previous_v)
+        error_um = model.predict(record.t_s, record.u_v, start) - model.zero_um - record.y_um
+        errors_um[number] = error_um + _zero_of(found, number, error_um[reduction.used[number]])
+    missed_um = []
+    for block in (reduction.blocks[k] for k in inside):
+        own = slice(block.first, block.end)
+        missed_um.append(errors_um[block.record][own][reduction.used[block.record][own]])
+    return missed_um
 
 
 def _zero_of(found: Fit, number: int, error_um: Array) -> float:

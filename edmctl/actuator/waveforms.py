@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 
 SLEW_V_S = 1000.0
 """Slew limit of a "step" where none is given: 0–150 V in 0.15 s."""
+FAST_SHARE, SERVO_SHARE = 0.067, 0.04
+"""Largest swing of fast legs and of a servo at work, over the range: 10 V and 6 V of 150 V."""
+SERVO_MOVES = 180
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 
 
@@ -81,6 +84,49 @@ def calibration_legs(high_v: float, slew_v_s: float = SLEW_V_S) -> tuple[Leg, ..
         chain.triangle(high_v, 1.0)
     for period_s in (10.0, 10.0, 50.0):
         chain.triangle(high_v, period_s)
+    return tuple(chain.legs)
+
+
+def fast_legs(high_v: float, slew_v_s: float = SLEW_V_S) -> tuple[Leg, ...]:
+    """Swings of 50 Hz to 5 Hz about three voltages, from 0 V and back: some 6 s in which delay and lag part.
+
+    Sampled at 1 kHz, a lag of some milliseconds rounds what a delay only shifts.
+    """
+    chain = _Chain(slew_v_s)
+    for bias_share in (0.25, 0.5, 0.75):
+        bias_v = bias_share * high_v
+        chain.ramp(bias_v, 0.3)
+        for frequency_hz in (50.0, 35.0, 25.0, 16.0, 10.0, 5.0):
+            for swing in range(1, max(2, round(0.12 * frequency_hz)) + 1):
+                swing_v = FAST_SHARE * high_v * (0.4 + 0.6 * (swing * GOLDEN % 1.0))
+                chain.ramp(bias_v + swing_v, 0.5 / frequency_hz)
+                chain.ramp(bias_v - swing_v, 0.5 / frequency_hz)
+    chain.ramp(0.0, 0.3)
+    return tuple(chain.legs)
+
+
+def use_legs(high_v: float, slew_v_s: float = SLEW_V_S) -> tuple[Leg, ...]:
+    """Of every use a part, from 0 V and back in some 90 s.
+
+    Two full swings and a rest, as before every job; swings of 1 Hz between voltages that do not repeat; two steps
+    with holds; a feed with the small moves of a gap servo, from which the tool jumps back now and then.
+    """
+    chain = _Chain(slew_v_s)
+    for _ in range(2):
+        chain.triangle(high_v, 4.0)
+    chain.ramp(0.0, 4.0)
+    for swing in range(1, 21):
+        chain.ramp(high_v * (swing * GOLDEN % 1.0), 0.5)
+    for level, hold_s in ((0.8, 12.0), (0.3, 8.0)):
+        chain.step(level * high_v, hold_s)
+    for move in range(1, SERVO_MOVES + 1):
+        feed_v = high_v * (0.3 + 0.5 * move / SERVO_MOVES)
+        chain.ramp(feed_v, 0.12)
+        chain.ramp(feed_v - SERVO_SHARE * high_v * (0.2 + 0.8 * (move * GOLDEN % 1.0)), 0.08)
+        if move % (SERVO_MOVES // 6) == 0:
+            chain.step(feed_v * (0.2 + 0.6 * (3 * move * GOLDEN % 1.0)), 0.5)
+            chain.step(feed_v, 0.2)
+    chain.step(0.0, 4.0)
     return tuple(chain.legs)
 
 

@@ -47,16 +47,25 @@ def render_lever(lever: LeverFound) -> str:
 
 
 def render_plan(plan: CalibrationPlan, style: Style = PLAIN) -> str:
-    """Render every leg with the time it begins at, and the whole."""
+    """Render the slow legs with the times they begin at, what follows them, and the whole."""
     rows, time_s = [], 0.0
     for leg in plan.legs:
         rows.append([f"{time_s:.1f}", f"{leg.u_v:.1f}", f"{leg.duration_s:.3f}"])
         time_s += leg.duration_s
+    others = [
+        f"Then {count(len(moves))} {what} in {duration(sum(leg.duration_s for leg in moves))}."
+        for moves, what in (
+            (plan.fast, "moves of 5 to 50 Hz about three voltages"),
+            (plan.use, "moves as a job makes them: swings, steps, a gap servo's feed and jumps"),
+        )
+        if moves
+    ]
+    legs = count(len(plan.legs) + len(plan.fast) + len(plan.use))
     total = (
-        f"{len(rows)} legs between 0 V and {plan.high_v:.1f} V in {duration(plan.duration_s)}, "
+        f"{legs} legs between 0 V and {plan.high_v:.1f} V in {duration(plan.duration_s)}, "
         f"about {count(plan.samples)} samples, without pulses, at the parking place."
     )
-    return "\n".join([render_columns(["at s", "to V", "in s"], rows, style, align=">"), total])
+    return "\n".join([render_columns(["at s", "to V", "in s"], rows, style, align=">"), *others, total])
 
 
 def _models(baselines: Mapping[str, Errors], ours: Errors) -> list[tuple[str, Errors]]:
@@ -97,6 +106,8 @@ def _properties(found: Identification) -> list[str]:
         "loop width": f"{loop_width} % of the stroke",
         "creep": f"{creep} % per decade of time",
         "delay": f"{1000.0 * model.delay_s:.2f} ms",
+        **({"lag": f"{1000.0 * model.lag_s:.2f} ms"} if model.lag_s else {}),
+        "noise": f"{found.noise.sd_um:.3f} µm (1 sd) in a sample, {found.noise.largest_um:.2f} µm at most in all",
         "displacement": f"± {mean_um:.3f} µm on average, ± {most_um:.3f} µm at most (refits and held-out error)",
     }
     by_sensor = (

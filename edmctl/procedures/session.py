@@ -40,8 +40,10 @@ from edmctl.wording import signed
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from edmctl.actuator.validation import ErrorFigures
     from edmctl.machine.interface import Machine, TelemetryBlock
-    from edmctl.procedures.job import Job
+    from edmctl.procedures.actuator.tracker import Tracker
+    from edmctl.procedures.job import CalibratedActuator, Job
     from edmctl.procedures.job_state import JobTally, StateStore
     from edmctl.procedures.run import Args
     from edmctl.record.rows import Recorder
@@ -49,6 +51,8 @@ if TYPE_CHECKING:
 
 LEAST_GAIN_UM_PER_V = 0.05
 """Half the least mean gain that a setup may have."""
+DAY_GAINS = (0.5, 2.0)
+"""Between which the gain of the day lies: a stage's moves by percents, another machine's by tens of them."""
 REST_S = 1.0
 """Rest before the first swing: the record starts from a standing actuator."""
 
@@ -272,7 +276,7 @@ def _start_estimator(run: JobRun, block: TelemetryBlock) -> None:
     if cycles:
         _refuse_dead_sensor(record)
     if calibration is not None:
-        tracker, errors = home(calibration.model, record, calibration.held_out_rms_um)
+        tracker, errors = _homed(calibration, record)
     elif cycles:
         from edmctl.actuator.identification import identify_quick
 
@@ -300,6 +304,25 @@ def _start_estimator(run: JobRun, block: TelemetryBlock) -> None:
             "gain": tracker.estimator.gain,
             "offset_um": tracker.estimator.offset_um,
         },
+    )
+
+
+def _homed(calibration: CalibratedActuator, record: Record) -> tuple[Tracker, ErrorFigures]:
+    """Learn gain and zero of the day. Raises PreconditionError E8038 for a calibration of something else."""
+    low, high = DAY_GAINS
+    try:
+        tracker, errors = home(calibration.model, record, calibration.held_out_rms_um)
+        gain = tracker.estimator.gain
+    except ValueError:
+        gain = math.nan
+    if low <= gain <= high:
+        return tracker, errors
+    found = "no positive gain" if math.isnan(gain) else f"a gain of {gain:.3g}"
+    raise PreconditionError(
+        f"The calibration is not this actuator's: its displacements need {found} to be those of the sensor during "
+        "the conditioning swings.",
+        hint="Run `edmctl calibrate` here, or leave the calibration out.",
+        code="E8038",
     )
 
 

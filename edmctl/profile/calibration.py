@@ -20,6 +20,7 @@ from pydantic import Field, ValidationError
 from edmctl.actuator.model import ActuatorModel
 from edmctl.errors import ProfileError, RecordError, RunFileError
 from edmctl.files import open_regular
+from edmctl.profile.calibration_bounds import contradictions
 from edmctl.profile.positions import Sources
 from edmctl.profile.read import parse, read_source
 from edmctl.profile.tables import ONE_LINE, Table
@@ -37,8 +38,15 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 SCHEMA: Final = "edmctl-calibration/1"
+BEYOND_PLAYS: Final = "edmctl-calibration/2"
+"""Of a model with rounded plays or a lag, which readers of the first number do not know."""
 HASH = "sha256"
 AGAIN = "Run edmctl calibrate again."
+
+
+MOST = 1e9
+"""Larger figures than any that is measured; their squares are still numbers."""
+Words = Annotated[str, Field(pattern=ONE_LINE, max_length=1000)]
 
 
 class MeasuredFile(Table):
@@ -81,34 +89,51 @@ class Parameters(Table):
     delay_s: float = Field(description="delay of the displacement, s")
     low_v: float = Field(description="lowest voltage of the records, V")
     high_v: float = Field(description="highest voltage of the records, V")
+    rounded_limits_v: list[list[float]] | None = Field(
+        None, description="k × 2 limits of the rounded plays' stops, rising and falling, V; absent: none"
+    )
+    rounded_sharpness: list[float] | None = Field(
+        None, description="k numbers from 0 to 1: how sharply a stop bends into its limit"
+    )
+    rounded_unloading: list[float] | None = Field(
+        None, description="k numbers, not negative: how much steeper a stop unloads than it begins to load"
+    )
+    rounded_um_per_v: list[float] | None = Field(
+        None, description="k weights of the rounded plays, not negative, µm/V"
+    )
+    lag_s: float | None = Field(None, description="time constant of amplifier and actuator, s; absent: none")
 
 
 class Figures(Table):
     """Errors of a model on measured displacements."""
 
-    max_um: float = Field(ge=0.0, description="largest error, µm")
-    rms_um: float = Field(ge=0.0, description="RMS error, µm")
-    max_pct: float = Field(ge=0.0, description="largest error, % of the range")
-    rms_pct: float = Field(ge=0.0, description="RMS error, % of the range")
-    range_um: float = Field(gt=0.0, description="range of the measured displacement, µm")
+    max_um: float = Field(ge=0.0, le=MOST, description="largest error, µm")
+    rms_um: float = Field(ge=0.0, le=MOST, description="RMS error, µm")
+    max_pct: float = Field(ge=0.0, le=MOST, description="largest error, % of the range")
+    rms_pct: float = Field(ge=0.0, le=MOST, description="RMS error, % of the range")
+    range_um: float = Field(gt=0.0, le=MOST, description="range of the measured displacement, µm")
 
 
 class Spread(Table):
     """Standard uncertainties (one sd) from refits to resampled blocks."""
 
-    displacement_sd_um: float = Field(ge=0.0, description="of the displacement, mean over the records, µm")
-    displacement_sd_max_um: float = Field(ge=0.0, description="the same, largest, µm")
-    gain_sd_um_per_v: float = Field(ge=0.0, description="of the gain, µm/V")
-    loop_width_sd: float = Field(ge=0.0, description="of the loop's width, relative to the stroke")
-    gamma_sd_per_decade: float = Field(ge=0.0, description="of the creep, relative, per decade of time")
+    displacement_sd_um: float = Field(
+        ge=0.0, le=MOST, description="of the displacement, mean over the records, µm"
+    )
+    displacement_sd_max_um: float = Field(ge=0.0, le=MOST, description="the same, largest, µm")
+    gain_sd_um_per_v: float = Field(ge=0.0, le=MOST, description="of the gain, µm/V")
+    loop_width_sd: float = Field(ge=0.0, le=MOST, description="of the loop's width, relative to the stroke")
+    gamma_sd_per_decade: float = Field(
+        ge=0.0, le=MOST, description="of the creep, relative, per decade of time"
+    )
 
 
 class Quality(Table):
     """How good the model is."""
 
     accepted: bool = Field(description="whether nothing stands against using it")
-    problems: list[str] = Field(description="what stands against it, each with its remedy")
-    notes: list[str] = Field(description="what else to know")
+    problems: list[Words] = Field(description="what stands against it, each with its remedy", max_length=100)
+    notes: list[Words] = Field(description="what else to know", max_length=100)
     samples: int = Field(ge=1, description="samples that it was fitted to")
     stroke_um: float = Field(gt=0.0, description="displacement between the ends of the range, µm")
     gain_um_per_v: float = Field(gt=0.0, description="stroke over range of voltage, µm/V")
@@ -122,12 +147,12 @@ class Quality(Table):
 class Calibration(Table):
     """A calibration file, without its hash."""
 
-    schema_name: Literal["edmctl-calibration/1"] = Field(alias="schema")
+    schema_name: Literal["edmctl-calibration/1", "edmctl-calibration/2"] = Field(alias="schema")
     made: Made
     actuator: Parameters = Field(alias="model")
     quality: Quality
-    baselines: dict[str, Figures] = Field(
-        {}, description="errors of simpler models, on blocks that these did not see"
+    baselines: dict[Words, Figures] = Field(
+        {}, max_length=100, description="errors of simpler models, on blocks that these did not see"
     )
 
     @property
@@ -163,6 +188,8 @@ def _model(written: Parameters) -> ActuatorModel:
             raise ValueError("the arrays of the model do not fit each other") from None
 
     n, g, j = len(written.thresholds_v), len(written.creep_plays), len(written.time_constants_s)
+    rounded_um_per_v = written.rounded_um_per_v or []
+    k = len(rounded_um_per_v)
     return ActuatorModel(
         thresholds_v=floats(written.thresholds_v, (n,)),
         knots_v=floats(written.knots_v, (n, -1)),
@@ -174,6 +201,11 @@ def _model(written: Parameters) -> ActuatorModel:
         delay_s=written.delay_s,
         low_v=written.low_v,
         high_v=written.high_v,
+        rounded_limits_v=floats(written.rounded_limits_v or [], (k, 2)),
+        rounded_sharpness=floats(written.rounded_sharpness or [], (k,)),
+        rounded_unloading=floats(written.rounded_unloading or [], (k,)),
+        rounded_um_per_v=floats(rounded_um_per_v, (k,)),
+        lag_s=written.lag_s or 0.0,
     )
 
 
@@ -206,8 +238,12 @@ def calibration_of(
     plain = {
         name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in arrays.items()
     }
+    absent = [name for name in plain if Parameters.model_fields[name].default is None and not plain[name]]
+    for name in absent:
+        plain[name] = None
+    beyond = len(found.rounded_um_per_v) > 0 or found.lag_s > 0.0
     return Calibration(
-        schema=SCHEMA,
+        schema=BEYOND_PLAYS if beyond else SCHEMA,
         made=made,
         model=Parameters(**plain),
         quality=quality,
@@ -229,7 +265,8 @@ def load_calibration(path: Path) -> Calibration:
         raise RecordError(f"{path} {what}.", hint=AGAIN, code="E3643", where=_sources(source).value((HASH,)))
     try:
         calibration = Calibration.model_validate(table)
-        calibration.model()
+        for wrong in contradictions(calibration.quality, calibration.model()):
+            raise ValueError(f"it cannot be of an actuator that feeds a tool: {wrong}")
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         key = ".".join(str(part) for part in first["loc"])
@@ -292,7 +329,7 @@ def _read(path: Path) -> tuple[Source, TomlTable]:
 
 def _check_schema(path: Path, source: Source, table: TomlTable) -> None:
     found = table.get("schema")
-    if found == SCHEMA:
+    if found in (SCHEMA, BEYOND_PLAYS):
         return
     version = re.fullmatch(r"edmctl-calibration/(\d+)", found) if isinstance(found, str) else None
     if version is None:
@@ -302,7 +339,7 @@ def _check_schema(path: Path, source: Source, table: TomlTable) -> None:
         )
     else:
         what, hint = (
-            f"has the schema {found}, and this edmctl reads {SCHEMA}",
+            f"has the schema {found}, and this edmctl reads {SCHEMA} and {BEYOND_PLAYS}",
             "Update edmctl, or run edmctl calibrate again.",
         )
     where = _sources(source).value(("schema",))

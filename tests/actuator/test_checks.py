@@ -8,9 +8,12 @@ import pytest
 from numpy.typing import NDArray
 
 from edmctl.actuator.checks import check_record
+from edmctl.actuator.identification import identify
 from edmctl.actuator.record import Record
+from edmctl.actuator.validation import validate
 from edmctl.errors import RecordError
 from edmctl.record.columns import read_record
+from tests.actuator.apa400m import default_model
 
 Array = NDArray[np.float64]
 
@@ -266,3 +269,55 @@ def test_milliseconds_at_a_high_rate_are_doubted() -> None:
 def test_a_displacement_that_is_the_voltage_is_doubted() -> None:
     (doubt,) = check_record(GOOD._replace(y_um=3.0 * GOOD.u_v + 5.0))
     assert "the column of the sensor" in doubt
+
+
+ODD_T_S: Array = 0.01 * np.arange(2000, dtype=np.float64)
+ODD_V: Array = 75.0 - 75.0 * np.cos(ODD_T_S)
+ODD_UM: Array = 3.0 * ODD_V + 0.1 * np.sin(50.0 * ODD_T_S)
+FLAT = np.zeros(2000)
+SPIKE = np.where(np.arange(2000) == 700, 100.0, 0.0)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("t_s", "u_v", "y_um"),
+    [
+        (ODD_T_S, FLAT, ODD_UM),
+        (ODD_T_S, FLAT, FLAT),
+        (ODD_T_S, SPIKE, ODD_UM),
+        (ODD_T_S, ODD_V, FLAT + 5.0),
+        (ODD_T_S, ODD_V, SPIKE),
+        (ODD_T_S, ODD_V, 1e-200 * ODD_UM),
+        (ODD_T_S, ODD_V, 1e20 * ODD_UM),
+        (ODD_T_S, 1e160 * ODD_V, 1e160 * ODD_UM),
+        (ODD_T_S, ODD_V, np.where(ODD_T_S == 5.0, np.nan, ODD_UM)),
+        (np.repeat(ODD_T_S[:1000], 2), ODD_V, ODD_UM),
+        (ODD_T_S[:2], ODD_V[:2], ODD_UM[:2]),
+        (ODD_T_S[:0], ODD_V[:0], ODD_UM[:0]),
+    ],
+)
+def test_odd_records_are_refused_without_a_warning(t_s: Array, u_v: Array, y_um: Array) -> None:
+    with pytest.raises(RecordError):
+        check_record(Record(t_s, u_v, y_um))
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("u_v", "y_um"),
+    [
+        (ODD_V, FLAT + 5.0),
+        (ODD_V, np.where(ODD_T_S == 5.0, np.nan, ODD_UM)),
+        (1e160 * ODD_V, 1e160 * ODD_UM),
+        (ODD_V[:0], ODD_UM[:0]),
+        (ODD_V[:1], ODD_UM[:1]),
+    ],
+)
+def test_nothing_is_judged_on_what_says_nothing(u_v: Array, y_um: Array) -> None:
+    with pytest.raises(ValueError, match="record: "):
+        validate(default_model(), Record(ODD_T_S[: len(u_v)], u_v, y_um))
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_clock_in_the_wrong_unit_is_fitted_all_the_same() -> None:
+    record = Record(1e-12 * ODD_T_S, ODD_V, ODD_UM)
+    assert identify([record], resamples=0).samples > 1000

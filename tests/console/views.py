@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Any, cast
 
+from edmctl.actuator.diagnosis import Noise
 from edmctl.actuator.uncertainty import Bands
 from edmctl.jobs.calibration.fit import Figures, FileFigures, Findings
 from edmctl.jobs.calibration.request import LeverFound
@@ -126,6 +127,7 @@ class Model:
 
     stroke_um: float = 446.25
     delay_s: float = 0.0006
+    lag_s: float = 0.0
     low_v: float = 0.0
     high_v: float = 150.0
 
@@ -138,6 +140,7 @@ class Found:
     bands: Bands = field(default_factory=lambda: Bands(0.1, 0.4, 2.975, 0.001, 0.125, 0.001, 0.028, 0.0005))
     problems: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    noise: Noise = field(default_factory=lambda: Noise(0.15, 0.7))
 
 
 BASELINES = {

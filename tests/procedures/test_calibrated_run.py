@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from edmctl.actuator.model import Estimator
+from edmctl.errors import PreconditionError
 from edmctl.machine.interface import EventCode, MachineState
 from edmctl.procedures.hole.running_cut import CLEARANCE_UM, jump_request
 from edmctl.procedures.machining import machine_sites
@@ -32,6 +33,20 @@ def run() -> Done:
     """Return a finished quick job on a calibrated actuator; tests only look at it."""
     shop = Shop(calibration=calibrated())
     return Done(shop, shop.run_job())
+
+
+def test_a_calibration_of_something_else_is_refused_before_the_work() -> None:
+    own = calibrated()
+    model = replace(
+        own.model,
+        slopes_um_per_v=4.0 * own.model.slopes_um_per_v,
+        creep_um_per_v=4.0 * own.model.creep_um_per_v,
+    )
+    shop = Shop(calibration=replace(own, model=model))
+    run = armed(shop)
+    with pytest.raises(PreconditionError, match="is not this actuator's") as refusal:
+        condition(run)
+    assert refusal.value.code == "E8038"
 
 
 def column(shop: Shop, name: str) -> NDArray[np.float64]:

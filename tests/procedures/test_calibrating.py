@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from dataclasses import replace
 from random import Random
 from typing import TYPE_CHECKING
 
@@ -18,7 +19,7 @@ from edmctl.machine.stop import StopRequest
 from edmctl.procedures.actuator import calibration as calibrating
 from edmctl.procedures.actuator.calibration import CalibrationPlan, measure_actuator, plan_calibration
 from edmctl.procedures.settings import motion_settings
-from edmctl.profile.setup import Actuator, Sensor, Setup, Stage
+from edmctl.profile.setup import Actuator, Controller, Sensor, Setup, Stage
 from edmctl.results.progress import Phase
 from edmctl.simulator import BenchConfig, open_bench
 from edmctl.simulator.config import SensorConstants
@@ -58,20 +59,32 @@ class Rig:
         return self.bench.controller.plant.drive.actuator_v
 
 
-def test_the_plan_spans_the_stroke_in_296_s_at_200_hz() -> None:
+def test_the_plan_spans_the_stroke_and_ends_with_fast_swings_and_use() -> None:
     plan = plan_calibration(Setup())
     assert (plan.legs[0].u_v, plan.high_v) == (150.0, 150.0)
-    assert plan.duration_s == pytest.approx(297.6, abs=0.1)
-    assert plan.samples == pytest.approx(200 * 297.6, abs=20)
+    assert sum(leg.duration_s for leg in plan.legs) == pytest.approx(296.2, abs=0.1)
+    assert sum(leg.duration_s for leg in plan.fast) <= 15.0
+    assert plan.duration_s == pytest.approx(391.3, abs=0.1)
+    assert (plan.period_us, plan.fast_period_us) == (5000, 1000)
+    assert plan.samples == pytest.approx(82_034, abs=20)
+    assert min(leg.duration_s for leg in plan.fast) == pytest.approx(0.01)
+    assert (plan.legs[-1].u_v, plan.fast[-1].u_v, plan.use[-1].u_v) == (0.0, 0.0, 0.0)
 
 
 def test_the_plan_goes_by_the_setup() -> None:
     setup = Setup(actuator=Actuator(stroke_v=100.0, slew_v_s=200.0))
     plan = plan_calibration(setup)
     assert plan.high_v == 100.0
-    starts_v = [0.0, *(leg.u_v for leg in plan.legs)]
-    steepest = max(abs(leg.u_v - v) / leg.duration_s for v, leg in zip(starts_v, plan.legs, strict=False))
-    assert steepest == pytest.approx(200.0)
+    for legs in (plan.legs, plan.use):
+        starts_v = [0.0, *(leg.u_v for leg in legs)]
+        assert max(
+            abs(leg.u_v - v) / leg.duration_s for v, leg in zip(starts_v, legs, strict=False)
+        ) == pytest.approx(200.0)
+    slow_line = Setup(controller=Controller(telemetry_hz=100.0))
+    assert (plan_calibration(slow_line).period_us, plan_calibration(slow_line).fast_period_us) == (
+        10_000,
+        10_000,
+    )
 
 
 def test_without_a_sensor_there_is_nothing_to_calibrate_with() -> None:
@@ -93,6 +106,24 @@ def test_every_turning_point_and_hold_is_in_the_record() -> None:
     assert (u_v[0], u_v[-1]) == (0.0, 0.0)
     assert np.ptp(y_um) == pytest.approx(445.0, rel=0.1)
     assert measured.record.name == "SIM-1"
+
+
+def test_fast_legs_come_in_the_same_record_at_their_own_rate() -> None:
+    fast = tuple(Leg(75.0 + swing_v, 0.02) for swing_v in (5.0, -5.0, 5.0, -5.0, 0.0))
+    rig = Rig()
+    measured = rig.measure(
+        replace(SHORT, fast=(Leg(75.0, 0.3), *fast, Leg(0.0, 0.3)), use=(Leg(20.0, 0.5), Leg(0.0, 0.5)))
+    )
+    t_s, u_v = measured.record.t_s, measured.record.u_v
+    steps_s = np.diff(t_s)
+    assert measured.lost_frames == 0
+    assert (steps_s > 0.0).all()
+    assert np.round(steps_s, 6).min() == 0.001
+    assert steps_s.max() < 0.2
+    quick = np.flatnonzero(np.round(steps_s, 6) == 0.001)
+    assert (quick[-1] - quick[0] + 1) == len(quick)
+    assert {80.0, 70.0} <= set(u_v[quick].round(3))
+    assert (u_v[quick[-1] + 2 :].max(), u_v[-1]) == (20.0, 0.0)
 
 
 def test_it_ends_retracted_and_idle() -> None:

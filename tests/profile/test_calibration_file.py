@@ -20,6 +20,7 @@ from edmctl.actuator.uncertainty import Bands
 from edmctl.actuator.validation import ErrorFigures
 from edmctl.errors import ProfileError, RecordError, RunFileError
 from edmctl.profile.calibration import (
+    BEYOND_PLAYS,
     SCHEMA,
     Calibration,
     Figures,
@@ -44,9 +45,10 @@ PAGE = Path(__file__).parents[2] / "docs/calibration-file.md"
 MADE = Made(utc="2026-01-02T03:04:05Z", edmctl="0.1.0", serial="SIM-7", simulated=True)
 
 
-def make_model(*, creeping: int = 2) -> ActuatorModel:
+def make_model(*, creeping: int = 2, rounded: int = 0) -> ActuatorModel:
     """Parameters with every digit that a float has."""
     rng = np.random.default_rng(5)
+    others = np.random.default_rng(6)
     thresholds_v = np.array([0.0, 0.1, 1.0, 1.0 + 1e-15]) * 7.3 / 3.0
     return ActuatorModel(
         thresholds_v=thresholds_v,
@@ -59,12 +61,19 @@ def make_model(*, creeping: int = 2) -> ActuatorModel:
         delay_s=0.0,
         low_v=0.0,
         high_v=150.0,
+        rounded_limits_v=others.uniform(5.0, 30.0, (rounded, 2)),
+        rounded_sharpness=others.uniform(0.0, 1.0, rounded),
+        rounded_unloading=others.uniform(0.0, 1.0, rounded),
+        rounded_um_per_v=others.uniform(0.0, 1.0, rounded),
+        lag_s=rounded / 3000.0,
     )
 
 
-def an_identification(problems: tuple[str, ...] = (), *, creeping: int = 2) -> Identification:
+def an_identification(
+    problems: tuple[str, ...] = (), *, creeping: int = 2, rounded: int = 0
+) -> Identification:
     return Identification(
-        model=make_model(creeping=creeping),
+        model=make_model(creeping=creeping, rounded=rounded),
         train=ErrorFigures(1.5, 0.3, 445.0),
         held_out=ErrorFigures(2.0, 0.5, 445.0),
         bands=Bands(0.1, 0.3, 2.9, 0.01, 0.15, 0.002, 0.017, 0.001),
@@ -104,10 +113,11 @@ def rewritten(path: Path, change: Callable[[dict[str, object]], object]) -> Path
     return path
 
 
-@pytest.mark.parametrize("creeping", [0, 2])
-def test_a_model_comes_back_bit_by_bit(tmp_path: Path, creeping: int) -> None:
-    identification = an_identification(creeping=creeping)
+@pytest.mark.parametrize(("creeping", "rounded"), [(0, 0), (2, 0), (2, 1), (0, 2)])
+def test_a_model_comes_back_bit_by_bit(tmp_path: Path, creeping: int, rounded: int) -> None:
+    identification = an_identification(creeping=creeping, rounded=rounded)
     save_calibration(tmp_path / "c.toml", calibration_of(identification, MADE))
+    assert load_calibration(tmp_path / "c.toml").schema_name == (BEYOND_PLAYS if rounded else SCHEMA)
     found = load_calibration(tmp_path / "c.toml").model()
     for field in dataclasses.fields(ActuatorModel):
         written, read = getattr(identification.model, field.name), getattr(found, field.name)
@@ -206,7 +216,7 @@ def test_a_file_that_is_no_toml_is_named_with_its_place(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("schema", "message"),
     [
-        ('schema = "edmctl-calibration/2"', "has the schema edmctl-calibration/2"),
+        ('schema = "edmctl-calibration/3"', "has the schema edmctl-calibration/3"),
         ('schema = "other"', "is no calibration file"),
         ("schema = 1", "is no calibration file"),
         ("x = 1", "is no calibration file"),
@@ -217,7 +227,7 @@ def test_another_schema_is_refused(tmp_path: Path, schema: str, message: str) ->
     error = refused(tmp_path / "c.toml")
     assert error.code == "E3642"
     assert message in error.message
-    assert ("Update edmctl" in error.hint) is ("/2" in schema)
+    assert ("Update edmctl" in error.hint) is ("/3" in schema)
 
 
 @pytest.mark.parametrize(
@@ -324,6 +334,37 @@ def test_a_setup_names_a_file_beside_itself(tmp_path: Path) -> None:
         load_setup(setup)
 
 
+@pytest.mark.parametrize(
+    ("place", "value", "message"),
+    [
+        ("model.slopes_um_per_v", [[1e30, 1.0, 1.0]] * 4, "slopes up to 1e"),
+        ("model.slopes_um_per_v", [[1e-7] * 3] * 4, "µm of creep on"),
+        ("model.slopes_um_per_v", [[90.0] * 3] * 4, "a stroke of"),
+        ("model.creep_um_per_v", [[3.0] * 3] * 2, "µm of creep on"),
+        ("model.thresholds_v", [0.0, 1.0, 2.0, 1e6], "voltages up to 1e"),
+        ("model.time_constants_s", [1e-9, 1.0, 2.0], "time constants of 1e-09 s"),
+        ("model.delay_s", 60.0, "a delay of 60 s"),
+        ("model.lag_s", 60.0, "a lag of 60 s"),
+        ("model.zero_um", 1e9, "a zero of 1e"),
+        ("model.high_v", 2000.0, "a range of 0 V to 2000 V"),
+        ("quality.stroke_um", 30_000.0, "a stated stroke of 3e"),
+        ("quality.problems", ["A knock: measure again."], "accepted with 1 problems"),
+        ("quality.held_out.rms_pct", 0.01, "errors of held_out that contradict each other"),
+        ("quality.train.rms_um", 5.0, "errors of train that contradict each other"),
+    ],
+)
+def test_what_no_actuator_is_like_is_refused(saved: Path, place: str, value: object, message: str) -> None:
+    def change(table: dict[str, object]) -> None:
+        *parts, key = place.split(".")
+        for part in parts:
+            table = table[part]  # type: ignore[assignment]
+        table[key] = value
+
+    error = refused(rewritten(saved, change))
+    assert error.code == "E3644"
+    assert message in error.message
+
+
 def test_the_page_tells_every_key() -> None:
     page = PAGE.read_text(encoding="utf-8")
     for table in (Made, MeasuredFile, Parameters, Quality, Figures, Spread):
@@ -332,6 +373,7 @@ def test_the_page_tells_every_key() -> None:
                 rf"^\| `{name}` \| [a-z ]+ \| {re.escape(str(field.description))} \|$", page, re.M
             )
     assert f"`{SCHEMA}`" in page
+    assert f"`{BEYOND_PLAYS}`" in page
 
 
 def test_the_hash_of_the_page_is_that_of_the_file(saved: Path, monkeypatch: pytest.MonkeyPatch) -> None:

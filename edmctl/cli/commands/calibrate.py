@@ -95,7 +95,7 @@ def calibrate(
 ) -> None:
     """Identify the actuator, and write a calibration.
 
-    A machine drives its actuator for five minutes beside the work, without pulses, and watches it with the
+    A machine drives its actuator for seven minutes beside the work, without pulses, and watches it with the
     displacement sensor. The errors told are on data that the model did not see.
     """
     from edmctl.jobs.calibration.request import CalibrationRequest, check

@@ -116,11 +116,16 @@ class Findings:
             "validate_files": self.files,
             "refit": self.refit,
             "held_out": self.held_out_figures,
+            "beyond": None if found.beyond is None else Figures.of(found.beyond),
+            "beyond_share": found.beyond_share,
+            "noise_sd_um": found.noise.sd_um,
+            "noise_max_um": found.noise.largest_um,
             "baselines": self.baselines,
             "baselines_on": VALIDATION if self.validated else HELD_OUT,
             "gamma_per_decade": found.model.gamma_per_decade,
             "stroke_um": found.model.stroke_um,
             "delay_s": found.model.delay_s,
+            "lag_s": found.model.lag_s,
             "low_v": found.model.low_v,
             "high_v": found.model.high_v,
             "samples": found.samples,
@@ -140,10 +145,10 @@ def find(
     """
     try:
         found = identify(records, delay_s=delay_s)
-        late_s = found.model.delay_s
+        late_s, counting = found.model.delay_s, found.screening
         baselines = {
-            "line": fit_line(records, delay_s=late_s),
-            "maxwell": fit_maxwell(records, delay_s=late_s),
+            "line": fit_line(records, late_s, counting),
+            "maxwell": fit_maxwell(records, late_s, counting),
         }
     except ValueError as error:
         raise RecordError(

@@ -1,7 +1,9 @@
 """Drive the record that an actuator is identified from: at the parking place, without pulses.
 
 Full swings, first-order reversal curves, minor loops, holds and cycles from 1 s to 50 s, because one frequency
-cannot tell hysteresis, creep and delay apart.
+cannot tell hysteresis, creep and delay apart. Then swings of up to 50 Hz, sampled ten times as fast as they are,
+which tell a lag from a delay; and in the end a part of every use, because small moves that add up let some
+actuators slide, which no large swing shows.
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.actuator.checks import check_record
 from edmctl.actuator.record import Record
-from edmctl.actuator.waveforms import SLEW_V_S, Leg, calibration_legs
+from edmctl.actuator.waveforms import SLEW_V_S, Leg, calibration_legs, fast_legs, use_legs
 from edmctl.errors import LinkLost, PreconditionError
 from edmctl.machine.interface import Axis, PulseLog, TelemetrySettings, joined
 from edmctl.procedures.monitoring.drift import DRIFT_SDS, first_home_um
@@ -23,6 +25,8 @@ from edmctl.procedures.touch.home import CREEP_LOOK_S, CREEP_WAIT_S, READING_MAR
 from edmctl.results.progress import Phase, Progress
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from edmctl.machine.interface import (
         Machine,
         MachineEvent,
@@ -35,8 +39,11 @@ if TYPE_CHECKING:
 
 RATE_HZ = 200.0
 """60 000 samples in five minutes; the fastest swing, of 1 s, has 200 of them."""
+FAST_HZ = 1000.0
 BATCH, FRAME_S = 14, 0.1
 """Samples in a telemetry frame, and how long slow ones wait for it: a host does not go on with none for a second."""
+FAST_BATCH = 4
+"""A move of the fast legs waits for the frame with its end."""
 SAFE_Z_UM = 20.0
 """The stages may move while the tool reads at most this: above every work that a job may start from."""
 REST_S = 1.0
@@ -45,10 +52,13 @@ REST_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class CalibrationPlan:
-    """What the actuator will be driven through, beginning at 0 V."""
+    """What the actuator will be driven through, beginning at 0 V: `legs`, then `fast`, then `use`."""
 
     legs: tuple[Leg, ...]
     period_us: int
+    fast: tuple[Leg, ...] = ()
+    fast_period_us: int = 1000
+    use: tuple[Leg, ...] = ()
 
     @property
     def high_v(self) -> float:
@@ -57,20 +67,33 @@ class CalibrationPlan:
 
     @property
     def period_s(self) -> float:
-        """Sample period."""
+        """Sample period of all but the fast legs."""
         return 1e-6 * self.period_us
 
     @property
     def duration_s(self) -> float:
-        """Length of the record: rest, legs, and a sample at every turning point."""
-        starts_v = [0.0, *(leg.u_v for leg in self.legs[:-1])]
-        moves = sum(leg.u_v != start_v for leg, start_v in zip(self.legs, starts_v, strict=True))
-        return REST_S + sum(leg.duration_s for leg in self.legs) + self.period_s * moves
+        """Length of the record: rests, legs, and a sample at every turning point."""
+        return self._slow_s + self._fast_s
 
     @property
     def samples(self) -> int:
         """Samples of the record."""
-        return round(self.duration_s / self.period_s)
+        return round(self._slow_s / self.period_s + self._fast_s / (1e-6 * self.fast_period_us))
+
+    @property
+    def _slow_s(self) -> float:
+        return REST_S + sum(_length_s(legs, self.period_s) for legs in (self.legs, self.use))
+
+    @property
+    def _fast_s(self) -> float:
+        return _length_s(self.fast, 1e-6 * self.fast_period_us)
+
+
+def _length_s(legs: Sequence[Leg], period_s: float) -> float:
+    """Time of legs from 0 V on, with a sample at every turning point."""
+    starts_v = [0.0, *(leg.u_v for leg in legs[:-1])]
+    moves = sum(leg.u_v != start_v for leg, start_v in zip(legs, starts_v, strict=False))
+    return sum(leg.duration_s for leg in legs) + period_s * moves
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,10 +113,17 @@ def plan_calibration(setup: Setup) -> CalibrationPlan:
             code="E8034",
         )
     tick_us = setup.controller.servo_period_us
-    rate_hz = min(RATE_HZ, setup.controller.telemetry_hz)
+    high_v, slew_v_s = setup.actuator.stroke_v, min(SLEW_V_S, setup.actuator.slew_v_s)
+    slow_us, fast_us = (
+        tick_us * max(1, round(1e6 / min(rate_hz, setup.controller.telemetry_hz) / tick_us))
+        for rate_hz in (RATE_HZ, FAST_HZ)
+    )
     return CalibrationPlan(
-        legs=calibration_legs(setup.actuator.stroke_v, min(SLEW_V_S, setup.actuator.slew_v_s)),
-        period_us=tick_us * max(1, round(1e6 / rate_hz / tick_us)),
+        legs=calibration_legs(high_v, slew_v_s),
+        period_us=slow_us,
+        fast=fast_legs(high_v, slew_v_s),
+        fast_period_us=fast_us,
+        use=use_legs(high_v, slew_v_s),
     )
 
 
@@ -108,21 +138,40 @@ def measure_actuator(
     listener = _Listener(observer, plan.duration_s)
     with safe_state_on_error(machine):
         machine.configure(motion_settings(setup, SAFE_Z_UM, sensor_fitted=True, pulses=False))
-        batch = max(1, min(BATCH, round(FRAME_S / plan.period_s)))
-        machine.start_telemetry(TelemetrySettings(plan.period_us, batch, PulseLog.OFF), listener)
+        _sample(machine, plan.period_us, listener)
         machine.arm(pulses=False)
         _park(machine, setup, listener)
         listener.begin()
         machine.rest(REST_S)
-        start_v = 0.0
-        for number, leg in enumerate(plan.legs):
-            _drive(machine, leg, start_v, plan.period_s)
-            start_v = leg.u_v
-            if number == 1:
-                check_record(listener.record(machine))
+        swing, others = plan.legs[:2], plan.legs[2:]
+        _drive(machine, swing, plan.period_us)
+        check_record(listener.record(machine))
+        _drive(machine, others, plan.period_us)
+        if plan.fast:
+            _drive_fast(machine, plan, listener)
+        _drive(machine, plan.use, plan.period_us)
         machine.disarm()
         machine.stop_telemetry()
     return MeasuredActuator(listener.record(machine), listener.lost_frames)
+
+
+def _sample(machine: Machine, period_us: int, listener: _Listener, *, fast: bool = False) -> None:
+    """Begin to send samples."""
+    batch = max(1, min(FAST_BATCH if fast else BATCH, round(FRAME_S / (1e-6 * period_us))))
+    machine.start_telemetry(TelemetrySettings(period_us, batch, PulseLog.OFF), listener)
+
+
+def _drive_fast(machine: Machine, plan: CalibrationPlan, listener: _Listener) -> None:
+    """Drive the fast legs with telemetry at their rate, which changes while the voltage stands."""
+    machine.rest(FRAME_S)
+    machine.stop_telemetry()
+    _sample(machine, plan.fast_period_us, listener, fast=True)
+    machine.rest(FRAME_S)
+    _drive(machine, plan.fast, plan.fast_period_us)
+    machine.rest(FRAME_S)
+    machine.stop_telemetry()
+    _sample(machine, plan.period_us, listener)
+    machine.rest(FRAME_S)
 
 
 def _park(machine: Machine, setup: Setup, listener: _Listener) -> None:
@@ -167,13 +216,15 @@ def _wait_for_creep(machine: Machine, setup: Setup) -> None:
         machine.rest(CREEP_LOOK_S)
 
 
-def _drive(machine: Machine, leg: Leg, start_v: float, period_s: float) -> None:
+def _drive(machine: Machine, legs: Sequence[Leg], period_us: int, start_v: float = 0.0) -> None:
     """Ramp, and stay for one sample, so that the turning point is in the record; or hold."""
-    if leg.u_v == start_v:
-        machine.rest(leg.duration_s)
-        return
-    machine.ramp(leg.u_v, abs(leg.u_v - start_v) / leg.duration_s)
-    machine.rest(period_s)
+    for leg in legs:
+        if leg.u_v == start_v:
+            machine.rest(leg.duration_s)
+            continue
+        machine.ramp(leg.u_v, abs(leg.u_v - start_v) / leg.duration_s)
+        machine.rest(1e-6 * period_us)
+        start_v = leg.u_v
 
 
 @dataclass(slots=True)

@@ -1,0 +1,126 @@
+"""What stands against using an identified model, and what else a reader should know.
+
+A model is judged where the rest of its record has been: what lies beyond is extrapolation, told apart.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from edmctl.actuator.design import OWN_TAU_SHARE
+from edmctl.actuator.diagnosis import cause_of
+from edmctl.actuator.record import has_several_rates, length_s, longest_hold_s
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from edmctl.actuator.design import Design
+    from edmctl.actuator.diagnosis import Left, Noise
+    from edmctl.actuator.record import Record
+    from edmctl.actuator.uncertainty import HeldOut
+
+ACCEPTED_RMS_PCT, ACCEPTED_MAX_PCT = 0.5, 2.0
+COVERED_BINS = 10
+NOISE_MARGIN, NOISY_MAX_PCT = 1.2, 4.0
+"""Where noise alone reaches the largest accepted error, so many times the noise is, up to a bound."""
+NOISE_SHARE = 0.7
+"""Of the largest error, from which on noise is worth a word."""
+LEAST_BEYOND_SHARE = 0.001
+LEAST_HOLD_SHARE = 0.5
+"""Of the slowest lag with a weight of its own."""
+
+
+def problems_of(
+    design: Design,
+    records: Sequence[Record],
+    held_out: HeldOut,
+    left: Sequence[Left],
+    noise: Noise,
+    *,
+    on_floor: bool,
+) -> tuple[str, ...]:
+    """Say what stands against using a model, each with its remedy.
+
+    left : what the fit of all leaves of each record
+    """
+    problems: list[str] = []
+    errors = held_out.errors
+    most_max_pct = most_accepted_pct(noise, errors.range_um)
+    wrong = []
+    if errors.rms_pct > ACCEPTED_RMS_PCT:
+        wrong.append(
+            f"RMS error {errors.rms_pct:.2f} % of the range, at most {ACCEPTED_RMS_PCT} % is accepted"
+        )
+    if errors.max_pct > most_max_pct:
+        wrong.append(
+            f"error up to {errors.max_pct:.1f} % of the range, at most {most_max_pct:.3g} % is accepted"
+        )
+    if wrong:
+        scale = errors.range_um / 100.0
+        cause = cause_of(left, noise, errors.rms_um, ACCEPTED_RMS_PCT * scale, most_max_pct * scale)
+        problems.append(f"Held-out {', '.join(wrong)}; {cause}.")
+    if on_floor:
+        problems.append(
+            "Not monotone: somewhere in the range the data show no immediate answer to the voltage; "
+            "look for a sensor or an amplifier at its limit."
+        )
+    problems += _uncovered(design, records)
+    return tuple(problems)
+
+
+def most_accepted_pct(noise: Noise, range_um: float) -> float:
+    """Largest held-out error that is accepted, %: what noise alone brings cannot be asked for, within bounds."""
+    reachable_pct = NOISE_MARGIN * 100.0 * noise.largest_um / range_um
+    return max(ACCEPTED_MAX_PCT, min(reachable_pct, NOISY_MAX_PCT))
+
+
+def _uncovered(design: Design, records: Sequence[Record]) -> list[str]:
+    """What of the model's class the records say nothing about."""
+    found: list[str] = []
+    bins = np.linspace(design.low_v, design.high_v, COVERED_BINS + 1)
+    for direction, rising in (("rising", True), ("falling", False)):
+        seen = np.zeros(COVERED_BINS, dtype=bool)
+        for record in records:
+            moves = np.diff(record.u_v) > 0.0 if rising else np.diff(record.u_v) < 0.0
+            places = np.digitize(record.u_v[1:][moves], bins) - 1
+            seen[np.clip(places, 0, COVERED_BINS - 1)] = True
+        if not seen.all():
+            gap = int(np.argmin(seen))
+            found.append(
+                f"Not covered: no {direction} voltage between {bins[gap]:.1f} V and {bins[gap + 1]:.1f} V; "
+                "record full cycles."
+            )
+    return found
+
+
+def notes_on(
+    records: Sequence[Record], held_out: HeldOut, noise: Noise, delay_s: float | None
+) -> tuple[str, ...]:
+    """Say what else a reader should know."""
+    notes: list[str] = []
+    errors, beyond = held_out.errors, held_out.beyond
+    if beyond is not None and held_out.beyond_share >= LEAST_BEYOND_SHARE:
+        notes.append(
+            f"{100.0 * held_out.beyond_share:.2g} % of the samples lie beyond what the other blocks reached, and "
+            f"are judged apart: there the model extrapolates, with errors up to {beyond.max_pct:.1f} % of the range "
+            f"({beyond.rms_pct:.2f} % RMS). Record the largest swings more than once."
+        )
+    if noise.largest_um >= NOISE_SHARE * errors.max_um:
+        notes.append(
+            f"Noise alone, {noise.sd_um:.3g} µm (1 sd) in a sample, comes to {noise.largest_um:.3g} µm at most: no "
+            "largest error below it can be reached."
+        )
+    if delay_s is None and not has_several_rates(records):
+        notes.append(
+            "The records swing at one rate, where delay and hysteresis look alike: the delay that was found holds "
+            "there only. Measure at two rates, or say --delay."
+        )
+    held_s = max(longest_hold_s(record) for record in records)
+    if held_s < OWN_TAU_SHARE * LEAST_HOLD_SHARE * length_s(records):
+        notes.append(
+            f"The voltage is never held longer than {held_s:.2g} s: slower creep is continued from faster. "
+            "Hold a step for a minute to measure it."
+        )
+    return tuple(notes)

@@ -1,0 +1,142 @@
+"""Which samples of a record count: not those at its start while something rings, nor single ones that stand out.
+
+Both decide a largest error and say nothing about the actuator. They are looked for in what a first fit leaves of a
+record, and get no weight after that, neither in the fit nor in its errors. What goes on for longer, a knock or a
+jump of the sensor, stays: it is for the reader to judge.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from edmctl.actuator.checks import noise_sd
+from edmctl.actuator.record import settled_from
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from edmctl.actuator.model import ActuatorModel
+    from edmctl.actuator.record import Record
+
+    Array = NDArray[np.float64]
+    Flags = NDArray[np.bool_]
+
+WINDOWS = 400
+"""A record is looked at in so many parts, each by its largest residual."""
+MOST_START_SHARE = 0.2
+"""A start that takes longer is no start."""
+FAR, USUAL = 2.5, 95.0
+"""A start rings where it is so many times above the percentile of the parts that follow."""
+OUTLIER_SDS = 6.0
+MOST_OUTLIERS_SHARE = 1e-3
+"""More of them are the sensor's way to read, not single ones."""
+LATE_SHARE = 0.5
+"""A sample is no outlier where it may be late by this share of a sample."""
+PASSES = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Screening:
+    """Samples of each record that count, and why others do not.
+
+    used : one ndarray of bool, shape (n,), per record
+    rung_s : how long each record rings at its start, s; 0 where it does not
+    outliers : how many single samples of each stand out
+    """
+
+    used: tuple[Flags, ...]
+    rung_s: tuple[float, ...]
+    outliers: tuple[int, ...]
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether all count but those before a record has settled."""
+        return not any(self.rung_s) and not any(self.outliers)
+
+    def notes(self, records: Sequence[Record]) -> list[str]:
+        """Say what was left out, in sentences."""
+        notes = []
+        for record, rung_s, outliers in zip(records, self.rung_s, self.outliers, strict=True):
+            if rung_s:
+                notes.append(
+                    f"The first {rung_s:.2g} s of {record.name} get no weight: what is missed there is far above "
+                    "all that follows, as when something rings down or the voltage before is another than was said "
+                    "(--previous-voltage)."
+                )
+            if outliers:
+                notes.append(
+                    f"No weight is given to {outliers} of the samples of {record.name}, which stand out singly by "
+                    f"{OUTLIER_SDS:g} times the noise or more. Look for a loose cable where they come often."
+                )
+        return notes
+
+
+def settled(records: Sequence[Record]) -> Screening:
+    """All samples from the first on that is not at the mercy of what nobody recorded."""
+    used = []
+    for record in records:
+        counts = np.ones(len(record.t_s), dtype=np.bool_)
+        counts[: settled_from(record)] = False
+        used.append(counts)
+    return Screening(tuple(used), (0.0,) * len(used), (0,) * len(used))
+
+
+def screened(model: ActuatorModel, records: Sequence[Record], before: Screening) -> Screening:
+    """Look through what a first fit leaves of the records; return `before` where there is nothing to leave out."""
+    looked = [
+        _looked_at(record, residual_um(model, record), counts)
+        for record, counts in zip(records, before.used, strict=True)
+    ]
+    found = Screening(*(tuple(column) for column in zip(*looked, strict=True)))
+    return before if found.is_plain else found
+
+
+def residual_um(model: ActuatorModel, record: Record) -> Array:
+    """Return what a model misses of a record, less the median, shape (n,)."""
+    start = model.starting_state(record.t_s, record.u_v, record.previous_v)
+    left_um = model.predict(record.t_s, record.u_v, start) - record.y_um
+    shifted_um: Array = left_um - np.median(left_um)
+    return shifted_um
+
+
+def _looked_at(record: Record, left_um: Array, counts: Flags) -> tuple[Flags, float, int]:
+    first = int(np.argmax(counts))
+    begin = first + _rings_for(np.abs(left_um[first:]))
+    rung_s = float(record.t_s[begin] - record.t_s[first]) if begin > first else 0.0
+    stands_out = _outliers(record, left_um)
+    stands_out[:begin] = False
+    used = counts & ~stands_out
+    used[:begin] = False
+    return used, rung_s, int(stands_out.sum())
+
+
+def _rings_for(left_um: Array) -> int:
+    """How many samples at the start are far above all that follows."""
+    edges = np.linspace(0, len(left_um), min(WINDOWS, len(left_um)) + 1).astype(int)
+    largest = np.maximum.reduceat(left_um, edges[:-1])
+    most = int(MOST_START_SHARE * len(largest))
+    usual_um = float(np.percentile(largest[most:], USUAL))
+    if not largest[:2].max() > FAR * usual_um:
+        return 0
+    quiet = np.flatnonzero(largest[:most] <= usual_um)
+    return int(edges[quiet[0]]) if len(quiet) else 0
+
+
+def _outliers(record: Record, left_um: Array) -> Flags:
+    """Single samples farther from both neighbours than noise goes, or than time that is a little off explains."""
+    stands_out = np.zeros(len(left_um), dtype=np.bool_)
+    before_um, after_um = left_um[1:-1] - left_um[:-2], left_um[1:-1] - left_um[2:]
+    moved_um = np.abs(np.diff(record.y_um))
+    gain = float(np.ptp(record.y_um)) / float(np.ptp(record.u_v))
+    moved_um = np.minimum(moved_um, gain * np.abs(np.diff(record.u_v)))
+    least_um = OUTLIER_SDS * noise_sd(left_um) + LATE_SHARE * np.maximum(moved_um[:-1], moved_um[1:])
+    is_far = (before_um * after_um > 0.0) & (np.minimum(np.abs(before_um), np.abs(after_um)) > least_um)
+    stands_out[1:-1] = is_far
+    if stands_out.sum() > max(1.0, MOST_OUTLIERS_SHARE * len(left_um)):
+        stands_out[:] = False
+    return stands_out

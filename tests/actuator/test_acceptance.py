@@ -1,0 +1,109 @@
+"""What a calibration says of itself: where it is judged, what it gives no weight, and what it blames."""
+
+import numpy as np
+import pytest
+
+from edmctl.actuator.acceptance import most_accepted_pct
+from edmctl.actuator.diagnosis import Left, Noise, cause_of
+from edmctl.actuator.identification import Identification, identify
+from edmctl.actuator.model import ActuatorState
+from edmctl.actuator.record import Record
+from edmctl.actuator.screening import screened, settled
+from tests.actuator.models import Array, clock, make_model
+
+RATE_HZ = 100.0
+
+
+def swings(amplitudes_v: Array, rate_hz: float = RATE_HZ) -> Array:
+    """Raised cosines of 1 s, one after the other."""
+    phase = 2.0 * np.pi * np.arange(round(rate_hz)) / rate_hz
+    return np.concatenate([0.5 * amplitude_v * (1.0 - np.cos(phase)) for amplitude_v in amplitudes_v])
+
+
+def measured(u_v: Array, noise_um: float = 0.05, *, bow: float = 0.0) -> Record:
+    """A record of an actuator that the model's class holds but for a bow, %, of its displacement."""
+    truth = make_model(creep=0.01)
+    t_s = clock(len(u_v), 1.0 / RATE_HZ)
+    y_um = truth.predict(t_s, u_v, ActuatorState.after_jump(truth, 0.0, 0.0))
+    y_um += 0.01 * bow * y_um * (y_um - 300.0) / 300.0
+    y_um += noise_um * np.random.default_rng(3).standard_normal(len(u_v))
+    return Record(t_s, u_v, y_um, 0.0, "swings")
+
+
+def found_of(record: Record) -> Identification:
+    return identify([record], delay_s=0.0, resamples=0, beyond_plays=True)
+
+
+@pytest.fixture(scope="module")
+def mixed_v() -> Array:
+    return swings(np.random.default_rng(1).uniform(40.0, 150.0, 30))
+
+
+def test_growing_swings_are_judged_where_others_have_been() -> None:
+    record = measured(swings(np.linspace(20.0, 150.0, 20)), bow=12.0)
+    found = found_of(record)
+    assert found.beyond is not None
+    assert 0.005 < found.beyond_share < 0.2
+    assert found.beyond.max_um > found.held_out.max_um
+    assert any("beyond what the other blocks reached" in note for note in found.notes)
+    assert found.accepted, found.problems
+
+
+def test_a_start_that_rings_gets_no_weight_and_is_said(mixed_v: Array) -> None:
+    plain = measured(mixed_v)
+    ringing_um = 40.0 * np.exp(-plain.t_s / 0.1) * np.cos(40.0 * plain.t_s)
+    found = found_of(plain._replace(y_um=plain.y_um + ringing_um))
+    assert found.screening is not None
+    assert 0.2 < found.screening.rung_s[0] < 1.5
+    assert found.accepted, found.problems
+    assert found.held_out.max_um < 2.0
+    assert any("get no weight" in note for note in found.notes)
+
+
+def test_single_samples_that_stand_out_get_no_weight_and_are_counted(mixed_v: Array) -> None:
+    plain = measured(mixed_v)
+    y_um = plain.y_um.copy()
+    y_um[[500, 1700, 2650]] += (12.0, -9.0, 15.0)
+    found = found_of(plain._replace(y_um=y_um))
+    assert found.screening is not None
+    assert found.screening.outliers == (3,)
+    assert found.held_out.max_um < 2.0
+    assert any("No weight is given to 3 of the samples" in note for note in found.notes)
+
+
+def test_clean_records_keep_every_sample(mixed_v: Array) -> None:
+    record = measured(mixed_v)
+    found = screened(make_model(creep=0.01), [record], settled([record]))
+    assert found.is_plain
+    assert found.used[0].all()
+
+
+def test_noise_is_told_by_itself_and_excuses_the_largest_error_within_bounds() -> None:
+    noise_um = np.random.default_rng(2).normal(0.0, 0.3, 20_000)
+    noise = Noise.of([noise_um])
+    assert noise.sd_um == pytest.approx(0.3, rel=0.03)
+    assert noise.largest_um == pytest.approx(float(np.abs(noise_um).max()), rel=0.2)
+    assert most_accepted_pct(noise, 445.0) == 2.0
+    assert 2.0 < most_accepted_pct(noise, 50.0) < 4.0
+    assert most_accepted_pct(noise, 5.0) == 4.0
+
+
+@pytest.mark.parametrize(
+    ("left", "words"),
+    [
+        (lambda t: np.random.default_rng(4).normal(0.0, 3.0, len(t)), "sensor's noise"),
+        (lambda t: 30.0 * ((t > 12.0) & (t < 12.1)), "at 12"),
+        (lambda t: np.where(t < 9.0, -4.0, 5.0), "shifts by -9 µm at 9"),
+        (lambda t: 0.5 * t, "drifts"),
+        (lambda t: 6.0 * np.sin(7.0 * t), "follows the voltage"),
+        (lambda t: 0.2 * np.sin(7.0 * t), "a fit of all of it misses far less"),
+    ],
+)
+def test_the_cause_is_named(left: object, words: str) -> None:
+    t_s = clock(3000, 0.01)
+    record = Record(t_s, 75.0 + 75.0 * np.sin(t_s), 225.0 + 225.0 * np.sin(t_s))
+    errors_um = left(t_s) + np.random.default_rng(5).normal(0.0, 0.05, len(t_s))  # type: ignore[operator]
+    part = Left.of(record, np.ones(len(t_s), dtype=np.bool_), errors_um)
+    noise = Noise.of([part.errors_um])
+    rms_um = max(3.0, float(np.sqrt(np.mean(errors_um**2))))
+    assert words in cause_of([part], noise, rms_um, 2.0, 9.0)
