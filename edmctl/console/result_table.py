@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from edmctl.console.layout import USUAL_COLUMNS, labelled, narrowed, render_columns, render_table, wrapped
 from edmctl.console.style import PLAIN, Style
-from edmctl.labels import heading, is_doubtful, marked, meanings
+from edmctl.labels import Seen, heading, is_doubtful, marked, meanings
 from edmctl.wording import (
     TIP,
+    U95,
     UNKNOWN,
     count,
     decimal,
@@ -62,7 +63,8 @@ def render_job(
         worn = f"the tool is {length(max(0.0, job.tool_wear_total_um))} shorter"
     before = f", {earlier(job.earlier_time_s, job.pause_s)}" if job.earlier_time_s else ""
     total = f"Whole job {duration(job.time_s)}{before}; {worn}."
-    return "\n\n".join([*blocks, "\n".join(wrapped(total, columns))])
+    closing = [*_beliefs(job, columns), *wrapped(total, columns)]
+    return "\n\n".join([*blocks, "\n".join(closing)])
 
 
 def render_sites(
@@ -88,7 +90,7 @@ def _site_lines(pairs: Sequence[tuple[Site, SiteTruth | None]], style: Style, co
         "tool wear µm": [
             marked(with_u95(site.wear_um, site.wear_u95_um), site.wear_basis) for site, _ in pairs
         ],
-        "feed µm": [decimal(site.feed_um) for site, _ in pairs],
+        "feed µm": [with_u95(site.feed_um, site.feed_u95_um) for site, _ in pairs],
         "stops": [str(site.measuring_stops) for site, _ in pairs],
         "machining": [duration(site.machining_time_s) for site, _ in pairs],
     }
@@ -118,7 +120,7 @@ def _site_block(site: Site, truth: SiteTruth | None, style: Style, columns: int)
         depth.append(length(truth.depth_um))
         wear.append(length(truth.wear_um))
     others = [
-        ["feed", length(site.feed_um)],
+        ["feed", length(site.feed_um, site.feed_u95_um)],
         ["Z1 surface before", length(site.z1_um)],
         ["Z2 tip at the end" if site.through else "Z2 bottom", length(site.z2_um)],
         ["Z3 surface after", length(site.z3_um)],
@@ -128,6 +130,7 @@ def _site_block(site: Site, truth: SiteTruth | None, style: Style, columns: int)
     # A channel has none of them.
     rows = [depth, wear, *(row for row in others if row[1] != UNKNOWN)]
     table = render_columns(header, rows, style)
+    drift = drift_in_words(site)
     machining = f"{duration(site.machining_time_s)} in {plural(site.cuts, 'cut')}"
     if site.through:
         machining += ", through the sheet"
@@ -136,6 +139,8 @@ def _site_block(site: Site, truth: SiteTruth | None, style: Style, columns: int)
         if length(site.z2_um) != UNKNOWN:
             machining += ", Z2 and Z3 are where contact would be"
     lines = [table, labelled("machining", machining, _LABEL, columns)]
+    if drift:
+        lines.append(labelled("drift", drift, _LABEL, columns))
     if truth and isfinite(truth.taper_um):
         wide = f"side gap {length(truth.side_gap_um)}, {length(truth.taper_um)} wider at the mouth"
         surface = (
@@ -145,6 +150,31 @@ def _site_block(site: Site, truth: SiteTruth | None, style: Style, columns: int)
     if is_doubtful(site.verdict):
         lines.append(labelled("verdict", f"{site.verdict}", _LABEL, columns))
     return "\n".join([*lines, *(meanings(bases) if site.depth_basis != site.wear_basis else ())])
+
+
+def drift_in_words(site: Site) -> str:
+    """Return what drift there is in the wear: what was taken off, or which command mends it; empty where little.
+
+    It is told where it is more than half of the interval: of the variance, more than a quarter.
+    """
+    left_um = U95 * site.drift_left_u_um
+    if not isfinite(left_um):
+        return ""
+    if site.drift_correction_um:
+        return f"{length(site.drift_correction_um, left_um)} by the rests, taken off wear, Z2 and Z3"
+    if left_um < 0.5 * site.wear_u95_um:
+        return ""
+    return f"± {length(left_um)} of the wear; `edmctl measure-drift` mends it"
+
+
+def _beliefs(job: JobResult, columns: int) -> list[str]:
+    """Return what of the setup the job contradicts, and what no job can."""
+    if not job.contradicted:
+        return []
+    words = [belief.message for belief in job.contradicted]
+    blind = [belief.name for belief in job.beliefs if belief.seen is Seen.NEVER]
+    words.append(f"No job can show whether {', '.join(blind)} is right.")
+    return wrapped(" ".join(words), columns)
 
 
 def _pulses(site: SiteResult, columns: int) -> str:
